@@ -1,0 +1,270 @@
+//! Coordinate frames as types.
+//!
+//! A pose is an [`Isometry<From, To>`]: it takes coordinates in frame `From` to coordinates in frame `To`, so the pose of the
+//! object in the world is an `Isometry<Object, World>`. Poses compose only where the frames meet:
+//!
+//! ```
+//! use scenes::frame::{Camera, Isometry, Object, Point, World};
+//! let world_from_camera = Isometry::<Camera, World>::translation(0.0, 0.0, 0.3);
+//! let world_from_object = Isometry::<Object, World>::identity();
+//! let camera_from_object: Isometry<Object, Camera> = world_from_camera.inverse() * world_from_object;
+//! let p: Point<Camera> = camera_from_object * Point::new(0.0, 0.0, 0.0);
+//! assert_eq!(p.coords().z, -0.3);
+//! ```
+//!
+//! Lengths are metres, all frames are right-handed. Poses are `f64`; [`Isometry::to_f32`] is the one place where they become
+//! the `f32` of ray casting.
+
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Mul;
+
+use nalgebra as na;
+
+/// A coordinate frame. Implemented by the marker types of this module only.
+pub trait Frame: Copy + Send + Sync + 'static {
+    /// Name for messages.
+    const NAME: &'static str;
+}
+
+macro_rules! frames {
+    ($($(#[$doc:meta])* $name:ident)*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name {}
+        impl Frame for $name {
+            const NAME: &'static str = stringify!($name);
+        }
+    )*};
+}
+
+frames! {
+    /// The world: x along the fingers, z out of the palm, origin at the hand base. Gravity is tilted in it, not the hand.
+    World
+    /// The hand's base link as in Allegro's URDF: z along the fingers, x out of the palm, origin at the knuckles.
+    HandBase
+    /// The fingertip link that carries a DIGIT: x out of the gel, z along the finger.
+    Tip
+    /// TACTO's sensor frame: origin at the DIGIT's camera, x out of the gel, z up in the image, y to the image's left.
+    Gel
+    /// A camera with OpenGL axes: x right, y up, looking along -z.
+    Camera
+    /// The object: origin at the centre of its bounding box, z up as it stands on the palm.
+    Object
+    /// The coordinates in which an object's mesh was published; differs from [`Object`] by a rigid motion.
+    MeshFile
+}
+
+/// A rigid motion that takes coordinates in `From` to coordinates in `To`.
+pub struct Isometry<From, To> {
+    inner: na::Isometry3<f64>,
+    frames: PhantomData<(From, To)>,
+}
+
+impl<From: Frame, To: Frame> Isometry<From, To> {
+    /// The motion with this rotation and translation.
+    pub fn new(inner: na::Isometry3<f64>) -> Self {
+        Self { inner, frames: PhantomData }
+    }
+
+    /// The frames coincide.
+    pub fn identity() -> Self {
+        Self::new(na::Isometry3::identity())
+    }
+
+    /// The frames are parallel; `From`'s origin is at (x, y, z) in `To`, metres.
+    pub fn translation(x: f64, y: f64, z: f64) -> Self {
+        Self::new(na::Isometry3::translation(x, y, z))
+    }
+
+    /// From a translation in metres and a quaternion (w, x, y, z), which is normalised.
+    pub fn from_parts(translation_m: [f64; 3], quaternion_wxyz: [f64; 4]) -> Self {
+        let [w, x, y, z] = quaternion_wxyz;
+        let rotation = na::UnitQuaternion::from_quaternion(na::Quaternion::new(w, x, y, z));
+        Self::new(na::Isometry3::from_parts(na::Vector3::from(translation_m).into(), rotation))
+    }
+
+    /// From a 4 x 4 row-major homogeneous matrix.
+    ///
+    /// # Errors
+    /// [`NotRigid`] if the matrix holds a number that is not finite, its last row is not 0 0 0 1, or its upper left part is
+    /// not a rotation to 1e-3.
+    pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Self, NotRigid> {
+        if rows.iter().flatten().any(|v| !v.is_finite()) {
+            return Err(NotRigid("it holds a number that is not finite"));
+        }
+        if rows[3] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(NotRigid("its last row is not 0 0 0 1"));
+        }
+        let linear = na::Matrix3::from_fn(|r, c| rows[r][c]);
+        if (linear * linear.transpose() - na::Matrix3::identity()).abs().max() > 1e-3 || linear.determinant() < 0.0 {
+            return Err(NotRigid("its upper left 3 x 3 part is not a rotation"));
+        }
+        let rotation = na::UnitQuaternion::from_matrix(&linear);
+        Ok(Self::new(na::Isometry3::from_parts(na::Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation)))
+    }
+
+    /// As a 4 x 4 row-major homogeneous matrix.
+    pub fn to_matrix(self) -> [[f64; 4]; 4] {
+        let m = self.inner.to_homogeneous();
+        std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
+    }
+
+    /// The same motion without its frames.
+    pub fn untyped(self) -> na::Isometry3<f64> {
+        self.inner
+    }
+
+    /// The motion from `To` back to `From`.
+    pub fn inverse(self) -> Isometry<To, From> {
+        Isometry::new(self.inner.inverse())
+    }
+
+    /// Where `From`'s origin lies in `To`, metres.
+    pub fn origin(self) -> Point<To> {
+        Point::from(self.inner.translation.vector)
+    }
+
+    /// The quaternion (w, x, y, z) of the rotation.
+    pub fn quaternion_wxyz(self) -> [f64; 4] {
+        let q = self.inner.rotation;
+        [q.w, q.i, q.j, q.k]
+    }
+
+    /// Rotation and translation in `f32`, for ray casting.
+    pub fn to_f32(self) -> (glam::Mat3A, glam::Vec3A) {
+        let r = self.inner.rotation.to_rotation_matrix().into_inner();
+        let column = |c: usize| glam::DVec3::new(r[(0, c)], r[(1, c)], r[(2, c)]).as_vec3a();
+        let t = self.inner.translation.vector;
+        (glam::Mat3A::from_cols(column(0), column(1), column(2)), glam::DVec3::new(t.x, t.y, t.z).as_vec3a())
+    }
+}
+
+/// Why a matrix is not a pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("not a rigid motion: {0}")]
+pub struct NotRigid(&'static str);
+
+impl<A: Frame, B: Frame, C: Frame> Mul<Isometry<A, B>> for Isometry<B, C> {
+    type Output = Isometry<A, C>;
+    fn mul(self, first: Isometry<A, B>) -> Isometry<A, C> {
+        Isometry::new(self.inner * first.inner)
+    }
+}
+
+impl<A: Frame, B: Frame> Mul<Point<A>> for Isometry<A, B> {
+    type Output = Point<B>;
+    fn mul(self, point: Point<A>) -> Point<B> {
+        Point::from((self.inner * na::Point3::from(point.coords)).coords)
+    }
+}
+
+impl<A: Frame, B: Frame> Mul<Vector<A>> for Isometry<A, B> {
+    type Output = Vector<B>;
+    fn mul(self, vector: Vector<A>) -> Vector<B> {
+        Vector::from(self.inner.rotation * vector.coords)
+    }
+}
+
+impl<From, To> Clone for Isometry<From, To> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<From, To> Copy for Isometry<From, To> {}
+impl<From, To> PartialEq for Isometry<From, To> {
+    fn eq(&self, other: &Self) -> bool {
+        self.inner == other.inner
+    }
+}
+impl<From: Frame, To: Frame> fmt::Debug for Isometry<From, To> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "Isometry<{}, {}> {:?} {:?}",
+            From::NAME,
+            To::NAME,
+            self.origin().coords().as_slice(),
+            self.quaternion_wxyz()
+        )
+    }
+}
+
+macro_rules! triple {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        pub struct $name<F> {
+            coords: na::Vector3<f64>,
+            frame: PhantomData<F>,
+        }
+        impl<F: Frame> $name<F> {
+            /// From coordinates in metres.
+            pub fn new(x: f64, y: f64, z: f64) -> Self {
+                Self::from(na::Vector3::new(x, y, z))
+            }
+            /// The coordinates without their frame.
+            pub fn coords(self) -> na::Vector3<f64> {
+                self.coords
+            }
+        }
+        impl<F> From<na::Vector3<f64>> for $name<F> {
+            fn from(coords: na::Vector3<f64>) -> Self {
+                Self { coords, frame: PhantomData }
+            }
+        }
+        impl<F> Clone for $name<F> {
+            fn clone(&self) -> Self {
+                *self
+            }
+        }
+        impl<F> Copy for $name<F> {}
+        impl<F> PartialEq for $name<F> {
+            fn eq(&self, other: &Self) -> bool {
+                self.coords == other.coords
+            }
+        }
+        impl<F: Frame> fmt::Debug for $name<F> {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, concat!(stringify!($name), "<{}> {:?}"), F::NAME, self.coords.as_slice())
+            }
+        }
+    };
+}
+
+triple! {
+    /// A place, moved by rotation and translation. Metres.
+    Point
+}
+triple! {
+    /// A direction or displacement, moved by rotation only. Metres.
+    Vector
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matrix_round_trip_and_inverse() {
+        let pose = Isometry::<Object, World>::from_parts([0.1, -0.2, 0.3], [0.5, -0.5, 0.5, 0.5]);
+        let again = Isometry::<Object, World>::from_matrix(&pose.to_matrix()).unwrap();
+        let p = Point::<Object>::new(1.0, 2.0, 3.0);
+        assert!(((pose * p).coords() - (again * p).coords()).norm() < 1e-12);
+        assert!(((pose.inverse() * (pose * p)).coords() - p.coords()).norm() < 1e-12);
+        // Quaternion (.5,-.5,.5,.5) by hand: x -> -y, y -> z ... checked through one axis.
+        let x = (pose * Vector::<Object>::new(1.0, 0.0, 0.0)).coords();
+        assert!((x - na::Vector3::new(0.0, 0.0, -1.0)).norm() < 1e-12, "{x}");
+    }
+
+    #[test]
+    fn matrices_that_are_no_pose_are_refused() {
+        let mut m = Isometry::<Object, World>::identity().to_matrix();
+        m[0][0] = -1.0;
+        assert!(Isometry::<Object, World>::from_matrix(&m).is_err(), "a mirror image");
+        m[0][0] = f64::NAN;
+        assert!(Isometry::<Object, World>::from_matrix(&m).is_err());
+        m[0][0] = 1.0;
+        m[3][0] = 1.0;
+        assert!(Isometry::<Object, World>::from_matrix(&m).is_err());
+    }
+}

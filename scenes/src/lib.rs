@@ -1,0 +1,11 @@
+//! What the world is made of: typed frames, the hand, the sensors, the objects and the observations that they give.
+//!
+//! Everything else stands on this crate: `sim`, `perception` and `slam` import it and never one another.
+
+pub mod camera;
+pub mod digit;
+pub mod frame;
+pub mod hand;
+pub mod mesh;
+pub mod object;
+pub mod observation;

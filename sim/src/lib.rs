@@ -1,0 +1,2 @@
+//! What happens.
+use mujoco_lib as _;
