@@ -1,10 +1,19 @@
 //! An object that the hand can turn.
 
+use std::fmt;
+use std::sync::Arc;
+
 use glam::Vec3;
 use nalgebra as na;
 
-use crate::frame::{Isometry, MeshFile, Object as ObjectFrame};
+use crate::frame::{Isometry, MeshFile, Object as ObjectFrame, Point};
 use crate::mesh::Mesh;
+
+/// A shape that knows how far any point is from its surface.
+pub trait SignedDistance: fmt::Debug + Send + Sync {
+    /// Euclidean distance to the surface, metres, negative inside.
+    fn distance_m(&self, p: Point<ObjectFrame>) -> f64;
+}
 
 /// An object that the hand can turn: shape, collision shape and mass.
 #[derive(Debug, Clone)]
@@ -14,8 +23,11 @@ pub struct Object {
     /// True surface in the object's frame: origin at the centre of the bounding box, turned so that z is up as the object
     /// stands on the palm and its footprint is aligned with x and y.
     pub mesh: Mesh,
-    /// Takes coordinates of the mesh file as it was published to the object's frame. FeelSight logs store object poses of the
-    /// published mesh, so that they fit other people's copies of it. Identity for procedural objects.
+    /// Exact signed distance to the true shape, which procedural objects have: the shape that `mesh` approximates, or `mesh` itself
+    /// where the object is defined by it. For any other object see [`crate::mesh::MeshDistance`].
+    pub exact: Option<Arc<dyn SignedDistance>>,
+    /// Takes coordinates of the mesh file as it was published, in metres, to the object's frame. FeelSight logs store object poses
+    /// of the published mesh, so that they fit other people's copies of it. Identity for procedural objects.
     pub object_from_file: Isometry<MeshFile, ObjectFrame>,
     /// What MuJoCo collides with: one or more convex pieces in the object's frame, each as a set of points whose hull it is.
     pub collision: Vec<Vec<Vec3>>,
@@ -26,9 +38,7 @@ pub struct Object {
 impl Object {
     /// Size along x, y and z in the object's frame, metres.
     pub fn extents_m(&self) -> [f64; 3] {
-        let zero = (Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY));
-        let (low, high) = self.mesh.vertices.iter().fold(zero, |(low, high), &v| (low.min(v), high.max(v)));
-        (high - low).to_array().map(|extent| f64::from(extent.max(0.0)))
+        self.mesh.extents_m().to_array().map(f64::from)
     }
 
     /// Centre of mass (metres) and inertia about it (kg m^2) of the solid that the mesh bounds, scaled to a mass; object frame.
