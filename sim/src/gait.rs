@@ -53,12 +53,15 @@ pub struct UnknownGait {
     pub name: String,
 }
 
-/// A shipped gait.
+/// A shipped gait with its name.
 ///
 /// # Errors
 /// [`UnknownGait`], which lists the names.
-pub fn find(name: &str) -> Result<&'static Gait, UnknownGait> {
-    shipped().get(name).ok_or_else(|| UnknownGait { name: name.to_owned() })
+pub fn find(name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
+    shipped()
+        .get_key_value(name)
+        .map(|(name, gait)| (name.as_str(), gait))
+        .ok_or_else(|| UnknownGait { name: name.to_owned() })
 }
 
 /// The name of the shipped gait that suits an object of this size (x, y, z in metres, z up).
@@ -136,10 +139,10 @@ mod tests {
 
     #[test]
     fn targets_stay_within_reach_of_the_measured_angles() {
-        let mut controller = GaitController::new(find("bal").unwrap().clone(), Side::Left);
+        let mut controller = GaitController::new(find("bal").unwrap().1.clone(), Side::Left);
         let joints = [0.2; JOINTS];
         let command = controller.command(&Proprioception { time_s: 3.0, joints });
-        let reach = find("bal").unwrap().torque_limit_nm / 3.0 + 0.05;
+        let reach = find("bal").unwrap().1.torque_limit_nm / 3.0 + 0.05;
         assert!(command.iter().all(|c| (c - 0.2).abs() <= reach + 1e-12));
         assert!(find("ball").unwrap_err().to_string().contains("bal, "));
     }
