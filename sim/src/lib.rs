@@ -1,2 +1,5 @@
 //! What happens.
 use mujoco_lib as _;
+
+pub mod rays;
+pub mod tessellation;
