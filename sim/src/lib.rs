@@ -7,3 +7,5 @@ pub mod controller;
 pub mod episode;
 pub mod gait;
 pub mod world;
+pub mod rays;
+pub mod tessellation;
