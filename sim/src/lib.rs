@@ -1,2 +1,9 @@
-//! What happens.
+//! What happens: MuJoCo stepping, controllers, touch and RGB-D rendering, noise and FeelSight logs.
+
+// Its build script puts libmujoco on the link line.
 use mujoco_lib as _;
+
+pub mod controller;
+pub mod episode;
+pub mod gait;
+pub mod world;
