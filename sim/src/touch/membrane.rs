@@ -33,7 +33,13 @@ impl Membrane {
     /// Lays the gel over the object: lowers `depth`, which holds the nearer of gel and object, to the membrane's. Returns the
     /// rows that may differ from the empty gel, given those that did.
     #[inline(always)]
-    pub fn relax(&self, contact_rows: Range<usize>, gel_depth: &[f32], depth: &mut [f32], scratch: &mut Scratch) -> Range<usize> {
+    pub(super) fn relax(
+        &self,
+        contact_rows: Range<usize>,
+        gel_depth: &[f32],
+        depth: &mut [f32],
+        scratch: &mut Scratch,
+    ) -> Range<usize> {
         // Lateral size of a pixel at the apex; nearer parts of the gel are up to 13 % finer.
         let reach = f64::from(self.reach_m) / (gel::APEX_M / intrinsics().fx);
         let weight = (reach * reach / (1.0 + 4.0 * reach * reach)) as f32;
