@@ -1,2 +1,4 @@
 //! What happens.
+pub mod feelsight;
+
 use mujoco_lib as _;

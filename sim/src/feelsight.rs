@@ -1,0 +1,3 @@
+//! FeelSight logs.
+pub mod array;
+pub mod pickle;
