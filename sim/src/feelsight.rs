@@ -20,14 +20,18 @@ pub mod npz;
 pub mod pickle;
 mod error;
 mod frame;
+mod inspect;
 mod picture;
 mod preview;
+mod reader;
 mod record;
 mod scene;
 mod writer;
 
 pub use error::Error;
 pub use frame::EncodedFrame;
+pub use inspect::{CameraSummary, ContactDistance, Summary, inspect, inspect_against};
+pub use reader::{Frame, Frames, Log};
 pub use record::DigitInfo;
 pub use scene::{EpisodeEnd, FORMAT_VERSION, Scene, SceneObject};
 pub use writer::{LogMeta, LogWriter};

@@ -373,7 +373,8 @@ impl Reader {
         self.scale
     }
 
-    /// The next image, row by row, as stored times the scale; `None` after the last one, when the checksum is right.
+    /// The next image, row by row, as stored times the scale; `None` after the last one. The
+    /// last image comes only if the checksum of all of them is right.
     ///
     /// # Errors
     /// [`Error`] if the data are damaged or end early.
@@ -404,17 +405,19 @@ impl Reader {
     }
 
     fn advance(&mut self) -> Result<bool, Error> {
-        if self.next == self.header.shape[0] {
-            // Whatever the stream holds beyond the images must be nothing, and ends the decompressor's own checks.
-            let surplus = io::copy(&mut self.data.by_ref().take(1), &mut io::sink())?;
-            if surplus != 0 || self.checksum.clone().finalize() != self.expected_checksum {
-                return Err(Error::Defect("the checksum of depth is wrong".into()));
-            }
+        let frames = self.header.shape[0];
+        if self.next == frames {
             return Ok(false);
         }
         self.data.read_exact(&mut self.raw)?;
         self.checksum.update(&self.raw);
         self.next += 1;
+        if self.next == frames {
+            let surplus = io::copy(&mut self.data.by_ref().take(1), &mut io::sink())?;
+            if surplus != 0 || self.checksum.clone().finalize() != self.expected_checksum {
+                return Err(Error::Defect("the checksum of depth is wrong".into()));
+            }
+        }
         Ok(true)
     }
 }
