@@ -5,7 +5,9 @@ use mujoco_lib as _;
 
 pub mod controller;
 pub mod episode;
+pub mod feelsight;
 pub mod gait;
-pub mod world;
 pub mod rays;
 pub mod tessellation;
+pub mod touch;
+pub mod world;
