@@ -6,4 +6,5 @@ use mujoco_lib as _;
 pub mod controller;
 pub mod episode;
 pub mod gait;
+pub mod touch;
 pub mod world;
