@@ -6,5 +6,7 @@ use mujoco_lib as _;
 pub mod controller;
 pub mod episode;
 pub mod gait;
+pub mod rays;
+pub mod tessellation;
 pub mod touch;
 pub mod world;
