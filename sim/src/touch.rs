@@ -27,9 +27,10 @@ mod shade;
 use std::ops::Range;
 
 use image::{GrayImage, RgbImage};
-use ndarray::Array2;
+use ndarray::{Array2, Array3};
 use scenes::digit::{HEIGHT, WIDTH, gel, gel_from_camera, intrinsics};
-use scenes::frame::{Gel, Isometry, Object};
+use scenes::frame::{Gel, Isometry, NotRigid, Object};
+use scenes::mesh::Mesh;
 
 use crate::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
 pub use background::synthetic_background;
@@ -137,6 +138,9 @@ pub enum TouchError {
     /// No such configuration.
     #[error("unknown touch configuration {0:?}: choose fork or tacto")]
     UnknownConfig(String),
+    /// A pose is not a rigid motion.
+    #[error("T_sensor_object is {0}")]
+    Pose(#[from] NotRigid),
     /// The background has another size than the sensor's images.
     #[error("the background is {width} x {height} pixels; a DIGIT's image is 240 wide and 320 high: resize it")]
     BackgroundSize {
@@ -257,8 +261,8 @@ impl TouchRenderer {
     }
 
     /// Depth of the gel that touches nothing, metres, 320 rows by 240 columns.
-    pub fn gel_depth_m(&self) -> ndarray::ArrayView2<'_, f32> {
-        ndarray::ArrayView2::from_shape((HEIGHT, WIDTH), &self.gel_depth).unwrap_or_else(|_| unreachable!())
+    pub fn gel_depth_m(&self) -> Array2<f32> {
+        Array2::from_shape_fn((HEIGHT, WIDTH), |(v, u)| self.gel_depth[v * WIDTH + u])
     }
 
     /// Renders an object at a pose into `frame`, with noise on the calibrated image if a key is given.
@@ -383,6 +387,38 @@ fn render_empty(shader: &Shader) -> (Vec<f32>, Vec<u8>) {
         shader.shade(v, 0..WIDTH, &mut row, |_| true, &mut rgb[3 * v * WIDTH..3 * (v + 1) * WIDTH]);
     }
     (depth, rgb)
+}
+
+/// One contact as arrays, shaped as TACTO returns it: 320 rows by 240 columns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContactArrays {
+    /// Straight from the shader: rows, columns, RGB.
+    pub raw: Array3<u8>,
+    /// Laid over the background: rows, columns, RGB.
+    pub calibrated: Array3<u8>,
+    /// Depth along the camera's axis, metres: rows, columns.
+    pub depth_m: Array2<f32>,
+}
+
+/// Renders one contact of a mesh in its own coordinates, with smooth vertex normals and without noise.
+/// `sensor_from_object` is TACTO's T_sensor_object, 4 x 4 and row-major, in the sensor frame of the configuration.
+///
+/// # Errors
+/// [`TouchError`] if the matrix is not a rigid motion or the background has another size than a DIGIT's image.
+pub fn render_contact(
+    mesh: &Mesh,
+    sensor_from_object: &[[f64; 4]; 4],
+    config: TouchConfig,
+    background: Background,
+) -> Result<ContactArrays, TouchError> {
+    let gel_from_object = config.gel_from_sensor() * Isometry::<Object, Gel>::from_matrix(sensor_from_object)?;
+    let renderer = TouchRenderer::new(&TouchOptions { background, ..TouchOptions::new(config) })?;
+    let mut frame = TouchFrame::default();
+    renderer.render(&RayMesh::new(mesh), gel_from_object, None, &mut frame);
+    let array = |image: &RgbImage| {
+        Array3::from_shape_fn((HEIGHT, WIDTH, 3), |(v, u, c)| image.get_pixel(u as u32, v as u32).0[c])
+    };
+    Ok(ContactArrays { raw: array(&frame.raw), calibrated: array(&frame.calibrated), depth_m: frame.depth_m })
 }
 
 fn in_range(option: &'static str, value: f32, low: f32, high: f32) -> Result<(), TouchError> {

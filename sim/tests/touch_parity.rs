@@ -143,7 +143,7 @@ fn percentile(ours: &RgbImage, theirs: &RgbImage, compared: impl Fn(usize) -> bo
 
 #[test]
 fn scenes_agree_with_tacto() {
-    let empty = TouchRenderer::new(&TouchOptions::new(TouchConfig::Fork)).unwrap().gel_depth_m().to_owned();
+    let empty = TouchRenderer::new(&TouchOptions::new(TouchConfig::Fork)).unwrap().gel_depth_m();
     let empty_gel = scenes().iter().find(|s| s.name == "fork_empty").unwrap().reference().depth_m;
     let gel_rms = rms_um(empty.iter().copied().zip(empty_gel.iter().copied()));
     assert!(gel_rms < 1.0, "empty gel: depth differs by {gel_rms} um");

@@ -111,6 +111,12 @@ impl RayMesh {
         self.triangles[triangle as usize].normal().normalize_or_zero()
     }
 
+    /// Unit normals at the corners of a triangle: the means of the normals of the faces around them weighted by the faces'
+    /// angles there, as trimesh has them.
+    pub fn corner_normals(&self, triangle: u32) -> [Vec3A; 3] {
+        self.corner_normals[triangle as usize]
+    }
+
     /// Unit normal at a point of a triangle, interpolated between those of the corners, which are the means of the normals of the
     /// faces around them weighted by the faces' angles there, as trimesh has them.
     pub fn smooth_normal(&self, triangle: u32, u: f32, v: f32) -> Vec3A {
