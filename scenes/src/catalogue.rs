@@ -65,7 +65,7 @@ impl Entry {
     /// [`Error`] if the mesh cannot be fetched or read.
     pub fn load(&self, warnings: &mut Vec<Warning>) -> Result<Object, Error> {
         match self.source {
-            Source::Procedural(recipe) => Ok(recipe.build(self.name, self.mass_kg)?),
+            Source::Procedural(recipe) => Ok(procedural::build(self.name, self.mass_kg, recipe)?),
             Source::Ycb(ycb) => {
                 let library = Library::ycb()?;
                 let bytes = match library.read(ycb.name) {
