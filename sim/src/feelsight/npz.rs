@@ -11,9 +11,8 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use flate2::Compression;
 use flate2::read::DeflateDecoder;
-use flate2::write::DeflateEncoder;
+use flate2::{Compress, Compression, FlushCompress};
 
 use super::array::{Array, Kind};
 
@@ -54,16 +53,23 @@ impl DeflatedFrame {
     /// Compresses an image. Fast rather than small: depth is mostly noise to a compressor.
     ///
     /// # Errors
-    /// Only those of the memory allocator, in principle.
+    /// None in practice: those of the compressor, which gets no invalid parameter.
     pub fn new(values: impl IntoIterator<Item = f32>) -> io::Result<Self> {
         let plain: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(&plain);
-        let mut encoder = DeflateEncoder::new(Vec::with_capacity(plain.len() / 2), Compression::fast());
-        encoder.write_all(&plain)?;
-        // A flush, not the end: other frames follow.
-        encoder.flush()?;
-        let data = std::mem::take(encoder.get_mut());
+        // `write::DeflateEncoder::flush` loses data with this backend once its buffer is full, hence the bare compressor.
+        let mut compressor = Compress::new(Compression::fast(), false);
+        let mut data = Vec::with_capacity(plain.len() / 2 + 1024);
+        loop {
+            let rest = &plain[compressor.total_in() as usize..];
+            // A flush, not the end: other frames follow. It is complete when room is left over.
+            compressor.compress_vec(rest, &mut data, FlushCompress::Sync)?;
+            if data.len() < data.capacity() {
+                break;
+            }
+            data.reserve(plain.len() / 4 + 1024);
+        }
         Ok(Self { data, checksum, values: plain.len() / 4 })
     }
 }
@@ -458,6 +464,26 @@ impl<R: Read> Read for Tee<'_, R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn images_of_real_size_come_back_in_order() {
+        // Hard to compress, so that every buffer on the way overflows.
+        let image = |seed: u32| {
+            (0..480 * 640u32).map(move |i| -((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / 3e7)
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.npz");
+        let mut writer = Writer::create(&path, 480, 640).unwrap();
+        (0..4).for_each(|seed| writer.push(&DeflatedFrame::new(image(seed)).unwrap()).unwrap());
+        assert!(writer.push(&DeflatedFrame::new([0.0]).unwrap()).is_err());
+        writer.finish(1.0).unwrap();
+        let mut reader = Reader::open(&path).unwrap();
+        assert_eq!((reader.shape(), reader.scale()), ([4, 480, 640], 1.0));
+        for seed in 0..4 {
+            assert!(reader.read().unwrap().unwrap().into_iter().eq(image(seed)), "{seed}");
+        }
+        assert!(reader.read().unwrap().is_none());
+    }
 
     #[test]
     fn headers_of_numpy() {
