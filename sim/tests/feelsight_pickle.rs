@@ -151,7 +151,9 @@ fn greed_is_refused() {
     many.extend(b"e.");
     assert!(matches!(refusal(&many), Error::TooLarge(_)));
     // Lengths that are not there.
-    for pickle in [&b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\xff."[..], b"\x80\x02X\xff\xff\xff\xff.", b"\x80\x03B\0\0\0\x80"] {
+    for pickle in
+        [&b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\xff."[..], b"\x80\x02X\xff\xff\xff\xff.", b"\x80\x03B\0\0\0\x80"]
+    {
         assert!(matches!(refusal(pickle), Error::Truncated(_)));
     }
     assert!(from_bytes(&vec![b'N'; 5_000_000]).is_err());
@@ -160,12 +162,13 @@ fn greed_is_refused() {
 
 fn value() -> impl Strategy<Value = Value> {
     let kinds = [Kind::Bool, Kind::I8, Kind::I16, Kind::U32, Kind::I64, Kind::U64, Kind::F16, Kind::F32, Kind::F64];
-    let array = (prop::sample::select(kinds.to_vec()), prop::collection::vec(0usize..4, 0..4))
-        .prop_flat_map(|(kind, shape)| {
+    let array = (prop::sample::select(kinds.to_vec()), prop::collection::vec(0usize..4, 0..4)).prop_flat_map(
+        |(kind, shape)| {
             let bytes = shape.iter().product::<usize>() * kind.size();
             prop::collection::vec(any::<u8>(), bytes)
                 .prop_map(move |data| Array::from_raw(kind, false, false, shape.clone(), &data).unwrap())
-        });
+        },
+    );
     let leaf = prop_oneof![
         Just(Value::None),
         any::<bool>().prop_map(Value::Bool),

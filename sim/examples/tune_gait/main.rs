@@ -170,6 +170,8 @@ fn main() -> Result<()> {
         out: arguments.out,
         best: Mutex::new((f64::INFINITY, 0)),
     };
+    // The start itself is the first to beat, so that a resumed search never writes anything worse.
+    (&tuner).evaluate_parallel(&DVector::zeros(PARAMETERS.len()));
     let mut search = CMAESOptions::new(vec![0.0; PARAMETERS.len()], arguments.sigma)
         .population_size(arguments.population)
         .max_generations(arguments.generations)
