@@ -99,9 +99,12 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
         let (x, y) = (column as f64 - 120.0 + 30.0 * phase.sin(), row as f64 - 160.0);
         (0.022 - 1e-3 * (1.0 - (x * x + y * y) / 3600.0).max(-0.5)) as f32
     });
-    let contact = GrayImage::from_fn(240, 320, |x, y| Luma([255 * u8::from(depth_m[(y as usize, x as usize)] < 0.0217)]));
+    let contact =
+        GrayImage::from_fn(240, 320, |x, y| Luma([255 * u8::from(depth_m[(y as usize, x as usize)] < 0.0217)]));
     let touch = PerFinger::from_fn(|_| {
-        RgbImage::from_fn(240, 320, |x, y| Rgb([100 + x / 4, 110 + y / 5, 90 + (x + y) / 8].map(|level| noisy(level, rng))))
+        RgbImage::from_fn(240, 320, |x, y| {
+            Rgb([100 + x / 4, 110 + y / 5, 90 + (x + y) / 8].map(|level| noisy(level, rng)))
+        })
     });
     // The hand and the ball before an empty background, as the ray-caster gives them.
     let radius2 = |row: usize, column: usize| (row as f64 - 240.0).powi(2) + (column as f64 - 320.0).powi(2);

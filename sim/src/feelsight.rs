@@ -16,11 +16,11 @@
 //! Frames are numbered from 0 without padding. Masks, segmentations and touch depths are PNG images in spite of their names.
 
 pub mod array;
-pub mod npz;
-pub mod pickle;
 mod error;
 mod frame;
 mod inspect;
+pub mod npz;
+pub mod pickle;
 mod picture;
 mod preview;
 mod reader;

@@ -307,9 +307,9 @@ struct Member {
 
 fn member(path: &Path, name: &str) -> Result<Member, Error> {
     let mut archive = zip::ZipArchive::new(BufReader::new(File::open(path)?))?;
-    let index = archive.index_for_name(name).ok_or_else(|| {
-        Error::Defect(format!("it holds no array {:?}", name.trim_end_matches(".npy")))
-    })?;
+    let index = archive
+        .index_for_name(name)
+        .ok_or_else(|| Error::Defect(format!("it holds no array {:?}", name.trim_end_matches(".npy"))))?;
     let entry = archive.by_index_raw(index)?;
     let (compressed, size, checksum) = (entry.compressed_size(), entry.size(), entry.crc32());
     let method = entry.compression();
@@ -469,9 +469,8 @@ mod tests {
     #[test]
     fn images_of_real_size_come_back_in_order() {
         // Hard to compress, so that every buffer on the way overflows.
-        let image = |seed: u32| {
-            (0..480 * 640u32).map(move |i| -((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / 3e7)
-        };
+        let image =
+            |seed: u32| (0..480 * 640u32).map(move |i| ((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / -3e7);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.npz");
         let mut writer = Writer::create(&path, 480, 640).unwrap();

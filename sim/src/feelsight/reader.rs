@@ -71,8 +71,7 @@ impl Log {
     pub fn open(folder: &Path) -> Result<Self, Error> {
         let path = folder.join("data.pkl");
         let bytes = read_at_most(&path, MAX_PICKLE)?;
-        let value =
-            pickle::from_bytes(&bytes).map_err(|source| Error::Pickle { path: path.clone(), source })?;
+        let value = pickle::from_bytes(&bytes).map_err(|source| Error::Pickle { path: path.clone(), source })?;
         let record = Record::from_value(&value).map_err(|defect| Error::defect(&path, defect))?;
         let scene = read_scene(&folder.join("scene.json"))?;
         let defect = |defect: String| Error::defect(&path, defect);
@@ -100,13 +99,10 @@ impl Log {
             let pose = pose.map_err(|e| defect(format!("realsense.{}.pose is {e}", camera.name)))?;
             cameras.push(PosedCamera { name: camera.name.clone(), intrinsics: camera.intrinsics, pose: world * pose });
         }
-        if let Some(scene) = &scene {
-            if !scene.cameras.iter().eq(cameras.iter().map(|camera| &camera.name)) {
-                return Err(defect("the cameras are not those of scene.json".into()));
-            }
+        if scene.as_ref().is_some_and(|s| !s.cameras.iter().eq(cameras.iter().map(|camera| &camera.name))) {
+            return Err(defect("the cameras are not those of scene.json".into()));
         }
-        let lenses =
-            record.cameras.iter().map(|c| c.distortion.and_then(|k| lens(&c.intrinsics, k))).collect();
+        let lenses = record.cameras.iter().map(|c| c.distortion.and_then(|k| lens(&c.intrinsics, k))).collect();
         let mut log = Self {
             folder: folder.to_path_buf(),
             scene,
@@ -407,8 +403,7 @@ impl Frames<'_> {
             }
             _ => None,
         };
-        let observation =
-            Observation { time_s: log.times_s[i], joints: log.joints[i], touch: images.touch, cameras };
+        let observation = Observation { time_s: log.times_s[i], joints: log.joints[i], touch: images.touch, cameras };
         Ok(Frame { observation, truth })
     }
 }
@@ -448,7 +443,8 @@ fn read_scene(path: &Path) -> Result<Option<Scene>, Error> {
     let scene: Scene =
         serde_json::from_slice(&bytes).map_err(|source| Error::Json { path: path.to_path_buf(), source })?;
     if scene.format_version > FORMAT_VERSION {
-        let defect = format!("format {} is newer than this program, which reads {FORMAT_VERSION}", scene.format_version);
+        let defect =
+            format!("format {} is newer than this program, which reads {FORMAT_VERSION}", scene.format_version);
         return Err(Error::defect(path, defect));
     }
     Ok(Some(scene))

@@ -24,7 +24,8 @@ pub struct DigitInfo {
 impl DigitInfo {
     /// What the published logs state.
     pub fn published() -> Self {
-        let intrinsics = Intrinsics { fx: 277.128_129_2, fy: 277.128_129_2, cx: 120.0, cy: 160.0, ..digit::intrinsics() };
+        let intrinsics =
+            Intrinsics { fx: 277.128_129_2, fy: 277.128_129_2, cx: 120.0, cy: 160.0, ..digit::intrinsics() };
         Self { intrinsics, cam_dist_m: -0.022, depth_scale: 33_333.333_34 }
     }
 
@@ -77,10 +78,7 @@ impl Record {
         let frames = self.times_s.len();
         let mut allegro = vec![
             ("base_pose".into(), matrix(&self.base_pose)),
-            (
-                "joint_state".into(),
-                Array::from_f64(vec![frames, JOINTS], self.joints.iter().flatten().copied()).into(),
-            ),
+            ("joint_state".into(), Array::from_f64(vec![frames, JOINTS], self.joints.iter().flatten().copied()).into()),
         ];
         if let Some(poses) = &self.finger_poses {
             let fingers =
@@ -128,9 +126,7 @@ impl Record {
         let text = |key| object.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
         let finger_poses = match allegro.get("finger_poses") {
             None | Some(Value::None) => None,
-            Some(poses) => Some(
-                matrices(poses, &[4], "allegro.finger_poses")?.as_chunks::<4>().0.to_vec(),
-            ),
+            Some(poses) => Some(matrices(poses, &[4], "allegro.finger_poses")?.as_chunks::<4>().0.to_vec()),
         };
         let joints = elements(get(allegro, "joint_state")?, &[JOINTS], "allegro.joint_state")?;
         let Some(Value::Dict(cameras)) = value.get("realsense") else {
@@ -231,7 +227,8 @@ fn digit_from_value(value: &Value) -> Result<DigitInfo, String> {
 }
 
 fn camera_from_value(name: &Value, camera: &Value) -> Result<CameraRecord, String> {
-    let name = name.as_str().filter(|name| is_plain_name(name)).ok_or("realsense: the name of a camera is no plain name")?;
+    let name =
+        name.as_str().filter(|name| is_plain_name(name)).ok_or("realsense: the name of a camera is no plain name")?;
     let key = format!("realsense.{name}");
     let bends = get(camera, "intrinsics").map_err(|e| format!("{key}.{e}"))?;
     // Loaders take the coefficients that are there, in this order; a missing one is zero.

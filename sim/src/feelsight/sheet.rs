@@ -114,7 +114,9 @@ impl Page {
         let last = if frames > 0 { timeline.times_s[frames - 1] } else { 1.0 };
         let span = (last - start) * frames as f64 / (frames.max(2) - 1) as f64;
         let span = if span > 0.0 { span } else { 1.0 };
-        let at = |time: f64| left + ((time - start) / span * f64::from(right - left)).round().clamp(0.0, f64::from(right - left)) as u32;
+        let at = |time: f64| {
+            left + ((time - start) / span * f64::from(right - left)).round().clamp(0.0, f64::from(right - left)) as u32
+        };
         for finger in Finger::ALL {
             let y = bars + finger as u32 * BAR_STEP;
             let color = FINGERS[finger as usize];

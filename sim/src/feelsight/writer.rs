@@ -149,8 +149,8 @@ impl LogWriter {
         write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
         self.meta.scene.end = end;
         let path = self.partial.join("scene.json");
-        let scene = serde_json::to_vec_pretty(&self.meta.scene)
-            .map_err(|source| Error::Json { path: path.clone(), source })?;
+        let scene =
+            serde_json::to_vec_pretty(&self.meta.scene).map_err(|source| Error::Json { path: path.clone(), source })?;
         write_synced(&path, &scene)?;
         sync_folder(&self.partial)?;
         self.put_in_place()

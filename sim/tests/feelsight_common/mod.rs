@@ -93,7 +93,8 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
             let ball = (finger == Finger::Index).then(|| ball_depth(column as f64, row as f64)).flatten();
             ball.unwrap_or(0.022).min(0.022) as f32
         });
-        let contact = GrayImage::from_fn(w, h, |x, y| Luma([255 * u8::from(depth_m[(y as usize, x as usize)] < 0.022)]));
+        let contact =
+            GrayImage::from_fn(w, h, |x, y| Luma([255 * u8::from(depth_m[(y as usize, x as usize)] < 0.022)]));
         TouchTruth { depth_m, contact }
     });
     let mut rgbds = Vec::new();
@@ -107,7 +108,13 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
             }),
         });
         segmentation.push(GrayImage::from_fn(width as u32, height as u32, |x, y| {
-            Luma([if y < 10 { BACKGROUND } else if x < 20 { HAND } else { OBJECT }])
+            Luma([if y < 10 {
+                BACKGROUND
+            } else if x < 20 {
+                HAND
+            } else {
+                OBJECT
+            }])
         }));
     }
     let observation = Observation { time_s: i as f64 / 30.0, joints: joints(i), touch, cameras: rgbds };
@@ -115,10 +122,10 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
 }
 
 /// Writes a log of a few frames.
-pub fn write(place: &Path, frames: usize, cameras: Vec<PosedCamera>) {
-    let mut writer = LogWriter::create(place, meta(cameras.clone()), false).unwrap();
+pub fn write(place: &Path, frames: usize, cameras: &[PosedCamera]) {
+    let mut writer = LogWriter::create(place, meta(cameras.to_vec()), false).unwrap();
     for i in 0..frames {
-        let (observation, truth) = frame(i, &cameras);
+        let (observation, truth) = frame(i, cameras);
         writer.push(&EncodedFrame::encode(&observation, &truth, writer.meta()).unwrap()).unwrap();
     }
     writer.finish(end()).unwrap();

@@ -18,8 +18,15 @@ const MAX_DEPTH: usize = 64;
 /// # Errors
 /// [`Error`] for everything else; see the [module](super).
 pub fn from_bytes(data: &[u8]) -> Result<Value, Error> {
-    let mut machine =
-        Machine { data, at: 0, nodes: Vec::new(), stack: Vec::new(), marks: Vec::new(), memo: HashMap::new(), bytes: 0 };
+    let mut machine = Machine {
+        data,
+        at: 0,
+        nodes: Vec::new(),
+        stack: Vec::new(),
+        marks: Vec::new(),
+        memo: HashMap::new(),
+        bytes: 0,
+    };
     let root = machine.run()?;
     Budget { nodes: &machine.nodes, values: MAX_OPERATIONS, bytes: MAX_BYTES }.value(root, 0)
 }
@@ -684,9 +691,8 @@ impl Budget<'_> {
                 Value::Tuple(items.iter().map(|&item| self.value(item, depth + 1)).collect::<Result<_, _>>()?)
             }
             Node::Dict(items) => {
-                let mut pair = |&(key, value): &(Id, Id)| {
-                    Ok((self.value(key, depth + 1)?, self.value(value, depth + 1)?))
-                };
+                let mut pair =
+                    |&(key, value): &(Id, Id)| Ok((self.value(key, depth + 1)?, self.value(value, depth + 1)?));
                 Value::Dict(items.iter().map(&mut pair).collect::<Result<_, Error>>()?)
             }
             Node::Global(_) | Node::Dtype { .. } | Node::Array(None) => {
