@@ -26,6 +26,7 @@ mod preview;
 mod reader;
 mod record;
 mod scene;
+mod sheet;
 mod writer;
 
 pub use error::Error;
@@ -34,4 +35,5 @@ pub use inspect::{CameraSummary, ContactDistance, Summary, inspect, inspect_agai
 pub use reader::{Frame, Frames, Log};
 pub use record::DigitInfo;
 pub use scene::{EpisodeEnd, FORMAT_VERSION, Scene, SceneObject};
+pub use sheet::{ContactSheet, Moment, Timeline, contact_sheet};
 pub use writer::{LogMeta, LogWriter};

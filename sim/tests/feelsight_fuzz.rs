@@ -53,7 +53,7 @@ impl Case {
     fn new(seed: u64) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().join("00");
-        common::write(&place, 2, vec![common::camera("front-left", 16, 12)]);
+        common::write(&place, 2, &[common::camera("front-left", 16, 12)]);
         Self { _folder: folder, place, rng: ChaCha8Rng::seed_from_u64(seed) }
     }
 

@@ -39,7 +39,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn a_log_comes_back_as_it_went_in() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("ball/00");
-    write(&place, 5, cameras());
+    write(&place, 5, &cameras());
 
     let log = Log::open(&place).unwrap();
     assert_eq!((log.len(), log.side(), log.object_name()), (5, Side::Left, "ball"));
@@ -87,7 +87,7 @@ fn a_log_comes_back_as_it_went_in() {
 fn inspection_finds_the_ball_where_it_was_touched() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
-    write(&place, 5, cameras());
+    write(&place, 5, &cameras());
     let summary = inspect_against(&place, &|p| p.coords().norm() - RADIUS_M).unwrap();
     assert_eq!((summary.frames, summary.complete), (5, Some(true)));
     assert_eq!(summary.contact_fraction, Some([1.0, 0.0, 0.0, 0.0]));
@@ -142,7 +142,7 @@ fn an_interrupted_log_leaves_nothing() {
     std::mem::forget(writer);
     assert!(!place.exists() && folder.path().join(".00.partial").exists());
     assert!(Log::open(&folder.path().join(".00.partial")).is_err());
-    write(&place, 2, cameras());
+    write(&place, 2, &cameras());
     assert_eq!(inspect(&place).unwrap().frames, 2);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
@@ -151,7 +151,7 @@ fn an_interrupted_log_leaves_nothing() {
 fn what_is_there_stays_unless_asked_and_until_the_new_log_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
-    write(&place, 2, cameras());
+    write(&place, 2, &cameras());
     let refused = LogWriter::create(&place, meta(cameras()), false).err().unwrap();
     assert!(matches!(refused, Error::NotEmpty { .. }) && refused.to_string().contains("00"), "{refused}");
 
@@ -213,7 +213,7 @@ fn a_place_that_cannot_be_written_is_named() {
 fn every_kind_of_damage_is_found_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
-    write(&place, 3, cameras());
+    write(&place, 3, &cameras());
     let good = files(&place);
     let restore = |path: &str| fs::write(place.join(path), &good[Path::new(path)]).unwrap();
     let refused = |name: &str| {
@@ -259,7 +259,7 @@ fn every_kind_of_damage_is_found_and_named() {
 fn a_recorded_log_without_labels_is_read_with_notes() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
-    write(&place, 3, cameras());
+    write(&place, 3, &cameras());
     fs::remove_file(place.join("scene.json")).unwrap();
     for finger in Finger::ALL {
         for kind in ["depth", "mask"] {

@@ -95,7 +95,7 @@ fn this_machines_python_reads_a_log() {
     }
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
-    common::write(&place, 5, vec![common::camera("front-left", 64, 48), common::camera("top-down", 40, 30)]);
+    common::write(&place, 5, &[common::camera("front-left", 64, 48), common::camera("top-down", 40, 30)]);
     let pose = (common::object_pose(0) * common::object_from_file()).to_matrix();
     let pose: Vec<_> = pose.iter().flatten().map(|x| format!("{x:e}")).collect();
     run("check_log.py", &[place.to_str().unwrap(), &pose.join(" ")]);
@@ -111,7 +111,7 @@ fn nothing_is_executed() {
         (&b"cos\nsystem\n(S'touch /tmp/harm'\ntR."[..], "os.system"),
         (b"\x80\x04\x8c\x05posix\x8c\x06system\x93\x8c\x02id\x85R.", "posix.system"),
         (b"(S'id'\nios\nsystem\n.", "os.system"),
-        (b"\x80\x02c__builtin__\neval\n(X\x01\0\0\01tR.", "__builtin__.eval"),
+        (b"\x80\x02c__builtin__\neval\n(X\x01\0\0\x001tR.", "__builtin__.eval"),
         (b"\x80\x02ctorch._utils\n_rebuild_tensor_v2\n.", "torch._utils._rebuild_tensor_v2"),
         (b"\x80\x02cnumpy\nload\n.", "numpy.load"),
         (b"\x80\x02cdill._dill\n_create_type\n.", "dill._dill._create_type"),

@@ -128,6 +128,6 @@ fn encode_camera(rgbd: &Rgbd, segmentation: &GrayImage, size: (usize, usize)) ->
 }
 
 /// Camera z: negative in front of the camera, 0 where nothing was measured.
-fn signed_depth(depth_m: &Array2<f32>) -> impl Iterator<Item = f32> {
+fn signed_depth(depth_m: &Array2<f32>) -> impl ExactSizeIterator<Item = f32> {
     depth_m.iter().map(|&depth| if depth > 0.0 { -depth } else { 0.0 })
 }

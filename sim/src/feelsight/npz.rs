@@ -54,8 +54,9 @@ impl DeflatedFrame {
     ///
     /// # Errors
     /// None in practice: those of the compressor, which gets no invalid parameter.
-    pub fn new(values: impl IntoIterator<Item = f32>) -> io::Result<Self> {
-        let plain: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
+    pub fn new(values: impl ExactSizeIterator<Item = f32>) -> io::Result<Self> {
+        let mut plain = Vec::with_capacity(4 * values.len());
+        values.for_each(|value| plain.extend_from_slice(&value.to_le_bytes()));
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(&plain);
         // `write::DeflateEncoder::flush` loses data with this backend once its buffer is full, hence the bare compressor.
@@ -470,11 +471,12 @@ mod tests {
         // Hard to compress, so that every buffer on the way overflows.
         let image =
             |seed: u32| (0..480 * 640u32).map(move |i| -((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / 3e7);
+            |seed: u32| (0..480 * 640u32).map(move |i| ((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / -3e7);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.npz");
         let mut writer = Writer::create(&path, 480, 640).unwrap();
         (0..4).for_each(|seed| writer.push(&DeflatedFrame::new(image(seed)).unwrap()).unwrap());
-        assert!(writer.push(&DeflatedFrame::new([0.0]).unwrap()).is_err());
+        assert!(writer.push(&DeflatedFrame::new([0.0].into_iter()).unwrap()).is_err());
         writer.finish(1.0).unwrap();
         let mut reader = Reader::open(&path).unwrap();
         assert_eq!((reader.shape(), reader.scale()), ([4, 480, 640], 1.0));

@@ -18,20 +18,34 @@ const TOUCH: (u32, u32) = (90, 120);
 /// A GIF holds one frame of these many, at half the size: it has no compression between frames worth the name.
 const GIF_EVERY: usize = 5;
 /// Speed of the choice of colours, 1 (best) to 30.
-const GIF_SPEED: i32 = 30;
+const GIF_SPEED: i32 = 10;
 
 /// The first camera on the left; index and middle finger over ring and thumb on the right.
 pub(super) fn tile(observation: &Observation) -> RgbImage {
     let mut tile = RgbImage::from_pixel(WIDTH, HEIGHT, Rgb([0; 3]));
     if let Some(camera) = observation.cameras.first() {
-        imageops::replace(&mut tile, &imageops::thumbnail(&camera.color, CAMERA.0, CAMERA.1), 0, 0);
+        imageops::replace(&mut tile, &shrink(&camera.color, CAMERA), 0, 0);
     }
     for (finger, image) in observation.touch.iter() {
         let (row, column) = (finger as u32 / 2, finger as u32 % 2);
         let (x, y) = (CAMERA.0 + column * TOUCH.0, row * TOUCH.1);
-        imageops::replace(&mut tile, &imageops::thumbnail(image, TOUCH.0, TOUCH.1), i64::from(x), i64::from(y));
+        imageops::replace(&mut tile, &shrink(image, TOUCH), i64::from(x), i64::from(y));
     }
     tile
+}
+
+/// The mean of the four pixels around the middle of each new one: enough at factors near 2, at a tenth of a real filter's time.
+fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
+    let (from_width, from_height) = image.dimensions();
+    if from_width < 2 || from_height < 2 {
+        return RgbImage::new(width, height);
+    }
+    let corner = |i: u32, to: u32, from: u32| ((2 * i + 1) * from / (2 * to)).clamp(1, from - 1) - 1;
+    RgbImage::from_fn(width, height, |x, y| {
+        let (x, y) = (corner(x, width, from_width), corner(y, height, from_height));
+        let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| image.get_pixel(x, y).0);
+        Rgb(std::array::from_fn(|c| (four.iter().map(|pixel| u16::from(pixel[c])).sum::<u16>() / 4) as u8))
+    })
 }
 
 /// Writes `<object>.mp4` through ffmpeg where it is installed, and `<object>.gif` where it is not. A preview that fails is a

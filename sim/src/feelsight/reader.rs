@@ -99,10 +99,8 @@ impl Log {
             let pose = pose.map_err(|e| defect(format!("realsense.{}.pose is {e}", camera.name)))?;
             cameras.push(PosedCamera { name: camera.name.clone(), intrinsics: camera.intrinsics, pose: world * pose });
         }
-        if let Some(scene) = &scene {
-            if !scene.cameras.iter().eq(cameras.iter().map(|camera| &camera.name)) {
-                return Err(defect("the cameras are not those of scene.json".into()));
-            }
+        if scene.as_ref().is_some_and(|s| !s.cameras.iter().eq(cameras.iter().map(|camera| &camera.name))) {
+            return Err(defect("the cameras are not those of scene.json".into()));
         }
         let lenses = record.cameras.iter().map(|c| c.distortion.and_then(|k| lens(&c.intrinsics, k))).collect();
         let mut log = Self {

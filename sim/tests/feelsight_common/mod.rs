@@ -122,10 +122,10 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
 }
 
 /// Writes a log of a few frames.
-pub fn write(place: &Path, frames: usize, cameras: Vec<PosedCamera>) {
-    let mut writer = LogWriter::create(place, meta(cameras.clone()), false).unwrap();
+pub fn write(place: &Path, frames: usize, cameras: &[PosedCamera]) {
+    let mut writer = LogWriter::create(place, meta(cameras.to_vec()), false).unwrap();
     for i in 0..frames {
-        let (observation, truth) = frame(i, &cameras);
+        let (observation, truth) = frame(i, cameras);
         writer.push(&EncodedFrame::encode(&observation, &truth, writer.meta()).unwrap()).unwrap();
     }
     writer.finish(end()).unwrap();
