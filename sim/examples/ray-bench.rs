@@ -14,10 +14,10 @@ use anyhow::{Context, bail};
 use glam::Vec3;
 use nalgebra as na;
 use scenes::camera::{Intrinsics, look_at};
+use scenes::digit;
 use scenes::frame::{Camera, Isometry, Object, World};
 use scenes::hand::{self, Primitive, Side};
 use scenes::mesh::Mesh;
-use scenes::digit;
 use sim::rays::{Caster, Faces, Hits, Instance, Level, MISS, RayMesh, Window};
 use sim::tessellation::tessellate;
 
@@ -60,8 +60,10 @@ fn main() -> anyhow::Result<()> {
     // 22 mm in front of the point of the object that lies furthest towards the side.
     let side = na::Vector3::new(0.3, 1.0, 0.5).normalize();
     let along = |p: &Vec3| f64::from(p.x) * side.x + f64::from(p.y) * side.y + f64::from(p.z) * side.z;
-    let touched = scene[0].0.vertices.iter().max_by(|a, b| along(a).total_cmp(&along(b))).context("the mesh is empty")?;
-    let touched = na::Vector3::new(f64::from(touched.x), f64::from(touched.y), f64::from(touched.z)) + na::Vector3::from(grasp);
+    let touched =
+        scene[0].0.vertices.iter().max_by(|a, b| along(a).total_cmp(&along(b))).context("the mesh is empty")?;
+    let touched =
+        na::Vector3::new(f64::from(touched.x), f64::from(touched.y), f64::from(touched.z)) + na::Vector3::from(grasp);
     let views = [
         View {
             name: "close-up",

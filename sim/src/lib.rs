@@ -1,5 +1,6 @@
 //! What happens.
 use mujoco_lib as _;
 
+pub mod camera;
 pub mod rays;
 pub mod tessellation;
