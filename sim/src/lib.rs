@@ -7,6 +7,7 @@ pub mod controller;
 pub mod episode;
 pub mod feelsight;
 pub mod gait;
+pub mod camera;
 pub mod rays;
 pub mod tessellation;
 pub mod touch;
