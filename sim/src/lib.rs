@@ -3,11 +3,11 @@
 // Its build script puts libmujoco on the link line.
 use mujoco_lib as _;
 
+pub mod camera;
 pub mod controller;
 pub mod episode;
 pub mod feelsight;
 pub mod gait;
-pub mod camera;
 pub mod rays;
 pub mod tessellation;
 pub mod touch;

@@ -470,7 +470,6 @@ mod tests {
     fn images_of_real_size_come_back_in_order() {
         // Hard to compress, so that every buffer on the way overflows.
         let image =
-            |seed: u32| (0..480 * 640u32).map(move |i| -((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / 3e7);
             |seed: u32| (0..480 * 640u32).map(move |i| ((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / -3e7);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.npz");
