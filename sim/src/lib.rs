@@ -2,5 +2,6 @@
 use mujoco_lib as _;
 
 pub mod camera;
+pub mod depth_noise;
 pub mod rays;
 pub mod tessellation;
