@@ -8,6 +8,7 @@ pub mod controller;
 pub mod episode;
 pub mod feelsight;
 pub mod gait;
+pub mod depth_noise;
 pub mod rays;
 pub mod tessellation;
 pub mod touch;
