@@ -2,7 +2,12 @@
 //! as FeelSight logs.
 
 mod assets;
+mod demo;
+mod generate;
+mod inspect;
 mod progress;
+mod recorder;
+mod render_touch;
 mod simulate;
 mod subject;
 
@@ -20,14 +25,17 @@ use tracing_subscriber::EnvFilter;
 #[command(version, max_term_width = 110)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Generate(generate::Arguments),
     Simulate(simulate::Arguments),
+    RenderTouch(render_touch::Arguments),
     #[command(subcommand)]
     Assets(assets::Command),
+    Inspect(inspect::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -41,8 +49,12 @@ fn main() -> ExitCode {
         .without_time()
         .init();
     let result = match Cli::parse().command {
-        Command::Simulate(arguments) => simulate::run(&arguments),
-        Command::Assets(command) => assets::run(&command),
+        None => demo::run(),
+        Some(Command::Generate(arguments)) => generate::run(&arguments),
+        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
+        Some(Command::Assets(command)) => assets::run(&command),
+        Some(Command::Inspect(arguments)) => inspect::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

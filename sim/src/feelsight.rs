@@ -34,6 +34,6 @@ pub use frame::EncodedFrame;
 pub use inspect::{CameraSummary, ContactDistance, Summary, inspect, inspect_against};
 pub use reader::{Frame, Frames, Log};
 pub use record::DigitInfo;
-pub use scene::{EpisodeEnd, FORMAT_VERSION, Scene, SceneObject};
+pub use scene::{EpisodeEnd, FORMAT_VERSION, SCENE_FILE, Scene, SceneObject};
 pub use sheet::{ContactSheet, Moment, Timeline, contact_sheet};
 pub use writer::{LogMeta, LogWriter};

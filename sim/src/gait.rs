@@ -76,7 +76,7 @@ pub fn suited_to(object: &Object) -> &'static str {
     if rolls {
         "ball"
     } else if height < 0.066 {
-        "low"
+        "cubelet"
     } else if wide > 1.25 * narrow {
         "shared"
     } else if narrow > 0.085 {

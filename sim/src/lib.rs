@@ -5,10 +5,11 @@ use mujoco_lib as _;
 
 pub mod camera;
 pub mod controller;
+pub mod depth_noise;
 pub mod episode;
 pub mod feelsight;
 pub mod gait;
-pub mod depth_noise;
+pub mod observer;
 pub mod rays;
 pub mod tessellation;
 pub mod touch;

@@ -14,7 +14,7 @@ use scenes::observation::{BACKGROUND, GroundTruth, HAND, OBJECT, Observation, Rg
 
 use super::picture::{read_color, read_gray};
 use super::record::{Matrix, Record};
-use super::scene::{FORMAT_VERSION, Scene};
+use super::scene::{FORMAT_VERSION, SCENE_FILE, Scene};
 use super::{DigitInfo, Error, npz, pickle};
 
 /// Ten times the largest data.pkl that thirty minutes of frames would make.
@@ -73,7 +73,7 @@ impl Log {
         let bytes = read_at_most(&path, MAX_PICKLE)?;
         let value = pickle::from_bytes(&bytes).map_err(|source| Error::Pickle { path: path.clone(), source })?;
         let record = Record::from_value(&value).map_err(|defect| Error::defect(&path, defect))?;
-        let scene = read_scene(&folder.join("scene.json"))?;
+        let scene = read_scene(&folder.join(SCENE_FILE))?;
         let defect = |defect: String| Error::defect(&path, defect);
 
         let base = Isometry::<HandBase, World>::from_matrix(&record.base_pose);
@@ -81,7 +81,7 @@ impl Log {
         let world = world_from_base() * base.inverse();
         let object_from_file = match &scene {
             Some(scene) => Isometry::<MeshFile, Object>::from_matrix(&scene.object.object_from_file)
-                .map_err(|e| Error::defect(folder.join("scene.json"), format!("object_from_file is {e}")))?,
+                .map_err(|e| Error::defect(folder.join(SCENE_FILE), format!("object_from_file is {e}")))?,
             None => Isometry::identity(),
         };
         let object_pose = |(i, matrix): (usize, &Matrix)| {

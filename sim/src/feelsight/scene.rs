@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use scenes::hand::Side;
 use serde::{Deserialize, Serialize};
 
+/// Name of the file beside data.pkl.
+pub const SCENE_FILE: &str = "scene.json";
+
 /// Version of scene.json that this program writes.
 pub const FORMAT_VERSION: u32 = 1;
 

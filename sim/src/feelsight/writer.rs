@@ -9,7 +9,7 @@ use scenes::hand::world_from_base;
 
 use super::preview::Preview;
 use super::record::{CameraRecord, DigitInfo, Record, is_plain_name};
-use super::scene::{EpisodeEnd, Scene};
+use super::scene::{EpisodeEnd, SCENE_FILE, Scene};
 use super::{EncodedFrame, Error, npz, pickle};
 
 /// What is known of a log before its first frame.
@@ -148,7 +148,7 @@ impl LogWriter {
         std::mem::replace(&mut self.preview, Preview::Failed).finish();
         write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
         self.meta.scene.end = end;
-        let path = self.partial.join("scene.json");
+        let path = self.partial.join(SCENE_FILE);
         let scene =
             serde_json::to_vec_pretty(&self.meta.scene).map_err(|source| Error::Json { path: path.clone(), source })?;
         write_synced(&path, &scene)?;
