@@ -183,8 +183,11 @@ pub enum Defect {
     NotOrientable,
     /// The size is outside of what a hand could turn, also after the rule for millimetres.
     #[error(
-        "its largest side is {extent_m} m, outside {MIN_EXTENT_M} to {MAX_EXTENT_M} m; scale it (units are metres, or \
-         millimetres if the largest side is above {MILLIMETRES_ABOVE_M})"
+        "its largest side is {:.1} mm, outside {:.0} to {:.0} mm; scale it (units are metres, or millimetres if the largest side \
+         is above {MILLIMETRES_ABOVE_M})",
+        extent_m * 1e3,
+        MIN_EXTENT_M * 1e3,
+        MAX_EXTENT_M * 1e3
     )]
     Size {
         /// Largest side of the bounding box, metres.
