@@ -118,7 +118,7 @@ pub(crate) fn weld(points: &[nalgebra::Vector3<f64>], faces: &[[u32; 3]]) -> Mes
 
 /// Area of a triangle, m^2.
 pub(crate) fn triangle_area_m2(corners: [Vec3; 3]) -> f64 {
-    let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
     0.5 * (b - a).cross(c - a).length()
 }
 
