@@ -235,7 +235,7 @@ pub enum Finding {
     InconsistentWinding(usize),
     /// The normals looked inward; all faces were turned.
     Inverted,
-    /// The mesh does not enclose a volume; it was left as it is.
+    /// The mesh does not enclose a volume; it was left as it is, and collides as its convex hull.
     NotWatertight(EdgeCount),
 }
 
@@ -259,7 +259,8 @@ impl fmt::Display for Warning {
             Finding::NotWatertight(EdgeCount { open, crowded }) => {
                 write!(
                     f,
-                    "{file}: not watertight: {open} open edge(s), {crowded} edge(s) with more than two faces; left as is"
+                    "{file}: not watertight: {open} open edge(s), {crowded} edge(s) with more than two faces; it is kept, and \
+                     collides as its convex hull"
                 )
             }
         }

@@ -1,5 +1,12 @@
 //! The mesh library without a network: small archives, whole and damaged.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -60,9 +67,13 @@ fn an_archive_is_unpacked_verified_listed_and_cleaned() {
     library.unpack(&path, &mut |_, _| {}).unwrap();
     assert_eq!(good(&library), 2);
 
+    // What a killed process left goes too, other things stay.
+    fs::create_dir_all(folder.path().join("meshes.1234.partial")).unwrap();
+    fs::create_dir_all(folder.path().join("meshes.mine")).unwrap();
     let cleaned = library.clean(&YCB_NOT_CACHED).unwrap();
     assert_eq!((cleaned.files, cleaned.bytes), (2, 3));
     assert!(!library.folder().exists());
+    assert_eq!(leftovers(folder.path()), ["meshes.mine"]);
 }
 
 /// As the real one, under a name that is not in any cache.

@@ -1,5 +1,12 @@
 //! Names, user meshes and what is said about them.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
 use std::fs;
 
 use scenes::catalogue::{self, Error, Warning};

@@ -1,6 +1,13 @@
 //! Mesh files of every format: what is right is read the same, what is wrong is refused by name, and damage of any kind neither
 //! panics nor takes memory for what is not there.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
 use std::fmt::Write as _;
 
 use glam::Vec3;

@@ -2,6 +2,14 @@
 //!
 //! The meshes are fetched if they are not cached. Without them and without a network the tests say so and pass.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
 use std::collections::BTreeMap;
 
 use scenes::assets::{Library, YCB};
@@ -87,8 +95,8 @@ fn check(entry: &Entry, [x, y, z, volume_cm3, area_cm2, hull_cm3]: [f64; 6]) {
     };
     let ratio = pieces.iter().map(volume).sum::<f64>() / volume_cm3;
     println!("{name}, {} piece(s), {ratio:.2} of the volume, hull {:.2}", pieces.len(), hull_cm3 / volume_cm3);
-    // The bowl and the plate are 1 mm thin: 64 pieces cannot follow them closer.
-    let bound = if ["024_bowl", "029_plate"].contains(&name) { 2.6 } else { 1.65 };
+    // Thin and 26 and 30 cm wide: no hand turns them, and 64 pieces cannot follow them closer.
+    let bound = if ["029_plate", "073-g_lego_duplo"].contains(&name) { 2.0 } else { 1.6 };
     assert!((0.85..bound).contains(&ratio), "{name}: pieces hold {ratio} of the volume");
 }
 
