@@ -90,7 +90,7 @@ fn written(mesh: &Mesh, kind: Kind) -> Vec<u8> {
             bytes.extend((mesh.faces.len() as u32).to_le_bytes());
             for face in &mesh.faces {
                 bytes.extend([0; 12]);
-                bytes.extend(corners(face).iter().flat_map(|v| v.to_array()).flat_map(f32::to_le_bytes));
+                bytes.extend(corners(face).iter().flat_map(Vec3::to_array).flat_map(f32::to_le_bytes));
                 bytes.extend([0; 2]);
             }
         }
