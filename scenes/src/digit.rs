@@ -1,5 +1,7 @@
 //! The DIGIT fingertip sensor: where its camera and gel are.
 
+pub mod gel;
+
 use crate::camera::Intrinsics;
 use crate::frame::{Camera, Gel, Isometry, Tip};
 

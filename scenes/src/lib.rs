@@ -10,6 +10,7 @@ pub mod digit;
 pub mod frame;
 pub mod hand;
 pub mod mesh;
+pub mod mjcf;
 pub mod object;
 pub mod observation;
 pub mod procedural;

@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use glam::Vec3;
+use nalgebra as na;
 
 use crate::frame::{Isometry, MeshFile, Object as ObjectFrame, Point};
 use crate::mesh::Mesh;
@@ -38,5 +39,57 @@ impl Object {
     /// Size along x, y and z in the object's frame, metres.
     pub fn extents_m(&self) -> [f64; 3] {
         self.mesh.extents_m().to_array().map(f64::from)
+    }
+
+    /// Centre of mass (metres) and inertia about it (kg m^2) of the solid that the mesh bounds, scaled to a mass; object frame.
+    /// Where the mesh bounds no volume, the values of its bounding box.
+    pub fn solid_inertia(&self, mass_kg: f64) -> (na::Vector3<f64>, na::Matrix3<f64>) {
+        // Sum over the tetrahedra between the origin and each face: volume, first and second moments (integral of x x^T).
+        let (mut volume, mut first, mut second) = (0.0, na::Vector3::zeros(), na::Matrix3::zeros());
+        for face in &self.mesh.faces {
+            let corners = face.map(|i| self.mesh.vertices.get(i as usize).copied().unwrap_or_default().as_dvec3());
+            let [a, b, c] = corners.map(|v| na::Vector3::new(v.x, v.y, v.z));
+            let tetrahedron = a.dot(&b.cross(&c)) / 6.0;
+            let sum = a + b + c;
+            volume += tetrahedron;
+            first += sum * (tetrahedron / 4.0);
+            let corners = a * a.transpose() + b * b.transpose() + c * c.transpose();
+            second += (corners + sum * sum.transpose()) * (tetrahedron / 20.0);
+        }
+        let [x, y, z] = self.extents_m();
+        if volume < 1e-3 * x * y * z {
+            let of = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
+            return (na::Vector3::zeros(), na::Matrix3::from_diagonal(&na::Vector3::new(of(y, z), of(x, z), of(x, y))));
+        }
+        let centre = first / volume;
+        let covariance = second / volume - centre * centre.transpose();
+        (centre, (na::Matrix3::identity() * covariance.trace() - covariance) * mass_kg)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Isometry;
+
+    #[test]
+    fn inertia_of_a_box_is_the_textbook_one() {
+        let corner = |i: u32| Vec3::new(0.02 * (i & 1) as f32, 0.04 * (i >> 1 & 1) as f32, 0.06 * (i >> 2) as f32);
+        let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let mesh = Mesh {
+            vertices: (0..8).map(corner).collect(),
+            faces: quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect(),
+        };
+        let object = Object {
+            name: "box".into(),
+            mesh,
+            object_from_file: Isometry::identity(),
+            collision: vec![],
+            mass_kg: 0.1,
+        };
+        let (centre, inertia) = object.solid_inertia(0.12);
+        assert!((centre - na::Vector3::new(0.01, 0.02, 0.03)).norm() < 1e-7, "{centre}");
+        let expected = na::Vector3::new(0.0052, 0.0040, 0.0020) * 0.01;
+        assert!((inertia - na::Matrix3::from_diagonal(&expected)).norm() < 1e-9, "{inertia}");
     }
 }
