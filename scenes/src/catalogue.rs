@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::assets::{self, Library, Pinned};
 use crate::decompose::{self, NoHull};
-use crate::mesh::{self, Format, MeshError};
+use crate::mesh::{self, Finding, Format, MeshError};
 use crate::object::Object;
 use crate::procedural;
 
@@ -78,17 +78,20 @@ impl Entry {
                 if ycb.mass_source == MassSource::Placeholder {
                     warnings.push(Warning::PlaceholderMass { name: ycb.name, mass_kg: ycb.mass_kg });
                 }
-                ycb.object(&bytes)
+                ycb.object(&bytes, warnings)
             }
         }
     }
 }
 
 impl Ycb {
-    /// What is repaired in a pinned file is always the same (a few collapsed slivers in 20 of them), so there is nothing to warn of.
-    fn object(&self, stl: &[u8]) -> Result<Object, Error> {
+    /// What is repaired in the pinned files is known: a few collapsed slivers in 20 of them, which is not worth a word. Two lose a
+    /// part that can be seen, and that is.
+    fn object(&self, stl: &[u8], warnings: &mut Vec<Warning>) -> Result<Object, Error> {
         let raw = mesh::read_bytes(stl, Format::Stl, self.name)?;
-        let (clean, _) = mesh::repair(&raw, self.name)?;
+        let (clean, found) = mesh::repair(&raw, self.name)?;
+        let visible = |finding| matches!(finding, Finding::Components { area_share, .. } if area_share > 1e-3);
+        warnings.extend(found.into_iter().filter(|warning| visible(warning.finding)).map(Warning::Mesh));
         let (mesh, object_from_file) = mesh::stand(&clean, self.up);
         let collision = decompose::pieces(&mesh)?;
         Ok(Object { name: self.name.to_owned(), mesh, exact: None, object_from_file, collision, mass_kg: self.mass_kg })

@@ -118,7 +118,7 @@ pub(crate) fn weld(points: &[nalgebra::Vector3<f64>], faces: &[[u32; 3]]) -> Mes
 
 /// Area of a triangle, m^2.
 pub(crate) fn triangle_area_m2(corners: [Vec3; 3]) -> f64 {
-    let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
     0.5 * (b - a).cross(c - a).length()
 }
 
@@ -183,8 +183,11 @@ pub enum Defect {
     NotOrientable,
     /// The size is outside of what a hand could turn, also after the rule for millimetres.
     #[error(
-        "its largest side is {extent_m} m, outside {MIN_EXTENT_M} to {MAX_EXTENT_M} m; scale it (units are metres, or \
-         millimetres if the largest side is above {MILLIMETRES_ABOVE_M})"
+        "its largest side is {:.1} mm, outside {:.0} to {:.0} mm; scale it (units are metres, or millimetres if the largest side \
+         is above {MILLIMETRES_ABOVE_M})",
+        extent_m * 1e3,
+        MIN_EXTENT_M * 1e3,
+        MAX_EXTENT_M * 1e3
     )]
     Size {
         /// Largest side of the bounding box, metres.
@@ -232,7 +235,7 @@ pub enum Finding {
     InconsistentWinding(usize),
     /// The normals looked inward; all faces were turned.
     Inverted,
-    /// The mesh does not enclose a volume; it was left as it is.
+    /// The mesh does not enclose a volume; it was left as it is, and collides as its convex hull.
     NotWatertight(EdgeCount),
 }
 
@@ -256,7 +259,8 @@ impl fmt::Display for Warning {
             Finding::NotWatertight(EdgeCount { open, crowded }) => {
                 write!(
                     f,
-                    "{file}: not watertight: {open} open edge(s), {crowded} edge(s) with more than two faces; left as is"
+                    "{file}: not watertight: {open} open edge(s), {crowded} edge(s) with more than two faces; it is kept, and \
+                     collides as its convex hull"
                 )
             }
         }

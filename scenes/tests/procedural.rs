@@ -1,5 +1,13 @@
 //! The objects that need no download: closed, centred, on their exact surface, and of the sizes that FeelSight's have.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
 use scenes::catalogue;
 use scenes::frame::Point;
 use scenes::mesh::{Mesh, MeshDistance};

@@ -14,8 +14,10 @@ use crate::mesh::Mesh;
 
 /// Half-planes through the axis.
 const SECTORS: usize = 48;
-/// Level planes; the lowest and highest lie just inside the object.
+/// Level planes, how many of them at least are evenly spaced, and among how many heights the others are chosen.
 const LEVELS: usize = 33;
+const EVEN_LEVELS: usize = 12;
+const SAMPLES: usize = 400;
 /// How much more than its solid a merged piece may hold at first.
 const SLACK: f64 = 1.2;
 
@@ -46,7 +48,7 @@ pub(super) fn decompose(mesh: &Mesh) -> Vec<Hull> {
 fn axis(mesh: &Mesh) -> Vec2 {
     let (mut moment, mut volume) = (glam::DVec2::ZERO, 0.0);
     for corners in mesh.triangles() {
-        let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+        let [a, b, c] = corners.map(Vec3::as_dvec3);
         let six_fold = a.dot(b.cross(c));
         moment += six_fold * (a + b + c).truncate() / 4.0;
         volume += six_fold;
@@ -54,18 +56,46 @@ fn axis(mesh: &Mesh) -> Vec2 {
     (moment / volume).as_vec2()
 }
 
+/// Where a level plane cuts the surface, seen from the axis, each piece with the solid on its left.
+fn section(mesh: &Mesh, axis: Vec2, level: f32) -> impl Iterator<Item = [Vec2; 2]> {
+    mesh.triangles().filter_map(move |[a, b, c]| {
+        // A face of outward normal n is met along z x n. Going round it, that is from the edge that falls to the one that rises.
+        let mut ends = [None; 2];
+        for [p, q] in [[a, b], [b, c], [c, a]] {
+            if (p.z >= level) != (q.z >= level) {
+                let at = p.truncate().lerp(q.truncate(), (level - p.z) / (q.z - p.z)) - axis;
+                ends[usize::from(p.z < level)] = Some(at);
+            }
+        }
+        Some([ends[0]?, ends[1]?])
+    })
+}
+
+/// Heights of the level planes, most where the section changes most: a floor is thinner than even planes are apart.
+fn levels(mesh: &Mesh, axis: Vec2) -> Vec<f32> {
+    let [low, high] = mesh.bounds_m();
+    let height = |sample: usize| low.z + (high.z - low.z) * (sample as f32 + 0.5) / SAMPLES as f32;
+    let area = |sample: usize| section(mesh, axis, height(sample)).map(|[p, q]| 0.5 * p.perp_dot(q)).sum::<f32>();
+    let areas: Vec<f32> = (0..SAMPLES).map(area).collect();
+    let mut chosen: BTreeSet<usize> = (0..SAMPLES).step_by(SAMPLES / EVEN_LEVELS).chain([SAMPLES - 1]).collect();
+    while chosen.len() < LEVELS {
+        let below = chosen.iter().zip(chosen.iter().skip(1));
+        let misses = below.flat_map(|(&from, &to)| {
+            let areas = &areas;
+            (from + 1..to).map(move |at| {
+                let share = (at - from) as f32 / (to - from) as f32;
+                let straight = areas[from] + share * (areas[to] - areas[from]);
+                ((areas[at] - straight).abs(), at)
+            })
+        });
+        let Some((_, worst)) = misses.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        chosen.insert(worst);
+    }
+    chosen.into_iter().map(height).collect()
+}
+
 /// The solid along every radius of every level, `[level][sector]`.
 fn runs(mesh: &Mesh, axis: Vec2, levels: &[f32]) -> Vec<Vec<Vec<Run>>> {
-    let section = |level: f32| -> Vec<[Vec2; 2]> {
-        let crossing = |[a, b, c]: [Vec3; 3]| {
-            let mut ends = [[a, b], [b, c], [c, a]]
-                .into_iter()
-                .filter(|[p, q]| (p.z >= level) != (q.z >= level))
-                .map(|[p, q]| p.truncate().lerp(q.truncate(), (level - p.z) / (q.z - p.z)) - axis);
-            Some([ends.next()?, ends.next()?])
-        };
-        mesh.triangles().filter_map(crossing).collect()
-    };
     let along = |segments: &[[Vec2; 2]], direction: Vec2| -> Vec<Run> {
         let side = |p: Vec2| direction.perp_dot(p);
         let mut crossings: Vec<f32> = segments
@@ -84,7 +114,7 @@ fn runs(mesh: &Mesh, axis: Vec2, levels: &[f32]) -> Vec<Vec<Vec<Run>>> {
     levels
         .iter()
         .map(|&level| {
-            let segments = section(level);
+            let segments: Vec<[Vec2; 2]> = section(mesh, axis, level).collect();
             (0..SECTORS).map(|sector| along(&segments, direction(sector))).collect()
         })
         .collect()
@@ -96,17 +126,14 @@ fn direction(sector: usize) -> Vec2 {
 
 fn cells(mesh: &Mesh) -> Vec<Piece> {
     let axis = axis(mesh);
-    let [low, high] = mesh.bounds_m();
-    let inset = 1e-3 * (high.z - low.z);
-    let level = |i: usize| low.z + inset + (high.z - low.z - 2.0 * inset) * i as f32 / (LEVELS - 1) as f32;
-    let levels: Vec<f32> = (0..LEVELS).map(level).collect();
+    let levels = levels(mesh, axis);
     let runs = runs(mesh, axis, &levels);
 
     let mut pieces: Vec<Piece> = Vec::new();
     // For every run, the cells that have it as an edge: those are neighbours.
     let mut users: Vec<Vec<Vec<Vec<usize>>>> =
         runs.iter().map(|level| level.iter().map(|radius| vec![Vec::new(); radius.len()]).collect()).collect();
-    for level in 0..LEVELS - 1 {
+    for level in 0..levels.len() - 1 {
         for sector in 0..SECTORS {
             let corners = [(level, 0), (level, 1), (level + 1, 0), (level + 1, 1)]
                 .map(|(level, next)| (level, (sector + next) % SECTORS));

@@ -67,7 +67,8 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     if turned > 0 {
         findings.push(Finding::InconsistentWinding(turned));
     }
-    if mesh.volume_m3() < 0.0 {
+    // A sheet encloses nothing: the sign of its volume is rounding.
+    if mesh.volume_m3() < -1e-6 * mesh.area_m2() * extent_m {
         mesh.faces.iter_mut().for_each(|[_, b, c]| std::mem::swap(b, c));
         findings.push(Finding::Inverted);
     }
@@ -178,7 +179,8 @@ fn largest_part(mesh: &Mesh, findings: &mut Vec<Finding>) -> Mesh {
     // Every kept face has an area, so a part is where there is one.
     let count = area_m2.iter().filter(|&&area| area > 0.0).count();
     if count <= 1 {
-        return mesh.clone();
+        // Vertices that only dropped faces used would still widen the bounding box.
+        return merged(mesh);
     }
     let largest = (0..area_m2.len()).rev().max_by(|&a, &b| area_m2[a].total_cmp(&area_m2[b])).unwrap_or(0);
     let whole: f64 = area_m2.iter().sum();

@@ -51,7 +51,7 @@ impl Die {
     }
 
     /// Distance from a place over the pip (from its axis, and above the face) to the cap that is its surface.
-    fn to_cap_m(&self, from_axis: f64, above: f64) -> f64 {
+    fn cap_distance_m(&self, from_axis: f64, above: f64) -> f64 {
         let to_centre = from_axis.hypot(above - self.height_m);
         // Seen from the centre the cap ends at the rim; beyond it the rim is nearest.
         let faces_cap = (self.height_m - above) * self.ball_m >= self.height_m * to_centre;
@@ -157,7 +157,7 @@ impl SignedDistance for Die {
             let mut over_disc = false;
             for pip in pips(side) {
                 let from_axis = (u - pip[0] * PITCH_M).hypot(v - pip[1] * PITCH_M);
-                nearest = nearest.min(self.to_cap_m(from_axis, above));
+                nearest = nearest.min(self.cap_distance_m(from_axis, above));
                 over_disc |= from_axis < PIP_RIM_M;
                 in_ball |= from_axis.hypot(above - self.height_m) < self.ball_m;
             }

@@ -50,7 +50,7 @@ pub(super) fn mug() -> Shape {
         let handle = smooth_max(handle, 0.037 - p.x.hypot(p.y), 0.002);
         smooth_min(body.distance_m(p), handle, 0.004)
     };
-    moulded(field, Vector3::new(0.075, 0.045, 0.048), 0.0025, None)
+    moulded(field, Vector3::new(0.075, 0.045, 0.048), 0.0024, None)
 }
 
 /// A duck: body, tail, head and beak. Its diagonal is that of the rubber duck in FeelSight, 148.3 mm.
