@@ -37,8 +37,8 @@ pub use background::synthetic_background;
 use calibrate::Blur;
 pub use light::{Light, Lights, Spot};
 pub use membrane::Membrane;
-use noise::{Noise, SIGMA_MAX};
 pub use noise::NoiseKey;
+use noise::{Noise, SIGMA_MAX};
 use shade::{Row, Shader};
 
 /// Which of TACTO's DIGIT configurations lights the gel.
@@ -308,7 +308,8 @@ impl TouchRenderer {
                 rows = membrane.relax(rows, &self.gel_depth, depth_m, smoothing);
             }
             for v in rows.clone() {
-                let (gel, depth, triangles) = (&self.gel_depth[pixels(v)], &depth_m[pixels(v)], &hits.triangle()[pixels(v)]);
+                let (gel, depth, triangles) =
+                    (&self.gel_depth[pixels(v)], &depth_m[pixels(v)], &hits.triangle()[pixels(v)]);
                 let rgb = &mut raw[3 * v * WIDTH..3 * (v + 1) * WIDTH];
                 row.depth.copy_from_slice(depth);
                 if self.membrane.is_some() {

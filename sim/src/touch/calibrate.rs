@@ -106,7 +106,9 @@ mod tests {
             }
             let mut out = background.clone();
             Blur::new().overlay(changed, &raw, &empty, &background, &mut out);
-            for (v, u, c) in (0..HEIGHT).step_by(3).flat_map(|v| (0..WIDTH).step_by(7).map(move |u| (v, u, (u + v) % 3))) {
+            for (v, u, c) in
+                (0..HEIGHT).step_by(3).flat_map(|v| (0..WIDTH).step_by(7).map(move |u| (v, u, (u + v) % 3)))
+            {
                 let mut sum = 0.0;
                 for (dv, du) in (-3..=3_isize).flat_map(|dv| (-3..=3_isize).map(move |du| (dv, du))) {
                     let (row, col) = (mirrored(v as isize + dv, HEIGHT), mirrored(u as isize + du, WIDTH));

@@ -106,7 +106,10 @@ mod tests {
             // Rounding down adds the variance 1/12 of a uniform variable, nearly independent of the noise.
             let expected = f64::from(sigma).powi(2) + 1.0 / 12.0;
             assert!((mean + 0.5).abs() < 2e-3, "sigma {sigma}: mean {mean}");
-            assert!((variance / expected - 1.0).abs() < 0.06_f64.min(0.02 + 0.02 / f64::from(sigma)), "{sigma}: {variance}");
+            assert!(
+                (variance / expected - 1.0).abs() < 0.06_f64.min(0.02 + 0.02 / f64::from(sigma)),
+                "{sigma}: {variance}"
+            );
         }
     }
 
