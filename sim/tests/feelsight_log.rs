@@ -86,6 +86,32 @@ fn a_log_comes_back_as_it_went_in() {
 }
 
 #[test]
+fn loaders_find_contact_and_fingers_where_they_look() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("00");
+    write(&place, 2, &cameras());
+    let gray = |kind: &str| {
+        let bytes = fs::read(place.join("allegro/index").join(kind).join("1.jpg")).unwrap();
+        assert!(bytes.starts_with(b"\x89PNG"), "exact in spite of its name");
+        image::load_from_memory(&bytes).unwrap().into_luma8()
+    };
+    // Loaders take level 0 for no contact, also at the rim, where the object presses in by less than half a level.
+    let (levels, mask) = (gray("depth"), gray("mask"));
+    let (_, truth) = frame(1, &cameras());
+    let depth_m = &truth.touch[Finger::Index].depth_m;
+    let rim = mask.iter().zip(depth_m).filter(|(mask, depth)| **mask > 0 && **depth > 0.021_99).count();
+    assert!(rim > 0 && levels.iter().zip(mask.iter()).all(|(level, mask)| *level > 0 || *mask == 0));
+
+    let data = pickle::from_bytes(&fs::read(place.join("data.pkl")).unwrap()).unwrap();
+    let (shape, poses) = data.get("allegro").unwrap().get("finger_poses").unwrap().to_tensor().unwrap();
+    assert_eq!(shape, [2, 4, 4, 4]);
+    for (i, finger) in [Finger::Index, Finger::Middle, Finger::Ring, Finger::Thumb].into_iter().enumerate() {
+        let pose = scenes::hand::world_from_digit_camera(Side::Left, finger, &common::joints(1)).to_matrix();
+        assert!(pose.iter().flatten().eq(&poses[16 * (4 + i)..16 * (5 + i)]), "{finger:?}");
+    }
+}
+
+#[test]
 fn inspection_finds_the_ball_where_it_was_touched() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
