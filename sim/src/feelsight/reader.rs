@@ -528,7 +528,7 @@ mod tests {
         let (row, column) = (47, 55);
         let (x, y) = ((55.0 - 31.5) / 60.0, (47.0 - 23.5) / 60.0);
         let factor = 1.0 - 0.2 * (x * x + y * y);
-        let from = ((23.5 + 60.0 * y * factor) as f64).round() * 64.0 + ((31.5 + 60.0 * x * factor) as f64).round();
+        let from = f64::round(23.5 + 60.0 * y * factor) * 64.0 + f64::round(31.5 + 60.0 * x * factor);
         assert_eq!(lens[row * 64 + column], Some(from as u32));
         assert_eq!(lens[24 * 64 + 32], Some(24 * 64 + 32));
     }
