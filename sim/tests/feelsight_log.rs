@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use scenes::hand::{Finger, Side};
+use sim::feelsight::array::Array;
+use sim::feelsight::pickle::{self, Value};
 use sim::feelsight::{EncodedFrame, Error, Log, LogWriter, inspect, inspect_against};
 
 use common::{RADIUS_M, camera, end, frame, meta, write};
@@ -81,6 +83,32 @@ fn a_log_comes_back_as_it_went_in() {
     let third = log.frame(3).unwrap().unwrap();
     assert_eq!(third, log.frames().unwrap().nth(3).unwrap().unwrap());
     assert!(log.frame(5).unwrap().is_none());
+}
+
+#[test]
+fn loaders_find_contact_and_fingers_where_they_look() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("00");
+    write(&place, 2, &cameras());
+    let gray = |kind: &str| {
+        let bytes = fs::read(place.join("allegro/index").join(kind).join("1.jpg")).unwrap();
+        assert!(bytes.starts_with(b"\x89PNG"), "exact in spite of its name");
+        image::load_from_memory(&bytes).unwrap().into_luma8()
+    };
+    // Loaders take level 0 for no contact, also at the rim, where the object presses in by less than half a level.
+    let (levels, mask) = (gray("depth"), gray("mask"));
+    let (_, truth) = frame(1, &cameras());
+    let depth_m = &truth.touch[Finger::Index].depth_m;
+    let rim = mask.iter().zip(depth_m).filter(|(mask, depth)| **mask > 0 && **depth > 0.021_99).count();
+    assert!(rim > 0 && levels.iter().zip(mask.iter()).all(|(level, mask)| *level > 0 || *mask == 0));
+
+    let data = pickle::from_bytes(&fs::read(place.join("data.pkl")).unwrap()).unwrap();
+    let (shape, poses) = data.get("allegro").unwrap().get("finger_poses").unwrap().to_tensor().unwrap();
+    assert_eq!(shape, [2, 4, 4, 4]);
+    for (i, finger) in [Finger::Index, Finger::Middle, Finger::Ring, Finger::Thumb].into_iter().enumerate() {
+        let pose = scenes::hand::world_from_digit_camera(Side::Left, finger, &common::joints(1)).to_matrix();
+        assert!(pose.iter().flatten().eq(&poses[16 * (4 + i)..16 * (5 + i)]), "{finger:?}");
+    }
 }
 
 #[test]
@@ -281,4 +309,91 @@ fn a_recorded_log_without_labels_is_read_with_notes() {
     assert!(read.iter().flatten().zip(expected.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12));
     let summary = inspect(&place).unwrap();
     assert_eq!((summary.contact_fraction, summary.complete), (None, None));
+}
+
+/// Multiplies every matrix of a value from the left.
+fn moved(value: &Value, by: &nalgebra::Matrix4<f64>) -> Value {
+    if let Value::List(matrices) = value {
+        return Value::List(matrices.iter().map(|matrix| moved(matrix, by)).collect());
+    }
+    let (shape, elements) = value.to_tensor().unwrap();
+    let product = by * nalgebra::Matrix4::from_row_slice(&elements);
+    Array::from_f64(shape, product.transpose().iter().copied()).into()
+}
+
+fn entry<'a>(value: &'a mut Value, key: &str) -> &'a mut Value {
+    let Value::Dict(items) = value else { panic!("{key}") };
+    &mut items.iter_mut().find(|(k, _)| k.as_str() == Some(key)).unwrap().1
+}
+
+#[test]
+fn a_log_in_another_world_is_brought_into_ours() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("00");
+    write(&place, 2, &cameras());
+    fs::remove_file(place.join("scene.json")).unwrap();
+    let ours = Log::open(&place).unwrap();
+
+    // The robot stands elsewhere, and the pose of a camera at rest is repeated for every frame, as in simulated logs.
+    let pkl = place.join("data.pkl");
+    let mut data = pickle::from_bytes(&fs::read(&pkl).unwrap()).unwrap();
+    let by = nalgebra::Isometry3::new(nalgebra::Vector3::new(1.0, 2.0, -0.5), nalgebra::Vector3::new(0.3, -1.0, 2.0));
+    let by = by.to_homogeneous();
+    let base = entry(entry(&mut data, "allegro"), "base_pose");
+    *base = moved(base, &by);
+    let object = entry(entry(&mut data, "object"), "pose");
+    *object = moved(object, &by);
+    let fingers = entry(entry(&mut data, "allegro"), "finger_poses");
+    *fingers = Value::None;
+    for camera in cameras() {
+        let pose = entry(entry(entry(&mut data, "realsense"), &camera.name), "pose");
+        *pose = Value::List(vec![moved(pose, &by), moved(pose, &by)]);
+    }
+    fs::write(&pkl, pickle::to_bytes(&data)).unwrap();
+
+    let theirs = Log::open(&place).unwrap();
+    let same = |a: [[f64; 4]; 4], b: [[f64; 4]; 4]| {
+        a.iter().flatten().zip(b.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12)
+    };
+    for (a, b) in theirs.object_poses().iter().zip(ours.object_poses()) {
+        assert!(same(a.unwrap().to_matrix(), b.unwrap().to_matrix()));
+    }
+    for (a, b) in theirs.cameras().iter().zip(ours.cameras()) {
+        assert!(same(a.pose.to_matrix(), b.pose.to_matrix()));
+    }
+    assert_eq!(inspect(&place).unwrap().kinematics_deviation, None);
+}
+
+#[test]
+fn wrong_kinematics_and_times_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("00");
+    write(&place, 2, &cameras());
+    let pkl = place.join("data.pkl");
+    let good = pickle::from_bytes(&fs::read(&pkl).unwrap()).unwrap();
+    let with = |change: &dyn Fn(&mut Value)| {
+        let mut data = good.clone();
+        change(&mut data);
+        fs::write(&pkl, pickle::to_bytes(&data)).unwrap();
+        inspect(&place).unwrap_err().to_string()
+    };
+    // A hundredth of a degree.
+    let bent = with(&|data| {
+        let joints = entry(entry(data, "allegro"), "joint_state");
+        let (shape, mut elements) = joints.to_tensor().unwrap();
+        elements[17] += 1.7e-4;
+        *joints = Array::from_f64(shape, elements).into();
+    });
+    assert!(bent.contains("frame 1, index") && bent.contains("kinematics"), "{bent}");
+    let back = with(&|data| *entry(data, "time") = Array::from_f64(vec![2], [1.0, 0.5]).into());
+    assert!(back.contains("time does not increase"), "{back}");
+    let mirror = with(&|data| {
+        let poses = entry(entry(data, "object"), "pose");
+        *poses = moved(poses, &nalgebra::Matrix4::from_diagonal(&[1.0, 1.0, -1.0, 1.0].into()));
+    });
+    assert!(mirror.contains("object.pose of frame 0 is not a rigid motion"), "{mirror}");
+    let missing = with(&|data| *entry(data, "allegro") = Value::dict([]));
+    assert!(missing.contains("joint_state is missing"), "{missing}");
+    let short = with(&|data| *entry(data, "time") = Array::from_f64(vec![1], [0.0]).into());
+    assert!(short.contains("2 joint states for 1 frames"), "{short}");
 }

@@ -1,4 +1,4 @@
-//! What can be wrong with a log.
+//! What can be wrong with a log. Messages hold their reasons, so that one line says all; there is no chain of sources.
 
 use std::path::{Path, PathBuf};
 
@@ -8,12 +8,12 @@ use super::{npz, pickle};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused: disk full, read-only, missing.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {reason}", path.display())]
     Io {
         /// File or folder.
         path: PathBuf,
         /// Its reason.
-        source: std::io::Error,
+        reason: std::io::Error,
     },
     /// The folder for a new log holds something.
     #[error("{}: the folder is not empty; choose another or ask to overwrite it", path.display())]
@@ -22,36 +22,36 @@ pub enum Error {
         path: PathBuf,
     },
     /// data.pkl is no pickle of plain data.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {reason}", path.display())]
     Pickle {
         /// data.pkl
         path: PathBuf,
         /// The defect.
-        source: pickle::Error,
+        reason: pickle::Error,
     },
     /// depth.npz is broken.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {reason}", path.display())]
     Npz {
         /// depth.npz
         path: PathBuf,
         /// The defect.
-        source: npz::Error,
+        reason: npz::Error,
     },
     /// An image is broken.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {reason}", path.display())]
     Image {
         /// The image.
         path: PathBuf,
         /// The defect.
-        source: image::ImageError,
+        reason: image::ImageError,
     },
     /// scene.json is broken.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {reason}", path.display())]
     Json {
         /// scene.json
         path: PathBuf,
         /// The defect.
-        source: serde_json::Error,
+        reason: serde_json::Error,
     },
     /// The contents contradict the format or one another.
     #[error("{}: {defect}", path.display())]
@@ -78,6 +78,6 @@ impl Error {
 
     pub(super) fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.as_ref().to_path_buf();
-        move |source| Self::Io { path, source }
+        move |reason| Self::Io { path, reason }
     }
 }

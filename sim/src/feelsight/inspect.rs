@@ -212,7 +212,7 @@ fn depth_fraction(log: &Log, camera: usize) -> Result<f64, Error> {
         }
         Ok(valid as f64 / pixels.max(1) as f64)
     };
-    read().map_err(|source| npz_error(&path, source))
+    read().map_err(|reason| npz_error(&path, reason))
 }
 
 fn contact_distance(mut distances: Vec<f64>) -> Option<ContactDistance> {

@@ -5,9 +5,10 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{GrayImage, ImageEncoder, ImageReader, Limits, RgbImage};
+use image::{DynamicImage, GrayImage, ImageDecoder, ImageEncoder, ImageReader, RgbImage};
 
 use super::Error;
+use super::reader::read_at_most;
 
 /// Quality at which JPEG's error is about one grey on a DIGIT image.
 const QUALITY: u8 = 95;
@@ -34,31 +35,29 @@ pub(super) fn encode_exact(image: &GrayImage) -> Result<Vec<u8>, String> {
     Ok(out)
 }
 
-fn decode(path: &Path, size: (usize, usize)) -> Result<image::DynamicImage, Error> {
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
-    let image_error = |source| Error::Image { path: path.to_path_buf(), source };
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(path))?;
-    let mut limits = Limits::default();
-    // A header that claims other than what the log does is not worth its memory.
-    limits.max_image_width = Some(4096);
-    limits.max_image_height = Some(4096);
-    limits.max_alloc = Some(256 << 20);
-    reader.limits(limits);
-    let image = reader.decode().map_err(image_error)?;
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    if (width, height) != size {
+/// An image that is larger than any camera's is not read.
+const MAX_FILE: u64 = 64 << 20;
+
+fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, Error> {
+    let bytes = read_at_most(path, MAX_FILE)?;
+    let image_error = |reason| Error::Image { path: path.to_path_buf(), reason };
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(path))?;
+    let decoder = reader.into_decoder().map_err(image_error)?;
+    // Before anything of that size is allocated.
+    let (width, height) = decoder.dimensions();
+    if (width as usize, height as usize) != size {
         let defect = format!("the image is {width} x {height} and not {} x {}", size.0, size.1);
         return Err(Error::defect(path, defect));
     }
-    Ok(image)
+    DynamicImage::from_decoder(decoder).map_err(image_error)
 }
 
 /// Reads a colour image, whatever its format, of this width and height.
 pub(super) fn read_color(path: &Path, size: (usize, usize)) -> Result<RgbImage, Error> {
-    decode(path, size).map(image::DynamicImage::into_rgb8)
+    decode(path, size).map(DynamicImage::into_rgb8)
 }
 
 /// Reads a grey image, whatever its format, of this width and height.
 pub(super) fn read_gray(path: &Path, size: (usize, usize)) -> Result<GrayImage, Error> {
-    decode(path, size).map(image::DynamicImage::into_luma8)
+    decode(path, size).map(DynamicImage::into_luma8)
 }

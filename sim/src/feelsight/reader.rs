@@ -71,7 +71,7 @@ impl Log {
     pub fn open(folder: &Path) -> Result<Self, Error> {
         let path = folder.join("data.pkl");
         let bytes = read_at_most(&path, MAX_PICKLE)?;
-        let value = pickle::from_bytes(&bytes).map_err(|source| Error::Pickle { path: path.clone(), source })?;
+        let value = pickle::from_bytes(&bytes).map_err(|reason| Error::Pickle { path: path.clone(), reason })?;
         let record = Record::from_value(&value).map_err(|defect| Error::defect(&path, defect))?;
         let scene = read_scene(&folder.join(SCENE_FILE))?;
         let defect = |defect: String| Error::defect(&path, defect);
@@ -142,7 +142,7 @@ impl Log {
             let folder = self.camera_folder(&camera.name);
             counts.push((folder.join("image"), "images", count_files(&folder.join("image"))?.unwrap_or(0)));
             let depth = folder.join("depth.npz");
-            let reader = npz::Reader::open(&depth).map_err(|source| npz_error(&depth, source))?;
+            let reader = npz::Reader::open(&depth).map_err(|reason| npz_error(&depth, reason))?;
             let [frames, height, width] = reader.shape();
             if (width, height) != (camera.intrinsics.width, camera.intrinsics.height) {
                 let Intrinsics { width: w, height: h, .. } = camera.intrinsics;
@@ -297,9 +297,9 @@ impl Log {
         let mut depths = Vec::new();
         for camera in &self.cameras {
             let path = self.camera_folder(&camera.name).join("depth.npz");
-            let mut reader = npz::Reader::open(&path).map_err(|source| npz_error(&path, source))?;
+            let mut reader = npz::Reader::open(&path).map_err(|reason| npz_error(&path, reason))?;
             for _ in 0..first.min(self.len()) {
-                reader.skip().map_err(|source| npz_error(&path, source))?;
+                reader.skip().map_err(|reason| npz_error(&path, reason))?;
             }
             depths.push((path, reader));
         }
@@ -384,7 +384,7 @@ impl Frames<'_> {
         let images = log.images(i)?;
         let mut cameras = Vec::new();
         for ((color, (path, reader)), lens) in images.color.into_iter().zip(&mut self.depths).zip(&log.lenses) {
-            let values = reader.read().map_err(|source| npz_error(path, source))?;
+            let values = reader.read().map_err(|reason| npz_error(path, reason))?;
             let values = values.ok_or_else(|| Error::defect(&*path, "depth ends early"))?;
             // The sign differs between simulated and recorded logs, and means nothing.
             let depth: Vec<f32> = values.into_iter().map(|z| if z.is_finite() { z.abs() } else { 0.0 }).collect();
@@ -421,11 +421,12 @@ impl Iterator for Frames<'_> {
     }
 }
 
-pub(super) fn npz_error(path: &Path, source: npz::Error) -> Error {
-    Error::Npz { path: path.to_path_buf(), source }
+pub(super) fn npz_error(path: &Path, reason: npz::Error) -> Error {
+    Error::Npz { path: path.to_path_buf(), reason }
 }
 
-fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
+/// The bytes of a file that is not larger than `limit`.
+pub(super) fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
     let file = fs::File::open(path).map_err(Error::io(path))?;
     file.take(limit + 1).read_to_end(&mut bytes).map_err(Error::io(path))?;
@@ -441,7 +442,7 @@ fn read_scene(path: &Path) -> Result<Option<Scene>, Error> {
     }
     let bytes = read_at_most(path, MAX_SCENE)?;
     let scene: Scene =
-        serde_json::from_slice(&bytes).map_err(|source| Error::Json { path: path.to_path_buf(), source })?;
+        serde_json::from_slice(&bytes).map_err(|reason| Error::Json { path: path.to_path_buf(), reason })?;
     if scene.format_version > FORMAT_VERSION {
         let defect =
             format!("format {} is newer than this program, which reads {FORMAT_VERSION}", scene.format_version);
@@ -455,7 +456,7 @@ fn count_files(folder: &Path) -> Result<Option<usize>, Error> {
     match fs::read_dir(folder) {
         Ok(entries) => Ok(Some(entries.count())),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(Error::Io { path: folder.to_path_buf(), source }),
+        Err(reason) => Err(Error::Io { path: folder.to_path_buf(), reason }),
     }
 }
 
@@ -527,7 +528,7 @@ mod tests {
         let (row, column) = (47, 55);
         let (x, y) = ((55.0 - 31.5) / 60.0, (47.0 - 23.5) / 60.0);
         let factor = 1.0 - 0.2 * (x * x + y * y);
-        let from = ((23.5 + 60.0 * y * factor) as f64).round() * 64.0 + ((31.5 + 60.0 * x * factor) as f64).round();
+        let from = f64::round(23.5 + 60.0 * y * factor) * 64.0 + f64::round(31.5 + 60.0 * x * factor);
         assert_eq!(lens[row * 64 + column], Some(from as u32));
         assert_eq!(lens[24 * 64 + 32], Some(24 * 64 + 32));
     }

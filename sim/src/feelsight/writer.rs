@@ -150,7 +150,7 @@ impl LogWriter {
         self.meta.scene.end = end;
         let path = self.partial.join(SCENE_FILE);
         let scene =
-            serde_json::to_vec_pretty(&self.meta.scene).map_err(|source| Error::Json { path: path.clone(), source })?;
+            serde_json::to_vec_pretty(&self.meta.scene).map_err(|reason| Error::Json { path: path.clone(), reason })?;
         write_synced(&path, &scene)?;
         sync_folder(&self.partial)?;
         self.put_in_place()
@@ -203,14 +203,14 @@ fn is_vacant(place: &Path) -> Result<bool, Error> {
     match fs::read_dir(place) {
         Ok(mut entries) => Ok(entries.next().is_none()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(true),
-        Err(source) => Err(Error::Io { path: place.to_path_buf(), source }),
+        Err(reason) => Err(Error::Io { path: place.to_path_buf(), reason }),
     }
 }
 
 fn remove(folder: &Path) -> Result<(), Error> {
     match fs::remove_dir_all(folder) {
-        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::Io { path: folder.to_path_buf(), source })
+        Err(reason) if reason.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::Io { path: folder.to_path_buf(), reason })
         }
         _ => Ok(()),
     }
