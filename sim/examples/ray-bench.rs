@@ -53,7 +53,7 @@ fn main() -> anyhow::Result<()> {
     let mut scene = vec![(object, Isometry::<Object, World>::translation(grasp[0], grasp[1], grasp[2]))];
     let joints = std::array::from_fn(|k| if k % 4 == 0 { 0.0 } else { 0.6 });
     for part in hand::parts(Side::Right) {
-        scene.push((tessellate(&part.shape, 64), Isometry::new(part.body.pose(Side::Right, &joints))));
+        scene.push((tessellate(&part.shape, 96), Isometry::new(part.body.pose(Side::Right, &joints))));
     }
     let meshes: Vec<RayMesh> = scene.iter().map(|(mesh, _)| RayMesh::new(mesh)).collect();
 
