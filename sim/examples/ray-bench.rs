@@ -121,7 +121,7 @@ fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, de
         }
         word((mesh.vertices.len() as u32).to_le_bytes())?;
         word((mesh.faces.len() as u32).to_le_bytes())?;
-        for value in mesh.vertices.iter().flat_map(|v| v.to_array()) {
+        for value in mesh.vertices.iter().flat_map(Vec3::to_array) {
             word(value.to_le_bytes())?;
         }
         for index in mesh.faces.iter().flatten() {
