@@ -53,7 +53,7 @@ fn main() -> anyhow::Result<()> {
     let mut scene = vec![(object, Isometry::<Object, World>::translation(grasp[0], grasp[1], grasp[2]))];
     let joints = std::array::from_fn(|k| if k % 4 == 0 { 0.0 } else { 0.6 });
     for part in hand::parts(Side::Right) {
-        scene.push((tessellate(&part.shape, 64), Isometry::new(part.body.pose(Side::Right, &joints))));
+        scene.push((tessellate(&part.shape, 96), Isometry::new(part.body.pose(Side::Right, &joints))));
     }
     let meshes: Vec<RayMesh> = scene.iter().map(|(mesh, _)| RayMesh::new(mesh)).collect();
 
@@ -121,7 +121,7 @@ fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, de
         }
         word((mesh.vertices.len() as u32).to_le_bytes())?;
         word((mesh.faces.len() as u32).to_le_bytes())?;
-        for value in mesh.vertices.iter().flat_map(|v| v.to_array()) {
+        for value in mesh.vertices.iter().flat_map(Vec3::to_array) {
             word(value.to_le_bytes())?;
         }
         for index in mesh.faces.iter().flatten() {
