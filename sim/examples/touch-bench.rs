@@ -19,7 +19,8 @@ fn main() -> anyhow::Result<()> {
         anyhow::bail!("usage: touch-bench MESH POSE.json BACKGROUND.png FRAMES PREFIX");
     };
     let frames: u32 = frames.parse().context("FRAMES is not a number")?;
-    let rows: [[f64; 4]; 4] = serde_json::from_slice(&std::fs::read(pose)?).context("POSE.json is not a 4 x 4 matrix")?;
+    let rows: [[f64; 4]; 4] =
+        serde_json::from_slice(&std::fs::read(pose)?).context("POSE.json is not a 4 x 4 matrix")?;
     let config = TouchConfig::Tacto;
     let gel_from_object = config.gel_from_sensor() * Isometry::<Object, Gel>::from_matrix(&rows)?;
     let object = RayMesh::new(&scenes::mesh::repair(&scenes::mesh::read(Path::new(mesh))?, mesh)?.0);

@@ -184,7 +184,11 @@ fn scenes_agree_with_tacto() {
             "{:30} depth rms {gel_rms:.3} um on the gel, {contact_rms:.3} um in contact; 99.9 % of colours within {raw}, calibrated {calibrated}",
             scene.name
         );
-        assert!(gel_rms < 1.0 && contact_rms < 2.0, "{}: {gel_rms} um on the gel, {contact_rms} in contact", scene.name);
+        assert!(
+            gel_rms < 1.0 && contact_rms < 2.0,
+            "{}: {gel_rms} um on the gel, {contact_rms} in contact",
+            scene.name
+        );
         assert!(raw <= 1 && calibrated <= 1, "{}: colours differ by {raw}, calibrated by {calibrated}", scene.name);
     }
 }

@@ -65,7 +65,13 @@ impl Lights {
         Self::on_ring(config, origin, radius, angle, std::array::from_fn(|_| normal(0.5)))
     }
 
-    fn on_ring(config: TouchConfig, shift: Vector3<f64>, radius: [f64; 3], angle: [f64; 3], brighter: [f64; 3]) -> Self {
+    fn on_ring(
+        config: TouchConfig,
+        shift: Vector3<f64>,
+        radius: [f64; 3],
+        angle: [f64; 3],
+        brighter: [f64; 3],
+    ) -> Self {
         let (colors, intensity) = match config {
             TouchConfig::Fork => ([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 2.0),
             TouchConfig::Tacto => ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 1.0),

@@ -134,12 +134,11 @@ impl Shader {
             let fresnel = F0 + (1.0 - F0) * (grazing2 * grazing2 * grazing);
             let smith = (nv * (1.0 - K) + K) * (nl * (1.0 - K) + K);
             let spread = n_dot_h * n_dot_h * (ALPHA2 - 1.0) + 1.0;
-            let specular =
-                fresnel * (nv * nl * ALPHA2) / (smith * (PI * spread * spread) * (4.0 * nl * nv + 1e-3));
+            let specular = fresnel * (nv * nl * ALPHA2) / (smith * (PI * spread * spread) * (4.0 * nl * nv + 1e-3));
             let beam = lamp.falloff[0] * at_least(-dot(lamp.direction, l), 0.0) + lamp.falloff[1];
             let beam = at_most(at_least(beam, 0.0), 1.0);
-            let reflected = nl * (inverse_distance * inverse_distance) * (beam * beam)
-                * ((1.0 - fresnel) * DIFFUSE + specular);
+            let reflected =
+                nl * (inverse_distance * inverse_distance) * (beam * beam) * ((1.0 - fresnel) * DIFFUSE + specular);
 
             red[u] += lamp.radiant[0] * reflected;
             green[u] += lamp.radiant[1] * reflected;
