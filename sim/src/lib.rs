@@ -3,7 +3,9 @@
 // Its build script puts libmujoco on the link line.
 use mujoco_lib as _;
 
+pub mod camera;
 pub mod controller;
+pub mod depth_noise;
 pub mod episode;
 pub mod gait;
 pub mod rays;

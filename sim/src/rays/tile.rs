@@ -131,9 +131,9 @@ impl Frustum {
     #[inline(always)]
     fn enter(&self, bounds: &obvhs::aabb::Aabb) -> f32 {
         let (low, high) = (bounds.min - self.origin, bounds.max - self.origin);
-        let furthest = |plane: Vec4, low: f32, high: f32| (plane * low).max(plane * high);
-        let inside =
-            furthest(self.x, low.x, high.x) + furthest(self.y, low.y, high.y) + furthest(self.z, low.z, high.z);
+        let inside = (self.x * low.x).max(self.x * high.x)
+            + (self.y * low.y).max(self.y * high.y)
+            + (self.z * low.z).max(self.z * high.z);
         if inside.cmplt(Vec4::splat(self.slack)).any() {
             return f32::INFINITY;
         }
@@ -165,6 +165,35 @@ struct Tile {
 #[inline(always)]
 fn quad(row: usize, half: usize) -> usize {
     ((row / BLOCK) * (TILE / BLOCK) + half) * BLOCK_AREA + (row % BLOCK) * BLOCK
+}
+
+/// Coordinates along an axis of points given by coordinate, four at a time.
+#[inline(always)]
+fn seen_along(x: Vec4, y: Vec4, z: Vec4, axis: Vec3A) -> Vec4 {
+    x * axis.x + y * axis.y + z * axis.z
+}
+
+/// The dot product of ray directions (x, y, -1) with a vector.
+///
+/// No closures or adapters of vectors here and where this is used: one that is not inlined is compiled without the vector
+/// instructions.
+#[derive(Clone, Copy)]
+struct Plane<S: Simd> {
+    x: S::f32s,
+    y: S::f32s,
+    z: S::f32s,
+}
+
+impl<S: Simd> Plane<S> {
+    #[inline(always)]
+    fn new(simd: S, x: f32, y: f32, z: f32) -> Self {
+        Self { x: simd.splat_f32s(x), y: simd.splat_f32s(y), z: simd.splat_f32s(z) }
+    }
+
+    #[inline(always)]
+    fn at(self, simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
+        simd.sub_f32s(simd.add_f32s(simd.mul_f32s(x, self.x), simd.mul_f32s(y, self.y)), self.z)
+    }
 }
 
 /// Casts the rays of a window.
@@ -324,6 +353,12 @@ impl Tile {
         }
     }
 
+    /// The greatest value of a function linear in x and y, in each block: it is at one of the block's corners.
+    #[inline(always)]
+    fn greatest(&self, x: f32, y: f32, z: f32) -> Vec4 {
+        (self.x_low * x).max(self.x_high * x) + (self.y_low * y).max(self.y_high * y) - z
+    }
+
     #[inline(always)]
     fn intersect<S: Simd>(&mut self, simd: S, view: &View, faces: Faces, triangle: &Triangle, index: u32) {
         // Relative to the camera; lane 3 is the normal, a direction, and stays.
@@ -338,8 +373,11 @@ impl Tile {
         if height == 0.0 || (height > 0.0 && faces == Faces::Front) {
             return;
         }
-        let seen_from = |axis: Vec3A| x * axis.x + y * axis.y + z * axis.z;
-        let (x, y, z) = (seen_from(view.axes.x_axis), seen_from(view.axes.y_axis), seen_from(view.axes.z_axis));
+        let (x, y, z) = (
+            seen_along(x, y, z, view.axes.x_axis),
+            seen_along(x, y, z, view.axes.y_axis),
+            seen_along(x, y, z, view.axes.z_axis),
+        );
 
         // Lane k: the edge from corner k to the next. All signs are turned so that inside is positive.
         let side = Vec4::splat(1.0f32.copysign(height));
@@ -349,25 +387,28 @@ impl Tile {
         let (edge_x, edge_y, edge_z) = (sy * dz - sz * dy, sz * dx - sx * dz, sx * dy - sy * dx);
         let slack = -view.edge_slack * triangle.longest_edge;
 
-        // An edge function is largest at a corner of the block. Rounding is monotonic and the operations are those of the
-        // pixels, so this never drops a block that a pixel would pass.
-        let greatest = |k: usize| {
-            let (ex, ey, ez) = (Vec4::splat(edge_x[k]), Vec4::splat(edge_y[k]), Vec4::splat(edge_z[k]));
-            (self.x_low * ex).max(self.x_high * ex) + (self.y_low * ey).max(self.y_high * ey) - ez
-        };
+        // Rounding is monotonic and the operations are those of the pixels, so this never drops a block that a pixel passes.
         let nearest = -z.x.max(z.y).max(z.z) * (1.0 - 1e-5);
-        let covers = greatest(0).min(greatest(1)).min(greatest(2)).cmpge(Vec4::splat(slack))
+        let covers = self
+            .greatest(edge_x.x, edge_y.x, edge_z.x)
+            .min(self.greatest(edge_x.y, edge_y.y, edge_z.y))
+            .min(self.greatest(edge_x.z, edge_y.z, edge_z.z))
+            .cmpge(Vec4::splat(slack))
             & self.farthest.cmpge(Vec4::splat(nearest));
         let mut blocks = covers.bitmask();
         if blocks == 0 {
             return;
         }
 
-        let splat = |value: f32| simd.splat_f32s(value);
-        let edges: [[S::f32s; 3]; 3] = std::array::from_fn(|k| [splat(edge_x[k]), splat(edge_y[k]), splat(edge_z[k])]);
+        let edges = [
+            Plane::new(simd, edge_x.x, edge_y.x, edge_z.x),
+            Plane::new(simd, edge_x.y, edge_y.y, edge_z.y),
+            Plane::new(simd, edge_x.z, edge_y.z, edge_z.z),
+        ];
         let side = side.x;
-        let normal = [splat(x.w * side), splat(y.w * side), splat(z.w * side)];
-        let (height, slack, half, zero) = (splat(height * side), splat(slack), splat(0.5), splat(0.0));
+        let normal = Plane::new(simd, x.w * side, y.w * side, z.w * side);
+        let (height, slack) = (simd.splat_f32s(height * side), simd.splat_f32s(slack));
+        let (one, half, zero) = (simd.splat_f32s(1.0), simd.splat_f32s(0.5), simd.splat_f32s(0.0));
         let (index, instance) = (simd.splat_u32s(index), simd.splat_u32s(view.instance));
         while blocks != 0 {
             let block = blocks.trailing_zeros() as usize;
@@ -383,15 +424,13 @@ impl Tile {
             let mut any = false;
             for k in 0..BLOCK_AREA / S::F32_LANES {
                 let (x, y) = (xs[k], ys[k]);
-                let along =
-                    |[a, b, c]: [S::f32s; 3]| simd.sub_f32s(simd.add_f32s(simd.mul_f32s(x, a), simd.mul_f32s(y, b)), c);
-                let [e0, e1, e2] = edges.map(along);
+                let (e0, e1, e2) = (edges[0].at(simd, x, y), edges[1].at(simd, x, y), edges[2].at(simd, x, y));
                 let inside = simd.greater_than_or_equal_f32s(simd.min_f32s(simd.min_f32s(e0, e1), e2), slack);
                 if simd.first_true_m32s(inside) == S::F32_LANES {
                     continue;
                 }
-                let facing = along(normal);
-                let inverse = simd.div_f32s(splat(1.0), facing);
+                let facing = normal.at(simd, x, y);
+                let inverse = simd.div_f32s(one, facing);
                 let depth = simd.mul_f32s(height, inverse);
                 let tie = simd.and_m32s(simd.equal_f32s(depth, depths[k]), simd.less_than_u32s(index, triangles[k]));
                 let nearer = simd.or_m32s(simd.less_than_f32s(depth, depths[k]), tie);
@@ -401,18 +440,19 @@ impl Tile {
                 }
                 any = true;
                 // The weight of a corner is the edge function of the opposite edge over the sum of all three.
-                let weight = |edge: S::f32s| simd.mul_f32s(simd.mul_f32s(edge, half), inverse);
+                let weight = simd.mul_f32s(half, inverse);
                 depths[k] = simd.select_f32s(hit, depth, depths[k]);
-                us[k] = simd.select_f32s(hit, weight(e2), us[k]);
-                vs[k] = simd.select_f32s(hit, weight(e0), vs[k]);
+                us[k] = simd.select_f32s(hit, simd.mul_f32s(e2, weight), us[k]);
+                vs[k] = simd.select_f32s(hit, simd.mul_f32s(e0, weight), vs[k]);
                 triangles[k] = simd.select_u32s(hit, index, triangles[k]);
                 instances[k] = simd.select_u32s(hit, instance, instances[k]);
             }
             if any {
-                let greatest = depths.iter().copied().reduce(|a, b| simd.max_f32s(a, b));
-                if let Some(greatest) = greatest {
-                    self.farthest[block] = simd.reduce_max_f32s(greatest);
+                let mut greatest = depths[0];
+                for &depth in &depths[1..] {
+                    greatest = simd.max_f32s(greatest, depth);
                 }
+                self.farthest[block] = simd.reduce_max_f32s(greatest);
             }
         }
     }

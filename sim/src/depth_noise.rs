@@ -1,0 +1,148 @@
+//! Noise of a consumer depth camera, after the Redwood noise model (Choi, Zhou and Koltun, "Robust Reconstruction of Indoor
+//! Scenes", 2015; the disparity step is that of Barron and Malik, 2013), with NeuralFeels' multiplier.
+//!
+//! Three things happen to each pixel: it shows the depth of a pixel nearby (edges fray), read from a grid of half the resolution (a stereo
+//! matcher's), and its disparity is disturbed and rounded to an eighth of a pixel, so that errors grow with the square of the
+//! distance. The model's table of lens distortion was measured on one camera and is not ours to copy: its factor is 1 here.
+
+use ndarray::Array2;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Focal length times baseline of the modelled camera: disparity in pixels is this over the depth in metres.
+const DISPARITY_M: f64 = 35.130;
+/// Steps of disparity per pixel.
+const STEPS: f64 = 8.0;
+/// Standard deviation of a pixel's displacement for multiplier 1, pixels.
+const JITTER_PX: f64 = 0.25;
+/// Standard deviation of the disparity for multiplier 1, pixels.
+const DISPARITY_NOISE_PX: f64 = 0.027_778;
+/// From this depth on nothing is measured, metres.
+const FARTHEST_M: f32 = 10.0;
+
+/// Which frame is disturbed: the noise of a frame depends on these alone, not on the order in which frames are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameId {
+    /// Seed of the episode.
+    pub seed: u64,
+    /// Index of the camera.
+    pub camera: u32,
+    /// Index of the frame.
+    pub frame: u32,
+}
+
+/// A measured version of a true depth image: metres, rows by columns, 0 where there is nothing. `multiplier` scales the noise (NeuralFeels
+/// simulates with 5); with 0 the half-resolution lookup and the rounding of the disparity remain.
+pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f32> {
+    let mut random = ChaCha8Rng::seed_from_u64(id.seed);
+    random.set_stream(u64::from(id.camera) << 32 | u64::from(id.frame));
+    let (height, width) = depth_m.dim();
+    Array2::from_shape_fn((height, width), |(v, u)| {
+        let [jitter_v, jitter_u, disparity_noise] = normals(&mut random);
+        let (v, u) = (moved(v, jitter_v, multiplier, height), moved(u, jitter_u, multiplier, width));
+        let depth = depth_m[(v - v % 2, u - u % 2)];
+        if depth > 0.0 && depth < FARTHEST_M {
+            let disparity = DISPARITY_M / f64::from(depth) + DISPARITY_NOISE_PX * multiplier * disparity_noise;
+            let steps = (disparity * STEPS).round_ties_even();
+            if steps > 0.0 { (DISPARITY_M * STEPS / steps) as f32 } else { 0.0 }
+        } else {
+            0.0
+        }
+    })
+}
+
+/// The pixel that is read instead of pixel `at` of `count`.
+fn moved(at: usize, jitter: f64, multiplier: f64, count: usize) -> usize {
+    let position = (at as f64 + JITTER_PX * multiplier * jitter).clamp(0.0, count as f64 - 1.0);
+    (position + 0.5) as usize
+}
+
+/// Three standard normal numbers from four uniform ones (Box and Muller): always the same amount of the stream per pixel.
+fn normals(random: &mut impl Rng) -> [f64; 3] {
+    // In (0, 1]: the logarithm is finite.
+    let mut uniform = || (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0;
+    let mut pair = || {
+        let radius = (-2.0 * uniform().ln()).sqrt();
+        let (sin, cos) = (std::f64::consts::TAU * uniform()).sin_cos();
+        [radius * cos, radius * sin]
+    };
+    let ([a, b], [c, _]) = (pair(), pair());
+    [a, b, c]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ID: FrameId = FrameId { seed: 7, camera: 1, frame: 30 };
+
+    fn spread(values: impl Iterator<Item = f64>) -> (f64, f64) {
+        let values: Vec<f64> = values.collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (mean, (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt())
+    }
+
+    #[test]
+    fn flat_wall_spreads_as_the_model_says() {
+        for (depth, multiplier) in [(0.35, 5.0), (0.35, 1.0), (1.0, 5.0)] {
+            let wall = Array2::from_elem((240, 320), depth as f32);
+            let noisy = disturb(&wall, multiplier, ID);
+            // In disparity: the Gaussian, and rounding to steps of 1/8 pixel, whose variance is step^2 / 12.
+            let (mean, deviation) = spread(noisy.iter().map(|&d| DISPARITY_M / f64::from(d)));
+            let expected = (DISPARITY_NOISE_PX * multiplier).hypot(0.125 / 12f64.sqrt());
+            assert!((mean - DISPARITY_M / depth).abs() < 0.04, "{mean}");
+            if multiplier > 1.0 {
+                assert!((deviation / expected - 1.0).abs() < 0.03, "{deviation} instead of {expected}");
+            }
+            for &d in &noisy {
+                let steps = DISPARITY_M * STEPS / f64::from(d);
+                assert!((steps - steps.round()).abs() < 1e-3, "not on the disparity grid: {d}");
+            }
+        }
+    }
+
+    #[test]
+    fn pixels_move_by_a_quarter_times_the_multiplier() {
+        // Depth that tells the column: what a pixel shows says where it was read.
+        let columns = 512;
+        let ramp = Array2::from_shape_fn((300, columns), |(_, u)| (DISPARITY_M / (100.0 + u as f64)) as f32);
+        let noisy = disturb(&ramp, 5.0, ID);
+        let shift = noisy
+            .indexed_iter()
+            .filter(|((_, u), _)| (20..columns - 20).contains(u))
+            .map(|((_, u), &d)| DISPARITY_M / f64::from(d) - 100.0 - u as f64);
+        let (mean, deviation) = spread(shift);
+        // The lookup rounds the column down to an even one: half a pixel on average, variance 1/4; rounding to a pixel adds
+        // 1/12, the disparity its own noise.
+        let expected = ((0.25f64 * 5.0).powi(2) + 0.25 + 1.0 / 12.0 + (DISPARITY_NOISE_PX * 5.0).powi(2)).sqrt();
+        assert!((mean + 0.5).abs() < 0.02, "{mean}");
+        assert!((deviation / expected - 1.0).abs() < 0.02, "{deviation} instead of {expected}");
+    }
+
+    #[test]
+    fn without_noise_half_resolution_and_rounding_remain() {
+        let depth = Array2::from_shape_fn((5, 7), |(v, u)| 0.3 + 0.01 * (7 * v + u) as f32);
+        let exact = disturb(&depth, 0.0, ID);
+        for ((v, u), &d) in exact.indexed_iter() {
+            let source = f64::from(depth[(v - v % 2, u - u % 2)]);
+            assert!((DISPARITY_M / f64::from(d) - DISPARITY_M / source).abs() <= 1.0 / 16.0 + 1e-4, "({v}, {u})");
+        }
+    }
+
+    #[test]
+    fn frames_are_independent_and_reproducible() {
+        let wall = Array2::from_elem((48, 64), 0.4f32);
+        let of = |seed, camera, frame| disturb(&wall, 5.0, FrameId { seed, camera, frame });
+        let first = of(1, 0, 0);
+        assert_eq!(first, of(1, 0, 0));
+        for other in [of(2, 0, 0), of(1, 1, 0), of(1, 0, 1)] {
+            let same = first.iter().zip(&other).filter(|(a, b)| a == b).count();
+            assert!(same < 48 * 64 / 2, "{same} equal pixels");
+        }
+        // Holes stay holes, far walls become holes, and an empty image is an image.
+        for depth in [0.0, 10.0, f32::INFINITY, f32::NAN, -1.0] {
+            assert!(disturb(&Array2::from_elem((4, 4), depth), 5.0, ID).iter().all(|&d| d == 0.0), "{depth}");
+        }
+        assert!(disturb(&Array2::zeros((0, 4)), 5.0, ID).is_empty());
+    }
+}
