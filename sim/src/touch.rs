@@ -26,6 +26,7 @@ mod shade;
 
 use std::ops::Range;
 
+use glam::Mat3A;
 use image::{GrayImage, RgbImage};
 use ndarray::{Array2, Array3};
 use scenes::digit::{HEIGHT, WIDTH, gel, gel_from_camera, intrinsics};
@@ -280,23 +281,31 @@ impl TouchRenderer {
         hits.limit_mut().copy_from_slice(&self.gel_depth);
         let instance = Instance::new(object, gel_from_camera().inverse() * gel_from_object);
         caster.cast(&[instance], &intrinsics(), Faces::Front, hits);
-        // Compiled once per instruction set: the loops inside become SIMD of the widest kind that the machine has.
-        pulp::Arch::new().dispatch(|| self.develop(object, gel_from_object, noise, frame));
+        let (object_to_gel, _) = gel_from_object.to_f32();
+        pulp::Arch::new().dispatch(Development { renderer: self, object, object_to_gel, noise, frame });
     }
+}
 
-    /// Turns hits into images.
+/// Turns hits into images. Compiled once per instruction set: its loops become SIMD of the widest kind that the machine has.
+struct Development<'a> {
+    renderer: &'a TouchRenderer,
+    object: &'a RayMesh,
+    object_to_gel: Mat3A,
+    noise: Option<NoiseKey>,
+    frame: &'a mut TouchFrame,
+}
+
+impl pulp::WithSimd for Development<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn develop(
-        &self,
-        object: &RayMesh,
-        gel_from_object: Isometry<Object, Gel>,
-        noise: Option<NoiseKey>,
-        frame: &mut TouchFrame,
-    ) {
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { renderer, object, object_to_gel, noise, frame } = self;
+        let TouchRenderer { shader, membrane, gel_depth, empty, background, .. } = renderer;
         let TouchFrame { raw, calibrated, depth_m, contact, hits, row, blur, smoothing, .. } = frame;
         let (raw, calibrated, contact): (&mut [u8], &mut [u8], &mut [u8]) = (raw, calibrated, contact);
-        raw.copy_from_slice(&self.empty);
-        calibrated.copy_from_slice(&self.background);
+        raw.copy_from_slice(empty);
+        calibrated.copy_from_slice(background);
         contact.fill(0);
         let depth_m = depth_m.as_slice_mut().unwrap_or_default();
         depth_m.copy_from_slice(hits.depth());
@@ -304,27 +313,26 @@ impl TouchRenderer {
         let touched = |v: usize| hits.triangle()[pixels(v)].iter().fold(MISS, |least, &t| least.min(t)) != MISS;
         if let Some((first, last)) = (0..HEIGHT).find(|&v| touched(v)).zip((0..HEIGHT).rfind(|&v| touched(v))) {
             let mut rows = first..last + 1;
-            if let Some(membrane) = &self.membrane {
-                rows = membrane.relax(rows, &self.gel_depth, depth_m, smoothing);
+            if let Some(membrane) = membrane {
+                rows = membrane.relax(rows, gel_depth, depth_m, smoothing);
             }
             for v in rows.clone() {
-                let (gel, depth, triangles) =
-                    (&self.gel_depth[pixels(v)], &depth_m[pixels(v)], &hits.triangle()[pixels(v)]);
+                let (gel, depth, triangles) = (&gel_depth[pixels(v)], &depth_m[pixels(v)], &hits.triangle()[pixels(v)]);
                 let rgb = &mut raw[3 * v * WIDTH..3 * (v + 1) * WIDTH];
                 row.depth.copy_from_slice(depth);
-                if self.membrane.is_some() {
-                    membrane::normals(v, depth_m, &self.shader.y_slope, &self.shader.z_slope, row);
-                    self.shader.shade(v, 0..WIDTH, row, |u| membrane::is_indented(gel[u], depth[u]), rgb);
-                } else if let Some(columns) = smooth_normals(object, gel_from_object, v, hits, row) {
-                    self.shader.shade(v, columns, row, |u| triangles[u] != MISS, rgb);
+                if membrane.is_some() {
+                    membrane::normals(v, depth_m, &shader.y_slope, &shader.z_slope, row);
+                    shader.shade(v, 0..WIDTH, row, |u| membrane::is_indented(gel[u], depth[u]), rgb);
+                } else if let Some(columns) = smooth_normals(object, object_to_gel, v, hits, row) {
+                    shader.shade(v, columns, row, |u| triangles[u] != MISS, rgb);
                 }
                 for ((mask, gel), depth) in contact[pixels(v)].iter_mut().zip(gel).zip(depth) {
-                    *mask = if gel - depth > self.contact_threshold_m { 255 } else { 0 };
+                    *mask = if gel - depth > renderer.contact_threshold_m { 255 } else { 0 };
                 }
             }
-            blur.overlay(rows, raw, &self.empty, &self.background, calibrated);
+            blur.overlay(rows, raw, empty, background, calibrated);
         }
-        if let Some((noise, key)) = self.noise.as_ref().zip(noise) {
+        if let Some((noise, key)) = renderer.noise.as_ref().zip(noise) {
             noise.add(key, calibrated);
         }
     }
@@ -340,12 +348,11 @@ fn pixels(v: usize) -> Range<usize> {
 #[inline(always)]
 fn smooth_normals(
     object: &RayMesh,
-    gel_from_object: Isometry<Object, Gel>,
+    object_to_gel: Mat3A,
     v: usize,
     hits: &Hits,
     row: &mut Row,
 ) -> Option<Range<usize>> {
-    let (rotation, _) = gel_from_object.to_f32();
     let triangles = &hits.triangle()[pixels(v)];
     let (second, third) = hits.barycentric();
     let (second, third) = (&second[pixels(v)], &third[pixels(v)]);
@@ -360,7 +367,7 @@ fn smooth_normals(
         if triangle == MISS {
             continue;
         }
-        let [a, b, c] = object.corner_normals(triangle).map(|n| rotation * n);
+        let [a, b, c] = object.corner_normals(triangle).map(|n| object_to_gel * n);
         let (ab, ac) = (b - a, c - a);
         for (axis, lane) in row.normal.iter_mut().enumerate() {
             for u in run.clone() {

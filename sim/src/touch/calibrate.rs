@@ -31,34 +31,34 @@ impl Blur {
     /// alone `raw` differs from `empty`. All are images of 240 x 320 RGB pixels.
     #[inline(always)]
     pub fn overlay(&mut self, changed: Range<usize>, raw: &[u8], empty: &[u8], background: &[u8], out: &mut [u8]) {
+        let [(raw, _), (empty, _), (background, _)] = [raw, empty, background].map(|image| image.as_chunks::<ROW>());
+        let (out, _) = out.as_chunks_mut::<ROW>();
         for v in changed.clone() {
-            let at = v * ROW..(v + 1) * ROW;
-            self.horizontal(v, &raw[at.clone()], &empty[at]);
+            self.horizontal(&raw[v], &empty[v], v);
         }
         let zero = [0; ROW];
+        let [k0, k1, k2, k3] = KERNEL.map(i32::from);
         for v in changed.start.saturating_sub(REACH)..(changed.end + REACH).min(HEIGHT) {
-            let tap = |offset: isize| {
-                let row = mirrored(v as isize + offset, HEIGHT);
+            let taps: [&[i16; ROW]; 7] = std::array::from_fn(|k| {
+                let row = mirrored(v as isize + k as isize - REACH as isize, HEIGHT);
                 if changed.contains(&row) { &self.rows[row] } else { &zero }
-            };
-            let taps: [&[i16; ROW]; 7] = std::array::from_fn(|k| tap(k as isize - REACH as isize));
-            let at = v * ROW..(v + 1) * ROW;
-            for (i, (out, &under)) in out[at.clone()].iter_mut().zip(&background[at]).enumerate().take(ROW) {
+            });
+            let (out, under) = (&mut out[v], &background[v]);
+            for i in 0..ROW {
                 let [a, b, c, d, e, f, g] = taps.map(|row| i32::from(row[i]));
-                let [k0, k1, k2, k3] = KERNEL.map(i32::from);
                 let sum = k0 * d + k1 * (c + e) + k2 * (b + f) + k3 * (a + g);
-                let value = (i32::from(under) << SHIFT) + sum;
-                *out = (value.clamp(0, 255 << SHIFT) >> SHIFT) as u8;
+                let value = (i32::from(under[i]) << SHIFT) + sum;
+                out[i] = (value.clamp(0, 255 << SHIFT) >> SHIFT) as u8;
             }
         }
     }
 
-    /// Blurs the difference of one row along the row, times 64; fits 16 bits because the kernel's weights add up to 64.
+    /// Blurs the difference of row `v` along the row, times 64; fits 16 bits because the kernel's weights add up to 64.
     #[inline(always)]
-    fn horizontal(&mut self, v: usize, raw: &[u8], empty: &[u8]) {
-        let padded = &mut self.padded;
-        for ((p, &r), &e) in padded[3 * REACH..].iter_mut().zip(raw).zip(empty) {
-            *p = i16::from(r) - i16::from(e);
+    fn horizontal(&mut self, raw: &[u8; ROW], empty: &[u8; ROW], v: usize) {
+        let (padded, out) = (&mut self.padded, &mut self.rows[v]);
+        for i in 0..ROW {
+            padded[3 * REACH + i] = i16::from(raw[i]) - i16::from(empty[i]);
         }
         for k in 1..=REACH {
             for c in 0..3 {
@@ -67,8 +67,8 @@ impl Blur {
             }
         }
         let [k0, k1, k2, k3] = KERNEL;
-        for (i, out) in self.rows[v].iter_mut().enumerate() {
-            *out = k0 * padded[i + 9]
+        for i in 0..ROW {
+            out[i] = k0 * padded[i + 9]
                 + k1 * (padded[i + 6] + padded[i + 12])
                 + k2 * (padded[i + 3] + padded[i + 15])
                 + k3 * (padded[i] + padded[i + 18]);

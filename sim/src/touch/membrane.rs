@@ -44,7 +44,7 @@ impl Membrane {
         let reach = f64::from(self.reach_m) / (gel::APEX_M / intrinsics().fx);
         let weight = (reach * reach / (1.0 + 4.0 * reach * reach)) as f32;
         // Each sweep carries a change one pixel on; like diffusion, n sweeps spread it over about sqrt(n) pixels.
-        let sweeps = (4.0 * reach * reach).ceil() as usize;
+        let sweeps = (8.0 * reach * reach).ceil() as usize;
         let margin = (6.0 * reach).ceil() as usize;
         let rows = contact_rows.start.saturating_sub(margin)..(contact_rows.end + margin).min(HEIGHT);
         let window = rows.start * WIDTH..rows.end * WIDTH;
@@ -107,4 +107,39 @@ pub(super) fn normals(v: usize, depth: &[f32], y_slope: &[f32; WIDTH], z_slope: 
 #[inline(always)]
 pub(super) fn is_indented(gel_depth: f32, depth: f32) -> bool {
     gel_depth - depth > UNTOUCHED_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A block with a long straight edge: beyond it the indentation fades as exp(-x / reach); the gel stays on the block, and
+    /// no part of it comes nearer to the camera than the object or moves out of its way.
+    #[test]
+    fn indentation_fades_exponentially_beyond_an_edge() {
+        const EDGE: usize = 100;
+        let gel_depth = vec![gel::APEX_M as f32; WIDTH * HEIGHT];
+        let block = |i: usize| if i % WIDTH < EDGE && (40..280).contains(&(i / WIDTH)) { 1e-3 } else { 0.0 };
+        for reach_m in [1e-4, 2e-4, REACH_MAX_M] {
+            let mut depth: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| gel_depth[i] - block(i)).collect();
+            let rows = Membrane { reach_m }.relax(40..280, &gel_depth, &mut depth, &mut Scratch::default());
+            assert!(rows.start < 40 && rows.end > 280);
+            let indentation = |u: usize| gel_depth[0] - depth[160 * WIDTH + u];
+            let reach = f64::from(reach_m) * intrinsics().fx / gel::APEX_M;
+            // The difference equation's own decay per pixel, cosh(k) = 1 + 1 / (2 reach^2).
+            let k = (1.0 + 0.5 / (reach * reach)).acosh();
+            for x in 0..(2.0 * reach) as usize {
+                let expected = 1e-3 * (-k * (x + 1) as f64).exp();
+                let got = f64::from(indentation(EDGE + x));
+                assert!(
+                    (got - expected).abs() < 3e-5,
+                    "reach {reach:.1} px, {x} px beyond the edge: {got}, not {expected}"
+                );
+            }
+            for i in 0..WIDTH * HEIGHT {
+                assert!(gel_depth[i] - depth[i] >= block(i) - 1e-8);
+            }
+            assert!((indentation(50) - 1e-3).abs() < 1e-8 && indentation(WIDTH - 1) < 1e-7);
+        }
+    }
 }

@@ -17,7 +17,7 @@ pub struct NoiseKey {
 /// and its mean is half a grey below 0.
 pub(super) struct Noise {
     /// floor(N(0, sigma)) at each of 2^16 equally likely quantiles.
-    quantiles: Box<[i8]>,
+    quantiles: Box<[i8; QUANTILES]>,
 }
 
 /// Sigma up to which every quantile fits the table.
@@ -29,29 +29,28 @@ impl Noise {
     /// `sigma` in grey levels, more than 0 and at most [`SIGMA_MAX`].
     pub fn new(sigma: f32) -> Self {
         let sigma = f64::from(sigma);
-        let mut quantiles = Vec::with_capacity(QUANTILES);
+        let mut quantiles = Box::new([i8::MAX; QUANTILES]);
+        let mut start = 0;
         // Level n takes the share of the normal distribution between n and n + 1.
         for n in i8::MIN..i8::MAX {
             let end = (normal_cdf((f64::from(n) + 1.0) / sigma) * QUANTILES as f64).round() as usize;
-            quantiles.resize(end.clamp(quantiles.len(), QUANTILES), n);
+            quantiles[start..end].fill(n);
+            start = end;
         }
-        quantiles.resize(QUANTILES, i8::MAX);
-        Self { quantiles: quantiles.into() }
+        Self { quantiles }
     }
 
-    /// Adds noise to every byte of an image.
+    /// Adds noise to every byte of an image, of which there must be a multiple of four.
     #[inline(always)]
     pub fn add(&self, key: NoiseKey, image: &mut [u8]) {
-        let stream = mix(mix(key.seed) ^ (u64::from(key.finger) << 32 | u64::from(key.frame)));
-        let mut counter = stream;
-        // One 64-bit hash gives four draws.
-        for bytes in image.chunks_mut(4) {
+        let mut counter = mix(mix(key.seed) ^ (u64::from(key.finger) << 32 | u64::from(key.frame)));
+        for bytes in image.as_chunks_mut::<4>().0 {
             counter = counter.wrapping_add(GOLDEN);
-            let mut bits = mix(counter);
-            for byte in bytes {
-                *byte = byte.saturating_add_signed(self.quantiles[usize::from(bits as u16)]);
-                bits >>= 16;
-            }
+            // One 64-bit hash gives four draws.
+            let hash = mix(counter);
+            *bytes = std::array::from_fn(|k| {
+                bytes[k].saturating_add_signed(self.quantiles[usize::from((hash >> (16 * k)) as u16)])
+            });
         }
     }
 }
