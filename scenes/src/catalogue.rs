@@ -205,15 +205,18 @@ pub enum Error {
     Hull(#[from] NoHull),
 }
 
-/// Loads an object: by its name in the catalogue, or a mesh by path if the text holds a path separator or ends as a mesh file
-/// does. YCB meshes are fetched the first time one is wanted. A user's mesh stands with z up as it is in the file.
+/// Whether a text stands for a mesh file rather than a name in the catalogue: it holds a path separator or ends as a mesh file does.
+pub fn is_path(name_or_path: &str) -> bool {
+    Format::from_path(Path::new(name_or_path)).is_some() || name_or_path.contains(std::path::is_separator)
+}
+
+/// Loads an object: by its name in the catalogue, or a mesh by path if [`is_path`] says so. YCB meshes are fetched the first time one is wanted. A user's mesh stands with z up as it is in the file.
 ///
 /// # Errors
 /// [`Error`], which names the object or file and says what is wrong.
 pub fn load(name_or_path: &str, warnings: &mut Vec<Warning>) -> Result<Object, Error> {
-    let path = Path::new(name_or_path);
-    if Format::from_path(path).is_some() || name_or_path.contains(std::path::is_separator) {
-        load_file(path, warnings)
+    if is_path(name_or_path) {
+        load_file(Path::new(name_or_path), warnings)
     } else {
         find(name_or_path)?.load(warnings)
     }

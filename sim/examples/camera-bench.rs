@@ -33,6 +33,7 @@ fn main() -> anyhow::Result<()> {
     let object = Object {
         name: "ellipsoid".into(),
         mesh,
+        exact: None,
         object_from_file: Isometry::identity(),
         collision: vec![],
         mass_kg: 0.1,

@@ -19,6 +19,7 @@ fn cube(edge_m: f32) -> Object {
     Object {
         name: "cube".into(),
         mesh,
+        exact: None,
         object_from_file: Isometry::identity(),
         collision: vec![vertices],
         mass_kg: 0.15,
