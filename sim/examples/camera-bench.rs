@@ -1,6 +1,6 @@
-//! Renders 640 x 480 frames of a turning object on one and two threads and prints frames per second of wall time and of CPU time, which
-//! other programs on the machine disturb less; with an argument, writes the
-//! view of each named camera into that folder.
+//! Renders 640 x 480 frames of a turning object on one and two threads and prints frames per second of wall time and of
+//! CPU time, which other programs on the machine disturb less; with an argument, writes the view of each named camera
+//! into that folder.
 #![allow(clippy::print_stdout)]
 
 use std::path::Path;

@@ -39,7 +39,8 @@ fn list(values: impl IntoIterator<Item = f64>) -> String {
     })
 }
 
-/// The same scene in MuJoCo's own primitives, seen by its camera rangefinder: depth per pixel, negative where nothing is hit.
+/// The same scene in MuJoCo's own primitives, seen by its camera rangefinder: depth per pixel, negative where nothing
+/// is hit.
 fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Result<Vec<f64>, MjModelError> {
     let pose = |pose: na::Isometry3<f64>| {
         let q = pose.rotation;

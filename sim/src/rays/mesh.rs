@@ -117,8 +117,8 @@ impl RayMesh {
         self.corner_normals[triangle as usize]
     }
 
-    /// Unit normal at a point of a triangle, interpolated between those of the corners, which are the means of the normals of the
-    /// faces around them weighted by the faces' angles there, as trimesh has them.
+    /// Unit normal at a point of a triangle, interpolated between those of the corners, which are the means of the
+    /// normals of the faces around them weighted by the faces' angles there, as trimesh has them.
     pub fn smooth_normal(&self, triangle: u32, u: f32, v: f32) -> Vec3A {
         let [a, b, c] = self.corner_normals[triangle as usize];
         (a * (1.0 - u - v) + b * u + c * v).normalize_or_zero()
@@ -130,7 +130,8 @@ impl RayMesh {
         a * (1.0 - u - v) + b * u + c * v
     }
 
-    /// The nearest hit of a single ray at t > 0, on either side of the triangles. Slow and precise: the check on [`super::Caster`].
+    /// The nearest hit of a single ray at t > 0, on either side of the triangles. Slow and precise: the check on
+    /// [`super::Caster`].
     pub fn cast_ray(&self, origin: Vec3A, direction: Vec3A) -> Option<RayHit> {
         if self.is_empty() {
             return None;
@@ -174,7 +175,8 @@ impl Triangle {
         let q = s.cross(ab);
         let v = direction.dot(q) / determinant;
         let t = ac.dot(q) / determinant;
-        // Wider than needed by 1e-9, so that edges have no gaps; a vanishing determinant gives NaN or infinities, which fail.
+        // Wider than needed by 1e-9, so that edges have no gaps; a vanishing determinant gives NaN or infinities, which
+        // fail.
         (u >= -1e-9 && v >= -1e-9 && u + v <= 1.0 + 1e-9 && t > 0.0).then_some((t, u, v))
     }
 }
@@ -184,8 +186,8 @@ fn corners(mesh: &Mesh, face: &[u32; 3]) -> Option<[DVec3; 3]> {
     Some([corner(0)?, corner(1)?, corner(2)?])
 }
 
-/// Unit normals of the vertices as trimesh computes them: the face normals weighted by the faces' angles at the vertex, zero
-/// where there are none.
+/// Unit normals of the vertices as trimesh computes them: the face normals weighted by the faces' angles at the vertex,
+/// zero where there are none.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; mesh.vertices.len()];
     for face in &mesh.faces {
