@@ -117,6 +117,34 @@ impl RayMesh {
         self.corner_normals[triangle as usize]
     }
 
+    /// Calls `visit` with index and corners of every triangle that may reach into the intersection of half-spaces, each given by
+    /// its inward normal and offset: p is inside where normal . p + offset >= 0. `stack` is scratch memory.
+    #[inline(always)]
+    pub fn visit_inside(&self, planes: &[Vec4], stack: &mut Vec<u32>, mut visit: impl FnMut(u32, [Vec3A; 3])) {
+        stack.clear();
+        if !self.is_empty() {
+            stack.push(0);
+        }
+        while let Some(index) = stack.pop() {
+            let node = &self.tree.nodes[index as usize];
+            let (centre, half) = (node.aabb().center(), node.aabb().diagonal() * 0.5);
+            let outside = |plane: &Vec4| {
+                let normal = Vec3A::from_vec4(*plane);
+                normal.dot(centre) + normal.abs().dot(half) + plane.w < 0.0
+            };
+            if planes.iter().any(outside) {
+                continue;
+            }
+            if node.is_leaf() {
+                for k in node.first_index..node.first_index + node.prim_count {
+                    visit(k, self.triangles[k as usize].corners());
+                }
+            } else {
+                stack.extend([node.first_index + 1, node.first_index]);
+            }
+        }
+    }
+
     /// Unit normal at a point of a triangle, interpolated between those of the corners, which are the means of the normals of the
     /// faces around them weighted by the faces' angles there, as trimesh has them.
     pub fn smooth_normal(&self, triangle: u32, u: f32, v: f32) -> Vec3A {
