@@ -117,10 +117,15 @@ impl RayMesh {
         self.corner_normals[triangle as usize]
     }
 
-    /// Calls `visit` with index and corners of every triangle that may reach into the intersection of half-spaces, each given by
-    /// its inward normal and offset: p is inside where normal . p + offset >= 0. `stack` is scratch memory.
-    #[inline(always)]
-    pub fn visit_inside(&self, planes: &[Vec4], stack: &mut Vec<u32>, mut visit: impl FnMut(u32, [Vec3A; 3])) {
+    /// Corners of a triangle.
+    pub fn corners(&self, triangle: u32) -> [Vec3A; 3] {
+        self.triangles[triangle as usize].corners()
+    }
+
+    /// Finds every triangle that may reach into the intersection of half-spaces, each given by its inward normal and offset: p is
+    /// inside where normal . p + offset >= 0. `stack` is scratch memory; what `found` held is dropped.
+    pub fn find_inside(&self, planes: &[Vec4], stack: &mut Vec<u32>, found: &mut Vec<u32>) {
+        found.clear();
         stack.clear();
         if !self.is_empty() {
             stack.push(0);
@@ -136,9 +141,7 @@ impl RayMesh {
                 continue;
             }
             if node.is_leaf() {
-                for k in node.first_index..node.first_index + node.prim_count {
-                    visit(k, self.triangles[k as usize].corners());
-                }
+                found.extend(node.first_index..node.first_index + node.prim_count);
             } else {
                 stack.extend([node.first_index + 1, node.first_index]);
             }

@@ -25,6 +25,7 @@ pub(super) struct Raster {
     facet: Vec<u32>,
     /// For each triangle that shows the matrix m that makes its smooth normal, of any length, from a ray: m (1, y, z).
     facets: Vec<Mat3A>,
+    candidates: Vec<u32>,
     stack: Vec<u32>,
 }
 
@@ -43,7 +44,13 @@ impl Linear {
 impl Raster {
     pub fn new() -> Self {
         let pixels = WIDTH * HEIGHT;
-        Self { inverse_depth: vec![0.0; pixels], facet: vec![MISS; pixels], facets: vec![], stack: vec![] }
+        Self {
+            inverse_depth: vec![0.0; pixels],
+            facet: vec![MISS; pixels],
+            facets: vec![],
+            candidates: vec![],
+            stack: vec![],
+        }
     }
 
     /// Draws the outside of an object over the gel. Returns the rows in which it may show.
@@ -55,20 +62,21 @@ impl Raster {
         gel_inverse_depth: &[f32],
         shader: &Shader,
     ) -> Range<usize> {
-        let Self { inverse_depth, facet, facets, stack } = self;
+        let Self { inverse_depth, facet, facets, candidates, stack } = self;
         inverse_depth.copy_from_slice(gel_inverse_depth);
         facet.fill(MISS);
         facets.clear();
         let mut rows = HEIGHT..0;
-        object.visit_inside(&view_volume(rotation, translation), stack, |triangle, corners| {
-            let p = corners.map(|corner| rotation * corner + translation);
+        object.find_inside(&view_volume(rotation, translation), stack, candidates);
+        for &triangle in candidates.iter() {
+            let p = object.corners(triangle).map(|corner| rotation * corner + translation);
             let normal = (p[1] - p[0]).cross(p[2] - p[0]);
             let height = normal.dot(p[0]);
             // Faces away from the camera, or is not a number.
             if height >= 0.0 || height.is_nan() {
-                return;
+                continue;
             }
-            let Some((columns, lines)) = bounds(p) else { return };
+            let Some((columns, lines)) = bounds(p) else { continue };
             // 2 p x q, precise also for short edges.
             let edge = |p: Vec3A, q: Vec3A| (p + q).cross(q - p);
             let edges = [edge(p[2], p[1]), edge(p[0], p[2]), edge(p[1], p[0])];
@@ -96,7 +104,7 @@ impl Raster {
                 let weights = Mat3A::from_cols(edges[0], edges[1], edges[2]).transpose();
                 facets.push(rotation * Mat3A::from_cols(a, b, c) * weights);
             }
-        });
+        }
         rows.start.min(rows.end)..rows.end
     }
 
