@@ -317,10 +317,12 @@ impl pulp::WithSimd for Rendering<'_> {
                 let (gel, depth, facets) = (&gel_depth[pixels(v)], &depth_m[pixels(v)], raster.facets(v));
                 let rgb = &mut raw[3 * v * WIDTH..3 * (v + 1) * WIDTH];
                 row.depth.copy_from_slice(depth);
+                let columns = raster.normals(v, shader, row);
                 if membrane.is_some() {
-                    membrane::normals(v, depth_m, &shader.y_slope, &shader.z_slope, row);
+                    let off_object = |u: usize| membrane::is_indented(raster.depth_at(u, v), depth[u]);
+                    membrane::normals(v, depth_m, shader, off_object, row);
                     shader.shade(v, 0..WIDTH, row, |u| membrane::is_indented(gel[u], depth[u]), rgb);
-                } else if let Some(columns) = raster.normals(v, shader, row) {
+                } else if let Some(columns) = columns {
                     shader.shade(v, columns, row, |u| facets[u] != MISS, rgb);
                 }
                 for ((mask, gel), depth) in contact[pixels(v)].iter_mut().zip(gel).zip(depth) {

@@ -122,6 +122,12 @@ impl Raster {
         }
     }
 
+    /// Depth at column `u` of row `v`, metres.
+    #[inline(always)]
+    pub fn depth_at(&self, u: usize, v: usize) -> f32 {
+        1.0 / self.inverse_depth[v * WIDTH + u]
+    }
+
     /// Fills in the object's interpolated vertex normals where row `v` shows it. Returns the columns from the first to the last
     /// such pixel, `None` without any.
     #[inline(always)]
