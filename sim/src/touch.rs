@@ -22,24 +22,25 @@ mod calibrate;
 mod light;
 mod membrane;
 mod noise;
+mod raster;
 mod shade;
 
 use std::ops::Range;
 
-use glam::Mat3A;
 use image::{GrayImage, RgbImage};
 use ndarray::{Array2, Array3};
-use scenes::digit::{HEIGHT, WIDTH, gel, gel_from_camera, intrinsics};
+use scenes::digit::{HEIGHT, WIDTH, gel};
 use scenes::frame::{Gel, Isometry, NotRigid, Object};
 use scenes::mesh::Mesh;
 
-use crate::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
+use crate::rays::{MISS, RayMesh};
 pub use background::synthetic_background;
 use calibrate::Blur;
 pub use light::{Light, Lights, Spot};
 pub use membrane::Membrane;
 pub use noise::NoiseKey;
 use noise::{Noise, SIGMA_MAX};
+use raster::Raster;
 use shade::{Row, Shader};
 
 /// Which of TACTO's DIGIT configurations lights the gel.
@@ -170,8 +171,7 @@ pub struct TouchFrame {
     calibrated: RgbImage,
     depth_m: Array2<f32>,
     contact: GrayImage,
-    caster: Caster,
-    hits: Hits,
+    raster: Raster,
     row: Row,
     blur: Blur,
     smoothing: membrane::Scratch,
@@ -185,8 +185,7 @@ impl Default for TouchFrame {
             calibrated: image(),
             depth_m: Array2::zeros((HEIGHT, WIDTH)),
             contact: GrayImage::new(WIDTH as u32, HEIGHT as u32),
-            caster: Caster::default(),
-            hits: Hits::new(Window::whole(&intrinsics())),
+            raster: Raster::new(),
             row: Row::new(),
             blur: Blur::new(),
             smoothing: membrane::Scratch::default(),
@@ -222,8 +221,9 @@ pub struct TouchRenderer {
     noise: Option<Noise>,
     contact_threshold_m: f32,
     membrane: Option<Membrane>,
-    /// Depth of the empty gel, its colours, and the background, all of 320 rows by 240 columns.
+    /// Depth of the empty gel and its inverse, its colours, and the background, all of 320 rows by 240 columns.
     gel_depth: Vec<f32>,
+    gel_inverse_depth: Vec<f32>,
     empty: Vec<u8>,
     background: Vec<u8>,
 }
@@ -255,6 +255,7 @@ impl TouchRenderer {
             noise: (*noise_sigma > 0.0).then(|| Noise::new(*noise_sigma)),
             contact_threshold_m: *contact_threshold_m,
             membrane: *membrane,
+            gel_inverse_depth: gel_depth.iter().map(|d| 1.0 / d).collect(),
             gel_depth,
             empty,
             background,
@@ -276,55 +277,53 @@ impl TouchRenderer {
         noise: Option<NoiseKey>,
         frame: &mut TouchFrame,
     ) {
-        let TouchFrame { caster, hits, .. } = frame;
-        hits.reset(Window::whole(&intrinsics()));
-        hits.limit_mut().copy_from_slice(&self.gel_depth);
-        let instance = Instance::new(object, gel_from_camera().inverse() * gel_from_object);
-        caster.cast(&[instance], &intrinsics(), Faces::Front, hits);
-        let (object_to_gel, _) = gel_from_object.to_f32();
-        pulp::Arch::new().dispatch(Development { renderer: self, object, object_to_gel, noise, frame });
+        pulp::Arch::new().dispatch(Rendering { renderer: self, object, gel_from_object, noise, frame });
     }
 }
 
-/// Turns hits into images. Compiled once per instruction set: its loops become SIMD of the widest kind that the machine has.
-struct Development<'a> {
+/// Rendering of one frame. Compiled once per instruction set: its loops become SIMD of the widest kind that the machine has.
+struct Rendering<'a> {
     renderer: &'a TouchRenderer,
     object: &'a RayMesh,
-    object_to_gel: Mat3A,
+    gel_from_object: Isometry<Object, Gel>,
     noise: Option<NoiseKey>,
     frame: &'a mut TouchFrame,
 }
 
-impl pulp::WithSimd for Development<'_> {
+impl pulp::WithSimd for Rendering<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Self { renderer, object, object_to_gel, noise, frame } = self;
-        let TouchRenderer { shader, membrane, gel_depth, empty, background, .. } = renderer;
-        let TouchFrame { raw, calibrated, depth_m, contact, hits, row, blur, smoothing, .. } = frame;
+        let Self { renderer, object, gel_from_object, noise, frame } = self;
+        let TouchRenderer { shader, membrane, gel_depth, gel_inverse_depth, empty, background, .. } = renderer;
+        let TouchFrame { raw, calibrated, depth_m, contact, raster, row, blur, smoothing } = frame;
         let (raw, calibrated, contact): (&mut [u8], &mut [u8], &mut [u8]) = (raw, calibrated, contact);
         raw.copy_from_slice(empty);
         calibrated.copy_from_slice(background);
         contact.fill(0);
         let depth_m = depth_m.as_slice_mut().unwrap_or_default();
-        depth_m.copy_from_slice(hits.depth());
+        depth_m.copy_from_slice(gel_depth);
 
-        let touched = |v: usize| hits.triangle()[pixels(v)].iter().fold(MISS, |least, &t| least.min(t)) != MISS;
-        if let Some((first, last)) = (0..HEIGHT).find(|&v| touched(v)).zip((0..HEIGHT).rfind(|&v| touched(v))) {
-            let mut rows = first..last + 1;
+        let mut rows = raster.draw(object, gel_from_object.to_f32(), gel_inverse_depth, shader);
+        if !rows.is_empty() {
+            for v in rows.clone() {
+                raster.depth(v, &gel_depth[pixels(v)], &mut depth_m[pixels(v)]);
+            }
             if let Some(membrane) = membrane {
                 rows = membrane.relax(rows, gel_depth, depth_m, smoothing);
             }
             for v in rows.clone() {
-                let (gel, depth, triangles) = (&gel_depth[pixels(v)], &depth_m[pixels(v)], &hits.triangle()[pixels(v)]);
+                let (gel, depth, facets) = (&gel_depth[pixels(v)], &depth_m[pixels(v)], raster.facets(v));
                 let rgb = &mut raw[3 * v * WIDTH..3 * (v + 1) * WIDTH];
                 row.depth.copy_from_slice(depth);
+                let columns = raster.normals(v, shader, row);
                 if membrane.is_some() {
-                    membrane::normals(v, depth_m, &shader.y_slope, &shader.z_slope, row);
+                    let off_object = |u: usize| membrane::is_indented(raster.depth_at(u, v), depth[u]);
+                    membrane::normals(v, depth_m, shader, off_object, row);
                     shader.shade(v, 0..WIDTH, row, |u| membrane::is_indented(gel[u], depth[u]), rgb);
-                } else if let Some(columns) = smooth_normals(object, object_to_gel, v, hits, row) {
-                    shader.shade(v, columns, row, |u| triangles[u] != MISS, rgb);
+                } else if let Some(columns) = columns {
+                    shader.shade(v, columns, row, |u| facets[u] != MISS, rgb);
                 }
                 for ((mask, gel), depth) in contact[pixels(v)].iter_mut().zip(gel).zip(depth) {
                     *mask = if gel - depth > renderer.contact_threshold_m { 255 } else { 0 };
@@ -341,41 +340,6 @@ impl pulp::WithSimd for Development<'_> {
 /// Where row `v` lies in an image of one value per pixel.
 fn pixels(v: usize) -> Range<usize> {
     v * WIDTH..(v + 1) * WIDTH
-}
-
-/// Fills in the object's interpolated vertex normals, in the gel frame and of any length, where row `v` shows the object.
-/// Returns the columns from the first to the last such pixel, `None` without any.
-#[inline(always)]
-fn smooth_normals(
-    object: &RayMesh,
-    object_to_gel: Mat3A,
-    v: usize,
-    hits: &Hits,
-    row: &mut Row,
-) -> Option<Range<usize>> {
-    let triangles = &hits.triangle()[pixels(v)];
-    let (second, third) = hits.barycentric();
-    let (second, third) = (&second[pixels(v)], &third[pixels(v)]);
-    let start = triangles.iter().position(|&t| t != MISS)?;
-    let end = triangles.iter().rposition(|&t| t != MISS)? + 1;
-    let mut u = start;
-    // Neighbours mostly share a triangle: its corners are looked up once per run of pixels.
-    while u < end {
-        let triangle = triangles[u];
-        let run = u..u + triangles[u..end].iter().take_while(|&&t| t == triangle).count();
-        u = run.end;
-        if triangle == MISS {
-            continue;
-        }
-        let [a, b, c] = object.corner_normals(triangle).map(|n| object_to_gel * n);
-        let (ab, ac) = (b - a, c - a);
-        for (axis, lane) in row.normal.iter_mut().enumerate() {
-            for u in run.clone() {
-                lane[u] = a[axis] + second[u] * ab[axis] + third[u] * ac[axis];
-            }
-        }
-    }
-    Some(start..end)
 }
 
 /// Depth and colours of the gel that touches nothing.

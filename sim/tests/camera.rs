@@ -21,7 +21,14 @@ fn object() -> Object {
         let d = p.normalize();
         *p *= 1.0 + 0.12 * (6.0 * d.x).sin() * (5.0 * d.y + 1.0).cos();
     }
-    Object { name: "blob".into(), mesh, exact: None, object_from_file: Isometry::identity(), collision: vec![], mass_kg: 0.1 }
+    Object {
+        name: "blob".into(),
+        mesh,
+        exact: None,
+        object_from_file: Isometry::identity(),
+        collision: vec![],
+        mass_kg: 0.1,
+    }
 }
 
 fn object_pose() -> Isometry<scenes::frame::Object, scenes::frame::World> {

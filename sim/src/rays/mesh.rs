@@ -117,8 +117,39 @@ impl RayMesh {
         self.corner_normals[triangle as usize]
     }
 
-    /// Unit normal at a point of a triangle, interpolated between those of the corners, which are the means of the
-    /// normals of the faces around them weighted by the faces' angles there, as trimesh has them.
+    /// Corners of a triangle.
+    pub fn corners(&self, triangle: u32) -> [Vec3A; 3] {
+        self.triangles[triangle as usize].corners()
+    }
+
+    /// Finds every triangle that may reach into the intersection of half-spaces, each given by its inward normal and offset: p is
+    /// inside where normal . p + offset >= 0. `stack` is scratch memory; what `found` held is dropped.
+    pub fn find_inside(&self, planes: &[Vec4], stack: &mut Vec<u32>, found: &mut Vec<u32>) {
+        found.clear();
+        stack.clear();
+        if !self.is_empty() {
+            stack.push(0);
+        }
+        while let Some(index) = stack.pop() {
+            let node = &self.tree.nodes[index as usize];
+            let (centre, half) = (node.aabb().center(), node.aabb().diagonal() * 0.5);
+            let outside = |plane: &Vec4| {
+                let normal = Vec3A::from_vec4(*plane);
+                normal.dot(centre) + normal.abs().dot(half) + plane.w < 0.0
+            };
+            if planes.iter().any(outside) {
+                continue;
+            }
+            if node.is_leaf() {
+                found.extend(node.first_index..node.first_index + node.prim_count);
+            } else {
+                stack.extend([node.first_index + 1, node.first_index]);
+            }
+        }
+    }
+
+    /// Unit normal at a point of a triangle, interpolated between those of the corners, which are the means of the normals of the
+    /// faces around them weighted by the faces' angles there, as trimesh has them.
     pub fn smooth_normal(&self, triangle: u32, u: f32, v: f32) -> Vec3A {
         let [a, b, c] = self.corner_normals[triangle as usize];
         (a * (1.0 - u - v) + b * u + c * v).normalize_or_zero()
@@ -130,8 +161,7 @@ impl RayMesh {
         a * (1.0 - u - v) + b * u + c * v
     }
 
-    /// The nearest hit of a single ray at t > 0, on either side of the triangles. Slow and precise: the check on
-    /// [`super::Caster`].
+    /// The nearest hit of a single ray at t > 0, on either side of the triangles. Slow and precise: the check on [`super::Caster`].
     pub fn cast_ray(&self, origin: Vec3A, direction: Vec3A) -> Option<RayHit> {
         if self.is_empty() {
             return None;
@@ -166,7 +196,7 @@ impl Triangle {
 
     /// Moeller and Trumbore's test: distance and the weights of the second and third corner.
     fn intersect(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
-        let [a, b, c] = self.corners().map(Vec3A::as_dvec3);
+        let [a, b, c] = self.corners().map(|p| p.as_dvec3());
         let (ab, ac) = (b - a, c - a);
         let p = direction.cross(ac);
         let determinant = ab.dot(p);
@@ -175,8 +205,7 @@ impl Triangle {
         let q = s.cross(ab);
         let v = direction.dot(q) / determinant;
         let t = ac.dot(q) / determinant;
-        // Wider than needed by 1e-9, so that edges have no gaps; a vanishing determinant gives NaN or infinities, which
-        // fail.
+        // Wider than needed by 1e-9, so that edges have no gaps; a vanishing determinant gives NaN or infinities, which fail.
         (u >= -1e-9 && v >= -1e-9 && u + v <= 1.0 + 1e-9 && t > 0.0).then_some((t, u, v))
     }
 }
@@ -186,8 +215,8 @@ fn corners(mesh: &Mesh, face: &[u32; 3]) -> Option<[DVec3; 3]> {
     Some([corner(0)?, corner(1)?, corner(2)?])
 }
 
-/// Unit normals of the vertices as trimesh computes them: the face normals weighted by the faces' angles at the vertex,
-/// zero where there are none.
+/// Unit normals of the vertices as trimesh computes them: the face normals weighted by the faces' angles at the vertex, zero
+/// where there are none.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; mesh.vertices.len()];
     for face in &mesh.faces {

@@ -26,8 +26,8 @@ const AMBIENT: [f32; 3] = [24.0, 74.0, 58.0];
 /// Mean colour of a DIGIT's image, grey levels.
 const MEAN: [f32; 3] = [93.0, 98.0, 92.0];
 /// The gel's paint is uneven by this much, grey levels from the mean, over patches of [`PATCH`] pixels.
-const UNEVENNESS: f32 = 3.0;
-const PATCH: usize = 8;
+const UNEVENNESS: f32 = 2.0;
+const PATCH: usize = 4;
 
 /// An image like that of a real DIGIT that touches nothing, 240 wide and 320 high. Each seed is another sensor: LEDs sit
 /// elsewhere, shine more or less, and the paint of the gel differs.

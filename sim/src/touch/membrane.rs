@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use scenes::digit::{HEIGHT, WIDTH, gel, intrinsics};
 
-use super::shade::Row;
+use super::shade::{Row, Shader};
 
 /// Greatest reach, metres.
 pub(super) const REACH_MAX_M: f32 = 5e-4;
@@ -84,15 +84,16 @@ fn sweep(weight: f32, obstacle: &[f32], from: &[f32], to: &mut [f32]) {
     }
 }
 
-/// Normals of row `v` of a depth image by central differences, one-sided at the image's border.
+/// Normals of row `v` of a depth image, by central differences, at the columns where `free` holds; one-sided at the image's
+/// border.
 #[inline(always)]
-pub(super) fn normals(v: usize, depth: &[f32], y_slope: &[f32; WIDTH], z_slope: &[f32; HEIGHT], row: &mut Row) {
+pub(super) fn normals(v: usize, depth: &[f32], shader: &Shader, free: impl Fn(usize) -> bool, row: &mut Row) {
     let point = |u: usize, v: usize| {
         let d = depth[v * WIDTH + u];
-        glam::Vec3::new(d, d * y_slope[u], d * z_slope[v])
+        glam::Vec3::new(d, d * shader.y_slope[u], d * shader.z_slope[v])
     };
     let (above, below) = (v.saturating_sub(1), (v + 1).min(HEIGHT - 1));
-    for u in 0..WIDTH {
+    for u in (0..WIDTH).filter(|&u| free(u)) {
         let along_row = point((u + 1).min(WIDTH - 1), v) - point(u.saturating_sub(1), v);
         let along_column = point(u, below) - point(u, above);
         // Columns run towards -y, rows towards -z: this order points back to the camera.
@@ -103,10 +104,10 @@ pub(super) fn normals(v: usize, depth: &[f32], y_slope: &[f32; WIDTH], z_slope: 
     }
 }
 
-/// Whether the membrane differs from the empty gel.
+/// Whether the membrane lies nearer to the camera than what it is compared with: it is off the object, or not the empty gel.
 #[inline(always)]
-pub(super) fn is_indented(gel_depth: f32, depth: f32) -> bool {
-    gel_depth - depth > UNTOUCHED_M
+pub(super) fn is_indented(reference: f32, depth: f32) -> bool {
+    reference - depth > UNTOUCHED_M
 }
 
 #[cfg(test)]

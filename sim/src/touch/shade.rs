@@ -29,12 +29,14 @@ const ALPHA2: f32 = ROUGHNESS * ROUGHNESS * ROUGHNESS * ROUGHNESS;
 pub(super) struct Row {
     pub depth: [f32; WIDTH],
     pub normal: [[f32; WIDTH]; 3],
+    /// Inverse length of the ray (1, y, z).
+    inverse_ray: [f32; WIDTH],
     radiance: [[f32; WIDTH]; 3],
 }
 
 impl Row {
     pub fn new() -> Self {
-        Self { depth: [0.0; WIDTH], normal: [[0.0; WIDTH]; 3], radiance: [[0.0; WIDTH]; 3] }
+        Self { depth: [0.0; WIDTH], normal: [[0.0; WIDTH]; 3], inverse_ray: [0.0; WIDTH], radiance: [[0.0; WIDTH]; 3] }
     }
 }
 
@@ -93,9 +95,7 @@ impl Shader {
         shown: impl Fn(usize) -> bool,
         rgb: &mut [u8],
     ) {
-        for channel in &mut row.radiance {
-            channel.fill(0.0);
-        }
+        self.prepare(v, columns.clone(), row);
         for lamp in &self.lamps {
             self.add_lamp(lamp, v, columns.clone(), row);
         }
@@ -108,22 +108,39 @@ impl Shader {
         }
     }
 
+    /// Makes normals unit vectors and radiance 0.
+    #[inline(always)]
+    fn prepare(&self, v: usize, columns: std::ops::Range<usize>, row: &mut Row) {
+        let z_slope = self.z_slope[v];
+        for channel in &mut row.radiance {
+            channel.fill(0.0);
+        }
+        let Row { normal: [x, y, z], inverse_ray, .. } = row;
+        for u in columns.start..columns.end.min(WIDTH) {
+            let y_slope = self.y_slope[u];
+            inverse_ray[u] = 1.0 / (1.0 + y_slope * y_slope + z_slope * z_slope).sqrt();
+            let inverse_length = 1.0 / (x[u] * x[u] + y[u] * y[u] + z[u] * z[u]).sqrt();
+            x[u] *= inverse_length;
+            y[u] *= inverse_length;
+            z[u] *= inverse_length;
+        }
+    }
+
     /// Adds the light that one lamp sends to the camera. One straight loop without branches, so that it becomes SIMD.
     #[inline(always)]
     fn add_lamp(&self, lamp: &Lamp, v: usize, columns: std::ops::Range<usize>, row: &mut Row) {
         let z_slope = self.z_slope[v];
-        let Row { depth, normal: [normal_x, normal_y, normal_z], radiance: [red, green, blue] } = row;
+        let Row { depth, normal: [normal_x, normal_y, normal_z], inverse_ray, radiance: [red, green, blue] } = row;
         for u in columns.start..columns.end.min(WIDTH) {
             let (d, y_slope) = (depth[u], self.y_slope[u]);
             // View vector: back along the ray.
-            let back = -1.0 / (1.0 + y_slope * y_slope + z_slope * z_slope).sqrt();
+            let back = -inverse_ray[u];
             let view = [back, back * y_slope, back * z_slope];
             let to_lamp = [lamp.position[0] - d, lamp.position[1] - d * y_slope, lamp.position[2] - d * z_slope];
             let inverse_distance = 1.0 / dot(to_lamp, to_lamp).sqrt();
             let l = to_lamp.map(|c| c * inverse_distance);
             let n = [normal_x[u], normal_y[u], normal_z[u]];
-            let inverse_length = 1.0 / dot(n, n).sqrt();
-            let (n_dot_l, n_dot_v) = (dot(n, l) * inverse_length, dot(n, view) * inverse_length);
+            let (n_dot_l, n_dot_v) = (dot(n, l), dot(n, view));
             // The half vector h = l + v has length 2 (v.h).
             let v_dot_h = at_least(0.5 * (1.0 + dot(l, view)), 1e-12).sqrt();
             let n_dot_h = at_most(at_least((n_dot_l + n_dot_v) / (2.0 * v_dot_h), 0.0), 1.0);
