@@ -40,12 +40,21 @@ fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
     if from_width < 2 || from_height < 2 {
         return RgbImage::new(width, height);
     }
-    let corner = |i: u32, to: u32, from: u32| ((2 * i + 1) * from / (2 * to)).clamp(1, from - 1) - 1;
-    RgbImage::from_fn(width, height, |x, y| {
-        let (x, y) = (corner(x, width, from_width), corner(y, height, from_height));
-        let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| image.get_pixel(x, y).0);
-        Rgb(std::array::from_fn(|c| (four.iter().map(|pixel| u16::from(pixel[c])).sum::<u16>() / 4) as u8))
-    })
+    let corner = |i: u32, to: u32, from: u32| (((2 * i + 1) * from / (2 * to)).clamp(1, from - 1) - 1) as usize;
+    let columns: Vec<usize> = (0..width).map(|x| 3 * corner(x, width, from_width)).collect();
+    let row_bytes = 3 * from_width as usize;
+    let mut small = RgbImage::new(width, height);
+    for (y, row) in (0..).zip(small.chunks_exact_mut(3 * width as usize)) {
+        let two_rows = &image.as_raw()[corner(y, height, from_height) * row_bytes..][..2 * row_bytes];
+        let (upper, lower) = two_rows.split_at(row_bytes);
+        for (&x, pixel) in columns.iter().zip(row.as_chunks_mut::<3>().0) {
+            let (upper, lower) = (&upper[x..x + 6], &lower[x..x + 6]);
+            let sum =
+                |c: usize| [upper[c], upper[c + 3], lower[c], lower[c + 3]].into_iter().map(u16::from).sum::<u16>();
+            *pixel = [0, 1, 2].map(|c| (sum(c) / 4) as u8);
+        }
+    }
+    small
 }
 
 /// Writes `<object>.mp4` through ffmpeg where it is installed, and `<object>.gif` where it is not. A preview that fails is a
@@ -143,5 +152,20 @@ impl Drop for Preview {
             drop(child.stdin.take());
             let _ = child.wait();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shrinking_averages_four_pixels() {
+        let image = RgbImage::from_fn(8, 6, |x, y| Rgb([10 * x as u8, 20 * y as u8, 7]));
+        let small = shrink(&image, (4, 3));
+        assert_eq!((small.get_pixel(0, 0), small.get_pixel(3, 2)), (&Rgb([5, 10, 7]), &Rgb([65, 90, 7])));
+        assert_eq!(shrink(&image, (3, 4)).dimensions(), (3, 4));
+        assert_eq!(shrink(&image, (20, 20)).get_pixel(19, 19), &Rgb([65, 90, 7]));
+        assert_eq!(shrink(&RgbImage::new(1, 1), (2, 2)), RgbImage::new(2, 2));
     }
 }
