@@ -82,6 +82,7 @@ mod tests {
         };
         let object = Object {
             name: "box".into(),
+            exact: None,
             mesh,
             object_from_file: Isometry::identity(),
             collision: vec![],
