@@ -1,2 +1,73 @@
-//! The application.
-fn main() {}
+//! MambaViTact: an Allegro hand turns objects in MuJoCo; what its DIGIT fingertips and cameras record is rendered and written
+//! as FeelSight logs.
+
+mod assets;
+mod demo;
+mod generate;
+mod inspect;
+mod progress;
+mod recorder;
+mod render_touch;
+mod simulate;
+mod subject;
+
+use std::io::IsTerminal as _;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use tracing_subscriber::EnvFilter;
+
+/// Visuotactile in-hand simulation: an Allegro hand with DIGIT fingertips turns YCB objects, touch and RGB-D images are
+/// rendered, and the result is written as FeelSight logs.
+///
+/// Without a command: simulates and records an episode with the Rubik's cube into out/, with a contact sheet to look at.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Generate(generate::Arguments),
+    Simulate(simulate::Arguments),
+    RenderTouch(render_touch::Arguments),
+    #[command(subcommand)]
+    Assets(assets::Command),
+    Inspect(inspect::Arguments),
+}
+
+fn main() -> ExitCode {
+    // Warnings are for people and go to standard error; results go to standard output.
+    let filter = EnvFilter::try_from_env("MAMBAVITACT_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time()
+        .init();
+    let result = match Cli::parse().command {
+        None => demo::run(),
+        Some(Command::Generate(arguments)) => generate::run(&arguments),
+        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
+        Some(Command::Assets(command)) => assets::run(&command),
+        Some(Command::Inspect(arguments)) => inspect::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        // The reader of our output, `head` say, has seen enough.
+        Err(error)
+            if error.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) =>
+        {
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            // The whole chain on one line: what failed, and why.
+            tracing::error!("{error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -74,7 +74,7 @@ pub enum Error {
         reason: String,
     },
     /// The folder is the user's own.
-    #[error("{FOLDER_VAR} names {}, which is yours: nothing is fetched into it or deleted from it", path.display())]
+    #[error("{FOLDER_VAR} names {}, which is yours: nothing is deleted from it", path.display())]
     NotOurs {
         /// The folder.
         path: PathBuf,
@@ -213,12 +213,9 @@ impl Library {
         // Threads of one process share the name of the staging folder; the second finds the work done.
         static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
         let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-        let bad = self.verify().into_iter().any(|(_, state)| !matches!(state, State::Good));
-        if !bad {
-            return Ok(());
-        }
+        let Some(fault) = self.files.iter().find_map(|file| self.read_pinned(*file).err()) else { return Ok(()) };
         if self.users_own {
-            return Err(Error::NotOurs { path: self.folder.clone() });
+            return Err(fault);
         }
         let path = archive.fetch(progress)?;
         self.unpack(&path, unpacked)?;
@@ -250,6 +247,17 @@ impl Library {
         let mut name = self.folder.file_name().unwrap_or_default().to_owned();
         name.push(format!(".{}.{what}", std::process::id()));
         self.folder.with_file_name(name)
+    }
+
+    /// Folders that [`Self::beside`] named and a killed process could not remove.
+    fn leftovers(&self) -> Vec<PathBuf> {
+        let prefix = format!("{}.", self.folder.file_name().unwrap_or_default().to_string_lossy());
+        let ours = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            name.starts_with(&prefix) && (name.ends_with(".partial") || name.ends_with(".old"))
+        };
+        let beside = self.folder.parent().and_then(|parent| fs::read_dir(parent).ok());
+        beside.into_iter().flatten().flatten().map(|entry| entry.path()).filter(ours).collect()
     }
 
     fn unpack_into(&self, staging: &Path, archive: &Path, unpacked: &mut dyn FnMut(usize, usize)) -> Result<(), Error> {
@@ -296,7 +304,7 @@ impl Library {
         }
     }
 
-    /// Removes the files, the folder if nothing else is in it, and a cached copy of the archive.
+    /// Removes the files, the folder if nothing else is in it, a cached copy of the archive, and what a killed process left.
     ///
     /// # Errors
     /// [`Error::NotOurs`] for the user's own folder, [`Error::Io`] if something cannot be removed.
@@ -311,6 +319,9 @@ impl Library {
             fs::remove_file(&path).map_err(io_error(&path))?;
             cleaned.files += 1;
             cleaned.bytes += data.len();
+        }
+        for path in self.leftovers() {
+            fs::remove_dir_all(&path).map_err(io_error(&path))?;
         }
         match fs::remove_dir(&self.folder) {
             Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty) => {

@@ -8,8 +8,8 @@ use crate::hand::Side;
 
 /// Pinhole intrinsics without distortion.
 ///
-/// The centre of pixel (column u, row v) is at (u, v), as in NeuralFeels' loaders: depth z > 0 along the optical axis and
-/// OpenGL axes give the point ((u - cx) z / fx, -(v - cy) z / fy, -z).
+/// The centre of pixel (column u, row v) is at (u, v), as in NeuralFeels' loaders: depth z > 0 along the optical axis
+/// and OpenGL axes give the point ((u - cx) z / fx, -(v - cy) z / fy, -z).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Intrinsics {
     /// Image width, pixels.
@@ -89,8 +89,8 @@ pub const DISTANCE_M: f64 = 0.35;
 /// Radius of the occlusion rig, metres (NeuralFeels, supplement).
 pub const RIG_RADIUS_M: f64 = 0.5;
 
-/// The named placements, as RealSense cameras stand around the hand in NeuralFeels. On average the hand hides 42 % of the object from
-/// `front-left`, 1 % from `back-right`, 3 % from `top-down` and 11 % from `side`.
+/// The named placements, as RealSense cameras stand around the hand in NeuralFeels. On average the hand hides 42 % of the
+/// object from `front-left`, 1 % from `back-right`, 3 % from `top-down` and 11 % from `side`.
 pub const PLACEMENTS: [Placement; 4] = [
     Placement { name: "front-left", azimuth_deg: 330.0, elevation_deg: 35.0 },
     Placement { name: "back-right", azimuth_deg: 150.0, elevation_deg: 35.0 },
@@ -128,8 +128,9 @@ impl Placement {
     }
 }
 
-/// The cameras of the occlusion study: `count` places spread evenly (a Fibonacci lattice, from top to bottom) over a whole sphere
-/// around the grasp, all looking at its centre. Those below see the back of the hand, which is what full occlusion means.
+/// The cameras of the occlusion study: `count` places spread evenly (a Fibonacci lattice, from top to bottom) over a
+/// whole sphere around the grasp, all looking at its centre. Those below see the back of the hand, which is what full
+/// occlusion means.
 pub fn occlusion_rig(count: usize, side: Side) -> Vec<PosedCamera> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let place = |k: usize| {

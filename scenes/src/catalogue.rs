@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::assets::{self, Library, Pinned};
 use crate::decompose::{self, NoHull};
-use crate::mesh::{self, Format, MeshError};
+use crate::mesh::{self, Finding, Format, MeshError};
 use crate::object::Object;
 use crate::procedural;
 
@@ -65,7 +65,7 @@ impl Entry {
     /// [`Error`] if the mesh cannot be fetched or read.
     pub fn load(&self, warnings: &mut Vec<Warning>) -> Result<Object, Error> {
         match self.source {
-            Source::Procedural(recipe) => Ok(recipe.build(self.name, self.mass_kg)?),
+            Source::Procedural(recipe) => Ok(procedural::build(self.name, self.mass_kg, recipe)?),
             Source::Ycb(ycb) => {
                 let library = Library::ycb()?;
                 let bytes = match library.read(ycb.name) {
@@ -78,17 +78,20 @@ impl Entry {
                 if ycb.mass_source == MassSource::Placeholder {
                     warnings.push(Warning::PlaceholderMass { name: ycb.name, mass_kg: ycb.mass_kg });
                 }
-                ycb.object(&bytes)
+                ycb.object(&bytes, warnings)
             }
         }
     }
 }
 
 impl Ycb {
-    /// What is repaired in a pinned file is always the same (a few collapsed slivers in 20 of them), so there is nothing to warn of.
-    fn object(&self, stl: &[u8]) -> Result<Object, Error> {
+    /// What is repaired in the pinned files is known: a few collapsed slivers in 20 of them, which is not worth a word. Two lose a
+    /// part that can be seen, and that is.
+    fn object(&self, stl: &[u8], warnings: &mut Vec<Warning>) -> Result<Object, Error> {
         let raw = mesh::read_bytes(stl, Format::Stl, self.name)?;
-        let (clean, _) = mesh::repair(&raw, self.name)?;
+        let (clean, found) = mesh::repair(&raw, self.name)?;
+        let visible = |finding| matches!(finding, Finding::Components { area_share, .. } if area_share > 1e-3);
+        warnings.extend(found.into_iter().filter(|warning| visible(warning.finding)).map(Warning::Mesh));
         let (mesh, object_from_file) = mesh::stand(&clean, self.up);
         let collision = decompose::pieces(&mesh)?;
         Ok(Object { name: self.name.to_owned(), mesh, exact: None, object_from_file, collision, mass_kg: self.mass_kg })
@@ -202,15 +205,18 @@ pub enum Error {
     Hull(#[from] NoHull),
 }
 
-/// Loads an object: by its name in the catalogue, or a mesh by path if the text holds a path separator or ends as a mesh file
-/// does. YCB meshes are fetched the first time one is wanted. A user's mesh stands with z up as it is in the file.
+/// Whether a text stands for a mesh file rather than a name in the catalogue: it holds a path separator or ends as a mesh file does.
+pub fn is_path(name_or_path: &str) -> bool {
+    Format::from_path(Path::new(name_or_path)).is_some() || name_or_path.contains(std::path::is_separator)
+}
+
+/// Loads an object: by its name in the catalogue, or a mesh by path if [`is_path`] says so. YCB meshes are fetched the first time one is wanted. A user's mesh stands with z up as it is in the file.
 ///
 /// # Errors
 /// [`Error`], which names the object or file and says what is wrong.
 pub fn load(name_or_path: &str, warnings: &mut Vec<Warning>) -> Result<Object, Error> {
-    let path = Path::new(name_or_path);
-    if Format::from_path(path).is_some() || name_or_path.contains(std::path::is_separator) {
-        load_file(path, warnings)
+    if is_path(name_or_path) {
+        load_file(Path::new(name_or_path), warnings)
     } else {
         find(name_or_path)?.load(warnings)
     }

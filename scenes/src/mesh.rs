@@ -2,8 +2,9 @@
 
 use std::fmt;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
+mod distance;
 mod obj;
 mod ply;
 mod read;
@@ -11,6 +12,7 @@ mod repair;
 mod stand;
 mod stl;
 
+pub use distance::MeshDistance;
 pub use read::{Format, MAX_FILE_BYTES, read, read_bytes};
 pub use repair::{MAX_EXTENT_M, MILLIMETRES_ABOVE_M, MIN_EXTENT_M, repair};
 pub use stand::stand;
@@ -116,41 +118,8 @@ pub(crate) fn weld(points: &[nalgebra::Vector3<f64>], faces: &[[u32; 3]]) -> Mes
 
 /// Area of a triangle, m^2.
 pub(crate) fn triangle_area_m2(corners: [Vec3; 3]) -> f64 {
-    let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
     0.5 * (b - a).cross(c - a).length()
-}
-
-/// Closest point on a triangle, metres (Ericson, Real-Time Collision Detection, 5.1.5).
-pub(crate) fn closest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return a;
-    }
-    let bp = p - b;
-    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
-    if d3 >= 0.0 && d4 <= d3 {
-        return b;
-    }
-    let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return a + ab * (d1 / (d1 - d3));
-    }
-    let cp = p - c;
-    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
-    if d6 >= 0.0 && d5 <= d6 {
-        return c;
-    }
-    let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return a + ac * (d2 / (d2 - d6));
-    }
-    let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
-        return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
-    }
-    let share = 1.0 / (va + vb + vc);
-    a + ab * (vb * share) + ac * (vc * share)
 }
 
 /// A file that is no usable mesh: which file, and what is wrong with it.
@@ -214,8 +183,11 @@ pub enum Defect {
     NotOrientable,
     /// The size is outside of what a hand could turn, also after the rule for millimetres.
     #[error(
-        "its largest side is {extent_m} m, outside {MIN_EXTENT_M} to {MAX_EXTENT_M} m; scale it (units are metres, or \
-         millimetres if the largest side is above {MILLIMETRES_ABOVE_M})"
+        "its largest side is {:.1} mm, outside {:.0} to {:.0} mm; scale it (units are metres, or millimetres if the largest side \
+         is above {MILLIMETRES_ABOVE_M})",
+        extent_m * 1e3,
+        MIN_EXTENT_M * 1e3,
+        MAX_EXTENT_M * 1e3
     )]
     Size {
         /// Largest side of the bounding box, metres.
@@ -263,7 +235,7 @@ pub enum Finding {
     InconsistentWinding(usize),
     /// The normals looked inward; all faces were turned.
     Inverted,
-    /// The mesh does not enclose a volume; it was left as it is.
+    /// The mesh does not enclose a volume; it was left as it is, and collides as its convex hull.
     NotWatertight(EdgeCount),
 }
 
@@ -287,7 +259,8 @@ impl fmt::Display for Warning {
             Finding::NotWatertight(EdgeCount { open, crowded }) => {
                 write!(
                     f,
-                    "{file}: not watertight: {open} open edge(s), {crowded} edge(s) with more than two faces; left as is"
+                    "{file}: not watertight: {open} open edge(s), {crowded} edge(s) with more than two faces; it is kept, and \
+                     collides as its convex hull"
                 )
             }
         }

@@ -40,7 +40,7 @@ pub struct GroundTruth {
 }
 
 /// What a perfect DIGIT would measure. Arrays are 320 rows by 240 columns.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct TouchTruth {
     /// Depth along the DIGIT camera's axis to the nearer of gel and object, metres.
     pub depth_m: Array2<f32>,

@@ -1,8 +1,9 @@
-//! Casts the rays of a DIGIT close-up and of a camera view, and, on request, writes triangles and rays for another ray caster.
+//! Casts the rays of a DIGIT close-up and of a camera view, and, on request, writes triangles and rays for another ray
+//! caster.
 //!
-//! `ray-bench DIR` times the casts on one thread and prints one line per view: name, rays, hits, CPU seconds of the fastest
-//! repetition. With `--dump`, DIR/<view>.bin holds what benches/embree reads. `--mesh FILE.stl` takes that mesh as the object instead of
-//! a procedural one, `--level N` an instruction set (0 = portable).
+//! `ray-bench DIR` times the casts on one thread and prints one line per view: name, rays, hits, CPU seconds of the
+//! fastest repetition. With `--dump`, DIR/<view>.bin holds what benches/embree reads. `--mesh FILE.stl` takes that mesh
+//! as the object instead of a procedural one, `--level N` an instruction set (0 = portable).
 #![allow(clippy::print_stdout)]
 
 use std::fs::File;
@@ -109,8 +110,9 @@ fn cpu_seconds() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// Little-endian: number of instances; of each 12 floats (rows of the 3 x 4 pose), numbers of vertices and faces, vertices, faces; width,
-/// height, origin, then for each ray its direction (as long as one unit of depth) and our depth.
+/// Little-endian: number of instances; of each 12 floats (rows of the 3 x 4 pose), numbers of vertices and faces,
+/// vertices, faces; width, height, origin, then for each ray its direction (as long as one unit of depth) and our
+/// depth.
 fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, depth: &[f32]) -> anyhow::Result<()> {
     let mut out = BufWriter::new(File::create(path).with_context(|| path.display().to_string())?);
     let mut word = |bytes: [u8; 4]| out.write_all(&bytes);
@@ -121,7 +123,7 @@ fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, de
         }
         word((mesh.vertices.len() as u32).to_le_bytes())?;
         word((mesh.faces.len() as u32).to_le_bytes())?;
-        for value in mesh.vertices.iter().flat_map(|v| v.to_array()) {
+        for value in mesh.vertices.iter().flat_map(Vec3::to_array) {
             word(value.to_le_bytes())?;
         }
         for index in mesh.faces.iter().flatten() {

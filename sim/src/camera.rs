@@ -80,8 +80,8 @@ impl Renderer {
     ) -> Frame {
         let scene = self.pose(camera, joints, object_pose);
         let mut frame = Frame::new(camera);
-        for band in frame.bands(camera.intrinsics.height) {
-            scene.render(band, scratch);
+        for mut band in frame.bands(camera.intrinsics.height) {
+            scene.render(&mut band, scratch);
         }
         frame
     }
@@ -95,8 +95,8 @@ impl Renderer {
     ) -> Frame {
         let scene = self.pose(camera, joints, object_pose);
         let mut frame = Frame::new(camera);
-        let bands: Vec<Band<'_>> = frame.bands(BAND_ROWS).collect();
-        bands.into_par_iter().for_each_init(Scratch::default, |scratch, band| scene.render(band, scratch));
+        let mut bands: Vec<Band<'_>> = frame.bands(BAND_ROWS).collect();
+        bands.par_iter_mut().for_each_init(Scratch::default, |scratch, band| scene.render(band, scratch));
         frame
     }
 
@@ -160,7 +160,7 @@ struct PosedScene<'a> {
 }
 
 impl PosedScene<'_> {
-    fn render(&self, band: Band<'_>, Scratch { caster, hits }: &mut Scratch) {
+    fn render(&self, band: &mut Band<'_>, Scratch { caster, hits }: &mut Scratch) {
         let k = &self.camera.intrinsics;
         let rows = band.first_row..band.first_row + band.depth.len() / k.width.max(1);
         hits.reset(Window { columns: 0..k.width, rows });

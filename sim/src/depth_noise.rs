@@ -1,9 +1,10 @@
-//! Noise of a consumer depth camera, after the Redwood noise model (Choi, Zhou and Koltun, "Robust Reconstruction of Indoor
-//! Scenes", 2015; the disparity step is that of Barron and Malik, 2013), with NeuralFeels' multiplier.
+//! Noise of a consumer depth camera, after the Redwood noise model (Choi, Zhou and Koltun, "Robust Reconstruction of
+//! Indoor Scenes", 2015; the disparity step is that of Barron and Malik, 2013), with NeuralFeels' multiplier.
 //!
-//! Three things happen to each pixel: it shows the depth of a pixel nearby (edges fray), read from a grid of half the resolution (a stereo
-//! matcher's), and its disparity is disturbed and rounded to an eighth of a pixel, so that errors grow with the square of the
-//! distance. The model's table of lens distortion was measured on one camera and is not ours to copy: its factor is 1 here.
+//! Three things happen to each pixel: it shows the depth of a pixel nearby (edges fray), read from a grid of half the
+//! resolution (a stereo matcher's), and its disparity is disturbed and rounded to an eighth of a pixel, so that errors
+//! grow with the square of the distance. The model's table of lens distortion was measured on one camera and is not
+//! ours to copy: its factor is 1 here.
 
 use ndarray::Array2;
 use rand::{Rng, SeedableRng};
@@ -31,8 +32,8 @@ pub struct FrameId {
     pub frame: u32,
 }
 
-/// A measured version of a true depth image: metres, rows by columns, 0 where there is nothing. `multiplier` scales the noise (NeuralFeels
-/// simulates with 5); with 0 the half-resolution lookup and the rounding of the disparity remain.
+/// A measured version of a true depth image: metres, rows by columns, 0 where there is nothing. `multiplier` scales the
+/// noise (NeuralFeels simulates with 5); with 0 the half-resolution lookup and the rounding of the disparity remain.
 pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f32> {
     let mut random = ChaCha8Rng::seed_from_u64(id.seed);
     random.set_stream(u64::from(id.camera) << 32 | u64::from(id.frame));
@@ -57,7 +58,8 @@ fn moved(at: usize, jitter: f64, multiplier: f64, count: usize) -> usize {
     (position + 0.5) as usize
 }
 
-/// Three standard normal numbers from four uniform ones (Box and Muller): always the same amount of the stream per pixel.
+/// Three standard normal numbers from four uniform ones (Box and Muller): always the same amount of the stream per
+/// pixel.
 fn normals(random: &mut impl Rng) -> [f64; 3] {
     // In (0, 1]: the logarithm is finite.
     let mut uniform = || (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0;
@@ -112,8 +114,8 @@ mod tests {
             .filter(|((_, u), _)| (20..columns - 20).contains(u))
             .map(|((_, u), &d)| DISPARITY_M / f64::from(d) - 100.0 - u as f64);
         let (mean, deviation) = spread(shift);
-        // The lookup rounds the column down to an even one: half a pixel on average, variance 1/4; rounding to a pixel adds
-        // 1/12, the disparity its own noise.
+        // The lookup rounds the column down to an even one: half a pixel on average, variance 1/4; rounding to a pixel
+        // adds 1/12, the disparity its own noise.
         let expected = ((0.25f64 * 5.0).powi(2) + 0.25 + 1.0 / 12.0 + (DISPARITY_NOISE_PX * 5.0).powi(2)).sqrt();
         assert!((mean + 0.5).abs() < 0.02, "{mean}");
         assert!((deviation / expected - 1.0).abs() < 0.02, "{deviation} instead of {expected}");

@@ -7,7 +7,9 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
+use scenes::decompose;
 use scenes::hand::{JointAngles, Side};
+use scenes::object::Object;
 use serde::{Deserialize, Serialize};
 
 use crate::controller::{Controller, Proprioception};
@@ -53,18 +55,37 @@ pub struct UnknownGait {
     pub name: String,
 }
 
-/// A shipped gait.
+/// A shipped gait with its name.
 ///
 /// # Errors
 /// [`UnknownGait`], which lists the names.
-pub fn find(name: &str) -> Result<&'static Gait, UnknownGait> {
-    shipped().get(name).ok_or_else(|| UnknownGait { name: name.to_owned() })
+pub fn find(name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
+    shipped()
+        .get_key_value(name)
+        .map(|(name, gait)| (name.as_str(), gait))
+        .ok_or_else(|| UnknownGait { name: name.to_owned() })
 }
 
-/// The name of the shipped gait that suits an object of this size (x, y, z in metres, z up).
-pub fn for_size([x, y, z]: [f64; 3]) -> &'static str {
-    let _ = (x, y);
-    if z < 0.066 { "low" } else { "bal" }
+/// Name of the shipped gait that suits an object, by its size and by whether it rolls.
+pub fn suited_to(object: &Object) -> &'static str {
+    let [x, y, height] = object.extents_m();
+    let (narrow, wide) = (x.min(y), x.max(y));
+    // A ball fills 0.52 of its box, an upright cylinder 0.79.
+    let hull_m3 = decompose::hull_volume_m3(&object.mesh).unwrap_or(0.0);
+    let rolls = hull_m3 < 0.7 * x * y * height;
+    if rolls {
+        "ball"
+    } else if height < 0.066 {
+        "cubelet"
+    } else if wide > 1.25 * narrow {
+        "shared"
+    } else if narrow > 0.085 {
+        "can"
+    } else if height < 1.2 * wide {
+        "cube"
+    } else {
+        "bal"
+    }
 }
 
 /// Time over which the fingers close from the open pose into the gait, seconds.
@@ -136,10 +157,10 @@ mod tests {
 
     #[test]
     fn targets_stay_within_reach_of_the_measured_angles() {
-        let mut controller = GaitController::new(find("bal").unwrap().clone(), Side::Left);
+        let mut controller = GaitController::new(find("bal").unwrap().1.clone(), Side::Left);
         let joints = [0.2; JOINTS];
         let command = controller.command(&Proprioception { time_s: 3.0, joints });
-        let reach = find("bal").unwrap().torque_limit_nm / 3.0 + 0.05;
+        let reach = find("bal").unwrap().1.torque_limit_nm / 3.0 + 0.05;
         assert!(command.iter().all(|c| (c - 0.2).abs() <= reach + 1e-12));
         assert!(find("ball").unwrap_err().to_string().contains("bal, "));
     }

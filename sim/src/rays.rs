@@ -1,10 +1,11 @@
 //! Ray casting of pinhole images over rigid triangle meshes.
 //!
-//! All rays of an image share an origin, which makes them cheap: a [`Caster`] sends tiles of 8 x 8 pixels through the meshes'
-//! trees. A tile's frustum decides which nodes are visited, edge functions at the corners of its 4 x 4 blocks decide which
-//! blocks a triangle can cover, and only then are single rays tested, as many at once as the machine has lanes
-//! ([`Level`]). Every lane does the same operations in the same order, without fused multiply-add, so all levels agree to the
-//! bit. Edge functions are exactly opposite for the two triangles of an edge, so a closed mesh has no pin holes.
+//! All rays of an image share an origin, which makes them cheap: a [`Caster`] sends tiles of 8 x 8 pixels through the
+//! meshes' trees. A tile's frustum decides which nodes are visited, edge functions at the corners of its 4 x 4 blocks
+//! decide which blocks a triangle can cover, and only then are single rays tested, as many at once as the machine has
+//! lanes ([`Level`]). Every lane does the same operations in the same order, without fused multiply-add, so all levels
+//! agree to the bit. Edge functions are exactly opposite for the two triangles of an edge, so a closed mesh has no pin
+//! holes.
 //!
 //! The distance of a hit is its depth along the optical axis, not along the ray.
 
@@ -204,7 +205,8 @@ impl Caster {
         Self { level, scratch: tile::Scratch::default() }
     }
 
-    /// Casts a ray through each pixel of the window of `hits`, whose limits it respects: hits replace what lies behind them.
+    /// Casts a ray through each pixel of the window of `hits`, whose limits it respects: hits replace what lies behind
+    /// them.
     ///
     /// Of equally near hits that on the triangle with the smaller index wins.
     pub fn cast(&mut self, instances: &[Instance<'_>], intrinsics: &Intrinsics, faces: Faces, hits: &mut Hits) {

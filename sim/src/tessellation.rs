@@ -6,9 +6,9 @@ use nalgebra as na;
 use scenes::hand::Primitive;
 use scenes::mesh::Mesh;
 
-/// The surface of a primitive, with `segments` (rounded up to an even number, at least 8) around capsules and ellipsoids; it
-/// strays from the true surface by (pi / segments)^2 / 2 of the radius to either side. Boxes keep hard edges: their faces share
-/// no vertices.
+/// The surface of a primitive, with `segments` (rounded up to an even number, at least 8) around capsules and
+/// ellipsoids; it strays from the true surface by (pi / segments)^2 / 2 of the radius to either side. Boxes keep hard
+/// edges: their faces share no vertices.
 pub fn tessellate(shape: &Primitive, segments: usize) -> Mesh {
     let segments = segments.max(8).next_multiple_of(2);
     match *shape {

@@ -181,7 +181,11 @@ fn route_messages() {
     ROUTED.call_once(|| {
         // SAFETY: every use of MuJoCo in this crate comes after this call, which runs once.
         unsafe {
-            set_log_handler(|message| tracing::warn!(target: "mujoco", "{}", message.subject()));
+            set_log_handler(|message| match message.level() {
+                MjtLogLevel::mjLOG_DEBUG | MjtLogLevel::mjLOG_INFO => tracing::debug!("MuJoCo: {}", message.subject()),
+                MjtLogLevel::mjLOG_WARNING => tracing::warn!("MuJoCo: {}", message.subject()),
+                MjtLogLevel::mjLOG_ERROR => tracing::error!("MuJoCo: {}", message.subject()),
+            });
         }
     });
 }

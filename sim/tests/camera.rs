@@ -21,7 +21,14 @@ fn object() -> Object {
         let d = p.normalize();
         *p *= 1.0 + 0.12 * (6.0 * d.x).sin() * (5.0 * d.y + 1.0).cos();
     }
-    Object { name: "blob".into(), mesh, object_from_file: Isometry::identity(), collision: vec![], mass_kg: 0.1 }
+    Object {
+        name: "blob".into(),
+        mesh,
+        exact: None,
+        object_from_file: Isometry::identity(),
+        collision: vec![],
+        mass_kg: 0.1,
+    }
 }
 
 fn object_pose() -> Isometry<scenes::frame::Object, scenes::frame::World> {
@@ -39,8 +46,9 @@ fn list(values: impl IntoIterator<Item = f64>) -> String {
     })
 }
 
-/// The same scene in MuJoCo's own primitives, seen by its camera rangefinder: depth per pixel, negative where nothing is hit.
-fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Vec<f64> {
+/// The same scene in MuJoCo's own primitives, seen by its camera rangefinder: depth per pixel, negative where nothing
+/// is hit.
+fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Result<Vec<f64>, MjModelError> {
     let pose = |pose: na::Isometry3<f64>| {
         let q = pose.rotation;
         format!("pos=\"{}\" quat=\"{}\"", list(pose.translation.vector.iter().copied()), list([q.w, q.i, q.j, q.k]))
@@ -63,16 +71,16 @@ fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Vec<f64> {
         "<mujoco><asset><mesh name=\"object\" vertex=\"{}\" face=\"{}\"/></asset><worldbody>\
          <camera name=\"eye\" {} fovy=\"45\" resolution=\"{} {}\"/>{bodies}</worldbody>\
          <sensor><rangefinder camera=\"eye\" data=\"depth\"/></sensor></mujoco>",
-        list(mesh.vertices.iter().flat_map(|v| v.to_array()).map(f64::from)),
+        list(mesh.vertices.iter().flat_map(glam::Vec3::to_array).map(f64::from)),
         list(mesh.faces.iter().flatten().map(|&i| f64::from(i))),
         pose(camera.pose.untyped()),
         k.width,
         k.height,
     );
-    let model = MjModel::from_xml_string(&xml).unwrap();
+    let model = MjModel::from_xml_string(&xml)?;
     let mut data = model.make_data();
     data.forward();
-    data.sensordata().to_vec()
+    Ok(data.sensordata().to_vec())
 }
 
 #[test]
@@ -83,7 +91,7 @@ fn depth_is_that_of_mujocos_rangefinder() {
         for placement in PLACEMENTS {
             let camera = placement.camera(side);
             let k = camera.intrinsics;
-            let expected = rangefinder(side, &camera, &object.mesh);
+            let expected = rangefinder(side, &camera, &object.mesh).unwrap();
             assert_eq!(expected.len(), k.width * k.height);
             let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut Scratch::default());
             let found = frame.rgbd.depth_m.as_slice().unwrap();

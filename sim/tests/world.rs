@@ -19,6 +19,7 @@ fn cube(edge_m: f32) -> Object {
     Object {
         name: "cube".into(),
         mesh,
+        exact: None,
         object_from_file: Isometry::identity(),
         collision: vec![vertices],
         mass_kg: 0.15,
@@ -26,7 +27,7 @@ fn cube(edge_m: f32) -> Object {
 }
 
 fn config(side: Side, seed: u64) -> EpisodeConfig {
-    let gait = gait::find("bal").unwrap().clone();
+    let gait = gait::find("bal").unwrap().1.clone();
     EpisodeConfig { side, gait, seed, duration_s: 20.0, randomisation: Randomisation::default() }
 }
 
@@ -34,7 +35,7 @@ fn config(side: Side, seed: u64) -> EpisodeConfig {
 fn forward_kinematics_agree_with_mujoco_on_random_joints() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     for side in [Side::Left, Side::Right] {
-        let start = Start::draw(&cube(0.07), gait::find("bal").unwrap(), side, &Randomisation::none(), 0);
+        let start = Start::draw(&cube(0.07), gait::find("bal").unwrap().1, side, &Randomisation::none(), 0);
         let mut world = World::new(side, &cube(0.07), &start.physics).unwrap();
         for _ in 0..200 {
             let joints: JointAngles = joint_ranges(side).map(|[low, high]| rng.random_range(low..=high));
@@ -51,7 +52,7 @@ fn forward_kinematics_agree_with_mujoco_on_random_joints() {
 #[test]
 fn a_restored_world_continues_bit_for_bit() {
     let object = cube(0.07);
-    let start = Start::draw(&object, gait::find("bal").unwrap(), Side::Left, &Randomisation::default(), 3);
+    let start = Start::draw(&object, gait::find("bal").unwrap().1, Side::Left, &Randomisation::default(), 3);
     let mut world = World::new(Side::Left, &object, &start.physics).unwrap();
     world.reset(&start.joints, start.object);
     let run = |world: &mut World, steps| (0..steps).for_each(|_| world.step(&start.joints));

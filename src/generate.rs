@@ -1,0 +1,174 @@
+//! `generate`: FeelSight-like data sets.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+use clap::{Args, ValueEnum};
+use scenes::camera::{self, Placement, PosedCamera};
+use scenes::catalogue;
+use scenes::hand::Side;
+use sim::feelsight;
+use sim::touch::TouchConfig;
+
+use crate::progress;
+use crate::recorder::{Noise, Recorder, Settings};
+use crate::subject::{self, Manner, load_object, positive};
+
+/// Generate FeelSight logs
+///
+/// Each log is one simulated episode in DIR/<object>/<00, 01, ...>, written so that NeuralFeels' own loaders read it, with a
+/// scene.json that says how it was made. A log appears under its name only when it is complete: an interrupted run is resumed
+/// by the same command, which skips what is done. Log k has seed SEED + k; `simulate` with that seed plays the same episode.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Object: a name that `assets list` shows, a mesh file, or `all` for the whole catalogue; repeat for several
+    #[arg(long = "object", required = true)]
+    objects: Vec<String>,
+    /// Logs per object
+    #[arg(long, default_value_t = 5)]
+    logs: u64,
+    /// Seconds per log
+    #[arg(long, default_value_t = 30.0, value_parser = positive)]
+    duration: f64,
+    /// Seed of the first log
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Folder of the data set
+    #[arg(long)]
+    out: PathBuf,
+    /// Cameras by name: front-left, back-right, top-down, side
+    #[arg(long, default_value = "front-left")]
+    cameras: String,
+    /// Instead of `--logs` episodes: one episode seen from N views on a sphere, a log per view, as FeelSight's occlusion set
+    #[arg(long, conflicts_with_all = ["logs", "cameras"])]
+    occlusion_views: Option<usize>,
+    /// Noise in the recorded images
+    #[arg(long, value_enum, default_value_t = NoiseChoice::Touch)]
+    noise: NoiseChoice,
+    /// Light configuration of the DIGITs: `fork` is behind FeelSight, `tacto` is TACTO 0.0.3
+    #[arg(long, default_value = "fork")]
+    touch_config: TouchConfig,
+    /// Image of a real DIGIT that touches nothing, 240 x 320, under every touch image; without it a synthetic one
+    #[arg(long)]
+    background: Option<PathBuf>,
+    #[command(flatten)]
+    manner: Manner,
+    /// Worker threads; the result does not depend on it
+    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
+    jobs: usize,
+    /// Replace logs that are there, and write into a folder that holds something else
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// Noise on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum NoiseChoice {
+    /// Exact images
+    None,
+    /// TACTO's noise on touch images; camera depth exact, as in FeelSight, whose loader disturbs it
+    Touch,
+    /// The same, and Redwood-style noise on camera depth at five times its level, as that loader adds
+    Full,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs).build()?;
+    let names: Vec<String> = if arguments.objects.iter().any(|name| name == "all") {
+        catalogue::entries().map(|entry| entry.name.to_owned()).collect()
+    } else {
+        arguments.objects.clone()
+    };
+    let settings = Settings {
+        gait: arguments.manner.gait.clone(),
+        side: arguments.manner.side(),
+        duration_s: arguments.duration,
+        noise: match arguments.noise {
+            NoiseChoice::None => Noise { touch: false, camera_depth: None },
+            NoiseChoice::Touch => Noise { touch: true, camera_depth: None },
+            NoiseChoice::Full => Noise { touch: true, camera_depth: Some(5.0) },
+        },
+        touch_config: arguments.touch_config.name().to_owned(),
+        background: arguments.background.clone(),
+    };
+    // Names are checked before hours are spent on the first of them.
+    for name in &names {
+        if !subject::is_path(name) {
+            catalogue::find(name)?;
+        }
+    }
+    let jobs = jobs(arguments, settings.side)?;
+    check_vacant(&arguments.out, arguments.overwrite)?;
+    let mut ended_early = 0;
+    for name in &names {
+        let object = load_object(name)?;
+        let recorder = Recorder::new(&object, name, &settings)?;
+        for (index, job) in jobs.iter().enumerate() {
+            let folder = arguments.out.join(&object.name).join(format!("{index:02}"));
+            if !arguments.overwrite && folder.exists() {
+                if recorder.made(&folder, job.seed, &job.cameras) {
+                    tracing::info!("{} is complete", folder.display());
+                    continue;
+                }
+                bail!("{} was made with other settings; choose another --out, or give --overwrite", folder.display());
+            }
+            let bar = progress::bar(0, &format!("{} {index:02}", object.name));
+            let end = pool.install(|| recorder.record(job.seed, &job.cameras, &folder, arguments.overwrite, &bar))?.end;
+            bar.finish_and_clear();
+            if !end.complete {
+                ended_early += 1;
+                tracing::warn!("{}: {}", folder.display(), end.reason);
+            }
+        }
+    }
+    if ended_early > 0 {
+        tracing::warn!("{ended_early} logs end before their time; their scene.json says why");
+    }
+    Ok(())
+}
+
+/// One log to be made.
+struct Job {
+    seed: u64,
+    cameras: Vec<PosedCamera>,
+}
+
+fn jobs(arguments: &Arguments, side: Side) -> Result<Vec<Job>> {
+    if let Some(views) = arguments.occlusion_views {
+        // NeuralFeels' loaders look for their primary camera in every log, whatever its view.
+        let view = |camera| PosedCamera { name: "front-left".to_owned(), ..camera };
+        let job = |camera| Job { seed: arguments.seed, cameras: vec![view(camera)] };
+        return Ok(camera::occlusion_rig(views, side).into_iter().map(job).collect());
+    }
+    let placements = Placement::parse_list(&arguments.cameras)?;
+    let cameras: Vec<PosedCamera> = placements.iter().map(|placement| placement.camera(side)).collect();
+    let job = |k| Job { seed: arguments.seed.wrapping_add(k), cameras: cameras.clone() };
+    Ok((0..arguments.logs).map(job).collect())
+}
+
+/// Checks that a folder holds nothing but logs, so that a mistyped one is not filled with 12 000 files a log.
+pub fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {
+    if overwrite || !out.exists() {
+        return Ok(());
+    }
+    let entries = |folder: &Path| -> Result<Vec<PathBuf>> {
+        let list = fs::read_dir(folder).and_then(|list| list.map(|entry| Ok(entry?.path())).collect());
+        list.with_context(|| format!("cannot read {}", folder.display()))
+    };
+    // What a killed run leaves behind has a name with a dot in front.
+    let unfinished = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    for object in entries(out)? {
+        let only_logs = object.is_dir()
+            && entries(&object)?.iter().all(|log| unfinished(log) || log.join(feelsight::SCENE_FILE).is_file());
+        if !only_logs {
+            bail!(
+                "{} is not empty and {} is no log; choose another --out, or give --overwrite",
+                out.display(),
+                object.display()
+            );
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,77 @@
+//! `render-touch`: one touch image of a mesh at a pose.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use ndarray_npy::{WritableElement, write_npy};
+use scenes::mesh;
+use sim::touch::{Background, TouchConfig, render_contact};
+
+/// Render what a DIGIT records of a mesh at a pose, noise off
+///
+/// Writes PREFIX_rgb_raw.npy (uint8, 320 x 240 x 3, as the shader gives it), PREFIX_rgb_cal.npy (uint8, over the background)
+/// and PREFIX_depth.npy (float32, 320 x 240, metres along the camera's axis). The image formation is TACTO's.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// OBJ, STL or PLY mesh in metres, used in its own coordinates with smooth vertex normals
+    #[arg(long)]
+    mesh: PathBuf,
+    /// JSON file with the 4 x 4 row-major matrix `T_sensor_object`
+    #[arg(long)]
+    pose: PathBuf,
+    /// Light configuration: `fork` is behind YCB-Slide and FeelSight, `tacto` is TACTO 0.0.3
+    #[arg(long, default_value = "fork")]
+    config: TouchConfig,
+    /// Image of a real DIGIT that touches nothing, 240 x 320; without it the rendered empty gel
+    #[arg(long)]
+    background: Option<PathBuf>,
+    /// Start of the names of the files written
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { mesh: mesh_path, pose: pose_path, .. } = arguments;
+    // Repairs leave the coordinates as they are, so the pose still fits.
+    let (mesh, warnings) = mesh::repair(&mesh::read(mesh_path)?, &mesh_path.display().to_string())?;
+    for warning in warnings {
+        tracing::warn!("{warning}");
+    }
+    let text = fs::read_to_string(pose_path).with_context(|| format!("cannot read {}", pose_path.display()))?;
+    let pose: [[f64; 4]; 4] =
+        serde_json::from_str(&text).with_context(|| format!("{} holds no 4 x 4 matrix", pose_path.display()))?;
+    let background = match &arguments.background {
+        Some(path) => Background::Image(read_image(path)?),
+        None => Background::Rendered,
+    };
+    let arrays = render_contact(&mesh, &pose, arguments.config, background)
+        .with_context(|| format!("cannot render the pose in {}", pose_path.display()))?;
+    write(&arguments.out, "rgb_raw", &arrays.raw)?;
+    write(&arguments.out, "rgb_cal", &arrays.calibrated)?;
+    write(&arguments.out, "depth", &arrays.depth_m)
+}
+
+/// Reads an RGB image.
+pub fn read_image(path: &Path) -> Result<image::RgbImage> {
+    let image = image::ImageReader::open(path)
+        .and_then(image::ImageReader::with_guessed_format)
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    Ok(image.decode().with_context(|| format!("{} is no image", path.display()))?.to_rgb8())
+}
+
+fn write<T: WritableElement, D: ndarray::Dimension>(
+    prefix: &Path,
+    name: &str,
+    array: &ndarray::Array<T, D>,
+) -> Result<()> {
+    let mut path = prefix.as_os_str().to_owned();
+    path.push(format!("_{name}.npy"));
+    let path = PathBuf::from(path);
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    write_npy(&path, array).with_context(|| format!("cannot write {}", path.display()))
+}

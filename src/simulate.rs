@@ -1,0 +1,86 @@
+//! `simulate`: physics and controller alone.
+
+use anyhow::Result;
+use clap::Args;
+use scenes::hand::{Finger, Side};
+use serde::Serialize;
+use sim::episode::{self, End, Episode, EpisodeConfig, Outcome, Randomisation};
+
+use crate::subject::Subject;
+
+/// Simulate an episode without rendering and say how it went
+///
+/// The start is drawn from the seed: yaw, position, friction, mass, centre of mass, joint stiffness and joint angles.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    subject: Subject,
+    /// Seed of the start
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Longest duration in seconds
+    #[arg(long, default_value_t = 20.0, value_parser = crate::subject::positive)]
+    duration: f64,
+    /// Print one JSON object instead of words
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed: the outcome with what led to it.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    object: &'a str,
+    gait: &'a str,
+    side: Side,
+    seed: u64,
+    #[serde(flatten)]
+    outcome: Outcome,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let (object, gait_name, gait) = arguments.subject.load()?;
+    let config = EpisodeConfig {
+        side: arguments.subject.side(),
+        gait: gait.clone(),
+        seed: arguments.seed,
+        duration_s: arguments.duration,
+        randomisation: Randomisation::default(),
+    };
+    let outcome = episode::run(&mut Episode::new(&object, &config)?);
+    let side = config.side;
+    let report = Report { object: &object.name, gait: gait_name, side, seed: arguments.seed, outcome };
+    if arguments.json { print_line(&serde_json::to_string(&report)?) } else { print_line(&in_words(&report)) }
+}
+
+fn in_words(report: &Report<'_>) -> String {
+    let Outcome { survived_s, turned_rad, turn_rate_rad_s, .. } = report.outcome;
+    let ended = match &report.outcome.end {
+        End::Completed => "stayed in the hand".to_owned(),
+        End::Dropped => "fell off the hand".to_owned(),
+        End::Unstable(reason) => reason.clone(),
+    };
+    let pads: Vec<String> = Finger::ALL
+        .iter()
+        .map(|&f| format!("{} {:.0} %", f.name(), 100.0 * report.outcome.per_pad_contact[f]))
+        .collect();
+    format!(
+        "{} (gait {}, seed {}): {ended} for {survived_s:.1} s and turned {turned_rad:.1} rad ({turn_rate_rad_s:.2} rad/s)\n\
+         touched {:.0} % of the time by {:.1} pads on average ({}), {:.2} mm deep; tilted {:.0} degrees at the end",
+        report.object,
+        report.gait,
+        report.seed,
+        100.0 * report.outcome.any_contact_fraction,
+        report.outcome.mean_pads_in_contact,
+        pads.join(", "),
+        report.outcome.penetration_mm,
+        report.outcome.tilt_deg
+    )
+}
+
+/// Writes a result to standard output; a reader that has gone away is an error, not a panic.
+pub fn print_line(text: &str) -> Result<()> {
+    use std::io::Write as _;
+    writeln!(std::io::stdout(), "{text}")?;
+    Ok(())
+}

@@ -1,0 +1,94 @@
+//! Which object is turned by which hand with which gait: arguments that several commands share.
+
+use std::path::Path;
+
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+use scenes::catalogue;
+use scenes::hand::Side;
+use scenes::mesh::Format;
+use scenes::object::Object;
+use sim::gait::{self, Gait};
+
+/// Object, hand and gait.
+#[derive(Debug, Clone, Args)]
+pub struct Subject {
+    /// Object: a name that `assets list` shows, or the path of an OBJ, STL or PLY mesh in metres
+    #[arg(long)]
+    pub object: String,
+    #[command(flatten)]
+    pub manner: Manner,
+}
+
+/// Hand and gait.
+#[derive(Debug, Clone, Args)]
+pub struct Manner {
+    /// Gait, or `auto` to choose it by the object's size
+    #[arg(long, default_value = "auto")]
+    pub gait: String,
+    /// Which hand; FeelSight and its loaders assume the left one
+    #[arg(long, value_enum, default_value_t = Hand::Left)]
+    pub side: Hand,
+}
+
+/// A hand on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Hand {
+    /// The hand that FeelSight assumes
+    Left,
+    /// Its mirror image
+    Right,
+}
+
+impl Subject {
+    /// Loads the object, shows the warnings about its mesh and chooses the gait.
+    pub fn load(&self) -> Result<(Object, &'static str, &'static Gait)> {
+        let object = load_object(&self.object)?;
+        let (name, gait) = self.manner.gait(&object)?;
+        Ok((object, name, gait))
+    }
+
+    /// The hand.
+    pub fn side(&self) -> Side {
+        self.manner.side()
+    }
+}
+
+impl Manner {
+    /// The gait for an object and its name.
+    pub fn gait(&self, object: &Object) -> Result<(&'static str, &'static Gait)> {
+        let name = if self.gait == "auto" { gait::suited_to(object) } else { &self.gait };
+        Ok(gait::find(name)?)
+    }
+
+    /// The hand.
+    pub fn side(&self) -> Side {
+        match self.side {
+            Hand::Left => Side::Left,
+            Hand::Right => Side::Right,
+        }
+    }
+}
+
+/// Loads an object and shows the warnings about its mesh.
+pub fn load_object(name: &str) -> Result<Object> {
+    let mut warnings = Vec::new();
+    let object = catalogue::load(name, &mut warnings);
+    for warning in warnings {
+        tracing::warn!("{warning}");
+    }
+    Ok(object?)
+}
+
+/// Whether an object is named by the path of its mesh, as [`catalogue::load`] decides it.
+pub fn is_path(name: &str) -> bool {
+    Format::from_path(Path::new(name)).is_some() || name.contains(std::path::is_separator)
+}
+
+/// Parses a finite number greater than 0.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        _ => Err("it must be a number greater than 0".to_owned()),
+    }
+}
