@@ -397,3 +397,38 @@ fn in_range(option: &'static str, value: f32, low: f32, high: f32) -> Result<(),
     // A comparison that NaN fails.
     if (low..=high).contains(&value) { Ok(()) } else { Err(TouchError::OutOfRange { option, value, low, high }) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulp::Simd;
+
+    /// No operation is fused and no sum reordered, so that every machine renders the same bits.
+    #[test]
+    fn every_instruction_set_renders_the_same_bits() {
+        let corner = |x: f32, y: f32, z: f32| glam::Vec3::new(x, y, z) * 0.01;
+        let mesh = Mesh {
+            vertices: vec![
+                corner(0.1, 0.0, 0.0),
+                corner(1.0, 0.7, 0.2),
+                corner(0.9, -0.8, 0.3),
+                corner(1.1, 0.1, -1.3),
+            ],
+            faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        };
+        let (object, pose) = (RayMesh::new(&mesh), Isometry::translation(0.02, 0.001, 0.002));
+        for membrane in [None, Some(Membrane { reach_m: 2e-4 })] {
+            let options = TouchOptions { membrane, ..TouchOptions::new(TouchConfig::Fork) };
+            let renderer = TouchRenderer::new(&options).unwrap();
+            let [mut best, mut plain] = [TouchFrame::default(), TouchFrame::default()];
+            let noise = Some(NoiseKey { seed: 1, finger: 2, frame: 3 });
+            renderer.render(&object, pose, noise, &mut best);
+            let gel_from_object = pose;
+            let job = Rendering { renderer: &renderer, object: &object, gel_from_object, noise, frame: &mut plain };
+            pulp::Scalar128b.vectorize(job);
+            assert!(best.contact().pixels().any(|p| p.0[0] == 255), "the object must be in view");
+            assert_eq!(best.calibrated(), plain.calibrated());
+            assert_eq!(best.depth_m().map(|d| d.to_bits()), plain.depth_m().map(|d| d.to_bits()));
+        }
+    }
+}

@@ -1,4 +1,10 @@
 //! Our touch images against TACTO's own, for the scenes in data/tacto (see the README there).
+#![expect(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "a failed assumption here is a failed test"
+)]
 
 use std::collections::HashMap;
 use std::path::PathBuf;

@@ -66,7 +66,7 @@ impl Raster {
         inverse_depth.copy_from_slice(gel_inverse_depth);
         facet.fill(MISS);
         facets.clear();
-        let mut rows = HEIGHT..0;
+        let (mut first, mut end) = (HEIGHT, 0);
         object.find_inside(&view_volume(rotation, translation), stack, candidates);
         for &triangle in candidates.iter() {
             let p = object.corners(triangle).map(|corner| rotation * corner + translation);
@@ -98,14 +98,14 @@ impl Raster {
                 }
             }
             if shows {
-                rows = rows.start.min(lines.start)..rows.end.max(lines.end);
+                (first, end) = (first.min(lines.start), end.max(lines.end));
                 // The weight of a corner is the edge function of the opposite edge.
                 let [a, b, c] = object.corner_normals(triangle);
                 let weights = Mat3A::from_cols(edges[0], edges[1], edges[2]).transpose();
                 facets.push(rotation * Mat3A::from_cols(a, b, c) * weights);
             }
         }
-        rows.start.min(rows.end)..rows.end
+        first.min(end)..end
     }
 
     /// Index of the facet at each pixel of row `v`, [`MISS`] for the gel.
