@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release -p sim --example evaluate_gaits -- --starts 50` takes the objects and gaits that RESULTS.md quotes.
 
+#![expect(clippy::print_stdout, reason = "a program whose output is its table")]
+
 use anyhow::Result;
 use clap::Parser;
 use rayon::prelude::*;

@@ -1,5 +1,7 @@
 //! The hand's kinematics against MuJoCo, exact continuation from a saved state, and the mirrored hand.
 
+#![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
+
 use glam::Vec3;
 use rand::{RngExt as _, SeedableRng as _};
 use scenes::frame::Isometry;

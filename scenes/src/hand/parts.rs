@@ -135,7 +135,7 @@ pub fn parts(side: Side) -> Vec<Part> {
             |x, from, to| Primitive::Capsule { from: [x, 0.0, from], to: [x, 0.0, to], radius: LINK_RADIUS_M };
         match body {
             Body::Palm => {
-                add(Surface::Link, Primitive::Box { centre: [-0.0093, 0.0, -0.0475], half: [0.0204, 0.0565, 0.0475] })
+                add(Surface::Link, Primitive::Box { centre: [-0.0093, 0.0, -0.0475], half: [0.0204, 0.0565, 0.0475] });
             }
             Body::Link(Finger::Thumb, 0) => add(
                 Surface::Link,

@@ -3,6 +3,8 @@
 //! `cargo run --release -p sim --example tune_gait -- --from bal --object 005_tomato_soup_can --object cube70
 //!  --generations 40 --out tuned.json`. A killed run resumes from its output file.
 
+#![expect(clippy::print_stderr, reason = "a program that reports its search")]
+
 mod stroke;
 
 use std::collections::BTreeMap;

@@ -196,7 +196,7 @@ impl Triangle {
 
     /// Moeller and Trumbore's test: distance and the weights of the second and third corner.
     fn intersect(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
-        let [a, b, c] = self.corners().map(|p| p.as_dvec3());
+        let [a, b, c] = self.corners().map(Vec3A::as_dvec3);
         let (ab, ac) = (b - a, c - a);
         let p = direction.cross(ac);
         let determinant = ab.dot(p);
