@@ -13,7 +13,7 @@ use sim::touch::TouchConfig;
 
 use crate::progress;
 use crate::recorder::{Noise, Recorder, Settings};
-use crate::subject::{self, Manner, load_object, positive};
+use crate::subject::{Manner, load_object, positive};
 
 /// Generate FeelSight logs
 ///
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     // Names are checked before hours are spent on the first of them.
     for name in &names {
-        if !subject::is_path(name) {
+        if !catalogue::is_path(name) {
             catalogue::find(name)?;
         }
     }

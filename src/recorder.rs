@@ -228,7 +228,7 @@ fn ended(end: &End) -> EpisodeEnd {
 
 /// SHA-256 of the file that a mesh came from; `None` for procedural objects.
 fn mesh_sha256(name: &str) -> Result<Option<String>> {
-    if crate::subject::is_path(name) {
+    if catalogue::is_path(name) {
         return Ok(Some(pinned::sha256(Path::new(name))?));
     }
     catalogue::find(name)?;

@@ -1,12 +1,9 @@
 //! Which object is turned by which hand with which gait: arguments that several commands share.
 
-use std::path::Path;
-
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use scenes::catalogue;
 use scenes::hand::Side;
-use scenes::mesh::Format;
 use scenes::object::Object;
 use sim::gait::{self, Gait};
 
@@ -78,11 +75,6 @@ pub fn load_object(name: &str) -> Result<Object> {
         tracing::warn!("{warning}");
     }
     Ok(object?)
-}
-
-/// Whether an object is named by the path of its mesh, as [`catalogue::load`] decides it.
-pub fn is_path(name: &str) -> bool {
-    Format::from_path(Path::new(name)).is_some() || name.contains(std::path::is_separator)
 }
 
 /// Parses a finite number greater than 0.
