@@ -17,7 +17,7 @@ use crate::subject::{Manner, duration, load_object};
 
 /// Generate FeelSight logs
 ///
-/// Each log is one simulated episode in DIR/<object>/<00, 01, ...>, written so that NeuralFeels' own loaders read it, with a
+/// Each log is one simulated episode in DIR/OBJECT/00, 01 and so on, written so that NeuralFeels' own loaders read it, with a
 /// scene.json that says how it was made. A log appears under its name only when it is complete: an interrupted run is resumed
 /// by the same command, which skips what is done. Log k has seed SEED + k; `simulate` with that seed plays the same episode.
 #[derive(Debug, Args)]
