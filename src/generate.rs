@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, value_parser};
 use scenes::camera::{self, Placement, PosedCamera};
 use scenes::catalogue;
 use scenes::hand::Side;
@@ -26,7 +26,7 @@ pub struct Arguments {
     #[arg(long = "object", required = true)]
     objects: Vec<String>,
     /// Logs per object
-    #[arg(long, default_value_t = 5)]
+    #[arg(long, default_value_t = 5, value_parser = value_parser!(u64).range(1..))]
     logs: u64,
     /// Seconds per log
     #[arg(long, default_value_t = 30.0, value_parser = positive)]
@@ -41,8 +41,8 @@ pub struct Arguments {
     #[arg(long, default_value = "front-left")]
     cameras: String,
     /// Instead of `--logs` episodes: one episode seen from N views on a sphere, a log per view, as FeelSight's occlusion set
-    #[arg(long, conflicts_with_all = ["logs", "cameras"])]
-    occlusion_views: Option<usize>,
+    #[arg(long, conflicts_with_all = ["logs", "cameras"], value_parser = value_parser!(u16).range(1..))]
+    occlusion_views: Option<u16>,
     /// Noise in the recorded images
     #[arg(long, value_enum, default_value_t = NoiseChoice::Touch)]
     noise: NoiseChoice,
@@ -54,9 +54,9 @@ pub struct Arguments {
     background: Option<PathBuf>,
     #[command(flatten)]
     manner: Manner,
-    /// Worker threads; the result does not depend on it
-    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
-    jobs: usize,
+    /// Worker threads, one per core unless given; the result does not depend on it
+    #[arg(long, value_parser = value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
     /// Replace logs that are there, and write into a folder that holds something else
     #[arg(long)]
     overwrite: bool,
@@ -75,7 +75,8 @@ enum NoiseChoice {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs).build()?;
+    // 0 leaves the number to rayon.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.map_or(0, usize::from)).build()?;
     let names: Vec<String> = if arguments.objects.iter().any(|name| name == "all") {
         catalogue::entries().map(|entry| entry.name.to_owned()).collect()
     } else {
@@ -140,7 +141,7 @@ fn jobs(arguments: &Arguments, side: Side) -> Result<Vec<Job>> {
         // NeuralFeels' loaders look for their primary camera in every log, whatever its view.
         let view = |camera| PosedCamera { name: "front-left".to_owned(), ..camera };
         let job = |camera| Job { seed: arguments.seed, cameras: vec![view(camera)] };
-        return Ok(camera::occlusion_rig(views, side).into_iter().map(job).collect());
+        return Ok(camera::occlusion_rig(views.into(), side).into_iter().map(job).collect());
     }
     let placements = Placement::parse_list(&arguments.cameras)?;
     let cameras: Vec<PosedCamera> = placements.iter().map(|placement| placement.camera(side)).collect();

@@ -76,11 +76,9 @@ fn a_log_that_is_being_replaced_stays_whole() {
     let workplace = Workplace::new();
     let line = |seed: u32| format!("generate --object cube70 --logs 1 --duration 0.3 --seed {seed} --out set");
     workplace.run(&line(0)).good();
-    for moment in [
-        Moment::Entries(60),
-        Moment::Exists("set/cube70/.00.partial/scene.json"),
-        Moment::Exists("set/cube70/.00.old"),
-    ] {
+    for moment in
+        [Moment::Entries(60), Moment::Exists("set/cube70/.00.partial/scene.json"), Moment::Exists("set/cube70/.00.old")]
+    {
         killed_at(&workplace, &format!("{} --overwrite", line(1)), &moment);
         check_visible_logs(&workplace);
     }
