@@ -54,17 +54,12 @@ pub struct Arguments {
     background: Option<PathBuf>,
     #[command(flatten)]
     manner: Manner,
-    /// Worker threads; the result does not depend on it
-    #[arg(long, default_value_t = default_jobs(), value_parser = value_parser!(u16).range(1..=256))]
-    jobs: u16,
+    /// Worker threads, one per core unless given; the result does not depend on it
+    #[arg(long, value_parser = value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
     /// Replace logs that are there, and write into a folder that holds something else
     #[arg(long)]
     overwrite: bool,
-}
-
-/// One thread per core.
-fn default_jobs() -> u16 {
-    std::thread::available_parallelism().map_or(1, |cores| u16::try_from(cores.get()).unwrap_or(256).min(256))
 }
 
 /// Noise on the command line.
@@ -80,7 +75,8 @@ enum NoiseChoice {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.into()).build()?;
+    // 0 leaves the number to rayon.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.map_or(0, usize::from)).build()?;
     let names: Vec<String> = if arguments.objects.iter().any(|name| name == "all") {
         catalogue::entries().map(|entry| entry.name.to_owned()).collect()
     } else {

@@ -47,6 +47,8 @@ fn main() -> ExitCode {
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()
+        // They would go to standard error as well, and panic where nobody reads it.
+        .log_internal_errors(false)
         .init();
     let result = match Cli::parse().command {
         None => demo::run(),

@@ -37,7 +37,7 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { mesh: mesh_path, pose: pose_path, .. } = arguments;
-    // Repairs leave the coordinates as they are, so the pose still fits.
+    // Repairs move no vertex, so the pose still fits; a file in millimetres is scaled to the pose's metres.
     let (mesh, warnings) = mesh::repair(&mesh::read(mesh_path)?, &mesh_path.display().to_string())?;
     for warning in warnings {
         tracing::warn!("{warning}");

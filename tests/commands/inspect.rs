@@ -1,0 +1,102 @@
+//! `inspect`: every way in which a log can be broken has exit code 1 and a reason.
+
+use std::fs;
+
+use crate::workplace::Workplace;
+
+fn with_log() -> Workplace {
+    let workplace = Workplace::new();
+    workplace.run("generate --object large_dice --logs 1 --duration 0.2 --out set").good();
+    workplace.run("inspect set/large_dice/00").good();
+    workplace
+}
+
+/// Changes one file, inspects, and puts it back.
+#[track_caller]
+fn refused(workplace: &Workplace, file: &str, change: impl FnOnce(&mut Vec<u8>)) -> String {
+    let path = workplace.path("set/large_dice/00").join(file);
+    let intact = fs::read(&path).unwrap();
+    let mut bytes = intact.clone();
+    change(&mut bytes);
+    fs::write(&path, bytes).unwrap();
+    let said = workplace.run("inspect set/large_dice/00").error();
+    fs::write(&path, intact).unwrap();
+    assert!(said.contains(file), "{said} does not name {file}");
+    said
+}
+
+#[test]
+fn a_damaged_log_is_bad_and_named() {
+    let workplace = with_log();
+    for length in [0, 1, 100, 1000] {
+        refused(&workplace, "data.pkl", |bytes| bytes.truncate(length));
+    }
+    refused(&workplace, "data.pkl", |bytes| bytes.truncate(bytes.len() - 1));
+    refused(&workplace, "scene.json", |bytes| bytes.truncate(bytes.len() / 2));
+    let depth = "realsense/front-left/depth.npz";
+    for eighth in 1..8 {
+        refused(&workplace, depth, |bytes| {
+            let middle = bytes.len() * eighth / 8;
+            bytes[middle] ^= 0x10;
+        });
+    }
+    refused(&workplace, depth, |bytes| bytes.truncate(bytes.len() - 1));
+    let camera = fs::read(workplace.path("set/large_dice/00/realsense/front-left/image/0.jpg")).unwrap();
+    let said = refused(&workplace, "allegro/index/image/2.jpg", |bytes| bytes.clone_from(&camera));
+    assert!(said.contains("640"), "{said}");
+    refused(&workplace, "allegro/thumb/mask/0.jpg", |bytes| bytes.clone_from(&camera));
+    refused(&workplace, "realsense/front-left/seg/5.jpg", |bytes| bytes.truncate(100));
+    refused(&workplace, "realsense/front-left/image/5.jpg", Vec::clear);
+    // Everything was put back.
+    workplace.run("inspect set/large_dice/00").good();
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    for file in [
+        "data.pkl",
+        "allegro/ring/image/3.jpg",
+        "allegro/ring/mask/5.jpg",
+        "realsense/front-left/image/0.jpg",
+        "realsense/front-left/seg/5.jpg",
+        "realsense/front-left/depth.npz",
+    ] {
+        let workplace = with_log();
+        fs::remove_file(workplace.path("set/large_dice/00").join(file)).unwrap();
+        let said = workplace.run("inspect set/large_dice/00").error();
+        let folder = file.rsplit_once('/').map_or(file, |(folder, _)| folder);
+        assert!(said.contains(folder), "{said} does not name {folder}");
+    }
+    let workplace = Workplace::new();
+    assert!(workplace.run("inspect nowhere").error().contains("nowhere"));
+    fs::create_dir(workplace.path("empty")).unwrap();
+    assert!(workplace.run("inspect empty").error().contains("empty/data.pkl"));
+}
+
+#[test]
+fn a_hostile_pickle_does_nothing() {
+    let workplace = with_log();
+    for program in [
+        &b"cos\nsystem\n(S'touch hacked'\ntR."[..],
+        b"\x80\x04\x8c\x05posix\x8c\x06system\x93\x8c\x0ctouch hacked\x85R.",
+        b"cbuiltins\neval\n(S\"open('hacked','w')\"\ntR.",
+        b"c__builtin__\nexec\n(S\"open('hacked','w')\"\ntR.",
+        b"(S'touch hacked'\nios\nsystem\n.",
+        b"cnumpy.core.multiarray\n_reconstruct\n(cos\nsystem\n(S'touch hacked'\ntRI0\nS'b'\ntR.",
+    ] {
+        let said = refused(&workplace, "data.pkl", |bytes| *bytes = program.to_vec());
+        assert!(said.lines().count() == 1, "{said}");
+        assert!(!workplace.path("hacked").exists());
+    }
+}
+
+#[test]
+fn poses_that_are_not_kinematics_are_bad() {
+    let workplace = with_log();
+    // The last elements of data.pkl are numbers: one wrong bit in any of them must not pass as another pose.
+    let path = workplace.path("set/large_dice/00/scene.json");
+    let scene = fs::read_to_string(&path).unwrap();
+    fs::write(&path, scene.replace("\"hand\": \"left\"", "\"hand\": \"right\"")).unwrap();
+    let said = workplace.run("inspect set/large_dice/00").error();
+    assert!(said.contains("kinematics"), "{said}");
+}

@@ -1,0 +1,94 @@
+//! SIGKILL at any moment: what has a final name is complete, and the same command finishes the work.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Stdio};
+
+use crate::workplace::{Workplace, assert_same};
+
+/// When to kill.
+enum Moment {
+    /// As soon as there are this many files and folders more than when there were fewest.
+    Entries(usize),
+    /// As soon as this exists: the steps at the end of a log, which take little time but decide everything.
+    Exists(&'static str),
+}
+
+fn count(folder: &Path) -> usize {
+    // The process renames and removes folders meanwhile.
+    let Ok(entries) = fs::read_dir(folder) else { return 0 };
+    entries.flatten().map(|entry| 1 + if entry.path().is_dir() { count(&entry.path()) } else { 0 }).sum()
+}
+
+/// Runs until the moment has come; says whether the process was still at work then.
+fn killed_at(workplace: &Workplace, line: &str, moment: &Moment) -> bool {
+    let mut command = workplace.command(line);
+    let mut child: Child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    // What an earlier kill left behind is removed first.
+    let mut fewest = usize::MAX;
+    let mut has_come = || match moment {
+        Moment::Entries(more) => {
+            let entries = count(&workplace.path("set"));
+            fewest = fewest.min(entries);
+            entries >= fewest + more
+        }
+        Moment::Exists(path) => workplace.path(path).exists(),
+    };
+    while !has_come() && child.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    child.kill().unwrap();
+    !child.wait().unwrap().success()
+}
+
+fn check_visible_logs(workplace: &Workplace) -> usize {
+    let logs = workplace.logs("set");
+    for log in &logs {
+        workplace.run(&format!("inspect {log}")).good();
+    }
+    logs.len()
+}
+
+#[test]
+fn a_killed_run_is_resumed() {
+    let workplace = Workplace::new();
+    let line = |out: &str| format!("generate --object cube70 --logs 3 --duration 0.5 --out {out}");
+    let mut kills = 0;
+    // A log is about 220 entries. The numbers are random, but the same each time.
+    for moment in [
+        Moment::Entries(1),
+        Moment::Entries(17),
+        Moment::Entries(143),
+        Moment::Exists("set/cube70/00"),
+        Moment::Exists("set/cube70/.01.partial/data.pkl"),
+        Moment::Entries(71),
+        Moment::Entries(209),
+        Moment::Exists("set/cube70/01"),
+        Moment::Exists("set/cube70/.02.partial/scene.json"),
+        Moment::Entries(33),
+    ] {
+        kills += usize::from(killed_at(&workplace, &line("set"), &moment));
+        check_visible_logs(&workplace);
+    }
+    assert!(kills >= 6, "only {kills} runs were killed before they were done");
+    workplace.run(&line("set")).good();
+    assert_eq!(check_visible_logs(&workplace), 3);
+    workplace.run(&line("undisturbed")).good();
+    assert_same(&workplace.files("undisturbed"), &workplace.files("set"));
+}
+
+#[test]
+fn a_log_that_is_being_replaced_stays_whole() {
+    let workplace = Workplace::new();
+    let line = |seed: u32| format!("generate --object cube70 --logs 1 --duration 0.3 --seed {seed} --out set");
+    workplace.run(&line(0)).good();
+    for moment in
+        [Moment::Entries(60), Moment::Exists("set/cube70/.00.partial/scene.json"), Moment::Exists("set/cube70/.00.old")]
+    {
+        killed_at(&workplace, &format!("{} --overwrite", line(1)), &moment);
+        check_visible_logs(&workplace);
+    }
+    workplace.run(&format!("{} --overwrite", line(1))).good();
+    workplace.run(&line(1).replace("set", "undisturbed")).good();
+    assert_same(&workplace.files("undisturbed"), &workplace.files("set"));
+}

@@ -1,0 +1,131 @@
+//! A temporary folder in which the program runs.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use tempfile::TempDir;
+
+/// A temporary folder; paths in command lines are relative to it.
+pub struct Workplace(TempDir);
+
+/// How a command ended.
+#[derive(Debug, PartialEq)]
+pub struct Ended {
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+/// The files below a folder, by their path in it.
+pub type Files = BTreeMap<PathBuf, Vec<u8>>;
+
+impl Workplace {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self, relative: &str) -> PathBuf {
+        self.0.path().join(relative)
+    }
+
+    pub fn write(&self, relative: &str, bytes: impl AsRef<[u8]>) {
+        fs::write(self.path(relative), bytes).unwrap();
+    }
+
+    /// The program with arguments that are separated by spaces, and without the user's own settings.
+    pub fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mambavitact"));
+        command.args(arguments.split_whitespace()).current_dir(self.0.path());
+        command.env_remove("MAMBAVITACT_LOG").env_remove("YCB_DIR").env_remove("YCB_ARCHIVE");
+        command
+    }
+
+    pub fn run(&self, arguments: &str) -> Ended {
+        Ended::of(&mut self.command(arguments))
+    }
+
+    /// Every file below a folder; none if it is not there.
+    pub fn files(&self, relative: &str) -> Files {
+        let mut files = Files::new();
+        let root = self.path(relative);
+        if root.exists() {
+            collect(&root, &root, &mut files);
+        }
+        files
+    }
+
+    /// Folders of finished logs below a data set.
+    pub fn logs(&self, data_set: &str) -> Vec<String> {
+        let list = |folder: &str| match fs::read_dir(self.path(folder)) {
+            Ok(entries) => entries.map(|entry| format!("{folder}/{}", name(&entry.unwrap().path()))).collect(),
+            Err(_) => Vec::new(),
+        };
+        let is_visible = |path: &String| !name(Path::new(path)).starts_with('.');
+        let mut logs: Vec<String> = list(data_set).iter().flat_map(|object| list(object)).filter(is_visible).collect();
+        logs.sort();
+        logs
+    }
+}
+
+impl Ended {
+    pub fn of(command: &mut Command) -> Self {
+        let output = command.output().unwrap();
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        Self { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
+    }
+
+    /// Standard output of a command that must have succeeded in silence.
+    #[track_caller]
+    pub fn good(self) -> String {
+        assert_eq!((self.code, self.stderr.as_str()), (Some(0), ""), "{self:?}");
+        self.stdout
+    }
+
+    /// What is said on standard error by a command that must have succeeded.
+    #[track_caller]
+    pub fn warned(self) -> String {
+        assert_eq!(self.code, Some(0), "{self:?}");
+        assert!(self.stderr.lines().all(|line| line.trim_start().starts_with("WARN")), "{self:?}");
+        self.stderr
+    }
+
+    /// The one line with which a command must have failed.
+    #[track_caller]
+    pub fn error(self) -> String {
+        assert_eq!((self.code, self.stdout.as_str()), (Some(1), ""), "{self:?}");
+        assert!(self.stderr.starts_with("ERROR ") && self.stderr.lines().count() == 1, "{self:?}");
+        self.stderr
+    }
+
+    /// What is said about arguments that make no sense.
+    #[track_caller]
+    pub fn usage(self) -> String {
+        assert_eq!((self.code, self.stdout.as_str()), (Some(2), ""), "{self:?}");
+        self.stderr
+    }
+}
+
+/// Fails with the first difference, not with all bytes.
+#[track_caller]
+pub fn assert_same(left: &Files, right: &Files) {
+    assert!(!left.is_empty(), "there is nothing to compare");
+    let differs = |path: &&PathBuf| left.get(*path) != right.get(*path);
+    assert_eq!(left.keys().chain(right.keys()).find(differs), None, "this file differs");
+}
+
+fn collect(root: &Path, folder: &Path, files: &mut Files) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(root, &path, files);
+        } else {
+            files.insert(path.strip_prefix(root).unwrap().to_path_buf(), fs::read(&path).unwrap());
+        }
+    }
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap().to_str().unwrap().to_owned()
+}
