@@ -13,11 +13,11 @@ use sim::touch::TouchConfig;
 
 use crate::progress;
 use crate::recorder::{Noise, Recorder, Settings};
-use crate::subject::{Manner, load_object, positive};
+use crate::subject::{Manner, duration, load_object};
 
 /// Generate FeelSight logs
 ///
-/// Each log is one simulated episode in DIR/<object>/<00, 01, ...>, written so that NeuralFeels' own loaders read it, with a
+/// Each log is one simulated episode in DIR/OBJECT/00, 01 and so on, written so that NeuralFeels' own loaders read it, with a
 /// scene.json that says how it was made. A log appears under its name only when it is complete: an interrupted run is resumed
 /// by the same command, which skips what is done. Log k has seed SEED + k; `simulate` with that seed plays the same episode.
 #[derive(Debug, Args)]
@@ -26,10 +26,10 @@ pub struct Arguments {
     #[arg(long = "object", required = true)]
     objects: Vec<String>,
     /// Logs per object
-    #[arg(long, default_value_t = 5, value_parser = value_parser!(u64).range(1..))]
+    #[arg(long, default_value_t = 5, value_parser = value_parser!(u64).range(1..=100_000))]
     logs: u64,
     /// Seconds per log
-    #[arg(long, default_value_t = 30.0, value_parser = positive)]
+    #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
     /// Seed of the first log
     #[arg(long, default_value_t = 0)]
@@ -41,7 +41,7 @@ pub struct Arguments {
     #[arg(long, default_value = "front-left")]
     cameras: String,
     /// Instead of `--logs` episodes: one episode seen from N views on a sphere, a log per view, as FeelSight's occlusion set
-    #[arg(long, conflicts_with_all = ["logs", "cameras"], value_parser = value_parser!(u16).range(1..))]
+    #[arg(long, conflicts_with_all = ["logs", "cameras"], value_parser = value_parser!(u16).range(1..=1000))]
     occlusion_views: Option<u16>,
     /// Noise in the recorded images
     #[arg(long, value_enum, default_value_t = NoiseChoice::Touch)]

@@ -19,7 +19,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Longest duration in seconds
-    #[arg(long, default_value_t = 20.0, value_parser = crate::subject::positive)]
+    #[arg(long, default_value_t = 20.0, value_parser = crate::subject::duration)]
     duration: f64,
     /// Print one JSON object instead of words
     #[arg(long)]

@@ -77,10 +77,10 @@ pub fn load_object(name: &str) -> Result<Object> {
     Ok(object?)
 }
 
-/// Parses a finite number greater than 0.
-pub fn positive(text: &str) -> Result<f64, String> {
+/// Parses a duration in seconds. An hour of snapshots fits into memory; a day would not.
+pub fn duration(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        _ => Err("it must be a number greater than 0".to_owned()),
+        Ok(value) if value > 0.0 && value <= 3600.0 => Ok(value),
+        _ => Err("it must be a number of seconds greater than 0 and at most 3600".to_owned()),
     }
 }

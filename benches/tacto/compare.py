@@ -47,10 +47,17 @@ def scenes(folder):
         yield os.environ["MESH"], Path(os.environ["MESH"]), np.array(json.loads(Path(os.environ["POSE"]).read_text()))
 
 
-def make_tacto(mesh_file, pose):
+def make_background(path):
+    """A smooth image in place of a real DIGIT's; both programs lay the contact over it."""
+    rows, columns = np.mgrid[0:320, 0:240]
+    image = np.stack([60 + rows / 4, 180 - rows / 4, 60 + columns / 2], axis=-1)
+    cv2.imwrite(str(path), image.astype(np.uint8))
+
+
+def make_tacto(mesh_file, pose, background):
     """TACTO as it installs itself, an object in view."""
     config = Path(tacto.renderer.__file__).with_name("config_digit.yml")
-    background = cv2.imread(str(DATA / "background_tacto.png"))
+    background = cv2.imread(str(background))
     renderer = tacto.renderer.Renderer(width=240, height=320, background=background, config_path=str(config))
     euler = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
     renderer.add_object(trimesh.load(mesh_file), "object", position=pose[:3, 3], orientation=euler)
@@ -64,10 +71,12 @@ def main():
     ratios = []
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
+        background = folder / "background.png"
+        make_background(background)
         for name, mesh_file, pose in scenes(folder):
             (folder / "pose.json").write_text(json.dumps(pose.tolist()))
-            command = [ours, mesh_file, folder / "pose.json", DATA / "background_tacto.png", str(our_frames), folder / "ours"]
-            renderer = make_tacto(mesh_file, pose)
+            command = [ours, mesh_file, folder / "pose.json", background, str(our_frames), folder / "ours"]
+            renderer = make_tacto(mesh_file, pose, background)
             renderer.render()
             theirs_ms, ours_ms = [], []
             for _ in range(rounds):
