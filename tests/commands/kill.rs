@@ -44,6 +44,8 @@ fn killed_at(workplace: &Workplace, line: &str, moment: &Moment) -> bool {
 fn check_visible_logs(workplace: &Workplace) -> usize {
     let logs = workplace.logs("set");
     for log in &logs {
+        // Without it a log would pass for one of another program.
+        assert!(workplace.path(log).join("scene.json").exists(), "{log}");
         workplace.run(&format!("inspect {log}")).good();
     }
     logs.len()
