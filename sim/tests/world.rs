@@ -8,7 +8,7 @@ use scenes::frame::Isometry;
 use scenes::hand::{Body, JointAngles, Side, joint_ranges};
 use scenes::mesh::Mesh;
 use scenes::object::Object;
-use sim::episode::{Episode, EpisodeConfig, PHYSICS_HZ, Randomisation, Start};
+use sim::episode::{End, Episode, EpisodeConfig, PHYSICS_HZ, Randomisation, Start, run};
 use sim::gait;
 use sim::world::World;
 
@@ -93,4 +93,13 @@ fn frames_come_at_thirty_hertz_and_the_episode_ends_on_time() {
     assert!(times.iter().enumerate().all(|(i, t)| (t - i as f64 / 30.0).abs() < 1e-12));
     assert_eq!(PHYSICS_HZ, 300);
     assert!((episode.time_s() - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn exploding_physics_ends_the_episode_with_the_reason() {
+    let mut config = config(Side::Left, 5);
+    config.gait.gravity = [0.0, 0.0, -1e7];
+    let outcome = run(&mut Episode::new(&cube(0.07), &config).unwrap());
+    assert!(matches!(&outcome.end, End::Unstable(reason) if reason.contains("became unstable")), "{:?}", outcome.end);
+    assert!(outcome.survived_s < 1.0);
 }
