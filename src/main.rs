@@ -22,7 +22,7 @@ use tracing_subscriber::EnvFilter;
 ///
 /// Without a command: simulates and records an episode with the Rubik's cube into out/, with a contact sheet to look at.
 #[derive(Debug, Parser)]
-#[command(version, max_term_width = 110)]
+#[command(version, max_term_width = 110, after_help = "MAMBAVITACT_LOG=debug shows more of what happens.")]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
