@@ -96,7 +96,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     // Names are checked before hours are spent on the first of them.
     for name in &names {
-        if !catalogue::is_path(name) {
+        if catalogue::is_path(name) {
+            fs::metadata(name).with_context(|| format!("cannot read {name}"))?;
+        } else {
             catalogue::find(name)?;
         }
     }
