@@ -9,6 +9,7 @@ use scenes::hand::{Finger, PerFinger, Side};
 use scenes::object::Object;
 use sim::episode::{Outcome, Snapshot};
 use sim::feelsight::{ContactSheet, Log, Moment, Timeline, contact_sheet};
+use sim::touch::TouchConfig;
 
 use crate::generate::check_vacant;
 use crate::progress;
@@ -35,7 +36,7 @@ pub fn run() -> Result<()> {
         side: Side::Left,
         duration_s: DURATION_S,
         noise: Noise { touch: true, camera_depth: None },
-        touch_config: "fork".to_owned(),
+        touch_config: TouchConfig::Fork,
         background: None,
     };
     let out = Path::new(OUT);

@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             NoiseChoice::Touch => Noise { touch: true, camera_depth: None },
             NoiseChoice::Full => Noise { touch: true, camera_depth: Some(5.0) },
         },
-        touch_config: arguments.touch_config.name().to_owned(),
+        touch_config: arguments.touch_config,
         background: arguments.background.clone(),
     };
     // Names are checked before hours are spent on the first of them.

@@ -11,8 +11,7 @@ use scenes::camera::PosedCamera;
 use scenes::catalogue;
 use scenes::hand::{Finger, PerFinger, Side};
 use scenes::object::Object;
-use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
+use serde::Serialize;
 use sim::episode::{
     CONTROL_HZ, End, Episode, EpisodeConfig, FRAME_HZ, Outcome, PHYSICS_HZ, Randomisation, Snapshot, Start, Tally,
 };
@@ -24,7 +23,7 @@ use sim::touch::{Background, TouchConfig, TouchOptions};
 use crate::render_touch::read_image;
 
 /// Everything that decides what is in a log, but for the object, the seed and the cameras.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Settings {
     /// Name of a gait, or `auto`.
     pub gait: String,
@@ -34,14 +33,14 @@ pub struct Settings {
     pub duration_s: f64,
     /// Noise in the recorded images.
     pub noise: Noise,
-    /// Name of the DIGITs' light configuration.
-    pub touch_config: String,
+    /// Light configuration of the DIGITs.
+    pub touch_config: TouchConfig,
     /// Image under every touch image; `None` for a synthetic one of its own for each finger.
     pub background: Option<PathBuf>,
 }
 
 /// Noise in the recorded images.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Noise {
     /// Whether touch images have the noise of their configuration.
     pub touch: bool,
@@ -75,8 +74,7 @@ pub struct Recorder<'a> {
 impl<'a> Recorder<'a> {
     /// Prepares for an object that was loaded by `name`.
     pub fn new(object: &'a Object, name: &str, settings: &'a Settings) -> Result<Self> {
-        let gait_name = if settings.gait == "auto" { gait::suited_to(object) } else { &settings.gait };
-        let (gait_name, gait) = gait::find(gait_name)?;
+        let (gait_name, gait) = gait::choose(&settings.gait, object)?;
         let scene_object = SceneObject {
             name: object.name.clone(),
             mesh: name.to_owned(),
@@ -97,7 +95,7 @@ impl<'a> Recorder<'a> {
 
     fn config_sha256(&self, seed: u64, cameras: &[PosedCamera]) -> String {
         let cameras: Vec<_> = cameras.iter().map(|c| (&c.name, c.intrinsics, c.pose.to_matrix())).collect();
-        let background = self.background.as_ref().map(|image| hex(&Sha256::digest(image.as_raw())));
+        let background = self.background.as_ref().map(|image| pinned::sha256_of(image.as_raw()));
         let config = serde_json::json!([
             env!("CARGO_PKG_VERSION"),
             FORMAT_VERSION,
@@ -109,7 +107,7 @@ impl<'a> Recorder<'a> {
             seed,
             cameras,
         ]);
-        hex(&Sha256::digest(config.to_string()))
+        pinned::sha256_of(config.to_string().as_bytes())
     }
 
     /// Simulates, renders and writes one log. The result depends on neither threads nor time.
@@ -135,7 +133,6 @@ impl<'a> Recorder<'a> {
         let outcome = tally.outcome(&episode);
         bar.set_length(snapshots.len() as u64);
 
-        let touch_config: TouchConfig = self.settings.touch_config.parse()?;
         let background = |finger: Finger| match &self.background {
             Some(image) => Background::Image(image.clone()),
             None => Background::Synthetic { seed: finger as u64 },
@@ -147,7 +144,7 @@ impl<'a> Recorder<'a> {
                 cameras: cameras.to_vec(),
                 touch: PerFinger::from_fn(|finger| TouchOptions {
                     background: background(finger),
-                    ..TouchOptions::new(touch_config)
+                    ..TouchOptions::new(self.settings.touch_config)
                 }),
                 touch_noise: self.settings.noise.touch,
                 camera_depth_noise: self.settings.noise.camera_depth,
@@ -181,6 +178,8 @@ impl<'a> Recorder<'a> {
         let Start { physics, .. } = episode.start();
         let [cx, cy, cz] = physics.com_offset_m;
         let number = |name: &str, value: f64| (name.to_owned(), value);
+        let Settings { noise, touch_config, .. } = self.settings;
+        let touch_sigma = if noise.touch { f64::from(touch_config.noise_sigma()) } else { 0.0 };
         Scene {
             format_version: FORMAT_VERSION,
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -194,8 +193,8 @@ impl<'a> Recorder<'a> {
             control_rate_hz: f64::from(CONTROL_HZ),
             physics_rate_hz: f64::from(PHYSICS_HZ),
             noise: BTreeMap::from([
-                number("touch_sigma_grey", if self.settings.noise.touch { self.touch_sigma() } else { 0.0 }),
-                number("camera_depth_multiple_of_redwood", self.settings.noise.camera_depth.unwrap_or(0.0)),
+                number("touch_sigma_grey", touch_sigma),
+                number("camera_depth_multiple_of_redwood", noise.camera_depth.unwrap_or(0.0)),
             ]),
             randomised: BTreeMap::from([
                 number("gel_friction", physics.gel_friction),
@@ -210,10 +209,6 @@ impl<'a> Recorder<'a> {
             // Replaced when the log is finished.
             end: EpisodeEnd { complete: false, reason: "unfinished".to_owned() },
         }
-    }
-
-    fn touch_sigma(&self) -> f64 {
-        self.settings.touch_config.parse().map_or(0.0, |config: TouchConfig| f64::from(config.noise_sigma()))
     }
 }
 
@@ -233,8 +228,4 @@ fn mesh_sha256(name: &str) -> Result<Option<String>> {
     }
     catalogue::find(name)?;
     Ok(catalogue::ycb_files().find(|file| file.name == name).map(|file| file.sha256.to_owned()))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

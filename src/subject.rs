@@ -41,7 +41,7 @@ impl Subject {
     /// Loads the object, shows the warnings about its mesh and chooses the gait.
     pub fn load(&self) -> Result<(Object, &'static str, &'static Gait)> {
         let object = load_object(&self.object)?;
-        let (name, gait) = self.manner.gait(&object)?;
+        let (name, gait) = gait::choose(&self.manner.gait, &object)?;
         Ok((object, name, gait))
     }
 
@@ -52,12 +52,6 @@ impl Subject {
 }
 
 impl Manner {
-    /// The gait for an object and its name.
-    pub fn gait(&self, object: &Object) -> Result<(&'static str, &'static Gait)> {
-        let name = if self.gait == "auto" { gait::suited_to(object) } else { &self.gait };
-        Ok(gait::find(name)?)
-    }
-
     /// The hand.
     pub fn side(&self) -> Side {
         match self.side {

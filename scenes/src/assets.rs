@@ -11,7 +11,6 @@ use std::sync::{Mutex, PoisonError};
 
 use flate2::read::GzDecoder;
 use pinned::{Archive, Progress};
-use sha2::{Digest, Sha256};
 
 use crate::catalogue;
 
@@ -333,7 +332,7 @@ impl Library {
 }
 
 fn check(bytes: &[u8], file: Pinned, path: &Path) -> Result<(), Error> {
-    let found: String = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+    let found = pinned::sha256_of(bytes);
     if found == file.sha256 {
         Ok(())
     } else {

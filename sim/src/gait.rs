@@ -66,6 +66,14 @@ pub fn find(name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
         .ok_or_else(|| UnknownGait { name: name.to_owned() })
 }
 
+/// The shipped gait of this name, or for `auto` the one that suits the object; with its name.
+///
+/// # Errors
+/// [`UnknownGait`], which lists the names.
+pub fn choose(name: &str, object: &Object) -> Result<(&'static str, &'static Gait), UnknownGait> {
+    find(if name == "auto" { suited_to(object) } else { name })
+}
+
 /// Name of the shipped gait that suits an object, by its size and by whether it rolls.
 pub fn suited_to(object: &Object) -> &'static str {
     let [x, y, height] = object.extents_m();

@@ -44,7 +44,8 @@ use raster::Raster;
 use shade::{Row, Shader};
 
 /// Which of TACTO's DIGIT configurations lights the gel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum TouchConfig {
     /// The fork of TACTO behind YCB-Slide and FeelSight: green, red and blue spot lights, noise of 2 grey.
     Fork,

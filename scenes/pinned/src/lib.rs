@@ -123,11 +123,20 @@ pub fn sha256(path: &Path) -> Result<String, Error> {
         }
         hasher.update(&block[..read]);
     }
-    Ok(hasher.finalize().iter().fold(String::with_capacity(64), |mut hex, byte| {
+    Ok(hex(&hasher.finalize()))
+}
+
+/// SHA-256 of bytes in memory, lower-case hexadecimal.
+pub fn sha256_of(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut hex, byte| {
         // Writing to a String cannot fail.
         let _ = write!(hex, "{byte:02x}");
         hex
-    }))
+    })
 }
 
 /// Checks that a file has the pinned hash.
