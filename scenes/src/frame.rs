@@ -51,6 +51,9 @@ frames! {
     Camera
     /// The object: origin at the centre of its bounding box, z up as it stands on the palm.
     Object
+    /// The coordinates in which a shape is estimated. With a known shape they are the object's; otherwise the first frame of a run
+    /// fixes them, and only a score, which knows the truth, can say how they lie in [`Object`].
+    Model
     /// The coordinates in which an object's mesh was published; differs from [`Object`] by a rigid motion.
     MeshFile
 }

@@ -6,6 +6,7 @@ pub mod assets;
 pub mod camera;
 pub mod catalogue;
 pub mod decompose;
+pub mod depth;
 pub mod digit;
 pub mod frame;
 pub mod hand;

@@ -1,4 +1,10 @@
 //! Geometry to pose and shape.
 //!
-//! Will hold the neural signed-distance field, the tracker and the metrics. Nothing here knows of MuJoCo or of networks:
-//! it receives metric depth and the poses of the sensors that measured it.
+//! Receives metric depth and the poses of the sensors that measured it ([`scenes::depth::DepthFrame`]), and estimates the pose of
+//! the object and its shape. Nothing here knows of MuJoCo or of networks, and nothing here receives ground truth but
+//! [`metrics`].
+
+pub mod field;
+pub mod metrics;
+pub mod shape;
+pub mod surface;

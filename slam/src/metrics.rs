@@ -1,0 +1,1 @@
+//! Scores: F-score and ADD-S.

@@ -1,0 +1,1 @@
+//! Surface of a shape as a triangle mesh.
