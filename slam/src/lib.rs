@@ -4,7 +4,10 @@
 //! the object and its shape. Nothing here knows of MuJoCo or of networks, and nothing here receives ground truth but
 //! [`metrics`].
 
+pub mod exact;
 pub mod field;
 pub mod metrics;
+pub mod scan;
+pub mod se3;
 pub mod shape;
 pub mod surface;
