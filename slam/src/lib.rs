@@ -10,4 +10,6 @@ pub mod metrics;
 pub mod scan;
 pub mod se3;
 pub mod shape;
+pub mod space;
 pub mod surface;
+pub mod tracker;

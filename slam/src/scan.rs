@@ -1,14 +1,17 @@
 //! The measurements of one instant as rays: where they hit the object, and how far they passed through free space.
 
+mod lens;
+
+use lens::Lens;
+pub use lens::Lookup;
+
 use glam::Vec3;
 use ndarray::Array2;
+use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
-use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use scenes::camera::Intrinsics;
 use scenes::depth::{CameraDepth, DepthFrame, TouchDepth};
 use scenes::digit;
-use scenes::frame::{Camera, Isometry, World};
 use scenes::hand::{Finger, JointAngles};
 use scenes::observation::{BACKGROUND, HAND, OBJECT};
 use serde::{Deserialize, Serialize};
@@ -96,6 +99,8 @@ pub struct View {
     pub hits: Vec<Hit>,
     /// Rays that passed it, in random order.
     pub misses: Vec<Miss>,
+    /// Finds hits by where they are seen; only cameras have it, as they stand still.
+    pub lookup: Option<Lookup>,
 }
 
 impl View {
@@ -172,7 +177,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
         }
     }
     let (chosen, _) = object.partial_shuffle(rng, config.camera_hits);
-    let hits = chosen
+    let hits: Vec<Hit> = chosen
         .iter()
         .filter_map(|&(u, v)| {
             let z = image.depth_m[(v, u)];
@@ -200,7 +205,9 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
             misses.push(Miss { direction, free_m: FAR_M });
         }
     }
-    View { sensor: Sensor::Camera(index), origin: lens.origin, hits, misses }
+    let origin = lens.origin;
+    let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
+    View { sensor: Sensor::Camera(index), origin, hits, misses, lookup }
 }
 
 fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
@@ -243,7 +250,7 @@ fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut Cha
             (z > 0.0).then_some(Miss { direction, free_m: z * length })
         })
         .collect();
-    View { sensor: Sensor::Touch(finger), origin: lens.origin, hits, misses }
+    View { sensor: Sensor::Touch(finger), origin: lens.origin, hits, misses, lookup: None }
 }
 
 fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> bool {
@@ -251,70 +258,4 @@ fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> 
     let rows = v.saturating_sub(margin)..(v + margin + 1).min(height);
     rows.step_by(2)
         .all(|v| (u.saturating_sub(margin)..(u + margin + 1).min(width)).step_by(2).all(|u| depth_m[(v, u)] <= 0.0))
-}
-
-/// A camera in the world, in the `f32` of rays.
-struct Lens {
-    rotation: glam::Mat3A,
-    origin: Vec3,
-    focal_px: f32,
-    centre: [f32; 2],
-    focal: [f32; 2],
-}
-
-impl Lens {
-    fn new(intrinsics: &Intrinsics, world_from_camera: Isometry<Camera, World>, shift_px: [f32; 2]) -> Self {
-        let (rotation, origin) = world_from_camera.to_f32();
-        Self {
-            rotation,
-            origin: origin.into(),
-            focal_px: (0.5 * (intrinsics.fx + intrinsics.fy)) as f32,
-            centre: [intrinsics.cx as f32 - shift_px[0], intrinsics.cy as f32 - shift_px[1]],
-            focal: [intrinsics.fx as f32, intrinsics.fy as f32],
-        }
-    }
-
-    /// A point at depth 1 seen at a pixel, camera frame.
-    fn at(&self, u: f32, v: f32) -> Vec3 {
-        Vec3::new((u - self.centre[0]) / self.focal[0], -(v - self.centre[1]) / self.focal[1], -1.0)
-    }
-
-    /// Unit direction of a pixel in the world, and metres along it per metre of depth.
-    fn ray(&self, u: f32, v: f32) -> (Vec3, f32) {
-        let p = self.at(u, v);
-        let length = p.length();
-        (self.rotation * (p / length), length)
-    }
-
-    /// Unit normal towards the camera from the neighbours of a pixel, world frame; zero where they are missing or an edge.
-    fn normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
-        let z = depth_m[(v, u)];
-        let neighbour = |du: isize, dv: isize| {
-            let (u, v) = (u.checked_add_signed(du)?, v.checked_add_signed(dv)?);
-            let depth = *depth_m.get((v, u))?;
-            (depth > 0.0 && (depth - z).abs() < NORMAL_STEP_M).then(|| self.at(u as f32, v as f32) * depth)
-        };
-        let here = self.at(u as f32, v as f32) * z;
-        let along = |du: isize, dv: isize| match (neighbour(-du, -dv), neighbour(du, dv)) {
-            (Some(a), Some(b)) => Some(b - a),
-            (Some(a), None) => Some(here - a),
-            (None, Some(b)) => Some(b - here),
-            (None, None) => None,
-        };
-        const REACH: isize = NORMAL_REACH_PX as isize;
-        let (Some(right), Some(down)) = (along(REACH, 0), along(0, REACH)) else { return Vec3::ZERO };
-        self.rotation * down.cross(right).normalize_or_zero()
-    }
-}
-
-/// A generator that belongs to one step of one run, independent of every other.
-pub(crate) fn generator(seed: u64, stream: u64) -> ChaCha8Rng {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(stream);
-    rng
-}
-
-/// A uniform number in [0, 1).
-pub(crate) fn uniform(rng: &mut ChaCha8Rng) -> f32 {
-    rng.random()
 }

@@ -72,6 +72,26 @@ pub fn adjoint(motion: &na::Isometry3<f64>) -> na::Matrix6<f64> {
     matrix
 }
 
+/// Derivative of `log(motion * exp(d))` by d at d = 0, for `twist = log(motion)`.
+pub fn inverse_right_jacobian(twist: &Twist) -> na::Matrix6<f64> {
+    let (v, w) = split(twist);
+    let mut bracket = na::Matrix6::zeros();
+    bracket.fixed_view_mut::<3, 3>(0, 0).copy_from(&w.cross_matrix());
+    bracket.fixed_view_mut::<3, 3>(3, 3).copy_from(&w.cross_matrix());
+    bracket.fixed_view_mut::<3, 3>(0, 3).copy_from(&v.cross_matrix());
+    // The series of x / (1 - exp(-x)), whose coefficients are Bernoulli's numbers over the factorials: to 1e-9 for rotations
+    // up to one radian.
+    const EVEN: [f64; 6] =
+        [1.0 / 12.0, -1.0 / 720.0, 1.0 / 30_240.0, -1.0 / 1_209_600.0, 1.0 / 47_900_160.0, -691.0 / 1_307_674_368_000.0];
+    let square = bracket * bracket;
+    let (mut sum, mut power) = (na::Matrix6::identity() + 0.5 * bracket, na::Matrix6::identity());
+    for coefficient in EVEN {
+        power *= square;
+        sum += coefficient * power;
+    }
+    sum
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
