@@ -81,8 +81,14 @@ pub fn inverse_right_jacobian(twist: &Twist) -> na::Matrix6<f64> {
     bracket.fixed_view_mut::<3, 3>(0, 3).copy_from(&v.cross_matrix());
     // The series of x / (1 - exp(-x)), whose coefficients are Bernoulli's numbers over the factorials: to 1e-9 for rotations
     // up to one radian.
-    const EVEN: [f64; 6] =
-        [1.0 / 12.0, -1.0 / 720.0, 1.0 / 30_240.0, -1.0 / 1_209_600.0, 1.0 / 47_900_160.0, -691.0 / 1_307_674_368_000.0];
+    const EVEN: [f64; 6] = [
+        1.0 / 12.0,
+        -1.0 / 720.0,
+        1.0 / 30_240.0,
+        -1.0 / 1_209_600.0,
+        1.0 / 47_900_160.0,
+        -691.0 / 1_307_674_368_000.0,
+    ];
     let square = bracket * bracket;
     let (mut sum, mut power) = (na::Matrix6::identity() + 0.5 * bracket, na::Matrix6::identity());
     for coefficient in EVEN {

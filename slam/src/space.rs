@@ -76,7 +76,9 @@ impl Space {
     /// Takes in points inside the hand, in the model's frame.
     pub fn add_occupied(&mut self, occupied: impl Iterator<Item = Occupied>) {
         for Occupied { point, depth_m } in occupied {
-            if depth_m > HAND_DEPTH_M && let Some(i) = self.index(point) {
+            if depth_m > HAND_DEPTH_M
+                && let Some(i) = self.index(point)
+            {
                 self.passes[i] = self.passes[i].saturating_add(1);
             }
         }
@@ -112,7 +114,9 @@ impl Space {
         let mut last = usize::MAX;
         let mut t = start + 0.5 * step;
         while t < end {
-            if let Some(i) = self.index(from + direction * t) && i != last {
+            if let Some(i) = self.index(from + direction * t)
+                && i != last
+            {
                 self.passes[i] = self.passes[i].saturating_add(1);
                 last = i;
             }

@@ -2,7 +2,7 @@
 
 pub mod assess;
 pub mod relocalise;
-mod system;
+pub(crate) mod system;
 
 use std::collections::VecDeque;
 use std::sync::Arc;

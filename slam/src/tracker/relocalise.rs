@@ -49,7 +49,8 @@ impl Tracker {
         let seen = to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len() as f32);
         let mut candidates = Vec::new();
         let mut propose = |rotation: na::UnitQuaternion<f64>, origin: na::Vector3<f64>| {
-            candidates.push(Candidate { pose: na::Isometry3::from_parts(origin.into(), rotation), cost: f64::INFINITY });
+            candidates
+                .push(Candidate { pose: na::Isometry3::from_parts(origin.into(), rotation), cost: f64::INFINITY });
         };
         if let Some(near) = near.map(Isometry::untyped) {
             propose(near.rotation, near.translation.vector);
@@ -65,7 +66,8 @@ impl Tracker {
         for _ in 0..CANDIDATES {
             let rotation = random_rotation(rng);
             // Cameras see the near side: the middle lies behind what was seen.
-            let away = instant.scan.views.first().map_or(Vec3::ZERO, |view| (to_vec(seen) - view.origin).normalize_or_zero());
+            let away =
+                instant.scan.views.first().map_or(Vec3::ZERO, |view| (to_vec(seen) - view.origin).normalize_or_zero());
             let middle = seen + to_na(away) * 0.02 + random_in_ball(rng) * 0.01;
             propose(rotation, middle - rotation * to_na(centre));
         }
@@ -152,4 +154,3 @@ fn random_in_ball(rng: &mut ChaCha8Rng) -> na::Vector3<f64> {
         }
     }
 }
-
