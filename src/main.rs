@@ -8,6 +8,7 @@ mod inspect;
 mod progress;
 mod recorder;
 mod render_touch;
+mod run;
 mod simulate;
 mod subject;
 
@@ -36,6 +37,7 @@ enum Command {
     #[command(subcommand)]
     Assets(assets::Command),
     Inspect(inspect::Arguments),
+    Run(run::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
+        Some(Command::Run(arguments)) => run::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

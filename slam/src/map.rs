@@ -104,6 +104,8 @@ pub struct Map {
     inside: Vec<Vec3>,
     hand: HandSamples,
     samples: Vec<Sample>,
+    /// The pose of the first keyframe as it came.
+    first_pose: Option<na::Isometry3<f64>>,
     /// Whose turn it is to be refined.
     next_refined: usize,
 }
@@ -127,7 +129,8 @@ impl Map {
             inside: Vec::new(),
             hand: HandSamples::new(side, HAND_SPACING_M, HAND_SEED),
             samples: Vec::new(),
-            next_refined: 1,
+            first_pose: None,
+            next_refined: 0,
         })
     }
 
@@ -146,9 +149,18 @@ impl Map {
         &self.keyframes
     }
 
+    /// From the frame that the first pose fixed to the frame of the field. They part as the first keyframe is refined: what the
+    /// whole run tells of its pose is better than what was known at first.
+    pub fn field_from_model(&self) -> na::Isometry3<f64> {
+        match (self.keyframes.first(), &self.first_pose) {
+            (Some(first), Some(pose)) => first.pose().inverse() * pose,
+            _ => na::Isometry3::identity(),
+        }
+    }
+
     /// Points inside the hand in the world, as it stands in a scan.
-    pub fn occupied(&self, scan: &Scan) -> Vec<Occupied> {
-        self.hand.posed(&scan.joints).collect()
+    pub fn occupied(&self, scan: &Scan) -> impl Iterator<Item = Occupied> {
+        self.hand.posed(&scan.joints)
     }
 
     /// Learns from a frame at its estimated pose. Says whether it became a keyframe.
@@ -156,6 +168,7 @@ impl Map {
         let first = self.keyframes.is_empty();
         let promoted = self.is_new(scan, &pose.untyped());
         let current = Keyframe::new(Arc::clone(scan), pose.untyped(), self.occupied(scan), self.half_extent_m());
+        self.first_pose.get_or_insert(pose.untyped());
         if promoted {
             self.take_in(&current);
         }

@@ -22,7 +22,9 @@ use serde::{Deserialize, Serialize};
 pub struct Config {
     /// Rays kept per camera that hit the object.
     pub camera_hits: usize,
-    /// Rays kept per camera that pass the object.
+    /// Rays kept per camera that hit the object at its outline.
+    pub camera_outline: usize,
+    /// Rays kept per camera that pass the object, half of them close to its outline.
     pub camera_misses: usize,
     /// Rays kept per touching finger that hit the object.
     pub touch_hits: usize,
@@ -44,6 +46,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             camera_hits: 3000,
+            camera_outline: 400,
             camera_misses: 1500,
             touch_hits: 300,
             touch_misses: 60,
@@ -97,7 +100,10 @@ pub struct View {
     pub origin: Vec3,
     /// Rays that hit the object, in random order: any leading part is a fair sample.
     pub hits: Vec<Hit>,
-    /// Rays that passed it, in random order.
+    /// Rays that hit it at its outline, before the background, in random order. Displaced pixels make their surface uncertain,
+    /// but nothing else tells how far a face that is seen from the front reaches.
+    pub outline: Vec<Hit>,
+    /// Rays that passed it, in random order, first those close to its outline.
     pub misses: Vec<Miss>,
     /// Finds hits by where they are seen; only cameras have it, as they stand still.
     pub lookup: Option<Lookup>,
@@ -123,6 +129,8 @@ pub struct Scan {
     pub views: Vec<View>,
 }
 
+/// Pixels within this of another class belong to the outline.
+const OUTLINE_PX: usize = 3;
 /// A pixel without depth counts as background only if all within this many pixels have none: displaced pixels fray edges by so much.
 const BACKGROUND_MARGIN_PX: usize = 4;
 /// Reach of the differences that give normals, pixels: long enough for a normal under noise of a millimetre.
@@ -163,38 +171,54 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
     let lens = Lens::new(&image.intrinsics, image.world_from_camera, config.camera_shift_px);
     let (height, width) = image.depth_m.dim();
     let level = image.segmentation.as_raw();
+    let at = |u: usize, v: usize| level.get(v * width + u).copied().unwrap_or(BACKGROUND);
     let mut object = Vec::new();
+    let mut outline = Vec::new();
+    let mut beside = Vec::new();
     let mut passed = Vec::new();
-    for v in 0..height {
-        for u in 0..width {
-            match level.get(v * width + u) {
-                Some(&OBJECT) => object.push((u, v)),
+    const RIM: usize = OUTLINE_PX;
+    for v in RIM..height.saturating_sub(RIM) {
+        for u in RIM..width.saturating_sub(RIM) {
+            let around = || [(u - RIM, v), (u + RIM, v), (u, v - RIM), (u, v + RIM)].map(|(u, v)| at(u, v));
+            let is_sample = u % 2 == 0 && v % 2 == 0;
+            match at(u, v) {
+                OBJECT => {
+                    let around = around();
+                    if around == [OBJECT; 4] {
+                        object.push((u, v));
+                    } else if around.iter().all(|&l| l == OBJECT || l == BACKGROUND) {
+                        outline.push((u, v));
+                    }
+                }
                 // Every fourth pixel is enough to draw from.
-                Some(&HAND) if u % 2 == 0 && v % 2 == 0 && image.depth_m[(v, u)] > 0.0 => passed.push((u, v)),
-                Some(&BACKGROUND) if config.far_is_free && u % 2 == 0 && v % 2 == 0 => passed.push((u, v)),
+                HAND if is_sample && image.depth_m[(v, u)] > 0.0 => passed.push((u, v)),
+                BACKGROUND if config.far_is_free && around().contains(&OBJECT) => beside.push((u, v)),
+                BACKGROUND if config.far_is_free && is_sample => passed.push((u, v)),
                 _ => {}
             }
         }
     }
+    let hit = |&(u, v): &(usize, usize), is_outline: bool| {
+        let z = image.depth_m[(v, u)];
+        let (direction, length) = lens.ray(u as f32, v as f32);
+        let normal = if is_outline { Vec3::ZERO } else { lens.normal(&image.depth_m, u, v) };
+        let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
+        let along = config.camera_sigma_per_m2 * z * z * cosine;
+        let sideways = if is_outline { 1.0 } else { (1.0 - cosine * cosine).sqrt() };
+        let sigma_m = along.hypot(config.camera_jitter_px * z / lens.focal_px * sideways);
+        (z > 0.0).then_some(Hit { direction, range_m: z * length, normal, cosine, sigma_m })
+    };
     let (chosen, _) = object.partial_shuffle(rng, config.camera_hits);
-    let hits: Vec<Hit> = chosen
-        .iter()
-        .filter_map(|&(u, v)| {
-            let z = image.depth_m[(v, u)];
-            let (direction, length) = lens.ray(u as f32, v as f32);
-            let normal = lens.normal(&image.depth_m, u, v);
-            let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
-            let along = config.camera_sigma_per_m2 * z * z * cosine;
-            let across = config.camera_jitter_px * z / lens.focal_px * (1.0 - cosine * cosine).sqrt();
-            let sigma_m = along.hypot(across);
-            (z > 0.0).then_some(Hit { direction, range_m: z * length, normal, cosine, sigma_m })
-        })
-        .collect();
-    // Most of an image is far from the object: draw until enough is found.
+    let hits: Vec<Hit> = chosen.iter().filter_map(|pixel| hit(pixel, false)).collect();
+    let (chosen, _) = outline.partial_shuffle(rng, config.camera_outline);
+    let outline = chosen.iter().filter_map(|pixel| hit(pixel, true)).collect();
     let mut misses = Vec::new();
+    let (chosen, _) = beside.partial_shuffle(rng, config.camera_misses / 2);
+    misses.extend(chosen.iter().map(|&(u, v)| Miss { direction: lens.ray(u as f32, v as f32).0, free_m: FAR_M }));
+    // Most of an image is far from the object: draw until enough is found.
     passed.shuffle(rng);
     for (u, v) in passed {
-        if misses.len() == config.camera_misses {
+        if misses.len() >= config.camera_misses {
             break;
         }
         let z = image.depth_m[(v, u)];
@@ -207,7 +231,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
     }
     let origin = lens.origin;
     let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
-    View { sensor: Sensor::Camera(index), origin, hits, misses, lookup }
+    View { sensor: Sensor::Camera(index), origin, hits, outline, misses, lookup }
 }
 
 fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
@@ -250,7 +274,7 @@ fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut Cha
             (z > 0.0).then_some(Miss { direction, free_m: z * length })
         })
         .collect();
-    View { sensor: Sensor::Touch(finger), origin: lens.origin, hits, misses, lookup: None }
+    View { sensor: Sensor::Touch(finger), origin: lens.origin, hits, misses, lookup: None, outline: Vec::new() }
 }
 
 fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> bool {

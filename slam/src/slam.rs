@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Model, World};
 use scenes::hand::Side;
-use scenes::hand::solid::HandSamples;
+use scenes::hand::solid::{HandSamples, Occupied};
 use serde::{Deserialize, Serialize};
 
 use crate::exact::KnownShape;
@@ -49,13 +49,23 @@ pub struct Trust {
     pub found_above: f64,
     /// No object moves farther than this from where it was expected within a frame, metres and radians.
     pub surprise: [f64; 2],
+    /// Where half of the points are farther than this from the surface at the pose that the motion so far leads to, in standard
+    /// deviations, the poses around it are tried.
+    pub jerk_sigmas: f64,
     /// While lost, frames between two searches.
     pub search_every: usize,
 }
 
 impl Default for Trust {
     fn default() -> Self {
-        Self { doubt_below: 0.5, lost_after: 3, found_above: 0.75, surprise: [0.015, 0.35], search_every: 3 }
+        Self {
+            doubt_below: 0.5,
+            lost_after: 3,
+            found_above: 0.75,
+            surprise: [0.02, 0.8],
+            jerk_sigmas: 2.0,
+            search_every: 3,
+        }
     }
 }
 
@@ -217,8 +227,34 @@ impl Slam {
     /// Learns from a frame whose pose is known, as a motion-capture system would give it.
     pub fn step_at(&mut self, depth: &DepthFrame, pose: Isometry<Model, World>) -> Estimate {
         let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
-        self.pose = pose;
         self.state = State::Tracking;
+        if std::env::var("PROBE").is_ok() && self.frame > 0 {
+            self.tracker.reset();
+            self.push(&scan, pose);
+            let (tracker, reference) = (
+                &mut self.tracker,
+                match &self.knowledge {
+                    Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
+                    Knowledge::Known(given) => given,
+                },
+            );
+            let s = tracker.solve(reference).unwrap();
+            let a = tracker.assess(reference);
+            let d = (s.pose().untyped() * pose.untyped().inverse());
+            let m = d * na::Point3::from(pose.origin().coords()) - pose.origin().coords();
+            if self.frame % 10 == 1 {
+                println!(
+                    "{} world shift of centre {:.2} {:.2} {:.2} mm rot {:.2} deg conf {:.2}",
+                    self.frame,
+                    m.x * 1e3,
+                    m.y * 1e3,
+                    m.z * 1e3,
+                    d.rotation.angle().to_degrees(),
+                    a.confidence
+                );
+            }
+        }
+        self.pose = pose;
         let begun = Instant::now();
         let keyframe = self.learn(&scan);
         self.estimate(&scan, 1.0, keyframe, Spent { track: Duration::ZERO, map: begun.elapsed() })
@@ -241,24 +277,35 @@ impl Slam {
         }
         let track = begun.elapsed();
         let begun = Instant::now();
-        let keyframe = self.state == State::Tracking && confidence >= self.config.trust.doubt_below && self.learn(&scan);
+        let keyframe =
+            self.state == State::Tracking && confidence >= self.config.trust.doubt_below && self.learn(&scan);
         self.estimate(&scan, confidence, keyframe, Spent { track, map: begun.elapsed() })
     }
 
     fn estimate(&mut self, scan: &Scan, confidence: f64, keyframe: bool, spent: Spent) -> Estimate {
         let frame = self.frame;
         self.frame += 1;
-        Estimate { frame, time_s: scan.time_s, pose: self.pose, confidence, state: self.state, keyframe, spent }
+        let pose = match &self.knowledge {
+            Knowledge::Growing(map) => Isometry::new(self.pose.untyped() * map.field_from_model()),
+            Knowledge::Known(_) => self.pose,
+        };
+        Estimate { frame, time_s: scan.time_s, pose, confidence, state: self.state, keyframe, spent }
     }
 
     fn push(&mut self, scan: &Arc<Scan>, start: Isometry<Model, World>) {
-        let occupied: Vec<_> = match &self.knowledge {
-            Knowledge::Growing(map) => map.occupied(scan).into_iter().step_by(HAND_STRIDE).collect(),
-            Knowledge::Known(given) => given.hand.posed(&scan.joints).collect(),
-        };
-        let near = |p: Vec3| (p - tracker::to_vec(start.origin().coords())).length() < REACH_M;
-        let occupied: Vec<_> = occupied.into_iter().filter(|o| near(o.point)).collect();
-        self.tracker.push(Arc::clone(scan), start, &occupied);
+        let middle = tracker::to_vec(start.origin().coords());
+        let near = |o: &Occupied| (o.point - middle).length_squared() < REACH_M * REACH_M;
+        let scan = Arc::clone(scan);
+        match &self.knowledge {
+            Knowledge::Growing(map) => {
+                let occupied: Vec<_> = map.occupied(&scan).filter(near).step_by(HAND_STRIDE).collect();
+                self.tracker.push(map.as_ref(), scan, start, occupied.into_iter());
+            }
+            Knowledge::Known(given) => {
+                let occupied: Vec<_> = given.hand.posed(&scan.joints).filter(near).collect();
+                self.tracker.push(given, scan, start, occupied.into_iter());
+            }
+        }
     }
 
     /// Follows the object into a frame; returns the confidence.
@@ -271,10 +318,17 @@ impl Slam {
             self.tracker.reset();
         }
         self.push(scan, start);
-        let (tracker, reference) = (&mut self.tracker, match &self.knowledge {
-            Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
-            Knowledge::Known(given) => given,
-        });
+        let mut rng = self.generator(3);
+        let (tracker, reference) = (
+            &mut self.tracker,
+            match &self.knowledge {
+                Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
+                Knowledge::Known(given) => given,
+            },
+        );
+        if tracker.median_residual(reference) > self.config.trust.jerk_sigmas {
+            tracker.look_around(reference, self.pose, &mut rng);
+        }
         let Some(solution) = tracker.solve(reference) else { return 0.0 };
         let Assessment { confidence, .. } = tracker.assess(reference);
         let trust = self.config.trust.clone();

@@ -38,6 +38,8 @@ pub struct Config {
     pub iterations: usize,
     /// Measured points used per camera and frame.
     pub camera_points: usize,
+    /// Points of the outline used per camera and frame.
+    pub outline_points: usize,
     /// Measured points used per touching finger and frame.
     pub touch_points: usize,
     /// Camera depth lies on the surface.
@@ -72,6 +74,7 @@ impl Default for Config {
             window: 3,
             iterations: 12,
             camera_points: 700,
+            outline_points: 200,
             touch_points: 100,
             camera_weight: 1.0,
             touch_weight: 1.0,
@@ -172,6 +175,10 @@ const PASSED_RAYS: usize = 100;
 const PASSED_SIGMA_M: f32 = 0.001;
 /// How exactly the hand's surface is known, metres.
 const HAND_SIGMA_M: f32 = 0.001;
+/// Points of the hand that are farther from the object than this do not come to bear within a frame, metres.
+const OCCUPIED_REACH_M: f32 = 0.008;
+/// Points of the hand used per frame, the nearest.
+const OCCUPIED_POINTS: usize = 150;
 /// Matches of two frames farther apart than this are none, metres.
 const ICP_REACH_M: f32 = 0.006;
 /// Points matched from frame to frame.
@@ -198,9 +205,33 @@ impl Tracker {
         self.window.clear();
     }
 
-    /// Takes in a frame whose pose is `start` or near it. `occupied` are points inside the hand.
-    pub fn push(&mut self, scan: Arc<Scan>, start: Isometry<Model, World>, occupied: &[Occupied]) {
-        self.window.push_back(self.instant(scan, start.untyped(), occupied));
+    /// Takes in a frame whose pose is `start` or near it. `occupied` are points inside the hand; those that the object may
+    /// reach are used.
+    pub fn push(
+        &mut self,
+        shape: &dyn Reference,
+        scan: Arc<Scan>,
+        start: Isometry<Model, World>,
+        occupied: impl Iterator<Item = Occupied>,
+    ) {
+        let slack = self.config.penetration_slack_m;
+        let deep: Vec<Occupied> = occupied.filter(|o| o.depth_m > slack).collect();
+        let model_from_world = start.untyped().inverse();
+        let inside: Vec<Vec3> = deep.iter().map(|o| apply(&model_from_world, o.point)).collect();
+        let mut distances = vec![0.0; inside.len()];
+        shape.distances(&inside, &mut distances);
+        let mut near: Vec<(f32, Occupied)> = distances
+            .iter()
+            .zip(deep)
+            .map(|(d, o)| (d - o.depth_m, o))
+            .filter(|(gap, _)| *gap < OCCUPIED_REACH_M)
+            .collect();
+        if near.len() > OCCUPIED_POINTS {
+            near.select_nth_unstable_by(OCCUPIED_POINTS, |a, b| a.0.total_cmp(&b.0));
+            near.truncate(OCCUPIED_POINTS);
+        }
+        let occupied: Vec<Occupied> = near.into_iter().map(|(_, o)| o).collect();
+        self.window.push_back(self.instant(scan, start.untyped(), &occupied));
         // One held pose, and one more so that the velocity of the oldest free pose is known.
         while self.window.len() > self.config.window + 2 {
             self.window.pop_front();
@@ -222,6 +253,10 @@ impl Tracker {
             let share = (independent / used.max(1) as f64).min(1.0);
             let point = |hit| Measured { point: view.point(hit), sigma_m: hit.sigma_m, share, is_touch };
             measured.extend(view.hits[..used].iter().map(point));
+            let used = view.outline.len().min(config.outline_points);
+            let share = (0.25 * independent / used.max(1) as f64).min(1.0);
+            let point = |hit| Measured { point: view.point(hit), sigma_m: hit.sigma_m, share, is_touch };
+            measured.extend(view.outline[..used].iter().map(point));
             if let Sensor::Touch(finger) = view.sensor {
                 pads[finger] = pad(view);
                 let share = (independent / view.misses.len().max(1) as f64).min(1.0);
@@ -234,7 +269,7 @@ impl Tracker {
             }
         }
         let slack = config.penetration_slack_m;
-        vacant.extend(occupied.iter().filter(|o| o.depth_m > slack).map(|o| Vacant {
+        vacant.extend(occupied.iter().map(|o| Vacant {
             point: o.point,
             clearance_m: o.depth_m - slack,
             sigma_m: HAND_SIGMA_M,
@@ -308,7 +343,7 @@ impl Tracker {
     }
 
     /// Median distance of the newest frame's points from the surface, in standard deviations.
-    fn median_residual(&self, shape: &dyn Reference) -> f64 {
+    pub fn median_residual(&self, shape: &dyn Reference) -> f64 {
         let Some(instant) = self.window.back() else { return 0.0 };
         let (inside, distances, trusted) = ask(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
         let mut residuals: Vec<f64> = (0..inside.len())

@@ -22,15 +22,17 @@ pub struct Keyframe {
 
 impl Keyframe {
     /// `occupied` are points inside the hand, world frame; those in the box are kept.
-    pub(super) fn new(scan: Arc<Scan>, pose: na::Isometry3<f64>, mut occupied: Vec<Occupied>, half_extent_m: f32) -> Self {
+    pub(super) fn new(
+        scan: Arc<Scan>,
+        pose: na::Isometry3<f64>,
+        occupied: impl Iterator<Item = Occupied>,
+        half_extent_m: f32,
+    ) -> Self {
         let mut keyframe =
             Self { scan, pose, occupied: Vec::new(), rotation: Mat3A::IDENTITY, translation: Vec3A::ZERO };
         keyframe.set_pose(pose);
-        occupied.retain_mut(|o| {
-            o.point = keyframe.to_model(o.point);
-            o.point.abs().max_element() < half_extent_m
-        });
-        keyframe.occupied = occupied;
+        let to_model = |o: Occupied| Occupied { point: keyframe.to_model(o.point), ..o };
+        keyframe.occupied = occupied.map(to_model).filter(|o| o.point.abs().max_element() < half_extent_m).collect();
         keyframe
     }
 

@@ -14,18 +14,20 @@ use crate::tracker::system::{Loss, System, surface};
 const POINTS: [usize; 2] = [200, 40];
 /// Steps per turn: it comes round again.
 const STEPS: usize = 2;
+/// The first keyframe, which all poses refer to, is refined more often: after every how many-th other.
+const FIRST_EVERY: usize = 10;
 /// Independent points among them.
 const INDEPENDENT: [f64; 2] = [60.0, 15.0];
 
 impl Map {
-    /// Refines the next keyframe in turn against the field. The first one fixes the model's frame and stays.
+    /// Refines the next keyframe in turn against the field.
     pub(super) fn refine_one(&mut self) {
         let count = self.keyframes.len();
         if count < 3 {
             return;
         }
-        let k = 1 + self.next_refined % (count - 1);
-        self.next_refined = k;
+        self.next_refined = (self.next_refined + 1) % (count + count / FIRST_EVERY);
+        let k = if self.next_refined < count { self.next_refined } else { 0 };
         let mut pose = *self.keyframes[k].pose();
         // Where its neighbours in time want it to be: they hold their motion relative to each other.
         let anchor = pose;

@@ -42,8 +42,12 @@ impl Map {
                     Some(Sample { position, target, weight, at_least: false })
                 })
             } else if kind < bounds[2] {
-                passed_ray(keyframe, half, rng)
-                    .map(|position| Sample { position, target: 1.0, weight: config.free_weight, at_least: false })
+                passed_ray(keyframe, half, rng).map(|position| Sample {
+                    position,
+                    target: 1.0,
+                    weight: config.free_weight,
+                    at_least: false,
+                })
             } else if kind < bounds[3] {
                 pick(keyframe.occupied(), rng).map(|o| Sample {
                     position: o.point,

@@ -24,6 +24,13 @@ struct Round {
     steps: usize,
 }
 
+/// Rounds of the search around a pose.
+const LOCAL_ROUNDS: [Round; 2] = [Round { kept: 10, points: 60, steps: 3 }, Round { kept: 1, points: 150, steps: 6 }];
+/// Poses tried around a pose, how far they turn (rad) and move (m): an object that topples turns by 40 degrees between frames.
+const LOCAL_CANDIDATES: usize = 150;
+const LOCAL_TURN_RAD: f64 = 0.7;
+const LOCAL_SHIFT_M: f64 = 0.008;
+
 /// A pose that may be the right one.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
@@ -81,6 +88,35 @@ impl Tracker {
         candidates.first().map(|best| Isometry::new(best.pose))
     }
 
+    /// Moves the newest frame to the best pose around where it is, `previous` included. For jerks that the solver alone would not
+    /// follow, because it only sees a few millimetres far.
+    pub fn look_around(&mut self, shape: &dyn Reference, previous: Isometry<Model, World>, rng: &mut ChaCha8Rng) {
+        let Some(instant) = self.window.back() else { return };
+        let start = instant.pose;
+        let previous = previous.untyped();
+        let seen = to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32);
+        let as_candidate = |pose| Candidate { pose, cost: f64::INFINITY };
+        let mut candidates = vec![as_candidate(start), as_candidate(previous)];
+        for i in 0..LOCAL_CANDIDATES {
+            let from = if i % 2 == 0 { &start } else { &previous };
+            let turn = na::UnitQuaternion::from_scaled_axis(random_in_ball(rng) * LOCAL_TURN_RAD);
+            let shift = random_in_ball(rng) * LOCAL_SHIFT_M;
+            // About the middle of what is seen, which stays where it is.
+            let about = na::Translation3::from(seen + shift) * turn * na::Translation3::from(-seen);
+            candidates.push(as_candidate(about * from));
+        }
+        for round in LOCAL_ROUNDS {
+            for candidate in &mut candidates {
+                *candidate = refine(instant, shape, candidate.pose, &round);
+            }
+            candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+            candidates.truncate(round.kept);
+        }
+        if let (Some(best), Some(newest)) = (candidates.first(), self.window.back_mut()) {
+            newest.pose = best.pose;
+        }
+    }
+
     /// Gives the newest frame another pose and forgets the frames before it.
     pub fn restart(&mut self, pose: Isometry<Model, World>) {
         if let Some(mut newest) = self.window.pop_back() {
@@ -91,26 +127,35 @@ impl Tracker {
     }
 }
 
+/// A point where nothing was seen before costs as much as one so far from the surface, metres.
+const UNSEEN_COSTS_M: f64 = 0.002;
+
 /// A few damped steps of one pose against the shape, with a sample of all measurements.
 fn refine(instant: &Instant, shape: &dyn Reference, mut pose: na::Isometry3<f64>, round: &Round) -> Candidate {
     let measured = every(&instant.measured, round.points);
     let vacant = every(&instant.occupied, round.points);
     let build = |pose: &na::Isometry3<f64>| {
         let mut system = System::new(1);
-        let (points, distances, _) = ask(shape, pose, measured.clone().map(|m| m.point));
+        let (points, distances, trusted) = ask(shape, pose, measured.clone().map(|m| m.point));
+        // Four times the tracker's tolerance: candidates start far away.
+        let loss = Loss::Cauchy(8.0);
         for (i, m) in measured.clone().enumerate() {
             let (r, j) = surface(points[i], distances[i]);
             let s = 1.0 / f64::from(sigma(shape, m.sigma_m));
-            // Four times the tracker's tolerance: candidates start far away.
-            system.add(r * s, &[(Some(0), j * s)], m.share, Loss::Cauchy(8.0));
+            if trusted[i] {
+                system.add(r * s, &[(Some(0), j * s)], m.share, loss);
+            } else {
+                // Else poses that show new sides only would cost nothing.
+                system.cost += m.share * loss.at(UNSEEN_COSTS_M * s).0;
+            }
         }
-        let (points, distances, _) = ask(shape, pose, vacant.clone().map(|v| v.point));
-        for (i, v) in vacant.clone().enumerate() {
+        let (points, distances, trusted) = ask(shape, pose, vacant.clone().map(|v| v.point));
+        for (i, v) in vacant.clone().enumerate().filter(|(i, _)| trusted[*i]) {
             let (r, j) = surface(points[i], distances[i]);
             let short = r - f64::from(v.clearance_m);
             if short < 0.0 {
                 let s = 1.0 / f64::from(v.sigma_m);
-                system.add(short * s, &[(Some(0), j * s)], v.share, Loss::Cauchy(8.0));
+                system.add(short * s, &[(Some(0), j * s)], v.share, loss);
             }
         }
         system
