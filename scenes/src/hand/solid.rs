@@ -82,6 +82,13 @@ impl HandSolid {
         self.nearest(p.into(), limit).0
     }
 
+    /// Whether [`HandSolid::distance`] is less than `margin`; sooner than asking for the distance.
+    pub fn is_within(&self, p: Vec3, margin: f32) -> bool {
+        let p = Vec3A::from(p);
+        let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(p, margin));
+        limbs.flat_map(|limb| &limb.members).any(|m| !m.bound.is_beyond(p, margin) && m.distance(p) < margin)
+    }
+
     /// Signed distance as [`HandSolid::distance`] and its gradient, which points out of the hand. Its length is 1, but for points
     /// away from the surface of an ellipsoid, where it is the gradient of the bound.
     pub fn distance_and_gradient(&self, p: Vec3) -> (f32, Vec3) {
@@ -401,6 +408,7 @@ mod tests {
         fn limit_changes_nothing_below_it(joints in posture(), p in place(), limit in -0.01..0.05f32) {
             let solid = HandSolid::new(Side::Left, &joints);
             prop_assert!((solid.distance_within(p, limit) - solid.distance(p).min(limit)).abs() < 1e-7);
+            prop_assert!(solid.is_within(p, limit) == (solid.distance(p) < limit) || (solid.distance(p) - limit).abs() < 1e-7);
         }
 
         #[test]
