@@ -97,6 +97,17 @@ impl HandSolid {
         (distance, member.map_or(Vec3A::ZERO, |member| member.gradient(p)).into())
     }
 
+    /// The primitives that come within `radius` of `centre`: enough to ask whether points of a ball around `centre` are nearer to
+    /// the hand than the rest of `radius`.
+    pub fn cropped(&self, centre: Vec3, radius: f32) -> Self {
+        let centre = Vec3A::from(centre);
+        let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(centre, radius));
+        let members = limbs.flat_map(|limb| &limb.members);
+        let near = members.filter(|m| !m.bound.is_beyond(centre, radius) && m.distance(centre) < radius);
+        let members: Vec<Member> = near.copied().collect();
+        Self { limbs: if members.is_empty() { Vec::new() } else { vec![Limb::new(members)] } }
+    }
+
     /// Spheres (centre, radius) around the primitives: no part of the hand lies outside of all of them.
     pub fn spheres(&self) -> impl Iterator<Item = (Vec3, f32)> {
         self.limbs.iter().flat_map(|limb| &limb.members).map(|m| (m.bound.centre.into(), m.bound.radius))
@@ -409,6 +420,18 @@ mod tests {
             let solid = HandSolid::new(Side::Left, &joints);
             prop_assert!((solid.distance_within(p, limit) - solid.distance(p).min(limit)).abs() < 1e-7);
             prop_assert!(solid.is_within(p, limit) == (solid.distance(p) < limit) || (solid.distance(p) - limit).abs() < 1e-7);
+        }
+
+        #[test]
+        fn crop_answers_for_points_around_its_centre(joints in posture(), p in place(), to in place(), ball in 0.001..0.03f32) {
+            let solid = HandSolid::new(Side::Left, &joints);
+            const MARGIN: f32 = 0.003;
+            let q = p + (to - p).normalize_or_zero() * (0.999 * ball);
+            let cropped = solid.cropped(p, ball + MARGIN);
+            // A gel's bound is below its distance, so only what is truly near has to be found again.
+            let truly = HandSolid::without_gels(Side::Left, &joints).is_within(q, MARGIN);
+            prop_assert!(cropped.is_within(q, MARGIN) || !truly);
+            prop_assert!(solid.is_within(q, MARGIN) || !cropped.is_within(q, MARGIN));
         }
 
         #[test]
