@@ -8,6 +8,11 @@ mod inspect;
 mod progress;
 mod recorder;
 mod render_touch;
+#[allow(dead_code, reason = "called by the pipeline")]
+mod report;
+mod score;
+#[allow(dead_code, reason = "called by the pipeline")]
+mod settings;
 mod simulate;
 mod subject;
 
@@ -36,6 +41,7 @@ enum Command {
     #[command(subcommand)]
     Assets(assets::Command),
     Inspect(inspect::Arguments),
+    Score(score::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -57,6 +63,7 @@ fn main() -> ExitCode {
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
+        Some(Command::Score(arguments)) => score::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
