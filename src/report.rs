@@ -23,7 +23,7 @@ mod trajectory;
 mod turntable;
 
 pub use summary::{ErrorStatistics, ShapeScores, Summary};
-pub use trajectory::{TrajectoryError, read_trajectory, write_trajectory};
+pub use trajectory::{read_trajectory, write_trajectory};
 
 /// Names of the files in a run's folder.
 pub mod file {

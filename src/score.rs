@@ -123,7 +123,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let surface = TrueSurface::new(&truth.mesh, POINTS, 0);
     let rows = rows.map(|rows| scored(rows, &surface));
-    let motion = rows.as_deref().and_then(|rows| Some(object_from_estimate(rows.last()?)?));
+    let motion = rows.as_deref().and_then(|rows| object_from_estimate(rows.last()?));
     let report = Report {
         truth: truth.name,
         shape: estimate.map(|mesh| ShapeReport::new(&mesh, &truth.mesh, motion.unwrap_or_else(Isometry::identity))),

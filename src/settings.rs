@@ -90,7 +90,7 @@ pub fn load<T: Serialize + DeserializeOwned + Default>(
         let wants_text = matches!(lookup(&settings.table, &path), Some(Value::String(_)));
         settings.assign("--set", &path, value_of(value, wants_text))?;
     }
-    settings.table.try_into().map_err(unfit)
+    settings.table.try_into().map_err(|error| SettingsError::Unfit(error.message().to_owned()))
 }
 
 /// Settings as TOML that [`load`] reads as the same.
@@ -236,10 +236,6 @@ fn collect(table: &Table, prefix: &str, keys: &mut Vec<String>) {
             _ => keys.push(key),
         }
     }
-}
-
-fn unfit(error: toml::de::Error) -> SettingsError {
-    SettingsError::Unfit(error.message().to_owned())
 }
 
 #[cfg(test)]

@@ -124,6 +124,14 @@ fn shapes_that_share_nothing_score_0_and_nothing_is_nan() {
 }
 
 #[test]
+fn what_lies_at_a_threshold_is_outside() {
+    let truth = TrueSurface::of_points(vec![Vec3::ZERO]);
+    let estimate = vec![Vec3::X * 2.0_f32.powi(-7)];
+    let score = truth.score(estimate, Motion::identity(), &[2.0_f64.powi(-7), 2.0_f64.powi(-7) + 1e-9]);
+    assert_eq!([0, 1].map(|k| score.f_scores[k].f()), [0.0, 1.0]);
+}
+
+#[test]
 fn samples_follow_the_area() {
     // Two squares of which one has four times the area.
     let mut mesh = square(0.1);

@@ -6,7 +6,7 @@ use scenes::mesh::Mesh;
 
 use super::error_colour;
 
-/// A binary PLY, little-endian, metres. With one error (metres) per vertex, also their colours: violet for none, yellow for 5 mm
+/// A binary PLY, little-endian, metres. With one error (metres) per vertex, also their colours: pale for none, dark red for 5 mm
 /// and more.
 pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
     let colours =

@@ -28,7 +28,12 @@ fn run() -> RunRecord {
             estimate: truth * Isometry::<Object, Object>::translation(offset_m, 0.0, 0.0),
             truth: Some(truth),
             add_s: Some(AddS { one_directional_m: error_m, symmetric_m: 1.1 * error_m }),
-            stage_ms: StageMs { sense: 12.0, track: 9.0, map: 11.0, mesh: if k % 10 == 0 { 20.0 } else { 0.0 } },
+            stage_ms: StageMs {
+                sense: 12.0,
+                track: 9.0,
+                map: 11.0,
+                mesh: if k.is_multiple_of(10) { 20.0 } else { 0.0 },
+            },
         }
     };
     let point = |k: u32| {
@@ -101,6 +106,44 @@ fn an_interrupted_run_says_so() {
     assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
     // Curves of nothing are drawn all the same.
     assert!(curves::curves(&record).unwrap().contains("interrupted"));
+}
+
+#[test]
+fn the_span_from_loss_to_recovery_is_shaded() {
+    let mut record = run();
+    assert_eq!(curves::lost_spans(&record), [10.0..11.0]);
+    record.frames.truncate(310);
+    assert_eq!(curves::lost_spans(&record), [10.0..309.0 / 30.0]);
+}
+
+#[test]
+fn the_turntable_shows_what_is_wrong() {
+    use image::AnimationDecoder as _;
+    let truth = object("cube70");
+    for (scale, colour) in [(1.0, "pale"), (1.25, "dark red")] {
+        let estimate = Mesh {
+            vertices: truth.mesh.vertices.iter().map(|v| *v * scale).collect(),
+            faces: truth.mesh.faces.clone(),
+        };
+        let errors_m = turntable::vertex_errors_m(&estimate, Isometry::identity(), &truth);
+        // A side of 70 mm is half of the growth away.
+        let largest = errors_m.iter().copied().fold(0.0, f32::max);
+        assert!((0.035 * (scale - 1.0) - 1e-4..0.062 * (scale - 1.0) + 1e-4).contains(&largest), "{largest}");
+        let object_from_estimate = Isometry::identity();
+        let turntable =
+            turntable::Turntable { estimate: &estimate, errors_m: &errors_m, object_from_estimate, truth: &truth.mesh };
+        let gif = turntable.gif().unwrap();
+        let frames = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(gif)).unwrap().into_frames();
+        let frames = frames.collect_frames().unwrap();
+        assert_eq!((frames.len(), frames[0].buffer().dimensions()), (48, (480, 274)));
+        for frame in &frames {
+            let [r, g, b, _] = frame.buffer().get_pixel(120, 120).0.map(i32::from);
+            let is_red = 2 * r > 3 * g;
+            assert_eq!(is_red, colour == "dark red", "{r} {g} {b}");
+            let [r, g, b, _] = frame.buffer().get_pixel(360, 120).0.map(i32::from);
+            assert!((r - g).abs() < 30 && (g - b).abs() < 30 && r < 230, "the truth is grey, not {r} {g} {b}");
+        }
+    }
 }
 
 #[test]

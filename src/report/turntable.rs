@@ -86,7 +86,7 @@ impl Turntable<'_> {
         let (estimate, truth) = (RayMesh::new(self.estimate), RayMesh::new(self.truth));
         let backdrop = backdrop();
         // The true object fills the picture; what an estimate adds far from it may leave it.
-        let [low, high] = self.truth.bounds_m().map(|corner| corner.as_dvec3());
+        let [low, high] = self.truth.bounds_m().map(Vec3::as_dvec3);
         let (centre, radius_m) = (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-3));
         let distance_m = 1.08 * radius_m / (0.5 * FOV_RAD).sin();
         let error_colour = |triangle: u32, u: f32, v: f32| {
