@@ -38,19 +38,19 @@ use crate::simulate::print_line;
 #[command(group = ArgGroup::new("results").required(true).multiple(true).args(["run", "mesh", "pose"]))]
 pub struct Arguments {
     /// Folder of a run
-    #[arg(long, conflicts_with_all = ["mesh", "pose", "truth", "truth_pose", "frame"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["mesh", "pose", "truth", "truth_pose", "frame"])]
     run: Option<PathBuf>,
     /// Reconstructed mesh in metres: OBJ, STL or PLY
-    #[arg(long, requires = "truth")]
+    #[arg(long, value_name = "FILE", requires = "truth")]
     mesh: Option<PathBuf>,
     /// True object: a name that `assets list` shows, or the path of a mesh
-    #[arg(long)]
+    #[arg(long, value_name = "OBJECT")]
     truth: Option<String>,
     /// Estimated poses
-    #[arg(long, requires = "truth")]
+    #[arg(long, value_name = "FILE", requires = "truth")]
     pose: Option<PathBuf>,
     /// True poses; without it those in the file of the estimated ones
-    #[arg(long, requires = "pose")]
+    #[arg(long, value_name = "FILE", requires = "pose")]
     truth_pose: Option<PathBuf>,
     /// Coordinates of the mesh and of the object in the poses
     #[arg(long, value_enum, default_value_t = FrameChoice::File)]

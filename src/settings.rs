@@ -356,6 +356,7 @@ mod tests {
             let error = set(&[assignment]).unwrap_err().to_string();
             assert!(error.contains(expected) && !error.contains('\n'), "{error}");
         }
+        assert!(!set(&["zzzzzzzzzzzz=3"]).unwrap_err().to_string().contains("did you mean"));
         let variant = set(&["tracker.start=midway"]).unwrap_err().to_string();
         assert!(variant.contains("truth") && variant.contains("disturbed"), "{variant}");
 

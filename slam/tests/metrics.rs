@@ -151,6 +151,13 @@ fn samples_follow_the_area() {
 }
 
 #[test]
+fn a_surface_that_lies_on_itself_gets_its_points_in_time() {
+    let mut mesh = square(0.1);
+    mesh.faces = mesh.faces.repeat(10_000);
+    assert_eq!(sample_surface_even(&mesh, 5000, 0).len(), 5000);
+}
+
+#[test]
 fn even_samples_keep_their_distance() {
     let points = sample_surface_even(&square(0.1), 1000, 0);
     let closest = points
