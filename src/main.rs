@@ -9,6 +9,11 @@ mod progress;
 mod recorder;
 mod render_touch;
 mod run;
+#[allow(dead_code, reason = "called by the pipeline")]
+mod report;
+mod score;
+#[allow(dead_code, reason = "called by the pipeline")]
+mod settings;
 mod simulate;
 mod subject;
 
@@ -38,6 +43,7 @@ enum Command {
     Assets(assets::Command),
     Inspect(inspect::Arguments),
     Run(run::Arguments),
+    Score(score::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -60,6 +66,7 @@ fn main() -> ExitCode {
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Score(arguments)) => score::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

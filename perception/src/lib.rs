@@ -1,4 +1,9 @@
-//! Pixels to metric geometry.
+//! Pixels to metric geometry: what a camera's pixels show, and the frames that the tracker receives.
 //!
-//! Will turn the touch images of an [`Observation`](scenes::observation::Observation) into metric depth and contact masks.
-//! The networks and their engine land with a later version; nothing here knows of the simulator.
+//! Nothing here knows of the simulator or receives ground truth; what touch images show comes in as depth and contact.
+
+mod frame;
+mod segmentation;
+
+pub use frame::{Config, Gaps, Sensor, SensorError, TouchImages, depth_frame, touch_from_depth};
+pub use segmentation::{SegmentationConfig, segment};

@@ -29,8 +29,8 @@ pub struct CameraDepth {
     pub world_from_camera: Isometry<Camera, World>,
     /// Depth along the optical axis, metres, positive in front of the camera; 0 where nothing was measured.
     pub depth_m: Array2<f32>,
-    /// What every pixel shows: [`BACKGROUND`](crate::observation::BACKGROUND), [`HAND`](crate::observation::HAND) or
-    /// [`OBJECT`](crate::observation::OBJECT). Background is also what was not measured.
+    /// What every pixel shows: [`BACKGROUND`](crate::observation::BACKGROUND), [`HAND`](crate::observation::HAND),
+    /// [`OBJECT`](crate::observation::OBJECT) or [`UNSURE`](crate::observation::UNSURE). Background is also what was not measured.
     pub segmentation: GrayImage,
 }
 

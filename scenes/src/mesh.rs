@@ -14,7 +14,7 @@ mod stl;
 
 pub use distance::MeshDistance;
 pub use read::{Format, MAX_FILE_BYTES, read, read_bytes};
-pub use repair::{MAX_EXTENT_M, MILLIMETRES_ABOVE_M, MIN_EXTENT_M, repair};
+pub use repair::{MAX_EXTENT_M, MILLIMETRES_ABOVE_M, MIN_EXTENT_M, check, repair};
 pub use stand::stand;
 
 /// A triangle mesh: vertices in metres in the object's frame, faces counter-clockwise seen from outside.

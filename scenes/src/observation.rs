@@ -54,3 +54,6 @@ pub const BACKGROUND: u8 = 0;
 pub const HAND: u8 = 127;
 /// Segmentation level of the object.
 pub const OBJECT: u8 = 255;
+/// Segmentation level of pixels that may show the object or not: neither its surface nor free space is to be read from them.
+/// Only a measured segmentation has it.
+pub const UNSURE: u8 = 64;

@@ -9,6 +9,7 @@ pub mod depth_noise;
 pub mod episode;
 pub mod feelsight;
 pub mod gait;
+pub mod lettering;
 pub mod observer;
 pub mod rays;
 pub mod tessellation;

@@ -14,12 +14,12 @@
 //! // The estimate lies 3 mm beside the truth.
 //! let truth_from_estimate = Isometry::<Object, Object>::translation(0.0, 0.0, 0.003);
 //! assert!((truth.add_s(truth_from_estimate).one_directional_m - 0.003).abs() < 1e-6);
-//! let score = truth.score(&sample_surface(&triangle, POINTS, 1), truth_from_estimate, &THRESHOLDS_M);
+//! let score = truth.score(sample_surface(&triangle, POINTS, 1), truth_from_estimate, &THRESHOLDS_M);
 //! assert_eq!(score.f_scores[0].f(), 0.0, "at 1 mm");
 //! assert!(score.f_scores[2].f() > 0.999, "at 5 mm");
 //! ```
 
-mod nearest;
+mod cloud;
 mod run;
 mod sample;
 mod surface;
@@ -28,8 +28,12 @@ pub use run::{FAILURE_M, GRACE_S, OUTLIER_M, PoseStatistics, mean_original};
 pub use sample::{sample_surface, sample_surface_even};
 pub use surface::{AddS, FScore, ShapeScore, TrueSurface};
 
-/// How many points stand for a surface.
+/// How many points stand for a surface in NeuralFeels. On an object of 600 cm^2 they are 2.5 mm apart, so that a perfect shape misses
+/// a tenth of them at 2 mm and half of them at 1 mm: see [`FINE_POINTS`].
 pub const POINTS: usize = 10_000;
+
+/// So many points that a perfect shape scores at least 0.98 at 1 mm on all that a hand can hold.
+pub const FINE_POINTS: usize = 100_000;
 
 /// The thresholds of our tables, metres.
 pub const THRESHOLDS_M: [f64; 4] = [0.001, 0.002, 0.005, 0.010];

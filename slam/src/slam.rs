@@ -45,6 +45,8 @@ pub struct Trust {
     pub doubt_below: f64,
     /// After as many such frames in a row the object is lost.
     pub lost_after: usize,
+    /// From this confidence on, a frame teaches the field.
+    pub learn_above: f64,
     /// A pose found again must have this confidence.
     pub found_above: f64,
     /// No object moves farther than this from where it was expected within a frame, metres and radians.
@@ -59,9 +61,10 @@ pub struct Trust {
 impl Default for Trust {
     fn default() -> Self {
         Self {
-            doubt_below: 0.5,
+            doubt_below: 0.7,
             lost_after: 3,
-            found_above: 0.75,
+            learn_above: 0.85,
+            found_above: 0.85,
             surprise: [0.02, 0.8],
             jerk_sigmas: 2.0,
             search_every: 3,
@@ -160,6 +163,8 @@ pub struct Slam {
     /// The last pose that was believed.
     pose: Isometry<Model, World>,
     doubts: usize,
+    /// Of the frame before.
+    confidence: f64,
     frame: usize,
     last_search: usize,
 }
@@ -199,7 +204,7 @@ impl Slam {
         pose: Isometry<Model, World>,
     ) -> Self {
         let tracker = Tracker::new(config.tracker.clone(), side);
-        Self { config, seed, tracker, knowledge, state, pose, doubts: 0, frame: 0, last_search: 0 }
+        Self { config, seed, tracker, knowledge, state, pose, doubts: 0, confidence: 1.0, frame: 0, last_search: 0 }
     }
 
     /// The map, where the shape is not given.
@@ -275,10 +280,11 @@ impl Slam {
         } else {
             confidence = self.track(&scan);
         }
+        self.confidence = confidence;
         let track = begun.elapsed();
         let begun = Instant::now();
         let keyframe =
-            self.state == State::Tracking && confidence >= self.config.trust.doubt_below && self.learn(&scan);
+            self.state == State::Tracking && confidence >= self.config.trust.learn_above && self.learn(&scan);
         self.estimate(&scan, confidence, keyframe, Spent { track, map: begun.elapsed() })
     }
 
@@ -326,7 +332,9 @@ impl Slam {
                 Knowledge::Known(given) => given,
             },
         );
-        if tracker.median_residual(reference) > self.config.trust.jerk_sigmas {
+        if self.confidence < self.config.trust.learn_above
+            || tracker.median_residual(reference) > self.config.trust.jerk_sigmas
+        {
             tracker.look_around(reference, self.pose, &mut rng);
         }
         let Some(solution) = tracker.solve(reference) else { return 0.0 };

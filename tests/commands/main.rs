@@ -15,5 +15,6 @@ mod inspect;
 mod kill;
 mod mesh_files;
 mod render_touch;
+mod score;
 mod simulate;
 mod workplace;

@@ -44,9 +44,10 @@ struct Sphere {
 }
 
 impl Sphere {
-    /// No point of what the sphere encloses is nearer than this, and no point is deeper inside of it.
-    fn distance(&self, p: Vec3A) -> f32 {
-        (p - self.centre).length() - self.radius
+    /// Whether nothing that the sphere encloses can have a signed distance below `distance`.
+    fn is_beyond(&self, p: Vec3A, distance: f32) -> bool {
+        let reach = self.radius + distance;
+        reach <= 0.0 || p.distance_squared(self.centre) >= reach * reach
     }
 }
 
@@ -81,12 +82,30 @@ impl HandSolid {
         self.nearest(p.into(), limit).0
     }
 
+    /// Whether [`HandSolid::distance`] is less than `margin`; sooner than asking for the distance.
+    pub fn is_within(&self, p: Vec3, margin: f32) -> bool {
+        let p = Vec3A::from(p);
+        let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(p, margin));
+        limbs.flat_map(|limb| &limb.members).any(|m| !m.bound.is_beyond(p, margin) && m.distance(p) < margin)
+    }
+
     /// Signed distance as [`HandSolid::distance`] and its gradient, which points out of the hand. Its length is 1, but for points
     /// away from the surface of an ellipsoid, where it is the gradient of the bound.
     pub fn distance_and_gradient(&self, p: Vec3) -> (f32, Vec3) {
         let p = Vec3A::from(p);
         let (distance, member) = self.nearest(p, f32::INFINITY);
         (distance, member.map_or(Vec3A::ZERO, |member| member.gradient(p)).into())
+    }
+
+    /// The primitives that come within `radius` of `centre`: enough to ask whether points of a ball around `centre` are nearer to
+    /// the hand than the rest of `radius`.
+    pub fn cropped(&self, centre: Vec3, radius: f32) -> Self {
+        let centre = Vec3A::from(centre);
+        let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(centre, radius));
+        let members = limbs.flat_map(|limb| &limb.members);
+        let near = members.filter(|m| !m.bound.is_beyond(centre, radius) && m.distance(centre) < radius);
+        let members: Vec<Member> = near.copied().collect();
+        Self { limbs: if members.is_empty() { Vec::new() } else { vec![Limb::new(members)] } }
     }
 
     /// Spheres (centre, radius) around the primitives: no part of the hand lies outside of all of them.
@@ -98,11 +117,11 @@ impl HandSolid {
     fn nearest(&self, p: Vec3A, limit: f32) -> (f32, Option<&Member>) {
         let (mut least, mut nearest) = (limit, None);
         for limb in &self.limbs {
-            if limb.bound.distance(p) >= least {
+            if limb.bound.is_beyond(p, least) {
                 continue;
             }
             for member in &limb.members {
-                if member.bound.distance(p) < least {
+                if !member.bound.is_beyond(p, least) {
                     let distance = member.distance(p);
                     if distance < least {
                         (least, nearest) = (distance, Some(member));
@@ -399,7 +418,20 @@ mod tests {
         #[test]
         fn limit_changes_nothing_below_it(joints in posture(), p in place(), limit in -0.01..0.05f32) {
             let solid = HandSolid::new(Side::Left, &joints);
-            prop_assert_eq!(solid.distance_within(p, limit), solid.distance(p).min(limit));
+            prop_assert!((solid.distance_within(p, limit) - solid.distance(p).min(limit)).abs() < 1e-7);
+            prop_assert!(solid.is_within(p, limit) == (solid.distance(p) < limit) || (solid.distance(p) - limit).abs() < 1e-7);
+        }
+
+        #[test]
+        fn crop_answers_for_points_around_its_centre(joints in posture(), p in place(), to in place(), ball in 0.001..0.03f32) {
+            let solid = HandSolid::new(Side::Left, &joints);
+            const MARGIN: f32 = 0.003;
+            let q = p + (to - p).normalize_or_zero() * (0.999 * ball);
+            let cropped = solid.cropped(p, ball + MARGIN);
+            // A gel's bound is below its distance, so only what is truly near has to be found again.
+            let truly = HandSolid::without_gels(Side::Left, &joints).is_within(q, MARGIN);
+            prop_assert!(cropped.is_within(q, MARGIN) || !truly);
+            prop_assert!(solid.is_within(q, MARGIN) || !cropped.is_within(q, MARGIN));
         }
 
         #[test]

@@ -79,7 +79,11 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     Ok(mesh)
 }
 
-fn check(mesh: &Mesh) -> Result<(), Defect> {
+/// Whether all coordinates are finite and all faces name vertices that are there.
+///
+/// # Errors
+/// [`Defect::NotFinite`] or [`Defect::IndexOutOfRange`].
+pub fn check(mesh: &Mesh) -> Result<(), Defect> {
     if let Some(vertex) = mesh.vertices.iter().position(|v| !v.is_finite()) {
         return Err(Defect::NotFinite { vertex });
     }

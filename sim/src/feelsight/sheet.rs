@@ -1,9 +1,10 @@
 //! A contact sheet: one PNG that shows what an episode looked like and when each finger touched.
 
-use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 use scenes::hand::{Finger, PerFinger};
+
+use crate::lettering;
 
 /// What a contact sheet shows.
 #[derive(Debug, Clone)]
@@ -143,7 +144,7 @@ impl Page {
             let x = at(tick);
             self.fill(x, bottom + 4, 1, 6, FAINT);
             let label = format!("{tick:.0}");
-            let half = text_width(15.0, &label) / 2;
+            let half = lettering::width(15.0, &label) / 2;
             self.text(x.saturating_sub(half), bottom + 12, 15.0, FAINT, &label);
             tick += step;
         }
@@ -177,45 +178,12 @@ impl Page {
 
     /// Writes text whose line begins at `y`.
     fn text(&mut self, x: u32, y: u32, size: f32, color: Rgb<u8>, text: &str) {
-        let Some(font) = font() else { return };
-        let font = font.as_scaled(PxScale::from(size));
-        let mut pen = x as f32;
-        let mut previous = None;
-        for character in text.chars() {
-            let id = font.glyph_id(character);
-            pen += previous.map_or(0.0, |previous| font.kern(previous, id));
-            let glyph = id.with_scale_and_position(font.scale(), ab_glyph::point(pen, y as f32 + font.ascent()));
-            pen += font.h_advance(id);
-            previous = Some(id);
-            if let Some(outline) = font.outline_glyph(glyph) {
-                let corner = outline.px_bounds().min;
-                outline.draw(|dx, dy, coverage| {
-                    let (px, py) = (corner.x as i64 + i64::from(dx), corner.y as i64 + i64::from(dy));
-                    if let (Ok(px), Ok(py)) = (u32::try_from(px), u32::try_from(py)) {
-                        self.blend(px, py, color, coverage);
-                    }
-                });
-            }
-        }
+        lettering::write(&mut self.image, (x, y), size, color, text);
     }
 
     fn blend(&mut self, x: u32, y: u32, color: Rgb<u8>, coverage: f32) {
-        let Some(pixel) = self.image.get_pixel_mut_checked(x, y) else { return };
-        let coverage = coverage.clamp(0.0, 1.0);
-        for (below, above) in pixel.0.iter_mut().zip(color.0) {
-            *below = (f32::from(*below) + (f32::from(above) - f32::from(*below)) * coverage).round() as u8;
-        }
+        lettering::blend(&mut self.image, x, y, color, coverage);
     }
-}
-
-fn font() -> Option<FontRef<'static>> {
-    FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok()
-}
-
-fn text_width(size: f32, text: &str) -> u32 {
-    let Some(font) = font() else { return 0 };
-    let font = font.as_scaled(PxScale::from(size));
-    text.chars().map(|character| font.h_advance(font.glyph_id(character))).sum::<f32>().round() as u32
 }
 
 /// Seconds between ticks: 1, 2 or 5 times a power of ten, at most some twelve ticks.

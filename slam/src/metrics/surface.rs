@@ -5,15 +5,12 @@ use scenes::frame::{Frame, Isometry, Object};
 use scenes::mesh::Mesh;
 use serde::Serialize;
 
-use super::nearest::Nearest;
+use super::cloud::Cloud;
 use super::sample::sample_surface_even;
 
 /// The true surface of an object as points in the object's frame. Made once per object.
 #[derive(Debug)]
-pub struct TrueSurface {
-    points: Vec<Vec3>,
-    nearest: Nearest,
-}
+pub struct TrueSurface(Cloud);
 
 /// Average distance of closest points between an object at its true and at its estimated pose (Hinterstoisser et al. 2012; Xiang et
 /// al. 2018), metres.
@@ -65,40 +62,36 @@ impl TrueSurface {
 
     /// These points, in the object's frame, metres. They are finite.
     pub fn of_points(points: Vec<Vec3>) -> Self {
-        Self { nearest: Nearest::new(&points), points }
+        Self(Cloud::new(points))
     }
 
-    /// The points, in the object's frame, metres.
+    /// The points, in the object's frame, metres; those that are close to one another come close to one another.
     pub fn points(&self) -> &[Vec3] {
-        &self.points
+        self.0.points()
     }
 
     /// The error of a pose, from the motion that takes the object as estimated to the object as it is: inverse of the true pose
     /// times the estimated pose. Infinite if the motion is not finite.
     pub fn add_s(&self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
-        let one_directional_m = self.mean_distance_m(truth_from_estimate);
+        let one_directional_m = mean(&distances_m(&self.0, truth_from_estimate, &self.0));
         // Seen from the estimate the truth has moved by the inverse, so the same tree serves.
-        let other_m = self.mean_distance_m(truth_from_estimate.inverse());
+        let other_m = mean(&distances_m(&self.0, truth_from_estimate.inverse(), &self.0));
         AddS { one_directional_m, symmetric_m: 0.5 * (one_directional_m + other_m) }
     }
 
-    fn mean_distance_m(&self, motion: Isometry<Object, Object>) -> f64 {
-        mean(&self.distances_m(&self.points, motion))
-    }
-
-    /// The score of a shape given as points on its surface, metres, in any frame, with the motion that takes them to the object: the
-    /// frame `F` as tracked, held against the true pose. For a mesh see [`super::sample_surface`].
+    /// The score of a shape given as finite points on its surface, metres, in any frame, with the motion that takes them to the object:
+    /// the frame `F` as tracked, held against the true pose. For a mesh see [`super::sample_surface`].
     ///
     /// A point exactly at a threshold is outside, as in NeuralFeels.
     pub fn score<F: Frame>(
         &self,
-        estimate: &[Vec3],
+        estimate: Vec<Vec3>,
         object_from_estimate: Isometry<F, Object>,
         thresholds_m: &[f64],
     ) -> ShapeScore {
-        let to_truth = self.distances_m(estimate, object_from_estimate);
-        let estimate = Nearest::new(estimate);
-        let to_estimate = distances_m(&self.points, object_from_estimate.inverse(), &estimate);
+        let estimate = Cloud::new(estimate);
+        let to_truth = distances_m(&estimate, object_from_estimate, &self.0);
+        let to_estimate = distances_m(&self.0, object_from_estimate.inverse(), &estimate);
         let f_score = |&threshold_m: &f64| FScore {
             threshold_m,
             precision: share_within(&to_truth, threshold_m),
@@ -110,20 +103,16 @@ impl TrueSurface {
             completeness_m: mean(&to_estimate),
         }
     }
-
-    /// The distance of each point to the nearest true point, metres, after the motion that takes the points to the object.
-    pub fn distances_m<F: Frame>(&self, points: &[Vec3], object_from_points: Isometry<F, Object>) -> Vec<f32> {
-        distances_m(points, object_from_points, &self.nearest)
-    }
 }
 
 /// Distances of moved points to the nearest of a cloud, metres; infinite if the motion is not finite.
-fn distances_m<From: Frame, To: Frame>(points: &[Vec3], motion: Isometry<From, To>, nearest: &Nearest) -> Vec<f32> {
+fn distances_m<From: Frame, To: Frame>(points: &Cloud, motion: Isometry<From, To>, to: &Cloud) -> Vec<f32> {
     let (rotation, translation) = motion.to_f32();
-    if !(rotation.is_finite() && translation.is_finite()) {
-        return vec![f32::INFINITY; points.len()];
+    if rotation.is_finite() && translation.is_finite() {
+        points.distances((rotation, translation), to)
+    } else {
+        vec![f32::INFINITY; points.points().len()]
     }
-    points.iter().map(|&p| nearest.distance_m(Vec3::from(rotation * glam::Vec3A::from(p) + translation))).collect()
 }
 
 fn mean(distances_m: &[f32]) -> f64 {

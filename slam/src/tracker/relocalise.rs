@@ -27,7 +27,7 @@ struct Round {
 /// Rounds of the search around a pose.
 const LOCAL_ROUNDS: [Round; 2] = [Round { kept: 10, points: 60, steps: 3 }, Round { kept: 1, points: 150, steps: 6 }];
 /// Poses tried around a pose, how far they turn (rad) and move (m): an object that topples turns by 40 degrees between frames.
-const LOCAL_CANDIDATES: usize = 150;
+const LOCAL_CANDIDATES: usize = 200;
 const LOCAL_TURN_RAD: f64 = 0.7;
 const LOCAL_SHIFT_M: f64 = 0.008;
 
@@ -94,11 +94,17 @@ impl Tracker {
         let Some(instant) = self.window.back() else { return };
         let start = instant.pose;
         let previous = previous.untyped();
-        let seen = to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32);
+        let middle = |instant: &Instant| {
+            to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32)
+        };
+        let seen = middle(instant);
+        // The pose before, carried along with what is seen.
+        let before = self.window.iter().rev().nth(1).map_or(seen, middle);
+        let carried = na::Translation3::from(seen - before) * previous;
         let as_candidate = |pose| Candidate { pose, cost: f64::INFINITY };
-        let mut candidates = vec![as_candidate(start), as_candidate(previous)];
+        let mut candidates = vec![as_candidate(start), as_candidate(previous), as_candidate(carried)];
         for i in 0..LOCAL_CANDIDATES {
-            let from = if i % 2 == 0 { &start } else { &previous };
+            let from = [&start, &previous, &carried][i % 3];
             let turn = na::UnitQuaternion::from_scaled_axis(random_in_ball(rng) * LOCAL_TURN_RAD);
             let shift = random_in_ball(rng) * LOCAL_SHIFT_M;
             // About the middle of what is seen, which stays where it is.

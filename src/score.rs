@@ -1,0 +1,298 @@
+//! `score`: results held against the truth, ours or anybody's.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, anyhow, bail};
+use clap::{ArgGroup, Args, ValueEnum};
+use glam::Vec3;
+use rayon::prelude::*;
+use scenes::catalogue::{self, Warning};
+use scenes::frame::{Isometry, Object, World};
+use scenes::mesh::{self, Mesh};
+use scenes::object::Object as TrueObject;
+use serde::{Deserialize, Serialize};
+use slam::metrics::{FINE_POINTS, ORIGINAL_THRESHOLDS_M, POINTS, ShapeScore, TrueSurface, sample_surface};
+
+use crate::report::{self, ErrorStatistics, FrameRow};
+use crate::simulate::print_line;
+
+/// Score a reconstructed mesh and tracked poses against the true object
+///
+/// With --run, a folder that `run` has written: its mesh, its trajectory and the object that its summary names. Otherwise results of
+/// anybody's: a mesh (--mesh), poses (--pose), or both, and the true object (--truth).
+///
+/// F-score at 1 to 20 mm, precision (share of the estimated surface that is near the true one) and recall (the converse) as NeuralFeels
+/// has them, from 10,000 points of either surface, and beside it from 100,000, as 10,000 lie so far apart that a perfect shape fails at
+/// 1 and 2 mm. Mesh error: mean distance of the estimated points to the nearest true one. Nothing is aligned but by the poses: where there
+/// are poses, the mesh is compared where the last of them puts it.
+///
+/// ADD-S: mean distance of 10,000 points of the object at the estimated pose to the nearest of them at the true pose, and symmetric, the
+/// mean of this and of the converse. Every frame counts; `as NeuralFeels` leaves out the first 5 s and errors above 50 mm.
+///
+/// Poses are CSV with a header that names at least time_s, x_m, y_m, z_m, qw, qx, qy and qz: the pose of the object in any fixed frame,
+/// the same for both files. A true pose belongs to an estimated one if they are at most 1 ms apart. True poses may also stand in the
+/// file of the estimates, as true_x_m, true_y_m, true_z_m, true_qw, true_qx, true_qy and true_qz.
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("results").required(true).multiple(true).args(["run", "mesh", "pose"]))]
+pub struct Arguments {
+    /// Folder of a run
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["mesh", "pose", "truth", "truth_pose", "frame"])]
+    run: Option<PathBuf>,
+    /// Reconstructed mesh in metres: OBJ, STL or PLY
+    #[arg(long, value_name = "FILE", requires = "truth")]
+    mesh: Option<PathBuf>,
+    /// True object: a name that `assets list` shows, or the path of a mesh
+    #[arg(long, value_name = "OBJECT")]
+    truth: Option<String>,
+    /// Estimated poses
+    #[arg(long, value_name = "FILE", requires = "truth")]
+    pose: Option<PathBuf>,
+    /// True poses; without it those in the file of the estimated ones
+    #[arg(long, value_name = "FILE", requires = "pose")]
+    truth_pose: Option<PathBuf>,
+    /// Coordinates of the mesh and of the object in the poses
+    #[arg(long, value_enum, default_value_t = FrameChoice::File)]
+    frame: FrameChoice,
+    /// Print one JSON object instead of words
+    #[arg(long)]
+    json: bool,
+}
+
+/// Coordinates of an object on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FrameChoice {
+    /// Those in which the mesh of the true object was published, as in FeelSight logs
+    File,
+    /// Those of this program's runs: centred, upright
+    Object,
+}
+
+/// What is printed. Lengths are millimetres; null stands for what was not asked for and for infinity.
+#[derive(Debug, Serialize)]
+struct Report {
+    truth: String,
+    shape: Option<ShapeReport>,
+    pose: Option<PoseReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct ShapeReport {
+    /// From 10,000 points of either surface.
+    original: SurfaceReport,
+    /// From 100,000.
+    fine: SurfaceReport,
+}
+
+#[derive(Debug, Serialize)]
+struct SurfaceReport {
+    scores: Vec<ThresholdReport>,
+    mesh_error_mm: f64,
+    completeness_mm: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct ThresholdReport {
+    threshold_mm: f64,
+    f: f64,
+    precision: f64,
+    recall: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct PoseReport {
+    frames: usize,
+    add_s_mm: Option<ErrorStatistics>,
+    add_s_symmetric_mm: Option<ErrorStatistics>,
+}
+
+/// The part of a run's summary that is needed.
+#[derive(Debug, Deserialize)]
+struct RunSummary {
+    object: String,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let (truth, estimate, rows) = match (&arguments.run, &arguments.truth) {
+        (Some(folder), _) => of_run(folder)?,
+        (None, Some(truth)) => of_files(arguments, truth)?,
+        // clap asks for the one or the other.
+        (None, None) => bail!("give --truth"),
+    };
+    let surface = TrueSurface::new(&truth.mesh, POINTS, 0);
+    let rows = rows.map(|rows| scored(rows, &surface));
+    let motion = rows.as_deref().and_then(|rows| object_from_estimate(rows.last()?));
+    let report = Report {
+        truth: truth.name,
+        shape: estimate.map(|mesh| ShapeReport::new(&mesh, &truth.mesh, motion.unwrap_or_else(Isometry::identity))),
+        pose: rows.map(|rows| PoseReport {
+            frames: rows.len(),
+            add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m),
+            add_s_symmetric_mm: ErrorStatistics::new(&rows, |e| e.symmetric_m),
+        }),
+    };
+    if arguments.json { print_line(&serde_json::to_string(&report)?) } else { print_line(&in_words(&report)) }
+}
+
+/// The true object, the estimated mesh, and rows with the poses of both.
+type Results = (TrueObject, Option<Mesh>, Option<Vec<FrameRow>>);
+
+fn of_run(folder: &Path) -> Result<Results> {
+    let path = folder.join(report::file::SUMMARY);
+    let text = fs::read_to_string(&path).with_context(|| format!("{} is no folder of a run", folder.display()))?;
+    let RunSummary { object } = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+    let truth = load_truth(&object)?;
+    let mesh_path = folder.join(report::file::PLY);
+    // An interrupted run may have none.
+    let estimate = if mesh_path.exists() { Some(load_estimate(&mesh_path)?) } else { None };
+    let trajectory = folder.join(report::file::TRAJECTORY);
+    let rows = load_rows(&trajectory)?;
+    Ok((truth, estimate, Some(with_truth(rows, &trajectory)?)))
+}
+
+fn of_files(arguments: &Arguments, truth: &str) -> Result<Results> {
+    let mut truth = load_truth(truth)?;
+    if arguments.frame == FrameChoice::File {
+        // Scores do not depend on coordinates, so the truth goes to those of the results.
+        let (rotation, translation) = truth.object_from_file.inverse().to_f32();
+        for vertex in &mut truth.mesh.vertices {
+            *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);
+        }
+    }
+    let estimate = arguments.mesh.as_deref().map(load_estimate).transpose()?;
+    let rows = match (&arguments.pose, &arguments.truth_pose) {
+        (None, _) => None,
+        (Some(path), None) => Some(with_truth(load_rows(path)?, path)?),
+        (Some(path), Some(truth_path)) => {
+            let joined = joined(load_rows(path)?, &load_rows(truth_path)?);
+            if joined.is_empty() {
+                bail!("{} and {} have no pose at the same time", path.display(), truth_path.display());
+            }
+            Some(joined)
+        }
+    };
+    Ok((truth, estimate, rows))
+}
+
+/// The true object; nothing is said of its mass, which does not matter here.
+fn load_truth(name: &str) -> Result<TrueObject> {
+    let mut warnings = Vec::new();
+    let object = catalogue::load(name, &mut warnings);
+    for warning in warnings.iter().filter(|warning| !matches!(warning, Warning::EstimatedMass { .. })) {
+        tracing::warn!("{warning}");
+    }
+    Ok(object?)
+}
+
+/// A mesh as it is: its scraps count against it.
+fn load_estimate(path: &Path) -> Result<Mesh> {
+    let mesh = mesh::read(path)?;
+    mesh::check(&mesh).map_err(|defect| anyhow!("{}: {defect}", path.display()))?;
+    let extent = f64::from(mesh.extents_m().max_element());
+    if extent > mesh::MILLIMETRES_ABOVE_M {
+        bail!("{}: its largest side is {extent} m; a mesh in millimetres must be scaled to metres", path.display());
+    }
+    if mesh.area_m2() <= 0.0 {
+        bail!("{}: {}", path.display(), mesh::Defect::NoFaces);
+    }
+    Ok(mesh)
+}
+
+fn load_rows(path: &Path) -> Result<Vec<FrameRow>> {
+    let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    report::read_trajectory(&text).with_context(|| path.display().to_string())
+}
+
+/// The rows with a true pose, of which there must be one.
+fn with_truth(mut rows: Vec<FrameRow>, path: &Path) -> Result<Vec<FrameRow>> {
+    rows.retain(|row| row.truth.is_some());
+    if rows.is_empty() {
+        bail!("{}: there are no true poses; give them with --truth-pose", path.display());
+    }
+    Ok(rows)
+}
+
+/// The estimates with the true poses of the same times.
+fn joined(estimates: Vec<FrameRow>, truths: &[FrameRow]) -> Vec<FrameRow> {
+    const SAME_TIME_S: f64 = 1e-3;
+    let true_pose = |time_s: f64| -> Option<Isometry<Object, World>> {
+        let after = truths.partition_point(|row| row.time_s < time_s);
+        let near = truths.get(after.saturating_sub(1)..).unwrap_or_default().iter().take(2);
+        let gap = |row: &FrameRow| (row.time_s - time_s).abs();
+        near.filter(|row| gap(row) <= SAME_TIME_S).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|row| row.estimate)
+    };
+    let mut rows = estimates;
+    rows.retain_mut(|row| {
+        row.truth = true_pose(row.time_s);
+        row.truth.is_some()
+    });
+    rows
+}
+
+/// The rows with errors computed anew.
+fn scored(mut rows: Vec<FrameRow>, surface: &TrueSurface) -> Vec<FrameRow> {
+    rows.par_iter_mut().for_each(|row| row.add_s = object_from_estimate(row).map(|motion| surface.add_s(motion)));
+    rows
+}
+
+fn object_from_estimate(row: &FrameRow) -> Option<Isometry<Object, Object>> {
+    Some(row.truth?.inverse() * row.estimate)
+}
+
+impl ShapeReport {
+    fn new(estimate: &Mesh, truth: &Mesh, motion: Isometry<Object, Object>) -> Self {
+        let score = |points: usize| {
+            let surface = TrueSurface::new(truth, points, 0);
+            SurfaceReport::new(&surface.score(sample_surface(estimate, points, 1), motion, &ORIGINAL_THRESHOLDS_M))
+        };
+        Self { original: score(POINTS), fine: score(FINE_POINTS) }
+    }
+}
+
+impl SurfaceReport {
+    fn new(score: &ShapeScore) -> Self {
+        let row = |f: &slam::metrics::FScore| ThresholdReport {
+            threshold_mm: (f.threshold_m * 1e6).round() / 1e3,
+            f: f.f(),
+            precision: f.precision,
+            recall: f.recall,
+        };
+        Self {
+            scores: score.f_scores.iter().rev().map(row).collect(),
+            mesh_error_mm: score.mesh_error_m * 1e3,
+            completeness_mm: score.completeness_m * 1e3,
+        }
+    }
+}
+
+fn in_words(report: &Report) -> String {
+    let mut text = report.truth.clone();
+    if let Some(pose) = &report.pose {
+        let _ =
+            write!(text, ", {} frames\n\nADD-S, mm          mean  median     p95   final  as NeuralFeels", pose.frames);
+        for (name, errors) in [("one-directional", pose.add_s_mm), ("symmetric", pose.add_s_symmetric_mm)] {
+            let Some(ErrorStatistics { mean, median, p95, last, mean_original_definition }) = errors else { continue };
+            let original = mean_original_definition.map_or("-".to_owned(), |mean| format!("{mean:.2}"));
+            let _ = write!(text, "\n{name:16} {mean:6.2}  {median:6.2}  {p95:6.2}  {last:6.2}  {original:>14}");
+        }
+    }
+    if let Some(ShapeReport { original, fine }) = &report.shape {
+        let _ = write!(text, "\n\n            10,000 points              100,000 points");
+        let _ = write!(text, "\n  mm      F   precision  recall       F   precision  recall");
+        for (a, b) in original.scores.iter().zip(&fine.scores) {
+            let _ = write!(
+                text,
+                "\n{:4}  {:.4}     {:.4}  {:.4}  {:.4}     {:.4}  {:.4}",
+                a.threshold_mm, a.f, a.precision, a.recall, b.f, b.precision, b.recall
+            );
+        }
+        let _ = write!(
+            text,
+            "\nmesh error, mm {:.3} ({:.3} with 100,000 points)",
+            original.mesh_error_mm, fine.mesh_error_mm
+        );
+    }
+    text
+}
