@@ -3,12 +3,12 @@
 
 mod assets;
 mod demo;
+mod dev;
 mod generate;
 mod inspect;
 mod progress;
 mod recorder;
 mod render_touch;
-mod run;
 #[allow(dead_code, reason = "called by the pipeline")]
 mod report;
 mod score;
@@ -42,7 +42,7 @@ enum Command {
     #[command(subcommand)]
     Assets(assets::Command),
     Inspect(inspect::Arguments),
-    Run(run::Arguments),
+    Dev(dev::Arguments),
     Score(score::Arguments),
 }
 
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
-        Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Dev(arguments)) => dev::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
     };
     match result {
