@@ -203,7 +203,7 @@ fn parameter_gradients_are_those_of_differences() {
                     assert!(checked > 20, "{checked}");
                 };
                 check(&gradient.network[..field.layout.parameters()], |reference| &mut reference.network, 3);
-                let stride = gradient.table.as_flattened().len() / 1000 | 1;
+                let stride = (gradient.table.as_flattened().len() / 1000) | 1;
                 check(gradient.table.as_flattened(), |reference| &mut reference.table, stride);
             }
         }
