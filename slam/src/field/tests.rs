@@ -229,6 +229,39 @@ fn what_no_sample_touches_stays() {
     assert_eq!(touched, [0, 1, 5, 6, 25, 26, 30, 31]);
 }
 
+#[test]
+fn steps_are_those_of_lazy_adam() {
+    let mut trainer = Trainer::new(rough(12));
+    let layout = trainer.field.layout;
+    // Of each parameter: itself and the running means of its gradient and of the square, in double precision.
+    let mut expected: Vec<[f64; 3]> = Vec::new();
+    for step in 1..=5 {
+        // Few samples, so that each step leaves other parameters alone.
+        let samples = samples(step, 40, &trainer.field.config, |p| p.length() - 0.3);
+        let (_, gradient) = differentiate(&trainer.field, Instructions::best(), &samples);
+        let table = trainer.field.parameters.table.len() * FEATURES;
+        let flat = |p: &Parameters| [p.table.as_flattened(), &p.network[..layout.parameters()]].concat();
+        let before = flat(&trainer.field.parameters);
+        expected.resize(before.len(), [0.0; 3]);
+        trainer.step(&samples);
+        let correction = (1.0 - 0.99f64.powi(step as i32)).sqrt() / (1.0 - 0.9f64.powi(step as i32));
+        for (k, g) in flat(&gradient).into_iter().map(f64::from).enumerate() {
+            let [parameter, mean, square] = &mut expected[k];
+            *parameter = f64::from(before[k]);
+            if g != 0.0 {
+                *mean = 0.9 * *mean + 0.1 * g;
+                *square = 0.99 * *square + 0.01 * g * g;
+                let rate = if k < table { 5e-3 } else { 2e-3 * correction };
+                *parameter -= rate * *mean / (square.sqrt() + 1e-12);
+            }
+        }
+        for (k, (found, [parameter, ..])) in flat(&trainer.field.parameters).into_iter().zip(&expected).enumerate() {
+            assert!((f64::from(found) - parameter).abs() < 1e-6, "step {step}, {k}: {found} {parameter}");
+        }
+    }
+    assert!(expected.iter().any(|[_, mean, _]| *mean == 0.0) && expected.iter().any(|[_, mean, _]| *mean != 0.0));
+}
+
 /// Largest and mean distance to a surface that the field shows at points on it, metres.
 fn error(field: &Field, surface: &[Vec3]) -> [f32; 2] {
     let values = values(field, surface);

@@ -150,7 +150,10 @@ impl WithSimd for Differentiate<'_> {
             for (i, sample) in samples.iter().enumerate() {
                 let error = chunk.activations.output[i] - sample.target.clamp(-1.0, 1.0);
                 let weighted = sample.weight * error;
-                if weighted.is_finite() && sample.position.is_finite() && !(sample.at_least && error > 0.0) {
+                if !(weighted.is_finite() && sample.position.is_finite()) {
+                    continue;
+                }
+                if !(sample.at_least && error > 0.0) {
                     loss += f64::from(share * weighted * error);
                     output_gradient[i] = 2.0 * share * weighted;
                 }
