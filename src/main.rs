@@ -10,6 +10,7 @@ mod recorder;
 mod render_touch;
 #[allow(dead_code, reason = "called by the pipeline")]
 mod report;
+mod run;
 mod score;
 #[allow(dead_code, reason = "called by the pipeline")]
 mod settings;
@@ -42,6 +43,7 @@ enum Command {
     Assets(assets::Command),
     Inspect(inspect::Arguments),
     Score(score::Arguments),
+    Run(run::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -64,6 +66,7 @@ fn main() -> ExitCode {
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
+        Some(Command::Run(arguments)) => run::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -6,6 +6,7 @@
 //! thumb's first two axes are mirrored, so its angles do not.
 
 mod parts;
+pub mod solid;
 
 use std::ops::{Index, IndexMut};
 

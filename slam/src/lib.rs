@@ -4,7 +4,16 @@
 //! the object and its shape. Nothing here knows of MuJoCo or of networks, and nothing here receives ground truth but
 //! [`metrics`].
 
+pub mod exact;
 pub mod field;
+pub mod map;
 pub mod metrics;
+pub mod scan;
+pub mod se3;
 pub mod shape;
+mod slam;
+pub mod space;
 pub mod surface;
+pub mod tracker;
+
+pub use slam::{Config, Estimate, Slam, Spent, State, Trust};

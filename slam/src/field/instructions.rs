@@ -1,0 +1,58 @@
+//! Which vector instructions the kernels run with.
+
+use pulp::{Scalar, Simd, WithSimd};
+
+/// Instruction sets that the kernels are compiled for. Each machine has the last ones of the list, at least `Scalar`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Instructions {
+    /// 16 lanes, fused multiply-add.
+    Avx512,
+    /// 8 lanes, fused multiply-add.
+    Avx2,
+    /// What every processor of the architecture has, without fused multiply-add.
+    Scalar,
+}
+
+impl Instructions {
+    /// The instruction sets of this machine, fastest first.
+    pub fn available() -> impl Iterator<Item = Self> {
+        [Self::Avx512, Self::Avx2, Self::Scalar].into_iter().filter(|set| set.is_available())
+    }
+
+    /// The fastest instruction set of this machine.
+    pub fn best() -> Self {
+        Self::available().next().unwrap_or(Self::Scalar)
+    }
+
+    /// Whether this machine has it.
+    pub fn is_available(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => pulp::x86::V4::try_new().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => pulp::x86::V3::try_new().is_some(),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx512 | Self::Avx2 => false,
+            Self::Scalar => true,
+        }
+    }
+
+    /// Runs a kernel; with `Scalar` if the machine does not have the instruction set.
+    pub(super) fn run<K: WithSimd>(self, kernel: K) -> K::Output {
+        #[cfg(target_arch = "x86_64")]
+        match self {
+            Self::Avx512 => {
+                if let Some(simd) = pulp::x86::V4::try_new() {
+                    return Simd::vectorize(simd, kernel);
+                }
+            }
+            Self::Avx2 => {
+                if let Some(simd) = pulp::x86::V3::try_new() {
+                    return Simd::vectorize(simd, kernel);
+                }
+            }
+            Self::Scalar => {}
+        }
+        Simd::vectorize(Scalar, kernel)
+    }
+}

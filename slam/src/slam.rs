@@ -1,0 +1,410 @@
+//! Shape and pose, frame by frame.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use glam::Vec3;
+use nalgebra as na;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use scenes::depth::DepthFrame;
+use scenes::frame::{Isometry, Model, World};
+use scenes::hand::Side;
+use scenes::hand::solid::{HandSamples, Occupied};
+use serde::{Deserialize, Serialize};
+
+use crate::exact::KnownShape;
+use crate::field::{self, FieldError};
+use crate::map::{self, Map};
+use crate::scan::{self, Scan, Sensor};
+use crate::shape::{Distance, Shape};
+use crate::tracker::assess::Assessment;
+use crate::tracker::{self, Reference, Tracker};
+
+/// Everything that can be set.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Rays drawn from images.
+    pub scan: scan::Config,
+    /// Pose.
+    pub tracker: tracker::Config,
+    /// The field.
+    pub field: field::Config,
+    /// How the field is taught.
+    pub map: map::Config,
+    /// When a pose is no longer believed.
+    pub trust: Trust,
+}
+
+/// When a pose is no longer believed, and when it is again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Trust {
+    /// Below this confidence a frame counts against the pose.
+    pub doubt_below: f64,
+    /// After as many such frames in a row the object is lost.
+    pub lost_after: usize,
+    /// A pose found again must have this confidence.
+    pub found_above: f64,
+    /// No object moves farther than this from where it was expected within a frame, metres and radians.
+    pub surprise: [f64; 2],
+    /// Where half of the points are farther than this from the surface at the pose that the motion so far leads to, in standard
+    /// deviations, the poses around it are tried.
+    pub jerk_sigmas: f64,
+    /// While lost, frames between two searches.
+    pub search_every: usize,
+}
+
+impl Default for Trust {
+    fn default() -> Self {
+        Self {
+            doubt_below: 0.5,
+            lost_after: 3,
+            found_above: 0.75,
+            surprise: [0.02, 0.8],
+            jerk_sigmas: 2.0,
+            search_every: 3,
+        }
+    }
+}
+
+/// Whether the pose of a frame can be believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// Nothing of the object has been measured yet.
+    Waiting,
+    /// The pose is followed.
+    Tracking,
+    /// The pose is not believed; what is given is the last one that was.
+    Lost,
+}
+
+/// What is known after a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Number of the frame.
+    pub frame: usize,
+    /// Seconds since the start.
+    pub time_s: f64,
+    /// Pose of the object.
+    pub pose: Isometry<Model, World>,
+    /// From 0 to 1.
+    pub confidence: f64,
+    /// Whether the pose can be believed.
+    pub state: State,
+    /// The frame became a keyframe.
+    pub keyframe: bool,
+    /// Time spent on rays and pose, and on the map.
+    pub spent: Spent,
+}
+
+/// Time spent on a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Spent {
+    /// From depth images to a pose.
+    pub track: Duration,
+    /// Teaching the field.
+    pub map: Duration,
+}
+
+/// What the tracker follows.
+enum Knowledge {
+    /// A shape that grows.
+    Growing(Box<Map>),
+    /// A shape that was given.
+    Known(Given),
+}
+
+struct Given {
+    shape: KnownShape,
+    hand: HandSamples,
+    centre: Vec3,
+}
+
+/// Error of a given shape on its grid, metres.
+const GIVEN_SIGMA_M: f32 = 0.0001;
+/// Spacing of points inside the hand that bound a given shape, metres. Coarser than the map's: they only push.
+const HAND_SPACING_M: f64 = 0.005;
+/// Every how many-th of the map's points inside the hand the tracker uses.
+const HAND_STRIDE: usize = 8;
+/// The middle of an object lies about so far behind its visible surface, metres.
+const BEHIND_SURFACE_M: f32 = 0.015;
+
+impl Shape for Given {
+    fn distances(&self, points: &[Vec3], out: &mut [f32]) {
+        self.shape.distances(points, out);
+    }
+    fn distances_and_gradients(&self, points: &[Vec3], out: &mut [Distance]) {
+        self.shape.distances_and_gradients(points, out);
+    }
+}
+
+impl Reference for Given {
+    fn trusted(&self, _: &[Vec3], out: &mut [bool]) {
+        out.fill(true);
+    }
+    fn sigma_m(&self) -> f32 {
+        GIVEN_SIGMA_M
+    }
+}
+
+/// Estimates pose and shape of one object in one hand.
+pub struct Slam {
+    config: Config,
+    seed: u64,
+    tracker: Tracker,
+    knowledge: Knowledge,
+    state: State,
+    /// The last pose that was believed.
+    pose: Isometry<Model, World>,
+    doubts: usize,
+    frame: usize,
+    last_search: usize,
+}
+
+impl Slam {
+    /// Knows neither shape nor pose: the first frame that shows the object fixes the model's frame.
+    ///
+    /// # Errors
+    /// [`FieldError`] if the field's configuration is out of range.
+    pub fn new(config: Config, side: Side, seed: u64) -> Result<Self, FieldError> {
+        let map = Map::new(config.map.clone(), &config.field, side, seed)?;
+        Ok(Self::with(config, side, seed, Knowledge::Growing(Box::new(map)), State::Waiting, Isometry::identity()))
+    }
+
+    /// Knows the shape, given with its bounds in the model's frame (lowest and highest corner, metres), and roughly the pose;
+    /// without one it searches.
+    pub fn with_shape(
+        config: Config,
+        side: Side,
+        seed: u64,
+        shape: KnownShape,
+        bounds: [Vec3; 2],
+        start: Option<Isometry<Model, World>>,
+    ) -> Self {
+        let hand = HandSamples::new(side, HAND_SPACING_M, seed);
+        let given = Given { shape, hand, centre: 0.5 * (bounds[0] + bounds[1]) };
+        let state = if start.is_some() { State::Tracking } else { State::Lost };
+        Self::with(config, side, seed, Knowledge::Known(given), state, start.unwrap_or_else(Isometry::identity))
+    }
+
+    fn with(
+        config: Config,
+        side: Side,
+        seed: u64,
+        knowledge: Knowledge,
+        state: State,
+        pose: Isometry<Model, World>,
+    ) -> Self {
+        let tracker = Tracker::new(config.tracker.clone(), side);
+        Self { config, seed, tracker, knowledge, state, pose, doubts: 0, frame: 0, last_search: 0 }
+    }
+
+    /// The map, where the shape is not given.
+    pub fn map(&self) -> Option<&Map> {
+        match &self.knowledge {
+            Knowledge::Growing(map) => Some(map),
+            Knowledge::Known(_) => None,
+        }
+    }
+
+    fn reference(&self) -> &dyn Reference {
+        match &self.knowledge {
+            Knowledge::Growing(map) => map.as_ref(),
+            Knowledge::Known(given) => given,
+        }
+    }
+
+    /// A generator for this frame, independent of all others.
+    fn generator(&self, purpose: u64) -> ChaCha8Rng {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ purpose << 32);
+        rng.set_stream(self.frame as u64);
+        rng
+    }
+
+    /// Learns from a frame whose pose is known, as a motion-capture system would give it.
+    pub fn step_at(&mut self, depth: &DepthFrame, pose: Isometry<Model, World>) -> Estimate {
+        let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
+        self.state = State::Tracking;
+        if std::env::var("PROBE").is_ok() && self.frame > 0 {
+            self.tracker.reset();
+            self.push(&scan, pose);
+            let (tracker, reference) = (
+                &mut self.tracker,
+                match &self.knowledge {
+                    Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
+                    Knowledge::Known(given) => given,
+                },
+            );
+            let s = tracker.solve(reference).unwrap();
+            let a = tracker.assess(reference);
+            let d = (s.pose().untyped() * pose.untyped().inverse());
+            let m = d * na::Point3::from(pose.origin().coords()) - pose.origin().coords();
+            if self.frame % 10 == 1 {
+                println!(
+                    "{} world shift of centre {:.2} {:.2} {:.2} mm rot {:.2} deg conf {:.2}",
+                    self.frame,
+                    m.x * 1e3,
+                    m.y * 1e3,
+                    m.z * 1e3,
+                    d.rotation.angle().to_degrees(),
+                    a.confidence
+                );
+            }
+        }
+        self.pose = pose;
+        let begun = Instant::now();
+        let keyframe = self.learn(&scan);
+        self.estimate(&scan, 1.0, keyframe, Spent { track: Duration::ZERO, map: begun.elapsed() })
+    }
+
+    /// Estimates the pose of the next frame and learns from it.
+    pub fn step(&mut self, depth: &DepthFrame) -> Estimate {
+        let begun = Instant::now();
+        let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
+        let mut confidence = 0.0;
+        if self.state == State::Waiting {
+            if let Some(start) = first_pose(&scan) {
+                self.pose = start;
+                self.state = State::Tracking;
+                confidence = 1.0;
+                self.push(&scan, start);
+            }
+        } else {
+            confidence = self.track(&scan);
+        }
+        let track = begun.elapsed();
+        let begun = Instant::now();
+        let keyframe =
+            self.state == State::Tracking && confidence >= self.config.trust.doubt_below && self.learn(&scan);
+        self.estimate(&scan, confidence, keyframe, Spent { track, map: begun.elapsed() })
+    }
+
+    fn estimate(&mut self, scan: &Scan, confidence: f64, keyframe: bool, spent: Spent) -> Estimate {
+        let frame = self.frame;
+        self.frame += 1;
+        let pose = match &self.knowledge {
+            Knowledge::Growing(map) => Isometry::new(self.pose.untyped() * map.field_from_model()),
+            Knowledge::Known(_) => self.pose,
+        };
+        Estimate { frame, time_s: scan.time_s, pose, confidence, state: self.state, keyframe, spent }
+    }
+
+    fn push(&mut self, scan: &Arc<Scan>, start: Isometry<Model, World>) {
+        let middle = tracker::to_vec(start.origin().coords());
+        let near = |o: &Occupied| (o.point - middle).length_squared() < REACH_M * REACH_M;
+        let scan = Arc::clone(scan);
+        match &self.knowledge {
+            Knowledge::Growing(map) => {
+                let occupied: Vec<_> = map.occupied(&scan).filter(near).step_by(HAND_STRIDE).collect();
+                self.tracker.push(map.as_ref(), scan, start, occupied.into_iter());
+            }
+            Knowledge::Known(given) => {
+                let occupied: Vec<_> = given.hand.posed(&scan.joints).filter(near).collect();
+                self.tracker.push(given, scan, start, occupied.into_iter());
+            }
+        }
+    }
+
+    /// Follows the object into a frame; returns the confidence.
+    fn track(&mut self, scan: &Arc<Scan>) -> f64 {
+        let start = match self.state {
+            State::Tracking => self.tracker.predicted().unwrap_or(self.pose),
+            _ => self.pose,
+        };
+        if self.state == State::Lost {
+            self.tracker.reset();
+        }
+        self.push(scan, start);
+        let mut rng = self.generator(3);
+        let (tracker, reference) = (
+            &mut self.tracker,
+            match &self.knowledge {
+                Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
+                Knowledge::Known(given) => given,
+            },
+        );
+        if tracker.median_residual(reference) > self.config.trust.jerk_sigmas {
+            tracker.look_around(reference, self.pose, &mut rng);
+        }
+        let Some(solution) = tracker.solve(reference) else { return 0.0 };
+        let Assessment { confidence, .. } = tracker.assess(reference);
+        let trust = self.config.trust.clone();
+        if self.state == State::Lost {
+            return self.search(solution.pose(), confidence);
+        }
+        let [distance, angle] = solution.surprise();
+        let jumped = self.frame > 0 && (distance > trust.surprise[0] || angle > trust.surprise[1]);
+        self.doubts = if confidence < trust.doubt_below { self.doubts + 1 } else { 0 };
+        if jumped || self.doubts >= trust.lost_after {
+            self.state = State::Lost;
+            self.last_search = self.frame;
+            return confidence.min(trust.doubt_below);
+        }
+        self.pose = solution.pose();
+        confidence
+    }
+
+    /// While lost: takes the pose that tracking found if it is convincing, else searches now and then.
+    fn search(&mut self, followed: Isometry<Model, World>, confidence: f64) -> f64 {
+        let trust = self.config.trust.clone();
+        let mut best = (followed, confidence);
+        if confidence < trust.found_above && self.frame >= self.last_search + trust.search_every {
+            self.last_search = self.frame;
+            let centre = match &self.knowledge {
+                Knowledge::Growing(map) => map.space().bounds().map_or(Vec3::ZERO, |[a, b]| 0.5 * (a + b)),
+                Knowledge::Known(given) => given.centre,
+            };
+            let mut rng = self.generator(1);
+            let found = self.tracker.relocalise(self.reference(), centre, Some(self.pose), &mut rng);
+            if let Some(found) = found {
+                self.tracker.restart(found);
+                let reference = match &self.knowledge {
+                    Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
+                    Knowledge::Known(given) => given,
+                };
+                let confidence = self.tracker.assess(reference).confidence;
+                if confidence > best.1 {
+                    best = (found, confidence);
+                }
+            }
+        }
+        if best.1 >= trust.found_above {
+            self.tracker.restart(best.0);
+            self.pose = best.0;
+            self.state = State::Tracking;
+            self.doubts = 0;
+        }
+        best.1
+    }
+
+    fn learn(&mut self, scan: &Arc<Scan>) -> bool {
+        let mut rng = self.generator(2);
+        match &mut self.knowledge {
+            Knowledge::Growing(map) => map.learn(scan, self.pose, &mut rng),
+            Knowledge::Known(_) => false,
+        }
+    }
+}
+
+/// Points of the hand farther from the object than this cannot touch it, metres.
+const REACH_M: f32 = 0.12;
+
+/// The frame that the first measurements fix: parallel to the world, in the middle of what is probably the object.
+fn first_pose(scan: &Scan) -> Option<Isometry<Model, World>> {
+    if scan.hits() == 0 {
+        return None;
+    }
+    let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+    for view in &scan.views {
+        for hit in &view.hits {
+            let behind = if matches!(view.sensor, Sensor::Camera(_)) { BEHIND_SURFACE_M } else { 0.0 };
+            sum += view.point(hit) + hit.direction * behind;
+            count += 1.0;
+        }
+    }
+    let centre = tracker::to_na(sum / count);
+    Some(Isometry::new(na::Isometry3::from_parts(centre.into(), na::UnitQuaternion::identity())))
+}
