@@ -166,8 +166,8 @@ pub fn run(a: &Arguments) -> Result<()> {
         }
         let surface = TrueSurface::new(&object.mesh, 10000, 0);
         let points = sample_surface(&mesh, 10000, 1);
-        let s = surface.score(points.clone(), truth.inverse() * est * g, &THRESHOLDS_M);
-        let s0 = surface.score(points, g, &THRESHOLDS_M);
+        let s = surface.score(&points, truth.inverse() * est * g, &THRESHOLDS_M);
+        let s0 = surface.score(&points, g, &THRESHOLDS_M);
         f = format!(
             "F1 {:.3} F2 {:.3} F5 {:.3} (P {:.3} R {:.3}) gaugeF5 {:.3} F2 {:.3} mesh {:?} {} faces",
             s.f_scores[0].f(),

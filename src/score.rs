@@ -245,7 +245,7 @@ impl ShapeReport {
     fn new(estimate: &Mesh, truth: &Mesh, motion: Isometry<Object, Object>) -> Self {
         let score = |points: usize| {
             let surface = TrueSurface::new(truth, points, 0);
-            SurfaceReport::new(&surface.score(sample_surface(estimate, points, 1), motion, &ORIGINAL_THRESHOLDS_M))
+            SurfaceReport::new(&surface.score(&sample_surface(estimate, points, 1), motion, &ORIGINAL_THRESHOLDS_M))
         };
         Self { original: score(POINTS), fine: score(FINE_POINTS) }
     }

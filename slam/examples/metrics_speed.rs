@@ -52,7 +52,7 @@ fn main() -> anyhow::Result<()> {
     ] {
         let start = Instant::now();
         let score =
-            truth.score(sample_surface(&mesh, points, 1), Isometry::<Object, Object>::identity(), &THRESHOLDS_M);
+            truth.score(&sample_surface(&mesh, points, 1), Isometry::<Object, Object>::identity(), &THRESHOLDS_M);
         let ms = start.elapsed().as_secs_f64() * 1e3;
         let f: Vec<String> = score.f_scores.iter().map(|f| format!("{:.4}", f.f())).collect();
         println!("{points:6} {name:8} {}  mesh error {:.3} mm, {ms:.1} ms", f.join(" "), score.mesh_error_m * 1e3);

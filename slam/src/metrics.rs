@@ -14,7 +14,7 @@
 //! // The estimate lies 3 mm beside the truth.
 //! let truth_from_estimate = Isometry::<Object, Object>::translation(0.0, 0.0, 0.003);
 //! assert!((truth.add_s(truth_from_estimate).one_directional_m - 0.003).abs() < 1e-6);
-//! let score = truth.score(sample_surface(&triangle, POINTS, 1), truth_from_estimate, &THRESHOLDS_M);
+//! let score = truth.score(&sample_surface(&triangle, POINTS, 1), truth_from_estimate, &THRESHOLDS_M);
 //! assert_eq!(score.f_scores[0].f(), 0.0, "at 1 mm");
 //! assert!(score.f_scores[2].f() > 0.999, "at 5 mm");
 //! ```

@@ -51,7 +51,7 @@ fn shift(x: f64, y: f64, z: f64) -> Motion {
 #[test]
 fn concentric_spheres_are_as_far_apart_as_their_radii() {
     let truth = TrueSurface::new(&sphere(0.040), POINTS, 1);
-    let score = truth.score(sample_surface(&sphere(0.043), POINTS, 2), Motion::identity(), &THRESHOLDS_M);
+    let score = truth.score(&sample_surface(&sphere(0.043), POINTS, 2), Motion::identity(), &THRESHOLDS_M);
     // The nearest of n samples of an area A lies aside of the nearest point of the surface by A / (pi n) in the mean square, if
     // they fall independently, as those of the estimate do; those of the truth are more even.
     let aside_m2 = |radius_m: f64| 4.0 * radius_m * radius_m / POINTS as f64;
@@ -91,7 +91,7 @@ fn half_a_shape_is_precise_and_incomplete() {
     // Turned half about the first, it lies on itself, and the second is 45 mm from it on average.
     let error = truth.add_s(Motion::from_parts([0.0; 3], [0.0, 0.0, 0.0, 1.0]));
     assert!((error.one_directional_m - 0.0225).abs() < 1e-3, "{error:?}");
-    let score = truth.score(patch(0.0).collect(), Motion::identity(), &[0.005]);
+    let score = truth.score(&patch(0.0).collect::<Vec<_>>(), Motion::identity(), &[0.005]);
     assert_eq!(score.f_scores[0].precision, 1.0);
     assert_eq!(score.f_scores[0].recall, 0.5);
     assert!((score.f_scores[0].f() - 2.0 / 3.0).abs() < 1e-12);
@@ -102,7 +102,7 @@ fn half_a_shape_is_precise_and_incomplete() {
 fn the_true_pose_has_no_error_and_the_true_shape_every_point() {
     let truth = TrueSurface::new(&sphere(0.035), POINTS, 5);
     assert_eq!(truth.add_s(Motion::identity()).symmetric_m, 0.0);
-    let score = truth.score(truth.points().to_vec(), Motion::identity(), &ORIGINAL_THRESHOLDS_M);
+    let score = truth.score(truth.points(), Motion::identity(), &ORIGINAL_THRESHOLDS_M);
     assert_eq!((score.mesh_error_m, score.completeness_m), (0.0, 0.0));
     assert!(score.f_scores.iter().all(|f| f.f() == 1.0));
 }
@@ -110,9 +110,9 @@ fn the_true_pose_has_no_error_and_the_true_shape_every_point() {
 #[test]
 fn shapes_that_share_nothing_score_0_and_nothing_is_nan() {
     let truth = TrueSurface::new(&square(0.05), 1000, 0);
-    let disjoint = truth.score(truth.points().to_vec(), shift(1.0, 0.0, 0.0), &THRESHOLDS_M);
+    let disjoint = truth.score(truth.points(), shift(1.0, 0.0, 0.0), &THRESHOLDS_M);
     assert!(disjoint.f_scores.iter().all(|f| f.f() == 0.0), "{disjoint:?}");
-    let nothing = truth.score(Vec::new(), Motion::identity(), &THRESHOLDS_M);
+    let nothing = truth.score(&[], Motion::identity(), &THRESHOLDS_M);
     assert!(nothing.f_scores.iter().all(|f| f.f() == 0.0) && nothing.mesh_error_m == f64::INFINITY, "{nothing:?}");
     // A pose of nonsense is infinitely wrong; so is any against no truth.
     assert_eq!(truth.add_s(Motion::from_parts([0.0; 3], [0.0; 4])).symmetric_m, f64::INFINITY);
@@ -127,7 +127,7 @@ fn shapes_that_share_nothing_score_0_and_nothing_is_nan() {
 fn what_lies_at_a_threshold_is_outside() {
     let truth = TrueSurface::of_points(vec![Vec3::ZERO]);
     let estimate = vec![Vec3::X * 2.0_f32.powi(-7)];
-    let score = truth.score(estimate, Motion::identity(), &[2.0_f64.powi(-7), 2.0_f64.powi(-7) + 1e-9]);
+    let score = truth.score(&estimate, Motion::identity(), &[2.0_f64.powi(-7), 2.0_f64.powi(-7) + 1e-9]);
     assert_eq!([0, 1].map(|k| score.f_scores[k].f()), [0.0, 1.0]);
 }
 
@@ -191,7 +191,7 @@ proptest! {
             let nearest = |p: &Vec3| to.iter().map(|q| p.distance(*q)).fold(f32::INFINITY, f32::min);
             points.iter().map(|p| f64::from(nearest(p))).sum::<f64>() / points.len() as f64
         };
-        let score = TrueSurface::of_points(truth.clone()).score(estimate, motion, &[]);
+        let score = TrueSurface::of_points(truth.clone()).score(&estimate, motion, &[]);
         if moved.is_empty() {
             prop_assert_eq!(score.mesh_error_m, f64::INFINITY);
         } else {
@@ -238,12 +238,12 @@ fn oracle() -> Oracle {
 #[test]
 fn scores_are_those_of_numpy() {
     let oracle = oracle();
-    let points = |rows: &[[f32; 3]]| rows.iter().map(|&row| Vec3::from(row)).collect();
+    let points = |rows: &[[f32; 3]]| rows.iter().map(|&row| Vec3::from(row)).collect::<Vec<_>>();
     let truth = TrueSurface::of_points(points(&oracle.truth));
     for case in &oracle.cases {
         let motion = Motion::from_parts(case.translation_m, case.quaternion_wxyz);
         let pose = truth.add_s(motion);
-        let shape = truth.score(points(&oracle.estimate), motion, &oracle.thresholds_m);
+        let shape = truth.score(&points(&oracle.estimate), motion, &oracle.thresholds_m);
         for (ours, theirs) in [
             (pose.one_directional_m, case.one_directional_m),
             (pose.symmetric_m, case.symmetric_m),

@@ -92,7 +92,7 @@ impl ShapeScores {
     pub fn new(estimate: &Mesh, truth: &Mesh, object_from_estimate: Isometry<Object, Object>) -> Self {
         let score = |points: usize| {
             let truth = TrueSurface::new(truth, points, 0);
-            truth.score(sample_surface(estimate, points, 1), object_from_estimate, &THRESHOLDS_M)
+            truth.score(&sample_surface(estimate, points, 1), object_from_estimate, &THRESHOLDS_M)
         };
         let by_threshold =
             |score: &ShapeScore| score.f_scores.iter().map(|f| ((f.threshold_m * 1e3).round() as u32, f.f())).collect();

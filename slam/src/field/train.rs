@@ -44,7 +44,7 @@ pub struct Sample {
 /// the first steps, as its entries first see a gradient at different times; the network has it.
 #[derive(Debug, Clone)]
 pub struct Trainer {
-    field: Field,
+    pub(super) field: Field,
     /// Running means of the gradients and of their squares.
     moments: [Parameters; 2],
     steps: u64,
@@ -76,6 +76,11 @@ impl Trainer {
     /// The field as it is now.
     pub fn field(&self) -> &Field {
         &self.field
+    }
+
+    #[cfg(test)]
+    pub(super) fn gradient(&self) -> &Parameters {
+        &self.gradient
     }
 
     /// Steps taken, also before the optimiser was saved and loaded.
@@ -145,11 +150,14 @@ impl WithSimd for Differentiate<'_> {
             for (i, sample) in samples.iter().enumerate() {
                 let error = chunk.activations.output[i] - sample.target.clamp(-1.0, 1.0);
                 let weighted = sample.weight * error;
-                if weighted.is_finite() && sample.position.is_finite() && !(sample.at_least && error > 0.0) {
+                if !(weighted.is_finite() && sample.position.is_finite()) {
+                    continue;
+                }
+                if !(sample.at_least && error > 0.0) {
                     loss += f64::from(share * weighted * error);
                     output_gradient[i] = 2.0 * share * weighted;
                 }
-                if sample.target.abs() < 1.0 && !sample.at_least {
+                if sample.target.abs() < 1.0 - EIKONAL_STEP && !sample.at_least {
                     candidates += 1;
                     if candidates % EIKONAL_STRIDE == 0 {
                         near.push(sample.position);

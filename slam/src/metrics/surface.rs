@@ -85,11 +85,11 @@ impl TrueSurface {
     /// A point exactly at a threshold is outside, as in NeuralFeels.
     pub fn score<F: Frame>(
         &self,
-        estimate: Vec<Vec3>,
+        estimate: &[Vec3],
         object_from_estimate: Isometry<F, Object>,
         thresholds_m: &[f64],
     ) -> ShapeScore {
-        let estimate = Cloud::new(estimate);
+        let estimate = Cloud::new(estimate.to_vec());
         let to_truth = distances_m(&estimate, object_from_estimate, &self.0);
         let to_estimate = distances_m(&self.0, object_from_estimate.inverse(), &estimate);
         let f_score = |&threshold_m: &f64| FScore {

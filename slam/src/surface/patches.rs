@@ -103,3 +103,25 @@ fn sheets(inside: u8) -> [u8; 12] {
         name as u8
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inside_corners_across_a_diagonal_are_apart() {
+        let count = |corners: &[usize]| {
+            let inside = corners.iter().fold(0, |inside, corner| inside | 1 << corner);
+            let patches = Patches::new();
+            (0..12).filter_map(|edge| patches.of(inside, edge)).max().map_or(0, |last| last + 1)
+        };
+        assert_eq!(count(&[]), 0);
+        assert_eq!(count(&[0, 1, 2, 3, 4, 5, 6, 7]), 0);
+        assert_eq!(count(&[0]), 1);
+        assert_eq!(count(&[0, 1]), 1, "along an edge");
+        assert_eq!(count(&[0, 3]), 2, "across a face");
+        assert_eq!(count(&[0, 7]), 2, "across the cell");
+        assert_eq!(count(&[1, 2, 4, 5, 6, 7]), 1, "all but two across a face");
+        assert_eq!(count(&[0, 3, 5, 6]), Patches::MOST);
+    }
+}
