@@ -216,6 +216,7 @@ fn ended(end: &End) -> EpisodeEnd {
     let (complete, reason) = match end {
         End::Completed => (true, "time is up".to_owned()),
         End::Dropped => (false, "the object was dropped".to_owned()),
+        End::Stopped => (false, "it was stopped".to_owned()),
         End::Unstable(reason) => (false, reason.clone()),
     };
     EpisodeEnd { complete, reason }

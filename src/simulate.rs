@@ -58,6 +58,7 @@ fn in_words(report: &Report<'_>) -> String {
     let ended = match &report.outcome.end {
         End::Completed => "stayed in the hand".to_owned(),
         End::Dropped => "fell off the hand".to_owned(),
+        End::Stopped => "was stopped".to_owned(),
         End::Unstable(reason) => reason.clone(),
     };
     let pads: Vec<String> = Finger::ALL

@@ -1,5 +1,6 @@
 //! One episode: a randomised start, the controller in the loop, and the conditions that end it.
 
+use nalgebra as na;
 use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -9,8 +10,9 @@ use scenes::mjcf::Physics;
 use scenes::object::Object;
 use serde::{Deserialize, Serialize};
 
-use crate::controller::{Controller, Proprioception};
-use crate::gait::{self, Gait, GaitController};
+use crate::controller::{Controller as _, Proprioception};
+use crate::directive::{DirectedController, Directive};
+use crate::gait::{self, Gait, UnknownGait};
 use crate::world::{PadContact, World, WorldError};
 
 /// Integration steps per second: a multiple of both rates below, so that every sample falls on a step.
@@ -133,6 +135,8 @@ pub enum End {
     Completed,
     /// The object fell off the palm.
     Dropped,
+    /// Its supervisor stopped it.
+    Stopped,
     /// The physics became unstable; the text says how.
     Unstable(String),
 }
@@ -168,7 +172,7 @@ pub struct EpisodeConfig {
 /// A running episode.
 pub struct Episode {
     world: World,
-    controller: Box<dyn Controller>,
+    controller: DirectedController,
     start: Start,
     target: JointAngles,
     turn_direction: f64,
@@ -192,7 +196,7 @@ impl Episode {
         world.reset(&start.joints, start.object);
         Ok(Self {
             world,
-            controller: Box::new(GaitController::new(gait.clone(), *side)),
+            controller: DirectedController::new(gait, *side),
             target: start.joints,
             start,
             turn_direction: gait::TURN_DIRECTION_RIGHT * side.sign(),
@@ -221,6 +225,43 @@ impl Episode {
     /// Angle by which the object has turned about the palm's normal in the gait's direction, radians.
     pub fn turned_rad(&self) -> f64 {
         self.turned_rad
+    }
+
+    /// Does what a supervisor asks, from the next command on.
+    ///
+    /// # Errors
+    /// [`UnknownGait`], which lists the names; the episode then goes on as before.
+    pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
+        match directive {
+            Directive::Continue => self.controller.recentre([0.0; 2]),
+            Directive::SwitchGait(name) => self.controller.switch(gait::find(name)?.1),
+            Directive::Regrasp => self.controller.regrasp(),
+            Directive::Recentre { offset_m } => self.controller.recentre(offset_m),
+            Directive::Stop => {
+                self.end.get_or_insert(End::Stopped);
+            }
+        }
+        Ok(())
+    }
+
+    /// Injects a fault: moves the object by `change`, rotating it about its centre, and stops it. Where that would put it into
+    /// the hand it is lifted out, by a few centimetres at most.
+    pub fn displace_object(&mut self, change: Isometry<WorldFrame, WorldFrame>) {
+        const LIFT_M: f64 = 0.002;
+        const LIFTS: usize = 20;
+        let (pose, change) = (self.world.object_pose().untyped(), change.untyped());
+        let mut moved = na::Isometry3::from_parts(
+            na::Translation3::from(pose.translation.vector + change.translation.vector),
+            change.rotation * pose.rotation,
+        );
+        self.world.place_object(Isometry::new(moved));
+        for _ in 0..LIFTS {
+            if self.world.penetration_m() < LIFT_M {
+                break;
+            }
+            moved.translation.z += LIFT_M;
+            self.world.place_object(Isometry::new(moved));
+        }
     }
 
     /// The state at the next camera frame, the first one at time 0; `None` once the episode has ended.

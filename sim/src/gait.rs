@@ -117,6 +117,17 @@ impl GaitController {
         Self { gait, side }
     }
 
+    /// Where the joints of this hand would be at a time since the start if nothing were in their way.
+    pub fn targets(&self, time_s: f64) -> JointAngles {
+        self.side.mirror_joints(self.target(time_s))
+    }
+
+    /// The targets, as far from the measured angles as the torque limit allows.
+    pub fn within_reach(&self, targets: &JointAngles, measured: &JointAngles) -> JointAngles {
+        let reach = self.gait.torque_limit_nm / STIFFNESS_NM_RAD + CLIP_MARGIN_RAD;
+        std::array::from_fn(|j| targets[j].clamp(measured[j] - reach, measured[j] + reach))
+    }
+
     /// Right-hand target at a time since the start.
     fn target(&self, time_s: f64) -> JointAngles {
         let Gait { table, open_pose, period_s, .. } = &self.gait;
@@ -137,9 +148,7 @@ impl GaitController {
 
 impl Controller for GaitController {
     fn command(&mut self, sensed: &Proprioception) -> JointAngles {
-        let target = self.side.mirror_joints(self.target(sensed.time_s));
-        let reach = self.gait.torque_limit_nm / STIFFNESS_NM_RAD + CLIP_MARGIN_RAD;
-        std::array::from_fn(|j| target[j].clamp(sensed.joints[j] - reach, sensed.joints[j] + reach))
+        self.within_reach(&self.targets(sensed.time_s), &sensed.joints)
     }
 }
 

@@ -6,6 +6,7 @@ use mujoco_lib as _;
 pub mod camera;
 pub mod controller;
 pub mod depth_noise;
+pub mod directive;
 pub mod episode;
 pub mod feelsight;
 pub mod gait;

@@ -4,6 +4,7 @@ use std::sync::{Arc, Once};
 
 use mujoco_rs::error::MjDataError;
 use mujoco_rs::prelude::*;
+use mujoco_rs::wrappers::mj_auxiliary::MjContact;
 use nalgebra as na;
 use scenes::frame::{Isometry, Object as ObjectFrame, World as WorldFrame};
 use scenes::hand::{Finger, JOINTS, JointAngles, PerFinger, Side};
@@ -95,6 +96,15 @@ impl World {
         self.data.step();
     }
 
+    /// Puts the object at rest at a pose and leaves the hand as it is.
+    pub fn place_object(&mut self, pose: Isometry<ObjectFrame, WorldFrame>) {
+        let qpos = &mut self.data.qpos_mut()[JOINTS..];
+        qpos[..3].copy_from_slice(pose.origin().coords().as_slice());
+        qpos[3..].copy_from_slice(&pose.quaternion_wxyz());
+        self.data.qvel_mut()[JOINTS..].fill(0.0);
+        self.data.forward();
+    }
+
     /// Seconds since the reset.
     pub fn time_s(&self) -> f64 {
         self.data.time()
@@ -121,19 +131,30 @@ impl World {
     /// How each fingertip touches the object.
     pub fn contacts(&self) -> PerFinger<PadContact> {
         let mut pads = PerFinger::<PadContact>::default();
-        let model = self.data.model();
-        let body_of = |geom: i32| usize::try_from(geom).ok().and_then(|g| model.geom_bodyid().get(g)).copied();
-        for (i, contact) in self.data.contact().iter().enumerate() {
-            let touches_object = contact.geom.iter().any(|&g| body_of(g) == i32::try_from(self.object_body).ok());
+        for (i, contact) in self.object_contacts() {
             let finger =
                 Finger::ALL.into_iter().find(|&f| contact.geom.iter().any(|&g| usize::try_from(g) == Ok(self.gels[f])));
-            if let (true, Some(finger)) = (touches_object, finger) {
+            if let Some(finger) = finger {
                 let pad = &mut pads[finger];
                 pad.penetration_m = pad.penetration_m.max(-contact.dist);
                 pad.force_n += self.data.try_contact_force(i).map_or(0.0, |force| force[0]);
             }
         }
         pads
+    }
+
+    /// How deep the object is in the hand, metres; 0 where they do not touch.
+    pub fn penetration_m(&self) -> f64 {
+        self.object_contacts().fold(0.0, |deepest, (_, contact)| (-contact.dist).max(deepest))
+    }
+
+    /// The contacts in which the object takes part, with their indices.
+    fn object_contacts(&self) -> impl Iterator<Item = (usize, &MjContact)> {
+        let model = self.data.model();
+        let body_of = |geom: i32| usize::try_from(geom).ok().and_then(|g| model.geom_bodyid().get(g)).copied();
+        let object = i32::try_from(self.object_body).ok();
+        let touches = move |contact: &MjContact| contact.geom.iter().any(|&g| body_of(g) == object);
+        self.data.contact().iter().enumerate().filter(move |(_, contact)| touches(contact))
     }
 
     /// Why the simulation can no longer be trusted, if so.

@@ -1,0 +1,52 @@
+//! What perception takes for object against what the renderer drew, under camera noise of the original's level.
+
+use perception::{SegmentationConfig, segment};
+use scenes::camera::PLACEMENTS;
+use scenes::catalogue;
+use scenes::hand::Side;
+use scenes::hand::solid::HandSolid;
+use scenes::observation::{BACKGROUND, OBJECT};
+use sim::camera::{Renderer, Scratch};
+use sim::depth_noise::{FrameId, disturb};
+use sim::episode::{Episode, EpisodeConfig, FRAME_HZ, Randomisation};
+use sim::gait;
+
+#[test]
+fn object_pixels_are_the_objects() {
+    let (mut claimed, mut right, mut drawn, mut missed) = (0, 0, 0, 0);
+    for (name, side) in [("rubiks_cube_small", Side::Left), ("mug", Side::Right)] {
+        let object = catalogue::load(name, &mut Vec::new()).unwrap();
+        let (_, gait) = gait::choose("auto", &object).unwrap();
+        let config = EpisodeConfig {
+            side,
+            gait: gait.clone(),
+            seed: 3,
+            duration_s: 3.0,
+            randomisation: Randomisation::default(),
+        };
+        let mut episode = Episode::new(&object, &config).unwrap();
+        let (renderer, mut scratch) = (Renderer::new(side, &object), Scratch::default());
+        let states = std::iter::from_fn(|| episode.next_frame()).step_by(FRAME_HZ as usize);
+        for (frame, state) in (0..).zip(states) {
+            let hand = HandSolid::new(side, &state.joints);
+            for (index, placement) in (0..).zip(&PLACEMENTS) {
+                let camera = placement.camera(side);
+                let truth = renderer.render(&camera, &state.joints, state.object_pose, &mut scratch);
+                let depth = disturb(&truth.rgbd.depth_m, 5.0, FrameId { seed: 3, camera: index, frame });
+                let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
+                for (found, truth) in found.iter().zip(truth.segmentation.iter()) {
+                    claimed += u32::from(*found == OBJECT);
+                    drawn += u32::from(*truth == OBJECT);
+                    right += u32::from(*found == OBJECT && *truth == OBJECT);
+                    missed += u32::from(*found == BACKGROUND && *truth == OBJECT);
+                }
+            }
+        }
+    }
+    let of = |part: u32, whole: u32| f64::from(part) / f64::from(whole);
+    assert!(drawn > 50_000, "{drawn}");
+    assert!(of(right, claimed) > 0.999, "precision {}", of(right, claimed));
+    assert!(of(right, drawn) > 0.8, "recall {}", of(right, drawn));
+    // Background is free space: none of it may be the object.
+    assert!(of(missed, drawn) < 1e-3, "object taken for background: {}", of(missed, drawn));
+}
