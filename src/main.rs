@@ -16,6 +16,8 @@ mod score;
 mod settings;
 mod simulate;
 mod subject;
+#[cfg_attr(not(test), expect(dead_code, reason = "the closed loop that asks it follows"))]
+mod supervisor;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
