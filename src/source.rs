@@ -15,6 +15,8 @@ pub use log::LogSource;
 /// What the sensors measured at one instant.
 #[derive(Debug, Clone)]
 pub struct Sensed {
+    /// Number of the frame in the episode or log.
+    pub frame: u64,
     /// The measurements: all that estimation receives.
     pub depth: DepthFrame,
     /// Where the object is, for scores; none where nobody knows.

@@ -92,6 +92,7 @@ impl Source for LiveSource {
         let begun = Instant::now();
         let Some(snapshot) = self.episode.next_frame() else { return Ok(None) };
         let (observation, truth) = self.observer.observe(self.frame, &snapshot, &mut self.scratch);
+        let frame = u64::from(self.frame);
         self.frame += 1;
         let LiveSettings { side, cameras, modality, .. } = &self.settings;
         let touch = PerFinger::from_fn(|finger| {
@@ -101,7 +102,7 @@ impl Source for LiveSource {
         let (depth, _) =
             perception::depth_frame(&observation, touch, cameras, *side, &perception::Config::default())?;
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
-        Ok(Some(Sensed { depth, truth: Some(snapshot.object_pose), sense_ms, warnings: Vec::new() }))
+        Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), sense_ms, warnings: Vec::new() }))
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {

@@ -6,14 +6,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
-use ndarray::Array2;
 use perception::TouchImages;
 use scenes::camera::PosedCamera;
 use scenes::frame::{Isometry, MeshFile, Object};
 use scenes::hand::{Finger, PerFinger, Side};
 use scenes::observation::{Observation, Rgbd};
 use sim::depth_noise::{self, FrameId};
-use sim::feelsight::{self, Log, PartialFrame, PartialFrames, Sensor};
+use sim::feelsight::{Log, PartialFrame, PartialFrames, Sensor};
 
 use super::{Modality, Sensed, Source};
 
@@ -23,6 +22,8 @@ pub struct LogSource {
     frames: PartialFrames,
     next: u32,
     last_s: Option<f64>,
+    /// Frames from this time on are left out.
+    until_s: f64,
     cameras: Vec<PosedCamera>,
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
@@ -75,12 +76,18 @@ impl LogSource {
             frames,
             next: 0,
             last_s: None,
+            until_s: f64::INFINITY,
             cameras: posed,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
             object_from_log: Isometry::identity(),
             told: HashSet::new(),
             warnings,
         })
+    }
+
+    /// Ends after this time.
+    pub fn limit(&mut self, duration_s: f64) {
+        self.until_s = self.log().times_s()[0] + duration_s;
     }
 
     /// The log.
@@ -172,7 +179,7 @@ impl LogSource {
         .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
-        Ok(Sensed { depth, truth, sense_ms: begun.elapsed().as_secs_f64() * 1e3, warnings })
+        Ok(Sensed { frame: u64::from(number), depth, truth, sense_ms: begun.elapsed().as_secs_f64() * 1e3, warnings })
     }
 }
 
@@ -188,6 +195,9 @@ impl Source for LogSource {
                 });
                 continue;
             }
+            if frame.time_s >= self.until_s {
+                break;
+            }
             self.last_s = Some(frame.time_s);
             return self.sensed(number, frame, begun).map(Some);
         }
@@ -195,7 +205,7 @@ impl Source for LogSource {
     }
 
     fn len(&self) -> usize {
-        self.log().len()
+        self.log().times_s().iter().filter(|&&time_s| time_s < self.until_s).count()
     }
 
     fn end(&self) -> (String, bool) {
