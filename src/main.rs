@@ -3,12 +3,13 @@
 
 mod assets;
 mod dev;
+mod evaluate;
 mod generate;
 mod inspect;
+mod pipeline;
 mod progress;
 mod recorder;
 mod render_touch;
-mod pipeline;
 mod report;
 mod run;
 mod score;
@@ -38,6 +39,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Run(Box<run::Arguments>),
+    Evaluate(evaluate::Arguments),
     Generate(generate::Arguments),
     Simulate(simulate::Arguments),
     RenderTouch(render_touch::Arguments),
@@ -63,6 +65,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         None => run::main_job(),
         Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Evaluate(arguments)) => evaluate::run(&arguments),
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),

@@ -16,12 +16,11 @@ use anyhow::{Context as _, Result};
 use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Model};
 use scenes::hand::Side;
-use scenes::mesh::{Mesh, MeshDistance};
+use scenes::mesh::Mesh;
 use scenes::object::Object as TrueObject;
 use serde::{Deserialize, Serialize};
 use sim::directive::Directive;
 use slam::Estimate;
-use slam::exact::KnownShape;
 use slam::metrics::{POINTS, TrueSurface};
 
 pub use estimator::{Estimator, Given, Init, Mode};
@@ -226,7 +225,10 @@ impl Pipeline<'_> {
     ) -> Result<Finished> {
         // Before the clock runs: the truth is no part of the work.
         let truth = self.object.map(|object| TrueSurface::new(&object.mesh, POINTS, 0));
-        let given = if self.mode == Mode::Pose { Some(self.given()?) } else { None };
+        let given = match self.mode {
+            Mode::Pose => Some(Given::new(self.object.context("--mode pose needs the object: give --object")?)?),
+            Mode::Slam | Mode::Map => None,
+        };
         listener(&Progress::Started { frames: source.len() });
         let cell_m = (self.config.mesh_cell_mm * 1e-3) as f32;
         let truth = truth.as_ref();
@@ -266,16 +268,6 @@ impl Pipeline<'_> {
         Ok(Finished { mesh, estimator, wall_s: finished.wall_s, complete: finished.complete })
     }
 
-    fn given(&self) -> Result<Given> {
-        let object = self.object.context("--mode pose needs the object: give --object")?;
-        let bounds_m = object.mesh.bounds_m();
-        let shape = match &object.exact {
-            Some(exact) => KnownShape::new(exact.as_ref(), bounds_m),
-            None => KnownShape::new(&MeshDistance::new(&object.mesh).context("the mesh bounds nothing")?, bounds_m),
-        };
-        Ok(Given { shape, bounds_m })
-    }
-
     fn follow(
         &mut self,
         mut feed: Feed<'_>,
@@ -295,7 +287,8 @@ impl Pipeline<'_> {
                 break;
             };
             warnings.iter().for_each(|warning| listener(&Progress::Warning(warning)));
-            let unknown = "where the object is at the first frame is not known; there are --mode slam and --init search";
+            let unknown =
+                "where the object is at the first frame is not known; there are --mode slam and --init search";
             let known = match &mut estimator {
                 Some(known) => known,
                 None => estimator.insert(match given.take() {
@@ -325,7 +318,9 @@ impl Pipeline<'_> {
             let row = scorer.row(frame, &estimate, truth, sense_ms);
             tell_changes(last.as_ref(), &row, listener);
             listener(&Progress::Frame { row: &row, depth: &depth });
-            if let Some(map) = known.map().filter(|_| (estimate.frame as u64 + 1).is_multiple_of(self.config.score_every)) {
+            if let Some(map) =
+                known.map().filter(|_| (estimate.frame as u64 + 1).is_multiple_of(self.config.score_every))
+            {
                 mesher.push(Snapshot::new(map, &row, scorer.gauge()));
             }
             while let Some(shape) = mesher.poll() {

@@ -176,14 +176,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// The main job: what the program does without a command.
 pub fn main_job() -> Result<()> {
-    use clap::{FromArgMatches as _, Command};
+    use clap::{Command, FromArgMatches as _};
     let matches = Arguments::augment_args(Command::new("run")).try_get_matches_from(["run"])?;
     run(&Arguments::from_arg_matches(&matches)?)
 }
 
 fn from_log(arguments: &Arguments, folder: &Path, config: &RunConfig) -> Result<Subject> {
-    let mut source =
-        LogSource::open(folder, arguments.cameras.as_deref(), arguments.modality, config.camera_noise)?;
+    let mut source = LogSource::open(folder, arguments.cameras.as_deref(), arguments.modality, config.camera_noise)?;
     let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
     let object = match load_object(&name) {
         Ok(object) => Some(object),
@@ -241,16 +240,8 @@ fn default_object() -> Result<(String, Object)> {
 }
 
 /// The files that a run may have left.
-const OURS: [&str; 8] = [
-    file::SUMMARY,
-    file::TRAJECTORY,
-    file::PLY,
-    file::OBJ,
-    file::CURVES,
-    file::TURNTABLE,
-    CONFIG,
-    FIELD,
-];
+const OURS: [&str; 8] =
+    [file::SUMMARY, file::TRAJECTORY, file::PLY, file::OBJ, file::CURVES, file::TURNTABLE, CONFIG, FIELD];
 
 /// Checks that a folder holds nothing but a run, which may be replaced.
 fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {
@@ -354,10 +345,7 @@ impl<'a> Recorder<'a> {
         let add_s = row.add_s.map_or_else(|| "-".to_owned(), |e| format!("{:.1} mm", e.one_directional_m * 1e3));
         let f5 = self.record.shape.last().map_or_else(|| "-".to_owned(), |point| format!("{:.2}", point.f5));
         let state = if row.state == report::TrackState::Lost { " lost" } else { "" };
-        self.bar.set_message(format!(
-            "{ms:.0} ms  ADD-S {add_s}  F@5 {f5}  confidence {:.2}{state}",
-            row.confidence
-        ));
+        self.bar.set_message(format!("{ms:.0} ms  ADD-S {add_s}  F@5 {f5}  confidence {:.2}{state}", row.confidence));
         self.bar.inc(1);
     }
 

@@ -7,9 +7,10 @@ use anyhow::Result;
 use clap::ValueEnum;
 use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Object, World};
+use scenes::hand::PerFinger;
 use sim::directive::Directive;
 
-pub use live::{LiveSource, LiveSettings};
+pub use live::{LiveSettings, LiveSource};
 pub use log::LogSource;
 
 /// What the sensors measured at one instant.
@@ -67,6 +68,17 @@ impl Modality {
     /// Whether touch is used.
     pub fn has_touch(self) -> bool {
         self != Self::Vi
+    }
+
+    /// What is left of a frame.
+    pub fn of(self, mut depth: DepthFrame) -> DepthFrame {
+        if !self.has_vision() {
+            depth.cameras.fill(None);
+        }
+        if !self.has_touch() {
+            depth.touch = PerFinger::default();
+        }
+        depth
     }
 
     /// Its name on the command line and in results.

@@ -1,5 +1,6 @@
 //! Pose and shape from measurements alone, and what is believed of them.
 
+use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use glam::Vec3;
 use nalgebra as na;
@@ -8,6 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Model, Object, World};
 use scenes::hand::Side;
+use scenes::mesh::MeshDistance;
+use scenes::object::Object as TrueObject;
 use sim::gait;
 use slam::exact::KnownShape;
 use slam::field::FieldError;
@@ -77,10 +80,24 @@ impl Init {
 
 /// A shape that is given.
 pub struct Given {
-    /// Distances to it.
-    pub shape: KnownShape,
-    /// Its lowest and highest corner, metres.
-    pub bounds_m: [Vec3; 2],
+    shape: KnownShape,
+    /// Lowest and highest corner, metres.
+    bounds_m: [Vec3; 2],
+}
+
+impl Given {
+    /// The shape of an object: exact where it is known exactly, else that of its mesh.
+    ///
+    /// # Errors
+    /// If the mesh bounds nothing.
+    pub fn new(object: &TrueObject) -> Result<Self> {
+        let bounds_m = object.mesh.bounds_m();
+        let shape = match &object.exact {
+            Some(exact) => KnownShape::new(exact.as_ref(), bounds_m),
+            None => KnownShape::new(&MeshDistance::new(&object.mesh).context("the mesh bounds nothing")?, bounds_m),
+        };
+        Ok(Self { shape, bounds_m })
+    }
 }
 
 /// Estimates, and sums up what a supervisor may know of it.

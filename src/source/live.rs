@@ -99,8 +99,7 @@ impl Source for LiveSource {
             let touch = &truth.touch[finger];
             modality.has_touch().then_some(TouchImages { depth_m: &touch.depth_m, contact: &touch.contact })
         });
-        let (depth, _) =
-            perception::depth_frame(&observation, touch, cameras, *side, &perception::Config::default())?;
+        let (depth, _) = perception::depth_frame(&observation, touch, cameras, *side, &perception::Config::default())?;
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
         Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), sense_ms, warnings: Vec::new() }))
     }

@@ -59,7 +59,13 @@ impl LogSource {
         let is_simulated = Finger::ALL.into_iter().any(|finger| log.has_touch_truth(finger));
         let recorded_noise = match log.scene() {
             Some(scene) => scene.noise.get("camera_depth_multiple_of_redwood").copied().unwrap_or(0.0),
-            None => if is_simulated { 0.0 } else { 1.0 },
+            None => {
+                if is_simulated {
+                    0.0
+                } else {
+                    1.0
+                }
+            }
         };
         let touch = PerFinger::from_fn(|_| modality.has_touch());
         let frames = log.into_partial_frames(&chosen, touch);
@@ -149,7 +155,9 @@ impl LogSource {
             if wrong > 0 {
                 let name = self.cameras[k].name.clone();
                 self.warn(Some(Sensor::Camera(k)), &Amiss::NoNumbers, || {
-                    format!("frame {number}: {wrong} depths of camera {name} are no numbers; they count as not measured")
+                    format!(
+                        "frame {number}: {wrong} depths of camera {name} are no numbers; they count as not measured"
+                    )
                 });
             }
             let id = FrameId { seed, camera: k as u32, frame: number };

@@ -89,14 +89,12 @@ impl Iterator for PartialFrames {
         let (&time_s, &joints) = log.times_s().get(i).zip(log.joints().get(i))?;
         *next += 1;
         let mut defects = std::mem::take(defects);
-        let cameras = cameras.iter_mut().map(|(camera, depths)| {
-            match log.next_depth(*camera, depths.as_mut()?) {
-                Ok(depth_m) => Some(depth_m),
-                Err(error) => {
-                    defects.push((Sensor::Camera(*camera), error));
-                    *depths = None;
-                    None
-                }
+        let cameras = cameras.iter_mut().map(|(camera, depths)| match log.next_depth(*camera, depths.as_mut()?) {
+            Ok(depth_m) => Some(depth_m),
+            Err(error) => {
+                defects.push((Sensor::Camera(*camera), error));
+                *depths = None;
+                None
             }
         });
         let cameras = cameras.collect();
