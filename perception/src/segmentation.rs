@@ -119,8 +119,8 @@ fn mark_edges(levels: &mut Array2<u8>, object: &Array2<f32>, config: &Segmentati
     let Some([rows, columns]) = bounds(object, reach) else { return };
     let object = object.slice(s![rows.clone(), columns.clone()]);
     let (nearest, farthest) = (
-        windowed(object, reach, |a, b| if a < b { a } else { b }),
-        windowed(object, reach, |a, b| if a > b { a } else { b }),
+        windowed(&object, reach, |a, b| if a < b { a } else { b }),
+        windowed(&object, reach, |a, b| if a > b { a } else { b }),
     );
     Zip::from(levels.slice_mut(s![rows, columns])).and(&nearest).and(&farthest).for_each(|level, near, far| {
         // Without an object in the window the difference is no number.
@@ -142,8 +142,8 @@ fn bounds(image: &Array2<f32>, reach: usize) -> Option<[Range<usize>; 2]> {
 }
 
 /// `pick` over the square window of `reach` pixels to each side of every pixel, as far as the image goes.
-fn windowed(image: ArrayView2<'_, f32>, reach: usize, pick: impl Fn(f32, f32) -> f32) -> Array2<f32> {
-    let along = |image: ArrayView2<'_, f32>, axis: Axis| {
+fn windowed(image: &ArrayView2<'_, f32>, reach: usize, pick: impl Fn(f32, f32) -> f32) -> Array2<f32> {
+    let along = |image: &ArrayView2<'_, f32>, axis: Axis| {
         let mut result = image.to_owned();
         for shift in 1..=reach.min(image.len_of(axis).saturating_sub(1)) {
             let (ahead, behind) = (Slice::from(shift..), Slice::from(..image.len_of(axis) - shift));
@@ -155,7 +155,7 @@ fn windowed(image: ArrayView2<'_, f32>, reach: usize, pick: impl Fn(f32, f32) ->
         }
         result
     };
-    along(along(image, Axis(0)).view(), Axis(1))
+    along(&along(image, Axis(0)).view(), Axis(1))
 }
 
 #[cfg(test)]

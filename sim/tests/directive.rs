@@ -10,6 +10,7 @@ use scenes::object::Object;
 use sim::directive::Directive;
 use sim::episode::{End, Episode, EpisodeConfig, FRAME_HZ, Randomisation, Snapshot};
 use sim::gait;
+use sim::world::PadContact;
 
 fn episode(object: &Object, seed: u64) -> Episode {
     let gait = gait::choose("auto", object).unwrap().1.clone();
@@ -69,7 +70,7 @@ fn a_regrasp_lets_go_and_takes_hold_again() {
     play(&mut episode, 2.0);
     episode.direct(Directive::Regrasp).unwrap();
     let during = play(&mut episode, 1.3);
-    let touching = |states: &[Snapshot]| states.iter().filter(|s| s.pads.0.iter().any(|p| p.is_touching())).count();
+    let touching = |states: &[Snapshot]| states.iter().filter(|s| s.pads.0.iter().any(PadContact::is_touching)).count();
     // Open from 0.3 to 0.5 s after the directive.
     assert_eq!(touching(&during[10..15]), 0);
     let after = play(&mut episode, 3.0);

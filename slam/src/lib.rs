@@ -6,6 +6,7 @@
 
 pub mod exact;
 pub mod field;
+pub mod graph;
 pub mod map;
 pub mod metrics;
 pub mod scan;

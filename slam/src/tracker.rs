@@ -60,6 +60,8 @@ pub struct Config {
     pub camera_independent: f64,
     /// The same for a touch image.
     pub touch_independent: f64,
+    /// Part of the velocity that is kept from frame to frame: an object in a hand is soon at rest.
+    pub velocity_kept: f64,
     /// Change of velocity from frame to frame, one standard deviation, metres and radians per frame.
     pub velocity_sigma: [f64; 2],
     /// Slip of a pad over the surface from frame to frame, one standard deviation, metres.
@@ -85,6 +87,7 @@ impl Default for Config {
             penetration_weight: 1.0,
             camera_independent: 200.0,
             touch_independent: 20.0,
+            velocity_kept: 0.6,
             velocity_sigma: [0.001, 0.03],
             slip_sigma_m: 0.001,
             penetration_slack_m: 0.0015,
@@ -195,7 +198,10 @@ impl Tracker {
         let newest = self.window.back()?;
         let motion = match self.window.len() {
             1 => na::Isometry3::identity(),
-            n => self.window[n - 2].pose.inverse() * newest.pose,
+            n => {
+                let motion = se3::log(&(self.window[n - 2].pose.inverse() * newest.pose));
+                se3::exp(&(motion * self.config.velocity_kept))
+            }
         };
         Some(Isometry::new(newest.pose * motion))
     }
@@ -447,7 +453,7 @@ impl Tracker {
             }
             if k > 1 && config.velocity_weight > 0.0 {
                 let poses = [&self.window[k - 2].pose, &self.window[k - 1].pose, &instant.pose];
-                let (r, jacobians) = velocity(poses);
+                let (r, jacobians) = velocity(poses, config.velocity_kept);
                 for row in 0..6 {
                     let s = 1.0 / config.velocity_sigma[row / 3];
                     let block = |b: usize| -> Block { (index(k + b - 2), jacobians[b].row(row).transpose() * s) };

@@ -100,13 +100,14 @@ pub fn surface(point: Vec3, distance: Distance) -> (f64, Twist) {
     (f64::from(distance.value_m), -along(gradient, point))
 }
 
-/// Change of motion over three frames: Log(T1^-1 T2) - Log(T0^-1 T1), with its derivatives by the disturbances of T0, T1 and T2.
-pub fn velocity(t: [&na::Isometry3<f64>; 3]) -> (Twist, [na::Matrix6<f64>; 3]) {
+/// Change of motion over three frames: Log(T1^-1 T2) - k Log(T0^-1 T1), with its derivatives by the disturbances of T0, T1 and T2.
+/// With `keep` k below 1, motion that nothing measures dies away.
+pub fn velocity(t: [&na::Isometry3<f64>; 3], keep: f64) -> (Twist, [na::Matrix6<f64>; 3]) {
     let (first, second) = (t[0].inverse() * t[1], t[1].inverse() * t[2]);
     let (a, b) = (se3::log(&first), se3::log(&second));
     let (da, db) = (se3::inverse_right_jacobian(&a), se3::inverse_right_jacobian(&b));
     let back = |m: &na::Isometry3<f64>| se3::adjoint(&m.inverse());
-    (b - a, [da * back(&first), -db * back(&second) - da, db])
+    (b - keep * a, [keep * da * back(&first), -db * back(&second) - keep * da, db])
 }
 
 #[cfg(test)]
@@ -149,13 +150,13 @@ mod tests {
             let expected = slopes(&t[0], |t| d.dot(&(t * na::Point3::from(p)).coords));
             prop_assert!((along(m, p) - expected).norm() < 1e-8);
 
-            let (_, jacobians) = velocity([&t[0], &t[1], &t[2]]);
+            let (_, jacobians) = velocity([&t[0], &t[1], &t[2]], 0.7);
             for k in 0..3 {
                 for row in 0..6 {
                     let expected = slopes(&t[k], |disturbed| {
                         let mut t = t;
                         t[k] = *disturbed;
-                        velocity([&t[0], &t[1], &t[2]]).0[row]
+                        velocity([&t[0], &t[1], &t[2]], 0.7).0[row]
                     });
                     let j = jacobians[k].row(row).transpose();
                     prop_assert!((j - expected).norm() < 1e-5, "pose {k}, row {row}: {j} {expected}");
