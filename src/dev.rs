@@ -110,8 +110,15 @@ pub fn run(a: &Arguments) -> Result<()> {
             });
             // estimate of object pose
             let est: Isometry<Object, World> = e.pose * g.inverse();
-            ttrack += e.spent.track.as_secs_f64(); tmap += e.spent.map.as_secs_f64(); lost += usize::from(e.state == slam::State::Lost); frames += 1.0;
-        let adds = if e.frame % 5 != 0 && !a.verbose && e.frame != a.frames - 1 { continue } else { truth_surface.add_s(object_pose.inverse() * est).one_directional_m * 1e3 };
+            ttrack += e.spent.track.as_secs_f64();
+            tmap += e.spent.map.as_secs_f64();
+            lost += usize::from(e.state == slam::State::Lost);
+            frames += 1.0;
+            let adds = if e.frame % 5 != 0 && !a.verbose && e.frame != a.frames - 1 {
+                continue;
+            } else {
+                truth_surface.add_s(object_pose.inverse() * est).one_directional_m * 1e3
+            };
             errors.push(adds);
             ttrack += e.spent.track.as_secs_f64();
             tmap += e.spent.map.as_secs_f64();

@@ -151,7 +151,9 @@ pub struct Errors {
 
 impl From<ErrorStatistics> for Errors {
     fn from(e: ErrorStatistics) -> Self {
-        Self { mean: e.mean, median: e.median, p95: e.p95, last: e.last }
+        // JSON has no infinity, and a run whose pose is no number must not vanish from the tables.
+        let written = |mm: f64| mm.min(f64::MAX);
+        Self { mean: written(e.mean), median: written(e.median), p95: written(e.p95), last: written(e.last) }
     }
 }
 
