@@ -2,21 +2,21 @@
 //! as FeelSight logs.
 
 mod assets;
-mod demo;
 mod dev;
+mod evaluate;
 mod generate;
 mod inspect;
+mod pipeline;
 mod progress;
 mod recorder;
 mod render_touch;
-#[allow(dead_code, reason = "called by the pipeline")]
 mod report;
+mod run;
 mod score;
-#[allow(dead_code, reason = "called by the pipeline")]
 mod settings;
 mod simulate;
+mod source;
 mod subject;
-#[cfg_attr(not(test), expect(dead_code, reason = "the closed loop that asks it follows"))]
 mod supervisor;
 
 use std::io::IsTerminal as _;
@@ -38,6 +38,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Run(Box<run::Arguments>),
+    Evaluate(evaluate::Arguments),
     Generate(generate::Arguments),
     Simulate(simulate::Arguments),
     RenderTouch(render_touch::Arguments),
@@ -61,7 +63,9 @@ fn main() -> ExitCode {
         .log_internal_errors(false)
         .init();
     let result = match Cli::parse().command {
-        None => demo::run(),
+        None => run::main_job(),
+        Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Evaluate(arguments)) => evaluate::run(&arguments),
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),

@@ -212,7 +212,8 @@ impl<'a> Recorder<'a> {
     }
 }
 
-fn ended(end: &End) -> EpisodeEnd {
+/// How an episode ended, as scene.json has it.
+pub fn ended(end: &End) -> EpisodeEnd {
     let (complete, reason) = match end {
         End::Completed => (true, "time is up".to_owned()),
         End::Dropped => (false, "the object was dropped".to_owned()),

@@ -232,7 +232,7 @@ fn joined(estimates: Vec<FrameRow>, truths: &[FrameRow]) -> Vec<FrameRow> {
 }
 
 /// The rows with errors computed anew.
-fn scored(mut rows: Vec<FrameRow>, surface: &TrueSurface) -> Vec<FrameRow> {
+pub fn scored(mut rows: Vec<FrameRow>, surface: &TrueSurface) -> Vec<FrameRow> {
     rows.par_iter_mut().for_each(|row| row.add_s = object_from_estimate(row).map(|motion| surface.add_s(motion)));
     rows
 }

@@ -15,6 +15,7 @@ mod inspect;
 mod kill;
 mod mesh_files;
 mod render_touch;
+mod run;
 mod score;
 mod simulate;
 mod workplace;

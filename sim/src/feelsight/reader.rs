@@ -43,6 +43,8 @@ pub struct Log {
     lenses: Vec<Option<Vec<Option<u32>>>>,
     touch_labels: bool,
     segmentation: bool,
+    /// Defects of single sensors are noted, not refused.
+    tolerant: bool,
     notes: Vec<String>,
 }
 
@@ -69,6 +71,19 @@ impl Log {
     /// # Errors
     /// [`Error`] that names the file and its defect.
     pub fn open(folder: &Path) -> Result<Self, Error> {
+        Self::open_as(folder, false)
+    }
+
+    /// Opens a log of which parts may be missing or damaged, to be read with [`Log::into_partial_frames`]. What is amiss with single
+    /// sensors, or with the order of time, is in the [`notes`](Log::notes).
+    ///
+    /// # Errors
+    /// [`Error`] if data.pkl or scene.json cannot be used, or there is no frame at all.
+    pub fn open_tolerant(folder: &Path) -> Result<Self, Error> {
+        Self::open_as(folder, true)
+    }
+
+    fn open_as(folder: &Path, tolerant: bool) -> Result<Self, Error> {
         let path = folder.join("data.pkl");
         let bytes = read_at_most(&path, MAX_PICKLE)?;
         let value = pickle::from_bytes(&bytes).map_err(|reason| Error::Pickle { path: path.clone(), reason })?;
@@ -117,6 +132,7 @@ impl Log {
             lenses,
             touch_labels: false,
             segmentation: false,
+            tolerant,
             notes: Vec::new(),
         };
         log.count()?;
@@ -138,20 +154,22 @@ impl Log {
             let folder = self.touch_folder(finger).join("image");
             counts.push((folder.clone(), "images", count_files(&folder)?.unwrap_or(0)));
         }
-        for camera in &self.cameras {
+        for (i, camera) in self.cameras.iter().enumerate() {
             let folder = self.camera_folder(&camera.name);
             counts.push((folder.join("image"), "images", count_files(&folder.join("image"))?.unwrap_or(0)));
-            let depth = folder.join("depth.npz");
-            let reader = npz::Reader::open(&depth).map_err(|reason| npz_error(&depth, reason))?;
-            let [frames, height, width] = reader.shape();
-            if (width, height) != (camera.intrinsics.width, camera.intrinsics.height) {
-                let Intrinsics { width: w, height: h, .. } = camera.intrinsics;
-                return Err(Error::defect(depth, format!("depth is {width} x {height} and the camera {w} x {h}")));
+            match self.depths(i) {
+                Ok((path, reader)) => counts.push((path, "depth images", reader.shape()[0])),
+                // Said when it is to be read.
+                Err(_) if self.tolerant => {}
+                Err(error) => return Err(error),
             }
-            counts.push((depth, "depth images", frames));
         }
         let fewest = counts.iter().map(|&(.., n)| n).min().unwrap_or(0);
-        let frames = if self.scene.is_some() { self.times_s.len() } else { fewest };
+        let frames = match (&self.scene, self.tolerant) {
+            (_, true) => self.times_s.len().min(self.joints.len()),
+            (Some(_), false) => self.times_s.len(),
+            (None, false) => fewest,
+        };
         for (path, what, n) in counts {
             if n != frames {
                 let defect = format!("{n} {what} for {frames} frames");
@@ -166,7 +184,11 @@ impl Log {
         self.object_poses.truncate(frames);
         let ours = self.scene.is_some();
         if self.times_s.windows(2).any(|t| t[1] < t[0] || (ours && t[1] == t[0])) {
-            return Err(Error::defect(pkl, "time does not increase"));
+            let defect = Error::defect(pkl, "time does not increase");
+            if !self.tolerant {
+                return Err(defect);
+            }
+            self.notes.push(defect.to_string());
         }
         let touch = ["depth", "mask"].iter().flat_map(|kind| Finger::ALL.map(|f| self.touch_folder(f).join(kind)));
         self.touch_labels = self.has_all(touch.collect())?;
@@ -199,11 +221,40 @@ impl Log {
 
     /// What cannot be in a log of this program, and is put up with in others.
     fn tolerate(&mut self, path: PathBuf, defect: String) -> Result<(), Error> {
-        if self.scene.is_some() {
+        if self.scene.is_some() && !self.tolerant {
             return Err(Error::Defect { path, defect });
         }
         self.notes.push(format!("{}: {defect}", path.display()));
         Ok(())
+    }
+
+    /// The depths of a camera, from the first on, with their file.
+    pub(super) fn depths(&self, camera: usize) -> Result<(PathBuf, npz::Reader), Error> {
+        let PosedCamera { name, intrinsics: Intrinsics { width: w, height: h, .. }, .. } = &self.cameras[camera];
+        let path = self.camera_folder(name).join("depth.npz");
+        let reader = npz::Reader::open(&path).map_err(|reason| npz_error(&path, reason))?;
+        let [_, height, width] = reader.shape();
+        if (width, height) != (*w, *h) {
+            return Err(Error::defect(path, format!("depth is {width} x {height} and the camera {w} x {h}")));
+        }
+        Ok((path, reader))
+    }
+
+    /// The next depth of a camera, positive; NaN and infinite where the file has that.
+    pub(super) fn next_depth(
+        &self,
+        camera: usize,
+        (path, reader): &mut (PathBuf, npz::Reader),
+    ) -> Result<Array2<f32>, Error> {
+        let values = reader.read().map_err(|reason| npz_error(path, reason))?;
+        let mut depth = values.ok_or_else(|| Error::defect(&*path, "depth ends early"))?;
+        // The sign differs between simulated and recorded logs, and means nothing.
+        depth.iter_mut().for_each(|z| *z = z.abs());
+        if let Some(lens) = &self.lenses[camera] {
+            depth = bend(lens, &depth);
+        }
+        let [_, height, width] = reader.shape();
+        Array2::from_shape_vec((height, width), depth).map_err(|e| Error::defect(&*path, e.to_string()))
     }
 
     fn touch_folder(&self, finger: Finger) -> PathBuf {
@@ -295,9 +346,8 @@ impl Log {
     /// As [`Log::frames`]. Passing over frames costs their decompression.
     pub fn frames_from(&self, first: usize) -> Result<Frames<'_>, Error> {
         let mut depths = Vec::new();
-        for camera in &self.cameras {
-            let path = self.camera_folder(&camera.name).join("depth.npz");
-            let mut reader = npz::Reader::open(&path).map_err(|reason| npz_error(&path, reason))?;
+        for camera in 0..self.cameras.len() {
+            let (path, mut reader) = self.depths(camera)?;
             for _ in 0..first.min(self.len()) {
                 reader.skip().map_err(|reason| npz_error(&path, reason))?;
             }
@@ -324,13 +374,7 @@ impl Log {
             let folder = self.touch_folder(finger);
             touch.push(read_color(&folder.join("image").join(&name), size)?);
             if self.touch_labels {
-                let levels = read_gray(&folder.join("depth").join(&name), size)?;
-                let path = folder.join("mask").join(&name);
-                let mask = read_gray(&path, size)?;
-                if self.scene.is_some() && mask.iter().any(|&m| m != 0 && m != 255) {
-                    return Err(Error::defect(path, "a mask holds other levels than 0 and 255"));
-                }
-                touch_truth.push(self.touch_truth(&levels, &mask));
+                touch_truth.push(self.touch_truth(finger, i)?);
             }
         }
         let mut color = Vec::new();
@@ -358,15 +402,30 @@ impl Log {
         })
     }
 
-    fn touch_truth(&self, levels: &GrayImage, mask: &GrayImage) -> TouchTruth {
+    /// True depth and contact of a DIGIT in a frame.
+    pub(super) fn touch_truth(&self, finger: Finger, frame: usize) -> Result<TouchTruth, Error> {
+        let size = (digit::WIDTH, digit::HEIGHT);
+        let name = format!("{frame}.jpg");
+        let folder = self.touch_folder(finger);
+        let levels = read_gray(&folder.join("depth").join(&name), size)?;
+        let path = folder.join("mask").join(&name);
+        let mask = read_gray(&path, size)?;
+        if self.scene.is_some() && mask.iter().any(|&m| m != 0 && m != 255) {
+            return Err(Error::defect(path, "a mask holds other levels than 0 and 255"));
+        }
         let depth = |row, column| self.digit.depth_m(levels.get_pixel(column as u32, row as u32).0[0]);
-        TouchTruth {
+        Ok(TouchTruth {
             depth_m: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| depth(row, column)),
             // As loaders do: a JPEG mask has every level.
             contact: GrayImage::from_fn(mask.width(), mask.height(), |x, y| {
                 Luma([if mask.get_pixel(x, y).0[0] > 127 { 255 } else { 0 }])
             }),
-        }
+        })
+    }
+
+    /// Whether a DIGIT has true depths.
+    pub fn has_touch_truth(&self, finger: Finger) -> bool {
+        self.touch_folder(finger).join("depth").is_dir()
     }
 }
 
@@ -383,18 +442,9 @@ impl Frames<'_> {
         let i = self.next;
         let images = log.images(i)?;
         let mut cameras = Vec::new();
-        for ((color, (path, reader)), lens) in images.color.into_iter().zip(&mut self.depths).zip(&log.lenses) {
-            let values = reader.read().map_err(|reason| npz_error(path, reason))?;
-            let values = values.ok_or_else(|| Error::defect(&*path, "depth ends early"))?;
-            // The sign differs between simulated and recorded logs, and means nothing.
-            let depth: Vec<f32> = values.into_iter().map(|z| if z.is_finite() { z.abs() } else { 0.0 }).collect();
-            let depth = match lens {
-                Some(lens) => bend(lens, &depth),
-                None => depth,
-            };
-            let [_, height, width] = reader.shape();
-            let depth_m = Array2::from_shape_vec((height, width), depth);
-            let depth_m = depth_m.map_err(|e| Error::defect(&*path, e.to_string()))?;
+        for ((camera, color), depths) in images.color.into_iter().enumerate().zip(&mut self.depths) {
+            let mut depth_m = log.next_depth(camera, depths)?;
+            depth_m.mapv_inplace(|z| if z.is_finite() { z } else { 0.0 });
             cameras.push(Rgbd { color, depth_m });
         }
         let truth = match (images.touch_truth, images.segmentation, log.object_poses[i]) {

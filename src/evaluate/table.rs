@@ -1,0 +1,86 @@
+//! Runs as Markdown tables.
+
+use std::fmt::Write as _;
+
+use super::{Errors, Line};
+
+/// What a row of a table is the mean of: cameras, mode, modality, variant.
+type Group<'a> = (&'a str, &'a str, &'a str, &'a str);
+
+/// The means over objects and seeds with the worst run of each kind, then the means of each object.
+pub fn tables(lines: &[Line]) -> String {
+    let mut text =
+        format!("| cameras | mode | modality | variant | {HEAD} | worst run (ADD-S mean) |\n|---|---|---|---|");
+    text += &"---|".repeat(COLUMNS + 1);
+    let mut groups: Vec<Group<'_>> = lines.iter().map(group).collect();
+    groups.sort_unstable();
+    groups.dedup();
+    for &of in &groups {
+        let kind: Vec<&Line> = lines.iter().filter(|line| group(line) == of).collect();
+        let mean_mm = |line: &Line| line.add_s_mm.map_or(f64::INFINITY, |e| e.mean);
+        let worst = kind.iter().max_by(|a, b| mean_mm(a).total_cmp(&mean_mm(b)));
+        let worst = worst.map_or_else(String::new, |line| {
+            format!("{} seed {}: {:.2} mm", line.key.object, line.key.seed, mean_mm(line))
+        });
+        let (cameras, mode, modality, variant) = of;
+        let _ = write!(text, "\n| {cameras} | {mode} | {modality} | {variant} | {} | {worst} |", means(&kind));
+    }
+    let mut objects: Vec<&str> = lines.iter().map(|line| line.key.object.as_str()).collect();
+    objects.sort_unstable();
+    objects.dedup();
+    let _ = write!(
+        text,
+        "\n\n| object | cameras | mode | modality | {HEAD} |\n|---|---|---|---|{}",
+        "---|".repeat(COLUMNS)
+    );
+    for object in objects {
+        for &of in groups.iter().filter(|(.., variant)| *variant == "full") {
+            let kind: Vec<&Line> = lines.iter().filter(|line| line.key.object == object && group(line) == of).collect();
+            if !kind.is_empty() {
+                let (cameras, mode, modality, _) = of;
+                let _ = write!(text, "\n| {object} | {cameras} | {mode} | {modality} | {} |", means(&kind));
+            }
+        }
+    }
+    text.push('\n');
+    text
+}
+
+fn group(line: &Line) -> Group<'_> {
+    (&line.key.cameras, &line.key.mode, &line.key.modality, &line.key.variant)
+}
+
+const COLUMNS: usize = 15;
+const HEAD: &str = "runs | F@1 | F@2 | F@5 | fine F@1 | F@2 | F@5 | ADD-S mean | median | p95 | final | worst final | lost frames | \
+                    undeclared failures | frames/s";
+
+fn means(lines: &[&Line]) -> String {
+    let n = lines.len().max(1) as f64;
+    let mean = |of: &dyn Fn(&Line) -> Option<f64>| {
+        let values: Vec<f64> = lines.iter().filter_map(|line| of(line)).collect();
+        // A run without a value is not passed over: where one lacks it, there is no mean.
+        if values.len() == lines.len() && !values.is_empty() {
+            Some(values.iter().sum::<f64>() / values.len() as f64)
+        } else {
+            None
+        }
+    };
+    let shown = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
+    let mut cells = vec![lines.len().to_string()];
+    for mm in [1, 2, 5] {
+        cells.push(shown(mean(&|line| line.f_score.get(&mm).copied()), 3));
+    }
+    for mm in [1, 2, 5] {
+        cells.push(shown(mean(&|line| line.f_score_fine.get(&mm).copied()), 3));
+    }
+    let errors: [fn(&Errors) -> f64; 4] = [|e| e.mean, |e| e.median, |e| e.p95, |e| e.last];
+    for of in errors {
+        cells.push(shown(mean(&|line| line.add_s_mm.as_ref().map(of)), 2));
+    }
+    let last_mm = lines.iter().map(|line| line.add_s_mm.map_or(f64::INFINITY, |e| e.last));
+    cells.push(format!("{:.2}", last_mm.fold(0.0, f64::max)));
+    cells.push(format!("{:.1}", lines.iter().map(|line| line.lost_frames as f64).sum::<f64>() / n));
+    cells.push(lines.iter().filter(|line| line.undeclared).count().to_string());
+    cells.push(shown(mean(&|line| Some(line.frames_per_second)), 1));
+    cells.join(" | ")
+}

@@ -1,0 +1,92 @@
+//! Where sensed frames come from: a live episode, or a log.
+
+mod live;
+mod log;
+
+use anyhow::Result;
+use clap::ValueEnum;
+use scenes::depth::DepthFrame;
+use scenes::frame::{Isometry, Object, World};
+use scenes::hand::PerFinger;
+use sim::directive::Directive;
+
+pub use live::{LiveSettings, LiveSource};
+pub use log::LogSource;
+
+/// What the sensors measured at one instant.
+#[derive(Debug, Clone)]
+pub struct Sensed {
+    /// Number of the frame in the episode or log.
+    pub frame: u64,
+    /// The measurements: all that estimation receives.
+    pub depth: DepthFrame,
+    /// Where the object is, for scores; none where nobody knows.
+    pub truth: Option<Isometry<Object, World>>,
+    /// Wall time of simulation and rendering, or of reading, and of perception, milliseconds.
+    pub sense_ms: f64,
+    /// What was amiss for the first time, in sentences.
+    pub warnings: Vec<String>,
+}
+
+/// Gives sensed frames one at a time.
+pub trait Source: Send {
+    /// The next frame; none at the end.
+    ///
+    /// # Errors
+    /// If there can be no further frame although this is not the end.
+    fn next(&mut self) -> Result<Option<Sensed>>;
+
+    /// What the hand is to do from now on. A log has happened: it takes no notice.
+    fn direct(&mut self, _: Directive) -> Result<()> {
+        Ok(())
+    }
+
+    /// How many frames there will be at most.
+    fn len(&self) -> usize;
+
+    /// Why there are no more frames, in words, and whether this is how it was meant to end.
+    fn end(&self) -> (String, bool);
+}
+
+/// Which sensors are used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Modality {
+    /// Cameras and touch
+    Vitac,
+    /// Cameras alone
+    Vi,
+    /// Touch alone
+    Tac,
+}
+
+impl Modality {
+    /// Whether cameras are used.
+    pub fn has_vision(self) -> bool {
+        self != Self::Tac
+    }
+
+    /// Whether touch is used.
+    pub fn has_touch(self) -> bool {
+        self != Self::Vi
+    }
+
+    /// What is left of a frame.
+    pub fn of(self, mut depth: DepthFrame) -> DepthFrame {
+        if !self.has_vision() {
+            depth.cameras.fill(None);
+        }
+        if !self.has_touch() {
+            depth.touch = PerFinger::default();
+        }
+        depth
+    }
+
+    /// Its name on the command line and in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Vitac => "vitac",
+            Self::Vi => "vi",
+            Self::Tac => "tac",
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Frames of an episode that is simulated and rendered as they are asked for.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use perception::TouchImages;
+use scenes::camera::PosedCamera;
+use scenes::frame::{Isometry, World};
+use scenes::hand::{Finger, PerFinger, Side};
+use scenes::object::Object;
+use sim::directive::Directive;
+use sim::episode::{Episode, EpisodeConfig, FRAME_HZ, Randomisation};
+use sim::gait::Gait;
+use sim::observer::{Observer, ObserverOptions, Scratch};
+use sim::touch::{Background, TouchConfig, TouchOptions};
+
+use super::{Modality, Sensed, Source};
+use crate::recorder;
+
+/// What decides a live episode and what is sensed of it.
+#[derive(Debug, Clone)]
+pub struct LiveSettings {
+    /// Which hand.
+    pub side: Side,
+    /// The gait at the start.
+    pub gait: Gait,
+    /// Seed of the start and of all noise.
+    pub seed: u64,
+    /// Longest duration, seconds.
+    pub duration_s: f64,
+    /// The cameras; none without vision.
+    pub cameras: Vec<PosedCamera>,
+    /// Noise of camera depth as a multiple of Redwood's; 0 for true depth.
+    pub camera_noise: f64,
+    /// Which sensors are used.
+    pub modality: Modality,
+}
+
+/// A live episode.
+pub struct LiveSource {
+    settings: LiveSettings,
+    episode: Episode,
+    observer: Observer,
+    scratch: Scratch,
+    frame: u32,
+}
+
+impl LiveSource {
+    /// Draws the start and prepares the rendering.
+    ///
+    /// # Errors
+    /// If MuJoCo refuses the object.
+    pub fn new(object: &Object, mut settings: LiveSettings) -> Result<Self> {
+        let LiveSettings { side, seed, duration_s, camera_noise, .. } = settings;
+        if !settings.modality.has_vision() {
+            settings.cameras.clear();
+        }
+        let episode = Episode::new(
+            object,
+            &EpisodeConfig {
+                side,
+                gait: settings.gait.clone(),
+                seed,
+                duration_s,
+                randomisation: Randomisation::default(),
+            },
+        )?;
+        let touch = |finger: Finger| TouchOptions {
+            background: Background::Synthetic { seed: finger as u64 },
+            ..TouchOptions::new(TouchConfig::Fork)
+        };
+        let options = ObserverOptions {
+            side,
+            cameras: settings.cameras.clone(),
+            touch: PerFinger::from_fn(touch),
+            touch_noise: true,
+            camera_depth_noise: (camera_noise > 0.0).then_some(camera_noise),
+            seed,
+        };
+        let observer = Observer::new(object, options)?;
+        Ok(Self { settings, episode, observer, scratch: Scratch::default(), frame: 0 })
+    }
+
+    /// Injects a fault: see [`Episode::displace_object`].
+    pub fn displace_object(&mut self, change: Isometry<World, World>) {
+        self.episode.displace_object(change);
+    }
+}
+
+impl Source for LiveSource {
+    fn next(&mut self) -> Result<Option<Sensed>> {
+        let begun = Instant::now();
+        let Some(snapshot) = self.episode.next_frame() else { return Ok(None) };
+        let (observation, truth) = self.observer.observe(self.frame, &snapshot, &mut self.scratch);
+        let frame = u64::from(self.frame);
+        self.frame += 1;
+        let LiveSettings { side, cameras, modality, .. } = &self.settings;
+        let touch = PerFinger::from_fn(|finger| {
+            let touch = &truth.touch[finger];
+            modality.has_touch().then_some(TouchImages { depth_m: &touch.depth_m, contact: &touch.contact })
+        });
+        let (depth, _) = perception::depth_frame(&observation, touch, cameras, *side, &perception::Config::default())?;
+        let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
+        Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), sense_ms, warnings: Vec::new() }))
+    }
+
+    fn direct(&mut self, directive: Directive) -> Result<()> {
+        Ok(self.episode.direct(directive)?)
+    }
+
+    fn len(&self) -> usize {
+        (self.settings.duration_s * f64::from(FRAME_HZ)).ceil() as usize
+    }
+
+    fn end(&self) -> (String, bool) {
+        match self.episode.end() {
+            Some(end) => {
+                let end = recorder::ended(end);
+                (end.reason, end.complete)
+            }
+            None => ("it goes on".to_owned(), false),
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! Frames of a FeelSight log, ours or published, whole or with parts missing.
+
+use std::collections::HashSet;
+use std::mem::Discriminant;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Result, anyhow, bail};
+use perception::TouchImages;
+use scenes::camera::PosedCamera;
+use scenes::frame::{Isometry, MeshFile, Object};
+use scenes::hand::{Finger, PerFinger, Side};
+use scenes::observation::{Observation, Rgbd};
+use sim::depth_noise::{self, FrameId};
+use sim::feelsight::{Log, PartialFrame, PartialFrames, Sensor};
+
+use super::{Modality, Sensed, Source};
+
+/// A log, read frame by frame.
+pub struct LogSource {
+    folder: PathBuf,
+    frames: PartialFrames,
+    next: u32,
+    last_s: Option<f64>,
+    /// Frames from this time on are left out.
+    until_s: f64,
+    cameras: Vec<PosedCamera>,
+    /// Multiple of Redwood's noise that is added to true depth.
+    camera_noise: Option<f64>,
+    /// From the coordinates in which the log has the object to ours.
+    object_from_log: Isometry<Object, Object>,
+    told: HashSet<(Option<Sensor>, Discriminant<Amiss>)>,
+    warnings: Vec<String>,
+}
+
+/// What can be amiss with a frame.
+enum Amiss {
+    Unreadable,
+    NoNumbers,
+    Time,
+}
+
+impl LogSource {
+    /// Opens a log. `cameras` are names; without any the first camera is taken. `camera_noise` (a multiple of Redwood's level, 0 for
+    /// none) is added to depths that are true, as NeuralFeels' loader does.
+    ///
+    /// # Errors
+    /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
+    pub fn open(folder: &Path, cameras: Option<&str>, modality: Modality, camera_noise: f64) -> Result<Self> {
+        let log = Log::open_tolerant(folder)?;
+        let mut warnings: Vec<String> = log.notes().to_vec();
+        let names: Vec<&str> = log.cameras().iter().map(|camera| camera.name.as_str()).collect();
+        let chosen = match cameras {
+            _ if !modality.has_vision() => Vec::new(),
+            None => vec![0],
+            Some(list) => indices(folder, &names, list)?,
+        };
+        let posed = chosen.iter().filter_map(|&k| log.cameras().get(k).cloned()).collect();
+        let is_simulated = Finger::ALL.into_iter().any(|finger| log.has_touch_truth(finger));
+        let recorded_noise = match log.scene() {
+            Some(scene) => scene.noise.get("camera_depth_multiple_of_redwood").copied().unwrap_or(0.0),
+            None => {
+                if is_simulated {
+                    0.0
+                } else {
+                    1.0
+                }
+            }
+        };
+        let touch = PerFinger::from_fn(|_| modality.has_touch());
+        let frames = log.into_partial_frames(&chosen, touch);
+        if !frames.has_sensor() {
+            let reason = match frames.defects().first() {
+                Some((_, defect)) => defect.to_string(),
+                None => format!("{}: there is no true touch depth", folder.display()),
+            };
+            bail!("{reason}; nothing is left of --modality {}", modality.name());
+        }
+        warnings.dedup();
+        Ok(Self {
+            folder: folder.to_path_buf(),
+            frames,
+            next: 0,
+            last_s: None,
+            until_s: f64::INFINITY,
+            cameras: posed,
+            camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
+            object_from_log: Isometry::identity(),
+            told: HashSet::new(),
+            warnings,
+        })
+    }
+
+    /// Ends after this time.
+    pub fn limit(&mut self, duration_s: f64) {
+        self.until_s = self.log().times_s()[0] + duration_s;
+    }
+
+    /// The log.
+    pub fn log(&self) -> &Log {
+        self.frames.log()
+    }
+
+    /// Which hand.
+    pub fn side(&self) -> Side {
+        self.log().side()
+    }
+
+    /// Seed of the episode; 0 where nobody knows.
+    pub fn seed(&self) -> u64 {
+        self.log().scene().map_or(0, |scene| scene.seed)
+    }
+
+    /// What the log calls its object: a name in the catalogue, or the path of a mesh.
+    pub fn object(&self) -> &str {
+        self.log().scene().map_or(self.log().object_name(), |scene| &scene.object.mesh)
+    }
+
+    /// Says how the published mesh, whose poses a log without scene.json holds, lies in the object's frame.
+    pub fn set_object_from_file(&mut self, object_from_file: Isometry<MeshFile, Object>) {
+        if self.log().scene().is_none() {
+            self.object_from_log = Isometry::new(object_from_file.untyped());
+        }
+    }
+
+    /// Keeps a warning unless there was one of the kind from this sensor.
+    fn warn(&mut self, sensor: Option<Sensor>, amiss: &Amiss, text: impl FnOnce() -> String) {
+        if self.told.insert((sensor, std::mem::discriminant(amiss))) {
+            self.warnings.push(text());
+        }
+    }
+
+    fn name(&self, sensor: Sensor) -> perception::Sensor {
+        match sensor {
+            Sensor::Touch(finger) => perception::Sensor::Touch(finger),
+            Sensor::Camera(k) => {
+                perception::Sensor::Camera(self.log().cameras().get(k).map_or_else(String::new, |c| c.name.clone()))
+            }
+        }
+    }
+
+    /// What perception makes of a frame.
+    fn sensed(&mut self, number: u32, frame: PartialFrame, begun: Instant) -> Result<Sensed> {
+        for (sensor, error) in frame.defects {
+            let name = self.name(sensor);
+            self.warn(Some(sensor), &Amiss::Unreadable, || {
+                format!("frame {number}: nothing from {name}: {error}; going on without it wherever it is missing")
+            });
+        }
+        let seed = self.seed();
+        let mut cameras = Vec::new();
+        for (k, depth_m) in frame.cameras.into_iter().enumerate() {
+            let depth_m = depth_m.unwrap_or_default();
+            let wrong = depth_m.iter().filter(|z| !z.is_finite()).count();
+            if wrong > 0 {
+                let name = self.cameras[k].name.clone();
+                self.warn(Some(Sensor::Camera(k)), &Amiss::NoNumbers, || {
+                    format!(
+                        "frame {number}: {wrong} depths of camera {name} are no numbers; they count as not measured"
+                    )
+                });
+            }
+            let id = FrameId { seed, camera: k as u32, frame: number };
+            let depth_m = match self.camera_noise {
+                Some(multiple) => depth_noise::disturb(&depth_m, multiple, id),
+                None => depth_m,
+            };
+            cameras.push(Rgbd { color: image::RgbImage::default(), depth_m });
+        }
+        let observation = Observation {
+            time_s: frame.time_s,
+            joints: frame.joints,
+            touch: PerFinger::from_fn(|_| image::RgbImage::default()),
+            cameras,
+        };
+        let images = |finger| {
+            let truth = frame.touch[finger].as_ref()?;
+            Some(TouchImages { depth_m: &truth.depth_m, contact: &truth.contact })
+        };
+        let (depth, _) = perception::depth_frame(
+            &observation,
+            PerFinger::from_fn(images),
+            &self.cameras,
+            self.side(),
+            &perception::Config::default(),
+        )
+        .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
+        let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
+        let warnings = std::mem::take(&mut self.warnings);
+        Ok(Sensed { frame: u64::from(number), depth, truth, sense_ms: begun.elapsed().as_secs_f64() * 1e3, warnings })
+    }
+}
+
+impl Source for LogSource {
+    fn next(&mut self) -> Result<Option<Sensed>> {
+        let begun = Instant::now();
+        while let Some(frame) = self.frames.next() {
+            let number = self.next;
+            self.next += 1;
+            if self.last_s.is_some_and(|last_s| frame.time_s <= last_s) {
+                self.warn(None, &Amiss::Time, || {
+                    format!("frame {number}: its time is not after that of the frame before; such frames are left out")
+                });
+                continue;
+            }
+            if frame.time_s >= self.until_s {
+                break;
+            }
+            self.last_s = Some(frame.time_s);
+            return self.sensed(number, frame, begun).map(Some);
+        }
+        Ok(None)
+    }
+
+    fn len(&self) -> usize {
+        self.log().times_s().iter().filter(|&&time_s| time_s < self.until_s).count()
+    }
+
+    fn end(&self) -> (String, bool) {
+        ("the log has ended".to_owned(), true)
+    }
+}
+
+/// Indices of the cameras in a comma-separated list.
+fn indices(folder: &Path, names: &[&str], list: &str) -> Result<Vec<usize>> {
+    let mut indices = Vec::new();
+    for name in list.split(',').map(str::trim) {
+        match names.iter().position(|known| *known == name) {
+            Some(k) if indices.contains(&k) => {}
+            Some(k) => indices.push(k),
+            None => bail!("{}: there is no camera {name:?}; there are {}", folder.display(), names.join(", ")),
+        }
+    }
+    Ok(indices)
+}

@@ -1,0 +1,214 @@
+//! `run` and `evaluate`: live episodes, logs whole and damaged, interruptions.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use scenes::hand::Finger;
+use serde_json::Value;
+use sim::feelsight::npz::{DeflatedFrame, Reader, Writer};
+
+use crate::workplace::Workplace;
+
+const FILES: [&str; 8] = [
+    "config.toml",
+    "curves.svg",
+    "field.safetensors",
+    "mesh.gif",
+    "mesh.obj",
+    "mesh.ply",
+    "summary.json",
+    "trajectory.csv",
+];
+
+fn summary(workplace: &Workplace, folder: &str) -> Value {
+    serde_json::from_slice(&fs::read(workplace.path(folder).join("summary.json")).unwrap()).unwrap()
+}
+
+/// A trajectory without what a clock told.
+fn trajectory(workplace: &Workplace, folder: &str) -> String {
+    let text = fs::read_to_string(workplace.path(folder).join("trajectory.csv")).unwrap();
+    let timeless = |line: &str| line.rsplitn(5, ',').last().unwrap().to_owned();
+    assert!(text.lines().next().unwrap().ends_with(",sense_ms,track_ms,map_ms,mesh_ms"));
+    text.lines().map(timeless).collect::<Vec<_>>().join("\n")
+}
+
+/// A log of one camera and 20 frames.
+fn with_log() -> Workplace {
+    let workplace = Workplace::new();
+    workplace.run("generate --object cube70 --logs 1 --duration 0.667 --cameras side --out set").good();
+    workplace
+}
+
+const LOG: &str = "set/cube70/00";
+
+#[test]
+fn a_closed_loop_reconstructs_and_tracks() {
+    let workplace = Workplace::new();
+    workplace.run("run --object rubiks_cube_small --duration 3 --quiet").good();
+    let names: Vec<_> = workplace.files("out").into_keys().collect();
+    assert!(names.iter().map(|name| name.as_path()).eq(FILES.map(Path::new)), "{names:?}");
+    let summary = summary(&workplace, "out");
+    assert_eq!((&summary["complete"], &summary["frames"]), (&true.into(), &90.into()), "{summary}");
+    assert!(summary["f_score"]["5"].as_f64().unwrap() > 0.6, "{summary}");
+    assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < 3.0, "{summary}");
+    for stage in ["sense", "track", "map", "mesh"] {
+        assert!(summary["stage_ms"][stage].as_f64().unwrap() > 0.0, "{summary}");
+    }
+    // Scored again from the files it is the same.
+    let again: Value = serde_json::from_str(&workplace.run("score --run out --json").good()).unwrap();
+    let difference =
+        again["pose"]["add_s_mm"]["mean"].as_f64().unwrap() - summary["add_s_mm"]["mean"].as_f64().unwrap();
+    assert!(difference.abs() < 1e-6, "{again}");
+
+    // Its settings repeat it, into the same folder.
+    fs::copy(workplace.path("out/config.toml"), workplace.path("settings.toml")).unwrap();
+    let line = "run --object rubiks_cube_small --duration 0.2 --config settings.toml --set slam.map.batch=512 --json";
+    let text = workplace.run(line).good();
+    assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["frames"], 6, "{text}");
+    assert!(fs::read_to_string(workplace.path("out/config.toml")).unwrap().contains("batch = 512"));
+}
+
+#[test]
+fn the_result_does_not_depend_on_threads() {
+    let workplace = Workplace::new();
+    for threads in [1, 2] {
+        let line = format!("run --object cube70 --duration 0.7 --seed 4 --threads {threads} --out {threads} --quiet");
+        workplace.run(&line).good();
+    }
+    assert_eq!(trajectory(&workplace, "1"), trajectory(&workplace, "2"));
+    for name in ["mesh.ply", "field.safetensors"] {
+        assert!(workplace.files("1")[Path::new(name)] == workplace.files("2")[Path::new(name)], "{name}");
+    }
+}
+
+#[test]
+fn what_cannot_be_is_refused_before_anything_runs() {
+    let workplace = Workplace::new();
+    workplace.write("notes.txt", "mine");
+    for (line, parts) in [
+        ("run --set slam.tracker.icp_wieght=1", &["icp_wieght", "did you mean slam.tracker.icp_weight"][..]),
+        ("run --set mesh_cell_mm=0", &["mesh_cell_mm"]),
+        ("run --touch-depth network", &["--touch-depth truth"]),
+        ("run --object cube70 --cameras front", &["\"front\"", "front-left"]),
+        ("run --object cube70 --out .", &["notes.txt", "--overwrite"]),
+        ("run --log nowhere", &["nowhere"]),
+        ("run --object cube71", &["cube71", "cube70"]),
+        ("evaluate --objects cube70 --out e --set slam.map.bach=1", &["slam.map.batch"]),
+    ] {
+        let said = workplace.run(line).error();
+        assert!(parts.iter().all(|part| said.contains(part)), "{line}: {said}");
+    }
+    assert!(workplace.run("run --goal turn=360").usage().contains("turn=360deg"));
+    assert_eq!(workplace.files("").len(), 1, "something was written");
+}
+
+#[test]
+fn a_log_serves_all_modes() {
+    let workplace = with_log();
+    for (mode, limit_mm) in [("slam", 3.0), ("pose", 3.0), ("pose --init truth", 2.0), ("map", 2.0)] {
+        workplace.run(&format!("run --log {LOG} --mode {mode} --quiet")).good();
+        let summary = summary(&workplace, "out");
+        assert_eq!(summary["frames"], 20, "{mode}: {summary}");
+        assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < limit_mm, "{mode}: {summary}");
+    }
+    let said = workplace.run(&format!("run --log {LOG} --cameras front-left")).error();
+    assert!(said.contains("\"front-left\"") && said.contains("there are side"), "{said}");
+    assert!(workplace.run(&format!("run --log {LOG} --goal turn=1rev")).usage().contains("--log"));
+}
+
+#[test]
+fn a_damaged_log_degrades() {
+    let workplace = with_log();
+    let run = |more: &str| workplace.run(&format!("run --log {LOG} --quiet {more}"));
+    let depth = workplace.path(LOG).join("realsense/side/depth.npz");
+    let whole = fs::read(&depth).unwrap();
+
+    // Depths that are no numbers.
+    let mut reader = Reader::open(&depth).unwrap();
+    let [frames, height, width] = reader.shape();
+    let mut images: Vec<Vec<f32>> = (0..frames).map(|_| reader.read().unwrap().unwrap()).collect();
+    images[3][..1000].fill(f32::NAN);
+    images[5].fill(f32::NAN);
+    fs::remove_file(&depth).unwrap();
+    let mut writer = Writer::create(&depth, height, width).unwrap();
+    for image in images {
+        writer.push(&DeflatedFrame::new(image.into_iter()).unwrap()).unwrap();
+    }
+    writer.finish(1.0).unwrap();
+    let said = run("").warned();
+    assert!(said.contains("frame 3: 1000 depths of camera side are no numbers") && said.lines().count() == 1, "{said}");
+    assert_eq!(summary(&workplace, "out")["frames"], 20);
+
+    // A finger that dies, and one that was never there: each is told once.
+    fs::write(&depth, &whole).unwrap();
+    for k in 10..20 {
+        fs::remove_file(workplace.path(LOG).join(format!("allegro/{}/depth/{k}.jpg", Finger::Index.name()))).unwrap();
+    }
+    fs::remove_dir_all(workplace.path(LOG).join(format!("allegro/{}/mask", Finger::Thumb.name()))).unwrap();
+    let said = run("").warned();
+    let told = |part: &str| said.lines().filter(|line| line.contains(part)).count();
+    assert!(told("nothing from the DIGIT of the index finger") == 1 && told("frame 10: ") == 1, "{said}");
+    assert!(told("nothing from the DIGIT of the thumb finger") == 1, "{said}");
+    assert_eq!(summary(&workplace, "out")["frames"], 20);
+
+    // A camera whose file ends early leaves touch.
+    fs::write(&depth, &whole[..whole.len() / 2]).unwrap();
+    let said = run("").warned();
+    assert!(said.contains("depth.npz") && said.contains("nothing from camera side"), "{said}");
+    let said = run("--modality vi").error();
+    assert!(said.contains("depth.npz") && said.contains("--modality vi"), "{said}");
+
+    // Time that stands still.
+    fs::write(&depth, &whole).unwrap();
+    let pickle = workplace.path(LOG).join("data.pkl");
+    let mut bytes = fs::read(&pickle).unwrap();
+    let [before, stands] = [7.0, 8.0].map(|k: f64| (k / 30.0).to_le_bytes());
+    let at = bytes.windows(8).position(|window| window == stands).unwrap();
+    bytes[at..at + 8].copy_from_slice(&before);
+    fs::write(&pickle, &bytes).unwrap();
+    let said = run("").warned();
+    assert!(said.contains("time does not increase") && said.contains("frame 8: "), "{said}");
+    assert_eq!(summary(&workplace, "out")["frames"], 19);
+    fs::write(&pickle, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(run("").error().contains("data.pkl"));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_leaves_what_it_has() {
+    let workplace = Workplace::new();
+    let mut command = workplace.command("run --object rubiks_cube_small --duration 60 --quiet");
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    while !workplace.path("out/summary.json").exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it has ended by itself");
+        std::thread::yield_now();
+    }
+    let killed = Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    let summary = summary(&workplace, "out");
+    assert_eq!(summary["complete"], false, "{summary}");
+    let frames = summary["frames"].as_u64().unwrap();
+    assert!((1..1800).contains(&frames), "{summary}");
+    assert_eq!(trajectory(&workplace, "out").lines().count() as u64, frames + 1);
+}
+
+#[test]
+fn an_evaluation_goes_on_where_it_was() {
+    let workplace = Workplace::new();
+    let line = |seeds: u32| {
+        format!("evaluate --objects cube70 --seeds {seeds} --modes pose --modalities vitac,tac --duration 0.3 --out e")
+    };
+    let one = workplace.run(&line(1)).good();
+    assert!(
+        one.contains("| side | pose | vitac | full | 1 |") && one.contains("| side | pose | tac | full | 1 |"),
+        "{one}"
+    );
+    let lines = || fs::read_to_string(workplace.path("e/runs.jsonl")).unwrap();
+    let before = lines();
+    let two = workplace.run(&line(2)).good();
+    assert!(two.contains("| side | pose | vitac | full | 2 |"), "{two}");
+    assert!(lines().starts_with(&before) && lines().trim().lines().count() == 4, "{}", lines());
+    assert_eq!(workplace.run(&line(1)).good(), one);
+}
