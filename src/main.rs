@@ -2,7 +2,6 @@
 //! as FeelSight logs.
 
 mod assets;
-mod dev;
 mod evaluate;
 mod generate;
 mod inspect;
@@ -46,7 +45,6 @@ enum Command {
     #[command(subcommand)]
     Assets(assets::Command),
     Inspect(inspect::Arguments),
-    Dev(dev::Arguments),
     Score(score::Arguments),
 }
 
@@ -71,7 +69,6 @@ fn main() -> ExitCode {
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
-        Some(Command::Dev(arguments)) => dev::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
     };
     match result {

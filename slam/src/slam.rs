@@ -235,32 +235,6 @@ impl Slam {
     pub fn step_at(&mut self, depth: &DepthFrame, pose: Isometry<Model, World>) -> Estimate {
         let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
         self.state = State::Tracking;
-        if std::env::var("PROBE").is_ok() && self.frame > 0 {
-            self.tracker.reset();
-            self.push(&scan, pose);
-            let (tracker, reference) = (
-                &mut self.tracker,
-                match &self.knowledge {
-                    Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
-                    Knowledge::Known(given) => given,
-                },
-            );
-            let s = tracker.solve(reference).unwrap();
-            let a = tracker.assess(reference);
-            let d = (s.pose().untyped() * pose.untyped().inverse());
-            let m = d * na::Point3::from(pose.origin().coords()) - pose.origin().coords();
-            if self.frame % 10 == 1 {
-                println!(
-                    "{} world shift of centre {:.2} {:.2} {:.2} mm rot {:.2} deg conf {:.2}",
-                    self.frame,
-                    m.x * 1e3,
-                    m.y * 1e3,
-                    m.z * 1e3,
-                    d.rotation.angle().to_degrees(),
-                    a.confidence
-                );
-            }
-        }
         self.pose = pose;
         let begun = Instant::now();
         let learnt = self.learn(&scan);
