@@ -382,3 +382,6 @@ fn tell_changes(before: Option<&FrameRow>, row: &FrameRow, listener: &mut dyn Fn
     };
     listener(&Progress::Event(&Event { time_s: row.time_s, text: text.to_owned() }));
 }
+
+#[cfg(test)]
+mod tests;
