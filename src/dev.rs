@@ -210,9 +210,9 @@ pub fn run(a: &Arguments) -> Result<()> {
         sorted[sorted.len() * 95 / 100],
         errors[errors.len() - 1],
         lost,
-        1e3 * ttrack / n,
-        1e3 * tmap / n,
-        n / wall
+        1e3 * ttrack / frames,
+        1e3 * tmap / frames,
+        frames / wall
     );
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! The shape as it grows: keyframes, what they say of space, and the field that is taught from them.
 
 mod keyframe;
+mod loops;
 mod refine;
 mod sampling;
 
@@ -15,6 +16,7 @@ use scenes::hand::solid::{HandSamples, Occupied};
 use serde::{Deserialize, Serialize};
 
 use crate::field::{self, Field, FieldError, Sample, Trainer};
+use crate::graph::Edge;
 use crate::scan::Scan;
 use crate::shape::{Distance, Shape};
 use crate::space::Space;
@@ -63,6 +65,8 @@ pub struct Config {
     pub refined: usize,
     /// How firmly refined keyframes keep their motion from the one before, one standard deviation, metres and radians.
     pub refine_sigma: [f64; 2],
+    /// A keyframe that saw the object turned by less than this against an older one closes a loop, degrees; 0 closes none.
+    pub loop_turn_deg: f64,
     /// Standard deviation of the surface as learnt, metres.
     pub surface_sigma_m: f32,
 }
@@ -89,6 +93,7 @@ impl Default for Config {
             keyframes: 600,
             refined: 2,
             refine_sigma: [0.0005, 0.01],
+            loop_turn_deg: 12.0,
             surface_sigma_m: 0.0004,
         }
     }
@@ -100,6 +105,8 @@ pub struct Map {
     trainer: Trainer,
     space: Space,
     keyframes: Vec<Keyframe>,
+    /// Motions between keyframes as tracking and loops measured them.
+    edges: Vec<Edge>,
     /// Centres of cells that are taken for the inside.
     inside: Vec<Vec3>,
     hand: HandSamples,
@@ -108,6 +115,15 @@ pub struct Map {
     first_pose: Option<na::Isometry3<f64>>,
     /// Whose turn it is to be refined.
     next_refined: usize,
+}
+
+/// What came of a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Learnt {
+    /// It became a keyframe.
+    pub keyframe: bool,
+    /// It closed a loop: takes coordinates of the corrected model frame to those before.
+    pub correction: Option<na::Isometry3<f64>>,
 }
 
 /// Spacing of the points that stand for the volume of the hand, metres: that of the cells they fall into.
@@ -126,6 +142,7 @@ impl Map {
             space: Space::new(field.half_extent_m),
             trainer: Trainer::new(Field::new(field, seed)?),
             keyframes: Vec::new(),
+            edges: Vec::new(),
             inside: Vec::new(),
             hand: HandSamples::new(side, HAND_SPACING_M, HAND_SEED),
             samples: Vec::new(),
@@ -163,8 +180,8 @@ impl Map {
         self.hand.posed(&scan.joints)
     }
 
-    /// Learns from a frame at its estimated pose. Says whether it became a keyframe.
-    pub fn learn(&mut self, scan: &Arc<Scan>, pose: Isometry<Model, World>, rng: &mut ChaCha8Rng) -> bool {
+    /// Learns from a frame at its estimated pose.
+    pub fn learn(&mut self, scan: &Arc<Scan>, pose: Isometry<Model, World>, rng: &mut ChaCha8Rng) -> Learnt {
         let first = self.keyframes.is_empty();
         let promoted = self.is_new(scan, &pose.untyped());
         let current = Keyframe::new(Arc::clone(scan), pose.untyped(), self.occupied(scan), self.half_extent_m());
@@ -178,14 +195,19 @@ impl Map {
             self.draw(&current, rng);
             self.trainer.step(&self.samples);
         }
+        let mut correction = None;
         if promoted {
             self.keyframes.push(current);
+            self.tie();
+            if self.config.loop_turn_deg > 0.0 {
+                correction = self.close_loop();
+            }
             self.thin_out();
         }
         for _ in 0..self.config.refined {
             self.refine_one();
         }
-        promoted
+        Learnt { keyframe: promoted, correction }
     }
 
     fn half_extent_m(&self) -> f32 {
@@ -220,6 +242,10 @@ impl Map {
             i += 1;
             i == 1 || i > older || i % 2 == 0
         });
+        let motion = |pair: &[Keyframe]| pair[0].pose().inverse() * pair[1].pose();
+        let chain = self.keyframes.windows(2).map(motion).enumerate();
+        self.edges =
+            chain.map(|(k, motion)| Edge { from: k, to: k + 1, motion, sigma: loops::TRACKED_SIGMA }).collect();
     }
 }
 

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::exact::KnownShape;
 use crate::field::{self, FieldError};
-use crate::map::{self, Map};
+use crate::map::{self, Learnt, Map};
 use crate::scan::{self, Scan, Sensor};
 use crate::shape::{Distance, Shape};
 use crate::tracker::assess::Assessment;
@@ -99,6 +99,8 @@ pub struct Estimate {
     pub state: State,
     /// The frame became a keyframe.
     pub keyframe: bool,
+    /// The frame closed a loop, and all keyframes were brought into agreement.
+    pub loop_closed: bool,
     /// Time spent on rays and pose, and on the map.
     pub spent: Spent,
 }
@@ -261,8 +263,8 @@ impl Slam {
         }
         self.pose = pose;
         let begun = Instant::now();
-        let keyframe = self.learn(&scan);
-        self.estimate(&scan, 1.0, keyframe, Spent { track: Duration::ZERO, map: begun.elapsed() })
+        let learnt = self.learn(&scan);
+        self.estimate(&scan, 1.0, learnt, Spent { track: Duration::ZERO, map: begun.elapsed() })
     }
 
     /// Estimates the pose of the next frame and learns from it.
@@ -283,19 +285,21 @@ impl Slam {
         self.confidence = confidence;
         let track = begun.elapsed();
         let begun = Instant::now();
-        let keyframe =
-            self.state == State::Tracking && confidence >= self.config.trust.learn_above && self.learn(&scan);
-        self.estimate(&scan, confidence, keyframe, Spent { track, map: begun.elapsed() })
+        let believed = self.state == State::Tracking && confidence >= self.config.trust.learn_above;
+        let learnt = if believed { self.learn(&scan) } else { Learnt::default() };
+        self.estimate(&scan, confidence, learnt, Spent { track, map: begun.elapsed() })
     }
 
-    fn estimate(&mut self, scan: &Scan, confidence: f64, keyframe: bool, spent: Spent) -> Estimate {
+    fn estimate(&mut self, scan: &Scan, confidence: f64, learnt: Learnt, spent: Spent) -> Estimate {
         let frame = self.frame;
         self.frame += 1;
         let pose = match &self.knowledge {
             Knowledge::Growing(map) => Isometry::new(self.pose.untyped() * map.field_from_model()),
             Knowledge::Known(_) => self.pose,
         };
-        Estimate { frame, time_s: scan.time_s, pose, confidence, state: self.state, keyframe, spent }
+        let Learnt { keyframe, correction } = learnt;
+        let loop_closed = correction.is_some();
+        Estimate { frame, time_s: scan.time_s, pose, confidence, state: self.state, keyframe, loop_closed, spent }
     }
 
     fn push(&mut self, scan: &Arc<Scan>, start: Isometry<Model, World>) {
@@ -388,12 +392,15 @@ impl Slam {
         best.1
     }
 
-    fn learn(&mut self, scan: &Arc<Scan>) -> bool {
+    fn learn(&mut self, scan: &Arc<Scan>) -> Learnt {
         let mut rng = self.generator(2);
-        match &mut self.knowledge {
-            Knowledge::Growing(map) => map.learn(scan, self.pose, &mut rng),
-            Knowledge::Known(_) => false,
+        let Knowledge::Growing(map) = &mut self.knowledge else { return Learnt::default() };
+        let learnt = map.learn(scan, self.pose, &mut rng);
+        if let Some(correction) = &learnt.correction {
+            self.tracker.rebase(correction);
+            self.pose = Isometry::new(self.pose.untyped() * correction);
         }
+        learnt
     }
 }
 

@@ -1,6 +1,7 @@
 //! Where the object is: a sliding window of poses, solved jointly against the shape.
 
 pub mod assess;
+pub(crate) mod icp;
 pub mod relocalise;
 pub(crate) mod system;
 
@@ -17,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::scan::{Scan, Sensor};
 use crate::se3::{self, Twist};
 use crate::shape::{Distance, Shape};
+use icp::Posed;
 use system::{Block, Loss, System, along, surface, velocity};
 
 /// A shape to track against.
@@ -182,8 +184,6 @@ const HAND_SIGMA_M: f32 = 0.001;
 const OCCUPIED_REACH_M: f32 = 0.008;
 /// Points of the hand used per frame, the nearest.
 const OCCUPIED_POINTS: usize = 150;
-/// Matches of two frames farther apart than this are none, metres.
-const ICP_REACH_M: f32 = 0.006;
 /// Points matched from frame to frame.
 const ICP_POINTS: usize = 200;
 
@@ -204,6 +204,13 @@ impl Tracker {
             }
         };
         Some(Isometry::new(newest.pose * motion))
+    }
+
+    /// Moves all poses to another model frame: `correction` takes coordinates of the new one to the old.
+    pub fn rebase(&mut self, correction: &na::Isometry3<f64>) {
+        for instant in &mut self.window {
+            instant.pose *= correction;
+        }
     }
 
     /// Forgets the frames before, so that a new pose is not tied to them.
@@ -448,7 +455,9 @@ impl Tracker {
                 let before = &self.window[k - 1];
                 self.add_contacts(&mut system, (index(k - 1), before), (index(k), instant));
                 if config.icp_weight > 0.0 {
-                    self.add_icp(&mut system, (index(k - 1), before), (index(k), instant));
+                    let share = 0.25 * config.camera_independent * config.icp_weight;
+                    let (a, b) = (Posed::new(before), Posed::new(instant));
+                    icp::add(&mut system, (index(k - 1), a), (index(k), b), ICP_POINTS, share);
                 }
             }
             if k > 1 && config.velocity_weight > 0.0 {
@@ -482,33 +491,6 @@ impl Tracker {
                 let j = along(inside, material.coords) * s;
                 let r = direction.dot(&(now - carried)) * s;
                 system.add(r, &[(b.0, j), (a.0, -j)], self.config.contact_weight, Loss::Cauchy(1.0));
-            }
-        }
-    }
-
-    /// The surface that frame `b` shows lies on the one that frame `a` shows (point to plane).
-    fn add_icp(&self, system: &mut System, a: (Option<usize>, &Instant), b: (Option<usize>, &Instant)) {
-        let b_to_a = a.1.pose * b.1.pose.inverse();
-        for (view_a, view_b) in a.1.scan.views.iter().zip(&b.1.scan.views) {
-            let (Some(lookup), true) = (&view_a.lookup, view_a.sensor == view_b.sensor) else { continue };
-            let used = view_b.hits.len().min(ICP_POINTS);
-            let share = (0.25 * self.config.camera_independent / used.max(1) as f64).min(1.0);
-            for hit in &view_b.hits[..used] {
-                let point = view_b.point(hit);
-                let moved = apply(&b_to_a, point);
-                let Some(other) = lookup.at(moved).and_then(|i| view_a.hits.get(i)) else { continue };
-                let gap = moved - view_a.point(other);
-                if other.normal == Vec3::ZERO || gap.length_squared() > ICP_REACH_M * ICP_REACH_M {
-                    continue;
-                }
-                let normal = to_na(other.normal);
-                let s = 1.0 / f64::from(hit.sigma_m.hypot(other.sigma_m));
-                let inside = a.1.pose.rotation.inverse() * normal;
-                let material = b.1.pose.inverse() * na::Point3::from(to_na(point));
-                let j = along(inside, material.coords) * s;
-                let r = f64::from(other.normal.dot(gap)) * s;
-                let share = share * self.config.icp_weight;
-                system.add(r, &[(a.0, j), (b.0, -j)], share, Loss::Cauchy(ROBUST_SIGMAS));
             }
         }
     }

@@ -1,0 +1,65 @@
+//! Scan to scan: the surface that one frame shows lies on the one that another shows (point to plane, matched by where a camera
+//! that stands still sees them).
+
+use glam::Vec3;
+use nalgebra as na;
+
+use super::system::{Loss, System, along};
+use super::{Instant, apply, to_na};
+use crate::scan::Scan;
+
+/// Points farther apart than this are no match, metres.
+const REACH_M: f32 = 0.006;
+/// Cost grows with the logarithm from this many standard deviations on.
+const ROBUST_SIGMAS: f64 = 2.0;
+
+/// A scan and the pose that the object has in it.
+#[derive(Clone, Copy)]
+pub(crate) struct Posed<'a> {
+    pub scan: &'a Scan,
+    pub pose: &'a na::Isometry3<f64>,
+}
+
+impl<'a> Posed<'a> {
+    pub(super) fn new(instant: &'a Instant) -> Self {
+        Self { scan: &instant.scan, pose: &instant.pose }
+    }
+}
+
+/// Adds the matches of two frames: `a` is matched against, up to `points` points of `b` are matched, and all together weigh as
+/// much as `independent` points. Returns how many points were tried and how many found a match.
+pub(crate) fn add(
+    system: &mut System,
+    a: (Option<usize>, Posed<'_>),
+    b: (Option<usize>, Posed<'_>),
+    points: usize,
+    independent: f64,
+) -> [usize; 2] {
+    let ((index_a, a), (index_b, b)) = (a, b);
+    let b_to_a = a.pose * b.pose.inverse();
+    let (mut tried, mut matched) = (0, 0);
+    for view_b in &b.scan.views {
+        let Some(view_a) = a.scan.views.iter().find(|view| view.sensor == view_b.sensor) else { continue };
+        let Some(lookup) = &view_a.lookup else { continue };
+        let used = view_b.hits.len().min(points);
+        let share = (independent / used.max(1) as f64).min(1.0);
+        tried += used;
+        for hit in &view_b.hits[..used] {
+            let point = view_b.point(hit);
+            let moved = apply(&b_to_a, point);
+            let Some(other) = lookup.at(moved).and_then(|i| view_a.hits.get(i)) else { continue };
+            let gap = moved - view_a.point(other);
+            if other.normal == Vec3::ZERO || gap.length_squared() > REACH_M * REACH_M {
+                continue;
+            }
+            matched += 1;
+            let s = 1.0 / f64::from(hit.sigma_m.hypot(other.sigma_m));
+            let inside = a.pose.rotation.inverse() * to_na(other.normal);
+            let material = b.pose.inverse() * na::Point3::from(to_na(point));
+            let j = along(inside, material.coords) * s;
+            let r = f64::from(other.normal.dot(gap)) * s;
+            system.add(r, &[(index_a, j), (index_b, -j)], share, Loss::Cauchy(ROBUST_SIGMAS));
+        }
+    }
+    [tried, matched]
+}
