@@ -75,18 +75,31 @@ pub struct Arguments {
     set: Vec<String>,
 }
 
-/// Settings that are 0 in an ablation: what is left out, and what it takes for it to matter.
-const FACTORS: [(&str, fn(Mode, Modality) -> bool); 9] = [
-    ("slam.tracker.camera_weight", |_, modality| modality.has_vision()),
-    ("slam.tracker.touch_weight", |_, modality| modality.has_touch()),
-    ("slam.tracker.free_space_weight", |_, _| true),
-    ("slam.tracker.icp_weight", |_, _| true),
-    ("slam.tracker.velocity_weight", |_, _| true),
-    ("slam.tracker.contact_weight", |_, modality| modality.has_touch()),
-    ("slam.tracker.penetration_weight", |_, _| true),
-    ("slam.map.refined", |mode, _| mode != Mode::Pose),
-    ("slam.map.hand_part", |mode, _| mode != Mode::Pose),
+/// The variant with all factors.
+const FULL: &str = "full";
+
+/// Settings that are 0 in an ablation.
+const FACTORS: [&str; 9] = [
+    "slam.tracker.camera_weight",
+    "slam.tracker.touch_weight",
+    "slam.tracker.free_space_weight",
+    "slam.tracker.icp_weight",
+    "slam.tracker.velocity_weight",
+    "slam.tracker.contact_weight",
+    "slam.tracker.penetration_weight",
+    "slam.map.refined",
+    "slam.map.hand_part",
 ];
+
+/// Whether a factor has any effect.
+fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
+    match factor {
+        "slam.tracker.camera_weight" => mode != Mode::Map && modality.has_vision(),
+        "slam.tracker.touch_weight" | "slam.tracker.contact_weight" => mode != Mode::Map && modality.has_touch(),
+        _ if factor.starts_with("slam.map.") => mode != Mode::Pose,
+        _ => mode != Mode::Map,
+    }
+}
 
 /// What tells runs apart.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -297,9 +310,9 @@ fn variants(arguments: &Arguments) -> Result<Vec<(&'static str, RunConfig)>> {
         config.check().map_err(|wrong| anyhow!("settings: {wrong}"))?;
         Ok(config)
     };
-    let mut variants = vec![("full", load(&arguments.set)?)];
+    let mut variants = vec![(FULL, load(&arguments.set)?)];
     if arguments.ablate {
-        for (factor, _) in FACTORS {
+        for factor in FACTORS {
             let set = [arguments.set.as_slice(), &[format!("{factor}=0")]].concat();
             variants.push((factor, load(&set)?));
         }
@@ -312,8 +325,7 @@ fn trials(arguments: &Arguments, episode: &Episode<'_>, variants: &[(&str, RunCo
     for &mode in &arguments.modes {
         for &modality in &arguments.modalities {
             for (variant, config) in variants {
-                let matters = FACTORS.iter().find(|(factor, _)| factor == variant).map(|(_, matters)| matters);
-                if matters.is_none_or(|matters| matters(mode, modality)) {
+                if *variant == FULL || matters(variant, mode, modality) {
                     let key = key(arguments, episode, mode, modality, variant, config);
                     trials.push(Trial { key, mode, modality, config: config.clone() });
                 }

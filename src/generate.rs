@@ -118,7 +118,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 bail!("{} was made with other settings; choose another --out, or give --overwrite", folder.display());
             }
             let bar = progress::bar(0, &format!("{} {index:02}", object.name));
-            let end = pool.install(|| recorder.record(job.seed, &job.cameras, &folder, arguments.overwrite, &bar))?.end;
+            let end = pool.install(|| recorder.record(job.seed, &job.cameras, &folder, arguments.overwrite, &bar))?;
             bar.finish_and_clear();
             if !end.complete {
                 ended_early += 1;

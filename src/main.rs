@@ -1,5 +1,5 @@
-//! MambaViTact: an Allegro hand turns objects in MuJoCo; what its DIGIT fingertips and cameras record is rendered and written
-//! as FeelSight logs.
+//! MambaViTact: an Allegro hand turns objects in MuJoCo; from what its DIGIT fingertips and cameras record, live or from FeelSight
+//! logs, shape and pose of the object are estimated, and the estimate directs the hand.
 
 mod assets;
 mod evaluate;
@@ -24,10 +24,10 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-/// Visuotactile in-hand simulation: an Allegro hand with DIGIT fingertips turns YCB objects, touch and RGB-D images are
-/// rendered, and the result is written as FeelSight logs.
+/// Visuotactile SLAM in the hand: an Allegro hand with DIGIT fingertips turns YCB objects, touch and RGB-D images are rendered, shape
+/// and pose are estimated from them, and the estimate directs the hand.
 ///
-/// Without a command: simulates and records an episode with the Rubik's cube into out/, with a contact sheet to look at.
+/// Without a command: `run`, a closed-loop episode of 30 s with the Rubik's cube, whose results go to out/.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 110, after_help = "MAMBAVITACT_LOG=debug shows more of what happens.")]
 struct Cli {

@@ -13,7 +13,6 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Model};
 use scenes::hand::Side;
 use scenes::mesh::Mesh;
@@ -28,7 +27,7 @@ pub use scorer::{Scorer, Shape, Snapshot};
 
 use crate::report::{Event, FrameRow, TrackState};
 use crate::source::{Sensed, Source};
-use crate::supervisor::Supervisor;
+use crate::supervisor::{Rules, Supervisor};
 
 /// Everything that can be set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,11 +42,19 @@ pub struct RunConfig {
     pub score_every: u64,
     /// Estimation.
     pub slam: slam::Config,
+    /// What the hand does on its own accord.
+    pub supervisor: Rules,
 }
 
 impl Default for RunConfig {
     fn default() -> Self {
-        Self { camera_noise: 5.0, mesh_cell_mm: 1.5, score_every: 30, slam: slam::Config::default() }
+        Self {
+            camera_noise: 5.0,
+            mesh_cell_mm: 1.5,
+            score_every: 30,
+            slam: slam::Config::default(),
+            supervisor: Rules::default(),
+        }
     }
 }
 
@@ -77,12 +84,7 @@ pub enum Progress<'a> {
         frames: usize,
     },
     /// A frame has been estimated.
-    Frame {
-        /// What came of it.
-        row: &'a FrameRow,
-        /// What it was estimated from.
-        depth: &'a DepthFrame,
-    },
+    Frame(&'a FrameRow),
     /// The shape has been meshed.
     Shape(&'a Shape),
     /// Something is amiss, and the run goes on.
@@ -317,7 +319,7 @@ impl Pipeline<'_> {
             feed.direct(self.decide(known, &estimate, listener))?;
             let row = scorer.row(frame, &estimate, truth, sense_ms);
             tell_changes(last.as_ref(), &row, listener);
-            listener(&Progress::Frame { row: &row, depth: &depth });
+            listener(&Progress::Frame(&row));
             if let Some(map) =
                 known.map().filter(|_| (estimate.frame as u64 + 1).is_multiple_of(self.config.score_every))
             {
@@ -380,3 +382,6 @@ fn tell_changes(before: Option<&FrameRow>, row: &FrameRow, listener: &mut dyn Fn
     };
     listener(&Progress::Event(&Event { time_s: row.time_s, text: text.to_owned() }));
 }
+
+#[cfg(test)]
+mod tests;

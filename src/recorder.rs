@@ -12,9 +12,7 @@ use scenes::catalogue;
 use scenes::hand::{Finger, PerFinger, Side};
 use scenes::object::Object;
 use serde::Serialize;
-use sim::episode::{
-    CONTROL_HZ, End, Episode, EpisodeConfig, FRAME_HZ, Outcome, PHYSICS_HZ, Randomisation, Snapshot, Start, Tally,
-};
+use sim::episode::{CONTROL_HZ, End, Episode, EpisodeConfig, FRAME_HZ, PHYSICS_HZ, Randomisation, Snapshot, Start};
 use sim::feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SCENE_FILE, Scene, SceneObject};
 use sim::gait::{self, Gait};
 use sim::observer::{Observer, ObserverOptions, Scratch};
@@ -46,16 +44,6 @@ pub struct Noise {
     pub touch: bool,
     /// Multiple of Redwood's noise on camera depth; `None` for true depth.
     pub camera_depth: Option<f64>,
-}
-
-/// What a recording came to.
-pub struct Recording {
-    /// How the episode ended, as its scene.json has it.
-    pub end: EpisodeEnd,
-    /// How it went.
-    pub outcome: Outcome,
-    /// The state at every frame.
-    pub snapshots: Vec<Snapshot>,
 }
 
 /// Frames that are rendered before any of them is written: enough to keep all threads busy, and about 100 MB.
@@ -110,7 +98,7 @@ impl<'a> Recorder<'a> {
         pinned::sha256_of(config.to_string().as_bytes())
     }
 
-    /// Simulates, renders and writes one log. The result depends on neither threads nor time.
+    /// Simulates, renders and writes one log, and says how the episode ended. The result depends on neither threads nor time.
     pub fn record(
         &self,
         seed: u64,
@@ -118,7 +106,7 @@ impl<'a> Recorder<'a> {
         folder: &Path,
         overwrite: bool,
         bar: &ProgressBar,
-    ) -> Result<Recording> {
+    ) -> Result<EpisodeEnd> {
         let config = EpisodeConfig {
             side: self.settings.side,
             gait: self.gait.clone(),
@@ -127,10 +115,7 @@ impl<'a> Recorder<'a> {
             randomisation: Randomisation::default(),
         };
         let mut episode = Episode::new(self.object, &config)?;
-        let mut tally = Tally::default();
-        let snapshots: Vec<Snapshot> =
-            std::iter::from_fn(|| episode.next_frame()).inspect(|snapshot| tally.add(snapshot)).collect();
-        let outcome = tally.outcome(&episode);
+        let snapshots: Vec<Snapshot> = std::iter::from_fn(|| episode.next_frame()).collect();
         bar.set_length(snapshots.len() as u64);
 
         let background = |finger: Finger| match &self.background {
@@ -169,9 +154,9 @@ impl<'a> Recorder<'a> {
                 writer.push(frame)?;
             }
         }
-        let end = ended(&outcome.end);
+        let end = episode.end().map_or_else(|| ended(&End::Completed), ended);
         writer.finish(end.clone())?;
-        Ok(Recording { end, outcome, snapshots })
+        Ok(end)
     }
 
     fn scene(&self, seed: u64, cameras: &[PosedCamera], episode: &Episode) -> Scene {

@@ -22,7 +22,7 @@ use crate::settings;
 use crate::simulate::print_line;
 use crate::source::{LiveSettings, LiveSource, LogSource, Modality, Source};
 use crate::subject::{Manner, duration, load_object};
-use crate::supervisor::{Goal, Rules, Supervisor};
+use crate::supervisor::{Goal, Supervisor};
 use crate::{progress, score};
 
 /// Name of the file with every setting.
@@ -222,7 +222,7 @@ fn live(arguments: &Arguments, config: &RunConfig) -> Result<Subject> {
     };
     let others = gait::shipped().keys().map(String::as_str).filter(|&name| name != gait_name);
     let gaits: Vec<&'static str> = std::iter::once(gait_name).chain(others).collect();
-    let supervisor = Supervisor::new(arguments.goal, &gaits, Rules::default());
+    let supervisor = Supervisor::new(arguments.goal, &gaits, config.supervisor);
     let source = Box::new(LiveSource::new(&object, settings)?);
     Ok(Subject { source, side, seed, name, object: Some(object), supervisor: Some(supervisor) })
 }
@@ -311,7 +311,7 @@ impl<'a> Recorder<'a> {
                 self.begun = Instant::now();
                 self.bar.set_length(*frames as u64);
             }
-            Progress::Frame { row, .. } => {
+            Progress::Frame(row) => {
                 self.record.frames.push(**row);
                 self.record.simulated_s = row.time_s;
                 self.show();

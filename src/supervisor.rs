@@ -8,6 +8,7 @@ use std::str::FromStr;
 
 use nalgebra::Vector2;
 use scenes::frame::{Isometry, Model, World};
+use serde::{Deserialize, Serialize};
 use sim::directive::Directive;
 
 /// When an episode is over.
@@ -76,7 +77,8 @@ pub struct Belief {
 }
 
 /// What the supervisor reacts to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Rules {
     /// Least confidence with which a goal counts as reached.
     pub confidence: f64,

@@ -38,11 +38,19 @@ pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f3
     let mut random = ChaCha8Rng::seed_from_u64(id.seed);
     random.set_stream(u64::from(id.camera) << 32 | u64::from(id.frame));
     let (height, width) = depth_m.dim();
+    let near = Near::new(depth_m, multiplier);
     Array2::from_shape_fn((height, width), |(v, u)| {
+        if !near.any(v, u) {
+            // As much of the stream as any pixel takes: the others are the same as if this one had been worked out.
+            for _ in 0..4 {
+                random.next_u32();
+            }
+            return 0.0;
+        }
         let [jitter_v, jitter_u, disparity_noise] = normals(&mut random);
         let (v, u) = (moved(v, jitter_v, multiplier, height), moved(u, jitter_u, multiplier, width));
         let depth = depth_m[(v - v % 2, u - u % 2)];
-        if depth > 0.0 && depth < FARTHEST_M {
+        if is_measured(depth) {
             let disparity = DISPARITY_M / f64::from(depth) + DISPARITY_NOISE_PX * multiplier * disparity_noise;
             let steps = (disparity * STEPS).round_ties_even();
             if steps > 0.0 { (DISPARITY_M * STEPS / steps) as f32 } else { 0.0 }
@@ -50,6 +58,43 @@ pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f3
             0.0
         }
     })
+}
+
+/// Whether anything is measured at a depth.
+fn is_measured(depth_m: f32) -> bool {
+    depth_m > 0.0 && depth_m < FARTHEST_M
+}
+
+/// Where pixels may show a measured depth: most of an image shows nothing, and its noise is nothing either.
+struct Near {
+    blocks: Array2<bool>,
+}
+
+impl Near {
+    /// Edge of a block, pixels.
+    const BLOCK: usize = 16;
+
+    fn new(depth_m: &Array2<f32>, multiplier: f64) -> Self {
+        /// Largest number that [`normals`] can draw: sqrt(2 ln 2^32).
+        const LARGEST_NORMAL: f64 = 6.661;
+        // One pixel for rounding, one for the grid of half the resolution.
+        let reach_px = LARGEST_NORMAL * JITTER_PX * multiplier.abs() + 2.0;
+        let reach = (reach_px / Self::BLOCK as f64).ceil().min(1e6) as usize;
+        let (rows, columns) = depth_m.dim();
+        let mut blocks = Array2::from_elem((rows.div_ceil(Self::BLOCK), columns.div_ceil(Self::BLOCK)), false);
+        for ((v, u), _) in depth_m.indexed_iter().filter(|&(_, &depth)| is_measured(depth)) {
+            blocks[(v / Self::BLOCK, u / Self::BLOCK)] = true;
+        }
+        let (rows, columns) = blocks.dim();
+        let around = |k: usize, count: usize| k.saturating_sub(reach)..(k + reach + 1).min(count);
+        let any = |(v, u)| around(v, rows).any(|v| around(u, columns).any(|u| blocks[(v, u)]));
+        Self { blocks: Array2::from_shape_fn((rows, columns), any) }
+    }
+
+    /// Whether the noise may take a measured depth to this pixel.
+    fn any(&self, v: usize, u: usize) -> bool {
+        self.blocks[(v / Self::BLOCK, u / Self::BLOCK)]
+    }
 }
 
 /// The pixel that is read instead of pixel `at` of `count`.
@@ -128,6 +173,21 @@ mod tests {
         for ((v, u), &d) in exact.indexed_iter() {
             let source = f64::from(depth[(v - v % 2, u - u % 2)]);
             assert!((DISPARITY_M / f64::from(d) - DISPARITY_M / source).abs() <= 1.0 / 16.0 + 1e-4, "({v}, {u})");
+        }
+    }
+
+    #[test]
+    fn empty_space_changes_nothing_elsewhere() {
+        // The same noise with depth everywhere, where no pixel is passed over: what is seen must agree wherever both see the patch.
+        let patch = |v: usize, u: usize| (60..90).contains(&v) && (101..140).contains(&u);
+        for multiplier in [0.0, 1.0, 5.0, 20.0] {
+            let full = Array2::from_shape_fn((200, 240), |(v, u)| if patch(v, u) { 0.4f32 } else { 5.0 });
+            let sparse = full.mapv(|z| if z < 1.0 { z } else { 0.0 });
+            let (full, sparse) = (disturb(&full, multiplier, ID), disturb(&sparse, multiplier, ID));
+            assert!(sparse.iter().any(|&z| z > 0.0));
+            for (&with, &without) in full.iter().zip(&sparse) {
+                assert_eq!(without, if with < 1.0 { with } else { 0.0 });
+            }
         }
     }
 

@@ -57,6 +57,8 @@ pub struct Trial {
     key: Key,
     /// Number of the frame at which the fault begins.
     fault_frame: usize,
+    /// How far the object truly moved between the frame before the fault and the first one of it, mm.
+    moved_mm: f64,
     /// The object fell off the hand before the watch was over: the trial says little.
     dropped: bool,
     /// The error at the frame before, mm: a fault cannot be blamed for what was wrong already.
@@ -104,13 +106,12 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
     let fault_frame = (rng.random_range(FAULT_S) * f64::from(FRAME_HZ)) as usize;
     let last = fault_frame + WATCHED;
     let blank = if fault == Fault::Teleport { 0 } else { BLANK_FRAMES };
-    // In hundredths, so that the last frame is not lost to rounding.
+    // Half a frame more, so that the last one is not lost to rounding.
     let mut source = live(episode, (last as f64 + 0.5) / f64::from(FRAME_HZ), config)?;
-    let given = Given::new(episode.object)?;
-    let mut given = Some(given);
+    let mut given = Some(Given::new(episode.object)?);
     let mut estimator: Option<Estimator> = None;
     let mut scorer = Scorer::new(Some(episode.object), true);
-    let (mut errors_m, mut lost) = (Vec::new(), Vec::new());
+    let (mut errors_m, mut lost, mut places) = (Vec::new(), Vec::new(), Vec::new());
     for frame in 0..last {
         if frame == fault_frame && fault != Fault::Blank {
             source.displace_object(displacement(&mut rng));
@@ -120,6 +121,7 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
             sensed.depth.cameras.fill(None);
         }
         let truth = sensed.truth.context("a live episode without truth")?;
+        places.push(truth.origin().coords());
         let estimator = match (&mut estimator, given.take()) {
             (Some(estimator), _) => estimator,
             (none, Some(given)) => {
@@ -142,9 +144,11 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
         let errors = errors_m.get(*k..*k + STEADY).unwrap_or_default();
         errors.len() == STEADY && errors.iter().all(|&e| e < FAILURE_M)
     };
+    let moved_m = places.windows(2).nth(fault_frame.saturating_sub(1)).map_or(0.0, |pair| (pair[1] - pair[0]).norm());
     Ok(Trial {
         key,
         fault_frame,
+        moved_mm: moved_m * 1e3,
         dropped: errors_m.len() < last,
         before_mm: fault_frame.checked_sub(1).and_then(|k| errors_m.get(k)).map_or(f64::MAX, |e| e * 1e3),
         worst_mm: after.iter().copied().fold(0.0, f64::max) * 1e3,

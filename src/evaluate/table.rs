@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Errors, Line};
+use super::{Errors, FULL, Line};
 
 /// What a row of a table is the mean of: cameras, mode, modality, variant.
 type Group<'a> = (&'a str, &'a str, &'a str, &'a str);
@@ -34,7 +34,7 @@ pub fn tables(lines: &[Line]) -> String {
         "---|".repeat(COLUMNS)
     );
     for object in objects {
-        for &of in groups.iter().filter(|(.., variant)| *variant == "full") {
+        for &of in groups.iter().filter(|(.., variant)| *variant == FULL) {
             let kind: Vec<&Line> = lines.iter().filter(|line| line.key.object == object && group(line) == of).collect();
             if !kind.is_empty() {
                 let (cameras, mode, modality, _) = of;

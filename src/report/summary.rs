@@ -29,7 +29,7 @@ pub struct Summary {
     pub frames: usize,
     /// Time of the episode or log.
     pub simulated_s: f64,
-    /// Wall time of the whole run.
+    /// Wall time from the first frame to the last, without what follows: the scores of every frame and the files.
     pub wall_s: f64,
     /// `frames` by `wall_s`.
     pub frames_per_second: f64,

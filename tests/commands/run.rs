@@ -1,7 +1,7 @@
 //! `run` and `evaluate`: live episodes, logs whole and damaged, interruptions.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use scenes::hand::Finger;
@@ -47,7 +47,7 @@ fn a_closed_loop_reconstructs_and_tracks() {
     let workplace = Workplace::new();
     workplace.run("run --object rubiks_cube_small --duration 3 --quiet").good();
     let names: Vec<_> = workplace.files("out").into_keys().collect();
-    assert!(names.iter().map(|name| name.as_path()).eq(FILES.map(Path::new)), "{names:?}");
+    assert!(names.iter().map(PathBuf::as_path).eq(FILES.map(Path::new)), "{names:?}");
     let summary = summary(&workplace, "out");
     assert_eq!((&summary["complete"], &summary["frames"]), (&true.into(), &90.into()), "{summary}");
     assert!(summary["f_score"]["5"].as_f64().unwrap() > 0.6, "{summary}");
@@ -67,6 +67,17 @@ fn a_closed_loop_reconstructs_and_tracks() {
     let text = workplace.run(line).good();
     assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["frames"], 6, "{text}");
     assert!(fs::read_to_string(workplace.path("out/config.toml")).unwrap().contains("batch = 512"));
+}
+
+#[test]
+fn a_goal_ends_the_episode() {
+    let workplace = Workplace::new();
+    workplace.run("run --object cube70 --duration 20 --goal turn=15deg --mode pose --quiet").good();
+    let summary = summary(&workplace, "out");
+    assert!(summary["frames"].as_u64().unwrap() < 300, "{summary}");
+    let events: Vec<_> = summary["events"].as_array().unwrap().iter().map(|event| &event["text"]).collect();
+    assert!(events.contains(&&Value::from("the goal is reached")), "{summary}");
+    assert_eq!(summary["complete"], true);
 }
 
 #[test]
