@@ -29,7 +29,7 @@ impl Map {
                 _ => current,
             };
             let sample = if kind < bounds[1] {
-                surface_ray(keyframe, config.touch_part, rng).and_then(|(view, hit)| {
+                surface_ray(keyframe, config.touch_part, rng).map(|(view, hit)| {
                     let behind = if kind < bounds[0] {
                         let band = truncation + config.behind_m;
                         config.behind_m - uniform(rng) * band
@@ -39,7 +39,7 @@ impl Map {
                     let position = keyframe.to_model(view.origin + hit.direction * (hit.range_m + behind));
                     let target = (-behind * hit.cosine / truncation).clamp(-1.0, 1.0);
                     let weight = if kind < bounds[0] { 1.0 } else { config.free_weight };
-                    Some(Sample { position, target, weight, at_least: false })
+                    Sample { position, target, weight, at_least: false }
                 })
             } else if kind < bounds[2] {
                 passed_ray(keyframe, half, rng).map(|position| Sample {
