@@ -22,6 +22,8 @@ const MATCHED: f64 = 0.7;
 /// Disagreement from which a loop is worth closing, metres and radians: several times what
 /// alignment of two noisy scans errs by. Less is left to refinement against the field, which averages over many scans.
 const WORTH: [f64; 2] = [0.003, 0.06];
+/// And by how much alignment must lower the mean cost of a matched point.
+const WORTH_GAIN: f64 = 2.0;
 /// How exactly tracking knows the motion from keyframe to keyframe, and alignment that of a loop, metres and radians.
 pub(super) const TRACKED_SIGMA: [f64; 2] = [0.0003, 0.005];
 const LOOP_SIGMA: [f64; 2] = [0.0005, 0.008];
@@ -49,13 +51,14 @@ impl Map {
         if turn(alike).to_degrees() > self.config.loop_turn_deg {
             return None;
         }
-        let aligned = align(
+        let Alignment { pose: aligned, gain } = align(
             Posed { scan: older[alike].scan(), pose: older[alike].pose() },
             Posed { scan: newest.scan(), pose: newest.pose() },
         )?;
         let disagreement = se3::log(&(newest.pose().inverse() * aligned));
         let [distance, angle] = [disagreement.fixed_rows::<3>(0).norm(), disagreement.fixed_rows::<3>(3).norm()];
-        if distance < WORTH[0] && angle < WORTH[1] {
+        // Where an object looks the same after a turn, alignment goes astray and gains nothing by it.
+        if (distance < WORTH[0] && angle < WORTH[1]) || gain < WORTH_GAIN {
             return None;
         }
         let motion = older[alike].pose().inverse() * aligned;
@@ -71,18 +74,28 @@ impl Map {
     }
 }
 
+/// A frame aligned with another.
+struct Alignment {
+    pose: na::Isometry3<f64>,
+    /// Mean cost of a matched point before, as a multiple of that after.
+    gain: f64,
+}
+
 /// The pose of `b` at which its surface lies on that of `a`; none if too little matches.
-fn align(a: Posed<'_>, b: Posed<'_>) -> Option<na::Isometry3<f64>> {
+fn align(a: Posed<'_>, b: Posed<'_>) -> Option<Alignment> {
     let mut pose = *b.pose;
-    for _ in 0..STEPS {
+    let mut costs = Vec::with_capacity(STEPS + 1);
+    for k in 0..=STEPS {
         let mut system = System::new(1);
         let moving = Posed { pose: &pose, ..b };
         let [tried, matched] = icp::add(&mut system, (None, a), (Some(0), moving), POINTS, INDEPENDENT);
         if (matched as f64) < MATCHED * tried.max(1) as f64 {
             return None;
         }
-        let step = system.step(1e-3)?;
-        pose *= se3::exp(&step.fixed_rows::<6>(0).into_owned());
+        costs.push(system.cost / matched.max(1) as f64);
+        if k < STEPS {
+            pose *= se3::exp(&system.step(1e-3)?.fixed_rows::<6>(0).into_owned());
+        }
     }
-    Some(pose)
+    Some(Alignment { pose, gain: costs.first()? / costs.last()?.max(f64::MIN_POSITIVE) })
 }
