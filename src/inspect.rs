@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::Args;
+use scenes::hand::PerFinger;
 use scenes::mesh::MeshDistance;
 use scenes::object::SignedDistance;
-use sim::feelsight::{self, Log};
+use sim::feelsight::{self, ContactSheet, Frame, Log, Moment, Timeline, contact_sheet};
 
 use crate::simulate::print_line;
 use crate::subject::load_object;
@@ -24,6 +25,9 @@ pub struct Arguments {
     /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
+    /// Write a PNG to look at: moments of the log as its last camera and the DIGITs saw them, and when each finger touched
+    #[arg(long, value_name = "PNG")]
+    sheet: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -32,7 +36,38 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(surface) => feelsight::inspect_against(&arguments.log, &|p| surface.distance_m(p))?,
         None => feelsight::inspect(&arguments.log)?,
     };
+    if let Some(path) = &arguments.sheet {
+        sheet(&Log::open(&arguments.log)?)?.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     if arguments.json { print_line(&serde_json::to_string(&summary)?) } else { print_line(&summary.to_string()) }
+}
+
+/// Columns of a contact sheet.
+const MOMENTS: usize = 6;
+
+/// Of each stretch of the log the moment at which most fingers touch.
+fn sheet(log: &Log) -> Result<image::RgbImage> {
+    let stretch = log.len().div_ceil(MOMENTS).max(1);
+    let mut timeline = Timeline::default();
+    let mut moments: Vec<Moment> = Vec::new();
+    for (i, frame) in log.frames()?.enumerate() {
+        let Frame { observation, truth } = frame?;
+        let touches = |finger| truth.as_ref().is_some_and(|t| t.touch[finger].contact.iter().any(|&level| level > 0));
+        let contact = PerFinger::from_fn(touches);
+        timeline.times_s.push(observation.time_s);
+        timeline.contact.push(contact.clone());
+        let fingers = |contact: &PerFinger<bool>| contact.iter().filter(|(_, touches)| **touches).count();
+        let is_first = i % stretch == 0;
+        if is_first || moments.last().is_some_and(|best| fingers(&best.contact) < fingers(&contact)) {
+            if !is_first {
+                moments.pop();
+            }
+            let camera = observation.cameras.into_iter().next_back().map(|rgbd| rgbd.color).unwrap_or_default();
+            moments.push(Moment { time_s: observation.time_s, camera, touch: observation.touch, contact });
+        }
+    }
+    let subtitle = log.scene().map_or(String::new(), |scene| format!("seed {}, {}", scene.seed, scene.end.reason));
+    Ok(contact_sheet(&ContactSheet { title: log.object_name().to_owned(), subtitle, moments, timeline }))
 }
 
 /// The surface of the object in a log of ours, where it can be had.

@@ -7,7 +7,9 @@ use crate::workplace::Workplace;
 fn with_log() -> Workplace {
     let workplace = Workplace::new();
     workplace.run("generate --object large_dice --logs 1 --duration 0.2 --out set").good();
-    workplace.run("inspect set/large_dice/00").good();
+    workplace.run("inspect set/large_dice/00 --sheet sheet.png").good();
+    let sheet = image::open(workplace.path("sheet.png")).unwrap();
+    assert!(sheet.width() > 1000 && sheet.height() > 500);
     workplace
 }
 
