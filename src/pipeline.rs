@@ -71,7 +71,7 @@ impl RunConfig {
         ];
         match checks.into_iter().find(|(is_right, _)| !is_right) {
             Some((_, wrong)) => Err(wrong.to_owned()),
-            None => self.slam.field.validate().map_err(|error| format!("slam.field: {error}")),
+            None => self.slam.validate().map_err(|error| format!("slam.{error}")),
         }
     }
 }

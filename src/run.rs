@@ -72,9 +72,9 @@ pub struct Arguments {
     /// When the episode is over, decided on the estimate: turn=360deg, turn=2rev, coverage=0.9 or time
     #[arg(long, default_value = "time")]
     goal: Goal,
-    /// Where the pose starts with --mode pose
-    #[arg(long, value_enum, default_value_t = Init::Near)]
-    init: Init,
+    /// Where the pose starts with --mode pose; `near` if not given
+    #[arg(long, value_enum)]
+    init: Option<Init>,
     /// Settings as TOML, as config.toml of another run
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -127,6 +127,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let config: RunConfig = settings::load(arguments.config.as_deref(), &arguments.set)?;
     config.check().map_err(|wrong| anyhow!("settings: {wrong}"))?;
+    if arguments.init.is_some() && arguments.mode != Mode::Pose {
+        bail!("--init is for --mode pose; in the other modes the first frame decides");
+    }
+    if matches!(arguments.goal, Goal::Coverage(_)) && arguments.mode == Mode::Pose {
+        bail!("--goal coverage is for a shape that grows; with --mode pose it is known from the start");
+    }
     check_vacant(&arguments.out, arguments.overwrite)?;
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
@@ -142,7 +148,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let pipeline = Pipeline {
         config: &config,
         mode: arguments.mode,
-        init: arguments.init,
+        init: arguments.init.unwrap_or_default(),
         seed,
         side,
         object: object.as_ref(),

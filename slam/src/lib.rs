@@ -4,6 +4,7 @@
 //! the object and its shape. Nothing here knows of MuJoCo or of networks, and nothing here receives ground truth but
 //! [`metrics`].
 
+mod config;
 pub mod exact;
 pub mod field;
 pub mod graph;
@@ -17,4 +18,5 @@ pub mod space;
 pub mod surface;
 pub mod tracker;
 
-pub use slam::{Config, Estimate, Slam, Spent, State, Trust};
+pub use config::{Config, ConfigError, Trust};
+pub use slam::{Estimate, Slam, Spent, State};

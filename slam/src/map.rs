@@ -59,7 +59,7 @@ pub struct Config {
     pub keyframe_distance_m: f64,
     /// or after this time, seconds.
     pub keyframe_interval_s: f64,
-    /// Keyframes kept at most; beyond, those most like their neighbours go.
+    /// Keyframes kept at most; beyond, every other one of the older half goes.
     pub keyframes: usize,
     /// Keyframes whose pose is refined against the field per frame.
     pub refined: usize,

@@ -192,7 +192,9 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
                 }
                 // Every fourth pixel is enough to draw from.
                 HAND if is_sample && image.depth_m[(v, u)] > 0.0 => passed.push((u, v)),
-                BACKGROUND if config.far_is_free && around().contains(&OBJECT) => beside.push((u, v)),
+                BACKGROUND if config.far_is_free && image.depth_m[(v, u)] <= 0.0 && around().contains(&OBJECT) => {
+                    beside.push((u, v));
+                }
                 BACKGROUND if config.far_is_free && is_sample => passed.push((u, v)),
                 _ => {}
             }

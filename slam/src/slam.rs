@@ -13,64 +13,13 @@ use scenes::hand::Side;
 use scenes::hand::solid::{HandSamples, Occupied};
 use serde::{Deserialize, Serialize};
 
+use crate::config::{Config, ConfigError};
 use crate::exact::KnownShape;
-use crate::field::{self, FieldError};
-use crate::map::{self, Learnt, Map};
-use crate::scan::{self, Scan, Sensor};
+use crate::map::{Learnt, Map};
+use crate::scan::{Scan, Sensor};
 use crate::shape::{Distance, Shape};
 use crate::tracker::assess::Assessment;
 use crate::tracker::{self, Reference, Tracker};
-
-/// Everything that can be set.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Rays drawn from images.
-    pub scan: scan::Config,
-    /// Pose.
-    pub tracker: tracker::Config,
-    /// The field.
-    pub field: field::Config,
-    /// How the field is taught.
-    pub map: map::Config,
-    /// When a pose is no longer believed.
-    pub trust: Trust,
-}
-
-/// When a pose is no longer believed, and when it is again.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Trust {
-    /// Below this confidence a frame counts against the pose.
-    pub doubt_below: f64,
-    /// After as many such frames in a row the object is lost.
-    pub lost_after: usize,
-    /// From this confidence on, a frame teaches the field.
-    pub learn_above: f64,
-    /// A pose found again must have this confidence.
-    pub found_above: f64,
-    /// No object moves farther than this from where it was expected within a frame, metres and radians.
-    pub surprise: [f64; 2],
-    /// Where half of the points are farther than this from the surface at the pose that the motion so far leads to, in standard
-    /// deviations, the poses around it are tried.
-    pub jerk_sigmas: f64,
-    /// While lost, frames between two searches.
-    pub search_every: usize,
-}
-
-impl Default for Trust {
-    fn default() -> Self {
-        Self {
-            doubt_below: 0.7,
-            lost_after: 3,
-            learn_above: 0.85,
-            found_above: 0.85,
-            surprise: [0.02, 0.8],
-            jerk_sigmas: 2.0,
-            search_every: 3,
-        }
-    }
-}
 
 /// Whether the pose of a frame can be believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -175,8 +124,9 @@ impl Slam {
     /// Knows neither shape nor pose: the first frame that shows the object fixes the model's frame.
     ///
     /// # Errors
-    /// [`FieldError`] if the field's configuration is out of range.
-    pub fn new(config: Config, side: Side, seed: u64) -> Result<Self, FieldError> {
+    /// [`ConfigError`] if a setting is out of range.
+    pub fn new(config: Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
+        config.validate()?;
         let map = Map::new(config.map.clone(), &config.field, side, seed)?;
         Ok(Self::with(config, side, seed, Knowledge::Growing(Box::new(map)), State::Waiting, Isometry::identity()))
     }

@@ -143,8 +143,10 @@ struct Instant {
 pub struct Tracker {
     config: Config,
     side: Side,
-    /// Oldest first. One more than the configured window: the oldest pose is held, and ties the others to the past.
+    /// Oldest first. Two more than the configured window: the oldest poses are held, and tie the others to the past.
     window: VecDeque<Instant>,
+    /// Where the newest frame was expected when it came.
+    expected: na::Isometry3<f64>,
 }
 
 /// How the newest pose was found.
@@ -190,7 +192,7 @@ const ICP_POINTS: usize = 200;
 impl Tracker {
     /// A tracker that has seen nothing.
     pub fn new(config: Config, side: Side) -> Self {
-        Self { config, side, window: VecDeque::new() }
+        Self { config, side, window: VecDeque::new(), expected: na::Isometry3::identity() }
     }
 
     /// Where the motion so far leads to, for the frame after the newest; `None` before the first frame.
@@ -227,6 +229,7 @@ impl Tracker {
         start: Isometry<Model, World>,
         occupied: impl Iterator<Item = Occupied>,
     ) {
+        self.expected = start.untyped();
         let slack = self.config.penetration_slack_m;
         let deep: Vec<Occupied> = occupied.filter(|o| o.depth_m > slack).collect();
         let model_from_world = start.untyped().inverse();
@@ -298,7 +301,6 @@ impl Tracker {
 
     /// Solves the window. `None` before the first frame.
     pub fn solve(&mut self, shape: &dyn Reference) -> Option<Solution> {
-        let expected = self.window.back()?.pose;
         let mut cost = f64::INFINITY;
         // Wide at first, so that a start that is off by a centimetre is drawn in; then what the sensors deserve.
         let median = self.median_residual(shape);
@@ -313,10 +315,10 @@ impl Tracker {
             scale = (scale / 4.0).max(1.0);
         }
         let pose = self.window.back()?.pose;
-        let moved = se3::log(&(expected.inverse() * pose));
+        let moved = se3::log(&(self.expected.inverse() * pose));
         let angle = moved.fixed_rows::<3>(3).norm();
-        // Of the middle of the box, not of the frame's origin.
-        let distance = (expected.translation.vector - pose.translation.vector).norm();
+        // Of the model's origin, which lies in the object, not of the world's.
+        let distance = (self.expected.translation.vector - pose.translation.vector).norm();
         Some(Solution { pose: Isometry::new(pose), cost, surprise: [distance, angle] })
     }
 

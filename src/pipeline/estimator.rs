@@ -12,8 +12,8 @@ use scenes::hand::Side;
 use scenes::mesh::MeshDistance;
 use scenes::object::Object as TrueObject;
 use sim::gait;
+use slam::ConfigError;
 use slam::exact::KnownShape;
-use slam::field::FieldError;
 use slam::map::Map;
 use slam::{Estimate, Slam, State};
 
@@ -42,9 +42,10 @@ impl Mode {
 }
 
 /// Where the pose of a given shape starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum Init {
     /// 1 cm and 10 degrees beside the truth, in a direction that the seed decides
+    #[default]
     Near,
     /// At the truth
     Truth,
@@ -115,8 +116,8 @@ impl Estimator {
     /// Knows neither shape nor pose.
     ///
     /// # Errors
-    /// [`FieldError`] if the field's configuration is out of range.
-    pub fn new(config: &slam::Config, side: Side, seed: u64) -> Result<Self, FieldError> {
+    /// [`ConfigError`] if a setting is out of range.
+    pub fn new(config: &slam::Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
         Ok(Self::with(Slam::new(config.clone(), side, seed)?, None, side))
     }
 
