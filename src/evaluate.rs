@@ -79,7 +79,7 @@ pub struct Arguments {
 const FULL: &str = "full";
 
 /// Settings that are 0 in an ablation.
-const FACTORS: [&str; 9] = [
+const FACTORS: [&str; 13] = [
     "slam.tracker.camera_weight",
     "slam.tracker.touch_weight",
     "slam.tracker.free_space_weight",
@@ -87,16 +87,24 @@ const FACTORS: [&str; 9] = [
     "slam.tracker.velocity_weight",
     "slam.tracker.contact_weight",
     "slam.tracker.penetration_weight",
+    "slam.tracker.outline_points",
     "slam.map.refined",
+    "slam.map.loop_turn_deg",
     "slam.map.hand_part",
+    "slam.map.inside_weight",
+    "slam.field.eikonal_weight",
 ];
 
 /// Whether a factor has any effect.
 fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
     match factor {
-        "slam.tracker.camera_weight" => mode != Mode::Map && modality.has_vision(),
+        "slam.tracker.camera_weight"
+        | "slam.tracker.icp_weight"
+        | "slam.tracker.free_space_weight"
+        | "slam.tracker.outline_points" => mode != Mode::Map && modality.has_vision(),
         "slam.tracker.touch_weight" | "slam.tracker.contact_weight" => mode != Mode::Map && modality.has_touch(),
-        _ if factor.starts_with("slam.map.") => mode != Mode::Pose,
+        "slam.map.refined" | "slam.map.loop_turn_deg" => mode == Mode::Slam,
+        _ if factor.starts_with("slam.map.") || factor.starts_with("slam.field.") => mode != Mode::Pose,
         _ => mode != Mode::Map,
     }
 }
