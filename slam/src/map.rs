@@ -184,11 +184,12 @@ impl Map {
     pub fn learn(&mut self, scan: &Arc<Scan>, pose: Isometry<Model, World>, rng: &mut ChaCha8Rng) -> Learnt {
         let first = self.keyframes.is_empty();
         let promoted = self.is_new(scan, &pose.untyped());
-        let current = Keyframe::new(Arc::clone(scan), pose.untyped(), self.occupied(scan), self.half_extent_m());
+        let mut current = Keyframe::new(Arc::clone(scan), pose.untyped(), self.occupied(scan), self.half_extent_m());
         self.first_pose.get_or_insert(pose.untyped());
         if promoted {
             self.take_in(&current);
         }
+        current.thin_occupied();
         let steps = if first { self.config.first_steps } else { self.config.steps };
         for _ in 0..steps {
             self.samples.clear();

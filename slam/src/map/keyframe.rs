@@ -9,6 +9,9 @@ use scenes::hand::solid::Occupied;
 
 use crate::scan::Scan;
 
+/// Points inside the hand that a keyframe keeps.
+const OCCUPIED_KEPT: usize = 1500;
+
 /// A scan with the pose that the object had.
 #[derive(Debug, Clone)]
 pub struct Keyframe {
@@ -59,6 +62,12 @@ impl Keyframe {
     /// A direction of the world in the model's frame.
     pub(super) fn turn_to_model(&self, d: Vec3) -> Vec3 {
         (self.rotation * Vec3A::from(d)).into()
+    }
+
+    /// Keeps a part of the points inside the hand: enough to draw samples from, at a tenth of the memory.
+    pub(super) fn thin_occupied(&mut self) {
+        let stride = self.occupied.len().div_ceil(OCCUPIED_KEPT).max(1);
+        self.occupied = self.occupied.iter().copied().step_by(stride).collect();
     }
 
     /// Points inside the hand, model frame.
