@@ -18,3 +18,7 @@ pub mod surface;
 pub mod tracker;
 
 pub use slam::{Config, Estimate, Slam, Spent, State, Trust};
+
+#[cfg(test)]
+#[path = "../tests/synthetic/mod.rs"]
+mod synthetic;

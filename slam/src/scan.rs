@@ -283,3 +283,6 @@ fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> 
     rows.step_by(2)
         .all(|v| (u.saturating_sub(margin)..(u + margin + 1).min(width)).step_by(2).all(|u| depth_m[(v, u)] <= 0.0))
 }
+
+#[cfg(test)]
+mod tests;
