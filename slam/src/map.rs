@@ -270,3 +270,6 @@ impl Reference for Map {
         self.config.surface_sigma_m
     }
 }
+
+#[cfg(test)]
+mod tests;
