@@ -16,7 +16,7 @@ fn map(config: &Config) -> Map {
 }
 
 fn few() -> scan::Config {
-    scan::Config { camera_hits: 600, camera_outline: 50, camera_misses: 200, ..scan::Config::default() }
+    scan::Config { camera_outline: 50, camera_misses: 200, ..scan::Config::default() }
 }
 
 /// Frames of a brick that turns about the vertical, with the poses that a tracker gives.
@@ -84,9 +84,9 @@ fn keyframes_are_bounded_and_the_first_is_kept() {
 
 #[test]
 fn a_loop_brings_drift_back() {
-    // Tracking gains three hundredths: over a turn the object seems to have turned by 10.8 degrees too much.
+    // Over a turn the object seems to have turned by 5.4 degrees too much.
     let config = Config { refined: 0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
-    let drifting = |k| pose([0.0; 3], [0.0, 0.0, 3.09 * k as f64]);
+    let drifting = |k| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64]);
     let mut map = map(&config);
     let learnt = learn(&mut map, 121, 3.0, drifting);
     let closed: Vec<usize> = (0..learnt.len()).filter(|&k| learnt[k].correction.is_some()).collect();
@@ -104,7 +104,7 @@ fn a_loop_brings_drift_back() {
         off(&drifting(k).untyped())
     );
     let newest = map.keyframes.iter().find(|keyframe| keyframe.scan().frame == k).unwrap();
-    assert!(off(newest.pose()) < 2.0 && map.keyframes[0].pose() == &drifting(0).untyped());
+    assert!(off(newest.pose()) < 1.5 && map.keyframes[0].pose() == &drifting(0).untyped());
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn no_loop_closes_where_nothing_disagrees() {
 fn loops_survive_thinning() {
     let config = Config { keyframes: 20, refined: 1, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
     let mut map = map(&config);
-    let learnt = learn(&mut map, 150, 3.0, |k| pose([0.0; 3], [0.0, 0.0, 3.09 * k as f64]));
+    let learnt = learn(&mut map, 150, 3.0, |k| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64]));
     assert!(learnt.iter().any(|learnt| learnt.correction.is_some()));
     assert!(map.keyframes.len() <= 20 && map.keyframes.iter().all(|k| k.pose().to_homogeneous().sum().is_finite()));
 }
