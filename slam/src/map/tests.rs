@@ -27,10 +27,14 @@ fn learn(
     tracked: impl Fn(usize) -> Isometry<Model, World>,
 ) -> Vec<Learnt> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
+    // A tracker goes on in the frame that a loop corrected.
+    let mut correction = na::Isometry3::identity();
     (0..frames)
         .map(|k| {
             let depth = seen(k, BRICK, pose([0.0; 3], [0.0, 0.0, turn_deg * k as f64]));
-            let learnt = map.learn(&Arc::new(Scan::new(k, &depth, &few(), 1)), tracked(k), &mut rng);
+            let scan = Arc::new(Scan::new(k, &depth, &few(), 1));
+            let learnt = map.learn(&scan, Isometry::new(tracked(k).untyped() * correction), &mut rng);
+            correction *= learnt.correction.unwrap_or_default();
             assert_chained(map);
             learnt
         })
