@@ -33,7 +33,8 @@ pub struct Trust {
     pub learn_above: f64,
     /// A pose found again must have this confidence.
     pub found_above: f64,
-    /// No object moves farther than this from where it was expected within a frame, metres and radians.
+    /// No object moves farther than this from where it was expected within a frame, metres and radians: a pose that does is
+    /// believed only with the confidence of one that is found again.
     pub surprise: [f64; 2],
     /// Where half of the points are farther than this from the surface at the pose that the motion so far leads to, in standard
     /// deviations, the poses around it are tried.

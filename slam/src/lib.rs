@@ -20,3 +20,7 @@ pub mod tracker;
 
 pub use config::{Config, ConfigError, Trust};
 pub use slam::{Estimate, Slam, Spent, State};
+
+#[cfg(test)]
+#[path = "../tests/synthetic/mod.rs"]
+mod synthetic;

@@ -271,3 +271,6 @@ impl Reference for Map {
         self.config.surface_sigma_m
     }
 }
+
+#[cfg(test)]
+mod tests;

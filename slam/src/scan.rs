@@ -191,7 +191,9 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
                     }
                 }
                 // Every fourth pixel is enough to draw from.
-                HAND if is_sample && image.depth_m[(v, u)] > 0.0 => passed.push((u, v)),
+                HAND if is_sample && image.depth_m[(v, u)] > 0.0 && image.depth_m[(v, u)].is_finite() => {
+                    passed.push((u, v))
+                }
                 BACKGROUND if config.far_is_free && image.depth_m[(v, u)] <= 0.0 && around().contains(&OBJECT) => {
                     beside.push((u, v));
                 }
@@ -208,7 +210,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
         let along = config.camera_sigma_per_m2 * z * z * cosine;
         let sideways = if is_outline { 1.0 } else { (1.0 - cosine * cosine).sqrt() };
         let sigma_m = along.hypot(config.camera_jitter_px * z / lens.focal_px * sideways);
-        (z > 0.0).then_some(Hit { direction, range_m: z * length, normal, cosine, sigma_m })
+        (z > 0.0 && z.is_finite()).then_some(Hit { direction, range_m: z * length, normal, cosine, sigma_m })
     };
     let (chosen, _) = object.partial_shuffle(rng, config.camera_hits);
     let hits: Vec<Hit> = chosen.iter().filter_map(|pixel| hit(pixel, false)).collect();
@@ -264,7 +266,13 @@ fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut Cha
             let (direction, length) = lens.ray(u as f32, v as f32);
             let normal = lens.normal(&image.depth_m, u, v);
             let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
-            (z > 0.0).then_some(Hit { direction, range_m: z * length, normal, cosine, sigma_m: image.sigma_m })
+            (z > 0.0 && z.is_finite()).then_some(Hit {
+                direction,
+                range_m: z * length,
+                normal,
+                cosine,
+                sigma_m: image.sigma_m,
+            })
         })
         .collect();
     let (chosen, _) = free.partial_shuffle(rng, config.touch_misses);
@@ -273,7 +281,7 @@ fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut Cha
         .filter_map(|&(u, v)| {
             let z = image.depth_m[(v, u)];
             let (direction, length) = lens.ray(u as f32, v as f32);
-            (z > 0.0).then_some(Miss { direction, free_m: z * length })
+            (z > 0.0 && z.is_finite()).then_some(Miss { direction, free_m: z * length })
         })
         .collect();
     View { sensor: Sensor::Touch(finger), origin: lens.origin, hits, misses, lookup: None, outline: Vec::new() }
@@ -285,3 +293,6 @@ fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> 
     rows.step_by(2)
         .all(|v| (u.saturating_sub(margin)..(u + margin + 1).min(width)).step_by(2).all(|u| depth_m[(v, u)] <= 0.0))
 }
+
+#[cfg(test)]
+mod tests;

@@ -272,7 +272,8 @@ impl Slam {
             return self.search(solution.pose(), confidence);
         }
         let [distance, angle] = solution.surprise();
-        let jumped = self.frame > 0 && (distance > trust.surprise[0] || angle > trust.surprise[1]);
+        let is_far = distance > trust.surprise[0] || angle > trust.surprise[1];
+        let jumped = self.frame > 0 && is_far && confidence < trust.found_above;
         self.doubts = if confidence < trust.doubt_below { self.doubts + 1 } else { 0 };
         if jumped || self.doubts >= trust.lost_after {
             self.state = State::Lost;

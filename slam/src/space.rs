@@ -198,3 +198,6 @@ fn directions() -> Vec<Vec3> {
     });
     axes.into_iter().chain(even).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -551,3 +551,6 @@ pub(crate) fn to_na(v: Vec3) -> na::Vector3<f64> {
 pub(crate) fn to_vec(v: na::Vector3<f64>) -> Vec3 {
     Vec3::new(v.x as f32, v.y as f32, v.z as f32)
 }
+
+#[cfg(test)]
+mod tests;
