@@ -55,7 +55,7 @@ fn sheet(log: &Log) -> Result<image::RgbImage> {
         let touches = |finger| truth.as_ref().is_some_and(|t| t.touch[finger].contact.iter().any(|&level| level > 0));
         let contact = PerFinger::from_fn(touches);
         timeline.times_s.push(observation.time_s);
-        timeline.contact.push(contact.clone());
+        timeline.contact.push(contact);
         let fingers = |contact: &PerFinger<bool>| contact.iter().filter(|(_, touches)| **touches).count();
         let is_first = i % stretch == 0;
         if is_first || moments.last().is_some_and(|best| fingers(&best.contact) < fingers(&contact)) {

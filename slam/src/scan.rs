@@ -192,7 +192,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
                 }
                 // Every fourth pixel is enough to draw from.
                 HAND if is_sample && image.depth_m[(v, u)] > 0.0 && image.depth_m[(v, u)].is_finite() => {
-                    passed.push((u, v))
+                    passed.push((u, v));
                 }
                 BACKGROUND if config.far_is_free && image.depth_m[(v, u)] <= 0.0 && around().contains(&OBJECT) => {
                     beside.push((u, v));
