@@ -71,6 +71,16 @@ enum Knowledge {
     Known(Given),
 }
 
+impl Knowledge {
+    /// What the tracker is held against.
+    fn reference(&self) -> &dyn Reference {
+        match self {
+            Self::Growing(map) => map.as_ref(),
+            Self::Known(given) => given,
+        }
+    }
+}
+
 struct Given {
     shape: KnownShape,
     hand: HandSamples,
@@ -167,13 +177,6 @@ impl Slam {
         }
     }
 
-    fn reference(&self) -> &dyn Reference {
-        match &self.knowledge {
-            Knowledge::Growing(map) => map.as_ref(),
-            Knowledge::Known(given) => given,
-        }
-    }
-
     /// A generator for this frame, independent of all others.
     fn generator(&self, purpose: u64) -> ChaCha8Rng {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ purpose << 32);
@@ -253,13 +256,7 @@ impl Slam {
         }
         self.push(scan, start);
         let mut rng = self.generator(3);
-        let (tracker, reference) = (
-            &mut self.tracker,
-            match &self.knowledge {
-                Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
-                Knowledge::Known(given) => given,
-            },
-        );
+        let (tracker, reference) = (&mut self.tracker, self.knowledge.reference());
         if self.confidence < self.config.trust.learn_above
             || tracker.median_residual(reference) > self.config.trust.jerk_sigmas
         {
@@ -295,14 +292,10 @@ impl Slam {
                 Knowledge::Known(given) => given.centre,
             };
             let mut rng = self.generator(1);
-            let found = self.tracker.relocalise(self.reference(), centre, Some(self.pose), &mut rng);
+            let found = self.tracker.relocalise(self.knowledge.reference(), centre, Some(self.pose), &mut rng);
             if let Some(found) = found {
                 self.tracker.restart(found);
-                let reference = match &self.knowledge {
-                    Knowledge::Growing(map) => map.as_ref() as &dyn Reference,
-                    Knowledge::Known(given) => given,
-                };
-                let confidence = self.tracker.assess(reference).confidence;
+                let confidence = self.tracker.assess(self.knowledge.reference()).confidence;
                 if confidence > best.1 {
                     best = (found, confidence);
                 }

@@ -154,8 +154,6 @@ pub struct Tracker {
 pub struct Solution {
     /// The newest pose.
     pose: Isometry<Model, World>,
-    /// Robust cost of the window.
-    cost: f64,
     /// How far the solution is from what the motion before let expect, metres and radians.
     surprise: [f64; 2],
 }
@@ -301,14 +299,13 @@ impl Tracker {
 
     /// Solves the window. `None` before the first frame.
     pub fn solve(&mut self, shape: &dyn Reference) -> Option<Solution> {
-        let mut cost = f64::INFINITY;
         // Wide at first, so that a start that is off by a centimetre is drawn in; then what the sensors deserve.
         let median = self.median_residual(shape);
         let mut scale = (median / 0.674).clamp(1.0, 20.0);
         let mut left = self.config.iterations;
         loop {
             self.choose_passed(shape);
-            cost = self.descend(shape, scale, &mut left).unwrap_or(cost);
+            self.descend(shape, scale, &mut left);
             if scale <= 1.5 || left == 0 {
                 break;
             }
@@ -319,16 +316,16 @@ impl Tracker {
         let angle = moved.fixed_rows::<3>(3).norm();
         // Of the model's origin, which lies in the object, not of the world's.
         let distance = (self.expected.translation.vector - pose.translation.vector).norm();
-        Some(Solution { pose: Isometry::new(pose), cost, surprise: [distance, angle] })
+        Some(Solution { pose: Isometry::new(pose), surprise: [distance, angle] })
     }
 
-    /// Steps until the cost no longer falls; returns it.
-    fn descend(&mut self, shape: &dyn Reference, scale: f64, left: &mut usize) -> Option<f64> {
+    /// Steps until the cost no longer falls.
+    fn descend(&mut self, shape: &dyn Reference, scale: f64, left: &mut usize) {
         let mut damping = 1e-4;
         let mut system = self.linearise(shape, scale);
         while *left > 0 {
             *left -= 1;
-            let step = system.step(damping)?;
+            let Some(step) = system.step(damping) else { return };
             let before: Vec<_> = self.window.iter().map(|instant| instant.pose).collect();
             let held = self.held();
             for (i, instant) in self.window.iter_mut().skip(held).enumerate() {
@@ -354,7 +351,6 @@ impl Tracker {
                 }
             }
         }
-        Some(system.cost)
     }
 
     /// Median distance of the newest frame's points from the surface, in standard deviations.
