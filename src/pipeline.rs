@@ -22,7 +22,7 @@ use sim::directive::Directive;
 use slam::Estimate;
 use slam::metrics::{POINTS, TrueSurface};
 
-pub use estimator::{Estimator, Given, Init, Mode};
+pub use estimator::{Estimator, Given, Init, Mode, random_motion};
 pub use scorer::{Scorer, Shape, Snapshot};
 
 use crate::report::{Event, FrameRow, TrackState};

@@ -4,16 +4,15 @@ use std::collections::HashSet;
 use std::fmt::Write as _;
 
 use anyhow::{Context as _, Result};
-use nalgebra as na;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use scenes::frame::{Isometry, World};
+use scenes::frame::Isometry;
 use serde::{Deserialize, Serialize};
 use sim::episode::FRAME_HZ;
 use slam::metrics::FAILURE_M;
 
 use super::{Arguments, Episode, Key, Keyed, SIDE, Tell, key, live};
-use crate::pipeline::{Estimator, Given, Init, Mode, RunConfig, Scorer};
+use crate::pipeline::{Estimator, Given, Init, Mode, RunConfig, Scorer, random_motion};
 use crate::report::TrackState;
 use crate::source::{Modality, Source as _};
 
@@ -114,7 +113,7 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
     let (mut errors_m, mut lost, mut places) = (Vec::new(), Vec::new(), Vec::new());
     for frame in 0..last {
         if frame == fault_frame && fault != Fault::Blank {
-            source.displace_object(displacement(&mut rng));
+            source.displace_object(Isometry::new(random_motion(DISTANCE_M, ANGLE_DEG.to_radians(), &mut rng)));
         }
         let Some(mut sensed) = source.next()? else { break };
         if (fault_frame..fault_frame + blank).contains(&frame) {
@@ -156,19 +155,6 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
         astray: astray.is_some(),
         recovered_after: (from..errors_m.len()).find(steady).map(|k| k - ended),
     })
-}
-
-/// A move in a random direction with a turn about a random axis.
-fn displacement(rng: &mut ChaCha8Rng) -> Isometry<World, World> {
-    let mut direction = || loop {
-        let v = na::Vector3::from_fn(|_, _| rng.random_range(-1.0..=1.0));
-        if (1e-3..=1.0).contains(&v.norm()) {
-            return v.normalize();
-        }
-    };
-    let shift = DISTANCE_M * direction();
-    let turn = na::UnitQuaternion::new(ANGLE_DEG.to_radians() * direction());
-    Isometry::new(na::Isometry3::from_parts(shift.into(), turn))
 }
 
 /// How the trials went, as Markdown.

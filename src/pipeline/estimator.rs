@@ -64,19 +64,24 @@ impl Init {
             Self::Truth => Some(Isometry::new(truth)),
             Self::Near => {
                 let mut rng = ChaCha8Rng::seed_from_u64(seed);
-                let mut direction = || loop {
-                    // Uniform over the sphere: the direction of a point of the ball.
-                    let v = na::Vector3::from_fn(|_, _| rng.random_range(-1.0..=1.0));
-                    if (1e-3..=1.0).contains(&v.norm()) {
-                        return v.normalize();
-                    }
-                };
-                let shift = DISTANCE_M * direction();
-                let turn = na::UnitQuaternion::new(ANGLE_RAD * direction());
-                Some(Isometry::new(truth * na::Isometry3::from_parts(shift.into(), turn)))
+                Some(Isometry::new(truth * random_motion(DISTANCE_M, ANGLE_RAD, &mut rng)))
             }
         }
     }
+}
+
+/// A move of this length in a random direction with a turn by this angle about a random axis.
+pub fn random_motion(distance_m: f64, angle_rad: f64, rng: &mut ChaCha8Rng) -> na::Isometry3<f64> {
+    let mut direction = || loop {
+        // Uniform over the sphere: the direction of a point of the ball.
+        let v = na::Vector3::from_fn(|_, _| rng.random_range(-1.0..=1.0));
+        if (1e-3..=1.0).contains(&v.norm()) {
+            return v.normalize();
+        }
+    };
+    let shift = distance_m * direction();
+    let turn = na::UnitQuaternion::new(angle_rad * direction());
+    na::Isometry3::from_parts(shift.into(), turn)
 }
 
 /// A shape that is given.
