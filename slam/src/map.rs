@@ -86,7 +86,7 @@ impl Default for Config {
             passed_part: 0.15,
             hand_part: 0.05,
             free_weight: 1.0,
-            inside_weight: 0.3,
+            inside_weight: 0.1,
             keyframe_turn_deg: 8.0,
             keyframe_distance_m: 0.005,
             keyframe_interval_s: 0.5,

@@ -47,7 +47,8 @@ impl Tracker {
             .enumerate()
             .filter(|(i, v)| trusted[*i] && distances[*i].value_m < v.clearance_m - FREE_TOLERANCE_M)
             .count();
-        let free = 1.0 - violated as f64 / asked.max(1) as f64;
+        // One of one that is violated is chance, not evidence.
+        let free = 1.0 - violated as f64 / asked.max(FEWEST_POINTS) as f64;
         if count < FEWEST_POINTS {
             return Assessment { free, ..nothing };
         }

@@ -308,6 +308,22 @@ fn confidence_falls_with_distance_from_the_truth() {
 }
 
 #[test]
+fn one_point_of_the_hand_does_not_outweigh_a_camera() {
+    let solid = Solid::Ball(0.03);
+    let at = pose([0.0; 3], [0.0; 3]);
+    let scan = Arc::new(Scan::new(0, &seen(0, solid, at), &scan::Config::default(), 1));
+    let shape = Ball { centre: Vec3::ZERO, radius: 0.03 };
+    let inside = Occupied { point: to_vec((at.untyped() * na::Point3::new(0.0, 0.0, 0.02)).coords), depth_m: 0.005 };
+    let confidence = |occupied: &[Occupied]| {
+        let mut tracker = Tracker::new(Config::default(), Side::Right);
+        tracker.push(&shape, Arc::clone(&scan), at, occupied.iter().copied());
+        tracker.assess(&shape).confidence
+    };
+    let (one, many) = (confidence(&[inside]), confidence(&[inside; 40]));
+    assert!(one > 0.9 && many < 0.1, "{one} {many}");
+}
+
+#[test]
 fn free_space_bounds_what_depth_alone_leaves_open() {
     // A block seen straight from the front: only what passes beside it tells where it is sideways.
     let solid = Solid::Block([0.02, 0.02, 0.02]);
