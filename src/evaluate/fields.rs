@@ -25,17 +25,12 @@ use crate::pipeline::{Estimator, Mode, RunConfig};
 use crate::report::ShapeScores;
 use crate::source::{Modality, Source as _};
 
-/// The map of the run that tracks: it refines the poses of its keyframes and closes loops.
-const REFINED: &str = "refined";
-/// The same field taught with the poses as they were tracked.
-const DENSE: &str = "dense";
-/// A field of hashed levels in the same way.
-const HASHED: &str = "hashed";
-/// A grid of truncated distances.
-const TSDF: &str = "tsdf";
-const NAMES: [&str; 4] = [REFINED, DENSE, HASHED, TSDF];
+/// What is compared: the map of the run that tracks, which refines the poses of its keyframes and closes loops; the same field,
+/// taught with the poses as they were tracked; one with hashed levels; and a grid of truncated distances.
+const NAMES: [&str; 4] = ["refined", "dense", "hashed", "tsdf"];
 
-/// Vertices per axis of a hashed field: eight levels, each 1.49 times as fine as the one before, as in Instant-NGP (Mueller et al. 2022).
+/// Vertices per axis of the hashed field: eight levels, each 1.49 times as fine as the one before, as in
+/// Instant-NGP (Mueller et al. 2022).
 const HASHED_LEVELS: [u32; 8] = [8, 12, 18, 26, 39, 58, 86, 128];
 /// Its finer levels share tables of two to this entries.
 const HASHED_TABLE_LOG2: u32 = 16;

@@ -128,10 +128,12 @@ impl Tsdf {
         KnownShape::of_nodes(Vec3::splat(-self.half_extent_m), VOXEL_M, [self.count; 3], |at| {
             let Voxel { distance_m, weight } = self.voxels[self.index(at)];
             let centre = self.centre(Vec3::from_array(at.map(|x| x as f32)));
-            match weight >= OBSERVED {
-                true => distance_m,
-                false if space.is_within_hull(centre) => -TRUNCATION_M,
-                false => TRUNCATION_M,
+            if weight >= OBSERVED {
+                distance_m
+            } else if space.is_within_hull(centre) {
+                -TRUNCATION_M
+            } else {
+                TRUNCATION_M
             }
         })
     }
