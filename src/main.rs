@@ -5,6 +5,7 @@ mod assets;
 mod evaluate;
 mod generate;
 mod inspect;
+mod mesh;
 mod pipeline;
 mod progress;
 mod recorder;
@@ -46,6 +47,7 @@ enum Command {
     Assets(assets::Command),
     Inspect(inspect::Arguments),
     Score(score::Arguments),
+    Mesh(mesh::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -70,6 +72,7 @@ fn main() -> ExitCode {
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
+        Some(Command::Mesh(arguments)) => mesh::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -20,6 +20,7 @@ use scenes::object::Object as TrueObject;
 use serde::{Deserialize, Serialize};
 use sim::directive::Directive;
 use slam::Estimate;
+use slam::map::Map;
 use slam::metrics::{POINTS, TrueSurface};
 
 pub use estimator::{Estimator, Given, Init, Mode, random_motion};
@@ -107,6 +108,8 @@ pub struct Pipeline<'a> {
     pub side: Side,
     /// The true object, where it is known.
     pub object: Option<&'a TrueObject>,
+    /// What an earlier run has learnt, to go on with.
+    pub map: Option<Map>,
     /// Directs the hand.
     pub supervisor: Option<Supervisor>,
     /// Everything on the calling thread.
@@ -293,15 +296,16 @@ impl Pipeline<'_> {
                 "where the object is at the first frame is not known; there are --mode slam and --init search";
             let known = match &mut estimator {
                 Some(known) => known,
-                None => estimator.insert(match given.take() {
-                    None => Estimator::new(&self.config.slam, self.side, self.seed)?,
-                    Some(given) => {
+                None => estimator.insert(match (given.take(), self.map.take()) {
+                    (Some(given), _) => {
                         let start = match self.init {
                             Init::Search => None,
                             init => init.start(truth.context(unknown)?, self.seed),
                         };
                         Estimator::with_shape(&self.config.slam, self.side, self.seed, given, start)
                     }
+                    (None, Some(map)) => Estimator::resume(&self.config.slam, self.side, self.seed, map)?,
+                    (None, None) => Estimator::new(&self.config.slam, self.side, self.seed)?,
                 }),
             };
             let given_pose = match self.mode {

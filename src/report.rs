@@ -15,7 +15,7 @@ use slam::metrics::AddS;
 
 mod curves;
 mod error_colour;
-mod mesh_file;
+pub mod mesh_file;
 mod summary;
 #[cfg(test)]
 mod tests;

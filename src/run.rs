@@ -14,6 +14,7 @@ use scenes::hand::Side;
 use scenes::mesh::Mesh;
 use scenes::object::Object;
 use sim::gait;
+use slam::map::Map;
 use slam::metrics::{POINTS, TrueSurface};
 
 use crate::pipeline::{Finished, Init, Mode, Pipeline, Progress, RunConfig};
@@ -27,8 +28,6 @@ use crate::{progress, score};
 
 /// Name of the file with every setting.
 const CONFIG: &str = "config.toml";
-/// Name of the file with the learnt field.
-const FIELD: &str = "field.safetensors";
 /// The object of a run that is not told otherwise.
 const OBJECT: &str = "077_rubiks_cube";
 /// Its likeness that needs no download.
@@ -40,8 +39,9 @@ const OFFLINE_OBJECT: &str = "rubiks_cube_small";
 /// estimate alone. Without --object either, the object is the Rubik's cube, 077_rubiks_cube.
 ///
 /// DIR receives summary.json (the run in numbers), trajectory.csv (every frame), mesh.ply and mesh.obj (the shape), curves.svg, mesh.gif,
-/// field.safetensors and config.toml, with which --config repeats the run. They are there in part from the first second on; of an
-/// interrupted run summary.json says "complete": false.
+/// and config.toml: every setting, under the command that repeats the run. They are there in part from the first second on; of an
+/// interrupted run summary.json says "complete": false. Where the shape is estimated there are also field.safetensors and
+/// keyframes.safetensors: what was learnt, for `mesh` and --resume.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Object: a name that `assets list` shows, or the path of a mesh in metres. With --log, the object to score against instead of the
@@ -76,6 +76,9 @@ pub struct Arguments {
     /// Where the pose starts with --mode pose; `near` if not given
     #[arg(long, value_enum)]
     init: Option<Init>,
+    /// Goes on with the shape that an earlier run has learnt, in its folder; the object is searched for first
+    #[arg(long, value_name = "DIR")]
+    resume: Option<PathBuf>,
     /// Settings as TOML, as config.toml of another run
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -131,6 +134,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.init.is_some() && arguments.mode != Mode::Pose {
         bail!("--init is for --mode pose; in the other modes the first frame decides");
     }
+    if arguments.resume.is_some() && arguments.mode != Mode::Slam {
+        bail!("--resume is for --mode slam; in the other modes shape or pose is given");
+    }
     if matches!(arguments.goal, Goal::Coverage(_)) && arguments.mode == Mode::Pose {
         bail!("--goal coverage is for a shape that grows; with --mode pose it is known from the start");
     }
@@ -143,8 +149,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(log) => from_log(arguments, log, &config)?,
         None => live(arguments, &config)?,
     };
+    // Read before anything is removed: it may be the folder that is written to.
+    let map = match &arguments.resume {
+        Some(folder) => Some(Map::load(folder, config.slam.map.clone(), side)?),
+        None => None,
+    };
     prepare(&arguments.out)?;
-    report::write_file(&arguments.out, CONFIG, settings::to_toml(&config)?.as_bytes())?;
+    let settings = format!("# {}\n{}", repeat(arguments, &name, seed), settings::to_toml(&config)?);
+    report::write_file(&arguments.out, CONFIG, settings.as_bytes())?;
 
     let pipeline = Pipeline {
         config: &config,
@@ -153,6 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         seed,
         side,
         object: object.as_ref(),
+        map,
         supervisor,
         single_threaded: arguments.threads == Some(1),
     };
@@ -168,7 +181,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let finished = pipeline.run(source.as_mut(), &stop, &mut |progress| recorder.receive(progress))?;
     let summary = recorder.finish(&finished, object.as_ref())?;
     if let Some(map) = finished.estimator.map() {
-        map.field().save(&arguments.out.join(FIELD))?;
+        map.save(&arguments.out)?;
     }
     if arguments.json {
         print_line(&serde_json::to_string_pretty(&summary)?)?;
@@ -179,6 +192,35 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         bail!("interrupted; {} holds the run up to there", arguments.out.display());
     }
     Ok(())
+}
+
+/// The command that repeats a run with the settings that it is written above.
+fn repeat(arguments: &Arguments, object: &str, seed: u64) -> String {
+    let quoted = |text: &str| match text.contains(|c: char| !(c.is_ascii_alphanumeric() || "_-./,=:".contains(c))) {
+        true => format!("'{}'", text.replace('\'', "'\\''")),
+        false => text.to_owned(),
+    };
+    let mut command = format!("mambavitact run --object {}", quoted(object));
+    let mut add = |key: &str, value: Option<String>| {
+        if let Some(value) = value {
+            command += &format!(" --{key} {}", quoted(&value));
+        }
+    };
+    let path = |path: &Path| path.display().to_string();
+    add("log", arguments.log.as_deref().map(path));
+    add("seed", Some(seed.to_string()));
+    add("mode", Some(arguments.mode.name().to_owned()));
+    add("modality", Some(arguments.modality.name().to_owned()));
+    add("cameras", arguments.cameras.clone());
+    add("duration", arguments.duration.map(|seconds| seconds.to_string()));
+    add("init", arguments.init.map(|init| init.name().to_owned()));
+    add("resume", arguments.resume.as_deref().map(path));
+    if arguments.log.is_none() {
+        add("goal", Some(arguments.goal.to_string()));
+        add("gait", Some(arguments.manner.gait.clone()));
+        add("side", Some(arguments.manner.side.name().to_owned()));
+    }
+    command + " --config config.toml"
 }
 
 /// The main job: what the program does without a command.
@@ -247,8 +289,17 @@ fn default_object() -> Result<(String, Object)> {
 }
 
 /// The files that a run may have left.
-const OURS: [&str; 8] =
-    [file::SUMMARY, file::TRAJECTORY, file::PLY, file::OBJ, file::CURVES, file::TURNTABLE, CONFIG, FIELD];
+const OURS: [&str; 9] = [
+    file::SUMMARY,
+    file::TRAJECTORY,
+    file::PLY,
+    file::OBJ,
+    file::CURVES,
+    file::TURNTABLE,
+    CONFIG,
+    Map::FILES[0],
+    Map::FILES[1],
+];
 
 /// Checks that a folder holds nothing but a run, which may be replaced.
 fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {

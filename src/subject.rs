@@ -37,6 +37,16 @@ pub enum Hand {
     Right,
 }
 
+impl Hand {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Hand::Left => "left",
+            Hand::Right => "right",
+        }
+    }
+}
+
 impl Subject {
     /// Loads the object, shows the warnings about its mesh and chooses the gait.
     pub fn load(&self) -> Result<(Object, &'static str, &'static Gait)> {

@@ -4,6 +4,7 @@
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
+use std::fmt;
 use std::str::FromStr;
 
 use nalgebra::Vector2;
@@ -20,6 +21,17 @@ pub enum Goal {
     Coverage(f64),
     /// The time is up; the episode's duration says when.
     Time,
+}
+
+impl fmt::Display for Goal {
+    /// As it is parsed.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Goal::Turn(rad) => write!(f, "turn={rad}rad"),
+            Goal::Coverage(part) => write!(f, "coverage={part}"),
+            Goal::Time => f.write_str("time"),
+        }
+    }
 }
 
 /// A goal that cannot be understood.

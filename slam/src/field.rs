@@ -4,7 +4,7 @@
 //! elsewhere. [`Trainer`] holds a field and what its optimiser remembers. Everything runs on the calling thread with the
 //! fastest [`Instructions`] of the machine, and gives the same bits for the same input on the same instructions.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::Vec3;
 use pulp::{Simd, WithSimd};
@@ -12,6 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::shape::{Distance, Shape};
+use crate::tensors::{Contents, FileError};
 
 mod config;
 mod file;
@@ -43,32 +44,9 @@ pub enum FieldError {
         /// Its value and what it may be.
         message: String,
     },
-    /// The file could not be read or written.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// The file is not safetensors, is cut off or has no configuration.
-    #[error("{}: {message}; it was not written as a field, or is damaged", path.display())]
-    File {
-        /// Which file.
-        path: PathBuf,
-        /// What is wrong.
-        message: String,
-    },
-    /// A tensor is missing or is not what the configuration in the file asks for.
-    #[error("{}: tensor {tensor} {message}", path.display())]
-    Tensor {
-        /// Which file.
-        path: PathBuf,
-        /// Which tensor.
-        tensor: String,
-        /// What is wrong with it.
-        message: String,
-    },
+    /// The file could not be read or written, or is no field's.
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
 /// The signed distance to a surface, learnt: negative inside, in units of the truncation, interpolated and passed through a network.
@@ -148,7 +126,7 @@ impl Field {
     /// # Errors
     /// If the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), FieldError> {
-        file::save(path, self, &[("", &self.parameters)], None)
+        Ok(file::save(path, self, &[("", &self.parameters)], None)?)
     }
 
     /// Reads a field that [`Field::save`] or [`Trainer::save`] wrote.
@@ -156,7 +134,7 @@ impl Field {
     /// # Errors
     /// If the file cannot be read or is not what they write; the error names the tensor that is missing, misshapen or not finite.
     pub fn load(path: &Path) -> Result<Self, FieldError> {
-        file::Contents::read(path)?.field()
+        file::field(&Contents::read(path)?)
     }
 }
 

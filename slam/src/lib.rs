@@ -16,10 +16,12 @@ pub mod shape;
 mod slam;
 pub mod space;
 pub mod surface;
+mod tensors;
 pub mod tracker;
 
 pub use config::{Config, ConfigError, Trust};
 pub use slam::{Estimate, Slam, Spent, State};
+pub use tensors::FileError;
 
 #[cfg(test)]
 #[path = "../tests/synthetic/mod.rs"]

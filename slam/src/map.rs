@@ -1,5 +1,6 @@
 //! The shape as it grows: keyframes, what they say of space, and the field that is taught from them.
 
+mod file;
 mod keyframe;
 mod loops;
 mod refine;
@@ -137,10 +138,15 @@ impl Map {
     /// # Errors
     /// [`FieldError`] if the field's configuration is out of range.
     pub fn new(config: Config, field: &field::Config, side: Side, seed: u64) -> Result<Self, FieldError> {
-        Ok(Self {
+        Ok(Self::with(config, Trainer::new(Field::new(field, seed)?), side))
+    }
+
+    /// A map of nothing with a field that may have learnt something.
+    fn with(config: Config, trainer: Trainer, side: Side) -> Self {
+        Self {
             config,
-            space: Space::new(field.half_extent_m),
-            trainer: Trainer::new(Field::new(field, seed)?),
+            space: Space::new(trainer.field().config().half_extent_m),
+            trainer,
             keyframes: Vec::new(),
             edges: Vec::new(),
             inside: Vec::new(),
@@ -148,7 +154,7 @@ impl Map {
             samples: Vec::new(),
             first_pose: None,
             next_refined: 0,
-        })
+        }
     }
 
     /// The field as learnt so far.
@@ -225,11 +231,15 @@ impl Map {
     }
 
     fn take_in(&mut self, keyframe: &Keyframe) {
+        self.add_to_space(keyframe);
+        self.inside = self.space.unseen_inside();
+    }
+
+    fn add_to_space(&mut self, keyframe: &Keyframe) {
         for view in &keyframe.scan().views {
             self.space.add(view, |p| keyframe.to_model(p));
         }
         self.space.add_occupied(keyframe.occupied().iter().copied());
-        self.inside = self.space.unseen_inside();
     }
 
     /// Drops every other keyframe of the older half once there are too many. The first, which fixes the frame, stays.
@@ -243,6 +253,11 @@ impl Map {
             i += 1;
             i == 1 || i > older || i % 2 == 0
         });
+        self.chain();
+    }
+
+    /// Ties each keyframe to the one before, and nothing else.
+    fn chain(&mut self) {
         let motion = |pair: &[Keyframe]| pair[0].pose().inverse() * pair[1].pose();
         let chain = self.keyframes.windows(2).map(motion).enumerate();
         self.edges =

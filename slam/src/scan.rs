@@ -2,7 +2,7 @@
 
 mod lens;
 
-use lens::Lens;
+pub(crate) use lens::Lens;
 pub use lens::Lookup;
 
 use glam::Vec3;

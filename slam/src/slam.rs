@@ -141,6 +141,18 @@ impl Slam {
         Ok(Self::with(config, side, seed, Knowledge::Growing(Box::new(map)), State::Waiting, Isometry::identity()))
     }
 
+    /// Goes on with a map that an earlier run has learnt, from an unknown pose: the object is searched for first.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if a setting is out of range.
+    pub fn resume(config: Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
+        config.validate()?;
+        let pose = map.keyframes().last().map_or_else(Isometry::identity, |last| Isometry::new(*last.pose()));
+        // A map of nothing is begun, not resumed.
+        let state = if map.keyframes().is_empty() { State::Waiting } else { State::Lost };
+        Ok(Self::with(config, side, seed, Knowledge::Growing(Box::new(map)), state, pose))
+    }
+
     /// Knows the shape, given with its bounds in the model's frame (lowest and highest corner, metres), and roughly the pose;
     /// without one it searches.
     pub fn with_shape(

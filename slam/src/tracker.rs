@@ -88,7 +88,7 @@ impl Default for Config {
             contact_weight: 1.0,
             penetration_weight: 1.0,
             camera_independent: 200.0,
-            touch_independent: 20.0,
+            touch_independent: 6.0,
             velocity_kept: 0.6,
             velocity_sigma: [0.001, 0.03],
             slip_sigma_m: 0.001,

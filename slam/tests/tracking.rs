@@ -7,6 +7,7 @@ use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Model, World};
 use scenes::hand::Side;
 use slam::exact::KnownShape;
+use slam::map::Map;
 use slam::shape::Shape as _;
 use slam::{Config, Estimate, Slam, State};
 use synthetic::{BRICK, Solid, camera, frame, pose, see, seen};
@@ -39,6 +40,33 @@ fn tumbling(k: usize) -> Pose {
         [0.0006 * t, 0.006 * (0.15 * t).sin(), 0.004 * (0.1 * t).sin()],
         [20.0 + 1.5 * t, 10.0 + 8.0 * (0.1 * t).sin(), 2.0 * t],
     )
+}
+
+/// What a run learnt serves another that begins from nowhere: the object is found, in the frame that it had.
+#[test]
+fn a_run_goes_on_from_a_saved_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = Slam::new(Config::default(), Side::Right, 1).unwrap();
+    let mut last = first.step(&seen(0, BRICK, tumbling(0)));
+    let model_from_brick = last.pose.untyped().inverse() * tumbling(0).untyped();
+    for k in 1..60 {
+        last = first.step(&seen(k, BRICK, tumbling(k)));
+    }
+    let off = |estimate: &Estimate, k: usize| {
+        let found = Isometry::new(estimate.pose.untyped() * model_from_brick);
+        off_surface(BRICK, found, tumbling(k))
+    };
+    let before_m = off(&last, 59);
+    first.map().unwrap().save(folder.path()).unwrap();
+    let map = Map::load(folder.path(), Config::default().map, Side::Right).unwrap();
+    let keyframes = map.keyframes().len();
+    let mut second = Slam::resume(Config::default(), Side::Right, 2, map).unwrap();
+    let estimates: Vec<Estimate> = (0..40).map(|k| second.step(&seen(k, BRICK, tumbling(40 + k / 4)))).collect();
+    let found = estimates.iter().position(|estimate| estimate.state == State::Tracking).expect("is found");
+    assert!(found <= 10, "found at frame {found}");
+    let after_m = off(&estimates[39], 49);
+    assert!(after_m < before_m + 0.0015, "{:.2} mm, {:.2} mm before", after_m * 1e3, before_m * 1e3);
+    assert!(second.map().unwrap().keyframes().len() > keyframes, "it goes on learning");
 }
 
 fn blind(k: usize) -> DepthFrame {

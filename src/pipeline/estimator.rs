@@ -54,6 +54,15 @@ pub enum Init {
 }
 
 impl Init {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Near => "near",
+            Self::Truth => "truth",
+            Self::Search => "search",
+        }
+    }
+
     /// The start, where the truth is this.
     pub fn start(self, truth: Isometry<Object, World>, seed: u64) -> Option<Isometry<Model, World>> {
         const DISTANCE_M: f64 = 0.01;
@@ -124,6 +133,14 @@ impl Estimator {
     /// [`ConfigError`] if a setting is out of range.
     pub fn new(config: &slam::Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
         Ok(Self::with(Slam::new(config.clone(), side, seed)?, None, side))
+    }
+
+    /// Knows what an earlier run has learnt, and not the pose.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if a setting is out of range.
+    pub fn resume(config: &slam::Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
+        Ok(Self::with(Slam::resume(config.clone(), side, seed, map)?, None, side))
     }
 
     /// Knows the shape and roughly, or not at all, the pose.

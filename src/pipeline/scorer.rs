@@ -44,7 +44,8 @@ impl Scorer {
         truth: Option<Isometry<Object, World>>,
         sense_ms: f64,
     ) -> FrameRow {
-        if estimate.state != State::Waiting && self.gauge.is_none() {
+        // A pose that is not believed fixes nothing: a run that is resumed begins with a search.
+        if estimate.state == State::Tracking && self.gauge.is_none() {
             // Without truth any will do.
             self.gauge = Some(truth.map_or_else(Isometry::identity, |truth| truth.inverse() * estimate.pose));
         }

@@ -10,10 +10,11 @@ use sim::feelsight::npz::{DeflatedFrame, Reader, Writer};
 
 use crate::workplace::Workplace;
 
-const FILES: [&str; 8] = [
+const FILES: [&str; 9] = [
     "config.toml",
     "curves.svg",
     "field.safetensors",
+    "keyframes.safetensors",
     "mesh.gif",
     "mesh.obj",
     "mesh.ply",
@@ -127,6 +128,30 @@ fn a_log_serves_all_modes() {
     let said = workplace.run(&format!("run --log {LOG} --cameras front-left")).error();
     assert!(said.contains("\"front-left\"") && said.contains("there are side"), "{said}");
     assert!(workplace.run(&format!("run --log {LOG} --goal turn=1rev")).usage().contains("--log"));
+}
+
+#[test]
+fn what_was_learnt_is_gone_on_with_and_looked_at() {
+    let workplace = with_log();
+    workplace.run(&format!("run --log {LOG} --quiet")).good();
+    let size = |folder: &str| fs::metadata(workplace.path(folder).join("keyframes.safetensors")).unwrap().len();
+    let before = size("out");
+    workplace.run(&format!("run --log {LOG} --resume out --out again --quiet")).good();
+    let again = summary(&workplace, "again");
+    assert!(again["lost_frames"].as_u64().unwrap() < 10 && again["f_score"]["5"].as_f64().unwrap() > 0.5, "{again}");
+    assert!(size("again") > before);
+    let settings = fs::read_to_string(workplace.path("again/config.toml")).unwrap();
+    let command = format!("# mambavitact run --object cube70 --log {LOG} --seed 0 --mode slam");
+    assert!(settings.starts_with(&command) && settings.contains("--resume out"), "{settings}");
+
+    let told = workplace.run("mesh --run out --cell-mm 2 --out shape.obj").good();
+    assert!(told.contains("triangles") && workplace.path("shape.obj").exists(), "{told}");
+    assert!(workplace.run("mesh --run out --out shape.stl").error().contains(".ply or .obj"));
+    assert!(workplace.run("mesh --run nowhere --out shape.ply").error().contains("nowhere"));
+    fs::write(workplace.path("again/keyframes.safetensors"), "no tensors").unwrap();
+    let said = workplace.run(&format!("run --log {LOG} --resume again")).error();
+    assert!(said.contains("keyframes.safetensors"), "{said}");
+    assert!(workplace.run(&format!("run --log {LOG} --resume out --mode pose")).error().contains("--mode slam"));
 }
 
 #[test]

@@ -8,6 +8,7 @@ use pulp::{Simd, WithSimd};
 use super::grid::{CHUNK, FEATURES, LINE, Row, scatter};
 use super::network::Network;
 use super::{Chunk, Field, FieldError, Parameters, file};
+use crate::tensors::Contents;
 
 /// How much of the running mean of gradients and of their squares a step keeps.
 const KEEP: [f32; 2] = [0.9, 0.99];
@@ -108,7 +109,7 @@ impl Trainer {
     pub fn save(&self, path: &Path) -> Result<(), FieldError> {
         let [mean, square] = &self.moments;
         let parameters = [("", &self.field.parameters), ("mean.", mean), ("square.", square)];
-        file::save(path, &self.field, &parameters, Some(self.steps))
+        Ok(file::save(path, &self.field, &parameters, Some(self.steps))?)
     }
 
     /// Reads what [`Trainer::save`] wrote.
@@ -116,10 +117,10 @@ impl Trainer {
     /// # Errors
     /// If the file cannot be read or is not what it writes; the error names the tensor that is missing, misshapen or not finite.
     pub fn load(path: &Path) -> Result<Self, FieldError> {
-        let contents = file::Contents::read(path)?;
-        let field = contents.field()?;
-        let moments = [contents.parameters("mean.", &field)?, contents.parameters("square.", &field)?];
-        Ok(Self { moments, steps: contents.steps()?, ..Self::new(field) })
+        let contents = Contents::read(path)?;
+        let field = file::field(&contents)?;
+        let moments = [file::parameters(&contents, "mean.", &field)?, file::parameters(&contents, "square.", &field)?];
+        Ok(Self { moments, steps: file::steps(&contents)?, ..Self::new(field) })
     }
 }
 

@@ -1,3 +1,5 @@
+mod disk;
+
 use rand::SeedableRng as _;
 use scenes::hand::Side;
 

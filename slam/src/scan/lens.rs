@@ -9,12 +9,12 @@ use super::{Hit, NORMAL_REACH_PX, NORMAL_STEP_M};
 
 /// A camera in the world, in the `f32` of rays.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Lens {
-    rotation: glam::Mat3A,
+pub(crate) struct Lens {
+    pub rotation: glam::Mat3A,
     pub origin: Vec3,
     pub focal_px: f32,
-    centre: [f32; 2],
-    focal: [f32; 2],
+    pub centre: [f32; 2],
+    pub focal: [f32; 2],
 }
 
 impl Lens {
@@ -77,6 +77,8 @@ const CELL_PX: usize = 4;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lookup {
     lens: Lens,
+    /// Width and height of the image, pixels.
+    size: [usize; 2],
     columns: usize,
     rows: usize,
     /// The hit in each cell, or `u32::MAX`.
@@ -84,15 +86,23 @@ pub struct Lookup {
 }
 
 impl Lookup {
-    pub(super) fn new(lens: Lens, width: usize, height: usize, origin: Vec3, hits: &[Hit]) -> Self {
+    pub(crate) fn new(lens: Lens, width: usize, height: usize, origin: Vec3, hits: &[Hit]) -> Self {
         let (columns, rows) = (width.div_ceil(CELL_PX), height.div_ceil(CELL_PX));
-        let mut lookup = Self { lens, columns, rows, cells: vec![u32::MAX; columns * rows] };
+        let mut lookup = Self { lens, size: [width, height], columns, rows, cells: vec![u32::MAX; columns * rows] };
         for (i, hit) in (0..).zip(hits) {
             if let Some(cell) = lookup.cell(origin + hit.direction * hit.range_m) {
                 lookup.cells[cell] = i;
             }
         }
         lookup
+    }
+
+    pub(crate) fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    pub(crate) fn size(&self) -> [usize; 2] {
+        self.size
     }
 
     fn cell(&self, point: Vec3) -> Option<usize> {

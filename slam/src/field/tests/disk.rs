@@ -94,10 +94,10 @@ fn damage_is_named() {
     assert!(replaced("[4,6]", "[4,1]").contains("levels"));
     assert!(replaced("\"config\"", "\"konfig\"").contains("there is no config"));
     for length in [0, 7, 100, bytes.len() - 1] {
-        assert!(message(&bytes[..length]).contains("not written as a field"), "{}", message(&bytes[..length]));
+        assert!(message(&bytes[..length]).contains("written by something else"), "{}", message(&bytes[..length]));
     }
     let missing = Field::load(Path::new("/nonexistent/field")).unwrap_err();
-    assert!(matches!(missing, FieldError::Io { .. }));
+    assert!(matches!(missing, FieldError::File(FileError::Io { .. })));
 }
 
 proptest! {

@@ -1,0 +1,93 @@
+//! Maps on disk: what comes back, and damage.
+
+use std::fs;
+use std::sync::LazyLock;
+
+use proptest::prelude::*;
+
+use super::*;
+
+fn learnt() -> Map {
+    // Poses that are refined later would have space differ, which is filled from them as they are.
+    let mut map = map(&Config { refined: 0, ..quick().0 });
+    learn(&mut map, 12, 5.0, turned(5.0));
+    map
+}
+
+fn loaded(folder: &std::path::Path) -> Result<Map, field::FieldError> {
+    Map::load(folder, quick().0, Side::Right)
+}
+
+#[test]
+fn a_map_comes_back_as_it_was() {
+    let map = learnt();
+    let folder = tempfile::tempdir().unwrap();
+    map.save(folder.path()).unwrap();
+    let back = loaded(folder.path()).unwrap();
+    assert_chained(&back);
+    assert_eq!(back.keyframes.len(), map.keyframes.len());
+    let last_s = map.keyframes.last().unwrap().scan().time_s;
+    for (was, is) in map.keyframes.iter().zip(&back.keyframes) {
+        assert_eq!(was.scan().views, is.scan().views);
+        assert_eq!(was.scan().joints, is.scan().joints);
+        assert!((was.scan().time_s - last_s - is.scan().time_s).abs() < 1e-12);
+        assert!((was.pose().inverse() * is.pose()).translation.vector.norm() < 1e-12);
+        assert!(was.pose().rotation.angle_to(&is.pose().rotation) < 1e-6);
+    }
+    assert_eq!(back.space.bounds(), map.space.bounds());
+    assert_eq!(back.inside, map.inside);
+    let points: Vec<Vec3> = (0..100).map(|i| Vec3::splat(0.001 * i as f32 - 0.05)).collect();
+    let distances = |map: &Map| {
+        let mut out = vec![0.0; points.len()];
+        map.distances(&points, &mut out);
+        out
+    };
+    assert_eq!(distances(&back), distances(&map));
+    assert_eq!(back.field_from_model(), na::Isometry3::identity());
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let message = || loaded(folder.path()).err().unwrap().to_string();
+    assert!(message().contains("field.safetensors"), "{}", message());
+    let map = learnt();
+    map.save(folder.path()).unwrap();
+    fs::copy(folder.path().join(Map::FILES[0]), folder.path().join(Map::FILES[1])).unwrap();
+    assert!(message().contains("keyframes.safetensors: tensor time_s"), "{}", message());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever happens to the bytes, reading gives an error or keyframes.
+    #[test]
+    fn damaged_keyframes_do_not_panic(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..3u8), 1..6),
+        cut in prop::option::of(any::<prop::sample::Index>()),
+    ) {
+        static WHOLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+            let mut map = map(&quick().0);
+            learn(&mut map, 2, 10.0, turned(10.0));
+            let folder = tempfile::tempdir().unwrap();
+            map.save(folder.path()).unwrap();
+            fs::read(folder.path().join(Map::FILES[1])).unwrap()
+        });
+        let mut bytes = WHOLE.clone();
+        // The header, the start of the data (small tensors lie anywhere), or any byte.
+        let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        for (index, value, place) in changes {
+            let range = [0..header, header..header + 2000, 0..bytes.len()][usize::from(place)].clone();
+            let at = range.start + index.index(range.len());
+            bytes[at] = value;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        let file = tempfile::NamedTempFile::new().unwrap();
+        fs::write(file.path(), bytes).unwrap();
+        if let Ok(keyframes) = super::super::file::read(file.path()) {
+            prop_assert!(keyframes.iter().all(|(scan, _)| scan.time_s.is_finite()));
+        }
+    }
+}
