@@ -99,10 +99,7 @@ impl Tsdf {
         for Occupied { point, depth_m } in occupied {
             if let Some((i, _)) = self.voxel(point) {
                 let voxel = &mut self.voxels[i];
-                let least_m = depth_m.min(TRUNCATION_M);
-                if voxel.weight == 0.0 || voxel.distance_m < least_m {
-                    voxel.add(least_m, FREE_WEIGHT);
-                }
+                voxel.add(voxel.distance_m.max(depth_m.min(TRUNCATION_M)), FREE_WEIGHT);
             }
         }
     }
