@@ -1,7 +1,9 @@
 //! `evaluate`: many runs, and tables of their scores.
 
 mod faults;
+mod fields;
 mod table;
+mod tsdf;
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs::{self, File, OpenOptions};
@@ -49,7 +51,8 @@ pub struct Arguments {
     /// Which sensors are used
     #[arg(long, value_enum, value_delimiter = ',', default_value = "vitac,vi")]
     modalities: Vec<Modality>,
-    /// Cameras; sets with semicolons between, the cameras of a set with commas
+    /// Cameras, by name or as azimuth/elevation in degrees such as 330/35; sets with semicolons between, the cameras of a set with
+    /// commas
     #[arg(long, value_delimiter = ';', default_value = "side")]
     cameras: Vec<String>,
     /// Longest duration of an episode, seconds
@@ -64,6 +67,11 @@ pub struct Arguments {
     /// Instead of whole runs: a known shape that is teleported, a camera that is blanked, and both
     #[arg(long, conflicts_with = "ablate")]
     faults: bool,
+    /// Instead of modes and modalities: a run of mode slam with camera and touch, and the shapes that a dense and a hashed field and a
+    /// grid of truncated distances (TSDF) come to from the same rays at the poses that it tracked. All are given each pose as it was
+    /// when its frame was tracked; only the run's own map, `refined`, corrects poses later. DIR/fields.jsonl receives the lines
+    #[arg(long, conflicts_with_all = ["ablate", "faults", "modes", "modalities"])]
+    fields: bool,
     /// Episodes at a time
     #[arg(long, default_value_t = 2, value_parser = value_parser!(u16).range(1..=256))]
     jobs: u16,
@@ -122,7 +130,7 @@ pub struct Key {
     pub mode: String,
     /// `vitac`, `vi` or `tac`.
     pub modality: String,
-    /// What is different: `full`, or the setting that is 0, or a fault.
+    /// What is different: `full`, the setting that is 0, a fault, or how the shape is held.
     pub variant: String,
     /// SHA-256 of all settings and the duration, hexadecimal.
     pub settings: String,
@@ -138,6 +146,8 @@ pub struct Line {
     pub frames: usize,
     /// Why the episode ended.
     pub end: String,
+    /// Mean share of the object that the hand hides from the first camera, at the true pose.
+    pub hidden: Option<f64>,
     /// F-score by threshold from 10,000 points.
     pub f_score: BTreeMap<u32, f64>,
     /// F-score by threshold from 100,000 points.
@@ -220,6 +230,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             faults::trials(arguments, episode, &variants[0].1, done, tell)
         })?;
         faults::table(&lines)
+    } else if arguments.fields {
+        let path = arguments.out.join("fields.jsonl");
+        let lines = all(arguments, &episodes, &path, |episode, done, tell| {
+            fields::comparisons(arguments, episode, &variants[0].1, done, tell)
+        })?;
+        fields::table(&lines)
     } else {
         let path = arguments.out.join("runs.jsonl");
         let lines = all(arguments, &episodes, &path, |episode, done, tell| {
@@ -415,7 +431,7 @@ impl<'a> Running<'a> {
         Ok(())
     }
 
-    fn line(self, object: &Object, surface: &TrueSurface, end: &str) -> Line {
+    fn line(self, object: &Object, surface: &TrueSurface, end: &str, hidden: Option<f64>) -> Line {
         let Self { trial, estimator, scorer, rows, .. } = self;
         let rows = score::scored(rows, surface);
         let shape = || {
@@ -433,6 +449,7 @@ impl<'a> Running<'a> {
             key: trial.key.clone(),
             frames: rows.len(),
             end: end.to_owned(),
+            hidden,
             f_score: shape.f_score.unwrap_or_default(),
             f_score_fine: shape.f_score_fine.unwrap_or_default(),
             add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m).map(Into::into),
@@ -459,7 +476,7 @@ fn whole(arguments: &Arguments, episode: &Episode<'_>, trials: &[Trial], tell: T
     let (end, _) = source.end();
     let surface = TrueSurface::new(&episode.object.mesh, POINTS, 0);
     for run in running {
-        tell(run.line(episode.object, &surface, &end))?;
+        tell(run.line(episode.object, &surface, &end, source.hidden_share()))?;
     }
     Ok(())
 }

@@ -37,7 +37,7 @@ pub struct Arguments {
     /// Folder of the data set
     #[arg(long)]
     out: PathBuf,
-    /// Cameras by name: front-left, back-right, top-down, side
+    /// Cameras: front-left, back-right, top-down, side, or azimuth/elevation in degrees such as 330/35; commas between
     #[arg(long, default_value = "front-left")]
     cameras: String,
     /// Instead of `--logs` episodes: one episode seen from N views on a sphere, a log per view, as FeelSight's occlusion set

@@ -60,7 +60,8 @@ pub struct Arguments {
     /// Where touch depth comes from
     #[arg(long, value_enum, default_value_t = TouchDepth::Truth)]
     touch_depth: TouchDepth,
-    /// One to three cameras by name; without it `side`, or the first one of the log
+    /// One to three cameras, by name or as azimuth/elevation in degrees such as 330/35, those of a log by name; without it `side`, or
+    /// the first one of the log
     #[arg(long)]
     cameras: Option<String>,
     /// Longest duration in seconds; without it 30, or the whole log

@@ -1,5 +1,7 @@
 //! Pinhole cameras, RealSense-like placements around the hand, and the occlusion rig.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -70,10 +72,10 @@ pub fn look_at(eye: Vector3<f64>, target: Vector3<f64>, up: Vector3<f64>) -> Iso
 }
 
 /// A place around the hand from which a camera looks at the grasp.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
-    /// Name on the command line and in logs.
-    pub name: &'static str,
+    /// Name in logs, also of a folder.
+    pub name: Cow<'static, str>,
     /// Direction of the camera seen from the palm, from the fingers towards +y of a right hand, degrees.
     pub azimuth_deg: f64,
     /// Angle above the palm plane, degrees.
@@ -92,27 +94,31 @@ pub const RIG_RADIUS_M: f64 = 0.5;
 /// The named placements, as RealSense cameras stand around the hand in NeuralFeels. On average the hand hides 42 % of the
 /// object from `front-left`, 1 % from `back-right`, 3 % from `top-down` and 11 % from `side`.
 pub const PLACEMENTS: [Placement; 4] = [
-    Placement { name: "front-left", azimuth_deg: 330.0, elevation_deg: 35.0 },
-    Placement { name: "back-right", azimuth_deg: 150.0, elevation_deg: 35.0 },
-    Placement { name: "top-down", azimuth_deg: 0.0, elevation_deg: 90.0 },
-    Placement { name: "side", azimuth_deg: 90.0, elevation_deg: 45.0 },
+    Placement { name: Cow::Borrowed("front-left"), azimuth_deg: 330.0, elevation_deg: 35.0 },
+    Placement { name: Cow::Borrowed("back-right"), azimuth_deg: 150.0, elevation_deg: 35.0 },
+    Placement { name: Cow::Borrowed("top-down"), azimuth_deg: 0.0, elevation_deg: 90.0 },
+    Placement { name: Cow::Borrowed("side"), azimuth_deg: 90.0, elevation_deg: 45.0 },
 ];
 
-/// A camera name that is not one of [`PLACEMENTS`].
+/// What is neither a name of [`PLACEMENTS`] nor a direction.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("unknown camera {0:?}; the cameras are {names}", names = PLACEMENTS.map(|p| p.name).join(", "))]
+#[error(
+    "unknown camera {0:?}; the cameras are {names}, or azimuth/elevation in degrees (-360 to 360 and -90 to 90), as in 330/35",
+    names = PLACEMENTS.map(|p| p.name).join(", ")
+)]
 pub struct UnknownCamera(String);
 
 impl Placement {
-    /// The placements in a comma-separated list of names, each at most once.
+    /// The placements in a comma-separated list, each at most once: names of [`PLACEMENTS`], or directions as
+    /// azimuth/elevation in degrees, which are named like `az330el35`.
     ///
     /// # Errors
-    /// [`UnknownCamera`] for a name that is not one of [`PLACEMENTS`], the empty name included.
+    /// [`UnknownCamera`] for anything else, the empty name included.
     pub fn parse_list(list: &str) -> Result<Vec<Self>, UnknownCamera> {
         let mut placements = Vec::new();
         for name in list.split(',').map(str::trim) {
             let known = PLACEMENTS.into_iter().find(|p| p.name == name);
-            let placement = known.ok_or_else(|| UnknownCamera(name.to_owned()))?;
+            let placement = known.or_else(|| Self::free(name)).ok_or_else(|| UnknownCamera(name.to_owned()))?;
             if !placements.contains(&placement) {
                 placements.push(placement);
             }
@@ -120,11 +126,23 @@ impl Placement {
         Ok(placements)
     }
 
+    /// A place given by its direction.
+    fn free(text: &str) -> Option<Self> {
+        let (azimuth, elevation) = text.split_once('/')?;
+        let (azimuth_deg, elevation_deg): (f64, f64) = (azimuth.parse().ok()?, elevation.parse().ok()?);
+        let possible = (-360.0..=360.0).contains(&azimuth_deg) && (-90.0..=90.0).contains(&elevation_deg);
+        possible.then(|| Self { name: format!("az{azimuth_deg}el{elevation_deg}").into(), azimuth_deg, elevation_deg })
+    }
+
     /// The camera at this place around a right hand, or at its mirror image around a left one.
     pub fn camera(&self, side: Side) -> PosedCamera {
         let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
         let direction = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
-        around_hand(self.name.to_owned(), Vector3::from(PALM_CENTRE_M) + DISTANCE_M * Vector3::from(direction), side)
+        around_hand(
+            self.name.clone().into_owned(),
+            Vector3::from(PALM_CENTRE_M) + DISTANCE_M * Vector3::from(direction),
+            side,
+        )
     }
 }
 
@@ -205,11 +223,28 @@ mod tests {
 
     #[test]
     fn lists_of_names() {
-        let names = |list| Placement::parse_list(list).map(|l| l.iter().map(|p| p.name).collect::<Vec<_>>());
+        let names =
+            |list| Placement::parse_list(list).map(|l| l.into_iter().map(|p| p.name.into_owned()).collect::<Vec<_>>());
         assert_eq!(names("side, front-left,side").unwrap(), ["side", "front-left"]);
         let error = names("side,leftish").unwrap_err().to_string();
-        assert_eq!(error, "unknown camera \"leftish\"; the cameras are front-left, back-right, top-down, side");
+        assert!(
+            error
+                .starts_with("unknown camera \"leftish\"; the cameras are front-left, back-right, top-down, side, or "),
+            "{error}"
+        );
         assert!(names("").is_err());
+    }
+
+    #[test]
+    fn a_direction_is_a_camera() {
+        let free = Placement::parse_list("330/35,-7.5/-20").unwrap();
+        assert_eq!(free[0].camera(Side::Left).pose, PLACEMENTS[0].camera(Side::Left).pose);
+        assert_eq!((&*free[0].name, &*free[1].name), ("az330el35", "az-7.5el-20"));
+        assert!(free[1].camera(Side::Left).pose.origin().coords().z < PALM_CENTRE_M[2]);
+        for wrong in ["330", "330/", "/35", "330/35/1", "NaN/35", "330/91", "361/0", "inf/0", "left/35"] {
+            let error = Placement::parse_list(wrong).unwrap_err().to_string();
+            assert!(error.contains(wrong) && error.contains("azimuth/elevation"), "{error}");
+        }
     }
 
     proptest! {

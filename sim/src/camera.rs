@@ -100,6 +100,23 @@ impl Renderer {
         frame
     }
 
+    /// Share of the pixels that the object alone would fill in which something stands before it: `segmentation` is what the camera
+    /// sees of hand and object at that pose. None where the object is out of view.
+    pub fn hidden_share(
+        &self,
+        camera: &PosedCamera,
+        object_pose: Isometry<ObjectFrame, World>,
+        segmentation: &GrayImage,
+        Scratch { caster, hits }: &mut Scratch,
+    ) -> Option<f64> {
+        let k = &camera.intrinsics;
+        hits.reset(Window { columns: 0..k.width, rows: 0..k.height });
+        caster.cast(&[Instance::new(&self.object, camera.pose.inverse() * object_pose)], k, Faces::Both, hits);
+        let alone = hits.triangle().iter().filter(|&&triangle| triangle != MISS).count();
+        let seen = segmentation.pixels().filter(|pixel| pixel.0 == [OBJECT]).count();
+        (alone > 0).then(|| 1.0 - seen as f64 / alone as f64)
+    }
+
     fn pose<'a>(
         &'a self,
         camera: &'a PosedCamera,

@@ -87,4 +87,11 @@ impl Observer {
         let observation = Observation { time_s: state.time_s, joints: state.joints, touch, cameras };
         (observation, GroundTruth { object_pose: state.object_pose, touch: touch_truth, segmentation })
     }
+
+    /// Share of the object that the hand hides from the first camera in a state of which this is the truth, as
+    /// [`camera::Renderer::hidden_share`] tells it. None without cameras, too.
+    pub fn hidden_share(&self, truth: &GroundTruth, scratch: &mut Scratch) -> Option<f64> {
+        let (camera, segmentation) = self.options.cameras.first().zip(truth.segmentation.first())?;
+        self.camera.hidden_share(camera, truth.object_pose, segmentation, &mut scratch.camera)
+    }
 }

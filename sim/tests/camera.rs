@@ -129,6 +129,23 @@ fn depth_is_that_of_mujocos_rangefinder() {
 }
 
 #[test]
+fn the_hand_hides_what_is_behind_it() {
+    let object = object();
+    let renderer = Renderer::new(Side::Left, &object);
+    let camera = small(PLACEMENTS[2].camera(Side::Left));
+    let hidden = |height_m: f64| {
+        let pose = Isometry::translation(-0.0475, 0.0, height_m);
+        let mut scratch = Scratch::default();
+        let frame = renderer.render(&camera, &[0.0; hand::JOINTS], pose, &mut scratch);
+        renderer.hidden_share(&camera, pose, &frame.segmentation, &mut scratch)
+    };
+    // Seen from above: over the open hand, as much below the palm, and behind the camera.
+    assert_eq!(hidden(0.15), Some(0.0));
+    assert_eq!(hidden(-0.15), Some(1.0));
+    assert_eq!(hidden(0.6), None);
+}
+
+#[test]
 fn images_show_hand_and_object_and_do_not_depend_on_threads() {
     let object = object();
     let renderer = Renderer::new(Side::Left, &object);

@@ -19,6 +19,8 @@ const BLOCK: usize = 5;
 /// The gradient is that of the interpolated function, not the shape's normal: only so does it belong to the values.
 pub struct KnownShape {
     lowest: Vec3,
+    /// Spacing of the nodes, metres.
+    cell_m: f32,
     nodes: [usize; 3],
     values: Vec<f32>,
 }
@@ -60,13 +62,19 @@ impl KnownShape {
                 })
                 .sum()
         };
+        Self::of_nodes(lowest, CELL_M, nodes, value)
+    }
+
+    /// Distances (metres) that are given at the nodes of a grid, at least two along each axis, by their indices along x, y and z.
+    /// The first node lies at `lowest`, the others `cell_m` apart.
+    pub fn of_nodes(lowest: Vec3, cell_m: f32, nodes: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
         let values = (0..nodes.iter().product()).into_par_iter().map(|i| value(unflatten(i, nodes))).collect();
-        Self { lowest, nodes, values }
+        Self { lowest, cell_m, nodes, values }
     }
 
     fn distance(&self, point: Vec3) -> Distance {
         let highest = Vec3::from_array(self.nodes.map(|n| (n - 1) as f32));
-        let grid = (point - self.lowest) / CELL_M;
+        let grid = (point - self.lowest) / self.cell_m;
         // Just inside the last cell, so that its upper corner exists.
         let inside = grid.clamp(Vec3::ZERO, highest - 1e-3);
         let cell = inside.floor();
@@ -87,11 +95,11 @@ impl KnownShape {
             mix(part.z, mix(part.y, g00, g10), mix(part.y, g01, g11)),
             mix(part.z, v10 - v00, v11 - v01),
             high - low,
-        ) / CELL_M;
-        let outside = (grid - inside) * CELL_M;
+        ) / self.cell_m;
+        let outside = (grid - inside) * self.cell_m;
         let beyond = outside.length();
         // Half a cell: points within the clamp's rounding still count as inside.
-        if beyond < 0.5 * CELL_M {
+        if beyond < 0.5 * self.cell_m {
             return Distance { value_m: mix(part.z, low, high), gradient };
         }
         Distance { value_m: mix(part.z, low, high) + beyond, gradient: outside / beyond }

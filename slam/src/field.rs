@@ -108,6 +108,11 @@ impl Field {
         &self.config
     }
 
+    /// Memory of its parameters, bytes. A [`Trainer`] takes four times as much.
+    pub fn size_bytes(&self) -> usize {
+        size_of_val(self.parameters.table.as_slice()) + size_of_val(self.parameters.network.as_slice())
+    }
+
     /// The same field, computed with other instructions; with [`Instructions::Scalar`] if the machine has them not. For tests and
     /// comparisons: the fastest are chosen in any case.
     #[must_use]

@@ -142,14 +142,18 @@ impl Space {
                         continue;
                     }
                     let p = (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m;
-                    let within = |(d, support): (&Vec3, &f32)| d.dot(p) < support + HULL_MARGIN_M;
-                    if self.directions.iter().zip(&self.support_m).all(within) {
+                    if self.is_within_hull(p) {
                         inside.push(p);
                     }
                 }
             }
         }
         inside
+    }
+
+    /// Whether a point lies within the hull of what was seen or little outside it.
+    pub fn is_within_hull(&self, p: Vec3) -> bool {
+        self.directions.iter().zip(&self.support_m).all(|(d, support)| d.dot(p) < support + HULL_MARGIN_M)
     }
 
     /// Edge of a cell, metres.
@@ -179,8 +183,9 @@ fn flatten(cell: UVec3) -> usize {
     (cell.x + CELLS * (cell.y + CELLS * cell.z)) as usize
 }
 
-/// Where a ray enters and leaves a cube around the origin.
-pub(crate) fn clip(origin: Vec3, direction: Vec3, half: f32) -> Option<(f32, f32)> {
+/// Where a ray enters and leaves a cube around the origin that reaches `half` from it: distances along the ray in units of
+/// `direction`, the first negative if it starts inside. None if it misses the cube.
+pub fn clip(origin: Vec3, direction: Vec3, half: f32) -> Option<(f32, f32)> {
     let inverse = direction.recip();
     let (a, b) = ((Vec3::splat(-half) - origin) * inverse, (Vec3::splat(half) - origin) * inverse);
     let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());

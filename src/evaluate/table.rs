@@ -50,8 +50,8 @@ fn group(line: &Line) -> Group<'_> {
     (&line.key.cameras, &line.key.mode, &line.key.modality, &line.key.variant)
 }
 
-const COLUMNS: usize = 15;
-const HEAD: &str = "runs | F@1 | F@2 | F@5 | fine F@1 | F@2 | F@5 | ADD-S mean | median | p95 | final | worst final | lost frames | \
+const COLUMNS: usize = 16;
+const HEAD: &str = "runs | hidden | F@1 | F@2 | F@5 | fine F@1 | F@2 | F@5 | ADD-S mean | median | p95 | final | worst final | lost frames | \
                     undeclared failures | frames/s";
 
 fn means(lines: &[&Line]) -> String {
@@ -67,6 +67,7 @@ fn means(lines: &[&Line]) -> String {
     };
     let shown = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let mut cells = vec![lines.len().to_string()];
+    cells.push(mean(&|line| line.hidden).map_or_else(|| "-".to_owned(), |share| format!("{:.0} %", 100.0 * share)));
     for mm in [1, 2, 5] {
         cells.push(shown(mean(&|line| line.f_score.get(&mm).copied()), 3));
     }

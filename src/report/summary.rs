@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use scenes::frame::{Isometry, Object};
+use scenes::frame::{Frame, Isometry, Object};
 use scenes::mesh::Mesh;
 use serde::Serialize;
 use slam::metrics::{
@@ -89,7 +89,7 @@ pub struct ErrorStatistics {
 
 impl ShapeScores {
     /// Of a surface in the frame that `object_from_estimate` takes to the true one's.
-    pub fn new(estimate: &Mesh, truth: &Mesh, object_from_estimate: Isometry<Object, Object>) -> Self {
+    pub fn new<F: Frame>(estimate: &Mesh, truth: &Mesh, object_from_estimate: Isometry<F, Object>) -> Self {
         let score = |points: usize| {
             let truth = TrueSurface::new(truth, points, 0);
             truth.score(&sample_surface(estimate, points, 1), object_from_estimate, &THRESHOLDS_M)

@@ -43,7 +43,12 @@ pub struct LiveSource {
     observer: Observer,
     scratch: Scratch,
     frame: u32,
+    /// Shares of the object that were hidden.
+    hidden: Vec<f64>,
 }
+
+/// At every how many-th frame is told how much of the object is hidden.
+const HIDDEN_EVERY: u32 = 30;
 
 impl LiveSource {
     /// Draws the start and prepares the rendering.
@@ -78,7 +83,13 @@ impl LiveSource {
             seed,
         };
         let observer = Observer::new(object, options)?;
-        Ok(Self { settings, episode, observer, scratch: Scratch::default(), frame: 0 })
+        Ok(Self { settings, episode, observer, scratch: Scratch::default(), frame: 0, hidden: Vec::new() })
+    }
+
+    /// Mean share of the object that the hand has hidden from the first camera, over every 30th frame so far: known to the simulator
+    /// alone, and for reports. None without cameras.
+    pub fn hidden_share(&self) -> Option<f64> {
+        (!self.hidden.is_empty()).then(|| self.hidden.iter().sum::<f64>() / self.hidden.len() as f64)
     }
 
     /// Injects a fault: see [`Episode::displace_object`].
@@ -92,6 +103,9 @@ impl Source for LiveSource {
         let begun = Instant::now();
         let Some(snapshot) = self.episode.next_frame() else { return Ok(None) };
         let (observation, truth) = self.observer.observe(self.frame, &snapshot, &mut self.scratch);
+        if self.frame.is_multiple_of(HIDDEN_EVERY) {
+            self.hidden.extend(self.observer.hidden_share(&truth, &mut self.scratch));
+        }
         let frame = u64::from(self.frame);
         self.frame += 1;
         let LiveSettings { side, cameras, modality, .. } = &self.settings;

@@ -102,7 +102,8 @@ fn what_cannot_be_is_refused_before_anything_runs() {
         ("run --set slam.tracker.icp_wieght=1", &["icp_wieght", "did you mean slam.tracker.icp_weight"][..]),
         ("run --set mesh_cell_mm=0", &["mesh_cell_mm"]),
         ("run --touch-depth network", &["--touch-depth truth"]),
-        ("run --object cube70 --cameras front", &["\"front\"", "front-left"]),
+        ("run --object cube70 --cameras front", &["\"front\"", "front-left", "azimuth/elevation"]),
+        ("evaluate --objects cube70 --out e --cameras 330/95", &["330/95", "azimuth/elevation"]),
         ("run --object cube70 --out .", &["notes.txt", "--overwrite"]),
         ("run --log nowhere", &["nowhere"]),
         ("run --object cube71", &["cube71", "cube70"]),
@@ -243,8 +244,34 @@ fn an_evaluation_goes_on_where_it_was() {
     );
     let lines = || fs::read_to_string(workplace.path("e/runs.jsonl")).unwrap();
     let before = lines();
+    let hidden =
+        serde_json::from_str::<Value>(before.trim().lines().next().unwrap()).unwrap()["hidden"].as_f64().unwrap();
+    assert!((0.0..0.5).contains(&hidden), "{before}");
     let two = workplace.run(&line(2)).good();
     assert!(two.contains("| side | pose | vitac | full | 2 |"), "{two}");
     assert!(lines().starts_with(&before) && lines().trim().lines().count() == 4, "{}", lines());
     assert_eq!(workplace.run(&line(1)).good(), one);
+}
+
+#[test]
+fn fields_are_compared_on_the_same_frames() {
+    let workplace = Workplace::new();
+    let line = "evaluate --fields --objects rubiks_cube_small --seeds 1 --duration 1 --cameras 90/45 --out e";
+    let table = workplace.run(line).good();
+    let text = fs::read_to_string(workplace.path("e/fields.jsonl")).unwrap();
+    let lines: Vec<Value> = text.trim().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 4, "{text}");
+    for (line, name) in lines.iter().zip(["refined", "dense", "hashed", "tsdf"]) {
+        assert!(table.contains(&format!("| 90/45 | {name} | 1 |")), "{table}");
+        assert_eq!((&line["variant"], &line["frames"]), (&name.into(), &30.into()), "{line}");
+        // One side of the cube has been seen by then.
+        assert!(line["f_score"]["5"].as_f64().unwrap() > 0.4, "{line}");
+        assert!(line["mesh_error_mm"].as_f64().unwrap() < 8.0, "{line}");
+        assert!(line["learning_mb"].as_f64() >= line["shape_mb"].as_f64(), "{line}");
+    }
+    // What is there is not repeated.
+    assert_eq!(workplace.run(line).good(), table);
+    assert_eq!(fs::read_to_string(workplace.path("e/fields.jsonl")).unwrap(), text);
+    assert!(workplace.run(&format!("{line} --ablate")).usage().contains("--ablate"));
+    assert!(workplace.run(&format!("{line} --modes pose")).usage().contains("--modes"));
 }
