@@ -3,6 +3,7 @@
 //! Nothing here knows of the simulator or receives ground truth; what touch images show comes in as depth and contact.
 
 mod frame;
+pub mod network;
 mod segmentation;
 
 pub use frame::{Config, Gaps, Sensor, SensorError, TouchImages, depth_frame, touch_from_depth};
