@@ -2,6 +2,8 @@
 //! logs, shape and pose of the object are estimated, and the estimate directs the hand.
 
 mod assets;
+#[cfg(feature = "train")]
+mod eval_touch;
 mod evaluate;
 mod generate;
 mod inspect;
@@ -17,6 +19,8 @@ mod simulate;
 mod source;
 mod subject;
 mod supervisor;
+#[cfg(feature = "train")]
+mod train;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
@@ -46,6 +50,10 @@ enum Command {
     Assets(assets::Command),
     Inspect(inspect::Arguments),
     Score(score::Arguments),
+    #[cfg(feature = "train")]
+    EvalTouch(eval_touch::Arguments),
+    #[cfg(feature = "train")]
+    Train(train::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -70,6 +78,10 @@ fn main() -> ExitCode {
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
+        #[cfg(feature = "train")]
+        Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
+        #[cfg(feature = "train")]
+        Some(Command::Train(arguments)) => train::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
