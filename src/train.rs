@@ -198,6 +198,8 @@ struct Validation {
 
 impl Validation {
     fn new(data: &DataConfig, training: &TrainingConfig) -> Result<Self> {
+        // A single image of an object that is far too deep would outweigh all others.
+        let data = &DataConfig { deep: 0.0, ..data.clone() };
         let surfaces = objects::load(&objects::VALIDATION)?;
         let seed = training.seed ^ VALIDATION_SEED;
         let mut rack = Rack::new(data, seed)?;

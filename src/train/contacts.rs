@@ -68,6 +68,12 @@ const PROTOCOL_PRESS_MM: [f64; 2] = [0.5, 1.0];
 const PROTOCOL_SHEAR_DEG: f64 = 5.0;
 /// MidasTouch counts indentation over this share of the press depth as contact.
 const CONTACT_SHARE: f64 = 0.2;
+/// How much deeper than the press depth, as a share of it, anything else may be.
+const SLACK: f64 = 0.5;
+/// Contacts that are drawn before one is taken as it is.
+const TRIES: usize = 8;
+/// Indentation that a network is taught at most, millimetres: the gel is not much thicker.
+const DEEPEST_MM: f32 = 4.0;
 
 impl DataConfig {
     /// Checks that the numbers make sense.
@@ -190,20 +196,31 @@ pub fn example(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(index);
     let sensor = sensors[rng.random_range(0..sensors.len())];
-    let surface = &surfaces[rng.random_range(0..surfaces.len())];
     let noise = Some(NoiseKey { seed: seed ^ index, finger: 0, frame: 0 });
-    let contact = Contact::draw(surface, config, &mut rng);
-    let stays_deep = rng.random_bool(config.deep);
-    let gone_mm = if rng.random_bool(config.untouched) { 1e3 } else { 0.0 };
-    sensor.renderer.render(&surface.rays, contact.withdrawn(gone_mm), noise, frame);
-    // As MidasTouch does: where something else than the touched point is too deep, the finger is drawn back.
-    let deepest = sensor.indentation_mm(frame).fold(0.0, f32::max);
-    let excess = f64::from(deepest) - contact.press_mm;
-    if excess > 0.5 * contact.press_mm && !stays_deep {
-        sensor.renderer.render(&surface.rays, contact.withdrawn(gone_mm + excess), noise, frame);
+    let mut press_mm = 0.0;
+    if rng.random_bool(config.untouched) {
+        sensor.renderer.render(&surfaces[0].rays, Isometry::translation(1.0, 0.0, 0.0), noise, frame);
+    } else {
+        let may_be_deep = rng.random_bool(config.deep);
+        for _ in 0..TRIES {
+            let surface = &surfaces[rng.random_range(0..surfaces.len())];
+            let contact = Contact::draw(surface, config, &mut rng);
+            press_mm = contact.press_mm;
+            sensor.renderer.render(&surface.rays, contact.gel_from_object, noise, frame);
+            let excess = sensor.deepest_mm(frame) - press_mm;
+            if may_be_deep || excess < SLACK * press_mm {
+                break;
+            }
+            // As MidasTouch does: where something else than the touched point is too deep, the finger is drawn back.
+            sensor.renderer.render(&surface.rays, contact.withdrawn(excess), noise, frame);
+            // Where a finger does not fit, in a cup say, something is still too deep.
+            if sensor.deepest_mm(frame) < (1.0 + SLACK) * press_mm {
+                break;
+            }
+        }
     }
-    let indentation_mm: Vec<f32> = sensor.indentation_mm(frame).collect();
-    let threshold = contact_threshold_mm(contact.press_mm) as f32;
+    let indentation_mm: Vec<f32> = sensor.indentation_mm(frame).map(|mm| mm.min(DEEPEST_MM)).collect();
+    let threshold = contact_threshold_mm(press_mm) as f32;
     let contact = indentation_mm.iter().map(|&x| f32::from(u8::from(x > threshold))).collect();
     let mut image: RgbImage = frame.calibrated().clone();
     disturb(&mut image, config.background, &mut rng);

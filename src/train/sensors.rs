@@ -48,6 +48,11 @@ impl Sensor {
     pub fn indentation_mm(&self, frame: &TouchFrame) -> impl Iterator<Item = f32> {
         self.gel_depth_m.iter().zip(frame.depth_m()).map(|(gel, depth)| (gel - depth) * 1e3)
     }
+
+    /// The greatest of them.
+    pub fn deepest_mm(&self, frame: &TouchFrame) -> f64 {
+        f64::from(self.indentation_mm(frame).fold(0.0, f32::max))
+    }
 }
 
 /// The image of the gel that touches nothing, before calibration.

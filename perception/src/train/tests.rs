@@ -460,8 +460,8 @@ fn l1_of_masked_targets_predicts_black_and_weight_on_contact_cures_it() {
         let contact: Vec<f32> = (0..2 * 32 * 32).map(|_| f32::from(u8::from(rng.random_bool(0.2)))).collect();
         let targets = Targets { indentation_mm: contact.iter().map(|c| 0.6 * c).collect(), contact };
         let batch = Batch { shape: [2, 32, 32], levels: vec![128; 2 * 32 * 32 * 3], targets: Arc::new(targets) };
-        let mut trainer = Trainer::new(small(), TrainingConfig { loss, ..config(150) }, None).unwrap();
-        for _ in 0..150 {
+        let mut trainer = Trainer::new(small(), TrainingConfig { loss, ..config(400) }, None).unwrap();
+        for _ in 0..400 {
             trainer.advance(&batch).unwrap();
         }
         let weights = trainer.weights(String::new()).unwrap();
