@@ -2,6 +2,8 @@
 //! logs, shape and pose of the object are estimated, and the estimate directs the hand.
 
 mod assets;
+#[cfg(feature = "train")]
+mod eval_touch;
 mod evaluate;
 mod generate;
 mod inspect;
@@ -18,6 +20,8 @@ mod simulate;
 mod source;
 mod subject;
 mod supervisor;
+#[cfg(feature = "train")]
+mod train;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
@@ -48,6 +52,10 @@ enum Command {
     Inspect(inspect::Arguments),
     Score(score::Arguments),
     Mesh(mesh::Arguments),
+    #[cfg(feature = "train")]
+    EvalTouch(eval_touch::Arguments),
+    #[cfg(feature = "train")]
+    Train(train::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -73,6 +81,10 @@ fn main() -> ExitCode {
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
         Some(Command::Mesh(arguments)) => mesh::run(&arguments),
+        #[cfg(feature = "train")]
+        Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
+        #[cfg(feature = "train")]
+        Some(Command::Train(arguments)) => train::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,8 +2,13 @@
 //!
 //! Nothing here knows of the simulator or receives ground truth; what touch images show comes in as depth and contact.
 
+mod accuracy;
 mod frame;
+pub mod network;
 mod segmentation;
+#[cfg(feature = "train")]
+pub mod train;
 
+pub use accuracy::{Accuracy, Pixel, Scores};
 pub use frame::{Config, Gaps, Sensor, SensorError, TouchImages, depth_frame, touch_from_depth};
 pub use segmentation::{SegmentationConfig, segment};
