@@ -2,6 +2,7 @@
 //!
 //! Nothing here knows of the simulator or receives ground truth; what touch images show comes in as depth and contact.
 
+mod engine;
 mod frame;
 mod segmentation;
 
