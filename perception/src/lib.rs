@@ -4,6 +4,7 @@
 
 mod engine;
 mod frame;
+pub mod network;
 mod segmentation;
 
 pub use frame::{Config, Gaps, Sensor, SensorError, TouchImages, depth_frame, touch_from_depth};

@@ -1,0 +1,391 @@
+//! The four architectures with their hyper-parameters.
+
+use serde::{Deserialize, Serialize};
+
+/// A network with all its hyper-parameters. In a configuration `name` says which, and what is left out has the preset's value.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "name", rename_all = "snake_case")]
+pub enum Architecture {
+    /// Vision transformer with a DPT decoder: the original tactile transformer.
+    Vit(Vit),
+    /// Mamba blocks in its place.
+    Mamba(Mamba),
+    /// Mamba blocks with an MLP each, and fixed positions.
+    RobustMamba(RobustMamba),
+    /// Convolutions, with Mamba blocks where the map is coarsest: made for a CPU.
+    Default(Pyramid),
+}
+
+/// Hyper-parameters of `vit`. The preset is ViT-S/16 with the decoder that the paper configures.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Vit {
+    /// Side of a patch, pixels.
+    pub patch: usize,
+    /// Channels of a token.
+    pub width: usize,
+    /// Blocks.
+    pub depth: usize,
+    /// Heads of attention.
+    pub heads: usize,
+    /// Hidden channels of an MLP, in widths.
+    pub mlp: usize,
+    /// Rows and columns of the learned positions.
+    pub positions: [usize; 2],
+    /// Blocks whose results the decoder sees, from 0, shallow first; as many as it has levels, one to four.
+    pub hooks: Vec<usize>,
+    /// Channels of the decoder.
+    pub channels: usize,
+}
+
+impl Default for Vit {
+    fn default() -> Self {
+        Self {
+            patch: 16,
+            width: 384,
+            depth: 12,
+            heads: 6,
+            mlp: 4,
+            positions: [20, 15],
+            hooks: vec![2, 5, 8, 11],
+            channels: 128,
+        }
+    }
+}
+
+/// Hyper-parameters of `mamba`. The preset has the 12 blocks of the original that reach its output.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Mamba {
+    /// Side of a patch, pixels.
+    pub patch: usize,
+    /// Channels of a token.
+    pub width: usize,
+    /// Blocks.
+    pub depth: usize,
+    /// States of each channel.
+    pub state: usize,
+    /// Channels of a scan, in widths.
+    pub expand: usize,
+    /// Taps of the causal convolution.
+    pub taps: usize,
+    /// Orders of the scans, which the blocks take in turn.
+    pub scans: Vec<Scan>,
+    /// Rows and columns of the learned positions.
+    pub positions: [usize; 2],
+    /// Blocks whose results the decoder sees, from 0, shallow first; as many as it has levels, one to four.
+    pub hooks: Vec<usize>,
+    /// Channels of the decoder.
+    pub channels: usize,
+}
+
+impl Default for Mamba {
+    fn default() -> Self {
+        Self {
+            patch: 16,
+            width: 384,
+            depth: 12,
+            state: 16,
+            expand: 2,
+            taps: 4,
+            scans: vec![Scan::Rows],
+            positions: [20, 15],
+            hooks: vec![2, 5, 8, 11],
+            channels: 128,
+        }
+    }
+}
+
+/// Hyper-parameters of `robust_mamba`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RobustMamba {
+    /// Side of a patch, pixels.
+    pub patch: usize,
+    /// Channels of a token, a multiple of 4.
+    pub width: usize,
+    /// Blocks.
+    pub depth: usize,
+    /// States of each channel.
+    pub state: usize,
+    /// Channels of a scan, in widths.
+    pub expand: usize,
+    /// Taps of the causal convolution.
+    pub taps: usize,
+    /// Hidden channels of an MLP, in widths.
+    pub mlp: usize,
+    /// Orders of the scans, which the blocks take in turn.
+    pub scans: Vec<Scan>,
+    /// Blocks whose results the decoder sees, from 0, shallow first; as many as it has levels, one to four.
+    pub hooks: Vec<usize>,
+    /// Channels of the decoder.
+    pub channels: usize,
+}
+
+impl Default for RobustMamba {
+    fn default() -> Self {
+        Self {
+            patch: 16,
+            width: 384,
+            depth: 12,
+            state: 16,
+            expand: 2,
+            taps: 4,
+            mlp: 4,
+            scans: vec![Scan::Rows],
+            hooks: vec![2, 5, 8, 11],
+            channels: 128,
+        }
+    }
+}
+
+/// Hyper-parameters of `default`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Pyramid {
+    /// Channels at 1/2, 1/4, 1/8 and 1/16 of the input's size.
+    pub widths: [usize; 4],
+    /// Mamba blocks.
+    pub depth: usize,
+    /// States of each channel.
+    pub state: usize,
+    /// Channels of a scan, in widths.
+    pub expand: usize,
+    /// Taps of the causal convolution.
+    pub taps: usize,
+    /// Orders of the scans, which the blocks take in turn.
+    pub scans: Vec<Scan>,
+}
+
+impl Default for Pyramid {
+    fn default() -> Self {
+        Self { widths: [16, 32, 64, 128], depth: 6, state: 16, expand: 2, taps: 4, scans: Scan::ALL.to_vec() }
+    }
+}
+
+/// The order in which a Mamba block goes through the tokens of an image. Tokens that belong to no pixel come last in each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scan {
+    /// Row by row from the upper left.
+    Rows,
+    /// The same backwards, from the lower right.
+    RowsReversed,
+    /// Column by column from the upper left.
+    Columns,
+    /// The same backwards, from the lower right.
+    ColumnsReversed,
+}
+
+impl Scan {
+    /// All, in the order in which `default` takes them.
+    pub const ALL: [Self; 4] = [Self::Rows, Self::RowsReversed, Self::Columns, Self::ColumnsReversed];
+
+    /// Which token comes k-th, for a grid of `rows` by `columns` tokens numbered row by row.
+    pub fn order(self, rows: usize, columns: usize) -> Vec<usize> {
+        let mut order: Vec<usize> = match self {
+            Self::Rows | Self::RowsReversed => (0..rows * columns).collect(),
+            Self::Columns | Self::ColumnsReversed => {
+                (0..columns).flat_map(|u| (0..rows).map(move |v| v * columns + u)).collect()
+            }
+        };
+        if matches!(self, Self::RowsReversed | Self::ColumnsReversed) {
+            order.reverse();
+        }
+        order
+    }
+}
+
+/// Why an architecture cannot be built or does not exist.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum UnknownNetwork {
+    /// No preset has this name.
+    #[error("unknown network {0:?}: choose vit, mamba, robust_mamba or default")]
+    Name(String),
+    /// A hyper-parameter has no meaning.
+    #[error("network {network}: {problem}")]
+    Parameter {
+        /// Name of the network.
+        network: &'static str,
+        /// Which, and what would be right.
+        problem: String,
+    },
+}
+
+/// Largest value of a hyper-parameter: what is larger is a damaged file.
+const LARGEST: usize = 1 << 14;
+
+impl Architecture {
+    /// The names of the presets.
+    pub const NAMES: [&'static str; 4] = ["vit", "mamba", "robust_mamba", "default"];
+
+    /// The preset of a name.
+    ///
+    /// # Errors
+    /// [`UnknownNetwork::Name`] if there is none; it lists those there are.
+    pub fn preset(name: &str) -> Result<Self, UnknownNetwork> {
+        match name {
+            "vit" => Ok(Self::Vit(Vit::default())),
+            "mamba" => Ok(Self::Mamba(Mamba::default())),
+            "robust_mamba" => Ok(Self::RobustMamba(RobustMamba::default())),
+            "default" => Ok(Self::Default(Pyramid::default())),
+            _ => Err(UnknownNetwork::Name(name.to_owned())),
+        }
+    }
+
+    /// The name of the kind of network.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Vit(_) => "vit",
+            Self::Mamba(_) => "mamba",
+            Self::RobustMamba(_) => "robust_mamba",
+            Self::Default(_) => "default",
+        }
+    }
+
+    /// Sides of an input must be multiples of this many pixels.
+    pub fn stride(&self) -> usize {
+        match self {
+            Self::Vit(vit) => vit.patch,
+            Self::Mamba(mamba) => mamba.patch,
+            Self::RobustMamba(robust) => robust.patch,
+            Self::Default(_) => 16,
+        }
+    }
+
+    /// The size to which an image of `[height, width]` is resized before it enters: the next multiples of the stride.
+    pub fn fit(&self, size: [usize; 2]) -> [usize; 2] {
+        size.map(|side| side.next_multiple_of(self.stride()).max(self.stride()))
+    }
+
+    /// Checks that the hyper-parameters make sense together.
+    ///
+    /// # Errors
+    /// [`UnknownNetwork::Parameter`] names the first that does not.
+    pub fn check(&self) -> Result<(), UnknownNetwork> {
+        let parameter = |problem: String| Err(UnknownNetwork::Parameter { network: self.name(), problem });
+        let positive: &[(&str, usize)] = match self {
+            Self::Vit(v) => &[
+                ("width", v.width),
+                ("heads", v.heads),
+                ("mlp", v.mlp),
+                ("channels", v.channels),
+                ("positions", v.positions[0].min(v.positions[1])),
+                ("positions", v.positions[0].max(v.positions[1])),
+            ],
+            Self::Mamba(m) => &[
+                ("width", m.width),
+                ("state", m.state),
+                ("expand", m.expand),
+                ("taps", m.taps),
+                ("channels", m.channels),
+                ("positions", m.positions[0].min(m.positions[1])),
+                ("positions", m.positions[0].max(m.positions[1])),
+            ],
+            Self::RobustMamba(m) => &[
+                ("width", m.width),
+                ("state", m.state),
+                ("expand", m.expand),
+                ("taps", m.taps),
+                ("mlp", m.mlp),
+                ("channels", m.channels),
+            ],
+            Self::Default(p) => &[
+                ("widths", p.widths[0]),
+                ("widths", p.widths[1]),
+                ("widths", p.widths[2]),
+                ("widths", p.widths[3]),
+                ("state", p.state),
+                ("expand", p.expand),
+                ("taps", p.taps),
+            ],
+        };
+        if let Some((name, value)) = positive.iter().find(|(_, value)| !(1..=LARGEST).contains(value)) {
+            return parameter(format!("{name} is {value}; it must lie between 1 and {LARGEST}"));
+        }
+        if let Self::Vit(Vit { width, heads, .. }) = self
+            && width % heads != 0
+        {
+            return parameter(format!("its width {width} cannot be shared by {heads} heads"));
+        }
+        if let Self::RobustMamba(RobustMamba { width, .. }) = self
+            && width % 4 != 0
+        {
+            return parameter(format!("its width {width} must be a multiple of 4"));
+        }
+        if let Self::Mamba(Mamba { scans, .. })
+        | Self::RobustMamba(RobustMamba { scans, .. })
+        | Self::Default(Pyramid { scans, .. }) = self
+            && scans.is_empty()
+        {
+            return parameter("scans is empty; name one order at least".to_owned());
+        }
+        if let Self::Default(pyramid) = self {
+            return if pyramid.depth <= LARGEST { Ok(()) } else { parameter(format!("depth is over {LARGEST}")) };
+        }
+        let (patch, depth, hooks) = match self {
+            Self::Vit(v) => (v.patch, v.depth, &v.hooks),
+            Self::Mamba(m) => (m.patch, m.depth, &m.hooks),
+            Self::RobustMamba(m) => (m.patch, m.depth, &m.hooks),
+            Self::Default(_) => return Ok(()),
+        };
+        if ![8, 16, 32].contains(&patch) {
+            return parameter(format!("its patch is {patch}; choose 8, 16 or 32"));
+        }
+        if !(1..=4).contains(&hooks.len()) || !hooks.is_sorted() || hooks.last().is_none_or(|&last| last + 1 != depth) {
+            // Blocks behind the last hook would cost time and change nothing.
+            return parameter(format!(
+                "hooks {hooks:?} must be one to four of the {depth} blocks from 0, shallow first, the last of them block {}",
+                depth.saturating_sub(1)
+            ));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_survive_json_and_fill_gaps() {
+        for name in Architecture::NAMES {
+            let preset = Architecture::preset(name).unwrap();
+            preset.check().unwrap();
+            let json = serde_json::to_string(&preset).unwrap();
+            assert_eq!(serde_json::from_str::<Architecture>(&json).unwrap(), preset);
+            let short = format!("{{\"name\": \"{name}\"}}");
+            assert_eq!(serde_json::from_str::<Architecture>(&short).unwrap(), preset);
+            let typo = format!("{{\"name\": \"{name}\", \"widht\": 3}}");
+            assert!(serde_json::from_str::<Architecture>(&typo).is_err());
+        }
+        let error = Architecture::preset("resnet").unwrap_err().to_string();
+        assert!(Architecture::NAMES.iter().all(|name| error.contains(name)), "{error}");
+    }
+
+    #[test]
+    fn senseless_parameters_are_named() {
+        let hooks = Architecture::Vit(Vit { hooks: vec![3, 12], ..Vit::default() });
+        assert!(hooks.check().unwrap_err().to_string().contains("[3, 12]"));
+        let scans = Architecture::Default(Pyramid { scans: vec![], ..Pyramid::default() });
+        assert!(scans.check().unwrap_err().to_string().contains("scans"));
+        let wide = Architecture::Default(Pyramid { widths: [1, 2, 0, 4], ..Pyramid::default() });
+        assert!(wide.check().unwrap_err().to_string().contains("widths"));
+    }
+
+    #[test]
+    fn scans_visit_every_token_once() {
+        assert_eq!(Scan::Columns.order(2, 3), [0, 3, 1, 4, 2, 5]);
+        assert_eq!(Scan::ColumnsReversed.order(2, 3), [5, 2, 4, 1, 3, 0]);
+        for scan in Scan::ALL {
+            let mut order = scan.order(5, 7);
+            order.sort_unstable();
+            assert!(order.into_iter().eq(0..35));
+        }
+    }
+
+    #[test]
+    fn sizes_are_rounded_up() {
+        assert_eq!(Architecture::preset("default").unwrap().fit([320, 241]), [320, 256]);
+    }
+}

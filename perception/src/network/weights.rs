@@ -1,0 +1,315 @@
+//! Weights on disk: safetensors, with the architecture and how the weights came about as JSON in the metadata.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+use half::bf16;
+use safetensors::tensor::{Dtype, SafeTensors, View};
+use serde::{Deserialize, Serialize};
+
+use super::architecture::Architecture;
+
+/// Largest file that is read: the largest network is far below.
+const MAX_BYTES: u64 = 4 << 30;
+/// Key of the metadata under which the header is.
+const KEY: &str = "mambavitact";
+
+/// Numbers with a shape, row-major.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tensor {
+    /// Its sides.
+    pub shape: Vec<usize>,
+    /// As many numbers as the product of the sides.
+    pub values: Vec<f32>,
+}
+
+/// How weights came about.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Seed of the training.
+    pub seed: u64,
+    /// Optimiser's steps done.
+    pub step: u64,
+    /// SHA-256 of the description of the data, hexadecimal.
+    pub data: String,
+    /// Configuration of the training.
+    pub training: serde_json::Value,
+}
+
+/// A network's weights: one tensor for each that the architecture asks for, all finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Weights {
+    architecture: Architecture,
+    provenance: Provenance,
+    tensors: BTreeMap<String, Tensor>,
+}
+
+/// How numbers are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Precision {
+    /// 32 bits.
+    F32,
+    /// The upper 16 of them, rounded.
+    Bf16,
+}
+
+/// Why weights cannot be used or stored.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WeightsError {
+    /// The file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is none of ours, cut off, or its header makes no sense.
+    #[error("{}: no weights of a touch network: {message}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// A tensor does not fit the architecture, or holds what is no number.
+    #[error("{}: tensor {tensor} of network {network}: {message}", path.display())]
+    Tensor {
+        /// The file, or what else the weights came from.
+        path: PathBuf,
+        /// Name of the architecture.
+        network: &'static str,
+        /// Name of the tensor.
+        tensor: String,
+        /// What is wrong, and what was expected.
+        message: String,
+    },
+}
+
+/// What the metadata holds.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    architecture: Architecture,
+    provenance: Provenance,
+}
+
+impl Weights {
+    /// Weights from tensors by name; `source` is what they came from, for messages.
+    ///
+    /// # Errors
+    /// [`WeightsError`] if the architecture makes no sense, or a tensor is missing, surplus, of the wrong shape or not finite.
+    pub fn new(
+        architecture: Architecture,
+        provenance: Provenance,
+        tensors: BTreeMap<String, Tensor>,
+        source: &Path,
+    ) -> Result<Self, WeightsError> {
+        let path = || source.to_owned();
+        architecture.check().map_err(|error| WeightsError::File { path: path(), message: error.to_string() })?;
+        let network = architecture.name();
+        let wrong =
+            |tensor: &str, message| WeightsError::Tensor { path: path(), network, tensor: tensor.to_owned(), message };
+        let expected: BTreeMap<String, Vec<usize>> = architecture.tensors().into_iter().collect();
+        for (name, shape) in &expected {
+            let tensor = tensors.get(name).ok_or_else(|| wrong(name, format!("is missing; its shape is {shape:?}")))?;
+            if tensor.shape != *shape || tensor.values.len() != shape.iter().product::<usize>() {
+                let message = format!("is {:?}; the architecture asks for {shape:?}", tensor.shape);
+                return Err(wrong(name, message));
+            }
+            if let Some(index) = tensor.values.iter().position(|value| !value.is_finite()) {
+                let message = format!("{shape:?} holds {} at index {index}", tensor.values[index]);
+                return Err(wrong(name, message));
+            }
+        }
+        if let Some((name, tensor)) = tensors.iter().find(|(name, _)| !expected.contains_key(*name)) {
+            return Err(wrong(name, format!("{:?} does not belong to the architecture", tensor.shape)));
+        }
+        Ok(Self { architecture, provenance, tensors })
+    }
+
+    /// Reads weights.
+    ///
+    /// # Errors
+    /// [`WeightsError`] if the file cannot be read, is none of ours, or its tensors do not fit its architecture.
+    pub fn read(path: &Path) -> Result<Self, WeightsError> {
+        let io = |source| WeightsError::Io { path: path.to_owned(), source };
+        let size = std::fs::metadata(path).map_err(io)?.len();
+        if size > MAX_BYTES {
+            let message = format!("{size} bytes are more than any network has");
+            return Err(WeightsError::File { path: path.to_owned(), message });
+        }
+        Self::from_bytes(&std::fs::read(path).map_err(io)?, path)
+    }
+
+    /// Weights from the bytes of a file; `source` is its name, for messages.
+    ///
+    /// # Errors
+    /// As for [`Weights::read`].
+    pub fn from_bytes(bytes: &[u8], source: &Path) -> Result<Self, WeightsError> {
+        let damaged = |message: String| WeightsError::File { path: source.to_owned(), message };
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| damaged(error.to_string()))?;
+        let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
+        let header = header.ok_or_else(|| damaged(format!("there is no {KEY} in its metadata")))?;
+        let Header { architecture, provenance } =
+            serde_json::from_str(header).map_err(|error| damaged(format!("metadata {KEY}: {error}")))?;
+        let file = SafeTensors::deserialize(bytes).map_err(|error| damaged(error.to_string()))?;
+        let network = architecture.name();
+        let mut tensors = BTreeMap::new();
+        for (name, view) in file.tensors() {
+            let values = match view.dtype() {
+                Dtype::F32 => view.data().as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect(),
+                Dtype::BF16 => {
+                    view.data().as_chunks().0.iter().map(|&bytes| bf16::from_le_bytes(bytes).to_f32()).collect()
+                }
+                other => {
+                    let message = format!("is {other:?} of {:?}; F32 or BF16 expected", view.shape());
+                    return Err(WeightsError::Tensor { path: source.to_owned(), network, tensor: name, message });
+                }
+            };
+            tensors.insert(name, Tensor { shape: view.shape().to_vec(), values });
+        }
+        Self::new(architecture, provenance, tensors, source)
+    }
+
+    /// Writes the weights, so that the file appears whole or not at all.
+    ///
+    /// # Errors
+    /// [`WeightsError::Io`] if it cannot be written.
+    pub fn write(&self, path: &Path, precision: Precision) -> Result<(), WeightsError> {
+        let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
+        let header = Header { architecture: self.architecture.clone(), provenance: self.provenance.clone() };
+        let header = serde_json::to_string(&header).map_err(|error| damaged(error.to_string()))?;
+        let tensors = self.tensors.iter().map(|(name, tensor)| (name, Stored { tensor, precision }));
+        let metadata = HashMap::from([(KEY.to_owned(), header)]);
+        let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|error| damaged(error.to_string()))?;
+        let io = |source| WeightsError::Io { path: path.to_owned(), source };
+        let mut partial = path.as_os_str().to_owned();
+        partial.push(".part");
+        std::fs::write(&partial, bytes).map_err(io)?;
+        std::fs::rename(&partial, path).map_err(io)
+    }
+
+    /// The network they are for.
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    /// How they came about.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// All tensors by name, as [`Architecture::tensors`] lists them.
+    pub fn tensors(&self) -> &BTreeMap<String, Tensor> {
+        &self.tensors
+    }
+
+    /// The values of a tensor; none if the architecture has no such tensor.
+    pub fn values(&self, name: &str) -> &[f32] {
+        self.tensors.get(name).map_or(&[], |tensor| &tensor.values)
+    }
+}
+
+/// A tensor as it goes to the file.
+struct Stored<'a> {
+    tensor: &'a Tensor,
+    precision: Precision,
+}
+
+impl View for Stored<'_> {
+    fn dtype(&self) -> Dtype {
+        match self.precision {
+            Precision::F32 => Dtype::F32,
+            Precision::Bf16 => Dtype::BF16,
+        }
+    }
+
+    fn shape(&self) -> &[usize] {
+        &self.tensor.shape
+    }
+
+    fn data(&self) -> Cow<'_, [u8]> {
+        let values = self.tensor.values.iter();
+        match self.precision {
+            Precision::F32 => values.flat_map(|value| value.to_le_bytes()).collect(),
+            Precision::Bf16 => values.flat_map(|&value| bf16::from_f32(value).to_le_bytes()).collect(),
+        }
+    }
+
+    fn data_len(&self) -> usize {
+        self.tensor.values.len() * if self.precision == Precision::F32 { 4 } else { 2 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::Pyramid;
+
+    fn weights() -> Weights {
+        let architecture =
+            Architecture::Default(Pyramid { widths: [2, 3, 4, 16], depth: 1, state: 2, ..Pyramid::default() });
+        let mut next = 0.0;
+        let tensors = architecture.tensors().into_iter().map(|(name, shape)| {
+            next += 0.37;
+            let values = vec![next; shape.iter().product()];
+            (name, Tensor { shape, values })
+        });
+        let provenance = Provenance { seed: 3, step: 7, data: "ab".to_owned(), training: serde_json::json!({"lr": 1}) };
+        let tensors = tensors.collect();
+        Weights::new(architecture, provenance, tensors, Path::new("memory")).unwrap()
+    }
+
+    #[test]
+    fn come_back_from_disk() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let weights = weights();
+        weights.write(&path, Precision::F32).unwrap();
+        assert_eq!(Weights::read(&path).unwrap(), weights);
+        weights.write(&path, Precision::Bf16).unwrap();
+        let rounded = Weights::read(&path).unwrap();
+        assert_eq!(rounded.provenance(), weights.provenance());
+        for (name, tensor) in rounded.tensors() {
+            let exact = weights.values(name);
+            assert!(tensor.values.iter().zip(exact).all(|(a, b)| (a - b).abs() <= b.abs() / 256.0), "{name}");
+        }
+        assert!(!folder.path().join("weights.safetensors.part").exists());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_named() {
+        let weights = weights();
+        let error = |change: &dyn Fn(&mut BTreeMap<String, Tensor>)| {
+            let mut tensors = weights.tensors.clone();
+            change(&mut tensors);
+            let made = Weights::new(weights.architecture.clone(), Provenance::default(), tensors, Path::new("f.st"));
+            made.unwrap_err().to_string()
+        };
+        let text = error(&|t| drop(t.remove("stem.bias")));
+        assert!(text.contains("stem.bias") && text.contains("[2]") && text.contains("missing"), "{text}");
+        let text = error(&|t| drop(t.insert("extra".into(), Tensor { shape: vec![1], values: vec![0.0] })));
+        assert!(text.contains("extra") && text.contains("does not belong"), "{text}");
+        let text = error(&|t| t.get_mut("norm.bias").unwrap().shape = vec![8, 2]);
+        assert!(text.contains("[8, 2]") && text.contains("[16]"), "{text}");
+        let text = error(&|t| t.get_mut("head.bias").unwrap().values[5] = f32::NAN);
+        assert!(text.contains("head.bias") && text.contains("NaN at index 5"), "{text}");
+    }
+
+    #[test]
+    fn damaged_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        weights().write(&path, Precision::F32).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        for end in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
+            assert!(Weights::from_bytes(&bytes[..end], &path).is_err(), "cut off at {end}");
+        }
+        let other = safetensors::serialize::<String, Stored<'_>, _>([], None).unwrap();
+        assert!(Weights::from_bytes(&other, &path).unwrap_err().to_string().contains("metadata"));
+        assert!(Weights::read(&folder.path().join("none")).unwrap_err().to_string().contains("none"));
+    }
+}
