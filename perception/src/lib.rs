@@ -2,7 +2,7 @@
 //!
 //! Nothing here knows of the simulator or receives ground truth; what touch images show comes in as depth and contact.
 
-mod engine;
+pub mod engine;
 mod frame;
 pub mod network;
 mod segmentation;

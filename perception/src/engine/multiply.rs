@@ -164,12 +164,22 @@ fn pair(low: f32, high: f32) -> u32 {
     bf16(low) | bf16(high) << 16
 }
 
-/// Multiplies the windows of `left` by a packed matrix. `words` holds `left` as bf16 on the paths that want that; its length and
-/// contents do not matter.
+/// The left operand of a product.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Left<'a> {
+    pub(super) data: &'a [f32],
+    pub(super) windows: Windows,
+    /// Whether max(x, 0) takes part in place of x.
+    pub(super) rectified: bool,
+}
+
+/// Multiplies the windows of `left` by a packed matrix. `words` is room for `left` in another form; its length and contents do not
+/// matter.
 ///
 /// # Panics
-/// If a window or the target of one lies outside its slice.
-pub(super) fn multiply(weights: &Packed, left: &[f32], windows: Windows, words: &mut Vec<u32>, target: Target<'_>) {
+/// If a window or the target of one lies outside its slice, or bf16 words would have to be split.
+pub(super) fn multiply(weights: &Packed, left: Left<'_>, words: &mut Vec<u32>, target: Target<'_>) {
+    let Left { data, windows, rectified } = left;
     if windows.rows == 0 || windows.columns == 0 {
         return;
     }
@@ -177,22 +187,20 @@ pub(super) fn multiply(weights: &Packed, left: &[f32], windows: Windows, words: 
         + (windows.rows - 1) * windows.pitch
         + (windows.columns - 1) * windows.step
         + (weights.segments - 1) * windows.segment_pitch;
-    assert!(last + weights.length <= left.len(), "a window ends outside its operand");
+    assert!(last + weights.length <= data.len(), "a window ends outside its operand");
     let last = target.first + (windows.rows - 1) * target.pitch + (windows.columns - 1) * target.step;
     assert!(last + weights.outputs <= target.data.len(), "a product has no place");
     let instructions = weights.instructions;
-    #[cfg(target_arch = "x86_64")]
-    if instructions.is_bf16() {
-        let Windows { first, step, pitch, segment_pitch, .. } = windows;
-        assert!((first | step | pitch | segment_pitch).is_multiple_of(2), "a window begins within a word");
-        let count = left.len().div_ceil(2);
-        // Tiles reach past the last window and the end of a segment. What lies there is multiplied by zero or not used, but zero
-        // times what is not a number would not be zero.
-        words.resize(words.len().max(count + amx::OVERHANG * step / 2 + amx::STEP), 0);
-        block::round(left, &mut words[..count]);
-        words[count..count + amx::STEP].fill(0);
-    }
-    let product = Product { weights, left, words, windows, target };
+    let (left, windows) = if instructions.is_bf16() {
+        words_of_bf16(data, &windows, rectified, words)
+    } else if rectified {
+        words.resize(words.len().max(data.len()), 0);
+        instructions.run(Rectify(data, bytemuck::cast_slice_mut(&mut words[..data.len()])));
+        (&words[..], windows)
+    } else {
+        (bytemuck::cast_slice(data), windows)
+    };
+    let product = Product { weights, left, windows, target };
     match instructions {
         #[cfg(target_arch = "x86_64")]
         Instructions::Amx => amx::run(product),
@@ -202,11 +210,52 @@ pub(super) fn multiply(weights: &Packed, left: &[f32], windows: Windows, words: 
     }
 }
 
+/// Rounds the left operand into `words`; returns them with the windows' places in them.
+#[cfg(target_arch = "x86_64")]
+fn words_of_bf16<'a>(data: &[f32], windows: &Windows, rectified: bool, words: &'a mut Vec<u32>) -> (&'a [u32], Windows) {
+    let &Windows { first, step, pitch, columns, rows, segment_pitch } = windows;
+    assert!((first | step | pitch | segment_pitch).is_multiple_of(2), "a window begins within a word");
+    let windows = Windows {
+        first: first / 2,
+        step: step / 2,
+        pitch: pitch / 2,
+        columns,
+        rows,
+        segment_pitch: segment_pitch / 2,
+    };
+    let count = data.len().div_ceil(2);
+    words.resize(words.len().max(count + amx::OVERHANG * windows.step + amx::STEP), 0);
+    block::round(data, &mut words[..count], rectified);
+    // Tiles reach past the last window and the end of a segment. What lies there is multiplied by zero or not used, but zero times
+    // what is not a number would not be zero.
+    words[count..count + amx::STEP].fill(0);
+    (words, windows)
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn words_of_bf16<'a>(_: &[f32], windows: &Windows, _: bool, words: &'a mut Vec<u32>) -> (&'a [u32], Windows) {
+    (words, *windows)
+}
+
+/// Stores max(x, 0).
+struct Rectify<'a>(&'a [f32], &'a mut [f32]);
+
+impl WithSimd for Rectify<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (to, &x) in self.1.iter_mut().zip(self.0) {
+            *to = x.max(0.0);
+        }
+    }
+}
+
 /// A multiplication whose operands have been checked.
 struct Product<'a> {
     weights: &'a Packed,
-    left: &'a [f32],
-    words: &'a [u32],
+    left: &'a [u32],
+    /// In words.
     windows: Windows,
     target: Target<'a>,
 }
@@ -221,18 +270,6 @@ impl WithSimd for Product<'_> {
 }
 
 impl Product<'_> {
-    /// The left operand in words, and where its windows are in them.
-    fn left(&self) -> (&[u32], Windows) {
-        let Windows { first, step, pitch, columns, rows, segment_pitch } = self.windows;
-        if self.weights.instructions.is_bf16() {
-            let windows =
-                Windows { first: first / 2, step: step / 2, pitch: pitch / 2, columns, rows, segment_pitch: segment_pitch / 2 };
-            (self.words, windows)
-        } else {
-            (bytemuck::cast_slice(self.left), self.windows)
-        }
-    }
-
     /// Puts products with their bias where they belong: those of the windows from (`row`, `column`) on, one per row of `block`, and of
     /// the columns from `output` on.
     #[inline(always)]

@@ -120,7 +120,7 @@ fn tile<const TILES: usize, const VECTORS: usize>(
     output: usize,
     rows: usize,
 ) {
-    let (left, windows) = product.left();
+    let (left, windows) = (product.left, product.windows);
     let (segments, length) = (product.weights.segments, product.weights.words_of_segment());
     let left = &left[windows.first + row * windows.pitch + column * windows.step..];
     assert!((TILES * ROWS - 1) * windows.step + (segments - 1) * windows.segment_pitch + length <= left.len());

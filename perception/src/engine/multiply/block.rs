@@ -40,7 +40,8 @@ impl<S: Simd> Dot for Float<S> {
 
 #[cfg(target_arch = "x86_64")]
 mod bf16 {
-    use std::arch::x86_64::{__m512, __m512bh, __m512i, _mm512_cvtne2ps_pbh, _mm512_dpbf16_ps, _mm512_set1_epi32};
+    use std::arch::x86_64::{__m512, __m512bh, __m512i, _mm512_cvtne2ps_pbh, _mm512_dpbf16_ps, _mm512_max_ps,
+        _mm512_set1_epi32, _mm512_set1_ps};
 
     use pulp::{NullaryFnOnce, f32x16, u32x16, x86::V4};
 
@@ -89,32 +90,38 @@ mod bf16 {
         Features::try_new().is_some() && V4::try_new().is_some()
     }
 
-    struct Round<'a>(&'a [f32], &'a mut [u32]);
+    struct Round<'a> {
+        numbers: &'a [f32],
+        words: &'a mut [u32],
+        rectified: bool,
+    }
 
     impl NullaryFnOnce for Round<'_> {
         type Output = ();
 
         #[inline(always)]
         fn call(self) {
-            let (numbers, rest) = self.0.as_chunks::<32>();
-            let (words, words_of_rest) = self.1.split_at_mut(16 * numbers.len());
+            let least = if self.rectified { 0.0 } else { f32::NEG_INFINITY };
+            let (numbers, rest) = self.numbers.as_chunks::<32>();
+            let (words, words_of_rest) = self.words.split_at_mut(16 * numbers.len());
             for (to, numbers) in words.as_chunks_mut::<16>().0.iter_mut().zip(numbers) {
                 // SAFETY: called within the features that are needed; vectors of a size may be reinterpreted.
                 *to = unsafe {
-                    let [low, high] = std::mem::transmute::<[f32; 32], [__m512; 2]>(*numbers);
+                    let [low, high] = std::mem::transmute::<[f32; 32], [__m512; 2]>(*numbers)
+                        .map(|x| _mm512_max_ps(x, _mm512_set1_ps(least)));
                     std::mem::transmute::<__m512bh, [u32; 16]>(_mm512_cvtne2ps_pbh(high, low))
                 };
             }
             for (to, two) in words_of_rest.iter_mut().zip(rest.chunks(2)) {
-                *to = pair(two[0], two.get(1).copied().unwrap_or(0.0));
+                *to = pair(two[0].max(least), two.get(1).map_or(0.0, |x| x.max(least)));
             }
         }
     }
 
-    /// Rounds numbers to bf16, two to a word.
-    pub(in super::super) fn round(numbers: &[f32], words: &mut [u32]) {
+    /// Rounds numbers to bf16, two to a word; negative ones to zero if `rectified`.
+    pub(in super::super) fn round(numbers: &[f32], words: &mut [u32], rectified: bool) {
         if let Some(features) = Features::try_new() {
-            features.vectorize(Round(numbers, words));
+            features.vectorize(Round { numbers, words, rectified });
         }
     }
 
@@ -191,7 +198,7 @@ fn tile<D: Dot, const ROWS: usize, const VECTORS: usize>(
     output: usize,
 ) -> usize {
     let simd = dot.simd();
-    let (left, windows) = product.left();
+    let (left, windows) = (product.left, product.windows);
     let (segments, length) = (product.weights.segments, product.weights.words_of_segment());
     let left = &left[windows.first + row * windows.pitch + column * windows.step..];
     assert!((ROWS - 1) * windows.step + (segments - 1) * windows.segment_pitch + length <= left.len());

@@ -39,6 +39,7 @@ proptest! {
         (rows, columns, segments, length) in (1..3usize, 1..70usize, 1..4usize, 1..40usize),
         (outputs, step, seed) in (1..70usize, 1..20usize, any::<u32>()),
         then in prop::sample::select(vec![Then::Store, Then::Add, Then::Relu]),
+        rectified in any::<bool>(),
     ) {
         let step = 2 * step;
         let (segment_pitch, pitch) = (2 * length, 2 * (columns * step + segments * length));
@@ -46,7 +47,8 @@ proptest! {
         let left = numbers(seed, 2 + rows * pitch + segments * segment_pitch + columns * step);
         let right = numbers(seed ^ 1, segments * length * outputs);
         let bias = numbers(seed ^ 2, outputs);
-        let exact = naive(&left, windows, segments, length, &right, outputs);
+        let seen: Vec<f32> = if rectified { left.iter().map(|x| x.max(0.0)).collect() } else { left.clone() };
+        let exact = naive(&seen, windows, segments, length, &right, outputs);
         for set in Instructions::available() {
             let packed = Packed::new(set, segments, length, &bias, |k, n| right[k * outputs + n]);
             let wide = packed.outputs();
@@ -54,7 +56,7 @@ proptest! {
             // What an earlier product has left there must not matter.
             let mut words = vec![0x7fc0_7fc0; 10_000];
             let target = Target { data: &mut out, first: 7, step: wide, pitch: columns * wide, then };
-            multiply(&packed, &left, windows, &mut words, target);
+            multiply(&packed, Left { data: &left, windows, rectified }, &mut words, target);
             // Each factor is rounded to 8 bits.
             let unit = if set.is_bf16() { 2.0 * 2.0_f64.powi(-8) } else { 1e-6 };
             let bound = unit * (segments * length) as f64 + 1e-6;
@@ -87,7 +89,7 @@ fn small_whole_numbers_are_exact() {
         let packed = Packed::new(set, 1, length, &vec![0.0; outputs], |k, n| right[k * outputs + n]);
         let mut out = vec![0.0; columns * packed.outputs()];
         let target = Target { data: &mut out, first: 0, step: packed.outputs(), pitch: 0, then: Then::Store };
-        multiply(&packed, &left, windows, &mut Vec::new(), target);
+        multiply(&packed, Left { data: &left, windows, rectified: false }, &mut Vec::new(), target);
         for (window, exact) in exact.chunks(outputs).enumerate() {
             let found: Vec<f64> =
                 out[window * packed.outputs()..][..outputs].iter().map(|&x| f64::from(x)).collect();
@@ -102,5 +104,5 @@ fn windows_outside_their_operand_are_refused() {
     let windows = Windows { first: 0, step: 4, pitch: 0, columns: 3, rows: 1, segment_pitch: 0 };
     let packed = Packed::new(Instructions::best(), 1, 4, &[0.0], |_, _| 0.0);
     let target = Target { data: &mut [0.0; 48], first: 0, step: 16, pitch: 0, then: Then::Store };
-    multiply(&packed, &[0.0; 11], windows, &mut Vec::new(), target);
+    multiply(&packed, Left { data: &[0.0; 11], windows, rectified: false }, &mut Vec::new(), target);
 }
