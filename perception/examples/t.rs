@@ -11,7 +11,7 @@ fn main() {
         let img = image::RgbImage::from_fn(wd, h, |x, y| image::Rgb([(x * 7 % 256) as u8, (y * 5 % 256) as u8, ((x + y) % 256) as u8]));
         println!("{name} {:?}", arch.cost([h as usize, wd as usize]));
         let mut reference: Option<Prediction> = None;
-        for set in Instructions::available().collect::<Vec<_>>().into_iter().rev() {
+        for set in Instructions::available().collect::<Vec<_>>().into_iter().rev().filter(|s| std::env::var("SET").map_or(true, |v| v == s.name())) {
             let t = Instant::now(); let e = Engine::new(&w, set); let pack = t.elapsed().as_secs_f64();
             let mut p = Prediction::default(); e.infer(&img, &mut p).unwrap();
             let mut best = f64::MAX; let t0 = Instant::now(); let mut n = 0; while n < 3 || (t0.elapsed().as_secs_f64() < 2.0 && n < 400) { let t = Instant::now(); e.infer(&img, &mut p).unwrap(); best = best.min(t.elapsed().as_secs_f64()); n += 1; }

@@ -166,3 +166,6 @@ impl<N: Forward> Runner<N> {
         idle().push(workspace);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,6 +5,7 @@ use pulp::{Simd, WithSimd};
 
 use super::{Instructions, Prediction};
 use super::map::Map;
+use super::math::multiply_add;
 
 /// Two neighbours of a place between them, and how near it is to the second.
 type Between = (usize, usize, f32);
@@ -119,9 +120,9 @@ impl WithSimd for Resample<'_> {
                 let at = to.at(row, column);
                 let pixel = S::as_mut_simd_f32s(&mut to.data[at..][..channels]).0;
                 for (k, to) in pixel.iter_mut().enumerate() {
-                    let top = simd.mul_add_e_f32s(along, simd.sub_f32s(b[k], a[k]), a[k]);
-                    let bottom = simd.mul_add_e_f32s(along, simd.sub_f32s(d[k], c[k]), c[k]);
-                    let value = simd.mul_add_e_f32s(down, simd.sub_f32s(bottom, top), top);
+                    let top = multiply_add(simd, along, simd.sub_f32s(b[k], a[k]), a[k]);
+                    let bottom = multiply_add(simd, along, simd.sub_f32s(d[k], c[k]), c[k]);
+                    let value = multiply_add(simd, down, simd.sub_f32s(bottom, top), top);
                     *to = if is_added { simd.add_f32s(*to, value) } else { value };
                 }
             }

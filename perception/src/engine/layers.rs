@@ -5,6 +5,7 @@ use pulp::{Simd, WithSimd};
 
 use super::Instructions;
 use super::map::Map;
+use super::math::multiply_add;
 use super::multiply::{Left, Packed, Target, Then, Windows, multiply};
 use crate::network::{LAYER_NORM_EPS, Weights};
 
@@ -211,13 +212,13 @@ impl WithSimd for Normalise<'_> {
             let centre = simd.splat_f32s(mean);
             let squares = token.iter().fold(simd.splat_f32s(0.0), |sum, &x| {
                 let d = simd.sub_f32s(x, centre);
-                simd.mul_add_e_f32s(d, d, sum)
+                multiply_add(simd, d, d, sum)
             });
             // Channels beyond the width are zero, and their distance from the mean does not count.
             let variance = (simd.reduce_sum_f32s(squares) - padding * mean * mean).max(0.0) / *width as f32;
             let scale = simd.splat_f32s(1.0 / (variance + LAYER_NORM_EPS).sqrt());
             for ((x, &weight), &bias) in token.iter_mut().zip(weight).zip(bias) {
-                *x = simd.mul_add_e_f32s(simd.mul_f32s(simd.sub_f32s(*x, centre), scale), weight, bias);
+                *x = multiply_add(simd, simd.mul_f32s(simd.sub_f32s(*x, centre), scale), weight, bias);
             }
         }
     }

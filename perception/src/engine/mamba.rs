@@ -6,7 +6,7 @@ use pulp::{Simd, WithSimd};
 use super::Instructions;
 use super::layers::{Linear, Matrix};
 use super::map::Map;
-use super::math::{exp2, silu};
+use super::math::{exp2, multiply_add, silu};
 use super::multiply::{LANES, Left, Target, Then};
 use crate::network::Weights;
 
@@ -169,7 +169,7 @@ impl WithSimd for Convolve<'_> {
             for (taps, &token) in taps.chunks_exact(vectors).rev().zip(order[..=k].iter().rev()) {
                 let from = &xz[token as usize * 2 * vectors..][..vectors];
                 for ((to, &tap), &from) in to.iter_mut().zip(taps).zip(from) {
-                    *to = simd.mul_add_e_f32s(tap, from, *to);
+                    *to = multiply_add(simd, tap, from, *to);
                 }
             }
             for to in to {
@@ -218,8 +218,8 @@ impl WithSimd for Scan<'_> {
                     let mut sums = [simd.splat_f32s(0.0), if is_first { simd.mul_f32s(skip[vector], x) } else { y[at] }];
                     for k in 0..STATES {
                         let kept = simd.mul_f32s(exp2(simd, simd.mul_f32s(delta, rates[k])), states[k]);
-                        states[k] = simd.mul_add_e_f32s(input, simd.splat_f32s(b[k]), kept);
-                        sums[k % 2] = simd.mul_add_e_f32s(states[k], simd.splat_f32s(c[k]), sums[k % 2]);
+                        states[k] = multiply_add(simd, input, simd.splat_f32s(b[k]), kept);
+                        sums[k % 2] = multiply_add(simd, states[k], simd.splat_f32s(c[k]), sums[k % 2]);
                     }
                     let sum = simd.add_f32s(sums[0], sums[1]);
                     y[at] = if is_last {

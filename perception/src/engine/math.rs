@@ -2,6 +2,13 @@
 
 use pulp::Simd;
 
+/// a b + c, rounded once where the machine does that in one instruction.
+#[inline(always)]
+pub(super) fn multiply_add<S: Simd>(simd: S, a: S::f32s, b: S::f32s, c: S::f32s) -> S::f32s {
+    // The four lanes of `Instructions::Scalar` would call a function of the C library for each.
+    if S::F32_LANES == 4 { simd.add_f32s(simd.mul_f32s(a, b), c) } else { simd.mul_add_e_f32s(a, b, c) }
+}
+
 /// 2^x to a relative error of 4e-7, for any `x` up to 127; below -126 it is 2^-126, which stands for zero.
 #[inline(always)]
 pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
@@ -14,7 +21,7 @@ pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     // 2^f on [-0.5, 0.5]: a polynomial through 1 fitted at Chebyshev nodes, to 2e-7.
     let mut p = splat(1.339_086_7e-3);
     for c in [9.666_374e-3, 5.550_357e-2, 2.402_235e-1, 6.931_472e-1, 1.0] {
-        p = simd.mul_add_e_f32s(p, fraction, splat(c));
+        p = multiply_add(simd, p, fraction, splat(c));
     }
     let exponent = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(shifted), simd.splat_u32s(23));
     simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(p), exponent))
@@ -50,9 +57,9 @@ pub(super) fn softplus<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let t2 = simd.mul_f32s(t, t);
     let mut p = splat(2.0 / 13.0);
     for c in [2.0 / 11.0, 2.0 / 9.0, 2.0 / 7.0, 0.4, 2.0 / 3.0, 2.0] {
-        p = simd.mul_add_e_f32s(p, t2, splat(c));
+        p = multiply_add(simd, p, t2, splat(c));
     }
-    simd.mul_add_e_f32s(p, t, simd.max_f32s(x, splat(0.0)))
+    multiply_add(simd, p, t, simd.max_f32s(x, splat(0.0)))
 }
 
 /// x Phi(x) with the normal distribution's Phi, its error function by Abramowitz and Stegun, 7.1.26 (absolute error 1.5e-7).
@@ -61,10 +68,10 @@ pub(super) fn gelu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let splat = |x| simd.splat_f32s(x);
     let one = splat(1.0);
     let z = simd.mul_f32s(simd.abs_f32s(x), splat(std::f32::consts::FRAC_1_SQRT_2));
-    let t = simd.div_f32s(one, simd.mul_add_e_f32s(splat(0.327_591_1), z, one));
+    let t = simd.div_f32s(one, multiply_add(simd, splat(0.327_591_1), z, one));
     let mut p = splat(1.061_405_4);
     for c in [-1.453_152, 1.421_413_7, -0.284_496_74, 0.254_829_6] {
-        p = simd.mul_add_e_f32s(p, t, splat(c));
+        p = multiply_add(simd, p, t, splat(c));
     }
     let tail = simd.mul_f32s(simd.mul_f32s(p, t), exp(simd, simd.neg_f32s(simd.mul_f32s(z, z))));
     // Half of |x| (1 - tail) + x: Phi(-|x|) = tail / 2.

@@ -2,6 +2,7 @@
 
 use pulp::Simd;
 
+use super::super::math::multiply_add;
 use super::{Product, WIDTH};
 
 /// Windows whose panels' products are formed before going on, so that they stay in the cache from panel to panel.
@@ -34,7 +35,7 @@ impl<S: Simd> Dot for Float<S> {
 
     #[inline(always)]
     fn dot(self, sum: S::f32s, left: u32, right: S::u32s) -> S::f32s {
-        self.0.mul_add_e_f32s(self.0.splat_f32s(f32::from_bits(left)), self.0.transmute_f32s_u32s(right), sum)
+        multiply_add(self.0, self.0.splat_f32s(f32::from_bits(left)), self.0.transmute_f32s_u32s(right), sum)
     }
 }
 
