@@ -2,9 +2,11 @@
 //! logs, shape and pose of the object are estimated, and the estimate directs the hand.
 
 mod assets;
+mod bench;
 mod evaluate;
 mod generate;
 mod inspect;
+mod network;
 mod pipeline;
 mod progress;
 mod recorder;
@@ -46,6 +48,10 @@ enum Command {
     Assets(assets::Command),
     Inspect(inspect::Arguments),
     Score(score::Arguments),
+    #[command(subcommand)]
+    Network(network::Command),
+    #[command(subcommand)]
+    Bench(bench::Command),
 }
 
 fn main() -> ExitCode {
@@ -70,6 +76,8 @@ fn main() -> ExitCode {
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
+        Some(Command::Network(command)) => network::run(&command),
+        Some(Command::Bench(command)) => bench::run(&command),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -19,7 +19,9 @@ use std::sync::{Mutex, PoisonError};
 
 use ::image::RgbImage;
 use ndarray::Array2;
-use rayon::iter::{IndexedParallelIterator as _, IntoParallelRefIterator as _, IntoParallelRefMutIterator as _, ParallelIterator as _};
+use rayon::iter::{
+    IndexedParallelIterator as _, IntoParallelRefIterator as _, IntoParallelRefMutIterator as _, ParallelIterator as _,
+};
 
 use crate::network::{Architecture, Weights};
 use pyramid::Pyramid;

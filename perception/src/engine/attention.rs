@@ -37,8 +37,7 @@ pub(super) struct Scratch {
 
 impl Attention {
     pub(super) fn new(instructions: Instructions, weights: &Weights, name: &str, heads: usize) -> Self {
-        let (qkv, proj) =
-            (Matrix::of(weights, &format!("{name}.qkv")), Matrix::of(weights, &format!("{name}.proj")));
+        let (qkv, proj) = (Matrix::of(weights, &format!("{name}.qkv")), Matrix::of(weights, &format!("{name}.proj")));
         let size = proj.inputs / heads;
         let stored = size.next_multiple_of(LANES);
         let head = |n: usize| (n % stored < size).then_some(n / stored * size + n % stored);
@@ -54,7 +53,8 @@ impl Attention {
 
     /// Room for `count` tokens.
     pub(super) fn scratch(&self, count: usize) -> Scratch {
-        let packed = |length, outputs: usize| Packed::new(self.instructions, 1, length, &vec![0.0; outputs], |_, _| 0.0);
+        let packed =
+            |length, outputs: usize| Packed::new(self.instructions, 1, length, &vec![0.0; outputs], |_, _| 0.0);
         Scratch {
             qkv: Map::tokens([1, count], 0, 3 * self.heads * self.stored),
             keys: packed(self.stored, count),
@@ -77,7 +77,8 @@ impl Attention {
             keys.fill(count, |k, token| scale * number(token, key + k));
             values.fill(stored, |token, k| number(token, value + k));
             let windows = Windows { first: query, ..qkv.pixels() };
-            let target = Target { first: 0, step: scores.channels, pitch: 0, then: Then::Store, data: &mut scores.data };
+            let target =
+                Target { first: 0, step: scores.channels, pitch: 0, then: Then::Store, data: &mut scores.data };
             multiply(keys, Left { data: &qkv.data, windows, rectified: false }, words, target);
             self.instructions.run(Softmax { count, scores });
             let left = Left { data: &scores.data, windows: scores.pixels(), rectified: false };

@@ -68,7 +68,13 @@ pub(super) struct Scratch {
 }
 
 impl Dpt {
-    pub(super) fn new(instructions: Instructions, weights: &Weights, width: usize, levels: usize, patch: usize) -> Self {
+    pub(super) fn new(
+        instructions: Instructions,
+        weights: &Weights,
+        width: usize,
+        levels: usize,
+        patch: usize,
+    ) -> Self {
         let stored = width.next_multiple_of(LANES);
         let channels = weights.values("reassemble.0.project.bias").len();
         let stored_channels = channels.next_multiple_of(LANES);
@@ -93,9 +99,8 @@ impl Dpt {
             let narrow = weights.values(&format!("{name}.conv1.bias")).len();
             let matrix = Matrix::of(weights, &format!("{name}.out"));
             let own = |n: usize| (n == k).then_some(0);
-            let convolution = |part: &str, channels| {
-                Convolution::new(instructions, weights, &format!("{name}.{part}"), channels, 1)
-            };
+            let convolution =
+                |part: &str, channels| Convolution::new(instructions, weights, &format!("{name}.{part}"), channels, 1);
             Head {
                 conv1: convolution("conv1", stored_channels),
                 conv2: convolution("conv2", narrow.next_multiple_of(LANES)),

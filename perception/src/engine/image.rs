@@ -3,9 +3,9 @@
 use image::RgbImage;
 use pulp::{Simd, WithSimd};
 
-use super::{Instructions, Prediction};
 use super::map::Map;
 use super::math::multiply_add;
+use super::{Instructions, Prediction};
 
 /// Two neighbours of a place between them, and how near it is to the second.
 type Between = (usize, usize, f32);

@@ -143,9 +143,8 @@ impl Up {
     pub(super) fn new(instructions: Instructions, weights: &Weights, name: &str, factor: usize) -> Self {
         let matrix = Matrix::of(weights, name);
         let channels = matrix.outputs / (factor * factor);
-        let part = |k: usize| {
-            Linear::spread(instructions, &matrix, channels, |n| Some(k * channels + n), matrix.inputs, Some)
-        };
+        let part =
+            |k: usize| Linear::spread(instructions, &matrix, channels, |n| Some(k * channels + n), matrix.inputs, Some);
         Self { parts: (0..factor * factor).map(part).collect(), factor }
     }
 

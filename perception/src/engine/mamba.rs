@@ -86,7 +86,9 @@ impl Mamba {
             inner,
             state,
             inputs,
-            taps: (0..taps * inner).map(|at| per_channel(values("conv1d.weight"), taps, at % inner, at / inner)).collect(),
+            taps: (0..taps * inner)
+                .map(|at| per_channel(values("conv1d.weight"), taps, at % inner, at / inner))
+                .collect(),
             tap_bias: padded(values("conv1d.bias")),
             decay: (0..inner * state).map(decay).collect(),
             skip: padded(values("D")),
@@ -215,7 +217,8 @@ impl WithSimd for Scan<'_> {
                     let (b, c) = (&dbc[..STATES], &dbc[state..]);
                     let (delta, x) = (delta[at], x[at]);
                     let input = simd.mul_f32s(delta, x);
-                    let mut sums = [simd.splat_f32s(0.0), if is_first { simd.mul_f32s(skip[vector], x) } else { y[at] }];
+                    let mut sums =
+                        [simd.splat_f32s(0.0), if is_first { simd.mul_f32s(skip[vector], x) } else { y[at] }];
                     for k in 0..STATES {
                         let kept = simd.mul_f32s(exp2(simd, simd.mul_f32s(delta, rates[k])), states[k]);
                         states[k] = multiply_add(simd, input, simd.splat_f32s(b[k]), kept);

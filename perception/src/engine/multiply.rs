@@ -123,16 +123,6 @@ impl Packed {
         }
     }
 
-    /// Columns, with those that fill the last vector.
-    pub(super) fn outputs(&self) -> usize {
-        self.outputs
-    }
-
-    /// Bytes in memory.
-    pub(super) fn bytes(&self) -> usize {
-        4 * (self.words.len() + self.bias.len())
-    }
-
     /// Words of a segment, with those that fill the last step of the kernel.
     fn words_of_segment(&self) -> usize {
         match self.instructions {
@@ -212,17 +202,16 @@ pub(super) fn multiply(weights: &Packed, left: Left<'_>, words: &mut Vec<u32>, t
 
 /// Rounds the left operand into `words`; returns them with the windows' places in them.
 #[cfg(target_arch = "x86_64")]
-fn words_of_bf16<'a>(data: &[f32], windows: &Windows, rectified: bool, words: &'a mut Vec<u32>) -> (&'a [u32], Windows) {
+fn words_of_bf16<'a>(
+    data: &[f32],
+    windows: &Windows,
+    rectified: bool,
+    words: &'a mut Vec<u32>,
+) -> (&'a [u32], Windows) {
     let &Windows { first, step, pitch, columns, rows, segment_pitch } = windows;
     assert!((first | step | pitch | segment_pitch).is_multiple_of(2), "a window begins within a word");
-    let windows = Windows {
-        first: first / 2,
-        step: step / 2,
-        pitch: pitch / 2,
-        columns,
-        rows,
-        segment_pitch: segment_pitch / 2,
-    };
+    let windows =
+        Windows { first: first / 2, step: step / 2, pitch: pitch / 2, columns, rows, segment_pitch: segment_pitch / 2 };
     let count = data.len().div_ceil(2);
     words.resize(words.len().max(count + amx::OVERHANG * windows.step + amx::STEP), 0);
     block::round(data, &mut words[..count], rectified);

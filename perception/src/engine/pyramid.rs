@@ -48,7 +48,8 @@ impl Pyramid {
     pub(super) fn new(instructions: Instructions, pyramid: &network::Pyramid, weights: &Weights) -> Self {
         let network::Pyramid { widths, depth, scans, .. } = pyramid;
         let stored = widths.map(|width| width.next_multiple_of(LANES));
-        let convolution = |name: &str, channels, stride| Convolution::new(instructions, weights, name, channels, stride);
+        let convolution =
+            |name: &str, channels, stride| Convolution::new(instructions, weights, name, channels, stride);
         let unit = |name: &str, channels| Unit::new(instructions, weights, name, channels);
         let block = |k| {
             let norm = Norm::new(instructions, weights, &format!("blocks.{k}.norm"));

@@ -123,7 +123,8 @@ fn images_are_resized_with_half_pixel_centres() {
 #[test]
 fn predictions_do_not_depend_on_threads_or_on_what_was_before() {
     let engine = Engine::new(&weights("mamba"), Instructions::best());
-    let image = |seed: u32| RgbImage::from_fn(24, 40, |u, v| ::image::Rgb([(u * seed) as u8, (v * 3) as u8, seed as u8]));
+    let image =
+        |seed: u32| RgbImage::from_fn(24, 40, |u, v| ::image::Rgb([(u * seed) as u8, (v * 3) as u8, seed as u8]));
     let images = [1, 2, 3, 4, 5].map(image);
     let alone = images.each_ref().map(|image| {
         let mut prediction = Prediction::default();

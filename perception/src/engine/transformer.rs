@@ -219,7 +219,8 @@ impl Forward for Transformer {
         let Scratch { input, start, tokens, normed, hidden, attention, mamba: inner, orders, decoder } = scratch;
         load(image, input);
         tokens.data.copy_from_slice(&start.data);
-        let (left, at) = (Left { data: &input.data, windows: input.patches(self.patch), rectified: false }, tokens.rows());
+        let (left, at) =
+            (Left { data: &input.data, windows: input.patches(self.patch), rectified: false }, tokens.rows());
         let target =
             Target { data: &mut tokens.data, first: at.first, step: at.step, pitch: at.pitch, then: Then::Add };
         multiply(&self.embedding, left, words, target);

@@ -79,10 +79,15 @@ impl NullaryFnOnce for Job<'_> {
                     for column in (begin..end).step_by(2 * ROWS) {
                         let rows = (end - column).min(2 * ROWS);
                         match (rows > ROWS, output + WIDTH <= outputs) {
-                            (true, true) => tile::<2, 2>(simd, &mut product, &mut block, row, column, output, rows),
-                            (true, false) => tile::<2, 1>(simd, &mut product, &mut block, row, column, output, rows),
-                            (false, true) => tile::<1, 2>(simd, &mut product, &mut block, row, column, output, rows),
-                            (false, false) => tile::<1, 1>(simd, &mut product, &mut block, row, column, output, rows),
+                            (true, true) => tile::<2, 2>(&product, row, column, output, &mut block),
+                            (true, false) => tile::<2, 1>(&product, row, column, output, &mut block),
+                            (false, true) => tile::<1, 2>(&product, row, column, output, &mut block),
+                            (false, false) => tile::<1, 1>(&product, row, column, output, &mut block),
+                        }
+                        if output + WIDTH <= outputs {
+                            product.finish::<V4, 2>(simd, &block[..rows], row, column, output);
+                        } else {
+                            product.finish::<V4, 1>(simd, &block[..rows], row, column, output);
                         }
                     }
                 }
@@ -106,19 +111,17 @@ pub(super) fn run(product: Product<'_>) {
     unsafe { asm!("tilerelease", options(nostack, nomem)) };
 }
 
-/// The products of `TILES` times 16 windows with a panel of `VECTORS` vectors, of which the first `rows` are kept.
+/// The products of `TILES` times 16 windows with a panel of `VECTORS` vectors.
 ///
 /// Tiles 0 to 3 hold sums, 4 and 5 windows, 6 and 7 the panel. Between two pieces of assembly the compiler leaves tiles alone: it
 /// does not know of them.
 #[inline(always)]
 fn tile<const TILES: usize, const VECTORS: usize>(
-    simd: V4,
-    product: &mut Product<'_>,
-    block: &mut [[f32; WIDTH]; 2 * ROWS],
+    product: &Product<'_>,
     row: usize,
     column: usize,
     output: usize,
-    rows: usize,
+    block: &mut [[f32; WIDTH]; 2 * ROWS],
 ) {
     let (left, windows) = (product.left, product.windows);
     let (segments, length) = (product.weights.segments, product.weights.words_of_segment());
@@ -168,5 +171,4 @@ fn tile<const TILES: usize, const VECTORS: usize>(
             }
         }
     }
-    product.finish::<V4, VECTORS>(simd, &block[..rows], row, column, output);
 }

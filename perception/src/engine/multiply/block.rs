@@ -41,8 +41,10 @@ impl<S: Simd> Dot for Float<S> {
 
 #[cfg(target_arch = "x86_64")]
 mod bf16 {
-    use std::arch::x86_64::{__m512, __m512bh, __m512i, _mm512_cvtne2ps_pbh, _mm512_dpbf16_ps, _mm512_max_ps,
-        _mm512_set1_epi32, _mm512_set1_ps};
+    use std::arch::x86_64::{
+        __m512, __m512bh, __m512i, _mm512_cvtne2ps_pbh, _mm512_dpbf16_ps, _mm512_max_ps, _mm512_set1_epi32,
+        _mm512_set1_ps,
+    };
 
     use pulp::{NullaryFnOnce, f32x16, u32x16, x86::V4};
 
@@ -145,9 +147,9 @@ mod bf16 {
     }
 }
 #[cfg(target_arch = "x86_64")]
-pub(super) use bf16::{round, run_bf16};
-#[cfg(target_arch = "x86_64")]
 pub(in super::super) use bf16::has_bf16;
+#[cfg(target_arch = "x86_64")]
+pub(super) use bf16::{round, run_bf16};
 
 /// Forms all products.
 #[inline(always)]
@@ -177,15 +179,18 @@ fn strip<D: Dot, const VECTORS: usize>(
     columns: std::ops::Range<usize>,
     output: usize,
 ) {
+    let mut block = [[0.0; WIDTH]; 12];
     let mut column = columns.start;
     while column < columns.end {
-        column += match columns.end - column {
-            12.. if D::ROWS >= 12 => tile::<D, 12, VECTORS>(dot, product, row, column, output),
-            6.. => tile::<D, 6, VECTORS>(dot, product, row, column, output),
-            4.. => tile::<D, 4, VECTORS>(dot, product, row, column, output),
-            2.. => tile::<D, 2, VECTORS>(dot, product, row, column, output),
-            _ => tile::<D, 1, VECTORS>(dot, product, row, column, output),
+        let rows = match columns.end - column {
+            12.. if D::ROWS >= 12 => tile::<D, 12, VECTORS>(dot, product, row, column, output, &mut block),
+            6.. => tile::<D, 6, VECTORS>(dot, product, row, column, output, &mut block),
+            4.. => tile::<D, 4, VECTORS>(dot, product, row, column, output, &mut block),
+            2.. => tile::<D, 2, VECTORS>(dot, product, row, column, output, &mut block),
+            _ => tile::<D, 1, VECTORS>(dot, product, row, column, output, &mut block),
         };
+        product.finish::<D::S, VECTORS>(dot.simd(), &block[..rows], row, column, output);
+        column += rows;
     }
 }
 
@@ -193,10 +198,11 @@ fn strip<D: Dot, const VECTORS: usize>(
 #[inline(always)]
 fn tile<D: Dot, const ROWS: usize, const VECTORS: usize>(
     dot: D,
-    product: &mut Product<'_>,
+    product: &Product<'_>,
     row: usize,
     column: usize,
     output: usize,
+    block: &mut [[f32; WIDTH]],
 ) -> usize {
     let simd = dot.simd();
     let (left, windows) = (product.left, product.windows);
@@ -224,12 +230,10 @@ fn tile<D: Dot, const ROWS: usize, const VECTORS: usize>(
             }
         }
     }
-    let mut block = [[0.0; WIDTH]; ROWS];
     for (row, sums) in block.iter_mut().zip(sums) {
         for (to, sum) in D::S::as_mut_simd_f32s(row).0.iter_mut().zip(sums) {
             *to = sum;
         }
     }
-    product.finish::<D::S, VECTORS>(simd, &block, row, column, output);
     ROWS
 }

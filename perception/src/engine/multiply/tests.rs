@@ -21,7 +21,8 @@ fn naive(left: &[f32], windows: Windows, segments: usize, length: usize, right: 
             for n in 0..columns {
                 let mut sum = 0.0;
                 for segment in 0..segments {
-                    let at = windows.first + row * windows.pitch + column * windows.step + segment * windows.segment_pitch;
+                    let at =
+                        windows.first + row * windows.pitch + column * windows.step + segment * windows.segment_pitch;
                     for k in 0..length {
                         sum += f64::from(left[at + k]) * f64::from(right[(segment * length + k) * columns + n]);
                     }
@@ -51,7 +52,7 @@ proptest! {
         let exact = naive(&seen, windows, segments, length, &right, outputs);
         for set in Instructions::available() {
             let packed = Packed::new(set, segments, length, &bias, |k, n| right[k * outputs + n]);
-            let wide = packed.outputs();
+            let wide = packed.outputs;
             let mut out = vec![0.5; 7 + rows * columns * wide];
             // What an earlier product has left there must not matter.
             let mut words = vec![0x7fc0_7fc0; 10_000];
@@ -87,12 +88,11 @@ fn small_whole_numbers_are_exact() {
     let exact = naive(&left, windows, 1, length, &right, outputs);
     for set in Instructions::available() {
         let packed = Packed::new(set, 1, length, &vec![0.0; outputs], |k, n| right[k * outputs + n]);
-        let mut out = vec![0.0; columns * packed.outputs()];
-        let target = Target { data: &mut out, first: 0, step: packed.outputs(), pitch: 0, then: Then::Store };
+        let mut out = vec![0.0; columns * packed.outputs];
+        let target = Target { data: &mut out, first: 0, step: packed.outputs, pitch: 0, then: Then::Store };
         multiply(&packed, Left { data: &left, windows, rectified: false }, &mut Vec::new(), target);
         for (window, exact) in exact.chunks(outputs).enumerate() {
-            let found: Vec<f64> =
-                out[window * packed.outputs()..][..outputs].iter().map(|&x| f64::from(x)).collect();
+            let found: Vec<f64> = out[window * packed.outputs..][..outputs].iter().map(|&x| f64::from(x)).collect();
             assert_eq!(found, exact, "{set:?}");
         }
     }
