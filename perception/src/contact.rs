@@ -335,3 +335,6 @@ fn differences(a: &Squares, b: &Squares) -> (f32, f32) {
     of_squares.sort_unstable_by(f32::total_cmp);
     (of_squares.last().copied().unwrap_or(0.0), of_squares.get(of_squares.len() / 4).copied().unwrap_or(0.0))
 }
+
+#[cfg(test)]
+mod tests;

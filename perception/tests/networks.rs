@@ -60,3 +60,65 @@ fn every_network_predicts_what_pytorch_does_on_every_path() {
         }
     }
 }
+
+/// A file of another architecture's tensors names what does not fit; a network that nobody knows names those there are.
+#[test]
+fn weights_of_another_network_are_refused() {
+    let bytes = std::fs::read(fixture("mamba")).unwrap();
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    let replaced = |from: &str, to: &str| {
+        let at = text.find(from).unwrap();
+        let mut bytes = bytes.clone();
+        bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
+        Weights::from_bytes(&bytes, Path::new("w.safetensors")).unwrap_err().to_string()
+    };
+    let error = replaced(r#"\"width\": 10"#, r#"\"width\": 11"#);
+    assert!(error.contains("w.safetensors") && error.contains("mamba") && error.contains("11"), "{error}");
+    let error = replaced(r#"\"name\": \"mamba\""#, r#"\"name\": \"mamma\""#);
+    assert!(Architecture::NAMES.iter().all(|name| error.contains(name)), "{error}");
+}
+
+/// Whatever becomes of a file's bytes, reading it ends in weights or an error, and weights that are read can be used.
+#[test]
+fn damaged_weights_never_panic() {
+    let mut random = 0x2545_f491_u32;
+    let mut next = move |below: usize| {
+        random ^= random << 13;
+        random ^= random >> 17;
+        random ^= random << 5;
+        random as usize % below
+    };
+    let (mut refused, image) = (0, RgbImage::new(16, 16));
+    for name in Architecture::NAMES {
+        let whole = std::fs::read(fixture(name)).unwrap();
+        let header = 8 + u64::from_le_bytes(whole[..8].try_into().unwrap()) as usize;
+        for _ in 0..400 {
+            let mut bytes = whole.clone();
+            for _ in 0..=next(3) {
+                // Mostly the header, where the meaning is.
+                let at = if next(4) > 0 { next(header) } else { next(bytes.len()) };
+                match next(5) {
+                    0 => bytes[at] ^= 1 << next(8),
+                    1 => bytes[at] = b"0123456789{}[]\",:-.eE"[next(21)],
+                    2 => drop(bytes.drain(at..(at + 1 + next(8)).min(bytes.len()))),
+                    3 => bytes.insert(at, next(256) as u8),
+                    _ => bytes.truncate(at),
+                }
+                if bytes.len() <= header {
+                    break;
+                }
+            }
+            match Weights::from_bytes(&bytes, Path::new("damaged")) {
+                Ok(weights) => {
+                    let mut prediction = Prediction::default();
+                    Engine::new(&weights, Instructions::best()).infer(&image, &mut prediction).unwrap();
+                }
+                Err(error) => {
+                    refused += 1;
+                    assert!(error.to_string().starts_with("damaged: "), "{error}");
+                }
+            }
+        }
+    }
+    assert!(refused > 800, "only {refused} of 1600 were refused");
+}

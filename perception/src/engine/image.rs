@@ -62,13 +62,13 @@ pub(super) fn load(image: &RgbImage, map: &mut Map) {
     }
 }
 
-/// Writes the two channels that depth to space by `factor` makes of a map, resized to the prediction's size.
-pub(super) fn store(map: &Map, factor: usize, to: &mut Prediction) {
+/// Writes the two channels that depth to space by `FACTOR` makes of a map, resized to the prediction's size.
+pub(super) fn store<const FACTOR: usize>(map: &Map, to: &mut Prediction) {
     let Prediction { indentation_mm, contact_logit } = to;
-    let (height, width) = (map.height * factor, map.width * factor);
+    let (height, width) = (map.height * FACTOR, map.width * FACTOR);
     let value = |row: usize, column: usize| {
-        let part = (row % factor) * factor + column % factor;
-        let at = map.at(row / factor, column / factor) + 2 * part;
+        let part = (row % FACTOR) * FACTOR + column % FACTOR;
+        let at = map.at(row / FACTOR, column / FACTOR) + 2 * part;
         [map.data[at], map.data[at + 1]]
     };
     let mix = |[a0, a1]: [f32; 2], [b0, b1]: [f32; 2], share: f32| [a0 + share * (b0 - a0), a1 + share * (b1 - a1)];

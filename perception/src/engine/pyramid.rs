@@ -113,6 +113,6 @@ impl Forward for Pyramid {
         up0.apply(quarter, Then::Add, words, half);
         unit0.apply(words, &mut between[0], half);
         self.head.apply(half, true, Then::Store, words, output);
-        store(output, 2, to);
+        store::<2>(output, to);
     }
 }

@@ -253,6 +253,6 @@ impl Forward for Transformer {
             }
         }
         self.decoder.forward(decoder, words);
-        store(&decoder.output, 1, to);
+        store::<1>(&decoder.output, to);
     }
 }
