@@ -2,11 +2,12 @@
 //! logs, shape and pose of the object are estimated, and the estimate directs the hand.
 
 mod assets;
-#[cfg(feature = "train")]
+mod bench;
 mod eval_touch;
 mod evaluate;
 mod generate;
 mod inspect;
+mod network;
 mod pipeline;
 mod progress;
 mod recorder;
@@ -50,7 +51,10 @@ enum Command {
     Assets(assets::Command),
     Inspect(inspect::Arguments),
     Score(score::Arguments),
-    #[cfg(feature = "train")]
+    #[command(subcommand)]
+    Network(network::Command),
+    #[command(subcommand)]
+    Bench(bench::Command),
     EvalTouch(eval_touch::Arguments),
     #[cfg(feature = "train")]
     Train(train::Arguments),
@@ -78,7 +82,8 @@ fn main() -> ExitCode {
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
-        #[cfg(feature = "train")]
+        Some(Command::Network(command)) => network::run(&command),
+        Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
         #[cfg(feature = "train")]
         Some(Command::Train(arguments)) => train::run(&arguments),
