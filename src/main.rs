@@ -3,6 +3,7 @@
 
 mod assets;
 mod bench;
+mod eval_touch;
 mod evaluate;
 mod generate;
 mod inspect;
@@ -19,6 +20,8 @@ mod simulate;
 mod source;
 mod subject;
 mod supervisor;
+#[cfg(feature = "train")]
+mod train;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
@@ -52,6 +55,9 @@ enum Command {
     Network(network::Command),
     #[command(subcommand)]
     Bench(bench::Command),
+    EvalTouch(eval_touch::Arguments),
+    #[cfg(feature = "train")]
+    Train(train::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -78,6 +84,9 @@ fn main() -> ExitCode {
         Some(Command::Score(arguments)) => score::run(&arguments),
         Some(Command::Network(command)) => network::run(&command),
         Some(Command::Bench(command)) => bench::run(&command),
+        Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
+        #[cfg(feature = "train")]
+        Some(Command::Train(arguments)) => train::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -3,11 +3,15 @@
 //! Nothing here knows of the simulator or receives ground truth. What touch images show is found by [`contact`], or comes in as depth
 //! and contact from whoever knows it.
 
+mod accuracy;
 pub mod contact;
 pub mod engine;
 mod frame;
 pub mod network;
 mod segmentation;
+#[cfg(feature = "train")]
+pub mod train;
 
+pub use accuracy::{Accuracy, Pixel, Scores};
 pub use frame::{Gaps, Sensor, SensorError, TouchImages, depth_frame, touch_from_depth};
 pub use segmentation::{SegmentationConfig, segment};

@@ -71,3 +71,5 @@ pub use architecture::{Architecture, Mamba, Pyramid, RobustMamba, Scan, UnknownN
 pub use cost::Cost;
 pub use layer::{Grid, LAYER_NORM_EPS, Layer, Op};
 pub use weights::{Precision, Provenance, Tensor, Weights, WeightsError};
+#[cfg(feature = "train")]
+pub(crate) use weights::{Stored, write_whole};

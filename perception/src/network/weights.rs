@@ -185,11 +185,7 @@ impl Weights {
         let tensors = self.tensors.iter().map(|(name, tensor)| (name, Stored { tensor, precision }));
         let metadata = HashMap::from([(KEY.to_owned(), header)]);
         let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|error| damaged(error.to_string()))?;
-        let io = |source| WeightsError::Io { path: path.to_owned(), source };
-        let mut partial = path.as_os_str().to_owned();
-        partial.push(".part");
-        std::fs::write(&partial, bytes).map_err(io)?;
-        std::fs::rename(&partial, path).map_err(io)
+        write_whole(path, &bytes)
     }
 
     /// The network they are for.
@@ -213,10 +209,19 @@ impl Weights {
     }
 }
 
+/// Writes a file under another name and renames it, so that it appears whole or not at all.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WeightsError> {
+    let io = |source| WeightsError::Io { path: path.to_owned(), source };
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".part");
+    std::fs::write(&partial, bytes).map_err(io)?;
+    std::fs::rename(&partial, path).map_err(io)
+}
+
 /// A tensor as it goes to the file.
-struct Stored<'a> {
-    tensor: &'a Tensor,
-    precision: Precision,
+pub(crate) struct Stored<'a> {
+    pub tensor: &'a Tensor,
+    pub precision: Precision,
 }
 
 impl View for Stored<'_> {

@@ -1,0 +1,147 @@
+//! Layer norm, depth to space, and other ops without matrices.
+
+use rayon::prelude::*;
+
+use super::linear::total;
+use super::tape::{Kernel, View};
+use crate::network::{LAYER_NORM_EPS, Tensor};
+
+/// Rows that are normalised together; sums over rows are made per block, in a fixed order.
+const BLOCK: usize = 512;
+
+/// Layer norm over the last axis; inputs x, weight, bias.
+#[derive(Debug, Clone)]
+pub struct Norm;
+
+/// Mean and reciprocal standard deviation of a row.
+fn moments(row: &[f32]) -> (f32, f32) {
+    let count = row.len() as f32;
+    let mean = row.iter().sum::<f32>() / count;
+    let variance = row.iter().map(|x| (x - mean) * (x - mean)).sum::<f32>() / count;
+    (mean, 1.0 / (variance + LAYER_NORM_EPS).sqrt())
+}
+
+impl Kernel<3> for Norm {
+    type Kept = ();
+
+    fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> (Tensor, ()) {
+        let width = weight.values.len();
+        let mut values = vec![0.0; x.values.len()];
+        values.par_chunks_mut(BLOCK * width).zip(x.values.par_chunks(BLOCK * width)).for_each(|(y, x)| {
+            for (y, x) in y.chunks_exact_mut(width).zip(x.chunks_exact(width)) {
+                let (mean, scale) = moments(x);
+                for (((y, x), weight), bias) in y.iter_mut().zip(x).zip(weight.values).zip(bias.values) {
+                    *y = (x - mean) * scale * weight + bias;
+                }
+            }
+        });
+        (Tensor { shape: x.shape.to_vec(), values }, ())
+    }
+
+    fn backward(
+        &self,
+        [x, weight, bias]: [View<'_>; 3],
+        (): &(),
+        gradient: View<'_>,
+        _: [bool; 3],
+    ) -> [Option<Tensor>; 3] {
+        let width = weight.values.len();
+        let mut values = vec![0.0; x.values.len()];
+        let size = BLOCK * width;
+        let blocks = values.par_chunks_mut(size).zip(x.values.par_chunks(size)).zip(gradient.values.par_chunks(size));
+        let parts = blocks.map(|((by_x, x), g)| {
+            let mut sums = vec![0.0; 2 * width];
+            let (by_weight, by_bias) = sums.split_at_mut(width);
+            let rows = by_x.chunks_exact_mut(width).zip(x.chunks_exact(width)).zip(g.chunks_exact(width));
+            for ((by_x, x), g) in rows {
+                let (mean, scale) = moments(x);
+                let (mut sum, mut along) = (0.0, 0.0);
+                for i in 0..width {
+                    let unit = (x[i] - mean) * scale;
+                    by_weight[i] += g[i] * unit;
+                    by_bias[i] += g[i];
+                    by_x[i] = g[i] * weight.values[i];
+                    sum += by_x[i];
+                    along += by_x[i] * unit;
+                }
+                let (sum, along) = (sum / width as f32, along / width as f32);
+                for (by_x, x) in by_x.iter_mut().zip(x) {
+                    *by_x = scale * (*by_x - sum - (x - mean) * scale * along);
+                }
+            }
+            sums
+        });
+        let mut sums = total(parts.collect(), 2 * width);
+        let by_bias = sums.split_off(width);
+        [
+            Some(Tensor { shape: x.shape.to_vec(), values }),
+            Some(Tensor { shape: weight.shape.to_vec(), values: sums }),
+            Some(Tensor { shape: bias.shape.to_vec(), values: by_bias }),
+        ]
+    }
+}
+
+/// The greater of a number and zero.
+#[derive(Debug, Clone)]
+pub struct Relu;
+
+impl Kernel<1> for Relu {
+    type Kept = ();
+
+    fn forward(&self, [x]: [View<'_>; 1]) -> (Tensor, ()) {
+        let values = x.values.iter().map(|x| x.max(0.0)).collect();
+        (Tensor { shape: x.shape.to_vec(), values }, ())
+    }
+
+    fn backward(&self, [x]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
+        let values = x.values.iter().zip(gradient.values).map(|(x, g)| if *x > 0.0 { *g } else { 0.0 }).collect();
+        [Some(Tensor { shape: x.shape.to_vec(), values })]
+    }
+}
+
+/// Depth to space by this factor: channel `(dy s + dx) C + c` at (i, j) becomes channel c at (s i + dy, s j + dx).
+#[derive(Debug, Clone)]
+pub struct DepthToSpace(pub usize);
+
+impl DepthToSpace {
+    /// Goes through the runs of channels that stay together: where they are in the coarse map, and where in the fine one.
+    fn runs([rows, columns]: [usize; 2], factor: usize, channels: usize) -> impl Iterator<Item = (usize, usize)> {
+        (0..rows * factor).flat_map(move |y| {
+            (0..columns * factor).map(move |x| {
+                let place = (y % factor) * factor + x % factor;
+                let pixel = (y / factor) * columns + x / factor;
+                ((pixel * factor * factor + place) * channels, (y * columns * factor + x) * channels)
+            })
+        })
+    }
+}
+
+impl Kernel<1> for DepthToSpace {
+    type Kept = ();
+
+    fn forward(&self, [x]: [View<'_>; 1]) -> (Tensor, ()) {
+        let &[images, rows, columns, deep] = x.shape else { unreachable!("a map has four axes") };
+        let channels = deep / (self.0 * self.0);
+        let mut values = vec![0.0; x.values.len()];
+        let image = rows * columns * deep;
+        values.par_chunks_mut(image).zip(x.values.par_chunks(image)).for_each(|(y, x)| {
+            for (coarse, fine) in Self::runs([rows, columns], self.0, channels) {
+                y[fine..fine + channels].copy_from_slice(&x[coarse..coarse + channels]);
+            }
+        });
+        (Tensor { shape: vec![images, rows * self.0, columns * self.0, channels], values }, ())
+    }
+
+    fn backward(&self, [x]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
+        let &[_, rows, columns, deep] = x.shape else { unreachable!("a map has four axes") };
+        let channels = deep / (self.0 * self.0);
+        let mut values = vec![0.0; x.values.len()];
+        let image = rows * columns * deep;
+        values.par_chunks_mut(image).zip(gradient.values.par_chunks(image)).for_each(|(by_x, g)| {
+            for (coarse, fine) in Self::runs([rows, columns], self.0, channels) {
+                by_x[coarse..coarse + channels].copy_from_slice(&g[fine..fine + channels]);
+            }
+        });
+        [Some(Tensor { shape: x.shape.to_vec(), values })]
+    }
+}

@@ -1,0 +1,129 @@
+//! `eval-touch`: how exact a network is on touch images whose truth is known.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, ensure};
+use clap::Args;
+use image::{GrayImage, RgbImage};
+use ndarray::Array2;
+use ndarray_npy::read_npy;
+use perception::engine::{Engine, Instructions, Prediction};
+use perception::network::Weights;
+use perception::{Accuracy, Pixel, Scores};
+use scenes::digit::{HEIGHT, WIDTH, gel};
+use serde::Serialize;
+
+use crate::simulate::print_line;
+
+/// Score a touch network on images whose truth is known
+///
+/// DIR holds triples: ID_img.png (RGB, 240 x 320), ID_depth_m.npy (32-bit floats, 320 x 240, metres along the camera's axis) and
+/// ID_mask.png (contact where over 127).
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Weights: safetensors as `train` writes them
+    #[arg(long)]
+    weights: PathBuf,
+    /// Folder of the triples
+    #[arg(long)]
+    data: PathBuf,
+    /// Leave out images in which the object is deeper in the gel than this anywhere, mm
+    #[arg(long)]
+    deepest_mm: Option<f32>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed.
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(flatten)]
+    scores: Scores,
+    ms_per_image: f64,
+}
+
+/// A touch image with its truth.
+struct Triple {
+    image: RgbImage,
+    depth_m: Array2<f32>,
+    mask: GrayImage,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let weights = Weights::read(&arguments.weights)?;
+    let ids = ids(&arguments.data)?;
+    ensure!(!ids.is_empty(), "{} holds no *_img.png", arguments.data.display());
+    let engine = Engine::new(&weights, Instructions::best());
+    let (mut accuracy, mut busy_s, mut predicted) = (Accuracy::default(), 0.0, Prediction::default());
+    for id in &ids {
+        let triple = Triple::read(&arguments.data, id)?;
+        if arguments.deepest_mm.is_some_and(|most| triple.truth().any(|pixel| pixel.millimetres > most)) {
+            continue;
+        }
+        let started = Instant::now();
+        engine.infer(&triple.image, &mut predicted)?;
+        busy_s += started.elapsed().as_secs_f64();
+        let Prediction { indentation_mm, contact_logit } = &predicted;
+        let pixel = |(&millimetres, &logit)| Pixel { millimetres, contact: logit > 0.0 };
+        accuracy.add(indentation_mm.iter().zip(contact_logit).map(pixel).zip(triple.truth()));
+    }
+    let report =
+        Report { scores: accuracy.scores(), ms_per_image: 1e3 * busy_s / accuracy.scores().images.max(1) as f64 };
+    if arguments.json {
+        return print_line(&serde_json::to_string_pretty(&report)?);
+    }
+    let Scores { images, rmse_mm, mae_mm, contact_mae_mm, contact_rmse_mm, iou, .. } = report.scores;
+    print_line(&format!(
+        "{images} images, {:.1} ms each\nall pixels:     MAE {mae_mm:.4} mm, RMSE {rmse_mm:.4} mm\n\
+         contact pixels: MAE {contact_mae_mm:.4} mm, RMSE {contact_rmse_mm:.4} mm\ncontact:        IoU {iou:.4}",
+        report.ms_per_image
+    ))
+}
+
+/// What the names of the triples start with, in order.
+fn ids(folder: &Path) -> Result<Vec<String>> {
+    let cannot_read = || format!("cannot read {}", folder.display());
+    let mut ids = Vec::new();
+    for entry in fs::read_dir(folder).with_context(cannot_read)? {
+        let name = entry.with_context(cannot_read)?.file_name();
+        ids.extend(name.to_str().and_then(|name| name.strip_suffix("_img.png")).map(str::to_owned));
+    }
+    ids.sort_unstable();
+    Ok(ids)
+}
+
+impl Triple {
+    fn read(folder: &Path, id: &str) -> Result<Self> {
+        let path = |rest: &str| folder.join(format!("{id}_{rest}"));
+        let open = |rest: &str| {
+            let path = path(rest);
+            image::open(&path).with_context(|| format!("{} is no image that can be read", path.display()))
+        };
+        let (image, mask) = (open("img.png")?.to_rgb8(), open("mask.png")?.to_luma8());
+        let depth_path = path("depth_m.npy");
+        let depth_m: Array2<f32> =
+            read_npy(&depth_path).with_context(|| format!("{} is no array of 32-bit floats", depth_path.display()))?;
+        let sizes = [image.dimensions(), mask.dimensions(), (depth_m.ncols() as u32, depth_m.nrows() as u32)];
+        for ((columns, rows), name) in sizes.into_iter().zip(["img.png", "mask.png", "depth_m.npy"]) {
+            ensure!(
+                (columns, rows) == (WIDTH as u32, HEIGHT as u32),
+                "{} is {columns} x {rows} pixels; a DIGIT's image is {WIDTH} wide and {HEIGHT} high",
+                path(name).display()
+            );
+        }
+        ensure!(depth_m.iter().all(|d| d.is_finite()), "{} holds what is no number", depth_path.display());
+        Ok(Self { image, depth_m, mask })
+    }
+
+    /// Indentation over the empty gel and contact of each pixel.
+    fn truth(&self) -> impl Iterator<Item = Pixel> {
+        self.depth_m.indexed_iter().zip(self.mask.iter()).map(|(((v, u), depth), level)| {
+            let gel_m = gel::point(u as f64, v as f64).coords().x;
+            Pixel { millimetres: ((gel_m - f64::from(*depth)) * 1e3) as f32, contact: *level > 127 }
+        })
+    }
+}

@@ -1,0 +1,232 @@
+//! `train`: touch networks, on images that are rendered as they are needed.
+
+mod contacts;
+mod curve;
+mod objects;
+mod panels;
+mod sensors;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail, ensure};
+use clap::Args;
+use perception::network::{Architecture, Precision, Weights};
+use perception::train::{Batch, Stage, Targets, Trainer, TrainingConfig, predict};
+use perception::{Accuracy, Pixel, Scores};
+use rayon::prelude::*;
+use scenes::digit::{HEIGHT, WIDTH};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+use sim::touch::TouchFrame;
+
+use contacts::{DataConfig, Example, example};
+use curve::{Curve, Row};
+use objects::Surface;
+use sensors::Rack;
+
+use crate::progress;
+
+/// Train a network that turns touch images into depth and contact
+///
+/// Images are rendered as they are needed, from the catalogue's objects less those kept for validation and test. DIR receives
+/// last.safetensors (the averaged weights), best.safetensors (those that did best on the validation objects), checkpoint.safetensors
+/// (with which --resume goes on as if there had been no break), curve.csv, curve.svg and panels.png.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Network: vit, mamba, robust_mamba or default
+    #[arg(long)]
+    network: String,
+    /// TOML file: seed, stages, optimiser, loss, data, and hyper-parameters of the network that differ from the preset's
+    #[arg(long)]
+    config: PathBuf,
+    /// Folder of the results
+    #[arg(long)]
+    out: PathBuf,
+    /// Go on with the training in DIR
+    #[arg(long)]
+    resume: bool,
+    /// Start from these weights instead of drawn ones
+    #[arg(long, conflicts_with = "resume")]
+    from: Option<PathBuf>,
+}
+
+/// The configuration file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Settings {
+    /// The network with hyper-parameters; left out, the preset of the command line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    network: Option<Architecture>,
+    /// What the images are like.
+    #[serde(default)]
+    data: DataConfig,
+    /// How the network is trained.
+    training: TrainingConfig,
+}
+
+/// Added to the seed for validation, whose images are other contacts with other objects on other sensors.
+const VALIDATION_SEED: u64 = 0x5eed_0000_0000_0001;
+/// Images in the panels.
+const PANELS: usize = 6;
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let Settings { network, data, training } = read_settings(&arguments.config)?;
+    data.check()?;
+    let fits = |stage: &Stage| stage.size[0] <= HEIGHT && stage.size[1] <= WIDTH;
+    ensure!(training.stages.iter().all(fits), "a stage's size is at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}]");
+    let preset = Architecture::preset(&arguments.network)?;
+    let architecture = network.unwrap_or_else(|| preset.clone());
+    ensure!(
+        architecture.name() == preset.name(),
+        "{} configures network {}, --network asks for {}",
+        arguments.config.display(),
+        architecture.name(),
+        preset.name()
+    );
+    let checkpoint = arguments.out.join("checkpoint.safetensors");
+    let mut trainer = if arguments.resume {
+        Trainer::resume(&checkpoint, architecture.clone(), training.clone())?
+    } else {
+        if checkpoint.exists() {
+            bail!("{} holds a training; go on with --resume, or choose another folder", arguments.out.display());
+        }
+        let start = arguments.from.as_deref().map(Weights::read).transpose()?;
+        Trainer::new(architecture.clone(), training.clone(), start.as_ref())?
+    };
+    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
+    let names = objects::training();
+    let hash = data_hash(&data, &names)?;
+    let surfaces = objects::load(&names)?;
+    let watched = Validation::new(&data, &training)?;
+    let mut curve = Curve::open(&arguments.out, trainer.step())?;
+    let mut rack = Rack::new(&data, training.seed)?;
+
+    let bar = progress::bar(training.steps(), arguments.network.as_str());
+    bar.set_position(trainer.step());
+    let (mut losses, mut images, mut since) = (Vec::new(), 0, Instant::now());
+    while trainer.step() < training.steps() {
+        let batch = draw_batch(&surfaces, &mut rack, &data, &training, trainer.step())?;
+        images += batch.shape[0];
+        let progress = trainer.advance(&batch)?;
+        losses.push(progress.loss);
+        bar.inc(1);
+        let step = trainer.step();
+        if step.is_multiple_of(training.validate_every) || step == training.steps() {
+            let trained_s = since.elapsed().as_secs_f64();
+            let weights = trainer.weights(hash.clone())?;
+            let scores = watched.scores(&weights);
+            let row = Row {
+                step,
+                images_per_s: images as f64 / trained_s,
+                loss: losses.iter().sum::<f32>() / losses.len() as f32,
+                gradient: progress.gradient,
+                rate: progress.rate,
+                contact_mae_mm: scores.contact_mae_mm,
+                rmse_mm: scores.rmse_mm,
+                iou: scores.iou,
+            };
+            let is_best = curve.is_best(&row);
+            // In this order: a run that is killed in between repeats the steps since the last checkpoint, and the curve drops their row.
+            weights.write(&arguments.out.join("last.safetensors"), Precision::F32)?;
+            if is_best {
+                weights.write(&arguments.out.join("best.safetensors"), Precision::F32)?;
+            }
+            panels::write(
+                &arguments.out.join("panels.png"),
+                &watched.examples[..PANELS.min(watched.examples.len())],
+                &weights,
+            )?;
+            trainer.save(&checkpoint)?;
+            curve.push(row)?;
+            tracing::info!("{row:?}");
+            (losses, images, since) = (Vec::new(), 0, Instant::now());
+        }
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn read_settings(path: &Path) -> Result<Settings> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    toml::from_str(&text).with_context(|| format!("{} is no training configuration", path.display()))
+}
+
+/// SHA-256 over everything that decides which images a seed draws.
+fn data_hash(data: &DataConfig, objects: &[&str]) -> Result<String> {
+    let description = serde_json::to_string(&(data, objects, env!("CARGO_PKG_VERSION")))?;
+    Ok(Sha256::digest(description).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// The images of a step.
+fn draw_batch(
+    surfaces: &[Surface],
+    rack: &mut Rack,
+    data: &DataConfig,
+    training: &TrainingConfig,
+    step: u64,
+) -> Result<Batch> {
+    let stage = training.stage(step).context("there is no stage")?;
+    let sensors = rack.of_step(step)?;
+    let first = step << 16;
+    let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
+        example(surfaces, &sensors, data, (training.seed, index), frame).resized(stage.size)
+    });
+    Ok(batch(&images.collect::<Vec<_>>()))
+}
+
+/// Images of one size, put together.
+fn batch(examples: &[Example]) -> Batch {
+    let [rows, columns] = examples.first().map_or([0, 0], |example| example.size);
+    let mut batch = Batch { shape: [examples.len(), rows, columns], ..Batch::default() };
+    let mut targets = Targets::default();
+    for example in examples {
+        batch.levels.extend(&example.levels);
+        targets.indentation_mm.extend(&example.indentation_mm);
+        targets.contact.extend(&example.contact);
+    }
+    batch.targets = Arc::new(targets);
+    batch
+}
+
+/// Images of objects that are not trained on.
+struct Validation {
+    examples: Vec<Example>,
+}
+
+impl Validation {
+    fn new(data: &DataConfig, training: &TrainingConfig) -> Result<Self> {
+        // A single image of an object that is far too deep would outweigh all others.
+        let data = &DataConfig { deep: 0.0, ..data.clone() };
+        let surfaces = objects::load(&objects::VALIDATION)?;
+        let seed = training.seed ^ VALIDATION_SEED;
+        let mut rack = Rack::new(data, seed)?;
+        let sensors = rack.of_step(0)?;
+        let images = (0..training.validation_images as u64).into_par_iter();
+        let images = images
+            .map_init(TouchFrame::default, |frame, index| example(&surfaces, &sensors, data, (seed, index), frame));
+        Ok(Self { examples: images.collect() })
+    }
+
+    fn scores(&self, weights: &Weights) -> Scores {
+        let mut accuracy = Accuracy::default();
+        // As many at a time as there are cores to work on them.
+        for examples in self.examples.chunks(8) {
+            let Batch { shape, levels, targets } = batch(examples);
+            let predicted = predict(weights.architecture(), weights.tensors(), &levels, shape);
+            let truth = targets.indentation_mm.iter().zip(&targets.contact);
+            let pixels: Vec<(Pixel, Pixel)> = predicted
+                .iter()
+                .zip(truth)
+                .map(|([mm, logit], (truth_mm, contact))| {
+                    let predicted = Pixel { millimetres: *mm, contact: *logit > 0.0 };
+                    (predicted, Pixel { millimetres: *truth_mm, contact: *contact > 0.5 })
+                })
+                .collect();
+            pixels.chunks(shape[1] * shape[2]).for_each(|image| accuracy.add(image.iter().copied()));
+        }
+        accuracy.scores()
+    }
+}

@@ -1,0 +1,234 @@
+//! Touch images for training, rendered as they are needed.
+//!
+//! Each image is a contact of its own, drawn from (seed, index): no two belong to one slide, so that a split by object is one by
+//! trajectory too. Half of them follow MidasTouch's protocol for YCB-Slide (the finger stands on a point of the surface within a few
+//! degrees of its normal), the others what happens in a hand (anywhere on the pad, tilted, deeper or lighter).
+
+use std::f64::consts::TAU;
+
+use anyhow::{Result, ensure};
+use image::RgbImage;
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use scenes::digit::{HEIGHT, WIDTH, gel};
+use scenes::frame::{Gel, Isometry, Object};
+use serde::{Deserialize, Serialize};
+use sim::touch::{NoiseKey, TouchFrame};
+
+use super::objects::Surface;
+use super::sensors::{Sensor, disturb};
+
+/// What training images are like.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DataConfig {
+    /// Share of images in which nothing touches.
+    pub untouched: f64,
+    /// Share of the others that follow MidasTouch's protocol.
+    pub protocol: f64,
+    /// Share of contacts in which the finger is not drawn back where something is deeper than the press depth: an edge beside the
+    /// touched point may be as deep as the object allows.
+    pub deep: f64,
+    /// Press depth beyond the protocol, from and to, millimetres.
+    pub press_mm: [f64; 2],
+    /// Greatest tilt beyond the protocol, degrees.
+    pub tilt_deg: f64,
+    /// Share of sensors whose lights differ from those they were calibrated with.
+    pub disturbed_lights: f64,
+    /// How much they differ, in units of MidasTouch's distribution.
+    pub light_strength: f64,
+    /// Standard deviation of the image noise, from and to, grey levels.
+    pub noise: [f32; 2],
+    /// Greatest height of the waves that are added to a background, grey levels.
+    pub background: f32,
+    /// Sensors in use at a time; each step one of them is replaced by a new one.
+    pub sensors: usize,
+}
+
+impl Default for DataConfig {
+    fn default() -> Self {
+        Self {
+            untouched: 0.06,
+            protocol: 0.5,
+            deep: 0.04,
+            press_mm: [0.1, 2.0],
+            tilt_deg: 30.0,
+            disturbed_lights: 0.6,
+            light_strength: 1.0,
+            noise: [1.5, 3.0],
+            background: 12.0,
+            sensors: 24,
+        }
+    }
+}
+
+/// MidasTouch's press depth, from and to, millimetres, and shear, degrees.
+const PROTOCOL_PRESS_MM: [f64; 2] = [0.5, 1.0];
+const PROTOCOL_SHEAR_DEG: f64 = 5.0;
+/// MidasTouch counts indentation over this share of the press depth as contact.
+const CONTACT_SHARE: f64 = 0.2;
+/// How much deeper than the press depth, as a share of it, anything else may be.
+const SLACK: f64 = 0.5;
+/// Contacts that are drawn before one is taken as it is.
+const TRIES: usize = 8;
+/// Indentation that a network is taught at most, millimetres: the gel is not much thicker.
+const DEEPEST_MM: f32 = 4.0;
+
+impl DataConfig {
+    /// Checks that the numbers make sense.
+    pub fn check(&self) -> Result<()> {
+        let share = |value: f64| (0.0..=1.0).contains(&value);
+        ensure!(share(self.untouched), "data.untouched must lie between 0 and 1");
+        ensure!(share(self.protocol), "data.protocol must lie between 0 and 1");
+        ensure!(share(self.deep), "data.deep must lie between 0 and 1");
+        ensure!(share(self.disturbed_lights), "data.disturbed_lights must lie between 0 and 1");
+        ensure!((0.0..=10.0).contains(&self.light_strength), "data.light_strength must lie between 0 and 10");
+        let [least, most] = self.press_mm;
+        ensure!(0.0 < least && least < most && most <= 5.0, "data.press_mm must rise and lie between 0 and 5");
+        ensure!((0.0..=80.0).contains(&self.tilt_deg), "data.tilt_deg must lie between 0 and 80");
+        let [least, most] = self.noise;
+        ensure!(0.0 < least && least < most && most <= 28.0, "data.noise must rise and lie between 0 and 28");
+        ensure!((0.0..=100.0).contains(&self.background), "data.background must lie between 0 and 100");
+        ensure!((1..=1000).contains(&self.sensors), "data.sensors must lie between 1 and 1000");
+        Ok(())
+    }
+}
+
+/// A touch image with what it shows, of 320 rows and 240 columns or a whole fraction of that.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Example {
+    /// Rows and columns.
+    pub size: [usize; 2],
+    /// RGB of each pixel.
+    pub levels: Vec<u8>,
+    /// Indentation over the empty gel, millimetres.
+    pub indentation_mm: Vec<f32>,
+    /// How much of each pixel is in contact.
+    pub contact: Vec<f32>,
+}
+
+impl Example {
+    /// The same image at another size, at most its own; each pixel is the mean over the area that it covers.
+    pub fn resized(self, [rows, columns]: [usize; 2]) -> Self {
+        if self.size == [rows, columns] {
+            return self;
+        }
+        let (down, across) = (cover(self.size[0], rows), cover(self.size[1], columns));
+        let image = |of: &dyn Fn(usize) -> f32| -> Vec<f32> {
+            // Rows first: a row at a time is all that needs to be kept.
+            let mut resized = Vec::with_capacity(rows * columns);
+            for parts in &down {
+                let mut row = vec![0.0; self.size[1]];
+                for &(v, share) in parts {
+                    row.iter_mut().enumerate().for_each(|(u, sum)| *sum += share * of(v * self.size[1] + u));
+                }
+                resized.extend(across.iter().map(|parts| parts.iter().map(|&(u, share)| share * row[u]).sum::<f32>()));
+            }
+            resized
+        };
+        let colours: [Vec<f32>; 3] = std::array::from_fn(|c| image(&|i| f32::from(self.levels[3 * i + c])));
+        let levels = (0..3 * rows * columns).map(|k| colours[k % 3][k / 3].round() as u8).collect();
+        let (indentation_mm, contact) = (image(&|i| self.indentation_mm[i]), image(&|i| self.contact[i]));
+        Self { size: [rows, columns], levels, indentation_mm, contact }
+    }
+}
+
+/// Which of `from` places each of `to` covers, and the share of each in the mean.
+fn cover(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
+    let width = from as f32 / to as f32;
+    let parts = |i: usize| {
+        let (begin, end) = (i as f32 * width, (i + 1) as f32 * width);
+        let places = begin as usize..(end.ceil() as usize).min(from);
+        let overlap = |k: usize| (end.min((k + 1) as f32) - begin.max(k as f32)).max(0.0);
+        places.map(|k| (k, overlap(k) / width)).collect()
+    };
+    (0..to).map(parts).collect()
+}
+
+/// How an object lies on the gel.
+struct Contact {
+    gel_from_object: Isometry<Object, Gel>,
+    press_mm: f64,
+}
+
+impl Contact {
+    fn draw(surface: &Surface, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
+        let follows_protocol = rng.random_bool(config.protocol);
+        let ([least, most], tilt_deg, reach) = if follows_protocol {
+            (PROTOCOL_PRESS_MM, PROTOCOL_SHEAR_DEG, 0.0)
+        } else {
+            (config.press_mm, config.tilt_deg, 0.4)
+        };
+        let press_mm = rng.random_range(least..most);
+        let (point, normal) = surface.point(rng);
+        // Evenly over the cone's angle, so that small tilts are common; then any roll.
+        let tilt = rng.random::<f64>() * tilt_deg.to_radians();
+        let towards = rng.random::<f64>() * TAU;
+        let facing = Vector3::new(-tilt.cos(), tilt.sin() * towards.cos(), tilt.sin() * towards.sin());
+        let normal = Vector3::new(f64::from(normal.x), f64::from(normal.y), f64::from(normal.z));
+        let turn = UnitQuaternion::rotation_between(&normal, &facing)
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
+        let roll = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), rng.random::<f64>() * TAU);
+        let rotation = roll * turn;
+        let mut around_middle = |side: usize| (side as f64 - 1.0) * (0.5 + reach * (2.0 * rng.random::<f64>() - 1.0));
+        let (u, v) = (around_middle(WIDTH), around_middle(HEIGHT));
+        let place = gel::point(u, v).coords() - Vector3::new(press_mm * 1e-3, 0.0, 0.0);
+        let moved = place - rotation * Vector3::new(f64::from(point.x), f64::from(point.y), f64::from(point.z));
+        let pose = nalgebra::Isometry3::from_parts(Translation3::from(moved), rotation);
+        Self { gel_from_object: Isometry::new(pose), press_mm }
+    }
+
+    /// The same, farther from the camera.
+    fn withdrawn(&self, millimetres: f64) -> Isometry<Object, Gel> {
+        Isometry::<Gel, Gel>::translation(millimetres * 1e-3, 0.0, 0.0) * self.gel_from_object
+    }
+}
+
+/// Renders the `index`-th image of a seed with one of the sensors.
+pub fn example(
+    surfaces: &[Surface],
+    sensors: &[&Sensor],
+    config: &DataConfig,
+    (seed, index): (u64, u64),
+    frame: &mut TouchFrame,
+) -> Example {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(index);
+    let sensor = sensors[rng.random_range(0..sensors.len())];
+    let noise = Some(NoiseKey { seed: seed ^ index, finger: 0, frame: 0 });
+    let mut press_mm = 0.0;
+    if rng.random_bool(config.untouched) {
+        sensor.renderer.render(&surfaces[0].rays, Isometry::translation(1.0, 0.0, 0.0), noise, frame);
+    } else {
+        let may_be_deep = rng.random_bool(config.deep);
+        for _ in 0..TRIES {
+            let surface = &surfaces[rng.random_range(0..surfaces.len())];
+            let contact = Contact::draw(surface, config, &mut rng);
+            press_mm = contact.press_mm;
+            sensor.renderer.render(&surface.rays, contact.gel_from_object, noise, frame);
+            let excess = sensor.deepest_mm(frame) - press_mm;
+            if may_be_deep || excess < SLACK * press_mm {
+                break;
+            }
+            // As MidasTouch does: where something else than the touched point is too deep, the finger is drawn back.
+            sensor.renderer.render(&surface.rays, contact.withdrawn(excess), noise, frame);
+            // Where a finger does not fit, in a cup say, something is still too deep.
+            if sensor.deepest_mm(frame) < (1.0 + SLACK) * press_mm {
+                break;
+            }
+        }
+    }
+    let indentation_mm: Vec<f32> = sensor.indentation_mm(frame).map(|mm| mm.min(DEEPEST_MM)).collect();
+    let threshold = contact_threshold_mm(press_mm) as f32;
+    let contact = indentation_mm.iter().map(|&x| f32::from(u8::from(x > threshold))).collect();
+    let mut image: RgbImage = frame.calibrated().clone();
+    disturb(&mut image, config.background, &mut rng);
+    Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), indentation_mm, contact }
+}
+
+/// From which indentation on a pixel is in contact: MidasTouch's share of the press depth, which is taken to be within the protocol's
+/// range, so that the threshold lies between 0.1 and 0.2 mm.
+pub fn contact_threshold_mm(press_mm: f64) -> f64 {
+    CONTACT_SHARE * press_mm.clamp(PROTOCOL_PRESS_MM[0], PROTOCOL_PRESS_MM[1])
+}

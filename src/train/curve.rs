@@ -1,0 +1,129 @@
+//! `curve.csv` and `curve.svg`: a training over its steps.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, anyhow};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+/// A validation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// Steps done.
+    pub step: u64,
+    /// Images trained on per second since the last row, rendering included.
+    pub images_per_s: f64,
+    /// Mean loss of the steps since the last row.
+    pub loss: f32,
+    /// Length of the last step's gradient before clipping.
+    pub gradient: f32,
+    /// Size of the last step.
+    pub rate: f32,
+    /// Of the averaged weights, on the validation images: mean error over pixels in contact.
+    pub contact_mae_mm: f64,
+    /// Root mean square error over all pixels.
+    pub rmse_mm: f64,
+    /// Mean over images of the overlap of contact.
+    pub iou: f64,
+}
+
+const HEADER: &str = "step,images_per_s,loss,gradient,rate,contact_mae_mm,rmse_mm,iou";
+
+impl Row {
+    fn to_csv(self) -> String {
+        let Self { step, images_per_s, loss, gradient, rate, contact_mae_mm, rmse_mm, iou } = self;
+        format!("{step},{images_per_s:.2},{loss},{gradient},{rate},{contact_mae_mm},{rmse_mm},{iou}")
+    }
+
+    fn from_csv(line: &str) -> Option<Self> {
+        let mut cells = line.split(',');
+        let mut number = || cells.next()?.parse::<f64>().ok();
+        Some(Self {
+            step: number()? as u64,
+            images_per_s: number()?,
+            loss: number()? as f32,
+            gradient: number()? as f32,
+            rate: number()? as f32,
+            contact_mae_mm: number()?,
+            rmse_mm: number()?,
+            iou: number()?,
+        })
+    }
+}
+
+/// The rows so far.
+pub struct Curve {
+    folder: PathBuf,
+    rows: Vec<Row>,
+}
+
+impl Curve {
+    /// The curve in a folder up to a step; nothing of it if the step is 0.
+    pub fn open(folder: &Path, step: u64) -> Result<Self> {
+        let path = folder.join("curve.csv");
+        let mut rows = Vec::new();
+        if step > 0 {
+            let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            for line in text.lines().skip(1) {
+                let row = Row::from_csv(line).with_context(|| format!("{}: {line:?} is no row", path.display()))?;
+                rows.push(row);
+            }
+            rows.retain(|row| row.step <= step);
+        }
+        Ok(Self { folder: folder.to_owned(), rows })
+    }
+
+    /// Whether a row has the smallest error in contact of all so far.
+    pub fn is_best(&self, row: &Row) -> bool {
+        self.rows.iter().all(|other| row.contact_mae_mm < other.contact_mae_mm)
+    }
+
+    /// Adds a row and writes both files anew.
+    pub fn push(&mut self, row: Row) -> Result<()> {
+        self.rows.push(row);
+        let lines = self.rows.iter().map(|row| row.to_csv() + "\n");
+        let csv = format!("{HEADER}\n{}", lines.collect::<String>());
+        let mut svg = String::new();
+        draw(&self.rows, &SVGBackend::with_string(&mut svg, (960, 900)).into_drawing_area())
+            .map_err(|error| anyhow!("cannot draw the curve: {error}"))?;
+        for (name, text) in [("curve.csv", csv), ("curve.svg", svg)] {
+            let path = self.folder.join(name);
+            let partial = self.folder.join(format!("{name}.part"));
+            fs::write(&partial, text)
+                .and_then(|()| fs::rename(&partial, &path))
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+}
+
+fn draw<B: DrawingBackend>(
+    rows: &[Row],
+    area: &DrawingArea<B, Shift>,
+) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+    type Value = fn(&Row) -> f64;
+    const PANELS: [(&str, Value); 4] = [
+        ("loss", |row| f64::from(row.loss)),
+        ("contact MAE, mm", |row| row.contact_mae_mm),
+        ("RMSE, mm", |row| row.rmse_mm),
+        ("1 - IoU", |row| 1.0 - row.iou),
+    ];
+    area.fill(&WHITE)?;
+    let end = rows.last().map_or(1, |row| row.step) as f64;
+    for (area, (name, value)) in area.split_evenly((4, 1)).iter().zip(PANELS) {
+        let values: Vec<f64> = rows.iter().map(value).filter(|v| *v > 0.0 && v.is_finite()).collect();
+        let least = values.iter().copied().fold(f64::INFINITY, f64::min).clamp(1e-6, 1e6) * 0.9;
+        let most = values.iter().copied().fold(0.0, f64::max).clamp(least * 1.2, 1e7) * 1.1;
+        let mut chart = ChartBuilder::on(area)
+            .caption(name, ("sans-serif", 16))
+            .margin(8)
+            .x_label_area_size(24)
+            .y_label_area_size(64)
+            .build_cartesian_2d(0.0..end, (least..most).log_scale())?;
+        chart.configure_mesh().draw()?;
+        let line = rows.iter().map(|row| (row.step as f64, value(row))).filter(|(_, v)| *v > 0.0);
+        chart.draw_series(LineSeries::new(line, RGBColor(0, 114, 178).stroke_width(2)))?;
+    }
+    area.present()
+}
