@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         engine.infer(&triple.image, &mut predicted)?;
         busy_s += started.elapsed().as_secs_f64();
         let Prediction { indentation_mm, contact_logit } = &predicted;
-        let pixel = |(&millimetres, &logit)| Pixel { millimetres, contact: logit > 0.0 };
+        let pixel = |(&millimetres, &logit): (&f32, &f32)| Pixel { millimetres, contact: logit > 0.0 };
         accuracy.add(indentation_mm.iter().zip(contact_logit).map(pixel).zip(triple.truth()));
     }
     let report =
