@@ -89,13 +89,14 @@ pub fn run(command: &Command) -> Result<()> {
     }
     let set = arguments.instructions.unwrap_or_else(Instructions::best);
     let mut figures = Vec::new();
-    let named = arguments.networks.iter().map(|name| arbitrary(&Architecture::preset(name)?));
-    let read = arguments.weights.iter().map(|path| Ok(Weights::read(path)?));
-    let all: Vec<Result<Weights>> = if arguments.weights.is_empty() { named.collect() } else { read.collect() };
+    let names = if arguments.weights.is_empty() { arguments.networks.as_slice() } else { &[] };
+    let presets: Vec<Architecture> = names.iter().map(|name| Architecture::preset(name)).collect::<Result<_, _>>()?;
+    let read: Vec<Weights> = arguments.weights.iter().map(|path| Weights::read(path)).collect::<Result<_, _>>()?;
     if !arguments.json {
         print_line(&header())?;
     }
-    for weights in all {
+    // Random weights are made one network after the other: together they are large.
+    for weights in presets.iter().map(arbitrary).chain(read.into_iter().map(Ok)) {
         let weights = weights?;
         for &input in &arguments.input {
             for &threads in &arguments.threads {

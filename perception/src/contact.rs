@@ -56,8 +56,8 @@ impl ContactConfig {
     /// A sentence that names the setting.
     pub fn check(&self) -> Result<(), String> {
         let shares = [
-            ("probability", self.probability, f32::MIN_POSITIVE..=0.999),
-            ("hysteresis", self.hysteresis, 0.0..=1.0),
+            ("probability", self.probability, 0.001..=0.999),
+            ("hysteresis", self.hysteresis, 0.001..=1.0),
             ("least_area", self.least_area, 0.0..=1.0),
             ("least_plausibility", self.least_plausibility, 0.0..=1.0),
             ("threshold_mm", self.threshold_mm, 0.0..=5.0),

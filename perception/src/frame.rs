@@ -282,7 +282,7 @@ mod tests {
         let contact = GrayImage::from_pixel(240, 320, Luma([255]));
         let mut gaps = Gaps::default();
         let images = TouchImages { depth_m: &depth, contact: &contact, sigma_m: 5e-5 };
-        let touch = touch_from_depth(Finger::Index, images, Isometry::identity(), 1e-4, &mut gaps).unwrap().unwrap();
+        let touch = touch_from_depth(Finger::Index, images, Isometry::identity(), &mut gaps).unwrap().unwrap();
         assert_eq!(
             (gaps.invalid_pixels, touch.contact.get_pixel(4, 3).0, touch.contact.get_pixel(3, 4).0),
             (1, [0], [255])

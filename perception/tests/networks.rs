@@ -61,6 +61,28 @@ fn every_network_predicts_what_pytorch_does_on_every_path() {
     }
 }
 
+/// What is trained is what the engine runs.
+#[cfg(feature = "train")]
+#[test]
+fn training_sees_what_the_engine_sees() {
+    for name in Architecture::NAMES {
+        let weights = Weights::read(&fixture(name)).unwrap();
+        let image = image(name);
+        let shape = [1, image.height() as usize, image.width() as usize];
+        let trained = perception::train::predict(weights.architecture(), weights.tensors(), image.as_raw(), shape);
+        let mut prediction = Prediction::default();
+        for set in Instructions::available() {
+            Engine::new(&weights, set).infer(&image, &mut prediction).unwrap();
+            let bound = if matches!(set, Instructions::Amx | Instructions::Avx512Bf16) { 0.2 } else { 1e-4 };
+            let pixels = prediction.indentation_mm.iter().zip(&prediction.contact_logit).zip(&trained);
+            for ((mm, logit), exact) in pixels {
+                let error = (mm - exact[0].max(0.0)).abs().max((logit - exact[1]).abs());
+                assert!(error < bound, "{name} {}: {error}", set.name());
+            }
+        }
+    }
+}
+
 /// A file of another architecture's tensors names what does not fit; a network that nobody knows names those there are.
 #[test]
 fn weights_of_another_network_are_refused() {
@@ -73,7 +95,7 @@ fn weights_of_another_network_are_refused() {
         Weights::from_bytes(&bytes, Path::new("w.safetensors")).unwrap_err().to_string()
     };
     let error = replaced(r#"\"width\": 10"#, r#"\"width\": 11"#);
-    assert!(error.contains("w.safetensors") && error.contains("mamba") && error.contains("11"), "{error}");
+    assert!(error.contains("w.safetensors") && error.contains("A_log") && error.contains("[22, 9]"), "{error}");
     let error = replaced(r#"\"name\": \"mamba\""#, r#"\"name\": \"mamma\""#);
     assert!(Architecture::NAMES.iter().all(|name| error.contains(name)), "{error}");
 }
