@@ -9,11 +9,13 @@ use clap::Args;
 use image::{GrayImage, RgbImage};
 use ndarray::Array2;
 use ndarray_npy::read_npy;
+use perception::engine::{Engine, Instructions, Prediction};
 use perception::network::Weights;
-use perception::train::predict;
 use perception::{Accuracy, Pixel, Scores};
 use scenes::digit::{HEIGHT, WIDTH, gel};
 use serde::Serialize;
+
+use crate::simulate::print_line;
 
 /// Score a touch network on images whose truth is known
 ///
@@ -52,38 +54,32 @@ struct Triple {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let weights = Weights::read(&arguments.weights)?;
+    let engine = Engine::new(&Weights::read(&arguments.weights)?, Instructions::best());
     let ids = ids(&arguments.data)?;
     ensure!(!ids.is_empty(), "{} holds no *_img.png", arguments.data.display());
-    let (mut accuracy, mut busy_s) = (Accuracy::default(), 0.0);
+    let (mut accuracy, mut busy_s, mut prediction) = (Accuracy::default(), 0.0, Prediction::default());
     for id in &ids {
         let triple = Triple::read(&arguments.data, id)?;
         if arguments.deepest_mm.is_some_and(|most| triple.truth().any(|pixel| pixel.millimetres > most)) {
             continue;
         }
         let started = Instant::now();
-        let shape = [1, HEIGHT, WIDTH];
-        let predicted = predict(weights.architecture(), weights.tensors(), triple.image.as_raw(), shape);
+        engine.infer(&triple.image, &mut prediction)?;
         busy_s += started.elapsed().as_secs_f64();
-        accuracy.add(
-            predicted
-                .iter()
-                .zip(triple.truth())
-                .map(|(&[mm, logit], truth)| (Pixel { millimetres: mm, contact: logit > 0.0 }, truth)),
-        );
+        accuracy.add(Pixel::all(&prediction).zip(triple.truth()));
     }
-    let report =
-        Report { scores: accuracy.scores(), ms_per_image: 1e3 * busy_s / accuracy.scores().images.max(1) as f64 };
+    let scores = accuracy.scores();
+    ensure!(scores.images > 0, "every image is deeper than --deepest-mm");
+    let report = Report { scores, ms_per_image: 1e3 * busy_s / scores.images as f64 };
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
-    } else {
-        let Scores { images, rmse_mm, mae_mm, contact_mae_mm, contact_rmse_mm, iou, .. } = report.scores;
-        println!("{images} images, {:.1} ms each", report.ms_per_image);
-        println!("all pixels:     MAE {mae_mm:.4} mm, RMSE {rmse_mm:.4} mm");
-        println!("contact pixels: MAE {contact_mae_mm:.4} mm, RMSE {contact_rmse_mm:.4} mm");
-        println!("contact:        IoU {iou:.4}");
+        return print_line(&serde_json::to_string_pretty(&report)?);
     }
-    Ok(())
+    let Scores { images, rmse_mm, mae_mm, contact_mae_mm, contact_rmse_mm, iou, .. } = scores;
+    print_line(&format!(
+        "{images} images, {:.1} ms each\nall pixels: MAE {mae_mm:.4} mm, RMSE {rmse_mm:.4} mm\n\
+         contact: MAE {contact_mae_mm:.4} mm, RMSE {contact_rmse_mm:.4} mm, IoU {iou:.4}",
+        report.ms_per_image
+    ))
 }
 
 /// What the names of the triples start with, in order.

@@ -14,6 +14,7 @@ use std::thread;
 
 use anyhow::{Context as _, Result, anyhow};
 use clap::{Args, value_parser};
+use perception::network::Weights;
 use scenes::camera::{Placement, PosedCamera};
 use scenes::hand::Side;
 use scenes::object::Object;
@@ -25,7 +26,7 @@ use slam::metrics::{FAILURE_M, POINTS, TrueSurface};
 use crate::pipeline::{Estimator, Given, Init, Mode, RunConfig, Scorer, Snapshot};
 use crate::report::{self, ErrorStatistics, FrameRow, ShapeScores, TrackState};
 use crate::simulate::print_line;
-use crate::source::{LiveSettings, LiveSource, Modality, Sensed, Source as _};
+use crate::source::{LiveSettings, LiveSource, Modality, Sensed, Source as _, TouchArguments, TouchNetwork};
 use crate::subject::{duration, load_object};
 use crate::{progress, score, settings};
 
@@ -58,6 +59,8 @@ pub struct Arguments {
     /// Longest duration of an episode, seconds
     #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
+    #[command(flatten)]
+    touch: TouchArguments,
     /// Folder of the results
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -132,7 +135,7 @@ pub struct Key {
     pub modality: String,
     /// What is different: `full`, the setting that is 0, a fault, or how the shape is held.
     pub variant: String,
-    /// SHA-256 of all settings and the duration, hexadecimal.
+    /// SHA-256 of all settings, the duration and where the weights of a touch network come from, hexadecimal.
     pub settings: String,
 }
 
@@ -195,6 +198,8 @@ struct Episode<'a> {
     object: &'a Object,
     seed: u64,
     cameras: &'a str,
+    /// Of the network that makes touch depth; without them the true one is taken.
+    weights: Option<&'a Weights>,
 }
 
 /// A run of an episode.
@@ -213,6 +218,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for cameras in &arguments.cameras {
         Placement::parse_list(cameras)?;
     }
+    let weights = arguments.touch.weights()?;
     let objects: Vec<(&str, Object)> =
         arguments.objects.iter().map(|name| Ok((name.as_str(), load_object(name)?))).collect::<Result<_>>()?;
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
@@ -222,7 +228,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let seeds = arguments.seed..arguments.seed + arguments.seeds;
             seeds.flat_map(move |seed| arguments.cameras.iter().map(move |cameras| (*name, object, seed, cameras)))
         })
-        .map(|(name, object, seed, cameras)| Episode { name, object, seed, cameras })
+        .map(|(name, object, seed, cameras)| Episode { name, object, seed, cameras, weights: weights.as_ref() })
         .collect();
     let text = if arguments.faults {
         let path = arguments.out.join("faults.jsonl");
@@ -367,7 +373,10 @@ fn key(
     variant: &str,
     config: &RunConfig,
 ) -> Key {
-    let settings = serde_json::json!([config, arguments.duration, env!("CARGO_PKG_VERSION")]).to_string();
+    let mut settings = serde_json::json!([config, arguments.duration, env!("CARGO_PKG_VERSION")]).to_string();
+    if let Some(weights) = episode.weights {
+        settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
+    }
     Key {
         object: episode.name.to_owned(),
         seed: episode.seed,
@@ -394,7 +403,8 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig) -> Result<Li
         camera_noise: config.camera_noise,
         modality: Modality::Vitac,
     };
-    LiveSource::new(episode.object, settings)
+    let network = episode.weights.map(|weights| TouchNetwork::new(weights, config.touch));
+    LiveSource::new(episode.object, settings, network)
 }
 
 /// A run under way.

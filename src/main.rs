@@ -2,12 +2,13 @@
 //! logs, shape and pose of the object are estimated, and the estimate directs the hand.
 
 mod assets;
-#[cfg(feature = "train")]
+mod bench;
 mod eval_touch;
 mod evaluate;
 mod generate;
 mod inspect;
 mod mesh;
+mod network;
 mod pipeline;
 mod progress;
 mod recorder;
@@ -52,7 +53,10 @@ enum Command {
     Inspect(inspect::Arguments),
     Score(score::Arguments),
     Mesh(mesh::Arguments),
-    #[cfg(feature = "train")]
+    #[command(subcommand)]
+    Network(network::Command),
+    #[command(subcommand)]
+    Bench(bench::Command),
     EvalTouch(eval_touch::Arguments),
     #[cfg(feature = "train")]
     Train(train::Arguments),
@@ -81,7 +85,8 @@ fn main() -> ExitCode {
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
         Some(Command::Mesh(arguments)) => mesh::run(&arguments),
-        #[cfg(feature = "train")]
+        Some(Command::Network(command)) => network::run(&command),
+        Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
         #[cfg(feature = "train")]
         Some(Command::Train(arguments)) => train::run(&arguments),

@@ -13,6 +13,7 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use perception::contact::ContactConfig;
 use scenes::frame::{Isometry, Model};
 use scenes::hand::Side;
 use scenes::mesh::Mesh;
@@ -41,6 +42,8 @@ pub struct RunConfig {
     pub mesh_cell_mm: f64,
     /// The shape is meshed and scored at every how many-th frame.
     pub score_every: u64,
+    /// What becomes of a touch network's predictions.
+    pub touch: ContactConfig,
     /// Estimation.
     pub slam: slam::Config,
     /// What the hand does on its own accord.
@@ -53,6 +56,7 @@ impl Default for RunConfig {
             camera_noise: 5.0,
             mesh_cell_mm: 1.5,
             score_every: 30,
+            touch: ContactConfig::default(),
             slam: slam::Config::default(),
             supervisor: Rules::default(),
         }
@@ -72,7 +76,10 @@ impl RunConfig {
         ];
         match checks.into_iter().find(|(is_right, _)| !is_right) {
             Some((_, wrong)) => Err(wrong.to_owned()),
-            None => self.slam.validate().map_err(|error| format!("slam.{error}")),
+            None => {
+                self.touch.check().map_err(|wrong| format!("touch.{wrong}"))?;
+                self.slam.validate().map_err(|error| format!("slam.{error}"))
+            }
         }
     }
 }

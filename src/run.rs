@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use clap::{Args, ValueEnum, value_parser};
+use clap::{Args, value_parser};
 use indicatif::ProgressBar;
 use scenes::camera::Placement;
 use scenes::hand::Side;
@@ -21,7 +21,7 @@ use crate::pipeline::{Finished, Init, Mode, Pipeline, Progress, RunConfig};
 use crate::report::{self, RunRecord, Summary, file};
 use crate::settings;
 use crate::simulate::print_line;
-use crate::source::{LiveSettings, LiveSource, LogSource, Modality, Source};
+use crate::source::{LiveSettings, LiveSource, LogSource, Modality, Source, TouchArguments, TouchNetwork};
 use crate::subject::{Manner, duration, load_object};
 use crate::supervisor::{Goal, Supervisor};
 use crate::{progress, score};
@@ -57,9 +57,8 @@ pub struct Arguments {
     /// Which sensors are used
     #[arg(long, value_enum, default_value_t = Modality::Vitac)]
     modality: Modality,
-    /// Where touch depth comes from
-    #[arg(long, value_enum, default_value_t = TouchDepth::Truth)]
-    touch_depth: TouchDepth,
+    #[command(flatten)]
+    touch: TouchArguments,
     /// One to three cameras, by name or as azimuth/elevation in degrees such as 330/35, those of a log by name; without it `side`, or
     /// the first one of the log
     #[arg(long)]
@@ -104,15 +103,6 @@ pub struct Arguments {
     manner: Manner,
 }
 
-/// Where touch depth comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum TouchDepth {
-    /// A network sees it in the touch images
-    Network,
-    /// The renderer's
-    Truth,
-}
-
 /// A source with what is known of it.
 struct Subject {
     source: Box<dyn Source>,
@@ -126,9 +116,6 @@ struct Subject {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if arguments.touch_depth == TouchDepth::Network {
-        bail!("--touch-depth network: there are no networks yet; use --touch-depth truth");
-    }
     let config: RunConfig = settings::load(arguments.config.as_deref(), &arguments.set)?;
     config.check().map_err(|wrong| anyhow!("settings: {wrong}"))?;
     if arguments.init.is_some() && arguments.mode != Mode::Pose {
@@ -140,14 +127,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if matches!(arguments.goal, Goal::Coverage(_)) && arguments.mode == Mode::Pose {
         bail!("--goal coverage is for a shape that grows; with --mode pose it is known from the start");
     }
+    let weights = arguments.touch.weights()?;
+    let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch));
     check_vacant(&arguments.out, arguments.overwrite)?;
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
     let Subject { mut source, side, seed, name, object, supervisor } = match &arguments.log {
-        Some(log) => from_log(arguments, log, &config)?,
-        None => live(arguments, &config)?,
+        Some(log) => from_log(arguments, log, &config, network)?,
+        None => live(arguments, &config, network)?,
     };
     // Read before anything is removed: it may be the folder that is written to.
     let map = match &arguments.resume {
@@ -211,6 +200,9 @@ fn repeat(arguments: &Arguments, object: &str, seed: u64) -> String {
     add("seed", Some(seed.to_string()));
     add("mode", Some(arguments.mode.name().to_owned()));
     add("modality", Some(arguments.modality.name().to_owned()));
+    for (key, value) in arguments.touch.options() {
+        add(key, value);
+    }
     add("cameras", arguments.cameras.clone());
     add("duration", arguments.duration.map(|seconds| seconds.to_string()));
     add("init", arguments.init.map(|init| init.name().to_owned()));
@@ -230,8 +222,14 @@ pub fn main_job() -> Result<()> {
     run(&Arguments::from_arg_matches(&matches)?)
 }
 
-fn from_log(arguments: &Arguments, folder: &Path, config: &RunConfig) -> Result<Subject> {
-    let mut source = LogSource::open(folder, arguments.cameras.as_deref(), arguments.modality, config.camera_noise)?;
+fn from_log(
+    arguments: &Arguments,
+    folder: &Path,
+    config: &RunConfig,
+    network: Option<TouchNetwork>,
+) -> Result<Subject> {
+    let cameras = arguments.cameras.as_deref();
+    let mut source = LogSource::open(folder, cameras, arguments.modality, config.camera_noise, network)?;
     let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
     let object = match load_object(&name) {
         Ok(object) => Some(object),
@@ -251,7 +249,7 @@ fn from_log(arguments: &Arguments, folder: &Path, config: &RunConfig) -> Result<
     Ok(Subject { side: source.side(), seed, name, object, supervisor: None, source: Box::new(source) })
 }
 
-fn live(arguments: &Arguments, config: &RunConfig) -> Result<Subject> {
+fn live(arguments: &Arguments, config: &RunConfig, network: Option<TouchNetwork>) -> Result<Subject> {
     let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
     let (name, object) = match &arguments.object {
         Some(name) => (name.clone(), load_object(name)?),
@@ -272,7 +270,7 @@ fn live(arguments: &Arguments, config: &RunConfig) -> Result<Subject> {
     let others = gait::shipped().keys().map(String::as_str).filter(|&name| name != gait_name);
     let gaits: Vec<&'static str> = std::iter::once(gait_name).chain(others).collect();
     let supervisor = Supervisor::new(arguments.goal, &gaits, config.supervisor);
-    let source = Box::new(LiveSource::new(&object, settings)?);
+    let source = Box::new(LiveSource::new(&object, settings, network)?);
     Ok(Subject { source, side, seed, name, object: Some(object), supervisor: Some(supervisor) })
 }
 

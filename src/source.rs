@@ -2,6 +2,7 @@
 
 mod live;
 mod log;
+mod touch;
 
 use anyhow::Result;
 use clap::ValueEnum;
@@ -12,6 +13,7 @@ use sim::directive::Directive;
 
 pub use live::{LiveSettings, LiveSource};
 pub use log::LogSource;
+pub use touch::{TouchArguments, TouchNetwork};
 
 /// What the sensors measured at one instant.
 #[derive(Debug, Clone)]

@@ -13,8 +13,10 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::Args;
+use image::RgbImage;
+use perception::engine::{Engine, Instructions, Prediction};
 use perception::network::{Architecture, Precision, Weights};
-use perception::train::{Batch, Stage, Targets, Trainer, TrainingConfig, predict};
+use perception::train::{Batch, Stage, Targets, Trainer, TrainingConfig};
 use perception::{Accuracy, Pixel, Scores};
 use rayon::prelude::*;
 use scenes::digit::{HEIGHT, WIDTH};
@@ -117,7 +119,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if step.is_multiple_of(training.validate_every) || step == training.steps() {
             let trained_s = since.elapsed().as_secs_f64();
             let weights = trainer.weights(hash.clone())?;
-            let scores = watched.scores(&weights);
+            let predictions = watched.predictions(&weights)?;
+            let scores = watched.scores(&predictions);
             let row = Row {
                 step,
                 images_per_s: images as f64 / trained_s,
@@ -129,18 +132,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 iou: scores.iou,
             };
             let is_best = curve.is_best(&row);
-            // In this order: a run that is killed in between repeats the steps since the last checkpoint, and the curve drops their row.
+            // The checkpoint last: a run that is killed in between repeats the steps since the one before, and writes all this again.
             weights.write(&arguments.out.join("last.safetensors"), Precision::F32)?;
             if is_best {
                 weights.write(&arguments.out.join("best.safetensors"), Precision::F32)?;
             }
-            panels::write(
-                &arguments.out.join("panels.png"),
-                &watched.examples[..PANELS.min(watched.examples.len())],
-                &weights,
-            )?;
-            trainer.save(&checkpoint)?;
+            panels::write(&arguments.out.join("panels.png"), watched.examples.iter().zip(&predictions).take(PANELS))?;
             curve.push(row)?;
+            trainer.save(&checkpoint)?;
             tracing::info!("{row:?}");
             (losses, images, since) = (Vec::new(), 0, Instant::now());
         }
@@ -210,22 +209,20 @@ impl Validation {
         Ok(Self { examples: images.collect() })
     }
 
-    fn scores(&self, weights: &Weights) -> Scores {
+    fn predictions(&self, weights: &Weights) -> Result<Vec<Prediction>> {
+        let engine = Engine::new(weights, Instructions::best());
+        let images: Vec<RgbImage> = self.examples.iter().map(Example::image).collect();
+        let mut predictions = Vec::new();
+        engine.infer_each(&images.iter().collect::<Vec<_>>(), &mut predictions)?;
+        Ok(predictions)
+    }
+
+    fn scores(&self, predictions: &[Prediction]) -> Scores {
         let mut accuracy = Accuracy::default();
-        // As many at a time as there are cores to work on them.
-        for examples in self.examples.chunks(8) {
-            let Batch { shape, levels, targets } = batch(examples);
-            let predicted = predict(weights.architecture(), weights.tensors(), &levels, shape);
-            let truth = targets.indentation_mm.iter().zip(&targets.contact);
-            let pixels: Vec<(Pixel, Pixel)> = predicted
-                .iter()
-                .zip(truth)
-                .map(|([mm, logit], (truth_mm, contact))| {
-                    let predicted = Pixel { millimetres: *mm, contact: *logit > 0.0 };
-                    (predicted, Pixel { millimetres: *truth_mm, contact: *contact > 0.5 })
-                })
-                .collect();
-            pixels.chunks(shape[1] * shape[2]).for_each(|image| accuracy.add(image.iter().copied()));
+        for (example, prediction) in self.examples.iter().zip(predictions) {
+            let truth = example.indentation_mm.iter().zip(&example.contact);
+            let truth = truth.map(|(&millimetres, &contact)| Pixel { millimetres, contact: contact > 0.5 });
+            accuracy.add(Pixel::all(prediction).zip(truth));
         }
         accuracy.scores()
     }

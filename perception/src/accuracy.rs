@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::engine::Prediction;
+
 /// Errors over a set of images. Depth and indentation have the same errors, since the empty gel is known.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Scores {
@@ -66,6 +68,14 @@ pub struct Pixel {
     pub millimetres: f32,
     /// Whether it is in contact.
     pub contact: bool,
+}
+
+impl Pixel {
+    /// The pixels of a prediction, row by row; in contact where that is likelier than not.
+    pub fn all(prediction: &Prediction) -> impl Iterator<Item = Self> {
+        let pixels = prediction.indentation_mm.iter().zip(&prediction.contact_logit);
+        pixels.map(|(&millimetres, &logit)| Self { millimetres, contact: logit > 0.0 })
+    }
 }
 
 impl Accuracy {

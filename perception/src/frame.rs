@@ -14,22 +14,6 @@ use scenes::observation::{Observation, Rgbd};
 
 use crate::segmentation::{SegmentationConfig, segment};
 
-/// How observations become depth frames.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Config {
-    /// How camera pixels are told apart.
-    pub segmentation: SegmentationConfig,
-    /// Standard deviation of touch depth where the object touches, metres. It depends on what made the depth.
-    pub touch_sigma_m: f32,
-}
-
-impl Default for Config {
-    /// True touch depth, as logs store it in steps of 1/33 mm.
-    fn default() -> Self {
-        Self { segmentation: SegmentationConfig::default(), touch_sigma_m: 5e-5 }
-    }
-}
-
 /// Depth (metres along the DIGIT camera's axis, 320 rows by 240 columns) and contact (255 where the object presses into the gel,
 /// else 0) of one DIGIT.
 #[derive(Debug, Clone, Copy)]
@@ -38,6 +22,8 @@ pub struct TouchImages<'a> {
     pub depth_m: &'a Array2<f32>,
     /// Contact mask.
     pub contact: &'a GrayImage,
+    /// Standard deviation of the depth where the object touches, metres.
+    pub sigma_m: f32,
 }
 
 /// What a frame lacks.
@@ -112,7 +98,7 @@ pub fn depth_frame(
     touch: PerFinger<Option<TouchImages<'_>>>,
     cameras: &[PosedCamera],
     side: Side,
-    config: &Config,
+    segmentation: &SegmentationConfig,
 ) -> Result<(DepthFrame, Gaps), SensorError> {
     let &Observation { time_s, joints, .. } = observation;
     if !time_s.is_finite() {
@@ -129,7 +115,7 @@ pub fn depth_frame(
     let mut camera_depths = Vec::with_capacity(cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let depth = match observation.cameras.get(index) {
-            Some(image) => camera_depth(image, camera, &hand, &config.segmentation, &mut gaps)?,
+            Some(image) => camera_depth(image, camera, &hand, segmentation, &mut gaps)?,
             None => None,
         };
         gaps.silent_cameras += usize::from(depth.is_none());
@@ -139,7 +125,7 @@ pub fn depth_frame(
     for (finger, images) in touch.iter() {
         let pose = world_from_digit_camera(side, finger, &joints);
         touch_depths[finger] = match images {
-            Some(images) => touch_from_depth(finger, *images, pose, config.touch_sigma_m, &mut gaps)?,
+            Some(images) => touch_from_depth(finger, *images, pose, &mut gaps)?,
             None => None,
         };
         gaps.silent_fingers += usize::from(touch_depths[finger].is_none());
@@ -154,9 +140,8 @@ pub fn depth_frame(
 /// [`SensorError::Size`] if an image is not 240 wide and 320 high.
 pub fn touch_from_depth(
     finger: Finger,
-    TouchImages { depth_m, contact }: TouchImages<'_>,
+    TouchImages { depth_m, contact, sigma_m }: TouchImages<'_>,
     world_from_camera: Isometry<Camera, World>,
-    sigma_m: f32,
     gaps: &mut Gaps,
 ) -> Result<Option<TouchDepth>, SensorError> {
     if depth_m.is_empty() || contact.is_empty() {
@@ -213,7 +198,7 @@ fn size(image: &Array2<f32>) -> [usize; 2] {
     [image.ncols(), image.nrows()]
 }
 
-fn check_size(
+pub(crate) fn check_size(
     sensor: impl Fn() -> Sensor,
     image: &'static str,
     expected: [usize; 2],
@@ -247,10 +232,11 @@ mod tests {
     fn whole_frame() {
         let depth = Array2::from_elem((320, 240), 0.021);
         let contact = GrayImage::from_pixel(240, 320, Luma([200]));
-        let images = TouchImages { depth_m: &depth, contact: &contact };
+        let images = TouchImages { depth_m: &depth, contact: &contact, sigma_m: 5e-5 };
         let observation = observation(vec![Array2::from_elem((480, 640), 0.3); 2]);
         let touch = PerFinger([Some(images); 4]);
-        let (frame, gaps) = depth_frame(&observation, touch, &cameras(), Side::Left, &Config::default()).unwrap();
+        let (frame, gaps) =
+            depth_frame(&observation, touch, &cameras(), Side::Left, &SegmentationConfig::default()).unwrap();
         assert_eq!(gaps, Gaps::default());
         assert_eq!((frame.time_s, frame.joints), (1.5, [0.1; 16]));
         let top = frame.cameras[0].as_ref().unwrap();
@@ -265,9 +251,10 @@ mod tests {
     fn silent_sensors_are_none_and_counted() {
         let (depth, contact) = (Array2::zeros((0, 0)), GrayImage::new(240, 320));
         let mut touch = PerFinger::default();
-        touch[Finger::Ring] = Some(TouchImages { depth_m: &depth, contact: &contact });
+        touch[Finger::Ring] = Some(TouchImages { depth_m: &depth, contact: &contact, sigma_m: 5e-5 });
         let observation = observation(vec![Array2::zeros((0, 0))]);
-        let (frame, gaps) = depth_frame(&observation, touch, &cameras(), Side::Left, &Config::default()).unwrap();
+        let (frame, gaps) =
+            depth_frame(&observation, touch, &cameras(), Side::Left, &SegmentationConfig::default()).unwrap();
         assert_eq!(gaps, Gaps { silent_cameras: 2, silent_fingers: 4, invalid_pixels: 0 });
         assert!(frame.cameras.iter().all(Option::is_none) && frame.touch.0.iter().all(Option::is_none));
     }
@@ -277,8 +264,14 @@ mod tests {
         let mut depth = Array2::from_elem((480, 640), 0.3);
         (depth[[0, 0]], depth[[240, 320]], depth[[7, 5]]) = (f32::NAN, f32::INFINITY, -0.3);
         let observation = observation(vec![depth]);
-        let (frame, gaps) =
-            depth_frame(&observation, PerFinger::default(), &cameras()[..1], Side::Left, &Config::default()).unwrap();
+        let (frame, gaps) = depth_frame(
+            &observation,
+            PerFinger::default(),
+            &cameras()[..1],
+            Side::Left,
+            &SegmentationConfig::default(),
+        )
+        .unwrap();
         assert_eq!(gaps.invalid_pixels, 3);
         let camera = frame.cameras[0].as_ref().unwrap();
         assert_eq!([(0, 0), (240, 320), (7, 5)].map(|at| camera.depth_m[at]), [0.0; 3]);
@@ -288,8 +281,8 @@ mod tests {
         depth[[3, 4]] = f32::NAN;
         let contact = GrayImage::from_pixel(240, 320, Luma([255]));
         let mut gaps = Gaps::default();
-        let images = TouchImages { depth_m: &depth, contact: &contact };
-        let touch = touch_from_depth(Finger::Index, images, Isometry::identity(), 1e-4, &mut gaps).unwrap().unwrap();
+        let images = TouchImages { depth_m: &depth, contact: &contact, sigma_m: 5e-5 };
+        let touch = touch_from_depth(Finger::Index, images, Isometry::identity(), &mut gaps).unwrap().unwrap();
         assert_eq!(
             (gaps.invalid_pixels, touch.contact.get_pixel(4, 3).0, touch.contact.get_pixel(3, 4).0),
             (1, [0], [255])
@@ -299,7 +292,9 @@ mod tests {
     #[test]
     fn wrong_sizes_name_the_sensor() {
         let message = |observation: &Observation, touch| {
-            depth_frame(observation, touch, &cameras(), Side::Left, &Config::default()).unwrap_err().to_string()
+            depth_frame(observation, touch, &cameras(), Side::Left, &SegmentationConfig::default())
+                .unwrap_err()
+                .to_string()
         };
         let good = || Array2::zeros((480, 640));
         let wrong = observation(vec![good(), Array2::zeros((640, 480))]);
@@ -307,7 +302,7 @@ mod tests {
         assert!(text.starts_with("camera side: its depth image is 480 x 640 pixels; 640 x 480 expected"), "{text}");
         let (depth, contact) = (Array2::zeros((320, 240)), GrayImage::new(320, 240));
         let mut touch = PerFinger::default();
-        touch[Finger::Middle] = Some(TouchImages { depth_m: &depth, contact: &contact });
+        touch[Finger::Middle] = Some(TouchImages { depth_m: &depth, contact: &contact, sigma_m: 5e-5 });
         let text = message(&observation(vec![]), touch);
         assert!(text.starts_with("the DIGIT of the middle finger: its contact image is 320 x 240"), "{text}");
         assert!(message(&observation(vec![good(); 3]), PerFinger::default()).contains("3 cameras"));

@@ -33,7 +33,7 @@ mod writer;
 pub use error::Error;
 pub use frame::EncodedFrame;
 pub use inspect::{CameraSummary, ContactDistance, Summary, inspect, inspect_against};
-pub use partial::{PartialFrame, PartialFrames, Sensor};
+pub use partial::{PartialFrame, PartialFrames, Sensor, TouchPart};
 pub use reader::{Frame, Frames, Log};
 pub use record::DigitInfo;
 pub use scene::{EpisodeEnd, FORMAT_VERSION, SCENE_FILE, Scene, SceneObject};

@@ -1,5 +1,6 @@
 //! What the robot records of a state: rendered touch and camera images, and the ground truth beside them.
 
+use image::RgbImage;
 use scenes::camera::PosedCamera;
 use scenes::digit;
 use scenes::hand::{PerFinger, Side, world_from_tip};
@@ -57,6 +58,11 @@ impl Observer {
             camera: camera::Renderer::new(options.side, object),
             options,
         })
+    }
+
+    /// What each DIGIT shows when it touches nothing, without noise.
+    pub fn empty_touch(&self) -> PerFinger<RgbImage> {
+        PerFinger::from_fn(|finger| self.touch[finger].empty())
     }
 
     /// What is recorded of a state as frame number `frame`.

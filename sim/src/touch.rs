@@ -263,6 +263,12 @@ impl TouchRenderer {
         })
     }
 
+    /// What the sensor shows when it touches nothing, without noise.
+    pub fn empty(&self) -> RgbImage {
+        // The buffer has the image's size.
+        RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, self.background.clone()).unwrap_or_default()
+    }
+
     /// Depth of the gel that touches nothing, metres, 320 rows by 240 columns.
     pub fn gel_depth_m(&self) -> Array2<f32> {
         Array2::from_shape_fn((HEIGHT, WIDTH), |(v, u)| self.gel_depth[v * WIDTH + u])

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use perception::TouchImages;
+use perception::SegmentationConfig;
 use scenes::camera::PosedCamera;
 use scenes::frame::{Isometry, World};
 use scenes::hand::{Finger, PerFinger, Side};
@@ -14,6 +14,7 @@ use sim::gait::Gait;
 use sim::observer::{Observer, ObserverOptions, Scratch};
 use sim::touch::{Background, TouchConfig, TouchOptions};
 
+use super::touch::{self, TouchNetwork};
 use super::{Modality, Sensed, Source};
 use crate::recorder;
 
@@ -41,6 +42,8 @@ pub struct LiveSource {
     settings: LiveSettings,
     episode: Episode,
     observer: Observer,
+    /// What makes touch depth; without it the true one is taken.
+    network: Option<TouchNetwork>,
     scratch: Scratch,
     frame: u32,
     /// Shares of the object that were hidden.
@@ -51,11 +54,11 @@ pub struct LiveSource {
 const HIDDEN_EVERY: u32 = 30;
 
 impl LiveSource {
-    /// Draws the start and prepares the rendering.
+    /// Draws the start and prepares the rendering. `network` makes touch depth; without it the true one is taken.
     ///
     /// # Errors
     /// If MuJoCo refuses the object.
-    pub fn new(object: &Object, mut settings: LiveSettings) -> Result<Self> {
+    pub fn new(object: &Object, mut settings: LiveSettings, mut network: Option<TouchNetwork>) -> Result<Self> {
         let LiveSettings { side, seed, duration_s, camera_noise, .. } = settings;
         if !settings.modality.has_vision() {
             settings.cameras.clear();
@@ -83,7 +86,10 @@ impl LiveSource {
             seed,
         };
         let observer = Observer::new(object, options)?;
-        Ok(Self { settings, episode, observer, scratch: Scratch::default(), frame: 0, hidden: Vec::new() })
+        if let Some(network) = &mut network {
+            network.set_empty(&observer.empty_touch())?;
+        }
+        Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0, hidden: Vec::new() })
     }
 
     /// Mean share of the object that the hand has hidden from the first camera, over every 30th frame so far: known to the simulator
@@ -109,13 +115,16 @@ impl Source for LiveSource {
         let frame = u64::from(self.frame);
         self.frame += 1;
         let LiveSettings { side, cameras, modality, .. } = &self.settings;
-        let touch = PerFinger::from_fn(|finger| {
-            let touch = &truth.touch[finger];
-            modality.has_touch().then_some(TouchImages { depth_m: &touch.depth_m, contact: &touch.contact })
-        });
-        let (depth, _) = perception::depth_frame(&observation, touch, cameras, *side, &perception::Config::default())?;
+        let mut warnings = Vec::new();
+        let touch = match &mut self.network {
+            _ if !modality.has_touch() => PerFinger::default(),
+            None => PerFinger::from_fn(|finger| Some(touch::truth(&truth.touch[finger]))),
+            Some(network) => network.feel(frame, &observation.touch, &mut warnings)?,
+        };
+        let segmentation = SegmentationConfig::default();
+        let (depth, _) = perception::depth_frame(&observation, touch, cameras, *side, &segmentation)?;
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
-        Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), sense_ms, warnings: Vec::new() }))
+        Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), sense_ms, warnings }))
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {

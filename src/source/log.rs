@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
-use perception::TouchImages;
+use perception::SegmentationConfig;
 use scenes::camera::PosedCamera;
 use scenes::frame::{Isometry, MeshFile, Object};
 use scenes::hand::{Finger, PerFinger, Side};
 use scenes::observation::{Observation, Rgbd};
 use sim::depth_noise::{self, FrameId};
-use sim::feelsight::{Log, PartialFrame, PartialFrames, Sensor};
+use sim::feelsight::{Log, PartialFrame, PartialFrames, Sensor, TouchPart};
 
+use super::touch::{self, TouchNetwork};
 use super::{Modality, Sensed, Source};
 
 /// A log, read frame by frame.
@@ -27,6 +28,8 @@ pub struct LogSource {
     cameras: Vec<PosedCamera>,
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
+    /// What makes touch depth of the log's images; without it the log's own is taken.
+    network: Option<TouchNetwork>,
     /// From the coordinates in which the log has the object to ours.
     object_from_log: Isometry<Object, Object>,
     told: HashSet<(Option<Sensor>, Discriminant<Amiss>)>,
@@ -42,11 +45,18 @@ enum Amiss {
 
 impl LogSource {
     /// Opens a log. `cameras` are names; without any the first camera is taken. `camera_noise` (a multiple of Redwood's level, 0 for
-    /// none) is added to depths that are true, as NeuralFeels' loader does.
+    /// none) is added to depths that are true, as NeuralFeels' loader does. `network` makes touch depth of the log's images; without it
+    /// the log's own is taken.
     ///
     /// # Errors
     /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
-    pub fn open(folder: &Path, cameras: Option<&str>, modality: Modality, camera_noise: f64) -> Result<Self> {
+    pub fn open(
+        folder: &Path,
+        cameras: Option<&str>,
+        modality: Modality,
+        camera_noise: f64,
+        network: Option<TouchNetwork>,
+    ) -> Result<Self> {
         let log = Log::open_tolerant(folder)?;
         let mut warnings: Vec<String> = log.notes().to_vec();
         let names: Vec<&str> = log.cameras().iter().map(|camera| camera.name.as_str()).collect();
@@ -67,11 +77,16 @@ impl LogSource {
                 }
             }
         };
-        let touch = PerFinger::from_fn(|_| modality.has_touch());
+        let touch = match network {
+            _ if !modality.has_touch() => TouchPart::None,
+            None => TouchPart::Truth,
+            Some(_) => TouchPart::Images,
+        };
         let frames = log.into_partial_frames(&chosen, touch);
         if !frames.has_sensor() {
             let reason = match frames.defects().first() {
                 Some((_, defect)) => defect.to_string(),
+                None if network.is_some() => format!("{}: there are no touch images", folder.display()),
                 None => format!("{}: there is no true touch depth", folder.display()),
             };
             bail!("{reason}; nothing is left of --modality {}", modality.name());
@@ -84,6 +99,7 @@ impl LogSource {
             last_s: None,
             until_s: f64::INFINITY,
             cameras: posed,
+            network,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
             object_from_log: Isometry::identity(),
             told: HashSet::new(),
@@ -170,21 +186,17 @@ impl LogSource {
         let observation = Observation {
             time_s: frame.time_s,
             joints: frame.joints,
-            touch: PerFinger::from_fn(|_| image::RgbImage::default()),
+            touch: PerFinger(frame.touch_images.0.map(Option::unwrap_or_default)),
             cameras,
         };
-        let images = |finger| {
-            let truth = frame.touch[finger].as_ref()?;
-            Some(TouchImages { depth_m: &truth.depth_m, contact: &truth.contact })
+        let side = self.side();
+        let touch = match &mut self.network {
+            None => PerFinger::from_fn(|finger| frame.touch_truth[finger].as_ref().map(touch::truth)),
+            Some(network) => network.feel(u64::from(number), &observation.touch, &mut self.warnings)?,
         };
-        let (depth, _) = perception::depth_frame(
-            &observation,
-            PerFinger::from_fn(images),
-            &self.cameras,
-            self.side(),
-            &perception::Config::default(),
-        )
-        .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
+        let segmentation = SegmentationConfig::default();
+        let (depth, _) = perception::depth_frame(&observation, touch, &self.cameras, side, &segmentation)
+            .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
         Ok(Sensed { frame: u64::from(number), depth, truth, sense_ms: begun.elapsed().as_secs_f64() * 1e3, warnings })

@@ -109,6 +109,15 @@ pub struct Example {
 }
 
 impl Example {
+    /// Its image.
+    pub fn image(&self) -> RgbImage {
+        let [rows, columns] = self.size;
+        RgbImage::from_fn(columns as u32, rows as u32, |u, v| {
+            let at = 3 * (v as usize * columns + u as usize);
+            image::Rgb([self.levels[at], self.levels[at + 1], self.levels[at + 2]])
+        })
+    }
+
     /// The same image at another size, at most its own; each pixel is the mean over the area that it covers.
     pub fn resized(self, [rows, columns]: [usize; 2]) -> Self {
         if self.size == [rows, columns] {
@@ -231,4 +240,53 @@ pub fn example(
 /// range, so that the threshold lies between 0.1 and 0.2 mm.
 pub fn contact_threshold_mm(press_mm: f64) -> f64 {
     CONTACT_SHARE * press_mm.clamp(PROTOCOL_PRESS_MM[0], PROTOCOL_PRESS_MM[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::objects;
+    use super::super::sensors::Rack;
+    use super::*;
+
+    #[test]
+    fn a_resized_image_has_the_means_of_what_its_pixels_cover() {
+        let whole = Example {
+            size: [4, 6],
+            levels: (0..4 * 6 * 3).map(|i| (i * 3) as u8).collect(),
+            indentation_mm: (0..24).map(|i| i as f32).collect(),
+            contact: vec![1.0; 24],
+        };
+        assert_eq!(whole.clone().resized([4, 6]), whole);
+        let half = whole.clone().resized([2, 3]);
+        assert_eq!(half.indentation_mm[..3], [3.5, 5.5, 7.5]);
+        // Six columns to four: each covers one and a half.
+        let narrow = whole.resized([4, 4]);
+        assert!((narrow.indentation_mm[0] - (0.0 + 0.5) / 1.5).abs() < 1e-6, "{:?}", &narrow.indentation_mm[..4]);
+        assert!(narrow.contact.iter().all(|c| (c - 1.0).abs() < 1e-6));
+    }
+
+    #[test]
+    fn images_depend_on_seed_and_index_alone() {
+        let config = DataConfig { sensors: 2, untouched: 0.0, deep: 0.0, ..DataConfig::default() };
+        let surfaces = objects::load(&["mug", "large_dice"]).unwrap();
+        let mut rack = Rack::new(&config, 3).unwrap();
+        let sensors = rack.of_step(5).unwrap();
+        let mut frame = TouchFrame::default();
+        let mut image = |index| example(&surfaces, &sensors, &config, (3, index), &mut frame);
+        let (first, second) = (image(0), image(1));
+        assert_ne!(first, second);
+        let mut again = Rack::new(&config, 3).unwrap();
+        let fresh = example(&surfaces, &again.of_step(5).unwrap(), &config, (3, 0), &mut TouchFrame::default());
+        assert_eq!(fresh, first);
+        for Example { indentation_mm, contact, .. } in [first, second] {
+            let deepest = indentation_mm.iter().copied().fold(0.0, f32::max);
+            assert!(deepest > 0.05 && deepest < 3.1, "{deepest} mm");
+            assert!(
+                contact
+                    .iter()
+                    .zip(&indentation_mm)
+                    .all(|(c, mm)| (*c > 0.5) == (*mm > 0.2) || (0.1..=0.2).contains(mm))
+            );
+        }
+    }
 }

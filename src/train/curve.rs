@@ -127,3 +127,33 @@ fn draw<B: DrawingBackend>(
     }
     area.present()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_resumed_curve_goes_on_at_its_step() {
+        let folder = tempfile::tempdir().unwrap();
+        let row = |step, contact_mae_mm| Row {
+            step,
+            images_per_s: 10.0,
+            loss: 0.5,
+            gradient: 1.5,
+            rate: 1e-3,
+            contact_mae_mm,
+            rmse_mm: 0.2,
+            iou: 0.8,
+        };
+        let mut curve = Curve::open(folder.path(), 0).unwrap();
+        for (step, error) in [(10, 0.5), (20, 0.3), (30, 0.4)] {
+            curve.push(row(step, error)).unwrap();
+        }
+        let resumed = Curve::open(folder.path(), 20).unwrap();
+        assert_eq!(resumed.rows, [row(10, 0.5), row(20, 0.3)]);
+        assert!(resumed.is_best(&row(30, 0.2)) && !resumed.is_best(&row(30, 0.35)));
+        assert!(std::fs::read_to_string(folder.path().join("curve.svg")).unwrap().contains("contact MAE"));
+        std::fs::write(folder.path().join("curve.csv"), "step\nten").unwrap();
+        assert!(Curve::open(folder.path(), 20).is_err());
+    }
+}

@@ -85,3 +85,32 @@ pub fn load(names: &[&str]) -> Result<Vec<Surface>> {
     };
     names.par_iter().map(surface).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_object_is_in_two_sets() {
+        let training = training();
+        assert_eq!(
+            training.len() + TEST.len() + VALIDATION.len(),
+            catalogue::entries().count(),
+            "a name that is no object"
+        );
+        assert!(TEST.iter().all(|name| !VALIDATION.contains(name)));
+    }
+
+    #[test]
+    fn points_lie_on_the_surface_and_normals_point_outwards() {
+        use rand::SeedableRng as _;
+        let ball = load(&["ball"]).unwrap().remove(0);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let radius = ball.mesh.extents_m().x / 2.0;
+        for _ in 0..200 {
+            let (point, normal) = ball.point(&mut rng);
+            assert!((point.length() - radius).abs() < 0.02 * radius, "{point}");
+            assert!(normal.dot(point.normalize()) > 0.99, "{normal} at {point}");
+        }
+    }
+}

@@ -5,10 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use image::{ImageFormat, Rgb, RgbImage};
-use perception::network::Weights;
-use perception::train::predict;
+use perception::engine::Prediction;
+use scenes::digit::{HEIGHT, WIDTH};
 
-use super::batch;
 use super::contacts::Example;
 
 /// Indentation that is drawn white, and error that is drawn red or blue, millimetres.
@@ -17,33 +16,32 @@ const ERROR_MM: f32 = 0.2;
 
 /// A row per image: the image, its indentation, the predicted one, their difference (red too deep, blue too shallow), and contact
 /// (green agreed, red predicted alone, blue missed).
-pub fn write(path: &Path, examples: &[Example], weights: &Weights) -> Result<()> {
-    let batch = batch(examples);
-    let [count, rows, columns] = batch.shape;
-    let predicted = predict(weights.architecture(), weights.tensors(), &batch.levels, batch.shape);
-    let image = RgbImage::from_fn(5 * columns as u32, (count * rows) as u32, |x, y| {
-        let (panel, u) = (x as usize / columns, x as usize % columns);
-        let at = y as usize * columns + u;
-        let [mm, logit] = predicted[at];
-        let (truth_mm, contact) = (batch.targets.indentation_mm[at], batch.targets.contact[at] > 0.5);
-        let grey = |mm: f32| Rgb([(mm / DEEPEST_MM * 255.0) as u8; 3]);
-        match panel {
-            0 => Rgb(std::array::from_fn(|c| batch.levels[3 * at + c])),
-            1 => grey(truth_mm),
-            2 => grey(mm),
-            3 => {
-                let error = (mm - truth_mm) / ERROR_MM;
-                let fade = 255 - (error.abs() * 255.0) as u8;
-                if error > 0.0 { Rgb([255, fade, fade]) } else { Rgb([fade, fade, 255]) }
+pub fn write<'a>(path: &Path, examples: impl ExactSizeIterator<Item = (&'a Example, &'a Prediction)>) -> Result<()> {
+    let mut image = RgbImage::new(5 * WIDTH as u32, (examples.len() * HEIGHT) as u32);
+    for (k, (example, prediction)) in examples.enumerate() {
+        for (at, (&mm, &logit)) in prediction.indentation_mm.iter().zip(&prediction.contact_logit).enumerate() {
+            let (truth_mm, contact) = (example.indentation_mm[at], example.contact[at] > 0.5);
+            let grey = |mm: f32| Rgb([(mm / DEEPEST_MM * 255.0) as u8; 3]);
+            let error = (mm - truth_mm) / ERROR_MM;
+            let fade = 255 - (error.abs() * 255.0) as u8;
+            let agreement = match (logit > 0.0, contact) {
+                (true, true) => [0, 158, 115],
+                (true, false) => [213, 94, 0],
+                (false, true) => [0, 114, 178],
+                (false, false) => [30, 30, 30],
+            };
+            let panels = [
+                Rgb([example.levels[3 * at], example.levels[3 * at + 1], example.levels[3 * at + 2]]),
+                grey(truth_mm),
+                grey(mm),
+                Rgb(if error > 0.0 { [255, fade, fade] } else { [fade, fade, 255] }),
+                Rgb(agreement),
+            ];
+            for (panel, colour) in panels.into_iter().enumerate() {
+                image.put_pixel((panel * WIDTH + at % WIDTH) as u32, (k * HEIGHT + at / WIDTH) as u32, colour);
             }
-            _ => match (logit > 0.0, contact) {
-                (true, true) => Rgb([0, 158, 115]),
-                (true, false) => Rgb([213, 94, 0]),
-                (false, true) => Rgb([0, 114, 178]),
-                (false, false) => Rgb([30, 30, 30]),
-            },
         }
-    });
+    }
     let partial = path.with_extension("png.part");
     image
         .save_with_format(&partial, ImageFormat::Png)

@@ -14,6 +14,7 @@ mod generate;
 mod inspect;
 mod kill;
 mod mesh_files;
+mod network;
 mod render_touch;
 mod run;
 mod score;

@@ -1,10 +1,12 @@
 //! What a network costs.
 
+use std::iter::Sum;
+
 use super::architecture::Architecture;
 use super::layer::{Layer, Op};
 
-/// Counts of a network for one image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Counts of a network, or a layer of it, for one image.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Cost {
     /// Numbers in its weights.
     pub parameters: u64,
@@ -19,14 +21,24 @@ impl Architecture {
     /// Counts for an input of `[height, width]`, which is resized if need be ([`Architecture::fit`]).
     pub fn cost(&self, size: [usize; 2]) -> Cost {
         let size = self.fit(size);
-        let zero = Cost { parameters: 0, macs: 0, activation_bytes: 0 };
-        self.layers().iter().fold(zero, |sum, layer| {
-            let count = layer.grid.count(size) as u64;
-            Cost {
-                parameters: sum.parameters + parameters(layer),
-                macs: sum.macs + macs(layer, count),
-                activation_bytes: sum.activation_bytes + 4 * count * results(layer),
-            }
+        self.layers().iter().map(|layer| layer.cost(size)).sum()
+    }
+}
+
+impl Layer {
+    /// Counts for an input of `[height, width]` of the network that it is a layer of.
+    pub fn cost(&self, size: [usize; 2]) -> Cost {
+        let count = self.grid.count(size) as u64;
+        Cost { parameters: parameters(self), macs: macs(self, count), activation_bytes: 4 * count * results(self) }
+    }
+}
+
+impl Sum for Cost {
+    fn sum<I: Iterator<Item = Self>>(costs: I) -> Self {
+        costs.fold(Self::default(), |a, b| Self {
+            parameters: a.parameters + b.parameters,
+            macs: a.macs + b.macs,
+            activation_bytes: a.activation_bytes + b.activation_bytes,
         })
     }
 }

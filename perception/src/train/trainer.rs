@@ -1,6 +1,6 @@
 //! Training step by step, and its state on disk.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use super::loss::{Loss, LossConfig, Targets};
 use super::model::{Model, initial};
 use super::optimiser::{OptimiserConfig, State, Tensors};
 use super::tape::apply;
-use crate::network::{Architecture, Precision, Provenance, Stored, Tensor, UnknownNetwork, Weights, WeightsError};
+use crate::network::{Architecture, Precision, Provenance, Stored, UnknownNetwork, Weights, WeightsError};
 
 /// How a network is trained, apart from its data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -300,17 +300,4 @@ impl Trainer {
         }
         Ok(trainer)
     }
-}
-
-/// What weights say of images `[images, rows, columns, 3]`, whose sides must be multiples of the network's stride: per pixel
-/// indentation in millimetres, at least 0, and the logit of contact.
-pub fn predict(
-    architecture: &Architecture,
-    tensors: &BTreeMap<String, Tensor>,
-    levels: &[u8],
-    shape: [usize; 3],
-) -> Vec<[f32; 2]> {
-    let output = Model::new(architecture, tensors, false).forward(levels, shape).to_tensor();
-    let pixels = output.values.as_chunks::<2>().0;
-    pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect()
 }

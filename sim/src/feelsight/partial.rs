@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use image::RgbImage;
 use ndarray::Array2;
 use scenes::frame::{Isometry, Object, World};
 use scenes::hand::{Finger, JointAngles, PerFinger};
@@ -18,7 +19,18 @@ pub enum Sensor {
     Touch(Finger),
 }
 
-/// The depths of one instant, as far as they can be read. Colours are not.
+/// What is read of the DIGITs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TouchPart {
+    /// Nothing.
+    None,
+    /// True depth and contact.
+    Truth,
+    /// Images.
+    Images,
+}
+
+/// What was measured at one instant, as far as it can be read. Colours of cameras are not.
 #[derive(Debug)]
 pub struct PartialFrame {
     /// Seconds.
@@ -29,8 +41,10 @@ pub struct PartialFrame {
     pub object_pose: Option<Isometry<Object, World>>,
     /// Depth of each camera that was asked for, metres, indexed (row, column); NaN and infinite where the log has that.
     pub cameras: Vec<Option<Array2<f32>>>,
-    /// True depth and contact of each DIGIT that was asked for.
-    pub touch: PerFinger<Option<TouchTruth>>,
+    /// True depth and contact of each DIGIT, if they were asked for.
+    pub touch_truth: PerFinger<Option<TouchTruth>>,
+    /// What each DIGIT shows, if that was asked for.
+    pub touch_images: PerFinger<Option<RgbImage>>,
     /// Why something is missing. A camera whose file is damaged says so once and is silent from there on.
     pub defects: Vec<(Sensor, Error)>,
 }
@@ -41,14 +55,14 @@ pub struct PartialFrames {
     next: usize,
     /// Index of each camera and its depths; none once they are damaged.
     cameras: Vec<(usize, Option<(PathBuf, npz::Reader)>)>,
-    touch: PerFinger<bool>,
+    touch: TouchPart,
     /// Found on opening; told with the first frame.
     defects: Vec<(Sensor, Error)>,
 }
 
 impl Log {
-    /// The frames of the log as far as they can be read: depths of these cameras, by index, and of these DIGITs.
-    pub fn into_partial_frames(self, cameras: &[usize], touch: PerFinger<bool>) -> PartialFrames {
+    /// The frames of the log as far as they can be read: depths of these cameras, by index, and this of the DIGITs.
+    pub fn into_partial_frames(self, cameras: &[usize], touch: TouchPart) -> PartialFrames {
         let mut defects = Vec::new();
         let mut open = |&camera: &usize| match self.depths(camera) {
             Ok(depths) => (camera, Some(depths)),
@@ -71,7 +85,11 @@ impl PartialFrames {
     /// Whether any sensor may still deliver anything.
     pub fn has_sensor(&self) -> bool {
         self.cameras.iter().any(|(_, depths)| depths.is_some())
-            || self.touch.iter().any(|(finger, &wanted)| wanted && self.log.has_touch_truth(finger))
+            || Finger::ALL.into_iter().any(|finger| match self.touch {
+                TouchPart::None => false,
+                TouchPart::Truth => self.log.has_touch_truth(finger),
+                TouchPart::Images => self.log.has_touch_images(finger),
+            })
     }
 
     /// What was found on opening, before the first frame was read.
@@ -98,12 +116,16 @@ impl Iterator for PartialFrames {
             }
         });
         let cameras = cameras.collect();
-        let mut read = |finger: Finger| {
-            let truth = touch[finger].then(|| log.touch_truth(finger, i))?;
-            truth.map_err(|error| defects.push((Sensor::Touch(finger), error))).ok()
-        };
-        let touch = PerFinger::from_fn(&mut read);
+        let (mut touch_truth, mut touch_images) = (PerFinger::default(), PerFinger::default());
+        for finger in Finger::ALL {
+            let read = match touch {
+                TouchPart::None => Ok(()),
+                TouchPart::Truth => log.touch_truth(finger, i).map(|truth| touch_truth[finger] = Some(truth)),
+                TouchPart::Images => log.touch_image(finger, i).map(|image| touch_images[finger] = Some(image)),
+            };
+            defects.extend(read.err().map(|error| (Sensor::Touch(finger), error)));
+        }
         let object_pose = log.object_poses().get(i).copied().flatten();
-        Some(PartialFrame { time_s, joints, object_pose, cameras, touch, defects })
+        Some(PartialFrame { time_s, joints, object_pose, cameras, touch_truth, touch_images, defects })
     }
 }

@@ -366,13 +366,11 @@ impl Log {
 
     /// The images of a frame, checked.
     pub(super) fn images(&self, i: usize) -> Result<Images, Error> {
-        let size = (digit::WIDTH, digit::HEIGHT);
         let name = format!("{i}.jpg");
         let mut touch = Vec::new();
         let mut touch_truth = Vec::new();
         for finger in Finger::ALL {
-            let folder = self.touch_folder(finger);
-            touch.push(read_color(&folder.join("image").join(&name), size)?);
+            touch.push(self.touch_image(finger, i)?);
             if self.touch_labels {
                 touch_truth.push(self.touch_truth(finger, i)?);
             }
@@ -402,6 +400,12 @@ impl Log {
         })
     }
 
+    /// What a DIGIT shows in a frame.
+    pub(super) fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, Error> {
+        let path = self.touch_folder(finger).join("image").join(format!("{frame}.jpg"));
+        read_color(&path, (digit::WIDTH, digit::HEIGHT))
+    }
+
     /// True depth and contact of a DIGIT in a frame.
     pub(super) fn touch_truth(&self, finger: Finger, frame: usize) -> Result<TouchTruth, Error> {
         let size = (digit::WIDTH, digit::HEIGHT);
@@ -421,6 +425,11 @@ impl Log {
                 Luma([if mask.get_pixel(x, y).0[0] > 127 { 255 } else { 0 }])
             }),
         })
+    }
+
+    /// Whether a DIGIT has images.
+    pub fn has_touch_images(&self, finger: Finger) -> bool {
+        self.touch_folder(finger).join("image").is_dir()
     }
 
     /// Whether a DIGIT has true depths.

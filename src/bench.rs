@@ -1,0 +1,207 @@
+//! `bench`: how fast parts of the program are on this machine.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, Result, bail};
+use clap::{Args, Subcommand, value_parser};
+use image::{Rgb, RgbImage};
+use perception::engine::{Engine, Instructions, Prediction};
+use perception::network::{Architecture, Cost, Provenance, Tensor, Weights};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+use crate::network::ImageSize;
+use crate::simulate::print_line;
+
+/// Time parts of the program on this machine
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    Networks(NetworksArguments),
+}
+
+/// Time touch networks on the CPU: images per second and memory
+///
+/// Each image is worked on by one thread. Without --weights the presets have random weights, on which the speed does not depend.
+#[derive(Debug, Args)]
+pub struct NetworksArguments {
+    /// Networks, with commas between
+    #[arg(long, value_delimiter = ',', default_value = "vit,mamba,robust_mamba,default", conflicts_with = "weights")]
+    networks: Vec<String>,
+    /// Networks by their weights, with commas between
+    #[arg(long, value_name = "FILE", value_delimiter = ',')]
+    weights: Vec<PathBuf>,
+    /// Images at a time, with commas between
+    #[arg(long, value_delimiter = ',', default_value = "1,4,32", value_parser = value_parser!(u16).range(1..=1024))]
+    batch: Vec<u16>,
+    /// Sizes of images, pixels: WIDTHxHEIGHT or the side of a square, with commas between
+    #[arg(long, value_delimiter = ',', default_value = "240x320")]
+    input: Vec<ImageSize>,
+    /// Threads, with commas between
+    #[arg(long, value_delimiter = ',', default_value = "1,2", value_parser = value_parser!(u16).range(1..=256))]
+    threads: Vec<u16>,
+    /// Instructions: amx, avx512bf16, avx512, avx2 or scalar; without it the fastest of the machine
+    #[arg(long, value_parser = instructions)]
+    instructions: Option<Instructions>,
+    /// Time spent on each figure, seconds
+    #[arg(long, default_value_t = 1.0)]
+    seconds: f64,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn instructions(name: &str) -> Result<Instructions, String> {
+    let known = Instructions::ALL.into_iter().find(|set| set.name() == name);
+    match known {
+        Some(set) if set.is_available() => Ok(set),
+        Some(_) => Err("this machine does not have it".to_owned()),
+        None => Err(format!("choose {}", Instructions::ALL.map(Instructions::name).join(", "))),
+    }
+}
+
+/// A line of the table.
+#[derive(Debug, Serialize)]
+struct Figure {
+    network: String,
+    instructions: &'static str,
+    input: String,
+    batch: u16,
+    threads: u16,
+    parameters: u64,
+    macs: u64,
+    images_per_second: f64,
+    /// Wall time of a batch over its images, the median of all batches.
+    ms_per_image: f64,
+    /// What weights and working memory add to the program that has none; none where the system does not tell.
+    memory_mb: Option<f64>,
+    /// Energy of the processor, joules per image; none where the system does not tell.
+    energy_j: Option<f64>,
+}
+
+/// Runs the command.
+pub fn run(command: &Command) -> Result<()> {
+    let Command::Networks(arguments) = command;
+    if !(0.0..=3600.0).contains(&arguments.seconds) {
+        bail!("--seconds must be from 0 to 3600");
+    }
+    let set = arguments.instructions.unwrap_or_else(Instructions::best);
+    let mut figures = Vec::new();
+    let names = if arguments.weights.is_empty() { arguments.networks.as_slice() } else { &[] };
+    let presets: Vec<Architecture> = names.iter().map(|name| Architecture::preset(name)).collect::<Result<_, _>>()?;
+    let read: Vec<Weights> = arguments.weights.iter().map(|path| Weights::read(path)).collect::<Result<_, _>>()?;
+    if !arguments.json {
+        print_line(&header())?;
+    }
+    // Random weights are made one network after the other: together they are large.
+    for weights in presets.iter().map(arbitrary).chain(read.into_iter().map(Ok)) {
+        let weights = weights?;
+        for &input in &arguments.input {
+            for &threads in &arguments.threads {
+                for &batch in &arguments.batch {
+                    let figure = measure(&weights, set, input, threads, batch, arguments.seconds)?;
+                    if !arguments.json {
+                        print_line(&row(&figure))?;
+                    }
+                    figures.push(figure);
+                }
+            }
+        }
+    }
+    if arguments.json { print_line(&serde_json::to_string_pretty(&figures)?) } else { Ok(()) }
+}
+
+/// Weights that lead to finite results.
+fn arbitrary(architecture: &Architecture) -> Result<Weights> {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let tensors = architecture.tensors().into_iter().map(|(name, shape)| {
+        let count: usize = shape.iter().product();
+        let scale = (shape.first().map_or(1.0, |&outputs| outputs as f32) / count.max(1) as f32).sqrt();
+        let values = (0..count).map(|_| scale * rng.random_range(-1.0..1.0)).collect();
+        (name, Tensor { shape, values })
+    });
+    Ok(Weights::new(architecture.clone(), Provenance::default(), tensors.collect(), Path::new("random weights"))?)
+}
+
+fn measure(
+    weights: &Weights,
+    set: Instructions,
+    input: ImageSize,
+    threads: u16,
+    batch: u16,
+    seconds: f64,
+) -> Result<Figure> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build()?;
+    let mut rng = ChaCha8Rng::seed_from_u64(u64::from(batch));
+    let mut image = || RgbImage::from_fn(input.width, input.height, |_, _| Rgb(rng.random()));
+    let images: Vec<RgbImage> = (0..batch).map(|_| image()).collect();
+    let images: Vec<&RgbImage> = images.iter().collect();
+    let memory_before = resident_mb();
+    let engine = Engine::new(weights, set);
+    let mut predictions: Vec<Prediction> = Vec::new();
+    let mut times = Vec::new();
+    let (elapsed, energy_j) = pool.install(|| -> Result<(Duration, Option<f64>)> {
+        // The first ones allocate.
+        for _ in 0..2 {
+            engine.infer_each(&images, &mut predictions)?;
+        }
+        let (begun, energy_before) = (Instant::now(), energy_j());
+        while times.is_empty() || begun.elapsed().as_secs_f64() < seconds {
+            let started = Instant::now();
+            engine.infer_each(&images, &mut predictions)?;
+            times.push(started.elapsed().as_secs_f64());
+        }
+        let energy =
+            energy_j().zip(energy_before).map(|(after, before)| after - before).filter(|joules| *joules >= 0.0);
+        Ok((begun.elapsed(), energy))
+    })?;
+    let memory_mb = resident_mb().zip(memory_before).map(|(after, before)| (after - before).max(0.0));
+    times.sort_unstable_by(f64::total_cmp);
+    let count = times.len() as f64 * f64::from(batch);
+    let Cost { parameters, macs, .. } = weights.architecture().cost(input.rows_and_columns());
+    Ok(Figure {
+        network: weights.architecture().name().to_owned(),
+        instructions: set.name(),
+        input: input.to_string(),
+        batch,
+        threads,
+        parameters,
+        macs,
+        images_per_second: count / elapsed.as_secs_f64(),
+        ms_per_image: times.get(times.len() / 2).context("nothing was timed")? * 1e3 / f64::from(batch),
+        memory_mb,
+        energy_j: energy_j.map(|joules| joules / count),
+    })
+}
+
+/// Memory of this process, megabytes.
+fn resident_mb() -> Option<f64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    let kibibytes: f64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024.0 / 1e6)
+}
+
+/// Energy that the processor has used so far, joules, as RAPL tells it; whoever reads it may have to be root.
+fn energy_j() -> Option<f64> {
+    let text = fs::read_to_string("/sys/class/powercap/intel-rapl:0/energy_uj").ok()?;
+    Some(text.trim().parse::<f64>().ok()? * 1e-6)
+}
+
+fn header() -> String {
+    let [a, b, c, d, e] = ["network", "instructions", "input", "batch", "threads"];
+    let [f, g, h, i, j, k] = ["param./M", "GMAC", "images/s", "ms/image", "memory/MB", "energy/J"];
+    format!("{a:<13} {b:<12} {c:>9} {d:>6} {e:>7} {f:>9} {g:>7} {h:>9} {i:>9} {j:>10} {k:>12}")
+}
+
+fn row(figure: &Figure) -> String {
+    let Figure { network, instructions, input, batch, threads, images_per_second, ms_per_image, .. } = figure;
+    let (millions, giga) = (figure.parameters as f64 / 1e6, figure.macs as f64 / 1e9);
+    let memory = figure.memory_mb.map_or_else(|| "-".to_owned(), |mb| format!("{mb:.0}"));
+    let energy = figure.energy_j.map_or_else(|| "not exposed".to_owned(), |joules| format!("{joules:.3}"));
+    format!(
+        "{network:<13} {instructions:<12} {input:>9} {batch:>6} {threads:>7} {millions:>9.2} {giga:>7.2} {images_per_second:>9.1} {ms_per_image:>9.2} {memory:>10} {energy:>12}"
+    )
+}

@@ -1,0 +1,118 @@
+//! Touch networks: what they cost, how fast they are, and runs that feel with them.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::workplace::Workplace;
+
+/// Weights of a tiny `default`, random.
+fn weights() -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("perception/tests/fixtures");
+    folder.join("default.safetensors").display().to_string()
+}
+
+#[test]
+fn networks_are_counted() {
+    let workplace = Workplace::new();
+    let text = workplace.run("network describe vit --input 224 --json").good();
+    let description: Value = serde_json::from_str(&text).unwrap();
+    let parts = description["parts"].as_array().unwrap();
+    for count in ["parameters", "macs", "activation_bytes"] {
+        let sum: u64 = parts.iter().map(|part| part[count].as_u64().unwrap()).sum();
+        assert_eq!(description[count], sum, "{count}");
+    }
+    // ViT-S/16 has 12 blocks of 1.77 M parameters.
+    let blocks = parts.iter().find(|part| part["name"] == "blocks").unwrap();
+    assert_eq!(blocks["parameters"], 12 * 1_774_464, "{description}");
+    // 250 is no multiple of 16.
+    assert!(workplace.run("network describe default --input 250x320").good().contains("input 256x320"));
+    let said = workplace.run("network describe resnet").error();
+    assert!(["vit", "mamba", "robust_mamba", "default"].iter().all(|name| said.contains(name)), "{said}");
+    assert!(workplace.run("network describe default --input 0x3").usage().contains("240x320"));
+}
+
+#[test]
+fn networks_are_timed() {
+    let workplace = Workplace::new();
+    let line = format!("bench networks --weights {} --input 64x48 --batch 1,3 --seconds 0 --json", weights());
+    let figures: Value = serde_json::from_str(&workplace.run(&line).good()).unwrap();
+    let figures = figures.as_array().unwrap();
+    assert_eq!(figures.len(), 4, "two batches on one and two threads");
+    assert!(figures.iter().all(|figure| figure["images_per_second"].as_f64().unwrap() > 0.0), "{figures:?}");
+    assert!(workplace.run("bench networks --networks resnet").error().contains("robust_mamba"));
+    assert!(workplace.run("bench networks --instructions mmx").usage().contains("avx512"));
+}
+
+/// Random weights see nothing of use, but what they see goes all the way, live and from a log, and to the same result each time.
+#[test]
+fn runs_feel_with_a_network() {
+    let workplace = Workplace::new();
+    let network = format!("--touch-depth network --weights {}", weights());
+    workplace.run("generate --object cube70 --logs 1 --duration 0.4 --cameras side --out set").good();
+    for (name, source) in [("live", "--object cube70 --duration 0.4"), ("log", "--log set/cube70/00")] {
+        let trajectory = |folder: &str| {
+            // Whether an image is plausible to random weights is open.
+            assert_eq!(workplace.run(&format!("run {source} {network} --quiet --out {folder}")).code, Some(0));
+            let text = std::fs::read_to_string(workplace.path(folder).join("trajectory.csv")).unwrap();
+            text.lines().map(|line| line.rsplitn(5, ',').last().unwrap().to_owned()).collect::<Vec<_>>()
+        };
+        let first = trajectory(&format!("{name}1"));
+        assert_eq!(first.len(), 13, "{first:?}");
+        assert_eq!(first, trajectory(&format!("{name}2")));
+    }
+}
+
+#[test]
+fn weights_that_cannot_be_are_refused() {
+    let workplace = Workplace::new();
+    let whole = std::fs::read(weights()).unwrap();
+    workplace.write("cut.safetensors", &whole[..whole.len() / 2]);
+    let mut wrong = whole.clone();
+    // The last number becomes one that is none.
+    let end = wrong.len();
+    wrong[end - 2..].copy_from_slice(&[0xc0, 0x7f]);
+    workplace.write("nan.safetensors", wrong);
+    for (line, parts) in [
+        ("run --touch-depth network --weights cut.safetensors", &["cut.safetensors"][..]),
+        ("run --touch-depth network --weights nan.safetensors", &["nan.safetensors", "tensor", "NaN", "["]),
+        ("run --touch-depth network --weights nowhere", &["nowhere"]),
+        ("run --weights nan.safetensors", &["--touch-depth network"]),
+        ("run --set touch.probability=2", &["touch.probability"]),
+        ("evaluate --objects cube70 --out e --touch-depth network --weights nowhere", &["nowhere"]),
+    ] {
+        let said = workplace.run(line).error();
+        assert!(parts.iter().all(|part| said.contains(part)), "{line}: {said}");
+    }
+}
+
+/// Of an empty gel under a mask of half the image, an exact depth image and weights that say anything, what is wrong is what they say.
+#[test]
+fn weights_are_scored_on_triples() {
+    let workplace = Workplace::new();
+    let folder = workplace.path("triples");
+    std::fs::create_dir(&folder).unwrap();
+    let depth = ndarray::Array2::from_shape_fn((320, 240), |(v, u)| {
+        scenes::digit::gel::point(u as f64, v as f64).coords().x as f32
+    });
+    let image = image::RgbImage::from_pixel(240, 320, image::Rgb([90, 100, 95]));
+    let mask = image::GrayImage::from_fn(240, 320, |u, _| image::Luma([if u < 120 { 255 } else { 0 }]));
+    image.save(folder.join("a_img.png")).unwrap();
+    mask.save(folder.join("a_mask.png")).unwrap();
+    let line = format!("eval-touch --weights {} --data triples --json", weights());
+    assert!(workplace.run(&line).error().contains("a_depth_m.npy"), "a triple that is not complete");
+    ndarray_npy::write_npy(folder.join("a_depth_m.npy"), &depth).unwrap();
+    let scores: Value = serde_json::from_str(&workplace.run(&line).good()).unwrap();
+    let score = |name: &str| scores[name].as_f64().unwrap();
+    assert_eq!((score("images"), score("contact_images")), (1.0, 1.0));
+    assert!(score("mae_mm") <= score("rmse_mm") && score("contact_mae_mm") <= score("contact_rmse_mm"), "{scores}");
+    assert!((0.0..=1.0).contains(&score("iou")) && score("ms_per_image") > 0.0, "{scores}");
+
+    image::RgbImage::new(240, 240).save(folder.join("a_img.png")).unwrap();
+    let said = workplace.run(&line).error();
+    assert!(said.contains("240 x 240") && said.contains("240 wide and 320 high"), "{said}");
+    std::fs::create_dir(workplace.path("nothing")).unwrap();
+    let line = format!("eval-touch --weights {} --data nothing", weights());
+    assert!(workplace.run(&line).error().contains("no *_img.png"));
+    assert!(workplace.run("eval-touch --weights triples/a_mask.png --data triples").error().contains("a_mask.png"));
+}
