@@ -69,7 +69,7 @@ fn training_sees_what_the_engine_sees() {
         let weights = Weights::read(&fixture(name)).unwrap();
         let image = image(name);
         let shape = [1, image.height() as usize, image.width() as usize];
-        let trained = perception::train::predict(weights.architecture(), weights.tensors(), image.as_raw(), shape);
+        let trained = perception::train::predict(&weights, image.as_raw(), shape).unwrap();
         let mut prediction = Prediction::default();
         for set in Instructions::available() {
             Engine::new(&weights, set).infer(&image, &mut prediction).unwrap();
