@@ -30,6 +30,7 @@ fn doubles<const N: usize>(inputs: &[Tensor; N]) -> [Vec<f64>; N] {
 }
 
 /// Holds an op's result against `plain`'s, and its gradients by all inputs against central differences of `plain`.
+#[expect(clippy::needless_pass_by_value, reason = "inputs are made in the call")]
 fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: impl Fn(&[Vec<f64>; N]) -> Vec<f64>) {
     let variables: [Var; N] = std::array::from_fn(|i| Var::parameter(inputs[i].clone()));
     let output = apply(kernel, variables.clone());
