@@ -22,4 +22,4 @@ mod trainer;
 
 pub use loss::{LossConfig, Penalty, Targets};
 pub use optimiser::OptimiserConfig;
-pub use trainer::{Batch, Progress, Stage, TrainError, Trainer, TrainingConfig};
+pub use trainer::{Batch, Progress, Stage, TrainError, Trainer, TrainingConfig, predict};

@@ -32,6 +32,7 @@ pub(super) fn matrix_mut(values: &mut [f32], columns: usize) -> ArrayViewMut2<'_
 }
 
 /// Adds the product of two matrices to a third.
+#[expect(clippy::needless_pass_by_value, reason = "views are references already")]
 pub(super) fn add_product(a: ArrayView2<'_, f32>, b: ArrayView2<'_, f32>, c: &mut ArrayViewMut2<'_, f32>) {
     general_mat_mul(1.0, &a, &b, 1.0, c);
 }

@@ -248,7 +248,7 @@ fn waves([rows, columns]: [usize; 2], width: usize) -> Tensor {
         let place = if channel < 2 * quarter { token / columns } else { token % columns };
         let frequency = 1e4_f32.powf(-((channel % quarter) as f32) / quarter as f32);
         let angle = place as f32 * frequency;
-        if channel / quarter % 2 == 0 { angle.sin() } else { angle.cos() }
+        if (channel / quarter).is_multiple_of(2) { angle.sin() } else { angle.cos() }
     };
     Tensor { shape: vec![rows * columns, width], values: (0..rows * columns * width).map(value).collect() }
 }

@@ -70,7 +70,7 @@ impl Var {
 
     /// Its numbers.
     pub fn to_tensor(&self) -> Tensor {
-        from_flex(self.0.primitive.clone())
+        from_flex(&self.0.primitive)
     }
 
     /// The sum of two values of one shape.
@@ -92,7 +92,7 @@ impl Var {
 impl Slopes {
     /// Takes the gradient by a parameter; `None` if it had no part in the loss.
     pub fn take(&mut self, parameter: &Var) -> Option<Tensor> {
-        Tape::grad_remove(&parameter.0, &mut self.0).map(from_flex)
+        Tape::grad_remove(&parameter.0, &mut self.0).map(|tensor| from_flex(&tensor))
     }
 }
 
@@ -141,7 +141,7 @@ fn to_flex(Tensor { shape, values }: Tensor) -> FlexTensor {
     FlexTensor::from_data(TensorData::new(values, shape))
 }
 
-fn from_flex(tensor: FlexTensor) -> Tensor {
+fn from_flex(tensor: &FlexTensor) -> Tensor {
     let shape = tensor.layout().shape().iter().copied().collect();
     let values = tensor.to_contiguous().as_slice().unwrap_or_default().to_vec();
     Tensor { shape, values }

@@ -140,6 +140,14 @@ pub enum TrainError {
         /// Length of the loss' gradient.
         gradient: f32,
     },
+    /// Images do not have the shape that they should.
+    #[error("{levels} levels are no {} RGB images of {} x {} pixels whose sides the network divides", shape[0], shape[2], shape[1])]
+    Batch {
+        /// Images, rows and columns.
+        shape: [usize; 3],
+        /// Bytes given.
+        levels: usize,
+    },
     /// Weights to start from are those of another network.
     #[error("the weights to start from belong to a network with other hyper-parameters")]
     OtherStart,
@@ -204,8 +212,14 @@ impl Trainer {
     /// Does a step.
     ///
     /// # Errors
-    /// [`TrainError::NotFinite`] if loss or gradient are no numbers; nothing has changed then.
+    /// [`TrainError::NotFinite`] if loss or gradient are no numbers, [`TrainError::Batch`] if images or targets do not have the batch's
+    /// shape; nothing has changed then.
     pub fn advance(&mut self, batch: &Batch) -> Result<Progress, TrainError> {
+        check_shape(&self.architecture, batch.levels.len(), batch.shape)?;
+        let Targets { indentation_mm, contact } = &*batch.targets;
+        if 3 * indentation_mm.len() != batch.levels.len() || indentation_mm.len() != contact.len() {
+            return Err(TrainError::Batch { shape: batch.shape, levels: batch.levels.len() });
+        }
         let (loss, gradients) = self.gradients(batch);
         let (step, rate) = (self.state.step, self.config.optimiser.rate(self.state.step, self.config.steps()));
         let gradient = if loss.is_finite() {
@@ -299,5 +313,27 @@ impl Trainer {
             }
         }
         Ok(trainer)
+    }
+}
+
+/// What training's forward pass makes of RGB images `[images, rows, columns]` whose sides are multiples of the network's stride: per
+/// pixel indentation in millimetres, at least 0, and the logit of contact. [`crate::engine`] is faster and takes any size.
+///
+/// # Errors
+/// [`TrainError::Batch`] if there are fewer or more levels than the shape has, or its sides are no multiples of the stride.
+pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Vec<[f32; 2]>, TrainError> {
+    check_shape(weights.architecture(), levels.len(), shape)?;
+    let output = Model::new(weights.architecture(), weights.tensors(), false).forward(levels, shape).to_tensor();
+    let pixels = output.values.as_chunks::<2>().0;
+    Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
+}
+
+/// Whether images of this shape can enter a network.
+fn check_shape(architecture: &Architecture, levels: usize, shape: [usize; 3]) -> Result<(), TrainError> {
+    let size = [shape[1], shape[2]];
+    if levels == 3 * shape.iter().product::<usize>() && levels > 0 && architecture.fit(size) == size {
+        Ok(())
+    } else {
+        Err(TrainError::Batch { shape, levels })
     }
 }
