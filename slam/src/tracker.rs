@@ -326,6 +326,13 @@ impl Tracker {
         while *left > 0 {
             *left -= 1;
             let Some(step) = system.step(damping) else { return };
+            if !is_modest(&step) {
+                damping *= 10.0;
+                if damping > 10.0 {
+                    break;
+                }
+                continue;
+            }
             let before: Vec<_> = self.window.iter().map(|instant| instant.pose).collect();
             let held = self.held();
             for (i, instant) in self.window.iter_mut().skip(held).enumerate() {
@@ -492,6 +499,14 @@ impl Tracker {
             }
         }
     }
+}
+
+/// The farthest that a step may move and turn a pose, metres and radians: what nothing measures may not carry an object away.
+const FARTHEST_STEP: [f64; 2] = [0.05, 1.0];
+
+fn is_modest(step: &na::DVector<f64>) -> bool {
+    let within = |at: usize, limit: f64| step.fixed_rows::<3>(at).norm() <= limit;
+    (0..step.len()).step_by(6).all(|at| within(at, FARTHEST_STEP[0]) && within(at + 3, FARTHEST_STEP[1]))
 }
 
 /// How exactly an untouched gel is known, metres.
