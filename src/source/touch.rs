@@ -117,7 +117,7 @@ impl TouchNetwork {
                 && !std::mem::replace(&mut told[finger], true)
             {
                 warnings.push(format!(
-                    "frame {frame}: the image of {} is none that a DIGIT makes (plausibility {:.2} of 1): black, saturated or from another sensor; such images are left out",
+                    "frame {frame}: the image of {} is none that a DIGIT makes (plausibility {:.2} of 1): black, saturated, from another sensor, or unlike what the weights know; such images are left out",
                     Sensor::Touch(finger),
                     felt.plausibility
                 ));
