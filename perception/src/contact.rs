@@ -225,7 +225,7 @@ fn feel(
     // Millimetres over what the network finds on the untouched sensor, kept where the depth will be.
     match &state.empty {
         Some((_, empty)) => {
-            Zip::from(&mut state.depth_m).and(raw).and(empty).for_each(|to, a, b| *to = (a - b).max(0.0))
+            Zip::from(&mut state.depth_m).and(raw).and(empty).for_each(|to, a, b| *to = (a - b).max(0.0));
         }
         None => state.depth_m.assign(raw),
     }

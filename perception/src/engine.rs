@@ -61,8 +61,8 @@ pub struct Engine {
 
 #[derive(Debug)]
 enum Network {
-    Pyramid(Runner<Pyramid>),
-    Transformer(Runner<Transformer>),
+    Pyramid(Box<Runner<Pyramid>>),
+    Transformer(Box<Runner<Transformer>>),
 }
 
 impl Engine {
@@ -74,9 +74,9 @@ impl Engine {
         let architecture = weights.architecture().clone();
         let network = match &architecture {
             Architecture::Default(pyramid) => {
-                Network::Pyramid(Runner::new(Pyramid::new(instructions, pyramid, weights)))
+                Network::Pyramid(Box::new(Runner::new(Pyramid::new(instructions, pyramid, weights))))
             }
-            other => Network::Transformer(Runner::new(Transformer::new(instructions, other, weights))),
+            other => Network::Transformer(Box::new(Runner::new(Transformer::new(instructions, other, weights)))),
         };
         Self { architecture, instructions, network }
     }

@@ -1,5 +1,7 @@
 //! The engine beside PyTorch: fixtures/make.py has made weights, images and what they lead to.
 
+#![allow(clippy::unwrap_used, reason = "a failed assumption in a test is a failed test")]
+
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;

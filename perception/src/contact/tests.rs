@@ -44,8 +44,11 @@ fn one(image: RgbImage) -> PerFinger<RgbImage> {
     images
 }
 
+/// Depth (metres), contact and standard deviation (metres).
+type Touched = (Array2<f32>, GrayImage, f32);
+
 /// What the middle finger feels.
-fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<(Array2<f32>, GrayImage, f32)>) {
+fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<Touched>) {
     let images = one(image);
     let felt = feeler.feel(&images).unwrap();
     assert!(felt[Finger::Thumb].is_none(), "a finger without an image feels");

@@ -39,7 +39,7 @@ enum Positions {
 enum Block {
     Vit { norm1: Norm, attention: Attention, norm2: Norm, mlp: Mlp },
     Mamba { norm: Norm, mamba: Mamba, scan: Scan },
-    RobustMamba { norm1: Norm, mamba: Mamba, scan: Scan, norm2: Norm, mlp: Mlp },
+    RobustMamba { norm1: Norm, mamba: Box<Mamba>, scan: Scan, norm2: Norm, mlp: Mlp },
 }
 
 /// Two linear maps with a GELU between them.
@@ -109,7 +109,7 @@ impl Transformer {
             Architecture::RobustMamba(network::RobustMamba { depth, scans, hooks, .. }) => {
                 let block = |k| Block::RobustMamba {
                     norm1: norm(format!("blocks.{k}.norm1")),
-                    mamba: mamba(format!("blocks.{k}.mamba")),
+                    mamba: Box::new(mamba(format!("blocks.{k}.mamba"))),
                     scan: turn(scans, k),
                     norm2: norm(format!("blocks.{k}.norm2")),
                     mlp: mlp(format!("blocks.{k}.mlp")),
