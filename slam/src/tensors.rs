@@ -85,15 +85,17 @@ impl Tensor {
     }
 }
 
-/// Writes a file under another name first, so that one that is cut off never has its own.
-pub(crate) fn write(path: &Path, header: HashMap<String, String>, tensors: &[Tensor]) -> Result<(), FileError> {
+/// Writes a file under another name first, so that one that is cut off never has its own. The header has one text at most: of more,
+/// the order would differ from run to run, and with it the bytes.
+pub(crate) fn write(path: &Path, text: Option<(&str, String)>, tensors: &[Tensor]) -> Result<(), FileError> {
     let damaged = |message: String| FileError::Damaged { path: path.to_owned(), message };
     let views = tensors
         .iter()
         .map(|t| TensorView::new(t.dtype, t.shape.clone(), &t.bytes).map(|view| (t.name.as_str(), view)))
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| damaged(error.to_string()))?;
-    let bytes = safetensors::serialize(views, Some(header)).map_err(|error| damaged(error.to_string()))?;
+    let header = text.map(|(key, text)| HashMap::from([(key.to_owned(), text)]));
+    let bytes = safetensors::serialize(views, header).map_err(|error| damaged(error.to_string()))?;
     let io = |source| FileError::Io { path: path.to_owned(), source };
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");

@@ -1,6 +1,5 @@
 //! Fields on disk: the configuration in the header, and the parameters as tensors.
 
-use std::collections::HashMap;
 use std::path::Path;
 
 use super::{FEATURES, Field, FieldError, Parameters};
@@ -26,9 +25,9 @@ pub(super) fn save(
 ) -> Result<(), FileError> {
     let config = serde_json::to_string(&field.config)
         .map_err(|error| FileError::Damaged { path: path.to_owned(), message: error.to_string() })?;
-    let mut header = HashMap::from([("config".to_owned(), config)]);
-    header.extend(steps.map(|steps| ("steps".to_owned(), steps.to_string())));
-    let mut tensors = Vec::new();
+    // More steps than that take years.
+    let steps = steps.map(|steps| u32::try_from(steps).unwrap_or(u32::MAX));
+    let mut tensors: Vec<Tensor> = steps.map(|steps| Tensor::new("steps", vec![1], [steps])).into_iter().collect();
     for (prefix, parameters) in sets {
         let numbers = parameters.table.as_flattened();
         tensors.push(Tensor::new(
@@ -40,7 +39,7 @@ pub(super) fn save(
             tensors.push(Tensor::new(format!("{prefix}{name}"), shape, parameters.network[range].iter().copied()));
         }
     }
-    write(path, header, &tensors)
+    write(path, Some(("config", config)), &tensors)
 }
 
 /// The field in a file.
@@ -54,7 +53,8 @@ pub(super) fn field(contents: &Contents) -> Result<Field, FieldError> {
 
 /// The optimiser's steps.
 pub(super) fn steps(contents: &Contents) -> Result<u64, FileError> {
-    contents.entry("steps")?.parse().map_err(|error| contents.damaged(format!("steps: {error}")))
+    let steps: Vec<u32> = contents.numbers("steps", Some(1), &[])?;
+    Ok(steps.iter().map(|&steps| u64::from(steps)).sum())
 }
 
 /// The parameters whose tensors' names start with `prefix`, for `field`.

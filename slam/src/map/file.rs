@@ -1,7 +1,6 @@
 //! Maps on disk, so that a run goes on from what an earlier one learnt: the field with its optimiser, and the keyframes with their
 //! rays. What is known of space follows from the keyframes.
 
-use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -65,7 +64,7 @@ impl Map {
                 misses().flat_map(|m| m.direction.extend(m.free_m).to_array()),
             ),
         ];
-        Ok(write(&folder.join(KEYFRAMES), HashMap::new(), &tensors)?)
+        Ok(write(&folder.join(KEYFRAMES), None, &tensors)?)
     }
 
     /// Reads what [`Map::save`] wrote. Its time is shifted so that the last keyframe lies at 0, where the next run begins. The model's
