@@ -472,21 +472,29 @@ impl<'a> Running<'a> {
     }
 }
 
+/// At every how many-th frame is asked how much of the object is hidden.
+const HIDDEN_EVERY: u64 = 30;
+
 /// All runs of an episode on the same frames, in step: so no frame need be kept.
 fn whole(arguments: &Arguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
     let mut source = live(episode, arguments.duration, &first.config)?;
     let mut running: Vec<Running<'_>> =
         trials.iter().map(|trial| Running::new(trial, episode.object)).collect::<Result<_>>()?;
+    let mut hidden = Vec::new();
     while let Some(sensed) = source.next()? {
         for run in &mut running {
             run.step(&sensed, episode.seed)?;
         }
+        if sensed.frame.is_multiple_of(HIDDEN_EVERY) {
+            hidden.extend(source.hidden_share());
+        }
     }
+    let hidden = (!hidden.is_empty()).then(|| hidden.iter().sum::<f64>() / hidden.len() as f64);
     let (end, _) = source.end();
     let surface = TrueSurface::new(&episode.object.mesh, POINTS, 0);
     for run in running {
-        tell(run.line(episode.object, &surface, &end, source.hidden_share()))?;
+        tell(run.line(episode.object, &surface, &end, hidden))?;
     }
     Ok(())
 }

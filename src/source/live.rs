@@ -8,6 +8,7 @@ use scenes::camera::PosedCamera;
 use scenes::frame::{Isometry, World};
 use scenes::hand::{Finger, PerFinger, Side};
 use scenes::object::Object;
+use scenes::observation::GroundTruth;
 use sim::directive::Directive;
 use sim::episode::{Episode, EpisodeConfig, FRAME_HZ, Randomisation};
 use sim::gait::Gait;
@@ -46,12 +47,9 @@ pub struct LiveSource {
     network: Option<TouchNetwork>,
     scratch: Scratch,
     frame: u32,
-    /// Shares of the object that were hidden.
-    hidden: Vec<f64>,
+    /// What only the simulator knows of the newest frame.
+    truth: Option<GroundTruth>,
 }
-
-/// At every how many-th frame is told how much of the object is hidden.
-const HIDDEN_EVERY: u32 = 30;
 
 impl LiveSource {
     /// Draws the start and prepares the rendering. `network` makes touch depth; without it the true one is taken.
@@ -89,13 +87,13 @@ impl LiveSource {
         if let Some(network) = &mut network {
             network.set_empty(&observer.empty_touch())?;
         }
-        Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0, hidden: Vec::new() })
+        Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0, truth: None })
     }
 
-    /// Mean share of the object that the hand has hidden from the first camera, over every 30th frame so far: known to the simulator
-    /// alone, and for reports. None without cameras.
-    pub fn hidden_share(&self) -> Option<f64> {
-        (!self.hidden.is_empty()).then(|| self.hidden.iter().sum::<f64>() / self.hidden.len() as f64)
+    /// Share of the object that the hand hides from the first camera in the newest frame: known to the simulator alone, and for reports.
+    /// None without cameras, and before the first frame. Some milliseconds.
+    pub fn hidden_share(&mut self) -> Option<f64> {
+        self.observer.hidden_share(self.truth.as_ref()?, &mut self.scratch)
     }
 
     /// Injects a fault: see [`Episode::displace_object`].
@@ -109,9 +107,6 @@ impl Source for LiveSource {
         let begun = Instant::now();
         let Some(snapshot) = self.episode.next_frame() else { return Ok(None) };
         let (observation, truth) = self.observer.observe(self.frame, &snapshot, &mut self.scratch);
-        if self.frame.is_multiple_of(HIDDEN_EVERY) {
-            self.hidden.extend(self.observer.hidden_share(&truth, &mut self.scratch));
-        }
         let frame = u64::from(self.frame);
         self.frame += 1;
         let LiveSettings { side, cameras, modality, .. } = &self.settings;
@@ -123,6 +118,7 @@ impl Source for LiveSource {
         };
         let segmentation = SegmentationConfig::default();
         let (depth, _) = perception::depth_frame(&observation, touch, cameras, *side, &segmentation)?;
+        self.truth = Some(truth);
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
         Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), sense_ms, warnings }))
     }
