@@ -12,6 +12,7 @@ mod network;
 mod pipeline;
 mod progress;
 mod recorder;
+mod recording;
 mod render_touch;
 mod report;
 mod run;
@@ -23,6 +24,7 @@ mod subject;
 mod supervisor;
 #[cfg(feature = "train")]
 mod train;
+mod viewer;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
