@@ -24,6 +24,7 @@ mod subject;
 mod supervisor;
 #[cfg(feature = "train")]
 mod train;
+mod view;
 mod viewer;
 
 use std::io::IsTerminal as _;
@@ -60,6 +61,7 @@ enum Command {
     #[command(subcommand)]
     Bench(bench::Command),
     EvalTouch(eval_touch::Arguments),
+    View(view::Arguments),
     #[cfg(feature = "train")]
     Train(train::Arguments),
 }
@@ -90,6 +92,7 @@ fn main() -> ExitCode {
         Some(Command::Network(command)) => network::run(&command),
         Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
+        Some(Command::View(arguments)) => view::run(&arguments),
         #[cfg(feature = "train")]
         Some(Command::Train(arguments)) => train::run(&arguments),
     };

@@ -5,15 +5,19 @@
 //!   about.json       what is recorded; written first
 //!   running          locked by the process that records, for as long as it does
 //!   frames.jsonl     a line per frame; the last one may be incomplete
+//!   images.bin       their images, one block after another
+//!   shapes.jsonl     a line per shape
+//!   shapes.bin       the true shape, where it is known, and the estimated ones as they grew
 //!   events.jsonl     a line per event or warning
-//!   images.bin       images, one after another; frames.jsonl says where
-//!   shapes/N.mesh    the shape as known at frame N, and a coarse grid of its signed distances
 //!   end.json         how the run has ended; written last
 //! ```
 //!
-//! Everything but about.json, shapes and end.json is appended to, so that a run that dies leaves what it had.
+//! Everything but about.json and end.json is appended to, what a line refers to before the line, so that a run that dies leaves what
+//! it had. Lines give the checksums of the blocks that they refer to.
 
 mod images;
+mod line;
+mod log;
 mod reader;
 mod shape;
 mod writer;
@@ -37,6 +41,11 @@ use crate::report::{FrameRow, ShapePoint};
 pub const VERSION: u32 = 1;
 /// Name of the folder in a run's folder.
 pub const FOLDER: &str = "recording";
+
+/// Whether the images of a frame are recorded: those of every third are.
+pub fn has_images(frame: u64) -> bool {
+    frame.is_multiple_of(3)
+}
 
 /// What is recorded.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,17 +105,18 @@ impl Moment {
     }
 }
 
-/// A part of images.bin.
+/// A block of images.bin or shapes.bin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 struct Place {
     at: u64,
     bytes: u64,
+    crc32: u32,
 }
 
-/// What a camera saw, and what became of it.
-#[derive(Debug, Clone, PartialEq)]
+/// What a camera saw, and what became of it. Each image may be empty.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct CameraImages {
-    /// Colours; empty where they were not recorded.
+    /// Colours.
     pub colour: RgbImage,
     /// Depth along the optical axis, metres; 0 where nothing was measured. Indexed (row, column).
     pub depth_m: Array2<f32>,
@@ -114,10 +124,10 @@ pub struct CameraImages {
     pub segmentation: GrayImage,
 }
 
-/// What a DIGIT showed, and what became of it.
-#[derive(Debug, Clone, PartialEq)]
+/// What a DIGIT showed, and what became of it. Each image may be empty.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct FingerImages {
-    /// Colours; empty where they were not recorded.
+    /// Colours.
     pub image: RgbImage,
     /// Depth that the tracker received, metres. Indexed (row, column).
     pub depth_m: Array2<f32>,
@@ -145,7 +155,7 @@ pub struct ShapeEntry {
     pub frame: u64,
     /// Its scores, where the truth is known.
     pub point: Option<ShapePoint>,
-    file: PathBuf,
+    place: Place,
 }
 
 /// Whether a run goes on.
