@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use slam::metrics::AddS;
 
 mod curves;
-mod error_colour;
+pub mod error_colour;
 pub mod mesh_file;
 mod summary;
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 pub mod colours;
 pub mod eye;
+mod observed;
+pub mod raster;
 pub mod scene;
 
 pub use colours::Theme;

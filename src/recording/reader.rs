@@ -205,6 +205,15 @@ impl Recording {
         self.status
     }
 
+    /// The moments up to one that have images.
+    pub fn image_moments(&self, moment: usize) -> Vec<usize> {
+        let until = self.moments.len().min(moment.saturating_add(1));
+        match self.source {
+            Source::Run { .. } => (0..until).filter(|&k| self.moments[k].images.is_some()).collect(),
+            Source::Log(_) => (0..until).filter(|&k| super::has_images(k as u64)).collect(),
+        }
+    }
+
     /// The index of the moment whose images are shown at a moment: the newest at or before it that has some.
     pub fn images_at(&self, moment: usize) -> Option<usize> {
         let until = self.moments.get(..=moment).unwrap_or(&self.moments);
