@@ -20,6 +20,8 @@ mod line;
 mod log;
 mod reader;
 mod shape;
+#[cfg(test)]
+mod tests;
 mod writer;
 
 use std::path::PathBuf;
@@ -31,6 +33,7 @@ use scenes::frame::{Isometry, Object, World};
 use scenes::hand::{JointAngles, PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
+pub use images::gel_depth_m;
 pub use reader::Recording;
 pub use shape::{KnownShape, SdfGrid};
 pub use writer::Writer;

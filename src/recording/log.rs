@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
+use std::time::Duration;
 
 use image::GrayImage;
 use ndarray::Array2;
@@ -122,6 +123,13 @@ impl LogImages {
     /// Whether all there is of a frame's images has been read.
     pub fn is_read(&self, frame: usize) -> bool {
         self.depths.is_complete.load(Ordering::Relaxed) || frame < self.depths().len()
+    }
+
+    /// Waits for the last of them.
+    pub fn finish(&self) {
+        while !self.depths.is_complete.load(Ordering::Relaxed) {
+            thread::sleep(Duration::from_millis(20));
+        }
     }
 
     fn depths(&self) -> std::sync::MutexGuard<'_, Vec<Vec<Option<Array2<f32>>>>> {

@@ -267,6 +267,13 @@ impl Recording {
         self.known_shapes.get(index, make).map(Some)
     }
 
+    /// Waits until everything is there that is read in the background: the depths of a log.
+    pub fn finish_reading(&self) {
+        if let Source::Log(log) = &self.source {
+            log.finish();
+        }
+    }
+
     /// The object's true surface, where it could be had.
     pub fn truth(&self) -> Option<&Mesh> {
         self.truth.as_ref()

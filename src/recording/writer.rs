@@ -53,11 +53,14 @@ impl Writer {
     /// [`RecordingError::Io`] if a file cannot be written, or another run writes there.
     pub fn create(run: &Path, about: &About, truth: Option<&Mesh>) -> Result<Self, RecordingError> {
         let folder = run.join(FOLDER);
-        if folder.exists() {
-            fs::remove_dir_all(&folder).map_err(RecordingError::io(&folder))?;
-        }
         fs::create_dir_all(&folder).map_err(RecordingError::io(&folder))?;
+        // Before anything is removed: it may be another run's.
         let lock = lock(&folder.join(file::RUNNING))?;
+        for path in [file::ABOUT, file::END].map(|name| folder.join(name)) {
+            if path.exists() {
+                fs::remove_file(&path).map_err(RecordingError::io(&path))?;
+            }
+        }
         let create = |name: &str| {
             let path = folder.join(name);
             let file = File::create(&path).map_err(RecordingError::io(&path))?;
@@ -120,6 +123,21 @@ impl Writer {
     /// Records a shape that is given and does not grow.
     pub fn given(&self, mesh: &Mesh) {
         let _ = self.messages.send(Message::Shape { frame: 0, mesh: mesh.clone(), sdf: None, point: None });
+    }
+
+    /// Waits until all frames are written.
+    #[cfg(test)]
+    pub fn wait(&self) {
+        while self.waiting.load(Ordering::Relaxed) > 0 {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Ends as a process does that is killed.
+    #[cfg(test)]
+    pub fn die(self) {
+        drop(self.messages);
+        let _ = self.thread.join();
     }
 
     /// Ends the recording.

@@ -99,9 +99,13 @@ impl Eye {
 
     /// Moves so that what is at the target moves by this many pixels in an image of that height.
     pub fn pan(&mut self, [right, down]: [f64; 2], height: usize) {
-        let metres_per_pixel = 2.0 * self.distance_m * (0.5 * FOV_Y_RAD).tan() / height.max(1) as f64;
         let rotation = self.pose().untyped().rotation;
-        self.target += rotation * Vector3::new(-right, down, 0.0) * metres_per_pixel;
+        self.target += rotation * Vector3::new(-right, down, 0.0) * self.metres_per_pixel(height);
+    }
+
+    /// Size of a pixel at the target in an image of that height, metres.
+    pub fn metres_per_pixel(&self, height: usize) -> f64 {
+        2.0 * self.distance_m * (0.5 * FOV_Y_RAD).tan() / height.max(1) as f64
     }
 
     /// Goes nearer (factor below 1) or farther away.
