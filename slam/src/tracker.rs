@@ -326,22 +326,12 @@ impl Tracker {
         while *left > 0 {
             *left -= 1;
             let Some(step) = system.step(damping) else { return };
-            if !is_modest(&step) {
-                damping *= 10.0;
-                if damping > 10.0 {
-                    break;
-                }
-                continue;
-            }
             let before: Vec<_> = self.window.iter().map(|instant| instant.pose).collect();
-            let held = self.held();
-            for (i, instant) in self.window.iter_mut().skip(held).enumerate() {
-                let twist: Twist = step.fixed_rows::<6>(6 * i).into_owned();
-                instant.pose *= se3::exp(&twist);
-                instant.pose.rotation.renormalize();
-            }
-            let next = self.linearise(shape, scale);
-            if next.cost < system.cost {
+            let next = is_modest(&step).then(|| {
+                self.advance(&step);
+                self.linearise(shape, scale)
+            });
+            if let Some(next) = next.filter(|next| next.cost < system.cost) {
                 let gained = (system.cost - next.cost) / system.cost;
                 system = next;
                 damping = (damping / 5.0).max(1e-7);
@@ -357,6 +347,16 @@ impl Tracker {
                     break;
                 }
             }
+        }
+    }
+
+    /// Moves the free poses.
+    fn advance(&mut self, step: &na::DVector<f64>) {
+        let held = self.held();
+        for (i, instant) in self.window.iter_mut().skip(held).enumerate() {
+            let twist: Twist = step.fixed_rows::<6>(6 * i).into_owned();
+            instant.pose *= se3::exp(&twist);
+            instant.pose.rotation.renormalize();
         }
     }
 

@@ -346,6 +346,50 @@ fn free_space_bounds_what_depth_alone_leaves_open() {
     assert!(error(Config::default()) < 0.001);
 }
 
+/// Two planes that all but agree on where sideways is: what one pad says of it is noise divided by a slope of next to nothing.
+struct Ramp;
+
+impl Shape for Ramp {
+    fn distances(&self, points: &[Vec3], out: &mut [f32]) {
+        let mut found = vec![Distance::default(); points.len()];
+        self.distances_and_gradients(points, &mut found);
+        out.iter_mut().zip(found).for_each(|(out, found)| *out = found.value_m);
+    }
+
+    fn distances_and_gradients(&self, points: &[Vec3], out: &mut [Distance]) {
+        const SLOPE: f32 = 1e-3;
+        for (out, p) in out.iter_mut().zip(points) {
+            let (step_m, slope) = if p.x > 0.003 { (-0.003, SLOPE) } else { (0.0, 0.0) };
+            let value_m = p.z - 0.03 + step_m + slope * p.x;
+            *out = Distance { value_m, gradient: Vec3::new(slope, 0.0, 1.0) };
+        }
+    }
+}
+
+impl Reference for Ramp {
+    fn trusted(&self, _: &[Vec3], out: &mut [bool]) {
+        out.fill(true);
+    }
+
+    fn sigma_m(&self) -> f32 {
+        0.0001
+    }
+}
+
+#[test]
+fn what_nothing_measures_carries_nothing_away() {
+    let solid = Solid::Ball(0.03);
+    let at = pose([0.0; 3], [0.0; 3]);
+    let mut depth = frame(0.0, vec![None]);
+    depth.touch[Finger::Middle] = Some(feel(solid, at, sensor(solid)));
+    let scan = Arc::new(Scan::new(0, &depth, &scan::Config::default(), 1));
+    let mut tracker = Tracker::new(Config { window: 1, touch_weight: 1.0, ..nothing() }, Side::Right);
+    tracker.push(&Ramp, scan, at, std::iter::empty());
+    let found = tracker.solve(&Ramp).unwrap().pose().untyped();
+    let moved = (at.untyped().inverse() * found).translation.vector.norm();
+    assert!(moved < 0.05, "moved by {moved} m");
+}
+
 /// A block by formula, its gradient by differences.
 struct Block([f64; 3]);
 
