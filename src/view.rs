@@ -12,6 +12,7 @@ use clap::{Args, ValueEnum};
 use crate::progress;
 use crate::recording::Recording;
 use crate::simulate::print_line;
+use crate::viewer::eye::DISTANCE_M;
 use crate::viewer::{Clouds, Colouring, Eye, Keyframes, Layers, Layout, Page, Preset, Theme};
 use film::{Film, Format};
 
@@ -64,7 +65,7 @@ struct Recorded {
     #[arg(long, value_enum, default_value_t = From::Oblique, requires = "record")]
     from: From,
     /// Distance of the eye, metres
-    #[arg(long, value_name = "METRES", default_value_t = 0.4, requires = "record")]
+    #[arg(long, value_name = "METRES", default_value_t = DISTANCE_M, requires = "record")]
     distance: f64,
 }
 

@@ -24,6 +24,8 @@ pub struct Area {
 /// Height of a title, pixels.
 const TITLE: u32 = 16;
 const GAP: u32 = 8;
+/// Width of the fingers' names, pixels.
+const NAMES: u32 = 44;
 const SIZE: f32 = 13.0;
 
 /// Draws, side by side, the error of the pose, the shape's score, the confidence, the time per frame, and which fingers touch.
@@ -60,17 +62,18 @@ pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usi
         lettering::write(image, (plot.x + 3, plot.y), SIZE - 2.0, theme.faint, &top);
         vertical(image, plot, cursor, theme.ink);
     }
-    let plot = frame(image, panel(4), "contact", theme);
+    let whole = frame(image, panel(4), "contact", theme);
+    let plot = Area { x: whole.x + NAMES, width: whole.width.saturating_sub(NAMES), ..whole };
     let row = plot.height / 4;
     for finger in Finger::ALL {
         let top = plot.y + finger as u32 * row;
         for m in moments.iter().filter(|m| m.fingers[finger].is_some()) {
-            let x = plot.x + (share(m.row.time_s) * (plot.width - 1) as f32) as u32;
+            let x = plot.x + (share(m.row.time_s) * plot.width.saturating_sub(1) as f32) as u32;
             for y in top + 2..(top + row).saturating_sub(2) {
                 lettering::blend(image, x, y, SeenBy::Touch.colour(), 1.0);
             }
         }
-        lettering::write(image, (plot.x + 3, top), SIZE - 2.0, theme.ink, finger.name());
+        lettering::write(image, (whole.x + 3, (top + row / 2).saturating_sub(7)), SIZE - 2.0, theme.ink, finger.name());
     }
     vertical(image, plot, cursor, theme.ink);
 }

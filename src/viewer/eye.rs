@@ -1,7 +1,7 @@
 //! From where the scene is looked at.
 
 use nalgebra::Vector3;
-use scenes::camera::{GRASP_HEIGHT_M, Intrinsics, PALM_CENTRE_M, look_at};
+use scenes::camera::{Intrinsics, look_at};
 use scenes::frame::{Camera, Isometry, World};
 
 /// A camera that orbits around a point.
@@ -34,6 +34,10 @@ pub enum Preset {
     Top,
 }
 
+/// Between palm, fingertips and what they hold, metres in the world.
+const MIDDLE_M: [f64; 3] = [-0.01, 0.0, 0.025];
+/// From there the whole hand is seen, metres.
+pub const DISTANCE_M: f64 = 0.4;
 /// Vertical field of view, radians.
 const FOV_Y_RAD: f64 = 0.6;
 /// Nearest and farthest distance, metres.
@@ -78,12 +82,10 @@ impl Preset {
 }
 
 impl Eye {
-    /// Looks at the grasp from this direction.
+    /// Looks at the middle of the hand from this direction.
     pub fn new(preset: Preset) -> Self {
-        let [x, y, z] = PALM_CENTRE_M;
-        let target = Vector3::new(x, y, z + GRASP_HEIGHT_M);
         let [yaw_rad, pitch_rad] = preset.angles_rad();
-        Self { target, yaw_rad, pitch_rad, distance_m: 0.4 }
+        Self { target: Vector3::from(MIDDLE_M), yaw_rad, pitch_rad, distance_m: DISTANCE_M }
     }
 
     /// Turns to a direction; target and distance stay.

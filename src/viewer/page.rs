@@ -38,6 +38,8 @@ pub struct Page {
 /// Height of the line on top, pixels, and distance between pictures.
 const HEAD: u32 = 26;
 const GAP: u32 = 6;
+/// Height of a title, pixels.
+const TITLE: u32 = 15;
 const LETTERS: f32 = 15.0;
 const SMALL: f32 = 12.0;
 /// The scene is painted with so many pixels along either side of one.
@@ -93,7 +95,10 @@ impl Page {
         imageops::replace(page, &shrink(fine), i64::from(area.x), i64::from(area.y));
         if let Some(key) = key(&self.layers, recording, &self.theme) {
             let (x, y) = (area.x + GAP, (area.y + area.height).saturating_sub(key.height() + GAP));
-            imageops::replace(page, &key, i64::from(x), i64::from(y));
+            // What is paper lets through what is behind.
+            for (dx, dy, &pixel) in key.enumerate_pixels().filter(|(_, _, pixel)| **pixel != self.theme.paper) {
+                lettering::blend(page, x + dx, y + dy, pixel, 1.0);
+            }
         }
         let length_m = scale_bar(eye, area.height as usize);
         let pixels = (f64::from(length_m) / eye.metres_per_pixel(area.height as usize)).round() as u32;
@@ -116,8 +121,11 @@ impl Page {
         };
         let has_cameras = images.cameras.iter().any(Option::is_some);
         let has_touch = images.touch.iter().any(|(_, finger)| finger.is_some());
+        let rows = images.cameras.len() as u32;
+        // As high as rows of three pictures 4 wide and 3 high.
+        let of_cameras = rows * (area.width / 3 * 3 / 4 + TITLE);
         let above = match (has_cameras, has_touch) {
-            (true, true) => area.height * 2 / 5,
+            (true, true) => of_cameras.min(area.height / 2),
             (true, false) => area.height,
             (false, _) => 0,
         };
@@ -176,7 +184,8 @@ impl Page {
                 };
                 self.tile(page, tile, &title, Some(&picture));
                 if row == 0 && touching.is_some_and(|touching| touching[finger].is_some()) {
-                    let lamp = Area { x: tile.x + tile.width.saturating_sub(9), y: tile.y + 3, width: 8, height: 8 };
+                    let lamp =
+                        Area { x: tile.x + lettering::width(SMALL, &title) + 6, y: tile.y + 3, width: 8, height: 8 };
                     fill(page, lamp, SeenBy::Touch.colour());
                 }
             }
@@ -185,7 +194,6 @@ impl Page {
 
     /// A picture under its title, as large as fits.
     fn tile(&self, page: &mut RgbImage, area: Area, title: &str, picture: Option<&RgbImage>) {
-        const TITLE: u32 = 15;
         lettering::write(page, (area.x, area.y), SMALL, self.theme.ink, title);
         let room = [area.width, area.height.saturating_sub(TITLE)];
         let Some(picture) = picture.filter(|picture| !picture.is_empty()) else { return };
