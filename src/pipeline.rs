@@ -265,8 +265,8 @@ impl Pipeline<'_> {
                 let (snapshots, snapshot_receiver) = mpsc::channel::<Snapshot>();
                 let (shapes, done) = mpsc::channel();
                 scope.spawn(move || {
-                    // An error means that nobody waits for shapes any more.
-                    snapshot_receiver.iter().try_for_each(|snapshot| shapes.send(snapshot.shape(cell_m, truth)))
+                    // Until nobody waits for shapes any more.
+                    snapshot_receiver.iter().all(|snapshot| shapes.send(snapshot.shape(cell_m, truth)).is_ok())
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };

@@ -1,5 +1,7 @@
 //! Pictures of a recording: the scene in three dimensions and what the sensors showed.
 
+#![allow(dead_code, reason = "the window, which comes next, needs the rest")]
+
 pub mod colours;
 mod curves;
 pub mod eye;

@@ -102,12 +102,12 @@ pub fn decode(block: &[u8]) -> Result<(Mesh, Option<SdfGrid>), &'static str> {
     if faces.iter().flatten().any(|&corner| corner as usize >= vertices.len()) {
         return Err("a face names a vertex that is not there");
     }
-    if vertices.iter().any(|vertex| !(vertex.length_squared() < 1e4)) {
+    if vertices.iter().any(|vertex| vertex.is_nan() || vertex.length_squared() > 1e4) {
         return Err("a vertex is nowhere");
     }
     let [x, y, z, cell_m] = numbers;
     let low = Vec3::new(x, y, z);
-    if has_grid != 0 && (!low.is_finite() || !(cell_m > 0.0) || grid.contains(&0)) {
+    if has_grid != 0 && (!low.is_finite() || !cell_m.is_normal() || cell_m < 0.0 || grid.contains(&0)) {
         return Err("a grid of distances is none");
     }
     let sdf = (has_grid != 0).then(|| SdfGrid {

@@ -88,7 +88,9 @@ impl Writer {
         let (messages, receiver) = mpsc::channel();
         let waiting = Arc::new(AtomicUsize::new(0));
         let others = Arc::clone(&waiting);
-        let thread = thread::spawn(move || files.record(&receiver, &others, &strides));
+        let thread = thread::Builder::new().name("recording".to_owned());
+        let thread =
+            thread.spawn(move || files.record(&receiver, &others, &strides)).map_err(RecordingError::io(&folder))?;
         Ok(Self { messages, waiting, thread })
     }
 

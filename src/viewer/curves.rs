@@ -130,7 +130,7 @@ fn percentile(points: &[(f32, f32)]) -> f32 {
 
 /// The next of 1, 2 or 5 times a power of ten.
 fn round_up(value: f32) -> f32 {
-    if !(value > 1e-6) {
+    if value.is_nan() || value < 1e-6 {
         return 1.0;
     }
     let power = 10f32.powf(value.log10().floor());

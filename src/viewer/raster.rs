@@ -32,6 +32,8 @@ pub struct Surface {
     vertices: Vec<Vec3A>,
     normals: Vec<Vec3A>,
     faces: Vec<[u32; 3]>,
+    /// Encloses a volume, so that no face is ever seen from behind.
+    is_closed: bool,
 }
 
 impl Surface {
@@ -48,7 +50,8 @@ impl Surface {
             face.iter().for_each(|&corner| normals[corner as usize] += normal);
         }
         normals.iter_mut().for_each(|normal| *normal = normal.normalize_or_zero());
-        Self { vertices, normals, faces }
+        let is_closed = faces.len() == mesh.faces.len() && mesh.edges().watertight();
+        Self { vertices, normals, faces, is_closed }
     }
 
     /// The vertices.
@@ -148,20 +151,25 @@ impl Raster {
     }
 
     /// Adds a surface, lit from over the viewer's left shoulder from either side, with a colour per vertex.
-    pub fn surface(&mut self, surface: &Surface, colours: impl Fn(usize) -> Colour, placement: Placement) {
+    pub fn surface(&mut self, surface: &Surface, colours: impl Fn(usize) -> Colour + Sync, placement: Placement) {
         let Some(lens) = self.lens else { return };
         let (rotation, translation) = placement.camera_from_mesh;
         let batch = if placement.is_glass { &mut self.glass } else { &mut self.solid };
         let first = batch.corners.len() as u32;
-        let mut is_cut = false;
-        batch.corners.reserve(surface.vertices.len());
-        for (k, (&vertex, &normal)) in surface.vertices.iter().zip(&surface.normals).enumerate() {
+        let corner = |(k, (&vertex, &normal)): (usize, (&Vec3A, &Vec3A))| {
             let point = rotation * vertex + translation;
-            is_cut |= -point.z < NEAR_M;
-            batch.corners.push(lens.corner(point, lit(colours(k), rotation * normal, point)));
-        }
-        if !is_cut {
-            batch.faces.extend(surface.faces.iter().map(|face| face.map(|corner| corner + first)));
+            lens.corner(point, lit(colours(k), rotation * normal, point))
+        };
+        let vertices = surface.vertices.par_iter().with_min_len(4096).zip(&surface.normals).enumerate();
+        batch.corners.par_extend(vertices.map(corner));
+        let corners = &batch.corners[first as usize..];
+        if corners.iter().all(|corner| (0.0..1.0 / NEAR_M).contains(&corner.nearness)) {
+            let is_seen = |face: &&[u32; 3]| {
+                let [a, b, c] = face.map(|corner| corners[corner as usize].at);
+                // Rows count downwards.
+                !surface.is_closed || (b - a).perp_dot(c - a) < 0.0
+            };
+            batch.faces.extend(surface.faces.iter().filter(is_seen).map(|face| face.map(|corner| corner + first)));
             return;
         }
         for face in &surface.faces {
@@ -189,7 +197,7 @@ impl Raster {
         }
         // From the far end on; the near one may be cut.
         let [far, near] = ends;
-        if !(-far.z > NEAR_M) || !(far.is_finite() && near.is_finite()) {
+        if !far.is_finite() || !near.is_finite() || -far.z <= NEAR_M {
             return;
         }
         let near = if -near.z < NEAR_M { far.lerp(near, (-far.z - NEAR_M) / (near.z - far.z)) } else { near };

@@ -132,12 +132,19 @@ const SLICE_FRAMES: usize = 240;
 #[derive(Default)]
 pub struct Scene {
     raster: Raster,
-    hand: Option<(Side, Vec<(Part, usize)>, Vec<Surface>)>,
+    hand: Option<Hand>,
     observed: Observed,
     shown: Option<Shown>,
     truth: Option<Truth>,
     /// What was amiss when painting last.
     warning: Option<String>,
+}
+
+/// The hand, prepared: its parts, each with the index of its shape, for fingers are alike.
+struct Hand {
+    side: Side,
+    parts: Vec<(Part, usize)>,
+    shapes: Vec<Surface>,
 }
 
 /// An estimated shape, prepared.
@@ -203,7 +210,7 @@ impl Scene {
         self.raster.begin(&eye.intrinsics(size), theme.paper);
         let moment = moment.min(recording.moments().len().saturating_sub(1));
         if let Some(now) = recording.moments().get(moment) {
-            let view = View { camera_from_world: eye.pose().inverse(), pose: recording.pose(moment) };
+            let view = View { eye: eye.pose().inverse(), pose: recording.pose(moment) };
             self.prepare(recording, moment, layers, theme);
             if layers.hand {
                 self.hand(recording.about().side, &now.joints, &view, theme);
@@ -272,7 +279,7 @@ impl Scene {
     }
 
     fn hand(&mut self, side: Side, joints: &JointAngles, view: &View, theme: &Theme) {
-        if self.hand.as_ref().is_none_or(|(known, ..)| *known != side) {
+        if self.hand.as_ref().is_none_or(|hand| hand.side != side) {
             let (mut shapes, mut placed) = (Vec::new(), Vec::new());
             for part in hand::parts(side) {
                 let known = shapes.iter().position(|&shape| shape == part.shape);
@@ -282,9 +289,9 @@ impl Scene {
                 }
             }
             let surfaces = shapes.iter().map(|shape| Surface::new(&tessellate(shape, SEGMENTS))).collect();
-            self.hand = Some((side, placed, surfaces));
+            self.hand = Some(Hand { side, parts: placed, shapes: surfaces });
         }
-        let Some((_, parts, surfaces)) = &self.hand else { return };
+        let Some(Hand { parts, shapes, .. }) = &self.hand else { return };
         for (part, shape) in parts {
             let colour = raster::colour(match part.surface {
                 Material::Link => theme.link,
@@ -292,7 +299,7 @@ impl Scene {
                 Material::Gel => theme.gel,
             });
             let pose = Isometry::<Object, World>::new(part.body.pose(side, joints));
-            self.raster.surface(&surfaces[*shape], |_| colour, view.solid(pose));
+            self.raster.surface(&shapes[*shape], |_| colour, view.solid(pose));
         }
     }
 
@@ -313,7 +320,7 @@ impl Scene {
             raster.surface(&shown.surface, colour, view.solid(pose));
         }
         if layers.slice {
-            slice(raster, &shown.shape, moment, view.from_object(pose));
+            slice(raster, &shown.shape, moment, view.camera_from_object(pose));
         }
     }
 
@@ -321,7 +328,7 @@ impl Scene {
         let Self { raster, shown, observed, .. } = self;
         let moments = recording.moments();
         let until = moments.get(..=moment).unwrap_or(moments);
-        let from_world = view.from_world();
+        let from_world = view.camera_from_world();
         let estimate = raster::colour(theme.estimate);
         if layers.trail {
             let of_truth = until.iter().map(|moment| moment.row.truth);
@@ -333,7 +340,7 @@ impl Scene {
             && let Some(now) = until.last()
         {
             let mut axes = |pose: Isometry<Object, World>, length: f32, width: f32| {
-                let camera_from_object = view.from_object(pose);
+                let camera_from_object = view.camera_from_object(pose);
                 for (axis, colour) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().zip(colours::AXES) {
                     let ends = [Vec3::ZERO, axis * length].map(|point| raster::place(camera_from_object, point));
                     // Over everything: they begin inside of the object.
@@ -350,7 +357,7 @@ impl Scene {
             }
         }
         let Some(pose) = view.pose else { return };
-        let camera_from_object = view.from_object(pose);
+        let camera_from_object = view.camera_from_object(pose);
         if let (true, Some(shown)) = (layers.bounds, shown) {
             cuboid(raster, shown.shape.mesh.bounds_m(), camera_from_object, raster::colour(theme.faint));
         }
@@ -372,21 +379,21 @@ impl Scene {
 
 /// From where, and where the object is shown.
 struct View {
-    camera_from_world: Isometry<World, Camera>,
+    eye: Isometry<World, Camera>,
     pose: Option<Isometry<Object, World>>,
 }
 
 impl View {
-    fn from_world(&self) -> (Mat3A, Vec3A) {
-        self.camera_from_world.to_f32()
+    fn camera_from_world(&self) -> (Mat3A, Vec3A) {
+        self.eye.to_f32()
     }
 
-    fn from_object(&self, pose: Isometry<Object, World>) -> (Mat3A, Vec3A) {
-        (self.camera_from_world * pose).to_f32()
+    fn camera_from_object(&self, pose: Isometry<Object, World>) -> (Mat3A, Vec3A) {
+        (self.eye * pose).to_f32()
     }
 
     fn solid(&self, pose: Isometry<Object, World>) -> Placement {
-        Placement { camera_from_mesh: self.from_object(pose), is_glass: false }
+        Placement { camera_from_mesh: self.camera_from_object(pose), is_glass: false }
     }
 }
 
