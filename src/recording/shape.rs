@@ -73,7 +73,7 @@ pub fn encode(mesh: &Mesh, sdf: Option<&SdfGrid>) -> Vec<u8> {
     for number in low.to_array().into_iter().chain([cell_m]) {
         block.extend(number.to_le_bytes());
     }
-    block.extend(mesh.vertices.iter().flat_map(|vertex| vertex.to_array()).flat_map(f32::to_le_bytes));
+    block.extend(mesh.vertices.iter().flat_map(Vec3::to_array).flat_map(f32::to_le_bytes));
     block.extend(mesh.faces.iter().flatten().flat_map(|corner| corner.to_le_bytes()));
     block.extend(sdf.iter().flat_map(|sdf| &sdf.values).map(|value| *value as u8));
     block
