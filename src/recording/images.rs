@@ -94,6 +94,12 @@ pub fn gel_depth_m() -> &'static Array2<f32> {
     })
 }
 
+/// Whether a DIGIT's depth is that of the untouched gel.
+fn is_gel(depth_m: &Array2<f32>) -> bool {
+    let gel = gel_depth_m();
+    depth_m.dim() == gel.dim() && depth_m.iter().zip(gel).all(|(z, gel)| (z - gel).abs() < 0.5 * TOUCH_STEP_M)
+}
+
 /// A block of these images.
 pub fn encode(images: &Images) -> Result<Vec<u8>, String> {
     let mut block = Vec::new();
@@ -117,8 +123,11 @@ pub fn encode(images: &Images) -> Result<Vec<u8>, String> {
         if !image.is_empty() {
             put(Kind::Touch, k, &jpeg(image)?);
         }
-        put(Kind::TouchDepth, k, &pack_touch(depth_m)?);
-        put(Kind::Contact, k, &pack_levels(contact)?);
+        // Of a DIGIT that touches nothing there is nothing more to keep.
+        if image.is_empty() || contact.contains(&255) || !is_gel(depth_m) {
+            put(Kind::TouchDepth, k, &pack_touch(depth_m)?);
+            put(Kind::Contact, k, &pack_levels(contact)?);
+        }
         if let Some(depth_m) = true_depth_m {
             put(Kind::TrueDepth, k, &pack_touch(depth_m)?);
         }
@@ -145,7 +154,12 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<Images, Stri
                 let metres = |step| if step == NOTHING { 0.0 } else { f32::from(step) * CAMERA_STEP_M };
                 camera(&mut images, sensor)?.depth_m = array(steps.into_iter().map(metres).collect(), shape)?;
             }
-            Kind::Touch => finger(&mut images, sensor)?.image = unjpeg(bytes)?,
+            Kind::Touch => {
+                let finger = finger(&mut images, sensor)?;
+                finger.image = unjpeg(bytes)?;
+                finger.depth_m = gel_depth_m().clone();
+                finger.contact = GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32);
+            }
             Kind::TouchDepth => finger(&mut images, sensor)?.depth_m = unpack_touch(bytes)?,
             Kind::Contact => finger(&mut images, sensor)?.contact = unpack_levels(bytes)?,
             Kind::TrueDepth => finger(&mut images, sensor)?.true_depth_m = Some(unpack_touch(bytes)?),
@@ -316,6 +330,24 @@ mod tests {
         close(&before.depth_m, &after.depth_m, TOUCH_STEP_M);
         close(&before.true_depth_m.unwrap(), &after.true_depth_m.unwrap(), TOUCH_STEP_M);
         assert_eq!(before.contact, after.contact);
+    }
+
+    #[test]
+    fn a_digit_that_touches_nothing_takes_no_room() {
+        let untouched = FingerImages {
+            image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
+            depth_m: gel_depth_m().clone(),
+            contact: GrayImage::new(240, 320),
+            true_depth_m: None,
+        };
+        let mut images = Images { frame: 0, cameras: vec![], touch: PerFinger::default() };
+        images.touch[Finger::Index] = Some(FingerImages { image: RgbImage::default(), ..untouched.clone() });
+        assert_eq!(decode(&encode(&images).unwrap(), 0, 0).unwrap(), images);
+        images.touch[Finger::Index] = Some(untouched);
+        let block = encode(&images).unwrap();
+        let read = decode(&block, 0, 0).unwrap().touch[Finger::Index].clone().unwrap();
+        assert_eq!((&read.depth_m, read.contact.contains(&255)), (gel_depth_m(), false));
+        assert_eq!(block.len(), 6 + jpeg(&read.image).unwrap().len());
     }
 
     #[test]

@@ -262,7 +262,10 @@ impl Files {
 }
 
 /// How a DIGIT is touched; none if it is not.
-pub(super) fn touching(touch: &TouchDepth, force_n: Option<f32>) -> Option<Touching> {
+fn touching(touch: &TouchDepth, force_n: Option<f32>) -> Option<Touching> {
+    if !touch.contact.contains(&255) {
+        return None;
+    }
     let lens = digit::intrinsics();
     let (mut area_m2, mut deepest_m) = (0.0, 0.0f32);
     let pixels = touch.contact.iter().zip(&touch.depth_m).zip(images::gel_depth_m());
