@@ -35,7 +35,8 @@ pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usi
     let span_s = moments.last().map_or(1.0, |last| last.row.time_s - first.row.time_s).max(1e-3);
     let share = |time_s: f64| ((time_s - first.row.time_s) / span_s) as f32;
     let per_frame = |value: &dyn Fn(&crate::report::FrameRow) -> Option<f64>| -> Vec<(f32, f32)> {
-        moments.iter().filter_map(|m| Some((share(m.row.time_s), value(&m.row)? as f32))).collect()
+        let estimated = moments.iter().filter(|m| m.estimate().is_some());
+        estimated.filter_map(|m| Some((share(m.row.time_s), value(&m.row)? as f32))).collect()
     };
     let scores: Vec<(f32, f32)> = recording
         .shapes()

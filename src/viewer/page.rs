@@ -192,11 +192,11 @@ impl Page {
         }
     }
 
-    /// A picture under its title, as large as fits.
+    /// A picture under its title, as large as fits; nothing where there is no picture.
     fn tile(&self, page: &mut RgbImage, area: Area, title: &str, picture: Option<&RgbImage>) {
+        let Some(picture) = picture.filter(|picture| !picture.is_empty()) else { return };
         lettering::write(page, (area.x, area.y), SMALL, self.theme.ink, title);
         let room = [area.width, area.height.saturating_sub(TITLE)];
-        let Some(picture) = picture.filter(|picture| !picture.is_empty()) else { return };
         let scale =
             (f64::from(room[0]) / f64::from(picture.width())).min(f64::from(room[1]) / f64::from(picture.height()));
         let [width, height] = [picture.width(), picture.height()].map(|side| (f64::from(side) * scale).floor() as u32);
