@@ -9,9 +9,11 @@ use scenes::object::Object as TrueObject;
 use slam::field::Field;
 use slam::map::Map;
 use slam::metrics::{POINTS, THRESHOLDS_M, TrueSurface, sample_surface};
+use slam::shape::Shape as _;
 use slam::surface::{extract, largest_component};
 use slam::{Estimate, State};
 
+use crate::recording::SdfGrid;
 use crate::report::{FrameRow, ShapePoint, StageMs, TrackState};
 
 /// Points of the true surface from which the error is told while a run goes on; the figures that are reported come from ten times as
@@ -99,6 +101,8 @@ pub struct Shape {
     pub frame: u64,
     /// The surface in the coordinates from which the estimated poses lead.
     pub mesh: Mesh,
+    /// Signed distances around it.
+    pub sdf: SdfGrid,
     /// Its scores, where the truth is known.
     pub point: Option<ShapePoint>,
     /// Wall time, milliseconds.
@@ -133,10 +137,36 @@ impl Snapshot {
                 time_s: self.time_s,
                 f5: at(5.0).map_or(0.0, slam::metrics::FScore::f),
                 f2: at(2.0).map_or(0.0, slam::metrics::FScore::f),
+                f1: at(1.0).map_or(0.0, slam::metrics::FScore::f),
+                f10: at(10.0).map_or(0.0, slam::metrics::FScore::f),
                 precision5: at(5.0).map_or(0.0, |f| f.precision),
                 recall5: at(5.0).map_or(0.0, |f| f.recall),
             }
         });
-        Shape { frame: self.frame, mesh, point, mesh_ms: begun.elapsed().as_secs_f64() * 1e3 }
+        let mesh_ms = begun.elapsed().as_secs_f64() * 1e3;
+        let sdf = self.distances(mesh.bounds_m());
+        Shape { frame: self.frame, mesh, sdf, point, mesh_ms }
+    }
+
+    /// Signed distances in and around a box, coarsely.
+    fn distances(&self, [low, high]: [Vec3; 2]) -> SdfGrid {
+        const NODES: f32 = 32.0;
+        const MARGIN_M: f32 = 0.012;
+        let (low, high) = (low - MARGIN_M, high + MARGIN_M);
+        let cell_m = (high - low).max_element() / (NODES - 1.0);
+        let counts = ((high - low) / cell_m).ceil().to_array().map(|cells| cells as u32 + 1);
+        let (rotation, translation) = self.object_from_field.inverse().to_f32();
+        let [columns, rows, layers] = counts;
+        let nodes = (0..layers).flat_map(|z| (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y, z])));
+        let to_field = |node: [u32; 3]| {
+            let point = low + cell_m * Vec3::from(node.map(|c| c as f32));
+            Vec3::from(rotation * glam::Vec3A::from(point) + translation)
+        };
+        let points: Vec<Vec3> = nodes.map(to_field).collect();
+        let mut distances = vec![0.0; points.len()];
+        self.field.distances(&points, &mut distances);
+        // The cast clamps.
+        let values = distances.iter().map(|distance| (distance / SdfGrid::STEP_M).round() as i8).collect();
+        SdfGrid { low, cell_m, counts, values }
     }
 }

@@ -19,4 +19,5 @@ mod render_touch;
 mod run;
 mod score;
 mod simulate;
+mod view;
 mod workplace;
