@@ -16,13 +16,14 @@ use slam::{Estimate, State};
 use crate::recording::SdfGrid;
 use crate::report::{FrameRow, ShapePoint, StageMs, TrackState};
 
-/// Points of the true surface from which the error is told while a run goes on; the figures that are reported come from ten times as
-/// many.
+/// Points of the true surface over which the error is averaged while a run goes on; for the figures that are reported it is averaged over
+/// ten times as many.
 const QUICK_POINTS: usize = 1000;
 
 /// Rows of a run's record, one by one.
 pub struct Scorer {
-    quick: Option<TrueSurface>,
+    /// The true surface, and the sample of it.
+    truth: Option<[TrueSurface; 2]>,
     /// From the model's coordinates to the object's: a choice of coordinates, made once, at the first estimate.
     gauge: Option<Isometry<Model, Object>>,
     before: State,
@@ -32,7 +33,7 @@ impl Scorer {
     /// Scores against an object, where it is known. With `model_is_object` the model's coordinates are the object's.
     pub fn new(object: Option<&TrueObject>, model_is_object: bool) -> Self {
         Self {
-            quick: object.map(|object| TrueSurface::new(&object.mesh, QUICK_POINTS, 0)),
+            truth: object.map(|object| [POINTS, QUICK_POINTS].map(|count| TrueSurface::new(&object.mesh, count, 0))),
             gauge: model_is_object.then(Isometry::identity),
             before: State::Waiting,
         }
@@ -59,7 +60,7 @@ impl Scorer {
         self.before = estimate.state;
         let pose = estimate.pose * self.gauge().inverse();
         // Before there is an estimate there is no error.
-        let add_s = truth.zip(self.quick.as_ref()).filter(|_| self.gauge.is_some());
+        let add_s = truth.zip(self.truth.as_ref()).filter(|_| self.gauge.is_some());
         FrameRow {
             frame,
             time_s: estimate.time_s,
@@ -67,7 +68,7 @@ impl Scorer {
             confidence: estimate.confidence,
             estimate: pose,
             truth,
-            add_s: add_s.map(|(truth, surface)| surface.add_s(truth.inverse() * pose)),
+            add_s: add_s.map(|(truth, [surface, sample])| surface.add_s_of(sample, truth.inverse() * pose)),
             stage_ms: StageMs {
                 sense: sense_ms,
                 track: estimate.spent.track.as_secs_f64() * 1e3,
