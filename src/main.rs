@@ -66,9 +66,12 @@ enum Command {
     Train(train::Arguments),
 }
 
+/// What people are told of. The window's ways to draw are tried one after the other; only if all fail is that worth a word, and ours.
+const QUIET: &str = "warn,eframe=off,egui_wgpu=off,wgpu_core=off,wgpu_hal=off,winit=off";
+
 fn main() -> ExitCode {
     // Warnings are for people and go to standard error; results go to standard output.
-    let filter = EnvFilter::try_from_env("MAMBAVITACT_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
+    let filter = EnvFilter::try_from_env("MAMBAVITACT_LOG").unwrap_or_else(|_| EnvFilter::new(QUIET));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)

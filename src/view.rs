@@ -13,10 +13,13 @@ use crate::progress;
 use crate::recording::Recording;
 use crate::simulate::print_line;
 use crate::viewer::eye::DISTANCE_M;
+use crate::viewer::window::{self, Place, Renderer};
 use crate::viewer::{Clouds, Colouring, Eye, Keyframes, Layers, Layout, Page, Preset, Theme};
 use film::{Film, Format};
 
 /// Look at a run, finished or still going, or at a raw log; or make a film of it
+///
+/// Without --run and --log there is a page on which a run is chosen and started.
 ///
 /// With --record neither a display nor a graphics card is needed.
 #[derive(Debug, Args)]
@@ -27,6 +30,9 @@ pub struct Arguments {
     /// A FeelSight log
     #[arg(long, value_name = "LOGDIR")]
     log: Option<PathBuf>,
+    /// What draws the window
+    #[arg(long, value_enum, default_value_t, conflicts_with = "record")]
+    renderer: Renderer,
     /// Make a picture (.png) or a film (.gif, or .mp4 with ffmpeg) instead of opening a window
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -178,14 +184,15 @@ impl Recorded {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let recording = match (&arguments.run, &arguments.log) {
-        (Some(folder), _) => Recording::open(folder)?,
-        (None, Some(folder)) => Recording::open_log(folder)?,
-        (None, None) => bail!("give --run DIR or --log LOGDIR"),
+    let place = match (&arguments.run, &arguments.log) {
+        (Some(folder), _) => Some(Place::Run(folder.clone())),
+        (None, Some(folder)) => Some(Place::Log(folder.clone())),
+        (None, None) => None,
     };
-    match &arguments.record {
-        Some(file) => record(&recording, file, &arguments.recorded),
-        None => bail!("this build opens no window; give --record FILE.gif, FILE.mp4 or FILE.png"),
+    match (&arguments.record, &place) {
+        (None, place) => window::open(place.as_ref(), arguments.renderer),
+        (Some(file), Some(place)) => record(&place.open()?, file, &arguments.recorded),
+        (Some(_), None) => bail!("give --run DIR or --log LOGDIR: there is nothing to record on the start page"),
     }
 }
 

@@ -5,11 +5,13 @@
 pub mod colours;
 mod curves;
 pub mod eye;
+pub mod key;
 mod observed;
 pub mod page;
 pub mod pictures;
 pub mod raster;
 pub mod scene;
+pub mod window;
 pub mod words;
 
 pub use colours::Theme;

@@ -84,6 +84,20 @@ impl Entry {
     }
 }
 
+impl Entry {
+    /// Its surface alone, upright, if it can be had without a download: to be looked at, without masses and convex pieces.
+    pub fn mesh_if_here(&self) -> Option<mesh::Mesh> {
+        match self.source {
+            Source::Procedural(recipe) => Some(procedural::build(self.name, self.mass_kg, recipe).ok()?.mesh),
+            Source::Ycb(ycb) => {
+                let bytes = Library::ycb().ok()?.read(ycb.name).ok()?;
+                let raw = mesh::read_bytes(&bytes, Format::Stl, self.name).ok()?;
+                Some(mesh::stand(&raw, ycb.up).0)
+            }
+        }
+    }
+}
+
 impl Ycb {
     /// What is repaired in the pinned files is known: a few collapsed slivers in 20 of them, which is not worth a word. Two lose a
     /// part that can be seen, and that is.

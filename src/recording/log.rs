@@ -125,9 +125,14 @@ impl LogImages {
         self.depths.is_complete.load(Ordering::Relaxed) || frame < self.depths().len()
     }
 
+    /// Whether nothing comes any more.
+    pub fn is_complete(&self) -> bool {
+        self.depths.is_complete.load(Ordering::Relaxed)
+    }
+
     /// Waits for the last of them.
     pub fn finish(&self) {
-        while !self.depths.is_complete.load(Ordering::Relaxed) {
+        while !self.is_complete() {
             thread::sleep(Duration::from_millis(20));
         }
     }

@@ -267,6 +267,11 @@ impl Recording {
         self.known_shapes.get(index, make).map(Some)
     }
 
+    /// Whether something is still read in the background, so that there may be more images of a moment later.
+    pub fn is_reading(&self) -> bool {
+        matches!(&self.source, Source::Log(log) if !log.is_complete())
+    }
+
     /// Waits until everything is there that is read in the background: the depths of a log.
     pub fn finish_reading(&self) {
         if let Source::Log(log) = &self.source {

@@ -27,6 +27,8 @@ pub struct Theme {
     pub estimate: Rgb<u8>,
     /// Where a frame has been kept.
     pub keyframe: Rgb<u8>,
+    /// Where the object was lost, and what is amiss.
+    pub lost: Rgb<u8>,
 }
 
 impl Theme {
@@ -43,6 +45,7 @@ impl Theme {
         truth: Rgb([86, 156, 112]),
         estimate: Rgb([40, 98, 178]),
         keyframe: Rgb([204, 121, 167]),
+        lost: Rgb([196, 84, 0]),
     };
     /// In the dark.
     pub const DARK: Self = Self {
@@ -57,6 +60,7 @@ impl Theme {
         truth: Rgb([104, 180, 132]),
         estimate: Rgb([110, 168, 240]),
         keyframe: Rgb([214, 137, 180]),
+        lost: Rgb([240, 136, 62]),
     };
 }
 
@@ -81,6 +85,9 @@ impl SeenBy {
         }
     }
 }
+
+/// Colours of curves that have to be told apart (Okabe and Ito), readable on either paper.
+pub const CURVES: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([213, 94, 0]), Rgb([0, 158, 115]), Rgb([204, 121, 167])];
 
 /// Signed distance at which the map of slices is darkest, metres.
 pub const SLICE_SCALE_M: f32 = 0.01;

@@ -6,11 +6,11 @@ use scenes::hand::Finger;
 use sim::lettering;
 use sim::rays::RayMesh;
 
-use super::colours::{self, SeenBy};
+use super::colours::SeenBy;
 use super::curves::{self, Area, fill};
-use super::{Colouring, Eye, Layers, Scene, Theme, pictures, words};
+use super::key::{Key, scale_bar_m};
+use super::{Eye, Layers, Scene, Theme, pictures, words};
 use crate::recording::{Images, Recording};
-use crate::report::error_colour;
 
 /// What is on a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -93,15 +93,16 @@ impl Page {
         let size = [area.width, area.height].map(|side| side as usize * FINENESS);
         let fine = self.scene.paint(recording, moment, &self.layers, eye, &self.theme, size);
         imageops::replace(page, &shrink(fine), i64::from(area.x), i64::from(area.y));
-        if let Some(key) = key(&self.layers, recording, &self.theme) {
+        if let Some(key) = Key::of(&self.layers, recording) {
+            let key = strip(&key, &self.theme);
             let (x, y) = (area.x + GAP, (area.y + area.height).saturating_sub(key.height() + GAP));
             // What is paper lets through what is behind.
             for (dx, dy, &pixel) in key.enumerate_pixels().filter(|(_, _, pixel)| **pixel != self.theme.paper) {
                 lettering::blend(page, x + dx, y + dy, pixel, 1.0);
             }
         }
-        let length_m = scale_bar(eye, area.height as usize);
-        let pixels = (f64::from(length_m) / eye.metres_per_pixel(area.height as usize)).round() as u32;
+        let length_m = scale_bar_m(eye, area.height as usize);
+        let pixels = (length_m / eye.metres_per_pixel(area.height as usize)).round() as u32;
         let (right, bottom) = (area.x + area.width, area.y + area.height);
         let bar =
             Area { x: right.saturating_sub(pixels + 2 * GAP), y: bottom.saturating_sub(12), width: pixels, height: 3 };
@@ -230,32 +231,13 @@ fn shrink(fine: &RgbImage) -> RgbImage {
     })
 }
 
-/// A round length that takes about a sixth of the picture's height at the target, metres.
-pub fn scale_bar(eye: &Eye, height: usize) -> f32 {
-    let aim = eye.metres_per_pixel(height) * height as f64 / 6.0;
-    let lengths_m = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5];
-    lengths_m.into_iter().rev().find(|length| *length <= aim).unwrap_or(0.001) as f32
-}
-
-/// What the colours of the surface stand for, as a strip; none where they stand for nothing.
-pub fn key(layers: &Layers, recording: &Recording, theme: &Theme) -> Option<RgbImage> {
+/// What the colours stand for, as a strip.
+fn strip(key: &Key, theme: &Theme) -> RgbImage {
     const BAR: u32 = 150;
     const HEIGHT: u32 = 34;
-    if layers.slice {
-        let signed = |share: f32| colours::signed_distance((2.0 * share - 1.0) * colours::SLICE_SCALE_M);
-        return Some(bar(BAR, HEIGHT, theme, "distance, mm", ["-10", "0", "10"], signed));
-    }
-    if !layers.mesh || recording.moments().first().is_none_or(|moment| moment.estimate().is_none()) {
-        return None;
-    }
-    match layers.colouring {
-        Colouring::Error if recording.truth().is_some() => {
-            let error = |share: f32| error_colour::of(share * error_colour::FULL_SCALE_M);
-            Some(bar(BAR, HEIGHT, theme, "error, mm", ["0", "2.5", "5+"], error))
-        }
-        Colouring::Confidence => Some(bar(BAR, HEIGHT, theme, "seen", ["never", "", "often"], colours::confidence)),
-        Colouring::Sensor => {
-            let names = [(SeenBy::Vision, "camera"), (SeenBy::Touch, "touch"), (SeenBy::Nothing, "not seen")];
+    match key {
+        Key::Ramp { title, labels, colour } => bar(BAR, HEIGHT, theme, title, *labels, colour),
+        Key::Names(names) => {
             let mut image = RgbImage::from_pixel(230, 18, theme.paper);
             let mut x = 0;
             for (by, name) in names {
@@ -263,9 +245,8 @@ pub fn key(layers: &Layers, recording: &Recording, theme: &Theme) -> Option<RgbI
                 lettering::write(&mut image, (x + 14, 1), SMALL + 1.0, theme.ink, name);
                 x += 28 + lettering::width(SMALL + 1.0, name);
             }
-            Some(image)
+            image
         }
-        Colouring::Error | Colouring::TrueColour | Colouring::Normals => None,
     }
 }
 

@@ -12,6 +12,7 @@ use scenes::digit;
 use scenes::frame::{Camera, Isometry, Object, Point, World};
 use scenes::hand::{self, JointAngles, Part, Side, Surface as Material, world_from_digit_camera};
 use scenes::mesh::MeshDistance;
+use serde::{Deserialize, Serialize};
 use sim::tessellation::tessellate;
 
 use super::colours::{self, SeenBy};
@@ -22,7 +23,8 @@ use crate::recording::{KnownShape, Moment, Recording};
 use crate::report::error_colour;
 
 /// What the colours of the estimated surface stand for.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Colouring {
     /// The object's own colours, as cameras saw them.
     TrueColour,
@@ -38,7 +40,8 @@ pub enum Colouring {
 }
 
 /// Which measured points are shown.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Clouds {
     /// None.
     #[default]
@@ -52,7 +55,8 @@ pub enum Clouds {
 }
 
 /// Which keyframes are shown.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Keyframes {
     /// None.
     #[default]
@@ -64,7 +68,8 @@ pub enum Keyframes {
 }
 
 /// What is shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Layers {
     /// The estimated surface.
     pub mesh: bool,
