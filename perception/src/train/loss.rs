@@ -53,11 +53,26 @@ pub struct Targets {
 pub struct Loss {
     /// Which loss.
     pub config: LossConfig,
-    /// What the output should have been.
+    /// What the batch should have been.
     pub targets: Arc<Targets>,
+    /// Which of the batch's pixels the output has, from this one on; the mean is over all.
+    pub first: usize,
 }
 
 impl Loss {
+    /// Loss and slopes of each of the output's pixels, before the mean.
+    fn pixels(&self, output: View<'_>) -> impl Iterator<Item = (f32, [f32; 2])> {
+        let Targets { indentation_mm, contact } = &*self.targets;
+        let targets = indentation_mm.iter().zip(contact).skip(self.first);
+        output
+            .values
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .zip(targets)
+            .map(|(pixel, (target, contact))| self.pixel(*pixel, *target, *contact))
+    }
+
     /// Loss and slopes by indentation and logit, of one pixel, before the mean.
     fn pixel(&self, [indentation, logit]: [f32; 2], target: f32, contact: f32) -> (f32, [f32; 2]) {
         let LossConfig { penalty, huber_mm, contact_weight, segmentation } = self.config;
@@ -80,17 +95,13 @@ impl Kernel<1> for Loss {
     type Kept = ();
 
     fn forward(&self, [output]: [View<'_>; 1]) -> (Tensor, ()) {
-        let pixels = output.values.as_chunks::<2>().0;
-        let targets = self.targets.indentation_mm.iter().zip(&self.targets.contact);
-        let sum: f64 = pixels.iter().zip(targets).map(|(p, (t, c))| f64::from(self.pixel(*p, *t, *c).0)).sum();
-        (Tensor { shape: vec![1], values: vec![(sum / pixels.len() as f64) as f32] }, ())
+        let sum: f64 = self.pixels(output).map(|(cost, _)| f64::from(cost)).sum();
+        (Tensor { shape: vec![1], values: vec![(sum / self.targets.contact.len() as f64) as f32] }, ())
     }
 
     fn backward(&self, [output]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
-        let pixels = output.values.as_chunks::<2>().0;
-        let scale = gradient.values.iter().sum::<f32>() / pixels.len() as f32;
-        let targets = self.targets.indentation_mm.iter().zip(&self.targets.contact);
-        let slopes = pixels.iter().zip(targets).flat_map(|(p, (t, c))| self.pixel(*p, *t, *c).1.map(|s| s * scale));
+        let scale = gradient.values.iter().sum::<f32>() / self.targets.contact.len() as f32;
+        let slopes = self.pixels(output).flat_map(|(_, slopes)| slopes.map(|slope| slope * scale));
         [Some(Tensor { shape: output.shape.to_vec(), values: slopes.collect() })]
     }
 }

@@ -16,6 +16,19 @@ use super::tape::{Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
 use crate::network::{Architecture, Layer, Mamba, Op, Pyramid, RobustMamba, Scan, Tensor, Vit};
 
+/// Images, or windows of such, that are put into a network together.
+#[derive(Debug, Clone, Copy)]
+pub struct Images<'a> {
+    /// RGB of each pixel, image by image and row by row.
+    pub levels: &'a [u8],
+    /// Images, rows and columns.
+    pub shape: [usize; 3],
+    /// Rows and columns of the whole images.
+    pub whole: [usize; 2],
+    /// Where in those the upper left pixel of each image is, row and column.
+    pub corners: &'a [[usize; 2]],
+}
+
 /// A network's tensors on the tape, by name.
 pub struct Model<'a> {
     architecture: &'a Architecture,
@@ -24,7 +37,7 @@ pub struct Model<'a> {
 
 impl<'a> Model<'a> {
     /// Puts tensors on the tape; `training` asks for their gradients.
-    pub fn new(architecture: &'a Architecture, tensors: &'a BTreeMap<String, Tensor>, training: bool) -> Self {
+    pub fn new(architecture: &'a Architecture, tensors: &'a BTreeMap<String, Arc<Tensor>>, training: bool) -> Self {
         let put = if training { Var::parameter } else { Var::constant };
         let variables = tensors.iter().map(|(name, tensor)| (name.as_str(), put(tensor.clone()))).collect();
         Self { architecture, variables }
@@ -37,9 +50,10 @@ impl<'a> Model<'a> {
 
     /// Indentation in millimetres, which may be negative, and logit of contact, `[images, rows, columns, 2]`, of RGB images
     /// `[images, rows, columns, 3]` whose sides are multiples of the stride.
-    pub fn forward(&self, levels: &[u8], shape: [usize; 3]) -> Var {
+    pub fn forward(&self, images: Images<'_>) -> Var {
+        let Images { levels, shape, .. } = images;
         match self.architecture {
-            Architecture::Default(pyramid) => self.pyramid(pyramid, levels, shape),
+            Architecture::Default(pyramid) => self.pyramid(pyramid, with_coordinates(images), shape),
             Architecture::Vit(vit) => self.vit(vit, levels, shape),
             Architecture::Mamba(mamba) => self.mamba_network(mamba, levels, shape),
             Architecture::RobustMamba(robust) => self.robust_mamba(robust, levels, shape),
@@ -96,8 +110,7 @@ impl<'a> Model<'a> {
         self.product(&format!("{name}.out_proj.weight"), y)
     }
 
-    fn pyramid(&self, pyramid: &Pyramid, levels: &[u8], [images, rows, columns]: [usize; 3]) -> Var {
-        let input = with_coordinates(levels, [images, rows, columns]);
+    fn pyramid(&self, pyramid: &Pyramid, input: Var, [images, rows, columns]: [usize; 3]) -> Var {
         let stem = apply(Relu, [self.convolution("stem", input, 2, false)]);
         let quarter = self.convolution("encoder.0.down", stem.clone(), 2, false);
         let quarter = self.unit("encoder.0.unit", quarter);
@@ -182,7 +195,7 @@ impl<'a> Model<'a> {
         let values = levels.iter().map(|level| f32::from(*level) / 127.5 - 1.0).collect();
         let patches = space_to_depth(&Tensor { shape: vec![images, rows, columns, 3], values }, patch);
         let map = self.linear("patch", Var::constant(patches));
-        let [count, width] = [positions.shape()[0], positions.shape()[1]];
+        let &[count, width] = positions.shape() else { unreachable!("a table has two axes") };
         let tokens = apply(AddTable, [map.reshape(&[images, count, width]), positions]);
         apply(Append, [tokens, self.get("class")])
     }
@@ -253,13 +266,14 @@ fn waves([rows, columns]: [usize; 2], width: usize) -> Tensor {
     Tensor { shape: vec![rows * columns, width], values: (0..rows * columns * width).map(value).collect() }
 }
 
-/// Levels as numbers from -1 to 1, with the pixels' places as two more channels.
-fn with_coordinates(levels: &[u8], [images, rows, columns]: [usize; 3]) -> Var {
+/// Levels as numbers from -1 to 1, with the pixels' places in the whole images as two more channels.
+fn with_coordinates(Images { levels, shape: [images, rows, columns], whole, corners }: Images<'_>) -> Var {
     let place = |i: usize, count: usize| 2.0 * (i as f32 + 0.5) / count as f32 - 1.0;
     let mut values = Vec::with_capacity(levels.len() / 3 * 5);
     for (k, pixel) in levels.as_chunks::<3>().0.iter().enumerate() {
+        let [top, left] = corners[k / (rows * columns)];
         values.extend(pixel.map(|level| f32::from(level) / 127.5 - 1.0));
-        values.extend([place(k % columns, columns), place(k / columns % rows, rows)]);
+        values.extend([place(left + k % columns, whole[1]), place(top + k / columns % rows, whole[0])]);
     }
     Var::constant(Tensor { shape: vec![images, rows, columns, 5], values })
 }

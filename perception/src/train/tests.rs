@@ -35,7 +35,7 @@ fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: im
     let variables: [Var; N] = std::array::from_fn(|i| Var::parameter(inputs[i].clone()));
     let output = apply(kernel, variables.clone());
     let exact = plain(&doubles(&inputs));
-    let result = output.to_tensor();
+    let result = output.tensor().clone();
     assert_eq!(result.values.len(), exact.len(), "length of the result");
     for (i, (a, b)) in result.values.iter().zip(&exact).enumerate() {
         assert!((f64::from(*a) - b).abs() < 2e-5 * (1.0 + b.abs()), "result {i}: {a} for {b}");
@@ -123,7 +123,7 @@ fn convolution() {
 fn convolution_of_a_large_map() {
     let tensors = [random(&[1, 40, 60, 2], 7), random(&[3, 2, 3, 3], 8), random(&[3], 9)];
     let exact = plain_convolution([1, 40, 60, 2, 3], 1, false, &doubles(&tensors));
-    let result = apply(Convolution { stride: 1, relu: false }, tensors.map(Var::constant)).to_tensor();
+    let result = apply(Convolution { stride: 1, relu: false }, tensors.map(Var::constant)).tensor().clone();
     assert!(result.values.iter().zip(&exact).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5));
 }
 
@@ -303,7 +303,7 @@ fn loss() {
         let contact = vec![0.0, 1.0, 0.25, 1.0, 0.0, 0.0];
         let indentation_mm = vec![0.0, 0.5, 0.1, 1.5, 0.0, 0.02];
         let targets = Targets { indentation_mm: indentation_mm.clone(), contact: contact.clone() };
-        check(Loss { config, targets: Arc::new(targets) }, [random(&[1, 2, 3, 2], 30)], |[output]| {
+        check(Loss { config, targets: Arc::new(targets), first: 0 }, [random(&[1, 2, 3, 2], 30)], |[output]| {
             let pixels = output.as_chunks::<2>().0.iter().zip(indentation_mm.iter().zip(&contact));
             let sum: f64 = pixels
                 .map(|([mm, logit], (target, contact))| {
@@ -333,7 +333,7 @@ fn config(steps: u64) -> TrainingConfig {
     let optimiser = OptimiserConfig { learning_rate: 3e-3, warm_up: 10, ..OptimiserConfig::default() };
     TrainingConfig {
         seed: 5,
-        stages: vec![Stage { size: [32, 32], batch: 4, steps }],
+        stages: vec![Stage { size: [32, 32], batch: 4, windows: 0, steps }],
         optimiser,
         loss: LossConfig::default(),
         validate_every: 10,
@@ -356,7 +356,7 @@ fn discs(seed: u64) -> Batch {
             targets.contact.push(f32::from(u8::from(depth > 0.1)));
         }
     }
-    Batch { shape: [4, 32, 32], levels, targets: Arc::new(targets) }
+    Batch { shape: [4, 32, 32], levels, whole: [32, 32], corners: vec![[0, 0]; 4], targets: Arc::new(targets) }
 }
 
 #[test]
@@ -463,7 +463,8 @@ fn l1_of_masked_targets_predicts_black_and_weight_on_contact_cures_it() {
         for _ in 0..150 {
             let contact: Vec<f32> = (0..2 * 32 * 32).map(|_| f32::from(u8::from(rng.random_bool(0.2)))).collect();
             let targets = Targets { indentation_mm: contact.iter().map(|c| 0.6 * c).collect(), contact };
-            trainer.advance(&Batch { shape, levels: levels.clone(), targets: Arc::new(targets) }).unwrap();
+            let (levels, whole, corners) = (levels.clone(), [32, 32], vec![[0, 0]; 2]);
+            trainer.advance(&Batch { shape, levels, whole, corners, targets: Arc::new(targets) }).unwrap();
         }
         let weights = trainer.weights(String::new()).unwrap();
         let predicted = predict(&weights, &levels, shape).unwrap();
@@ -488,7 +489,7 @@ fn senseless_configurations_are_named() {
     assert!(error(&|c| c.stages.clear()).contains("stages"));
     assert!(error(&|c| c.optimiser.learning_rate = f32::NAN).contains("learning_rate"));
     assert!(error(&|c| c.optimiser.betas[1] = 1.0).contains("betas"));
-    let odd = TrainingConfig { stages: vec![Stage { size: [32, 40], batch: 1, steps: 1 }], ..config(1) };
+    let odd = TrainingConfig { stages: vec![Stage { size: [32, 40], batch: 1, windows: 0, steps: 1 }], ..config(1) };
     assert!(Trainer::new(small(), odd, None).err().unwrap().to_string().contains("stride"));
     let mut trainer = Trainer::new(small(), config(1), None).unwrap();
     let short = Batch { shape: [5, 32, 32], ..discs(0) };

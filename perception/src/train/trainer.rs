@@ -1,17 +1,19 @@
 //! Training step by step, and its state on disk.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use rayon::prelude::*;
 use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
+use super::linear::add_to;
 use super::loss::{Loss, LossConfig, Targets};
-use super::model::{Model, initial};
+use super::model::{Images, Model, initial};
 use super::optimiser::{OptimiserConfig, State, Tensors};
 use super::tape::apply;
-use crate::network::{Architecture, Precision, Provenance, Stored, UnknownNetwork, Weights, WeightsError};
+use crate::network::{Architecture, Precision, Provenance, Stored, Tensor, UnknownNetwork, Weights, WeightsError};
 
 /// How a network is trained, apart from its data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,10 +39,13 @@ pub struct TrainingConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
-    /// Rows and columns of the images, multiples of the network's stride. What is learnt from small images costs less.
+    /// Rows and columns of what enters the network, multiples of its stride.
     pub size: [usize; 2],
-    /// Images of a step.
+    /// Images or windows of a step.
     pub batch: usize,
+    /// Windows of that size that are cut from each image; 0 for whole images, which are made smaller where they are larger.
+    #[serde(default)]
+    pub windows: usize,
     /// Steps.
     pub steps: u64,
 }
@@ -73,6 +78,10 @@ impl TrainingConfig {
         let checks = [
             (!self.stages.is_empty() && self.steps() > 0, "stages must hold one step at least"),
             (self.stages.iter().all(|stage| (1..=4096).contains(&stage.batch)), "a stage's batch must be 1 to 4096"),
+            (
+                self.stages.iter().all(|stage| stage.batch.is_multiple_of(stage.windows.max(1))),
+                "a stage's batch must be a multiple of its windows per image",
+            ),
             (self.validate_every > 0, "validate_every must be positive"),
             (self.validation_images > 0, "validation_images must be positive"),
             (positive(optimiser.learning_rate), "optimiser.learning_rate must be positive"),
@@ -99,8 +108,29 @@ pub struct Batch {
     pub shape: [usize; 3],
     /// RGB of each pixel, image by image and row by row.
     pub levels: Vec<u8>,
+    /// Rows and columns of the images of which these are windows; those of these where they are whole.
+    pub whole: [usize; 2],
+    /// Row and column of each window's upper left pixel in its whole image; zeros where that is the image itself.
+    pub corners: Vec<[usize; 2]>,
     /// What the network should say of each pixel.
     pub targets: Arc<Targets>,
+}
+
+/// Pixels of a batch that one thread goes through at a time: what a network makes of them fits its cache, mostly.
+const SHARE: usize = 320 * 240;
+
+impl Batch {
+    /// Its images in shares that do not depend on the number of threads, each with the index of its first pixel.
+    fn shares(&self) -> Vec<(usize, Images<'_>)> {
+        let [_, rows, columns] = self.shape;
+        let count = (SHARE / (rows * columns)).max(1);
+        let share = |(k, (levels, corners))| {
+            let shape = [<[_]>::len(corners), rows, columns];
+            (k * count * rows * columns, Images { levels, shape, whole: self.whole, corners })
+        };
+        let levels = self.levels.chunks(3 * count * rows * columns);
+        levels.zip(self.corners.chunks(count)).enumerate().map(share).collect()
+    }
 }
 
 /// What a step did.
@@ -196,6 +226,9 @@ impl Trainer {
         if config.stages.iter().any(|stage| architecture.fit(stage.size) != stage.size) {
             return Err(TrainError::Config("a stage's size must be of multiples of the network's stride"));
         }
+        if config.stages.iter().any(|stage| stage.windows > 0) && !matches!(architecture, Architecture::Default(_)) {
+            return Err(TrainError::Config("windows are for network default: the others learn places of whole images"));
+        }
         let weights = match start {
             Some(weights) if *weights.architecture() == architecture => weights.tensors().clone(),
             Some(_) => return Err(TrainError::OtherStart),
@@ -217,7 +250,8 @@ impl Trainer {
     pub fn advance(&mut self, batch: &Batch) -> Result<Progress, TrainError> {
         check_shape(&self.architecture, batch.levels.len(), batch.shape)?;
         let Targets { indentation_mm, contact } = &*batch.targets;
-        if 3 * indentation_mm.len() != batch.levels.len() || indentation_mm.len() != contact.len() {
+        let are_targets_there = 3 * indentation_mm.len() == batch.levels.len() && indentation_mm.len() == contact.len();
+        if !are_targets_there || batch.corners.len() != batch.shape[0] {
             return Err(TrainError::Batch { shape: batch.shape, levels: batch.levels.len() });
         }
         let (loss, gradients) = self.gradients(batch);
@@ -236,14 +270,26 @@ impl Trainer {
 
     /// Loss of a batch and its gradients by all weights.
     fn gradients(&self, batch: &Batch) -> (f32, Tensors) {
-        let model = Model::new(&self.architecture, &self.state.weights, true);
-        let output = model.forward(&batch.levels, batch.shape);
-        let loss = apply(Loss { config: self.config.loss, targets: batch.targets.clone() }, [output]);
-        let value = loss.to_tensor().values.iter().sum();
-        let mut slopes = loss.backward();
-        let gradients = model.variables().iter();
-        let gradients = gradients.filter_map(|(name, variable)| Some(((*name).to_owned(), slopes.take(variable)?)));
-        (value, gradients.collect())
+        let weights = shared(&self.state.weights);
+        let share = |(first, images)| {
+            let model = Model::new(&self.architecture, &weights, true);
+            let targets = batch.targets.clone();
+            let loss = apply(Loss { config: self.config.loss, targets, first }, [model.forward(images)]);
+            let value: f32 = loss.tensor().values.iter().sum();
+            let mut slopes = loss.backward();
+            let gradients: Vec<_> = model.variables().values().map(|variable| slopes.take(variable)).collect();
+            (value, gradients)
+        };
+        let (values, shares): (Vec<f32>, Vec<Vec<Option<Tensor>>>) =
+            batch.shares().into_par_iter().map(share).collect();
+        // In the order of the shares, whichever was done first.
+        let sum = |(k, (name, tensor)): (usize, (&String, &Arc<Tensor>))| {
+            let mut sum = Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
+            shares.iter().filter_map(|share| share[k].as_ref()).for_each(|part| add_to(&mut sum.values, &part.values));
+            (name.clone(), sum)
+        };
+        let named: Vec<_> = weights.iter().enumerate().collect();
+        (values.iter().sum(), named.into_par_iter().map(sum).collect())
     }
 
     /// The averaged weights.
@@ -323,9 +369,17 @@ impl Trainer {
 /// [`TrainError::Batch`] if there are fewer or more levels than the shape has, or its sides are no multiples of the stride.
 pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Vec<[f32; 2]>, TrainError> {
     check_shape(weights.architecture(), levels.len(), shape)?;
-    let output = Model::new(weights.architecture(), weights.tensors(), false).forward(levels, shape).to_tensor();
-    let pixels = output.values.as_chunks::<2>().0;
+    let tensors = shared(weights.tensors());
+    let (whole, corners) = ([shape[1], shape[2]], vec![[0, 0]; shape[0]]);
+    let images = Images { levels, shape, whole, corners: &corners };
+    let output = Model::new(weights.architecture(), &tensors, false).forward(images);
+    let pixels = output.tensor().values.as_chunks::<2>().0;
     Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
+}
+
+/// Tensors that several threads may read.
+fn shared(tensors: &Tensors) -> BTreeMap<String, Arc<Tensor>> {
+    tensors.iter().map(|(name, tensor)| (name.clone(), Arc::new(tensor.clone()))).collect()
 }
 
 /// Whether images of this shape can enter a network.
