@@ -12,8 +12,9 @@ use super::linear::Linear;
 use super::pointwise::{DepthToSpace, Norm, Relu};
 use super::resample::Resample;
 use super::scan::Selective;
-use super::tape::{Var, apply};
+use super::tape::{Value, Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
+use crate::engine::Instructions;
 use crate::network::{Architecture, Layer, Mamba, Op, Pyramid, RobustMamba, Scan, Tensor, Vit};
 
 /// Images, or windows of such, that are put into a network together.
@@ -32,15 +33,22 @@ pub struct Images<'a> {
 /// A network's tensors on the tape, by name.
 pub struct Model<'a> {
     architecture: &'a Architecture,
+    /// With which products are formed.
+    instructions: Instructions,
     variables: BTreeMap<&'a str, Var>,
 }
 
 impl<'a> Model<'a> {
     /// Puts tensors on the tape; `training` asks for their gradients.
-    pub fn new(architecture: &'a Architecture, tensors: &'a BTreeMap<String, Arc<Tensor>>, training: bool) -> Self {
+    pub fn new(
+        architecture: &'a Architecture,
+        tensors: &'a BTreeMap<String, Arc<Value>>,
+        instructions: Instructions,
+        training: bool,
+    ) -> Self {
         let put = if training { Var::parameter } else { Var::constant };
         let variables = tensors.iter().map(|(name, tensor)| (name.as_str(), put(tensor.clone()))).collect();
-        Self { architecture, variables }
+        Self { architecture, instructions, variables }
     }
 
     /// The tensors.
@@ -74,13 +82,13 @@ impl<'a> Model<'a> {
 
     fn linear(&self, name: &str, x: Var) -> Var {
         let [weight, bias] = self.weight_and_bias(name);
-        apply(Linear, [x, weight, bias])
+        apply(Linear { instructions: self.instructions }, [x, weight, bias])
     }
 
     fn product(&self, name: &str, x: Var) -> Var {
         let weight = self.get(name);
         let bias = Var::constant(Tensor { shape: vec![weight.shape()[0]], values: vec![0.0; weight.shape()[0]] });
-        apply(Linear, [x, weight, bias])
+        apply(Linear { instructions: self.instructions }, [x, weight, bias])
     }
 
     fn norm(&self, name: &str, x: Var) -> Var {
@@ -90,7 +98,7 @@ impl<'a> Model<'a> {
 
     fn convolution(&self, name: &str, x: Var, stride: usize, relu: bool) -> Var {
         let [weight, bias] = self.weight_and_bias(name);
-        apply(Convolution { stride, relu }, [x, weight, bias])
+        apply(Convolution { stride, relu, instructions: self.instructions }, [x, weight, bias])
     }
 
     /// `x + conv2(relu(conv1(relu(x))))`.

@@ -7,9 +7,10 @@ use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use super::linear::add_to;
+use crate::engine::multiply::Packed;
 use crate::network::Tensor;
 
 /// A value on the tape.
@@ -20,8 +21,34 @@ pub struct Var(Rc<Node>);
 struct Node {
     /// Greater than those of all values from which it was computed.
     number: u64,
-    tensor: Arc<Tensor>,
+    value: Arc<Value>,
     origin: Origin,
+}
+
+/// A tensor, and what kernels have packed of it: weights are packed once for all shares of a batch.
+#[derive(Debug)]
+pub struct Value {
+    tensor: Tensor,
+    packed: [OnceLock<Packed>; 2],
+}
+
+impl From<Tensor> for Value {
+    fn from(tensor: Tensor) -> Self {
+        Self { tensor, packed: Default::default() }
+    }
+}
+
+impl From<Tensor> for Arc<Value> {
+    fn from(tensor: Tensor) -> Self {
+        Self::new(tensor.into())
+    }
+}
+
+impl Value {
+    fn view(&self) -> View<'_> {
+        let Tensor { shape, values } = &self.tensor;
+        View { shape, values, packed: &self.packed }
+    }
 }
 
 /// Where a value comes from.
@@ -48,11 +75,18 @@ pub struct View<'a> {
     pub shape: &'a [usize],
     /// As many numbers as the product of the sides.
     pub values: &'a [f32],
+    packed: &'a [OnceLock<Packed>; 2],
 }
 
-impl<'a> From<&'a Tensor> for View<'a> {
-    fn from(Tensor { shape, values }: &'a Tensor) -> Self {
-        Self { shape, values }
+impl<'a> View<'a> {
+    /// Packed for the way forward; by `pack`, the first time.
+    pub fn forwards(self, pack: impl FnOnce() -> Packed) -> &'a Packed {
+        self.packed[0].get_or_init(pack)
+    }
+
+    /// Packed for the way back; by `pack`, the first time.
+    pub fn backwards(self, pack: impl FnOnce() -> Packed) -> &'a Packed {
+        self.packed[1].get_or_init(pack)
     }
 }
 
@@ -84,26 +118,26 @@ trait Step {
 pub struct Slopes(HashMap<u64, Tensor>);
 
 impl Var {
-    fn new(tensor: Arc<Tensor>, origin: Origin) -> Self {
+    fn new(value: Arc<Value>, origin: Origin) -> Self {
         thread_local!(static NEXT: Cell<u64> = const { Cell::new(0) });
         let number = NEXT.replace(NEXT.get() + 1);
-        Self(Rc::new(Node { number, tensor, origin }))
+        Self(Rc::new(Node { number, value, origin }))
     }
 
     /// A value that was computed from others, of which none may need a gradient.
     fn computed<const N: usize>(tensor: Tensor, inputs: &[Self; N], step: impl Step + 'static) -> Self {
         let is_tracked = inputs.iter().any(Self::is_tracked);
-        Self::new(Arc::new(tensor), if is_tracked { Origin::Computed(Box::new(step)) } else { Origin::Constant })
+        Self::new(Arc::new(tensor.into()), if is_tracked { Origin::Computed(Box::new(step)) } else { Origin::Constant })
     }
 
     /// A value without a gradient.
-    pub fn constant(tensor: impl Into<Arc<Tensor>>) -> Self {
-        Self::new(tensor.into(), Origin::Constant)
+    pub fn constant(value: impl Into<Arc<Value>>) -> Self {
+        Self::new(value.into(), Origin::Constant)
     }
 
     /// A value whose gradient is wanted.
-    pub fn parameter(tensor: impl Into<Arc<Tensor>>) -> Self {
-        Self::new(tensor.into(), Origin::Parameter)
+    pub fn parameter(value: impl Into<Arc<Value>>) -> Self {
+        Self::new(value.into(), Origin::Parameter)
     }
 
     fn is_tracked(&self) -> bool {
@@ -111,17 +145,17 @@ impl Var {
     }
 
     fn view(&self) -> View<'_> {
-        View::from(self.tensor())
+        self.0.value.view()
     }
 
     /// Its numbers.
     pub fn tensor(&self) -> &Tensor {
-        &self.0.tensor
+        &self.0.value.tensor
     }
 
     /// Its sides.
     pub fn shape(&self) -> &[usize] {
-        &self.0.tensor.shape
+        &self.tensor().shape
     }
 
     /// The sum of two values of one shape.
@@ -210,7 +244,8 @@ impl<K: Kernel<N>, const N: usize> Step for Applied<K, N> {
     fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor)) {
         let Self { kernel, inputs, kept } = self;
         let wanted = inputs.each_ref().map(Var::is_tracked);
-        let slopes = kernel.backward(inputs.each_ref().map(Var::view), kept, View::from(&gradient), wanted);
+        let gradient = Value::from(gradient);
+        let slopes = kernel.backward(inputs.each_ref().map(Var::view), kept, gradient.view(), wanted);
         for ((input, slope), is_wanted) in inputs.iter().zip(slopes).zip(wanted) {
             if let Some(slope) = slope.filter(|_| is_wanted) {
                 give(input, slope);

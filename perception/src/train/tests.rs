@@ -16,7 +16,8 @@ use super::scan::Selective;
 use super::tape::{Kernel, Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
 use super::*;
-use crate::network::{Architecture, Mamba, Pyramid, RobustMamba, Scan, Tensor, Vit};
+use crate::engine::Instructions;
+use crate::network::{Architecture, Mamba, Precision, Pyramid, RobustMamba, Scan, Tensor, Vit};
 
 /// Numbers between -1 and 1.
 fn random(shape: &[usize], seed: u64) -> Tensor {
@@ -46,7 +47,7 @@ fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: im
         plain(inputs).iter().zip(&weights.values).map(|(y, w)| y * f64::from(*w)).sum()
     };
     let product = apply(
-        Linear,
+        Linear { instructions: Instructions::best().exact() },
         [
             output.reshape(&[1, exact.len()]),
             Var::constant(weights.clone()),
@@ -74,7 +75,7 @@ fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: im
 #[test]
 fn linear() {
     let inputs = [random(&[3, 5, 7], 1), random(&[4, 7], 2), random(&[4], 3)];
-    check(Linear, inputs, |[x, w, b]| {
+    check(Linear { instructions: Instructions::best().exact() }, inputs, |[x, w, b]| {
         let rows = x.chunks_exact(7);
         rows.flat_map(|x| (0..4).map(move |o| b[o] + (0..7).map(|i| w[o * 7 + i] * x[i]).sum::<f64>())).collect()
     });
@@ -114,7 +115,9 @@ fn convolution() {
         let tensors =
             [random(&[images, rows, columns, inputs], 4), random(&[outputs, inputs, 3, 3], 5), random(&[outputs], 6)];
         let sizes = [images, rows, columns, inputs, outputs];
-        check(Convolution { stride, relu }, tensors, |values| plain_convolution(sizes, stride, relu, values));
+        check(Convolution { stride, relu, instructions: Instructions::best().exact() }, tensors, |values| {
+            plain_convolution(sizes, stride, relu, values)
+        });
     }
 }
 
@@ -123,7 +126,12 @@ fn convolution() {
 fn convolution_of_a_large_map() {
     let tensors = [random(&[1, 40, 60, 2], 7), random(&[3, 2, 3, 3], 8), random(&[3], 9)];
     let exact = plain_convolution([1, 40, 60, 2, 3], 1, false, &doubles(&tensors));
-    let result = apply(Convolution { stride: 1, relu: false }, tensors.map(Var::constant)).tensor().clone();
+    let result = apply(
+        Convolution { stride: 1, relu: false, instructions: Instructions::best().exact() },
+        tensors.map(Var::constant),
+    )
+    .tensor()
+    .clone();
     assert!(result.values.iter().zip(&exact).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5));
 }
 
@@ -336,6 +344,7 @@ fn config(steps: u64) -> TrainingConfig {
         stages: vec![Stage { size: [32, 32], batch: 4, windows: 0, steps }],
         optimiser,
         loss: LossConfig::default(),
+        precision: Precision::F32,
         validate_every: 10,
         validation_images: 1,
     }

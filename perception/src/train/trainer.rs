@@ -12,7 +12,8 @@ use super::linear::add_to;
 use super::loss::{Loss, LossConfig, Targets};
 use super::model::{Images, Model, initial};
 use super::optimiser::{OptimiserConfig, State, Tensors};
-use super::tape::apply;
+use super::tape::{Value, apply};
+use crate::engine::Instructions;
 use crate::network::{Architecture, Precision, Provenance, Stored, Tensor, UnknownNetwork, Weights, WeightsError};
 
 /// How a network is trained, apart from its data.
@@ -29,10 +30,17 @@ pub struct TrainingConfig {
     /// What training makes small.
     #[serde(default)]
     pub loss: LossConfig,
+    /// What the operands of matrix products are rounded to, where the machine is faster with bf16; all else is in f32.
+    #[serde(default = "bf16")]
+    pub precision: Precision,
     /// Steps from one validation, and from one checkpoint, to the next.
     pub validate_every: u64,
     /// Images of a validation.
     pub validation_images: usize,
+}
+
+fn bf16() -> Precision {
+    Precision::Bf16
 }
 
 /// A part of the training.
@@ -268,11 +276,17 @@ impl Trainer {
         }
     }
 
+    /// With which products are formed.
+    fn instructions(&self) -> Instructions {
+        let best = Instructions::best();
+        if self.config.precision == Precision::Bf16 { best } else { best.exact() }
+    }
+
     /// Loss of a batch and its gradients by all weights.
     fn gradients(&self, batch: &Batch) -> (f32, Tensors) {
         let weights = shared(&self.state.weights);
         let share = |(first, images)| {
-            let model = Model::new(&self.architecture, &weights, true);
+            let model = Model::new(&self.architecture, &weights, self.instructions(), true);
             let targets = batch.targets.clone();
             let loss = apply(Loss { config: self.config.loss, targets, first }, [model.forward(images)]);
             let value: f32 = loss.tensor().values.iter().sum();
@@ -283,12 +297,12 @@ impl Trainer {
         let (values, shares): (Vec<f32>, Vec<Vec<Option<Tensor>>>) =
             batch.shares().into_par_iter().map(share).collect();
         // In the order of the shares, whichever was done first.
-        let sum = |(k, (name, tensor)): (usize, (&String, &Arc<Tensor>))| {
+        let sum = |(k, (name, tensor)): (usize, (&String, &Tensor))| {
             let mut sum = Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
             shares.iter().filter_map(|share| share[k].as_ref()).for_each(|part| add_to(&mut sum.values, &part.values));
             (name.clone(), sum)
         };
-        let named: Vec<_> = weights.iter().enumerate().collect();
+        let named: Vec<_> = self.state.weights.iter().enumerate().collect();
         (values.iter().sum(), named.into_par_iter().map(sum).collect())
     }
 
@@ -372,14 +386,14 @@ pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Ve
     let tensors = shared(weights.tensors());
     let (whole, corners) = ([shape[1], shape[2]], vec![[0, 0]; shape[0]]);
     let images = Images { levels, shape, whole, corners: &corners };
-    let output = Model::new(weights.architecture(), &tensors, false).forward(images);
+    let output = Model::new(weights.architecture(), &tensors, Instructions::best().exact(), false).forward(images);
     let pixels = output.tensor().values.as_chunks::<2>().0;
     Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
 }
 
 /// Tensors that several threads may read.
-fn shared(tensors: &Tensors) -> BTreeMap<String, Arc<Tensor>> {
-    tensors.iter().map(|(name, tensor)| (name.clone(), Arc::new(tensor.clone()))).collect()
+fn shared(tensors: &Tensors) -> BTreeMap<String, Arc<Value>> {
+    tensors.iter().map(|(name, tensor)| (name.clone(), tensor.clone().into())).collect()
 }
 
 /// Whether images of this shape can enter a network.
