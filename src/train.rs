@@ -18,8 +18,6 @@ use perception::engine::{Engine, Instructions, Prediction};
 use perception::network::{Architecture, Precision, Weights};
 use perception::train::{Batch, Stage, Targets, Trainer, TrainingConfig};
 use perception::{Accuracy, Pixel, Scores};
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use scenes::digit::{HEIGHT, WIDTH};
 use serde::{Deserialize, Serialize};
@@ -72,8 +70,6 @@ struct Settings {
 
 /// Added to the seed for validation, whose images are other contacts with other objects on other sensors.
 const VALIDATION_SEED: u64 = 0x5eed_0000_0000_0001;
-/// Set in the number of the random stream that places an image's windows; the other draws the image.
-const WINDOW_STREAM: u64 = 1 << 63;
 /// Images in the panels.
 const PANELS: usize = 6;
 
@@ -173,29 +169,19 @@ fn draw_batch(
 ) -> Result<Batch> {
     let stage = training.stage(step).context("there is no stage")?;
     let sensors = rack.of_step(step)?;
-    let (first, images) = (step << 16, stage.batch / stage.windows.max(1));
-    let images = (first..first + images as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
-        let image = example(surfaces, &sensors, data, (training.seed, index), frame);
-        if stage.windows == 0 {
-            return vec![image.resized(stage.size)];
-        }
-        let mut rng = ChaCha8Rng::seed_from_u64(training.seed);
-        rng.set_stream(WINDOW_STREAM | index);
-        let windows =
-            (0..stage.windows).map(|_| image.window(stage.size, image.corner_of_window(stage.size, &mut rng)));
-        windows.collect()
+    let first = step << 16;
+    let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
+        example(surfaces, &sensors, data, (training.seed, index), frame).resized(stage.size)
     });
-    let images = images.collect::<Vec<_>>().concat();
-    Ok(batch(&images, if stage.windows == 0 { stage.size } else { [HEIGHT, WIDTH] }))
+    Ok(batch(&images.collect::<Vec<_>>()))
 }
 
-/// Images of one size, or windows of one size cut from images of size `whole`, put together.
-fn batch(examples: &[Example], whole: [usize; 2]) -> Batch {
+/// Images of one size, put together.
+fn batch(examples: &[Example]) -> Batch {
     let [rows, columns] = examples.first().map_or([0, 0], |example| example.size);
-    let mut batch = Batch { shape: [examples.len(), rows, columns], whole, ..Batch::default() };
+    let mut batch = Batch { shape: [examples.len(), rows, columns], ..Batch::default() };
     let mut targets = Targets::default();
     for example in examples {
-        batch.corners.push(example.corner);
         batch.levels.extend(&example.levels);
         targets.indentation_mm.extend(&example.indentation_mm);
         targets.contact.extend(&example.contact);

@@ -74,8 +74,6 @@ const SLACK: f64 = 0.5;
 const TRIES: usize = 8;
 /// Indentation that a network is taught at most, millimetres: the gel is not much thicker.
 const DEEPEST_MM: f32 = 4.0;
-/// Share of windows that are made to hold contact, if there is any.
-const WINDOWS_ON_CONTACT: f64 = 0.8;
 
 impl DataConfig {
     /// Checks that the numbers make sense.
@@ -97,13 +95,11 @@ impl DataConfig {
     }
 }
 
-/// A touch image with what it shows, or a window of one.
+/// A touch image with what it shows, of 320 rows and 240 columns or a whole fraction of that.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
     /// Rows and columns.
     pub size: [usize; 2],
-    /// Row and column of its upper left pixel in the whole image.
-    pub corner: [usize; 2],
     /// RGB of each pixel.
     pub levels: Vec<u8>,
     /// Indentation over the empty gel, millimetres.
@@ -143,30 +139,7 @@ impl Example {
         let colours: [Vec<f32>; 3] = std::array::from_fn(|c| image(&|i| f32::from(self.levels[3 * i + c])));
         let levels = (0..3 * rows * columns).map(|k| colours[k % 3][k / 3].round() as u8).collect();
         let (indentation_mm, contact) = (image(&|i| self.indentation_mm[i]), image(&|i| self.contact[i]));
-        Self { size: [rows, columns], corner: [0, 0], levels, indentation_mm, contact }
-    }
-
-    /// The window of this size whose upper left pixel is `corner`.
-    pub fn window(&self, [rows, columns]: [usize; 2], [top, left]: [usize; 2]) -> Self {
-        let starts = (top..top + rows).map(|v| v * self.size[1] + left);
-        let cut = |of: &[f32]| starts.clone().flat_map(|start| &of[start..start + columns]).copied().collect();
-        let levels = starts.clone().flat_map(|start| &self.levels[3 * start..3 * (start + columns)]).copied().collect();
-        let (indentation_mm, contact) = (cut(&self.indentation_mm), cut(&self.contact));
-        Self { size: [rows, columns], corner: [top, left], levels, indentation_mm, contact }
-    }
-
-    /// Where a window goes: mostly over some pixel in contact, which may lie anywhere in it, since little is learnt elsewhere.
-    pub fn corner_of_window(&self, size: [usize; 2], rng: &mut ChaCha8Rng) -> [usize; 2] {
-        let touched = self.contact.iter().filter(|contact| **contact > 0.5).count();
-        let room: [usize; 2] = std::array::from_fn(|axis| self.size[axis] - size[axis]);
-        if touched == 0 || !rng.random_bool(WINDOWS_ON_CONTACT) {
-            return room.map(|room| rng.random_range(0..=room));
-        }
-        let chosen = rng.random_range(0..touched);
-        let in_contact = self.contact.iter().enumerate().filter(|(_, contact)| **contact > 0.5);
-        let place = in_contact.map(|(place, _)| place).nth(chosen).unwrap_or_default();
-        let pixel = [place / self.size[1], place % self.size[1]];
-        std::array::from_fn(|axis| pixel[axis].saturating_sub(rng.random_range(0..size[axis])).min(room[axis]))
+        Self { size: [rows, columns], levels, indentation_mm, contact }
     }
 }
 
@@ -260,7 +233,7 @@ pub fn example(
     let contact = indentation_mm.iter().map(|&x| f32::from(u8::from(x > threshold))).collect();
     let mut image: RgbImage = frame.calibrated().clone();
     disturb(&mut image, config.background, &mut rng);
-    Example { size: [HEIGHT, WIDTH], corner: [0, 0], levels: image.into_raw(), indentation_mm, contact }
+    Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), indentation_mm, contact }
 }
 
 /// From which indentation on a pixel is in contact: MidasTouch's share of the press depth, which is taken to be within the protocol's
@@ -279,7 +252,6 @@ mod tests {
     fn a_resized_image_has_the_means_of_what_its_pixels_cover() {
         let whole = Example {
             size: [4, 6],
-            corner: [0, 0],
             levels: (0..4 * 6 * 3).map(|i| (i * 3) as u8).collect(),
             indentation_mm: (0..24).map(|i| i as f32).collect(),
             contact: vec![1.0; 24],

@@ -17,17 +17,13 @@ use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
 use crate::engine::Instructions;
 use crate::network::{Architecture, Layer, Mamba, Op, Pyramid, RobustMamba, Scan, Tensor, Vit};
 
-/// Images, or windows of such, that are put into a network together.
+/// Images that are put into a network together.
 #[derive(Debug, Clone, Copy)]
 pub struct Images<'a> {
     /// RGB of each pixel, image by image and row by row.
     pub levels: &'a [u8],
     /// Images, rows and columns.
     pub shape: [usize; 3],
-    /// Rows and columns of the whole images.
-    pub whole: [usize; 2],
-    /// Where in those the upper left pixel of each image is, row and column.
-    pub corners: &'a [[usize; 2]],
 }
 
 /// A network's tensors on the tape, by name.
@@ -274,14 +270,13 @@ fn waves([rows, columns]: [usize; 2], width: usize) -> Tensor {
     Tensor { shape: vec![rows * columns, width], values: (0..rows * columns * width).map(value).collect() }
 }
 
-/// Levels as numbers from -1 to 1, with the pixels' places in the whole images as two more channels.
-fn with_coordinates(Images { levels, shape: [images, rows, columns], whole, corners }: Images<'_>) -> Var {
+/// Levels as numbers from -1 to 1, with the pixels' places as two more channels.
+fn with_coordinates(Images { levels, shape: [images, rows, columns] }: Images<'_>) -> Var {
     let place = |i: usize, count: usize| 2.0 * (i as f32 + 0.5) / count as f32 - 1.0;
     let mut values = Vec::with_capacity(levels.len() / 3 * 5);
     for (k, pixel) in levels.as_chunks::<3>().0.iter().enumerate() {
-        let [top, left] = corners[k / (rows * columns)];
         values.extend(pixel.map(|level| f32::from(level) / 127.5 - 1.0));
-        values.extend([place(left + k % columns, whole[1]), place(top + k / columns % rows, whole[0])]);
+        values.extend([place(k % columns, columns), place(k / columns % rows, rows)]);
     }
     Var::constant(Tensor { shape: vec![images, rows, columns, 5], values })
 }

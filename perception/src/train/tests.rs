@@ -341,7 +341,7 @@ fn config(steps: u64) -> TrainingConfig {
     let optimiser = OptimiserConfig { learning_rate: 3e-3, warm_up: 10, ..OptimiserConfig::default() };
     TrainingConfig {
         seed: 5,
-        stages: vec![Stage { size: [32, 32], batch: 4, windows: 0, steps }],
+        stages: vec![Stage { size: [32, 32], batch: 4, steps }],
         optimiser,
         loss: LossConfig::default(),
         precision: Precision::F32,
@@ -365,7 +365,7 @@ fn discs(seed: u64) -> Batch {
             targets.contact.push(f32::from(u8::from(depth > 0.1)));
         }
     }
-    Batch { shape: [4, 32, 32], levels, whole: [32, 32], corners: vec![[0, 0]; 4], targets: Arc::new(targets) }
+    Batch { shape: [4, 32, 32], levels, targets: Arc::new(targets) }
 }
 
 #[test]
@@ -472,8 +472,7 @@ fn l1_of_masked_targets_predicts_black_and_weight_on_contact_cures_it() {
         for _ in 0..150 {
             let contact: Vec<f32> = (0..2 * 32 * 32).map(|_| f32::from(u8::from(rng.random_bool(0.2)))).collect();
             let targets = Targets { indentation_mm: contact.iter().map(|c| 0.6 * c).collect(), contact };
-            let (levels, whole, corners) = (levels.clone(), [32, 32], vec![[0, 0]; 2]);
-            trainer.advance(&Batch { shape, levels, whole, corners, targets: Arc::new(targets) }).unwrap();
+            trainer.advance(&Batch { shape, levels: levels.clone(), targets: Arc::new(targets) }).unwrap();
         }
         let weights = trainer.weights(String::new()).unwrap();
         let predicted = predict(&weights, &levels, shape).unwrap();
@@ -498,7 +497,7 @@ fn senseless_configurations_are_named() {
     assert!(error(&|c| c.stages.clear()).contains("stages"));
     assert!(error(&|c| c.optimiser.learning_rate = f32::NAN).contains("learning_rate"));
     assert!(error(&|c| c.optimiser.betas[1] = 1.0).contains("betas"));
-    let odd = TrainingConfig { stages: vec![Stage { size: [32, 40], batch: 1, windows: 0, steps: 1 }], ..config(1) };
+    let odd = TrainingConfig { stages: vec![Stage { size: [32, 40], batch: 1, steps: 1 }], ..config(1) };
     assert!(Trainer::new(small(), odd, None).err().unwrap().to_string().contains("stride"));
     let mut trainer = Trainer::new(small(), config(1), None).unwrap();
     let short = Batch { shape: [5, 32, 32], ..discs(0) };

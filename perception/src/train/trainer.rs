@@ -47,13 +47,10 @@ fn bf16() -> Precision {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
-    /// Rows and columns of what enters the network, multiples of its stride.
+    /// Rows and columns of the images, multiples of the network's stride. What is learnt from small images costs less.
     pub size: [usize; 2],
-    /// Images or windows of a step.
+    /// Images of a step.
     pub batch: usize,
-    /// Windows of that size that are cut from each image; 0 for whole images, which are made smaller where they are larger.
-    #[serde(default)]
-    pub windows: usize,
     /// Steps.
     pub steps: u64,
 }
@@ -86,10 +83,6 @@ impl TrainingConfig {
         let checks = [
             (!self.stages.is_empty() && self.steps() > 0, "stages must hold one step at least"),
             (self.stages.iter().all(|stage| (1..=4096).contains(&stage.batch)), "a stage's batch must be 1 to 4096"),
-            (
-                self.stages.iter().all(|stage| stage.batch.is_multiple_of(stage.windows.max(1))),
-                "a stage's batch must be a multiple of its windows per image",
-            ),
             (self.validate_every > 0, "validate_every must be positive"),
             (self.validation_images > 0, "validation_images must be positive"),
             (positive(optimiser.learning_rate), "optimiser.learning_rate must be positive"),
@@ -116,10 +109,6 @@ pub struct Batch {
     pub shape: [usize; 3],
     /// RGB of each pixel, image by image and row by row.
     pub levels: Vec<u8>,
-    /// Rows and columns of the images of which these are windows; those of these where they are whole.
-    pub whole: [usize; 2],
-    /// Row and column of each window's upper left pixel in its whole image; zeros where that is the image itself.
-    pub corners: Vec<[usize; 2]>,
     /// What the network should say of each pixel.
     pub targets: Arc<Targets>,
 }
@@ -132,12 +121,11 @@ impl Batch {
     fn shares(&self) -> Vec<(usize, Images<'_>)> {
         let [_, rows, columns] = self.shape;
         let count = (SHARE / (rows * columns)).max(1);
-        let share = |(k, (levels, corners))| {
-            let shape = [<[_]>::len(corners), rows, columns];
-            (k * count * rows * columns, Images { levels, shape, whole: self.whole, corners })
+        let share = |(k, levels): (usize, &'_ [u8])| {
+            let shape = [levels.len() / (3 * rows * columns), rows, columns];
+            (k * count * rows * columns, Images { levels, shape })
         };
-        let levels = self.levels.chunks(3 * count * rows * columns);
-        levels.zip(self.corners.chunks(count)).enumerate().map(share).collect()
+        self.levels.chunks(3 * count * rows * columns).enumerate().map(share).collect()
     }
 }
 
@@ -234,9 +222,6 @@ impl Trainer {
         if config.stages.iter().any(|stage| architecture.fit(stage.size) != stage.size) {
             return Err(TrainError::Config("a stage's size must be of multiples of the network's stride"));
         }
-        if config.stages.iter().any(|stage| stage.windows > 0) && !matches!(architecture, Architecture::Default(_)) {
-            return Err(TrainError::Config("windows are for network default: the others learn places of whole images"));
-        }
         let weights = match start {
             Some(weights) if *weights.architecture() == architecture => weights.tensors().clone(),
             Some(_) => return Err(TrainError::OtherStart),
@@ -258,8 +243,7 @@ impl Trainer {
     pub fn advance(&mut self, batch: &Batch) -> Result<Progress, TrainError> {
         check_shape(&self.architecture, batch.levels.len(), batch.shape)?;
         let Targets { indentation_mm, contact } = &*batch.targets;
-        let are_targets_there = 3 * indentation_mm.len() == batch.levels.len() && indentation_mm.len() == contact.len();
-        if !are_targets_there || batch.corners.len() != batch.shape[0] {
+        if 3 * indentation_mm.len() != batch.levels.len() || indentation_mm.len() != contact.len() {
             return Err(TrainError::Batch { shape: batch.shape, levels: batch.levels.len() });
         }
         let (loss, gradients) = self.gradients(batch);
@@ -384,9 +368,7 @@ impl Trainer {
 pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Vec<[f32; 2]>, TrainError> {
     check_shape(weights.architecture(), levels.len(), shape)?;
     let tensors = shared(weights.tensors());
-    let (whole, corners) = ([shape[1], shape[2]], vec![[0, 0]; shape[0]]);
-    let images = Images { levels, shape, whole, corners: &corners };
-    let output = Model::new(weights.architecture(), &tensors, Instructions::best().exact(), false).forward(images);
+    let output = Model::new(weights.architecture(), &tensors, Instructions::best().exact(), false).forward(Images { levels, shape });
     let pixels = output.tensor().values.as_chunks::<2>().0;
     Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
 }
