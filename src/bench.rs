@@ -13,7 +13,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use crate::network::ImageSize;
+use crate::network::{ImageSize, architecture};
 use crate::simulate::print_line;
 
 /// Time parts of the program on this machine
@@ -27,7 +27,7 @@ pub enum Command {
 /// Each image is worked on by one thread. Without --weights the presets have random weights, on which the speed does not depend.
 #[derive(Debug, Args)]
 pub struct NetworksArguments {
-    /// Networks, with commas between
+    /// Networks by name or by training configuration (.toml), with commas between
     #[arg(long, value_delimiter = ',', default_value = "vit,mamba,robust_mamba,default", conflicts_with = "weights")]
     networks: Vec<String>,
     /// Networks by their weights, with commas between
@@ -90,7 +90,7 @@ pub fn run(command: &Command) -> Result<()> {
     let set = arguments.instructions.unwrap_or_else(Instructions::best);
     let mut figures = Vec::new();
     let names = if arguments.weights.is_empty() { arguments.networks.as_slice() } else { &[] };
-    let presets: Vec<Architecture> = names.iter().map(|name| Architecture::preset(name)).collect::<Result<_, _>>()?;
+    let presets: Vec<Architecture> = names.iter().map(|name| architecture(name)).collect::<Result<_>>()?;
     let read: Vec<Weights> = arguments.weights.iter().map(|path| Weights::read(path)).collect::<Result<_, _>>()?;
     if !arguments.json {
         print_line(&header())?;

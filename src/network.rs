@@ -1,12 +1,13 @@
 //! `network`: what touch networks are made of.
 
 use std::fmt;
+use std::fs;
 use std::str::FromStr;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result, anyhow};
 use clap::{Args, Subcommand};
 use perception::network::{Architecture, Cost, Layer};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::simulate::print_line;
 
@@ -22,7 +23,7 @@ pub enum Command {
 /// for one image in 32-bit floats.
 #[derive(Debug, Args)]
 pub struct DescribeArguments {
-    /// vit, mamba, robust_mamba or default
+    /// vit, mamba, robust_mamba or default, or a training configuration (.toml) with hyper-parameters of its own
     name: String,
     /// Size of the image, pixels: WIDTHxHEIGHT, or the side of a square
     #[arg(long, default_value = "240x320")]
@@ -87,10 +88,26 @@ struct Part {
     activation_bytes: u64,
 }
 
+/// The preset of a name, or what the table `network` of a training configuration says.
+pub fn architecture(name: &str) -> Result<Architecture> {
+    /// What is read of a training configuration; the rest is for the training.
+    #[derive(Deserialize)]
+    struct Configured {
+        network: Architecture,
+    }
+    if !name.ends_with(".toml") {
+        return Ok(Architecture::preset(name)?);
+    }
+    let text = fs::read_to_string(name).with_context(|| format!("cannot read {name}"))?;
+    let Configured { network } = toml::from_str(&text).map_err(|error| anyhow!("{name}: {}", error.message()))?;
+    network.check()?;
+    Ok(network)
+}
+
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
     let Command::Describe(DescribeArguments { name, input, json }) = command;
-    let architecture = Architecture::preset(name)?;
+    let architecture = architecture(name)?;
     let size = architecture.fit(input.rows_and_columns());
     let layers = architecture.layers();
     let parts = layers.chunk_by(|a, b| part(a) == part(b)).map(|layers| {

@@ -138,6 +138,13 @@ struct Instant {
     tips: PerFinger<na::Isometry3<f64>>,
 }
 
+impl Instant {
+    /// Whether a camera measured the object.
+    fn is_seen(&self) -> bool {
+        self.measured.iter().any(|m| !m.is_touch)
+    }
+}
+
 /// Tracks one object in one hand.
 #[derive(Debug, Clone)]
 pub struct Tracker {
@@ -326,22 +333,12 @@ impl Tracker {
         while *left > 0 {
             *left -= 1;
             let Some(step) = system.step(damping) else { return };
-            if !is_modest(&step) {
-                damping *= 10.0;
-                if damping > 10.0 {
-                    break;
-                }
-                continue;
-            }
             let before: Vec<_> = self.window.iter().map(|instant| instant.pose).collect();
-            let held = self.held();
-            for (i, instant) in self.window.iter_mut().skip(held).enumerate() {
-                let twist: Twist = step.fixed_rows::<6>(6 * i).into_owned();
-                instant.pose *= se3::exp(&twist);
-                instant.pose.rotation.renormalize();
-            }
-            let next = self.linearise(shape, scale);
-            if next.cost < system.cost {
+            let next = is_modest(&step).then(|| {
+                self.advance(&step);
+                self.linearise(shape, scale)
+            });
+            if let Some(next) = next.filter(|next| next.cost < system.cost) {
                 let gained = (system.cost - next.cost) / system.cost;
                 system = next;
                 damping = (damping / 5.0).max(1e-7);
@@ -357,6 +354,16 @@ impl Tracker {
                     break;
                 }
             }
+        }
+    }
+
+    /// Moves the free poses.
+    fn advance(&mut self, step: &na::DVector<f64>) {
+        let held = self.held();
+        for (i, instant) in self.window.iter_mut().skip(held).enumerate() {
+            let twist: Twist = step.fixed_rows::<6>(6 * i).into_owned();
+            instant.pose *= se3::exp(&twist);
+            instant.pose.rotation.renormalize();
         }
     }
 
@@ -468,11 +475,13 @@ impl Tracker {
             if k > 1 && config.velocity_weight > 0.0 {
                 let poses = [&self.window[k - 2].pose, &self.window[k - 1].pose, &instant.pose];
                 let (r, jacobians) = velocity(poses, config.velocity_kept);
+                // A camera can tell that an object was thrown; a pad fits wherever it goes.
+                let loss = if instant.is_seen() { Loss::Cauchy(3.0) } else { Loss::Square };
                 for row in 0..6 {
                     let s = 1.0 / config.velocity_sigma[row / 3];
                     let block = |b: usize| -> Block { (index(k + b - 2), jacobians[b].row(row).transpose() * s) };
                     let blocks = [block(0), block(1), block(2)];
-                    system.add(r[row] * s, &blocks, config.velocity_weight, Loss::Cauchy(3.0));
+                    system.add(r[row] * s, &blocks, config.velocity_weight, loss);
                 }
             }
         }

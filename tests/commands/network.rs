@@ -27,6 +27,10 @@ fn networks_are_counted() {
     assert_eq!(blocks["parameters"], 12 * 1_774_464, "{description}");
     // 250 is no multiple of 16.
     assert!(workplace.run("network describe default --input 250x320").good().contains("input 256x320"));
+    workplace.write("small.toml", "[network]\nname = \"vit\"\nwidth = 192\nheads = 3\n\n[training]\nseed = 1\n");
+    assert!(workplace.run("network describe small.toml").good().contains("\"width\":192,\"depth\":12"));
+    workplace.write("wrong.toml", "[network]\nname = \"vit\"\nwidht = 192\n");
+    assert!(workplace.run("network describe wrong.toml").error().contains("widht"));
     let said = workplace.run("network describe resnet").error();
     assert!(["vit", "mamba", "robust_mamba", "default"].iter().all(|name| said.contains(name)), "{said}");
     assert!(workplace.run("network describe default --input 0x3").usage().contains("240x320"));

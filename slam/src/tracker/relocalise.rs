@@ -78,9 +78,10 @@ impl Tracker {
             let middle = seen + to_na(away) * 0.02 + random_in_ball(rng) * 0.01;
             propose(rotation, middle - rotation * to_na(centre));
         }
+        let near = near.filter(|_| !instant.is_seen()).map(|near| Near { pose: near.untyped(), sigma: SEARCH_SIGMA });
         for round in ROUNDS {
             for candidate in &mut candidates {
-                *candidate = refine(instant, shape, candidate.pose, &round);
+                *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
             }
             candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
             candidates.truncate(round.kept);
@@ -98,8 +99,8 @@ impl Tracker {
             to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32)
         };
         let seen = middle(instant);
-        // The pose before, carried along with what is seen.
-        let before = self.window.iter().rev().nth(1).map_or(seen, middle);
+        // The pose before, carried along with what is seen; pads stay where they are while the object moves under them.
+        let before = self.window.iter().rev().nth(1).filter(|_| instant.is_seen()).map_or(seen, middle);
         let carried = na::Translation3::from(seen - before) * previous;
         let as_candidate = |pose| Candidate { pose, cost: f64::INFINITY };
         let mut candidates = vec![as_candidate(start), as_candidate(previous), as_candidate(carried)];
@@ -111,9 +112,10 @@ impl Tracker {
             let about = na::Translation3::from(seen + shift) * turn * na::Translation3::from(-seen);
             candidates.push(as_candidate(about * from));
         }
+        let near = (!instant.is_seen()).then_some(Near { pose: start, sigma: LOCAL_SIGMA });
         for round in LOCAL_ROUNDS {
             for candidate in &mut candidates {
-                *candidate = refine(instant, shape, candidate.pose, &round);
+                *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
             }
             candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
             candidates.truncate(round.kept);
@@ -136,8 +138,25 @@ impl Tracker {
 /// A point where nothing was seen before costs as much as one so far from the surface, metres.
 const UNSEEN_COSTS_M: f64 = 0.002;
 
+/// Where the object was, and how far it may have gone since, one standard deviation, metres and radians.
+struct Near {
+    pose: na::Isometry3<f64>,
+    sigma: [f64; 2],
+}
+
+/// How far from its last pose an object that no camera sees is searched for, and from where it is expected one that is followed: all that
+/// tells apart the poses that a single pad allows.
+const SEARCH_SIGMA: [f64; 2] = [0.02, 0.8];
+const LOCAL_SIGMA: [f64; 2] = [0.005, 0.2];
+
 /// A few damped steps of one pose against the shape, with a sample of all measurements.
-fn refine(instant: &Instant, shape: &dyn Reference, mut pose: na::Isometry3<f64>, round: &Round) -> Candidate {
+fn refine(
+    instant: &Instant,
+    shape: &dyn Reference,
+    mut pose: na::Isometry3<f64>,
+    round: &Round,
+    near: Option<&Near>,
+) -> Candidate {
     let measured = every(&instant.measured, round.points);
     let vacant = every(&instant.occupied, round.points);
     let build = |pose: &na::Isometry3<f64>| {
@@ -162,6 +181,14 @@ fn refine(instant: &Instant, shape: &dyn Reference, mut pose: na::Isometry3<f64>
             if short < 0.0 {
                 let s = 1.0 / f64::from(v.sigma_m);
                 system.add(short * s, &[(Some(0), j * s)], v.share, loss);
+            }
+        }
+        if let Some(near) = near {
+            let moved = se3::log(&(near.pose.inverse() * pose));
+            let jacobian = se3::inverse_right_jacobian(&moved);
+            for row in 0..6 {
+                let s = 1.0 / near.sigma[row / 3];
+                system.add(moved[row] * s, &[(Some(0), jacobian.row(row).transpose() * s)], 1.0, Loss::Square);
             }
         }
         system

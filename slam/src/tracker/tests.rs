@@ -1,4 +1,6 @@
 use glam::Vec3;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
 use scenes::camera::look_at;
 use scenes::depth::DepthFrame;
 use scenes::frame::Camera;
@@ -344,6 +346,74 @@ fn free_space_bounds_what_depth_alone_leaves_open() {
     assert!(only_surface > 0.0025, "{only_surface}");
     assert!(with_free_space < 0.001, "{with_free_space}");
     assert!(error(Config::default()) < 0.001);
+}
+
+/// Two planes that all but agree on where sideways is: what one pad says of it is noise divided by a slope of next to nothing.
+struct Ramp;
+
+impl Shape for Ramp {
+    fn distances(&self, points: &[Vec3], out: &mut [f32]) {
+        let mut found = vec![Distance::default(); points.len()];
+        self.distances_and_gradients(points, &mut found);
+        out.iter_mut().zip(found).for_each(|(out, found)| *out = found.value_m);
+    }
+
+    fn distances_and_gradients(&self, points: &[Vec3], out: &mut [Distance]) {
+        const SLOPE: f32 = 1e-3;
+        for (out, p) in out.iter_mut().zip(points) {
+            let (step_m, slope) = if p.x > 0.003 { (-0.003, SLOPE) } else { (0.0, 0.0) };
+            let value_m = p.z - 0.03 + step_m + slope * p.x;
+            *out = Distance { value_m, gradient: Vec3::new(slope, 0.0, 1.0) };
+        }
+    }
+}
+
+impl Reference for Ramp {
+    fn trusted(&self, _: &[Vec3], out: &mut [bool]) {
+        out.fill(true);
+    }
+
+    fn sigma_m(&self) -> f32 {
+        0.0001
+    }
+}
+
+#[test]
+fn what_nothing_measures_carries_nothing_away() {
+    let solid = Solid::Ball(0.03);
+    let at = pose([0.0; 3], [0.0; 3]);
+    let mut depth = frame(0.0, vec![None]);
+    depth.touch[Finger::Middle] = Some(feel(solid, at, sensor(solid)));
+    let scan = Arc::new(Scan::new(0, &depth, &scan::Config::default(), 1));
+    let mut tracker = Tracker::new(Config { window: 1, touch_weight: 1.0, ..nothing() }, Side::Right);
+    tracker.push(&Ramp, scan, at, std::iter::empty());
+    let found = tracker.solve(&Ramp).unwrap().pose().untyped();
+    let moved = (at.untyped().inverse() * found).translation.vector.norm();
+    assert!(moved < 0.05, "moved by {moved} m");
+}
+
+/// A pad fits in many places: the pose that is expected decides.
+#[test]
+fn a_pad_alone_does_not_throw_an_object() {
+    let solid = Solid::Block([0.03; 3]);
+    let shape = Block([0.03; 3]);
+    let at = pose([0.0; 3], [0.0; 3]);
+    let touched = |k: usize, side: [f64; 3]| {
+        let mut depth = frame(k as f64 / 30.0, vec![None]);
+        let above = Isometry::<Camera, Camera>::translation(0.008, 0.004, 0.03 + f64::from(GEL_M) - 0.0015);
+        depth.touch[Finger::Middle] = Some(feel(solid, at, Isometry::new(pose([0.0; 3], side).untyped()) * above));
+        Arc::new(Scan::new(k, &depth, &scan::Config::default(), 1))
+    };
+    for seed in 0..20 {
+        let mut tracker = Tracker::new(Config::default(), Side::Right);
+        // First from above, then from a side and askew: the middle of what is felt moves by four centimetres.
+        tracker.push(&shape, touched(0, [0.0; 3]), at, std::iter::empty());
+        let near = pose([0.004, 0.003, 0.002], [6.0, -5.0, 4.0]);
+        tracker.push(&shape, touched(1, [20.0, 75.0, 10.0]), near, std::iter::empty());
+        tracker.look_around(&shape, near, &mut ChaCha8Rng::seed_from_u64(seed));
+        let moved = (near.untyped().inverse() * tracker.window[1].pose).translation.vector.norm();
+        assert!(moved < 0.008, "moved by {moved} m with seed {seed}");
+    }
 }
 
 /// A block by formula, its gradient by differences.
