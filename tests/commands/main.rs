@@ -19,4 +19,6 @@ mod render_touch;
 mod run;
 mod score;
 mod simulate;
+#[cfg(feature = "train")]
+mod train;
 mod workplace;

@@ -121,11 +121,12 @@ impl Batch {
     fn shares(&self) -> Vec<(usize, Images<'_>)> {
         let [_, rows, columns] = self.shape;
         let count = (SHARE / (rows * columns)).max(1);
-        let share = |(k, levels): (usize, &'_ [u8])| {
+        let shares = self.levels.chunks(3 * count * rows * columns).enumerate();
+        let shares = shares.map(|(k, levels)| {
             let shape = [levels.len() / (3 * rows * columns), rows, columns];
             (k * count * rows * columns, Images { levels, shape })
-        };
-        self.levels.chunks(3 * count * rows * columns).enumerate().map(share).collect()
+        });
+        shares.collect()
     }
 }
 
@@ -368,7 +369,8 @@ impl Trainer {
 pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Vec<[f32; 2]>, TrainError> {
     check_shape(weights.architecture(), levels.len(), shape)?;
     let tensors = shared(weights.tensors());
-    let output = Model::new(weights.architecture(), &tensors, Instructions::best().exact(), false).forward(Images { levels, shape });
+    let output = Model::new(weights.architecture(), &tensors, Instructions::best().exact(), false)
+        .forward(Images { levels, shape });
     let pixels = output.tensor().values.as_chunks::<2>().0;
     Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
 }
