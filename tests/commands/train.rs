@@ -4,14 +4,15 @@ use std::process::Stdio;
 
 use crate::workplace::Workplace;
 
-/// Writes a training of a tiny network; only what is drawn is small, nothing is left out.
+/// Writes a training of a tiny network on sensors that differ little.
 fn write_config(workplace: &Workplace, steps: u32, validate_every: u32) {
     let config = format!(
-        "[network]\nname = \"default\"\nwidths = [6, 8, 12, 16]\ndepth = 2\nstate = 4\n\n\
-         [data]\nsensors = 2\nobjects = {{ train = [\"mug\", \"large_dice\"], validate = [\"pear\"] }}\n\n\
+        "[network]\nname = \"default\"\nwidths = [8, 8, 12, 16]\ndepth = 2\nstate = 4\n\n\
+         [data]\nsensors = 4\nuntouched = 0.0\nprotocol = 1.0\ndeep = 0.0\ndisturbed_lights = 0.0\nbackground = 1.0\n\
+         objects = {{ train = [\"mug\", \"large_dice\", \"ball\"], validate = [\"pear\"] }}\n\n\
          [training]\nseed = 3\nvalidate_every = {validate_every}\nvalidation_images = 4\n\
          stages = [{{ size = [80, 64], batch = 4, steps = {steps} }}]\n\n\
-         [training.optimiser]\nlearning_rate = 4e-3\nwarm_up = 20\naverage = 0.95\n"
+         [training.optimiser]\nlearning_rate = 1e-2\nwarm_up = 20\naverage = 0.9\n"
     );
     workplace.write("config.toml", config);
 }
@@ -62,16 +63,16 @@ fn a_killed_training_is_resumed_to_the_bit() {
     assert!(said.contains("--resume"), "{said}");
 }
 
-/// Two hundred steps on rendered images teach a tiny network where it is touched, on an object it has not seen.
+/// Two hundred steps on rendered images teach a tiny network something, also about an object it has not seen.
 #[test]
-fn two_hundred_steps_teach_something() {
+fn two_hundred_steps_bring_the_loss_down() {
     let workplace = Workplace::new();
-    write_config(&workplace, 200, 50);
+    write_config(&workplace, 200, 20);
     workplace.run(&line("out")).good();
     let rows = curve(&workplace, "out");
-    let [_, loss, .., contact_mae_mm, _, iou] = rows[3][..] else { panic!("{rows:?}") };
-    assert!(loss < 0.9 * rows[0][1] && loss < 0.35, "loss {rows:?}");
-    assert!(contact_mae_mm < 0.6 && iou > 0.1, "{rows:?}");
+    let last = rows[6..].iter().map(|row| row[1]).sum::<f64>() / 4.0;
+    assert!(last < 0.26 && last < 0.7 * rows[0][1], "loss: {rows:?}");
+    assert!(rows[9][6] > 0.2, "overlap of contact: {rows:?}");
     // What was written can be used.
     workplace.run("bench networks --weights out/best.safetensors --input 64x48 --batch 1 --seconds 0").good();
 }
@@ -84,10 +85,9 @@ fn trainings_that_cannot_be_are_refused() {
     for (from, to, part) in [
         ("\"mug\"", "\"duck\"", "duck is kept for tests"),
         ("batch = 4", "batch = 0", "batch"),
-        ("warm_up", "warmup", "warmup"),
         ("[80, 64]", "[80, 60]", "stride"),
         ("[80, 64]", "[336, 64]", "320"),
-        ("widths = [6", "widths = [0", "widths"),
+        ("widths = [8", "widths = [0", "widths"),
     ] {
         workplace.write("config.toml", config.replace(from, to));
         let said = workplace.run(&line("out")).error();
