@@ -1,5 +1,7 @@
 //! `bench`: how fast parts of the program are on this machine.
 
+mod view;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -20,6 +22,7 @@ use crate::simulate::print_line;
 #[derive(Debug, Subcommand)]
 pub enum Command {
     Networks(NetworksArguments),
+    View(view::Arguments),
 }
 
 /// Time touch networks on the CPU: images per second and memory
@@ -83,7 +86,10 @@ struct Figure {
 
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
-    let Command::Networks(arguments) = command;
+    let arguments = match command {
+        Command::Networks(arguments) => arguments,
+        Command::View(arguments) => return view::run(arguments),
+    };
     if !(0.0..=3600.0).contains(&arguments.seconds) {
         bail!("--seconds must be from 0 to 3600");
     }

@@ -12,6 +12,7 @@ mod network;
 mod pipeline;
 mod progress;
 mod recorder;
+mod recording;
 mod render_touch;
 mod report;
 mod run;
@@ -23,6 +24,8 @@ mod subject;
 mod supervisor;
 #[cfg(feature = "train")]
 mod train;
+mod view;
+mod viewer;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
@@ -58,6 +61,7 @@ enum Command {
     #[command(subcommand)]
     Bench(bench::Command),
     EvalTouch(eval_touch::Arguments),
+    View(view::Arguments),
     #[cfg(feature = "train")]
     Train(train::Arguments),
 }
@@ -88,6 +92,7 @@ fn main() -> ExitCode {
         Some(Command::Network(command)) => network::run(&command),
         Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
+        Some(Command::View(arguments)) => view::run(&arguments),
         #[cfg(feature = "train")]
         Some(Command::Train(arguments)) => train::run(&arguments),
     };

@@ -92,7 +92,14 @@ pub enum Progress<'a> {
         frames: usize,
     },
     /// A frame has been estimated.
-    Frame(&'a FrameRow),
+    Frame {
+        /// What was estimated.
+        row: &'a FrameRow,
+        /// Whether the map keeps it.
+        is_keyframe: bool,
+        /// What was sensed, which is not needed any more.
+        sensed: Box<Sensed>,
+    },
     /// The shape has been meshed.
     Shape(&'a Shape),
     /// Something is amiss, and the run goes on.
@@ -233,7 +240,7 @@ impl Pipeline<'_> {
         mut self,
         source: &mut dyn Source,
         stop: &AtomicBool,
-        listener: &mut dyn FnMut(&Progress<'_>),
+        listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Finished> {
         // Before the clock runs: the truth is no part of the work.
         let truth = self.object.map(|object| TrueSurface::new(&object.mesh, POINTS, 0));
@@ -241,7 +248,7 @@ impl Pipeline<'_> {
             Mode::Pose => Some(Given::new(self.object.context("--mode pose needs the object: give --object")?)?),
             Mode::Slam | Mode::Map => None,
         };
-        listener(&Progress::Started { frames: source.len() });
+        listener(Progress::Started { frames: source.len() });
         let cell_m = (self.config.mesh_cell_mm * 1e-3) as f32;
         let truth = truth.as_ref();
         let finished = thread::scope(|scope| {
@@ -258,8 +265,8 @@ impl Pipeline<'_> {
                 let (snapshots, snapshot_receiver) = mpsc::channel::<Snapshot>();
                 let (shapes, done) = mpsc::channel();
                 scope.spawn(move || {
-                    // An error means that nobody waits for shapes any more.
-                    snapshot_receiver.iter().try_for_each(|snapshot| shapes.send(snapshot.shape(cell_m, truth)))
+                    // Until nobody waits for shapes any more.
+                    snapshot_receiver.iter().all(|snapshot| shapes.send(snapshot.shape(cell_m, truth)).is_ok())
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };
@@ -269,7 +276,7 @@ impl Pipeline<'_> {
             let (reason, as_meant) = source.end();
             let time_s = finished.last_s;
             if !as_meant {
-                listener(&Progress::Event(&Event { time_s, text: reason }));
+                listener(Progress::Event(&Event { time_s, text: reason }));
             }
         }
         let mesh = match (&finished.estimator, self.object) {
@@ -286,7 +293,7 @@ impl Pipeline<'_> {
         mut mesher: Mesher<'_>,
         mut given: Option<Given>,
         stop: &AtomicBool,
-        listener: &mut dyn FnMut(&Progress<'_>),
+        listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Followed> {
         let mut scorer = Scorer::new(self.object, self.mode != Mode::Slam);
         let mut estimator: Option<Estimator> = None;
@@ -294,11 +301,12 @@ impl Pipeline<'_> {
         let mut complete = false;
         let begun = Instant::now();
         while !stop.load(Ordering::Relaxed) {
-            let Some(Sensed { frame, depth, truth, sense_ms, warnings }) = feed.next()? else {
+            let Some(sensed) = feed.next()? else {
                 complete = true;
                 break;
             };
-            warnings.iter().for_each(|warning| listener(&Progress::Warning(warning)));
+            let Sensed { frame, truth, sense_ms, .. } = sensed;
+            sensed.warnings.iter().for_each(|warning| listener(Progress::Warning(warning)));
             let unknown =
                 "where the object is at the first frame is not known; there are --mode slam and --init search";
             let known = match &mut estimator {
@@ -318,7 +326,7 @@ impl Pipeline<'_> {
             let given_pose = match self.mode {
                 Mode::Map => {
                     let Some(truth) = truth else {
-                        listener(&Progress::Warning(&format!("frame {frame} has no true pose and is left out")));
+                        listener(Progress::Warning(&format!("frame {frame} has no true pose and is left out")));
                         feed.direct(Directive::Continue)?;
                         continue;
                     };
@@ -326,18 +334,18 @@ impl Pipeline<'_> {
                 }
                 Mode::Slam | Mode::Pose => None,
             };
-            let estimate = known.step(&depth, given_pose);
+            let estimate = known.step(&sensed.depth, given_pose);
             feed.direct(self.decide(known, &estimate, listener))?;
             let row = scorer.row(frame, &estimate, truth, sense_ms);
-            tell_changes(last.as_ref(), &row, listener);
-            listener(&Progress::Frame(&row));
+            tell_changes(last.as_ref(), &row, &estimate, listener);
+            listener(Progress::Frame { row: &row, is_keyframe: estimate.keyframe, sensed: Box::new(sensed) });
             if let Some(map) =
                 known.map().filter(|_| (estimate.frame as u64 + 1).is_multiple_of(self.config.score_every))
             {
                 mesher.push(Snapshot::new(map, &row, scorer.gauge()));
             }
             while let Some(shape) = mesher.poll() {
-                listener(&Progress::Shape(&shape));
+                listener(Progress::Shape(&shape));
             }
             last = Some(row);
         }
@@ -350,7 +358,7 @@ impl Pipeline<'_> {
         }
         let mut mesh = None;
         for shape in mesher.finish() {
-            listener(&Progress::Shape(&shape));
+            listener(Progress::Shape(&shape));
             mesh = Some(shape.mesh);
         }
         Ok(Followed { mesh, estimator, wall_s, complete, last_s: last.map_or(0.0, |row| row.time_s) })
@@ -361,7 +369,7 @@ impl Pipeline<'_> {
         &mut self,
         estimator: &Estimator,
         estimate: &Estimate,
-        listener: &mut dyn FnMut(&Progress<'_>),
+        listener: &mut dyn FnMut(Progress<'_>),
     ) -> Directive {
         let Some(supervisor) = &mut self.supervisor else { return Directive::Continue };
         let directive = supervisor.decide(&estimator.belief(estimate));
@@ -371,7 +379,7 @@ impl Pipeline<'_> {
             Directive::Regrasp => "re-grasps".to_owned(),
             Directive::Stop => "the goal is reached".to_owned(),
         };
-        listener(&Progress::Event(&Event { time_s: estimate.time_s, text }));
+        listener(Progress::Event(&Event { time_s: estimate.time_s, text }));
         directive
     }
 }
@@ -384,14 +392,22 @@ struct Followed {
     last_s: f64,
 }
 
-fn tell_changes(before: Option<&FrameRow>, row: &FrameRow, listener: &mut dyn FnMut(&Progress<'_>)) {
+fn tell_changes(
+    before: Option<&FrameRow>,
+    row: &FrameRow,
+    estimate: &Estimate,
+    listener: &mut dyn FnMut(Progress<'_>),
+) {
+    let mut tell = |text: &str| listener(Progress::Event(&Event { time_s: row.time_s, text: text.to_owned() }));
+    if estimate.loop_closed {
+        tell("closed a loop: the shape has come round");
+    }
     let before = before.map_or(TrackState::Tracking, |row| row.state);
-    let text = match (before, row.state) {
-        (TrackState::Tracking | TrackState::Relocalised, TrackState::Lost) => "lost the object",
-        (_, TrackState::Relocalised) => "found the object again",
-        _ => return,
-    };
-    listener(&Progress::Event(&Event { time_s: row.time_s, text: text.to_owned() }));
+    match (before, row.state) {
+        (TrackState::Tracking | TrackState::Relocalised, TrackState::Lost) => tell("lost the object"),
+        (_, TrackState::Relocalised) => tell("found the object again"),
+        _ => {}
+    }
 }
 
 #[cfg(test)]

@@ -10,11 +10,11 @@ use anyhow::{Context as _, Result};
 use scenes::frame::{Isometry, Object, World};
 use scenes::mesh::Mesh;
 use scenes::object::Object as TrueObject;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use slam::metrics::AddS;
 
 mod curves;
-mod error_colour;
+pub mod error_colour;
 pub mod mesh_file;
 mod summary;
 #[cfg(test)]
@@ -122,7 +122,7 @@ impl StageMs {
 }
 
 /// The shape's score at a time.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ShapePoint {
     /// Seconds since the start.
     pub time_s: f64,
@@ -130,6 +130,10 @@ pub struct ShapePoint {
     pub f5: f64,
     /// F-score at 2 mm.
     pub f2: f64,
+    /// F-score at 1 mm.
+    pub f1: f64,
+    /// F-score at 10 mm.
+    pub f10: f64,
     /// Precision at 5 mm.
     pub precision5: f64,
     /// Recall at 5 mm.

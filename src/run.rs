@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, anyhow, bail};
 use clap::{Args, value_parser};
 use indicatif::ProgressBar;
-use scenes::camera::Placement;
+use scenes::camera::{Placement, PosedCamera};
 use scenes::hand::Side;
 use scenes::mesh::Mesh;
 use scenes::object::Object;
@@ -18,13 +18,14 @@ use slam::map::Map;
 use slam::metrics::{POINTS, TrueSurface};
 
 use crate::pipeline::{Finished, Init, Mode, Pipeline, Progress, RunConfig};
+use crate::recording::{self, About};
 use crate::report::{self, RunRecord, Summary, file};
 use crate::settings;
 use crate::simulate::print_line;
 use crate::source::{LiveSettings, LiveSource, LogSource, Modality, Source, TouchArguments, TouchNetwork};
 use crate::subject::{Manner, duration, load_object};
 use crate::supervisor::{Goal, Supervisor};
-use crate::{progress, score};
+use crate::{progress, score, view};
 
 /// Name of the file with every setting.
 const CONFIG: &str = "config.toml";
@@ -41,7 +42,7 @@ const OFFLINE_OBJECT: &str = "rubiks_cube_small";
 /// DIR receives summary.json (the run in numbers), trajectory.csv (every frame), mesh.ply and mesh.obj (the shape), curves.svg, mesh.gif,
 /// and config.toml: every setting, under the command that repeats the run. They are there in part from the first second on; of an
 /// interrupted run summary.json says "complete": false. Where the shape is estimated there are also field.safetensors and
-/// keyframes.safetensors: what was learnt, for `mesh` and --resume.
+/// keyframes.safetensors: what was learnt, for `mesh` and --resume. recording/ is for `view`, also while the run goes on.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Object: a name that `assets list` shows, or the path of a mesh in metres. With --log, the object to score against instead of the
@@ -99,6 +100,9 @@ pub struct Arguments {
     /// No progress bar, and no words
     #[arg(long)]
     quiet: bool,
+    /// Watch the run in a window; closing it does not end the run
+    #[arg(long)]
+    view: bool,
     #[command(flatten)]
     manner: Manner,
 }
@@ -112,6 +116,7 @@ struct Subject {
     name: String,
     object: Option<Object>,
     supervisor: Option<Supervisor>,
+    cameras: Vec<PosedCamera>,
 }
 
 /// Runs the command.
@@ -134,7 +139,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
-    let Subject { mut source, side, seed, name, object, supervisor } = match &arguments.log {
+    let Subject { mut source, side, seed, name, object, supervisor, cameras } = match &arguments.log {
         Some(log) => from_log(arguments, log, &config, network)?,
         None => live(arguments, &config, network)?,
     };
@@ -147,6 +152,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let settings = format!("# {}\n{}", repeat(arguments, &name, seed), settings::to_toml(&config)?);
     report::write_file(&arguments.out, CONFIG, settings.as_bytes())?;
 
+    let about = About {
+        version: recording::VERSION,
+        object: name.clone(),
+        seed,
+        mode: arguments.mode.name().to_owned(),
+        modality: arguments.modality.name().to_owned(),
+        side,
+        cameras,
+        frames: source.len(),
+        process: std::process::id(),
+    };
+    let truth = object.as_ref().map(|object| &object.mesh);
+    let writer = recording::Writer::create(&arguments.out, &about, truth)?;
+    if arguments.mode == Mode::Pose {
+        truth.into_iter().for_each(|mesh| writer.given(mesh));
+    }
+    if arguments.view {
+        view::watch(&arguments.out)?;
+    }
     let pipeline = Pipeline {
         config: &config,
         mode: arguments.mode,
@@ -167,7 +191,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let bar = if arguments.quiet { ProgressBar::hidden() } else { progress::bar(0, "") };
     let mut recorder = Recorder::new(&arguments.out, record, bar);
-    let finished = pipeline.run(source.as_mut(), &stop, &mut |progress| recorder.receive(progress))?;
+    let finished = pipeline.run(source.as_mut(), &stop, &mut |progress| {
+        recorder.receive(&progress);
+        writer.receive(progress);
+    });
+    // Of a run that has failed there is a recording, too.
+    let recorded = writer.finish(finished.as_ref().is_ok_and(|finished| finished.complete));
+    if let Err(error) = recorded {
+        tracing::warn!("the recording is incomplete: {error}");
+    }
+    let finished = finished?;
     let summary = recorder.finish(&finished, object.as_ref())?;
     if let Some(map) = finished.estimator.map() {
         map.save(&arguments.out)?;
@@ -246,7 +279,8 @@ fn from_log(
         source.limit(duration_s);
     }
     let seed = arguments.seed.unwrap_or(source.seed());
-    Ok(Subject { side: source.side(), seed, name, object, supervisor: None, source: Box::new(source) })
+    let cameras = source.cameras().to_vec();
+    Ok(Subject { side: source.side(), seed, name, object, supervisor: None, cameras, source: Box::new(source) })
 }
 
 fn live(arguments: &Arguments, config: &RunConfig, network: Option<TouchNetwork>) -> Result<Subject> {
@@ -270,8 +304,9 @@ fn live(arguments: &Arguments, config: &RunConfig, network: Option<TouchNetwork>
     let others = gait::shipped().keys().map(String::as_str).filter(|&name| name != gait_name);
     let gaits: Vec<&'static str> = std::iter::once(gait_name).chain(others).collect();
     let supervisor = Supervisor::new(arguments.goal, &gaits, config.supervisor);
+    let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
     let source = Box::new(LiveSource::new(&object, settings, network)?);
-    Ok(Subject { source, side, seed, name, object: Some(object), supervisor: Some(supervisor) })
+    Ok(Subject { source, side, seed, name, object: Some(object), supervisor: Some(supervisor), cameras })
 }
 
 /// The Rubik's cube, or without a network its procedural likeness.
@@ -287,7 +322,7 @@ fn default_object() -> Result<(String, Object)> {
 }
 
 /// The files that a run may have left.
-const OURS: [&str; 9] = [
+const OURS: [&str; 10] = [
     file::SUMMARY,
     file::TRAJECTORY,
     file::PLY,
@@ -297,6 +332,7 @@ const OURS: [&str; 9] = [
     CONFIG,
     Map::FILES[0],
     Map::FILES[1],
+    recording::FOLDER,
 ];
 
 /// Checks that a folder holds nothing but a run, which may be replaced.
@@ -321,7 +357,8 @@ fn prepare(out: &Path) -> Result<()> {
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     for name in OURS {
         let path = out.join(name);
-        if path.exists() {
+        // The recording is replaced by the new one.
+        if path.is_file() {
             fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
         }
     }
@@ -367,7 +404,7 @@ impl<'a> Recorder<'a> {
                 self.begun = Instant::now();
                 self.bar.set_length(*frames as u64);
             }
-            Progress::Frame(row) => {
+            Progress::Frame { row, .. } => {
                 self.record.frames.push(**row);
                 self.record.simulated_s = row.time_s;
                 self.show();

@@ -6,6 +6,8 @@ mod touch;
 
 use anyhow::Result;
 use clap::ValueEnum;
+use image::RgbImage;
+use ndarray::Array2;
 use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Object, World};
 use scenes::hand::PerFinger;
@@ -24,10 +26,26 @@ pub struct Sensed {
     pub depth: DepthFrame,
     /// Where the object is, for scores; none where nobody knows.
     pub truth: Option<Isometry<Object, World>>,
+    /// What there was to be seen, for recordings.
+    pub pictures: Pictures,
     /// Wall time of simulation and rendering, or of reading, and of perception, milliseconds.
     pub sense_ms: f64,
     /// What was amiss for the first time, in sentences.
     pub warnings: Vec<String>,
+}
+
+/// What there was to be seen at one instant: for those who record or show a run, and no part of what estimation receives. Images may
+/// be missing or empty.
+#[derive(Debug, Clone, Default)]
+pub struct Pictures {
+    /// Colours of each camera.
+    pub cameras: Vec<RgbImage>,
+    /// What each DIGIT shows.
+    pub touch: PerFinger<RgbImage>,
+    /// True touch depth, metres, where it is known and is not what estimation receives.
+    pub true_touch_m: PerFinger<Option<Array2<f32>>>,
+    /// Normal force on each fingertip, newtons, where a simulator knows it.
+    pub forces_n: Option<PerFinger<f64>>,
 }
 
 /// Gives sensed frames one at a time.

@@ -9,18 +9,21 @@ use scenes::object::Object as TrueObject;
 use slam::field::Field;
 use slam::map::Map;
 use slam::metrics::{POINTS, THRESHOLDS_M, TrueSurface, sample_surface};
+use slam::shape::Shape as _;
 use slam::surface::{extract, largest_component};
 use slam::{Estimate, State};
 
+use crate::recording::SdfGrid;
 use crate::report::{FrameRow, ShapePoint, StageMs, TrackState};
 
-/// Points of the true surface from which the error is told while a run goes on; the figures that are reported come from ten times as
-/// many.
+/// Points of the true surface over which the error is averaged while a run goes on; for the figures that are reported it is averaged over
+/// ten times as many.
 const QUICK_POINTS: usize = 1000;
 
 /// Rows of a run's record, one by one.
 pub struct Scorer {
-    quick: Option<TrueSurface>,
+    /// The true surface, and the sample of it.
+    truth: Option<[TrueSurface; 2]>,
     /// From the model's coordinates to the object's: a choice of coordinates, made once, at the first estimate.
     gauge: Option<Isometry<Model, Object>>,
     before: State,
@@ -30,7 +33,7 @@ impl Scorer {
     /// Scores against an object, where it is known. With `model_is_object` the model's coordinates are the object's.
     pub fn new(object: Option<&TrueObject>, model_is_object: bool) -> Self {
         Self {
-            quick: object.map(|object| TrueSurface::new(&object.mesh, QUICK_POINTS, 0)),
+            truth: object.map(|object| [POINTS, QUICK_POINTS].map(|count| TrueSurface::new(&object.mesh, count, 0))),
             gauge: model_is_object.then(Isometry::identity),
             before: State::Waiting,
         }
@@ -57,7 +60,7 @@ impl Scorer {
         self.before = estimate.state;
         let pose = estimate.pose * self.gauge().inverse();
         // Before there is an estimate there is no error.
-        let add_s = truth.zip(self.quick.as_ref()).filter(|_| self.gauge.is_some());
+        let add_s = truth.zip(self.truth.as_ref()).filter(|_| self.gauge.is_some());
         FrameRow {
             frame,
             time_s: estimate.time_s,
@@ -65,7 +68,7 @@ impl Scorer {
             confidence: estimate.confidence,
             estimate: pose,
             truth,
-            add_s: add_s.map(|(truth, surface)| surface.add_s(truth.inverse() * pose)),
+            add_s: add_s.map(|(truth, [surface, sample])| surface.add_s_of(sample, truth.inverse() * pose)),
             stage_ms: StageMs {
                 sense: sense_ms,
                 track: estimate.spent.track.as_secs_f64() * 1e3,
@@ -99,6 +102,8 @@ pub struct Shape {
     pub frame: u64,
     /// The surface in the coordinates from which the estimated poses lead.
     pub mesh: Mesh,
+    /// Signed distances around it.
+    pub sdf: SdfGrid,
     /// Its scores, where the truth is known.
     pub point: Option<ShapePoint>,
     /// Wall time, milliseconds.
@@ -133,10 +138,36 @@ impl Snapshot {
                 time_s: self.time_s,
                 f5: at(5.0).map_or(0.0, slam::metrics::FScore::f),
                 f2: at(2.0).map_or(0.0, slam::metrics::FScore::f),
+                f1: at(1.0).map_or(0.0, slam::metrics::FScore::f),
+                f10: at(10.0).map_or(0.0, slam::metrics::FScore::f),
                 precision5: at(5.0).map_or(0.0, |f| f.precision),
                 recall5: at(5.0).map_or(0.0, |f| f.recall),
             }
         });
-        Shape { frame: self.frame, mesh, point, mesh_ms: begun.elapsed().as_secs_f64() * 1e3 }
+        let mesh_ms = begun.elapsed().as_secs_f64() * 1e3;
+        let sdf = self.distances(mesh.bounds_m());
+        Shape { frame: self.frame, mesh, sdf, point, mesh_ms }
+    }
+
+    /// Signed distances in and around a box, coarsely.
+    fn distances(&self, [low, high]: [Vec3; 2]) -> SdfGrid {
+        const NODES: f32 = 32.0;
+        const MARGIN_M: f32 = 0.012;
+        let (low, high) = (low - MARGIN_M, high + MARGIN_M);
+        let cell_m = (high - low).max_element() / (NODES - 1.0);
+        let counts = ((high - low) / cell_m).ceil().to_array().map(|cells| cells as u32 + 1);
+        let (rotation, translation) = self.object_from_field.inverse().to_f32();
+        let [columns, rows, layers] = counts;
+        let nodes = (0..layers).flat_map(|z| (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y, z])));
+        let to_field = |node: [u32; 3]| {
+            let point = low + cell_m * Vec3::from(node.map(|c| c as f32));
+            Vec3::from(rotation * glam::Vec3A::from(point) + translation)
+        };
+        let points: Vec<Vec3> = nodes.map(to_field).collect();
+        let mut distances = vec![0.0; points.len()];
+        self.field.distances(&points, &mut distances);
+        // The cast clamps.
+        let values = distances.iter().map(|distance| (distance / SdfGrid::STEP_M).round() as i8).collect();
+        SdfGrid { low, cell_m, counts, values }
     }
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::source::Pictures;
 use scenes::depth::DepthFrame;
 use scenes::hand::{JOINTS, PerFinger};
 
@@ -21,7 +22,7 @@ impl Source for Witness {
         self.frames += 1;
         let time_s = frame as f64;
         let depth = DepthFrame { time_s, joints: [0.0; JOINTS], cameras: vec![], touch: PerFinger::default() };
-        Ok(Some(Sensed { frame, depth, truth: None, sense_ms: 0.0, warnings: vec![] }))
+        Ok(Some(Sensed { frame, depth, truth: None, pictures: Pictures::default(), sense_ms: 0.0, warnings: vec![] }))
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {

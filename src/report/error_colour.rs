@@ -3,14 +3,14 @@
 use image::Rgb;
 
 /// The error from which on the colour does not change, metres: the threshold of the headline score.
-pub(super) const FULL_SCALE_M: f32 = 0.005;
+pub const FULL_SCALE_M: f32 = 0.005;
 
 /// From none to full scale: pale, orange, dark red. The lightness falls all the way, so that it reads the same for people who see red and
 /// green alike, and in grey; and what is right is pale, so that its shading shows.
 const STEPS: [[u8; 3]; 5] = [[236, 236, 228], [250, 204, 116], [232, 130, 52], [188, 58, 46], [92, 20, 58]];
 
 /// The colour of an error in metres; that of full scale for what is not a number.
-pub(super) fn of(error_m: f32) -> Rgb<u8> {
+pub fn of(error_m: f32) -> Rgb<u8> {
     let share = error_m.abs() / FULL_SCALE_M;
     let position = if share < 1.0 { share } else { 1.0 } * (STEPS.len() - 1) as f32;
     let low = (position as usize).min(STEPS.len() - 2);

@@ -39,7 +39,15 @@ fn run() -> RunRecord {
     let point = |k: u32| {
         let time_s = f64::from(k) / 3.0;
         let grown = 1.0 - (-time_s / 6.0).exp();
-        ShapePoint { time_s, f5: 0.95 * grown, f2: 0.7 * grown, precision5: 0.98, recall5: 0.9 * grown }
+        ShapePoint {
+            time_s,
+            f5: 0.95 * grown,
+            f2: 0.7 * grown,
+            f1: 0.4 * grown,
+            f10: 0.99 * grown,
+            precision5: 0.98,
+            recall5: 0.9 * grown,
+        }
     };
     RunRecord {
         object: "cube70".into(),

@@ -16,7 +16,7 @@ use sim::observer::{Observer, ObserverOptions, Scratch};
 use sim::touch::{Background, TouchConfig, TouchOptions};
 
 use super::touch::{self, TouchNetwork};
-use super::{Modality, Sensed, Source};
+use super::{Modality, Pictures, Sensed, Source};
 use crate::recorder;
 
 /// What decides a live episode and what is sensed of it.
@@ -47,7 +47,7 @@ pub struct LiveSource {
     network: Option<TouchNetwork>,
     scratch: Scratch,
     frame: u32,
-    /// What only the simulator knows of the newest frame.
+    /// What only the simulator knows of the newest frame, but for touch.
     truth: Option<GroundTruth>,
 }
 
@@ -106,7 +106,7 @@ impl Source for LiveSource {
     fn next(&mut self) -> Result<Option<Sensed>> {
         let begun = Instant::now();
         let Some(snapshot) = self.episode.next_frame() else { return Ok(None) };
-        let (observation, truth) = self.observer.observe(self.frame, &snapshot, &mut self.scratch);
+        let (observation, mut truth) = self.observer.observe(self.frame, &snapshot, &mut self.scratch);
         let frame = u64::from(self.frame);
         self.frame += 1;
         let LiveSettings { side, cameras, modality, .. } = &self.settings;
@@ -118,9 +118,17 @@ impl Source for LiveSource {
         };
         let segmentation = SegmentationConfig::default();
         let (depth, _) = perception::depth_frame(&observation, touch, cameras, *side, &segmentation)?;
+        let true_touch = std::mem::take(&mut truth.touch);
+        let is_felt = self.network.is_some() && modality.has_touch();
+        let pictures = Pictures {
+            cameras: observation.cameras.into_iter().map(|camera| camera.color).collect(),
+            touch: observation.touch,
+            true_touch_m: PerFinger(true_touch.0.map(|truth| is_felt.then_some(truth.depth_m))),
+            forces_n: Some(PerFinger(snapshot.pads.0.map(|pad| pad.force_n))),
+        };
         self.truth = Some(truth);
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
-        Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), sense_ms, warnings }))
+        Ok(Some(Sensed { frame, depth, truth: Some(snapshot.object_pose), pictures, sense_ms, warnings }))
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
+use image::RgbImage;
 use perception::SegmentationConfig;
 use scenes::camera::PosedCamera;
 use scenes::frame::{Isometry, MeshFile, Object};
@@ -15,7 +16,8 @@ use sim::depth_noise::{self, FrameId};
 use sim::feelsight::{Log, PartialFrame, PartialFrames, Sensor, TouchPart};
 
 use super::touch::{self, TouchNetwork};
-use super::{Modality, Sensed, Source};
+use super::{Modality, Pictures, Sensed, Source};
+use crate::recording;
 
 /// A log, read frame by frame.
 pub struct LogSource {
@@ -26,6 +28,8 @@ pub struct LogSource {
     /// Frames from this time on are left out.
     until_s: f64,
     cameras: Vec<PosedCamera>,
+    /// Their numbers in the log.
+    chosen: Vec<usize>,
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
     /// What makes touch depth of the log's images; without it the log's own is taken.
@@ -99,6 +103,7 @@ impl LogSource {
             last_s: None,
             until_s: f64::INFINITY,
             cameras: posed,
+            chosen,
             network,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
             object_from_log: Isometry::identity(),
@@ -155,6 +160,33 @@ impl LogSource {
         }
     }
 
+    /// The cameras that are read.
+    pub fn cameras(&self) -> &[PosedCamera] {
+        &self.cameras
+    }
+
+    /// What there is to be seen in a frame; these are the touch images, if they have been read. A picture that cannot be read is none:
+    /// nothing depends on it.
+    fn pictures(&self, number: u32, touch: PerFinger<RgbImage>) -> Pictures {
+        if !recording::has_images(u64::from(number)) {
+            return Pictures::default();
+        }
+        let (log, index) = (self.log(), number as usize);
+        let is_felt = self.network.is_some();
+        Pictures {
+            cameras: self.chosen.iter().map(|&k| log.colour(k, index).unwrap_or_default()).collect(),
+            touch: match is_felt {
+                true => touch,
+                false => PerFinger::from_fn(|finger| log.touch_image(finger, index).unwrap_or_default()),
+            },
+            true_touch_m: match is_felt {
+                true => PerFinger::from_fn(|finger| Some(log.touch_truth(finger, index).ok()?.depth_m)),
+                false => PerFinger::default(),
+            },
+            forces_n: None,
+        }
+    }
+
     /// What perception makes of a frame.
     fn sensed(&mut self, number: u32, frame: PartialFrame, begun: Instant) -> Result<Sensed> {
         for (sensor, error) in frame.defects {
@@ -181,9 +213,9 @@ impl LogSource {
                 Some(multiple) => depth_noise::disturb(&depth_m, multiple, id),
                 None => depth_m,
             };
-            cameras.push(Rgbd { color: image::RgbImage::default(), depth_m });
+            cameras.push(Rgbd { color: RgbImage::default(), depth_m });
         }
-        let observation = Observation {
+        let mut observation = Observation {
             time_s: frame.time_s,
             joints: frame.joints,
             touch: PerFinger(frame.touch_images.0.map(Option::unwrap_or_default)),
@@ -199,7 +231,9 @@ impl LogSource {
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
-        Ok(Sensed { frame: u64::from(number), depth, truth, sense_ms: begun.elapsed().as_secs_f64() * 1e3, warnings })
+        let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
+        let pictures = self.pictures(number, std::mem::take(&mut observation.touch));
+        Ok(Sensed { frame: u64::from(number), depth, truth, pictures, sense_ms, warnings })
     }
 }
 

@@ -21,4 +21,5 @@ mod score;
 mod simulate;
 #[cfg(feature = "train")]
 mod train;
+mod view;
 mod workplace;

@@ -10,7 +10,7 @@ use sim::feelsight::npz::{DeflatedFrame, Reader, Writer};
 
 use crate::workplace::Workplace;
 
-const FILES: [&str; 9] = [
+const FILES: [&str; 17] = [
     "config.toml",
     "curves.svg",
     "field.safetensors",
@@ -18,6 +18,14 @@ const FILES: [&str; 9] = [
     "mesh.gif",
     "mesh.obj",
     "mesh.ply",
+    "recording/about.json",
+    "recording/end.json",
+    "recording/events.jsonl",
+    "recording/frames.jsonl",
+    "recording/images.bin",
+    "recording/running",
+    "recording/shapes.bin",
+    "recording/shapes.jsonl",
     "summary.json",
     "trajectory.csv",
 ];

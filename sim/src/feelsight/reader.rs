@@ -400,14 +400,33 @@ impl Log {
         })
     }
 
+    /// What a camera, by index, sees in a frame.
+    ///
+    /// # Errors
+    /// [`Error`] if there is no such image or it cannot be read.
+    pub fn colour(&self, camera: usize, frame: usize) -> Result<RgbImage, Error> {
+        let Some((posed, lens)) = self.cameras.get(camera).zip(self.lenses.get(camera)) else {
+            return Err(Error::defect(&self.folder, format!("there is no camera {camera}")));
+        };
+        let path = self.camera_folder(&posed.name).join("image").join(format!("{frame}.jpg"));
+        let size = (posed.intrinsics.width, posed.intrinsics.height);
+        Ok(straighten(lens.as_deref(), read_color(&path, size)?))
+    }
+
     /// What a DIGIT shows in a frame.
-    pub(super) fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, Error> {
+    ///
+    /// # Errors
+    /// [`Error`] if there is no such image or it cannot be read.
+    pub fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, Error> {
         let path = self.touch_folder(finger).join("image").join(format!("{frame}.jpg"));
         read_color(&path, (digit::WIDTH, digit::HEIGHT))
     }
 
     /// True depth and contact of a DIGIT in a frame.
-    pub(super) fn touch_truth(&self, finger: Finger, frame: usize) -> Result<TouchTruth, Error> {
+    ///
+    /// # Errors
+    /// [`Error`] if the log does not have them or they cannot be read.
+    pub fn touch_truth(&self, finger: Finger, frame: usize) -> Result<TouchTruth, Error> {
         let size = (digit::WIDTH, digit::HEIGHT);
         let name = format!("{frame}.jpg");
         let folder = self.touch_folder(finger);

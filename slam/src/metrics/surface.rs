@@ -73,9 +73,15 @@ impl TrueSurface {
     /// The error of a pose, from the motion that takes the object as estimated to the object as it is: inverse of the true pose
     /// times the estimated pose. Infinite if the motion is not finite.
     pub fn add_s(&self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
-        let one_directional_m = mean(&distances_m(&self.0, truth_from_estimate, &self.0));
+        self.add_s_of(self, truth_from_estimate)
+    }
+
+    /// The same, as the mean over the points of a sparser sample of the surface, which takes as much less time: an estimate of
+    /// [`Self::add_s`], whose nearest points are sought among as many.
+    pub fn add_s_of(&self, sample: &Self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
+        let one_directional_m = mean(&distances_m(&sample.0, truth_from_estimate, &self.0));
         // Seen from the estimate the truth has moved by the inverse, so the same tree serves.
-        let other_m = mean(&distances_m(&self.0, truth_from_estimate.inverse(), &self.0));
+        let other_m = mean(&distances_m(&sample.0, truth_from_estimate.inverse(), &self.0));
         AddS { one_directional_m, symmetric_m: 0.5 * (one_directional_m + other_m) }
     }
 
