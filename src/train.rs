@@ -99,9 +99,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Trainer::new(architecture.clone(), training.clone(), start.as_ref())?
     };
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
-    let names = objects::training();
-    let hash = data_hash(&data, &names)?;
-    let surfaces = objects::load(&names)?;
+    let hash = data_hash(&data)?;
+    let surfaces = objects::load(&data.objects.train)?;
     let watched = Validation::new(&data, &training)?;
     let mut curve = Curve::open(&arguments.out, trainer.step())?;
     let mut rack = Rack::new(&data, training.seed)?;
@@ -154,8 +153,8 @@ fn read_settings(path: &Path) -> Result<Settings> {
 }
 
 /// SHA-256 over everything that decides which images a seed draws.
-fn data_hash(data: &DataConfig, objects: &[&str]) -> Result<String> {
-    let description = serde_json::to_string(&(data, objects, env!("CARGO_PKG_VERSION")))?;
+fn data_hash(data: &DataConfig) -> Result<String> {
+    let description = serde_json::to_string(&(data, &data.objects.train, env!("CARGO_PKG_VERSION")))?;
     Ok(Sha256::digest(description).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
@@ -199,7 +198,7 @@ impl Validation {
     fn new(data: &DataConfig, training: &TrainingConfig) -> Result<Self> {
         // A single image of an object that is far too deep would outweigh all others.
         let data = &DataConfig { deep: 0.0, ..data.clone() };
-        let surfaces = objects::load(&objects::VALIDATION)?;
+        let surfaces = objects::load(&data.objects.validate)?;
         let seed = training.seed ^ VALIDATION_SEED;
         let mut rack = Rack::new(data, seed)?;
         let sensors = rack.of_step(0)?;

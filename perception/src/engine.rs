@@ -11,7 +11,7 @@ mod layers;
 mod mamba;
 mod map;
 mod math;
-mod multiply;
+pub(crate) mod multiply;
 mod pyramid;
 mod transformer;
 

@@ -1,8 +1,8 @@
 //! Training of touch networks on the CPU (cargo feature `train`).
 //!
-//! Ops are our own loops on burn's tape: the convolutions and the inside of a Mamba block cost nearly all of the time, and each is one
-//! op with an analytic backward pass. Sums go over blocks and images in a fixed order, so that a run's weights do not depend on the
-//! number of threads.
+//! The convolutions and the inside of a Mamba block cost nearly all of the time, and each is one op with an analytic backward pass.
+//! Shares of a batch go through the network side by side; sums go over blocks, images and shares in a fixed order, so that a run's
+//! weights do not depend on the number of threads.
 
 mod attention;
 mod convolution;

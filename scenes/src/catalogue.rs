@@ -5,7 +5,8 @@ use std::path::Path;
 
 use crate::assets::{self, Library, Pinned};
 use crate::decompose::{self, NoHull};
-use crate::mesh::{self, Finding, Format, MeshError};
+use crate::frame;
+use crate::mesh::{self, Finding, Format, Mesh, MeshError};
 use crate::object::Object;
 use crate::procedural;
 
@@ -67,19 +68,23 @@ impl Entry {
         match self.source {
             Source::Procedural(recipe) => Ok(procedural::build(self.name, self.mass_kg, recipe)?),
             Source::Ycb(ycb) => {
-                let library = Library::ycb()?;
-                let bytes = match library.read(ycb.name) {
-                    Err(assets::Error::Missing { .. }) => {
-                        library.fetch(&assets::YCB, pinned::Progress::Shown, &mut |_, _| {})?;
-                        library.read(ycb.name)?
-                    }
-                    other => other?,
-                };
+                let bytes = ycb.file()?;
                 if ycb.mass_source == MassSource::Placeholder {
                     warnings.push(Warning::PlaceholderMass { name: ycb.name, mass_kg: ycb.mass_kg });
                 }
                 ycb.object(&bytes, warnings)
             }
+        }
+    }
+
+    /// Makes or reads the object's mesh alone. That it is cut into convex pieces is what takes most of the time of [`Self::load`].
+    ///
+    /// # Errors
+    /// [`Error`] if the mesh cannot be fetched or read.
+    pub fn mesh(&self, warnings: &mut Vec<Warning>) -> Result<Mesh, Error> {
+        match self.source {
+            Source::Procedural(recipe) => Ok(recipe().mesh),
+            Source::Ycb(ycb) => Ok(ycb.mesh(&ycb.file()?, warnings)?.0),
         }
     }
 }
@@ -99,14 +104,34 @@ impl Entry {
 }
 
 impl Ycb {
+    /// The mesh as it is in the library, which is fetched if it is not there.
+    fn file(&self) -> Result<Vec<u8>, Error> {
+        let library = Library::ycb()?;
+        match library.read(self.name) {
+            Err(assets::Error::Missing { .. }) => {
+                library.fetch(&assets::YCB, pinned::Progress::Shown, &mut |_, _| {})?;
+                Ok(library.read(self.name)?)
+            }
+            other => Ok(other?),
+        }
+    }
+
     /// What is repaired in the pinned files is known: a few collapsed slivers in 20 of them, which is not worth a word. Two lose a
     /// part that can be seen, and that is.
-    fn object(&self, stl: &[u8], warnings: &mut Vec<Warning>) -> Result<Object, Error> {
+    fn mesh(
+        &self,
+        stl: &[u8],
+        warnings: &mut Vec<Warning>,
+    ) -> Result<(Mesh, frame::Isometry<frame::MeshFile, frame::Object>), Error> {
         let raw = mesh::read_bytes(stl, Format::Stl, self.name)?;
         let (clean, found) = mesh::repair(&raw, self.name)?;
         let visible = |finding| matches!(finding, Finding::Components { area_share, .. } if area_share > 1e-3);
         warnings.extend(found.into_iter().filter(|warning| visible(warning.finding)).map(Warning::Mesh));
-        let (mesh, object_from_file) = mesh::stand(&clean, self.up);
+        Ok(mesh::stand(&clean, self.up))
+    }
+
+    fn object(&self, stl: &[u8], warnings: &mut Vec<Warning>) -> Result<Object, Error> {
+        let (mesh, object_from_file) = self.mesh(stl, warnings)?;
         let collision = decompose::pieces(&mesh)?;
         Ok(Object { name: self.name.to_owned(), mesh, exact: None, object_from_file, collision, mass_kg: self.mass_kg })
     }

@@ -19,7 +19,7 @@ pub(crate) type Recipe = fn() -> Shape;
 
 /// A closed outward mesh with its bounding box centred on the origin, and the exact distance to what it approximates.
 pub(crate) struct Shape {
-    mesh: Mesh,
+    pub(crate) mesh: Mesh,
     exact: Option<Arc<dyn SignedDistance>>,
 }
 

@@ -16,13 +16,16 @@ use scenes::frame::{Gel, Isometry, Object};
 use serde::{Deserialize, Serialize};
 use sim::touch::{NoiseKey, TouchFrame};
 
-use super::objects::Surface;
+use super::objects::{Split, Surface};
 use super::sensors::{Sensor, disturb};
 
 /// What training images are like.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DataConfig {
+    /// What touches.
+    #[serde(skip_serializing_if = "Split::is_published")]
+    pub objects: Split,
     /// Share of images in which nothing touches.
     pub untouched: f64,
     /// Share of the others that follow MidasTouch's protocol.
@@ -49,6 +52,7 @@ pub struct DataConfig {
 impl Default for DataConfig {
     fn default() -> Self {
         Self {
+            objects: Split::default(),
             untouched: 0.06,
             protocol: 0.5,
             deep: 0.04,
@@ -78,6 +82,7 @@ const DEEPEST_MM: f32 = 4.0;
 impl DataConfig {
     /// Checks that the numbers make sense.
     pub fn check(&self) -> Result<()> {
+        self.objects.check()?;
         let share = |value: f64| (0.0..=1.0).contains(&value);
         ensure!(share(self.untouched), "data.untouched must lie between 0 and 1");
         ensure!(share(self.protocol), "data.protocol must lie between 0 and 1");

@@ -1,12 +1,13 @@
 //! Which objects a network is trained on, which it is watched on, and which it never sees before it is judged.
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail, ensure};
 use glam::Vec3;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use scenes::catalogue;
 use scenes::mesh::Mesh;
+use serde::{Deserialize, Serialize};
 use sim::rays::RayMesh;
 
 /// Never trained on: the ten objects of YCB-Slide, and four of the procedural ones.
@@ -39,10 +40,45 @@ pub const VALIDATION: [&str; 8] = [
     "pear",
 ];
 
-/// Everything else in the catalogue.
-pub fn training() -> Vec<&'static str> {
-    let names = catalogue::entries().map(|entry| entry.name);
-    names.filter(|name| !TEST.contains(name) && !VALIDATION.contains(name)).collect()
+/// Names of objects.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Split {
+    /// Those to train on; left out, everything in the catalogue that is neither in [`VALIDATION`] nor in [`TEST`].
+    pub train: Vec<String>,
+    /// Those to be watched on; left out, [`VALIDATION`].
+    pub validate: Vec<String>,
+}
+
+impl Default for Split {
+    fn default() -> Self {
+        let names = catalogue::entries().map(|entry| entry.name);
+        let train = names.filter(|name| !TEST.contains(name) && !VALIDATION.contains(name));
+        Self { train: train.map(str::to_owned).collect(), validate: VALIDATION.map(str::to_owned).to_vec() }
+    }
+}
+
+impl Split {
+    /// Whether it is the published one.
+    pub fn is_published(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Checks that there is something to train on and to be watched on, and that no object is in two sets.
+    pub fn check(&self) -> Result<()> {
+        ensure!(!self.train.is_empty() && !self.validate.is_empty(), "data.objects must name some of each");
+        for name in self.train.iter().chain(&self.validate) {
+            catalogue::find(name).context("data.objects")?;
+            if TEST.contains(&name.as_str()) {
+                bail!("data.objects: {name} is kept for tests, no network is trained or chosen by it");
+            }
+            ensure!(
+                !(self.train.contains(name) && self.validate.contains(name)),
+                "data.objects: {name} is both trained and validated on"
+            );
+        }
+        Ok(())
+    }
 }
 
 /// An object that can be touched anywhere.
@@ -78,10 +114,11 @@ impl Surface {
 }
 
 /// Loads objects of the catalogue. Their order is that of the names.
-pub fn load(names: &[&str]) -> Result<Vec<Surface>> {
-    let surface = |name: &&str| {
-        let object = catalogue::load(name, &mut Vec::new()).with_context(|| format!("cannot load {name}"))?;
-        Ok(Surface::new(object.mesh))
+pub fn load(names: &[impl AsRef<str> + Sync]) -> Result<Vec<Surface>> {
+    let surface = |name: &_| {
+        let name = AsRef::<str>::as_ref(name);
+        let mesh = catalogue::find(name)?.mesh(&mut Vec::new()).with_context(|| format!("cannot load {name}"))?;
+        Ok(Surface::new(mesh))
     };
     names.par_iter().map(surface).collect()
 }
@@ -92,13 +129,19 @@ mod tests {
 
     #[test]
     fn no_object_is_in_two_sets() {
-        let training = training();
-        assert_eq!(
-            training.len() + TEST.len() + VALIDATION.len(),
-            catalogue::entries().count(),
-            "a name that is no object"
-        );
-        assert!(TEST.iter().all(|name| !VALIDATION.contains(name)));
+        let published = Split::default();
+        published.check().unwrap();
+        let count = published.train.len() + TEST.len() + VALIDATION.len();
+        assert_eq!(count, catalogue::entries().count(), "a name that is no object");
+        let split = |train: &[&str], validate: &[&str]| {
+            let names = |names: &[&str]| names.iter().copied().map(str::to_owned).collect();
+            Split { train: names(train), validate: names(validate) }.check().err().map(|error| format!("{error:#}"))
+        };
+        assert_eq!(split(&["mug", "ball"], &["pear"]), None);
+        assert!(split(&["mug", "pear"], &["pear"]).unwrap().contains("pear"));
+        assert!(split(&["duck"], &["pear"]).unwrap().contains("duck is kept for tests"));
+        assert!(split(&["mugg"], &["pear"]).unwrap().contains("mugg"));
+        assert!(split(&[], &["pear"]).unwrap().contains("some of each"));
     }
 
     #[test]

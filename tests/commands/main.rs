@@ -19,5 +19,7 @@ mod render_touch;
 mod run;
 mod score;
 mod simulate;
+#[cfg(feature = "train")]
+mod train;
 mod view;
 mod workplace;

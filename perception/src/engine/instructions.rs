@@ -65,8 +65,14 @@ impl Instructions {
     }
 
     /// Whether matrix products take their operands as bf16.
-    pub(super) fn is_bf16(self) -> bool {
+    pub(crate) fn is_bf16(self) -> bool {
         matches!(self, Self::Amx | Self::Avx512Bf16)
+    }
+
+    /// The same without bf16.
+    #[cfg(feature = "train")]
+    pub(crate) fn exact(self) -> Self {
+        if self.is_bf16() { Self::Avx512 } else { self }
     }
 
     /// Runs an f32 kernel; as `Scalar` if the machine does not have the instruction set.

@@ -21,40 +21,40 @@ use block::Float;
 pub(super) use block::has_bf16;
 
 /// Channels are stored in multiples of this, the widest vector: kernels need no tails.
-pub(super) const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 /// Columns of the widest panel.
 const WIDTH: usize = 2 * LANES;
 
 /// Left rows in order: `rows` times `columns` windows. Lengths and offsets are in numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Windows {
+pub(crate) struct Windows {
     /// Where the first window starts.
-    pub(super) first: usize,
+    pub(crate) first: usize,
     /// From a window to the next in its row.
-    pub(super) step: usize,
+    pub(crate) step: usize,
     /// From a row of windows to the next.
-    pub(super) pitch: usize,
+    pub(crate) pitch: usize,
     /// Windows in a row.
-    pub(super) columns: usize,
+    pub(crate) columns: usize,
     /// Rows of windows.
-    pub(super) rows: usize,
+    pub(crate) rows: usize,
     /// From a segment of a window to the next.
-    pub(super) segment_pitch: usize,
+    pub(crate) segment_pitch: usize,
 }
 
 /// Where products go: number `n` of window (`row`, `column`) to `first + row * pitch + column * step + n`.
 #[derive(Debug)]
-pub(super) struct Target<'a> {
-    pub(super) data: &'a mut [f32],
-    pub(super) first: usize,
-    pub(super) step: usize,
-    pub(super) pitch: usize,
-    pub(super) then: Then,
+pub(crate) struct Target<'a> {
+    pub(crate) data: &'a mut [f32],
+    pub(crate) first: usize,
+    pub(crate) step: usize,
+    pub(crate) pitch: usize,
+    pub(crate) then: Then,
 }
 
 /// What becomes of a product with its bias.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Then {
+pub(crate) enum Then {
     /// It is stored.
     Store,
     /// It is added to what is there.
@@ -69,7 +69,7 @@ pub(super) enum Then {
 
 /// A right operand with a bias, packed for one instruction set.
 #[derive(Debug, Clone)]
-pub(super) struct Packed {
+pub(crate) struct Packed {
     instructions: Instructions,
     segments: usize,
     /// Numbers of a segment.
@@ -84,7 +84,7 @@ pub(super) struct Packed {
 
 impl Packed {
     /// A matrix of `segments * length` rows and as many columns as `bias` has; `weight` gives its entries by row and column.
-    pub(super) fn new(
+    pub(crate) fn new(
         instructions: Instructions,
         segments: usize,
         length: usize,
@@ -123,6 +123,34 @@ impl Packed {
         }
     }
 
+    /// A matrix whose rows lie `pitch` numbers apart, without a bias: its first `length` rows, of `columns` columns.
+    #[cfg(feature = "train")]
+    pub(crate) fn of_rows(instructions: Instructions, rows: &[f32], length: usize, columns: usize) -> Self {
+        let outputs = columns.next_multiple_of(LANES);
+        let mut packed =
+            Self { instructions, segments: 1, length, outputs, words: Vec::new(), bias: vec![0.0; outputs] };
+        let words_of_segment = packed.words_of_segment();
+        packed.words.resize(words_of_segment * outputs, 0);
+        let width = 2 * lanes(instructions);
+        let row = |k: usize| if k < length { &rows[k * columns..][..columns] } else { &[] };
+        for panel in (0..columns).step_by(width) {
+            let width = width.min(outputs - panel);
+            let words = packed.words[panel * words_of_segment..].chunks_exact_mut(width);
+            let part = |k: usize| row(k).get(panel..(panel + width).min(columns)).unwrap_or_default();
+            if instructions.is_bf16() {
+                for (k, words) in words.take(length.div_ceil(2)).enumerate() {
+                    words.iter_mut().zip(part(2 * k)).for_each(|(word, x)| *word = bf16(*x));
+                    words.iter_mut().zip(part(2 * k + 1)).for_each(|(word, x)| *word |= bf16(*x) << 16);
+                }
+            } else {
+                for (k, words) in words.take(length).enumerate() {
+                    words.iter_mut().zip(part(k)).for_each(|(word, x)| *word = x.to_bits());
+                }
+            }
+        }
+        packed
+    }
+
     /// Words of a segment, with those that fill the last step of the kernel.
     fn words_of_segment(&self) -> usize {
         match self.instructions {
@@ -156,11 +184,11 @@ fn pair(low: f32, high: f32) -> u32 {
 
 /// The left operand of a product.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Left<'a> {
-    pub(super) data: &'a [f32],
-    pub(super) windows: Windows,
+pub(crate) struct Left<'a> {
+    pub(crate) data: &'a [f32],
+    pub(crate) windows: Windows,
     /// Whether max(x, 0) takes part in place of x.
-    pub(super) rectified: bool,
+    pub(crate) rectified: bool,
 }
 
 /// Multiplies the windows of `left` by a packed matrix. `words` is room for `left` in another form; its length and contents do not
@@ -168,7 +196,7 @@ pub(super) struct Left<'a> {
 ///
 /// # Panics
 /// If a window or the target of one lies outside its slice, or bf16 words would have to be split.
-pub(super) fn multiply(weights: &Packed, left: Left<'_>, words: &mut Vec<u32>, target: Target<'_>) {
+pub(crate) fn multiply(weights: &Packed, left: Left<'_>, words: &mut Vec<u32>, target: Target<'_>) {
     let Left { data, windows, rectified } = left;
     if windows.rows == 0 || windows.columns == 0 {
         return;
@@ -182,7 +210,9 @@ pub(super) fn multiply(weights: &Packed, left: Left<'_>, words: &mut Vec<u32>, t
     assert!(last + weights.outputs <= target.data.len(), "a product has no place");
     let instructions = weights.instructions;
     let (left, windows) = if instructions.is_bf16() {
-        words_of_bf16(data, &windows, rectified, words)
+        assert!(windows.has_whole_words(), "a window begins within a word");
+        let count = round(data, rectified, windows.step / 2, words);
+        (&words[..count], windows.in_words())
     } else if rectified {
         words.resize(words.len().max(data.len()), 0);
         instructions.run(Rectify(data, bytemuck::cast_slice_mut(&mut words[..data.len()])));
@@ -190,8 +220,12 @@ pub(super) fn multiply(weights: &Packed, left: Left<'_>, words: &mut Vec<u32>, t
     } else {
         (bytemuck::cast_slice(data), windows)
     };
-    let product = Product { weights, left, windows, target };
-    match instructions {
+    run(Product { weights, left, windows, target });
+}
+
+/// Forms products with the instructions for which the matrix is packed.
+fn run(product: Product<'_>) {
+    match product.weights.instructions {
         #[cfg(target_arch = "x86_64")]
         Instructions::Amx => amx::run(product),
         #[cfg(target_arch = "x86_64")]
@@ -200,30 +234,81 @@ pub(super) fn multiply(weights: &Packed, left: Left<'_>, words: &mut Vec<u32>, t
     }
 }
 
-/// Rounds the left operand into `words`; returns them with the windows' places in them.
+impl Windows {
+    /// Whether bf16 words need not be split.
+    fn has_whole_words(&self) -> bool {
+        let Self { first, step, pitch, segment_pitch, .. } = self;
+        (first | step | pitch | segment_pitch).is_multiple_of(2)
+    }
+
+    /// Places as those of words of bf16.
+    fn in_words(self) -> Self {
+        let Self { first, step, pitch, columns, rows, segment_pitch } = self;
+        Self { first: first / 2, step: step / 2, pitch: pitch / 2, columns, rows, segment_pitch: segment_pitch / 2 }
+    }
+}
+
+/// Rounds the left operand into `words`; returns how many are used. Windows are `step` words apart.
 #[cfg(target_arch = "x86_64")]
-fn words_of_bf16<'a>(
-    data: &[f32],
-    windows: &Windows,
-    rectified: bool,
-    words: &'a mut Vec<u32>,
-) -> (&'a [u32], Windows) {
-    let &Windows { first, step, pitch, columns, rows, segment_pitch } = windows;
-    assert!((first | step | pitch | segment_pitch).is_multiple_of(2), "a window begins within a word");
-    let windows =
-        Windows { first: first / 2, step: step / 2, pitch: pitch / 2, columns, rows, segment_pitch: segment_pitch / 2 };
+fn round(data: &[f32], rectified: bool, step: usize, words: &mut Vec<u32>) -> usize {
     let count = data.len().div_ceil(2);
-    words.resize(words.len().max(count + amx::OVERHANG * windows.step + amx::STEP), 0);
+    let used = count + amx::OVERHANG * step + amx::STEP;
+    words.resize(words.len().max(used), 0);
     block::round(data, &mut words[..count], rectified);
     // Tiles reach past the last window and the end of a segment. What lies there is multiplied by zero or not used, but zero times
     // what is not a number would not be zero.
     words[count..count + amx::STEP].fill(0);
-    (words, windows)
+    used
 }
 
 #[cfg(not(target_arch = "x86_64"))]
-fn words_of_bf16<'a>(_: &[f32], windows: &Windows, _: bool, words: &'a mut Vec<u32>) -> (&'a [u32], Windows) {
-    (words, *windows)
+fn round(_: &[f32], _: bool, _: usize, words: &mut Vec<u32>) -> usize {
+    words.len()
+}
+
+/// A left operand that takes part in several products, whose windows may begin anywhere.
+#[cfg(feature = "train")]
+#[derive(Debug, Default)]
+pub(crate) struct Shared {
+    words: Vec<u32>,
+    /// The same from the second number on: bf16 words of windows that begin at odd places.
+    shifted: Vec<u32>,
+}
+
+#[cfg(feature = "train")]
+impl Shared {
+    /// Takes numbers whose windows will be `step` apart, which must be even.
+    pub(crate) fn load(&mut self, instructions: Instructions, data: &[f32], step: usize) {
+        if instructions.is_bf16() {
+            let used = round(data, false, step / 2, &mut self.words);
+            self.shifted.resize(self.words.len(), 0);
+            // Beyond the numbers is what is not used.
+            let words = self.words[..used.min(data.len() / 2 + 2 * LANES)].windows(2);
+            let shifted = words.map(|pair| pair[0] >> 16 | pair[1] << 16);
+            self.shifted.iter_mut().zip(shifted).for_each(|(to, word)| *to = word);
+        } else {
+            self.words.clear();
+            self.words.extend(data.iter().map(|x| x.to_bits()));
+        }
+    }
+
+    /// Multiplies a row of windows by a matrix packed for the same instructions; the first begins at `first`, and all have the matrix'
+    /// rows for a length.
+    ///
+    /// # Panics
+    /// If a window or the target of one lies outside its slice.
+    pub(crate) fn multiply(&self, weights: &Packed, first: usize, step: usize, columns: usize, target: Target<'_>) {
+        let windows = Windows { first, step, pitch: 0, columns, rows: 1, segment_pitch: 0 };
+        assert!(target.first + (columns - 1) * target.step + weights.outputs <= target.data.len(), "no place");
+        let (left, windows) = match weights.instructions.is_bf16() {
+            true if first.is_multiple_of(2) => (&self.words, windows.in_words()),
+            true => (&self.shifted, windows.in_words()),
+            false => (&self.words, windows),
+        };
+        let last = windows.first + (columns - 1) * windows.step;
+        assert!(columns > 0 && last + weights.words_of_segment() <= left.len(), "a window ends outside its operand");
+        run(Product { weights, left, windows, target });
+    }
 }
 
 /// Stores max(x, 0).

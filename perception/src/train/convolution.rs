@@ -5,12 +5,11 @@
 
 use rayon::prelude::*;
 
-use super::linear::{add_product, add_to, matrix, matrix_mut, total};
+use super::linear::{Scratch, add_to, for_length, rows_of, total, with_scratch};
 use super::tape::{Kernel, View};
+use crate::engine::Instructions;
+use crate::engine::multiply::{Left, Packed, Windows};
 use crate::network::Tensor;
-
-/// Pixels that are multiplied together, about: their results fit the cache.
-const BLOCK: usize = 1024;
 
 /// 3 x 3 correlation with zeros around the map and bias; inputs x `[images, rows, columns, in]`, W `[out, in, 3, 3]`, b `[out]`.
 #[derive(Debug, Clone, Copy)]
@@ -19,6 +18,8 @@ pub struct Convolution {
     pub stride: usize,
     /// Whether negative inputs count as zero.
     pub relu: bool,
+    /// With which products are formed.
+    pub instructions: Instructions,
 }
 
 /// Sides of one image's map and its channels.
@@ -38,22 +39,33 @@ impl Map {
         self.rows * self.columns * self.channels
     }
 
+    /// Channels of a padded pixel: bf16 numbers are multiplied in pairs.
+    fn step(self) -> usize {
+        self.channels.next_multiple_of(2)
+    }
+
     /// Length of a padded row.
     fn pitch(self) -> usize {
-        (self.columns + 2) * self.channels
+        (self.columns + 2) * self.step()
     }
 
     /// The map with a ring of zeros, and room for the last window to overlap, in `padded`.
     fn pad(self, values: &[f32], relu: bool, padded: &mut Vec<f32>) {
-        let (row, pitch) = (self.columns * self.channels, self.pitch());
+        let (step, pitch) = (self.step(), self.pitch());
         padded.clear();
-        padded.resize((self.rows + 2) * pitch + 2 * self.channels, 0.0);
-        for (from, to) in values.chunks_exact(row).zip(padded[pitch..].chunks_exact_mut(pitch)) {
-            let to = &mut to[self.channels..self.channels + row];
-            if relu {
-                to.iter_mut().zip(from).for_each(|(to, from)| *to = from.max(0.0));
-            } else {
-                to.copy_from_slice(from);
+        padded.resize((self.rows + 2) * pitch + 2 * step, 0.0);
+        let rows = values.chunks_exact(self.columns * self.channels);
+        for (from, to) in rows.zip(padded[pitch..].chunks_exact_mut(pitch)) {
+            let to = &mut to[step..step + self.columns * step];
+            match (relu, step == self.channels) {
+                (true, true) => to.iter_mut().zip(from).for_each(|(to, from)| *to = from.max(0.0)),
+                (false, true) => to.copy_from_slice(from),
+                (_, false) => {
+                    let least = if relu { 0.0 } else { f32::NEG_INFINITY };
+                    for (to, from) in to.chunks_exact_mut(step).zip(from.chunks_exact(self.channels)) {
+                        to.iter_mut().zip(from).for_each(|(to, from)| *to = from.max(least));
+                    }
+                }
             }
         }
     }
@@ -61,58 +73,86 @@ impl Map {
     fn strided(self, stride: usize, channels: usize) -> Self {
         Self { rows: self.rows.div_ceil(stride), columns: self.columns.div_ceil(stride), channels }
     }
+
+    /// The windows of a padded map, `stride` apart.
+    fn windows(self, padded: &[f32], stride: usize) -> Left<'_> {
+        let Self { rows, columns, .. } = self.strided(stride, self.channels);
+        let (step, pitch) = (stride * self.step(), stride * self.pitch());
+        let windows = Windows { first: 0, step, pitch, columns, rows, segment_pitch: self.pitch() };
+        Left { data: padded, windows, rectified: false }
+    }
 }
 
-/// Weights as three matrices `[3 * in, out]`, one per row of the window; `flipped` swaps in and out and turns the window by 180
-/// degrees, which makes the convolution its own transpose.
-fn window_rows(weight: View<'_>, flipped: bool) -> [Vec<f32>; 3] {
-    let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
-    let (from, to) = if flipped { (outputs, inputs) } else { (inputs, outputs) };
-    std::array::from_fn(|dy| {
-        let mut row = vec![0.0; 3 * inputs * outputs];
-        for (dx, taps) in row.chunks_exact_mut(from * to).enumerate() {
-            let tap = if flipped { 8 - (3 * dy + dx) } else { 3 * dy + dx };
-            for (f, taps) in taps.chunks_exact_mut(to).enumerate() {
-                for (t, value) in taps.iter_mut().enumerate() {
-                    let (o, i) = if flipped { (f, t) } else { (t, f) };
-                    *value = weight.values[(o * inputs + i) * 9 + tap];
+/// A padded map channel by channel, the pixels of each in `stride` x `stride` planes: those whose rows and columns leave the same
+/// rests. In a plane, the pixels under one place of all windows lie as the windows do, so that their products with the outputs'
+/// gradients are rows of numbers.
+struct Planes {
+    stride: usize,
+    /// From a row of a plane to the next; even, since bf16 numbers are multiplied in pairs.
+    pitch: usize,
+    /// From a plane to the next.
+    len: usize,
+}
+
+impl Planes {
+    fn new(out: Map, stride: usize) -> Self {
+        let more = 2 / stride;
+        let pitch = (out.columns + more).next_multiple_of(2);
+        Self { stride, pitch, len: ((out.rows + more) * pitch + more).next_multiple_of(2) }
+    }
+
+    /// Lays a map out: all channels of the plane of even rows and even columns, then of those that follow.
+    fn fill(&self, map: Map, x: &[f32], relu: bool, planes: &mut Vec<f32>) {
+        let &Self { stride, pitch, len } = self;
+        planes.clear();
+        planes.resize(stride * stride * map.channels * len, 0.0);
+        let least = if relu { 0.0 } else { f32::NEG_INFINITY };
+        for (i, row) in x.chunks_exact(map.columns * map.channels).enumerate() {
+            let row_rest = (i + 1) % stride;
+            for column_rest in 0..stride {
+                let plane = (row_rest * stride + column_rest) * map.channels * len + (i + 1) / stride * pitch;
+                // Column j of the map is column j + 1 of the padded one.
+                let first = (column_rest + stride - 1) % stride;
+                for c in 0..map.channels {
+                    let to = &mut planes[plane + c * len + (first + 1) / stride..];
+                    let from = row[first * map.channels + c..].iter().step_by(stride * map.channels);
+                    to.iter_mut().zip(from).for_each(|(to, from)| *to = from.max(least));
                 }
             }
-        }
-        row
-    })
-}
-
-/// The convolution of stride 1 of a padded map, plus `bias`, into `out`.
-fn correlate(map: Map, padded: &[f32], rows: &[Vec<f32>; 3], bias: &[f32], block: &mut Vec<f32>, out: &mut [f32]) {
-    let (outputs, width) = (bias.len(), map.columns + 2);
-    let rows_at_once = (BLOCK / width).max(1);
-    for (k, out) in out.chunks_mut(rows_at_once * map.columns * outputs).enumerate() {
-        let height = out.len() / (map.columns * outputs);
-        block.clear();
-        block.resize(height * width * outputs, 0.0);
-        block.chunks_exact_mut(outputs).for_each(|pixel| pixel.copy_from_slice(bias));
-        for (dy, weights) in rows.iter().enumerate() {
-            let start = (k * rows_at_once + dy) * map.pitch();
-            let windows = matrix(&padded[start..], [height * width, 3 * map.channels], [map.channels, 1]);
-            add_product(
-                windows,
-                matrix(weights, [3 * map.channels, outputs], [outputs, 1]),
-                &mut matrix_mut(block, outputs),
-            );
-        }
-        // The two last windows of each row straddle its end and mean nothing.
-        for (to, from) in out.chunks_exact_mut(map.columns * outputs).zip(block.chunks_exact(width * outputs)) {
-            to.copy_from_slice(&from[..to.len()]);
         }
     }
 }
 
-/// The windows of output row `i` and window row `dy` at stride 2.
-fn strided_windows(map: Map, padded: &[f32], i: usize, dy: usize) -> ndarray::ArrayView2<'_, f32> {
-    let start = (2 * i + dy) * map.pitch();
-    let shape = [map.columns.div_ceil(2), 3 * map.channels];
-    matrix(&padded[start..start + map.pitch()], shape, [2 * map.channels, 1])
+impl Convolution {
+    /// Weights by place in the window and input; filling channels have none.
+    fn pack(self, weight: View<'_>, bias: &[f32]) -> Packed {
+        let inputs = weight.shape[1];
+        let step = inputs.next_multiple_of(2);
+        Packed::new(self.instructions, 3, 3 * step, bias, |row, o| {
+            let (tap, i) = (row / step, row % step);
+            if i < inputs { weight.values[(o * inputs + i) * 9 + tap] } else { 0.0 }
+        })
+    }
+
+    /// The same with inputs and outputs swapped and the window turned by 180 degrees, which makes a convolution of stride 1 its own
+    /// transpose.
+    fn pack_flipped(self, weight: View<'_>) -> Packed {
+        let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
+        let step = outputs.next_multiple_of(2);
+        Packed::new(self.instructions, 3, 3 * step, &vec![0.0; inputs], |row, i| {
+            let (tap, o) = (row / step, row % step);
+            if o < outputs { weight.values[(o * inputs + i) * 9 + 8 - tap] } else { 0.0 }
+        })
+    }
+
+    /// Weights by output; all places in the window side by side.
+    fn pack_transposed(self, weight: View<'_>) -> Packed {
+        let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
+        let instructions = for_length(self.instructions, outputs);
+        Packed::new(instructions, 1, outputs, &vec![0.0; 9 * inputs], |o, column| {
+            weight.values[(o * inputs + column % inputs) * 9 + column / inputs]
+        })
+    }
 }
 
 impl Kernel<3> for Convolution {
@@ -121,25 +161,17 @@ impl Kernel<3> for Convolution {
     fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> (Tensor, ()) {
         let map = Map::new(x.shape);
         let out = map.strided(self.stride, weight.shape[0]);
-        let rows = window_rows(weight, false);
+        let packed = weight.forwards(|| self.pack(weight, bias.values));
         let mut values = vec![0.0; x.shape[0] * out.len()];
         let images = values.par_chunks_mut(out.len()).zip(x.values.par_chunks(map.len()));
-        images.for_each_init(
-            || (Vec::new(), Vec::new()),
-            |(padded, block), (y, x)| {
-                map.pad(x, self.relu, padded);
-                if self.stride == 1 {
-                    return correlate(map, padded, &rows, bias.values, block, y);
-                }
-                for (i, y) in y.chunks_exact_mut(out.columns * out.channels).enumerate() {
-                    y.chunks_exact_mut(out.channels).for_each(|pixel| pixel.copy_from_slice(bias.values));
-                    for (dy, weights) in rows.iter().enumerate() {
-                        let weights = matrix(weights, [3 * map.channels, out.channels], [out.channels, 1]);
-                        add_product(strided_windows(map, padded, i, dy), weights, &mut matrix_mut(y, out.channels));
-                    }
-                }
-            },
-        );
+        images.for_each(|(y, x)| {
+            with_scratch(|scratch| {
+                let mut padded = std::mem::take(&mut scratch.padded);
+                map.pad(x, self.relu, &mut padded);
+                scratch.multiply(map.windows(&padded, self.stride), packed, out.channels, y);
+                scratch.padded = padded;
+            });
+        });
         (Tensor { shape: vec![x.shape[0], out.rows, out.columns, out.channels], values }, ())
     }
 
@@ -152,74 +184,48 @@ impl Kernel<3> for Convolution {
     ) -> [Option<Tensor>; 3] {
         let (map, out) = (Map::new(x.shape), Map::new(gradient.shape));
         let by_x = x_wanted.then(|| {
+            let packed = weight.backwards(|| match self.stride {
+                1 => self.pack_flipped(weight),
+                _ => self.pack_transposed(weight),
+            });
             let mut values = vec![0.0; x.values.len()];
             let images = values
                 .par_chunks_mut(map.len())
                 .zip(x.values.par_chunks(map.len()))
                 .zip(gradient.values.par_chunks(out.len()));
-            if self.stride == 1 {
-                let (rows, no_bias) = (window_rows(weight, true), vec![0.0; map.channels]);
-                images.for_each_init(
-                    || (Vec::new(), Vec::new()),
-                    |(padded, block), ((by_x, x), g)| {
-                        out.pad(g, false, padded);
-                        correlate(out, padded, &rows, &no_bias, block, by_x);
-                        self.mask(x, by_x);
-                    },
-                );
-            } else {
-                let rows = window_rows(weight, false);
-                images.for_each_init(
-                    || (Vec::new(), Vec::new()),
-                    |(padded, block), ((by_x, x), g)| {
-                        spread(map, out, &rows, g, padded, block);
+            images.for_each(|((by_x, x), g)| {
+                with_scratch(|scratch| {
+                    let mut padded = std::mem::take(&mut scratch.padded);
+                    if self.stride == 1 {
+                        out.pad(g, false, &mut padded);
+                        scratch.multiply(out.windows(&padded, 1), packed, map.channels, by_x);
+                    } else {
+                        spread(map, out, packed, g, &mut padded, scratch);
                         let row = map.columns * map.channels;
-                        let from = padded[map.pitch()..].chunks_exact(map.pitch());
+                        let from =
+                            padded[(map.columns + 2) * map.channels..].chunks_exact((map.columns + 2) * map.channels);
                         for (to, from) in by_x.chunks_exact_mut(row).zip(from) {
                             to.copy_from_slice(&from[map.channels..map.channels + row]);
                         }
-                        self.mask(x, by_x);
-                    },
-                );
-            }
+                    }
+                    scratch.padded = padded;
+                });
+                self.mask(x, by_x);
+            });
             Tensor { shape: x.shape.to_vec(), values }
         });
         let size = 9 * map.channels * out.channels;
         let images = x.values.par_chunks(map.len()).zip(gradient.values.par_chunks(out.len()));
-        let parts = images.map_init(
-            || (Vec::new(), Vec::new()),
-            |(padded, spread), (x, g)| {
-                map.pad(x, self.relu, padded);
-                let mut sums = vec![0.0; size + out.channels];
-                let (by_rows, by_bias) = sums.split_at_mut(size);
-                g.chunks_exact(out.channels).for_each(|pixel| add_to(by_bias, pixel));
-                let mut by_rows: Vec<&mut [f32]> = by_rows.chunks_exact_mut(size / 3).collect();
-                if self.stride == 1 {
-                    // The gradient with the map's padded pitch, so that its pixels meet their windows.
-                    out.pad(g, false, spread);
-                    let count = out.rows * (out.columns + 2) - 2;
-                    let start = out.pitch() + out.channels;
-                    let g = matrix(&spread[start..], [count, out.channels], [out.channels, 1]);
-                    for (dy, by_row) in by_rows.iter_mut().enumerate() {
-                        let windows = &padded[dy * map.pitch()..];
-                        let transposed = matrix(windows, [3 * map.channels, count], [1, map.channels]);
-                        add_product(transposed, g, &mut matrix_mut(by_row, out.channels));
-                    }
-                } else {
-                    for (i, g) in g.chunks_exact(out.columns * out.channels).enumerate() {
-                        let g = matrix(g, [out.columns, out.channels], [out.channels, 1]);
-                        for (dy, by_row) in by_rows.iter_mut().enumerate() {
-                            let windows = strided_windows(map, padded, i, dy);
-                            add_product(windows.reversed_axes(), g, &mut matrix_mut(by_row, out.channels));
-                        }
-                    }
-                }
-                sums
-            },
-        );
+        let parts = images.map(|(x, g)| {
+            let mut sums = vec![0.0; size + out.channels];
+            let (by_weight, by_bias) = sums.split_at_mut(size);
+            g.chunks_exact(out.channels).for_each(|pixel| add_to(by_bias, pixel));
+            with_scratch(|scratch| self.by_weight(map, x, out, g, by_weight, scratch));
+            sums
+        });
         let mut sums = total(parts.collect(), size + out.channels);
         let by_bias = sums.split_off(size);
-        let mut by_weight = vec![0.0; size];
+        let mut by_weight = vec![0.0; weight.values.len()];
         for (k, taps) in sums.chunks_exact(out.channels).enumerate() {
             let (tap, i) = (k / map.channels, k % map.channels);
             for (o, value) in taps.iter().enumerate() {
@@ -235,6 +241,25 @@ impl Kernel<3> for Convolution {
 }
 
 impl Convolution {
+    /// The gradient of an image by the weights, `[place in the window, input, output]`.
+    fn by_weight(self, map: Map, x: &[f32], out: Map, g: &[f32], by_weight: &mut [f32], scratch: &mut Scratch) {
+        let planes = Planes::new(out, self.stride);
+        planes.fill(map, x, self.relu, &mut scratch.padded);
+        scratch.shared.load(self.instructions, &scratch.padded, planes.len);
+        let mut spaced = vec![0.0; out.rows * planes.pitch * out.channels];
+        let row = out.columns * out.channels;
+        for (to, from) in spaced.chunks_exact_mut(planes.pitch * out.channels).zip(g.chunks_exact(row)) {
+            to[..row].copy_from_slice(from);
+        }
+        let packed = Packed::of_rows(self.instructions, &spaced, out.rows * planes.pitch, out.channels);
+        for (tap, by_weight) in by_weight.chunks_exact_mut(map.channels * out.channels).enumerate() {
+            let (dy, dx) = (tap / 3, tap % 3);
+            let plane = (dy % self.stride * self.stride + dx % self.stride) * map.channels * planes.len;
+            let first = plane + dy / self.stride * planes.pitch + dx / self.stride;
+            scratch.multiply_shared(&packed, first, planes.len, map.channels, out.channels, by_weight);
+        }
+    }
+
     /// No gradient reaches what counted as zero.
     fn mask(self, x: &[f32], by_x: &mut [f32]) {
         if self.relu {
@@ -244,19 +269,16 @@ impl Convolution {
 }
 
 /// The gradient by a padded map at stride 2: each output's gradient goes to its window.
-fn spread(map: Map, out: Map, rows: &[Vec<f32>; 3], g: &[f32], padded: &mut Vec<f32>, block: &mut Vec<f32>) {
+fn spread(map: Map, out: Map, packed: &Packed, g: &[f32], padded: &mut Vec<f32>, scratch: &mut Scratch) {
+    let (pitch, window) = ((map.columns + 2) * map.channels, 3 * map.channels);
     padded.clear();
-    padded.resize((map.rows + 2) * map.pitch(), 0.0);
+    padded.resize((map.rows + 2) * pitch, 0.0);
+    let mut row = vec![0.0; out.columns * 3 * window];
     for (i, g) in g.chunks_exact(out.columns * out.channels).enumerate() {
-        let g = matrix(g, [out.columns, out.channels], [out.channels, 1]);
-        for (dy, weights) in rows.iter().enumerate() {
-            block.clear();
-            block.resize(out.columns * 3 * map.channels, 0.0);
-            let transposed = matrix(weights, [out.channels, 3 * map.channels], [1, out.channels]);
-            add_product(g, transposed, &mut matrix_mut(block, 3 * map.channels));
-            let start = (2 * i + dy) * map.pitch();
-            for (j, window) in block.chunks_exact(3 * map.channels).enumerate() {
-                add_to(&mut padded[start + 2 * j * map.channels..][..window.len()], window);
+        scratch.multiply(rows_of(g, out.channels), packed, 3 * window, &mut row);
+        for (j, windows) in row.chunks_exact(3 * window).enumerate() {
+            for (dy, part) in windows.chunks_exact(window).enumerate() {
+                add_to(&mut padded[(2 * i + dy) * pitch + 2 * j * map.channels..][..window], part);
             }
         }
     }

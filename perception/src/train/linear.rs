@@ -1,10 +1,14 @@
 //! Linear maps and matrix products.
 
+use std::cell::RefCell;
+
 use ndarray::linalg::general_mat_mul;
 use ndarray::{ArrayView2, ArrayViewMut2, ShapeBuilder as _};
 use rayon::prelude::*;
 
 use super::tape::{Kernel, View};
+use crate::engine::Instructions;
+use crate::engine::multiply::{LANES, Left, Packed, Shared, Target, Then, Windows, multiply};
 use crate::network::Tensor;
 
 /// Rows that are multiplied together. Sums over rows are made per block and then in the blocks' order, so that the result does not
@@ -52,9 +56,83 @@ pub(super) fn total(parts: Vec<Vec<f32>>, len: usize) -> Vec<f32> {
     })
 }
 
+/// A thread's room for operands and results in other forms.
+#[derive(Default)]
+pub(super) struct Scratch {
+    pub(super) padded: Vec<f32>,
+    pub(super) shared: Shared,
+    words: Vec<u32>,
+    block: Vec<f32>,
+}
+
+/// Runs something that needs room; it must leave the other threads' work alone, of which one might need the same room.
+pub(super) fn with_scratch<R>(run: impl FnOnce(&mut Scratch) -> R) -> R {
+    thread_local!(static SCRATCH: RefCell<Scratch> = RefCell::default());
+    SCRATCH.with_borrow_mut(run)
+}
+
+impl Scratch {
+    /// Products of the windows of `left`, row by row, with a packed matrix of `columns` columns, into `out`.
+    pub(super) fn multiply(&mut self, left: Left<'_>, packed: &Packed, columns: usize, out: &mut [f32]) {
+        let words = &mut self.words;
+        into_columns(left.windows, columns, out, &mut self.block, |target| multiply(packed, left, words, target));
+    }
+
+    /// Products of `rows` rows of what `shared` holds, `step` apart from `first` on, with a packed matrix of `columns` columns.
+    pub(super) fn multiply_shared(
+        &mut self,
+        packed: &Packed,
+        first: usize,
+        step: usize,
+        rows: usize,
+        columns: usize,
+        out: &mut [f32],
+    ) {
+        let windows = Windows { first, step, pitch: 0, columns: rows, rows: 1, segment_pitch: 0 };
+        let shared = &self.shared;
+        into_columns(windows, columns, out, &mut self.block, |target| {
+            shared.multiply(packed, first, step, rows, target);
+        });
+    }
+}
+
+/// Has products put into `out`, a row of `columns` numbers per window; by way of `block` where those do not fill vectors.
+fn into_columns(
+    windows: Windows,
+    columns: usize,
+    out: &mut [f32],
+    block: &mut Vec<f32>,
+    multiply: impl FnOnce(Target<'_>),
+) {
+    let step = columns.next_multiple_of(LANES);
+    let (first, pitch, then) = (0, windows.columns * step, Then::Store);
+    if step == columns {
+        return multiply(Target { data: out, first, step, pitch, then });
+    }
+    block.resize(block.len().max(windows.rows * pitch), 0.0);
+    multiply(Target { data: block, first, step, pitch, then });
+    for (to, from) in out.chunks_exact_mut(columns).zip(block.chunks_exact(step)) {
+        to.copy_from_slice(&from[..columns]);
+    }
+}
+
+/// The instructions for rows of this length, two of which bf16 instructions could not take apart if it is odd.
+pub(super) fn for_length(instructions: Instructions, length: usize) -> Instructions {
+    if length.is_multiple_of(2) { instructions } else { instructions.exact() }
+}
+
+/// Rows that lie behind each other.
+pub(super) fn rows_of(data: &[f32], length: usize) -> Left<'_> {
+    let windows = Windows { first: 0, step: length, pitch: 0, columns: data.len() / length, rows: 1, segment_pitch: 0 };
+    Left { data, windows, rectified: false }
+}
+
 /// `y = W x + b` over the last axis; inputs x, W `[out, in]`, b `[out]`.
 #[derive(Debug, Clone)]
-pub struct Linear;
+pub struct Linear {
+    /// With which products are formed.
+    pub instructions: Instructions,
+}
 
 impl Kernel<3> for Linear {
     type Kept = ();
@@ -65,12 +143,13 @@ impl Kernel<3> for Linear {
         shape.pop();
         shape.push(outputs);
         let mut values = vec![0.0; x.values.len() / inputs * outputs];
-        let transposed = matrix(weight.values, [inputs, outputs], [1, inputs]);
+        let packed = weight.forwards(|| {
+            let instructions = for_length(self.instructions, inputs);
+            Packed::new(instructions, 1, inputs, bias.values, |i, o| weight.values[o * inputs + i])
+        });
         let blocks = values.par_chunks_mut(BLOCK * outputs).zip(x.values.par_chunks(BLOCK * inputs));
         blocks.for_each(|(y, x)| {
-            y.chunks_exact_mut(outputs).for_each(|row| row.copy_from_slice(bias.values));
-            let x = matrix(x, [x.len() / inputs, inputs], [inputs, 1]);
-            add_product(x, transposed, &mut matrix_mut(y, outputs));
+            with_scratch(|scratch| scratch.multiply(rows_of(x, inputs), packed, outputs, y));
         });
         (Tensor { shape, values }, ())
     }
@@ -85,11 +164,13 @@ impl Kernel<3> for Linear {
         let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
         let by_x = x_wanted.then(|| {
             let mut values = vec![0.0; x.values.len()];
-            let weight = matrix(weight.values, [outputs, inputs], [inputs, 1]);
+            let packed = weight.backwards(|| {
+                let instructions = for_length(self.instructions, outputs);
+                Packed::new(instructions, 1, outputs, &vec![0.0; inputs], |o, i| weight.values[o * inputs + i])
+            });
             let blocks = values.par_chunks_mut(BLOCK * inputs).zip(gradient.values.par_chunks(BLOCK * outputs));
             blocks.for_each(|(by_x, g)| {
-                let g = matrix(g, [g.len() / outputs, outputs], [outputs, 1]);
-                add_product(g, weight, &mut matrix_mut(by_x, inputs));
+                with_scratch(|scratch| scratch.multiply(rows_of(g, outputs), packed, inputs, by_x));
             });
             Tensor { shape: x.shape.to_vec(), values }
         });
@@ -98,8 +179,18 @@ impl Kernel<3> for Linear {
             let rows = x.len() / inputs;
             let mut sums = vec![0.0; outputs * (inputs + 1)];
             let (by_weight, by_bias) = sums.split_at_mut(outputs * inputs);
-            let transposed = matrix(g, [outputs, rows], [1, outputs]);
-            add_product(transposed, matrix(x, [rows, inputs], [inputs, 1]), &mut matrix_mut(by_weight, inputs));
+            let packed = Packed::of_rows(self.instructions, x, rows, inputs);
+            let step = rows.next_multiple_of(2);
+            with_scratch(|scratch| {
+                // Output by output.
+                scratch.padded.clear();
+                scratch.padded.resize(outputs * step, 0.0);
+                for (o, to) in scratch.padded.chunks_exact_mut(step).enumerate() {
+                    to.iter_mut().zip(g[o..].iter().step_by(outputs)).for_each(|(to, from)| *to = *from);
+                }
+                scratch.shared.load(self.instructions, &scratch.padded, step);
+                scratch.multiply_shared(&packed, 0, step, outputs, inputs, by_weight);
+            });
             g.chunks_exact(outputs).for_each(|row| add_to(by_bias, row));
             sums
         });

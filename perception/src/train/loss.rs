@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use pulp::WithSimd;
 use serde::{Deserialize, Serialize};
 
+use super::lanes::{LANES, each, load, sigmoid, softplus};
 use super::tape::{Kernel, View};
 use crate::network::Tensor;
 
@@ -53,44 +55,81 @@ pub struct Targets {
 pub struct Loss {
     /// Which loss.
     pub config: LossConfig,
-    /// What the output should have been.
+    /// What the batch should have been.
     pub targets: Arc<Targets>,
+    /// Which of the batch's pixels the output has, from this one on; the mean is over all.
+    pub first: usize,
 }
 
-impl Loss {
-    /// Loss and slopes by indentation and logit, of one pixel, before the mean.
-    fn pixel(&self, [indentation, logit]: [f32; 2], target: f32, contact: f32) -> (f32, [f32; 2]) {
-        let LossConfig { penalty, huber_mm, contact_weight, segmentation } = self.config;
-        let weight = 1.0 + (contact_weight - 1.0) * contact;
-        let error = indentation - target;
-        let (cost, slope) = match penalty {
-            Penalty::Mse => (error * error, 2.0 * error),
-            Penalty::L1 => (error.abs(), if error == 0.0 { 0.0 } else { error.signum() }),
-            Penalty::Huber if error.abs() < huber_mm => (0.5 * error * error / huber_mm, error / huber_mm),
-            Penalty::Huber => (error.abs() - 0.5 * huber_mm, error.signum()),
-        };
-        let fading = (-logit.abs()).exp();
-        let entropy = logit.max(0.0) - logit * contact + fading.ln_1p();
-        let probability = if logit >= 0.0 { 1.0 / (1.0 + fading) } else { fading / (1.0 + fading) };
-        (weight * cost + segmentation * entropy, [weight * slope, segmentation * (probability - contact)])
+/// Some pixels of a batch.
+struct Pixels<'a> {
+    config: LossConfig,
+    output: &'a [f32],
+    indentation_mm: &'a [f32],
+    contact: &'a [f32],
+    /// Slopes by indentation and logit, before the mean.
+    slopes: &'a mut [f32],
+}
+
+impl WithSimd for Pixels<'_> {
+    /// Sum of the pixels' losses.
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> f64 {
+        let Self { config, output, indentation_mm, contact, slopes } = self;
+        let LossConfig { penalty, huber_mm, contact_weight, segmentation } = config;
+        let pixels = output.chunks(2 * LANES).zip(slopes.chunks_mut(2 * LANES));
+        let mut sum = 0.0;
+        for (k, (output, slopes)) in pixels.enumerate() {
+            let (target, contact) = (load(indentation_mm, k * LANES), load(contact, k * LANES));
+            let of_pixel = |j: usize, part: usize| output.get(2 * j + part).copied().unwrap_or(0.0);
+            let (indentation, logit) = (each(|j| of_pixel(j, 0)), each(|j| of_pixel(j, 1)));
+            let (entropy, probability) = (softplus(logit), sigmoid(logit));
+            let mut costs = [0.0; LANES];
+            for j in 0..output.len() / 2 {
+                let weight = 1.0 + (contact_weight - 1.0) * contact[j];
+                let error = indentation[j] - target[j];
+                let (cost, slope) = match penalty {
+                    Penalty::Mse => (error * error, 2.0 * error),
+                    Penalty::L1 => (error.abs(), if error == 0.0 { 0.0 } else { error.signum() }),
+                    Penalty::Huber if error.abs() < huber_mm => (0.5 * error * error / huber_mm, error / huber_mm),
+                    Penalty::Huber => (error.abs() - 0.5 * huber_mm, error.signum()),
+                };
+                costs[j] = weight * cost + segmentation * (entropy[j] - logit[j] * contact[j]);
+                slopes[2 * j] = weight * slope;
+                slopes[2 * j + 1] = segmentation * (probability[j] - contact[j]);
+            }
+            sum += f64::from(costs.iter().sum::<f32>());
+        }
+        sum
     }
 }
 
 impl Kernel<1> for Loss {
-    type Kept = ();
+    /// Slopes by the output.
+    type Kept = Vec<f32>;
 
-    fn forward(&self, [output]: [View<'_>; 1]) -> (Tensor, ()) {
-        let pixels = output.values.as_chunks::<2>().0;
-        let targets = self.targets.indentation_mm.iter().zip(&self.targets.contact);
-        let sum: f64 = pixels.iter().zip(targets).map(|(p, (t, c))| f64::from(self.pixel(*p, *t, *c).0)).sum();
-        (Tensor { shape: vec![1], values: vec![(sum / pixels.len() as f64) as f32] }, ())
+    fn forward(&self, [output]: [View<'_>; 1]) -> (Tensor, Vec<f32>) {
+        let Targets { indentation_mm, contact } = &*self.targets;
+        let pixels = contact.len() as f32;
+        let (indentation_mm, contact) = (&indentation_mm[self.first..], &contact[self.first..]);
+        let mut slopes = vec![0.0; output.values.len()];
+        let (config, output) = (self.config, output.values);
+        let sum = pulp::Arch::new().dispatch(Pixels { config, output, indentation_mm, contact, slopes: &mut slopes });
+        slopes.iter_mut().for_each(|slope| *slope /= pixels);
+        (Tensor { shape: vec![1], values: vec![(sum / f64::from(pixels)) as f32] }, slopes)
     }
 
-    fn backward(&self, [output]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
-        let pixels = output.values.as_chunks::<2>().0;
-        let scale = gradient.values.iter().sum::<f32>() / pixels.len() as f32;
-        let targets = self.targets.indentation_mm.iter().zip(&self.targets.contact);
-        let slopes = pixels.iter().zip(targets).flat_map(|(p, (t, c))| self.pixel(*p, *t, *c).1.map(|s| s * scale));
-        [Some(Tensor { shape: output.shape.to_vec(), values: slopes.collect() })]
+    fn backward(
+        &self,
+        [output]: [View<'_>; 1],
+        slopes: &Vec<f32>,
+        gradient: View<'_>,
+        _: [bool; 1],
+    ) -> [Option<Tensor>; 1] {
+        let scale: f32 = gradient.values.iter().sum();
+        let values = slopes.iter().map(|slope| slope * scale).collect();
+        [Some(Tensor { shape: output.shape.to_vec(), values })]
     }
 }

@@ -12,22 +12,39 @@ use super::linear::Linear;
 use super::pointwise::{DepthToSpace, Norm, Relu};
 use super::resample::Resample;
 use super::scan::Selective;
-use super::tape::{Var, apply};
+use super::tape::{Value, Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
+use crate::engine::Instructions;
 use crate::network::{Architecture, Layer, Mamba, Op, Pyramid, RobustMamba, Scan, Tensor, Vit};
+
+/// Images that are put into a network together.
+#[derive(Debug, Clone, Copy)]
+pub struct Images<'a> {
+    /// RGB of each pixel, image by image and row by row.
+    pub levels: &'a [u8],
+    /// Images, rows and columns.
+    pub shape: [usize; 3],
+}
 
 /// A network's tensors on the tape, by name.
 pub struct Model<'a> {
     architecture: &'a Architecture,
+    /// With which products are formed.
+    instructions: Instructions,
     variables: BTreeMap<&'a str, Var>,
 }
 
 impl<'a> Model<'a> {
     /// Puts tensors on the tape; `training` asks for their gradients.
-    pub fn new(architecture: &'a Architecture, tensors: &'a BTreeMap<String, Tensor>, training: bool) -> Self {
+    pub fn new(
+        architecture: &'a Architecture,
+        tensors: &'a BTreeMap<String, Arc<Value>>,
+        instructions: Instructions,
+        training: bool,
+    ) -> Self {
         let put = if training { Var::parameter } else { Var::constant };
         let variables = tensors.iter().map(|(name, tensor)| (name.as_str(), put(tensor.clone()))).collect();
-        Self { architecture, variables }
+        Self { architecture, instructions, variables }
     }
 
     /// The tensors.
@@ -37,9 +54,10 @@ impl<'a> Model<'a> {
 
     /// Indentation in millimetres, which may be negative, and logit of contact, `[images, rows, columns, 2]`, of RGB images
     /// `[images, rows, columns, 3]` whose sides are multiples of the stride.
-    pub fn forward(&self, levels: &[u8], shape: [usize; 3]) -> Var {
+    pub fn forward(&self, images: Images<'_>) -> Var {
+        let Images { levels, shape, .. } = images;
         match self.architecture {
-            Architecture::Default(pyramid) => self.pyramid(pyramid, levels, shape),
+            Architecture::Default(pyramid) => self.pyramid(pyramid, with_coordinates(images), shape),
             Architecture::Vit(vit) => self.vit(vit, levels, shape),
             Architecture::Mamba(mamba) => self.mamba_network(mamba, levels, shape),
             Architecture::RobustMamba(robust) => self.robust_mamba(robust, levels, shape),
@@ -60,13 +78,13 @@ impl<'a> Model<'a> {
 
     fn linear(&self, name: &str, x: Var) -> Var {
         let [weight, bias] = self.weight_and_bias(name);
-        apply(Linear, [x, weight, bias])
+        apply(Linear { instructions: self.instructions }, [x, weight, bias])
     }
 
     fn product(&self, name: &str, x: Var) -> Var {
         let weight = self.get(name);
         let bias = Var::constant(Tensor { shape: vec![weight.shape()[0]], values: vec![0.0; weight.shape()[0]] });
-        apply(Linear, [x, weight, bias])
+        apply(Linear { instructions: self.instructions }, [x, weight, bias])
     }
 
     fn norm(&self, name: &str, x: Var) -> Var {
@@ -76,7 +94,7 @@ impl<'a> Model<'a> {
 
     fn convolution(&self, name: &str, x: Var, stride: usize, relu: bool) -> Var {
         let [weight, bias] = self.weight_and_bias(name);
-        apply(Convolution { stride, relu }, [x, weight, bias])
+        apply(Convolution { stride, relu, instructions: self.instructions }, [x, weight, bias])
     }
 
     /// `x + conv2(relu(conv1(relu(x))))`.
@@ -96,8 +114,7 @@ impl<'a> Model<'a> {
         self.product(&format!("{name}.out_proj.weight"), y)
     }
 
-    fn pyramid(&self, pyramid: &Pyramid, levels: &[u8], [images, rows, columns]: [usize; 3]) -> Var {
-        let input = with_coordinates(levels, [images, rows, columns]);
+    fn pyramid(&self, pyramid: &Pyramid, input: Var, [images, rows, columns]: [usize; 3]) -> Var {
         let stem = apply(Relu, [self.convolution("stem", input, 2, false)]);
         let quarter = self.convolution("encoder.0.down", stem.clone(), 2, false);
         let quarter = self.unit("encoder.0.unit", quarter);
@@ -182,7 +199,7 @@ impl<'a> Model<'a> {
         let values = levels.iter().map(|level| f32::from(*level) / 127.5 - 1.0).collect();
         let patches = space_to_depth(&Tensor { shape: vec![images, rows, columns, 3], values }, patch);
         let map = self.linear("patch", Var::constant(patches));
-        let [count, width] = [positions.shape()[0], positions.shape()[1]];
+        let &[count, width] = positions.shape() else { unreachable!("a table has two axes") };
         let tokens = apply(AddTable, [map.reshape(&[images, count, width]), positions]);
         apply(Append, [tokens, self.get("class")])
     }
@@ -254,7 +271,7 @@ fn waves([rows, columns]: [usize; 2], width: usize) -> Tensor {
 }
 
 /// Levels as numbers from -1 to 1, with the pixels' places as two more channels.
-fn with_coordinates(levels: &[u8], [images, rows, columns]: [usize; 3]) -> Var {
+fn with_coordinates(Images { levels, shape: [images, rows, columns] }: Images<'_>) -> Var {
     let place = |i: usize, count: usize| 2.0 * (i as f32 + 0.5) / count as f32 - 1.0;
     let mut values = Vec::with_capacity(levels.len() / 3 * 5);
     for (k, pixel) in levels.as_chunks::<3>().0.iter().enumerate() {

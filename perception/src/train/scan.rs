@@ -364,7 +364,7 @@ impl Kernel<8> for Selective {
         }
         let mut sums = parts.into_iter();
         std::array::from_fn(|i| {
-            let View { shape, values } = inputs[i];
+            let View { shape, values, .. } = inputs[i];
             let sum = match i {
                 0 => std::mem::take(&mut by_xz),
                 _ => total(sums.next()?, values.len()),

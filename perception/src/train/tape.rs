@@ -1,26 +1,72 @@
-//! Ops of ours on burn's tape: plain loops over slices, forward and backward.
+//! Values that remember what they were computed from, and the way back from the loss to the parameters.
+//!
+//! A tape belongs to one thread and holds a share of a batch; shares run side by side. Each op is a [`Kernel`], plain loops over
+//! slices in both directions.
 
-use std::fmt::Debug;
+use std::cell::Cell;
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::rc::Rc;
+use std::sync::{Arc, OnceLock};
 
-use burn_autodiff::Autodiff;
-use burn_autodiff::checkpoint::base::Checkpointer;
-use burn_autodiff::checkpoint::strategy::NoCheckpointing;
-use burn_autodiff::grads::Gradients;
-use burn_autodiff::ops::{Backward, Ops, OpsKind};
-use burn_backend::backend::AutodiffBackend;
-use burn_backend::ops::FloatTensorOps;
-use burn_backend::tensor::FloatTensor;
-use burn_backend::{TensorData, TensorMetadata};
-use burn_flex::{Flex, FlexTensor};
-
+use super::linear::add_to;
+use crate::engine::multiply::Packed;
 use crate::network::Tensor;
-
-/// The backend with the tape.
-type Tape = Autodiff<Flex>;
 
 /// A value on the tape.
 #[derive(Debug, Clone)]
-pub struct Var(FloatTensor<Tape>);
+pub struct Var(Rc<Node>);
+
+#[derive(Debug)]
+struct Node {
+    /// Greater than those of all values from which it was computed.
+    number: u64,
+    value: Arc<Value>,
+    origin: Origin,
+}
+
+/// A tensor, and what kernels have packed of it: weights are packed once for all shares of a batch.
+#[derive(Debug)]
+pub struct Value {
+    tensor: Tensor,
+    packed: [OnceLock<Packed>; 2],
+}
+
+impl From<Tensor> for Value {
+    fn from(tensor: Tensor) -> Self {
+        Self { tensor, packed: Default::default() }
+    }
+}
+
+impl From<Tensor> for Arc<Value> {
+    fn from(tensor: Tensor) -> Self {
+        Self::new(tensor.into())
+    }
+}
+
+impl Value {
+    fn view(&self) -> View<'_> {
+        let Tensor { shape, values } = &self.tensor;
+        View { shape, values, packed: &self.packed }
+    }
+}
+
+/// Where a value comes from.
+enum Origin {
+    Constant,
+    Parameter,
+    Computed(Box<dyn Step>),
+}
+
+impl fmt::Debug for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Constant => "constant",
+            Self::Parameter => "parameter",
+            Self::Computed(_) => "computed",
+        })
+    }
+}
 
 /// Numbers with a shape, row-major, of somebody else.
 #[derive(Debug, Clone, Copy)]
@@ -29,12 +75,25 @@ pub struct View<'a> {
     pub shape: &'a [usize],
     /// As many numbers as the product of the sides.
     pub values: &'a [f32],
+    packed: &'a [OnceLock<Packed>; 2],
+}
+
+impl<'a> View<'a> {
+    /// Packed for the way forward; by `pack`, the first time.
+    pub fn forwards(self, pack: impl FnOnce() -> Packed) -> &'a Packed {
+        self.packed[0].get_or_init(pack)
+    }
+
+    /// Packed for the way back; by `pack`, the first time.
+    pub fn backwards(self, pack: impl FnOnce() -> Packed) -> &'a Packed {
+        self.packed[1].get_or_init(pack)
+    }
 }
 
 /// An op with N inputs and one output. Inputs and output are row-major.
-pub trait Kernel<const N: usize>: Debug + Clone + Send + 'static {
+pub trait Kernel<const N: usize>: 'static {
     /// What the forward pass keeps for the backward pass, beside the inputs.
-    type Kept: Debug + Clone + Send + 'static;
+    type Kept: 'static;
 
     /// The output.
     fn forward(&self, inputs: [View<'_>; N]) -> (Tensor, Self::Kept);
@@ -49,100 +108,154 @@ pub trait Kernel<const N: usize>: Debug + Clone + Send + 'static {
     ) -> [Option<Tensor>; N];
 }
 
-/// The loss' gradients by all values that ask for them.
-pub struct Slopes(Gradients);
+/// How a value was computed.
+trait Step {
+    /// Hands the loss' gradients by what the value was computed from to `give`.
+    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor));
+}
+
+/// The loss' gradients by all parameters.
+pub struct Slopes(HashMap<u64, Tensor>);
 
 impl Var {
+    fn new(value: Arc<Value>, origin: Origin) -> Self {
+        thread_local!(static NEXT: Cell<u64> = const { Cell::new(0) });
+        let number = NEXT.replace(NEXT.get() + 1);
+        Self(Rc::new(Node { number, value, origin }))
+    }
+
+    /// A value that was computed from others, of which none may need a gradient.
+    fn computed<const N: usize>(tensor: Tensor, inputs: &[Self; N], step: impl Step + 'static) -> Self {
+        let is_tracked = inputs.iter().any(Self::is_tracked);
+        Self::new(Arc::new(tensor.into()), if is_tracked { Origin::Computed(Box::new(step)) } else { Origin::Constant })
+    }
+
     /// A value without a gradient.
-    pub fn constant(tensor: Tensor) -> Self {
-        Self(Tape::from_inner(to_flex(tensor)))
+    pub fn constant(value: impl Into<Arc<Value>>) -> Self {
+        Self::new(value.into(), Origin::Constant)
     }
 
     /// A value whose gradient is wanted.
-    pub fn parameter(tensor: Tensor) -> Self {
-        Self(Self::constant(tensor).0.require_grad())
+    pub fn parameter(value: impl Into<Arc<Value>>) -> Self {
+        Self::new(value.into(), Origin::Parameter)
     }
 
-    /// Its sides.
-    pub fn shape(&self) -> Vec<usize> {
-        self.0.shape().iter().copied().collect()
+    fn is_tracked(&self) -> bool {
+        !matches!(self.0.origin, Origin::Constant)
+    }
+
+    fn view(&self) -> View<'_> {
+        self.0.value.view()
     }
 
     /// Its numbers.
-    pub fn to_tensor(&self) -> Tensor {
-        from_flex(&self.0.primitive)
+    pub fn tensor(&self) -> &Tensor {
+        &self.0.value.tensor
+    }
+
+    /// Its sides.
+    pub fn shape(&self) -> &[usize] {
+        &self.tensor().shape
     }
 
     /// The sum of two values of one shape.
     pub fn add(self, other: Self) -> Self {
-        Self(Tape::float_add(self.0, other.0))
+        let values = self.tensor().values.iter().zip(&other.tensor().values).map(|(a, b)| a + b).collect();
+        let tensor = Tensor { shape: self.shape().to_vec(), values };
+        let inputs = [self, other];
+        Self::computed(tensor, &inputs.clone(), Sum(inputs))
     }
 
     /// The same numbers with other sides.
     pub fn reshape(self, shape: &[usize]) -> Self {
-        Self(Tape::float_reshape(self.0, shape.to_vec().into()))
+        let tensor = Tensor { shape: shape.to_vec(), values: self.tensor().values.clone() };
+        let inputs = [self];
+        Self::computed(tensor, &inputs.clone(), Reshaped(inputs))
     }
 
     /// Goes back from this value, the loss.
     pub fn backward(self) -> Slopes {
-        Slopes(Tape::backward(self.0))
+        let ones = Tensor { shape: self.shape().to_vec(), values: vec![1.0; self.tensor().values.len()] };
+        let mut slopes = HashMap::new();
+        // A value's gradient is whole when no value with a greater number waits.
+        let mut waiting = BTreeMap::from([(self.0.number, (self, ones))]);
+        while let Some((number, (Var(node), gradient))) = waiting.pop_last() {
+            match &node.origin {
+                Origin::Constant => {}
+                Origin::Parameter => {
+                    slopes.insert(number, gradient);
+                }
+                Origin::Computed(step) => step.back(gradient, &mut |input, slope| {
+                    let (_, sum) = match waiting.entry(input.0.number) {
+                        std::collections::btree_map::Entry::Vacant(place) => {
+                            place.insert((input.clone(), slope));
+                            return;
+                        }
+                        std::collections::btree_map::Entry::Occupied(place) => place.into_mut(),
+                    };
+                    add_to(&mut sum.values, &slope.values);
+                }),
+            }
+        }
+        Slopes(slopes)
     }
 }
 
 impl Slopes {
     /// Takes the gradient by a parameter; `None` if it had no part in the loss.
     pub fn take(&mut self, parameter: &Var) -> Option<Tensor> {
-        Tape::grad_remove(&parameter.0, &mut self.0).map(|tensor| from_flex(&tensor))
+        self.0.remove(&parameter.0.number)
     }
 }
 
-/// Applies an op.
-pub fn apply<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Var; N]) -> Var {
-    let nodes = std::array::from_fn(|i| inputs[i].0.node.clone());
-    let primitives = inputs.map(|input| input.0.primitive.to_contiguous());
-    let (output, kept) = with_views(&primitives, |views| kernel.forward(views));
-    let output = to_flex(output);
-    let op = Step::<K, N>(std::marker::PhantomData);
-    Var(match op.prepare::<NoCheckpointing>(nodes).compute_bound().stateful() {
-        OpsKind::Tracked(prepared) => prepared.finish((kernel, primitives, kept), output),
-        OpsKind::UnTracked(prepared) => prepared.finish(output),
-    })
+/// A sum of two values.
+struct Sum([Var; 2]);
+
+impl Step for Sum {
+    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor)) {
+        let Self([first, second]) = self;
+        if first.is_tracked() {
+            give(first, gradient.clone());
+        }
+        if second.is_tracked() {
+            give(second, gradient);
+        }
+    }
 }
 
-/// The op as burn's tape sees it.
-#[derive(Debug)]
-struct Step<K, const N: usize>(std::marker::PhantomData<K>);
+/// A value with other sides.
+struct Reshaped([Var; 1]);
 
-impl<K: Kernel<N>, const N: usize> Backward<Flex, N> for Step<K, N> {
-    type State = (K, [FlexTensor; N], K::Kept);
+impl Step for Reshaped {
+    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor)) {
+        let Self([input]) = self;
+        give(input, Tensor { shape: input.shape().to_vec(), values: gradient.values });
+    }
+}
 
-    fn backward(self, ops: Ops<Self::State, N>, grads: &mut Gradients, _: &mut Checkpointer) {
-        let gradient = [grads.consume::<Flex>(&ops.node).to_contiguous()];
-        let (kernel, inputs, kept) = ops.state;
-        let wanted = std::array::from_fn(|i| ops.parents[i].is_some());
-        let slopes = with_views(&inputs, |inputs| {
-            with_views(&gradient, |[gradient]| kernel.backward(inputs, &kept, gradient, wanted))
-        });
-        for (parent, slope) in ops.parents.into_iter().zip(slopes) {
-            if let (Some(parent), Some(slope)) = (parent, slope) {
-                grads.register::<Flex>(parent.id, to_flex(slope));
+/// The result of a kernel.
+struct Applied<K: Kernel<N>, const N: usize> {
+    kernel: K,
+    inputs: [Var; N],
+    kept: K::Kept,
+}
+
+impl<K: Kernel<N>, const N: usize> Step for Applied<K, N> {
+    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor)) {
+        let Self { kernel, inputs, kept } = self;
+        let wanted = inputs.each_ref().map(Var::is_tracked);
+        let gradient = Value::from(gradient);
+        let slopes = kernel.backward(inputs.each_ref().map(Var::view), kept, gradient.view(), wanted);
+        for ((input, slope), is_wanted) in inputs.iter().zip(slopes).zip(wanted) {
+            if let Some(slope) = slope.filter(|_| is_wanted) {
+                give(input, slope);
             }
         }
     }
 }
 
-fn with_views<R, const N: usize>(tensors: &[FlexTensor; N], run: impl FnOnce([View<'_>; N]) -> R) -> R {
-    let shapes: [Vec<usize>; N] = std::array::from_fn(|i| tensors[i].layout().shape().iter().copied().collect());
-    // They are contiguous and hold 32-bit floats: nothing else is ever made here.
-    run(std::array::from_fn(|i| View { shape: &shapes[i], values: tensors[i].as_slice().unwrap_or_default() }))
-}
-
-fn to_flex(Tensor { shape, values }: Tensor) -> FlexTensor {
-    FlexTensor::from_data(TensorData::new(values, shape))
-}
-
-fn from_flex(tensor: &FlexTensor) -> Tensor {
-    let shape = tensor.layout().shape().iter().copied().collect();
-    let values = tensor.to_contiguous().as_slice().unwrap_or_default().to_vec();
-    Tensor { shape, values }
+/// Applies an op.
+pub fn apply<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Var; N]) -> Var {
+    let (tensor, kept) = kernel.forward(inputs.each_ref().map(Var::view));
+    Var::computed(tensor, &inputs.clone(), Applied { kernel, inputs, kept })
 }

@@ -16,13 +16,22 @@ use super::scan::Selective;
 use super::tape::{Kernel, Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
 use super::*;
-use crate::network::{Architecture, Mamba, Pyramid, RobustMamba, Scan, Tensor, Vit};
+use crate::engine::Instructions;
+use crate::network::{Architecture, Mamba, Precision, Pyramid, RobustMamba, Scan, Tensor, Vit};
 
 /// Numbers between -1 and 1.
 fn random(shape: &[usize], seed: u64) -> Tensor {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let count = shape.iter().product();
     Tensor { shape: shape.to_vec(), values: (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() }
+}
+
+/// Odd sixteenths between -1 and 1, which bf16 holds exactly, so that its products are as exact as any. None is zero, where a
+/// rectifier has no slope.
+fn sixteenths(shape: &[usize], seed: u64) -> Tensor {
+    let mut tensor = random(shape, seed);
+    tensor.values.iter_mut().for_each(|x| *x = ((*x * 8.0).floor() + 0.5) / 8.0);
+    tensor
 }
 
 fn doubles<const N: usize>(inputs: &[Tensor; N]) -> [Vec<f64>; N] {
@@ -35,18 +44,18 @@ fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: im
     let variables: [Var; N] = std::array::from_fn(|i| Var::parameter(inputs[i].clone()));
     let output = apply(kernel, variables.clone());
     let exact = plain(&doubles(&inputs));
-    let result = output.to_tensor();
+    let result = output.tensor().clone();
     assert_eq!(result.values.len(), exact.len(), "length of the result");
     for (i, (a, b)) in result.values.iter().zip(&exact).enumerate() {
         assert!((f64::from(*a) - b).abs() < 2e-5 * (1.0 + b.abs()), "result {i}: {a} for {b}");
     }
     // The loss is the result's product with fixed numbers, which any wrong place would change.
-    let weights = random(&[1, exact.len()], 99);
+    let weights = sixteenths(&[1, exact.len()], 99);
     let score = |inputs: &[Vec<f64>; N]| -> f64 {
         plain(inputs).iter().zip(&weights.values).map(|(y, w)| y * f64::from(*w)).sum()
     };
     let product = apply(
-        Linear,
+        Linear { instructions: Instructions::best().exact() },
         [
             output.reshape(&[1, exact.len()]),
             Var::constant(weights.clone()),
@@ -73,11 +82,16 @@ fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: im
 
 #[test]
 fn linear() {
-    let inputs = [random(&[3, 5, 7], 1), random(&[4, 7], 2), random(&[4], 3)];
-    check(Linear, inputs, |[x, w, b]| {
-        let rows = x.chunks_exact(7);
-        rows.flat_map(|x| (0..4).map(move |o| b[o] + (0..7).map(|i| w[o * 7 + i] * x[i]).sum::<f64>())).collect()
-    });
+    // Odd and even numbers of channels, full vectors and rests.
+    for (instructions, (i, o)) in
+        Instructions::available().flat_map(|set| [(7, 4), (6, 16), (16, 6), (35, 5)].map(|s| (set, s)))
+    {
+        let inputs = [sixteenths(&[3, 5, i], 1), sixteenths(&[o, i], 2), sixteenths(&[o], 3)];
+        check(Linear { instructions }, inputs, |[x, w, b]| {
+            let output = |x: &[f64], o: usize| b[o] + (0..i).map(|i0| w[o * i + i0] * x[i0]).sum::<f64>();
+            x.chunks_exact(i).flat_map(|x| (0..o).map(|o| output(x, o)).collect::<Vec<_>>()).collect()
+        });
+    }
 }
 
 /// The definition of a convolution, pixel by pixel.
@@ -109,12 +123,22 @@ fn places(a: usize, b: usize, c: usize, d: usize) -> impl Iterator<Item = (usize
 
 #[test]
 fn convolution() {
-    for (stride, relu, rows, columns) in [(1, false, 6, 5), (1, true, 4, 9), (2, false, 6, 8), (2, true, 5, 7)] {
-        let (images, inputs, outputs) = (2, 3, 4);
-        let tensors =
-            [random(&[images, rows, columns, inputs], 4), random(&[outputs, inputs, 3, 3], 5), random(&[outputs], 6)];
-        let sizes = [images, rows, columns, inputs, outputs];
-        check(Convolution { stride, relu }, tensors, |values| plain_convolution(sizes, stride, relu, values));
+    let shapes = [
+        (1, false, [2, 6, 5, 3, 4]),
+        (1, true, [2, 4, 9, 6, 16]),
+        (2, false, [2, 6, 8, 5, 3]),
+        (2, true, [2, 5, 7, 4, 6]),
+        (1, true, [1, 3, 4, 17, 2]),
+    ];
+    for instructions in Instructions::available() {
+        for (stride, relu, sizes) in shapes {
+            let [images, rows, columns, inputs, outputs] = sizes;
+            let x = sixteenths(&[images, rows, columns, inputs], 4);
+            let tensors = [x, sixteenths(&[outputs, inputs, 3, 3], 5), sixteenths(&[outputs], 6)];
+            check(Convolution { stride, relu, instructions }, tensors, |values| {
+                plain_convolution(sizes, stride, relu, values)
+            });
+        }
     }
 }
 
@@ -123,7 +147,12 @@ fn convolution() {
 fn convolution_of_a_large_map() {
     let tensors = [random(&[1, 40, 60, 2], 7), random(&[3, 2, 3, 3], 8), random(&[3], 9)];
     let exact = plain_convolution([1, 40, 60, 2, 3], 1, false, &doubles(&tensors));
-    let result = apply(Convolution { stride: 1, relu: false }, tensors.map(Var::constant)).to_tensor();
+    let result = apply(
+        Convolution { stride: 1, relu: false, instructions: Instructions::best().exact() },
+        tensors.map(Var::constant),
+    )
+    .tensor()
+    .clone();
     assert!(result.values.iter().zip(&exact).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5));
 }
 
@@ -303,7 +332,7 @@ fn loss() {
         let contact = vec![0.0, 1.0, 0.25, 1.0, 0.0, 0.0];
         let indentation_mm = vec![0.0, 0.5, 0.1, 1.5, 0.0, 0.02];
         let targets = Targets { indentation_mm: indentation_mm.clone(), contact: contact.clone() };
-        check(Loss { config, targets: Arc::new(targets) }, [random(&[1, 2, 3, 2], 30)], |[output]| {
+        check(Loss { config, targets: Arc::new(targets), first: 0 }, [random(&[1, 2, 3, 2], 30)], |[output]| {
             let pixels = output.as_chunks::<2>().0.iter().zip(indentation_mm.iter().zip(&contact));
             let sum: f64 = pixels
                 .map(|([mm, logit], (target, contact))| {
@@ -336,6 +365,7 @@ fn config(steps: u64) -> TrainingConfig {
         stages: vec![Stage { size: [32, 32], batch: 4, steps }],
         optimiser,
         loss: LossConfig::default(),
+        precision: Precision::F32,
         validate_every: 10,
         validation_images: 1,
     }

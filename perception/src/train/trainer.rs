@@ -1,17 +1,20 @@
 //! Training step by step, and its state on disk.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use rayon::prelude::*;
 use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
+use super::linear::add_to;
 use super::loss::{Loss, LossConfig, Targets};
-use super::model::{Model, initial};
+use super::model::{Images, Model, initial};
 use super::optimiser::{OptimiserConfig, State, Tensors};
-use super::tape::apply;
-use crate::network::{Architecture, Precision, Provenance, Stored, UnknownNetwork, Weights, WeightsError};
+use super::tape::{Value, apply};
+use crate::engine::Instructions;
+use crate::network::{Architecture, Precision, Provenance, Stored, Tensor, UnknownNetwork, Weights, WeightsError};
 
 /// How a network is trained, apart from its data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,10 +30,17 @@ pub struct TrainingConfig {
     /// What training makes small.
     #[serde(default)]
     pub loss: LossConfig,
+    /// What the operands of matrix products are rounded to, where the machine is faster with bf16; all else is in f32.
+    #[serde(default = "bf16")]
+    pub precision: Precision,
     /// Steps from one validation, and from one checkpoint, to the next.
     pub validate_every: u64,
     /// Images of a validation.
     pub validation_images: usize,
+}
+
+fn bf16() -> Precision {
+    Precision::Bf16
 }
 
 /// A part of the training.
@@ -101,6 +111,23 @@ pub struct Batch {
     pub levels: Vec<u8>,
     /// What the network should say of each pixel.
     pub targets: Arc<Targets>,
+}
+
+/// Pixels of a batch that one thread goes through at a time: what a network makes of them fits its cache, mostly.
+const SHARE: usize = 320 * 240;
+
+impl Batch {
+    /// Its images in shares that do not depend on the number of threads, each with the index of its first pixel.
+    fn shares(&self) -> Vec<(usize, Images<'_>)> {
+        let [_, rows, columns] = self.shape;
+        let count = (SHARE / (rows * columns)).max(1);
+        let shares = self.levels.chunks(3 * count * rows * columns).enumerate();
+        let shares = shares.map(|(k, levels)| {
+            let shape = [levels.len() / (3 * rows * columns), rows, columns];
+            (k * count * rows * columns, Images { levels, shape })
+        });
+        shares.collect()
+    }
 }
 
 /// What a step did.
@@ -234,16 +261,34 @@ impl Trainer {
         }
     }
 
+    /// With which products are formed.
+    fn instructions(&self) -> Instructions {
+        let best = Instructions::best();
+        if self.config.precision == Precision::Bf16 { best } else { best.exact() }
+    }
+
     /// Loss of a batch and its gradients by all weights.
     fn gradients(&self, batch: &Batch) -> (f32, Tensors) {
-        let model = Model::new(&self.architecture, &self.state.weights, true);
-        let output = model.forward(&batch.levels, batch.shape);
-        let loss = apply(Loss { config: self.config.loss, targets: batch.targets.clone() }, [output]);
-        let value = loss.to_tensor().values.iter().sum();
-        let mut slopes = loss.backward();
-        let gradients = model.variables().iter();
-        let gradients = gradients.filter_map(|(name, variable)| Some(((*name).to_owned(), slopes.take(variable)?)));
-        (value, gradients.collect())
+        let weights = shared(&self.state.weights);
+        let share = |(first, images)| {
+            let model = Model::new(&self.architecture, &weights, self.instructions(), true);
+            let targets = batch.targets.clone();
+            let loss = apply(Loss { config: self.config.loss, targets, first }, [model.forward(images)]);
+            let value: f32 = loss.tensor().values.iter().sum();
+            let mut slopes = loss.backward();
+            let gradients: Vec<_> = model.variables().values().map(|variable| slopes.take(variable)).collect();
+            (value, gradients)
+        };
+        let (values, shares): (Vec<f32>, Vec<Vec<Option<Tensor>>>) =
+            batch.shares().into_par_iter().map(share).collect();
+        // In the order of the shares, whichever was done first.
+        let sum = |(k, (name, tensor)): (usize, (&String, &Tensor))| {
+            let mut sum = Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
+            shares.iter().filter_map(|share| share[k].as_ref()).for_each(|part| add_to(&mut sum.values, &part.values));
+            (name.clone(), sum)
+        };
+        let named: Vec<_> = self.state.weights.iter().enumerate().collect();
+        (values.iter().sum(), named.into_par_iter().map(sum).collect())
     }
 
     /// The averaged weights.
@@ -323,9 +368,16 @@ impl Trainer {
 /// [`TrainError::Batch`] if there are fewer or more levels than the shape has, or its sides are no multiples of the stride.
 pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Vec<[f32; 2]>, TrainError> {
     check_shape(weights.architecture(), levels.len(), shape)?;
-    let output = Model::new(weights.architecture(), weights.tensors(), false).forward(levels, shape).to_tensor();
-    let pixels = output.values.as_chunks::<2>().0;
+    let tensors = shared(weights.tensors());
+    let output = Model::new(weights.architecture(), &tensors, Instructions::best().exact(), false)
+        .forward(Images { levels, shape });
+    let pixels = output.tensor().values.as_chunks::<2>().0;
     Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
+}
+
+/// Tensors that several threads may read.
+fn shared(tensors: &Tensors) -> BTreeMap<String, Arc<Value>> {
+    tensors.iter().map(|(name, tensor)| (name.clone(), tensor.clone().into())).collect()
 }
 
 /// Whether images of this shape can enter a network.

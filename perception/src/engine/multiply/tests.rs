@@ -98,6 +98,32 @@ fn small_whole_numbers_are_exact() {
     }
 }
 
+/// A shared operand takes part from any place on, odd ones too, with a matrix packed row by row.
+#[cfg(feature = "train")]
+#[test]
+fn shared_operands_begin_anywhere() {
+    let (columns, step, length, outputs) = (37, 72, 53, 45);
+    let left: Vec<f32> = (0..columns * step + 9).map(|k| (k % 7) as f32 - 3.0).collect();
+    let right: Vec<f32> = (0..length * outputs).map(|k| (k % 5) as f32 - 2.0).collect();
+    for set in Instructions::available() {
+        let mut shared = Shared::default();
+        shared.load(set, &numbers(1, 40_000), step);
+        shared.load(set, &left, step);
+        let packed = Packed::of_rows(set, &right, length, outputs);
+        for first in [0, 1, 6, 9] {
+            let windows = Windows { first, step, pitch: 0, columns, rows: 1, segment_pitch: 0 };
+            let exact = naive(&left, windows, 1, length, &right, outputs);
+            let mut out = vec![0.0; columns * packed.outputs];
+            let target = Target { data: &mut out, first: 0, step: packed.outputs, pitch: 0, then: Then::Store };
+            shared.multiply(&packed, first, step, columns, target);
+            for (window, exact) in exact.chunks(outputs).enumerate() {
+                let found: Vec<f64> = out[window * packed.outputs..][..outputs].iter().map(|&x| f64::from(x)).collect();
+                assert_eq!(found, exact, "{set:?} from {first}");
+            }
+        }
+    }
+}
+
 #[test]
 #[should_panic(expected = "a window ends outside")]
 fn windows_outside_their_operand_are_refused() {

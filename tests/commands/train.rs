@@ -1,0 +1,99 @@
+//! Training of networks, on procedural objects.
+
+use std::process::Stdio;
+
+use crate::workplace::Workplace;
+
+/// Writes a training of a tiny network on sensors that differ little.
+fn write_config(workplace: &Workplace, steps: u32, validate_every: u32) {
+    let config = format!(
+        "[network]\nname = \"default\"\nwidths = [8, 8, 12, 16]\ndepth = 2\nstate = 4\n\n\
+         [data]\nsensors = 4\nuntouched = 0.0\nprotocol = 1.0\ndeep = 0.0\ndisturbed_lights = 0.0\nbackground = 1.0\n\
+         objects = {{ train = [\"mug\", \"large_dice\", \"ball\"], validate = [\"pear\"] }}\n\n\
+         [training]\nseed = 3\nvalidate_every = {validate_every}\nvalidation_images = 4\n\
+         stages = [{{ size = [80, 64], batch = 4, steps = {steps} }}]\n\n\
+         [training.optimiser]\nlearning_rate = 1e-2\nwarm_up = 20\naverage = 0.9\n"
+    );
+    workplace.write("config.toml", config);
+}
+
+/// The cells of a curve, row by row, but for the speed.
+fn curve(workplace: &Workplace, folder: &str) -> Vec<Vec<f64>> {
+    let Ok(text) = std::fs::read_to_string(workplace.path(folder).join("curve.csv")) else { return vec![] };
+    let cells = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect::<Vec<f64>>();
+    text.lines().skip(1).map(cells).map(|row| [&row[..1], &row[2..]].concat()).collect()
+}
+
+fn line(folder: &str) -> String {
+    format!("train --network default --config config.toml --out {folder}")
+}
+
+/// Runs until the curve has this many rows, then kills; says whether the training was still at work.
+fn killed_after(workplace: &Workplace, line: &str, rows: usize) -> bool {
+    let mut child = workplace.command(line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    while curve(workplace, "killed").len() < rows && child.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    child.kill().unwrap();
+    !child.wait().unwrap().success()
+}
+
+/// What a training leaves behind does not show that it was killed: at its first checkpoint, which may be half written, and later.
+#[test]
+fn a_killed_training_is_resumed_to_the_bit() {
+    let workplace = Workplace::new();
+    write_config(&workplace, 24, 4);
+    let mut kills = usize::from(killed_after(&workplace, &line("killed"), 1));
+    let resume = format!("{} --resume", line("killed"));
+    // The curve is written before the checkpoint, so that without one there is nothing to resume yet.
+    let again = |line: &str| {
+        if workplace.path("killed/checkpoint.safetensors").exists() { resume.clone() } else { line.to_owned() }
+    };
+    kills += usize::from(killed_after(&workplace, &again(&line("killed")), 3));
+    assert!(kills >= 1, "the machine finished a training before it could be killed");
+    workplace.run(&again(&line("killed"))).good();
+    workplace.run(&line("whole")).good();
+    assert_eq!(curve(&workplace, "killed"), curve(&workplace, "whole"));
+    assert_eq!(curve(&workplace, "whole").len(), 6);
+    for name in ["last.safetensors", "best.safetensors", "checkpoint.safetensors", "panels.png"] {
+        let bytes = |folder: &str| std::fs::read(workplace.path(folder).join(name)).unwrap();
+        assert!(bytes("killed") == bytes("whole"), "{name} differs");
+    }
+    let said = workplace.run(&line("whole")).error();
+    assert!(said.contains("--resume"), "{said}");
+}
+
+/// Two hundred steps on rendered images teach a tiny network something, also about an object it has not seen.
+#[test]
+fn two_hundred_steps_bring_the_loss_down() {
+    let workplace = Workplace::new();
+    write_config(&workplace, 200, 20);
+    workplace.run(&line("out")).good();
+    let rows = curve(&workplace, "out");
+    let last = rows[6..].iter().map(|row| row[1]).sum::<f64>() / 4.0;
+    assert!(last < 0.26 && last < 0.7 * rows[0][1], "loss: {rows:?}");
+    assert!(rows[9][6] > 0.2, "overlap of contact: {rows:?}");
+    // What was written can be used.
+    workplace.run("bench networks --weights out/best.safetensors --input 64x48 --batch 1 --seconds 0").good();
+}
+
+#[test]
+fn trainings_that_cannot_be_are_refused() {
+    let workplace = Workplace::new();
+    write_config(&workplace, 1, 1);
+    let config = std::fs::read_to_string(workplace.path("config.toml")).unwrap();
+    for (from, to, part) in [
+        ("\"mug\"", "\"duck\"", "duck is kept for tests"),
+        ("batch = 4", "batch = 0", "batch"),
+        ("[80, 64]", "[80, 60]", "stride"),
+        ("[80, 64]", "[336, 64]", "320"),
+        ("widths = [8", "widths = [0", "widths"),
+    ] {
+        workplace.write("config.toml", config.replace(from, to));
+        let said = workplace.run(&line("out")).error();
+        assert!(said.contains(part), "{to}: {said}");
+    }
+    workplace.write("config.toml", &config);
+    assert!(workplace.run(&line("out").replace("default", "vit")).error().contains("configures network default"));
+    assert!(workplace.run(&format!("{} --resume", line("nothing"))).error().contains("checkpoint.safetensors"));
+}
