@@ -52,6 +52,7 @@ fn networks_are_timed() {
 #[test]
 fn runs_feel_with_a_network() {
     let workplace = Workplace::new();
+    workplace.run("run --object cube70 --duration 0.4 --touch-depth network --quiet --out shipped").good();
     let network = format!("--touch-depth network --weights {}", weights());
     workplace.run("generate --object cube70 --logs 1 --duration 0.4 --cameras side --out set").good();
     for (name, source) in [("live", "--object cube70 --duration 0.4"), ("log", "--log set/cube70/00")] {

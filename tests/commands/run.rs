@@ -109,7 +109,6 @@ fn what_cannot_be_is_refused_before_anything_runs() {
     for (line, parts) in [
         ("run --set slam.tracker.icp_wieght=1", &["icp_wieght", "did you mean slam.tracker.icp_weight"][..]),
         ("run --set mesh_cell_mm=0", &["mesh_cell_mm"]),
-        ("run --touch-depth network", &["--touch-depth truth"]),
         ("run --object cube70 --cameras front", &["\"front\"", "front-left", "azimuth/elevation"]),
         ("evaluate --objects cube70 --out e --cameras 330/95", &["330/95", "azimuth/elevation"]),
         ("run --object cube70 --out .", &["notes.txt", "--overwrite"]),
