@@ -1,14 +1,15 @@
 //! `network`: what touch networks are made of.
 
 use std::fmt;
-use std::fs;
+use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::Result;
 use clap::{Args, Subcommand};
 use perception::network::{Architecture, Cost, Layer};
 use serde::{Deserialize, Serialize};
 
+use crate::settings;
 use crate::simulate::print_line;
 
 /// Look at the networks that turn touch images into depth
@@ -98,8 +99,7 @@ pub fn architecture(name: &str) -> Result<Architecture> {
     if !name.ends_with(".toml") {
         return Ok(Architecture::preset(name)?);
     }
-    let text = fs::read_to_string(name).with_context(|| format!("cannot read {name}"))?;
-    let Configured { network } = toml::from_str(&text).map_err(|error| anyhow!("{name}: {}", error.message()))?;
+    let Configured { network } = settings::read(Path::new(name))?;
     network.check()?;
     Ok(network)
 }

@@ -20,7 +20,7 @@ pub enum SettingsError {
         /// Its reason.
         reason: std::io::Error,
     },
-    /// The file is not TOML.
+    /// The file is not TOML, or says something else than it should.
     #[error("{}: line {line}: {reason}", path.display())]
     Syntax {
         /// The file.
@@ -71,14 +71,7 @@ pub fn load<T: Serialize + DeserializeOwned + Default>(
 ) -> Result<T, SettingsError> {
     let mut settings = Settings::<T>::new()?;
     if let Some(path) = file {
-        let text = std::fs::read_to_string(path).map_err(|reason| SettingsError::Io { path: path.into(), reason })?;
-        let table = text.parse::<Table>().map_err(|error| {
-            let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
-            let line = before.matches('\n').count() + 1;
-            let reason = error.message().replace('\n', "; ");
-            SettingsError::Syntax { path: path.into(), line, reason }
-        })?;
-        settings.merge(&path.display().to_string(), &mut Vec::new(), table)?;
+        settings.merge(&path.display().to_string(), &mut Vec::new(), read::<Table>(path)?)?;
     }
     for assignment in set {
         let (key, value) = assignment
@@ -91,6 +84,20 @@ pub fn load<T: Serialize + DeserializeOwned + Default>(
         settings.assign("--set", &path, value_of(value, wants_text))?;
     }
     settings.table.try_into().map_err(|error| SettingsError::Unfit(error.message().to_owned()))
+}
+
+/// What a TOML file says.
+///
+/// # Errors
+/// [`SettingsError`] with the line, if the file cannot be read or says something else.
+pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, SettingsError> {
+    let text = std::fs::read_to_string(path).map_err(|reason| SettingsError::Io { path: path.into(), reason })?;
+    toml::from_str(&text).map_err(|error| {
+        let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+        let line = before.matches('\n').count() + 1;
+        let reason = error.message().replace('\n', "; ");
+        SettingsError::Syntax { path: path.into(), line, reason }
+    })
 }
 
 /// Settings as TOML that [`load`] reads as the same.

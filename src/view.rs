@@ -62,14 +62,14 @@ struct Recorded {
     #[arg(long, value_enum, default_value_t = Paper::Light, requires = "record")]
     theme: Paper,
     /// What the colours of the surface stand for
-    #[arg(long, value_enum, default_value_t = Paint::Error, requires = "record")]
-    colour: Paint,
+    #[arg(long, value_enum, default_value_t, requires = "record")]
+    colour: Colouring,
     /// What is shown
     #[arg(long, value_enum, value_delimiter = ',', default_value = "mesh,hand,axes,trail", requires = "record")]
     show: Vec<Layer>,
     /// From where
-    #[arg(long, value_enum, default_value_t = From::Oblique, requires = "record")]
-    from: From,
+    #[arg(long, value_enum, default_value_t = Preset::Oblique, requires = "record")]
+    from: Preset,
     /// Distance of the eye, metres
     #[arg(long, value_name = "METRES", default_value_t = DISTANCE_M, requires = "record")]
     distance: f64,
@@ -93,20 +93,6 @@ impl FromStr for Size {
 enum Paper {
     Light,
     Dark,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Paint {
-    /// The object's own colours, as cameras saw them
-    True,
-    /// Which way the surface faces
-    Normals,
-    /// How far it is from the true one
-    Error,
-    /// Which sensor saw it
-    Sensor,
-    /// How often it was seen
-    Confidence,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
@@ -133,28 +119,12 @@ enum Layer {
     Bounds,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum From {
-    Oblique,
-    Front,
-    Back,
-    Left,
-    Right,
-    Top,
-}
-
 impl Recorded {
     fn layers(&self) -> Layers {
         let has = |layer| self.show.contains(&layer);
         Layers {
             mesh: has(Layer::Mesh),
-            colouring: match self.colour {
-                Paint::True => Colouring::TrueColour,
-                Paint::Normals => Colouring::Normals,
-                Paint::Error => Colouring::Error,
-                Paint::Sensor => Colouring::Sensor,
-                Paint::Confidence => Colouring::Confidence,
-            },
+            colouring: self.colour,
             truth: has(Layer::Truth),
             hand: has(Layer::Hand),
             axes: has(Layer::Axes),
@@ -168,15 +138,7 @@ impl Recorded {
     }
 
     fn eye(&self) -> Eye {
-        let preset = match self.from {
-            From::Oblique => Preset::Oblique,
-            From::Front => Preset::Front,
-            From::Back => Preset::Back,
-            From::Left => Preset::Left,
-            From::Right => Preset::Right,
-            From::Top => Preset::Top,
-        };
-        let mut eye = Eye::new(preset);
+        let mut eye = Eye::new(self.from);
         eye.zoom(self.distance / eye.distance_m);
         eye
     }

@@ -87,13 +87,11 @@ impl Entry {
             Source::Ycb(ycb) => Ok(ycb.mesh(&ycb.file()?, warnings)?.0),
         }
     }
-}
 
-impl Entry {
     /// Its surface alone, upright, if it can be had without a download: to be looked at, without masses and convex pieces.
-    pub fn mesh_if_here(&self) -> Option<mesh::Mesh> {
+    pub fn mesh_if_here(&self) -> Option<Mesh> {
         match self.source {
-            Source::Procedural(recipe) => Some(procedural::build(self.name, self.mass_kg, recipe).ok()?.mesh),
+            Source::Procedural(recipe) => Some(recipe().mesh),
             Source::Ycb(ycb) => {
                 let bytes = Library::ycb().ok()?.read(ycb.name).ok()?;
                 let raw = mesh::read_bytes(&bytes, Format::Stl, self.name).ok()?;

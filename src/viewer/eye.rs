@@ -1,5 +1,6 @@
 //! From where the scene is looked at.
 
+use clap::ValueEnum;
 use nalgebra::Vector3;
 use scenes::camera::{Intrinsics, look_at};
 use scenes::frame::{Camera, Isometry, World};
@@ -18,7 +19,7 @@ pub struct Eye {
 }
 
 /// Directions to look from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
     /// From over the fingertips' side, obliquely.
     Oblique,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::ValueEnum;
 use glam::{Mat3A, Vec3, Vec3A};
 use image::{Rgb, RgbImage};
 use nalgebra as na;
@@ -23,10 +24,11 @@ use crate::recording::{KnownShape, Moment, Recording};
 use crate::report::error_colour;
 
 /// What the colours of the estimated surface stand for.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Colouring {
     /// The object's own colours, as cameras saw them.
+    #[value(name = "true")]
     TrueColour,
     /// Which way it faces.
     Normals,

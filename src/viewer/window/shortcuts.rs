@@ -15,6 +15,10 @@ pub enum Command {
     Layer(Layer),
     /// Looks from there.
     Look(Preset),
+    /// Goes around what is looked at, to the right and up, by so many steps.
+    Orbit([i8; 2]),
+    /// Goes nearer by so many steps.
+    Near(i8),
     /// Looks at the object from its default distance.
     Reset,
     /// Goes with the object, or stays.
@@ -98,12 +102,14 @@ fn after<T: Copy + PartialEq>(all: &[T], current: T) -> T {
 type Binding = (Modifiers, Key, Command);
 
 /// Keys, what they do, and how the help puts it. Letters are those of NeuralFeels where it has the same function.
-const KEYS: [(&str, &[Binding], &str); 29] = {
+const KEYS: [(&str, &[Binding], &str); 31] = {
     use Command::{
-        Appearance, Export, Follow, Help, Layer as Show, Look, Panel as Open, Quit, Reset, Screenshot, Speed, Time,
+        Appearance, Export, Follow, Help, Layer as Show, Look, Near, Orbit, Panel as Open, Quit, Reset, Screenshot,
+        Speed, Time,
     };
     const NONE: Modifiers = Modifiers::NONE;
     const SHIFT: Modifiers = Modifiers::SHIFT;
+    const ALT: Modifiers = Modifiers::ALT;
     [
         ("Space", &[(NONE, Key::Space, Time(Key::Space, false))], "play, pause"),
         (
@@ -151,6 +157,17 @@ const KEYS: [(&str, &[Binding], &str); 29] = {
             "look from the left, the right",
         ),
         ("6", &[(NONE, Key::Num6, Look(Preset::Top))], "look from above"),
+        (
+            "Alt + arrows",
+            &[
+                (ALT, Key::ArrowLeft, Orbit([-1, 0])),
+                (ALT, Key::ArrowRight, Orbit([1, 0])),
+                (ALT, Key::ArrowUp, Orbit([0, 1])),
+                (ALT, Key::ArrowDown, Orbit([0, -1])),
+            ],
+            "turn the view",
+        ),
+        ("PgUp, PgDn", &[(NONE, Key::PageUp, Near(1)), (NONE, Key::PageDown, Near(-1))], "nearer, farther"),
         ("0", &[(NONE, Key::Num0, Reset)], "back to where the view began"),
         ("F", &[(NONE, Key::F, Follow)], "follow the object"),
         ("L", &[(NONE, Key::L, Open(Panel::Layers))], "panel: what is shown"),

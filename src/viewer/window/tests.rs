@@ -208,6 +208,29 @@ fn the_view_turns_with_the_pointer() {
     assert_eq!(eye(&bench).target, before.target);
     bench.press(Key::Num0);
     assert_eq!(eye(&bench), before);
+    let key = |bench: &mut Bench, modifiers, key| {
+        bench.harness.key_press_modifiers(modifiers, key);
+        bench.settle();
+    };
+    key(&mut bench, Modifiers::ALT, Key::ArrowRight);
+    key(&mut bench, Modifiers::ALT, Key::ArrowUp);
+    assert!(eye(&bench).yaw_rad > before.yaw_rad && eye(&bench).pitch_rad > before.pitch_rad);
+    assert_eq!(bench.frame(), 36, "with Alt, arrows do not go through time");
+    key(&mut bench, Modifiers::NONE, Key::PageUp);
+    assert!(eye(&bench).distance_m < before.distance_m);
+}
+
+#[test]
+fn a_notice_goes_after_a_while() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    bench.press(Key::Home);
+    bench.press(Key::E);
+    assert!(bench.shows("there is no mesh yet"));
+    bench.harness.run_steps(400);
+    assert!(bench.shows("there is no mesh yet"));
+    bench.harness.run_steps(200);
+    assert!(!bench.shows("there is no mesh yet"));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use eframe::egui::{self, Align, Context, Layout, Ui};
 
@@ -66,10 +66,14 @@ pub struct Watch {
     sensors: Sensors,
     plots: Plots,
     exports: Exports,
-    /// Something worth saying, and since when.
-    notice: Option<(String, Instant)>,
+    /// Something worth saying, and until when, in the window's seconds.
+    notice: Option<(String, f64)>,
 }
 
+/// How long a notice stays, seconds.
+const NOTICE_S: f64 = 8.0;
+/// A step around what is looked at, by keys, radians.
+const ORBIT_RAD: f64 = std::f64::consts::PI / 12.0;
 /// Narrower than this there is room for one panel beside the view.
 const ROOMY: f32 = 900.0;
 
@@ -117,19 +121,16 @@ impl Watch {
         if self.timeline.is_playing {
             ctx.request_repaint_after(Duration::from_millis(16));
         }
+        let now_s = ctx.input(|input| input.time);
+        self.notice.take_if(|(_, until_s)| *until_s <= now_s);
         for news in self.exports.news() {
             self.say(ctx, news);
         }
     }
 
     fn say(&mut self, ctx: &Context, text: String) {
-        /// How long it stays.
-        const LIFETIME: Duration = Duration::from_secs(8);
-        if self.notice.as_ref().is_some_and(|(_, since)| since.elapsed() > LIFETIME) {
-            self.notice = None;
-        }
-        self.notice = Some((text, Instant::now()));
-        ctx.request_repaint_after(LIFETIME);
+        self.notice = Some((text, ctx.input(|input| input.time) + NOTICE_S));
+        ctx.request_repaint_after(Duration::from_secs_f64(NOTICE_S));
     }
 
     /// Does what a key asks for.
@@ -147,6 +148,8 @@ impl Watch {
             }
             Command::Layer(layer) => layer.toggle(&mut preferences.layers),
             Command::Look(preset) => self.view.eye.look_from(preset),
+            Command::Orbit([right, up]) => self.view.eye.orbit(f64::from(right) * ORBIT_RAD, f64::from(up) * ORBIT_RAD),
+            Command::Near(steps) => self.view.eye.zoom(0.9_f64.powi(steps.into())),
             Command::Reset => self.view.reset(),
             Command::Follow => preferences.follow = !preferences.follow,
             Command::Panel(panel) => {
