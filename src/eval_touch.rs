@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
-use image::{GrayImage, RgbImage};
+use image::imageops::{FilterType::Triangle, resize};
+use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use ndarray::Array2;
 use ndarray_npy::read_npy;
 use perception::engine::{Engine, Instructions, Prediction};
@@ -15,6 +16,7 @@ use perception::{Accuracy, Pixel, Scores};
 use scenes::digit::{HEIGHT, WIDTH, gel};
 use serde::Serialize;
 
+use crate::network::ImageSize;
 use crate::simulate::print_line;
 
 /// Score a touch network on images whose truth is known
@@ -32,6 +34,10 @@ pub struct Arguments {
     /// Leave out images in which the object is deeper in the gel than this anywhere, mm
     #[arg(long)]
     deepest_mm: Option<f32>,
+    /// Size that images are resized to before they enter the network, WIDTHxHEIGHT or the side of a square; what it makes of them is resized
+    /// back and scored at the sensor's size
+    #[arg(long, value_name = "SIZE")]
+    input: Option<ImageSize>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -64,7 +70,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             continue;
         }
         let started = Instant::now();
-        engine.infer(&triple.image, &mut prediction)?;
+        match arguments.input {
+            None => engine.infer(&triple.image, &mut prediction)?,
+            Some(size) => prediction = infer_at(&engine, &triple.image, size)?,
+        }
         busy_s += started.elapsed().as_secs_f64();
         accuracy.add(Pixel::all(&prediction).zip(triple.truth()));
     }
@@ -80,6 +89,21 @@ pub fn run(arguments: &Arguments) -> Result<()> {
          contact: MAE {contact_mae_mm:.4} mm, RMSE {contact_rmse_mm:.4} mm, IoU {iou:.4}",
         report.ms_per_image
     ))
+}
+
+/// What a network makes of an image at another size, at the image's size.
+fn infer_at(engine: &Engine, image: &RgbImage, size: ImageSize) -> Result<Prediction> {
+    let (width, height) = image.dimensions();
+    let mut prediction = Prediction::default();
+    engine.infer(&resize(image, size.width, size.height, Triangle), &mut prediction)?;
+    let back = |plane: Array2<f32>| -> Result<Array2<f32>> {
+        let plane =
+            ImageBuffer::<Luma<f32>, _>::from_raw(size.width, size.height, plane.into_iter().collect::<Vec<_>>());
+        let plane = resize(&plane.context("a prediction of another size than its image")?, width, height, Triangle);
+        Ok(Array2::from_shape_vec((height as usize, width as usize), plane.into_raw())?)
+    };
+    let Prediction { indentation_mm, contact_logit } = prediction;
+    Ok(Prediction { indentation_mm: back(indentation_mm)?, contact_logit: back(contact_logit)? })
 }
 
 /// What the names of the triples start with, in order.

@@ -3,6 +3,7 @@
 
 mod assets;
 mod bench;
+mod contacts;
 mod eval_touch;
 mod evaluate;
 mod generate;
@@ -51,6 +52,7 @@ enum Command {
     Generate(generate::Arguments),
     Simulate(simulate::Arguments),
     RenderTouch(render_touch::Arguments),
+    Contacts(contacts::Arguments),
     #[command(subcommand)]
     Assets(assets::Command),
     Inspect(inspect::Arguments),
@@ -88,6 +90,7 @@ fn main() -> ExitCode {
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
+        Some(Command::Contacts(arguments)) => contacts::run(&arguments),
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),

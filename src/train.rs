@@ -1,13 +1,11 @@
 //! `train`: touch networks, on images that are rendered as they are needed.
 
-mod contacts;
 mod curve;
-mod objects;
 mod panels;
-mod sensors;
+mod resize;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -24,12 +22,12 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use sim::touch::TouchFrame;
 
-use contacts::{DataConfig, Example, example};
 use curve::{Curve, Row};
-use objects::Surface;
-use sensors::Rack;
+use resize::resized;
 
-use crate::progress;
+use crate::contacts::objects::{self, Surface};
+use crate::contacts::{DataConfig, Example, Rack, example};
+use crate::{progress, settings};
 
 /// Train a network that turns touch images into depth and contact
 ///
@@ -75,7 +73,7 @@ const PANELS: usize = 6;
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Settings { network, data, training } = read_settings(&arguments.config)?;
+    let Settings { network, data, training } = settings::read(&arguments.config)?;
     data.check()?;
     let fits = |stage: &Stage| stage.size[0] <= HEIGHT && stage.size[1] <= WIDTH;
     ensure!(training.stages.iter().all(fits), "a stage's size is at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}]");
@@ -147,14 +145,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn read_settings(path: &Path) -> Result<Settings> {
-    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    toml::from_str(&text).with_context(|| format!("{} is no training configuration", path.display()))
-}
+/// Goes up by one whenever other images are drawn with the same configuration.
+const IMAGES_VERSION: u32 = 2;
 
 /// SHA-256 over everything that decides which images a seed draws.
 fn data_hash(data: &DataConfig) -> Result<String> {
-    let description = serde_json::to_string(&(data, &data.objects.train, env!("CARGO_PKG_VERSION")))?;
+    let description = serde_json::to_string(&(data, &data.objects.train, IMAGES_VERSION))?;
     Ok(Sha256::digest(description).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
@@ -170,7 +166,7 @@ fn draw_batch(
     let sensors = rack.of_step(step)?;
     let first = step << 16;
     let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
-        example(surfaces, &sensors, data, (training.seed, index), frame).resized(stage.size)
+        resized(example(surfaces, &sensors, data, (training.seed, index), frame), stage.size)
     });
     Ok(batch(&images.collect::<Vec<_>>()))
 }

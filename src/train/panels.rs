@@ -8,7 +8,7 @@ use image::{ImageFormat, Rgb, RgbImage};
 use perception::engine::Prediction;
 use scenes::digit::{HEIGHT, WIDTH};
 
-use super::contacts::Example;
+use crate::contacts::Example;
 
 /// Indentation that is drawn white, and error that is drawn red or blue, millimetres.
 const DEEPEST_MM: f32 = 1.5;

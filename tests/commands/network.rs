@@ -113,6 +113,13 @@ fn weights_are_scored_on_triples() {
     assert!(score("mae_mm") <= score("rmse_mm") && score("contact_mae_mm") <= score("contact_rmse_mm"), "{scores}");
     assert!((0.0..=1.0).contains(&score("iou")) && score("ms_per_image") > 0.0, "{scores}");
 
+    // At the sensor's own size it is the same, at another one something else.
+    let at = |size: &str| {
+        let scores = workplace.run(&format!("{line} --input {size}")).good();
+        serde_json::from_str::<Value>(&scores).unwrap()["mae_mm"].as_f64().unwrap()
+    };
+    assert!((at("240x320") - score("mae_mm")).abs() < 1e-6 && at("112x160") != score("mae_mm"));
+
     image::RgbImage::new(240, 240).save(folder.join("a_img.png")).unwrap();
     let said = workplace.run(&line).error();
     assert!(said.contains("240 x 240") && said.contains("240 wide and 320 high"), "{said}");
@@ -120,4 +127,38 @@ fn weights_are_scored_on_triples() {
     let line = format!("eval-touch --weights {} --data nothing", weights());
     assert!(workplace.run(&line).error().contains("no *_img.png"));
     assert!(workplace.run("eval-touch --weights triples/a_mask.png --data triples").error().contains("a_mask.png"));
+}
+
+/// Contacts are drawn from their seed alone, are as deep as the protocol presses, and are what `eval-touch` reads.
+#[test]
+fn contacts_are_drawn_for_networks_to_be_scored_on() {
+    let workplace = Workplace::new();
+    let line = |folder: &str, rest: &str| {
+        format!("contacts --objects mug,large_dice --images 4 --seed 5 --out {folder} {rest}")
+    };
+    workplace.run(&line("a", "")).good();
+    workplace.run(&line("b", "")).good();
+    let bytes = |folder: &str, file: &str| std::fs::read(workplace.path(folder).join(file)).unwrap();
+    for id in 0..4 {
+        for file in ["img.png", "mask.png", "depth_m.npy"].map(|what| format!("{id:05}_{what}")) {
+            assert!(bytes("a", &file) == bytes("b", &file), "{file} differs");
+        }
+        let depth_m: ndarray::Array2<f32> =
+            ndarray_npy::read_npy(workplace.path(&format!("a/{id:05}_depth_m.npy"))).unwrap();
+        let indentation_mm = depth_m.indexed_iter().map(|((v, u), depth)| {
+            1e3 * (scenes::digit::gel::point(u as f64, v as f64).coords().x - f64::from(*depth))
+        });
+        let deepest = indentation_mm.fold(0.0, f64::max);
+        assert!((0.4..1.6).contains(&deepest), "{deepest} mm");
+    }
+    let scores = workplace.run(&format!("eval-touch --weights {} --data a --json", weights())).good();
+    assert_eq!(serde_json::from_str::<Value>(&scores).unwrap()["contact_images"], 4);
+
+    workplace.write("data.toml", "[data]\nuntouched = 1.0\n");
+    workplace.run(&line("untouched", "--config data.toml")).good();
+    assert_ne!(bytes("untouched", "00000_img.png"), bytes("a", "00000_img.png"));
+    workplace.write("data.toml", "[data]\nuntuched = 1.0\n");
+    assert!(workplace.run(&line("c", "--config data.toml")).error().contains("untuched"));
+    assert!(workplace.run(&line("a", "")).error().contains("not empty"));
+    assert!(workplace.run("contacts --objects mugg --out d").error().contains("mugg"));
 }

@@ -1,18 +1,17 @@
-//! DIGITs to train with: each its own lights, background and noise.
+//! DIGITs: each its own lights, background and noise.
 
 use std::collections::BTreeMap;
-use std::f32::consts::TAU;
 
 use anyhow::Result;
 use image::RgbImage;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use scenes::digit::{HEIGHT, WIDTH};
 use scenes::frame::Isometry;
 use sim::rays::RayMesh;
 use sim::touch::{Background, Lights, TouchConfig, TouchFrame, TouchOptions, TouchRenderer, synthetic_background};
 
-use super::contacts::DataConfig;
+use super::backdrop::through_jpeg;
+use super::example::DataConfig;
 
 /// A DIGIT.
 pub struct Sensor {
@@ -27,7 +26,7 @@ impl Sensor {
     fn draw(config: &DataConfig, seed: u64, calibration: &RgbImage) -> Result<Self> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut options = TouchOptions::new(TouchConfig::Fork);
-        options.noise_sigma = rng.random_range(config.noise[0]..config.noise[1]);
+        options.noise_sigma = rng.random_range(config.noise[0]..=config.noise[1]);
         let mut background = synthetic_background(seed);
         if rng.random_bool(config.disturbed_lights) {
             let strength = rng.random::<f64>() * config.light_strength;
@@ -37,6 +36,9 @@ impl Sensor {
                 // The gel's change is smooth, so that TACTO's blur would not be seen.
                 *level = (f32::from(*level) + 0.5 * (f32::from(*lit) - f32::from(*unlit))).round() as u8;
             }
+        }
+        if rng.random_bool(0.5) {
+            background = through_jpeg(&background, rng.random_range(60..=95))?;
         }
         options.background = Background::Image(background);
         let renderer = TouchRenderer::new(&options)?;
@@ -89,56 +91,5 @@ impl Rack {
             }
         }
         Ok(self.sensors.values().collect())
-    }
-}
-
-/// Changes what lies under an image's contact: brightness and colour by waves over the whole image, and specks.
-pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
-    let wave = |rng: &mut ChaCha8Rng| {
-        let along = rng.random::<f32>() * TAU;
-        let frequency = TAU * rng.random_range(0.2..1.5_f32);
-        let heights: [f32; 3] = std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0));
-        (frequency * along.cos(), frequency * along.sin(), rng.random::<f32>() * TAU, heights)
-    };
-    let waves: [_; 3] = std::array::from_fn(|_| wave(rng));
-    let offset: [f32; 3] = std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0));
-    // A wave is a product of two in rows and columns: cos(a + b) = cos a cos b - sin a sin b.
-    let columns: Vec<[[f32; 2]; 3]> = (0..WIDTH)
-        .map(|u| waves.map(|(x, _, _, _)| [(x * u as f32 / WIDTH as f32).cos(), (x * u as f32 / WIDTH as f32).sin()]))
-        .collect();
-    let pixels: &mut [u8] = image;
-    for (v, row) in pixels.chunks_exact_mut(3 * WIDTH).enumerate() {
-        let phases = waves.map(|(_, y, phase, _)| (y * v as f32 / HEIGHT as f32 + phase).sin_cos());
-        for (pixel, column) in row.as_chunks_mut::<3>().0.iter_mut().zip(&columns) {
-            let mut added = offset;
-            for ((wave, (sin, cos)), [c, s]) in waves.iter().zip(phases).zip(column) {
-                let size = c * cos - s * sin;
-                for (added, height) in added.iter_mut().zip(wave.3) {
-                    *added += size * height;
-                }
-            }
-            for (level, added) in pixel.iter_mut().zip(added) {
-                *level = (f32::from(*level) + added).round() as u8;
-            }
-        }
-    }
-    for _ in 0..rng.random_range(0..12) {
-        speck(image, rng);
-    }
-}
-
-/// A grain of dust or a scratch's end: a small round spot, darker or lighter.
-fn speck(image: &mut RgbImage, rng: &mut ChaCha8Rng) {
-    let (x, y) = (rng.random_range(0..WIDTH) as f32, rng.random_range(0..HEIGHT) as f32);
-    let radius = rng.random_range(1.0..4.0_f32);
-    let heights: [f32; 3] = std::array::from_fn(|_| rng.random_range(-10.0..6.0_f32));
-    let reach = (3.0 * radius).ceil();
-    let span = |at: f32, side: usize| ((at - reach).max(0.0) as u32)..((at + reach) as u32 + 1).min(side as u32);
-    for (v, u) in span(y, HEIGHT).flat_map(|v| span(x, WIDTH).map(move |u| (v, u))) {
-        let (dx, dy) = (u as f32 - x, v as f32 - y);
-        let share = (-(dx * dx + dy * dy) / (2.0 * radius * radius)).exp();
-        for (level, height) in image.get_pixel_mut(u, v).0.iter_mut().zip(heights) {
-            *level = (f32::from(*level) + share * height).round() as u8;
-        }
     }
 }

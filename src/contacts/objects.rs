@@ -113,6 +113,17 @@ impl Surface {
     }
 }
 
+/// Names, with those of a published set in place of its name.
+pub fn resolve(names: &[String]) -> Vec<String> {
+    let published = |name: &String| match name.as_str() {
+        "train" => Split::default().train,
+        "validation" => VALIDATION.map(str::to_owned).to_vec(),
+        "test" => TEST.map(str::to_owned).to_vec(),
+        _ => vec![name.clone()],
+    };
+    names.iter().flat_map(published).collect()
+}
+
 /// Loads objects of the catalogue. Their order is that of the names.
 pub fn load(names: &[impl AsRef<str> + Sync]) -> Result<Vec<Surface>> {
     let surface = |name: &_| {

@@ -1,4 +1,4 @@
-//! Touch images for training, rendered as they are needed.
+//! Touch images with their truth.
 //!
 //! Each image is a contact of its own, drawn from (seed, index): no two belong to one slide, so that a split by object is one by
 //! trajectory too. Half of them follow MidasTouch's protocol for YCB-Slide (the finger stands on a point of the surface within a few
@@ -16,8 +16,9 @@ use scenes::frame::{Gel, Isometry, Object};
 use serde::{Deserialize, Serialize};
 use sim::touch::{NoiseKey, TouchFrame};
 
+use super::backdrop::disturb;
 use super::objects::{Split, Surface};
-use super::sensors::{Sensor, disturb};
+use super::sensors::Sensor;
 
 /// What training images are like.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,7 +44,7 @@ pub struct DataConfig {
     pub light_strength: f64,
     /// Standard deviation of the image noise, from and to, grey levels.
     pub noise: [f32; 2],
-    /// Greatest height of the waves that are added to a background, grey levels.
+    /// Greatest height of each shape of light that is added to a background, grey levels.
     pub background: f32,
     /// Sensors in use at a time; each step one of them is replaced by a new one.
     pub sensors: usize,
@@ -80,6 +81,19 @@ const TRIES: usize = 8;
 const DEEPEST_MM: f32 = 4.0;
 
 impl DataConfig {
+    /// MidasTouch's protocol for YCB-Slide and nothing else, on sensors with the lights they were calibrated with.
+    pub fn protocol() -> Self {
+        Self {
+            untouched: 0.0,
+            protocol: 1.0,
+            deep: 0.0,
+            disturbed_lights: 0.0,
+            noise: [2.0, 2.0],
+            background: 0.0,
+            ..Self::default()
+        }
+    }
+
     /// Checks that the numbers make sense.
     pub fn check(&self) -> Result<()> {
         self.objects.check()?;
@@ -93,7 +107,7 @@ impl DataConfig {
         ensure!(0.0 < least && least < most && most <= 5.0, "data.press_mm must rise and lie between 0 and 5");
         ensure!((0.0..=80.0).contains(&self.tilt_deg), "data.tilt_deg must lie between 0 and 80");
         let [least, most] = self.noise;
-        ensure!(0.0 < least && least < most && most <= 28.0, "data.noise must rise and lie between 0 and 28");
+        ensure!(0.0 < least && least <= most && most <= 28.0, "data.noise must not fall and lie between 0 and 28");
         ensure!((0.0..=100.0).contains(&self.background), "data.background must lie between 0 and 100");
         ensure!((1..=1000).contains(&self.sensors), "data.sensors must lie between 1 and 1000");
         Ok(())
@@ -122,42 +136,6 @@ impl Example {
             image::Rgb([self.levels[at], self.levels[at + 1], self.levels[at + 2]])
         })
     }
-
-    /// The same image at another size, at most its own; each pixel is the mean over the area that it covers.
-    pub fn resized(self, [rows, columns]: [usize; 2]) -> Self {
-        if self.size == [rows, columns] {
-            return self;
-        }
-        let (down, across) = (cover(self.size[0], rows), cover(self.size[1], columns));
-        let image = |of: &dyn Fn(usize) -> f32| -> Vec<f32> {
-            // Rows first: a row at a time is all that needs to be kept.
-            let mut resized = Vec::with_capacity(rows * columns);
-            for parts in &down {
-                let mut row = vec![0.0; self.size[1]];
-                for &(v, share) in parts {
-                    row.iter_mut().enumerate().for_each(|(u, sum)| *sum += share * of(v * self.size[1] + u));
-                }
-                resized.extend(across.iter().map(|parts| parts.iter().map(|&(u, share)| share * row[u]).sum::<f32>()));
-            }
-            resized
-        };
-        let colours: [Vec<f32>; 3] = std::array::from_fn(|c| image(&|i| f32::from(self.levels[3 * i + c])));
-        let levels = (0..3 * rows * columns).map(|k| colours[k % 3][k / 3].round() as u8).collect();
-        let (indentation_mm, contact) = (image(&|i| self.indentation_mm[i]), image(&|i| self.contact[i]));
-        Self { size: [rows, columns], levels, indentation_mm, contact }
-    }
-}
-
-/// Which of `from` places each of `to` covers, and the share of each in the mean.
-fn cover(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
-    let width = from as f32 / to as f32;
-    let parts = |i: usize| {
-        let (begin, end) = (i as f32 * width, (i + 1) as f32 * width);
-        let places = begin as usize..(end.ceil() as usize).min(from);
-        let overlap = |k: usize| (end.min((k + 1) as f32) - begin.max(k as f32)).max(0.0);
-        places.map(|k| (k, overlap(k) / width)).collect()
-    };
-    (0..to).map(parts).collect()
 }
 
 /// How an object lies on the gel.
@@ -252,23 +230,6 @@ mod tests {
     use super::super::objects;
     use super::super::sensors::Rack;
     use super::*;
-
-    #[test]
-    fn a_resized_image_has_the_means_of_what_its_pixels_cover() {
-        let whole = Example {
-            size: [4, 6],
-            levels: (0..4 * 6 * 3).map(|i| (i * 3) as u8).collect(),
-            indentation_mm: (0..24).map(|i| i as f32).collect(),
-            contact: vec![1.0; 24],
-        };
-        assert_eq!(whole.clone().resized([4, 6]), whole);
-        let half = whole.clone().resized([2, 3]);
-        assert_eq!(half.indentation_mm[..3], [3.5, 5.5, 7.5]);
-        // Six columns to four: each covers one and a half.
-        let narrow = whole.resized([4, 4]);
-        assert!((narrow.indentation_mm[0] - (0.0 + 0.5) / 1.5).abs() < 1e-6, "{:?}", &narrow.indentation_mm[..4]);
-        assert!(narrow.contact.iter().all(|c| (c - 1.0).abs() < 1e-6));
-    }
 
     #[test]
     fn images_depend_on_seed_and_index_alone() {

@@ -1,0 +1,61 @@
+#!/usr/bin/env bash
+# The four networks at equal cost (about 1 GMAC per image) and equal training, on objects that none was trained on: accuracy, by input size
+# and over training; then `mamba` with other hooks and fewer fusions.
+#
+#   benches/networks/run.sh [DIR]
+#
+# DIR, out_networks by default, keeps trainings; killed, the same command goes on. About two hours on two cores with AMX. Needs Rust and
+# Python 3. Prints tables and writes them to DIR/table.md; curves are in DIR/NAME/curve.csv and curve.svg.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+out=${1:-out_networks}
+configurations=perception/training/comparison
+cargo build --release --quiet --features train --bin mambavitact
+program="${CARGO_TARGET_DIR:-target}/release/mambavitact"
+mkdir -p "$out"
+[ -e "$out/test" ] || "$program" contacts --objects test --images 400 --seed 1 --out "$out/test"
+
+# Trains network $1 with configuration $2 into $out/$3, unless that is done.
+train() {
+    local arguments=(train --network "$1" --config "$2" --out "$out/$3")
+    [ -e "$out/$3/done" ] && return
+    [ ! -e "$out/$3/checkpoint.safetensors" ] || arguments+=(--resume)
+    "$program" "${arguments[@]}"
+    touch "$out/$3/done"
+}
+
+# Scores the weights in $out/$1 at the given input sizes.
+score() {
+    for size in "${@:2}"; do
+        "$program" eval-touch --weights "$out/$1/last.safetensors" --data "$out/test" --input "$size" --json \
+            >"$out/$1/$size.json"
+    done
+}
+
+for network in vit mamba robust_mamba default; do
+    train "$network" "$configurations/$network.toml" "$network"
+    score "$network" 240x320 120x160 180x240 360x480
+done
+# Hooks at the end instead of spread out, and one, two or three fusions instead of four; on small images only.
+for hooks in 2-5-8-11 8-9-10-11 5-8-11 5-11 11; do
+    python3 - "$configurations/mamba.toml" "$hooks" >"$out/hooks-$hooks.toml" <<'PYTHON'
+import re, sys
+
+text = open(sys.argv[1]).read()
+text = re.sub(r"hooks = .*", f"hooks = [{sys.argv[2].replace('-', ', ')}]", text)
+print(re.sub(r"\n    \{ size = \[320, 240\].*", "", text), end="")
+PYTHON
+    train mamba "$out/hooks-$hooks.toml" "hooks-$hooks"
+    score "hooks-$hooks" 120x160
+done
+
+python3 - "$out" <<'PYTHON' | tee "$out/table.md"
+import json, pathlib, sys
+
+out = pathlib.Path(sys.argv[1])
+print("| training | input | contact MAE, mm | contact RMSE, mm | RMSE, mm | MAE, mm | IoU |\n|---|---|---|---|---|---|---|")
+for path in sorted(out.glob("*/*x*.json")):
+    s = json.loads(path.read_text())
+    cells = [s[key] for key in ("contact_mae_mm", "contact_rmse_mm", "rmse_mm", "mae_mm", "iou")]
+    print(f"| {path.parent.name} | {path.stem} | " + " | ".join(f"{cell:.4f}" for cell in cells) + " |")
+PYTHON

@@ -1,0 +1,90 @@
+//! `contacts`: touch images of random contacts with their truth, for networks to be trained and judged on.
+
+mod backdrop;
+mod example;
+pub mod objects;
+mod sensors;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+use clap::Args;
+use image::{GrayImage, ImageBuffer};
+use ndarray_npy::write_npy;
+use rayon::prelude::*;
+use scenes::digit::{HEIGHT, WIDTH};
+use serde::Deserialize;
+use sim::touch::TouchFrame;
+
+pub use example::{DataConfig, Example, example};
+pub use sensors::Rack;
+
+use crate::{progress, settings};
+
+/// Render touch images of random contacts, each with its depth and contact mask
+///
+/// DIR receives triples: ID_img.png, ID_depth_m.npy (32-bit floats, 320 x 240, metres along the camera's axis) and ID_mask.png, which
+/// `eval-touch` scores networks on. Without --config contacts follow MidasTouch's protocol: press 0.5 to 1 mm, within 5 degrees of the
+/// surface's normal, any roll, image noise of 2 grey levels.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Names of objects, or a published set of them: `train`, `validation`, `test`
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "test")]
+    objects: Vec<String>,
+    /// How many images
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    images: u32,
+    /// Seed of contacts, sensors and noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// TOML file whose table `data` says what images are like, as `train` reads it
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Folder of the images
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// What is read of a configuration.
+#[derive(Deserialize)]
+struct Settings {
+    #[serde(default)]
+    data: DataConfig,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let config = match &arguments.config {
+        None => DataConfig::protocol(),
+        Some(path) => settings::read::<Settings>(path)?.data,
+    };
+    config.check()?;
+    let out = &arguments.out;
+    if fs::read_dir(out).is_ok_and(|mut files| files.next().is_some()) {
+        bail!("{} is not empty; choose another folder", out.display());
+    }
+    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let surfaces = objects::load(&objects::resolve(&arguments.objects))?;
+    let mut rack = Rack::new(&config, arguments.seed)?;
+    let sensors = rack.of_step(0)?;
+    let bar = progress::bar(u64::from(arguments.images), "contacts");
+    (0..u64::from(arguments.images)).into_par_iter().try_for_each_init(TouchFrame::default, |frame, index| {
+        let example = example(&surfaces, &sensors, &config, (arguments.seed, index), frame);
+        bar.inc(1);
+        write(out, index, &example, frame)
+    })?;
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Result<()> {
+    let path = |what: &str| folder.join(format!("{index:05}_{what}"));
+    let failed = |what: &str| format!("cannot write {}", path(what).display());
+    write_npy(path("depth_m.npy"), frame.depth_m()).with_context(|| failed("depth_m.npy"))?;
+    let mask = example.contact.iter().map(|&contact| if contact > 0.5 { u8::MAX } else { 0 }).collect();
+    let mask: GrayImage =
+        ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask).context("a mask of another size than its image")?;
+    mask.save(path("mask.png")).with_context(|| failed("mask.png"))?;
+    example.image().save(path("img.png")).with_context(|| failed("img.png"))
+}
