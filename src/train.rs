@@ -10,11 +10,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use image::RgbImage;
 use perception::engine::{Engine, Instructions, Prediction};
 use perception::network::{Architecture, Precision, Weights};
-use perception::train::{Batch, Stage, Targets, Trainer, TrainingConfig};
+use perception::train::{Batch, Device, Stage, Targets, Trainer, TrainingConfig};
 use perception::{Accuracy, Pixel, Scores};
 use rayon::prelude::*;
 use scenes::digit::{HEIGHT, WIDTH};
@@ -51,6 +51,34 @@ pub struct Arguments {
     /// Start from these weights instead of drawn ones
     #[arg(long, conflicts_with = "resume")]
     from: Option<PathBuf>,
+    /// What computes gradients
+    #[arg(long, value_enum, default_value_t)]
+    device: Choice,
+}
+
+/// On what is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+enum Choice {
+    /// The first CUDA device if the program was built with --features cuda and there is one, else the CPU
+    #[default]
+    Auto,
+    /// The CPU
+    Cpu,
+    /// The first CUDA device; needs NVIDIA's driver, the CUDA toolkit and a program built with --features cuda
+    Cuda,
+}
+
+impl Choice {
+    fn device(self) -> Result<Device> {
+        match self {
+            Self::Auto => Ok(Device::gpu().unwrap_or_else(|reason| {
+                tracing::info!("no GPU: {reason}");
+                Device::Cpu
+            })),
+            Self::Cpu => Ok(Device::Cpu),
+            Self::Cuda => Device::gpu().context("--device cuda"),
+        }
+    }
 }
 
 /// The configuration file.
@@ -73,6 +101,7 @@ const PANELS: usize = 6;
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    let device = arguments.device.device()?;
     let Settings { network, data, training } = settings::read(&arguments.config)?;
     data.check()?;
     let fits = |stage: &Stage| stage.size[0] <= HEIGHT && stage.size[1] <= WIDTH;
@@ -87,7 +116,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         preset.name()
     );
     let checkpoint = arguments.out.join("checkpoint.safetensors");
-    let mut trainer = if arguments.resume {
+    let trainer = if arguments.resume {
         Trainer::resume(&checkpoint, architecture.clone(), training.clone())?
     } else {
         if checkpoint.exists() {
@@ -96,6 +125,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let start = arguments.from.as_deref().map(Weights::read).transpose()?;
         Trainer::new(architecture.clone(), training.clone(), start.as_ref())?
     };
+    let mut trainer = trainer.on(device);
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
     let hash = data_hash(&data)?;
     let surfaces = objects::load(&data.objects.train)?;
@@ -103,7 +133,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut curve = Curve::open(&arguments.out, trainer.step())?;
     let mut rack = Rack::new(&data, training.seed)?;
 
-    let bar = progress::bar(training.steps(), arguments.network.as_str());
+    let bar = progress::bar(training.steps(), &format!("{} on the {device}", arguments.network));
     bar.set_position(trainer.step());
     let (mut losses, mut images, mut since) = (Vec::new(), 0, Instant::now());
     while trainer.step() < training.steps() {

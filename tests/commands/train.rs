@@ -96,4 +96,7 @@ fn trainings_that_cannot_be_are_refused() {
     workplace.write("config.toml", &config);
     assert!(workplace.run(&line("out").replace("default", "vit")).error().contains("configures network default"));
     assert!(workplace.run(&format!("{} --resume", line("nothing"))).error().contains("checkpoint.safetensors"));
+    #[cfg(not(feature = "cuda"))]
+    assert!(workplace.run(&format!("{} --device cuda", line("out"))).error().contains("build it with --features cuda"));
+    assert!(workplace.run(&format!("{} --device tpu", line("out"))).usage().contains("auto, cpu, cuda"));
 }

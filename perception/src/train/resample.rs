@@ -33,6 +33,17 @@ impl Resample {
         (0..to).map(place).collect()
     }
 
+    /// An axis' resampling as a row-major matrix of `to` rows.
+    #[cfg(any(test, feature = "cuda"))]
+    pub(super) fn matrix(self, from: usize, to: usize) -> Vec<f32> {
+        let mut matrix = vec![0.0; to * from];
+        for (row, (low, high, share)) in matrix.chunks_exact_mut(from).zip(self.taps(from, to)) {
+            row[low] += 1.0 - share;
+            row[high] += share;
+        }
+        matrix
+    }
+
     /// Calls `each` with output pixel, input pixel and the input's share in the output.
     fn pairs(self, [rows, columns]: [usize; 2], mut each: impl FnMut(usize, usize, f32)) {
         let [down, across] = [self.taps(rows, self.size[0]), self.taps(columns, self.size[1])];

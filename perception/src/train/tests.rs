@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use burn_autodiff::Autodiff;
+use burn_ndarray::NdArray;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
@@ -398,10 +400,9 @@ fn two_hundred_steps_teach_discs() {
     assert!(last < 0.05 && last < first / 5.0, "loss went from {first} to {last}");
 }
 
-/// Every network learns, on images whose sides are no multiples of twice its patch.
-#[test]
-fn every_network_learns() {
-    let networks = [
+/// The networks that a DPT decoder ends, small enough for tests.
+fn with_decoder() -> [Architecture; 3] {
+    [
         Architecture::Vit(Vit {
             patch: 8,
             width: 16,
@@ -431,13 +432,49 @@ fn every_network_learns() {
             channels: 8,
             ..RobustMamba::default()
         }),
-    ];
-    for network in networks {
+    ]
+}
+
+/// Every network learns, on images whose sides are no multiples of twice its patch.
+#[test]
+fn every_network_learns() {
+    for network in with_decoder() {
         let name = network.name();
         let mut trainer = Trainer::new(network, config(120), None).unwrap();
         let losses: Vec<f32> = (0..120).map(|k| trainer.advance(&discs(k)).unwrap().loss).collect();
         let (first, last) = (losses[..5].iter().sum::<f32>(), losses[115..].iter().sum::<f32>());
         assert!(last < first / 2.5, "{name}: loss went from {first} to {last}");
+    }
+}
+
+/// Loss and gradients of the tape are those of burn's tensors and its way back, for whole networks; and so is their sum over passes.
+#[test]
+fn gradients_are_those_of_burn() {
+    let batch = Batch { shape: [2, 64, 32], ..discs(0) };
+    let penalties = [Penalty::Mse, Penalty::L1, Penalty::Huber, Penalty::Huber];
+    for (network, penalty) in with_decoder().into_iter().chain([small()]).zip(penalties) {
+        let name = network.name();
+        let loss = LossConfig { penalty, huber_mm: 0.2, ..LossConfig::default() };
+        // As drawn, biases are zero and steps small.
+        let mut weights = model::initial(&network, 3);
+        for (k, tensor) in weights.values_mut().enumerate() {
+            let noise = random(&tensor.shape, 100 + k as u64);
+            tensor.values.iter_mut().zip(noise.values).for_each(|(weight, noise)| *weight += 0.2 * noise);
+        }
+        let (value, ours) = trainer::gradients(Instructions::best().exact(), &network, &weights, loss, &batch);
+        for pixels in [64 * 32, 2 * 64 * 32] {
+            let (exact, theirs) =
+                burn::gradients::<Autodiff<NdArray>>(&Default::default(), &network, &weights, loss, &batch, pixels)
+                    .unwrap();
+            assert!((value - exact).abs() < 1e-3 * exact, "{name}: loss {value} for {exact}");
+            assert!(ours.keys().eq(weights.keys()) && theirs.keys().eq(weights.keys()));
+            for ((tensor, ours), theirs) in ours.iter().zip(theirs.values()) {
+                let size = theirs.values.iter().fold(0.0_f32, |most, g| most.max(g.abs()));
+                let pairs = ours.values.iter().zip(&theirs.values);
+                let error = pairs.fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
+                assert!(size > 0.0 && error < 1e-3 * size, "{name}: gradient by {tensor} is off by {error} of {size}");
+            }
+        }
     }
 }
 

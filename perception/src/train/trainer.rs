@@ -8,11 +8,13 @@ use rayon::prelude::*;
 use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
+use super::device::Device;
 use super::linear::add_to;
 use super::loss::{Loss, LossConfig, Targets};
 use super::model::{Images, Model, initial};
+use super::ops::Cpu;
 use super::optimiser::{OptimiserConfig, State, Tensors};
-use super::tape::{Value, apply};
+use super::tape::{Value, Var, apply};
 use crate::engine::Instructions;
 use crate::network::{Architecture, Precision, Provenance, Stored, Tensor, UnknownNetwork, Weights, WeightsError};
 
@@ -30,7 +32,8 @@ pub struct TrainingConfig {
     /// What training makes small.
     #[serde(default)]
     pub loss: LossConfig,
-    /// What the operands of matrix products are rounded to, where the machine is faster with bf16; all else is in f32.
+    /// What the operands of matrix products are rounded to, where the CPU is faster with bf16; all else is in f32, and so is everything
+    /// on a GPU.
     #[serde(default = "bf16")]
     pub precision: Precision,
     /// Steps from one validation, and from one checkpoint, to the next.
@@ -117,10 +120,10 @@ pub struct Batch {
 const SHARE: usize = 320 * 240;
 
 impl Batch {
-    /// Its images in shares that do not depend on the number of threads, each with the index of its first pixel.
-    fn shares(&self) -> Vec<(usize, Images<'_>)> {
+    /// Its images in shares of about so many pixels, each with the index of its first pixel.
+    pub(super) fn shares(&self, pixels: usize) -> Vec<(usize, Images<'_>)> {
         let [_, rows, columns] = self.shape;
-        let count = (SHARE / (rows * columns)).max(1);
+        let count = (pixels / (rows * columns)).max(1);
         let shares = self.levels.chunks(3 * count * rows * columns).enumerate();
         let shares = shares.map(|(k, levels)| {
             let shape = [levels.len() / (3 * rows * columns), rows, columns];
@@ -175,6 +178,9 @@ pub enum TrainError {
         /// Bytes given.
         levels: usize,
     },
+    /// The GPU failed. Weights are those of before the step.
+    #[error("the GPU failed: {0}; resume from the last checkpoint, on the CPU if it fails again")]
+    Gpu(String),
     /// Weights to start from are those of another network.
     #[error("the weights to start from belong to a network with other hyper-parameters")]
     OtherStart,
@@ -192,6 +198,7 @@ pub enum TrainError {
 pub struct Trainer {
     architecture: Architecture,
     config: TrainingConfig,
+    device: Device,
     state: State,
 }
 
@@ -228,7 +235,13 @@ impl Trainer {
             Some(_) => return Err(TrainError::OtherStart),
             None => initial(&architecture, config.seed),
         };
-        Ok(Self { architecture, config, state: State::new(weights) })
+        Ok(Self { architecture, config, device: Device::Cpu, state: State::new(weights) })
+    }
+
+    /// The same training on another device; at first it is the CPU. A checkpoint may be resumed on any.
+    #[must_use]
+    pub fn on(self, device: Device) -> Self {
+        Self { device, ..self }
     }
 
     /// Steps done.
@@ -240,14 +253,14 @@ impl Trainer {
     ///
     /// # Errors
     /// [`TrainError::NotFinite`] if loss or gradient are no numbers, [`TrainError::Batch`] if images or targets do not have the batch's
-    /// shape; nothing has changed then.
+    /// shape, [`TrainError::Gpu`] if the device fails; nothing has changed then.
     pub fn advance(&mut self, batch: &Batch) -> Result<Progress, TrainError> {
         check_shape(&self.architecture, batch.levels.len(), batch.shape)?;
         let Targets { indentation_mm, contact } = &*batch.targets;
         if 3 * indentation_mm.len() != batch.levels.len() || indentation_mm.len() != contact.len() {
             return Err(TrainError::Batch { shape: batch.shape, levels: batch.levels.len() });
         }
-        let (loss, gradients) = self.gradients(batch);
+        let (loss, gradients) = self.gradients(batch)?;
         let (step, rate) = (self.state.step, self.config.optimiser.rate(self.state.step, self.config.steps()));
         let gradient = if loss.is_finite() {
             self.state.advance(&gradients, &self.config.optimiser, self.config.steps())
@@ -268,27 +281,13 @@ impl Trainer {
     }
 
     /// Loss of a batch and its gradients by all weights.
-    fn gradients(&self, batch: &Batch) -> (f32, Tensors) {
-        let weights = shared(&self.state.weights);
-        let share = |(first, images)| {
-            let model = Model::new(&self.architecture, &weights, self.instructions(), true);
-            let targets = batch.targets.clone();
-            let loss = apply(Loss { config: self.config.loss, targets, first }, [model.forward(images)]);
-            let value: f32 = loss.tensor().values.iter().sum();
-            let mut slopes = loss.backward();
-            let gradients: Vec<_> = model.variables().values().map(|variable| slopes.take(variable)).collect();
-            (value, gradients)
-        };
-        let (values, shares): (Vec<f32>, Vec<Vec<Option<Tensor>>>) =
-            batch.shares().into_par_iter().map(share).collect();
-        // In the order of the shares, whichever was done first.
-        let sum = |(k, (name, tensor)): (usize, (&String, &Tensor))| {
-            let mut sum = Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
-            shares.iter().filter_map(|share| share[k].as_ref()).for_each(|part| add_to(&mut sum.values, &part.values));
-            (name.clone(), sum)
-        };
-        let named: Vec<_> = self.state.weights.iter().enumerate().collect();
-        (values.iter().sum(), named.into_par_iter().map(sum).collect())
+    fn gradients(&self, batch: &Batch) -> Result<(f32, Tensors), TrainError> {
+        let (architecture, weights, config) = (&self.architecture, &self.state.weights, self.config.loss);
+        match self.device {
+            Device::Cpu => Ok(gradients(self.instructions(), architecture, weights, config, batch)),
+            #[cfg(feature = "cuda")]
+            Device::Cuda => super::device::gradients(architecture, weights, config, batch),
+        }
     }
 
     /// The averaged weights.
@@ -361,6 +360,36 @@ impl Trainer {
     }
 }
 
+/// Loss of a batch and its gradients by all weights, on the CPU.
+pub(super) fn gradients(
+    instructions: Instructions,
+    architecture: &Architecture,
+    weights: &Tensors,
+    config: LossConfig,
+    batch: &Batch,
+) -> (f32, Tensors) {
+    let values = shared(weights);
+    let share = |(first, images)| {
+        let variables = values.iter().map(|(&name, value)| (name, Var::parameter(value.clone()))).collect();
+        let model = Model { architecture, ops: &Cpu { instructions }, variables: &variables };
+        let loss = apply(Loss { config, targets: batch.targets.clone(), first }, [model.forward(images)]);
+        let value: f32 = loss.tensor().values.iter().sum();
+        let mut slopes = loss.backward();
+        let gradients: Vec<_> = variables.values().map(|variable| slopes.take(variable)).collect();
+        (value, gradients)
+    };
+    let (losses, shares): (Vec<f32>, Vec<Vec<Option<Tensor>>>) =
+        batch.shares(SHARE).into_par_iter().map(share).collect();
+    // In the order of the shares, whichever was done first.
+    let sum = |(k, (name, tensor)): (usize, (&String, &Tensor))| {
+        let mut sum = Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
+        shares.iter().filter_map(|share| share[k].as_ref()).for_each(|part| add_to(&mut sum.values, &part.values));
+        (name.clone(), sum)
+    };
+    let named: Vec<_> = weights.iter().enumerate().collect();
+    (losses.iter().sum(), named.into_par_iter().map(sum).collect())
+}
+
 /// What training's forward pass makes of RGB images `[images, rows, columns]` whose sides are multiples of the network's stride: per
 /// pixel indentation in millimetres, at least 0, and the logit of contact. [`crate::engine`] is faster and takes any size.
 ///
@@ -368,16 +397,18 @@ impl Trainer {
 /// [`TrainError::Batch`] if there are fewer or more levels than the shape has, or its sides are no multiples of the stride.
 pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Vec<[f32; 2]>, TrainError> {
     check_shape(weights.architecture(), levels.len(), shape)?;
-    let tensors = shared(weights.tensors());
-    let output = Model::new(weights.architecture(), &tensors, Instructions::best().exact(), false)
-        .forward(Images { levels, shape });
+    let values = shared(weights.tensors());
+    let variables = values.into_iter().map(|(name, value)| (name, Var::constant(value))).collect();
+    let ops = Cpu { instructions: Instructions::best().exact() };
+    let model = Model { architecture: weights.architecture(), ops: &ops, variables: &variables };
+    let output = model.forward(Images { levels, shape });
     let pixels = output.tensor().values.as_chunks::<2>().0;
     Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
 }
 
 /// Tensors that several threads may read.
-fn shared(tensors: &Tensors) -> BTreeMap<String, Arc<Value>> {
-    tensors.iter().map(|(name, tensor)| (name.clone(), tensor.clone().into())).collect()
+fn shared(tensors: &Tensors) -> BTreeMap<&str, Arc<Value>> {
+    tensors.iter().map(|(name, tensor)| (name.as_str(), tensor.clone().into())).collect()
 }
 
 /// Whether images of this shape can enter a network.

@@ -1,0 +1,322 @@
+//! The networks on burn's tensors: for GPUs, and to hold our gradients against those of somebody else.
+
+use std::sync::Arc;
+
+use burn_tensor::activation::{log_sigmoid, relu, silu, softmax};
+use burn_tensor::backend::{AutodiffBackend, Backend};
+use burn_tensor::module::conv2d;
+use burn_tensor::ops::{ConvOptions, FloatTensor};
+use burn_tensor::{Int, Shape, Tensor as Array, TensorData, TensorMetadata as _, TensorPrimitive};
+
+use super::linear::add_to;
+use super::loss::{LossConfig, Penalty};
+use super::model::Model;
+use super::ops::Ops;
+use super::optimiser::Tensors;
+use super::resample::Resample;
+use super::trainer::{Batch, TrainError};
+use crate::network::{Architecture, LAYER_NORM_EPS, Tensor};
+
+/// Loss of a batch and its gradients by all weights. About so many pixels are on the device at a time.
+///
+/// # Errors
+/// [`TrainError::Gpu`] if the device fails.
+pub fn gradients<B: AutodiffBackend>(
+    device: &B::Device,
+    architecture: &Architecture,
+    weights: &Tensors,
+    config: LossConfig,
+    batch: &Batch,
+    pixels: usize,
+) -> Result<(f32, Tensors), TrainError> {
+    let ops = Burn::<B> { device: device.clone() };
+    let parameter = |tensor: &Tensor| Value::<B>(B::float_set_require_grad(ops.constant(tensor.clone()).0, true));
+    let variables = weights.iter().map(|(name, tensor)| (name.as_str(), parameter(tensor))).collect();
+    let zeros = |tensor: &Tensor| Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
+    let mut gradients: Tensors = weights.iter().map(|(name, tensor)| (name.clone(), zeros(tensor))).collect();
+    let mut sum = 0.0;
+    for (first, images) in batch.shares(pixels) {
+        let output = Model { architecture, ops: &ops, variables: &variables }.forward(images);
+        let loss = ops.loss(output, config, batch, first);
+        let mut slopes = loss.backward();
+        sum += read::<B::InnerBackend>(loss.inner().into_primitive().tensor())?.iter().sum::<f32>();
+        for (variable, gradient) in variables.values().zip(gradients.values_mut()) {
+            if let Some(slope) = B::grad_remove(&variable.0, &mut slopes) {
+                add_to(&mut gradient.values, &read::<B::InnerBackend>(slope)?);
+            }
+        }
+    }
+    Ok((sum, gradients))
+}
+
+/// The numbers of a tensor of any rank.
+fn read<B: Backend>(tensor: FloatTensor<B>) -> Result<Vec<f32>, TrainError> {
+    let count = tensor.shape().num_elements();
+    let flat: Array<B, 1> = Value(B::float_reshape(tensor, Shape::new([count]))).array();
+    let data = flat.try_into_data().map_err(|error| TrainError::Gpu(error.to_string()))?;
+    Ok(data.iter::<f32>().collect())
+}
+
+/// A tensor of any rank.
+#[derive(Debug, Clone)]
+pub struct Value<B: Backend>(FloatTensor<B>);
+
+impl<B: Backend> Value<B> {
+    /// The same as an array of D axes, which it has.
+    fn array<const D: usize>(self) -> Array<B, D> {
+        Array::from_primitive(TensorPrimitive::Float(self.0))
+    }
+
+    /// The same as rows of the last axis.
+    fn rows(self) -> Array<B, 2> {
+        let shape = self.0.shape();
+        let width = shape.iter().last().copied().unwrap_or(1);
+        let rows = shape.num_elements() / width;
+        Self(B::float_reshape(self.0, Shape::new([rows, width]))).array()
+    }
+}
+
+impl<B: Backend, const D: usize> From<Array<B, D>> for Value<B> {
+    fn from(array: Array<B, D>) -> Self {
+        Self(array.into_primitive().tensor())
+    }
+}
+
+/// Operations by burn.
+struct Burn<B: Backend> {
+    device: B::Device,
+}
+
+impl<B: Backend> Burn<B> {
+    fn array<const D: usize>(&self, values: Vec<f32>, shape: [usize; D]) -> Array<B, D> {
+        Array::from_data(TensorData::new(values, shape), &self.device)
+    }
+
+    fn indices(&self, indices: impl Iterator<Item = usize>) -> Array<B, 1, Int> {
+        let indices: Vec<i64> = indices.map(|i| i as i64).collect();
+        let count = indices.len();
+        Array::from_data(TensorData::new(indices, [count]), &self.device)
+    }
+
+    /// The share of a batch's loss that its pixels from `first` on have, as [`LossConfig`] describes it.
+    fn loss(&self, output: Value<B>, config: LossConfig, batch: &Batch, first: usize) -> Array<B, 1> {
+        let LossConfig { penalty, huber_mm, contact_weight, segmentation } = config;
+        let output = output.rows();
+        let [count, _] = output.dims();
+        let column = |values: &[f32]| self.array(values[first..first + count].to_vec(), [count, 1]);
+        let (target, contact) = (column(&batch.targets.indentation_mm), column(&batch.targets.contact));
+        let [indentation, logit] = [0, 1].map(|part| output.clone().narrow(1, part, 1));
+        let error = (indentation - target).abs();
+        let cost = match penalty {
+            Penalty::Mse => error.clone() * error,
+            Penalty::L1 => error,
+            Penalty::Huber => {
+                let near = error.clone().clamp_max(huber_mm);
+                (error - near.clone() * 0.5) * near / huber_mm
+            }
+        };
+        let entropy = softplus(logit.clone()) - logit * contact.clone();
+        let weight = contact * (contact_weight - 1.0) + 1.0;
+        (weight * cost + entropy * segmentation).sum() / batch.targets.contact.len() as f32
+    }
+}
+
+fn softplus<B: Backend, const D: usize>(x: Array<B, D>) -> Array<B, D> {
+    -log_sigmoid(-x)
+}
+
+impl<B: Backend> Ops for Burn<B> {
+    type Value = Value<B>;
+
+    fn constant(&self, Tensor { shape, values }: Tensor) -> Value<B> {
+        Value(B::float_from_data(TensorData::new(values, shape), &self.device))
+    }
+
+    fn shape(&self, x: &Value<B>) -> Vec<usize> {
+        x.0.shape().to_vec()
+    }
+
+    fn add(&self, a: Value<B>, b: Value<B>) -> Value<B> {
+        Value(B::float_add(a.0, b.0))
+    }
+
+    fn reshape(&self, x: Value<B>, shape: &[usize]) -> Value<B> {
+        Value(B::float_reshape(x.0, Shape::from(shape)))
+    }
+
+    fn product(&self, x: Value<B>, weight: Value<B>) -> Value<B> {
+        let (mut shape, weight) = (self.shape(&x), weight.array::<2>());
+        shape.pop();
+        shape.push(weight.dims()[0]);
+        self.reshape(x.rows().matmul(weight.transpose()).into(), &shape)
+    }
+
+    fn linear(&self, x: Value<B>, [weight, bias]: [Value<B>; 2]) -> Value<B> {
+        let y = self.product(x, weight);
+        let shape = self.shape(&y);
+        self.reshape((y.rows() + bias.array::<1>().unsqueeze()).into(), &shape)
+    }
+
+    fn norm(&self, x: Value<B>, [weight, bias]: [Value<B>; 2]) -> Value<B> {
+        let (shape, x) = (self.shape(&x), x.rows());
+        let centred = x.clone() - x.mean_dim(1);
+        let variance = (centred.clone() * centred.clone()).mean_dim(1);
+        let unit = centred / (variance + LAYER_NORM_EPS).sqrt();
+        self.reshape((unit * weight.array::<1>().unsqueeze() + bias.array::<1>().unsqueeze()).into(), &shape)
+    }
+
+    fn convolution(&self, x: Value<B>, [weight, bias]: [Value<B>; 2], stride: usize, is_rectified: bool) -> Value<B> {
+        let x = x.array::<4>().permute([0, 3, 1, 2]);
+        let x = if is_rectified { relu(x) } else { x };
+        let options = ConvOptions::new([stride; 2], [1; 2], [1; 2], 1);
+        conv2d(x, weight.array(), Some(bias.array()), options).permute([0, 2, 3, 1]).into()
+    }
+
+    fn selective(
+        &self,
+        order: &Arc<[usize]>,
+        [xz, taps, bias, projection, step, step_bias, a_log, skip]: [Value<B>; 8],
+    ) -> Value<B> {
+        let mut inverse: Vec<usize> = (0..order.len()).collect();
+        inverse.sort_by_key(|&k| order[k]);
+        let (taps, a_log) = (taps.array::<2>(), a_log.array::<2>());
+        let ([inner, count], [_, state]) = (taps.dims(), a_log.dims());
+        let rank = self.shape(&step)[1];
+
+        let xz = xz.array::<3>().select(1, self.indices(order.iter().copied()));
+        let [images, tokens, _] = xz.dims();
+        let (x, z) = (xz.clone().narrow(2, 0, inner), xz.narrow(2, inner, inner));
+        let past =
+            if count > 1 { Array::cat(vec![Array::zeros([images, count - 1, inner], &self.device), x], 1) } else { x };
+        let convolved = (0..count).fold(bias.array::<1>().unsqueeze(), |sum: Array<B, 3>, k| {
+            sum + past.clone().narrow(1, k, tokens) * taps.clone().narrow(1, k, 1).reshape([1, 1, inner])
+        });
+        let x = silu(convolved);
+        let projected = self.product(x.clone().into(), projection).array::<3>();
+        let source = projected.clone().narrow(2, 0, rank);
+        let delta = softplus(self.linear(source.into(), [step, step_bias]).array::<3>());
+        let [b, c] = [rank, rank + state].map(|at| projected.clone().narrow(2, at, state));
+        let y = scan(&delta, &x, &b, &c, &-a_log.exp()) + x * skip.array::<1>().unsqueeze();
+        (y * silu(z)).select(1, self.indices(inverse.into_iter())).into()
+    }
+
+    fn attention(&self, qkv: Value<B>, heads: usize) -> Value<B> {
+        let qkv = qkv.array::<3>();
+        let [images, tokens, triple] = qkv.dims();
+        let (width, head) = (triple / 3, triple / 3 / heads);
+        let qkv = qkv.reshape([images, tokens, 3, heads, head]).permute([2, 0, 3, 1, 4]);
+        let [queries, keys, values] =
+            [0, 1, 2].map(|part| qkv.clone().narrow(0, part, 1).reshape([images, heads, tokens, head]));
+        let scores = queries.matmul(keys.swap_dims(2, 3)) / (head as f32).sqrt();
+        softmax(scores, 3).matmul(values).permute([0, 2, 1, 3]).reshape([images, tokens, width]).into()
+    }
+
+    fn relu(&self, x: Value<B>) -> Value<B> {
+        Value(B::relu(x.0))
+    }
+
+    fn gelu(&self, x: Value<B>) -> Value<B> {
+        // burn's own goes back by an approximation.
+        let (shape, x) = (self.shape(&x), x.rows());
+        let below = ((x.clone() * std::f32::consts::FRAC_1_SQRT_2).erf() + 1.0) * 0.5;
+        self.reshape((x * below).into(), &shape)
+    }
+
+    fn resample(&self, x: Value<B>, resample: Resample) -> Value<B> {
+        // Two products, since burn's own cannot go back on a GPU.
+        let x = x.array::<4>();
+        let [images, rows, columns, channels] = x.dims();
+        let [down, across] = [(rows, resample.size[0]), (columns, resample.size[1])]
+            .map(|(from, to)| self.array(resample.matrix(from, to), [1, to, from]));
+        let x = down.matmul(x.reshape([images, rows, columns * channels]));
+        let x = across.matmul(x.reshape([images * resample.size[0], columns, channels]));
+        x.reshape([images, resample.size[0], resample.size[1], channels]).into()
+    }
+
+    fn depth_to_space(&self, x: Value<B>, factor: usize) -> Value<B> {
+        let x = x.array::<4>();
+        let [images, rows, columns, deep] = x.dims();
+        let channels = deep / (factor * factor);
+        let x = x.reshape([images, rows, columns, factor, factor, channels]).permute([0, 1, 3, 2, 4, 5]);
+        x.reshape([images, rows * factor, columns * factor, channels]).into()
+    }
+
+    fn add_table(&self, x: Value<B>, table: Value<B>) -> Value<B> {
+        (x.array::<3>() + table.array::<2>().unsqueeze()).into()
+    }
+
+    fn append(&self, x: Value<B>, last: Value<B>) -> Value<B> {
+        let x = x.array::<3>();
+        let [images, _, width] = x.dims();
+        let last = last.array::<2>().unsqueeze::<3>().expand([images, 1, width]);
+        Array::cat(vec![x, last], 1).into()
+    }
+
+    fn with_last(&self, x: Value<B>) -> Value<B> {
+        let x = x.array::<3>();
+        let [images, tokens, width] = x.dims();
+        let last = x.clone().narrow(1, tokens - 1, 1).expand([images, tokens - 1, width]);
+        Array::cat(vec![x.narrow(1, 0, tokens - 1), last], 2).into()
+    }
+
+    fn pair(&self, a: Value<B>, b: Value<B>) -> Value<B> {
+        Array::cat(vec![a.array::<4>(), b.array::<4>()], 3).into()
+    }
+}
+
+/// The recurrence `h = exp(delta A) h + delta x B`, read as `h C` after each token: of delta and x `[images, tokens, E]`, B and C
+/// `[images, tokens, N]`, and A `[E, N]`.
+///
+/// Chunks of tokens start from nothing side by side; then each hands on to the next what it leaves and what it lets through, and what
+/// reached a token from earlier chunks is added. With as many chunks as a chunk has tokens, both loops take the root of the number of
+/// tokens, which suits a GPU. No factor exceeds one. Four numbers per token, channel and state are kept for the way back.
+fn scan<B: Backend>(
+    delta: &Array<B, 3>,
+    x: &Array<B, 3>,
+    b: &Array<B, 3>,
+    c: &Array<B, 3>,
+    a: &Array<B, 2>,
+) -> Array<B, 3> {
+    let ([images, tokens, inner], [_, state]) = (delta.dims(), a.dims());
+    let length = tokens.isqrt().max(1);
+    let chunks = tokens.div_ceil(length);
+    let device = delta.device();
+    // The last chunk is filled up with tokens whose step is zero.
+    let cut = |values: &Array<B, 3>| -> Array<B, 4> {
+        let [_, _, width] = values.dims();
+        let parts = match chunks * length - tokens {
+            0 => vec![values.clone()],
+            missing => vec![values.clone(), Array::zeros([images, missing, width], &device)],
+        };
+        Array::cat(parts, 1).reshape([images, chunks, length, width])
+    };
+    let [delta, x, b, c] = [delta, x, b, c].map(cut);
+    let a = a.clone().reshape([1, 1, inner, state]);
+    let row = |values: &Array<B, 4>, t: usize| values.clone().narrow(2, t, 1);
+    let column = |values: &Array<B, 4>, t: usize| row(values, t).swap_dims(2, 3);
+
+    let mut hidden = Array::zeros([images, chunks, inner, state], &device);
+    let mut elapsed = Array::zeros([images, chunks, inner, 1], &device);
+    let mut through = Array::ones([images, chunks, inner, state], &device);
+    let mut inside = Vec::with_capacity(length);
+    for t in 0..length {
+        let step = column(&delta, t);
+        elapsed = elapsed + step.clone();
+        through = (elapsed.clone() * a.clone()).exp();
+        hidden = hidden * (step.clone() * a.clone()).exp() + step * column(&x, t) * row(&b, t);
+        inside.push((hidden.clone(), through.clone()));
+    }
+    let mut handed = Array::zeros([images, 1, inner, state], &device);
+    let mut before = Vec::with_capacity(chunks);
+    for k in 0..chunks {
+        before.push(handed.clone());
+        handed = handed * through.clone().narrow(1, k, 1) + hidden.clone().narrow(1, k, 1);
+    }
+    let before = Array::cat(before, 1);
+    let read = inside
+        .into_iter()
+        .enumerate()
+        .map(|(t, (hidden, through))| ((hidden + through * before.clone()) * row(&c, t)).sum_dim(3));
+    let y = Array::cat(read.collect(), 3).swap_dims(2, 3);
+    y.reshape([images, chunks * length, inner]).narrow(1, 0, tokens)
+}
