@@ -25,7 +25,7 @@ use crate::{progress, settings};
 /// Render touch images of random contacts, each with its depth and contact mask
 ///
 /// DIR receives triples: ID_img.png, ID_depth_m.npy (32-bit floats, 320 x 240, metres along the camera's axis) and ID_mask.png, which
-/// `eval-touch` scores networks on. Without --config contacts follow MidasTouch's protocol: press 0.5 to 1 mm, within 5 degrees of the
+/// `eval-touch` scores networks on; and ID_untouched.png, what the sensor shows without contact. Without --config contacts follow MidasTouch's protocol: press 0.5 to 1 mm, within 5 degrees of the
 /// surface's normal, any roll, image noise of 2 grey levels.
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -86,5 +86,8 @@ fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Re
     let mask: GrayImage =
         ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask).context("a mask of another size than its image")?;
     mask.save(path("mask.png")).with_context(|| failed("mask.png"))?;
+    if let Some(untouched) = example.untouched() {
+        untouched.save(path("untouched.png")).with_context(|| failed("untouched.png"))?;
+    }
     example.image().save(path("img.png")).with_context(|| failed("img.png"))
 }

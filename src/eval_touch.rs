@@ -7,11 +7,12 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use image::imageops::{FilterType::Triangle, resize};
-use image::{GrayImage, ImageBuffer, Luma, RgbImage};
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use ndarray::Array2;
 use ndarray_npy::read_npy;
 use perception::engine::{Engine, Instructions, Prediction};
 use perception::network::Weights;
+use perception::untouched::{estimate, take_off};
 use perception::{Accuracy, Pixel, Scores};
 use scenes::digit::{HEIGHT, WIDTH, gel};
 use serde::Serialize;
@@ -22,7 +23,8 @@ use crate::simulate::print_line;
 /// Score a touch network on images whose truth is known
 ///
 /// DIR holds triples: ID_img.png (RGB, 240 x 320), ID_depth_m.npy (32-bit floats, 320 x 240, metres along the camera's axis) and
-/// ID_mask.png (contact where over 127).
+/// ID_mask.png (contact where over 127); and perhaps ID_untouched.png, what the sensor shows without contact, which is taken off before
+/// the network sees an image. Where there is none, it is had from all images, if they are of one sensor.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Weights: safetensors as `train` writes them
@@ -38,6 +40,9 @@ pub struct Arguments {
     /// back and scored at the sensor's size
     #[arg(long, value_name = "SIZE")]
     input: Option<ImageSize>,
+    /// Take nothing off: the network sees images as they are
+    #[arg(long)]
+    as_they_are: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -49,6 +54,16 @@ struct Report {
     #[serde(flatten)]
     scores: Scores,
     ms_per_image: f64,
+    /// Of how many images what the sensor shows without contact was in a file, had from all, and was not known.
+    untouched: Untouched,
+}
+
+/// Of how many images it is known what their sensor shows without contact, and from where.
+#[derive(Debug, Default, Clone, Copy, Serialize)]
+struct Untouched {
+    file: usize,
+    images: usize,
+    unknown: usize,
 }
 
 /// A touch image with its truth.
@@ -56,6 +71,7 @@ struct Triple {
     image: RgbImage,
     depth_m: Array2<f32>,
     mask: GrayImage,
+    untouched: Option<RgbImage>,
 }
 
 /// Runs the command.
@@ -63,11 +79,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let engine = Engine::new(&Weights::read(&arguments.weights)?, Instructions::best());
     let ids = ids(&arguments.data)?;
     ensure!(!ids.is_empty(), "{} holds no *_img.png", arguments.data.display());
+    let common = if arguments.as_they_are { None } else { common_untouched(&engine, &arguments.data, &ids)? };
     let (mut accuracy, mut busy_s, mut prediction) = (Accuracy::default(), 0.0, Prediction::default());
+    let mut untouched = Untouched::default();
     for id in &ids {
-        let triple = Triple::read(&arguments.data, id)?;
+        let mut triple = Triple::read(&arguments.data, id)?;
         if arguments.deepest_mm.is_some_and(|most| triple.truth().any(|pixel| pixel.millimetres > most)) {
             continue;
+        }
+        let own = if arguments.as_they_are { None } else { triple.untouched.take() };
+        match (own, &common) {
+            (Some(own), _) => {
+                take_off(&own, &mut triple.image);
+                untouched.file += 1;
+            }
+            (None, Some(common)) => {
+                take_off(common, &mut triple.image);
+                untouched.images += 1;
+            }
+            (None, None) => untouched.unknown += 1,
         }
         let started = Instant::now();
         match arguments.input {
@@ -79,14 +109,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let scores = accuracy.scores();
     ensure!(scores.images > 0, "every image is deeper than --deepest-mm");
-    let report = Report { scores, ms_per_image: 1e3 * busy_s / scores.images as f64 };
+    let report = Report { scores, ms_per_image: 1e3 * busy_s / scores.images as f64, untouched };
     if arguments.json {
         return print_line(&serde_json::to_string_pretty(&report)?);
     }
+    let Untouched { file, images: common, unknown } = untouched;
     let Scores { images, rmse_mm, mae_mm, contact_mae_mm, contact_rmse_mm, iou, .. } = scores;
     print_line(&format!(
         "{images} images, {:.1} ms each\nall pixels: MAE {mae_mm:.4} mm, RMSE {rmse_mm:.4} mm\n\
-         contact: MAE {contact_mae_mm:.4} mm, RMSE {contact_rmse_mm:.4} mm, IoU {iou:.4}",
+         contact: MAE {contact_mae_mm:.4} mm, RMSE {contact_rmse_mm:.4} mm, IoU {iou:.4}\n\
+         untouched sensor: of {file} images in a file, of {common} had from all images, of {unknown} not known",
         report.ms_per_image
     ))
 }
@@ -106,6 +138,26 @@ fn infer_at(engine: &Engine, image: &RgbImage, size: ImageSize) -> Result<Predic
     Ok(Prediction { indentation_mm: back(indentation_mm)?, contact_logit: back(contact_logit)? })
 }
 
+/// In fewer images than this contacts may be at the same place.
+const LEAST_IMAGES: usize = 15;
+/// Images of one sensor differ from it without contact by at most this in most of their pixels, grey levels.
+const ONE_SENSOR: u8 = 10;
+
+/// What the sensor of all images shows without contact; none if they are not of one sensor, or have files of their own.
+fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Option<RgbImage>> {
+    if ids.len() < LEAST_IMAGES || ids.iter().all(|id| path(folder, id, UNTOUCHED).exists()) {
+        return Ok(None);
+    }
+    let images = ids.iter().map(|id| Ok(open(folder, id, IMAGE)?.to_rgb8())).collect::<Result<Vec<_>>>()?;
+    let Some(common) = estimate(engine, &images)? else { return Ok(None) };
+    let is_of_it = |image: &&RgbImage| {
+        let near = image.iter().zip(common.iter()).filter(|(a, b)| a.abs_diff(**b) <= ONE_SENSOR).count();
+        2 * near > common.len()
+    };
+    let fitting = images.iter().filter(is_of_it).count();
+    Ok((10 * fitting >= 9 * images.len()).then_some(common))
+}
+
 /// What the names of the triples start with, in order.
 fn ids(folder: &Path) -> Result<Vec<String>> {
     let cannot_read = || format!("cannot read {}", folder.display());
@@ -118,19 +170,34 @@ fn ids(folder: &Path) -> Result<Vec<String>> {
     Ok(ids)
 }
 
+const IMAGE: &str = "img.png";
+const MASK: &str = "mask.png";
+const UNTOUCHED: &str = "untouched.png";
+
+fn path(folder: &Path, id: &str, rest: &str) -> PathBuf {
+    folder.join(format!("{id}_{rest}"))
+}
+
+fn open(folder: &Path, id: &str, rest: &str) -> Result<DynamicImage> {
+    let path = path(folder, id, rest);
+    image::open(&path).with_context(|| format!("{} is no image that can be read", path.display()))
+}
+
 impl Triple {
     fn read(folder: &Path, id: &str) -> Result<Self> {
-        let path = |rest: &str| folder.join(format!("{id}_{rest}"));
-        let open = |rest: &str| {
-            let path = path(rest);
-            image::open(&path).with_context(|| format!("{} is no image that can be read", path.display()))
+        let path = |rest: &str| path(folder, id, rest);
+        let (image, mask) = (open(folder, id, IMAGE)?.to_rgb8(), open(folder, id, MASK)?.to_luma8());
+        let untouched = match path(UNTOUCHED).exists() {
+            true => Some(open(folder, id, UNTOUCHED)?.to_rgb8()),
+            false => None,
         };
-        let (image, mask) = (open("img.png")?.to_rgb8(), open("mask.png")?.to_luma8());
         let depth_path = path("depth_m.npy");
         let depth_m: Array2<f32> =
             read_npy(&depth_path).with_context(|| format!("{} is no array of 32-bit floats", depth_path.display()))?;
-        let sizes = [image.dimensions(), mask.dimensions(), (depth_m.ncols() as u32, depth_m.nrows() as u32)];
-        for ((columns, rows), name) in sizes.into_iter().zip(["img.png", "mask.png", "depth_m.npy"]) {
+        let depth_size = (depth_m.ncols() as u32, depth_m.nrows() as u32);
+        let mut sizes = vec![(image.dimensions(), IMAGE), (mask.dimensions(), MASK), (depth_size, "depth_m.npy")];
+        sizes.extend(untouched.as_ref().map(|image| (image.dimensions(), UNTOUCHED)));
+        for ((columns, rows), name) in sizes {
             ensure!(
                 (columns, rows) == (WIDTH as u32, HEIGHT as u32),
                 "{} is {columns} x {rows} pixels; a DIGIT's image is {WIDTH} wide and {HEIGHT} high",
@@ -138,7 +205,7 @@ impl Triple {
             );
         }
         ensure!(depth_m.iter().all(|d| d.is_finite()), "{} holds what is no number", depth_path.display());
-        Ok(Self { image, depth_m, mask })
+        Ok(Self { image, depth_m, mask, untouched })
     }
 
     /// Indentation over the empty gel and contact of each pixel.

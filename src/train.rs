@@ -176,7 +176,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Goes up by one whenever other images are drawn with the same configuration.
-const IMAGES_VERSION: u32 = 2;
+const IMAGES_VERSION: u32 = 3;
 
 /// SHA-256 over everything that decides which images a seed draws.
 fn data_hash(data: &DataConfig) -> Result<String> {
@@ -196,7 +196,7 @@ fn draw_batch(
     let sensors = rack.of_step(step)?;
     let first = step << 16;
     let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
-        resized(example(surfaces, &sensors, data, (training.seed, index), frame), stage.size)
+        resized(example(surfaces, &sensors, data, (training.seed, index), frame).taken_off(), stage.size)
     });
     Ok(batch(&images.collect::<Vec<_>>()))
 }
@@ -229,8 +229,9 @@ impl Validation {
         let mut rack = Rack::new(data, seed)?;
         let sensors = rack.of_step(0)?;
         let images = (0..training.validation_images as u64).into_par_iter();
-        let images = images
-            .map_init(TouchFrame::default, |frame, index| example(&surfaces, &sensors, data, (seed, index), frame));
+        let images = images.map_init(TouchFrame::default, |frame, index| {
+            example(&surfaces, &sensors, data, (seed, index), frame).taken_off()
+        });
         Ok(Self { examples: images.collect() })
     }
 

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::engine::{Engine, Prediction};
 use crate::frame::{Sensor, SensorError, TouchImages, check_size};
+use crate::untouched::take_off;
 
 /// How predictions become depth and contact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -102,8 +103,12 @@ pub struct Feeler {
 /// What is known of a finger.
 #[derive(Debug)]
 struct State {
+    /// What the sensor shows without contact, if that was told; it is taken off before the network sees an image.
+    untouched: Option<RgbImage>,
     /// The sensor's last image without contact, and what the network makes of it, millimetres; none before there was one.
     empty: Option<(Squares, Array2<f32>)>,
+    /// The image that the network sees.
+    seen: RgbImage,
     prediction: Prediction,
     depth_m: Array2<f32>,
     contact: GrayImage,
@@ -113,12 +118,32 @@ struct State {
 impl State {
     fn new() -> Self {
         Self {
+            untouched: None,
             empty: None,
+            seen: RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
             prediction: Prediction::default(),
             depth_m: Array2::zeros((digit::HEIGHT, digit::WIDTH)),
             contact: GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
             sigma_m: 0.0,
         }
+    }
+
+    /// What the network makes of an image.
+    fn infer(&mut self, engine: &Engine, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
+        let seen = match &self.untouched {
+            None => image,
+            Some(untouched) => {
+                self.seen.copy_from_slice(image);
+                take_off(untouched, &mut self.seen);
+                &self.seen
+            }
+        };
+        engine.infer(seen, &mut self.prediction).map_err(|error| SensorError::Size {
+            sensor: Sensor::Touch(finger),
+            image: "colour",
+            expected: [digit::WIDTH, digit::HEIGHT],
+            found: [error.width as usize, error.height as usize],
+        })
     }
 }
 
@@ -130,7 +155,8 @@ struct Outcome {
 }
 
 impl Feeler {
-    /// Knows no untouched sensor yet: until [`Feeler::set_empty`], or an image without contact, nothing is taken off.
+    /// Knows no untouched sensor yet: until [`Feeler::set_empty`], or an image without contact, nothing is taken off what the network
+    /// finds; and until the former, nothing off what it sees.
     pub fn new(engine: Engine, config: ContactConfig) -> Self {
         let gel = |(row, column): (usize, usize)| digit::gel::point(column as f64, row as f64).coords().x as f32;
         let gel_m = Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), gel);
@@ -149,7 +175,8 @@ impl Feeler {
     pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
         check(finger, image)?;
         let state = &mut self.fingers[finger];
-        infer(&self.engine, finger, image, &mut state.prediction)?;
+        state.untouched = Some(image.clone());
+        state.infer(&self.engine, finger, image)?;
         state.empty = Some((squares(image), state.prediction.indentation_mm.clone()));
         Ok(())
     }
@@ -187,15 +214,6 @@ fn check(finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
     check_size(|| Sensor::Touch(finger), "colour", [digit::WIDTH, digit::HEIGHT], found)
 }
 
-fn infer(engine: &Engine, finger: Finger, image: &RgbImage, to: &mut Prediction) -> Result<(), SensorError> {
-    engine.infer(image, to).map_err(|error| SensorError::Size {
-        sensor: Sensor::Touch(finger),
-        image: "colour",
-        expected: [digit::WIDTH, digit::HEIGHT],
-        found: [error.width as usize, error.height as usize],
-    })
-}
-
 /// Depth and contact of one sensor, into `state`.
 fn feel(
     engine: &Engine,
@@ -220,7 +238,7 @@ fn feel(
     if plausibility < config.least_plausibility {
         return Ok(Outcome { plausibility, asked: false });
     }
-    infer(engine, finger, image, &mut state.prediction)?;
+    state.infer(engine, finger, image)?;
     let raw = &state.prediction.indentation_mm;
     // Millimetres over what the network finds on the untouched sensor, kept where the depth will be.
     match &state.empty {
@@ -249,9 +267,16 @@ struct Summary {
     area: f32,
     /// Root mean square of the indentation where nothing touches, millimetres.
     residual_mm: f32,
-    /// From 0 to 1 how far indentation and contact tell of the same pixels.
+    /// From 0 to 1 how far indentation and contact do not contradict each other where either is clear.
     agreement: f32,
 }
+
+/// A pixel indented by more than this is in contact whatever the press, by less than that it is not, millimetres: between them lie the
+/// thresholds from which networks learn what contact is.
+const DEEP_MM: f32 = 0.25;
+const FLAT_MM: f32 = 0.05;
+/// What a network takes for more probable than this it is sure of.
+const SURE: f32 = 0.9;
 
 /// Decides pixel by pixel; `contact` holds the frame before and receives the decision.
 fn decide(
@@ -263,15 +288,16 @@ fn decide(
     let logit = |p: f32| (p / (1.0 - p)).ln();
     let [enter, stay] =
         [1.0, config.hysteresis].map(|share| (share * config.threshold_mm, logit(share * config.probability)));
-    let (mut touching, mut both, mut either, mut squares) = (0, 0, 0, 0.0);
+    let [sure, sure_not] = [SURE, 1.0 - SURE].map(logit);
+    let (mut touching, mut clear, mut contradicted, mut squares) = (0, 0, 0, 0.0);
     for ((level, &score), &mm) in contact.iter_mut().zip(logits).zip(indentation_mm) {
         let (threshold_mm, least) = if *level == 255 { stay } else { enter };
         let (indented, probable) = (mm > threshold_mm, score > least);
         let touches = indented && probable;
         *level = if touches { 255 } else { 0 };
         touching += usize::from(touches);
-        both += usize::from(touches);
-        either += usize::from(indented || probable);
+        clear += usize::from(mm > DEEP_MM || score > sure);
+        contradicted += usize::from((mm > DEEP_MM && score < sure_not) || (mm < FLAT_MM && score > sure));
         if !touches {
             squares += mm * mm;
         }
@@ -280,8 +306,8 @@ fn decide(
     Summary {
         area: touching as f32 / count as f32,
         residual_mm: (squares / (count - touching).max(1) as f32).sqrt(),
-        // Of a few pixels at the threshold nothing is concluded.
-        agreement: if either * 50 > count { ramp(both as f32 / either as f32, 0.1, 0.7) } else { 1.0 },
+        // Of a few pixels nothing is concluded.
+        agreement: if clear * 50 > count { 1.0 - ramp(contradicted as f32 / clear as f32, 0.3, 0.9) } else { 1.0 },
     }
 }
 

@@ -11,6 +11,7 @@ pub mod network;
 mod segmentation;
 #[cfg(feature = "train")]
 pub mod train;
+pub mod untouched;
 
 pub use accuracy::{Accuracy, Pixel, Scores};
 pub use frame::{Gaps, Sensor, SensorError, TouchImages, depth_frame, touch_from_depth};

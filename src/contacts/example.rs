@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 use anyhow::{Result, ensure};
 use image::RgbImage;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use perception::untouched::take_off;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use scenes::digit::{HEIGHT, WIDTH, gel};
@@ -46,6 +47,8 @@ pub struct DataConfig {
     pub noise: [f32; 2],
     /// Greatest height of each shape of light that is added to a background, grey levels.
     pub background: f32,
+    /// Share of images of sensors whose image without contact is known.
+    pub known_untouched: f64,
     /// Sensors in use at a time; each step one of them is replaced by a new one.
     pub sensors: usize,
 }
@@ -63,6 +66,7 @@ impl Default for DataConfig {
             light_strength: 1.0,
             noise: [1.5, 3.0],
             background: 12.0,
+            known_untouched: 0.75,
             sensors: 24,
         }
     }
@@ -75,6 +79,8 @@ const PROTOCOL_SHEAR_DEG: f64 = 5.0;
 const CONTACT_SHARE: f64 = 0.2;
 /// How much deeper than the press depth, as a share of it, anything else may be.
 const SLACK: f64 = 0.5;
+/// A contact of a smaller share of the image is a sliver at its rim or the back of a wall; MidasTouch's reader drops such images, too.
+const LEAST_AREA: f64 = 0.01;
 /// Contacts that are drawn before one is taken as it is.
 const TRIES: usize = 8;
 /// Indentation that a network is taught at most, millimetres: the gel is not much thicker.
@@ -90,6 +96,7 @@ impl DataConfig {
             disturbed_lights: 0.0,
             noise: [2.0, 2.0],
             background: 0.0,
+            known_untouched: 1.0,
             ..Self::default()
         }
     }
@@ -109,6 +116,7 @@ impl DataConfig {
         let [least, most] = self.noise;
         ensure!(0.0 < least && least <= most && most <= 28.0, "data.noise must not fall and lie between 0 and 28");
         ensure!((0.0..=100.0).contains(&self.background), "data.background must lie between 0 and 100");
+        ensure!(share(self.known_untouched), "data.known_untouched must lie between 0 and 1");
         ensure!((1..=1000).contains(&self.sensors), "data.sensors must lie between 1 and 1000");
         Ok(())
     }
@@ -121,6 +129,8 @@ pub struct Example {
     pub size: [usize; 2],
     /// RGB of each pixel.
     pub levels: Vec<u8>,
+    /// The same of the sensor without contact, if that is known.
+    pub untouched: Option<Vec<u8>>,
     /// Indentation over the empty gel, millimetres.
     pub indentation_mm: Vec<f32>,
     /// How much of each pixel is in contact.
@@ -130,11 +140,28 @@ pub struct Example {
 impl Example {
     /// Its image.
     pub fn image(&self) -> RgbImage {
+        self.picture(&self.levels)
+    }
+
+    /// The image of its sensor without contact, if that is known.
+    pub fn untouched(&self) -> Option<RgbImage> {
+        self.untouched.as_ref().map(|levels| self.picture(levels))
+    }
+
+    fn picture(&self, levels: &[u8]) -> RgbImage {
         let [rows, columns] = self.size;
         RgbImage::from_fn(columns as u32, rows as u32, |u, v| {
             let at = 3 * (v as usize * columns + u as usize);
-            image::Rgb([self.levels[at], self.levels[at + 1], self.levels[at + 2]])
+            image::Rgb([levels[at], levels[at + 1], levels[at + 2]])
         })
+    }
+
+    /// As a network sees it: what the sensor shows without contact is taken off, if that is known.
+    pub fn taken_off(mut self) -> Self {
+        if let Some(untouched) = self.untouched.take() {
+            take_off(&untouched, &mut self.levels);
+        }
+        self
     }
 }
 
@@ -193,6 +220,11 @@ pub fn example(
     if rng.random_bool(config.untouched) {
         sensor.renderer.render(&surfaces[0].rays, Isometry::translation(1.0, 0.0, 0.0), noise, frame);
     } else {
+        let covers_enough = |frame: &TouchFrame, press_mm: f64| {
+            let least_mm = contact_threshold_mm(press_mm) as f32;
+            let covered = sensor.indentation_mm(frame).filter(|mm| *mm > least_mm).count();
+            covered as f64 > LEAST_AREA * (WIDTH * HEIGHT) as f64
+        };
         let may_be_deep = rng.random_bool(config.deep);
         for _ in 0..TRIES {
             let surface = &surfaces[rng.random_range(0..surfaces.len())];
@@ -200,13 +232,13 @@ pub fn example(
             press_mm = contact.press_mm;
             sensor.renderer.render(&surface.rays, contact.gel_from_object, noise, frame);
             let excess = sensor.deepest_mm(frame) - press_mm;
-            if may_be_deep || excess < SLACK * press_mm {
+            if may_be_deep || (excess < SLACK * press_mm && covers_enough(frame, press_mm)) {
                 break;
             }
             // As MidasTouch does: where something else than the touched point is too deep, the finger is drawn back.
             sensor.renderer.render(&surface.rays, contact.withdrawn(excess), noise, frame);
             // Where a finger does not fit, in a cup say, something is still too deep.
-            if sensor.deepest_mm(frame) < (1.0 + SLACK) * press_mm {
+            if sensor.deepest_mm(frame) < (1.0 + SLACK) * press_mm && covers_enough(frame, press_mm) {
                 break;
             }
         }
@@ -215,8 +247,13 @@ pub fn example(
     let threshold = contact_threshold_mm(press_mm) as f32;
     let contact = indentation_mm.iter().map(|&x| f32::from(u8::from(x > threshold))).collect();
     let mut image: RgbImage = frame.calibrated().clone();
+    let untouched = rng.random_bool(config.known_untouched).then(|| {
+        let mut untouched = sensor.untouched.clone();
+        disturb(&mut untouched, config.background, &mut rng.clone());
+        untouched.into_raw()
+    });
     disturb(&mut image, config.background, &mut rng);
-    Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), indentation_mm, contact }
+    Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), untouched, indentation_mm, contact }
 }
 
 /// From which indentation on a pixel is in contact: MidasTouch's share of the press depth, which is taken to be within the protocol's

@@ -17,6 +17,8 @@ use super::example::DataConfig;
 pub struct Sensor {
     /// Renders its images.
     pub renderer: TouchRenderer,
+    /// Its image without contact and without noise.
+    pub untouched: RgbImage,
     gel_depth_m: Vec<f32>,
 }
 
@@ -31,7 +33,7 @@ impl Sensor {
         if rng.random_bool(config.disturbed_lights) {
             let strength = rng.random::<f64>() * config.light_strength;
             options.lights = Lights::perturbed(TouchConfig::Fork, strength, &mut rng);
-            let lit = empty_gel(&TouchRenderer::new(&options)?);
+            let lit = untouched(&TouchRenderer::new(&options)?).raw().clone();
             for ((level, lit), unlit) in background.iter_mut().zip(lit.as_raw()).zip(calibration.as_raw()) {
                 // The gel's change is smooth, so that TACTO's blur would not be seen.
                 *level = (f32::from(*level) + 0.5 * (f32::from(*lit) - f32::from(*unlit))).round() as u8;
@@ -43,7 +45,8 @@ impl Sensor {
         options.background = Background::Image(background);
         let renderer = TouchRenderer::new(&options)?;
         let gel_depth_m = renderer.gel_depth_m().into_raw_vec_and_offset().0;
-        Ok(Self { renderer, gel_depth_m })
+        let untouched = untouched(&renderer).calibrated().clone();
+        Ok(Self { renderer, untouched, gel_depth_m })
     }
 
     /// Indentation of a frame of this sensor over the empty gel, millimetres.
@@ -57,12 +60,12 @@ impl Sensor {
     }
 }
 
-/// The image of the gel that touches nothing, before calibration.
-fn empty_gel(renderer: &TouchRenderer) -> RgbImage {
+/// A frame, without noise, of the gel that touches nothing.
+fn untouched(renderer: &TouchRenderer) -> TouchFrame {
     let mut frame = TouchFrame::default();
     let nothing = RayMesh::new(&scenes::mesh::Mesh::default());
     renderer.render(&nothing, Isometry::identity(), None, &mut frame);
-    frame.raw().clone()
+    frame
 }
 
 /// The sensors in use: at step k, the numbers k to k + n - 1 of an endless row.
@@ -76,7 +79,8 @@ pub struct Rack {
 impl Rack {
     /// An empty rack.
     pub fn new(config: &DataConfig, seed: u64) -> Result<Self> {
-        let calibration = empty_gel(&TouchRenderer::new(&TouchOptions::new(TouchConfig::Fork))?);
+        let plain = TouchRenderer::new(&TouchOptions::new(TouchConfig::Fork))?;
+        let calibration = untouched(&plain).raw().clone();
         Ok(Self { config: config.clone(), seed, calibration, sensors: BTreeMap::new() })
     }
 

@@ -85,7 +85,9 @@ impl LiveSource {
         };
         let observer = Observer::new(object, options)?;
         if let Some(network) = &mut network {
-            network.set_empty(&observer.empty_touch())?;
+            for (finger, image) in observer.empty_touch().iter() {
+                network.set_empty(finger, image)?;
+            }
         }
         Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0, truth: None })
     }

@@ -9,6 +9,7 @@ use anyhow::{Result, anyhow, bail};
 use image::RgbImage;
 use perception::SegmentationConfig;
 use scenes::camera::PosedCamera;
+use scenes::digit;
 use scenes::frame::{Isometry, MeshFile, Object};
 use scenes::hand::{Finger, PerFinger, Side};
 use scenes::observation::{Observation, Rgbd};
@@ -49,8 +50,8 @@ enum Amiss {
 
 impl LogSource {
     /// Opens a log. `cameras` are names; without any the first camera is taken. `camera_noise` (a multiple of Redwood's level, 0 for
-    /// none) is added to depths that are true, as NeuralFeels' loader does. `network` makes touch depth of the log's images; without it
-    /// the log's own is taken.
+    /// none) is added to depths that are true, as NeuralFeels' loader does. `network` makes touch depth of the log's images, after what
+    /// each sensor shows without contact is taken off; without it the log's own is taken.
     ///
     /// # Errors
     /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
@@ -59,7 +60,7 @@ impl LogSource {
         cameras: Option<&str>,
         modality: Modality,
         camera_noise: f64,
-        network: Option<TouchNetwork>,
+        mut network: Option<TouchNetwork>,
     ) -> Result<Self> {
         let log = Log::open_tolerant(folder)?;
         let mut warnings: Vec<String> = log.notes().to_vec();
@@ -86,6 +87,11 @@ impl LogSource {
             None => TouchPart::Truth,
             Some(_) => TouchPart::Images,
         };
+        if let Some(network) = network.as_mut().filter(|_| modality.has_touch()) {
+            for finger in Finger::ALL {
+                network.learn_empty(finger, &spread_images(&log, finger))?;
+            }
+        }
         let frames = log.into_partial_frames(&chosen, touch);
         if !frames.has_sensor() {
             let reason = match frames.defects().first() {
@@ -265,6 +271,25 @@ impl Source for LogSource {
     fn end(&self) -> (String, bool) {
         ("the log has ended".to_owned(), true)
     }
+}
+
+/// Images of a log from which a sensor's image without contact is had, spread over its length.
+const UNTOUCHED_FROM: usize = 31;
+/// In a shorter log an object may stay at one place of a gel, seconds.
+const UNTOUCHED_SPAN_S: f64 = 10.0;
+
+/// Images of a sensor over a log's length; none if it is too short, or too few can be read.
+fn spread_images(log: &Log, finger: Finger) -> Vec<RgbImage> {
+    let times_s = log.times_s();
+    let span_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);
+    if span_s < UNTOUCHED_SPAN_S {
+        return Vec::new();
+    }
+    let every = times_s.len().div_ceil(UNTOUCHED_FROM).max(1);
+    let size = (digit::WIDTH as u32, digit::HEIGHT as u32);
+    let images = (0..times_s.len()).step_by(every).filter_map(|i| log.touch_image(finger, i).ok());
+    let images: Vec<RgbImage> = images.filter(|image| image.dimensions() == size).collect();
+    if images.len() > UNTOUCHED_FROM / 2 { images } else { Vec::new() }
 }
 
 /// Indices of the cameras in a comma-separated list.

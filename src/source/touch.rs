@@ -8,6 +8,7 @@ use image::RgbImage;
 use perception::contact::{ContactConfig, Feeler};
 use perception::engine::{Engine, Instructions};
 use perception::network::Weights;
+use perception::untouched::estimate;
 use perception::{Sensor, TouchImages};
 use scenes::hand::{Finger, PerFinger};
 use scenes::observation::TouchTruth;
@@ -25,15 +26,15 @@ enum TouchDepth {
 #[derive(Debug, Clone, Args)]
 pub struct TouchArguments {
     /// Where touch depth comes from
-    #[arg(long, value_enum, default_value_t = TouchDepth::Truth)]
+    #[arg(long, value_enum, default_value_t = TouchDepth::Network)]
     touch_depth: TouchDepth,
-    /// Weights of a touch network, with --touch-depth network; without it those that are shipped
+    /// Weights of a touch network, for --touch-depth network; without it those that are shipped
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 }
 
 /// The weights that are shipped.
-const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/weights/default.safetensors");
+const SHIPPED: &[u8] = include_bytes!("../../weights/default.safetensors");
 
 impl TouchDepth {
     fn name(self) -> &'static str {
@@ -54,16 +55,15 @@ impl TouchArguments {
     /// The network's weights; none if touch depth is the true one.
     ///
     /// # Errors
-    /// If there are none, or they cannot be used.
+    /// If they cannot be used.
     pub fn weights(&self) -> Result<Option<Weights>> {
         match (self.touch_depth, &self.weights) {
             (TouchDepth::Truth, None) => Ok(None),
             (TouchDepth::Truth, Some(_)) => bail!("--weights is for --touch-depth network"),
             (TouchDepth::Network, Some(path)) => Ok(Some(Weights::read(path)?)),
-            (TouchDepth::Network, None) if Path::new(SHIPPED).exists() => Ok(Some(Weights::read(Path::new(SHIPPED))?)),
-            (TouchDepth::Network, None) => bail!(
-                "--touch-depth network: there are no weights at {SHIPPED}; give --weights FILE, or use --touch-depth truth"
-            ),
+            (TouchDepth::Network, None) => {
+                Ok(Some(Weights::from_bytes(SHIPPED, Path::new("the weights that are shipped"))?))
+            }
         }
     }
 }
@@ -89,15 +89,24 @@ impl TouchNetwork {
         Self { feeler: Feeler::new(engine, config), told: PerFinger::default() }
     }
 
-    /// Tells what the sensors show when they touch nothing.
+    /// Tells what a sensor shows when it touches nothing.
     ///
     /// # Errors
-    /// If an image has another size than a DIGIT's.
-    pub fn set_empty(&mut self, images: &PerFinger<RgbImage>) -> Result<()> {
-        for (finger, image) in images.iter() {
-            self.feeler.set_empty(finger, image)?;
+    /// If the image has another size than a DIGIT's.
+    pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<()> {
+        Ok(self.feeler.set_empty(finger, image)?)
+    }
+
+    /// Finds what a sensor shows when it touches nothing from images with contacts at different places. Without images that remains
+    /// unknown.
+    ///
+    /// # Errors
+    /// If images have another size than a DIGIT's.
+    pub fn learn_empty(&mut self, finger: Finger, images: &[RgbImage]) -> Result<()> {
+        match estimate(self.feeler.engine(), images)? {
+            Some(untouched) => self.set_empty(finger, &untouched),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// Depth and contact of each finger whose image can be believed. Says once per finger that one cannot.

@@ -2,7 +2,7 @@
 
 use crate::contacts::Example;
 
-/// The same image at another size, at most its own; each pixel is the mean over the area that it covers.
+/// What a network sees at another size, at most its own; each pixel is the mean over the area that it covers.
 pub fn resized(example: Example, [rows, columns]: [usize; 2]) -> Example {
     if example.size == [rows, columns] {
         return example;
@@ -23,7 +23,7 @@ pub fn resized(example: Example, [rows, columns]: [usize; 2]) -> Example {
     let colours: [Vec<f32>; 3] = std::array::from_fn(|c| image(&|i| f32::from(example.levels[3 * i + c])));
     let levels = (0..3 * rows * columns).map(|k| colours[k % 3][k / 3].round() as u8).collect();
     let (indentation_mm, contact) = (image(&|i| example.indentation_mm[i]), image(&|i| example.contact[i]));
-    Example { size: [rows, columns], levels, indentation_mm, contact }
+    Example { size: [rows, columns], levels, untouched: None, indentation_mm, contact }
 }
 
 /// Which of `from` places each of `to` covers, and the share of each in the mean.
@@ -47,6 +47,7 @@ mod tests {
         let whole = Example {
             size: [4, 6],
             levels: (0..4 * 6 * 3).map(|i| (i * 3) as u8).collect(),
+            untouched: None,
             indentation_mm: (0..24).map(|i| i as f32).collect(),
             contact: vec![1.0; 24],
         };

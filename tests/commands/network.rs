@@ -151,8 +151,23 @@ fn contacts_are_drawn_for_networks_to_be_scored_on() {
         let deepest = indentation_mm.fold(0.0, f64::max);
         assert!((0.4..1.6).contains(&deepest), "{deepest} mm");
     }
-    let scores = workplace.run(&format!("eval-touch --weights {} --data a --json", weights())).good();
-    assert_eq!(serde_json::from_str::<Value>(&scores).unwrap()["contact_images"], 4);
+    let score = |folder: &str, rest: &str| -> Value {
+        let line = format!("eval-touch --weights {} --data {folder} --json {rest}", weights());
+        serde_json::from_str(&workplace.run(&line).good()).unwrap()
+    };
+    let scores = score("a", "");
+    assert_eq!([&scores["contact_images"], &scores["untouched"]["file"]], [4, 4]);
+    let as_they_are = score("a", "--as-they-are");
+    assert_eq!(as_they_are["untouched"]["unknown"], 4);
+    assert_ne!(as_they_are["mae_mm"], scores["mae_mm"]);
+    // Of one sensor all images tell what it shows without contact; of several they do not.
+    for (sensors, of) in [(1, "images"), (16, "unknown")] {
+        workplace.write("data.toml", format!("[data]\nknown_untouched = 0.0\nsensors = {sensors}\n"));
+        let folder = format!("{of}-{sensors}");
+        let line = format!("contacts --objects mug --images 16 --config data.toml --out {folder}");
+        workplace.run(&line).good();
+        assert_eq!(score(&folder, "")["untouched"][of], 16);
+    }
 
     workplace.write("data.toml", "[data]\nuntouched = 1.0\n");
     workplace.run(&line("untouched", "--config data.toml")).good();

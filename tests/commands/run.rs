@@ -164,7 +164,7 @@ fn what_was_learnt_is_gone_on_with_and_looked_at() {
 #[test]
 fn a_damaged_log_degrades() {
     let workplace = with_log();
-    let run = |more: &str| workplace.run(&format!("run --log {LOG} --quiet {more}"));
+    let run = |more: &str| workplace.run(&format!("run --log {LOG} --touch-depth truth --quiet {more}"));
     let depth = workplace.path(LOG).join("realsense/side/depth.npz");
     let whole = fs::read(&depth).unwrap();
 

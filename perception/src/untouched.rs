@@ -1,0 +1,137 @@
+//! What a sensor shows while it touches nothing, and touch images without it.
+//!
+//! No two DIGITs look alike: LEDs, paint and camera differ. What they share is what a contact adds, so that a network that sees only this
+//! need not know the sensor.
+
+use image::RgbImage;
+use ndarray::{Array2, Axis, s};
+
+use crate::engine::{Engine, ImageSizeError, Prediction};
+
+/// Grey that a network sees where nothing touches: about the mean of a DIGIT's image, so that hardly anything is cut off.
+pub const EVEN: u8 = 96;
+
+/// What an image shows beyond that of the same sensor without contact, over [`EVEN`] grey. Both hold levels in the same order.
+pub fn take_off(untouched: &[u8], image: &mut [u8]) {
+    for (level, &empty) in image.iter_mut().zip(untouched) {
+        *level = (i16::from(*level) - i16::from(empty) + i16::from(EVEN)).clamp(0, 255) as u8;
+    }
+}
+
+/// Rounds in which contacts are found and left out.
+const ROUNDS: usize = 3;
+/// A pixel within this of one that touches is left out, too: the gel bends around a contact, pixels.
+const MARGIN: usize = 8;
+/// A pixel that fewer images show without contact stays as the round before had it.
+const LEAST_IMAGES: usize = 4;
+
+/// What the sensor of some images shows without contact: the median of each pixel and colour, first over all images, then over those in
+/// which a network finds no contact there after what was found so far is taken off. None without images, or if their sizes differ.
+///
+/// Right if contacts are at different places: most images may touch a pixel, but some must not.
+///
+/// # Errors
+/// [`ImageSizeError`] if the network cannot work with images of that size.
+pub fn estimate(engine: &Engine, images: &[RgbImage]) -> Result<Option<RgbImage>, ImageSizeError> {
+    let Some(first) = images.first() else { return Ok(None) };
+    if images.iter().any(|image| image.dimensions() != first.dimensions()) {
+        return Ok(None);
+    }
+    let mut untouched = first.clone();
+    median(images, |_, _| true, &mut untouched);
+    let mut predictions = Vec::new();
+    for _ in 0..ROUNDS {
+        let mut seen = images.to_vec();
+        seen.iter_mut().for_each(|image| take_off(&untouched, image));
+        engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
+        let touched: Vec<Array2<bool>> = predictions.iter().map(touched).collect();
+        median(images, |k, place| !touched[k][place], &mut untouched);
+    }
+    Ok(Some(untouched))
+}
+
+/// The median of each pixel and colour over the images that show it, by their number, row and column; where too few do, what was there
+/// stays.
+fn median(images: &[RgbImage], shows: impl Fn(usize, [usize; 2]) -> bool, to: &mut RgbImage) {
+    let mut colors = Vec::new();
+    for (column, row, median) in to.enumerate_pixels_mut() {
+        let place = [row as usize, column as usize];
+        colors.clear();
+        colors.extend(
+            images.iter().enumerate().filter(|(k, _)| shows(*k, place)).map(|(_, i)| i.get_pixel(column, row).0),
+        );
+        if colors.len() < LEAST_IMAGES.min(images.len()) {
+            continue;
+        }
+        for (c, level) in median.0.iter_mut().enumerate() {
+            let middle = colors.len() / 2;
+            *level = colors.select_nth_unstable_by_key(middle, |color| color[c]).1[c];
+        }
+    }
+}
+
+/// Where a prediction has contact, and around it.
+fn touched(prediction: &Prediction) -> Array2<bool> {
+    let touches = prediction.contact_logit.mapv(|logit| logit > 0.0);
+    // A square around each is a stretch along rows and then along columns.
+    [Axis(1), Axis(0)].into_iter().fold(touches, |from, axis| {
+        let mut to = from.clone();
+        for (line, mut wide) in from.lanes(axis).into_iter().zip(to.lanes_mut(axis)) {
+            for (i, _) in line.iter().enumerate().filter(|(_, touches)| **touches) {
+                let end = (i + MARGIN + 1).min(line.len());
+                wide.slice_mut(s![i.saturating_sub(MARGIN)..end]).fill(true);
+            }
+        }
+        to
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn what_is_left_is_what_was_added(empty in 0..200_u8, added in -90..50_i16) {
+            let mut image = [(i16::from(empty) + added).clamp(0, 255) as u8];
+            let added = i16::from(image[0]) - i16::from(empty);
+            take_off(&[empty], &mut image);
+            prop_assert_eq!(i16::from(image[0]) - i16::from(EVEN), added);
+        }
+    }
+
+    #[test]
+    fn contacts_at_different_places_leave_no_trace() {
+        let empty = |u: u32, v: u32| Rgb([100 + u as u8, 50 + v as u8, 7]);
+        let images: Vec<RgbImage> = (0..5)
+            .map(|k| RgbImage::from_fn(10, 6, |u, v| if u / 2 == k { Rgb([255, 0, 200]) } else { empty(u, v) }))
+            .collect();
+        let mut untouched = RgbImage::new(10, 6);
+        median(&images, |_, _| true, &mut untouched);
+        assert_eq!(untouched, RgbImage::from_fn(10, 6, empty));
+        // Most images touch the first column; what is left of them counts, unless it is too little.
+        let images: Vec<RgbImage> = (0..9)
+            .map(|k| RgbImage::from_fn(10, 6, |u, v| if u == 0 && k < 5 { Rgb([255; 3]) } else { empty(u, v) }))
+            .collect();
+        median(&images, |_, _| true, &mut untouched);
+        assert_eq!(*untouched.get_pixel(0, 0), Rgb([255; 3]));
+        median(&images, |k, _| k > 5, &mut untouched);
+        assert_eq!(*untouched.get_pixel(0, 0), Rgb([255; 3]));
+        median(&images, |k, [_, u]| u > 0 || k > 4, &mut untouched);
+        assert_eq!(untouched, RgbImage::from_fn(10, 6, empty));
+    }
+
+    #[test]
+    fn contact_reaches_beyond_its_pixels() {
+        let mut contact_logit = Array2::from_elem((40, 30), -1.0);
+        contact_logit[[20, 3]] = 1.0;
+        let indentation_mm = Array2::zeros((40, 30));
+        let reached = touched(&Prediction { indentation_mm, contact_logit });
+        for ((v, u), reached) in reached.indexed_iter() {
+            assert_eq!(*reached, v.abs_diff(20) <= MARGIN && u.abs_diff(3) <= MARGIN, "{v}, {u}");
+        }
+    }
+}
