@@ -12,7 +12,7 @@ use ndarray::Array2;
 use ndarray_npy::read_npy;
 use perception::engine::{Engine, Instructions, Prediction};
 use perception::network::Weights;
-use perception::untouched::{estimate, take_off};
+use perception::untouched::{estimate, is_of_same_sensor, take_off};
 use perception::{Accuracy, Pixel, Scores};
 use scenes::digit::{HEIGHT, WIDTH, gel};
 use serde::Serialize;
@@ -140,9 +140,6 @@ fn infer_at(engine: &Engine, image: &RgbImage, size: ImageSize) -> Result<Predic
 
 /// In fewer images than this contacts may be at the same place.
 const LEAST_IMAGES: usize = 15;
-/// Images of one sensor differ from it without contact by at most this in most of their pixels, grey levels.
-const ONE_SENSOR: u8 = 10;
-
 /// What the sensor of all images shows without contact; none if they are not of one sensor, or have files of their own.
 fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Option<RgbImage>> {
     if ids.len() < LEAST_IMAGES || ids.iter().all(|id| path(folder, id, UNTOUCHED).exists()) {
@@ -150,11 +147,7 @@ fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Op
     }
     let images = ids.iter().map(|id| Ok(open(folder, id, IMAGE)?.to_rgb8())).collect::<Result<Vec<_>>>()?;
     let Some(common) = estimate(engine, &images)? else { return Ok(None) };
-    let is_of_it = |image: &&RgbImage| {
-        let near = image.iter().zip(common.iter()).filter(|(a, b)| a.abs_diff(**b) <= ONE_SENSOR).count();
-        2 * near > common.len()
-    };
-    let fitting = images.iter().filter(is_of_it).count();
+    let fitting = images.iter().filter(|image| is_of_same_sensor(image, &common)).count();
     Ok((10 * fitting >= 9 * images.len()).then_some(common))
 }
 

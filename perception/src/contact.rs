@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::engine::{Engine, Prediction};
 use crate::frame::{Sensor, SensorError, TouchImages, check_size};
-use crate::untouched::take_off;
+use crate::untouched::{Squares, differences, squares, take_off};
 
 /// How predictions become depth and contact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -71,12 +71,6 @@ impl ContactConfig {
         }
     }
 }
-
-/// Side of the squares whose means are compared, pixels; it divides both sides of the image.
-const SQUARE: usize = 16;
-
-/// Mean colours of the squares of an image, row by row.
-type Squares = Vec<[f32; 3]>;
 
 /// What a DIGIT feels.
 #[derive(Debug, Clone, Copy)]
@@ -271,10 +265,10 @@ struct Summary {
     agreement: f32,
 }
 
-/// A pixel indented by more than this is in contact whatever the press, by less than that it is not, millimetres: between them lie the
-/// thresholds from which networks learn what contact is.
-const DEEP_MM: f32 = 0.25;
-const FLAT_MM: f32 = 0.05;
+/// Indented by more than this many times the threshold a pixel is in contact whatever the press, by less than that it is not: between
+/// them lie the thresholds from which networks learn what contact is.
+const DEEP: f32 = 3.0;
+const FLAT: f32 = 0.6;
 /// What a network takes for more probable than this it is sure of.
 const SURE: f32 = 0.9;
 
@@ -288,6 +282,7 @@ fn decide(
     let logit = |p: f32| (p / (1.0 - p)).ln();
     let [enter, stay] =
         [1.0, config.hysteresis].map(|share| (share * config.threshold_mm, logit(share * config.probability)));
+    let [deep_mm, flat_mm] = [DEEP, FLAT].map(|times| times * config.threshold_mm);
     let [sure, sure_not] = [SURE, 1.0 - SURE].map(logit);
     let (mut touching, mut clear, mut contradicted, mut squares) = (0, 0, 0, 0.0);
     for ((level, &score), &mm) in contact.iter_mut().zip(logits).zip(indentation_mm) {
@@ -296,8 +291,8 @@ fn decide(
         let touches = indented && probable;
         *level = if touches { 255 } else { 0 };
         touching += usize::from(touches);
-        clear += usize::from(mm > DEEP_MM || score > sure);
-        contradicted += usize::from((mm > DEEP_MM && score < sure_not) || (mm < FLAT_MM && score > sure));
+        clear += usize::from(mm > deep_mm || score > sure);
+        contradicted += usize::from((mm > deep_mm && score < sure_not) || (mm < flat_mm && score > sure));
         if !touches {
             squares += mm * mm;
         }
@@ -331,35 +326,6 @@ fn contrast(squares: &Squares) -> f32 {
         (squares.iter().map(|rgb| (rgb[c] - mean).powi(2)).sum::<f32>() / count).sqrt()
     });
     ramp(spread.into_iter().fold(0.0, f32::max), 1.0, 4.0)
-}
-
-/// Mean colours of squares.
-fn squares(image: &RgbImage) -> Squares {
-    let columns = image.width() as usize / SQUARE;
-    let rows = image.as_chunks::<3>().0.chunks_exact(image.width() as usize * SQUARE);
-    rows.flat_map(|rows| {
-        let mut sums = vec![[0_u32; 3]; columns];
-        for row in rows.chunks_exact(columns * SQUARE) {
-            for (sum, pixels) in sums.iter_mut().zip(row.chunks_exact(SQUARE)) {
-                for rgb in pixels {
-                    for (sum, &level) in sum.iter_mut().zip(rgb) {
-                        *sum += u32::from(level);
-                    }
-                }
-            }
-        }
-        sums.into_iter().map(|sum| sum.map(|s| s as f32 / (SQUARE * SQUARE) as f32))
-    })
-    .collect()
-}
-
-/// The greatest difference of a colour's mean; and of each square's greatest the lower quartile, which lies where nothing touches unless
-/// three quarters of the image do.
-fn differences(a: &Squares, b: &Squares) -> (f32, f32) {
-    let greatest = |(a, b): (&[f32; 3], &[f32; 3])| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    let mut of_squares: Vec<f32> = a.iter().zip(b).map(greatest).collect();
-    of_squares.sort_unstable_by(f32::total_cmp);
-    (of_squares.last().copied().unwrap_or(0.0), of_squares.get(of_squares.len() / 4).copied().unwrap_or(0.0))
 }
 
 #[cfg(test)]

@@ -86,6 +86,50 @@ fn touched(prediction: &Prediction) -> Array2<bool> {
     })
 }
 
+/// Where a sensor touches nothing, mean colours over squares of its image differ from those without contact by less than this, grey levels.
+const SAME_SENSOR: f32 = 1.5;
+
+/// Whether an image is one of the sensor of which another is known without contact, as far as can be told: if they agree in a quarter of
+/// the image.
+pub fn is_of_same_sensor(image: &RgbImage, untouched: &RgbImage) -> bool {
+    image.dimensions() == untouched.dimensions() && differences(&squares(image), &squares(untouched)).1 < SAME_SENSOR
+}
+
+/// Side of the squares whose means are compared, pixels; it divides both sides of the image.
+const SQUARE: usize = 16;
+
+/// Mean colours of the squares of an image, row by row.
+pub(crate) type Squares = Vec<[f32; 3]>;
+
+/// Mean colours of squares.
+pub(crate) fn squares(image: &RgbImage) -> Squares {
+    let columns = image.width() as usize / SQUARE;
+    let rows = image.as_chunks::<3>().0.chunks_exact(image.width() as usize * SQUARE);
+    rows.flat_map(|rows| {
+        let mut sums = vec![[0_u32; 3]; columns];
+        for row in rows.chunks_exact(columns * SQUARE) {
+            for (sum, pixels) in sums.iter_mut().zip(row.chunks_exact(SQUARE)) {
+                for rgb in pixels {
+                    for (sum, &level) in sum.iter_mut().zip(rgb) {
+                        *sum += u32::from(level);
+                    }
+                }
+            }
+        }
+        sums.into_iter().map(|sum| sum.map(|s| s as f32 / (SQUARE * SQUARE) as f32))
+    })
+    .collect()
+}
+
+/// The greatest difference of a colour's mean; and of each square's greatest the lower quartile, which lies where nothing touches unless
+/// three quarters of the image do.
+pub(crate) fn differences(a: &Squares, b: &Squares) -> (f32, f32) {
+    let greatest = |(a, b): (&[f32; 3], &[f32; 3])| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let mut of_squares: Vec<f32> = a.iter().zip(b).map(greatest).collect();
+    of_squares.sort_unstable_by(f32::total_cmp);
+    (of_squares.last().copied().unwrap_or(0.0), of_squares.get(of_squares.len() / 4).copied().unwrap_or(0.0))
+}
+
 #[cfg(test)]
 mod tests {
     use image::Rgb;

@@ -82,7 +82,7 @@ fn weights_that_cannot_be_are_refused() {
         ("run --touch-depth network --weights cut.safetensors", &["cut.safetensors"][..]),
         ("run --touch-depth network --weights nan.safetensors", &["nan.safetensors", "tensor", "NaN", "["]),
         ("run --touch-depth network --weights nowhere", &["nowhere"]),
-        ("run --weights nan.safetensors", &["--touch-depth network"]),
+        ("run --touch-depth truth --weights nan.safetensors", &["--touch-depth network"]),
         ("run --set touch.probability=2", &["touch.probability"]),
         ("evaluate --objects cube70 --out e --touch-depth network --weights nowhere", &["nowhere"]),
     ] {
@@ -162,7 +162,7 @@ fn contacts_are_drawn_for_networks_to_be_scored_on() {
     assert_ne!(as_they_are["mae_mm"], scores["mae_mm"]);
     // Of one sensor all images tell what it shows without contact; of several they do not.
     for (sensors, of) in [(1, "images"), (16, "unknown")] {
-        workplace.write("data.toml", format!("[data]\nknown_untouched = 0.0\nsensors = {sensors}\n"));
+        workplace.write("data.toml", format!("[data]\nknown_untouched = 0.0\nbackground = 0.0\nsensors = {sensors}\n"));
         let folder = format!("{of}-{sensors}");
         let line = format!("contacts --objects mug --images 16 --config data.toml --out {folder}");
         workplace.run(&line).good();
