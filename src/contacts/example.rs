@@ -157,6 +157,7 @@ impl Example {
     }
 
     /// As a network sees it: what the sensor shows without contact is taken off, if that is known.
+    #[cfg_attr(not(feature = "train"), expect(dead_code, reason = "only training looks at images without the engine"))]
     pub fn taken_off(mut self) -> Self {
         if let Some(untouched) = self.untouched.take() {
             take_off(&untouched, &mut self.levels);
