@@ -9,7 +9,6 @@ use std::f64::consts::TAU;
 use anyhow::{Result, ensure};
 use image::RgbImage;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
-use perception::untouched::take_off;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use scenes::digit::{HEIGHT, WIDTH, gel};
@@ -157,10 +156,10 @@ impl Example {
     }
 
     /// As a network sees it: what the sensor shows without contact is taken off, if that is known.
-    #[cfg_attr(not(feature = "train"), expect(dead_code, reason = "only training looks at images without the engine"))]
+    #[cfg(feature = "train")]
     pub fn taken_off(mut self) -> Self {
         if let Some(untouched) = self.untouched.take() {
-            take_off(&untouched, &mut self.levels);
+            perception::untouched::take_off(&untouched, &mut self.levels);
         }
         self
     }
