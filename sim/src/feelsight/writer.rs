@@ -208,7 +208,12 @@ fn is_vacant(place: &Path) -> Result<bool, Error> {
 }
 
 fn remove(folder: &Path) -> Result<(), Error> {
-    match fs::remove_dir_all(folder) {
+    let mut removed = fs::remove_dir_all(folder);
+    // The ffmpeg of a writer that was killed may just have begun its file; it begins but one.
+    if removed.as_ref().is_err_and(|reason| reason.kind() == std::io::ErrorKind::DirectoryNotEmpty) {
+        removed = fs::remove_dir_all(folder);
+    }
+    match removed {
         Err(reason) if reason.kind() != std::io::ErrorKind::NotFound => {
             Err(Error::Io { path: folder.to_path_buf(), reason })
         }
