@@ -29,6 +29,7 @@ use std::path::PathBuf;
 use image::{GrayImage, RgbImage};
 use ndarray::Array2;
 use scenes::camera::PosedCamera;
+use scenes::digit;
 use scenes::frame::{Isometry, Object, World};
 use scenes::hand::{JointAngles, PerFinger, Side};
 use serde::{Deserialize, Serialize};
@@ -82,6 +83,23 @@ pub struct Touching {
     pub deepest_mm: f32,
     /// Sum of the normal forces, newtons, where a simulator knows it.
     pub force_n: Option<f32>,
+}
+
+impl Touching {
+    /// From a DIGIT's depth in metres and its contact; none if nothing touches it.
+    fn of(depth_m: &Array2<f32>, contact: &GrayImage, force_n: Option<f32>) -> Option<Self> {
+        if !contact.contains(&255) {
+            return None;
+        }
+        let lens = digit::intrinsics();
+        let (mut area_m2, mut deepest_m) = (0.0, 0.0f32);
+        let pixels = contact.iter().zip(depth_m).zip(gel_depth_m());
+        for ((_, &depth_m), &gel_m) in pixels.filter(|((level, _), _)| **level > 127) {
+            area_m2 += f64::from(depth_m).powi(2) / (lens.fx * lens.fy);
+            deepest_m = deepest_m.max(gel_m - depth_m);
+        }
+        (area_m2 > 0.0).then_some(Self { area_mm2: (area_m2 * 1e6) as f32, deepest_mm: deepest_m * 1e3, force_n })
+    }
 }
 
 /// A frame.

@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if matches!(arguments.goal, Goal::Coverage(_)) && arguments.mode == Mode::Pose {
         bail!("--goal coverage is for a shape that grows; with --mode pose it is known from the start");
     }
-    let weights = arguments.touch.weights()?;
+    let weights = arguments.touch.weights()?.filter(|_| arguments.modality.has_touch());
     let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch));
     check_vacant(&arguments.out, arguments.overwrite)?;
     if let Some(threads) = arguments.threads {

@@ -153,7 +153,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     match (&arguments.record, &place) {
         (None, place) => window::open(place.as_ref(), arguments.renderer),
-        (Some(file), Some(place)) => record(&place.open()?, file, &arguments.recorded),
+        (Some(file), Some(place)) => record(&mut place.open()?, file, &arguments.recorded),
         (Some(_), None) => bail!("give --run DIR or --log LOGDIR: there is nothing to record on the start page"),
     }
 }
@@ -172,16 +172,16 @@ pub fn watch(run: &Path) -> Result<()> {
 }
 
 /// Makes a picture or a film.
-fn record(recording: &Recording, file: &Path, recorded: &Recorded) -> Result<()> {
+fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result<()> {
     let format = Format::of(file)?;
     for warning in recording.warnings() {
         tracing::warn!("{warning}");
     }
+    recording.finish_reading();
     let moments = recording.moments();
     let Some(last) = moments.len().checked_sub(1) else {
         bail!("{} has no frame yet", recording.folder().display());
     };
-    recording.finish_reading();
     let size = recorded.size.0;
     let theme = match recorded.theme {
         Paper::Light => Theme::LIGHT,

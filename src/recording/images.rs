@@ -113,8 +113,7 @@ pub fn encode(images: &Images) -> Result<Vec<u8>, String> {
         if !colour.is_empty() {
             put(Kind::Colour, k, &jpeg(colour)?);
         }
-        let steps = depth_m.iter().map(|&z| if z > 0.0 { (z / CAMERA_STEP_M).round() as i16 } else { NOTHING });
-        put(Kind::Depth, k, &pack(steps, size(depth_m))?);
+        put(Kind::Depth, k, &pack_depth(depth_m)?);
         put(Kind::Segmentation, k, &pack_levels(segmentation)?);
     }
     for (finger, touch) in images.touch.iter() {
@@ -149,11 +148,7 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<Images, Stri
         match kind {
             Kind::Colour => camera(&mut images, sensor)?.colour = unjpeg(bytes)?,
             Kind::Segmentation => camera(&mut images, sensor)?.segmentation = unpack_levels(bytes)?,
-            Kind::Depth => {
-                let (steps, shape) = unpack(bytes)?;
-                let metres = |step| if step == NOTHING { 0.0 } else { f32::from(step) * CAMERA_STEP_M };
-                camera(&mut images, sensor)?.depth_m = array(steps.into_iter().map(metres).collect(), shape)?;
-            }
+            Kind::Depth => camera(&mut images, sensor)?.depth_m = unpack_depth(bytes)?,
             Kind::Touch => {
                 let finger = finger(&mut images, sensor)?;
                 finger.image = unjpeg(bytes)?;
@@ -233,6 +228,19 @@ fn unpack(bytes: &[u8]) -> Result<(Vec<i16>, Size), String> {
         left
     };
     Ok((low.iter().zip(high).map(undo).collect(), size))
+}
+
+/// Depth of a camera as bytes; what is not above 0 was not measured.
+pub fn pack_depth(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
+    let step = |&z: &f32| if z > 0.0 { (z / CAMERA_STEP_M).round() as i16 } else { NOTHING };
+    pack(depth_m.iter().map(step), size(depth_m))
+}
+
+/// Depth of a camera, metres; 0 where nothing was measured.
+pub fn unpack_depth(bytes: &[u8]) -> Result<Array2<f32>, String> {
+    let (steps, shape) = unpack(bytes)?;
+    let metres = |step| if step == NOTHING { 0.0 } else { f32::from(step) * CAMERA_STEP_M };
+    array(steps.into_iter().map(metres).collect(), shape)
 }
 
 /// Depth of a DIGIT is kept as what is pressed in, which is nothing nearly everywhere.

@@ -2,44 +2,54 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
 use image::GrayImage;
-use ndarray::Array2;
 use perception::{SegmentationConfig, segment};
 use scenes::camera::PosedCamera;
 use scenes::frame::Isometry;
 use scenes::hand::PerFinger;
 use scenes::hand::solid::HandSolid;
 use scenes::mesh::Mesh;
+use scenes::observation::TouchTruth;
 use sim::feelsight::{Log, TouchPart};
 
-use super::{About, CameraImages, FingerImages, Images, Moment, RecordingError, VERSION, images};
+use super::{About, CameraImages, FingerImages, Images, Moment, RecordingError, Touching, VERSION, images};
 use crate::report::{FrameRow, StageMs, TrackState};
 use crate::subject::load_object;
 
-/// Images of a log. Depths lie in one compressed file and are read in the background; the rest is read when it is asked for.
+/// Images of a log. Depths of cameras lie in one compressed file and are read in the background, with how the fingers touch; the rest is
+/// read when it is asked for.
 pub struct LogImages {
     log: Log,
     strides: Vec<usize>,
-    depths: Arc<Depths>,
+    background: Arc<Background>,
+    /// Frames of which it was told how the fingers touch.
+    told: usize,
 }
 
-/// Thinned depths of every camera, frame by frame.
+/// What is read in the background, frame by frame.
 #[derive(Default)]
-struct Depths {
-    frames: Mutex<Vec<Vec<Option<Array2<f32>>>>>,
+struct Background {
+    frames: Mutex<Vec<Read>>,
     /// Nothing comes any more.
     is_complete: AtomicBool,
     /// Nobody wants more.
     is_unwanted: AtomicBool,
 }
 
+/// What was read of a frame.
+struct Read {
+    /// Thinned depth of every camera, packed: as numbers those of three cameras and 30 s would take a gigabyte.
+    depths: Vec<Option<Vec<u8>>>,
+    fingers: PerFinger<Option<Touching>>,
+}
+
 impl Drop for LogImages {
     fn drop(&mut self) {
-        self.depths.is_unwanted.store(true, Ordering::Relaxed);
+        self.background.is_unwanted.store(true, Ordering::Relaxed);
     }
 }
 
@@ -97,58 +107,74 @@ impl LogImages {
             }
         };
         let moments = (0..log.len()).map(moment).collect();
-        let depths = Arc::new(Depths::default());
-        let (others, thinning) = (Arc::clone(&depths), strides.clone());
+        let background = Arc::new(Background::default());
+        let (others, thinning) = (Arc::clone(&background), strides.clone());
         // A second reader: the first one serves images.
         let frames =
-            Log::open_tolerant(folder)?.into_partial_frames(&(0..strides.len()).collect::<Vec<_>>(), TouchPart::None);
+            Log::open_tolerant(folder)?.into_partial_frames(&(0..strides.len()).collect::<Vec<_>>(), TouchPart::Truth);
         thread::spawn(move || {
             for frame in frames {
                 if others.is_unwanted.load(Ordering::Relaxed) {
                     return;
                 }
-                let thin = |(depth, &stride): (Option<Array2<f32>>, &usize)| {
-                    depth.map(|depth_m| {
-                        images::thinned_depth(&depth_m, stride).mapv(|z| if z.is_finite() { z.max(0.0) } else { 0.0 })
-                    })
+                let depths = frame.cameras.into_iter().zip(&thinning).map(|(depth_m, &stride)| {
+                    let depth_m = images::thinned_depth(&depth_m?, stride);
+                    images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
+                });
+                let depths = depths.collect();
+                let touching = |truth: Option<TouchTruth>| {
+                    let TouchTruth { depth_m, contact } = truth?;
+                    Touching::of(&depth_m, &contact, None)
                 };
-                let depths = frame.cameras.into_iter().zip(&thinning).map(thin).collect();
-                others.frames.lock().unwrap_or_else(PoisonError::into_inner).push(depths);
+                let read = Read { depths, fingers: PerFinger(frame.touch_truth.0.map(touching)) };
+                others.frames.lock().unwrap_or_else(PoisonError::into_inner).push(read);
             }
             others.is_complete.store(true, Ordering::Relaxed);
         });
-        Ok((Self { log, strides, depths }, about, moments, object.map(|object| object.mesh), warnings))
+        Ok((Self { log, strides, background, told: 0 }, about, moments, object.map(|object| object.mesh), warnings))
     }
 
     /// Whether all there is of a frame's images has been read.
     pub fn is_read(&self, frame: usize) -> bool {
-        self.depths.is_complete.load(Ordering::Relaxed) || frame < self.depths().len()
+        self.background.is_complete.load(Ordering::Relaxed) || frame < self.read().len()
     }
 
-    /// Whether nothing comes any more.
+    /// Whether all has been read and told.
     pub fn is_complete(&self) -> bool {
-        self.depths.is_complete.load(Ordering::Relaxed)
+        self.background.is_complete.load(Ordering::Relaxed) && self.told == self.read().len()
     }
 
-    /// Waits for the last of them.
+    /// Waits until all has been read.
     pub fn finish(&self) {
-        while !self.is_complete() {
+        while !self.background.is_complete.load(Ordering::Relaxed) {
             thread::sleep(Duration::from_millis(20));
         }
     }
 
-    fn depths(&self) -> std::sync::MutexGuard<'_, Vec<Vec<Option<Array2<f32>>>>> {
-        self.depths.frames.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Tells moments how the fingers touch, as far as that was read since it was told last; whether it was.
+    pub fn tell(&mut self, moments: &mut [Moment]) -> bool {
+        let before = self.told;
+        let read = self.background.frames.lock().unwrap_or_else(PoisonError::into_inner);
+        for (moment, read) in moments.iter_mut().zip(&*read).skip(before) {
+            moment.fingers = read.fingers;
+        }
+        self.told = read.len();
+        self.told > before
+    }
+
+    fn read(&self) -> MutexGuard<'_, Vec<Read>> {
+        self.background.frames.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The images of a frame as far as they can be read.
     pub fn images(&self, frame: usize) -> Images {
-        let depths = self.depths().get(frame).cloned().unwrap_or_default();
+        let depths = self.read().get(frame).map(|read| read.depths.clone()).unwrap_or_default();
         let joints = self.log.joints().get(frame).copied().unwrap_or_default();
         let hand = HandSolid::new(self.log.side(), &joints);
         let camera = |(k, (camera, &stride)): (usize, (&PosedCamera, &usize))| {
             let colour = self.log.colour(k, frame).map(|colour| images::thinned(&colour, stride)).unwrap_or_default();
-            let depth_m = depths.get(k).cloned().flatten().unwrap_or_default();
+            let packed = depths.get(k).and_then(Option::as_ref);
+            let depth_m = packed.and_then(|packed| images::unpack_depth(packed).ok()).unwrap_or_default();
             let segmentation = if depth_m.is_empty() {
                 GrayImage::default()
             } else {

@@ -36,6 +36,8 @@ pub struct Recording {
     events: Vec<Event>,
     warnings: Vec<String>,
     status: Status,
+    /// Grows with whatever is new.
+    revision: u64,
     truth: Option<Mesh>,
     images: Kept<Images>,
     known_shapes: Kept<KnownShape>,
@@ -122,6 +124,7 @@ impl Recording {
             events: Vec::new(),
             warnings,
             status: Status::Running,
+            revision: 0,
             truth,
             images: Kept::new(KEPT_IMAGES),
             known_shapes: Kept::new(KEPT_SHAPES),
@@ -134,10 +137,17 @@ impl Recording {
     /// # Errors
     /// [`RecordingError`] if what was appended cannot be read. What was there before stays.
     pub fn refresh(&mut self) -> Result<bool, RecordingError> {
-        let Source::Run { folder, about, frames, shapes, events } = &mut self.source else { return Ok(false) };
+        let (folder, about, frames, shapes, events) = match &mut self.source {
+            Source::Run { folder, about, frames, shapes, events } => (folder, about, frames, shapes, events),
+            Source::Log(log) => {
+                let has_news = log.tell(&mut self.moments);
+                self.revision += u64::from(has_news);
+                return Ok(has_news);
+            }
+        };
         let now = fs::read(folder.join(file::ABOUT)).map_err(RecordingError::io(folder.join(file::ABOUT)))?;
         if now != *about {
-            *self = Self::open(&self.folder)?;
+            *self = Self { revision: self.revision + 1, ..Self::open(&self.folder)? };
             return Ok(true);
         }
         // Before the lines: what an ended run has written is read below.
@@ -167,7 +177,14 @@ impl Recording {
             }
         }
         self.status = status;
-        Ok(before != (self.moments.len(), self.shapes.len(), self.events.len(), self.warnings.len(), self.status))
+        let now = (self.moments.len(), self.shapes.len(), self.events.len(), self.warnings.len(), self.status);
+        self.revision += u64::from(before != now);
+        Ok(before != now)
+    }
+
+    /// A number that grows when [`Self::refresh`] finds something new.
+    pub fn revision(&self) -> u64 {
+        self.revision
     }
 
     /// The folder of the run or log.
@@ -267,15 +284,16 @@ impl Recording {
         self.known_shapes.get(index, make).map(Some)
     }
 
-    /// Whether something is still read in the background, so that there may be more images of a moment later.
+    /// Whether something is still read in the background, so that there may be more of a moment later: depths of a log, and contacts.
     pub fn is_reading(&self) -> bool {
         matches!(&self.source, Source::Log(log) if !log.is_complete())
     }
 
-    /// Waits until everything is there that is read in the background: the depths of a log.
-    pub fn finish_reading(&self) {
-        if let Source::Log(log) = &self.source {
+    /// Waits until everything is there that is read in the background.
+    pub fn finish_reading(&mut self) {
+        if let Source::Log(log) = &mut self.source {
             log.finish();
+            log.tell(&mut self.moments);
         }
     }
 

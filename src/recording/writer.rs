@@ -10,7 +10,6 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use scenes::depth::{CameraDepth, DepthFrame, TouchDepth};
-use scenes::digit;
 use scenes::hand::{JointAngles, PerFinger};
 use scenes::mesh::Mesh;
 use serde::Serialize;
@@ -249,7 +248,8 @@ impl Files {
         let forces_n = pictures.forces_n;
         moment.fingers = PerFinger::from_fn(|finger| {
             let force_n = forces_n.map(|forces| forces[finger] as f32);
-            touching(depth.touch[finger].as_ref()?, force_n)
+            let TouchDepth { depth_m, contact, .. } = depth.touch[finger].as_ref()?;
+            Touching::of(depth_m, contact, force_n)
         });
         if has_images(moment.row.frame) {
             let images = pictured(moment.row.frame as usize, depth, pictures, strides);
@@ -259,21 +259,6 @@ impl Files {
         }
         Ok(())
     }
-}
-
-/// How a DIGIT is touched; none if it is not.
-fn touching(touch: &TouchDepth, force_n: Option<f32>) -> Option<Touching> {
-    if !touch.contact.contains(&255) {
-        return None;
-    }
-    let lens = digit::intrinsics();
-    let (mut area_m2, mut deepest_m) = (0.0, 0.0f32);
-    let pixels = touch.contact.iter().zip(&touch.depth_m).zip(images::gel_depth_m());
-    for ((_, &depth_m), &gel_m) in pixels.filter(|((level, _), _)| **level > 127) {
-        area_m2 += f64::from(depth_m).powi(2) / (lens.fx * lens.fy);
-        deepest_m = deepest_m.max(gel_m - depth_m);
-    }
-    (area_m2 > 0.0).then_some(Touching { area_mm2: (area_m2 * 1e6) as f32, deepest_mm: deepest_m * 1e3, force_n })
 }
 
 /// The images of a frame as they are recorded.

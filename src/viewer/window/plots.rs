@@ -42,8 +42,8 @@ type Curve = Vec<PlotPoint>;
 /// The curves of a recording as far as it had come.
 #[derive(Default)]
 pub struct Plots {
-    frames: usize,
-    shapes: usize,
+    /// As of which revision, if any.
+    revision: Option<u64>,
     add_s_mm: Curve,
     confidence: Curve,
     /// Sense, track, map, mesh.
@@ -60,7 +60,7 @@ const MOST_POINTS: usize = 1200;
 impl Plots {
     fn update(&mut self, recording: &Recording) {
         let (moments, shapes) = (recording.moments(), recording.shapes());
-        if (self.frames, self.shapes) == (moments.len(), shapes.len()) {
+        if self.revision == Some(recording.revision()) {
             return;
         }
         let step = moments.len().div_ceil(MOST_POINTS).max(1);
@@ -77,8 +77,7 @@ impl Plots {
         };
         let points = || shapes.iter().filter_map(|shape| shape.point);
         *self = Self {
-            frames: moments.len(),
-            shapes: shapes.len(),
+            revision: Some(recording.revision()),
             add_s_mm: estimated().step_by(step).filter_map(error).collect(),
             confidence: estimated().step_by(step).map(|row| PlotPoint::new(row.time_s, row.confidence)).collect(),
             stages_ms: [stage(|ms| ms.sense), stage(|ms| ms.track), stage(|ms| ms.map), stage(|ms| ms.mesh)],

@@ -1,7 +1,6 @@
 //! What the sensors showed at a moment, and what became of it.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use eframe::egui::{self, ColorImage, Context, TextureHandle, TextureOptions, Ui};
 use image::RgbImage;
@@ -16,13 +15,11 @@ use crate::recording::{Recording, Touching};
 use crate::viewer::colours::SeenBy;
 use crate::viewer::pictures;
 
-/// Pictures that are wanted: of a moment, when there are so many moments and shapes.
+/// Pictures that are wanted: of a moment, at a revision of the recording.
 #[derive(Debug, Clone, PartialEq)]
 struct Order {
     moment: usize,
-    extent: [usize; 2],
-    /// Counts how often there may have been something new in a log that is still being read.
-    look: u64,
+    revision: u64,
 }
 
 /// Whose pictures.
@@ -93,18 +90,13 @@ pub struct Sensors {
     studio: Studio<Gallery>,
     shown: Vec<(Sensor, Vec<Captioned<TextureHandle>>)>,
     problem: Option<String>,
-    look: u64,
-    looked: Instant,
 }
-
-/// How often a log that is still being read is looked at.
-const LOOK: Duration = Duration::from_millis(500);
 
 impl Sensors {
     /// Pictures of a recording.
     pub fn new(ctx: &Context, shared: Arc<Shared>) -> Self {
         let studio = Studio::new(ctx.clone(), || Gallery { shared, shape: None });
-        Self { studio, shown: Vec::new(), problem: None, look: 0, looked: Instant::now() }
+        Self { studio, shown: Vec::new(), problem: None }
     }
 
     /// Whether pictures are under way.
@@ -116,13 +108,7 @@ impl Sensors {
     /// The panel's contents at a moment.
     pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, moment: usize) {
         let theme = style::theme(ui.ctx());
-        let extent = [recording.moments().len(), recording.shapes().len()];
-        if recording.is_reading() && self.looked.elapsed() > LOOK {
-            self.looked = Instant::now();
-            self.look += 1;
-            ui.ctx().request_repaint_after(LOOK);
-        }
-        self.studio.order(Order { moment, extent, look: self.look });
+        self.studio.order(Order { moment, revision: recording.revision() });
         match self.studio.take() {
             Some(Ok(pictures)) => {
                 self.problem = None;

@@ -27,6 +27,12 @@ impl Shared {
         self.read().status() == Status::Running
     }
 
+    /// Whether what is shown may change: by a run that goes on, or a log that is still being read.
+    pub fn is_growing(&self) -> bool {
+        let recording = self.read();
+        recording.status() == Status::Running || recording.is_reading()
+    }
+
     /// Reads what was appended, unless somebody reads; whether anything is new.
     pub fn refresh(&self) -> bool {
         let mut recording = match self.recording.try_write() {
@@ -34,7 +40,7 @@ impl Shared {
             Err(TryLockError::Poisoned(broken)) => broken.into_inner(),
             Err(TryLockError::WouldBlock) => return false,
         };
-        if recording.status() != Status::Running {
+        if recording.status() != Status::Running && !recording.is_reading() {
             return false;
         }
         let result = recording.refresh();

@@ -13,7 +13,7 @@ use super::style;
 use crate::recording::Recording;
 use crate::viewer::{Eye, Layers, Preset, Scene, Theme};
 
-/// How often a run that goes on is looked at, at most.
+/// How often a recording that grows is looked at, at most.
 const POLL: Duration = Duration::from_millis(150);
 /// A run that goes on is left alone for so many times what a picture of it took; sensors' pictures and the window take as much again.
 const SHARE: u32 = 20;
@@ -24,8 +24,8 @@ const SLOW: Duration = Duration::from_millis(33);
 #[derive(Debug, Clone, PartialEq)]
 struct Order {
     moment: usize,
-    /// How many moments there are: a longer recording may have another shape for the same moment.
-    extent: [usize; 2],
+    /// A longer recording may have another shape for the same moment.
+    revision: u64,
     layers: Layers,
     eye: Eye,
     theme: Theme,
@@ -68,11 +68,11 @@ impl Craft for Painter {
         let pause = POLL.max(SHARE * self.spent);
         let waited = self.looked.elapsed();
         if waited < pause {
-            return (self.shared.is_running().then(|| pause - waited), false);
+            return (self.shared.is_growing().then(|| pause - waited), false);
         }
         self.looked = Instant::now();
         let has_news = self.shared.refresh();
-        (self.shared.is_running().then_some(pause), has_news)
+        (self.shared.is_growing().then_some(pause), has_news)
     }
 }
 
@@ -128,7 +128,7 @@ impl View {
         let pixels = |points: f32| ((points * ui.pixels_per_point() * scale) as usize).clamp(16, 4096);
         self.studio.order(Order {
             moment,
-            extent: [recording.moments().len(), recording.shapes().len()],
+            revision: recording.revision(),
             layers,
             eye: self.eye,
             theme: style::theme(ui.ctx()),
