@@ -28,7 +28,8 @@ const GAP: u32 = 8;
 const NAMES: u32 = 44;
 const SIZE: f32 = 13.0;
 
-/// Draws, side by side, the error of the pose, the shape's score, the confidence, the time per frame, and which fingers touch.
+/// Draws, side by side, the error of the pose, the shape's score, the confidence, the time per frame, and which fingers touch; of a log,
+/// in which nothing is estimated, the last alone.
 pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usize, theme: &Theme) {
     let moments = recording.moments();
     let Some((first, now)) = moments.first().zip(moments.get(moment)) else { return };
@@ -43,15 +44,17 @@ pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usi
         .iter()
         .filter_map(|shape| shape.point.map(|point| (share(point.time_s), point.f5 as f32)))
         .collect();
-    let panels = [
+    let panels = vec![
         ("ADD-S, mm", per_frame(&|row| Some(row.add_s?.one_directional_m * 1e3)), 0.0, theme.estimate),
         ("F-score at 5 mm", scores, 1.0, theme.truth),
         ("confidence", per_frame(&|row| Some(row.confidence)), 1.0, theme.keyframe),
         ("ms per frame", per_frame(&|row| Some(row.stage_ms.total())), 0.0, theme.faint),
     ];
+    let panels = if first.estimate().is_some() { panels } else { Vec::new() };
     let width = (area.width + GAP) / (panels.len() as u32 + 1) - GAP;
     let panel = |k: u32| Area { x: area.x + k * (width + GAP), width, ..area };
     let cursor = share(now.row.time_s);
+    let last = panel(panels.len() as u32);
     for (k, (title, points, most, colour)) in (0..).zip(panels) {
         let highest = if most > 0.0 { most } else { round_up(percentile(&points)) };
         let value = points.iter().rev().find(|(x, _)| *x <= cursor + 1e-6).map(|(_, y)| *y);
@@ -63,7 +66,7 @@ pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usi
         lettering::write(image, (plot.x + 3, plot.y), SIZE - 2.0, theme.faint, &top);
         vertical(image, plot, cursor, theme.ink);
     }
-    let whole = frame(image, panel(4), "contact", theme);
+    let whole = frame(image, last, "contact", theme);
     let plot = Area { x: whole.x + NAMES, width: whole.width.saturating_sub(NAMES), ..whole };
     let row = plot.height / 4;
     for finger in Finger::ALL {

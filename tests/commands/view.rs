@@ -95,12 +95,12 @@ fn a_raw_log_is_filmed() {
     let log = picture(&workplace, "--log set/cube70/00 --layout sensors --size 480x320 --frame 0");
     let off = difference(&run, &log);
     assert!(off < 12.0, "the images of a log differ by {off} from those of a run over it");
-    // When which finger touches, in the lower right corner.
+    // When which finger touches: one of five panels of a run, the only one of a log.
     workplace.run("run --log set/cube70/00 --touch-depth truth --out felt --quiet").good();
     let [run, log] = ["--run felt", "--log set/cube70/00"].map(|place| {
         let page = picture(&workplace, &format!("{place} --layout all --size 960x640"));
-        let lanes = image::imageops::crop_imm(&page, 720, 480, 240, 160).to_image();
-        lanes.pixels().filter(|pixel| pixel.0 == [213, 94, 0]).count()
+        let curves = image::imageops::crop_imm(&page, 0, 520, 960, 120).to_image();
+        curves.pixels().filter(|pixel| pixel.0 == [213, 94, 0]).count() as f64
     });
-    assert!(run > 50 && run == log, "contact takes {run} pixels in a run and {log} in a log");
+    assert!(run > 50.0 && (4.0..9.0).contains(&(log / run)), "contact takes {run} pixels in a run and {log} in a log");
 }

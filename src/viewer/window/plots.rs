@@ -95,8 +95,11 @@ impl Plots {
         let end_s = recording.moments().last().map_or(1.0, |moment| moment.row.time_s.max(0.1));
         let frame = Frame { now_s, end_s, theme: style::theme(ui.ctx()) };
         let width = ui.available_width();
+        // Of a log nothing is known but contacts.
+        let is_estimated = recording.moments().first().is_none_or(|moment| moment.estimate().is_some());
+        let count = if is_estimated { 5.0 } else { 1.0 };
         // In a narrow window plots are scrolled rather than squeezed.
-        let each = ((width - 4.0 * ui.spacing().item_spacing.x) / 5.0).max(170.0);
+        let each = ((width - (count - 1.0) * ui.spacing().item_spacing.x) / count).max(170.0);
         let height = ui.available_height();
         let mut clicked = None;
         egui::ScrollArea::horizontal().auto_shrink(false).show(ui, |ui| {
@@ -109,41 +112,43 @@ impl Plots {
                         });
                     });
                 };
-                cell(ui, &mut |ui| {
-                    title(ui, "ADD-S, mm");
-                    frame.plot(ui, "ADD-S in millimetres", &[(&self.add_s_mm, 0)])
-                });
-                cell(ui, &mut |ui| {
-                    ui.horizontal(|ui| {
-                        ui.strong("F-score at");
-                        ui.spacing_mut().button_padding.y = 0.0;
-                        for choice in Threshold::ALL {
-                            ui.selectable_value(threshold, choice, choice.name());
-                        }
+                if is_estimated {
+                    cell(ui, &mut |ui| {
+                        title(ui, "ADD-S, mm");
+                        frame.plot(ui, "ADD-S in millimetres", &[(&self.add_s_mm, 0)])
                     });
-                    let [f2, f5] = &self.f_scores;
-                    let curve = if *threshold == Threshold::Two { f2 } else { f5 };
-                    frame.plot(ui, "F-score", &[(curve, 2)])
-                });
-                cell(ui, &mut |ui| {
-                    ui.horizontal(|ui| {
-                        ui.set_min_height(ui.spacing().interact_size.y);
-                        ui.spacing_mut().item_spacing.x = 5.0;
-                        ui.strong("ms:");
-                        for (k, stage) in ["sense", "track", "map", "mesh"].into_iter().enumerate() {
-                            let (rect, _) = ui.allocate_exact_size(egui::vec2(8.0, 8.0), egui::Sense::hover());
-                            ui.painter().rect_filled(rect, 1.0, colour(CURVES[k]));
-                            ui.small(stage);
-                        }
+                    cell(ui, &mut |ui| {
+                        ui.horizontal(|ui| {
+                            ui.strong("F-score at");
+                            ui.spacing_mut().button_padding.y = 0.0;
+                            for choice in Threshold::ALL {
+                                ui.selectable_value(threshold, choice, choice.name());
+                            }
+                        });
+                        let [f2, f5] = &self.f_scores;
+                        let curve = if *threshold == Threshold::Two { f2 } else { f5 };
+                        frame.plot(ui, "F-score", &[(curve, 2)])
                     });
-                    let [sense, track, map, mesh] = &self.stages_ms;
-                    let curves = [(sense, 0), (track, 1), (map, 2), (mesh, 3)];
-                    frame.plot(ui, "Milliseconds per stage", &curves)
-                });
-                cell(ui, &mut |ui| {
-                    title(ui, "Confidence");
-                    frame.plot(ui, "Confidence", &[(&self.confidence, 0)])
-                });
+                    cell(ui, &mut |ui| {
+                        ui.horizontal(|ui| {
+                            ui.set_min_height(ui.spacing().interact_size.y);
+                            ui.spacing_mut().item_spacing.x = 5.0;
+                            ui.strong("ms:");
+                            for (k, stage) in ["sense", "track", "map", "mesh"].into_iter().enumerate() {
+                                let (rect, _) = ui.allocate_exact_size(egui::vec2(8.0, 8.0), egui::Sense::hover());
+                                ui.painter().rect_filled(rect, 1.0, colour(CURVES[k]));
+                                ui.small(stage);
+                            }
+                        });
+                        let [sense, track, map, mesh] = &self.stages_ms;
+                        let curves = [(sense, 0), (track, 1), (map, 2), (mesh, 3)];
+                        frame.plot(ui, "Milliseconds per stage", &curves)
+                    });
+                    cell(ui, &mut |ui| {
+                        title(ui, "Confidence");
+                        frame.plot(ui, "Confidence", &[(&self.confidence, 0)])
+                    });
+                }
                 cell(ui, &mut |ui| {
                     title(ui, "Contact by finger");
                     frame.lanes(ui, &self.contacts)
