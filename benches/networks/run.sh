@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# The four networks at equal cost (about 1 GMAC per sensor's image) and equal training, which is short and on small images, so that a laptop
-# can do it: accuracy on objects that none was trained on, by input size and over training; then `mamba` with other hooks and fewer fusions.
+# The paper's three networks at equal cost (2.3 GMAC per sensor's image) and `default` (0.8) after equal training, which is short and on small
+# images, so that a laptop can do it: accuracy on objects that none was trained on, by input size and over training; then `mamba` with other
+# hooks and fewer fusions.
 #
 #   benches/networks/run.sh [DIR]
 #
-# DIR, out_networks by default, keeps trainings; killed, the same command goes on. About two hours on two cores with AMX. Needs Rust and
+# DIR, out_networks by default, keeps trainings; killed, the same command goes on. One to two hours on two cores with AMX. Needs Rust and
 # Python 3. Prints tables and writes them to DIR/table.md; curves are in DIR/NAME/curve.csv and curve.svg.
 set -euo pipefail
 cd "$(dirname "$0")/../.."

@@ -6,7 +6,7 @@ use sim::lettering;
 
 use super::Theme;
 use super::colours::SeenBy;
-use crate::recording::Recording;
+use crate::recording::{Moment, Recording};
 
 /// A rectangle of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,13 +69,15 @@ pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usi
     let whole = frame(image, last, "contact", theme);
     let plot = Area { x: whole.x + NAMES, width: whole.width.saturating_sub(NAMES), ..whole };
     let row = plot.height / 4;
+    let column = |m: &Moment| plot.x + (share(m.row.time_s) * plot.width.saturating_sub(1) as f32) as u32;
+    // Each moment lasts until the next.
+    let ends = || moments.iter().skip(1).map(column).chain([plot.x + plot.width]);
     for finger in Finger::ALL {
         let top = plot.y + finger as u32 * row;
-        for m in moments.iter().filter(|m| m.fingers[finger].is_some()) {
-            let x = plot.x + (share(m.row.time_s) * plot.width.saturating_sub(1) as f32) as u32;
-            for y in top + 2..(top + row).saturating_sub(2) {
-                lettering::blend(image, x, y, SeenBy::Touch.colour(), 1.0);
-            }
+        for (m, end) in moments.iter().zip(ends()).filter(|(m, _)| m.fingers[finger].is_some()) {
+            let (x, width) = (column(m), end.saturating_sub(column(m)).max(1));
+            let lane = Area { x, y: top + 2, width, height: row.saturating_sub(4) };
+            fill(image, lane, SeenBy::Touch.colour());
         }
         lettering::write(image, (whole.x + 3, (top + row / 2).saturating_sub(7)), SIZE - 2.0, theme.ink, finger.name());
     }
