@@ -40,6 +40,12 @@ struct Background {
     is_unwanted: AtomicBool,
 }
 
+impl Background {
+    fn frames(&self) -> MutexGuard<'_, Vec<Read>> {
+        self.frames.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// What was read of a frame.
 struct Read {
     /// Thinned depth of every camera, packed: as numbers those of three cameras and 30 s would take a gigabyte.
@@ -127,7 +133,7 @@ impl LogImages {
                     Touching::of(&depth_m, &contact, None)
                 };
                 let read = Read { depths, fingers: PerFinger(frame.touch_truth.0.map(touching)) };
-                others.frames.lock().unwrap_or_else(PoisonError::into_inner).push(read);
+                others.frames().push(read);
             }
             others.is_complete.store(true, Ordering::Relaxed);
         });
@@ -136,12 +142,12 @@ impl LogImages {
 
     /// Whether all there is of a frame's images has been read.
     pub fn is_read(&self, frame: usize) -> bool {
-        self.background.is_complete.load(Ordering::Relaxed) || frame < self.read().len()
+        self.background.is_complete.load(Ordering::Relaxed) || frame < self.background.frames().len()
     }
 
     /// Whether all has been read and told.
     pub fn is_complete(&self) -> bool {
-        self.background.is_complete.load(Ordering::Relaxed) && self.told == self.read().len()
+        self.background.is_complete.load(Ordering::Relaxed) && self.told == self.background.frames().len()
     }
 
     /// Waits until all has been read.
@@ -154,21 +160,17 @@ impl LogImages {
     /// Tells moments how the fingers touch, as far as that was read since it was told last; whether it was.
     pub fn tell(&mut self, moments: &mut [Moment]) -> bool {
         let before = self.told;
-        let read = self.background.frames.lock().unwrap_or_else(PoisonError::into_inner);
-        for (moment, read) in moments.iter_mut().zip(&*read).skip(before) {
+        let frames = self.background.frames();
+        for (moment, read) in moments.iter_mut().zip(&*frames).skip(before) {
             moment.fingers = read.fingers;
         }
-        self.told = read.len();
+        self.told = frames.len();
         self.told > before
-    }
-
-    fn read(&self) -> MutexGuard<'_, Vec<Read>> {
-        self.background.frames.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The images of a frame as far as they can be read.
     pub fn images(&self, frame: usize) -> Images {
-        let depths = self.read().get(frame).map(|read| read.depths.clone()).unwrap_or_default();
+        let depths = self.background.frames().get(frame).map(|read| read.depths.clone()).unwrap_or_default();
         let joints = self.log.joints().get(frame).copied().unwrap_or_default();
         let hand = HandSolid::new(self.log.side(), &joints);
         let camera = |(k, (camera, &stride)): (usize, (&PosedCamera, &usize))| {

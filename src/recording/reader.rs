@@ -284,9 +284,10 @@ impl Recording {
         self.known_shapes.get(index, make).map(Some)
     }
 
-    /// Whether something is still read in the background, so that there may be more of a moment later: depths of a log, and contacts.
-    pub fn is_reading(&self) -> bool {
-        matches!(&self.source, Source::Log(log) if !log.is_complete())
+    /// Whether what is shown may change: by a run that goes on, or a log that is still being read.
+    pub fn is_growing(&self) -> bool {
+        let is_reading = matches!(&self.source, Source::Log(log) if !log.is_complete());
+        self.status == Status::Running || is_reading
     }
 
     /// Waits until everything is there that is read in the background.

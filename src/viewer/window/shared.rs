@@ -27,10 +27,9 @@ impl Shared {
         self.read().status() == Status::Running
     }
 
-    /// Whether what is shown may change: by a run that goes on, or a log that is still being read.
+    /// Whether what is shown may change.
     pub fn is_growing(&self) -> bool {
-        let recording = self.read();
-        recording.status() == Status::Running || recording.is_reading()
+        self.read().is_growing()
     }
 
     /// Reads what was appended, unless somebody reads; whether anything is new.
@@ -40,7 +39,7 @@ impl Shared {
             Err(TryLockError::Poisoned(broken)) => broken.into_inner(),
             Err(TryLockError::WouldBlock) => return false,
         };
-        if recording.status() != Status::Running && !recording.is_reading() {
+        if !recording.is_growing() {
             return false;
         }
         let result = recording.refresh();
