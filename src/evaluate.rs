@@ -90,7 +90,7 @@ pub struct Arguments {
 const FULL: &str = "full";
 
 /// Settings that are 0 in an ablation.
-const FACTORS: [&str; 13] = [
+const FACTORS: [&str; 14] = [
     "slam.tracker.camera_weight",
     "slam.tracker.touch_weight",
     "slam.tracker.free_space_weight",
@@ -103,6 +103,7 @@ const FACTORS: [&str; 13] = [
     "slam.map.loop_turn_deg",
     "slam.map.hand_part",
     "slam.map.inside_weight",
+    "slam.map.core_weight",
     "slam.field.eikonal_weight",
 ];
 

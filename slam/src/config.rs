@@ -128,6 +128,8 @@ impl Config {
             ("map.hand_part", single(map.hand_part), 0.0, 1.0),
             ("map.free_weight", single(map.free_weight), 0.0, ANY),
             ("map.inside_weight", single(map.inside_weight), 0.0, ANY),
+            ("map.core_weight", single(map.core_weight), 0.0, ANY),
+            ("map.core_depth_m", single(map.core_depth_m), -1.0, 1.0),
             ("map.keyframe_turn_deg", map.keyframe_turn_deg, 0.0, 180.0),
             ("map.keyframe_distance_m", map.keyframe_distance_m, 0.0, 1.0),
             ("map.keyframe_interval_s", map.keyframe_interval_s, 0.0, ANY),

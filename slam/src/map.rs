@@ -20,7 +20,7 @@ use crate::field::{self, Field, FieldError, Sample, Trainer};
 use crate::graph::Edge;
 use crate::scan::Scan;
 use crate::shape::{Distance, Shape};
-use crate::space::Space;
+use crate::space::{Space, Unseen};
 use crate::tracker::Reference;
 pub use keyframe::Keyframe;
 
@@ -54,6 +54,10 @@ pub struct Config {
     pub free_weight: f32,
     /// Weight of samples where nobody saw anything and the object must be, as below it on the palm. The rest of the samples are these.
     pub inside_weight: f32,
+    /// Their weight deep inside, where a cavity that nobody saw would be a flaw of the field: a pit of a face may lead there.
+    pub core_weight: f32,
+    /// How far below the hull of what was seen that is, metres.
+    pub core_depth_m: f32,
     /// A frame becomes a keyframe once the object has turned by this since the last, degrees,
     pub keyframe_turn_deg: f64,
     /// or moved by this, metres,
@@ -88,6 +92,8 @@ impl Default for Config {
             hand_part: 0.05,
             free_weight: 1.0,
             inside_weight: 0.1,
+            core_weight: 1.0,
+            core_depth_m: 0.01,
             keyframe_turn_deg: 8.0,
             keyframe_distance_m: 0.005,
             keyframe_interval_s: 0.5,
@@ -108,8 +114,8 @@ pub struct Map {
     keyframes: Vec<Keyframe>,
     /// Motions between keyframes as tracking and loops measured them.
     edges: Vec<Edge>,
-    /// Centres of cells that are taken for the inside.
-    inside: Vec<Vec3>,
+    /// Cells that are taken for the inside.
+    inside: Vec<Unseen>,
     hand: HandSamples,
     samples: Vec<Sample>,
     /// The pose of the first keyframe as it came.

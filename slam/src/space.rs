@@ -19,6 +19,15 @@ const HAND_DEPTH_M: f32 = 0.002;
 /// down to the palm, near which no camera can tell object from hand.
 const HULL_MARGIN_M: f32 = 0.005;
 
+/// A cell that must be taken for the inside.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unseen {
+    /// Its centre.
+    pub centre: Vec3,
+    /// How far below the hull of what was seen it lies, metres; negative little outside.
+    pub depth_m: f32,
+}
+
 /// Counts per cell of a cube around the origin of the model's frame.
 #[derive(Debug, Clone)]
 pub struct Space {
@@ -129,9 +138,9 @@ impl Space {
         self.index(p).is_some_and(|i| self.near_surface[i])
     }
 
-    /// Centres of the cells that must be taken for the inside: nobody saw surface near them nor looked through them, and they
-    /// lie within the hull of what was seen.
-    pub fn unseen_inside(&self) -> Vec<Vec3> {
+    /// The cells that must be taken for the inside: nobody saw surface near them nor looked through them, and they lie within the
+    /// hull of what was seen.
+    pub fn unseen_inside(&self) -> Vec<Unseen> {
         let mut inside = Vec::new();
         for z in 0..CELLS {
             for y in 0..CELLS {
@@ -141,9 +150,10 @@ impl Space {
                     if self.near_surface[i] || self.passes[i] >= EMPTY {
                         continue;
                     }
-                    let p = (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m;
-                    if self.is_within_hull(p) {
-                        inside.push(p);
+                    let centre = (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m;
+                    let depth_m = self.depth_m(centre);
+                    if depth_m > -HULL_MARGIN_M {
+                        inside.push(Unseen { centre, depth_m });
                     }
                 }
             }
@@ -153,7 +163,12 @@ impl Space {
 
     /// Whether a point lies within the hull of what was seen or little outside it.
     pub fn is_within_hull(&self, p: Vec3) -> bool {
-        self.directions.iter().zip(&self.support_m).all(|(d, support)| d.dot(p) < support + HULL_MARGIN_M)
+        self.depth_m(p) > -HULL_MARGIN_M
+    }
+
+    /// How far a point lies below the hull of what was seen, metres.
+    fn depth_m(&self, p: Vec3) -> f32 {
+        self.directions.iter().zip(&self.support_m).map(|(d, support)| support - d.dot(p)).fold(f32::INFINITY, f32::min)
     }
 
     /// Edge of a cell, metres.

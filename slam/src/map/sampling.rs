@@ -56,10 +56,12 @@ impl Map {
                     at_least: true,
                 })
             } else {
-                pick(&self.inside, rng).map(|centre| {
+                pick(&self.inside, rng).map(|unseen| {
                     let jitter = Vec3::from_array(std::array::from_fn(|_| uniform(rng) - 0.5));
-                    let position = *centre + jitter * self.space.resolution_m();
-                    Sample { position, target: -1.0, weight: config.inside_weight, at_least: false }
+                    let position = unseen.centre + jitter * self.space.resolution_m();
+                    let is_core = unseen.depth_m > config.core_depth_m;
+                    let weight = if is_core { config.core_weight } else { config.inside_weight };
+                    Sample { position, target: -1.0, weight, at_least: false }
                 })
             };
             samples.extend(sample.filter(|s| s.position.abs().max_element() < half));

@@ -168,6 +168,34 @@ fn what_is_taught_agrees_with_the_solid() {
 }
 
 #[test]
+fn what_nobody_saw_weighs_more_deep_inside() {
+    let (weight, core_weight, core_depth) = (0.125, 0.375, 0.01);
+    let at = pose([0.0; 3], [0.0; 3]);
+    let config =
+        Config { batch: 4096, inside_weight: weight, core_weight, core_depth_m: core_depth as f32, ..quick().0 };
+    let mut map = map(&config);
+    // From all sides but below.
+    for (turn, k) in [0.0, 120.0, 240.0].into_iter().zip(0..) {
+        let pose = pose([0.0; 3], [0.0, 0.0, turn]);
+        let scan = Arc::new(Scan::new(k, &seen(k, Solid::Ball(0.03), pose), &scan::Config::default(), 1));
+        map.learn(&scan, pose, &mut ChaCha8Rng::seed_from_u64(1));
+    }
+    let current = map.keyframes[0].clone();
+    map.samples.clear();
+    map.draw(&current, &mut ChaCha8Rng::seed_from_u64(2));
+    let cell = f64::from(map.space.resolution_m());
+    let depths = |wanted: f32| -> Vec<f64> {
+        let samples = map.samples.iter().filter(|s| s.weight == wanted && s.target == -1.0);
+        samples.map(|s| -Solid::Ball(0.03).distance(to_na(s.position))).collect()
+    };
+    let (shell, core) = (depths(weight), depths(core_weight));
+    assert!(shell.len() > 50 && core.len() > 50, "{} {}", shell.len(), core.len());
+    // The hull of what was seen lies in the ball, so that what is deep in the one is deeper in the other.
+    assert!(core.iter().all(|depth| *depth > core_depth - cell), "{core:?}");
+    assert!(shell.iter().any(|depth| *depth < 0.5 * core_depth), "{shell:?}");
+}
+
+#[test]
 fn refinement_returns_a_keyframe_to_the_surface() {
     // The field learns from frames at their true poses; one keyframe is then put wrong.
     let config = Config { batch: 1024, first_steps: 150, steps: 10, refined: 0, ..Config::default() };

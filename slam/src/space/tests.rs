@@ -129,12 +129,14 @@ fn the_unseen_inside_lies_within_the_hull_of_what_was_seen() {
     let inside = space.unseen_inside();
     assert!(inside.len() > 1000, "{}", inside.len());
     let slack = f64::from(HULL_MARGIN_M + space.resolution_m());
-    for p in &inside {
+    for &Unseen { centre: p, depth_m } in &inside {
         // The hull of what was seen lies in the brick; 66 directions leave its corners a little room.
-        assert!(BRICK.distance(to_na(*p)) < 2.0 * slack, "{p}");
-        assert!(!space.is_near_surface(*p));
+        assert!(BRICK.distance(to_na(p)) < 2.0 * slack, "{p}");
+        assert!(!space.is_near_surface(p));
+        let depth = -BRICK.distance(to_na(p));
+        assert!((depth - f64::from(depth_m)).abs() < 2.0 * slack, "{p} lies {depth} m deep, not {depth_m}");
     }
-    let has = |p: Vec3| inside.iter().any(|q| (p - q).abs().max_element() <= 0.51 * space.resolution_m());
+    let has = |p: Vec3| inside.iter().any(|q| (p - q.centre).abs().max_element() <= 0.51 * space.resolution_m());
     assert!(has(Vec3::ZERO), "the middle was never seen");
     // The bottom was not seen: what lies over it counts as inside, what was looked through does not.
     assert!(has(Vec3::new(0.0, 0.0, -0.016)));
@@ -172,14 +174,14 @@ fn less_is_unseen_the_more_was_seen() {
 fn the_hand_is_not_inside() {
     let mut space = looked_at(BRICK, &[0.0]);
     let before = space.unseen_inside();
-    let p = before[before.len() / 2];
-    let point = |depth_m| Occupied { point: p, depth_m };
+    let middle = before[before.len() / 2];
+    let point = |depth_m| Occupied { point: middle.centre, depth_m };
     space.add_occupied((0..10).map(|_| point(0.5 * HAND_DEPTH_M)));
     assert_eq!(space.unseen_inside(), before, "gels give way");
     space.add_occupied((0..EMPTY).map(|_| point(2.0 * HAND_DEPTH_M)));
     let after = space.unseen_inside();
     assert_eq!(after.len() + 1, before.len());
-    assert!(!after.contains(&p));
+    assert!(!after.contains(&middle));
     space.add_occupied(std::iter::once(Occupied { point: Vec3::splat(9.0), depth_m: 1.0 }));
 }
 
