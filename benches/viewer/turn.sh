@@ -1,0 +1,52 @@
+#!/usr/bin/env bash
+# How many pictures per second a window shows while a fine mesh of a finished run is turned by the pointer, drawn by the CPU.
+#
+#   benches/viewer/turn.sh [SECONDS]
+#
+# Turns for SECONDS, 10 by default. Needs Rust, Python 3, Xvfb and xdotool.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+seconds=${1:-10}
+cargo build --release --quiet --bin mambavitact
+program="${CARGO_TARGET_DIR:-target}/release/mambavitact"
+work=$(mktemp -d)
+server=
+viewer=
+trap 'kill $viewer $server 2>/dev/null || true; rm -rf "$work"' EXIT
+export DISPLAY=":$((90 + RANDOM % 900))" XDG_RUNTIME_DIR="$work" XDG_CONFIG_HOME="$work/config"
+unset WAYLAND_DISPLAY WAYLAND_SOCKET
+Xvfb "$DISPLAY" -screen 0 1280x800x24 >"$work/xvfb.log" 2>&1 &
+server=$!
+
+# Cells of 0.75 mm make 100,000 triangles of a Rubik's cube.
+"$program" run --quiet --duration 8 --set mesh_cell_mm=0.75 --out "$work/run"
+MAMBAVITACT_LOG=mambavitact=trace "$program" view --run "$work/run" >"$work/view.log" 2>&1 &
+viewer=$!
+until grep -q "painted in" "$work/view.log"; do
+    kill -0 "$viewer"
+    sleep 0.5
+done
+sleep 5
+shown=$(wc -l <"$work/view.log")
+xdotool mousemove 500 300 mousedown 1
+begun=$(date +%s.%N)
+# 100 movements a second, to and fro.
+while python3 -c "import sys, time; sys.exit(time.time() - $begun > $seconds)"; do
+    # shellcheck disable=SC2046
+    xdotool $(for x in 3 -3; do for _ in $(seq 25); do echo "mousemove_relative -- $x 0 sleep 0.01"; done; done)
+done
+ended=$(date +%s.%N)
+xdotool mouseup 1
+tail -n +"$((shown + 1))" "$work/view.log" >"$work/turned.log"
+python3 - "$work/turned.log" "$work/run/mesh.ply" "$(python3 -c "print($ended - $begun)")" <<'PYTHON'
+import re, sys
+
+log, mesh = open(sys.argv[1]).read(), open(sys.argv[2], "rb").read(2000)
+faces = re.search(rb"element face (\d+)", mesh).group(1).decode()
+pictures = re.findall(r"at \[(\d+), (\d+)\] painted in ([\d.]+)(ms|µs|s)", log)
+times = sorted(float(value) * {"ms": 1, "µs": 1e-3, "s": 1e3}[unit] for *_, value, unit in pictures)
+sizes = [f"{width} x {height}" for width, height, *_ in pictures]
+counts = ", ".join(f"{sizes.count(size)} of {size}" for size in sorted(set(sizes)))
+print(f"{faces} triangles, {counts}: {len(times) / float(sys.argv[3]):.1f} pictures/s, "
+      f"painted in {times[len(times) // 2]:.1f} ms, worst {times[-1]:.1f} ms")
+PYTHON
