@@ -6,6 +6,8 @@
 //! grow with the square of the distance. The model's table of lens distortion was measured on one camera and is not
 //! ours to copy: its factor is 1 here.
 
+use std::ops::Range;
+
 use ndarray::Array2;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -18,6 +20,8 @@ const STEPS: f64 = 8.0;
 const JITTER_PX: f64 = 0.25;
 /// Standard deviation of the disparity for multiplier 1, pixels.
 const DISPARITY_NOISE_PX: f64 = 0.027_778;
+/// Words of the random stream that belong to each pixel.
+const WORDS: u128 = 4;
 /// From this depth on nothing is measured, metres.
 const FARTHEST_M: f32 = 10.0;
 
@@ -39,25 +43,30 @@ pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f3
     random.set_stream(u64::from(id.camera) << 32 | u64::from(id.frame));
     let (height, width) = depth_m.dim();
     let near = Near::new(depth_m, multiplier);
-    Array2::from_shape_fn((height, width), |(v, u)| {
-        if !near.any(v, u) {
-            // As much of the stream as any pixel takes: the others are the same as if this one had been worked out.
-            for _ in 0..4 {
-                random.next_u32();
+    let mut noisy = Array2::zeros((height, width));
+    for (v, mut row) in noisy.rows_mut().into_iter().enumerate() {
+        for columns in near.columns(v, width) {
+            // Where the stream would be if all pixels before had been worked out.
+            random.set_word_pos(WORDS * (v * width + columns.start) as u128);
+            for u in columns {
+                let [jitter_v, jitter_u] = normals(&mut random);
+                let [from_v, from_u] = [moved(v, jitter_v, multiplier, height), moved(u, jitter_u, multiplier, width)];
+                let depth = depth_m[(from_v - from_v % 2, from_u - from_u % 2)];
+                if !is_measured(depth) {
+                    // The two words of the disparity's noise.
+                    random.next_u64();
+                    continue;
+                }
+                let [disparity_noise, _] = normals(&mut random);
+                let disparity = DISPARITY_M / f64::from(depth) + DISPARITY_NOISE_PX * multiplier * disparity_noise;
+                let steps = (disparity * STEPS).round_ties_even();
+                if steps > 0.0 {
+                    row[u] = (DISPARITY_M * STEPS / steps) as f32;
+                }
             }
-            return 0.0;
         }
-        let [jitter_v, jitter_u, disparity_noise] = normals(&mut random);
-        let (v, u) = (moved(v, jitter_v, multiplier, height), moved(u, jitter_u, multiplier, width));
-        let depth = depth_m[(v - v % 2, u - u % 2)];
-        if is_measured(depth) {
-            let disparity = DISPARITY_M / f64::from(depth) + DISPARITY_NOISE_PX * multiplier * disparity_noise;
-            let steps = (disparity * STEPS).round_ties_even();
-            if steps > 0.0 { (DISPARITY_M * STEPS / steps) as f32 } else { 0.0 }
-        } else {
-            0.0
-        }
-    })
+    }
+    noisy
 }
 
 /// Whether anything is measured at a depth.
@@ -91,9 +100,16 @@ impl Near {
         Self { blocks: Array2::from_shape_fn((rows, columns), any) }
     }
 
-    /// Whether the noise may take a measured depth to this pixel.
-    fn any(&self, v: usize, u: usize) -> bool {
-        self.blocks[(v / Self::BLOCK, u / Self::BLOCK)]
+    /// The columns of a row to which the noise may take a measured depth, from left to right.
+    fn columns(&self, v: usize, width: usize) -> impl Iterator<Item = Range<usize>> {
+        let blocks = self.blocks.row(v / Self::BLOCK);
+        let mut next = 0;
+        std::iter::from_fn(move || {
+            let start = (next..blocks.len()).find(|&k| blocks[k])?;
+            let end = (start..blocks.len()).find(|&k| !blocks[k]).unwrap_or(blocks.len());
+            next = end;
+            Some(start * Self::BLOCK..(end * Self::BLOCK).min(width))
+        })
     }
 }
 
@@ -103,18 +119,13 @@ fn moved(at: usize, jitter: f64, multiplier: f64, count: usize) -> usize {
     (position + 0.5) as usize
 }
 
-/// Three standard normal numbers from four uniform ones (Box and Muller): always the same amount of the stream per
-/// pixel.
-fn normals(random: &mut impl Rng) -> [f64; 3] {
+/// Two standard normal numbers from two uniform ones (Box and Muller).
+fn normals(random: &mut impl Rng) -> [f64; 2] {
     // In (0, 1]: the logarithm is finite.
     let mut uniform = || (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0;
-    let mut pair = || {
-        let radius = (-2.0 * uniform().ln()).sqrt();
-        let (sin, cos) = (std::f64::consts::TAU * uniform()).sin_cos();
-        [radius * cos, radius * sin]
-    };
-    let ([a, b], [c, _]) = (pair(), pair());
-    [a, b, c]
+    let radius = (-2.0 * uniform().ln()).sqrt();
+    let (sin, cos) = (std::f64::consts::TAU * uniform()).sin_cos();
+    [radius * cos, radius * sin]
 }
 
 #[cfg(test)]

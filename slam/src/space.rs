@@ -151,10 +151,7 @@ impl Space {
                         continue;
                     }
                     let centre = (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m;
-                    let depth_m = self.depth_m(centre);
-                    if depth_m > -HULL_MARGIN_M {
-                        inside.push(Unseen { centre, depth_m });
-                    }
+                    inside.extend(self.depth_m(centre).map(|depth_m| Unseen { centre, depth_m }));
                 }
             }
         }
@@ -163,12 +160,13 @@ impl Space {
 
     /// Whether a point lies within the hull of what was seen or little outside it.
     pub fn is_within_hull(&self, p: Vec3) -> bool {
-        self.depth_m(p) > -HULL_MARGIN_M
+        self.depth_m(p).is_some()
     }
 
-    /// How far a point lies below the hull of what was seen, metres.
-    fn depth_m(&self, p: Vec3) -> f32 {
-        self.directions.iter().zip(&self.support_m).map(|(d, support)| support - d.dot(p)).fold(f32::INFINITY, f32::min)
+    /// How far a point lies below the hull of what was seen, metres; `None` if more than little outside it.
+    fn depth_m(&self, p: Vec3) -> Option<f32> {
+        let mut sides = self.directions.iter().zip(&self.support_m).map(|(d, support)| support - d.dot(p));
+        sides.try_fold(f32::INFINITY, |least, depth_m| (depth_m > -HULL_MARGIN_M).then(|| least.min(depth_m)))
     }
 
     /// Edge of a cell, metres.

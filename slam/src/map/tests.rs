@@ -170,7 +170,6 @@ fn what_is_taught_agrees_with_the_solid() {
 #[test]
 fn what_nobody_saw_weighs_more_deep_inside() {
     let (weight, core_weight, core_depth) = (0.125, 0.375, 0.01);
-    let at = pose([0.0; 3], [0.0; 3]);
     let config =
         Config { batch: 4096, inside_weight: weight, core_weight, core_depth_m: core_depth as f32, ..quick().0 };
     let mut map = map(&config);
