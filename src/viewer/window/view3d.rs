@@ -136,8 +136,10 @@ impl View {
         });
         if let Some(painted) = self.studio.take() {
             self.warning = painted.warning;
-            // A coarse picture is quick because it is coarse, and one that was held up does not make all others coarse.
-            self.spent = if scale < 1.0 { self.spent } else { (self.spent + painted.spent) / 2 };
+            // The first makes what is kept, a coarse one is quick because it is coarse, and one that was held up does not make all others coarse.
+            if self.texture.is_some() && scale == 1.0 {
+                self.spent = (self.spent + painted.spent) / 2;
+            }
             match &mut self.texture {
                 Some(texture) => texture.set(painted.image, TextureOptions::LINEAR),
                 None => self.texture = Some(ui.ctx().load_texture("scene", painted.image, TextureOptions::LINEAR)),
