@@ -23,22 +23,23 @@ server=$!
 MAMBAVITACT_LOG=mambavitact=trace "$program" view --run "$work/run" >"$work/view.log" 2>&1 &
 viewer=$!
 until grep -q "painted in" "$work/view.log"; do
-    kill -0 "$viewer"
+    kill -0 "$viewer" || { cat "$work/view.log" >&2; exit 1; }
     sleep 0.5
 done
 sleep 5
 shown=$(wc -l <"$work/view.log")
 xdotool mousemove 500 300 mousedown 1
-begun=$(date +%s.%N)
+begun=$EPOCHREALTIME
+until=$((SECONDS + seconds))
 # 100 movements a second, to and fro.
-while python3 -c "import sys, time; sys.exit(time.time() - $begun > $seconds)"; do
+while ((SECONDS < until)); do
     # shellcheck disable=SC2046
     xdotool $(for x in 3 -3; do for _ in $(seq 25); do echo "mousemove_relative -- $x 0 sleep 0.01"; done; done)
 done
-ended=$(date +%s.%N)
+ended=$EPOCHREALTIME
 xdotool mouseup 1
 tail -n +"$((shown + 1))" "$work/view.log" >"$work/turned.log"
-python3 - "$work/turned.log" "$work/run/mesh.ply" "$(python3 -c "print($ended - $begun)")" <<'PYTHON'
+python3 - "$work/turned.log" "$work/run/mesh.ply" "$begun" "$ended" <<'PYTHON'
 import re, sys
 
 log, mesh = open(sys.argv[1]).read(), open(sys.argv[2], "rb").read(2000)
@@ -47,6 +48,7 @@ pictures = re.findall(r"at \[(\d+), (\d+)\] painted in ([\d.]+)(ms|µs|s)", log)
 times = sorted(float(value) * {"ms": 1, "µs": 1e-3, "s": 1e3}[unit] for *_, value, unit in pictures)
 sizes = [f"{width} x {height}" for width, height, *_ in pictures]
 counts = ", ".join(f"{sizes.count(size)} of {size}" for size in sorted(set(sizes)))
-print(f"{faces} triangles, {counts}: {len(times) / float(sys.argv[3]):.1f} pictures/s, "
+rate = len(times) / (float(sys.argv[4]) - float(sys.argv[3]))
+print(f"{faces} triangles, {counts}: {rate:.1f} pictures/s, "
       f"painted in {times[len(times) // 2]:.1f} ms, worst {times[-1]:.1f} ms")
 PYTHON

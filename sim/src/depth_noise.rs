@@ -49,24 +49,28 @@ pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f3
             // Where the stream would be if all pixels before had been worked out.
             random.set_word_pos(WORDS * (v * width + columns.start) as u128);
             for u in columns {
-                let [jitter_v, jitter_u] = normals(&mut random);
-                let [from_v, from_u] = [moved(v, jitter_v, multiplier, height), moved(u, jitter_u, multiplier, width)];
-                let depth = depth_m[(from_v - from_v % 2, from_u - from_u % 2)];
-                if !is_measured(depth) {
-                    // The two words of the disparity's noise.
-                    random.next_u64();
-                    continue;
-                }
-                let [disparity_noise, _] = normals(&mut random);
-                let disparity = DISPARITY_M / f64::from(depth) + DISPARITY_NOISE_PX * multiplier * disparity_noise;
-                let steps = (disparity * STEPS).round_ties_even();
-                if steps > 0.0 {
-                    row[u] = (DISPARITY_M * STEPS / steps) as f32;
-                }
+                row[u] = measure(depth_m, multiplier, [v, u], &mut random);
             }
         }
     }
     noisy
+}
+
+/// What a pixel shows, from the next [`WORDS`] of the stream.
+fn measure(depth_m: &Array2<f32>, multiplier: f64, [v, u]: [usize; 2], random: &mut ChaCha8Rng) -> f32 {
+    let (height, width) = depth_m.dim();
+    let [jitter_v, jitter_u] = normals(random);
+    let (v, u) = (moved(v, jitter_v, multiplier, height), moved(u, jitter_u, multiplier, width));
+    let depth = depth_m[(v - v % 2, u - u % 2)];
+    if !is_measured(depth) {
+        // The two words of the disparity's noise.
+        random.next_u64();
+        return 0.0;
+    }
+    let [disparity_noise, _] = normals(random);
+    let disparity = DISPARITY_M / f64::from(depth) + DISPARITY_NOISE_PX * multiplier * disparity_noise;
+    let steps = (disparity * STEPS).round_ties_even();
+    if steps > 0.0 { (DISPARITY_M * STEPS / steps) as f32 } else { 0.0 }
 }
 
 /// Whether anything is measured at a depth.

@@ -136,7 +136,8 @@ impl View {
         });
         if let Some(painted) = self.studio.take() {
             self.warning = painted.warning;
-            // The first makes what is kept, a coarse one is quick because it is coarse, and one that was held up does not make all others coarse.
+            // The first makes what is kept, a coarse one is quick because it is coarse, and one that was held up is not to make all
+            // others coarse.
             if self.texture.is_some() && scale == 1.0 {
                 self.spent = (self.spent + painted.spent) / 2;
             }
