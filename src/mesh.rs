@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
-use glam::Vec3;
 use slam::field::Field;
 use slam::map::Map;
-use slam::surface::{extract, largest_component};
+use slam::surface::outer_surface;
 
 use crate::report::mesh_file;
 use crate::simulate::print_line;
@@ -42,8 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let path = if run.is_dir() { run.join(Map::FILES[0]) } else { run.clone() };
     let field = Field::load(&path)?;
-    let half = Vec3::splat(field.config().half_extent_m);
-    let mesh = largest_component(&extract(&field, [-half, half], cell_mm * 1e-3, &|_| true));
+    let mesh = outer_surface(&field, field.config().half_extent_m, cell_mm * 1e-3);
     if mesh.faces.is_empty() {
         bail!("{} holds no surface: its run saw nothing of the object", path.display());
     }

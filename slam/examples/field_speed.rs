@@ -16,7 +16,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use slam::field::{Config, Field, Instructions, Sample, Trainer};
 use slam::shape::{Distance, Shape};
-use slam::surface::extract;
+use slam::surface::outer_surface;
 
 /// Times the field.
 #[derive(Parser)]
@@ -94,8 +94,7 @@ fn main() -> anyhow::Result<()> {
                 field.distances(&near, &mut values);
             }
         });
-        let box_m = [Vec3::splat(-config.half_extent_m), Vec3::splat(config.half_extent_m)];
-        let meshes = rate(1, || drop(extract(field, box_m, CELL_M, &|_| true)));
+        let meshes = rate(1, || drop(outer_surface(field, config.half_extent_m, CELL_M)));
         let mesh_ms = 1e-3 / meshes;
         println!("{:12} {trained:16.2} {with_gradient:16.2} {plain:16.2} {mesh_ms:16.2}", format!("{instructions:?}"));
     }

@@ -12,10 +12,11 @@ use crate::shape::{Distance, Shape};
 
 mod component;
 mod patches;
+mod solid;
 
-pub use component::largest_component;
-
+use component::largest_component;
 use patches::{Patches, corner, edge, ends};
+use solid::Solid;
 
 /// A block of two cells per axis is passed over if its corners are farther from the surface than half its diagonal, times this:
 /// a shape whose gradient is longer than that may lose a piece of surface.
@@ -27,13 +28,19 @@ const MARGIN: f32 = 0.01;
 /// Most cells per axis.
 const MAX_CELLS: f32 = 4096.0;
 
+/// The surface of `shape` as it looks from outside: its largest connected part, without hollows that a ball of 6 mm cannot get into.
+/// A cube that reaches `half_extent_m` from the origin is looked at; otherwise as [`extract`].
+pub fn outer_surface(shape: &dyn Shape, half_extent_m: f32, cell_m: f32) -> Mesh {
+    let half = Vec3::splat(half_extent_m);
+    largest_component(&extract(&Solid::new(shape, half_extent_m), [-half, half], cell_m))
+}
+
 /// The surface of `shape` inside the box `bounds_m` (low and high corner), with cells of `cell_m` metres, faces counter-clockwise
-/// seen from outside. Only cells whose centre satisfies `keep` take part.
+/// seen from outside.
 ///
-/// The mesh is closed where `keep` cuts nothing off and the surface does not leave the box; the box grows at its high sides to
-/// whole pairs of cells. Where two sheets pass diagonally through one face of a cell and join on both sides of it, an edge may
+/// The mesh is closed where the surface does not leave the box; the box grows at its high sides to whole pairs of cells. Where two sheets pass diagonally through one face of a cell and join on both sides of it, an edge may
 /// have four faces. The mesh is empty if the box is, if `cell_m` is not positive, or if an axis would have more than 4096 cells.
-pub fn extract(shape: &dyn Shape, bounds_m: [Vec3; 2], cell_m: f32, keep: &dyn Fn(Vec3) -> bool) -> Mesh {
+pub fn extract(shape: &dyn Shape, bounds_m: [Vec3; 2], cell_m: f32) -> Mesh {
     let [low, high] = bounds_m;
     let cells = ((high - low) / cell_m).ceil();
     // Written so that NaN fails.
@@ -46,7 +53,7 @@ pub fn extract(shape: &dyn Shape, bounds_m: [Vec3; 2], cell_m: f32, keep: &dyn F
     for z in (0..cells[2]).step_by(2) {
         lattice.rise(z);
         for half in 0..2 {
-            sheets.rise(&lattice, half, keep);
+            sheets.rise(&lattice, half);
         }
     }
     let Sheets { mut vertices, quads, .. } = sheets;
@@ -191,12 +198,12 @@ impl Sheets {
     }
 
     /// Adds a layer of cells: the lower or the upper half of the lattice's.
-    fn rise(&mut self, lattice: &Lattice<'_>, half: usize, keep: &dyn Fn(Vec3) -> bool) {
+    fn rise(&mut self, lattice: &Lattice<'_>, half: usize) {
         self.layers.swap(0, 1);
         self.layers[1].fill(Cell::default());
         let cells = || lattice.near.iter().flat_map(|&[x, y]| (0..4).map(move |k| [x + k % 2, y + k / 2]));
         for [x, y] in cells() {
-            self.add_vertices(lattice, [x, y, half], keep);
+            self.add_vertices(lattice, [x, y, half]);
         }
         for [x, y] in cells() {
             self.add_quads([x, y]);
@@ -204,14 +211,14 @@ impl Sheets {
     }
 
     /// The vertices of a cell, one for each sheet.
-    fn add_vertices(&mut self, lattice: &Lattice<'_>, [x, y, half]: [usize; 3], keep: &dyn Fn(Vec3) -> bool) {
+    fn add_vertices(&mut self, lattice: &Lattice<'_>, [x, y, half]: [usize; 3]) {
         let values: [f32; 8] = std::array::from_fn(|c| {
             let [dx, dy, dz] = corner(c);
             lattice.planes[half + dz][lattice.node(x + dx, y + dy)]
         });
         let inside = (0..8).fold(0, |inside, c| inside | u8::from(values[c] < 0.0) << c);
         let low = lattice.position(x, y, lattice.z + half);
-        if inside == 0 || inside == u8::MAX || !keep(low + Vec3::splat(0.5 * lattice.cell)) {
+        if inside == 0 || inside == u8::MAX {
             return;
         }
         self.layers[1][x + self.width * y] = Cell { inside, first: self.vertices.len() as u32 };

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use slam::map::{self, Map};
 use slam::scan::{Scan, View};
 use slam::shape::Shape;
-use slam::surface::{extract, largest_component};
+use slam::surface::outer_surface;
 use slam::{State, field};
 
 use super::tsdf::{Tsdf, VOXEL_M};
@@ -149,8 +149,7 @@ pub fn comparisons(
         if done.contains(&key) {
             continue;
         }
-        let half = Vec3::splat(slam.field.half_extent_m);
-        let mesh = largest_component(&extract(shape, [-half, half], cell_m, &|_| true));
+        let mesh = outer_surface(shape, slam.field.half_extent_m, cell_m);
         let object_from_shape = Isometry::<Model, _>::new(object_from_model.untyped() * shape_from_model.inverse());
         let scores = ShapeScores::new(&mesh, &episode.object.mesh, object_from_shape);
         tell(Comparison {

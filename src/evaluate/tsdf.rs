@@ -141,7 +141,7 @@ mod tests {
     use super::*;
     use slam::scan::{Hit, Miss, Sensor};
     use slam::shape::Shape as _;
-    use slam::surface::{extract, largest_component};
+    use slam::surface::outer_surface;
 
     const RADIUS_M: f32 = 0.03;
     const HALF_M: f32 = 0.075;
@@ -183,9 +183,8 @@ mod tests {
     fn exact_rays_onto_a_sphere_give_the_sphere() {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
         let (tsdf, space) = seen(&axes.map(|axis| 0.35 * axis));
-        let bounds = [Vec3::splat(-HALF_M), Vec3::splat(HALF_M)];
         // As the comparison does it: single voxels that too few rays crossed are no part of the object.
-        let mesh = largest_component(&extract(&tsdf.shape(&space), bounds, VOXEL_M, &|_| true));
+        let mesh = outer_surface(&tsdf.shape(&space), HALF_M, VOXEL_M);
         let error = |p: &Vec3| (p.length() - RADIUS_M).abs();
         let worst = mesh.vertices.iter().map(error).fold(0.0, f32::max);
         assert!(worst < 0.001, "{worst} m");

@@ -10,7 +10,7 @@ use slam::field::Field;
 use slam::map::Map;
 use slam::metrics::{POINTS, THRESHOLDS_M, TrueSurface, sample_surface};
 use slam::shape::Shape as _;
-use slam::surface::{extract, largest_component};
+use slam::surface::outer_surface;
 use slam::{Estimate, State};
 
 use crate::recording::SdfGrid;
@@ -125,8 +125,7 @@ impl Snapshot {
     /// Meshes with cells of `cell_m` and scores.
     pub fn shape(&self, cell_m: f32, truth: Option<&TrueSurface>) -> Shape {
         let begun = Instant::now();
-        let half = Vec3::splat(self.field.config().half_extent_m);
-        let mut mesh = largest_component(&extract(&self.field, [-half, half], cell_m, &|_| true));
+        let mut mesh = outer_surface(&self.field, self.field.config().half_extent_m, cell_m);
         let (rotation, translation) = self.object_from_field.to_f32();
         for vertex in &mut mesh.vertices {
             *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);

@@ -77,16 +77,12 @@ fn assert_sound(mesh: &Mesh, distance: impl Fn(Vec3) -> f32 + Sync) {
     }
 }
 
-fn everywhere(_: Vec3) -> bool {
-    true
-}
-
 #[test]
 fn vertices_lie_on_spheres_and_boxes() {
     let block = rounded(Vec3::new(0.0301, 0.0252, 0.0203), 0.0);
     let rubik = rounded(RUBIK, 0.002);
     let check = |distance: &(dyn Fn(Vec3) -> f32 + Sync), volume: f64, mean_bound: f32, bound: f32| {
-        let mesh = extract(&Formula(distance), BOUNDS, 0.0015, &everywhere);
+        let mesh = extract(&Formula(distance), BOUNDS, 0.0015);
         assert!(mesh.edges().watertight());
         assert_sound(&mesh, distance);
         let [mean, largest] = error(&mesh, distance);
@@ -110,13 +106,13 @@ fn any_place_and_size_of_cells_gives_a_closed_mesh() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
     for _ in 0..30 {
         let low = BOUNDS[0] + random.random_range(-1e-3..1e-3f32) * Vec3::new(1.0, -0.7, 0.3);
-        let mesh = extract(&Formula(sphere), [low, BOUNDS[1]], random.random_range(0.001..0.02), &everywhere);
+        let mesh = extract(&Formula(sphere), [low, BOUNDS[1]], random.random_range(0.001..0.02));
         assert!(mesh.edges().watertight());
         assert_sound(&mesh, sphere);
     }
     // Faces of the box fall on planes of nodes, where the distance is zero or nearly so.
     let aligned = rounded(Vec3::new(0.03, 0.02, 0.01), 0.0);
-    let mesh = extract(&Formula(aligned), BOUNDS, 0.002, &everywhere);
+    let mesh = extract(&Formula(aligned), BOUNDS, 0.002);
     assert!(mesh.edges().watertight());
     assert_sound(&mesh, aligned);
 }
@@ -127,7 +123,7 @@ fn what_is_smaller_than_a_block_is_found() {
     for _ in 0..50 {
         let centre = Vec3::from_array(std::array::from_fn(|_| random.random_range(-0.03..0.03)));
         let small = move |p: Vec3| p.distance(centre) - 0.0014;
-        let mesh = extract(&Formula(small), BOUNDS, 0.0015, &everywhere);
+        let mesh = extract(&Formula(small), BOUNDS, 0.0015);
         assert!(!mesh.faces.is_empty() && mesh.edges().watertight(), "{centre}");
     }
 }
@@ -150,7 +146,7 @@ fn noise(seed: u64) -> impl Fn(Vec3) -> f32 + Sync {
 #[test]
 fn noise_gives_no_holes_and_neighbours_agree_on_the_outside() {
     for seed in 0..5 {
-        let mesh = extract(&Formula(noise(seed)), [Vec3::splat(-0.015), Vec3::splat(0.015)], 0.001, &everywhere);
+        let mesh = extract(&Formula(noise(seed)), [Vec3::splat(-0.015), Vec3::splat(0.015)], 0.001);
         assert!(mesh.faces.len() > 10_000);
         assert_eq!(mesh.edges().open, 0);
         let mut directed: Vec<[u32; 2]> = mesh.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
@@ -162,19 +158,8 @@ fn noise_gives_no_holes_and_neighbours_agree_on_the_outside() {
 }
 
 #[test]
-fn only_kept_cells_take_part() {
-    let all = extract(&Formula(sphere), BOUNDS, 0.002, &everywhere);
-    let upper = extract(&Formula(sphere), BOUNDS, 0.002, &|p| p.z > 0.0);
-    let fraction = upper.faces.len() as f32 / all.faces.len() as f32;
-    assert!((0.45..0.55).contains(&fraction), "{fraction}");
-    assert!(upper.vertices.iter().all(|v| v.z > -0.002));
-    assert!(upper.edges().open > 50);
-    assert!(extract(&Formula(sphere), BOUNDS, 0.002, &|_| false).vertices.is_empty());
-}
-
-#[test]
 fn a_surface_that_leaves_the_box_is_open_there() {
-    let mesh = extract(&Formula(|p: Vec3| p.length() - 0.055), BOUNDS, 0.002, &everywhere);
+    let mesh = extract(&Formula(|p: Vec3| p.length() - 0.055), BOUNDS, 0.002);
     assert!(mesh.edges().open > 0 && mesh.edges().crowded == 0);
     assert!(error(&mesh, |p| p.length() - 0.055)[1] < 1e-4);
 }
@@ -184,12 +169,12 @@ fn what_cannot_be_meshed_is_empty() {
     let shape = Formula(sphere);
     let [low, high] = BOUNDS;
     for cell in [0.0, -0.001, f32::NAN, f32::INFINITY, 1e-9] {
-        assert_eq!(extract(&shape, BOUNDS, cell, &everywhere), Mesh::default(), "{cell}");
+        assert_eq!(extract(&shape, BOUNDS, cell), Mesh::default(), "{cell}");
     }
     for bounds in [[high, low], [low, low], [low, Vec3::NAN], [low, Vec3::INFINITY]] {
-        assert_eq!(extract(&shape, bounds, 0.01, &everywhere), Mesh::default());
+        assert_eq!(extract(&shape, bounds, 0.01), Mesh::default());
     }
-    assert_eq!(extract(&Formula(|_: Vec3| f32::NAN), BOUNDS, 0.01, &everywhere), Mesh::default());
+    assert_eq!(extract(&Formula(|_: Vec3| f32::NAN), BOUNDS, 0.01), Mesh::default());
 }
 
 #[test]
@@ -199,7 +184,7 @@ fn the_lattice_is_evaluated_near_the_surface_only() {
         count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         sphere(p)
     });
-    let mesh = extract(&counted, [Vec3::splat(-0.075), Vec3::splat(0.075)], 0.0015, &everywhere);
+    let mesh = extract(&counted, [Vec3::splat(-0.075), Vec3::splat(0.075)], 0.0015);
     // Each projection takes seven evaluations here.
     let lattice = count.into_inner() - 7 * STEPS * mesh.vertices.len();
     assert!(lattice < 101 * 101 * 101 / 3, "{lattice}");
@@ -220,10 +205,13 @@ fn a_learnt_sphere_is_closed_and_in_place() {
             .collect();
         trainer.step(&samples);
     }
-    // Nothing was taught elsewhere.
-    let taught = |p: Vec3| (0.03..0.04).contains(&p.length());
-    let mesh = extract(trainer.field(), [Vec3::splat(-0.07), Vec3::splat(0.07)], 0.0015, &taught);
-    let mesh = largest_component(&mesh);
+    let learnt = |p: Vec3| {
+        let mut out = [0.0];
+        trainer.field().distances(&[p], &mut out);
+        // Nothing was taught elsewhere.
+        if (0.03..0.04).contains(&p.length()) { out[0] } else { sphere(p) }
+    };
+    let mesh = outer_surface(&Formula(learnt), 0.07, 0.0015);
     assert_eq!(mesh.edges(), EdgeCount::default());
     let [mean, largest] = error(&mesh, sphere);
     assert!(mean < 1e-4 && largest < 4e-4, "mean {mean} largest {largest}");
@@ -233,7 +221,7 @@ fn a_learnt_sphere_is_closed_and_in_place() {
 fn the_largest_of_several_parts_is_kept() {
     let two =
         |p: Vec3| (p.distance(Vec3::new(-0.02, 0.0, 0.0)) - 0.01).min(p.distance(Vec3::new(0.02, 0.0, 0.0)) - 0.015);
-    let mesh = extract(&Formula(two), BOUNDS, 0.002, &everywhere);
+    let mesh = extract(&Formula(two), BOUNDS, 0.002);
     let kept = largest_component(&mesh);
     assert!(kept.edges().watertight());
     assert!(kept.faces.len() < mesh.faces.len());
@@ -241,4 +229,70 @@ fn the_largest_of_several_parts_is_kept() {
     assert!((low.x - 0.005).abs() < 1e-4 && (high.x - 0.035).abs() < 1e-4, "{low} {high}");
     assert_eq!(kept, largest_component(&kept));
     assert_eq!(largest_component(&Mesh::default()), Mesh::default());
+}
+
+/// Whatever lies in `a` and not in `b`.
+fn without(
+    a: impl Fn(Vec3) -> f32 + Sync + Copy,
+    b: impl Fn(Vec3) -> f32 + Sync + Copy,
+) -> impl Fn(Vec3) -> f32 + Sync + Copy {
+    move |p| a(p).max(-b(p))
+}
+
+#[test]
+fn hollows_behind_narrow_openings_are_filled() {
+    let block = rounded(RUBIK, 0.002);
+    // What noise leaves: a slot 7 mm high, 3 mm below the upper face, and two pits 4 mm wide that lead to it.
+    let slot = move |p: Vec3| rounded(Vec3::new(0.022, 0.022, 0.0035), 0.001)(p - Vec3::new(0.0, 0.0, 0.022));
+    let pit = |x: f32| move |p: Vec3| (p.truncate() - glam::Vec2::new(x, 0.008)).length().max(0.02 - p.z) - 0.002;
+    let hollow = without(without(without(block, slot), pit(-0.01)), pit(0.01));
+    let mesh = extract(&Formula(hollow), BOUNDS, 0.0015);
+    let deepest = |mesh: &Mesh| mesh.vertices.iter().map(|&v| block(v)).fold(0.0, f32::min);
+    assert_eq!(mesh, largest_component(&mesh), "the slot is connected with the outside");
+    assert!(deepest(&mesh) < -0.009);
+
+    let mesh = outer_surface(&Formula(hollow), 0.05, 0.0015);
+    assert!(mesh.edges().watertight());
+    // The pits stay as dents.
+    assert!(deepest(&mesh) > -0.0045, "{}", deepest(&mesh));
+    let [mean, largest] = error(&mesh, block);
+    assert!(mean < 1e-4 && largest < 0.0045, "mean {mean} largest {largest}");
+}
+
+#[test]
+fn wide_hollows_stay() {
+    // A cup with walls 3 mm thick, and the gap between two balls.
+    let cylinder = |radius: f32, low: f32, high: f32| {
+        move |p: Vec3| (p.truncate().length() - radius).max(low - p.z).max(p.z - high)
+    };
+    let cup = without(cylinder(0.03, -0.03, 0.03), cylinder(0.027, -0.027, 0.1));
+    let balls = |p: Vec3| (p.with_x(p.x.abs()) - Vec3::X * 0.02).length() - 0.0205;
+    let plain = |shape: &dyn Shape| extract(shape, BOUNDS, 0.0015);
+    for shape in [&Formula(cup) as &dyn Shape, &Formula(balls)] {
+        let (before, after) = (plain(shape), outer_surface(shape, 0.05, 0.0015));
+        assert!(
+            (after.volume_m3() / before.volume_m3() - 1.0).abs() < 0.03,
+            "{} {}",
+            after.volume_m3(),
+            before.volume_m3()
+        );
+    }
+    // Half of the surface is the inner one, and only its lower edge may be filled a little.
+    let [mean, largest] = error(&outer_surface(&Formula(cup), 0.05, 0.0015), cup);
+    assert!(mean < 1e-4 && largest < 0.002, "mean {mean} largest {largest}");
+}
+
+#[test]
+fn a_cube_of_any_size_is_looked_at() {
+    for half in [0.04, 1.0, 10.0] {
+        let scaled = move |p: Vec3| sphere(p * (0.04 / half)) * (half / 0.04);
+        let mesh = outer_surface(&Formula(scaled), half, half / 30.0);
+        let volume = 4.0 / 3.0 * std::f64::consts::PI * (f64::from(half) / 0.04 * 0.035).powi(3);
+        assert!((mesh.volume_m3() / volume - 1.0).abs() < 0.01, "{half}: {} {volume}", mesh.volume_m3());
+    }
+    for half in [0.0, -1.0, f32::NAN] {
+        assert_eq!(outer_surface(&Formula(sphere), half, 0.0015), Mesh::default());
+    }
+    // Full to the faces of the cube: nothing is outside, and there is no surface.
+    assert_eq!(outer_surface(&Formula(|_: Vec3| -1.0), 0.05, 0.0015), Mesh::default());
 }
