@@ -140,12 +140,16 @@ fn infer_at(engine: &Engine, image: &RgbImage, size: ImageSize) -> Result<Predic
 
 /// In fewer images than this contacts may be at the same place.
 const LEAST_IMAGES: usize = 15;
+/// More images than this do not make it clearer what the sensor shows without contact.
+const MOST_IMAGES: usize = 500;
+
 /// What the sensor of all images shows without contact; none if they are not of one sensor, or have files of their own.
 fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Option<RgbImage>> {
     if ids.len() < LEAST_IMAGES || ids.iter().all(|id| path(folder, id, UNTOUCHED).exists()) {
         return Ok(None);
     }
-    let images = ids.iter().map(|id| Ok(open(folder, id, IMAGE)?.to_rgb8())).collect::<Result<Vec<_>>>()?;
+    let some = ids.iter().step_by(ids.len().div_ceil(MOST_IMAGES));
+    let images = some.map(|id| Ok(open(folder, id, IMAGE)?.to_rgb8())).collect::<Result<Vec<_>>>()?;
     let Some(common) = estimate(engine, &images)? else { return Ok(None) };
     let fitting = images.iter().filter(|image| is_of_same_sensor(image, &common)).count();
     Ok((10 * fitting >= 9 * images.len()).then_some(common))

@@ -24,6 +24,8 @@ const ROUNDS: usize = 3;
 const MARGIN: usize = 8;
 /// A pixel that fewer images show without contact stays as the round before had it.
 const LEAST_IMAGES: usize = 4;
+/// Images that a network sees at a time: enough for all cores, and little memory.
+const BATCH: usize = 32;
 
 /// What the sensor of some images shows without contact: the median of each pixel and colour, first over all images, then over those in
 /// which a network finds no contact there after what was found so far is taken off. None without images, or if their sizes differ.
@@ -41,11 +43,14 @@ pub fn estimate(engine: &Engine, images: &[RgbImage]) -> Result<Option<RgbImage>
     median(images, |_, _| true, &mut untouched);
     let mut predictions = Vec::new();
     for _ in 0..ROUNDS {
-        let mut seen = images.to_vec();
-        seen.iter_mut().for_each(|image| take_off(&untouched, image));
-        engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
-        let touched: Vec<Array2<bool>> = predictions.iter().map(touched).collect();
-        median(images, |k, place| !touched[k][place], &mut untouched);
+        let mut touches: Vec<Array2<bool>> = Vec::with_capacity(images.len());
+        for batch in images.chunks(BATCH) {
+            let mut seen = batch.to_vec();
+            seen.iter_mut().for_each(|image| take_off(&untouched, image));
+            engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
+            touches.extend(predictions.iter().map(touched));
+        }
+        median(images, |k, place| !touches[k][place], &mut untouched);
     }
     Ok(Some(untouched))
 }
