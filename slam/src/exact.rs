@@ -62,13 +62,14 @@ impl KnownShape {
                 })
                 .sum()
         };
-        Self::of_nodes(lowest, CELL_M, nodes, value)
+        let values = (0..nodes.iter().product()).into_par_iter().map(|i| value(unflatten(i, nodes))).collect();
+        Self { lowest, cell_m: CELL_M, nodes, values }
     }
 
     /// Distances (metres) that are given at the nodes of a grid, at least two along each axis, by their indices along x, y and z.
     /// The first node lies at `lowest`, the others `cell_m` apart.
-    pub fn of_nodes(lowest: Vec3, cell_m: f32, nodes: [usize; 3], value: impl Fn([usize; 3]) -> f32 + Sync) -> Self {
-        let values = (0..nodes.iter().product()).into_par_iter().map(|i| value(unflatten(i, nodes))).collect();
+    pub fn of_nodes(lowest: Vec3, cell_m: f32, nodes: [usize; 3], value: impl Fn([usize; 3]) -> f32) -> Self {
+        let values = (0..nodes.iter().product()).map(|i| value(unflatten(i, nodes))).collect();
         Self { lowest, cell_m, nodes, values }
     }
 

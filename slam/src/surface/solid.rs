@@ -81,25 +81,34 @@ impl Lattice {
         IVec3::from([1, self.nodes, self.nodes.pow(2)].map(|stride| (i / stride % self.nodes) as i32))
     }
 
-    fn index(&self, at: IVec3) -> Option<usize> {
-        let n = self.nodes as i32;
-        let is_within = at.min_element() >= 0 && at.max_element() < n;
-        is_within.then(|| (at.x + n * (at.y + n * at.z)) as usize)
+    fn is_within(&self, at: IVec3) -> bool {
+        at.min_element() >= 0 && at.max_element() < self.nodes as i32
     }
 
-    fn neighbours(&self, i: usize) -> impl Iterator<Item = Option<usize>> {
+    fn index(&self, at: IVec3) -> usize {
+        let n = self.nodes as i32;
+        (at.x + n * (at.y + n * at.z)) as usize
+    }
+
+    /// Those along the axes; none where the lattice ends.
+    fn neighbours(&self, i: usize) -> [Option<usize>; 6] {
         let at = self.at(i);
-        IVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]).map(move |step| self.index(at + step))
+        let beside = |axis: usize, stride: usize| {
+            let lower = (at[axis] > 0).then(|| i - stride);
+            [lower, (at[axis] + 1 < self.nodes as i32).then_some(i + stride)]
+        };
+        let [[a, b], [c, d], [e, f]] = [beside(0, 1), beside(1, self.nodes), beside(2, self.nodes.pow(2))];
+        [a, b, c, d, e, f]
     }
 
     /// The nodes that are `free` and connected with the faces of the lattice through such.
     fn flood(&self, free: &[bool]) -> Vec<bool> {
         let mut reached = vec![false; self.len()];
         let mut queue: Vec<usize> =
-            (0..self.len()).filter(|&i| free[i] && self.neighbours(i).any(|other| other.is_none())).collect();
+            (0..self.len()).filter(|&i| free[i] && self.neighbours(i).contains(&None)).collect();
         while let Some(i) = queue.pop() {
             if !std::mem::replace(&mut reached[i], true) {
-                queue.extend(self.neighbours(i).flatten().filter(|&j| free[j] && !reached[j]));
+                queue.extend(self.neighbours(i).into_iter().flatten().filter(|&j| free[j] && !reached[j]));
             }
         }
         reached
@@ -116,10 +125,13 @@ impl Lattice {
             .filter(|(_, distance)| *distance < limit)
             .collect();
         // Only members at the rim are the nearest of anything.
-        for i in (0..self.len()).filter(|&i| set[i] && !self.neighbours(i).flatten().all(|j| set[j])) {
+        for i in (0..self.len()).filter(|&i| set[i] && !self.neighbours(i).into_iter().flatten().all(|j| set[j])) {
             let at = self.at(i);
+            let is_inner = at.min_element() >= reach && at.max_element() + reach < self.nodes as i32;
             for &(offset, distance) in &ball {
-                if let Some(j) = self.index(at + offset) {
+                let there = at + offset;
+                if is_inner || self.is_within(there) {
+                    let j = self.index(there);
                     distances[j] = distances[j].min(distance);
                 }
             }
