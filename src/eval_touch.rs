@@ -140,7 +140,7 @@ fn infer_at(engine: &Engine, image: &RgbImage, size: ImageSize) -> Result<Predic
 
 /// In fewer images than this contacts may be at the same place.
 const LEAST_IMAGES: usize = 15;
-/// More images than this do not make it clearer what the sensor shows without contact.
+/// No more images than this are looked at, evenly spread: enough for a median, and little memory.
 const MOST_IMAGES: usize = 500;
 
 /// What the sensor of all images shows without contact; none if they are not of one sensor, or have files of their own.

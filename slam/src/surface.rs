@@ -28,19 +28,19 @@ const MARGIN: f32 = 0.01;
 /// Most cells per axis.
 const MAX_CELLS: f32 = 4096.0;
 
-/// The surface of `shape` as it looks from outside: its largest connected part, without hollows that a ball of 6 mm cannot get into.
-/// A cube that reaches `half_extent_m` from the origin is looked at; otherwise as [`extract`].
+/// The surface of `shape` as it looks from outside, in a cube that reaches `half_extent_m` from the origin, with cells of `cell_m` metres:
+/// its largest connected part, without hollows that a ball 6 mm wide cannot get into. Faces are counter-clockwise seen from outside.
+///
+/// The mesh is closed where the surface does not leave the cube; the cube grows at its high sides to whole pairs of cells. Where two
+/// sheets pass diagonally through one face of a cell and join on both sides of it, an edge may have four faces. The mesh is empty if
+/// `half_extent_m` or `cell_m` is not positive, or if an axis would have more than 4096 cells.
 pub fn outer_surface(shape: &dyn Shape, half_extent_m: f32, cell_m: f32) -> Mesh {
     let half = Vec3::splat(half_extent_m);
     largest_component(&extract(&Solid::new(shape, half_extent_m), [-half, half], cell_m))
 }
 
-/// The surface of `shape` inside the box `bounds_m` (low and high corner), with cells of `cell_m` metres, faces counter-clockwise
-/// seen from outside.
-///
-/// The mesh is closed where the surface does not leave the box; the box grows at its high sides to whole pairs of cells. Where two sheets pass diagonally through one face of a cell and join on both sides of it, an edge may
-/// have four faces. The mesh is empty if the box is, if `cell_m` is not positive, or if an axis would have more than 4096 cells.
-pub fn extract(shape: &dyn Shape, bounds_m: [Vec3; 2], cell_m: f32) -> Mesh {
+/// All of the surface of `shape` inside the box `bounds_m` (low and high corner), else as [`outer_surface`].
+fn extract(shape: &dyn Shape, bounds_m: [Vec3; 2], cell_m: f32) -> Mesh {
     let [low, high] = bounds_m;
     let cells = ((high - low) / cell_m).ceil();
     // Written so that NaN fails.

@@ -3,7 +3,7 @@
 use scenes::mesh::Mesh;
 
 /// The connected part of a mesh with the largest area, without the vertices of the others. Faces that share a vertex are connected.
-pub fn largest_component(mesh: &Mesh) -> Mesh {
+pub(super) fn largest_component(mesh: &Mesh) -> Mesh {
     let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
     for &[a, b, c] in &mesh.faces {
         for other in [b, c] {
