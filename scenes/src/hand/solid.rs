@@ -408,8 +408,9 @@ mod tests {
                 let exact = parts(side).iter().filter(|part| wanted(part)).map(|part| reference(part, side, &joints, p)).fold(f32::INFINITY, f32::min);
                 let distance = solid.distance(p);
                 prop_assert!(distance <= exact + 1e-6, "{distance} is more than {exact}");
-                // Boxes and capsules are exact; what a gel's bound lacks grows with the square of the distance.
-                let lacks = if with_gels { (60.0 * exact * exact).min(0.008) } else { 0.0 };
+                // Boxes and capsules are exact; what a gel's bound lacks grows with the square of the distance. Its centre lacks most:
+                // 9 mm deep, it is given the longest semi-axis, 16.5 mm.
+                let lacks = if with_gels { (7.5e-3 / 9e-3f32.powi(2) * exact * exact).min(0.0075) } else { 0.0 };
                 prop_assert!(distance >= exact - lacks - 2e-6, "{distance} instead of {exact}");
                 prop_assert!(distance * exact >= 0.0 || exact.abs() < 1e-6, "sign of {distance} against {exact}");
             }
@@ -439,12 +440,17 @@ mod tests {
             let solid = HandSolid::new(side, &joints);
             let (distance, gradient) = solid.distance_and_gradient(p);
             prop_assert_eq!(distance, solid.distance(p));
-            // Where the nearest part changes there is no gradient: both one-sided differences must agree for the test to say much.
+            // Edges, where the one-sided differences differ much, and places where another part becomes the nearest within a step
+            // have no gradient to compare with.
             const STEP: f32 = 2e-4;
+            let nearest = |p: Vec3| solid.nearest(p.into(), f32::INFINITY).1.map(std::ptr::from_ref);
             for axis in Vec3::AXES {
-                let (ahead, behind) = (solid.distance(p + STEP * axis) - distance, distance - solid.distance(p - STEP * axis));
-                if (ahead - behind).abs() < 0.02 * STEP {
-                    prop_assert!((gradient.dot(axis) - ahead / STEP).abs() < 0.02, "{gradient} along {axis}: {}", ahead / STEP);
+                let (before, after) = (p - STEP * axis, p + STEP * axis);
+                let (ahead, behind) = (solid.distance(after) - distance, distance - solid.distance(before));
+                let of_one_part = nearest(before) == nearest(p) && nearest(p) == nearest(after);
+                if of_one_part && (ahead - behind).abs() < 0.02 * STEP {
+                    let slope = (ahead + behind) / (2.0 * STEP);
+                    prop_assert!((gradient.dot(axis) - slope).abs() < 0.02, "{gradient} along {axis}: {slope}");
                 }
             }
             prop_assert!((0.5..=1.001).contains(&gradient.length()) || distance < 0.0, "{}", gradient.length());
