@@ -60,8 +60,8 @@ pub struct Arguments {
     modality: Modality,
     #[command(flatten)]
     touch: TouchArguments,
-    /// One to three cameras, by name or as azimuth/elevation in degrees such as 330/35, those of a log by name; without it `side`, or
-    /// the first one of the log
+    /// One to three cameras, by name or as azimuth/elevation in degrees such as 330/35; of a log, those that it has. Without it
+    /// `side`, or the first one of the log
     #[arg(long)]
     cameras: Option<String>,
     /// Longest duration in seconds; without it 30, or the whole log

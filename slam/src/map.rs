@@ -68,7 +68,7 @@ pub struct Config {
     pub keyframes: usize,
     /// Keyframes whose pose is refined against the field per frame.
     pub refined: usize,
-    /// How firmly refined keyframes keep their motion from the one before, one standard deviation, metres and radians.
+    /// How firmly a refined keyframe keeps the pose that it had before its turn, one standard deviation, metres and radians.
     pub refine_sigma: [f64; 2],
     /// A keyframe that saw the object turned by less than this against an older one closes a loop, degrees; 0 closes none.
     pub loop_turn_deg: f64,

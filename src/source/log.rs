@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Result, anyhow, bail};
 use image::RgbImage;
 use perception::SegmentationConfig;
-use scenes::camera::PosedCamera;
+use scenes::camera::{Placement, PosedCamera};
 use scenes::digit;
 use scenes::frame::{Isometry, MeshFile, Object};
 use scenes::hand::{Finger, PerFinger, Side};
@@ -49,9 +49,9 @@ enum Amiss {
 }
 
 impl LogSource {
-    /// Opens a log. `cameras` are names; without any the first camera is taken. `camera_noise` (a multiple of Redwood's level, 0 for
-    /// none) is added to depths that are true, as NeuralFeels' loader does. `network` makes touch depth of the log's images, after what
-    /// each sensor shows without contact is taken off; without it the log's own is taken.
+    /// Opens a log. `cameras` are names or directions; without any the first camera is taken. `camera_noise` (a multiple of Redwood's
+    /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. `network` makes touch depth of the log's
+    /// images, after what each sensor shows without contact is taken off; without it the log's own is taken.
     ///
     /// # Errors
     /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
@@ -292,15 +292,33 @@ fn spread_images(log: &Log, finger: Finger) -> Vec<RgbImage> {
     if images.len() > UNTOUCHED_FROM / 2 { images } else { Vec::new() }
 }
 
-/// Indices of the cameras in a comma-separated list.
+/// Indices of the cameras in a comma-separated list of names, or of directions from which a log was made.
 fn indices(folder: &Path, names: &[&str], list: &str) -> Result<Vec<usize>> {
     let mut indices = Vec::new();
     for name in list.split(',').map(str::trim) {
-        match names.iter().position(|known| *known == name) {
+        let direction = Placement::parse_list(name).ok().and_then(|mut places| places.pop());
+        let wanted = direction.as_ref().map_or(name, |place| &place.name);
+        match names.iter().position(|known| *known == wanted) {
             Some(k) if indices.contains(&k) => {}
             Some(k) => indices.push(k),
             None => bail!("{}: there is no camera {name:?}; there are {}", folder.display(), names.join(", ")),
         }
     }
     Ok(indices)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_of_a_log_are_chosen_by_name_or_direction() {
+        let chosen = |list| indices(Path::new("log"), &["az30el-35", "occlusion-000", "side"], list);
+        assert_eq!(chosen("side, 30/-35,side").unwrap(), [2, 0]);
+        assert_eq!(chosen("occlusion-000,az30el-35").unwrap(), [1, 0]);
+        for wrong in ["front-left", "30/35", ""] {
+            let error = chosen(wrong).unwrap_err().to_string();
+            assert!(error.contains("there are az30el-35, occlusion-000, side"), "{error}");
+        }
+    }
 }

@@ -29,7 +29,7 @@ impl Map {
         self.next_refined = (self.next_refined + 1) % (count + count / FIRST_EVERY);
         let k = if self.next_refined < count { self.next_refined } else { 0 };
         let mut pose = *self.keyframes[k].pose();
-        // Where its neighbours in time want it to be: they hold their motion relative to each other.
+        // One turn moves it only so far: what all keyframes agree on comes about over many.
         let anchor = pose;
         for _ in 0..STEPS {
             let mut system = System::new(1);
