@@ -69,6 +69,7 @@ impl KnownShape {
     /// Distances (metres) that are given at the nodes of a grid, at least two along each axis, by their indices along x, y and z.
     /// The first node lies at `lowest`, the others `cell_m` apart.
     pub fn of_nodes(lowest: Vec3, cell_m: f32, nodes: [usize; 3], value: impl Fn([usize; 3]) -> f32) -> Self {
+        // Values that are given are only copied, for which one need not wait for threads that are busy.
         let values = (0..nodes.iter().product()).map(|i| value(unflatten(i, nodes))).collect();
         Self { lowest, cell_m, nodes, values }
     }

@@ -41,8 +41,7 @@ impl<'a> Solid<'a> {
         let fits: Vec<bool> = to_inside.iter().map(|steps| *steps >= BALL_STEPS).collect();
         // One step more, so that the value changes its sign between nodes.
         let to_ball = lattice.distances(&lattice.flood(&fits), FILL_STEPS + 1.0);
-        let value =
-            |[x, y, z]: [usize; 3]| step_m * (FILL_STEPS - to_ball[x + lattice.nodes * (y + lattice.nodes * z)]);
+        let value = |at: [usize; 3]| step_m * (FILL_STEPS - to_ball[lattice.index(at.map(|n| n as i32).into())]);
         Self { shape, reached: KnownShape::of_nodes(lowest, step_m, [lattice.nodes; 3], value) }
     }
 }
