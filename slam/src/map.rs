@@ -112,8 +112,8 @@ pub struct Map {
     trainer: Trainer,
     space: Space,
     keyframes: Vec<Keyframe>,
-    /// Motions between keyframes as tracking and loops measured them.
-    edges: Vec<Edge>,
+    /// Motions between keyframes as loops measured them.
+    loops: Vec<Edge>,
     /// Cells that are taken for the inside.
     inside: Vec<Unseen>,
     hand: HandSamples,
@@ -154,7 +154,7 @@ impl Map {
             space: Space::new(trainer.field().config().half_extent_m),
             trainer,
             keyframes: Vec::new(),
-            edges: Vec::new(),
+            loops: Vec::new(),
             inside: Vec::new(),
             hand: HandSamples::new(side, HAND_SPACING_M, HAND_SEED),
             samples: Vec::new(),
@@ -211,7 +211,6 @@ impl Map {
         let mut correction = None;
         if promoted {
             self.keyframes.push(current);
-            self.tie();
             if self.config.loop_turn_deg > 0.0 {
                 correction = self.close_loop();
             }
@@ -248,7 +247,8 @@ impl Map {
         self.space.add_occupied(keyframe.occupied().iter().copied());
     }
 
-    /// Drops every other keyframe of the older half once there are too many. The first, which fixes the frame, stays.
+    /// Drops every other keyframe of the older half once there are too many. The first, which fixes the frame, stays. Loops are
+    /// forgotten: the poses keep what they brought.
     fn thin_out(&mut self) {
         if self.keyframes.len() <= self.config.keyframes {
             return;
@@ -259,15 +259,7 @@ impl Map {
             i += 1;
             i == 1 || i > older || i % 2 == 0
         });
-        self.chain();
-    }
-
-    /// Ties each keyframe to the one before, and nothing else.
-    fn chain(&mut self) {
-        let motion = |pair: &[Keyframe]| pair[0].pose().inverse() * pair[1].pose();
-        let chain = self.keyframes.windows(2).map(motion).enumerate();
-        self.edges =
-            chain.map(|(k, motion)| Edge { from: k, to: k + 1, motion, sigma: loops::TRACKED_SIGMA }).collect();
+        self.loops.clear();
     }
 }
 

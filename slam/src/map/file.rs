@@ -85,7 +85,6 @@ impl Map {
         }
         map.inside = map.space.unseen_inside();
         map.first_pose = map.keyframes.first().map(|first| *first.pose());
-        map.chain();
         Ok(map)
     }
 }

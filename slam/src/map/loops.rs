@@ -24,20 +24,11 @@ const MATCHED: f64 = 0.7;
 const WORTH: [f64; 2] = [0.003, 0.06];
 /// And by how much alignment must lower the mean cost of a matched point.
 const WORTH_GAIN: f64 = 2.0;
-/// How exactly tracking knows the motion from keyframe to keyframe, and alignment that of a loop, metres and radians.
-pub(super) const TRACKED_SIGMA: [f64; 2] = [0.0003, 0.005];
+/// How exactly the motion from keyframe to keyframe is known, and by alignment that of a loop, metres and radians.
+const CHAIN_SIGMA: [f64; 2] = [0.0003, 0.005];
 const LOOP_SIGMA: [f64; 2] = [0.0005, 0.008];
 
 impl Map {
-    /// Ties the newest keyframe to the one before.
-    pub(super) fn tie(&mut self) {
-        if let [.., before, newest] = &self.keyframes[..] {
-            let to = self.keyframes.len() - 1;
-            let motion = before.pose().inverse() * newest.pose();
-            self.edges.push(Edge { from: to - 1, to, motion, sigma: TRACKED_SIGMA });
-        }
-    }
-
     /// Looks for an older keyframe that saw the same side as the newest, and if the two disagree, brings all keyframes into
     /// agreement. Returns the motion from the corrected model frame to the one before, as the newest keyframe has it.
     pub(super) fn close_loop(&mut self) -> Option<na::Isometry3<f64>> {
@@ -62,10 +53,13 @@ impl Map {
             return None;
         }
         let motion = older[alike].pose().inverse() * aligned;
-        self.edges.push(Edge { from: alike, to: older.len(), motion, sigma: LOOP_SIGMA });
+        self.loops.push(Edge { from: alike, to: older.len(), motion, sigma: LOOP_SIGMA });
         let before = *newest.pose();
         let mut poses: Vec<_> = self.keyframes.iter().map(|keyframe| *keyframe.pose()).collect();
-        graph::optimise(&mut poses, &self.edges);
+        // Each keyframe is tied to the one before as both stand now: a loop must not undo what refinement found since.
+        let tie = |k: usize| Edge { from: k - 1, to: k, motion: poses[k - 1].inverse() * poses[k], sigma: CHAIN_SIGMA };
+        let edges: Vec<Edge> = (1..poses.len()).map(tie).chain(self.loops.iter().copied()).collect();
+        graph::optimise(&mut poses, &edges);
         let correction = before.inverse() * poses.last()?;
         for (keyframe, pose) in self.keyframes.iter_mut().zip(poses) {
             keyframe.set_pose(pose);
