@@ -44,10 +44,11 @@ fn learn(
         .collect()
 }
 
-/// Every loop ties two keyframes that are there, forwards, and keyframes are in the order of time.
+/// Every loop ties two keyframes that are there, forwards, none is kept for a keyframe that is gone, and keyframes are in the order of time.
 fn assert_in_order(map: &Map) {
     let count = map.keyframes.len();
     assert!(map.loops.iter().all(|edge| edge.from < edge.to && edge.to < count), "a loop leads nowhere");
+    assert!(map.loops.len() <= count, "{} loops among {count} keyframes", map.loops.len());
     let times: Vec<f64> = map.keyframes.iter().map(|keyframe| keyframe.scan().time_s).collect();
     assert!(times.is_sorted_by(|a, b| a < b));
 }
