@@ -107,6 +107,8 @@ pub struct View {
     pub misses: Vec<Miss>,
     /// Finds hits by where they are seen; only cameras have it, as they stand still.
     pub lookup: Option<Lookup>,
+    /// Pixels of a touch image where the object presses, of which the hits are a sample; 0 for a camera.
+    pub pressed_px: usize,
 }
 
 impl View {
@@ -235,7 +237,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
     }
     let origin = lens.origin;
     let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
-    View { sensor: Sensor::Camera(index), origin, hits, outline, misses, lookup }
+    View { sensor: Sensor::Camera(index), origin, hits, outline, misses, lookup, pressed_px: 0 }
 }
 
 fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
@@ -258,6 +260,7 @@ fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut Cha
             }
         }
     }
+    let pressed_px = touched.len();
     let (chosen, _) = touched.partial_shuffle(rng, config.touch_hits);
     let hits = chosen
         .iter()
@@ -284,7 +287,15 @@ fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut Cha
             (z > 0.0 && z.is_finite()).then_some(Miss { direction, free_m: z * length })
         })
         .collect();
-    View { sensor: Sensor::Touch(finger), origin: lens.origin, hits, misses, lookup: None, outline: Vec::new() }
+    View {
+        sensor: Sensor::Touch(finger),
+        origin: lens.origin,
+        hits,
+        misses,
+        lookup: None,
+        outline: Vec::new(),
+        pressed_px,
+    }
 }
 
 fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> bool {

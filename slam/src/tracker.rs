@@ -66,8 +66,9 @@ pub struct Config {
     pub velocity_kept: f64,
     /// Change of velocity from frame to frame, one standard deviation, metres and radians per frame.
     pub velocity_sigma: [f64; 2],
-    /// Slip of a pad over the surface from frame to frame, one standard deviation, metres.
-    pub slip_sigma_m: f64,
+    /// Slip of a pad over the surface from frame to frame, one standard deviation, metres: where the pressed area stays the
+    /// same, and what its whole change adds.
+    pub slip_sigma_m: [f64; 2],
     /// Depth by which a hand pressed into an object counts as touching only, metres. Gels give way.
     pub penetration_slack_m: f32,
 }
@@ -91,7 +92,7 @@ impl Default for Config {
             touch_independent: 6.0,
             velocity_kept: 0.6,
             velocity_sigma: [0.001, 0.03],
-            slip_sigma_m: 0.001,
+            slip_sigma_m: [0.00005, 0.002],
             penetration_slack_m: 0.0015,
         }
     }
@@ -122,6 +123,7 @@ struct Vacant {
 struct Pad {
     contact: na::Point3<f64>,
     normal: na::Vector3<f64>,
+    pressed_px: usize,
 }
 
 /// One frame of the window.
@@ -494,17 +496,18 @@ impl Tracker {
             return;
         }
         for finger in Finger::ALL {
-            let (Some(pad), Some(_)) = (a.1.pads[finger], b.1.pads[finger]) else { continue };
+            let (Some(pad), Some(after)) = (a.1.pads[finger], b.1.pads[finger]) else { continue };
+            let [still, changing] = self.config.slip_sigma_m;
+            let s = 1.0 / (still + changing * change(pad.pressed_px, after.pressed_px));
             let carried = b.1.tips[finger] * (a.1.tips[finger].inverse() * pad.contact);
             let material = a.1.pose.inverse() * pad.contact;
             let now = b.1.pose * material;
             let across = pad.normal.cross(&least_axis(pad.normal)).normalize();
             for direction in [across, pad.normal.cross(&across)] {
-                let s = 1.0 / self.config.slip_sigma_m;
                 let inside = b.1.pose.rotation.inverse() * direction;
                 let j = along(inside, material.coords) * s;
                 let r = direction.dot(&(now - carried)) * s;
-                system.add(r, &[(b.0, j), (a.0, -j)], self.config.contact_weight, Loss::Cauchy(1.0));
+                system.add(r, &[(b.0, j), (a.0, -j)], self.config.contact_weight, Loss::Cauchy(ROBUST_SIGMAS));
             }
         }
     }
@@ -532,7 +535,15 @@ fn pad(view: &crate::scan::View) -> Option<Pad> {
     let n = view.hits.len() as f32;
     let contact = view.hits.iter().map(|hit| view.point(hit)).sum::<Vec3>() / n;
     let normal = view.hits.iter().map(|hit| hit.normal).sum::<Vec3>().try_normalize()?;
-    Some(Pad { contact: to_na(contact).into(), normal: to_na(normal) })
+    Some(Pad { contact: to_na(contact).into(), normal: to_na(normal), pressed_px: view.pressed_px })
+}
+
+/// Pixels by which a pressed area changes without slip.
+const CHANGE_PX: f64 = 200.0;
+
+/// How much a pressed area changed, from 0 to 1: one that stays the same sticks, one that grows, shrinks or is small slips.
+fn change(before_px: usize, after_px: usize) -> f64 {
+    (before_px.abs_diff(after_px) as f64 + CHANGE_PX) / ((before_px + after_px) as f64 + CHANGE_PX)
 }
 
 fn least_axis(v: na::Vector3<f64>) -> na::Vector3<f64> {

@@ -164,7 +164,7 @@ mod tests {
             let cosine = (-normal.dot(direction)).clamp(0.2, 1.0);
             hits.push(Hit { direction, range_m, normal, cosine, sigma_m: 0.0 });
         }
-        View { sensor: Sensor::Camera(0), origin, hits, outline: Vec::new(), misses, lookup: None }
+        View { sensor: Sensor::Camera(0), origin, hits, outline: Vec::new(), misses, lookup: None, pressed_px: 0 }
     }
 
     fn seen(places: &[Vec3]) -> (Tsdf, Space) {

@@ -151,7 +151,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<(Scan, na::Isometry3<f64>)>, FileE
             return Err(file.wrong("view", "does not fit the keyframes, the sensors or the rays".to_owned()));
         };
         let lookup = matches!(sensor, Sensor::Camera(_)).then(|| lookup(lens, origin, &own)).flatten();
-        scan.views.push(View { sensor, origin, hits: own, outline, misses: passed, lookup });
+        scan.views.push(View { sensor, origin, hits: own, outline, misses: passed, lookup, pressed_px: 0 });
     }
     Ok(keyframes)
 }

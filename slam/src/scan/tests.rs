@@ -217,6 +217,7 @@ fn touch_hits_where_the_gel_is_pressed() {
     let view = &scan.views[0];
     assert_eq!(view.sensor, Sensor::Touch(Finger::Ring));
     assert!(view.hits.len() > 100 && view.misses.len() > 20, "{} {}", view.hits.len(), view.misses.len());
+    assert!(view.pressed_px > view.hits.len(), "the hits are a sample");
     for hit in &view.hits {
         let p = in_solid(view.point(hit));
         assert!(BALL.distance(p).abs() < 1e-6);

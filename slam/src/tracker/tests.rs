@@ -136,6 +136,27 @@ fn contact_residuals() {
 }
 
 #[test]
+fn a_contact_that_changes_ties_less() {
+    // Two frames that both feel the brick; the poses they are given let its surface slip under the pad.
+    let mut tracker = tracker(Config { contact_weight: 1.0, window: 1, ..nothing() }, BRICK, &BALL, &[]);
+    let mut cost = |before: usize, after: usize| {
+        let newest = tracker.window.len() - 1;
+        for (k, pressed_px) in [(newest - 1, before), (newest, after)] {
+            if let Some(pad) = &mut tracker.window[k].pads[Finger::Middle] {
+                pad.pressed_px = pressed_px;
+            }
+        }
+        tracker.linearise(&BALL, 1.0).cost
+    };
+    let steady = cost(8000, 8000);
+    assert!(cost(8000, 6000) < 0.7 * steady);
+    assert!(cost(8000, 800) < 0.3 * steady);
+    assert_eq!(cost(800, 8000), cost(8000, 800));
+    // Of a few pixels nobody can tell whether they changed.
+    assert!(cost(20, 20) < 0.3 * steady);
+}
+
+#[test]
 fn penetration_residuals() {
     // Points of a hand around the ball, some in it and some at it.
     let at = poses(5)[2];
