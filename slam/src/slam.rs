@@ -7,6 +7,7 @@ use glam::Vec3;
 use nalgebra as na;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
+use scenes::camera::PALM_CENTRE_M;
 use scenes::depth::DepthFrame;
 use scenes::frame::{Isometry, Model, World};
 use scenes::hand::Side;
@@ -212,7 +213,7 @@ impl Slam {
         let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
         let mut confidence = 0.0;
         if self.state == State::Waiting {
-            if let Some(start) = first_pose(&scan) {
+            if let Some(start) = first_pose(&scan, f64::from(self.config.field.half_extent_m) - BORDER_M) {
                 self.pose = start;
                 self.state = State::Tracking;
                 confidence = 1.0;
@@ -337,19 +338,62 @@ impl Slam {
 /// Points of the hand farther from the object than this cannot touch it, metres.
 const REACH_M: f32 = 0.12;
 
-/// The frame that the first measurements fix: parallel to the world, in the middle of what is probably the object.
-fn first_pose(scan: &Scan) -> Option<Isometry<Model, World>> {
+/// Of the field's box nothing nearer to its faces than this should be needed, metres.
+const BORDER_M: f64 = 0.005;
+
+/// The frame that the first measurements fix: parallel to the world, in the middle of what is probably the object. What is farther
+/// than `reach_m` from it will not be mapped, so that of a tall object seen from above it lies low enough to reach the palm.
+fn first_pose(scan: &Scan, reach_m: f64) -> Option<Isometry<Model, World>> {
     if scan.hits() == 0 {
         return None;
     }
-    let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+    let (mut sum, mut count, mut top) = (Vec3::ZERO, 0.0, f32::MIN);
     for view in &scan.views {
         for hit in &view.hits {
             let behind = if matches!(view.sensor, Sensor::Camera(_)) { BEHIND_SURFACE_M } else { 0.0 };
-            sum += view.point(hit) + hit.direction * behind;
+            let point = view.point(hit);
+            top = top.max(point.z);
+            sum += point + hit.direction * behind;
             count += 1.0;
         }
     }
-    let centre = tracker::to_na(sum / count);
+    let mut centre = tracker::to_na(sum / count);
+    let low = (PALM_CENTRE_M[2] + reach_m).max(f64::from(top) - reach_m);
+    centre.z = centre.z.min(low);
     Some(Isometry::new(na::Isometry3::from_parts(centre.into(), na::UnitQuaternion::identity())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::{Hit, View};
+
+    #[test]
+    fn the_first_frame_reaches_from_the_palm_to_the_top() {
+        let palm = PALM_CENTRE_M[2] as f32;
+        // The upper part of a tall object, from 8 to 13 cm above the palm, seen from the side.
+        let origin = Vec3::new(0.4, 0.0, palm + 0.105);
+        let hit = |height: f32| {
+            let ray = Vec3::new(0.0, 0.0, palm + height) - origin;
+            let (direction, range_m) = (ray.normalize(), ray.length());
+            Hit { direction, range_m, normal: Vec3::X, cosine: 0.9, sigma_m: 0.001 }
+        };
+        let view = View {
+            sensor: Sensor::Camera(0),
+            origin,
+            hits: (0..=50).map(|k| hit(0.08 + 0.001 * k as f32)).collect(),
+            outline: Vec::new(),
+            misses: Vec::new(),
+            lookup: None,
+            pressed_px: 0,
+        };
+        let scan = Scan { frame: 0, time_s: 0.0, joints: Default::default(), views: vec![view] };
+        let height = |reach_m: f64| first_pose(&scan, reach_m).unwrap().origin().coords().z - PALM_CENTRE_M[2];
+        // In the middle of what is seen where that reaches the palm,
+        assert!((height(0.2) - 0.105).abs() < 1e-3);
+        // else low enough,
+        assert!((height(0.09) - 0.09).abs() < 1e-6);
+        // but not so low that what is seen is left out.
+        assert!((height(0.05) - 0.08).abs() < 1e-6);
+    }
 }
