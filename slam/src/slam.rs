@@ -213,7 +213,7 @@ impl Slam {
         let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
         let mut confidence = 0.0;
         if self.state == State::Waiting {
-            if let Some(start) = first_pose(&scan, f64::from(self.config.field.half_extent_m) - BORDER_M) {
+            if let Some(start) = first_pose(&scan, f64::from(self.config.field.half_extent_m)) {
                 self.pose = start;
                 self.state = State::Tracking;
                 confidence = 1.0;
@@ -342,8 +342,8 @@ const REACH_M: f32 = 0.12;
 const BORDER_M: f64 = 0.005;
 
 /// The frame that the first measurements fix: parallel to the world, in the middle of what is probably the object. What is farther
-/// than `reach_m` from it will not be mapped, so that of a tall object seen from above it lies low enough to reach the palm.
-fn first_pose(scan: &Scan, reach_m: f64) -> Option<Isometry<Model, World>> {
+/// than `half_extent_m` from it will not be mapped, so that of a tall object seen from above it lies low enough to reach the palm.
+fn first_pose(scan: &Scan, half_extent_m: f64) -> Option<Isometry<Model, World>> {
     if scan.hits() == 0 {
         return None;
     }
@@ -358,8 +358,11 @@ fn first_pose(scan: &Scan, reach_m: f64) -> Option<Isometry<Model, World>> {
         }
     }
     let mut centre = tracker::to_na(sum / count);
-    let low = (PALM_CENTRE_M[2] + reach_m).max(f64::from(top) - reach_m);
-    centre.z = centre.z.min(low);
+    let (palm, top, reach) = (PALM_CENTRE_M[2], f64::from(top), half_extent_m - BORDER_M);
+    // What reaches higher does not stand on the palm, or does not fit.
+    if top <= palm + 2.0 * half_extent_m {
+        centre.z = centre.z.min((palm + reach).max(top - reach));
+    }
     Some(Isometry::new(na::Isometry3::from_parts(centre.into(), na::UnitQuaternion::identity())))
 }
 
@@ -388,12 +391,15 @@ mod tests {
             pressed_px: 0,
         };
         let scan = Scan { frame: 0, time_s: 0.0, joints: Default::default(), views: vec![view] };
-        let height = |reach_m: f64| first_pose(&scan, reach_m).unwrap().origin().coords().z - PALM_CENTRE_M[2];
+        let height =
+            |half_extent_m: f64| first_pose(&scan, half_extent_m).unwrap().origin().coords().z - PALM_CENTRE_M[2];
         // In the middle of what is seen where that reaches the palm,
         assert!((height(0.2) - 0.105).abs() < 1e-3);
         // else low enough,
-        assert!((height(0.09) - 0.09).abs() < 1e-6);
-        // but not so low that what is seen is left out.
-        assert!((height(0.05) - 0.08).abs() < 1e-6);
+        assert!((height(0.09) - (0.09 - BORDER_M)).abs() < 1e-6);
+        // but not so low that what is seen is left out;
+        assert!((height(0.066) - (0.13 - 0.066 + BORDER_M)).abs() < 1e-6);
+        // and where it cannot reach from palm to top, in the middle again.
+        assert_eq!(height(0.06), height(0.2));
     }
 }
