@@ -107,7 +107,8 @@ pub struct View {
     pub misses: Vec<Miss>,
     /// Finds hits by where they are seen; only cameras have it, as they stand still.
     pub lookup: Option<Lookup>,
-    /// Pixels of a touch image where the object presses, of which the hits are a sample; 0 for a camera.
+    /// Pixels of a touch image where the object presses, of which the hits are a sample; 0 for a camera and for what is read from a file:
+    /// only the tracker's newest frames need it.
     pub pressed_px: usize,
 }
 
