@@ -2,12 +2,12 @@
 
 use anyhow::{Result, bail};
 use clap::Subcommand;
-use pinned::Progress;
-use scenes::assets::{Library, State, YCB};
-use scenes::catalogue;
+use mvt_objects::assets::{Library, State, YCB};
+use mvt_objects::catalogue;
+use mvt_pinned::Progress;
 
-use crate::progress;
-use crate::simulate::print_line;
+use mvt_run::io::print_line;
+use mvt_run::progress;
 
 /// List, fetch, verify or remove the objects' meshes
 ///

@@ -9,14 +9,15 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use image::{Rgb, RgbImage};
-use perception::engine::{Engine, Instructions, Prediction};
-use perception::network::{Architecture, Cost, Provenance, Tensor, Weights};
+use mvt_products::Instructions;
+use mvt_touch::engine::{Engine, Prediction};
+use mvt_touch::network::{Architecture, Cost, Provenance, Tensor, Weights};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::network::{ImageSize, architecture};
-use crate::simulate::print_line;
+use mvt_run::io::print_line;
 
 /// Time parts of the program on this machine
 #[derive(Debug, Subcommand)]

@@ -1,26 +1,20 @@
 //! `contacts`: touch images of random contacts with their truth, for networks to be trained and judged on.
 
-mod backdrop;
-mod example;
-pub mod objects;
-mod sensors;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use image::{GrayImage, ImageBuffer};
+use mvt_render::touch::TouchFrame;
+use mvt_robot::digit::{HEIGHT, WIDTH};
 use ndarray_npy::write_npy;
 use rayon::prelude::*;
-use scenes::digit::{HEIGHT, WIDTH};
 use serde::Deserialize;
-use sim::touch::TouchFrame;
 
-pub use example::{DataConfig, Example, example};
-pub use sensors::Rack;
+use mvt_presses::{DataConfig, Example, Rack, example, objects};
 
-use crate::{progress, settings};
+use mvt_run::{progress, settings};
 
 /// Render touch images of random contacts, each with its depth and contact mask
 ///

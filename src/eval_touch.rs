@@ -8,17 +8,18 @@ use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use image::imageops::{FilterType::Triangle, resize};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
+use mvt_products::Instructions;
+use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
+use mvt_touch::engine::{Engine, Prediction};
+use mvt_touch::network::Weights;
+use mvt_touch::untouched::{estimate, is_of_same_sensor, take_off};
 use ndarray::Array2;
 use ndarray_npy::read_npy;
-use perception::engine::{Engine, Instructions, Prediction};
-use perception::network::Weights;
-use perception::untouched::{estimate, is_of_same_sensor, take_off};
-use perception::{Accuracy, Pixel, Scores};
-use scenes::digit::{HEIGHT, WIDTH, gel};
 use serde::Serialize;
 
 use crate::network::ImageSize;
-use crate::simulate::print_line;
+use mvt_run::io::print_line;
 
 /// Score a touch network on images whose truth is known
 ///

@@ -5,15 +5,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum, value_parser};
-use scenes::camera::{self, Placement, PosedCamera};
-use scenes::catalogue;
-use scenes::hand::Side;
-use sim::feelsight;
-use sim::touch::TouchConfig;
+use mvt_feelsight;
+use mvt_frames::camera::PosedCamera;
+use mvt_objects::catalogue;
+use mvt_render::touch::TouchConfig;
+use mvt_robot::hand::Side;
+use mvt_robot::rig::Placement;
 
-use crate::progress;
-use crate::recorder::{Noise, Recorder, Settings};
-use crate::subject::{Manner, duration, load_object};
+use mvt_live::recorder::{Noise, Recorder, Settings};
+use mvt_run::arguments::{Manner, duration};
+use mvt_run::object::load_object;
+use mvt_run::progress;
 
 /// Generate FeelSight logs
 ///
@@ -143,7 +145,7 @@ fn jobs(arguments: &Arguments, side: Side) -> Result<Vec<Job>> {
         // NeuralFeels' loaders look for their primary camera in every log, whatever its view.
         let view = |camera| PosedCamera { name: "front-left".to_owned(), ..camera };
         let job = |camera| Job { seed: arguments.seed, cameras: vec![view(camera)] };
-        return Ok(camera::occlusion_rig(views.into(), side).into_iter().map(job).collect());
+        return Ok(mvt_robot::rig::occlusion_rig(views.into(), side).into_iter().map(job).collect());
     }
     let placements = Placement::parse_list(&arguments.cameras)?;
     let cameras: Vec<PosedCamera> = placements.iter().map(|placement| placement.camera(side)).collect();
@@ -164,7 +166,7 @@ pub fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {
     let unfinished = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
     for object in entries(out)? {
         let only_logs = object.is_dir()
-            && entries(&object)?.iter().all(|log| unfinished(log) || log.join(feelsight::SCENE_FILE).is_file());
+            && entries(&object)?.iter().all(|log| unfinished(log) || log.join(mvt_feelsight::SCENE_FILE).is_file());
         if !only_logs {
             bail!(
                 "{} is not empty and {} is no log; choose another --out, or give --overwrite",

@@ -5,13 +5,14 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
-use scenes::hand::PerFinger;
-use scenes::mesh::MeshDistance;
-use scenes::object::SignedDistance;
-use sim::feelsight::{self, ContactSheet, Frame, Log, Moment, Timeline, contact_sheet};
+use mvt_feelsight;
+use mvt_feelsight::{ContactSheet, Frame, Log, Moment, Timeline, contact_sheet};
+use mvt_mesh::SignedDistance;
+use mvt_objects::distance::MeshDistance;
+use mvt_robot::hand::PerFinger;
 
-use crate::simulate::print_line;
-use crate::subject::load_object;
+use mvt_run::io::print_line;
+use mvt_run::object::load_object;
 
 /// Check a FeelSight log and print a summary
 ///
@@ -33,8 +34,8 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let summary = match known_surface(&arguments.log)? {
-        Some(surface) => feelsight::inspect_against(&arguments.log, &|p| surface.distance_m(p))?,
-        None => feelsight::inspect(&arguments.log)?,
+        Some(surface) => mvt_feelsight::inspect_against(&arguments.log, &|p| surface.distance_m(p))?,
+        None => mvt_feelsight::inspect(&arguments.log)?,
     };
     if let Some(path) = &arguments.sheet {
         sheet(&Log::open(&arguments.log)?)?.save(path).with_context(|| format!("cannot write {}", path.display()))?;

@@ -5,28 +5,17 @@ mod assets;
 mod bench;
 mod contacts;
 mod eval_touch;
-mod evaluate;
 mod generate;
 mod inspect;
 mod mesh;
 mod network;
-mod pipeline;
-mod progress;
-mod recorder;
-mod recording;
 mod render_touch;
-mod report;
 mod run;
 mod score;
-mod settings;
 mod simulate;
-mod source;
-mod subject;
-mod supervisor;
 #[cfg(feature = "train")]
 mod train;
 mod view;
-mod viewer;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
@@ -48,7 +37,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Run(Box<run::Arguments>),
-    Evaluate(evaluate::Arguments),
+    Evaluate(mvt_evaluation::Arguments),
     Generate(generate::Arguments),
     Simulate(simulate::Arguments),
     RenderTouch(render_touch::Arguments),
@@ -86,7 +75,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         None => run::main_job(),
         Some(Command::Run(arguments)) => run::run(&arguments),
-        Some(Command::Evaluate(arguments)) => evaluate::run(&arguments),
+        Some(Command::Evaluate(arguments)) => mvt_evaluation::run(&arguments),
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
-use slam::field::Field;
-use slam::map::Map;
-use slam::surface::outer_surface;
+use mvt_field::field::Field;
+use mvt_field::surface::outer_surface;
+use mvt_slam::map::Map;
 
-use crate::report::mesh_file;
-use crate::simulate::print_line;
+use mvt_run::io::print_line;
+use mvt_run::report::mesh_file;
 
 /// Mesh the shape that a run has learnt, at any resolution
 ///

@@ -6,11 +6,11 @@ use std::str::FromStr;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
-use perception::network::{Architecture, Cost, Layer};
+use mvt_touch::network::{Architecture, Cost, Layer};
 use serde::{Deserialize, Serialize};
 
-use crate::settings;
-use crate::simulate::print_line;
+use mvt_run::io::print_line;
+use mvt_run::settings;
 
 /// Look at the networks that turn touch images into depth
 #[derive(Debug, Subcommand)]

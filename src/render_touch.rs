@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::Args;
-use image::{ImageFormat, RgbImage};
-use libjpeg_turbo_rs::PixelFormat;
+use mvt_run::io::read_image;
+
+use mvt_render::touch::{Background, TouchConfig, render_contact};
 use ndarray_npy::{WritableElement, write_npy};
-use scenes::mesh;
-use sim::touch::{Background, TouchConfig, render_contact};
 
 /// Render what a DIGIT records of a mesh at a pose, noise off
 ///
@@ -38,7 +37,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { mesh: mesh_path, pose: pose_path, .. } = arguments;
     // Repairs move no vertex, so the pose still fits; a file in millimetres is scaled to the pose's metres.
-    let (mesh, warnings) = mesh::repair(&mesh::read(mesh_path)?, &mesh_path.display().to_string())?;
+    let (mesh, warnings) = mvt_mesh::repair(&mvt_mesh::read(mesh_path)?, &mesh_path.display().to_string())?;
     for warning in warnings {
         tracing::warn!("{warning}");
     }
@@ -54,18 +53,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     write(&arguments.out, "rgb_raw", &arrays.raw)?;
     write(&arguments.out, "rgb_cal", &arrays.calibrated)?;
     write(&arguments.out, "depth", &arrays.depth_m)
-}
-
-/// Reads an RGB image. JPEG is decoded as OpenCV and TACTO do it, to the bit: other decoders differ by up to 4 grey levels.
-pub fn read_image(path: &Path) -> Result<RgbImage> {
-    let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let is_no_image = || format!("{} is no image that can be read", path.display());
-    if image::guess_format(&bytes).ok() == Some(ImageFormat::Jpeg) {
-        let jpeg = libjpeg_turbo_rs::decompress_to(&bytes, PixelFormat::Rgb).with_context(is_no_image)?;
-        let size = u32::try_from(jpeg.width).ok().zip(u32::try_from(jpeg.height).ok());
-        return size.and_then(|(w, h)| RgbImage::from_raw(w, h, jpeg.data)).with_context(is_no_image);
-    }
-    Ok(image::load_from_memory(&bytes).with_context(is_no_image)?.to_rgb8())
 }
 
 fn write<T: WritableElement, D: ndarray::Dimension>(

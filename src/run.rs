@@ -9,23 +9,29 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, anyhow, bail};
 use clap::{Args, value_parser};
 use indicatif::ProgressBar;
-use scenes::camera::{Placement, PosedCamera};
-use scenes::hand::Side;
-use scenes::mesh::Mesh;
-use scenes::object::Object;
-use sim::gait;
-use slam::map::Map;
-use slam::metrics::{POINTS, TrueSurface};
+use mvt_frames::camera::PosedCamera;
+use mvt_gaits::gait;
+use mvt_mesh::Mesh;
+use mvt_metrics::{POINTS, TrueSurface};
+use mvt_objects::object::Object;
+use mvt_robot::hand::Side;
+use mvt_robot::rig::Placement;
+use mvt_slam::map::Map;
 
-use crate::pipeline::{Finished, Init, Mode, Pipeline, Progress, RunConfig};
-use crate::recording::{self, About};
-use crate::report::{self, RunRecord, Summary, file};
-use crate::settings;
-use crate::simulate::print_line;
-use crate::source::{LiveSettings, LiveSource, LogSource, Modality, Source, TouchArguments, TouchNetwork};
-use crate::subject::{Manner, duration, load_object};
-use crate::supervisor::{Goal, Supervisor};
-use crate::{progress, score, view};
+use crate::view;
+use mvt_live::{LiveSettings, LiveSource};
+use mvt_recording::About;
+use mvt_run::arguments::{Manner, duration};
+use mvt_run::io::print_line;
+use mvt_run::io::write_file;
+use mvt_run::object::load_object;
+use mvt_run::pipeline::{Finished, Init, Mode, Pipeline, Progress, RunConfig};
+use mvt_run::progress;
+use mvt_run::report;
+use mvt_run::report::{RunRecord, Summary, file};
+use mvt_run::settings;
+use mvt_run::source::{LogSource, Modality, Source, TouchArguments, TouchNetwork};
+use mvt_run::supervisor::{Goal, Supervisor};
 
 /// Name of the file with every setting.
 const CONFIG: &str = "config.toml";
@@ -150,10 +156,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     prepare(&arguments.out)?;
     let settings = format!("# {}\n{}", repeat(arguments, &name, seed), settings::to_toml(&config)?);
-    report::write_file(&arguments.out, CONFIG, settings.as_bytes())?;
+    write_file(&arguments.out, CONFIG, settings.as_bytes())?;
 
     let about = About {
-        version: recording::VERSION,
+        version: mvt_recording::VERSION,
         object: name.clone(),
         seed,
         mode: arguments.mode.name().to_owned(),
@@ -164,7 +170,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         process: std::process::id(),
     };
     let truth = object.as_ref().map(|object| &object.mesh);
-    let writer = recording::Writer::create(&arguments.out, &about, truth)?;
+    let writer = mvt_recording::Writer::create(&arguments.out, &about, truth)?;
     if arguments.mode == Mode::Pose {
         truth.into_iter().for_each(|mesh| writer.given(mesh));
     }
@@ -332,7 +338,7 @@ const OURS: [&str; 10] = [
     CONFIG,
     Map::FILES[0],
     Map::FILES[1],
-    recording::FOLDER,
+    mvt_recording::FOLDER,
 ];
 
 /// Checks that a folder holds nothing but a run, which may be replaced.
@@ -456,7 +462,7 @@ impl<'a> Recorder<'a> {
         if let Some(object) = object {
             let surface = TrueSurface::new(&object.mesh, POINTS, 0);
             let has_error: Vec<bool> = record.frames.iter().map(|row| row.add_s.is_some()).collect();
-            record.frames = score::scored(std::mem::take(&mut record.frames), &surface);
+            record.frames = report::scored(std::mem::take(&mut record.frames), &surface);
             for (row, has_error) in record.frames.iter_mut().zip(has_error) {
                 row.add_s = row.add_s.filter(|_| has_error);
             }
@@ -505,4 +511,34 @@ fn in_words(summary: &Summary, out: &Path) -> String {
     }
     text += &format!("results in {}", out.display());
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{Args as _, Command, FromArgMatches as _};
+    use mvt_viewer::window::launch::Choices;
+
+    use super::*;
+
+    #[test]
+    fn every_choice_makes_a_command_that_run_understands() {
+        let gaits = mvt_gaits::gait::shipped().keys().map(String::as_str).chain(["auto"]);
+        for (mode, _) in Choices::modes() {
+            for (modality, what) in Choices::modalities() {
+                assert!(!what.is_empty());
+                for gait in gaits.clone() {
+                    let choices = Choices {
+                        mode: mode.to_owned(),
+                        modality: modality.to_owned(),
+                        gait: gait.to_owned(),
+                        ..Choices::default()
+                    };
+                    let arguments = choices.arguments(Path::new("some where"));
+                    let matches =
+                        Arguments::augment_args(Command::new("run")).try_get_matches_from(&arguments).unwrap();
+                    Arguments::from_arg_matches(&matches).unwrap();
+                }
+            }
+        }
+    }
 }

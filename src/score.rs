@@ -7,16 +7,17 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, anyhow, bail};
 use clap::{ArgGroup, Args, ValueEnum};
 use glam::Vec3;
-use rayon::prelude::*;
-use scenes::catalogue::{self, Warning};
-use scenes::frame::{Isometry, Object, World};
-use scenes::mesh::{self, Mesh};
-use scenes::object::Object as TrueObject;
+use mvt_frames::{Isometry, Object, World};
+use mvt_mesh::Mesh;
+use mvt_metrics::{FINE_POINTS, ORIGINAL_THRESHOLDS_M, POINTS, ShapeScore, TrueSurface, sample_surface};
+use mvt_objects::catalogue;
+use mvt_objects::catalogue::Warning;
+use mvt_objects::object::Object as TrueObject;
 use serde::{Deserialize, Serialize};
-use slam::metrics::{FINE_POINTS, ORIGINAL_THRESHOLDS_M, POINTS, ShapeScore, TrueSurface, sample_surface};
 
-use crate::report::{self, ErrorStatistics, FrameRow};
-use crate::simulate::print_line;
+use mvt_run::io::print_line;
+use mvt_run::report;
+use mvt_run::report::{ErrorStatistics, FrameRow};
 
 /// Score a reconstructed mesh and tracked poses against the true object
 ///
@@ -122,7 +123,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (None, None) => bail!("give --truth"),
     };
     let surface = TrueSurface::new(&truth.mesh, POINTS, 0);
-    let rows = rows.map(|rows| scored(rows, &surface));
+    let rows = rows.map(|rows| report::scored(rows, &surface));
     let motion = rows.as_deref().and_then(|rows| object_from_estimate(rows.last()?));
     let report = Report {
         truth: truth.name,
@@ -188,14 +189,14 @@ fn load_truth(name: &str) -> Result<TrueObject> {
 
 /// A mesh as it is: its scraps count against it.
 fn load_estimate(path: &Path) -> Result<Mesh> {
-    let mesh = mesh::read(path)?;
-    mesh::check(&mesh).map_err(|defect| anyhow!("{}: {defect}", path.display()))?;
+    let mesh = mvt_mesh::read(path)?;
+    mvt_mesh::check(&mesh).map_err(|defect| anyhow!("{}: {defect}", path.display()))?;
     let extent = f64::from(mesh.extents_m().max_element());
-    if extent > mesh::MILLIMETRES_ABOVE_M {
+    if extent > mvt_mesh::MILLIMETRES_ABOVE_M {
         bail!("{}: its largest side is {extent} m; a mesh in millimetres must be scaled to metres", path.display());
     }
     if mesh.area_m2() <= 0.0 {
-        bail!("{}: {}", path.display(), mesh::Defect::NoFaces);
+        bail!("{}: {}", path.display(), mvt_mesh::Defect::NoFaces);
     }
     Ok(mesh)
 }
@@ -231,12 +232,6 @@ fn joined(estimates: Vec<FrameRow>, truths: &[FrameRow]) -> Vec<FrameRow> {
     rows
 }
 
-/// The rows with errors computed anew.
-pub fn scored(mut rows: Vec<FrameRow>, surface: &TrueSurface) -> Vec<FrameRow> {
-    rows.par_iter_mut().for_each(|row| row.add_s = object_from_estimate(row).map(|motion| surface.add_s(motion)));
-    rows
-}
-
 fn object_from_estimate(row: &FrameRow) -> Option<Isometry<Object, Object>> {
     Some(row.truth?.inverse() * row.estimate)
 }
@@ -253,7 +248,7 @@ impl ShapeReport {
 
 impl SurfaceReport {
     fn new(score: &ShapeScore) -> Self {
-        let row = |f: &slam::metrics::FScore| ThresholdReport {
+        let row = |f: &mvt_metrics::FScore| ThresholdReport {
             threshold_mm: (f.threshold_m * 1e6).round() / 1e3,
             f: f.f(),
             precision: f.precision,

@@ -2,11 +2,13 @@
 
 use anyhow::Result;
 use clap::Args;
-use scenes::hand::{Finger, Side};
+use mvt_physics::episode;
+use mvt_physics::episode::{End, Episode, EpisodeConfig, Outcome, Randomisation};
+use mvt_robot::hand::{Finger, Side};
 use serde::Serialize;
-use sim::episode::{self, End, Episode, EpisodeConfig, Outcome, Randomisation};
 
-use crate::subject::Subject;
+use mvt_run::arguments::Subject;
+use mvt_run::io::print_line;
 
 /// Simulate an episode without rendering and say how it went
 ///
@@ -19,7 +21,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Longest duration in seconds
-    #[arg(long, default_value_t = 20.0, value_parser = crate::subject::duration)]
+    #[arg(long, default_value_t = 20.0, value_parser = mvt_run::arguments::duration)]
     duration: f64,
     /// Print one JSON object instead of words
     #[arg(long)]
@@ -77,11 +79,4 @@ fn in_words(report: &Report<'_>) -> String {
         report.outcome.penetration_mm,
         report.outcome.tilt_deg
     )
-}
-
-/// Writes a result to standard output; a reader that has gone away is an error, not a panic.
-pub fn print_line(text: &str) -> Result<()> {
-    use std::io::Write as _;
-    writeln!(std::io::stdout(), "{text}")?;
-    Ok(())
 }

@@ -12,22 +12,24 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
-use perception::engine::{Engine, Instructions, Prediction};
-use perception::network::{Architecture, Precision, Weights};
-use perception::train::{Batch, Device, Stage, Targets, Trainer, TrainingConfig};
-use perception::{Accuracy, Pixel, Scores};
+use mvt_products::Instructions;
+use mvt_render::touch::TouchFrame;
+use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
+use mvt_touch::engine::{Engine, Prediction};
+use mvt_touch::network::{Architecture, Precision, Weights};
+use mvt_touch::train::{Batch, Device, Stage, Targets, Trainer, TrainingConfig};
 use rayon::prelude::*;
-use scenes::digit::{HEIGHT, WIDTH};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
-use sim::touch::TouchFrame;
 
 use curve::{Curve, Row};
 use resize::resized;
 
-use crate::contacts::objects::{self, Surface};
-use crate::contacts::{DataConfig, Example, Rack, example};
-use crate::{progress, settings};
+use mvt_presses::objects;
+use mvt_presses::objects::Surface;
+use mvt_presses::{DataConfig, Example, Rack, example};
+use mvt_run::{progress, settings};
 
 /// Train a network that turns touch images into depth and contact
 ///
@@ -196,7 +198,7 @@ fn draw_batch(
     let sensors = rack.of_step(step)?;
     let first = step << 16;
     let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
-        resized(example(surfaces, &sensors, data, (training.seed, index), frame).taken_off(), stage.size)
+        resized(subtracted(example(surfaces, &sensors, data, (training.seed, index), frame)), stage.size)
     });
     Ok(batch(&images.collect::<Vec<_>>()))
 }
@@ -230,7 +232,7 @@ impl Validation {
         let sensors = rack.of_step(0)?;
         let images = (0..training.validation_images as u64).into_par_iter();
         let images = images.map_init(TouchFrame::default, |frame, index| {
-            example(&surfaces, &sensors, data, (seed, index), frame).taken_off()
+            subtracted(example(&surfaces, &sensors, data, (seed, index), frame))
         });
         Ok(Self { examples: images.collect() })
     }
@@ -252,4 +254,12 @@ impl Validation {
         }
         accuracy.scores()
     }
+}
+
+/// The example as a network sees it: without the untouched image of its sensor, where that is known.
+fn subtracted(mut example: Example) -> Example {
+    if let Some(untouched) = example.untouched.take() {
+        mvt_touch::untouched::take_off(&untouched, &mut example.levels);
+    }
+    example
 }

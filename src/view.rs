@@ -1,21 +1,21 @@
 //! `view`: a run or a log, looked at.
 
-mod film;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::str::FromStr;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum};
+use mvt_viewer::film;
 
-use crate::progress;
-use crate::recording::Recording;
-use crate::simulate::print_line;
-use crate::viewer::eye::DISTANCE_M;
-use crate::viewer::window::{self, Place, Renderer};
-use crate::viewer::{Clouds, Colouring, Eye, Keyframes, Layers, Layout, Page, Preset, Theme};
 use film::{Film, Format};
+use mvt_recording::Recording;
+use mvt_run::io::print_line;
+use mvt_run::progress;
+use mvt_viewer::eye::DISTANCE_M;
+use mvt_viewer::window;
+use mvt_viewer::window::Place;
+use mvt_viewer::{Clouds, Colouring, Eye, Keyframes, Layers, Layout, Page, Preset, Theme};
 
 /// Look at a run, finished or still going, or at a raw log; or make a film of it
 ///
@@ -30,9 +30,6 @@ pub struct Arguments {
     /// A FeelSight log
     #[arg(long, value_name = "LOGDIR")]
     log: Option<PathBuf>,
-    /// What draws the window
-    #[arg(long, value_enum, default_value_t, conflicts_with = "record")]
-    renderer: Renderer,
     /// Make a picture (.png) or a film (.gif, or .mp4 with ffmpeg) instead of opening a window
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -152,7 +149,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (None, None) => None,
     };
     match (&arguments.record, &place) {
-        (None, place) => window::open(place.as_ref(), arguments.renderer),
+        (None, place) => window::open(place.as_ref()),
         (Some(file), Some(place)) => record(&mut place.open()?, file, &arguments.recorded),
         (Some(_), None) => bail!("give --run DIR or --log LOGDIR: there is nothing to record on the start page"),
     }

@@ -1,15 +1,16 @@
 //! What perception takes for object against what the renderer drew, under camera noise of the original's level.
 
-use perception::{SegmentationConfig, segment};
-use scenes::camera::PLACEMENTS;
-use scenes::catalogue;
-use scenes::hand::Side;
-use scenes::hand::solid::HandSolid;
-use scenes::observation::{BACKGROUND, OBJECT};
-use sim::camera::{Renderer, Scratch};
-use sim::depth_noise::{FrameId, disturb};
-use sim::episode::{Episode, EpisodeConfig, FRAME_HZ, Randomisation};
-use sim::gait;
+use mvt_frames::depth::{BACKGROUND, OBJECT};
+use mvt_gaits::clock::FRAME_HZ;
+use mvt_gaits::gait;
+use mvt_objects::catalogue;
+use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
+use mvt_render::camera::{Renderer, Scratch};
+use mvt_render::depth_noise::{FrameId, disturb};
+use mvt_robot::hand::Side;
+use mvt_robot::hand::solid::HandSolid;
+use mvt_robot::rig::PLACEMENTS;
+use mvt_segmentation::{SegmentationConfig, segment};
 
 #[test]
 fn object_pixels_are_the_objects() {
@@ -28,10 +29,10 @@ fn object_pixels_are_the_objects() {
         let (renderer, mut scratch) = (Renderer::new(side, &object), Scratch::default());
         let states = std::iter::from_fn(|| episode.next_frame()).step_by(FRAME_HZ as usize);
         for (frame, state) in (0..).zip(states) {
-            let hand = HandSolid::new(side, &state.joints);
+            let hand = HandSolid::new(side, &state.scene.joints);
             for (index, placement) in (0..).zip(&PLACEMENTS) {
                 let camera = placement.camera(side);
-                let truth = renderer.render(&camera, &state.joints, state.object_pose, &mut scratch);
+                let truth = renderer.render(&camera, &state.scene.joints, state.scene.object_pose, &mut scratch);
                 let depth = disturb(&truth.rgbd.depth_m, 5.0, FrameId { seed: 3, camera: index, frame });
                 let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
                 for (found, truth) in found.iter().zip(truth.segmentation.iter()) {

@@ -4,7 +4,7 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};
 
-use pinned::{Archive, Progress};
+use mvt_pinned::{Archive, Progress};
 
 const LIBRARY: &str = "libmujoco.so.3.17.0";
 

@@ -6,17 +6,17 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use glam::Vec3A;
+use mvt_frames::{Isometry, Object, World};
+use mvt_render::tessellation::tessellate;
+use mvt_robot::hand::Primitive;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use scenes::frame::{Isometry, Object, World};
-use scenes::hand::Primitive;
-use sim::tessellation::tessellate;
 
 use crate::network::ImageSize;
-use crate::recording::Recording;
-use crate::simulate::print_line;
-use crate::viewer::raster::{Placement, Raster, Surface};
-use crate::viewer::{Eye, Layers, Preset, Scene, Theme};
+use mvt_recording::Recording;
+use mvt_run::io::print_line;
+use mvt_viewer::raster::{Placement, Raster, Surface};
+use mvt_viewer::{Eye, Layers, Preset, Scene, Theme};
 
 /// Time the viewer: a mesh that is turned, and a run that is scrubbed
 ///

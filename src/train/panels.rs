@@ -5,10 +5,10 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use image::{ImageFormat, Rgb, RgbImage};
-use perception::engine::Prediction;
-use scenes::digit::{HEIGHT, WIDTH};
+use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_touch::engine::Prediction;
 
-use crate::contacts::Example;
+use mvt_presses::Example;
 
 /// Indentation that is drawn white, and error that is drawn red or blue, millimetres.
 const DEEPEST_MM: f32 = 1.5;

@@ -1,6 +1,6 @@
 //! Smaller images, which teach what is coarse at a lower cost.
 
-use crate::contacts::Example;
+use mvt_presses::Example;
 
 /// What a network sees at another size, at most its own; each pixel is the mean over the area that it covers.
 pub fn resized(example: Example, [rows, columns]: [usize; 2]) -> Example {

@@ -98,7 +98,7 @@ fn weights_are_scored_on_triples() {
     let folder = workplace.path("triples");
     std::fs::create_dir(&folder).unwrap();
     let depth = ndarray::Array2::from_shape_fn((320, 240), |(v, u)| {
-        scenes::digit::gel::point(u as f64, v as f64).coords().x as f32
+        mvt_robot::digit::gel::point(u as f64, v as f64).coords().x as f32
     });
     let image = image::RgbImage::from_pixel(240, 320, image::Rgb([90, 100, 95]));
     let mask = image::GrayImage::from_fn(240, 320, |u, _| image::Luma([if u < 120 { 255 } else { 0 }]));
@@ -146,7 +146,7 @@ fn contacts_are_drawn_for_networks_to_be_scored_on() {
         let depth_m: ndarray::Array2<f32> =
             ndarray_npy::read_npy(workplace.path(&format!("a/{id:05}_depth_m.npy"))).unwrap();
         let indentation_mm = depth_m.indexed_iter().map(|((v, u), depth)| {
-            1e3 * (scenes::digit::gel::point(u as f64, v as f64).coords().x - f64::from(*depth))
+            1e3 * (mvt_robot::digit::gel::point(u as f64, v as f64).coords().x - f64::from(*depth))
         });
         let deepest = indentation_mm.fold(0.0, f64::max);
         assert!((0.4..1.6).contains(&deepest), "{deepest} mm");

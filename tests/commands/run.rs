@@ -4,9 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use scenes::hand::Finger;
+use mvt_feelsight::npz::{DeflatedFrame, Reader, Writer};
+use mvt_robot::hand::Finger;
 use serde_json::Value;
-use sim::feelsight::npz::{DeflatedFrame, Reader, Writer};
 
 use crate::workplace::Workplace;
 

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use scenes::catalogue;
-use scenes::mesh::Mesh;
+use mvt_mesh::Mesh;
+use mvt_objects::catalogue;
 use serde_json::Value;
 
 use crate::workplace::Workplace;

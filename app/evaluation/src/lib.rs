@@ -1,0 +1,505 @@
+//! `evaluate`: many runs, and tables of their scores.
+
+mod faults;
+mod fields;
+mod table;
+mod tsdf;
+
+use std::collections::{BTreeMap, HashSet};
+use std::fs::{self, File, OpenOptions};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::thread;
+
+use anyhow::{Context as _, Result, anyhow};
+use clap::{Args, value_parser};
+use mvt_frames::camera::PosedCamera;
+use mvt_gaits::gait;
+use mvt_metrics::{FAILURE_M, POINTS, TrueSurface};
+use mvt_objects::object::Object;
+use mvt_robot::hand::Side;
+use mvt_robot::rig::Placement;
+use mvt_touch::network::Weights;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use mvt_live::{LiveSettings, LiveSource};
+use mvt_run::arguments::duration;
+use mvt_run::io::print_line;
+use mvt_run::object::load_object;
+use mvt_run::pipeline::{Estimator, Given, Init, Mode, RunConfig, Scorer, Snapshot};
+use mvt_run::report;
+use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
+use mvt_run::source::{Modality, Sensed, Source as _, TouchArguments, TouchNetwork};
+use mvt_run::{progress, settings};
+
+/// Run many episodes and tell the scores as tables
+///
+/// Each episode, an object with a seed and cameras, is simulated and rendered once, with the gait that suits the object; all modes and
+/// modalities receive the same frames of it. DIR/runs.jsonl receives a line per run, DIR/table.md the tables. A run that is there is not
+/// repeated, so that an interrupted evaluation goes on where it was.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Objects, by names that `assets list` shows or paths, with commas between
+    #[arg(long, value_delimiter = ',', required = true)]
+    objects: Vec<String>,
+    /// Seeds per object
+    #[arg(long, default_value_t = 3, value_parser = value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+    /// The first seed
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// What is estimated
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "slam,pose")]
+    modes: Vec<Mode>,
+    /// Which sensors are used
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "vitac,vi")]
+    modalities: Vec<Modality>,
+    /// Cameras, by name or as azimuth/elevation in degrees such as 330/35; sets with semicolons between, the cameras of a set with
+    /// commas
+    #[arg(long, value_delimiter = ';', default_value = "side")]
+    cameras: Vec<String>,
+    /// Longest duration of an episode, seconds
+    #[arg(long, default_value_t = 30.0, value_parser = duration)]
+    duration: f64,
+    #[command(flatten)]
+    touch: TouchArguments,
+    /// Folder of the results
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Also without each factor of the tracker and of the map in turn
+    #[arg(long)]
+    ablate: bool,
+    /// Instead of whole runs: a known shape that is teleported, a camera that is blanked, and both
+    #[arg(long, conflicts_with = "ablate")]
+    faults: bool,
+    /// Instead of modes and modalities: a run of mode slam with camera and touch, and the shapes that a dense and a hashed field and a
+    /// grid of truncated distances (TSDF) come to from the same rays at the poses that it tracked. All are given each pose as it was
+    /// when its frame was tracked; only the run's own map, `refined`, corrects poses later. DIR/fields.jsonl receives the lines
+    #[arg(long, conflicts_with_all = ["ablate", "faults", "modes", "modalities"])]
+    fields: bool,
+    /// Episodes at a time
+    #[arg(long, default_value_t = 2, value_parser = value_parser!(u16).range(1..=256))]
+    jobs: u16,
+    /// Settings as TOML
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// A setting; repeat for several
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// The variant with all factors.
+const FULL: &str = "full";
+
+/// Settings that are 0 in an ablation.
+const FACTORS: [&str; 14] = [
+    "slam.tracker.camera_weight",
+    "slam.tracker.touch_weight",
+    "slam.tracker.free_space_weight",
+    "slam.tracker.icp_weight",
+    "slam.tracker.velocity_weight",
+    "slam.tracker.contact_weight",
+    "slam.tracker.penetration_weight",
+    "slam.tracker.outline_points",
+    "slam.map.refined",
+    "slam.map.loop_turn_deg",
+    "slam.map.hand_part",
+    "slam.map.inside_weight",
+    "slam.map.core_weight",
+    "slam.field.eikonal_weight",
+];
+
+/// Whether a factor has any effect.
+fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
+    match factor {
+        "slam.tracker.camera_weight"
+        | "slam.tracker.icp_weight"
+        | "slam.tracker.free_space_weight"
+        | "slam.tracker.outline_points" => mode != Mode::Map && modality.has_vision(),
+        "slam.tracker.touch_weight" | "slam.tracker.contact_weight" => mode != Mode::Map && modality.has_touch(),
+        "slam.map.refined" | "slam.map.loop_turn_deg" => mode == Mode::Slam,
+        _ if factor.starts_with("slam.map.") || factor.starts_with("slam.field.") => mode != Mode::Pose,
+        _ => mode != Mode::Map,
+    }
+}
+
+/// What tells runs apart.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Key {
+    /// The object.
+    pub object: String,
+    /// Its seed.
+    pub seed: u64,
+    /// Names of the cameras with commas between.
+    pub cameras: String,
+    /// `slam`, `pose` or `map`.
+    pub mode: String,
+    /// `vitac`, `vi` or `tac`.
+    pub modality: String,
+    /// What is different: `full`, the setting that is 0, a fault, or how the shape is held.
+    pub variant: String,
+    /// SHA-256 of all settings, the duration and where the weights of a touch network come from, hexadecimal.
+    pub settings: String,
+}
+
+/// A line of runs.jsonl. Lengths are millimetres.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Line {
+    /// Which run.
+    #[serde(flatten)]
+    pub key: Key,
+    /// Frames, of which all count.
+    pub frames: usize,
+    /// Why the episode ended.
+    pub end: String,
+    /// Mean share of the object that the hand hides from the first camera, at the true pose.
+    pub hidden: Option<f64>,
+    /// F-score by threshold from 10,000 points.
+    pub f_score: BTreeMap<u32, f64>,
+    /// F-score by threshold from 100,000 points.
+    pub f_score_fine: BTreeMap<u32, f64>,
+    /// One-directional ADD-S; none if the object was never seen.
+    pub add_s_mm: Option<Errors>,
+    /// Symmetric ADD-S.
+    pub add_s_symmetric_mm: Option<Errors>,
+    /// Frames at which the object was lost.
+    pub lost_frames: usize,
+    /// How often it was found again.
+    pub recovered: usize,
+    /// The last error exceeds 10 mm although the object was not declared lost.
+    pub undeclared: bool,
+    /// Frames per second of tracking and mapping.
+    pub frames_per_second: f64,
+}
+
+/// Pose errors of a run, mm.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct Errors {
+    /// Mean.
+    pub mean: f64,
+    /// Median.
+    pub median: f64,
+    /// 95 % are at most this.
+    pub p95: f64,
+    /// At the last frame.
+    #[serde(rename = "final")]
+    pub last: f64,
+}
+
+impl From<ErrorStatistics> for Errors {
+    fn from(e: ErrorStatistics) -> Self {
+        // JSON has no infinity, and a run whose pose is no number must not vanish from the tables.
+        let written = |mm: f64| mm.min(f64::MAX);
+        Self { mean: written(e.mean), median: written(e.median), p95: written(e.p95), last: written(e.last) }
+    }
+}
+
+/// An object with a seed and cameras.
+#[derive(Debug, Clone)]
+struct Episode<'a> {
+    name: &'a str,
+    object: &'a Object,
+    seed: u64,
+    cameras: &'a str,
+    /// Of the network that makes touch depth; without them the true one is taken.
+    weights: Option<&'a Weights>,
+}
+
+/// A run of an episode.
+#[derive(Debug, Clone)]
+struct Trial {
+    key: Key,
+    mode: Mode,
+    modality: Modality,
+    config: RunConfig,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    // Everything is checked before anything is simulated.
+    let variants = variants(arguments)?;
+    for cameras in &arguments.cameras {
+        Placement::parse_list(cameras)?;
+    }
+    let weights = arguments.touch.weights()?;
+    let objects: Vec<(&str, Object)> =
+        arguments.objects.iter().map(|name| Ok((name.as_str(), load_object(name)?))).collect::<Result<_>>()?;
+    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
+    let episodes: Vec<Episode<'_>> = objects
+        .iter()
+        .flat_map(|(name, object)| {
+            let seeds = arguments.seed..arguments.seed + arguments.seeds;
+            seeds.flat_map(move |seed| arguments.cameras.iter().map(move |cameras| (*name, object, seed, cameras)))
+        })
+        .map(|(name, object, seed, cameras)| Episode { name, object, seed, cameras, weights: weights.as_ref() })
+        .collect();
+    let text = if arguments.faults {
+        let path = arguments.out.join("faults.jsonl");
+        let lines = all(arguments, &episodes, &path, |episode, done, tell| {
+            faults::trials(arguments, episode, &variants[0].1, done, tell)
+        })?;
+        faults::table(&lines)
+    } else if arguments.fields {
+        let path = arguments.out.join("fields.jsonl");
+        let lines = all(arguments, &episodes, &path, |episode, done, tell| {
+            fields::comparisons(arguments, episode, &variants[0].1, done, tell)
+        })?;
+        fields::table(&lines)
+    } else {
+        let path = arguments.out.join("runs.jsonl");
+        let lines = all(arguments, &episodes, &path, |episode, done, tell| {
+            let mut trials = trials(arguments, episode, &variants);
+            let keys = trials.iter().map(|trial| trial.key.clone()).collect();
+            trials.retain(|trial| !done.contains(&trial.key));
+            whole(arguments, episode, &trials, tell)?;
+            Ok(keys)
+        })?;
+        table::tables(&lines)
+    };
+    mvt_run::io::write_file(&arguments.out, "table.md", text.as_bytes())?;
+    print_line(&text)
+}
+
+/// A line of results that tells which run it is of.
+trait Keyed {
+    fn key(&self) -> &Key;
+}
+
+impl Keyed for Line {
+    fn key(&self) -> &Key {
+        &self.key
+    }
+}
+
+/// Receives a line as soon as it is known.
+type Tell<'a, L> = &'a mut dyn FnMut(L) -> Result<()>;
+
+/// Works off all episodes, several at a time (`work` gives the keys of an episode's lines, those that are done included), and gives the lines of all that were asked for, those of earlier runs included.
+fn all<L: Keyed + Clone + Serialize + DeserializeOwned + Send>(
+    arguments: &Arguments,
+    episodes: &[Episode<'_>],
+    path: &Path,
+    work: impl Fn(&Episode<'_>, &HashSet<Key>, Tell<'_, L>) -> Result<HashSet<Key>> + Sync,
+) -> Result<Vec<L>> {
+    let before: Vec<L> = read_lines(path)?;
+    let done: HashSet<Key> = before.iter().map(|line| line.key().clone()).collect();
+    let file = OpenOptions::new().create(true).append(true).open(path);
+    let file = file.with_context(|| path.display().to_string())?;
+    let written = Mutex::new((file, before));
+    let wanted = Mutex::new(HashSet::new());
+    let bar = progress::bar(episodes.len() as u64, "episodes");
+    let queue = Mutex::new(episodes.iter());
+    let worker = || -> Result<()> {
+        loop {
+            let next = queue.lock().map_err(|_| poisoned())?.next();
+            let Some(episode) = next else { return Ok(()) };
+            let mut tell = |line: L| {
+                let (file, lines) = &mut *written.lock().map_err(|_| poisoned())?;
+                append(file, path, &line)?;
+                lines.push(line);
+                Ok(())
+            };
+            let of_episode = work(episode, &done, &mut tell)
+                .with_context(|| format!("{}, seed {}, {}", episode.name, episode.seed, episode.cameras))?;
+            wanted.lock().map_err(|_| poisoned())?.extend(of_episode);
+            bar.inc(1);
+        }
+    };
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..arguments.jobs).map(|_| scope.spawn(worker)).collect();
+        workers.into_iter().try_for_each(|worker| worker.join().map_err(|_| poisoned())?)
+    })?;
+    bar.finish_and_clear();
+    let (_, lines) = written.into_inner().map_err(|_| poisoned())?;
+    let wanted = wanted.into_inner().map_err(|_| poisoned())?;
+    let mut lines: Vec<L> = lines.into_iter().filter(|line| wanted.contains(line.key())).collect();
+    lines.sort_by(|a, b| a.key().cmp(b.key()));
+    Ok(lines)
+}
+
+fn poisoned() -> anyhow::Error {
+    anyhow!("a worker panicked")
+}
+
+/// The lines of an earlier run; the last may have been cut off.
+fn read_lines<L: DeserializeOwned>(path: &Path) -> Result<Vec<L>> {
+    match fs::read_to_string(path) {
+        Ok(text) => Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(error).with_context(|| path.display().to_string()),
+    }
+}
+
+/// The line break comes first: a line that was cut off then spoils no other.
+fn append(file: &mut File, path: &Path, line: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string(line)?;
+    file.write_all(format!("\n{text}").as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// The settings of each variant by its name: those asked for, and each with a factor at 0.
+fn variants(arguments: &Arguments) -> Result<Vec<(&'static str, RunConfig)>> {
+    let load = |set: &[String]| -> Result<RunConfig> {
+        let config: RunConfig = settings::load(arguments.config.as_deref(), set)?;
+        config.check().map_err(|wrong| anyhow!("settings: {wrong}"))?;
+        Ok(config)
+    };
+    let mut variants = vec![(FULL, load(&arguments.set)?)];
+    if arguments.ablate {
+        for factor in FACTORS {
+            let set = [arguments.set.as_slice(), &[format!("{factor}=0")]].concat();
+            variants.push((factor, load(&set)?));
+        }
+    }
+    Ok(variants)
+}
+
+fn trials(arguments: &Arguments, episode: &Episode<'_>, variants: &[(&str, RunConfig)]) -> Vec<Trial> {
+    let mut trials = Vec::new();
+    for &mode in &arguments.modes {
+        for &modality in &arguments.modalities {
+            for (variant, config) in variants {
+                if *variant == FULL || matters(variant, mode, modality) {
+                    let key = key(arguments, episode, mode, modality, variant, config);
+                    trials.push(Trial { key, mode, modality, config: config.clone() });
+                }
+            }
+        }
+    }
+    trials
+}
+
+fn key(
+    arguments: &Arguments,
+    episode: &Episode<'_>,
+    mode: Mode,
+    modality: Modality,
+    variant: &str,
+    config: &RunConfig,
+) -> Key {
+    let mut settings = serde_json::json!([config, arguments.duration, env!("CARGO_PKG_VERSION")]).to_string();
+    if let Some(weights) = episode.weights {
+        settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
+    }
+    Key {
+        object: episode.name.to_owned(),
+        seed: episode.seed,
+        cameras: episode.cameras.to_owned(),
+        mode: mode.name().to_owned(),
+        modality: modality.name().to_owned(),
+        variant: variant.to_owned(),
+        settings: mvt_pinned::sha256_of(settings.as_bytes()),
+    }
+}
+
+/// Which hand; its mirror image would do as well.
+const SIDE: Side = Side::Left;
+
+fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig) -> Result<LiveSource> {
+    let cameras: Vec<PosedCamera> =
+        Placement::parse_list(episode.cameras)?.iter().map(|placement| placement.camera(SIDE)).collect();
+    let settings = LiveSettings {
+        side: SIDE,
+        gait: gait::choose("auto", episode.object)?.1.clone(),
+        seed: episode.seed,
+        duration_s,
+        cameras,
+        camera_noise: config.camera_noise,
+        modality: Modality::Vitac,
+    };
+    let network = episode.weights.map(|weights| TouchNetwork::new(weights, config.touch));
+    LiveSource::new(episode.object, settings, network)
+}
+
+/// A run under way.
+struct Running<'a> {
+    trial: &'a Trial,
+    given: Option<Given>,
+    estimator: Option<Estimator>,
+    scorer: Scorer,
+    rows: Vec<FrameRow>,
+}
+
+impl<'a> Running<'a> {
+    fn new(trial: &'a Trial, object: &Object) -> Result<Self> {
+        let given = if trial.mode == Mode::Pose { Some(Given::new(object)?) } else { None };
+        // Errors are told at the end, with all points.
+        let scorer = Scorer::new(None, trial.mode != Mode::Slam);
+        Ok(Self { trial, given, estimator: None, scorer, rows: Vec::new() })
+    }
+
+    fn step(&mut self, sensed: &Sensed, seed: u64) -> Result<()> {
+        let truth = sensed.truth.context("a live episode without truth")?;
+        let config = &self.trial.config.slam;
+        let estimator = match &mut self.estimator {
+            Some(estimator) => estimator,
+            None => self.estimator.insert(match self.given.take() {
+                Some(given) => Estimator::with_shape(config, SIDE, seed, given, Init::Near.start(truth, seed)),
+                None => Estimator::new(config, SIDE, seed)?,
+            }),
+        };
+        let depth = self.trial.modality.of(sensed.depth.clone());
+        let pose = (self.trial.mode == Mode::Map).then(|| mvt_frames::Isometry::new(truth.untyped()));
+        let estimate = estimator.step(&depth, pose);
+        self.rows.push(self.scorer.row(sensed.frame, &estimate, Some(truth), sensed.sense_ms));
+        Ok(())
+    }
+
+    fn line(self, object: &Object, surface: &TrueSurface, end: &str, hidden: Option<f64>) -> Line {
+        let Self { trial, estimator, scorer, rows, .. } = self;
+        let rows = report::scored(rows, surface);
+        let shape = || {
+            let (map, row) = estimator.as_ref()?.map().zip(rows.last())?;
+            let snapshot = Snapshot::new(map, row, scorer.gauge());
+            let mesh = snapshot.shape((trial.config.mesh_cell_mm * 1e-3) as f32, None).mesh;
+            let motion = row.truth?.inverse() * row.estimate;
+            (mesh.area_m2() > 0.0).then(|| ShapeScores::new(&mesh, &object.mesh, motion))
+        };
+        let shape = shape().unwrap_or_default();
+        let count = |state| rows.iter().filter(|row| row.state == state).count();
+        let failed = rows.last().and_then(|row| row.add_s).is_some_and(|e| e.one_directional_m > FAILURE_M);
+        let ms: f64 = rows.iter().map(|row| row.stage_ms.track + row.stage_ms.map).sum();
+        Line {
+            key: trial.key.clone(),
+            frames: rows.len(),
+            end: end.to_owned(),
+            hidden,
+            f_score: shape.f_score.unwrap_or_default(),
+            f_score_fine: shape.f_score_fine.unwrap_or_default(),
+            add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m).map(Into::into),
+            add_s_symmetric_mm: ErrorStatistics::new(&rows, |e| e.symmetric_m).map(Into::into),
+            lost_frames: count(TrackState::Lost),
+            recovered: count(TrackState::Relocalised),
+            undeclared: failed && rows.last().is_some_and(|row| row.state != TrackState::Lost),
+            frames_per_second: if ms > 0.0 { rows.len() as f64 / ms * 1e3 } else { 0.0 },
+        }
+    }
+}
+
+/// At every how many-th frame is asked how much of the object is hidden.
+const HIDDEN_EVERY: u64 = 30;
+
+/// All runs of an episode on the same frames, in step: so no frame need be kept.
+fn whole(arguments: &Arguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
+    let Some(first) = trials.first() else { return Ok(()) };
+    let mut source = live(episode, arguments.duration, &first.config)?;
+    let mut running: Vec<Running<'_>> =
+        trials.iter().map(|trial| Running::new(trial, episode.object)).collect::<Result<_>>()?;
+    let mut hidden = Vec::new();
+    while let Some(sensed) = source.next()? {
+        for run in &mut running {
+            run.step(&sensed, episode.seed)?;
+        }
+        if sensed.frame.is_multiple_of(HIDDEN_EVERY) {
+            hidden.extend(source.hidden_share());
+        }
+    }
+    let hidden = (!hidden.is_empty()).then(|| hidden.iter().sum::<f64>() / hidden.len() as f64);
+    let (end, _) = source.end();
+    let surface = TrueSurface::new(&episode.object.mesh, POINTS, 0);
+    for run in running {
+        tell(run.line(episode.object, &surface, &end, hidden))?;
+    }
+    Ok(())
+}

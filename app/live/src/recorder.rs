@@ -1,0 +1,220 @@
+//! Records an episode as a FeelSight log: simulate, render, encode, write.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use indicatif::ProgressBar;
+use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SCENE_FILE, Scene, SceneObject};
+use mvt_frames::camera::PosedCamera;
+use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
+use mvt_gaits::gait;
+use mvt_gaits::gait::Gait;
+use mvt_objects::catalogue;
+use mvt_objects::object::Object;
+use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeState, Randomisation, Start};
+use mvt_render::observer::{Observer, ObserverOptions, Scratch};
+use mvt_render::touch::{Background, TouchConfig, TouchOptions};
+use mvt_robot::hand::{Finger, PerFinger, Side};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use mvt_run::io::read_image;
+
+/// Everything that decides what is in a log, but for the object, the seed and the cameras.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Settings {
+    /// Name of a gait, or `auto`.
+    pub gait: String,
+    /// Which hand.
+    pub side: Side,
+    /// Longest duration of an episode, seconds.
+    pub duration_s: f64,
+    /// Noise in the recorded images.
+    pub noise: Noise,
+    /// Light configuration of the DIGITs.
+    pub touch_config: TouchConfig,
+    /// Image under every touch image; `None` for a synthetic one of its own for each finger.
+    pub background: Option<PathBuf>,
+}
+
+/// Noise in the recorded images.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Noise {
+    /// Whether touch images have the noise of their configuration.
+    pub touch: bool,
+    /// Multiple of Redwood's noise on camera depth; `None` for true depth.
+    pub camera_depth: Option<f64>,
+}
+
+/// Frames that are rendered before any of them is written: enough to keep all threads busy, and about 100 MB.
+const FRAMES_AT_ONCE: usize = 32;
+
+/// Records episodes of one object.
+pub struct Recorder<'a> {
+    object: &'a Object,
+    scene_object: SceneObject,
+    settings: &'a Settings,
+    gait_name: &'static str,
+    gait: &'static Gait,
+    background: Option<image::RgbImage>,
+}
+
+impl<'a> Recorder<'a> {
+    /// Prepares for an object that was loaded by `name`.
+    pub fn new(object: &'a Object, name: &str, settings: &'a Settings) -> Result<Self> {
+        let (gait_name, gait) = gait::choose(&settings.gait, object)?;
+        let scene_object = SceneObject {
+            name: object.name.clone(),
+            mesh: name.to_owned(),
+            mesh_sha256: mesh_sha256(name)?,
+            object_from_file: object.object_from_file.to_matrix(),
+            mass_kg: object.mass_kg,
+        };
+        let background = settings.background.as_deref().map(read_image).transpose()?;
+        Ok(Self { object, scene_object, settings, gait_name, gait, background })
+    }
+
+    /// Whether a folder holds the complete log that [`Recorder::record`] would make.
+    pub fn made(&self, folder: &Path, seed: u64, cameras: &[PosedCamera]) -> bool {
+        let text = fs::read(folder.join(SCENE_FILE)).unwrap_or_default();
+        serde_json::from_slice::<Scene>(&text)
+            .is_ok_and(|scene| scene.config_sha256 == self.config_sha256(seed, cameras))
+    }
+
+    fn config_sha256(&self, seed: u64, cameras: &[PosedCamera]) -> String {
+        let cameras: Vec<_> = cameras.iter().map(|c| (&c.name, c.intrinsics, c.pose.to_matrix())).collect();
+        let background = self.background.as_ref().map(|image| mvt_pinned::sha256_of(image.as_raw()));
+        let config = serde_json::json!([
+            env!("CARGO_PKG_VERSION"),
+            FORMAT_VERSION,
+            self.scene_object,
+            self.settings,
+            background,
+            self.gait,
+            Randomisation::default(),
+            seed,
+            cameras,
+        ]);
+        mvt_pinned::sha256_of(config.to_string().as_bytes())
+    }
+
+    /// Simulates, renders and writes one log, and says how the episode ended. The result depends on neither threads nor time.
+    pub fn record(
+        &self,
+        seed: u64,
+        cameras: &[PosedCamera],
+        folder: &Path,
+        overwrite: bool,
+        bar: &ProgressBar,
+    ) -> Result<EpisodeEnd> {
+        let config = EpisodeConfig {
+            side: self.settings.side,
+            gait: self.gait.clone(),
+            seed,
+            duration_s: self.settings.duration_s,
+            randomisation: Randomisation::default(),
+        };
+        let mut episode = Episode::new(self.object, &config)?;
+        let snapshots: Vec<EpisodeState> = std::iter::from_fn(|| episode.next_frame()).collect();
+        bar.set_length(snapshots.len() as u64);
+
+        let background = |finger: Finger| match &self.background {
+            Some(image) => Background::Image(image.clone()),
+            None => Background::Synthetic { seed: finger as u64 },
+        };
+        let observer = Observer::new(
+            self.object,
+            ObserverOptions {
+                side: self.settings.side,
+                cameras: cameras.to_vec(),
+                touch: PerFinger::from_fn(|finger| TouchOptions {
+                    background: background(finger),
+                    ..TouchOptions::new(self.settings.touch_config)
+                }),
+                touch_noise: self.settings.noise.touch,
+                camera_depth_noise: self.settings.noise.camera_depth,
+                seed,
+            },
+        )?;
+        let meta = LogMeta { scene: self.scene(seed, cameras, &episode), cameras: cameras.to_vec() };
+        if let Some(parent) = folder.parent() {
+            fs::create_dir_all(parent).with_context(|| format!("cannot make {}", parent.display()))?;
+        }
+        let mut writer = LogWriter::create(folder, meta, overwrite)?;
+        for (chunk, first) in snapshots.chunks(FRAMES_AT_ONCE).zip((0..).step_by(FRAMES_AT_ONCE)) {
+            let encode = |scratch: &mut Scratch, (i, state): (u32, &EpisodeState)| {
+                let (observation, truth) = observer.observe(first + i, &state.scene, scratch);
+                bar.inc(1);
+                EncodedFrame::encode(&observation, &truth, writer.meta())
+            };
+            let numbered: Vec<_> = (0..).zip(chunk).collect();
+            let frames: Vec<EncodedFrame> =
+                numbered.into_par_iter().map_init(Scratch::default, encode).collect::<Result<_, _>>()?;
+            for frame in &frames {
+                writer.push(frame)?;
+            }
+        }
+        let end = episode.end().map_or_else(|| ended(&End::Completed), ended);
+        writer.finish(end.clone())?;
+        Ok(end)
+    }
+
+    fn scene(&self, seed: u64, cameras: &[PosedCamera], episode: &Episode) -> Scene {
+        let Start { physics, .. } = episode.start();
+        let [cx, cy, cz] = physics.com_offset_m;
+        let number = |name: &str, value: f64| (name.to_owned(), value);
+        let Settings { noise, touch_config, .. } = self.settings;
+        let touch_sigma = if noise.touch { f64::from(touch_config.noise_sigma()) } else { 0.0 };
+        Scene {
+            format_version: FORMAT_VERSION,
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            object: self.scene_object.clone(),
+            hand: self.settings.side,
+            seed,
+            gravity_m_s2: physics.gravity,
+            gait: self.gait_name.to_owned(),
+            cameras: cameras.iter().map(|camera| camera.name.clone()).collect(),
+            frame_rate_hz: f64::from(FRAME_HZ),
+            control_rate_hz: f64::from(CONTROL_HZ),
+            physics_rate_hz: f64::from(PHYSICS_HZ),
+            noise: BTreeMap::from([
+                number("touch_sigma_grey", touch_sigma),
+                number("camera_depth_multiple_of_redwood", noise.camera_depth.unwrap_or(0.0)),
+            ]),
+            randomised: BTreeMap::from([
+                number("gel_friction", physics.gel_friction),
+                number("link_friction", physics.link_friction),
+                number("joint_stiffness_nm_rad", physics.joint_stiffness),
+                number("object_mass_kg", physics.object_mass_kg),
+                number("com_offset_x_m", cx),
+                number("com_offset_y_m", cy),
+                number("com_offset_z_m", cz),
+            ]),
+            config_sha256: self.config_sha256(seed, cameras),
+            // Replaced when the log is finished.
+            end: EpisodeEnd { complete: false, reason: "unfinished".to_owned() },
+        }
+    }
+}
+
+/// How an episode ended, as scene.json has it.
+pub fn ended(end: &End) -> EpisodeEnd {
+    let (complete, reason) = match end {
+        End::Completed => (true, "time is up".to_owned()),
+        End::Dropped => (false, "the object was dropped".to_owned()),
+        End::Stopped => (false, "it was stopped".to_owned()),
+        End::Unstable(reason) => (false, reason.clone()),
+    };
+    EpisodeEnd { complete, reason }
+}
+
+/// SHA-256 of the file that a mesh came from; `None` for procedural objects.
+fn mesh_sha256(name: &str) -> Result<Option<String>> {
+    if catalogue::is_path(name) {
+        return Ok(Some(mvt_pinned::sha256(Path::new(name))?));
+    }
+    catalogue::find(name)?;
+    Ok(catalogue::ycb_files().find(|file| file.name == name).map(|file| file.sha256.to_owned()))
+}

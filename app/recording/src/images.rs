@@ -1,0 +1,388 @@
+//! Images as bytes, small and quickly made: colours as JPEG, depth as differences to the left neighbour, deflated.
+//!
+//! The images of a frame are one block: for each image its kind and sensor (one byte each), its length (u32) and its bytes.
+//! Numbers are little-endian.
+
+use std::io::{Cursor, Read as _, Write as _};
+use std::sync::OnceLock;
+
+use flate2::Compression;
+use flate2::read::ZlibDecoder;
+use flate2::write::ZlibEncoder;
+use image::{GrayImage, ImageReader, RgbImage};
+use mvt_frames::camera::Intrinsics;
+use mvt_robot::digit;
+use mvt_robot::digit::gel;
+use mvt_robot::hand::{Finger, PerFinger};
+use ndarray::Array2;
+
+use super::{CameraImages, FingerImages, Images};
+
+/// Longest side of a recorded camera image, pixels.
+const CAMERA_SIDE: usize = 320;
+/// Longest side of an image that is read.
+const LARGEST_SIDE: u32 = 4096;
+/// Steps in which depth is kept, metres: of cameras a fraction of their noise, of DIGITs a hundredth of a touch.
+const CAMERA_STEP_M: f32 = 1e-4;
+const TOUCH_STEP_M: f32 = 5e-6;
+/// Stands for a depth that was not measured.
+const NOTHING: i16 = i16::MIN;
+/// Quality of JPEG.
+const QUALITY: u8 = 85;
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Colour,
+    Depth,
+    Segmentation,
+    Touch,
+    TouchDepth,
+    Contact,
+    TrueDepth,
+}
+
+impl Kind {
+    const ALL: [Self; 7] =
+        [Self::Colour, Self::Depth, Self::Segmentation, Self::Touch, Self::TouchDepth, Self::Contact, Self::TrueDepth];
+}
+
+/// Every how many-th row and column of a camera's images is recorded.
+pub fn stride(intrinsics: &Intrinsics) -> usize {
+    intrinsics.width.max(intrinsics.height).div_ceil(CAMERA_SIDE).max(1)
+}
+
+/// The camera of the images that are recorded of a camera.
+pub fn shrunk(intrinsics: &Intrinsics) -> Intrinsics {
+    let stride = stride(intrinsics);
+    let by = stride as f64;
+    Intrinsics {
+        width: intrinsics.width.div_ceil(stride),
+        height: intrinsics.height.div_ceil(stride),
+        fx: intrinsics.fx / by,
+        fy: intrinsics.fy / by,
+        cx: intrinsics.cx / by,
+        cy: intrinsics.cy / by,
+    }
+}
+
+/// Every `stride`-th row and column.
+pub fn thinned(image: &RgbImage, stride: usize) -> RgbImage {
+    let step = stride as u32;
+    let (width, height) = (image.width().div_ceil(step), image.height().div_ceil(step));
+    RgbImage::from_fn(width, height, |x, y| *image.get_pixel(x * step, y * step))
+}
+
+/// Every `stride`-th row and column.
+pub fn thinned_gray(image: &GrayImage, stride: usize) -> GrayImage {
+    let step = stride as u32;
+    let (width, height) = (image.width().div_ceil(step), image.height().div_ceil(step));
+    GrayImage::from_fn(width, height, |x, y| *image.get_pixel(x * step, y * step))
+}
+
+/// Every `stride`-th row and column.
+pub fn thinned_depth(depth_m: &Array2<f32>, stride: usize) -> Array2<f32> {
+    depth_m.slice(ndarray::s![..;stride, ..;stride]).to_owned()
+}
+
+/// Depth of the untouched gel by row and column, metres.
+pub fn gel_depth_m() -> &'static Array2<f32> {
+    static DEPTH: OnceLock<Array2<f32>> = OnceLock::new();
+    DEPTH.get_or_init(|| {
+        Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| {
+            gel::point(column as f64, row as f64).coords().x as f32
+        })
+    })
+}
+
+/// Whether a DIGIT's depth is that of the untouched gel.
+fn is_gel(depth_m: &Array2<f32>) -> bool {
+    let gel = gel_depth_m();
+    depth_m.dim() == gel.dim() && depth_m.iter().zip(gel).all(|(z, gel)| (z - gel).abs() < 0.5 * TOUCH_STEP_M)
+}
+
+/// A block of these images.
+pub fn encode(images: &Images) -> Result<Vec<u8>, String> {
+    let mut block = Vec::new();
+    let mut put = |kind: Kind, sensor: usize, bytes: &[u8]| {
+        block.extend([kind as u8, sensor as u8]);
+        block.extend((bytes.len() as u32).to_le_bytes());
+        block.extend_from_slice(bytes);
+    };
+    for (k, camera) in images.cameras.iter().enumerate() {
+        let Some(CameraImages { colour, depth_m, segmentation }) = camera else { continue };
+        if !colour.is_empty() {
+            put(Kind::Colour, k, &jpeg(colour)?);
+        }
+        put(Kind::Depth, k, &pack_depth(depth_m)?);
+        put(Kind::Segmentation, k, &pack_levels(segmentation)?);
+    }
+    for (finger, touch) in images.touch.iter() {
+        let Some(FingerImages { image, depth_m, contact, true_depth_m }) = touch else { continue };
+        let k = finger as usize;
+        if !image.is_empty() {
+            put(Kind::Touch, k, &jpeg(image)?);
+        }
+        // Of a DIGIT that touches nothing there is nothing more to keep.
+        if image.is_empty() || contact.contains(&255) || !is_gel(depth_m) {
+            put(Kind::TouchDepth, k, &pack_touch(depth_m)?);
+            put(Kind::Contact, k, &pack_levels(contact)?);
+        }
+        if let Some(depth_m) = true_depth_m {
+            put(Kind::TrueDepth, k, &pack_touch(depth_m)?);
+        }
+    }
+    Ok(block)
+}
+
+/// The images of a block.
+pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<Images, String> {
+    let mut images = Images { frame, cameras: vec![None; cameras], touch: PerFinger::default() };
+    let mut rest = block;
+    while !rest.is_empty() {
+        let (head, after) = rest.split_at_checked(6).ok_or("a block of images ends in the middle")?;
+        let (kind, sensor) = (Kind::ALL.get(usize::from(head[0])), usize::from(head[1]));
+        let length = u32::from_le_bytes([head[2], head[3], head[4], head[5]]) as usize;
+        let (bytes, after) = after.split_at_checked(length).ok_or("an image ends in the middle")?;
+        rest = after;
+        let kind = *kind.ok_or_else(|| format!("there is an image of unknown kind {}", head[0]))?;
+        match kind {
+            Kind::Colour => camera(&mut images, sensor)?.colour = unjpeg(bytes)?,
+            Kind::Segmentation => camera(&mut images, sensor)?.segmentation = unpack_levels(bytes)?,
+            Kind::Depth => camera(&mut images, sensor)?.depth_m = unpack_depth(bytes)?,
+            Kind::Touch => {
+                let finger = finger(&mut images, sensor)?;
+                finger.image = unjpeg(bytes)?;
+                finger.depth_m = gel_depth_m().clone();
+                finger.contact = GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32);
+            }
+            Kind::TouchDepth => finger(&mut images, sensor)?.depth_m = unpack_touch(bytes)?,
+            Kind::Contact => finger(&mut images, sensor)?.contact = unpack_levels(bytes)?,
+            Kind::TrueDepth => finger(&mut images, sensor)?.true_depth_m = Some(unpack_touch(bytes)?),
+        }
+    }
+    Ok(images)
+}
+
+fn camera(images: &mut Images, sensor: usize) -> Result<&mut CameraImages, String> {
+    let camera = images.cameras.get_mut(sensor).ok_or_else(|| format!("there is no camera {sensor}"))?;
+    Ok(camera.get_or_insert_default())
+}
+
+fn finger(images: &mut Images, sensor: usize) -> Result<&mut FingerImages, String> {
+    let finger = Finger::ALL.get(sensor).ok_or_else(|| format!("there is no finger {sensor}"))?;
+    Ok(images.touch[*finger].get_or_insert_default())
+}
+
+fn jpeg(image: &RgbImage) -> Result<Vec<u8>, String> {
+    let side = |n| u16::try_from(n).map_err(|_| format!("an image of {} x {}", image.width(), image.height()));
+    let mut bytes = Vec::with_capacity(image.len() / 8);
+    jpeg_encoder::Encoder::new(&mut bytes, QUALITY)
+        .encode(image, side(image.width())?, side(image.height())?, jpeg_encoder::ColorType::Rgb)
+        .map_err(|error| error.to_string())?;
+    Ok(bytes)
+}
+
+fn unjpeg(bytes: &[u8]) -> Result<RgbImage, String> {
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), image::ImageFormat::Jpeg);
+    let mut limits = image::Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST_SIDE), Some(LARGEST_SIDE));
+    reader.limits(limits);
+    Ok(reader.decode().map_err(|error| error.to_string())?.into_rgb8())
+}
+
+/// Columns and rows.
+type Size = [usize; 2];
+
+fn size(depth_m: &Array2<f32>) -> Size {
+    [depth_m.ncols(), depth_m.nrows()]
+}
+
+fn array(values: Vec<f32>, [columns, rows]: Size) -> Result<Array2<f32>, String> {
+    Array2::from_shape_vec((rows, columns), values).map_err(|error| error.to_string())
+}
+
+/// Numbers of an image, row by row. Low and high bytes are apart: the high ones are nearly all alike.
+fn pack(values: impl Iterator<Item = i16>, size: Size) -> Result<Vec<u8>, String> {
+    let mut left = 0i16;
+    let (mut bytes, mut high) = (Vec::new(), Vec::new());
+    for value in values {
+        let difference = value.wrapping_sub(left);
+        left = value;
+        // Small differences of either sign become small numbers.
+        let [low_byte, high_byte] = ((difference << 1) ^ (difference >> 15)).to_le_bytes();
+        bytes.push(low_byte);
+        high.push(high_byte);
+    }
+    bytes.append(&mut high);
+    deflate(&bytes, size)
+}
+
+fn unpack(bytes: &[u8]) -> Result<(Vec<i16>, Size), String> {
+    let (bytes, size) = inflate(bytes, 2)?;
+    let (low, high) = bytes.split_at(bytes.len() / 2);
+    let mut left = 0i16;
+    let undo = |(&low, &high): (&u8, &u8)| {
+        let folded = u16::from_le_bytes([low, high]);
+        let difference = ((folded >> 1) as i16) ^ -((folded & 1) as i16);
+        left = left.wrapping_add(difference);
+        left
+    };
+    Ok((low.iter().zip(high).map(undo).collect(), size))
+}
+
+/// Depth of a camera as bytes; what is not above 0 was not measured.
+pub fn pack_depth(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
+    let step = |&z: &f32| if z > 0.0 { (z / CAMERA_STEP_M).round() as i16 } else { NOTHING };
+    pack(depth_m.iter().map(step), size(depth_m))
+}
+
+/// Depth of a camera, metres; 0 where nothing was measured.
+pub fn unpack_depth(bytes: &[u8]) -> Result<Array2<f32>, String> {
+    let (steps, shape) = unpack(bytes)?;
+    let metres = |step| if step == NOTHING { 0.0 } else { f32::from(step) * CAMERA_STEP_M };
+    array(steps.into_iter().map(metres).collect(), shape)
+}
+
+/// Depth of a DIGIT is kept as what is pressed in, which is nothing nearly everywhere.
+fn pack_touch(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
+    let gel = gel_depth_m();
+    if depth_m.dim() != gel.dim() {
+        return Err(format!("a touch image of {:?}", depth_m.dim()));
+    }
+    let step = |(&z, &gel): (&f32, &f32)| if z > 0.0 { ((gel - z) / TOUCH_STEP_M).round() as i16 } else { NOTHING };
+    pack(depth_m.iter().zip(gel).map(step), size(depth_m))
+}
+
+fn unpack_touch(bytes: &[u8]) -> Result<Array2<f32>, String> {
+    let (steps, shape) = unpack(bytes)?;
+    let gel = gel_depth_m();
+    if shape != size(gel) {
+        return Err(format!("a touch image of {} x {}", shape[0], shape[1]));
+    }
+    let metres = |(&step, &gel): (&i16, &f32)| {
+        if step == NOTHING { 0.0 } else { gel - f32::from(step) * TOUCH_STEP_M }
+    };
+    array(steps.iter().zip(gel).map(metres).collect(), shape)
+}
+
+fn pack_levels(image: &GrayImage) -> Result<Vec<u8>, String> {
+    deflate(image, [image.width() as usize, image.height() as usize])
+}
+
+fn unpack_levels(bytes: &[u8]) -> Result<GrayImage, String> {
+    let (bytes, [width, height]) = inflate(bytes, 1)?;
+    GrayImage::from_raw(width as u32, height as u32, bytes).ok_or_else(|| "an image of another size".to_owned())
+}
+
+/// Width and height (u16), then the bytes, deflated.
+fn deflate(bytes: &[u8], [width, height]: Size) -> Result<Vec<u8>, String> {
+    let side = |n: usize| u16::try_from(n).map_err(|_| format!("an image of {width} x {height}"));
+    let mut out = Vec::with_capacity(bytes.len() / 8);
+    out.extend(side(width)?.to_le_bytes());
+    out.extend(side(height)?.to_le_bytes());
+    let mut encoder = ZlibEncoder::new(out, Compression::fast());
+    encoder.write_all(bytes).and_then(|()| encoder.finish()).map_err(|error| error.to_string())
+}
+
+fn inflate(bytes: &[u8], bytes_per_pixel: usize) -> Result<(Vec<u8>, Size), String> {
+    let (head, body) = bytes.split_at_checked(4).ok_or("an image without a size")?;
+    let size = [u16::from_le_bytes([head[0], head[1]]), u16::from_le_bytes([head[2], head[3]])].map(usize::from);
+    if size.iter().any(|&side| side > LARGEST_SIDE as usize) {
+        return Err(format!("an image of {} x {}", size[0], size[1]));
+    }
+    let expected = size[0] * size[1] * bytes_per_pixel;
+    let mut out = Vec::with_capacity(expected);
+    let read = ZlibDecoder::new(body).take(expected as u64 + 1).read_to_end(&mut out);
+    read.map_err(|error| error.to_string())?;
+    if out.len() == expected { Ok((out, size)) } else { Err("an image of another size".to_owned()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn example() -> Images {
+        let camera = CameraImages {
+            colour: RgbImage::from_fn(32, 24, |x, y| image::Rgb([4 * x as u8, 8 * y as u8, 90])),
+            depth_m: Array2::from_shape_fn((24, 32), |(r, c)| if r < 3 { 0.0 } else { 0.3 + 0.001 * (r * c) as f32 }),
+            segmentation: GrayImage::from_fn(32, 24, |x, _| image::Luma([if x > 9 { 255 } else { 127 }])),
+        };
+        let pressed = gel_depth_m().mapv(|z| if z > 0.0219 { z - 0.0007 } else { z });
+        let touch = FingerImages {
+            image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
+            contact: GrayImage::from_pixel(240, 320, image::Luma([255])),
+            depth_m: pressed.clone(),
+            true_depth_m: Some(pressed.mapv(|z| if z > 0.02195 { 0.0 } else { z })),
+        };
+        let mut images = Images { frame: 7, cameras: vec![None, Some(camera)], touch: PerFinger::default() };
+        images.touch[Finger::Ring] = Some(touch);
+        images
+    }
+
+    #[test]
+    fn images_come_back_as_they_were_up_to_their_steps() {
+        let images = example();
+        let block = encode(&images).unwrap();
+        let read = decode(&block, 7, 2).unwrap();
+        let [before, after] = [&images, &read].map(|images| images.cameras[1].clone().unwrap());
+        assert!(read.cameras[0].is_none() && read.touch[Finger::Thumb].is_none());
+        assert_eq!(before.segmentation, after.segmentation);
+        let close = |a: &Array2<f32>, b: &Array2<f32>, step: f32| {
+            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.51 * step && (*a == 0.0) == (*b == 0.0)));
+        };
+        close(&before.depth_m, &after.depth_m, CAMERA_STEP_M);
+        let off = before.colour.iter().zip(after.colour.iter()).map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(off < Some(24), "{off:?}");
+        let [before, after] = [&images, &read].map(|images| images.touch[Finger::Ring].clone().unwrap());
+        close(&before.depth_m, &after.depth_m, TOUCH_STEP_M);
+        close(&before.true_depth_m.unwrap(), &after.true_depth_m.unwrap(), TOUCH_STEP_M);
+        assert_eq!(before.contact, after.contact);
+    }
+
+    #[test]
+    fn a_digit_that_touches_nothing_takes_no_room() {
+        let untouched = FingerImages {
+            image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
+            depth_m: gel_depth_m().clone(),
+            contact: GrayImage::new(240, 320),
+            true_depth_m: None,
+        };
+        let mut images = Images { frame: 0, cameras: vec![], touch: PerFinger::default() };
+        images.touch[Finger::Index] = Some(FingerImages { image: RgbImage::default(), ..untouched.clone() });
+        assert_eq!(decode(&encode(&images).unwrap(), 0, 0).unwrap(), images);
+        images.touch[Finger::Index] = Some(untouched);
+        let block = encode(&images).unwrap();
+        let read = decode(&block, 0, 0).unwrap().touch[Finger::Index].clone().unwrap();
+        assert_eq!((&read.depth_m, read.contact.contains(&255)), (gel_depth_m(), false));
+        assert_eq!(block.len(), 6 + jpeg(&read.image).unwrap().len());
+    }
+
+    #[test]
+    fn a_thinned_image_is_seen_by_the_thinned_camera() {
+        let whole = Intrinsics::from_fov_y(641, 480, 0.7);
+        let small = shrunk(&whole);
+        assert_eq!((small.width, small.height, stride(&whole)), (214, 160, 3));
+        let (point, again) = (whole.unproject(300.0, 123.0, 0.4), small.unproject(100.0, 41.0, 0.4));
+        assert!((point.coords() - again.coords()).norm() < 1e-12);
+        let depth_m = Array2::from_shape_fn((480, 641), |(r, c)| (1000 * r + c) as f32);
+        assert_eq!(thinned_depth(&depth_m, 3)[(41, 100)], depth_m[(123, 300)]);
+        assert_eq!(thinned_depth(&depth_m, 3).dim(), (160, 214));
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_are_packed_without_loss(values in prop::collection::vec(any::<i16>(), 6..=6)) {
+            let packed = pack(values.iter().copied(), [3, 2]).unwrap();
+            prop_assert_eq!(unpack(&packed).unwrap(), (values, [3, 2]));
+        }
+
+        #[test]
+        fn damaged_blocks_are_errors_or_other_images(at in any::<prop::sample::Index>(), byte in any::<u8>(), cut in any::<bool>()) {
+            let mut block = encode(&example()).unwrap();
+            let at = at.index(block.len());
+            if cut { block.truncate(at) } else { block[at] = byte }
+            let _ = decode(&block, 0, 2);
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Lines of a recording's tables, and about.json and end.json.
+
+use mvt_frames::camera::{Intrinsics, PosedCamera};
+use mvt_frames::{Frame, Isometry};
+use mvt_metrics::AddS;
+use mvt_robot::hand::{JOINTS, PerFinger, Side};
+use serde::{Deserialize, Serialize};
+
+use super::{About, Moment, Place, Touching};
+use mvt_run::report::{FrameRow, ShapePoint, StageMs, TrackState};
+
+/// Names of the files.
+pub mod file {
+    pub const ABOUT: &str = "about.json";
+    pub const RUNNING: &str = "running";
+    pub const FRAMES: &str = "frames.jsonl";
+    pub const IMAGES: &str = "images.bin";
+    pub const SHAPES: &str = "shapes.jsonl";
+    pub const MESHES: &str = "shapes.bin";
+    pub const EVENTS: &str = "events.jsonl";
+    pub const END: &str = "end.json";
+}
+
+/// Farthest that anything can be, metres.
+const FARTHEST_M: f64 = 100.0;
+
+/// A translation in metres and a quaternion (w, x, y, z).
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Pose([f64; 7]);
+
+impl Pose {
+    fn of<A: Frame, B: Frame>(pose: Isometry<A, B>) -> Self {
+        let ([x, y, z], [qw, qx, qy, qz]) = (pose.origin().coords().into(), pose.quaternion_wxyz());
+        Self([x, y, z, qw, qx, qy, qz])
+    }
+
+    fn isometry<A: Frame, B: Frame>(self) -> Result<Isometry<A, B>, &'static str> {
+        let [x, y, z, q @ ..] = self.0;
+        let length = q.iter().map(|c| c * c).sum::<f64>();
+        let is_near = [x, y, z].iter().all(|c| c.abs() <= FARTHEST_M);
+        // Written so that NaN fails.
+        if !(is_near && (0.25..4.0).contains(&length)) {
+            return Err("a pose is none");
+        }
+        Ok(Isometry::from_parts([x, y, z], q))
+    }
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Camera {
+    name: String,
+    intrinsics: Intrinsics,
+    pose: Pose,
+}
+
+/// about.json.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct AboutFile {
+    object: String,
+    seed: u64,
+    mode: String,
+    modality: String,
+    side: Side,
+    cameras: Vec<Camera>,
+    frames: usize,
+    process: u32,
+    /// Where the true shape is in shapes.bin.
+    truth: Option<Place>,
+}
+
+/// The part of about.json that every version has.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct VersionFile {
+    pub version: u32,
+    #[serde(flatten)]
+    pub rest: serde_json::Value,
+}
+
+impl AboutFile {
+    pub fn new(about: &About, truth: Option<Place>) -> Self {
+        let camera = |camera: &PosedCamera| Camera {
+            name: camera.name.clone(),
+            intrinsics: camera.intrinsics,
+            pose: Pose::of(camera.pose),
+        };
+        Self {
+            object: about.object.clone(),
+            seed: about.seed,
+            mode: about.mode.clone(),
+            modality: about.modality.clone(),
+            side: about.side,
+            cameras: about.cameras.iter().map(camera).collect(),
+            frames: about.frames,
+            process: about.process,
+            truth,
+        }
+    }
+
+    pub fn about(self, version: u32) -> Result<(About, Option<Place>), &'static str> {
+        let camera = |Camera { name, intrinsics, pose }: Camera| {
+            let k = intrinsics;
+            let is_right = [k.fx, k.fy].iter().all(|f| (1.0..1e5).contains(f))
+                && [k.cx, k.cy].iter().all(|c| c.abs() < 1e5)
+                && [k.width, k.height].iter().all(|side| (1..=4096).contains(side));
+            if is_right {
+                Ok(PosedCamera { name, intrinsics, pose: pose.isometry()? })
+            } else {
+                Err("a camera is none")
+            }
+        };
+        let cameras = self.cameras.into_iter().map(camera).collect::<Result<_, _>>()?;
+        let about = About {
+            version,
+            object: self.object,
+            seed: self.seed,
+            mode: self.mode,
+            modality: self.modality,
+            side: self.side,
+            cameras,
+            frames: self.frames,
+            process: self.process,
+        };
+        Ok((about, self.truth))
+    }
+}
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum State {
+    Tracking,
+    Lost,
+    Relocalised,
+}
+
+/// A line of frames.jsonl.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct FrameLine {
+    frame: u64,
+    time_s: f64,
+    state: State,
+    confidence: f64,
+    estimate: Pose,
+    truth: Option<Pose>,
+    add_s_m: Option<[f64; 2]>,
+    /// Sense, track, map and mesh.
+    stage_ms: [f64; 4],
+    joints: [f64; JOINTS],
+    fingers: PerFinger<Option<Touching>>,
+    keyframe: bool,
+    images: Option<Place>,
+}
+
+impl FrameLine {
+    pub fn new(moment: &Moment) -> Self {
+        let Moment { row, joints, fingers, is_keyframe, images, .. } = moment;
+        let StageMs { sense, track, map, mesh } = row.stage_ms;
+        Self {
+            frame: row.frame,
+            time_s: row.time_s,
+            state: match row.state {
+                TrackState::Tracking => State::Tracking,
+                TrackState::Lost => State::Lost,
+                TrackState::Relocalised => State::Relocalised,
+            },
+            confidence: row.confidence,
+            estimate: Pose::of(row.estimate),
+            truth: row.truth.map(Pose::of),
+            add_s_m: row.add_s.map(|error| [error.one_directional_m, error.symmetric_m]),
+            stage_ms: [sense, track, map, mesh],
+            joints: *joints,
+            fingers: *fingers,
+            keyframe: *is_keyframe,
+            images: *images,
+        }
+    }
+
+    pub fn moment(self) -> Result<Moment, &'static str> {
+        if self.joints.iter().any(|angle| angle.abs() > 100.0) || self.time_s.abs() > 1e6 {
+            return Err("a joint angle or the time is none");
+        }
+        let [sense, track, map, mesh] = self.stage_ms;
+        let add_s = |[one_directional_m, symmetric_m]: [f64; 2]| AddS { one_directional_m, symmetric_m };
+        Ok(Moment {
+            row: FrameRow {
+                frame: self.frame,
+                time_s: self.time_s,
+                state: match self.state {
+                    State::Tracking => TrackState::Tracking,
+                    State::Lost => TrackState::Lost,
+                    State::Relocalised => TrackState::Relocalised,
+                },
+                confidence: self.confidence,
+                estimate: self.estimate.isometry()?,
+                truth: self.truth.map(Pose::isometry).transpose()?,
+                add_s: self.add_s_m.map(add_s),
+                stage_ms: StageMs { sense, track, map, mesh },
+            },
+            joints: self.joints,
+            fingers: self.fingers,
+            is_keyframe: self.keyframe,
+            is_estimated: true,
+            images: self.images,
+        })
+    }
+}
+
+/// A line of shapes.jsonl.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct ShapeLine {
+    pub frame: u64,
+    pub point: Option<ShapePoint>,
+    pub place: Place,
+}
+
+/// A line of events.jsonl.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EventLine {
+    Event { time_s: f64, text: String },
+    Warning(String),
+}
+
+/// end.json.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct EndFile {
+    pub complete: bool,
+}

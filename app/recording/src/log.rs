@@ -1,0 +1,205 @@
+//! A FeelSight log, looked at as if it were a recording.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use image::GrayImage;
+use mvt_feelsight::{Log, TouchPart};
+use mvt_frames::Isometry;
+use mvt_frames::camera::PosedCamera;
+use mvt_mesh::Mesh;
+use mvt_robot::hand::PerFinger;
+use mvt_robot::hand::solid::HandSolid;
+use mvt_robot::observation::TouchTruth;
+use mvt_segmentation::{SegmentationConfig, segment};
+
+use super::{About, CameraImages, FingerImages, Images, Moment, RecordingError, Touching, VERSION, images};
+use mvt_run::object::load_object;
+use mvt_run::report::{FrameRow, StageMs, TrackState};
+
+/// Images of a log. Depths of cameras lie in one compressed file and are read in the background, with how the fingers touch; the rest is
+/// read when it is asked for.
+pub struct LogImages {
+    log: Log,
+    strides: Vec<usize>,
+    background: Arc<Background>,
+    /// Frames of which it was told how the fingers touch.
+    told: usize,
+}
+
+/// What is read in the background, frame by frame.
+#[derive(Default)]
+struct Background {
+    frames: Mutex<Vec<Read>>,
+    /// Nothing comes any more.
+    is_complete: AtomicBool,
+    /// Nobody wants more.
+    is_unwanted: AtomicBool,
+}
+
+impl Background {
+    fn frames(&self) -> MutexGuard<'_, Vec<Read>> {
+        self.frames.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What was read of a frame.
+struct Read {
+    /// Thinned depth of every camera, packed: as numbers those of three cameras and 30 s would take a gigabyte.
+    depths: Vec<Option<Vec<u8>>>,
+    fingers: PerFinger<Option<Touching>>,
+}
+
+impl Drop for LogImages {
+    fn drop(&mut self) {
+        self.background.is_unwanted.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A log with what is known of it at once: what it is, its frames, the true surface, and what was amiss.
+type Opened = (LogImages, About, Vec<Moment>, Option<Mesh>, Vec<String>);
+
+impl LogImages {
+    /// Opens a log.
+    pub fn open(folder: &Path) -> Result<Opened, RecordingError> {
+        let log = Log::open_tolerant(folder)?;
+        let mut warnings = log.notes().to_vec();
+        let strides: Vec<usize> = log.cameras().iter().map(|camera| images::stride(&camera.intrinsics)).collect();
+        let name = log.scene().map_or(log.object_name(), |scene| &scene.object.mesh).to_owned();
+        let object = load_object(&name)
+            .map_err(|error| warnings.push(format!("{error:#}; going on without the true shape")))
+            .ok();
+        // A log without scene.json has the poses of the published mesh.
+        let object_from_log = match (&object, log.scene()) {
+            (Some(object), None) => Isometry::new(object.object_from_file.untyped()),
+            _ => Isometry::identity(),
+        };
+        let about = About {
+            version: VERSION,
+            object: name,
+            seed: log.scene().map_or(0, |scene| scene.seed),
+            mode: "log".to_owned(),
+            modality: "vitac".to_owned(),
+            side: log.side(),
+            cameras: log
+                .cameras()
+                .iter()
+                .map(|camera| PosedCamera { intrinsics: images::shrunk(&camera.intrinsics), ..camera.clone() })
+                .collect(),
+            frames: log.len(),
+            process: std::process::id(),
+        };
+        let moment = |k: usize| {
+            let truth = log.object_poses()[k].map(|pose| pose * object_from_log.inverse());
+            Moment {
+                row: FrameRow {
+                    frame: k as u64,
+                    time_s: log.times_s()[k],
+                    state: TrackState::Tracking,
+                    confidence: 1.0,
+                    estimate: truth.unwrap_or_else(Isometry::identity),
+                    truth,
+                    add_s: None,
+                    stage_ms: StageMs::default(),
+                },
+                joints: log.joints()[k],
+                fingers: PerFinger::default(),
+                is_keyframe: false,
+                is_estimated: false,
+                images: None,
+            }
+        };
+        let moments = (0..log.len()).map(moment).collect();
+        let background = Arc::new(Background::default());
+        let (others, thinning) = (Arc::clone(&background), strides.clone());
+        // A second reader: the first one serves images.
+        let frames =
+            Log::open_tolerant(folder)?.into_partial_frames(&(0..strides.len()).collect::<Vec<_>>(), TouchPart::Truth);
+        thread::spawn(move || {
+            for frame in frames {
+                if others.is_unwanted.load(Ordering::Relaxed) {
+                    return;
+                }
+                let depths = frame.cameras.into_iter().zip(&thinning).map(|(depth_m, &stride)| {
+                    let depth_m = images::thinned_depth(&depth_m?, stride);
+                    images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
+                });
+                let depths = depths.collect();
+                let touching = |truth: Option<TouchTruth>| {
+                    let TouchTruth { depth_m, contact } = truth?;
+                    Touching::of(&depth_m, &contact, None)
+                };
+                let read = Read { depths, fingers: PerFinger(frame.touch_truth.0.map(touching)) };
+                others.frames().push(read);
+            }
+            others.is_complete.store(true, Ordering::Relaxed);
+        });
+        Ok((Self { log, strides, background, told: 0 }, about, moments, object.map(|object| object.mesh), warnings))
+    }
+
+    /// Whether all there is of a frame's images has been read.
+    pub fn is_read(&self, frame: usize) -> bool {
+        self.background.is_complete.load(Ordering::Relaxed) || frame < self.background.frames().len()
+    }
+
+    /// Whether all has been read and told.
+    pub fn is_complete(&self) -> bool {
+        self.background.is_complete.load(Ordering::Relaxed) && self.told == self.background.frames().len()
+    }
+
+    /// Waits until all has been read.
+    pub fn finish(&self) {
+        while !self.background.is_complete.load(Ordering::Relaxed) {
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Tells moments how the fingers touch, as far as that was read since it was told last; whether it was.
+    pub fn tell(&mut self, moments: &mut [Moment]) -> bool {
+        let before = self.told;
+        let frames = self.background.frames();
+        for (moment, read) in moments.iter_mut().zip(&*frames).skip(before) {
+            moment.fingers = read.fingers;
+        }
+        self.told = frames.len();
+        self.told > before
+    }
+
+    /// The images of a frame as far as they can be read.
+    pub fn images(&self, frame: usize) -> Images {
+        let depths = self.background.frames().get(frame).map(|read| read.depths.clone()).unwrap_or_default();
+        let joints = self.log.joints().get(frame).copied().unwrap_or_default();
+        let hand = HandSolid::new(self.log.side(), &joints);
+        let camera = |(k, (camera, &stride)): (usize, (&PosedCamera, &usize))| {
+            let colour = self.log.colour(k, frame).map(|colour| images::thinned(&colour, stride)).unwrap_or_default();
+            let packed = depths.get(k).and_then(Option::as_ref);
+            let depth_m = packed.and_then(|packed| images::unpack_depth(packed).ok()).unwrap_or_default();
+            let segmentation = if depth_m.is_empty() {
+                GrayImage::default()
+            } else {
+                let intrinsics = images::shrunk(&camera.intrinsics);
+                segment(&depth_m, &intrinsics, camera.pose, &hand, &SegmentationConfig::default())
+            };
+            Some(CameraImages { colour, depth_m, segmentation })
+        };
+        let cameras = self.log.cameras().iter().zip(&self.strides).enumerate().map(camera).collect();
+        let touch = PerFinger::from_fn(|finger| {
+            let image = self.log.touch_image(finger, frame).ok();
+            let truth = self.log.touch_truth(finger, frame).ok();
+            if image.is_none() && truth.is_none() {
+                return None;
+            }
+            let truth = truth.unwrap_or_default();
+            Some(FingerImages {
+                image: image.unwrap_or_default(),
+                depth_m: truth.depth_m,
+                contact: truth.contact,
+                true_depth_m: None,
+            })
+        });
+        Images { frame, cameras, touch }
+    }
+}

@@ -1,0 +1,418 @@
+//! Reads recordings, also those that still grow.
+
+use std::collections::VecDeque;
+use std::fs::{self, File, TryLockError};
+use std::io::{Read as _, Seek as _, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use mvt_frames::{Isometry, World};
+use mvt_mesh::Mesh;
+use serde::de::DeserializeOwned;
+
+use super::line::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile, file};
+use super::log::LogImages;
+use super::{About, FOLDER, Images, KnownShape, Moment, Place, RecordingError, ShapeEntry, Status, VERSION};
+use super::{images, shape};
+use mvt_run::report::Event;
+
+/// Images and shapes that are kept.
+const KEPT_IMAGES: usize = 12;
+const KEPT_SHAPES: usize = 6;
+/// Largest file of text, and largest block, that is read.
+const LARGEST_TEXT: u64 = 256 << 20;
+const LARGEST_BLOCK: u64 = 128 << 20;
+/// Warnings about damaged lines that are told one by one.
+const TOLD: usize = 20;
+
+/// A recording, read.
+pub struct Recording {
+    /// The folder of the run or log.
+    folder: PathBuf,
+    source: Source,
+    about: About,
+    moments: Vec<Moment>,
+    shapes: Vec<ShapeEntry>,
+    events: Vec<Event>,
+    warnings: Vec<String>,
+    status: Status,
+    /// Grows with whatever is new.
+    revision: u64,
+    truth: Option<Mesh>,
+    images: Kept<Images>,
+    known_shapes: Kept<KnownShape>,
+}
+
+/// Where images come from.
+enum Source {
+    Run {
+        /// The recording's folder in the run's.
+        folder: PathBuf,
+        /// about.json as it was read: another one is another recording.
+        about: Vec<u8>,
+        frames: Lines,
+        shapes: Lines,
+        events: Lines,
+    },
+    Log(Box<LogImages>),
+}
+
+impl Recording {
+    /// Opens the recording in the folder of a run.
+    ///
+    /// # Errors
+    /// [`RecordingError`], which names the file and says what is wrong.
+    pub fn open(folder: &Path) -> Result<Self, RecordingError> {
+        let inner = folder.join(FOLDER);
+        let path = inner.join(file::ABOUT);
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Err(RecordingError::NoRecording(folder.to_path_buf()));
+            }
+            Err(error) => return Err(RecordingError::io(path)(error)),
+        };
+        let damaged = |problem: &dyn std::fmt::Display| RecordingError::damaged(&path, problem);
+        let VersionFile { version, rest } = serde_json::from_slice(&text).map_err(|error| damaged(&error))?;
+        if version > VERSION {
+            return Err(RecordingError::NewerVersion { folder: folder.to_path_buf(), found: version });
+        }
+        let about: AboutFile = serde_json::from_value(rest).map_err(|error| damaged(&error))?;
+        let (about, truth) = about.about(version).map_err(|problem| damaged(&problem))?;
+        let mut warnings = Vec::new();
+        let meshes = inner.join(file::MESHES);
+        let truth = truth.and_then(|place| match mesh(&meshes, place) {
+            Ok((mesh, _)) => Some(mesh),
+            Err(error) => {
+                warnings.push(format!("the true shape is missing: {error}"));
+                None
+            }
+        });
+        let lines = |name: &str| Lines { path: inner.join(name), ..Lines::default() };
+        let source = Source::Run {
+            about: text,
+            frames: lines(file::FRAMES),
+            shapes: lines(file::SHAPES),
+            events: lines(file::EVENTS),
+            folder: inner,
+        };
+        let mut recording = Self::with(folder, source, about, truth, warnings);
+        recording.refresh()?;
+        Ok(recording)
+    }
+
+    /// Opens a FeelSight log as a recording in which nothing is estimated. `truth` is the object's true surface, with the motion that
+    /// takes coordinates in which the log has the object to it, where they could be had.
+    ///
+    /// # Errors
+    /// [`RecordingError::Log`] if the log cannot be used at all.
+    pub fn open_log(folder: &Path) -> Result<Self, RecordingError> {
+        let (images, about, moments, truth, warnings) = LogImages::open(folder)?;
+        let mut recording = Self::with(folder, Source::Log(Box::new(images)), about, truth, warnings);
+        recording.moments = moments;
+        recording.status = Status::Finished;
+        Ok(recording)
+    }
+
+    fn with(folder: &Path, source: Source, about: About, truth: Option<Mesh>, warnings: Vec<String>) -> Self {
+        Self {
+            folder: folder.to_path_buf(),
+            source,
+            about,
+            moments: Vec::new(),
+            shapes: Vec::new(),
+            events: Vec::new(),
+            warnings,
+            status: Status::Running,
+            revision: 0,
+            truth,
+            images: Kept::new(KEPT_IMAGES),
+            known_shapes: Kept::new(KEPT_SHAPES),
+        }
+    }
+
+    /// Reads what was appended since; true if anything is new, the status included. A new recording in the same folder takes the place
+    /// of this one.
+    ///
+    /// # Errors
+    /// [`RecordingError`] if what was appended cannot be read. What was there before stays.
+    pub fn refresh(&mut self) -> Result<bool, RecordingError> {
+        let (folder, about, frames, shapes, events) = match &mut self.source {
+            Source::Run { folder, about, frames, shapes, events } => (folder, about, frames, shapes, events),
+            Source::Log(log) => {
+                let has_news = log.tell(&mut self.moments);
+                self.revision += u64::from(has_news);
+                return Ok(has_news);
+            }
+        };
+        let now = fs::read(folder.join(file::ABOUT)).map_err(RecordingError::io(folder.join(file::ABOUT)))?;
+        if now != *about {
+            *self = Self { revision: self.revision + 1, ..Self::open(&self.folder)? };
+            return Ok(true);
+        }
+        // Before the lines: what an ended run has written is read below.
+        let status = status(folder);
+        let before = (self.moments.len(), self.shapes.len(), self.events.len(), self.warnings.len(), self.status);
+        let warnings = &mut self.warnings;
+        for line in frames.read::<FrameLine>(warnings)? {
+            match line.moment() {
+                Ok(moment) if self.moments.last().is_some_and(|last| last.row.frame >= moment.row.frame) => {
+                    frames.complain(warnings, &"a frame comes twice");
+                }
+                Ok(moment) => self.moments.push(moment),
+                Err(problem) => frames.complain(warnings, &problem),
+            }
+        }
+        for ShapeLine { frame, point, place } in shapes.read(warnings)? {
+            if self.shapes.last().is_some_and(|last| last.frame > frame) {
+                shapes.complain(warnings, &"a shape comes too late");
+            } else {
+                self.shapes.push(ShapeEntry { frame, point, place });
+            }
+        }
+        for line in events.read(warnings)? {
+            match line {
+                EventLine::Event { time_s, text } => self.events.push(Event { time_s, text }),
+                EventLine::Warning(text) => warnings.push(text),
+            }
+        }
+        self.status = status;
+        let now = (self.moments.len(), self.shapes.len(), self.events.len(), self.warnings.len(), self.status);
+        self.revision += u64::from(before != now);
+        Ok(before != now)
+    }
+
+    /// A number that grows when [`Self::refresh`] finds something new.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// The folder of the run or log.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// What is recorded.
+    pub fn about(&self) -> &About {
+        &self.about
+    }
+
+    /// The frames so far.
+    pub fn moments(&self) -> &[Moment] {
+        &self.moments
+    }
+
+    /// The shapes so far, in order of their frames.
+    pub fn shapes(&self) -> &[ShapeEntry] {
+        &self.shapes
+    }
+
+    /// What happened so far, in order of time.
+    pub fn events(&self) -> &[Event] {
+        &self.events
+    }
+
+    /// What was amiss, in sentences.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Whether the run goes on.
+    pub fn status(&self) -> Status {
+        self.status
+    }
+
+    /// The moments up to one that have images.
+    pub fn image_moments(&self, moment: usize) -> Vec<usize> {
+        let until = self.moments.len().min(moment.saturating_add(1));
+        match self.source {
+            Source::Run { .. } => (0..until).filter(|&k| self.moments[k].images.is_some()).collect(),
+            Source::Log(_) => (0..until).filter(|&k| super::has_images(k as u64)).collect(),
+        }
+    }
+
+    /// The index of the moment whose images are shown at a moment: the newest at or before it that has some.
+    pub fn images_at(&self, moment: usize) -> Option<usize> {
+        let until = self.moments.get(..=moment).unwrap_or(&self.moments);
+        match self.source {
+            Source::Run { .. } => until.iter().rposition(|moment| moment.images.is_some()),
+            Source::Log(_) => until.len().checked_sub(1),
+        }
+    }
+
+    /// The newest images at or before a moment; none if there are none yet. The newest few are kept.
+    ///
+    /// # Errors
+    /// [`RecordingError`] if they cannot be read or decoded.
+    pub fn images(&self, moment: usize) -> Result<Option<Arc<Images>>, RecordingError> {
+        let Some(index) = self.images_at(moment) else { return Ok(None) };
+        let make = || match (&self.source, self.moments.get(index).and_then(|moment| moment.images)) {
+            (Source::Run { folder, .. }, Some(place)) => {
+                let path = folder.join(file::IMAGES);
+                let block = block(&path, place)?;
+                images::decode(&block, index, self.about.cameras.len())
+                    .map_err(|problem| RecordingError::damaged(path, problem))
+            }
+            (Source::Log(log), _) => Ok(log.images(index)),
+            (Source::Run { .. }, None) => Ok(Images { frame: index, cameras: vec![], touch: Default::default() }),
+        };
+        match &self.source {
+            // More of a log may be known later.
+            Source::Log(log) if !log.is_read(index) => make().map(|images| Some(Arc::new(images))),
+            _ => self.images.get(index, make).map(Some),
+        }
+    }
+
+    /// The index, in [`Self::shapes`], of the newest shape at or before a moment.
+    pub fn shape_at(&self, moment: usize) -> Option<usize> {
+        let frame = self.moments.get(moment).or(self.moments.last())?.row.frame;
+        self.shapes.partition_point(|entry| entry.frame <= frame).checked_sub(1)
+    }
+
+    /// The newest shape at or before a moment; none if there is none yet. The newest few are kept.
+    ///
+    /// # Errors
+    /// [`RecordingError`] if it cannot be read.
+    pub fn shape(&self, moment: usize) -> Result<Option<Arc<KnownShape>>, RecordingError> {
+        let Source::Run { folder, .. } = &self.source else { return Ok(None) };
+        let Some(index) = self.shape_at(moment) else { return Ok(None) };
+        let make = || {
+            let ShapeEntry { frame, point, place } = self.shapes[index];
+            let (mesh, sdf) = mesh(&folder.join(file::MESHES), place)?;
+            Ok(KnownShape { frame, mesh, sdf, point })
+        };
+        self.known_shapes.get(index, make).map(Some)
+    }
+
+    /// Whether what is shown may change: by a run that goes on, or a log that is still being read.
+    pub fn is_growing(&self) -> bool {
+        let is_reading = matches!(&self.source, Source::Log(log) if !log.is_complete());
+        self.status == Status::Running || is_reading
+    }
+
+    /// Waits until everything is there that is read in the background.
+    pub fn finish_reading(&mut self) {
+        if let Source::Log(log) = &mut self.source {
+            log.finish();
+            log.tell(&mut self.moments);
+        }
+    }
+
+    /// The object's true surface, where it could be had.
+    pub fn truth(&self) -> Option<&Mesh> {
+        self.truth.as_ref()
+    }
+
+    /// The pose in which a moment shows the object: the estimated one, or in a log the true one.
+    pub fn pose(&self, moment: usize) -> Option<Isometry<mvt_frames::Object, World>> {
+        let moment = self.moments.get(moment)?;
+        moment.estimate().or(moment.row.truth)
+    }
+}
+
+/// Whether a run goes on.
+fn status(folder: &Path) -> Status {
+    if let Ok(text) = fs::read(folder.join(file::END)) {
+        return match serde_json::from_slice(&text) {
+            Ok(EndFile { complete: true }) => Status::Finished,
+            _ => Status::Interrupted,
+        };
+    }
+    match File::open(folder.join(file::RUNNING)).map(|file| file.try_lock_shared()) {
+        Ok(Err(TryLockError::WouldBlock)) => Status::Running,
+        // It may just have ended.
+        _ if folder.join(file::END).exists() => Status::Finished,
+        _ => Status::Crashed,
+    }
+}
+
+/// Reads a block, and checks it.
+fn block(path: &Path, Place { at, bytes, crc32 }: Place) -> Result<Vec<u8>, RecordingError> {
+    if bytes > LARGEST_BLOCK {
+        return Err(RecordingError::damaged(path, format_args!("a block of {bytes} bytes")));
+    }
+    let mut file = File::open(path).map_err(RecordingError::io(path))?;
+    file.seek(SeekFrom::Start(at)).map_err(RecordingError::io(path))?;
+    let mut block = Vec::new();
+    file.take(bytes).read_to_end(&mut block).map_err(RecordingError::io(path))?;
+    if block.len() as u64 != bytes {
+        return Err(RecordingError::damaged(path, format_args!("it ends before the block at {at}")));
+    }
+    if crc32fast::hash(&block) != crc32 {
+        return Err(RecordingError::damaged(path, format_args!("the block at {at} is not as it was written")));
+    }
+    Ok(block)
+}
+
+fn mesh(path: &Path, place: Place) -> Result<(Mesh, Option<mvt_run::sdf_grid::SdfGrid>), RecordingError> {
+    shape::decode(&block(path, place)?).map_err(|problem| RecordingError::damaged(path, problem))
+}
+
+/// A file of lines that grows.
+#[derive(Default)]
+struct Lines {
+    path: PathBuf,
+    /// What has been read, bytes.
+    read: u64,
+    /// What could not be used.
+    complaints: usize,
+}
+
+impl Lines {
+    /// The lines that are new and whole.
+    fn read<T: DeserializeOwned>(&mut self, warnings: &mut Vec<String>) -> Result<Vec<T>, RecordingError> {
+        let mut file = File::open(&self.path).map_err(RecordingError::io(&self.path))?;
+        file.seek(SeekFrom::Start(self.read)).map_err(RecordingError::io(&self.path))?;
+        let mut text = Vec::new();
+        file.take(LARGEST_TEXT).read_to_end(&mut text).map_err(RecordingError::io(&self.path))?;
+        let Some(end) = text.iter().rposition(|&byte| byte == b'\n') else { return Ok(Vec::new()) };
+        self.read += end as u64 + 1;
+        let mut lines = Vec::new();
+        for line in text[..end].split(|&byte| byte == b'\n') {
+            match serde_json::from_slice(line) {
+                Ok(line) => lines.push(line),
+                Err(error) => self.complain(warnings, &error),
+            }
+        }
+        Ok(lines)
+    }
+
+    /// Says that a line is left out.
+    fn complain(&mut self, warnings: &mut Vec<String>, problem: &dyn std::fmt::Display) {
+        self.complaints += 1;
+        let path = self.path.display();
+        match self.complaints {
+            ..TOLD => warnings.push(format!("{path}: a line is damaged and left out: {problem}")),
+            TOLD => warnings.push(format!("{path}: further damaged lines are left out")),
+            _ => {}
+        }
+    }
+}
+
+/// The newest few of something that takes time to make.
+struct Kept<T> {
+    most: usize,
+    values: Mutex<VecDeque<(usize, Arc<T>)>>,
+}
+
+impl<T> Kept<T> {
+    fn new(most: usize) -> Self {
+        Self { most, values: Mutex::default() }
+    }
+
+    /// What was kept under a number, or is now made.
+    fn get(&self, number: usize, make: impl FnOnce() -> Result<T, RecordingError>) -> Result<Arc<T>, RecordingError> {
+        let kept = || self.values.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, value)) = kept().iter().find(|(known, _)| *known == number) {
+            return Ok(Arc::clone(value));
+        }
+        // Made without the lock: others may want what is there.
+        let value = Arc::new(make()?);
+        let mut kept = kept();
+        kept.push_back((number, Arc::clone(&value)));
+        if kept.len() > self.most {
+            kept.pop_front();
+        }
+        Ok(value)
+    }
+}

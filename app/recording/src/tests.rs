@@ -1,0 +1,255 @@
+use std::fs;
+use std::path::Path;
+
+use glam::Vec3;
+use image::{GrayImage, Luma, Rgb};
+use mvt_frames::camera::Intrinsics;
+use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_mesh::Mesh;
+use mvt_render::tessellation::tessellate;
+use mvt_robot::hand::{Finger, JOINTS, Primitive, world_from_digit_camera};
+use mvt_robot::observation::DepthFrame;
+use mvt_robot::rig::PLACEMENTS;
+use proptest::prelude::*;
+
+use super::*;
+use mvt_run::pipeline::{Progress, Shape};
+use mvt_run::report::{Event, StageMs, TrackState};
+use mvt_run::sdf_grid::SdfGrid;
+use mvt_run::source::{Pictures, Sensed};
+
+/// A camera whose images are recorded with every second row and column.
+fn camera() -> PosedCamera {
+    let camera = PLACEMENTS[3].camera(Side::Left);
+    PosedCamera { intrinsics: Intrinsics { width: 400, height: 30, ..camera.intrinsics }, ..camera }
+}
+
+fn about() -> About {
+    About {
+        version: VERSION,
+        object: "a ball".into(),
+        seed: 3,
+        mode: "slam".into(),
+        modality: "vitac".into(),
+        side: Side::Left,
+        cameras: vec![camera()],
+        frames: 9,
+        process: 1,
+    }
+}
+
+fn ball() -> Mesh {
+    tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.02; 3] }, 12)
+}
+
+fn row(frame: u64) -> FrameRow {
+    let pose = |x: f64| Isometry::from_parts([x, 0.0, 0.06], [0.8, 0.0, 0.6, 0.0]);
+    FrameRow {
+        frame,
+        time_s: frame as f64 / 32.0,
+        state: if frame == 4 { TrackState::Relocalised } else { TrackState::Tracking },
+        confidence: 0.75,
+        estimate: pose(-0.05),
+        truth: (frame != 5).then(|| pose(-0.0475)),
+        add_s: None,
+        stage_ms: StageMs { sense: 1.0, track: 2.0, map: 3.0, mesh: 0.0 },
+    }
+}
+
+fn sensed(frame: u64) -> Box<Sensed> {
+    let joints = [0.1; JOINTS];
+    let camera = camera();
+    let depth_m = Array2::from_shape_fn((30, 400), |(r, c)| if c < 100 { 0.0 } else { 0.3 + 1e-4 * (r + c) as f32 });
+    let seen = CameraDepth {
+        intrinsics: camera.intrinsics,
+        world_from_camera: camera.pose,
+        segmentation: GrayImage::from_fn(400, 30, |x, _| Luma([if x < 100 { 0 } else { 255 }])),
+        depth_m,
+    };
+    let mut touch = PerFinger::default();
+    touch[Finger::Thumb] = Some(TouchDepth {
+        world_from_camera: world_from_digit_camera(Side::Left, Finger::Thumb, &joints),
+        depth_m: gel_depth_m().mapv(|z| z - 0.0005),
+        contact: GrayImage::from_fn(240, 320, |x, _| Luma([if x < 120 { 255 } else { 0 }])),
+        sigma_m: 5e-5,
+    });
+    let depth = DepthFrame { time_s: frame as f64 / 30.0, joints, cameras: vec![Some(seen)], touch };
+    let pictures = Pictures {
+        cameras: vec![RgbImage::from_pixel(400, 30, Rgb([200, 60, 30]))],
+        touch: PerFinger::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([90, 90, 140]))),
+        true_touch_m: PerFinger::default(),
+        forces_n: Some(PerFinger([0.0, 0.0, 0.0, 1.5])),
+    };
+    Box::new(Sensed { frame, depth, truth: None, pictures, sense_ms: 1.0, warnings: vec![] })
+}
+
+fn shape(frame: u64) -> Shape {
+    let sdf = SdfGrid { low: Vec3::splat(-0.03), cell_m: 0.01, counts: [7; 3], values: vec![-4; 343] };
+    Shape { frame, mesh: ball(), sdf, point: None, mesh_ms: 1.0 }
+}
+
+fn frames(writer: &Writer, range: std::ops::Range<u64>) {
+    for frame in range {
+        writer.receive(Progress::Frame { row: &row(frame), is_keyframe: frame == 2, sensed: sensed(frame) });
+        // Writing is no race here: images are not to be left out.
+        writer.wait();
+    }
+}
+
+fn recorded(folder: &Path) {
+    let writer = Writer::create(folder, &about(), Some(&ball())).unwrap();
+    frames(&writer, 0..5);
+    writer.receive(Progress::Shape(&shape(3)));
+    writer.receive(Progress::Event(&Event { time_s: 0.1, text: "re-grasps".into() }));
+    writer.receive(Progress::Warning("a camera is silent"));
+    frames(&writer, 5..9);
+    writer.finish(true).unwrap();
+}
+
+#[test]
+fn a_run_is_read_as_it_was_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    recorded(folder.path());
+    let mut recording = Recording::open(folder.path()).unwrap();
+    assert_eq!(recording.status(), Status::Finished);
+    assert_eq!((recording.about().object.as_str(), recording.about().frames), ("a ball", 9));
+    let intrinsics = recording.about().cameras[0].intrinsics;
+    assert_eq!((intrinsics.width, intrinsics.height), (200, 15));
+    let rows: Vec<FrameRow> = recording.moments().iter().map(|moment| moment.row).collect();
+    assert_eq!(rows, (0..9).map(row).collect::<Vec<_>>());
+    let moment = &recording.moments()[2];
+    assert!(moment.is_keyframe && moment.estimate().is_some() && moment.joints == [0.1; JOINTS]);
+    let touching = moment.fingers[Finger::Thumb].unwrap();
+    assert!((touching.deepest_mm - 0.5).abs() < 1e-3 && touching.force_n == Some(1.5), "{touching:?}");
+    // Half of the 19 x 25 mm that a DIGIT sees.
+    assert!((180.0..260.0).contains(&touching.area_mm2), "{touching:?}");
+    assert_eq!(moment.fingers[Finger::Ring], None);
+    assert_eq!(recording.events(), [Event { time_s: 0.1, text: "re-grasps".into() }]);
+    assert_eq!(recording.warnings(), ["a camera is silent"]);
+    assert_eq!(recording.truth(), Some(&ball()));
+
+    for (moment, expected) in [(0, 0), (2, 0), (3, 3), (8, 6), (99, 6)] {
+        assert_eq!(recording.images(moment).unwrap().unwrap().frame, expected);
+    }
+    let images = recording.images(4).unwrap().unwrap();
+    let camera = images.cameras[0].as_ref().unwrap();
+    assert_eq!((camera.colour.dimensions(), camera.depth_m.dim()), ((200, 15), (15, 200)));
+    assert!((camera.depth_m[(10, 100)] - (0.3 + 1e-4 * 220.0)).abs() < 6e-5 && camera.depth_m[(0, 0)] == 0.0);
+    assert!(images.touch[Finger::Thumb].is_some() && images.touch[Finger::Index].is_none());
+
+    assert!(recording.shape(2).unwrap().is_none());
+    let known = recording.shape(8).unwrap().unwrap();
+    assert_eq!((known.frame, &known.mesh), (3, &ball()));
+    assert!((known.sdf.as_ref().unwrap().distance_m(Vec3::ZERO).unwrap() + 0.001).abs() < 1e-7);
+    assert!(!recording.refresh().unwrap(), "nothing is new");
+}
+
+#[test]
+fn a_run_is_watched_while_it_goes_on_and_when_it_dies() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(matches!(Recording::open(folder.path()), Err(RecordingError::NoRecording(_))));
+    let writer = Writer::create(folder.path(), &about(), None).unwrap();
+    let mut recording = Recording::open(folder.path()).unwrap();
+    assert_eq!((recording.status(), recording.moments().len()), (Status::Running, 0));
+    assert!(recording.images(0).unwrap().is_none() && recording.shape(0).unwrap().is_none());
+    frames(&writer, 0..2);
+    assert!(recording.refresh().unwrap());
+    assert_eq!((recording.status(), recording.moments().len()), (Status::Running, 2));
+    assert!(!recording.refresh().unwrap());
+    let taken = Writer::create(folder.path(), &about(), None).err().map(|error| error.to_string());
+    assert!(taken.is_some_and(|error| error.contains("another run")), "two runs cannot write into one folder");
+    writer.die();
+    assert!(recording.refresh().unwrap());
+    assert_eq!((recording.status(), recording.moments().len()), (Status::Crashed, 2));
+    // A later run in the same folder takes its place.
+    let writer = Writer::create(folder.path(), &About { process: 2, ..about() }, None).unwrap();
+    frames(&writer, 0..1);
+    assert!(recording.refresh().unwrap());
+    assert_eq!((recording.status(), recording.moments().len()), (Status::Running, 1));
+    writer.finish(false).unwrap();
+    assert!(recording.refresh().unwrap());
+    assert_eq!(recording.status(), Status::Interrupted);
+}
+
+#[test]
+fn a_line_that_is_not_whole_is_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    recorded(folder.path());
+    let path = folder.path().join(FOLDER).join("frames.jsonl");
+    let text = fs::read(&path).unwrap();
+    fs::write(&path, &text[..text.len() - 40]).unwrap();
+    let mut recording = Recording::open(folder.path()).unwrap();
+    assert_eq!((recording.moments().len(), recording.warnings().len()), (8, 1));
+    fs::write(&path, &text).unwrap();
+    assert!(recording.refresh().unwrap());
+    assert_eq!((recording.moments().len(), recording.warnings().len()), (9, 1));
+}
+
+#[test]
+fn what_cannot_be_read_is_an_error_that_names_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    recorded(folder.path());
+    let inner = folder.path().join(FOLDER);
+    let about = fs::read_to_string(inner.join("about.json")).unwrap();
+    let message = |text: &str| {
+        fs::write(inner.join("about.json"), text).unwrap();
+        Recording::open(folder.path()).err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    // What a later version holds besides is not looked at.
+    let newer = message(r#"{"version": 2, "about": ["other", "things"]}"#);
+    assert!(newer.contains("version 2") && newer.contains("use a newer one"), "{newer}");
+    for wrong in ["", "{}", "[1", &about.replace("\"left\"", "\"up\""), &about.replace("\"fx\": ", "\"fx\": -")] {
+        let message = message(wrong);
+        assert!(message.contains("about.json is damaged"), "{wrong}: {message}");
+    }
+    fs::write(inner.join("about.json"), &about).unwrap();
+    let mut images = fs::read(inner.join("images.bin")).unwrap();
+    images[20] ^= 1;
+    fs::write(inner.join("images.bin"), images).unwrap();
+    let recording = Recording::open(folder.path()).unwrap();
+    let error = recording.images(0).unwrap_err().to_string();
+    assert!(error.contains("images.bin is damaged") && error.contains("not as it was written"), "{error}");
+    assert!(recording.images(3).is_ok());
+}
+
+/// Looks at everything there is.
+fn look(folder: &Path) {
+    let Ok(mut recording) = Recording::open(folder) else { return };
+    let _ = recording.refresh();
+    for moment in [1, 8] {
+        let _ = (recording.images(moment), recording.shape(moment));
+    }
+}
+
+#[test]
+fn damaged_recordings_never_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    recorded(folder.path());
+    look(folder.path());
+    let inner = folder.path().join(FOLDER);
+    let names = ["about.json", "frames.jsonl", "images.bin", "shapes.jsonl", "shapes.bin", "events.jsonl", "end.json"];
+    let files = names.map(|name| (inner.join(name), fs::read(inner.join(name)).unwrap()));
+    let damage = (0..names.len(), any::<prop::sample::Index>(), any::<u8>(), 0..4usize);
+    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(100));
+    runner
+        .run(&damage, |(file, at, byte, how)| {
+            let (path, bytes) = &files[file];
+            let mut damaged = bytes.clone();
+            let at = at.index(bytes.len());
+            match how {
+                0 => damaged[at] = byte,
+                1 => damaged.truncate(at),
+                2 => damaged.insert(at, byte),
+                // Other numbers where there were some.
+                _ => damaged.iter_mut().skip(at).find(|b| b.is_ascii_digit()).into_iter().for_each(|b| *b = b'9'),
+            }
+            fs::write(path, damaged).unwrap();
+            look(folder.path());
+            fs::write(path, bytes).unwrap();
+            fs::remove_file(path).unwrap();
+            look(folder.path());
+            fs::write(path, bytes).unwrap();
+            Ok(())
+        })
+        .unwrap();
+}

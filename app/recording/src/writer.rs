@@ -1,0 +1,286 @@
+//! Writes recordings, on a thread of its own: the run never waits for it.
+
+use std::fs::{self, File, TryLockError};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_mesh::Mesh;
+use mvt_robot::hand::{JointAngles, PerFinger};
+use mvt_robot::observation::DepthFrame;
+use serde::Serialize;
+
+use super::line::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile, file};
+use super::{About, CameraImages, FOLDER, FingerImages, Images, Moment, Place, RecordingError, Touching, VERSION};
+use super::{has_images, images, shape};
+use mvt_run::io::write_file;
+use mvt_run::pipeline::Progress;
+use mvt_run::report::{FrameRow, ShapePoint};
+use mvt_run::sdf_grid::SdfGrid;
+use mvt_run::source::{Pictures, Sensed};
+
+/// Frames that wait to be written before images are left out.
+const PATIENCE: usize = 8;
+/// How long another run is given to leave the folder: a viewer that looks whether it lives holds the lock for a moment, too.
+const LOCK_TRIES: u32 = 20;
+const LOCK_PAUSE: Duration = Duration::from_millis(50);
+
+/// What there is to write.
+enum Message {
+    Frame { row: FrameRow, joints: JointAngles, is_keyframe: bool, sensed: Option<Box<Sensed>> },
+    Shape { frame: u64, mesh: Mesh, sdf: Option<SdfGrid>, point: Option<ShapePoint> },
+    Event(EventLine),
+    End { complete: bool },
+}
+
+/// Records a run.
+pub struct Writer {
+    messages: Sender<Message>,
+    /// Frames that wait.
+    waiting: Arc<AtomicUsize>,
+    thread: JoinHandle<Result<(), RecordingError>>,
+}
+
+impl Writer {
+    /// Begins a recording in the folder of a run, in place of what was there. `truth` is the true surface, where it is known.
+    ///
+    /// # Errors
+    /// [`RecordingError::Io`] if a file cannot be written, or another run writes there.
+    pub fn create(run: &Path, about: &About, truth: Option<&Mesh>) -> Result<Self, RecordingError> {
+        let folder = run.join(FOLDER);
+        fs::create_dir_all(&folder).map_err(RecordingError::io(&folder))?;
+        // Before anything is removed: it may be another run's.
+        let lock = lock(&folder.join(file::RUNNING))?;
+        for path in [file::ABOUT, file::END].map(|name| folder.join(name)) {
+            if path.exists() {
+                fs::remove_file(&path).map_err(RecordingError::io(&path))?;
+            }
+        }
+        let create = |name: &str| {
+            let path = folder.join(name);
+            let file = File::create(&path).map_err(RecordingError::io(&path))?;
+            Ok::<_, RecordingError>(Appended { file, path, length: 0 })
+        };
+        let mut files = Files {
+            frames: create(file::FRAMES)?,
+            images: create(file::IMAGES)?,
+            shapes: create(file::SHAPES)?,
+            meshes: create(file::MESHES)?,
+            events: create(file::EVENTS)?,
+            folder: folder.clone(),
+            _lock: lock,
+        };
+        let truth = truth.map(|mesh| files.meshes.block(&shape::encode(mesh, None))).transpose()?;
+        let mut about = about.clone();
+        let strides: Vec<usize> = about.cameras.iter().map(|camera| images::stride(&camera.intrinsics)).collect();
+        for camera in &mut about.cameras {
+            camera.intrinsics = images::shrunk(&camera.intrinsics);
+        }
+        let rest = serde_json::to_value(AboutFile::new(&about, truth))
+            .map_err(|error| RecordingError::damaged(folder.join(file::ABOUT), error))?;
+        // Only now is there a recording for others.
+        put(&folder, file::ABOUT, &VersionFile { version: VERSION, rest })?;
+        let (messages, receiver) = mpsc::channel();
+        let waiting = Arc::new(AtomicUsize::new(0));
+        let others = Arc::clone(&waiting);
+        let thread = thread::Builder::new().name("recording".to_owned());
+        let thread =
+            thread.spawn(move || files.record(&receiver, &others, &strides)).map_err(RecordingError::io(&folder))?;
+        Ok(Self { messages, waiting, thread })
+    }
+
+    /// Takes what happens in a run. If writing lags behind, images are left out.
+    pub fn receive(&self, progress: Progress<'_>) {
+        let message = match progress {
+            Progress::Started { .. } => return,
+            Progress::Frame { row, is_keyframe, sensed } => {
+                let is_late = self.waiting.fetch_add(1, Ordering::Relaxed) >= PATIENCE;
+                Message::Frame {
+                    row: *row,
+                    joints: sensed.depth.joints,
+                    is_keyframe,
+                    sensed: (!is_late).then_some(sensed),
+                }
+            }
+            Progress::Shape(shape) => Message::Shape {
+                frame: shape.frame,
+                mesh: shape.mesh.clone(),
+                sdf: Some(shape.sdf.clone()),
+                point: shape.point,
+            },
+            Progress::Warning(text) => Message::Event(EventLine::Warning(text.to_owned())),
+            Progress::Event(event) => {
+                Message::Event(EventLine::Event { time_s: event.time_s, text: event.text.clone() })
+            }
+        };
+        // A thread that has ended says why at the end.
+        let _ = self.messages.send(message);
+    }
+
+    /// Records a shape that is given and does not grow.
+    pub fn given(&self, mesh: &Mesh) {
+        let _ = self.messages.send(Message::Shape { frame: 0, mesh: mesh.clone(), sdf: None, point: None });
+    }
+
+    /// Waits until all frames are written.
+    #[cfg(test)]
+    pub fn wait(&self) {
+        while self.waiting.load(Ordering::Relaxed) > 0 {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Ends as a process does that is killed.
+    #[cfg(test)]
+    pub fn die(self) {
+        drop(self.messages);
+        let _ = self.thread.join();
+    }
+
+    /// Ends the recording.
+    ///
+    /// # Errors
+    /// [`RecordingError::Io`] if anything could not be written.
+    pub fn finish(self, complete: bool) -> Result<(), RecordingError> {
+        let _ = self.messages.send(Message::End { complete });
+        drop(self.messages);
+        self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+fn lock(path: &Path) -> Result<File, RecordingError> {
+    let file = File::create(path).map_err(RecordingError::io(path))?;
+    for _ in 0..LOCK_TRIES {
+        match file.try_lock() {
+            Ok(()) => return Ok(file),
+            Err(TryLockError::WouldBlock) => thread::sleep(LOCK_PAUSE),
+            // A file system without locks: whether the run lives cannot be told there.
+            Err(TryLockError::Error(error)) => {
+                tracing::debug!("{}: {error}", path.display());
+                return Ok(file);
+            }
+        }
+    }
+    Err(RecordingError::io(path)(std::io::Error::other("another run writes into this folder")))
+}
+
+fn put(folder: &Path, name: &str, value: &impl Serialize) -> Result<(), RecordingError> {
+    let failed = |error: String| RecordingError::io(folder.join(name))(std::io::Error::other(error));
+    let text = serde_json::to_string_pretty(value).map_err(|error| failed(error.to_string()))?;
+    write_file(folder, name, text.as_bytes()).map_err(|error| failed(format!("{error:#}")))
+}
+
+/// A file that grows.
+struct Appended {
+    file: File,
+    path: PathBuf,
+    length: u64,
+}
+
+impl Appended {
+    fn block(&mut self, bytes: &[u8]) -> Result<Place, RecordingError> {
+        self.file.write_all(bytes).map_err(RecordingError::io(&self.path))?;
+        let place = Place { at: self.length, bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) };
+        self.length += place.bytes;
+        Ok(place)
+    }
+
+    fn line(&mut self, line: &impl Serialize) -> Result<(), RecordingError> {
+        let mut text = serde_json::to_vec(line).map_err(|error| RecordingError::damaged(&self.path, error))?;
+        text.push(b'\n');
+        self.block(&text).map(drop)
+    }
+}
+
+struct Files {
+    folder: PathBuf,
+    frames: Appended,
+    images: Appended,
+    shapes: Appended,
+    meshes: Appended,
+    events: Appended,
+    /// Held as long as the run goes on.
+    _lock: File,
+}
+
+impl Files {
+    fn record(
+        mut self,
+        messages: &Receiver<Message>,
+        waiting: &AtomicUsize,
+        strides: &[usize],
+    ) -> Result<(), RecordingError> {
+        for message in messages {
+            match message {
+                Message::Frame { row, joints, is_keyframe, sensed } => {
+                    let mut moment = Moment {
+                        row,
+                        joints,
+                        fingers: PerFinger::default(),
+                        is_keyframe,
+                        is_estimated: true,
+                        images: None,
+                    };
+                    if let Some(sensed) = sensed {
+                        self.see(&mut moment, *sensed, strides)?;
+                    }
+                    self.frames.line(&FrameLine::new(&moment))?;
+                    waiting.fetch_sub(1, Ordering::Relaxed);
+                }
+                Message::Shape { frame, mesh, sdf, point } => {
+                    let place = self.meshes.block(&shape::encode(&mesh, sdf.as_ref()))?;
+                    self.shapes.line(&ShapeLine { frame, point, place })?;
+                }
+                Message::Event(line) => self.events.line(&line)?,
+                Message::End { complete } => put(&self.folder, file::END, &EndFile { complete })?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds what was sensed to a moment.
+    fn see(&mut self, moment: &mut Moment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
+        let Sensed { depth, pictures, .. } = sensed;
+        let forces_n = pictures.forces_n;
+        moment.fingers = PerFinger::from_fn(|finger| {
+            let force_n = forces_n.map(|forces| forces[finger] as f32);
+            let TouchDepth { depth_m, contact, .. } = depth.touch[finger].as_ref()?;
+            Touching::of(depth_m, contact, force_n)
+        });
+        if has_images(moment.row.frame) {
+            let images = pictured(moment.row.frame as usize, depth, pictures, strides);
+            let block =
+                images::encode(&images).map_err(|problem| RecordingError::damaged(&self.images.path, problem))?;
+            moment.images = Some(self.images.block(&block)?);
+        }
+        Ok(())
+    }
+}
+
+/// The images of a frame as they are recorded.
+fn pictured(frame: usize, depth: DepthFrame, pictures: Pictures, strides: &[usize]) -> Images {
+    let Pictures { cameras: colours, touch: mut seen, mut true_touch_m, .. } = pictures;
+    let mut colours = colours.into_iter();
+    let camera = |(camera, &stride): (Option<CameraDepth>, &usize)| {
+        let colour = colours.next().unwrap_or_default();
+        let CameraDepth { depth_m, segmentation, .. } = camera?;
+        Some(CameraImages {
+            colour: images::thinned(&colour, stride),
+            depth_m: images::thinned_depth(&depth_m, stride),
+            segmentation: images::thinned_gray(&segmentation, stride),
+        })
+    };
+    let cameras = depth.cameras.into_iter().zip(strides).map(camera).collect();
+    let mut felt = depth.touch;
+    let touch = PerFinger::from_fn(|finger| {
+        let TouchDepth { depth_m, contact, .. } = felt[finger].take()?;
+        let image = std::mem::take(&mut seen[finger]);
+        Some(FingerImages { image, depth_m, contact, true_depth_m: true_touch_m[finger].take() })
+    });
+    Images { frame, cameras, touch }
+}

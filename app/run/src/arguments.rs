@@ -1,0 +1,82 @@
+//! Which object is turned by which hand with which gait: arguments that several commands share.
+
+use crate::object::load_object;
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+use mvt_gaits::gait;
+use mvt_gaits::gait::Gait;
+use mvt_objects::object::Object;
+use mvt_robot::hand::Side;
+
+/// Object, hand and gait.
+#[derive(Debug, Clone, Args)]
+pub struct Subject {
+    /// Object: a name that `assets list` shows, or the path of an OBJ, STL or PLY mesh in metres
+    #[arg(long)]
+    pub object: String,
+    /// Hand and gait.
+    #[command(flatten)]
+    pub manner: Manner,
+}
+
+/// Hand and gait.
+#[derive(Debug, Clone, Args)]
+pub struct Manner {
+    /// Gait, or `auto` to choose it by the object's size
+    #[arg(long, default_value = "auto")]
+    pub gait: String,
+    /// Which hand; FeelSight and its loaders assume the left one
+    #[arg(long, value_enum, default_value_t = Hand::Left)]
+    pub side: Hand,
+}
+
+/// A hand on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Hand {
+    /// The hand that FeelSight assumes
+    Left,
+    /// Its mirror image
+    Right,
+}
+
+impl Hand {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Hand::Left => "left",
+            Hand::Right => "right",
+        }
+    }
+}
+
+impl Subject {
+    /// Loads the object, shows the warnings about its mesh and chooses the gait.
+    pub fn load(&self) -> Result<(Object, &'static str, &'static Gait)> {
+        let object = load_object(&self.object)?;
+        let (name, gait) = gait::choose(&self.manner.gait, &object)?;
+        Ok((object, name, gait))
+    }
+
+    /// The hand.
+    pub fn side(&self) -> Side {
+        self.manner.side()
+    }
+}
+
+impl Manner {
+    /// The hand.
+    pub fn side(&self) -> Side {
+        match self.side {
+            Hand::Left => Side::Left,
+            Hand::Right => Side::Right,
+        }
+    }
+}
+
+/// Parses a duration in seconds. An hour of snapshots fits into memory; a day would not.
+pub fn duration(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 3600.0 => Ok(value),
+        _ => Err("it must be a number of seconds greater than 0 and at most 3600".to_owned()),
+    }
+}

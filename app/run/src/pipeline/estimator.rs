@@ -1,0 +1,199 @@
+//! Pose and shape from measurements alone, and what is believed of them.
+
+use anyhow::{Context as _, Result};
+use clap::ValueEnum;
+use glam::Vec3;
+use mvt_field::exact::KnownShape;
+use mvt_frames::{Isometry, Model, Object, World};
+use mvt_gaits::gait;
+use mvt_objects::distance::MeshDistance;
+use mvt_objects::object::Object as TrueObject;
+use mvt_robot::hand::Side;
+use mvt_robot::observation::DepthFrame;
+use mvt_slam::ConfigError;
+use mvt_slam::map::Map;
+use mvt_slam::{Estimate, Slam, State};
+use nalgebra as na;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+use crate::supervisor::Belief;
+
+/// What is given and what is estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Mode {
+    /// Pose and shape are estimated
+    Slam,
+    /// The shape is given, the pose is estimated
+    Pose,
+    /// The pose is given, the shape is estimated
+    Map,
+}
+
+impl Mode {
+    /// Its name on the command line and in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Slam => "slam",
+            Self::Pose => "pose",
+            Self::Map => "map",
+        }
+    }
+}
+
+/// Where the pose of a given shape starts.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Init {
+    /// 1 cm and 10 degrees beside the truth, in a direction that the seed decides
+    #[default]
+    Near,
+    /// At the truth
+    Truth,
+    /// Nowhere: the object is searched for
+    Search,
+}
+
+impl Init {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Near => "near",
+            Self::Truth => "truth",
+            Self::Search => "search",
+        }
+    }
+
+    /// The start, where the truth is this.
+    pub fn start(self, truth: Isometry<Object, World>, seed: u64) -> Option<Isometry<Model, World>> {
+        const DISTANCE_M: f64 = 0.01;
+        const ANGLE_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
+        let truth = truth.untyped();
+        match self {
+            Self::Search => None,
+            Self::Truth => Some(Isometry::new(truth)),
+            Self::Near => {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                Some(Isometry::new(truth * random_motion(DISTANCE_M, ANGLE_RAD, &mut rng)))
+            }
+        }
+    }
+}
+
+/// A move of this length in a random direction with a turn by this angle about a random axis.
+pub fn random_motion(distance_m: f64, angle_rad: f64, rng: &mut ChaCha8Rng) -> na::Isometry3<f64> {
+    let mut direction = || loop {
+        // Uniform over the sphere: the direction of a point of the ball.
+        let v = na::Vector3::from_fn(|_, _| rng.random_range(-1.0..=1.0));
+        if (1e-3..=1.0).contains(&v.norm()) {
+            return v.normalize();
+        }
+    };
+    let shift = distance_m * direction();
+    let turn = na::UnitQuaternion::new(angle_rad * direction());
+    na::Isometry3::from_parts(shift.into(), turn)
+}
+
+/// A shape that is given.
+pub struct Given {
+    shape: KnownShape,
+    /// Lowest and highest corner, metres.
+    bounds_m: [Vec3; 2],
+}
+
+impl Given {
+    /// The shape of an object: exact where it is known exactly, else that of its mesh.
+    ///
+    /// # Errors
+    /// If the mesh bounds nothing.
+    pub fn new(object: &TrueObject) -> Result<Self> {
+        let bounds_m = object.mesh.bounds_m();
+        let shape = match &object.exact {
+            Some(exact) => KnownShape::new(exact.as_ref(), bounds_m),
+            None => KnownShape::new(&MeshDistance::new(&object.mesh).context("the mesh bounds nothing")?, bounds_m),
+        };
+        Ok(Self { shape, bounds_m })
+    }
+}
+
+/// Estimates, and sums up what a supervisor may know of it.
+pub struct Estimator {
+    slam: Slam,
+    /// Middle of a given shape, metres.
+    given_centre: Option<Vec3>,
+    /// Sign of the angle by which the gaits turn an object, about z.
+    turn_direction: f64,
+    last: Option<Isometry<Model, World>>,
+    turned_rad: f64,
+}
+
+impl Estimator {
+    /// Knows neither shape nor pose.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if a setting is out of range.
+    pub fn new(config: &mvt_slam::Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
+        Ok(Self::with(Slam::new(config.clone(), side, seed)?, None, side))
+    }
+
+    /// Knows what an earlier run has learnt, and not the pose.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if a setting is out of range.
+    pub fn resume(config: &mvt_slam::Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
+        Ok(Self::with(Slam::resume(config.clone(), side, seed, map)?, None, side))
+    }
+
+    /// Knows the shape and roughly, or not at all, the pose.
+    pub fn with_shape(
+        config: &mvt_slam::Config,
+        side: Side,
+        seed: u64,
+        Given { shape, bounds_m }: Given,
+        start: Option<Isometry<Model, World>>,
+    ) -> Self {
+        let centre = 0.5 * (bounds_m[0] + bounds_m[1]);
+        Self::with(Slam::with_shape(config.clone(), side, seed, shape, bounds_m, start), Some(centre), side)
+    }
+
+    fn with(slam: Slam, given_centre: Option<Vec3>, side: Side) -> Self {
+        let turn_direction = gait::TURN_DIRECTION_RIGHT * side.sign();
+        Self { slam, given_centre, turn_direction, last: None, turned_rad: 0.0 }
+    }
+
+    /// The growing shape, where none is given.
+    pub fn map(&self) -> Option<&Map> {
+        self.slam.map()
+    }
+
+    /// Takes the next frame, whose pose is given where only the shape is estimated.
+    pub fn step(&mut self, depth: &DepthFrame, given_pose: Option<Isometry<Model, World>>) -> Estimate {
+        let estimate = match given_pose {
+            Some(pose) => self.slam.step_at(depth, pose),
+            None => self.slam.step(depth),
+        };
+        if estimate.state == State::Tracking {
+            if let Some(last) = self.last {
+                let turn = (estimate.pose.untyped() * last.untyped().inverse()).rotation.scaled_axis();
+                self.turned_rad += turn.z * self.turn_direction;
+            }
+            self.last = Some(estimate.pose);
+        }
+        estimate
+    }
+
+    /// What is believed after a frame.
+    pub fn belief(&self, estimate: &Estimate) -> Belief {
+        let bounds = |map: &Map| map.space().bounds().map(|[a, b]| 0.5 * (a + b));
+        let centre = self.given_centre.or_else(|| self.map().and_then(bounds)).unwrap_or(Vec3::ZERO);
+        let centre = estimate.pose.untyped() * na::Point3::from(centre.to_array().map(f64::from));
+        Belief {
+            time_s: estimate.time_s,
+            pose: estimate.pose,
+            centre_m: [centre.x, centre.y],
+            turned_rad: self.turned_rad,
+            confidence: estimate.confidence,
+            lost: estimate.state != State::Tracking,
+            unobserved: self.map().map_or(0.0, |map| map.space().unseen_fraction()),
+        }
+    }
+}

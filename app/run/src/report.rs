@@ -1,0 +1,215 @@
+//! What a run leaves in its folder. Everything here is a function of a recorded run ([`RunRecord`]) and of its meshes; nothing
+//! simulates or estimates.
+//!
+//! A file appears under its name only when it is complete: it is written beside it and renamed.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::Result;
+use mvt_frames::{Isometry, Object, World};
+use mvt_mesh::Mesh;
+use mvt_metrics::{AddS, TrueSurface};
+use mvt_objects::object::Object as TrueObject;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::io::write_file;
+
+mod curves;
+pub mod error_colour;
+pub mod mesh_file;
+mod summary;
+#[cfg(test)]
+mod tests;
+mod trajectory;
+mod turntable;
+
+pub use summary::{ErrorStatistics, ShapeScores, Summary};
+pub use trajectory::{read_trajectory, write_trajectory};
+
+/// Names of the files in a run's folder.
+pub mod file {
+    /// See [`super::Summary`].
+    pub const SUMMARY: &str = "summary.json";
+    /// See [`super::write_trajectory`].
+    pub const TRAJECTORY: &str = "trajectory.csv";
+    /// The estimated surface in the frame that the estimated poses lead from, coloured by its error where the truth is known.
+    pub const PLY: &str = "mesh.ply";
+    /// The same without colours.
+    pub const OBJ: &str = "mesh.obj";
+    /// Pose error, shape scores, confidence and time per frame over time.
+    pub const CURVES: &str = "curves.svg";
+    /// The estimated surface turns beside the true one, coloured by its error.
+    pub const TURNTABLE: &str = "mesh.gif";
+}
+
+/// A run as it was recorded, whole or up to where it was interrupted.
+#[derive(Debug, Clone, Default)]
+pub struct RunRecord {
+    /// Name in the catalogue or path of a mesh.
+    pub object: String,
+    /// Seed of the episode, of its noise and of the estimate.
+    pub seed: u64,
+    /// `slam`, `pose` or `map`.
+    pub mode: String,
+    /// `vitac`, `vi` or `tac`.
+    pub modality: String,
+    /// Every frame, in order of time.
+    pub frames: Vec<FrameRow>,
+    /// The shape's score as it grew, in order of time.
+    pub shape: Vec<ShapePoint>,
+    /// What happened, in order of time.
+    pub events: Vec<Event>,
+    /// Wall time, seconds.
+    pub wall_s: f64,
+    /// Time of the episode or log, seconds.
+    pub simulated_s: f64,
+    /// See [`peak_memory_mb`].
+    pub peak_memory_mb: Option<f64>,
+    /// Whether the run came to its end.
+    pub complete: bool,
+}
+
+/// A frame of a run: what was estimated, what was true and what it cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrameRow {
+    /// Number of the frame in the episode or log.
+    pub frame: u64,
+    /// Seconds since the start of the episode or log.
+    pub time_s: f64,
+    /// Whether the pose is believed.
+    pub state: TrackState,
+    /// The tracker's confidence, 0 to 1.
+    pub confidence: f64,
+    /// Estimated pose: it takes the coordinates of the estimated surface to the world. With an unknown shape these are tied to the
+    /// object's at the first frame, which is a choice of gauge and no knowledge of the tracker's.
+    pub estimate: Isometry<Object, World>,
+    /// True pose, where it is known.
+    pub truth: Option<Isometry<Object, World>>,
+    /// Error of the estimate, where the truth is known.
+    pub add_s: Option<AddS>,
+    /// Wall time of the frame by stage.
+    pub stage_ms: StageMs,
+}
+
+/// Whether the tracker believes its pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackState {
+    /// It does.
+    Tracking,
+    /// It does not, and looks for the object.
+    Lost,
+    /// It has found the object again at this frame.
+    Relocalised,
+}
+
+/// Wall time by stage, milliseconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct StageMs {
+    /// Simulation and rendering, or reading the log.
+    pub sense: f64,
+    /// The pose.
+    pub track: f64,
+    /// The field.
+    pub map: f64,
+    /// The mesh and the scores.
+    pub mesh: f64,
+}
+
+impl StageMs {
+    /// All stages together.
+    pub fn total(self) -> f64 {
+        self.sense + self.track + self.map + self.mesh
+    }
+}
+
+/// The shape's score at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ShapePoint {
+    /// Seconds since the start.
+    pub time_s: f64,
+    /// F-score at 5 mm.
+    pub f5: f64,
+    /// F-score at 2 mm.
+    pub f2: f64,
+    /// F-score at 1 mm.
+    pub f1: f64,
+    /// F-score at 10 mm.
+    pub f10: f64,
+    /// Precision at 5 mm.
+    pub precision5: f64,
+    /// Recall at 5 mm.
+    pub recall5: f64,
+}
+
+/// Something worth telling that happened at a time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Event {
+    /// Seconds since the start.
+    pub time_s: f64,
+    /// What happened, in words.
+    pub text: String,
+}
+
+impl RunRecord {
+    /// The motion that takes the estimated surface to the true one as the tracker saw the two at the last frame of which the truth is
+    /// known; none if there is no such frame.
+    pub fn object_from_estimate(&self) -> Option<Isometry<Object, Object>> {
+        self.frames.iter().rev().find_map(|row| Some(row.truth?.inverse() * row.estimate))
+    }
+}
+
+/// Writes what is there of a run that goes on, so that an interruption loses little: the summary without the shape's scores, and the
+/// trajectory. Some milliseconds.
+///
+/// # Errors
+/// If a file cannot be written; the message names it.
+pub fn write_partial(folder: &Path, run: &RunRecord) -> Result<Summary> {
+    let summary = Summary::new(run, ShapeScores::default());
+    write_tables(folder, run, &summary)?;
+    Ok(summary)
+}
+
+/// Writes all files of a run: with the true shape also the scores, the colours and the turntable. Some seconds.
+///
+/// # Errors
+/// If a file cannot be written; the message names it.
+pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&TrueObject>) -> Result<Summary> {
+    let truth = truth.zip(run.object_from_estimate());
+    let shape = truth.map(|(truth, motion)| ShapeScores::new(estimate, &truth.mesh, motion)).unwrap_or_default();
+    let summary = Summary::new(run, shape);
+    write_tables(folder, run, &summary)?;
+    write_file(folder, file::OBJ, mesh_file::obj(estimate).as_bytes())?;
+    write_file(folder, file::CURVES, curves::curves(run)?.as_bytes())?;
+    let errors_m = truth.map(|(truth, motion)| turntable::vertex_errors_m(estimate, motion, truth));
+    write_file(folder, file::PLY, &mesh_file::ply(estimate, errors_m.as_deref()))?;
+    if let Some(((truth, object_from_estimate), errors_m)) = truth.zip(errors_m.as_deref()) {
+        let turntable = turntable::Turntable { estimate, errors_m, object_from_estimate, truth: &truth.mesh };
+        write_file(folder, file::TURNTABLE, &turntable.gif()?)?;
+    }
+    Ok(summary)
+}
+
+fn write_tables(folder: &Path, run: &RunRecord, summary: &Summary) -> Result<()> {
+    write_file(folder, file::TRAJECTORY, write_trajectory(&run.frames).as_bytes())?;
+    write_file(folder, file::SUMMARY, format!("{}\n", serde_json::to_string_pretty(summary)?).as_bytes())
+}
+
+/// The largest memory that this process has held at once, MB (10^6 bytes), where the system says (Linux).
+pub fn peak_memory_mb() -> Option<f64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: f64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024.0 / 1e6)
+}
+
+/// The rows with errors computed anew.
+pub fn scored(mut rows: Vec<FrameRow>, surface: &TrueSurface) -> Vec<FrameRow> {
+    rows.par_iter_mut().for_each(|row| row.add_s = object_from_estimate(row).map(|motion| surface.add_s(motion)));
+    rows
+}
+
+fn object_from_estimate(row: &FrameRow) -> Option<Isometry<Object, Object>> {
+    Some(row.truth?.inverse() * row.estimate)
+}

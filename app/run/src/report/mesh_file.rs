@@ -1,0 +1,67 @@
+//! Meshes as files.
+
+use std::fmt::Write as _;
+
+use mvt_mesh::Mesh;
+
+use super::error_colour;
+
+/// A binary PLY, little-endian, metres. With one error (metres) per vertex, also their colours: pale for none, dark red for 5 mm
+/// and more.
+pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
+    let colours =
+        if errors_m.is_some() { "property uchar red\nproperty uchar green\nproperty uchar blue\n" } else { "" };
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\ncomment metres\nelement vertex {}\nproperty float x\nproperty float y\n\
+         property float z\n{colours}element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+        mesh.vertices.len(),
+        mesh.faces.len()
+    );
+    let mut bytes = header.into_bytes();
+    for (k, vertex) in mesh.vertices.iter().enumerate() {
+        bytes.extend(vertex.to_array().iter().flat_map(|x| x.to_le_bytes()));
+        if let Some(errors_m) = errors_m {
+            bytes.extend(error_colour::of(errors_m.get(k).copied().unwrap_or(f32::INFINITY)).0);
+        }
+    }
+    for face in &mesh.faces {
+        bytes.push(3);
+        bytes.extend(face.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    bytes
+}
+
+/// A Wavefront OBJ, metres.
+pub fn obj(mesh: &Mesh) -> String {
+    let mut text = String::from("# metres\n");
+    for v in &mesh.vertices {
+        let _ = writeln!(text, "v {} {} {}", v.x, v.y, v.z);
+    }
+    for [a, b, c] in mesh.faces.iter().map(|face| face.map(|v| v + 1)) {
+        let _ = writeln!(text, "f {a} {b} {c}");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use mvt_mesh::{Format, read_bytes};
+
+    use super::*;
+
+    #[test]
+    fn meshes_are_read_as_they_were_written() {
+        let mesh = Mesh {
+            vertices: vec![Vec3::ZERO, Vec3::new(0.1, 1.0 / 3.0, -1e-7), Vec3::Y, Vec3::NEG_Z],
+            faces: vec![[0, 1, 2], [0, 2, 3]],
+        };
+        for (bytes, format) in [
+            (ply(&mesh, Some(&[0.0, 0.001, f32::NAN, 1.0])), Format::Ply),
+            (ply(&mesh, None), Format::Ply),
+            (obj(&mesh).into_bytes(), Format::Obj),
+        ] {
+            assert_eq!(read_bytes(&bytes, format, "mesh").unwrap(), mesh);
+        }
+    }
+}

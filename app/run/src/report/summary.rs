@@ -1,0 +1,161 @@
+//! `summary.json`: a run in numbers.
+
+use std::collections::BTreeMap;
+
+use mvt_frames::{Frame, Isometry, Object};
+use mvt_mesh::Mesh;
+use mvt_metrics::{FINE_POINTS, FScore, POINTS, PoseStatistics, ShapeScore, THRESHOLDS_M, TrueSurface, sample_surface};
+use serde::Serialize;
+
+use super::{Event, FrameRow, RunRecord, StageMs, TrackState};
+
+/// The content of `summary.json`. Lengths are millimetres, shares run from 0 to 1. A number is null where there is no truth to hold
+/// the run against, or where it is infinite.
+#[derive(Debug, Clone, Serialize)]
+pub struct Summary {
+    /// False if the run was interrupted; all figures are then those up to there.
+    pub complete: bool,
+    /// Name in the catalogue or path of a mesh.
+    pub object: String,
+    /// Seed of the episode, of its noise and of the estimate.
+    pub seed: u64,
+    /// `slam`, `pose` or `map`.
+    pub mode: String,
+    /// `vitac`, `vi` or `tac`.
+    pub modality: String,
+    /// Number of frames.
+    pub frames: usize,
+    /// Time of the episode or log.
+    pub simulated_s: f64,
+    /// Wall time from the first frame to the last, without what follows: the scores of every frame and the files.
+    pub wall_s: f64,
+    /// `frames` by `wall_s`.
+    pub frames_per_second: f64,
+    /// Mean over the frames of the wall time of each stage.
+    pub stage_ms: StageMs,
+    /// The largest memory held at once, MB.
+    pub peak_memory_mb: Option<f64>,
+    /// The shape in the end.
+    #[serde(flatten)]
+    pub shape: ShapeScores,
+    /// One-directional ADD-S, as NeuralFeels has it.
+    pub add_s_mm: Option<ErrorStatistics>,
+    /// Mean of both directions.
+    pub add_s_symmetric_mm: Option<ErrorStatistics>,
+    /// Whether the last frame's ADD-S exceeds 10 mm.
+    pub failed: Option<bool>,
+    /// Frames at which the tracker said that it had lost the object.
+    pub lost_frames: usize,
+    /// How often it found it again.
+    pub recovered: usize,
+    /// What happened.
+    pub events: Vec<Event>,
+}
+
+/// How a shape compares with the true one, at thresholds in mm. All null without truth.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct ShapeScores {
+    /// F-score by threshold, as NeuralFeels has it: 10,000 points of either surface.
+    pub f_score: Option<BTreeMap<u32, f64>>,
+    /// Precision at 5 mm: share of the estimated points that are near a true one.
+    pub precision_5mm: Option<f64>,
+    /// Recall at 5 mm: share of the true points that are near an estimated one.
+    pub recall_5mm: Option<f64>,
+    /// F-score of 100,000 points of either surface: 10,000 lie so far apart that a perfect shape fails at 1 and 2 mm.
+    pub f_score_fine: Option<BTreeMap<u32, f64>>,
+    /// Mean distance of estimated points to the nearest of 10,000 true ones, as NeuralFeels has it.
+    pub mesh_error_mm: Option<f64>,
+    /// The same of 100,000 points.
+    pub mesh_error_fine_mm: Option<f64>,
+}
+
+/// Pose errors of a run, mm, every frame counted but in the last.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ErrorStatistics {
+    /// Mean.
+    pub mean: f64,
+    /// Median.
+    pub median: f64,
+    /// 95 % are at most this.
+    pub p95: f64,
+    /// That of the last frame.
+    #[serde(rename = "final")]
+    pub last: f64,
+    /// Mean without the first 5 s and without errors above 50 mm, as NeuralFeels takes it.
+    pub mean_original_definition: Option<f64>,
+}
+
+impl ShapeScores {
+    /// Of a surface in the frame that `object_from_estimate` takes to the true one's.
+    pub fn new<F: Frame>(estimate: &Mesh, truth: &Mesh, object_from_estimate: Isometry<F, Object>) -> Self {
+        let score = |points: usize| {
+            let truth = TrueSurface::new(truth, points, 0);
+            truth.score(&sample_surface(estimate, points, 1), object_from_estimate, &THRESHOLDS_M)
+        };
+        let by_threshold =
+            |score: &ShapeScore| score.f_scores.iter().map(|f| ((f.threshold_m * 1e3).round() as u32, f.f())).collect();
+        let (original, fine) = (score(POINTS), score(FINE_POINTS));
+        let at_5mm = |of: fn(&FScore) -> f64| original.f_scores.iter().find(|f| f.threshold_m == 0.005).map(of);
+        Self {
+            f_score: Some(by_threshold(&original)),
+            precision_5mm: at_5mm(|f| f.precision),
+            recall_5mm: at_5mm(|f| f.recall),
+            f_score_fine: Some(by_threshold(&fine)),
+            mesh_error_mm: Some(original.mesh_error_m * 1e3),
+            mesh_error_fine_mm: Some(fine.mesh_error_m * 1e3),
+        }
+    }
+}
+
+impl ErrorStatistics {
+    /// Of the frames whose true pose is known, by one of their errors in metres; none if there are none.
+    pub fn new(frames: &[FrameRow], error_m: fn(&mvt_metrics::AddS) -> f64) -> Option<Self> {
+        let errors: Vec<(f64, f64)> =
+            frames.iter().filter_map(|row| Some((row.time_s, error_m(row.add_s.as_ref()?)))).collect();
+        let PoseStatistics { mean_m, median_m, p95_m, final_m, mean_original_m } = PoseStatistics::new(&errors)?;
+        Some(Self {
+            mean: mean_m * 1e3,
+            median: median_m * 1e3,
+            p95: p95_m * 1e3,
+            last: final_m * 1e3,
+            mean_original_definition: mean_original_m.map(|m| m * 1e3),
+        })
+    }
+}
+
+impl Summary {
+    /// Of a run and the score of its last shape.
+    pub fn new(run: &RunRecord, shape: ShapeScores) -> Self {
+        let frames = &run.frames;
+        let mean_ms = |of: fn(&StageMs) -> f64| {
+            frames.iter().map(|row| of(&row.stage_ms)).sum::<f64>() / frames.len().max(1) as f64
+        };
+        let count = |state| frames.iter().filter(|row| row.state == state).count();
+        let add_s_mm = ErrorStatistics::new(frames, |e| e.one_directional_m);
+        Self {
+            complete: run.complete,
+            object: run.object.clone(),
+            seed: run.seed,
+            mode: run.mode.clone(),
+            modality: run.modality.clone(),
+            frames: frames.len(),
+            simulated_s: run.simulated_s,
+            wall_s: run.wall_s,
+            frames_per_second: if run.wall_s > 0.0 { frames.len() as f64 / run.wall_s } else { 0.0 },
+            stage_ms: StageMs {
+                sense: mean_ms(|s| s.sense),
+                track: mean_ms(|s| s.track),
+                map: mean_ms(|s| s.map),
+                mesh: mean_ms(|s| s.mesh),
+            },
+            peak_memory_mb: run.peak_memory_mb,
+            shape,
+            add_s_mm,
+            add_s_symmetric_mm: ErrorStatistics::new(frames, |e| e.symmetric_m),
+            failed: add_s_mm.map(|e| e.last > mvt_metrics::FAILURE_M * 1e3),
+            lost_frames: count(TrackState::Lost),
+            recovered: count(TrackState::Relocalised),
+            events: run.events.clone(),
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! `mesh.gif`: the estimated surface turns beside the true one, coloured by its error.
+
+use std::f64::consts::TAU;
+
+use anyhow::{Context as _, Result};
+use glam::{Vec3, Vec3A};
+use image::codecs::gif::{GifEncoder, Repeat};
+use image::{Delay, DynamicImage, Frame, Rgb, RgbImage};
+use mvt_frames::camera::{Intrinsics, look_at};
+use mvt_frames::{Camera, Isometry, Object, World};
+use mvt_mesh::Mesh;
+use mvt_mesh::SignedDistance;
+use mvt_objects::distance::MeshDistance;
+use mvt_objects::object::Object as TrueObject;
+use mvt_picture::lettering;
+use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::error_colour;
+
+/// Views of one turn.
+const VIEWS: u32 = 48;
+const DELAY_MS: u32 = 80;
+/// Side of either picture, pixels.
+const SIDE: u32 = 240;
+/// Rays per pixel along either side.
+const RAYS: u32 = 2;
+/// Height of the strip with the scale, pixels.
+const STRIP: u32 = 34;
+const FOV_RAD: f64 = 0.5;
+const ELEVATION_RAD: f64 = 0.45;
+/// Speed of the choice of colours, 1 (best) to 30.
+const GIF_SPEED: i32 = 10;
+const PAPER: Rgb<u8> = Rgb([250, 250, 248]);
+const INK: Rgb<u8> = Rgb([34, 38, 46]);
+const TRUE_COLOUR: Rgb<u8> = Rgb([176, 186, 196]);
+
+/// An estimated surface beside the true one.
+#[derive(Debug)]
+pub struct Turntable<'a> {
+    /// The estimated surface.
+    pub estimate: &'a Mesh,
+    /// The error of each of its vertices, metres; see [`vertex_errors_m`].
+    pub errors_m: &'a [f32],
+    /// Takes the estimated surface to where it is held against the true one.
+    pub object_from_estimate: Isometry<Object, Object>,
+    /// The true surface.
+    pub truth: &'a Mesh,
+}
+
+/// The distance of each vertex from the surface of an object, metres, positive on either side.
+pub fn vertex_errors_m(
+    estimate: &Mesh,
+    object_from_estimate: Isometry<Object, Object>,
+    truth: &TrueObject,
+) -> Vec<f32> {
+    let of_mesh = if truth.exact.is_none() { MeshDistance::new(&truth.mesh) } else { None };
+    let surface = truth.exact.as_deref().or(of_mesh.as_ref().map(|mesh| mesh as &dyn SignedDistance));
+    let Some(surface) = surface else { return vec![f32::INFINITY; estimate.vertices.len()] };
+    let error = |v: &Vec3| {
+        let [x, y, z] = v.to_array().map(f64::from);
+        surface.distance_m(object_from_estimate * mvt_frames::Point::new(x, y, z)).abs() as f32
+    };
+    estimate.vertices.par_iter().map(error).collect()
+}
+
+impl Turntable<'_> {
+    /// The animation, 480 x 274 pixels, one turn in about four seconds. The same for any number of threads.
+    ///
+    /// # Errors
+    /// If the encoder fails.
+    pub fn gif(&self) -> Result<Vec<u8>> {
+        let views = self.views();
+        let mut bytes = Vec::new();
+        let mut encoder = GifEncoder::new_with_speed(&mut bytes, GIF_SPEED);
+        encoder.set_repeat(Repeat::Infinite)?;
+        for view in views {
+            let picture = DynamicImage::ImageRgb8(view).into_rgba8();
+            let delay = Delay::from_numer_denom_ms(DELAY_MS, 1);
+            encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay)).context("cannot encode the turntable")?;
+        }
+        drop(encoder);
+        Ok(bytes)
+    }
+
+    fn views(&self) -> Vec<RgbImage> {
+        let (estimate, truth) = (RayMesh::new(self.estimate), RayMesh::new(self.truth));
+        let backdrop = backdrop();
+        // The true object fills the picture; what an estimate adds far from it may leave it.
+        let [low, high] = self.truth.bounds_m().map(Vec3::as_dvec3);
+        let (centre, radius_m) = (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-3));
+        let distance_m = 1.08 * radius_m / (0.5 * FOV_RAD).sin();
+        let error_colour = |triangle: u32, u: f32, v: f32| {
+            let Some(face) = self.estimate.faces.get(estimate.face(triangle) as usize) else { return TRUE_COLOUR };
+            let [a, b, c] = face.map(|k| self.errors_m.get(k as usize).copied().unwrap_or(f32::INFINITY));
+            error_colour::of((1.0 - u - v) * a + u * b + v * c)
+        };
+        let view = |k: u32| {
+            let (sin, cos) = (TAU * f64::from(k) / f64::from(VIEWS)).sin_cos();
+            let out = Vector3::new(ELEVATION_RAD.cos() * cos, ELEVATION_RAD.cos() * sin, ELEVATION_RAD.sin());
+            let target = Vector3::new(centre.x, centre.y, centre.z);
+            let world_from_camera = look_at(target + distance_m * out, target, Vector3::z());
+            let camera_from_object = world_from_camera.inverse() * Isometry::<Object, World>::identity();
+            let mut image = backdrop.clone();
+            let estimate_pose = camera_from_object * self.object_from_estimate;
+            picture(&mut image, 0, &estimate, estimate_pose, error_colour);
+            picture(&mut image, SIDE, &truth, camera_from_object, |_, _, _| TRUE_COLOUR);
+            image
+        };
+        (0..VIEWS).into_par_iter().map(view).collect()
+    }
+}
+
+/// Draws a mesh into the square that begins at column `left`, lit from over the viewer's left shoulder.
+fn picture(
+    image: &mut RgbImage,
+    left: u32,
+    mesh: &RayMesh,
+    camera_from_mesh: Isometry<Object, Camera>,
+    colour: impl Fn(u32, f32, f32) -> Rgb<u8>,
+) {
+    let side = (SIDE * RAYS) as usize;
+    let intrinsics = Intrinsics::from_fov_y(side, side, FOV_RAD);
+    let mut hits = Hits::new(Window::whole(&intrinsics));
+    let instance = Instance::new(mesh, camera_from_mesh);
+    // Estimated surfaces may be open.
+    Caster::default().cast(&[instance], &intrinsics, Faces::Both, &mut hits);
+    let light = instance.mesh_from_camera() * Vec3A::new(-0.35, 0.5, 0.8).normalize();
+    let back = instance.mesh_from_camera() * Vec3A::Z;
+    let (us, vs) = hits.barycentric();
+    let shaded = |ray: usize| {
+        let triangle = hits.triangle()[ray];
+        (triangle != MISS).then(|| {
+            let (u, v) = (us[ray], vs[ray]);
+            let normal = normal(mesh, triangle, u, v);
+            let normal = if normal.dot(back) < 0.0 { -normal } else { normal };
+            let brightness = 0.45 + 0.6 * normal.dot(light).max(0.0);
+            colour(triangle, u, v).0.map(|c| (f32::from(c) * brightness).min(255.0))
+        })
+    };
+    for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
+        let paper = image.get_pixel(left + x, y).0.map(f32::from);
+        let mut sum = [0.0; 3];
+        for (dx, dy) in (0..RAYS).flat_map(|dy| (0..RAYS).map(move |dx| (dx, dy))) {
+            let ray = ((y * RAYS + dy) * SIDE * RAYS + x * RAYS + dx) as usize;
+            let sample = shaded(ray).unwrap_or(paper);
+            sum.iter_mut().zip(sample).for_each(|(sum, c)| *sum += c);
+        }
+        image.put_pixel(left + x, y, Rgb(sum.map(|c| (c / (RAYS * RAYS) as f32).round() as u8)));
+    }
+}
+
+/// The normal at a point of a triangle: smooth, but for corners at which the surface has an edge.
+fn normal(mesh: &RayMesh, triangle: u32, u: f32, v: f32) -> Vec3A {
+    /// Cosine of the angle from which on it is an edge: 40 degrees.
+    const EDGE: f32 = 0.77;
+    let flat = mesh.flat_normal(triangle);
+    let [a, b, c] = mesh.corner_normals(triangle).map(|n| if n.dot(flat) > EDGE { n } else { flat });
+    ((1.0 - u - v) * a + u * b + v * c).normalize_or_zero()
+}
+
+/// What is the same in all views: names and scale.
+fn backdrop() -> RgbImage {
+    let mut image = RgbImage::from_pixel(2 * SIDE, SIDE + STRIP, PAPER);
+    let size = 15.0;
+    for (left, name) in [(0, "estimate"), (SIDE, "truth")] {
+        lettering::write(&mut image, (left + 8, 6), size, INK, name);
+    }
+    let (bar_left, bar_width, top) = (SIDE / 2 + 40, SIDE, SIDE + 4);
+    for (x, y) in (0..bar_width).flat_map(|x| (0..10).map(move |y| (x, y))) {
+        let error_m = error_colour::FULL_SCALE_M * x as f32 / (bar_width - 1) as f32;
+        image.put_pixel(bar_left + x, top + y, error_colour::of(error_m));
+    }
+    let full_scale_mm = (error_colour::FULL_SCALE_M * 1e3).round() as u32;
+    for mm in 0..=full_scale_mm {
+        let label = if mm == full_scale_mm { format!("{mm}+") } else { mm.to_string() };
+        let x = bar_left + mm * (bar_width - 1) / full_scale_mm;
+        let half = lettering::width(size, &label) / 2;
+        lettering::write(&mut image, (x.saturating_sub(half), top + 11), size, INK, &label);
+    }
+    lettering::write(&mut image, (bar_left - 78, top - 4), size, INK, "error, mm");
+    image
+}

@@ -1,0 +1,435 @@
+//! Decides what the hand does next, from the tracker's estimate alone.
+//!
+//! All that a [`Supervisor`] ever receives is a [`Belief`]; neither a simulator's state nor ground truth can be put into one.
+
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+use std::fmt;
+use std::str::FromStr;
+
+use mvt_frames::{Isometry, Model, World};
+use mvt_gaits::directive::Directive;
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+/// When an episode is over.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// The object has turned by this angle in the gait's direction, radians.
+    Turn(f64),
+    /// This part of the directions around the object has been observed, 0 to 1.
+    Coverage(f64),
+    /// The time is up; the episode's duration says when.
+    Time,
+}
+
+impl fmt::Display for Goal {
+    /// As it is parsed.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Goal::Turn(rad) => write!(f, "turn={rad}rad"),
+            Goal::Coverage(part) => write!(f, "coverage={part}"),
+            Goal::Time => f.write_str("time"),
+        }
+    }
+}
+
+/// A goal that cannot be understood.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum GoalError {
+    /// No such goal.
+    #[error("unknown goal {0:?}; the goals are turn=360deg, turn=2rev, turn=6.3rad, coverage=0.9 and time")]
+    Unknown(String),
+    /// The amount is not a positive number, or a coverage above 1.
+    #[error(
+        "the goal {0:?} needs a positive amount: turn=360deg, turn=2rev, turn=6.3rad, or coverage up to 1 as in coverage=0.9"
+    )]
+    Amount(String),
+}
+
+impl FromStr for Goal {
+    type Err = GoalError;
+
+    fn from_str(text: &str) -> Result<Self, GoalError> {
+        let number = |amount: &str, most: f64| {
+            let value = amount.trim().parse().ok().filter(|v: &f64| *v > 0.0 && *v <= most);
+            value.ok_or_else(|| GoalError::Amount(text.to_owned()))
+        };
+        match text.split_once('=') {
+            None if text == "time" => Ok(Goal::Time),
+            Some(("turn", amount)) => {
+                let units = [("deg", TAU / 360.0), ("rev", TAU), ("rad", 1.0)];
+                let unit = units.iter().find_map(|(name, rad)| Some((amount.strip_suffix(name)?, rad)));
+                let (amount, rad) = unit.ok_or_else(|| GoalError::Amount(text.to_owned()))?;
+                Ok(Goal::Turn(number(amount, f64::MAX)? * rad))
+            }
+            Some(("coverage", amount)) => Ok(Goal::Coverage(number(amount, 1.0)?)),
+            _ => Err(GoalError::Unknown(text.to_owned())),
+        }
+    }
+}
+
+/// What is believed of the object at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Belief {
+    /// Seconds since the start of the episode.
+    pub time_s: f64,
+    /// Estimated pose.
+    pub pose: Isometry<Model, World>,
+    /// Estimated middle of the object, x and y in the world, metres.
+    pub centre_m: [f64; 2],
+    /// Angle turned so far about the palm's normal in the gait's direction, radians.
+    pub turned_rad: f64,
+    /// Confidence in the pose, 0 to 1.
+    pub confidence: f64,
+    /// The tracker has declared itself lost.
+    pub lost: bool,
+    /// Part of the directions around the object in which its surface has not been observed, 0 to 1.
+    pub unobserved: f64,
+}
+
+/// What the supervisor reacts to.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Rules {
+    /// Least confidence with which a goal counts as reached.
+    pub confidence: f64,
+    /// Lost for longer than this: re-grasp, seconds.
+    pub lost_s: f64,
+    /// Distance of the object from where it started at which it is pushed back, and at which that ends, metres.
+    pub drift_m: [f64; 2],
+    /// Longest push, seconds: pushed fingers turn the object more slowly.
+    pub push_s: f64,
+    /// Time in which something must have moved, by more than the following; otherwise re-grasp, seconds.
+    pub still_s: f64,
+    /// Rotation that counts as motion, radians.
+    pub still_rad: f64,
+    /// Translation that counts as motion, metres.
+    pub still_m: f64,
+    /// Time over which progress is judged, seconds.
+    pub progress_s: f64,
+    /// Rate at which the gait should turn the object, radians per second.
+    pub turn_rate_rad_s: f64,
+    /// Slower than this part of that rate: another gait.
+    pub slow: f64,
+    /// A fall of the unobserved part by less than this is none: another gait, if coverage is the goal.
+    pub coverage_gain: f64,
+    /// Time after a re-grasp or a change of gait in which nothing else is tried, seconds.
+    pub settle_s: f64,
+}
+
+impl Default for Rules {
+    fn default() -> Self {
+        Self {
+            confidence: 0.5,
+            lost_s: 1.0,
+            drift_m: [0.012, 0.004],
+            push_s: 4.0,
+            still_s: 4.0,
+            still_rad: 0.05,
+            still_m: 0.002,
+            progress_s: 6.0,
+            turn_rate_rad_s: 0.8,
+            slow: 0.25,
+            coverage_gain: 0.01,
+            settle_s: 2.5,
+        }
+    }
+}
+
+/// Watches beliefs and directs the hand.
+#[derive(Debug, Clone)]
+pub struct Supervisor {
+    goal: Goal,
+    rules: Rules,
+    /// Gaits to go through, the one that plays first.
+    gaits: VecDeque<&'static str>,
+    /// Trusted beliefs since the last intervention, none older than progress is judged over.
+    history: VecDeque<Belief>,
+    /// Where the object was first believed to be.
+    home_m: Option<Vector2<f64>>,
+    lost_since_s: Option<f64>,
+    pushing_since_s: Option<f64>,
+    settled_at_s: f64,
+    last_s: f64,
+}
+
+impl Supervisor {
+    /// Pursues a goal with the gait that plays and, when that does not get on, the others in turn.
+    pub fn new(goal: Goal, gaits: &[&'static str], rules: Rules) -> Self {
+        Self {
+            goal,
+            rules,
+            gaits: gaits.iter().copied().collect(),
+            history: VecDeque::new(),
+            home_m: None,
+            lost_since_s: None,
+            pushing_since_s: None,
+            settled_at_s: 0.0,
+            last_s: f64::NEG_INFINITY,
+        }
+    }
+
+    /// What the hand is to do, to be asked once per frame. A belief that is not newer than the last or holds something else than
+    /// finite numbers changes nothing.
+    pub fn decide(&mut self, belief: &Belief) -> Directive {
+        let time_s = belief.time_s;
+        if !(is_finite(belief) && time_s > self.last_s) {
+            return Directive::Continue;
+        }
+        self.last_s = time_s;
+        if belief.lost {
+            // What was believed before says nothing about what is the case when it is found again.
+            self.history.clear();
+            self.pushing_since_s = None;
+            let since = *self.lost_since_s.get_or_insert(time_s);
+            return if time_s - since > self.rules.lost_s {
+                self.intervene(time_s, Directive::Regrasp)
+            } else {
+                Directive::Continue
+            };
+        }
+        self.lost_since_s = None;
+        if self.is_reached(belief) {
+            return Directive::Stop;
+        }
+        self.history.push_back(*belief);
+        let oldest = time_s - self.rules.progress_s.max(self.rules.still_s);
+        // Keeps one that is old enough.
+        while self.history.get(1).is_some_and(|b| b.time_s <= oldest) {
+            self.history.pop_front();
+        }
+        if self.is_still(belief) {
+            return self.intervene(time_s, Directive::Regrasp);
+        }
+        if let Some(directive) = self.push(belief) {
+            return directive;
+        }
+        if self.gaits.len() > 1 && self.makes_no_progress(belief) {
+            self.gaits.rotate_left(1);
+            return self.intervene(time_s, Directive::SwitchGait(self.gaits[0]));
+        }
+        Directive::Continue
+    }
+
+    fn is_reached(&self, belief: &Belief) -> bool {
+        let reached = match self.goal {
+            Goal::Turn(angle_rad) => belief.turned_rad >= angle_rad,
+            Goal::Coverage(part) => 1.0 - belief.unobserved >= part,
+            Goal::Time => false,
+        };
+        reached && belief.confidence >= self.rules.confidence
+    }
+
+    /// The directive, unless the hand is still busy with the last one.
+    fn intervene(&mut self, time_s: f64, directive: Directive) -> Directive {
+        if time_s < self.settled_at_s {
+            return Directive::Continue;
+        }
+        self.settled_at_s = time_s + self.rules.settle_s;
+        self.pushing_since_s = None;
+        self.history.clear();
+        directive
+    }
+
+    /// The latest belief that is at least this old.
+    fn before(&self, belief: &Belief, seconds: f64) -> Option<&Belief> {
+        self.history.iter().rev().find(|b| b.time_s <= belief.time_s - seconds)
+    }
+
+    fn is_still(&self, belief: &Belief) -> bool {
+        // Nothing on the way may have moved either: an object that rocks is not still.
+        self.before(belief, self.rules.still_s).is_some()
+            && self.history.iter().filter(|b| b.time_s >= belief.time_s - self.rules.still_s).all(|b| {
+                let change = b.pose.untyped().inverse() * belief.pose.untyped();
+                change.rotation.angle() < self.rules.still_rad && change.translation.vector.norm() < self.rules.still_m
+            })
+    }
+
+    /// A push towards home if the object has drifted.
+    fn push(&mut self, belief: &Belief) -> Option<Directive> {
+        let centre = Vector2::from(belief.centre_m);
+        let offset = centre - *self.home_m.get_or_insert(centre);
+        let [begin, end] = self.rules.drift_m;
+        match self.pushing_since_s {
+            Some(since) if offset.norm() < end || belief.time_s - since > self.rules.push_s => {
+                self.pushing_since_s = None;
+                // Time to turn it again before the next push.
+                self.settled_at_s = belief.time_s + self.rules.settle_s;
+                self.history.clear();
+            }
+            None if offset.norm() > begin && belief.time_s >= self.settled_at_s => {
+                self.pushing_since_s = Some(belief.time_s);
+            }
+            _ => {}
+        }
+        self.pushing_since_s.map(|_| Directive::Recentre { offset_m: offset.into() })
+    }
+
+    fn makes_no_progress(&self, belief: &Belief) -> bool {
+        let Some(before) = self.before(belief, self.rules.progress_s) else { return false };
+        let elapsed = belief.time_s - before.time_s;
+        let is_slow = belief.turned_rad - before.turned_rad < self.rules.slow * self.rules.turn_rate_rad_s * elapsed;
+        let learns_nothing = before.unobserved - belief.unobserved < self.rules.coverage_gain;
+        is_slow || (matches!(self.goal, Goal::Coverage(_)) && learns_nothing)
+    }
+}
+
+fn is_finite(belief: &Belief) -> bool {
+    let Belief { time_s, pose, centre_m, turned_rad, confidence, lost: _, unobserved } = belief;
+    let numbers = [*time_s, *turned_rad, *confidence, *unobserved, centre_m[0], centre_m[1]];
+    numbers.iter().all(|v| v.is_finite()) && pose.to_matrix().iter().flatten().all(|v| v.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GAITS: [&str; 3] = ["cubelet", "shared", "bal"];
+    const FRAME_S: f64 = 1.0 / 30.0;
+
+    /// An object that is turned as it should be, in its place, and ever better known.
+    fn turning(time_s: f64) -> Belief {
+        let yaw = 0.8 * time_s;
+        Belief {
+            time_s,
+            pose: Isometry::from_parts([0.0, 0.0, 0.05], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
+            centre_m: [-0.02, 0.01],
+            turned_rad: yaw,
+            confidence: 0.9,
+            lost: false,
+            unobserved: (-time_s / 20.0).exp(),
+        }
+    }
+
+    /// All directives but `Continue` with their times.
+    fn watch(goal: Goal, seconds: f64, believe: impl Fn(f64) -> Belief) -> Vec<(f64, Directive)> {
+        let mut supervisor = Supervisor::new(goal, &GAITS, Rules::default());
+        let times = (0..(seconds / FRAME_S) as usize).map(|k| k as f64 * FRAME_S);
+        times
+            .map(|time_s| (time_s, supervisor.decide(&believe(time_s))))
+            .filter(|(_, directive)| *directive != Directive::Continue)
+            .collect()
+    }
+
+    fn first(directives: &[(f64, Directive)], about_s: f64) -> Directive {
+        assert!((directives[0].0 - about_s).abs() < 2.5 * FRAME_S, "{:?}", directives[0]);
+        directives[0].1
+    }
+
+    #[test]
+    fn goals() {
+        let parse = |text: &str| text.parse::<Goal>();
+        assert_eq!(parse("turn=360deg"), Ok(Goal::Turn(TAU)));
+        assert_eq!(parse("turn=2rev"), Ok(Goal::Turn(2.0 * TAU)));
+        assert_eq!(parse("turn=1.5rad"), Ok(Goal::Turn(1.5)));
+        assert_eq!(parse("coverage=0.9"), Ok(Goal::Coverage(0.9)));
+        assert_eq!(parse("time"), Ok(Goal::Time));
+        for text in ["turn=360", "turn=-1rev", "turn=deg", "turn=NaNdeg", "turn=infrad", "coverage=1.1", "coverage=0"] {
+            assert_eq!(parse(text), Err(GoalError::Amount(text.to_owned())));
+        }
+        for text in ["", "spin=3rev", "time=3", "turn", "Time"] {
+            let error = parse(text).unwrap_err().to_string();
+            assert!(error.contains("the goals are turn=360deg") && error.contains("coverage=0.9 and time"), "{error}");
+        }
+    }
+
+    #[test]
+    fn an_episode_that_goes_well_is_left_alone() {
+        assert_eq!(watch(Goal::Time, 40.0, turning), []);
+    }
+
+    #[test]
+    fn stops_at_the_goal() {
+        assert_eq!(first(&watch(Goal::Turn(TAU), 20.0, turning), TAU / 0.8), Directive::Stop);
+        assert_eq!(first(&watch(Goal::Coverage(0.5), 20.0, turning), 20.0 * 2f64.ln()), Directive::Stop);
+        // Not on a guess.
+        let unsure = |time_s| Belief { confidence: 0.4, ..turning(time_s) };
+        assert_eq!(watch(Goal::Turn(TAU), 20.0, unsure), []);
+        let lost = |time_s| Belief { lost: time_s > 5.0, ..turning(time_s) };
+        assert!(watch(Goal::Turn(TAU), 20.0, lost).iter().all(|(_, d)| *d == Directive::Regrasp));
+    }
+
+    #[test]
+    fn regrasps_when_lost_for_long_and_not_all_the_time() {
+        let lost = |from: f64, to: f64| move |time_s| Belief { lost: (from..to).contains(&time_s), ..turning(time_s) };
+        assert_eq!(watch(Goal::Time, 20.0, lost(5.0, 5.9)), []);
+        let directives = watch(Goal::Time, 20.0, lost(5.0, 10.0));
+        assert_eq!(first(&directives, 6.0), Directive::Regrasp);
+        assert_eq!(directives.len(), 2, "again after it has settled: {directives:?}");
+        assert!(directives[1].0 - directives[0].0 >= Rules::default().settle_s);
+    }
+
+    #[test]
+    fn regrasps_when_nothing_moves() {
+        let stuck = |time_s: f64| Belief { time_s, ..turning(time_s.min(3.0)) };
+        assert_eq!(first(&watch(Goal::Time, 9.0, stuck), 7.0), Directive::Regrasp);
+        let rocking = |time_s: f64| Belief { pose: turning((4.0 * time_s).sin()).pose, ..turning(time_s) };
+        assert_eq!(watch(Goal::Time, 20.0, rocking), []);
+    }
+
+    #[test]
+    fn pushes_a_drifted_object_until_it_is_back() {
+        // 16 mm off from 2 s on, back by 4 s.
+        let offset = |time_s: f64| match time_s {
+            t if t < 2.0 => 0.0,
+            t => (0.016 - 0.008 * (t - 2.0)).max(0.0),
+        };
+        let drifting = |time_s| Belief { centre_m: [-0.02, 0.01 + offset(time_s)], ..turning(time_s) };
+        let directives = watch(Goal::Time, 12.0, drifting);
+        let Directive::Recentre { offset_m } = first(&directives, 2.0) else { panic!("{:?}", directives[0]) };
+        assert!(offset_m[0].abs() < 1e-12 && (offset_m[1] - 0.016).abs() < 1e-3, "{offset_m:?}");
+        let (last, _) = directives[directives.len() - 1];
+        assert!((last - 3.5).abs() < 2.0 * FRAME_S, "{last}");
+        assert!(directives.iter().all(|(_, d)| matches!(d, Directive::Recentre { .. })));
+    }
+
+    #[test]
+    fn pushes_end_even_without_success() {
+        let off = |time_s| Belief { centre_m: [if time_s > 3.0 { 0.0 } else { -0.02 }, 0.01], ..turning(time_s) };
+        let pushes: Vec<f64> = watch(Goal::Time, 12.0, off).iter().map(|(time_s, _)| *time_s).collect();
+        let pauses: Vec<f64> = pushes.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 2.0 * FRAME_S).collect();
+        assert_eq!(pauses.len(), 1, "{pauses:?}");
+        assert!((pauses[0] - Rules::default().settle_s).abs() < 3.0 * FRAME_S);
+    }
+
+    #[test]
+    fn tries_the_gaits_in_turn_when_turning_is_slow() {
+        let slow = |time_s: f64| Belief { turned_rad: 0.1 * time_s, ..turning(time_s) };
+        let directives = watch(Goal::Time, 26.0, slow);
+        assert_eq!(first(&directives, 6.0), Directive::SwitchGait("shared"));
+        let names: Vec<Directive> = directives.iter().map(|(_, d)| *d).collect();
+        assert_eq!(names, ["shared", "bal", "cubelet", "shared"].map(Directive::SwitchGait));
+    }
+
+    #[test]
+    fn tries_another_gait_when_nothing_new_is_seen_and_that_is_the_goal() {
+        let blind = |time_s: f64| Belief { unobserved: turning(time_s.min(4.0)).unobserved, ..turning(time_s) };
+        assert_eq!(watch(Goal::Time, 20.0, blind), []);
+        assert_eq!(watch(Goal::Coverage(0.99), 11.0, blind)[0].1, Directive::SwitchGait("shared"));
+    }
+
+    #[test]
+    fn broken_and_old_beliefs_change_nothing() {
+        let mut supervisor = Supervisor::new(Goal::Turn(1.0), &GAITS, Rules::default());
+        assert_eq!(supervisor.decide(&turning(1.0)), Directive::Continue);
+        for broken in [
+            Belief { turned_rad: f64::INFINITY, ..turning(1.1) },
+            Belief { centre_m: [f64::NAN, 0.0], ..turning(2.0) },
+            Belief { pose: Isometry::translation(f64::NAN, 0.0, 0.0), ..turning(2.0) },
+            Belief { turned_rad: 2.0, ..turning(0.9) },
+        ] {
+            assert_eq!(supervisor.decide(&broken), Directive::Continue, "{broken:?}");
+        }
+        assert_eq!(supervisor.decide(&turning(2.0)), Directive::Stop);
+    }
+
+    #[test]
+    fn a_single_gait_is_kept() {
+        let mut supervisor = Supervisor::new(Goal::Time, &["bal"], Rules::default());
+        for k in 0..600 {
+            let belief = Belief { turned_rad: 0.0, ..turning(f64::from(k) * FRAME_S) };
+            assert_eq!(supervisor.decide(&belief), Directive::Continue);
+        }
+    }
+}

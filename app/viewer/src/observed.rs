@@ -1,0 +1,245 @@
+//! What cameras and DIGITs have seen of the object so far, in its coordinates, from the recorded images and the estimated poses.
+
+use std::collections::{BTreeSet, HashMap};
+
+use glam::{IVec3, Mat3A, Vec3A};
+use mvt_frames::camera::Intrinsics;
+use mvt_frames::depth::OBJECT;
+use mvt_frames::{Camera, Isometry, Object};
+use mvt_robot::digit;
+use mvt_robot::hand::world_from_digit_camera;
+use nalgebra as na;
+
+use super::colours::SeenBy;
+use super::raster::Colour;
+use mvt_recording::{Images, Moment, Recording, RecordingError};
+
+/// Points are gathered in cells of this edge, metres.
+const CELL_M: f32 = 0.002;
+/// What is farther from every point was not observed, metres.
+const REACH_M: f32 = 0.005;
+/// Every how many-th row and column of a camera and of a DIGIT gives a point.
+const CAMERA_STRIDE: usize = 3;
+const TOUCH_STRIDE: usize = 6;
+/// Most images that are looked at: of a longer run fewer of them.
+const MOST_IMAGES: usize = 48;
+/// So many sightings of a place leave no doubt.
+const SURE: f32 = 12.0;
+
+/// What is known of a cell.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
+    /// Sum of the points, metres, and of their colours.
+    points: Vec3A,
+    colours: Colour,
+    count: f32,
+    /// Points that a DIGIT saw.
+    touched: f32,
+    touched_points: Vec3A,
+    /// Images that saw it, and the last of them.
+    sightings: f32,
+    last: usize,
+}
+
+/// The points that were seen up to a moment.
+#[derive(Default)]
+pub struct Observed {
+    cells: HashMap<IVec3, Cell>,
+    /// Moments that are in it.
+    seen: BTreeSet<usize>,
+    /// Every how many-th image is looked at.
+    every: usize,
+}
+
+/// What is known of a place on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// Which sensor saw it.
+    pub by: SeenBy,
+    /// Its colour; none where no camera saw it.
+    pub colour: Option<Colour>,
+    /// How sure it is, 0 to 1.
+    pub confidence: f32,
+}
+
+impl Observed {
+    /// Takes in what was seen up to a moment, and forgets what came later.
+    ///
+    /// # Errors
+    /// [`RecordingError`] if images cannot be read; those before are taken in.
+    pub fn advance(&mut self, recording: &Recording, moment: usize) -> Result<(), RecordingError> {
+        let images = recording.image_moments(moment);
+        let every = images.len().div_ceil(MOST_IMAGES).max(1).next_power_of_two();
+        let wanted: BTreeSet<usize> = images.into_iter().step_by(every).collect();
+        if every != self.every || !self.seen.is_subset(&wanted) {
+            *self = Self { every, ..Self::default() };
+        }
+        let new: Vec<usize> = wanted.difference(&self.seen).copied().collect();
+        for moment in new {
+            // A damaged image is tried once.
+            self.seen.insert(moment);
+            if let Some(images) = recording.images(moment)? {
+                self.add(recording, moment, &images);
+            }
+        }
+        Ok(())
+    }
+
+    /// How many images are in it.
+    pub fn images(&self) -> usize {
+        self.seen.len()
+    }
+
+    fn add(&mut self, recording: &Recording, index: usize, images: &Images) {
+        let Some((moment, pose)) = recording.moments().get(index).zip(recording.pose(index)) else { return };
+        let object_from_world = pose.inverse();
+        for (camera, seen) in recording.about().cameras.iter().zip(&images.cameras) {
+            let Some(seen) = seen else { continue };
+            let object_from_camera = object_from_world * camera.pose;
+            let is_object = |x: u32, y: u32| seen.segmentation.get_pixel_checked(x, y).is_some_and(|p| p.0 == [OBJECT]);
+            for (point, (x, y)) in
+                points(&seen.depth_m, &camera.intrinsics, object_from_camera, CAMERA_STRIDE, is_object)
+            {
+                let colour = seen.colour.get_pixel_checked(x, y).map(|&rgb| super::raster::colour(rgb));
+                self.put(index, point, colour);
+            }
+        }
+        self.touch(recording, index, moment, images, object_from_world.untyped());
+    }
+
+    fn touch(
+        &mut self,
+        recording: &Recording,
+        index: usize,
+        moment: &Moment,
+        images: &Images,
+        object_from_world: na::Isometry3<f64>,
+    ) {
+        for (finger, felt) in images.touch.iter() {
+            let Some(felt) = felt else { continue };
+            let world_from_camera = world_from_digit_camera(recording.about().side, finger, &moment.joints);
+            let object_from_camera = Isometry::new(object_from_world * world_from_camera.untyped());
+            let touches = |x: u32, y: u32| felt.contact.get_pixel_checked(x, y).is_some_and(|p| p.0[0] > 127);
+            for (point, _) in points(&felt.depth_m, &digit::intrinsics(), object_from_camera, TOUCH_STRIDE, touches) {
+                self.put(index, point, None);
+            }
+        }
+    }
+
+    /// A point with its colour; without one it was touched.
+    fn put(&mut self, image: usize, point: Vec3A, colour: Option<Colour>) {
+        let cell = self.cells.entry(key(point)).or_default();
+        if cell.sightings == 0.0 || cell.last != image {
+            cell.sightings += 1.0;
+            cell.last = image;
+        }
+        match colour {
+            Some(colour) => {
+                cell.points += point;
+                cell.colours += colour;
+                cell.count += 1.0;
+            }
+            None => {
+                cell.touched += 1.0;
+                cell.touched_points += point;
+            }
+        }
+    }
+
+    /// What is known of a place in the object's coordinates: colours are means of what was seen within 5 mm, the nearest weighing most.
+    pub fn at(&self, place: Vec3A) -> Sight {
+        const CELLS: i32 = (REACH_M / CELL_M) as i32 + 1;
+        let middle = key(place);
+        let (mut colours, mut weights, mut sightings) = (Vec3A::ZERO, 0.0, 0.0f32);
+        let mut nearest = (REACH_M, SeenBy::Nothing);
+        for z in -CELLS..=CELLS {
+            for y in -CELLS..=CELLS {
+                for x in -CELLS..=CELLS {
+                    let Some(cell) = self.cells.get(&(middle + IVec3::new(x, y, z))) else { continue };
+                    let mut near = |sum: Vec3A, count: f32, by: SeenBy| {
+                        let distance = (sum / count).distance(place);
+                        if count > 0.0 && distance < nearest.0 {
+                            nearest = (distance, by);
+                        }
+                        distance
+                    };
+                    // What was touched is told apart from what was only seen although cameras see it, too.
+                    near(cell.touched_points, cell.touched, SeenBy::Touch);
+                    let distance = near(cell.points, cell.count, SeenBy::Vision);
+                    if cell.count > 0.0 && distance < REACH_M {
+                        let weight = (-0.5 * (distance / CELL_M).powi(2)).exp();
+                        colours += cell.colours / cell.count * weight;
+                        weights += weight;
+                    }
+                    sightings = sightings.max(cell.sightings);
+                }
+            }
+        }
+        let by = nearest.1;
+        let confidence = if by == SeenBy::Nothing { 0.0 } else { (sightings / SURE).min(1.0) };
+        Sight { by, colour: (weights > 0.0).then(|| colours / weights), confidence }
+    }
+
+    /// Points with the sensor that saw them.
+    pub fn points(&self) -> impl Iterator<Item = (Vec3A, SeenBy)> {
+        let of = |cell: &Cell| {
+            let seen = (cell.count > 0.0).then(|| (cell.points / cell.count, SeenBy::Vision));
+            let touched = (cell.touched > 0.0).then(|| (cell.touched_points / cell.touched, SeenBy::Touch));
+            seen.into_iter().chain(touched)
+        };
+        self.cells.values().flat_map(of)
+    }
+}
+
+fn key(point: Vec3A) -> IVec3 {
+    // The cast clamps.
+    (point / CELL_M).floor().as_ivec3().clamp(IVec3::splat(-1_000_000), IVec3::splat(1_000_000))
+}
+
+/// The points of a depth image in the object's coordinates, with their pixels.
+fn points(
+    depth_m: &ndarray::Array2<f32>,
+    camera: &Intrinsics,
+    object_from_camera: Isometry<Camera, Object>,
+    stride: usize,
+    is_wanted: impl Fn(u32, u32) -> bool,
+) -> Vec<(Vec3A, (u32, u32))> {
+    let (rotation, translation): (Mat3A, Vec3A) = object_from_camera.to_f32();
+    let (rows, columns) = depth_m.dim();
+    let mut found = Vec::new();
+    for row in (0..rows).step_by(stride) {
+        for column in (0..columns).step_by(stride) {
+            let z = depth_m[(row, column)];
+            let pixel = (column as u32, row as u32);
+            if z > 0.0 && is_wanted(pixel.0, pixel.1) {
+                let p = camera.unproject(column as f64, row as f64, f64::from(z)).coords();
+                let point = Vec3A::new(p.x as f32, p.y as f32, p.z as f32);
+                found.push((rotation * point + translation, pixel));
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_knows_who_saw_it() {
+        let mut observed = Observed::default();
+        let red = Vec3A::new(200.0, 10.0, 10.0);
+        for image in 0..6 {
+            observed.put(image, Vec3A::new(0.02, 0.0, 0.0), Some(red));
+            observed.put(image, Vec3A::new(-0.02, 0.0, 0.0), None);
+        }
+        let near = observed.at(Vec3A::new(0.021, 0.001, 0.0));
+        assert_eq!((near.by, near.confidence), (SeenBy::Vision, 0.5));
+        assert!(near.colour.unwrap().distance(red) < 1e-3);
+        let touched = observed.at(Vec3A::new(-0.021, 0.0, 0.001));
+        assert_eq!((touched.by, touched.colour), (SeenBy::Touch, None));
+        let far = observed.at(Vec3A::new(0.02, 0.0055, 0.0));
+        assert_eq!((far.by, far.confidence), (SeenBy::Nothing, 0.0));
+        assert_eq!(observed.points().count(), 2);
+    }
+}

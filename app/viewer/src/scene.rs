@@ -1,0 +1,549 @@
+//! The scene in three dimensions, painted.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::ValueEnum;
+use glam::{Mat3A, Vec3, Vec3A};
+use image::{Rgb, RgbImage};
+use mvt_frames::camera::{Intrinsics, PosedCamera};
+use mvt_frames::{Camera, Isometry, Object, Point, World};
+use mvt_objects::distance::MeshDistance;
+use mvt_render::tessellation::tessellate;
+use mvt_robot::digit;
+use mvt_robot::hand;
+use mvt_robot::hand::{JointAngles, Part, Side, Surface as Material, world_from_digit_camera};
+use nalgebra as na;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::colours::{self, SeenBy};
+use super::observed::{Observed, Sight};
+use super::raster::{self, Colour, Placement, Raster, Surface};
+use super::{Eye, Theme};
+use mvt_recording::{KnownShape, Moment, Recording};
+use mvt_run::report::error_colour;
+
+/// What the colours of the estimated surface stand for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Colouring {
+    /// The object's own colours, as cameras saw them.
+    #[value(name = "true")]
+    TrueColour,
+    /// Which way it faces.
+    Normals,
+    /// How far it is from the true surface.
+    #[default]
+    Error,
+    /// Which sensor saw it.
+    Sensor,
+    /// How often it was seen.
+    Confidence,
+}
+
+/// Which measured points are shown.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Clouds {
+    /// None.
+    #[default]
+    None,
+    /// The cameras'.
+    Vision,
+    /// The DIGITs'.
+    Touch,
+    /// All.
+    Both,
+}
+
+/// Which keyframes are shown.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Keyframes {
+    /// None.
+    #[default]
+    None,
+    /// The newest.
+    Latest,
+    /// All so far.
+    All,
+}
+
+/// What is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Layers {
+    /// The estimated surface.
+    pub mesh: bool,
+    /// Its colours.
+    pub colouring: Colouring,
+    /// The true surface, translucent.
+    pub truth: bool,
+    /// The hand.
+    pub hand: bool,
+    /// Axes of the estimated and of the true pose.
+    pub axes: bool,
+    /// Where the object has been.
+    pub trail: bool,
+    /// What the cameras see.
+    pub frusta: bool,
+    /// Measured points.
+    pub clouds: Clouds,
+    /// Keyframes.
+    pub keyframes: Keyframes,
+    /// A slice through the signed distances, which sweeps with time.
+    pub slice: bool,
+    /// The box around the estimated surface.
+    pub bounds: bool,
+}
+
+impl Default for Layers {
+    fn default() -> Self {
+        Self {
+            mesh: true,
+            colouring: Colouring::default(),
+            truth: false,
+            hand: true,
+            axes: true,
+            trail: true,
+            frusta: false,
+            clouds: Clouds::None,
+            keyframes: Keyframes::None,
+            slice: false,
+            bounds: false,
+        }
+    }
+}
+
+impl Layers {
+    /// Whether anything asks for what was seen so far.
+    fn needs_observed(&self) -> bool {
+        let by_colour = matches!(self.colouring, Colouring::TrueColour | Colouring::Sensor | Colouring::Confidence);
+        self.mesh && by_colour || self.clouds != Clouds::None
+    }
+}
+
+/// Segments around the hand's rounded parts.
+const SEGMENTS: usize = 20;
+/// Share of translucent surfaces in what is seen of them.
+const GLASS_SHARE: f32 = 0.5;
+/// Lengths of axes and of frusta, metres.
+const AXIS_M: f32 = 0.035;
+const FRUSTUM_M: f32 = 0.06;
+const KEYFRAME_M: f32 = 0.02;
+/// Nodes along either side of a slice, and frames in which it sweeps through once and back.
+const SLICE_NODES: usize = 72;
+const SLICE_FRAMES: usize = 240;
+
+/// Paints scenes and keeps what takes time to make.
+#[derive(Default)]
+pub struct Scene {
+    raster: Raster,
+    hand: Option<Hand>,
+    observed: Observed,
+    shown: Option<Shown>,
+    truth: Option<Truth>,
+    /// What was amiss when painting last.
+    warning: Option<String>,
+}
+
+/// The hand, prepared: its parts, each with the index of its shape, for fingers are alike.
+struct Hand {
+    side: Side,
+    parts: Vec<(Part, usize)>,
+    shapes: Vec<Surface>,
+}
+
+/// An estimated shape, prepared.
+struct Shown {
+    of: Source,
+    shape: Arc<KnownShape>,
+    surface: Surface,
+    colours: Vec<Colour>,
+    coloured: Option<Coloured>,
+}
+
+/// Which recording something was made from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Source {
+    folder: PathBuf,
+    process: u32,
+    shape: usize,
+}
+
+/// What a shape's colours were made from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Coloured {
+    colouring: Colouring,
+    surface: Rgb<u8>,
+    /// How many images had been looked at, where that matters.
+    images: usize,
+}
+
+/// The true shape, prepared.
+struct Truth {
+    of: Source,
+    surface: Surface,
+    distance: Option<MeshDistance>,
+}
+
+impl Scene {
+    /// Knows nothing yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What was amiss when painting last, in a sentence.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
+    }
+
+    /// The picture that was painted last.
+    pub fn image(&self) -> &RgbImage {
+        self.raster.image()
+    }
+
+    /// Paints a moment of a recording, width and height in pixels. A recording without moments gives an empty picture.
+    pub fn paint(
+        &mut self,
+        recording: &Recording,
+        moment: usize,
+        layers: &Layers,
+        eye: &Eye,
+        theme: &Theme,
+        size: [usize; 2],
+    ) -> &RgbImage {
+        self.warning = None;
+        self.raster.begin(&eye.intrinsics(size), theme.paper);
+        let moment = moment.min(recording.moments().len().saturating_sub(1));
+        if let Some(now) = recording.moments().get(moment) {
+            let view = View { eye: eye.pose().inverse(), pose: recording.pose(moment) };
+            self.prepare(recording, moment, layers, theme);
+            if layers.hand {
+                self.hand(recording.about().side, &now.joints, &view, theme);
+            }
+            self.objects(recording, moment, layers, &view, theme);
+            self.lines(recording, moment, layers, &view, theme);
+        }
+        self.raster.finish(GLASS_SHARE)
+    }
+
+    /// Reads, colours and gathers what is not there yet.
+    fn prepare(&mut self, recording: &Recording, moment: usize, layers: &Layers, theme: &Theme) {
+        let source = |shape: usize| Source {
+            folder: recording.folder().to_path_buf(),
+            process: recording.about().process,
+            shape,
+        };
+        if let Some(mesh) = recording.truth() {
+            let of = source(0);
+            if self.truth.as_ref().is_none_or(|truth| truth.of != of) {
+                self.truth = Some(Truth { of, surface: Surface::new(mesh), distance: MeshDistance::new(mesh) });
+            }
+        } else {
+            self.truth = None;
+        }
+        if layers.needs_observed() {
+            let is_other = self.shown.as_ref().is_some_and(|shown| shown.of.folder != recording.folder());
+            if is_other {
+                self.observed = Observed::default();
+            }
+            self.warning = self.observed.advance(recording, moment).err().map(|error| error.to_string());
+        }
+        let Some(index) = recording.shape_at(moment) else {
+            self.shown = None;
+            return;
+        };
+        let of = source(index);
+        if self.shown.as_ref().is_none_or(|shown| shown.of != of) {
+            self.shown = match recording.shape(moment) {
+                Ok(shape) => shape.map(|shape| Shown {
+                    of,
+                    surface: Surface::new(&shape.mesh),
+                    colours: Vec::new(),
+                    coloured: None,
+                    shape,
+                }),
+                Err(error) => {
+                    self.warning = Some(error.to_string());
+                    None
+                }
+            };
+        }
+        let observed = &self.observed;
+        if let Some(shown) = &mut self.shown {
+            let coloured = Coloured {
+                colouring: layers.colouring,
+                surface: theme.surface,
+                images: if layers.needs_observed() { observed.images() } else { 0 },
+            };
+            if layers.mesh && shown.coloured != Some(coloured) {
+                shown.coloured = Some(coloured);
+                let truth = self.truth.as_ref().and_then(|truth| truth.distance.as_ref());
+                shown.colours = vertex_colours(recording, shown, coloured, observed, truth);
+            }
+        }
+    }
+
+    fn hand(&mut self, side: Side, joints: &JointAngles, view: &View, theme: &Theme) {
+        if self.hand.as_ref().is_none_or(|hand| hand.side != side) {
+            let (mut shapes, mut placed) = (Vec::new(), Vec::new());
+            for part in hand::parts(side) {
+                let known = shapes.iter().position(|&shape| shape == part.shape);
+                placed.push((part, known.unwrap_or(shapes.len())));
+                if known.is_none() {
+                    shapes.push(part.shape);
+                }
+            }
+            let surfaces = shapes.iter().map(|shape| Surface::new(&tessellate(shape, SEGMENTS))).collect();
+            self.hand = Some(Hand { side, parts: placed, shapes: surfaces });
+        }
+        let Some(Hand { parts, shapes, .. }) = &self.hand else { return };
+        for (part, shape) in parts {
+            let colour = raster::colour(match part.surface {
+                Material::Link => theme.link,
+                Material::Digit => theme.digit,
+                Material::Gel => theme.gel,
+            });
+            let pose = Isometry::<Object, World>::new(part.body.pose(side, joints));
+            self.raster.surface(&shapes[*shape], |_| colour, view.solid(pose));
+        }
+    }
+
+    fn objects(&mut self, recording: &Recording, moment: usize, layers: &Layers, view: &View, theme: &Theme) {
+        let Self { raster, shown, truth, .. } = self;
+        let true_pose = recording.moments().get(moment).and_then(|moment| moment.row.truth);
+        // Where nothing is estimated the true shape is all there is to see.
+        let is_log = recording.moments().get(moment).is_some_and(|moment| moment.estimate().is_none());
+        if let Some((truth, pose)) = truth.as_ref().zip(true_pose).filter(|_| layers.truth || is_log) {
+            let tint = raster::colour(theme.truth);
+            let placement = Placement { is_glass: !is_log, ..view.solid(pose) };
+            raster.surface(&truth.surface, |_| tint, placement);
+        }
+        let (Some(shown), Some(pose)) = (shown, view.pose) else { return };
+        if layers.mesh {
+            let plain = raster::colour(theme.surface);
+            let colour = |k: usize| shown.colours.get(k).copied().unwrap_or(plain);
+            raster.surface(&shown.surface, colour, view.solid(pose));
+        }
+        if layers.slice {
+            slice(raster, &shown.shape, moment, view.camera_from_object(pose));
+        }
+    }
+
+    fn lines(&mut self, recording: &Recording, moment: usize, layers: &Layers, view: &View, theme: &Theme) {
+        let Self { raster, shown, observed, .. } = self;
+        let moments = recording.moments();
+        let until = moments.get(..=moment).unwrap_or(moments);
+        let from_world = view.camera_from_world();
+        let estimate = raster::colour(theme.estimate);
+        if layers.trail {
+            let of_truth = until.iter().map(|moment| moment.row.truth);
+            let of_estimate = until.iter().map(Moment::estimate);
+            trail(raster, of_truth, raster::colour(theme.truth), from_world);
+            trail(raster, of_estimate, estimate, from_world);
+        }
+        if layers.axes
+            && let Some(now) = until.last()
+        {
+            let mut axes = |pose: Isometry<Object, World>, length: f32, width: f32| {
+                let camera_from_object = view.camera_from_object(pose);
+                for (axis, colour) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().zip(colours::AXES) {
+                    let ends = [Vec3::ZERO, axis * length].map(|point| raster::place(camera_from_object, point));
+                    // Over everything: they begin inside of the object.
+                    raster.line(ends.map(forward), raster::colour(colour), width);
+                }
+            };
+            now.row.truth.into_iter().for_each(|pose| axes(pose, 1.25 * AXIS_M, 1.2));
+            now.estimate().into_iter().for_each(|pose| axes(pose, AXIS_M, 3.0));
+        }
+        if layers.frusta {
+            let tint = raster::colour(theme.faint);
+            for camera in &recording.about().cameras {
+                frustum(raster, camera, from_world, FRUSTUM_M, tint);
+            }
+        }
+        let Some(pose) = view.pose else { return };
+        let camera_from_object = view.camera_from_object(pose);
+        if let (true, Some(shown)) = (layers.bounds, shown) {
+            cuboid(raster, shown.shape.mesh.bounds_m(), camera_from_object, raster::colour(theme.faint));
+        }
+        keyframes(raster, recording, moment, layers.keyframes, camera_from_object, raster::colour(theme.keyframe));
+        let wanted = |by: SeenBy| match layers.clouds {
+            Clouds::None => false,
+            Clouds::Vision => by == SeenBy::Vision,
+            Clouds::Touch => by == SeenBy::Touch,
+            Clouds::Both => true,
+        };
+        if layers.clouds != Clouds::None {
+            for (point, by) in observed.points().filter(|(_, by)| wanted(*by)) {
+                let at = camera_from_object.0 * point + camera_from_object.1;
+                raster.dot(at, raster::colour(by.colour()), if by == SeenBy::Touch { 3.0 } else { 2.0 });
+            }
+        }
+    }
+}
+
+/// From where, and where the object is shown.
+struct View {
+    eye: Isometry<World, Camera>,
+    pose: Option<Isometry<Object, World>>,
+}
+
+impl View {
+    fn camera_from_world(&self) -> (Mat3A, Vec3A) {
+        self.eye.to_f32()
+    }
+
+    fn camera_from_object(&self, pose: Isometry<Object, World>) -> (Mat3A, Vec3A) {
+        (self.eye * pose).to_f32()
+    }
+
+    fn solid(&self, pose: Isometry<Object, World>) -> Placement {
+        Placement { camera_from_mesh: self.camera_from_object(pose), is_glass: false }
+    }
+}
+
+/// A point that is seen through everything: on the same ray, close to the eye.
+fn forward(point: Vec3A) -> Vec3A {
+    point * (0.02 / (-point.z).max(0.02))
+}
+
+fn vertex_colours(
+    recording: &Recording,
+    shown: &Shown,
+    coloured: Coloured,
+    observed: &Observed,
+    truth: Option<&MeshDistance>,
+) -> Vec<Colour> {
+    let plain = raster::colour(coloured.surface);
+    let vertices = shown.surface.vertices();
+    let by_sight =
+        |of: &(dyn Fn(Sight) -> Colour + Sync)| vertices.par_iter().map(|&vertex| of(observed.at(vertex))).collect();
+    match coloured.colouring {
+        Colouring::Normals => {
+            shown.surface.normals().iter().map(|normal| raster::colour(colours::normal(normal.to_array()))).collect()
+        }
+        Colouring::Error => {
+            // As the shape was scored: with the pose of the frame at which it was known.
+            let frame = shown.shape.frame;
+            let then = recording.moments().iter().rev().find(|moment| moment.row.frame <= frame);
+            let motion = then.and_then(|moment| Some(moment.row.truth?.inverse() * moment.estimate()?));
+            let Some((motion, truth)) = motion.zip(truth) else { return vec![plain; vertices.len()] };
+            let colour = |vertex: &Vec3A| {
+                let [x, y, z] = vertex.to_array().map(f64::from);
+                let error_m = mvt_mesh::SignedDistance::distance_m(truth, motion * Point::new(x, y, z));
+                raster::colour(error_colour::of(error_m as f32))
+            };
+            vertices.par_iter().map(colour).collect()
+        }
+        Colouring::TrueColour => by_sight(&|sight| sight.colour.unwrap_or(plain)),
+        Colouring::Sensor => by_sight(&|sight| raster::colour(sight.by.colour())),
+        Colouring::Confidence => by_sight(&|sight| raster::colour(colours::confidence(sight.confidence))),
+    }
+}
+
+/// A slice through the signed distances at a height that sweeps through the shape and back.
+fn slice(raster: &mut Raster, shape: &KnownShape, moment: usize, camera_from_object: (Mat3A, Vec3A)) {
+    let Some(sdf) = &shape.sdf else { return };
+    let size = Vec3::from(sdf.counts.map(|count| count as f32 - 1.0)) * sdf.cell_m;
+    let phase = (moment % SLICE_FRAMES) as f32 / SLICE_FRAMES as f32;
+    let height = sdf.low.z + size.z * (1.0 - (2.0 * phase - 1.0).abs());
+    let node = |x: usize, y: usize| {
+        let share = Vec3::new(x as f32, y as f32, 0.0) / (SLICE_NODES - 1) as f32;
+        let point = (sdf.low + size * share).with_z(height).min(sdf.low + size);
+        let distance_m = sdf.distance_m(point).unwrap_or(f32::NAN);
+        (raster::place(camera_from_object, point), raster::colour(colours::signed_distance(distance_m)))
+    };
+    for y in 1..SLICE_NODES {
+        for x in 1..SLICE_NODES {
+            let [a, b, c, d] = [node(x - 1, y - 1), node(x, y - 1), node(x, y), node(x - 1, y)];
+            for triangle in [[a, b, c], [a, c, d]] {
+                raster.flat(triangle.map(|corner| corner.0), triangle.map(|corner| corner.1), true);
+            }
+        }
+    }
+}
+
+fn trail(
+    raster: &mut Raster,
+    poses: impl Iterator<Item = Option<Isometry<Object, World>>>,
+    colour: Colour,
+    from_world: (Mat3A, Vec3A),
+) {
+    let mut last: Option<Vec3A> = None;
+    for pose in poses {
+        let here = pose.map(|pose| from_world.0 * pose.to_f32().1 + from_world.1);
+        if let (Some(from), Some(to)) = (last, here) {
+            raster.line([from, to].map(forward), colour, 2.0);
+        }
+        last = here;
+    }
+}
+
+fn frustum(raster: &mut Raster, camera: &PosedCamera, from_world: (Mat3A, Vec3A), length_m: f32, colour: Colour) {
+    let (rotation, translation) = camera.pose.to_f32();
+    let place = |point: Vec3A| from_world.0 * (rotation * point + translation) + from_world.1;
+    pyramid(raster, &camera.intrinsics, place, length_m, colour);
+}
+
+/// The edges of what a camera sees up to a depth.
+fn pyramid(raster: &mut Raster, camera: &Intrinsics, place: impl Fn(Vec3A) -> Vec3A, length_m: f32, colour: Colour) {
+    let (right, bottom) = (camera.width as f64 - 1.0, camera.height as f64 - 1.0);
+    let corners = [(0.0, 0.0), (right, 0.0), (right, bottom), (0.0, bottom)].map(|(u, v)| {
+        let p = camera.unproject(u, v, f64::from(length_m)).coords();
+        place(Vec3A::new(p.x as f32, p.y as f32, p.z as f32))
+    });
+    let tip = place(Vec3A::ZERO);
+    for k in 0..4 {
+        raster.line([tip, corners[k]], colour, 1.5);
+        raster.line([corners[k], corners[(k + 1) % 4]], colour, 1.5);
+    }
+}
+
+fn cuboid(raster: &mut Raster, [low, high]: [Vec3; 2], camera_from_object: (Mat3A, Vec3A), colour: Colour) {
+    let corner = |k: usize| {
+        let share = Vec3::from([k & 1, k >> 1 & 1, k >> 2].map(|side| side as f32));
+        raster::place(camera_from_object, low + (high - low) * share)
+    };
+    for k in 0..8 {
+        for bit in [1, 2, 4].into_iter().filter(|bit| k & bit == 0) {
+            raster.line([corner(k), corner(k | bit)], colour, 1.2);
+        }
+    }
+}
+
+/// Where the sensors stood relative to the object when the map kept a frame: its cameras, or the fingertips that touched.
+fn keyframes(
+    raster: &mut Raster,
+    recording: &Recording,
+    moment: usize,
+    which: Keyframes,
+    camera_from_object: (Mat3A, Vec3A),
+    colour: Colour,
+) {
+    let moments = recording.moments();
+    let kept = moments.get(..=moment).unwrap_or(moments).iter().rev().filter(|moment| moment.is_keyframe);
+    let most = match which {
+        Keyframes::None => 0,
+        Keyframes::Latest => 1,
+        Keyframes::All => usize::MAX,
+    };
+    let about = recording.about();
+    for kept in kept.take(most) {
+        let Some(pose) = kept.estimate() else { continue };
+        let mut stand = |camera: &Intrinsics, world_from_camera: na::Isometry3<f64>, length_m: f32| {
+            let seen = Isometry::<Camera, Object>::new(pose.untyped().inverse() * world_from_camera).to_f32();
+            let place = |point: Vec3A| camera_from_object.0 * (seen.0 * point + seen.1) + camera_from_object.1;
+            pyramid(raster, camera, place, length_m, colour);
+        };
+        for camera in &about.cameras {
+            stand(&camera.intrinsics, camera.pose.untyped(), KEYFRAME_M);
+        }
+        for (finger, _) in kept.fingers.iter().filter(|(_, touching)| touching.is_some()) {
+            let pose = world_from_digit_camera(about.side, finger, &kept.joints);
+            stand(&digit::intrinsics(), pose.untyped(), 0.5 * KEYFRAME_M);
+        }
+    }
+}

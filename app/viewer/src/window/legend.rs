@@ -1,0 +1,71 @@
+//! What the colours of the view stand for, and how long things are in it.
+
+use eframe::egui::{Align2, FontId, Painter, Pos2, Rect, Shape, TextStyle, Ui};
+
+use super::style::{self, colour};
+use crate::key::{Key, scale_bar_m};
+use crate::{Eye, Layers, Theme};
+use mvt_recording::Recording;
+
+/// Distance from the view's edges, points.
+const MARGIN: f32 = 10.0;
+
+/// Paints both into the lower corners of the view.
+pub fn paint(ui: &Ui, view: Rect, recording: &Recording, layers: &Layers, eye: &Eye) {
+    let theme = style::theme(ui.ctx());
+    let font = TextStyle::Small.resolve(ui.style());
+    let painter = ui.painter().with_clip_rect(view);
+    on_paper(&painter, &theme, |painter| {
+        let height = view.height() as usize;
+        let length_m = scale_bar_m(eye, height);
+        let length = (length_m / eye.metres_per_pixel(height)) as f32;
+        let end = Pos2::new(view.right() - MARGIN, view.bottom() - MARGIN);
+        let bar = Rect::from_min_max(Pos2::new(end.x - length, end.y - 3.0), end);
+        painter.rect_filled(bar, 0.0, colour(theme.ink));
+        let words = format!("{:.0} mm", length_m * 1e3);
+        let middle = Pos2::new(bar.center().x, end.y - 5.0);
+        bar.union(painter.text(middle, Align2::CENTER_BOTTOM, words, font.clone(), colour(theme.ink)))
+    });
+    if let Some(key) = Key::of(layers, recording) {
+        on_paper(&painter, &theme, |painter| paint_key(painter, view.left_bottom(), &key, &theme, &font));
+    }
+}
+
+/// Paints something on translucent paper, so that it can be read before any scene. `add` says where it has painted.
+fn on_paper(painter: &Painter, theme: &Theme, add: impl FnOnce(&Painter) -> Rect) {
+    let paper = painter.add(Shape::Noop);
+    let used = add(painter).expand(4.0);
+    painter.set(paper, Shape::rect_filled(used, 3.0, colour(theme.paper).gamma_multiply(0.75)));
+}
+
+fn paint_key(painter: &Painter, corner: Pos2, key: &Key, theme: &Theme, font: &FontId) -> Rect {
+    let ink = colour(theme.ink);
+    let write = |at: Pos2, align: Align2, text: &str| painter.text(at, align, text, font.clone(), ink);
+    let bottom = corner.y - MARGIN;
+    match key {
+        Key::Ramp { title, labels, colour: of_share } => {
+            const WIDTH: f32 = 150.0;
+            let title = write(Pos2::new(corner.x + MARGIN, bottom - 16.0), Align2::LEFT_BOTTOM, title);
+            let left = title.right() + MARGIN;
+            let bar = Rect::from_x_y_ranges(left..=left + WIDTH, bottom - 26.0..=bottom - 16.0);
+            for x in 0..WIDTH as u32 {
+                let column = Rect::from_x_y_ranges(left + x as f32..=left + x as f32 + 1.0, bar.y_range());
+                painter.rect_filled(column, 0.0, colour(of_share(x as f32 / (WIDTH - 1.0))));
+            }
+            (0u8..).zip(labels).fold(title.union(bar), |used, (k, label)| {
+                let x = left + 0.5 * f32::from(k) * WIDTH;
+                used.union(write(Pos2::new(x, bottom), Align2::CENTER_BOTTOM, label))
+            })
+        }
+        Key::Names(names) => {
+            let mut used = Rect::from_min_size(Pos2::new(corner.x + MARGIN, bottom), eframe::egui::Vec2::ZERO);
+            for (by, name) in names {
+                let x = if used.width() > 0.0 { used.right() + MARGIN } else { used.left() };
+                let square = Rect::from_x_y_ranges(x..=x + 10.0, bottom - 12.0..=bottom - 2.0);
+                painter.rect_filled(square, 2.0, colour(by.colour()));
+                used = used.union(square).union(write(Pos2::new(x + 14.0, bottom), Align2::LEFT_BOTTOM, name));
+            }
+            used
+        }
+    }
+}

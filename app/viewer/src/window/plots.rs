@@ -1,0 +1,299 @@
+//! Curves of a run, with a cursor at the moment that is shown.
+
+use std::ops::RangeInclusive;
+
+use eframe::egui::{self, Id, Ui, Vec2b};
+use egui_plot::{AxisHints, GridMark, Line, Plot, PlotPoint, PlotPoints, Points, VLine};
+use mvt_robot::hand::Finger;
+use serde::{Deserialize, Serialize};
+
+use super::style::{self, colour};
+use crate::Theme;
+use crate::colours::CURVES;
+use mvt_recording::Recording;
+
+/// Threshold of the F-score that is plotted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Threshold {
+    /// 2 mm.
+    #[serde(rename = "2 mm")]
+    Two,
+    /// 5 mm.
+    #[default]
+    #[serde(rename = "5 mm")]
+    Five,
+}
+
+impl Threshold {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Two, Self::Five];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Two => "2 mm",
+            Self::Five => "5 mm",
+        }
+    }
+}
+
+type Curve = Vec<PlotPoint>;
+
+/// The curves of a recording as far as it had come.
+#[derive(Default)]
+pub struct Plots {
+    /// As of which revision, if any.
+    revision: Option<u64>,
+    add_s_mm: Curve,
+    confidence: Curve,
+    /// Sense, track, map, mesh.
+    stages_ms: [Curve; 4],
+    /// At 2 and 5 mm.
+    f_scores: [Curve; 2],
+    /// When each finger touches.
+    contacts: [Curve; 4],
+}
+
+/// Each curve is drawn with so many points at most.
+const MOST_POINTS: usize = 1200;
+
+impl Plots {
+    fn update(&mut self, recording: &Recording) {
+        let (moments, shapes) = (recording.moments(), recording.shapes());
+        if self.revision == Some(recording.revision()) {
+            return;
+        }
+        let step = moments.len().div_ceil(MOST_POINTS).max(1);
+        let estimated = || moments.iter().filter(|moment| moment.estimate().is_some()).map(|moment| &moment.row);
+        let error =
+            |row: &mvt_run::report::FrameRow| Some(PlotPoint::new(row.time_s, row.add_s?.one_directional_m * 1e3));
+        let stage = |ms: fn(&mvt_run::report::StageMs) -> f64| {
+            estimated().step_by(step).map(|row| PlotPoint::new(row.time_s, ms(&row.stage_ms))).collect()
+        };
+        let touches = |finger: Finger| {
+            let height = 3.0 - finger as usize as f64;
+            let touching = moments.iter().filter(|moment| moment.fingers[finger].is_some()).step_by(step);
+            touching.map(|moment| PlotPoint::new(moment.row.time_s, height)).collect()
+        };
+        let points = || shapes.iter().filter_map(|shape| shape.point);
+        *self = Self {
+            revision: Some(recording.revision()),
+            add_s_mm: estimated().step_by(step).filter_map(error).collect(),
+            confidence: estimated().step_by(step).map(|row| PlotPoint::new(row.time_s, row.confidence)).collect(),
+            stages_ms: [stage(|ms| ms.sense), stage(|ms| ms.track), stage(|ms| ms.map), stage(|ms| ms.mesh)],
+            f_scores: [
+                points().map(|point| PlotPoint::new(point.time_s, point.f2)).collect(),
+                points().map(|point| PlotPoint::new(point.time_s, point.f5)).collect(),
+            ],
+            contacts: Finger::ALL.map(touches),
+        };
+    }
+
+    /// The row of plots. Returns the time that was clicked at, seconds.
+    pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, now_s: f64, threshold: &mut Threshold) -> Option<f64> {
+        self.update(recording);
+        let end_s = recording.moments().last().map_or(1.0, |moment| moment.row.time_s.max(0.1));
+        let frame = Frame { now_s, end_s, theme: style::theme(ui.ctx()) };
+        let width = ui.available_width();
+        // Of a log nothing is known but contacts.
+        let is_estimated = recording.moments().first().is_none_or(|moment| moment.estimate().is_some());
+        let count = if is_estimated { 5.0 } else { 1.0 };
+        // In a narrow window plots are scrolled rather than squeezed.
+        let each = ((width - (count - 1.0) * ui.spacing().item_spacing.x) / count).max(170.0);
+        let height = ui.available_height();
+        let mut clicked = None;
+        egui::ScrollArea::horizontal().auto_shrink(false).show(ui, |ui| {
+            ui.horizontal_top(|ui| {
+                let mut cell = |ui: &mut Ui, add: &mut dyn FnMut(&mut Ui) -> Option<f64>| {
+                    ui.allocate_ui(egui::vec2(each, height), |ui| {
+                        ui.vertical(|ui| {
+                            ui.set_width(each);
+                            clicked = add(ui).or(clicked);
+                        });
+                    });
+                };
+                if is_estimated {
+                    cell(ui, &mut |ui| {
+                        title(ui, "ADD-S, mm");
+                        frame.plot(ui, "ADD-S in millimetres", &[(&self.add_s_mm, 0)])
+                    });
+                    cell(ui, &mut |ui| {
+                        ui.horizontal(|ui| {
+                            ui.strong("F-score at");
+                            ui.spacing_mut().button_padding.y = 0.0;
+                            for choice in Threshold::ALL {
+                                ui.selectable_value(threshold, choice, choice.name());
+                            }
+                        });
+                        let [f2, f5] = &self.f_scores;
+                        let curve = if *threshold == Threshold::Two { f2 } else { f5 };
+                        frame.plot(ui, "F-score", &[(curve, 2)])
+                    });
+                    cell(ui, &mut |ui| {
+                        ui.horizontal(|ui| {
+                            ui.set_min_height(ui.spacing().interact_size.y);
+                            ui.spacing_mut().item_spacing.x = 5.0;
+                            ui.strong("ms:");
+                            for (k, stage) in ["sense", "track", "map", "mesh"].into_iter().enumerate() {
+                                let (rect, _) = ui.allocate_exact_size(egui::vec2(8.0, 8.0), egui::Sense::hover());
+                                ui.painter().rect_filled(rect, 1.0, colour(CURVES[k]));
+                                ui.small(stage);
+                            }
+                        });
+                        let [sense, track, map, mesh] = &self.stages_ms;
+                        let curves = [(sense, 0), (track, 1), (map, 2), (mesh, 3)];
+                        frame.plot(ui, "Milliseconds per stage", &curves)
+                    });
+                    cell(ui, &mut |ui| {
+                        title(ui, "Confidence");
+                        frame.plot(ui, "Confidence", &[(&self.confidence, 0)])
+                    });
+                }
+                cell(ui, &mut |ui| {
+                    title(ui, "Contact by finger");
+                    frame.lanes(ui, &self.contacts)
+                });
+            });
+        });
+        clicked
+    }
+}
+
+/// What all plots share.
+struct Frame {
+    now_s: f64,
+    end_s: f64,
+    theme: Theme,
+}
+
+impl Frame {
+    fn empty<'a>(&self, name: &str) -> Plot<'a> {
+        Plot::new(name)
+            .allow_drag(false)
+            .allow_zoom(false)
+            .allow_scroll(false)
+            .allow_boxed_zoom(false)
+            .allow_double_click_reset(false)
+            .link_axis(Id::unique("time"), Vec2b::new(true, false))
+            .link_cursor(Id::unique("time"), Vec2b::new(true, false))
+            .include_x(0.0)
+            .include_x(self.end_s)
+            .set_margin_fraction(egui::vec2(0.0, 0.08))
+            .show_crosshair(false)
+            .grid_spacing(LABELS)
+            .x_grid_spacer(|input| round_marks(input.bounds))
+            .y_grid_spacer(|input| round_marks(input.bounds))
+            .grid_color(colour(self.theme.faint).gamma_multiply(0.4))
+            .custom_x_axes(vec![AxisHints::new_x().label_spacing(LABELS).formatter(label)])
+            .custom_y_axes(vec![AxisHints::new_y().label_spacing(LABELS).formatter(label).min_thickness(26.0)])
+    }
+
+    /// Lines over time, from 0 up.
+    fn plot(&self, ui: &mut Ui, name: &str, curves: &[(&Curve, usize)]) -> Option<f64> {
+        let top = top(curves);
+        let response = self.empty(name).show(ui, |plot| {
+            plot.set_plot_bounds_y(0.0..=top);
+            for &(curve, k) in curves {
+                let line = Line::new("", PlotPoints::Borrowed(curve)).color(colour(CURVES[k % CURVES.len()]));
+                plot.line(line.width(1.5).allow_hover(false));
+            }
+            self.cursor(plot)
+        });
+        named(&response.response, name);
+        response.inner.map(|point| point.x)
+    }
+
+    /// A line at the moment that is shown. Returns where was clicked.
+    fn cursor(&self, plot: &mut egui_plot::PlotUi<'_>) -> Option<PlotPoint> {
+        plot.vline(VLine::new("", self.now_s).color(colour(self.theme.ink)).width(1.5).allow_hover(false));
+        plot.response().clicked().then(|| plot.pointer_coordinate()).flatten()
+    }
+
+    /// A lane per finger, dark where it touches.
+    fn lanes(&self, ui: &mut Ui, contacts: &[Curve; 4]) -> Option<f64> {
+        let name = "Contact by finger";
+        let finger =
+            |value: f64| Finger::ALL.into_iter().find(|&finger| (3.0 - finger as usize as f64 - value).abs() < 0.1);
+        let plot = self.empty(name).include_y(-0.5).include_y(3.5);
+        let plot = plot
+            .y_grid_spacer(|_| (0..4).map(|k| GridMark { value: f64::from(k), step_size: 1.0 }).collect())
+            .y_axis_formatter(move |mark, _| finger(mark.value).map_or_else(String::new, |f| f.name().to_owned()));
+        let response = plot.y_axis_min_width(44.0).show(ui, |plot| {
+            for (k, curve) in contacts.iter().enumerate() {
+                let points = Points::new("", PlotPoints::Borrowed(curve)).radius(2.0);
+                plot.points(points.color(colour(CURVES[k % CURVES.len()])).allow_hover(false));
+            }
+            self.cursor(plot)
+        });
+        named(&response.response, name);
+        response.inner.map(|point| point.x)
+    }
+}
+
+/// Labels are never too dense: there are few marks.
+const LABELS: egui::Rangef = egui::Rangef { min: 4.0, max: 8.0 };
+
+/// Three to six marks at round numbers.
+fn round_marks((low, high): (f64, f64)) -> Vec<GridMark> {
+    let span = (high - low).max(1e-9);
+    let decade = 10f64.powf((span / 3.0).log10().floor());
+    let step_size = [5.0, 2.0].into_iter().map(|k| k * decade).find(|step| 3.0 * step <= span).unwrap_or(decade);
+    let marks = (low / step_size).ceil() as i64..=(high / step_size).floor() as i64;
+    marks.take(16).map(|k| GridMark { value: k as f64 * step_size, step_size }).collect()
+}
+
+/// A mark with as many decimals as tell it from the next.
+fn label(mark: GridMark, _: &RangeInclusive<f64>) -> String {
+    let decimals = (-mark.step_size.log10() - 1e-9).ceil().clamp(0.0, 6.0) as usize;
+    format!("{:.decimals$}", mark.value)
+}
+
+/// Where the vertical axis ends: at 1 at least, and above nearly all values. A few that are far off would make all others flat.
+fn top(curves: &[(&Curve, usize)]) -> f64 {
+    const MARGIN: f64 = 1.08;
+    let mut values: Vec<f64> = curves.iter().flat_map(|(curve, _)| curve.iter().map(|point| point.y)).collect();
+    values.sort_by(f64::total_cmp);
+    let nearly_all = values.get(values.len() * 98 / 100).or(values.last()).copied().unwrap_or(1.0);
+    let highest = values.last().copied().unwrap_or(1.0);
+    MARGIN * highest.min(1.5 * nearly_all).max(1.0)
+}
+
+/// As high as one with buttons, so that all plots are of the same height.
+fn title(ui: &mut Ui, text: &str) {
+    ui.horizontal(|ui| {
+        ui.set_min_height(ui.spacing().interact_size.y);
+        ui.strong(text);
+    });
+}
+
+fn named(response: &egui::Response, name: &str) {
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Figure, true, name));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_have_a_few_round_marks_that_differ() {
+        for (low, high) in [(0.0, 1.08), (0.0, 2.2), (0.0, 700.0), (-0.5, 3.5), (0.0, 29.97), (3.0, 3.0), (0.0, 1e-3)] {
+            let marks = round_marks((low, high));
+            let labels: Vec<String> = marks.iter().map(|&mark| label(mark, &(low..=high))).collect();
+            assert!(high <= low || (3..=7).contains(&marks.len()), "{labels:?}");
+            assert!(labels.windows(2).all(|pair| pair[0] != pair[1]), "{labels:?}");
+        }
+        for strange in [(f64::NAN, 1.0), (0.0, f64::INFINITY), (1.0, 0.0)] {
+            assert!(round_marks(strange).len() <= 16);
+        }
+    }
+
+    #[test]
+    fn a_few_values_that_are_far_off_do_not_flatten_the_others() {
+        let curve = |values: &[f64]| -> Curve { values.iter().map(|&y| PlotPoint::new(0.0, y)).collect() };
+        assert_eq!(top(&[]), 1.08);
+        assert_eq!(top(&[(&curve(&[0.2, 0.3]), 0)]), 1.08);
+        let mut values = vec![10.0; 100];
+        values.push(5000.0);
+        assert!((10.0..20.0).contains(&top(&[(&curve(&values), 0)])));
+    }
+}

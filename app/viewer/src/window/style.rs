@@ -1,0 +1,82 @@
+//! How widgets look.
+
+use eframe::egui::{self, Color32, Context, Visuals};
+use image::Rgb;
+use serde::{Deserialize, Serialize};
+
+use crate::Theme;
+
+/// Light or dark.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Appearance {
+    /// As the desktop is.
+    #[default]
+    System,
+    /// Dark on light.
+    Light,
+    /// Light on dark.
+    Dark,
+}
+
+impl Appearance {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::System, Self::Light, Self::Dark];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::System => "as the desktop",
+            Self::Light => "light",
+            Self::Dark => "dark",
+        }
+    }
+
+    /// Lets the widgets look so from the next frame on.
+    pub fn apply(self, ctx: &Context) {
+        ctx.set_theme(match self {
+            Self::System => egui::ThemePreference::System,
+            Self::Light => egui::ThemePreference::Light,
+            Self::Dark => egui::ThemePreference::Dark,
+        });
+    }
+}
+
+/// Gives egui's two themes our colours.
+pub fn install(ctx: &Context) {
+    ctx.set_visuals_of(egui::Theme::Light, visuals(Visuals::light(), &Theme::LIGHT));
+    ctx.set_visuals_of(egui::Theme::Dark, visuals(Visuals::dark(), &Theme::DARK));
+    ctx.all_styles_mut(|style| {
+        style.spacing.item_spacing = egui::vec2(8.0, 6.0);
+        style.spacing.button_padding = egui::vec2(8.0, 3.0);
+        style.text_styles.insert(egui::TextStyle::Small, egui::FontId::proportional(11.0));
+        // Numbers and states are read, not edited.
+        style.interaction.selectable_labels = false;
+    });
+}
+
+fn visuals(mut visuals: Visuals, theme: &Theme) -> Visuals {
+    visuals.override_text_color = Some(colour(theme.ink));
+    // Faint lines are too faint to be read.
+    visuals.weak_text_color = Some(colour(theme.faint).lerp_to_gamma(colour(theme.ink), 0.4));
+    visuals.panel_fill = colour(theme.panel);
+    visuals.window_fill = colour(theme.panel);
+    visuals.extreme_bg_color = colour(theme.paper);
+    visuals.selection.bg_fill = colour(theme.estimate).gamma_multiply(0.35);
+    visuals.selection.stroke.color = colour(theme.ink);
+    visuals.hyperlink_color = colour(theme.estimate);
+    visuals
+}
+
+/// The theme that is in use.
+pub fn theme(ctx: &Context) -> Theme {
+    match ctx.theme() {
+        egui::Theme::Light => Theme::LIGHT,
+        egui::Theme::Dark => Theme::DARK,
+    }
+}
+
+/// The same colour for egui.
+pub fn colour(Rgb([r, g, b]): Rgb<u8>) -> Color32 {
+    Color32::from_rgb(r, g, b)
+}

@@ -1,0 +1,388 @@
+//! The window as a person uses it, without a display.
+
+mod example;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Once;
+use std::time::{Duration, Instant};
+
+use eframe::egui::accesskit::Toggled;
+use eframe::egui::{self, Key, Modifiers};
+use egui_kittest::kittest::{NodeT as _, Queryable as _};
+use egui_kittest::{Harness, SnapshotOptions, SnapshotResults};
+use tempfile::TempDir;
+
+use super::watch::Place;
+use super::{Appearance, Page, Preferences, Window};
+use mvt_recording::{FOLDER, VERSION};
+
+/// A window on something, with settings of its own that nobody else changes.
+struct Bench {
+    harness: Harness<'static, Option<Window>>,
+    settings: TempDir,
+    /// Thumbnails take a while, and only pictures need them.
+    waits_for_thumbnails: bool,
+}
+
+impl Bench {
+    fn new(place: Option<Place>, preferences: &Preferences, size: [f32; 2], with_pictures: bool) -> Self {
+        let settings = tempfile::tempdir().unwrap();
+        preferences.save(settings.path()).unwrap();
+        let folder = settings.path().to_path_buf();
+        let mut builder = Harness::builder().with_size(size).with_max_steps(32).with_step_dt(1.0 / 60.0);
+        if with_pictures {
+            builder = builder.wgpu();
+        }
+        let app = move |ui: &mut egui::Ui, window: &mut Option<Window>| {
+            window.get_or_insert_with(|| Window::new(ui.ctx(), Some(folder.clone()), place.clone())).ui(ui);
+        };
+        let mut bench =
+            Self { harness: builder.build_ui_state(app, None), settings, waits_for_thumbnails: with_pictures };
+        bench.settle();
+        bench
+    }
+
+    /// On a run, dark, without a picture of the window.
+    fn on(run: &Path) -> Self {
+        Self::new(Some(Place::Run(run.to_path_buf())), &dark(), [1280.0, 1000.0], false)
+    }
+
+    fn window(&self) -> &Window {
+        self.harness.state().as_ref().unwrap()
+    }
+
+    /// Goes on until nothing is under way.
+    fn settle(&mut self) {
+        let deadline = Instant::now() + Duration::from_secs(120);
+        loop {
+            self.harness.run_ok();
+            let is_busy = match &self.window().page {
+                Page::Watch(watch) => watch.is_busy(),
+                Page::Start(start) => self.waits_for_thumbnails && start.is_busy(),
+                Page::Starting(_) | Page::Trouble(..) => false,
+            };
+            if !is_busy {
+                break;
+            }
+            assert!(Instant::now() < deadline, "the window does not come to rest");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        self.harness.run_ok();
+    }
+
+    fn press(&mut self, key: Key) {
+        self.harness.key_press(key);
+        self.settle();
+    }
+
+    fn click(&mut self, label: &str) {
+        self.harness.get_by_label(label).click();
+        self.settle();
+    }
+
+    fn shows(&self, text: &str) -> bool {
+        self.harness.query_all_by_label_contains(text).next().is_some()
+    }
+
+    /// Number of the moment that is shown, from 1.
+    fn frame(&self) -> usize {
+        let node = self.harness.query_all_by_label_contains("frame ").find_map(|node| {
+            let label = node.accesskit_node().label().or_else(|| node.accesskit_node().value())?;
+            label.strip_prefix("frame ")?.split(' ').next()?.parse().ok()
+        });
+        node.unwrap()
+    }
+
+    /// Compares the window with the picture of that name.
+    fn compare(mut self, name: &str, results: &mut SnapshotResults) {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/viewer/window/tests/snapshots");
+        let options = SnapshotOptions::new().output_path(folder);
+        self.harness.snapshot_options(name, &options);
+        results.extend_harness(&mut self.harness);
+    }
+}
+
+fn dark() -> Preferences {
+    Preferences { appearance: Appearance::Dark, ..Preferences::default() }
+}
+
+/// A run that is finished.
+fn finished() -> TempDir {
+    let run = tempfile::tempdir().unwrap();
+    example::record(run.path(), example::FRAMES).finish(true).unwrap();
+    run
+}
+
+/// Whether this machine can make pictures of the window; if not, says so once.
+fn can_paint() -> bool {
+    static SAID: Once = Once::new();
+    let can = std::panic::catch_unwind(egui_kittest::wgpu::WgpuTestRenderer::new).is_ok();
+    if !can {
+        SAID.call_once(|| {
+            eprintln!("skipped: no Vulkan or OpenGL driver, not even one for the CPU (mesa-vulkan-drivers)");
+        });
+    }
+    can
+}
+
+#[test]
+fn the_time_line_plays_steps_and_is_dragged() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    assert_eq!(bench.frame(), 36);
+    bench.press(Key::Home);
+    assert_eq!(bench.frame(), 1);
+    bench.press(Key::ArrowRight);
+    bench.click("One frame on (Right)");
+    assert_eq!(bench.frame(), 3);
+    bench.harness.key_press_modifiers(Modifiers::SHIFT, Key::ArrowRight);
+    bench.settle();
+    assert_eq!(bench.frame(), 33);
+    bench.click("To the first frame (Home)");
+    bench.harness.key_press(Key::Space);
+    bench.harness.run_steps(30);
+    let playing = bench.frame();
+    assert!((2..36).contains(&playing), "after half a second at frame {playing}");
+    bench.press(Key::Space);
+    let track = bench.harness.get_by_label("Time").rect();
+    bench.harness.drag_at(track.center());
+    bench.harness.run_ok();
+    bench.harness.drop_at(track.center());
+    bench.settle();
+    assert!((17..=20).contains(&bench.frame()), "{}", bench.frame());
+    assert!(bench.shows("Lost for 0."), "the state is told in words");
+}
+
+#[test]
+fn keys_and_check_boxes_change_what_is_shown() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    let is_on = |bench: &Bench, label: &str| {
+        bench.harness.get_by_label(label).accesskit_node().toggled() == Some(Toggled::True)
+    };
+    for (label, key) in [
+        ("Estimated mesh (M)", Key::M),
+        ("Ground truth (G)", Key::G),
+        ("Hand (A)", Key::A),
+        ("Axes (O)", Key::O),
+        ("Trail (T)", Key::T),
+        ("Cameras (R)", Key::R),
+        ("Slice (V)", Key::V),
+        ("Box (B)", Key::B),
+        ("Follow the object (F)", Key::F),
+    ] {
+        let before = is_on(&bench, label);
+        bench.press(key);
+        assert_eq!(is_on(&bench, label), !before, "{label}");
+        bench.click(label);
+        assert_eq!(is_on(&bench, label), before, "{label}");
+    }
+    bench.press(Key::I);
+    assert!(!bench.shows("Camera side"));
+    bench.press(Key::I);
+    assert!(bench.shows("Camera side"));
+    bench.press(Key::H);
+    assert!(bench.shows("30 frames back, on"));
+    bench.click("Close");
+    assert!(!bench.shows("30 frames back, on"));
+}
+
+#[test]
+fn the_view_turns_with_the_pointer() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    let eye = |bench: &Bench| match &bench.window().page {
+        Page::Watch(watch) => watch.eye(),
+        _ => panic!("no recording is shown"),
+    };
+    let before = eye(&bench);
+    let view = bench.harness.get_by_label("The scene in three dimensions").rect();
+    bench.harness.drag_at(view.center());
+    bench.harness.run_ok();
+    bench.harness.hover_at(view.center() + egui::vec2(60.0, 20.0));
+    bench.harness.run_ok();
+    bench.harness.drop_at(view.center() + egui::vec2(60.0, 20.0));
+    bench.settle();
+    assert!(eye(&bench).yaw_rad != before.yaw_rad && eye(&bench).pitch_rad > before.pitch_rad);
+    assert_eq!(eye(&bench).target, before.target);
+    bench.press(Key::Num0);
+    assert_eq!(eye(&bench), before);
+    let key = |bench: &mut Bench, modifiers, key| {
+        bench.harness.key_press_modifiers(modifiers, key);
+        bench.settle();
+    };
+    key(&mut bench, Modifiers::ALT, Key::ArrowRight);
+    key(&mut bench, Modifiers::ALT, Key::ArrowUp);
+    assert!(eye(&bench).yaw_rad > before.yaw_rad && eye(&bench).pitch_rad > before.pitch_rad);
+    assert_eq!(bench.frame(), 36, "with Alt, arrows do not go through time");
+    key(&mut bench, Modifiers::NONE, Key::PageUp);
+    assert!(eye(&bench).distance_m < before.distance_m);
+}
+
+#[test]
+fn a_notice_goes_after_a_while() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    bench.press(Key::Home);
+    bench.press(Key::E);
+    assert!(bench.shows("there is no mesh yet"));
+    bench.harness.run_steps(400);
+    assert!(bench.shows("there is no mesh yet"));
+    bench.harness.run_steps(200);
+    assert!(!bench.shows("there is no mesh yet"));
+}
+
+#[test]
+fn settings_are_remembered() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    bench.press(Key::V);
+    bench.press(Key::D);
+    bench.harness.key_press_modifiers(Modifiers::COMMAND, Key::Plus);
+    bench.settle();
+    assert!((bench.harness.ctx.zoom_factor() - 1.1).abs() < 1e-6);
+    bench.harness.state_mut().as_mut().unwrap().save();
+    let (preferences, problem) = Preferences::load(bench.settings.path());
+    assert_eq!(problem, None);
+    assert!(preferences.layers.slice);
+    assert_eq!((preferences.appearance, preferences.zoom_percent), (Appearance::Light, 110));
+    assert_eq!(preferences.recent, [run.path()]);
+}
+
+#[test]
+fn a_run_that_goes_on_is_followed_and_a_crash_is_told() {
+    let run = tempfile::tempdir().unwrap();
+    let writer = example::record(run.path(), 8);
+    let mut bench = Bench::on(run.path());
+    assert_eq!(bench.frame(), 8);
+    assert!(bench.shows("the run is going on"));
+    // Ends without a word.
+    drop(writer);
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !bench.shows("the run has crashed") {
+        assert!(Instant::now() < deadline, "the crash is not noticed");
+        std::thread::sleep(Duration::from_millis(20));
+        bench.settle();
+    }
+    bench.press(Key::Home);
+    assert_eq!(bench.frame(), 1);
+}
+
+#[test]
+fn what_cannot_be_shown_is_told() {
+    let run = finished();
+    let about = run.path().join(FOLDER).join("about.json");
+    let text = fs::read_to_string(&about).unwrap();
+    let newer = text.replacen(&format!("\"version\": {VERSION}"), "\"version\": 900", 1);
+    for (damaged, told) in [(newer.as_str(), "newer"), ("{", "damaged"), ("", "damaged")] {
+        fs::write(&about, damaged).unwrap();
+        let mut bench = Bench::on(run.path());
+        assert!(bench.shows("This cannot be shown") && bench.shows(told), "{told}");
+        fs::write(&about, &text).unwrap();
+        bench.click("Try again");
+        assert_eq!(bench.frame(), 36);
+    }
+    let mut bench = Bench::on(&run.path().join("elsewhere"));
+    assert!(bench.shows("holds no recording"));
+    bench.click("Go to the start page");
+    assert!(bench.shows("Recent runs"));
+}
+
+#[test]
+fn damaged_pictures_and_shapes_leave_the_rest_usable() {
+    let run = finished();
+    for file in ["images.bin", "shapes.bin"] {
+        let path = run.path().join(FOLDER).join(file);
+        let mut bytes = fs::read(&path).unwrap();
+        bytes.iter_mut().step_by(7).for_each(|byte| *byte ^= 0x5a);
+        fs::write(&path, bytes).unwrap();
+    }
+    let mut bench = Bench::on(run.path());
+    assert!(bench.shows("is damaged"));
+    bench.press(Key::Home);
+    bench.press(Key::End);
+    bench.press(Key::E);
+    assert!(bench.shows("is damaged"));
+    assert_eq!(bench.frame(), 36);
+}
+
+#[test]
+fn a_run_is_chosen_on_the_start_page() {
+    let runs = tempfile::tempdir().unwrap();
+    let run = finished();
+    let mut preferences = dark();
+    preferences.choices.folder = runs.path().to_path_buf();
+    preferences.remember(run.path());
+    let mut bench = Bench::new(None, &preferences, [1280.0, 800.0], false);
+    bench.click("duck");
+    assert_eq!(bench.window().preferences.choices.object, "duck");
+    let search = bench.harness.get_by_role_and_label(egui::accesskit::Role::TextInput, "Object");
+    search.click();
+    bench.settle();
+    bench.harness.get_by_role_and_label(egui::accesskit::Role::TextInput, "Object").type_text("pear");
+    bench.settle();
+    assert!(bench.shows("016_pear") && !bench.shows("025_mug"));
+    let name = run.path().file_name().unwrap().to_string_lossy().into_owned();
+    bench.click(&name);
+    assert_eq!(bench.frame(), 36);
+    bench.click("Start page");
+    assert!(bench.shows("Recent runs"));
+}
+
+#[test]
+fn everything_fits_at_twice_the_size() {
+    let run = finished();
+    let place = Place::Run(run.path().to_path_buf());
+    let preferences = Preferences { zoom_percent: 200, ..dark() };
+    // What does not fit is scrolled; nothing panics in small windows either.
+    for size in [[1280.0, 800.0], [480.0, 360.0], [200.0, 160.0]] {
+        for place in [None, Some(place.clone())] {
+            Bench::new(place, &preferences, size, false);
+        }
+    }
+}
+
+#[test]
+fn pictures_of_the_start_page() {
+    if !can_paint() {
+        return;
+    }
+    let mut results = SnapshotResults::new();
+    for (appearance, name) in [(Appearance::Light, "start_light"), (Appearance::Dark, "start_dark")] {
+        let mut preferences = Preferences { appearance, ..Preferences::default() };
+        preferences.choices.folder = PathBuf::from("runs");
+        let mut bench = Bench::new(None, &preferences, [1000.0, 620.0], true);
+        if let Page::Start(start) = &mut bench.harness.state_mut().as_mut().unwrap().page {
+            start.keep_procedural();
+        }
+        bench.settle();
+        bench.compare(name, &mut results);
+    }
+}
+
+#[test]
+fn pictures_of_a_frame() {
+    if !can_paint() {
+        return;
+    }
+    let run = finished();
+    let mut results = SnapshotResults::new();
+    for (appearance, name) in [(Appearance::Light, "frame_light"), (Appearance::Dark, "frame_dark")] {
+        let preferences = Preferences { appearance, ..Preferences::default() };
+        let mut bench = Bench::new(Some(Place::Run(run.path().to_path_buf())), &preferences, [1280.0, 800.0], true);
+        bench.press(Key::Home);
+        bench.harness.key_press_modifiers(Modifiers::SHIFT, Key::ArrowRight);
+        bench.settle();
+        bench.compare(name, &mut results);
+    }
+}
+
+#[test]
+fn a_picture_of_what_cannot_be_shown() {
+    if !can_paint() {
+        return;
+    }
+    let bench = Bench::new(Some(Place::Run(PathBuf::from("/nowhere"))), &dark(), [800.0, 480.0], true);
+    bench.compare("trouble", &mut SnapshotResults::new());
+}

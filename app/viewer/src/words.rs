@@ -1,0 +1,75 @@
+//! What is happening, in words.
+
+use mvt_recording::{Recording, Status};
+use mvt_run::report::TrackState;
+
+/// How long an event is worth mentioning, seconds.
+const RECENT_S: f64 = 1.0;
+
+/// What is recorded: object, mode, sensors and seed.
+pub fn subject(recording: &Recording) -> String {
+    let about = recording.about();
+    match about.mode.as_str() {
+        "log" => format!("{}, raw log", about.object),
+        mode => format!("{}, {mode} {}, seed {}", about.object, about.modality, about.seed),
+    }
+}
+
+/// How the run is.
+pub fn whole(recording: &Recording) -> &'static str {
+    match recording.status() {
+        _ if recording.about().mode == "log" => "a log: nothing is estimated",
+        Status::Running => "the run is going on",
+        Status::Finished => "the run is finished",
+        Status::Interrupted => "the run was interrupted; this is what it left",
+        Status::Crashed => "the run has crashed; this is what it left",
+    }
+}
+
+/// How things are at a moment.
+pub fn happening(recording: &Recording, moment: usize) -> String {
+    let Some(now) = recording.moments().get(moment) else {
+        return match recording.status() {
+            Status::Running => "Waiting for the first frame".to_owned(),
+            _ => "There is no frame".to_owned(),
+        };
+    };
+    let row = &now.row;
+    let mut sentence = match (now.estimate().is_some(), row.state) {
+        (false, _) => "As recorded".to_owned(),
+        (true, TrackState::Lost) => {
+            let before = recording.moments().get(..moment).unwrap_or_default();
+            match before.iter().rposition(|moment| moment.row.state != TrackState::Lost) {
+                Some(last) => {
+                    let since_s = row.time_s - before.get(last).map_or(row.time_s, |moment| moment.row.time_s);
+                    format!("Lost for {since_s:.1} s; looking for the object everywhere")
+                }
+                None => "Waiting for a first sight of the object".to_owned(),
+            }
+        }
+        (true, TrackState::Relocalised) => "Found the object again".to_owned(),
+        (true, TrackState::Tracking) => match row.confidence {
+            confidence if confidence < 0.3 => "Tracking with doubt".to_owned(),
+            _ => "Tracking".to_owned(),
+        },
+    };
+    if let Some(error) = row.add_s.filter(|_| row.state != TrackState::Lost) {
+        sentence += &format!(", ADD-S {:.1} mm", error.one_directional_m * 1e3);
+    }
+    let touching = now.fingers.iter().filter(|(_, touching)| touching.is_some()).count();
+    sentence += match touching {
+        0 => "",
+        1 => "; one finger touches",
+        2 => "; two fingers touch",
+        3 => "; three fingers touch",
+        _ => "; all fingers touch",
+    };
+    let is_recent = |time_s: f64| (0.0..=RECENT_S).contains(&(row.time_s - time_s));
+    for event in recording.events().iter().filter(|event| is_recent(event.time_s)) {
+        // The state says it already.
+        if !event.text.contains("the object") {
+            sentence += &format!("; {}", event.text);
+        }
+    }
+    sentence
+}

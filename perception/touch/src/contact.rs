@@ -1,0 +1,332 @@
+//! From touch images to depth and contact by a network: what an untouched sensor would give is taken off, contact is decided with a
+//! memory of the frame before, and images that no such sensor makes are told.
+
+use image::{GrayImage, RgbImage};
+use mvt_robot::digit;
+use mvt_robot::hand::{Finger, PerFinger};
+use ndarray::{Array2, Zip};
+use rayon::iter::{
+    IndexedParallelIterator as _, IntoParallelRefIterator as _, IntoParallelRefMutIterator as _, ParallelIterator as _,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::engine::{Engine, Prediction};
+use crate::untouched::{Squares, differences, squares, take_off};
+use mvt_robot::observation::{Sensor, SensorError, TouchImages, check_size};
+
+/// How predictions become depth and contact.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ContactConfig {
+    /// A pixel touches if it is indented by more than this, millimetres, and `probability` agrees.
+    pub threshold_mm: f32,
+    /// A pixel touches if the network finds that more probable than this, and `threshold_mm` agrees.
+    pub probability: f32,
+    /// A pixel that touched in the frame before goes on touching until both have fallen below this share of their thresholds.
+    pub hysteresis: f32,
+    /// If a smaller share of the image touches, nothing does.
+    pub least_area: f32,
+    /// A sensor whose image differs by less than this from that of the untouched sensor, grey levels, is untouched; the network is
+    /// not asked. The means of squares of pixels are compared, which noise hardly changes and a contact's rim does.
+    pub untouched_grey: f32,
+    /// Standard deviation of the depth where the object touches, millimetres; it is more in a frame in which the network finds
+    /// indentation where nothing touches.
+    pub sigma_mm: f32,
+    /// Images that are less plausible are not used.
+    pub least_plausibility: f32,
+}
+
+impl Default for ContactConfig {
+    fn default() -> Self {
+        Self {
+            threshold_mm: 0.08,
+            probability: 0.5,
+            hysteresis: 0.7,
+            least_area: 0.001,
+            untouched_grey: 1.2,
+            sigma_mm: 0.05,
+            least_plausibility: 0.5,
+        }
+    }
+}
+
+impl ContactConfig {
+    /// Says what cannot be.
+    ///
+    /// # Errors
+    /// A sentence that names the setting.
+    pub fn check(&self) -> Result<(), String> {
+        let shares = [
+            ("probability", self.probability, 0.001..=0.999),
+            ("hysteresis", self.hysteresis, 0.001..=1.0),
+            ("least_area", self.least_area, 0.0..=1.0),
+            ("least_plausibility", self.least_plausibility, 0.0..=1.0),
+            ("threshold_mm", self.threshold_mm, 0.0..=5.0),
+            ("untouched_grey", self.untouched_grey, 0.0..=255.0),
+            ("sigma_mm", self.sigma_mm, 1e-4..=5.0),
+        ];
+        match shares.into_iter().find(|(_, value, range)| !range.contains(value)) {
+            Some((name, _, range)) => Err(format!("{name} must be from {} to {}", range.start(), range.end())),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What a DIGIT feels.
+#[derive(Debug, Clone, Copy)]
+pub struct Felt<'a> {
+    /// Depth and contact; none if the image is not plausible.
+    pub images: Option<TouchImages<'a>>,
+    /// From 0 to 1 how far the image is one that a DIGIT makes: how much of it is neither black nor saturated, how much colour
+    /// varies over it, how far it is the untouched sensor's where nothing touches, and how far the network's two answers agree.
+    pub plausibility: f32,
+    /// Whether the network was asked.
+    pub asked: bool,
+}
+
+/// Feels with a network; keeps what it must know of each finger.
+#[derive(Debug)]
+pub struct Feeler {
+    engine: Engine,
+    config: ContactConfig,
+    /// Depth of the empty gel, metres.
+    gel_m: Array2<f32>,
+    fingers: PerFinger<State>,
+}
+
+/// What is known of a finger.
+#[derive(Debug)]
+struct State {
+    /// What the sensor shows without contact, if that was told; it is taken off before the network sees an image.
+    untouched: Option<RgbImage>,
+    /// The sensor's last image without contact, and what the network makes of it, millimetres; none before there was one.
+    empty: Option<(Squares, Array2<f32>)>,
+    /// The image that the network sees.
+    seen: RgbImage,
+    prediction: Prediction,
+    depth_m: Array2<f32>,
+    contact: GrayImage,
+    sigma_m: f32,
+}
+
+impl State {
+    fn new() -> Self {
+        Self {
+            untouched: None,
+            empty: None,
+            seen: RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
+            prediction: Prediction::default(),
+            depth_m: Array2::zeros((digit::HEIGHT, digit::WIDTH)),
+            contact: GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
+            sigma_m: 0.0,
+        }
+    }
+
+    /// What the network makes of an image.
+    fn infer(&mut self, engine: &Engine, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
+        let seen = match &self.untouched {
+            None => image,
+            Some(untouched) => {
+                self.seen.copy_from_slice(image);
+                take_off(untouched, &mut self.seen);
+                &self.seen
+            }
+        };
+        engine.infer(seen, &mut self.prediction).map_err(|error| SensorError::Size {
+            sensor: Sensor::Touch(finger),
+            image: "colour",
+            expected: [digit::WIDTH, digit::HEIGHT],
+            found: [error.width as usize, error.height as usize],
+        })
+    }
+}
+
+/// How a finger's image was dealt with.
+#[derive(Debug, Clone, Copy)]
+struct Outcome {
+    plausibility: f32,
+    asked: bool,
+}
+
+impl Feeler {
+    /// Knows no untouched sensor yet: until [`Feeler::set_empty`], or an image without contact, nothing is taken off what the network
+    /// finds; and until the former, nothing off what it sees.
+    pub fn new(engine: Engine, config: ContactConfig) -> Self {
+        let gel = |(row, column): (usize, usize)| digit::gel::point(column as f64, row as f64).coords().x as f32;
+        let gel_m = Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), gel);
+        Self { engine, config, gel_m, fingers: PerFinger::from_fn(|_| State::new()) }
+    }
+
+    /// The network.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// Tells what a sensor shows when it touches nothing.
+    ///
+    /// # Errors
+    /// [`SensorError::Size`] if the image is not 240 wide and 320 high.
+    pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
+        check(finger, image)?;
+        let state = &mut self.fingers[finger];
+        state.untouched = Some(image.clone());
+        state.infer(&self.engine, finger, image)?;
+        state.empty = Some((squares(image), state.prediction.indentation_mm.clone()));
+        Ok(())
+    }
+
+    /// What each sensor feels, one image per thread; none from a sensor without an image.
+    ///
+    /// # Errors
+    /// [`SensorError::Size`] if an image is neither empty nor 240 wide and 320 high.
+    pub fn feel(&mut self, images: &PerFinger<RgbImage>) -> Result<PerFinger<Option<Felt<'_>>>, SensorError> {
+        let Self { engine, config, gel_m, fingers } = self;
+        let outcomes: Vec<Option<Outcome>> = Finger::ALL
+            .par_iter()
+            .zip(images.0.par_iter())
+            .zip(fingers.0.par_iter_mut())
+            .map(|((&finger, image), state)| {
+                if image.is_empty() {
+                    return Ok(None);
+                }
+                check(finger, image)?;
+                feel(engine, config, gel_m, finger, image, state).map(Some)
+            })
+            .collect::<Result<_, _>>()?;
+        let fingers = &*fingers;
+        Ok(PerFinger::from_fn(|finger| {
+            let Outcome { plausibility, asked } = outcomes.get(finger as usize).copied().flatten()?;
+            let State { depth_m, contact, sigma_m, .. } = &fingers[finger];
+            let images = TouchImages { depth_m, contact, sigma_m: *sigma_m };
+            Some(Felt { images: (plausibility >= config.least_plausibility).then_some(images), plausibility, asked })
+        }))
+    }
+}
+
+fn check(finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
+    let found = [image.width() as usize, image.height() as usize];
+    check_size(|| Sensor::Touch(finger), "colour", [digit::WIDTH, digit::HEIGHT], found)
+}
+
+/// Depth and contact of one sensor, into `state`.
+fn feel(
+    engine: &Engine,
+    config: &ContactConfig,
+    gel_m: &Array2<f32>,
+    finger: Finger,
+    image: &RgbImage,
+    state: &mut State,
+) -> Result<Outcome, SensorError> {
+    let squares = squares(image);
+    let mut plausibility = exposure(image).min(contrast(&squares));
+    let known = state.empty.as_ref().map(|(empty, _)| differences(&squares, empty));
+    if let Some((greatest, quartile)) = known {
+        plausibility = plausibility.min(1.0 - ramp(quartile, 8.0, 32.0));
+        if greatest < config.untouched_grey {
+            state.depth_m.assign(gel_m);
+            state.contact.fill(0);
+            state.sigma_m = 1e-3 * config.sigma_mm;
+            return Ok(Outcome { plausibility, asked: false });
+        }
+    }
+    if plausibility < config.least_plausibility {
+        return Ok(Outcome { plausibility, asked: false });
+    }
+    state.infer(engine, finger, image)?;
+    let raw = &state.prediction.indentation_mm;
+    // Millimetres over what the network finds on the untouched sensor, kept where the depth will be.
+    match &state.empty {
+        Some((_, empty)) => {
+            Zip::from(&mut state.depth_m).and(raw).and(empty).for_each(|to, a, b| *to = (a - b).max(0.0));
+        }
+        None => state.depth_m.assign(raw),
+    }
+    let summary = decide(config, &state.prediction.contact_logit, &state.depth_m, &mut state.contact);
+    plausibility = plausibility.min(summary.agreement);
+    let has_contact = summary.area >= config.least_area;
+    if !has_contact {
+        state.contact.fill(0);
+        if plausibility >= config.least_plausibility {
+            state.empty = Some((squares, raw.clone()));
+        }
+    }
+    state.sigma_m = 1e-3 * config.sigma_mm.max(summary.residual_mm);
+    Zip::from(&mut state.depth_m).and(gel_m).for_each(|depth, gel| *depth = gel - 1e-3 * *depth);
+    Ok(Outcome { plausibility, asked: true })
+}
+
+/// What a decision over all pixels has come to.
+struct Summary {
+    /// Share of the image that touches.
+    area: f32,
+    /// Root mean square of the indentation where nothing touches, millimetres.
+    residual_mm: f32,
+    /// From 0 to 1 how far indentation and contact do not contradict each other where either is clear.
+    agreement: f32,
+}
+
+/// Indented by more than this many times the threshold a pixel is in contact whatever the press, by less than that it is not: between
+/// them lie the thresholds from which networks learn what contact is.
+const DEEP: f32 = 3.0;
+const FLAT: f32 = 0.6;
+/// What a network takes for more probable than this it is sure of.
+const SURE: f32 = 0.9;
+
+/// Decides pixel by pixel; `contact` holds the frame before and receives the decision.
+fn decide(
+    config: &ContactConfig,
+    logits: &Array2<f32>,
+    indentation_mm: &Array2<f32>,
+    contact: &mut GrayImage,
+) -> Summary {
+    let logit = |p: f32| (p / (1.0 - p)).ln();
+    let [enter, stay] =
+        [1.0, config.hysteresis].map(|share| (share * config.threshold_mm, logit(share * config.probability)));
+    let [deep_mm, flat_mm] = [DEEP, FLAT].map(|times| times * config.threshold_mm);
+    let [sure, sure_not] = [SURE, 1.0 - SURE].map(logit);
+    let (mut touching, mut clear, mut contradicted, mut squares) = (0, 0, 0, 0.0);
+    for ((level, &score), &mm) in contact.iter_mut().zip(logits).zip(indentation_mm) {
+        let (threshold_mm, least) = if *level == 255 { stay } else { enter };
+        let (indented, probable) = (mm > threshold_mm, score > least);
+        let touches = indented && probable;
+        *level = if touches { 255 } else { 0 };
+        touching += usize::from(touches);
+        clear += usize::from(mm > deep_mm || score > sure);
+        contradicted += usize::from((mm > deep_mm && score < sure_not) || (mm < flat_mm && score > sure));
+        if !touches {
+            squares += mm * mm;
+        }
+    }
+    let count = logits.len();
+    Summary {
+        area: touching as f32 / count as f32,
+        residual_mm: (squares / (count - touching).max(1) as f32).sqrt(),
+        // Of a few pixels nothing is concluded.
+        agreement: if clear * 50 > count { 1.0 - ramp(contradicted as f32 / clear as f32, 0.3, 0.9) } else { 1.0 },
+    }
+}
+
+/// 0 up to `low`, 1 from `high` on.
+fn ramp(x: f32, low: f32, high: f32) -> f32 {
+    ((x - low) / (high - low)).clamp(0.0, 1.0)
+}
+
+/// From 0 to 1 how far an image is neither black nor saturated.
+fn exposure(image: &RgbImage) -> f32 {
+    let is_exposed = |rgb: &&[u8; 3]| (12..=250).contains(&rgb.iter().max().copied().unwrap_or(0));
+    let pixels = image.as_chunks::<3>().0;
+    ramp(pixels.iter().filter(is_exposed).count() as f32 / pixels.len().max(1) as f32, 0.4, 0.8)
+}
+
+/// From 0 to 1 how far colours vary over an image: a DIGIT's LEDs light its gel from three sides.
+fn contrast(squares: &Squares) -> f32 {
+    let count = squares.len().max(1) as f32;
+    let spread = [0, 1, 2].map(|c| {
+        let mean = squares.iter().map(|rgb| rgb[c]).sum::<f32>() / count;
+        (squares.iter().map(|rgb| (rgb[c] - mean).powi(2)).sum::<f32>() / count).sqrt()
+    });
+    ramp(spread.into_iter().fold(0.0, f32::max), 1.0, 4.0)
+}
+
+#[cfg(test)]
+mod tests;

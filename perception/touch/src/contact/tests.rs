@@ -1,0 +1,179 @@
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use image::Rgb;
+
+use super::*;
+use crate::network::{Architecture, Provenance, Pyramid, Tensor, Weights};
+use crate::untouched::EVEN;
+use mvt_products::Instructions;
+
+/// A network that sees `2 relu(r)` millimetres and a logit of `40 relu(r) - 10` where the level r of red, from -1 to 1, is at the even
+/// row and column of a square of four pixels.
+fn engine() -> Engine {
+    let pyramid = Pyramid { widths: [1, 1, 1, 1], depth: 0, ..Pyramid::default() };
+    let architecture = Architecture::Default(pyramid);
+    let tensors = architecture.tensors().into_iter().map(|(name, shape)| {
+        let mut values = vec![0.0; shape.iter().product()];
+        match name.as_str() {
+            // Red, in the middle of the window.
+            "stem.weight" => values[4] = 1.0,
+            "head.weight" => (0..8).for_each(|out| values[9 * out + 4] = if out % 2 == 0 { 2.0 } else { 40.0 }),
+            "head.bias" => (0..8).filter(|out| out % 2 == 1).for_each(|out| values[out] = -10.0),
+            _ => {}
+        }
+        (name, Tensor { shape, values })
+    });
+    let tensors: BTreeMap<_, _> = tensors.collect();
+    Engine::new(
+        &Weights::new(architecture, Provenance::default(), tensors, Path::new("test")).unwrap(),
+        Instructions::best(),
+    )
+}
+
+/// Colours that vary over the gel, with a red square of this level and side in the middle.
+fn picture(level: u8, side: u32) -> RgbImage {
+    RgbImage::from_fn(digit::WIDTH as u32, digit::HEIGHT as u32, |u, v| {
+        let is_red = u.abs_diff(120) < side / 2 && v.abs_diff(160) < side / 2;
+        Rgb([if is_red { level } else { 100 }, 60 + (u / 4) as u8, 160 - (v / 4) as u8])
+    })
+}
+
+fn one(image: RgbImage) -> PerFinger<RgbImage> {
+    let mut images = PerFinger::from_fn(|_| RgbImage::default());
+    images[Finger::Middle] = image;
+    images
+}
+
+/// Depth (metres), contact and standard deviation (metres).
+type Touched = (Array2<f32>, GrayImage, f32);
+
+/// What the middle finger feels.
+fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<Touched>) {
+    let images = one(image);
+    let felt = feeler.feel(&images).unwrap();
+    assert!(felt[Finger::Thumb].is_none(), "a finger without an image feels");
+    let Felt { images, plausibility, asked } = felt[Finger::Middle].unwrap();
+    (plausibility, asked, images.map(|i| (i.depth_m.clone(), i.contact.clone(), i.sigma_m)))
+}
+
+#[test]
+fn a_contact_is_felt_where_it_is() {
+    let mut feeler = Feeler::new(engine(), ContactConfig::default());
+    let (plausibility, asked, felt) = feel(&mut feeler, picture(191, 60));
+    assert!(asked && plausibility > 0.9, "{plausibility}");
+    let (depth_m, contact, sigma_m) = felt.unwrap();
+    // 191 is level 0.498.
+    let gel_m = |u: f64, v: f64| digit::gel::point(u, v).coords().x as f32;
+    assert!((gel_m(120.0, 160.0) - depth_m[[160, 120]] - 0.996e-3).abs() < 5e-6);
+    assert!((gel_m(20.0, 20.0) - depth_m[[20, 20]]).abs() < 1e-7);
+    assert_eq!((contact.get_pixel(120, 160).0, contact.get_pixel(20, 20).0), ([255], [0]));
+    assert!((sigma_m - 5e-5).abs() < 1e-9);
+}
+
+#[test]
+fn what_the_untouched_sensor_shows_is_taken_off() {
+    let mut felt = Vec::new();
+    // Sensors with a more or less reddish spot.
+    for level in [100, 150] {
+        let mut feeler = Feeler::new(engine(), ContactConfig::default());
+        feeler.set_empty(Finger::Middle, &picture(level, 60)).unwrap();
+        let (_, asked, untouched) = feel(&mut feeler, picture(level, 60));
+        let (depth_m, contact, _) = untouched.unwrap();
+        assert!(!asked, "the network was asked about an untouched sensor");
+        assert!(contact.pixels().all(|level| level.0 == [0]));
+        assert_eq!(depth_m[[160, 120]], digit::gel::point(120.0, 160.0).coords().x as f32);
+        let (_, asked, touched) = feel(&mut feeler, picture(level + 100, 60));
+        assert!(asked);
+        felt.push(touched.unwrap());
+    }
+    let gel_m = digit::gel::point(120.0, 160.0).coords().x as f32;
+    let indentation_mm = (gel_m - felt[0].0[[160, 120]]) * 1e3;
+    let seen = f32::from(EVEN) + 100.0;
+    assert!((indentation_mm - (seen - 127.5) / 127.5 * 2.0).abs() < 0.01, "{indentation_mm}");
+    assert!(felt[0] == felt[1], "what is felt depends on the sensor");
+}
+
+#[test]
+fn the_last_image_without_contact_is_the_untouched_sensor() {
+    let mut feeler = Feeler::new(engine(), ContactConfig::default());
+    assert!(feel(&mut feeler, picture(100, 60)).1);
+    assert!(!feel(&mut feeler, picture(100, 60)).1, "an image that was seen without contact is looked at again");
+    assert!(feel(&mut feeler, picture(191, 60)).1);
+    assert!(!feel(&mut feeler, picture(100, 60)).1, "a touch has replaced the untouched sensor");
+}
+
+#[test]
+fn contact_holds_on_and_lets_go() {
+    let fading = ContactConfig { threshold_mm: 0.5, ..ContactConfig::default() };
+    // Indentations of 0.56, 0.48 and 0.32 mm about the threshold of 0.5 mm and, once in contact, 0.35 mm; the probabilities are 0.76,
+    // 0.39 and 0.03 about 0.5 and 0.35.
+    let levels = [163, 158, 148].map(|level| picture(level, 60));
+    let touches = |feeler: &mut Feeler, image: &RgbImage| {
+        let contact = feel(feeler, image.clone()).2.unwrap().1;
+        contact.get_pixel(120, 160).0 == [255]
+    };
+    let mut feeler = Feeler::new(engine(), fading);
+    assert_eq!([0, 1, 2, 1].map(|k| touches(&mut feeler, &levels[k])), [true, true, false, false]);
+    let mut feeler = Feeler::new(engine(), ContactConfig { hysteresis: 1.0, ..fading });
+    assert_eq!([0, 1].map(|k| touches(&mut feeler, &levels[k])), [true, false]);
+}
+
+#[test]
+fn specks_are_no_contact() {
+    let feel_speck = |least_area| {
+        let mut feeler = Feeler::new(engine(), ContactConfig { least_area, ..ContactConfig::default() });
+        feel(&mut feeler, picture(191, 8)).2.unwrap().1.pixels().any(|level| level.0 == [255])
+    };
+    assert_eq!([0.002, 0.0].map(feel_speck), [false, true]);
+}
+
+/// Nothing is made of images that no DIGIT takes.
+#[test]
+fn implausible_images_are_told_and_not_used() {
+    let (width, height) = (digit::WIDTH as u32, digit::HEIGHT as u32);
+    let noise =
+        |u: u32, v: u32, c: u32| (u.wrapping_mul(2_654_435_761) ^ v.wrapping_mul(40_503) ^ c.wrapping_mul(977)) >> 7;
+    for (image, what) in [
+        (RgbImage::new(width, height), "black"),
+        (RgbImage::from_pixel(width, height, Rgb([255; 3])), "saturated"),
+        (RgbImage::from_pixel(width, height, Rgb([128; 3])), "flat"),
+        (RgbImage::from_fn(width, height, |u, v| Rgb([0, 1, 2].map(|c| noise(u, v, c) as u8))), "noise"),
+        (RgbImage::from_fn(width, height, |u, v| Rgb([(u + v) as u8 / 3, 40, u as u8])), "another sensor's"),
+    ] {
+        let mut feeler = Feeler::new(engine(), ContactConfig::default());
+        feeler.set_empty(Finger::Middle, &picture(100, 60)).unwrap();
+        let (plausibility, asked, felt) = feel(&mut feeler, image);
+        assert!(plausibility < 0.5 && felt.is_none() && !asked, "{what}: {plausibility}");
+        let (plausibility, _, felt) = feel(&mut feeler, picture(191, 60));
+        assert!(plausibility > 0.9 && felt.is_some(), "after a {what} image the sensor is not used any more");
+    }
+}
+
+#[test]
+fn answers_that_contradict_each_other_are_not_plausible() {
+    let config = ContactConfig::default();
+    let indentation_mm = Array2::from_shape_fn((64, 64), |(v, _)| if v < 32 { 1.0 } else { 0.0 });
+    let mut contact = GrayImage::new(64, 64);
+    let agreement =
+        |logits: &Array2<f32>, contact: &mut GrayImage| decide(&config, logits, &indentation_mm, contact).agreement;
+    let same = indentation_mm.mapv(|mm| if mm > 0.5 { 5.0 } else { -5.0 });
+    assert_eq!(agreement(&same, &mut contact), 1.0);
+    assert_eq!(agreement(&-same, &mut contact), 0.0);
+}
+
+#[test]
+fn images_of_another_size_are_refused() {
+    let mut feeler = Feeler::new(engine(), ContactConfig::default());
+    let error = feeler.feel(&one(RgbImage::new(320, 240))).unwrap_err().to_string();
+    assert!(error.contains("middle") && error.contains("320 x 240") && error.contains("240 x 320"), "{error}");
+}
+
+#[test]
+fn settings_without_sense_are_named() {
+    ContactConfig::default().check().unwrap();
+    let probability = ContactConfig { probability: 1.5, ..ContactConfig::default() };
+    assert!(probability.check().unwrap_err().starts_with("probability must be from"));
+    let sigma = ContactConfig { sigma_mm: f32::NAN, ..ContactConfig::default() };
+    assert!(sigma.check().unwrap_err().starts_with("sigma_mm"));
+}

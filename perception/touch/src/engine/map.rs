@@ -1,0 +1,98 @@
+//! Images of channels in memory.
+
+use mvt_products::multiply::{LANES, Windows};
+
+/// Pixels row by row with their channels side by side, in a frame of zeros if convolutions are to read it; or tokens, one per patch,
+/// and after them those that belong to no patch. Channels beyond the network's are zero.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Map {
+    pub(super) height: usize,
+    pub(super) width: usize,
+    /// Numbers of a pixel.
+    pub(super) channels: usize,
+    /// Width of the frame, 0 or 1.
+    halo: usize,
+    /// Tokens behind the last row; only without a frame.
+    extra: usize,
+    pub(super) data: Vec<f32>,
+}
+
+impl Map {
+    /// Zeros, with a frame for convolutions.
+    pub(super) fn framed([height, width]: [usize; 2], channels: usize) -> Self {
+        Self::new(height, width, channels.next_multiple_of(LANES), 1, 0)
+    }
+
+    /// Zeros, without a frame, and `extra` tokens more than `height * width`.
+    pub(super) fn tokens([height, width]: [usize; 2], extra: usize, channels: usize) -> Self {
+        Self::new(height, width, channels.next_multiple_of(LANES), 0, extra)
+    }
+
+    /// Zeros for an image of the sensor, whose few channels are not worth a whole vector.
+    pub(super) fn image([height, width]: [usize; 2], channels: usize, halo: usize) -> Self {
+        Self::new(height, width, channels.next_multiple_of(2), halo, 0)
+    }
+
+    fn new(height: usize, width: usize, channels: usize, halo: usize, extra: usize) -> Self {
+        let pixels = (height + 2 * halo) * (width + 2 * halo) + extra;
+        Self { height, width, channels, halo, extra, data: vec![0.0; pixels * channels] }
+    }
+
+    /// Numbers from a row to the next.
+    pub(super) fn pitch(&self) -> usize {
+        (self.width + 2 * self.halo) * self.channels
+    }
+
+    /// Where a pixel is.
+    pub(super) fn at(&self, row: usize, column: usize) -> usize {
+        (row + self.halo) * self.pitch() + (column + self.halo) * self.channels
+    }
+
+    /// Tokens with those that belong to no patch.
+    pub(super) fn count(&self) -> usize {
+        self.height * self.width + self.extra
+    }
+
+    /// Each pixel by itself; of tokens all, in one row.
+    pub(super) fn pixels(&self) -> Windows {
+        let (columns, rows) = if self.halo == 0 { (self.count(), 1) } else { (self.width, self.height) };
+        Windows { first: self.at(0, 0), step: self.channels, pitch: self.pitch(), columns, rows, segment_pitch: 0 }
+    }
+
+    /// Each pixel by itself, row by row, without the tokens that belong to none.
+    pub(super) fn rows(&self) -> Windows {
+        Windows {
+            first: self.at(0, 0),
+            step: self.channels,
+            pitch: self.pitch(),
+            columns: self.width,
+            rows: self.height,
+            segment_pitch: 0,
+        }
+    }
+
+    /// Squares of `side` pixels without overlap, a segment per row of theirs.
+    pub(super) fn patches(&self, side: usize) -> Windows {
+        Windows {
+            first: self.at(0, 0),
+            step: side * self.channels,
+            pitch: side * self.pitch(),
+            columns: self.width / side,
+            rows: self.height / side,
+            segment_pitch: self.pitch(),
+        }
+    }
+
+    /// Squares of 3 x 3 pixels around every pixel, or every second in every second row.
+    pub(super) fn neighbourhoods(&self, stride: usize) -> Windows {
+        debug_assert_eq!(self.halo, 1, "a convolution reads the frame");
+        Windows {
+            first: 0,
+            step: stride * self.channels,
+            pitch: stride * self.pitch(),
+            columns: self.width.div_ceil(stride),
+            rows: self.height.div_ceil(stride),
+            segment_pitch: self.pitch(),
+        }
+    }
+}

@@ -1,0 +1,161 @@
+use std::path::Path;
+
+use safetensors::SafeTensors;
+
+use super::attention::Attention;
+use super::layers::{Linear, Norm};
+use super::mamba::{self, Mamba};
+use super::map::Map;
+use super::*;
+use crate::network::{Scan, Weights};
+use mvt_products::multiply::Then;
+
+fn weights(name: &str) -> Weights {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/fixtures/{name}.safetensors"));
+    Weights::read(&path).unwrap()
+}
+
+/// Tokens of the expectations, `[count, width]`.
+fn tokens(name: &str) -> (Vec<f32>, usize) {
+    let bytes = include_bytes!("../../tests/fixtures/expected.safetensors");
+    let file = SafeTensors::deserialize(bytes).unwrap();
+    let tensor = file.tensor(name).unwrap();
+    (tensor.data().as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect(), tensor.shape()[1])
+}
+
+fn stored(values: &[f32], width: usize, [height, columns]: [usize; 2], extra: usize) -> Map {
+    let mut map = Map::tokens([height, columns], extra, width);
+    let channels = map.channels;
+    for (to, from) in map.data.chunks_exact_mut(channels).zip(values.chunks_exact(width)) {
+        to[..width].copy_from_slice(from);
+    }
+    map
+}
+
+/// Tokens are of the order of 1.
+fn assert_alike(map: &Map, exact: &[f32], width: usize, set: Instructions) {
+    let bound = if set.is_bf16() { 0.05 } else { 2e-5 };
+    for (found, exact) in map.data.chunks_exact(map.channels).zip(exact.chunks_exact(width)) {
+        for (found, exact) in found.iter().zip(exact) {
+            assert!((found - exact).abs() < bound, "{found} is not {exact} ({set:?})");
+        }
+        assert!(found[width..].iter().all(|&x| x == 0.0), "channels beyond the width are not zero ({set:?})");
+    }
+}
+
+#[test]
+fn a_mamba_block_is_that_of_pytorch() {
+    let weights = weights("default");
+    let ((before, width), (after, _)) = (tokens("default.block.before"), tokens("default.block.after"));
+    for set in Instructions::available() {
+        let norm = Norm::new(set, &weights, "blocks.2.norm");
+        let layer = Mamba::new(set, &weights, "blocks.2.mamba");
+        let mut x = stored(&before, width, [3, 2], 0);
+        let (mut normed, mut scratch) = (x.clone(), layer.scratch(&x));
+        norm.apply(&x, &mut normed);
+        let order = mamba::order(Scan::Columns, &x);
+        layer.apply(&normed, &order, Then::Add, &mut scratch, &mut Vec::new(), &mut x);
+        assert_alike(&x, &after, width, set);
+    }
+}
+
+#[test]
+fn a_vit_block_is_that_of_pytorch() {
+    let weights = weights("vit");
+    let ((before, width), (after, _)) = (tokens("vit.block.before"), tokens("vit.block.after"));
+    for set in Instructions::available() {
+        let linear = |name: &str| Linear::new(set, &weights, &format!("blocks.1.mlp.{name}"));
+        let [norm1, norm2] = ["norm1", "norm2"].map(|name| Norm::new(set, &weights, &format!("blocks.1.{name}")));
+        let attention = Attention::new(set, &weights, "blocks.1.attn", 2);
+        let mut x = stored(&before, width, [3, 4], 1);
+        let (mut normed, mut words) = (x.clone(), Vec::new());
+        norm1.apply(&x, &mut normed);
+        attention.apply(&normed, &mut attention.scratch(x.count()), &mut words, &mut x);
+        norm2.apply(&x, &mut normed);
+        let mut hidden = Map::tokens([3, 4], 1, 2 * width);
+        linear("fc1").apply(&normed, Then::Gelu, &mut words, &mut hidden);
+        linear("fc2").apply(&hidden, Then::Add, &mut words, &mut x);
+        assert_alike(&x, &after, width, set);
+    }
+}
+
+/// A scan does not care where its tokens lie: the order of columns is that of rows on the transposed image.
+#[test]
+fn orders_are_permutations_and_nothing_else() {
+    let weights = weights("default");
+    let (values, width) = tokens("default.block.before");
+    let layer = Mamba::new(Instructions::best(), &weights, "blocks.0.mamba");
+    let result = |map: &Map, scan| {
+        let (mut to, mut scratch) = (map.clone(), layer.scratch(map));
+        layer.apply(map, &mamba::order(scan, map), Then::Store, &mut scratch, &mut Vec::new(), &mut to);
+        to
+    };
+    let upright = stored(&values, width, [3, 2], 0);
+    let mut lying = stored(&values, width, [2, 3], 0);
+    for row in 0..3 {
+        for column in 0..2 {
+            let (from, to) = (upright.at(row, column), lying.at(column, row));
+            lying.data[to..][..width].copy_from_slice(&upright.data[from..][..width]);
+        }
+    }
+    let (a, b) = (result(&upright, Scan::ColumnsReversed), result(&lying, Scan::RowsReversed));
+    for row in 0..3 {
+        for column in 0..2 {
+            assert_eq!(a.data[a.at(row, column)..][..width], b.data[b.at(column, row)..][..width]);
+        }
+    }
+}
+
+/// Images of other sizes: what PyTorch's `interpolate` without aligned corners gives, worked out by hand.
+#[test]
+fn images_are_resized_with_half_pixel_centres() {
+    let image = RgbImage::from_fn(2, 1, |u, _| ::image::Rgb([if u == 0 { 0 } else { 255 }, 0, 0]));
+    let mut map = Map::image([2, 4], 5, 1);
+    super::image::load(&image, &mut map);
+    for row in 0..2 {
+        let red: Vec<f32> = (0..4).map(|column| map.data[map.at(row, column)]).collect();
+        assert!(red.iter().zip([-1.0, -0.5, 0.5, 1.0]).all(|(a, b)| (a - b).abs() < 1e-6), "{red:?}");
+    }
+    let last = &map.data[map.at(1, 3)..][..5];
+    assert_eq!(last[1..], [-1.0, -1.0, 0.75, 0.5]);
+}
+
+#[test]
+fn predictions_do_not_depend_on_threads_or_on_what_was_before() {
+    let engine = Engine::new(&weights("mamba"), Instructions::best());
+    let image =
+        |seed: u32| RgbImage::from_fn(24, 40, |u, v| ::image::Rgb([(u * seed) as u8, (v * 3) as u8, seed as u8]));
+    let images = [1, 2, 3, 4, 5].map(image);
+    let alone = images.each_ref().map(|image| {
+        let mut prediction = Prediction::default();
+        Engine::new(&weights("mamba"), Instructions::best()).infer(image, &mut prediction).unwrap();
+        prediction
+    });
+    for threads in [1, 4] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut together = Vec::new();
+        for _ in 0..3 {
+            pool.install(|| engine.infer_each(&images.each_ref(), &mut together)).unwrap();
+            assert_eq!(together, alone);
+        }
+    }
+}
+
+#[test]
+fn any_size_is_taken_and_given_back() {
+    for name in Architecture::NAMES {
+        let engine = Engine::new(&weights(name), Instructions::best());
+        let mut prediction = Prediction::default();
+        for (width, height) in [(1, 1), (17, 30), (33, 16), (16, 33)] {
+            let image = RgbImage::from_pixel(width, height, ::image::Rgb([9, 99, 199]));
+            engine.infer(&image, &mut prediction).unwrap();
+            assert_eq!(prediction.indentation_mm.dim(), (height as usize, width as usize), "{name}");
+            assert!(prediction.indentation_mm.iter().all(|mm| mm.is_finite() && *mm >= 0.0), "{name}");
+            assert!(prediction.contact_logit.iter().all(|x| x.is_finite()), "{name}");
+        }
+        for (width, height) in [(0, 5), (5, 0), (4, 2049)] {
+            let error = engine.infer(&RgbImage::new(width, height), &mut prediction).unwrap_err();
+            assert!(error.to_string().contains("240 x 320"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! The forward passes of `vit`, `mamba` and `robust_mamba`: patches as tokens, blocks, and the decoder that they share.
+
+use ::image::RgbImage;
+
+use super::attention::{self, Attention};
+use super::dpt::{self, Dpt};
+use super::image::{half_pixel, load, store};
+use super::layers::{Linear, Matrix, Norm};
+use super::mamba::{self, Mamba};
+use super::map::Map;
+use super::{Forward, Prediction};
+use crate::network::{self, Architecture, Scan, Weights};
+use mvt_products::Instructions;
+use mvt_products::multiply::{Left, Packed, Target, Then, multiply};
+
+/// A network of tokens with packed weights.
+#[derive(Debug)]
+pub(super) struct Transformer {
+    patch: usize,
+    width: usize,
+    /// A window is a patch, a segment a row of it.
+    embedding: Packed,
+    positions: Positions,
+    class: Vec<f32>,
+    blocks: Vec<Block>,
+    hooks: Vec<usize>,
+    decoder: Dpt,
+}
+
+/// What is added to tokens for where they are.
+#[derive(Debug)]
+enum Positions {
+    /// Learned on a grid of so many rows and columns.
+    Learned { size: [usize; 2], values: Vec<f32> },
+    /// Sines and cosines of row and column.
+    Fixed,
+}
+
+#[derive(Debug)]
+enum Block {
+    Vit { norm1: Norm, attention: Attention, norm2: Norm, mlp: Mlp },
+    Mamba { norm: Norm, mamba: Mamba, scan: Scan },
+    RobustMamba { norm1: Norm, mamba: Box<Mamba>, scan: Scan, norm2: Norm, mlp: Mlp },
+}
+
+/// Two linear maps with a GELU between them.
+#[derive(Debug)]
+struct Mlp {
+    fc1: Linear,
+    fc2: Linear,
+    hidden: usize,
+}
+
+impl Mlp {
+    fn new(instructions: Instructions, weights: &Weights, name: &str) -> Self {
+        let linear = |part| Linear::new(instructions, weights, &format!("{name}.{part}"));
+        let hidden = weights.values(&format!("{name}.fc1.bias")).len();
+        Self { fc1: linear("fc1"), fc2: linear("fc2"), hidden }
+    }
+
+    /// Adds the result to `to`.
+    fn apply(&self, from: &Map, hidden: &mut Map, words: &mut Vec<u32>, to: &mut Map) {
+        self.fc1.apply(from, Then::Gelu, words, hidden);
+        self.fc2.apply(hidden, Then::Add, words, to);
+    }
+}
+
+/// What the forward pass works with.
+#[derive(Debug)]
+pub(super) struct Scratch {
+    input: Map,
+    /// What tokens start with before the patches are added: positions, and the class token.
+    start: Map,
+    tokens: Map,
+    normed: Map,
+    hidden: Map,
+    attention: Option<attention::Scratch>,
+    mamba: mamba::Scratch,
+    /// One per block that scans.
+    orders: Vec<Vec<u32>>,
+    decoder: dpt::Scratch,
+}
+
+impl Transformer {
+    /// For any architecture but `default`.
+    pub(super) fn new(instructions: Instructions, architecture: &Architecture, weights: &Weights) -> Self {
+        let norm = |name: String| Norm::new(instructions, weights, &name);
+        let mamba = |name: String| Mamba::new(instructions, weights, &name);
+        let mlp = |name: String| Mlp::new(instructions, weights, &name);
+        let learned = |size| Positions::Learned { size, values: weights.values("positions").to_vec() };
+        let turn = |scans: &[Scan], k: usize| scans.get(k % scans.len().max(1)).copied().unwrap_or(Scan::Rows);
+        let (positions, blocks, hooks) = match architecture {
+            Architecture::Vit(network::Vit { depth, heads, positions, hooks, .. }) => {
+                let block = |k| Block::Vit {
+                    norm1: norm(format!("blocks.{k}.norm1")),
+                    attention: Attention::new(instructions, weights, &format!("blocks.{k}.attn"), *heads),
+                    norm2: norm(format!("blocks.{k}.norm2")),
+                    mlp: mlp(format!("blocks.{k}.mlp")),
+                };
+                (learned(*positions), (0..*depth).map(block).collect(), hooks.clone())
+            }
+            Architecture::Mamba(network::Mamba { depth, scans, positions, hooks, .. }) => {
+                let block = |k| Block::Mamba {
+                    norm: norm(format!("blocks.{k}.norm")),
+                    mamba: mamba(format!("blocks.{k}.mamba")),
+                    scan: turn(scans, k),
+                };
+                (learned(*positions), (0..*depth).map(block).collect(), hooks.clone())
+            }
+            Architecture::RobustMamba(network::RobustMamba { depth, scans, hooks, .. }) => {
+                let block = |k| Block::RobustMamba {
+                    norm1: norm(format!("blocks.{k}.norm1")),
+                    mamba: Box::new(mamba(format!("blocks.{k}.mamba"))),
+                    scan: turn(scans, k),
+                    norm2: norm(format!("blocks.{k}.norm2")),
+                    mlp: mlp(format!("blocks.{k}.mlp")),
+                };
+                (Positions::Fixed, (0..*depth).map(block).collect(), hooks.clone())
+            }
+            Architecture::Default(_) => (Positions::Fixed, Vec::new(), Vec::new()),
+        };
+        let patch = architecture.stride();
+        let Matrix { weight, bias, inputs, .. } = Matrix::of(weights, "patch");
+        let channels = image([0, 0]).channels;
+        let entry = |k: usize, n: usize| {
+            let (row, column, channel) = (k / (patch * channels), k / channels % patch, k % channels);
+            if channel < 3 { weight[n * inputs + 3 * (row * patch + column) + channel] } else { 0.0 }
+        };
+        Self {
+            patch,
+            width: bias.len(),
+            embedding: Packed::new(instructions, patch, patch * channels, bias, entry),
+            positions,
+            class: weights.values("class").to_vec(),
+            blocks,
+            decoder: Dpt::new(instructions, weights, bias.len(), hooks.len(), patch),
+            hooks,
+        }
+    }
+
+    /// Positions, and the class token behind them.
+    fn start(&self, mut tokens: Map) -> Map {
+        let Self { width, positions, class, .. } = self;
+        let [height, columns] = [tokens.height, tokens.width];
+        for row in 0..height {
+            for column in 0..columns {
+                let at = tokens.at(row, column);
+                let to = &mut tokens.data[at..][..*width];
+                match positions {
+                    Positions::Learned { size, values } => {
+                        let (above, below, down) = half_pixel(row, size[0], height);
+                        let (left, right, along) = half_pixel(column, size[1], columns);
+                        for (k, to) in to.iter_mut().enumerate() {
+                            let value = |row, column| values[(row * size[1] + column) * width + k];
+                            let across = |row| value(row, left) + along * (value(row, right) - value(row, left));
+                            *to = across(above) + down * (across(below) - across(above));
+                        }
+                    }
+                    Positions::Fixed => {
+                        let quarter = width / 4;
+                        for (k, to) in to.iter_mut().enumerate() {
+                            let place = if k < 2 * quarter { row } else { column } as f32;
+                            let angle = place * 10_000_f32.powf(-((k % quarter) as f32) / quarter as f32);
+                            *to = if k / quarter % 2 == 0 { angle.sin() } else { angle.cos() };
+                        }
+                    }
+                }
+            }
+        }
+        let at = height * columns * tokens.channels;
+        tokens.data[at..][..*width].copy_from_slice(class);
+        tokens
+    }
+}
+
+/// An image of colours alone.
+fn image(size: [usize; 2]) -> Map {
+    Map::image(size, 4, 0)
+}
+
+impl Forward for Transformer {
+    type Scratch = Scratch;
+
+    fn scratch(&self, size: [usize; 2]) -> Scratch {
+        let tokens = Map::tokens(size.map(|side| side / self.patch), 1, self.width);
+        let mut scratch = Scratch {
+            input: image(size),
+            start: self.start(tokens.clone()),
+            normed: tokens.clone(),
+            hidden: Map::default(),
+            attention: None,
+            mamba: mamba::Scratch::default(),
+            orders: Vec::new(),
+            decoder: self.decoder.scratch(size, &tokens),
+            tokens,
+        };
+        let tokens = &scratch.tokens;
+        let hidden = |mlp: &Mlp| Map::tokens([tokens.height, tokens.width], 1, mlp.hidden);
+        for block in &self.blocks {
+            match block {
+                Block::Vit { attention, mlp, .. } => {
+                    scratch.attention.get_or_insert_with(|| attention.scratch(tokens.count()));
+                    scratch.hidden = hidden(mlp);
+                }
+                Block::Mamba { mamba, scan, .. } => {
+                    scratch.mamba = mamba.scratch(tokens);
+                    scratch.orders.push(mamba::order(*scan, tokens));
+                }
+                Block::RobustMamba { mamba, scan, mlp, .. } => {
+                    scratch.mamba = mamba.scratch(tokens);
+                    scratch.orders.push(mamba::order(*scan, tokens));
+                    scratch.hidden = hidden(mlp);
+                }
+            }
+        }
+        scratch
+    }
+
+    fn forward(&self, image: &RgbImage, scratch: &mut Scratch, words: &mut Vec<u32>, to: &mut Prediction) {
+        let Scratch { input, start, tokens, normed, hidden, attention, mamba: inner, orders, decoder } = scratch;
+        load(image, input);
+        tokens.data.copy_from_slice(&start.data);
+        let (left, at) =
+            (Left { data: &input.data, windows: input.patches(self.patch), rectified: false }, tokens.rows());
+        let target =
+            Target { data: &mut tokens.data, first: at.first, step: at.step, pitch: at.pitch, then: Then::Add };
+        multiply(&self.embedding, left, words, target);
+        let mut orders = orders.iter();
+        for (k, block) in self.blocks.iter().enumerate() {
+            match block {
+                Block::Vit { norm1, attention: layer, norm2, mlp } => {
+                    norm1.apply(tokens, normed);
+                    if let Some(scratch) = attention {
+                        layer.apply(normed, scratch, words, tokens);
+                    }
+                    norm2.apply(tokens, normed);
+                    mlp.apply(normed, hidden, words, tokens);
+                }
+                Block::Mamba { norm, mamba, .. } => {
+                    norm.apply(tokens, normed);
+                    mamba.apply(normed, orders.next().map_or(&[], Vec::as_slice), Then::Add, inner, words, tokens);
+                }
+                Block::RobustMamba { norm1, mamba, norm2, mlp, .. } => {
+                    norm1.apply(tokens, normed);
+                    let order = orders.next().map_or(&[][..], Vec::as_slice);
+                    // Its result takes the place of what it was made of, which nobody reads any more.
+                    mamba.apply_in_place(normed, order, inner, words);
+                    norm2.apply_in_place(normed);
+                    mlp.apply(normed, hidden, words, tokens);
+                }
+            }
+            for (level, _) in self.hooks.iter().enumerate().filter(|(_, hook)| **hook == k) {
+                self.decoder.reassemble(level, tokens, decoder, words);
+            }
+        }
+        self.decoder.forward(decoder, words);
+        store::<1>(&decoder.output, to);
+    }
+}

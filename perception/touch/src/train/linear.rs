@@ -1,0 +1,205 @@
+//! Linear maps and matrix products.
+
+use std::cell::RefCell;
+
+use ndarray::linalg::general_mat_mul;
+use ndarray::{ArrayView2, ArrayViewMut2, ShapeBuilder as _};
+use rayon::prelude::*;
+
+use super::tape::{Kernel, View};
+use crate::network::Tensor;
+use mvt_products::Instructions;
+use mvt_products::multiply::{LANES, Left, Packed, Shared, Target, Then, Windows, multiply};
+
+/// Rows that are multiplied together. Sums over rows are made per block and then in the blocks' order, so that the result does not
+/// depend on the number of threads.
+const BLOCK: usize = 1024;
+
+/// A matrix over a slice: `rows` by `columns` with the given strides, which may overlap.
+///
+/// # Panics
+/// If the slice is too short: a mistake in the caller.
+pub(super) fn matrix(values: &[f32], [rows, columns]: [usize; 2], strides: [usize; 2]) -> ArrayView2<'_, f32> {
+    match ArrayView2::from_shape((rows, columns).strides((strides[0], strides[1])), values) {
+        Ok(view) => view,
+        Err(error) => unreachable!("{rows} x {columns} by {strides:?} of {}: {error}", values.len()),
+    }
+}
+
+/// A row-major matrix over all of a slice.
+pub(super) fn matrix_mut(values: &mut [f32], columns: usize) -> ArrayViewMut2<'_, f32> {
+    let (rows, len) = (values.len() / columns, values.len());
+    match ArrayViewMut2::from_shape((rows, columns), values) {
+        Ok(view) => view,
+        Err(error) => unreachable!("{rows} x {columns} of {len}: {error}"),
+    }
+}
+
+/// Adds the product of two matrices to a third.
+#[expect(clippy::needless_pass_by_value, reason = "views are references already")]
+pub(super) fn add_product(a: ArrayView2<'_, f32>, b: ArrayView2<'_, f32>, c: &mut ArrayViewMut2<'_, f32>) {
+    general_mat_mul(1.0, &a, &b, 1.0, c);
+}
+
+/// Adds a slice to another.
+pub(super) fn add_to(sum: &mut [f32], terms: &[f32]) {
+    for (sum, term) in sum.iter_mut().zip(terms) {
+        *sum += term;
+    }
+}
+
+/// Sums of what each element gives, in the order of the elements.
+pub(super) fn total(parts: Vec<Vec<f32>>, len: usize) -> Vec<f32> {
+    parts.into_iter().fold(vec![0.0; len], |mut sum, part| {
+        add_to(&mut sum, &part);
+        sum
+    })
+}
+
+/// A thread's room for operands and results in other forms.
+#[derive(Default)]
+pub(super) struct Scratch {
+    pub(super) padded: Vec<f32>,
+    pub(super) shared: Shared,
+    words: Vec<u32>,
+    block: Vec<f32>,
+}
+
+/// Runs something that needs room; it must leave the other threads' work alone, of which one might need the same room.
+pub(super) fn with_scratch<R>(run: impl FnOnce(&mut Scratch) -> R) -> R {
+    thread_local!(static SCRATCH: RefCell<Scratch> = RefCell::default());
+    SCRATCH.with_borrow_mut(run)
+}
+
+impl Scratch {
+    /// Products of the windows of `left`, row by row, with a packed matrix of `columns` columns, into `out`.
+    pub(super) fn multiply(&mut self, left: Left<'_>, packed: &Packed, columns: usize, out: &mut [f32]) {
+        let words = &mut self.words;
+        into_columns(left.windows, columns, out, &mut self.block, |target| multiply(packed, left, words, target));
+    }
+
+    /// Products of `rows` rows of what `shared` holds, `step` apart from `first` on, with a packed matrix of `columns` columns.
+    pub(super) fn multiply_shared(
+        &mut self,
+        packed: &Packed,
+        first: usize,
+        step: usize,
+        rows: usize,
+        columns: usize,
+        out: &mut [f32],
+    ) {
+        let windows = Windows { first, step, pitch: 0, columns: rows, rows: 1, segment_pitch: 0 };
+        let shared = &self.shared;
+        into_columns(windows, columns, out, &mut self.block, |target| {
+            shared.multiply(packed, first, step, rows, target);
+        });
+    }
+}
+
+/// Has products put into `out`, a row of `columns` numbers per window; by way of `block` where those do not fill vectors.
+fn into_columns(
+    windows: Windows,
+    columns: usize,
+    out: &mut [f32],
+    block: &mut Vec<f32>,
+    multiply: impl FnOnce(Target<'_>),
+) {
+    let step = columns.next_multiple_of(LANES);
+    let (first, pitch, then) = (0, windows.columns * step, Then::Store);
+    if step == columns {
+        return multiply(Target { data: out, first, step, pitch, then });
+    }
+    block.resize(block.len().max(windows.rows * pitch), 0.0);
+    multiply(Target { data: block, first, step, pitch, then });
+    for (to, from) in out.chunks_exact_mut(columns).zip(block.chunks_exact(step)) {
+        to.copy_from_slice(&from[..columns]);
+    }
+}
+
+/// The instructions for rows of this length, two of which bf16 instructions could not take apart if it is odd.
+pub(super) fn for_length(instructions: Instructions, length: usize) -> Instructions {
+    if length.is_multiple_of(2) { instructions } else { instructions.exact() }
+}
+
+/// Rows that lie behind each other.
+pub(super) fn rows_of(data: &[f32], length: usize) -> Left<'_> {
+    let windows = Windows { first: 0, step: length, pitch: 0, columns: data.len() / length, rows: 1, segment_pitch: 0 };
+    Left { data, windows, rectified: false }
+}
+
+/// `y = W x + b` over the last axis; inputs x, W `[out, in]`, b `[out]`.
+#[derive(Debug, Clone)]
+pub struct Linear {
+    /// With which products are formed.
+    pub instructions: Instructions,
+}
+
+impl Kernel<3> for Linear {
+    type Kept = ();
+
+    fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> (Tensor, ()) {
+        let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
+        let mut shape = x.shape.to_vec();
+        shape.pop();
+        shape.push(outputs);
+        let mut values = vec![0.0; x.values.len() / inputs * outputs];
+        let packed = weight.forwards(|| {
+            let instructions = for_length(self.instructions, inputs);
+            Packed::new(instructions, 1, inputs, bias.values, |i, o| weight.values[o * inputs + i])
+        });
+        let blocks = values.par_chunks_mut(BLOCK * outputs).zip(x.values.par_chunks(BLOCK * inputs));
+        blocks.for_each(|(y, x)| {
+            with_scratch(|scratch| scratch.multiply(rows_of(x, inputs), packed, outputs, y));
+        });
+        (Tensor { shape, values }, ())
+    }
+
+    fn backward(
+        &self,
+        [x, weight, bias]: [View<'_>; 3],
+        (): &(),
+        gradient: View<'_>,
+        [x_wanted, ..]: [bool; 3],
+    ) -> [Option<Tensor>; 3] {
+        let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
+        let by_x = x_wanted.then(|| {
+            let mut values = vec![0.0; x.values.len()];
+            let packed = weight.backwards(|| {
+                let instructions = for_length(self.instructions, outputs);
+                Packed::new(instructions, 1, outputs, &vec![0.0; inputs], |o, i| weight.values[o * inputs + i])
+            });
+            let blocks = values.par_chunks_mut(BLOCK * inputs).zip(gradient.values.par_chunks(BLOCK * outputs));
+            blocks.for_each(|(by_x, g)| {
+                with_scratch(|scratch| scratch.multiply(rows_of(g, outputs), packed, inputs, by_x));
+            });
+            Tensor { shape: x.shape.to_vec(), values }
+        });
+        let blocks = gradient.values.par_chunks(BLOCK * outputs).zip(x.values.par_chunks(BLOCK * inputs));
+        let parts = blocks.map(|(g, x)| {
+            let rows = x.len() / inputs;
+            let mut sums = vec![0.0; outputs * (inputs + 1)];
+            let (by_weight, by_bias) = sums.split_at_mut(outputs * inputs);
+            let packed = Packed::of_rows(self.instructions, x, rows, inputs);
+            let step = rows.next_multiple_of(2);
+            with_scratch(|scratch| {
+                // Output by output.
+                scratch.padded.clear();
+                scratch.padded.resize(outputs * step, 0.0);
+                for (o, to) in scratch.padded.chunks_exact_mut(step).enumerate() {
+                    to.iter_mut().zip(g[o..].iter().step_by(outputs)).for_each(|(to, from)| *to = *from);
+                }
+                scratch.shared.load(self.instructions, &scratch.padded, step);
+                scratch.multiply_shared(&packed, 0, step, outputs, inputs, by_weight);
+            });
+            g.chunks_exact(outputs).for_each(|row| add_to(by_bias, row));
+            sums
+        });
+        let mut sums = total(parts.collect(), outputs * (inputs + 1));
+        let by_bias = sums.split_off(outputs * inputs);
+        [
+            by_x,
+            Some(Tensor { shape: weight.shape.to_vec(), values: sums }),
+            Some(Tensor { shape: bias.shape.to_vec(), values: by_bias }),
+        ]
+    }
+}

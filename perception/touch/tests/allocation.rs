@@ -1,0 +1,50 @@
+//! After the first images of a size, inference allocates nothing.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use image::{Rgb, RgbImage};
+use mvt_products::Instructions;
+use mvt_touch::engine::{Engine, Prediction};
+use mvt_touch::network::{Architecture, Weights};
+
+/// The system's allocator, counted.
+struct Counting;
+
+static COUNT: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: everything is left to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: as promised by the caller.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as promised by the caller.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn nothing_is_allocated_per_frame() {
+    for name in Architecture::NAMES {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/fixtures/{name}.safetensors"));
+        let weights = Weights::read(&path).unwrap();
+        for set in Instructions::available() {
+            let engine = Engine::new(&weights, set);
+            let (mut prediction, image) = (Prediction::default(), RgbImage::from_pixel(48, 64, Rgb([10, 80, 200])));
+            engine.infer(&image, &mut prediction).unwrap();
+            let before = COUNT.load(Ordering::Relaxed);
+            for _ in 0..3 {
+                engine.infer(&image, &mut prediction).unwrap();
+            }
+            assert_eq!(COUNT.load(Ordering::Relaxed), before, "{name} {}", set.name());
+        }
+    }
+}

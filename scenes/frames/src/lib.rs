@@ -1,0 +1,23 @@
+//! Coordinate frames as types, rigid motions, pinhole cameras and depth images: the vocabulary of every other crate.
+//!
+//! A pose is an [`Isometry<From, To>`]: it takes coordinates in frame `From` to coordinates in frame `To`, so the pose of the
+//! object in the world is an `Isometry<Object, World>`. Poses compose only where the frames meet:
+//!
+//! ```
+//! use mvt_frames::{Camera, Isometry, Object, Point, World};
+//! let world_from_camera = Isometry::<Camera, World>::translation(0.0, 0.0, 0.3);
+//! let world_from_object = Isometry::<Object, World>::identity();
+//! let camera_from_object: Isometry<Object, Camera> = world_from_camera.inverse() * world_from_object;
+//! let p: Point<Camera> = camera_from_object * Point::new(0.0, 0.0, 0.0);
+//! assert_eq!(p.coords().z, -0.3);
+//! ```
+//!
+//! Lengths are metres, all frames are right-handed. Poses are `f64`; [`Isometry::to_f32`] gives the `f32` of ray casting.
+
+pub mod camera;
+pub mod depth;
+mod frame;
+pub mod se3;
+
+pub use frame::*;
+pub use {glam, image, nalgebra, ndarray};

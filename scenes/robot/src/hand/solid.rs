@@ -1,0 +1,517 @@
+//! The hand as a solid: how far a point is from it, and points that it occupies.
+//!
+//! Distances are to the union of the hand's [`parts`]. Outside, the distance to a union is the least of the distances to its
+//! members; inside it is the depth below the surface of the member that covers the point most deeply.
+
+use glam::{Mat3A, Vec3, Vec3A};
+use nalgebra as na;
+
+use super::{Body, JointAngles, Part, Primitive, Side, Surface, parts};
+use mvt_frames::{HandBase, Isometry, World};
+
+/// The hand at given joint angles. Lengths are metres, points are in the world.
+#[derive(Debug, Clone)]
+pub struct HandSolid {
+    /// The palm and each finger, with a sphere around it.
+    limbs: Vec<Limb>,
+}
+
+/// Primitives that lie close together.
+#[derive(Debug, Clone)]
+struct Limb {
+    bound: Sphere,
+    members: Vec<Member>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Member {
+    bound: Sphere,
+    shape: Shape,
+}
+
+/// A primitive in the world. Matrices take world directions to the primitive's axes; the centre is that of the bound.
+#[derive(Debug, Clone, Copy)]
+enum Shape {
+    Box { axes: Mat3A, half: Vec3A },
+    Capsule { half_axis: Vec3A, inverse_square: f32, radius: f32 },
+    Ellipsoid { axes: Mat3A, inverse_semi: Vec3A, longest: f32 },
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sphere {
+    centre: Vec3A,
+    radius: f32,
+}
+
+impl Sphere {
+    /// Whether nothing that the sphere encloses can have a signed distance below `distance`.
+    fn is_beyond(&self, p: Vec3A, distance: f32) -> bool {
+        let reach = self.radius + distance;
+        reach <= 0.0 || p.distance_squared(self.centre) >= reach * reach
+    }
+}
+
+impl HandSolid {
+    /// The whole hand.
+    pub fn new(side: Side, joints: &JointAngles) -> Self {
+        Self::of(side, joints, |_| true)
+    }
+
+    /// The hand without its gels, which an object may press in.
+    pub fn without_gels(side: Side, joints: &JointAngles) -> Self {
+        Self::of(side, joints, |surface| surface != Surface::Gel)
+    }
+
+    fn of(side: Side, joints: &JointAngles, wanted: impl Fn(Surface) -> bool) -> Self {
+        let parts: Vec<Part> = parts(side).into_iter().filter(|part| wanted(part.surface)).collect();
+        let limb = |parts: &[Part]| Limb::new(parts.iter().map(|part| Member::new(part, side, joints)).collect());
+        Self { limbs: parts.chunk_by(|a, b| finger(a.body) == finger(b.body)).map(limb).collect() }
+    }
+
+    /// Signed distance of a point, negative inside the hand.
+    ///
+    /// Exact for boxes and capsules. Near an ellipsoid it is exact to first order in the distance and never more than the true
+    /// signed distance: the gauge g(p) = |p / semi-axes| is convex, so that (g - 1) / |grad g|, where its tangent plane reaches 1,
+    /// is a lower bound.
+    pub fn distance(&self, p: Vec3) -> f32 {
+        self.distance_within(p, f32::INFINITY)
+    }
+
+    /// The lesser of [`HandSolid::distance`] and `limit`, sooner the smaller the limit is.
+    pub fn distance_within(&self, p: Vec3, limit: f32) -> f32 {
+        self.nearest(p.into(), limit).0
+    }
+
+    /// Whether [`HandSolid::distance`] is less than `margin`; sooner than asking for the distance.
+    pub fn is_within(&self, p: Vec3, margin: f32) -> bool {
+        let p = Vec3A::from(p);
+        let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(p, margin));
+        limbs.flat_map(|limb| &limb.members).any(|m| !m.bound.is_beyond(p, margin) && m.distance(p) < margin)
+    }
+
+    /// Signed distance as [`HandSolid::distance`] and its gradient, which points out of the hand. Its length is 1, but for points
+    /// away from the surface of an ellipsoid, where it is the gradient of the bound.
+    pub fn distance_and_gradient(&self, p: Vec3) -> (f32, Vec3) {
+        let p = Vec3A::from(p);
+        let (distance, member) = self.nearest(p, f32::INFINITY);
+        (distance, member.map_or(Vec3A::ZERO, |member| member.gradient(p)).into())
+    }
+
+    /// The primitives that come within `radius` of `centre`: enough to ask whether points of a ball around `centre` are nearer to
+    /// the hand than the rest of `radius`.
+    pub fn cropped(&self, centre: Vec3, radius: f32) -> Self {
+        let centre = Vec3A::from(centre);
+        let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(centre, radius));
+        let members = limbs.flat_map(|limb| &limb.members);
+        let near = members.filter(|m| !m.bound.is_beyond(centre, radius) && m.distance(centre) < radius);
+        let members: Vec<Member> = near.copied().collect();
+        Self { limbs: if members.is_empty() { Vec::new() } else { vec![Limb::new(members)] } }
+    }
+
+    /// Spheres (centre, radius) around the primitives: no part of the hand lies outside of all of them.
+    pub fn spheres(&self) -> impl Iterator<Item = (Vec3, f32)> {
+        self.limbs.iter().flat_map(|limb| &limb.members).map(|m| (m.bound.centre.into(), m.bound.radius))
+    }
+
+    /// The least distance under `limit`, else `limit`, and whose it is.
+    fn nearest(&self, p: Vec3A, limit: f32) -> (f32, Option<&Member>) {
+        let (mut least, mut nearest) = (limit, None);
+        for limb in &self.limbs {
+            if limb.bound.is_beyond(p, least) {
+                continue;
+            }
+            for member in &limb.members {
+                if !member.bound.is_beyond(p, least) {
+                    let distance = member.distance(p);
+                    if distance < least {
+                        (least, nearest) = (distance, Some(member));
+                    }
+                }
+            }
+        }
+        (least, nearest)
+    }
+}
+
+/// Points that the hand occupies wherever it moves, prepared once for a hand.
+#[derive(Debug, Clone)]
+pub struct HandSamples {
+    side: Side,
+    /// Points in the coordinates of their body, body by body.
+    bodies: Vec<(Body, Vec<Occupied>)>,
+}
+
+/// A point inside the hand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Occupied {
+    /// Where it is, metres.
+    pub point: Vec3,
+    /// No point outside the hand is nearer than this, metres.
+    pub depth_m: f32,
+}
+
+impl HandSamples {
+    /// One random point per cube of edge `spacing_m` that lies in a part of the hand; `seed` chooses where in the cube.
+    pub fn new(side: Side, spacing_m: f64, seed: u64) -> Self {
+        let parts = parts(side);
+        let bodies = parts.chunk_by(|a, b| a.body == b.body).map(|parts| {
+            let mut points = Vec::new();
+            for (k, part) in parts.iter().enumerate() {
+                // A point in two parts of a body counts once.
+                let fresh = |p: &na::Vector3<f64>| parts[..k].iter().all(|earlier| depth(&earlier.shape, p) <= 0.0);
+                points.extend(jittered_grid(&part.shape, spacing_m, seed).filter(fresh).filter_map(|p| {
+                    let depth = parts.iter().map(|part| depth(&part.shape, &p)).fold(0.0, f64::max);
+                    (depth > 0.0).then(|| Occupied { point: vec3a(p).into(), depth_m: depth as f32 })
+                }));
+            }
+            (parts[0].body, points)
+        });
+        Self { side, bodies: bodies.collect() }
+    }
+
+    /// The points in the world at given joint angles, in an order that does not depend on them.
+    pub fn posed(&self, joints: &JointAngles) -> impl Iterator<Item = Occupied> {
+        self.bodies.iter().flat_map(move |(body, points)| {
+            let (rotation, translation) = Isometry::<HandBase, World>::new(body.pose(self.side, joints)).to_f32();
+            points.iter().map(move |&Occupied { point, depth_m }| Occupied {
+                point: (rotation * point) + Vec3::from(translation),
+                depth_m,
+            })
+        })
+    }
+}
+
+/// Points of a grid of cubes around a primitive, each moved within its cube.
+fn jittered_grid(shape: &Primitive, spacing_m: f64, seed: u64) -> impl Iterator<Item = na::Vector3<f64>> {
+    let (centre, half) = match *shape {
+        Primitive::Box { centre, half: extent } | Primitive::Ellipsoid { centre, semi: extent } => {
+            (centre.into(), extent.into())
+        }
+        Primitive::Capsule { from, to, radius } => {
+            let (from, to) = (na::Vector3::from(from), na::Vector3::from(to));
+            ((from + to) / 2.0, (to - from).abs() / 2.0 + na::Vector3::repeat(radius))
+        }
+    };
+    let cells: na::Vector3<u64> = (half * 2.0 / spacing_m).map(|n| n.ceil().max(1.0) as u64);
+    let cubes = (0..cells.x).flat_map(move |x| (0..cells.y).flat_map(move |y| (0..cells.z).map(move |z| [x, y, z])));
+    let corner = centre - cells.map(|n| n as f64) * (spacing_m / 2.0);
+    cubes.enumerate().map(move |(cube, cell)| {
+        let within = |axis: usize| uniform(seed ^ (3 * cube as u64 + axis as u64));
+        corner + na::Vector3::from_fn(|axis, _| (cell[axis] as f64 + within(axis)) * spacing_m)
+    })
+}
+
+/// A number from 0 up to 1 out of an integer (the mixing step of SplitMix64).
+fn uniform(seed: u64) -> f64 {
+    let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// How deep a point in a body's coordinates lies in a primitive, at most; negative or 0 outside.
+fn depth(shape: &Primitive, p: &na::Vector3<f64>) -> f64 {
+    match *shape {
+        Primitive::Box { centre, half } => (na::Vector3::from(half) - (p - na::Vector3::from(centre)).abs()).min(),
+        Primitive::Capsule { from, to, radius } => {
+            let (from, to) = (na::Vector3::from(from), na::Vector3::from(to));
+            let axis = to - from;
+            let along = (axis.dot(&(p - from)) / axis.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            radius - (p - from - axis * along).norm()
+        }
+        Primitive::Ellipsoid { centre, semi } => {
+            // The gauge changes by at most 1 over the shortest semi-axis per metre.
+            let semi = na::Vector3::from(semi);
+            (1.0 - (p - na::Vector3::from(centre)).component_div(&semi).norm()) * semi.min()
+        }
+    }
+}
+
+/// Which limb a body belongs to.
+fn finger(body: Body) -> Option<super::Finger> {
+    match body {
+        Body::Palm => None,
+        Body::Link(finger, _) | Body::Tip(finger) => Some(finger),
+    }
+}
+
+impl Limb {
+    fn new(members: Vec<Member>) -> Self {
+        let ends = |sign: f32| members.iter().map(move |m| m.bound.centre + sign * Vec3A::splat(m.bound.radius));
+        let low = ends(-1.0).fold(Vec3A::INFINITY, Vec3A::min);
+        let high = ends(1.0).fold(Vec3A::NEG_INFINITY, Vec3A::max);
+        let centre = (low + high) / 2.0;
+        let reach = |m: &Member| (m.bound.centre - centre).length() + m.bound.radius;
+        Self { bound: Sphere { centre, radius: members.iter().map(reach).fold(0.0, f32::max) }, members }
+    }
+}
+
+impl Member {
+    fn new(part: &Part, side: Side, joints: &JointAngles) -> Self {
+        let world_from_body = part.body.pose(side, joints);
+        // The types name no body frames: any serves for the conversion.
+        let (rotation, _) = Isometry::<HandBase, World>::new(world_from_body).to_f32();
+        let axes = rotation.transpose();
+        let place = |p: na::Vector3<f64>| vec3a((world_from_body * na::Point3::from(p)).coords);
+        let (centre, radius, shape) = match part.shape {
+            Primitive::Box { centre, half } => {
+                let half = vec3a(half.into());
+                (centre.into(), half.length(), Shape::Box { axes, half })
+            }
+            Primitive::Capsule { from, to, radius } => {
+                let (from, to) = (na::Vector3::from(from), na::Vector3::from(to));
+                let half_axis = vec3a(world_from_body.rotation * (to - from) / 2.0);
+                let radius = radius as f32;
+                // A capsule of no length is a ball: nothing is to be projected on its axis.
+                let square = half_axis.length_squared();
+                let inverse_square = if square > 0.0 { 1.0 / square } else { 0.0 };
+                let shape = Shape::Capsule { half_axis, inverse_square, radius };
+                ((from + to) / 2.0, half_axis.length() + radius, shape)
+            }
+            Primitive::Ellipsoid { centre, semi } => {
+                let semi = vec3a(semi.into());
+                let longest = semi.max_element();
+                (centre.into(), longest, Shape::Ellipsoid { axes, inverse_semi: semi.recip(), longest })
+            }
+        };
+        Self { bound: Sphere { centre: place(centre), radius }, shape }
+    }
+
+    fn distance(&self, p: Vec3A) -> f32 {
+        let p = p - self.bound.centre;
+        match self.shape {
+            Shape::Box { axes, half } => {
+                let beyond = (axes * p).abs() - half;
+                beyond.max(Vec3A::ZERO).length() + beyond.max_element().min(0.0)
+            }
+            Shape::Capsule { half_axis, inverse_square, radius } => {
+                from_axis(p, half_axis, inverse_square).length() - radius
+            }
+            Shape::Ellipsoid { axes, inverse_semi, longest } => gauge(axes * p, inverse_semi, longest).0,
+        }
+    }
+
+    /// Gradient of [`Member::distance`]; on edges and axes, where there is none, that of one side.
+    fn gradient(&self, p: Vec3A) -> Vec3A {
+        let p = p - self.bound.centre;
+        match self.shape {
+            Shape::Box { axes, half } => {
+                let local = axes * p;
+                let beyond = local.abs() - half;
+                let outside = beyond.max(Vec3A::ZERO);
+                let to_surface =
+                    if outside == Vec3A::ZERO { Vec3A::AXES[beyond.max_position()] } else { outside.normalize() };
+                axes.transpose() * (to_surface * local.signum())
+            }
+            Shape::Capsule { half_axis, inverse_square, .. } => {
+                from_axis(p, half_axis, inverse_square).try_normalize().unwrap_or(half_axis.any_orthonormal_vector())
+            }
+            Shape::Ellipsoid { axes, inverse_semi, longest } => {
+                axes.transpose() * gauge(axes * p, inverse_semi, longest).1
+            }
+        }
+    }
+}
+
+/// From the nearest point of the segment between plus and minus `half_axis` to `p`.
+fn from_axis(p: Vec3A, half_axis: Vec3A, inverse_square: f32) -> Vec3A {
+    p - half_axis * (p.dot(half_axis) * inverse_square).clamp(-1.0, 1.0)
+}
+
+/// Lower bound of the signed distance from an ellipsoid around the origin, and its gradient.
+///
+/// The second bound, the distance from the sphere around it, is the better one far away, and the only one at the centre, where
+/// the gauge has no gradient.
+fn gauge(p: Vec3A, inverse_semi: Vec3A, longest: f32) -> (f32, Vec3A) {
+    let scaled = p * inverse_semi;
+    let along = scaled * inverse_semi;
+    let (g, slope, distance) = (scaled.length(), along.length(), p.length());
+    let tangent = g * (g - 1.0) / slope;
+    let sphere = distance - longest;
+    if tangent > sphere {
+        // d(g^2) = 2 along, d(slope) = along / semi^2 / slope.
+        let gradient =
+            along * ((2.0 - 1.0 / g) / slope) - along * inverse_semi * inverse_semi * (tangent / (slope * slope));
+        (tangent, gradient)
+    } else {
+        (sphere, p.try_normalize().unwrap_or(Vec3A::X))
+    }
+}
+
+fn vec3a(v: na::Vector3<f64>) -> Vec3A {
+    glam::DVec3::new(v.x, v.y, v.z).as_vec3a()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hand::{Finger, JOINTS, joint_ranges};
+    use parry3d::math::Vector as Parry;
+    use parry3d::query::PointQuery as _;
+    use parry3d::shape::{Capsule, Cuboid};
+    use proptest::prelude::*;
+
+    /// Signed distance to one part by other code: parry's, and a search over the ellipsoid's surface.
+    fn reference(part: &Part, side: Side, joints: &JointAngles, p: Vec3) -> f32 {
+        let p = part.body.pose(side, joints).inverse() * na::Point3::new(p.x.into(), p.y.into(), p.z.into());
+        let local = |origin: [f64; 3]| {
+            let d = p.coords - na::Vector3::from(origin);
+            Parry::new(d.x as f32, d.y as f32, d.z as f32)
+        };
+        let v = |a: [f64; 3]| Parry::new(a[0] as f32, a[1] as f32, a[2] as f32);
+        match part.shape {
+            Primitive::Box { centre, half } => Cuboid::new(v(half)).distance_to_local_point(local(centre), false),
+            Primitive::Capsule { from, to, radius } => {
+                Capsule::new(v(from), v(to), radius as f32).distance_to_local_point(local([0.0; 3]), false)
+            }
+            Primitive::Ellipsoid { centre, semi } => {
+                ellipsoid_distance(p.coords - na::Vector3::from(centre), semi.into()) as f32
+            }
+        }
+    }
+
+    /// The nearest point x of an ellipsoid has p - x = t x / semi^2; t by bisection.
+    fn ellipsoid_distance(p: na::Vector3<f64>, semi: na::Vector3<f64>) -> f64 {
+        let square = semi.component_mul(&semi);
+        let nearest = |t: f64| p.component_mul(&square).component_div(&square.add_scalar(t));
+        let (mut low, mut high) = (-square.min(), p.norm() * semi.max());
+        for _ in 0..200 {
+            let t = (low + high) / 2.0;
+            if nearest(t).component_div(&semi).norm() > 1.0 { low = t } else { high = t }
+        }
+        let sign = if p.component_div(&semi).norm() < 1.0 { -1.0 } else { 1.0 };
+        (p - nearest(high)).norm() * sign
+    }
+
+    fn posture() -> impl Strategy<Value = JointAngles> {
+        proptest::array::uniform16(0.0..1.0f64).prop_map(|t| {
+            let ranges = joint_ranges(Side::Right);
+            std::array::from_fn(|j| ranges[j][0] + t[j] * (ranges[j][1] - ranges[j][0]))
+        })
+    }
+
+    fn place() -> impl Strategy<Value = Vec3> {
+        (-0.13..0.18f32, -0.12..0.12f32, -0.08..0.2f32).prop_map(|(x, y, z)| Vec3::new(x, y, z))
+    }
+
+    fn side() -> impl Strategy<Value = Side> {
+        prop_oneof![Just(Side::Left), Just(Side::Right)]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn distance_is_that_of_the_nearest_part(side in side(), joints in posture(), p in place()) {
+            for (solid, with_gels) in [(HandSolid::new(side, &joints), true), (HandSolid::without_gels(side, &joints), false)] {
+                let wanted = |part: &Part| with_gels || part.surface != Surface::Gel;
+                let exact = parts(side).iter().filter(|part| wanted(part)).map(|part| reference(part, side, &joints, p)).fold(f32::INFINITY, f32::min);
+                let distance = solid.distance(p);
+                prop_assert!(distance <= exact + 1e-6, "{distance} is more than {exact}");
+                // Boxes and capsules are exact; what a gel's bound lacks grows with the square of the distance. Inside, the centre
+                // lacks most: 9 mm deep, it is given the longest semi-axis, 16.5 mm.
+                let growth = if exact < 0.0 { 7.5e-3 / 9e-3f32.powi(2) } else { 60.0 };
+                let lacks = if with_gels { (growth * exact * exact).min(0.0075) } else { 0.0 };
+                prop_assert!(distance >= exact - lacks - 2e-6, "{distance} instead of {exact}");
+                prop_assert!(distance * exact >= 0.0 || exact.abs() < 1e-6, "sign of {distance} against {exact}");
+            }
+        }
+
+        #[test]
+        fn limit_changes_nothing_below_it(joints in posture(), p in place(), limit in -0.01..0.05f32) {
+            let solid = HandSolid::new(Side::Left, &joints);
+            prop_assert!((solid.distance_within(p, limit) - solid.distance(p).min(limit)).abs() < 1e-7);
+            prop_assert!(solid.is_within(p, limit) == (solid.distance(p) < limit) || (solid.distance(p) - limit).abs() < 1e-7);
+        }
+
+        #[test]
+        fn crop_answers_for_points_around_its_centre(joints in posture(), p in place(), to in place(), ball in 0.001..0.03f32) {
+            let solid = HandSolid::new(Side::Left, &joints);
+            const MARGIN: f32 = 0.003;
+            let q = p + (to - p).normalize_or_zero() * (0.999 * ball);
+            let cropped = solid.cropped(p, ball + MARGIN);
+            // A gel's bound is below its distance, so only what is truly near has to be found again.
+            let truly = HandSolid::without_gels(Side::Left, &joints).is_within(q, MARGIN);
+            prop_assert!(cropped.is_within(q, MARGIN) || !truly);
+            prop_assert!(solid.is_within(q, MARGIN) || !cropped.is_within(q, MARGIN));
+        }
+
+        #[test]
+        fn gradient_is_that_of_the_distance(side in side(), joints in posture(), p in place()) {
+            let solid = HandSolid::new(side, &joints);
+            let (distance, gradient) = solid.distance_and_gradient(p);
+            prop_assert_eq!(distance, solid.distance(p));
+            // Edges, where the one-sided differences differ much, and places where another part becomes the nearest within a step
+            // have no gradient to compare with.
+            const STEP: f32 = 2e-4;
+            let nearest = |p: Vec3| {
+                let (distance, part) = solid.nearest(p.into(), f32::INFINITY);
+                (distance, part.map(std::ptr::from_ref))
+            };
+            let (_, part) = nearest(p);
+            for axis in Vec3::AXES {
+                let [before, after] = [-STEP, STEP].map(|step| nearest(p + step * axis));
+                let (ahead, behind) = (after.0 - distance, distance - before.0);
+                if before.1 == part && after.1 == part && (ahead - behind).abs() < 0.02 * STEP {
+                    let slope = (ahead + behind) / (2.0 * STEP);
+                    prop_assert!((gradient.dot(axis) - slope).abs() < 0.02, "{gradient} along {axis}: {slope}");
+                }
+            }
+            prop_assert!((0.5..=1.001).contains(&gradient.length()) || distance < 0.0, "{}", gradient.length());
+        }
+
+        #[test]
+        fn left_hand_is_the_mirror_image(joints in posture(), p in place()) {
+            let mirror = Vec3::new(1.0, -1.0, 1.0);
+            let right = HandSolid::new(Side::Right, &joints).distance_and_gradient(p);
+            let left = HandSolid::new(Side::Left, &Side::Left.mirror_joints(joints)).distance_and_gradient(p * mirror);
+            prop_assert!((right.0 - left.0).abs() < 1e-6);
+        }
+
+        #[test]
+        fn samples_are_inside_and_no_nearer_to_the_outside_than_they_say(joints in posture(), side in side()) {
+            let solid = HandSolid::new(side, &joints);
+            for Occupied { point, depth_m } in HandSamples::new(side, 0.008, 5).posed(&joints) {
+                prop_assert!(solid.distance(point) <= -depth_m + 1e-6, "{point}: {} and {depth_m}", solid.distance(point));
+            }
+        }
+    }
+
+    #[test]
+    fn spheres_enclose_the_samples() {
+        let joints: JointAngles = std::array::from_fn(|j| 0.02 * j as f64);
+        let solid = HandSolid::new(Side::Left, &joints);
+        let spheres: Vec<_> = solid.spheres().collect();
+        assert_eq!(spheres.len(), parts(Side::Left).len());
+        for sample in HandSamples::new(Side::Left, 0.004, 1).posed(&joints) {
+            assert!(spheres.iter().any(|(centre, radius)| sample.point.distance(*centre) < *radius));
+        }
+    }
+
+    #[test]
+    fn samples_fill_the_volume_and_follow_the_seed() {
+        let joints = [0.3; JOINTS];
+        let of = |spacing, seed| HandSamples::new(Side::Right, spacing, seed).posed(&joints).collect::<Vec<_>>();
+        assert_eq!(of(0.005, 1), of(0.005, 1));
+        assert_ne!(of(0.005, 1), of(0.005, 2));
+        let palm = HandSamples::new(Side::Right, 0.004, 9);
+        let (body, points) = &palm.bodies[0];
+        assert_eq!(*body, Body::Palm);
+        let volume = points.len() as f64 * 0.004f64.powi(3) / (8.0 * 0.0204 * 0.0565 * 0.0475);
+        assert!((volume - 1.0).abs() < 0.05, "{volume}");
+        assert!(palm.bodies.iter().any(|(body, points)| *body == Body::Tip(Finger::Thumb) && points.len() > 50));
+    }
+
+    #[test]
+    fn centre_of_a_gel_is_deep_inside() {
+        let joints = [0.2; JOINTS];
+        let pose = Body::Tip(Finger::Index).pose(Side::Right, &joints);
+        let centre = pose * na::Point3::new(0.0111, 0.0, 0.0165);
+        let (distance, gradient) = HandSolid::new(Side::Right, &joints).distance_and_gradient(Vec3::new(
+            centre.x as f32,
+            centre.y as f32,
+            centre.z as f32,
+        ));
+        assert!(distance < -0.008 && gradient.is_finite());
+    }
+}

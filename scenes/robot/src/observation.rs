@@ -1,0 +1,151 @@
+//! What a robot would record at one instant, and, apart from it, what only a simulator knows.
+
+use std::fmt;
+
+use image::{GrayImage, RgbImage};
+use mvt_frames::depth::{CameraDepth, TouchDepth};
+use ndarray::Array2;
+
+use crate::hand::{Finger, JointAngles, PerFinger};
+use mvt_frames::{Isometry, Object, World};
+
+/// Colour and depth of one camera at one instant. Arrays are indexed (row, column).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rgbd {
+    /// Colour image.
+    pub color: RgbImage,
+    /// Depth along the optical axis, metres, positive in front of the camera; 0 where nothing was measured.
+    pub depth_m: Array2<f32>,
+}
+
+/// What a robot would record at one instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observation {
+    /// Seconds since the start of the episode.
+    pub time_s: f64,
+    /// Joint angles as the encoders give them.
+    pub joints: JointAngles,
+    /// One DIGIT image per finger, 240 wide and 320 high.
+    pub touch: PerFinger<RgbImage>,
+    /// One colour and depth image per camera, in the order of the log's cameras.
+    pub cameras: Vec<Rgbd>,
+}
+
+/// Hand and object at one instant, as a simulator knows them: all that rendering needs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneState {
+    /// Seconds since the start of the episode.
+    pub time_s: f64,
+    /// Joint angles.
+    pub joints: JointAngles,
+    /// Pose of the object.
+    pub object_pose: Isometry<Object, World>,
+}
+
+/// What only a simulator knows. Deliberately not a part of [`Observation`]: perception and tracking never receive it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroundTruth {
+    /// Pose of the object.
+    pub object_pose: Isometry<Object, World>,
+    /// True depth and contact of each DIGIT.
+    pub touch: PerFinger<TouchTruth>,
+    /// For each camera what every pixel shows: a level of [`mvt_frames::depth`].
+    pub segmentation: Vec<GrayImage>,
+}
+
+/// What a perfect DIGIT would measure. Arrays are 320 rows by 240 columns.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TouchTruth {
+    /// Depth along the DIGIT camera's axis to the nearer of gel and object, metres.
+    pub depth_m: Array2<f32>,
+    /// 255 where the object presses into the gel, else 0.
+    pub contact: GrayImage,
+}
+
+/// What all sensors measured at one instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DepthFrame {
+    /// Seconds since the start of the episode.
+    pub time_s: f64,
+    /// Joint angles of the hand, which give its surface and the poses of the fingertips.
+    pub joints: JointAngles,
+    /// One depth image per camera; `None` from a camera that delivered nothing.
+    pub cameras: Vec<Option<CameraDepth>>,
+    /// One touch per finger; `None` from a sensor that delivered nothing.
+    pub touch: PerFinger<Option<TouchDepth>>,
+}
+
+/// A sensor, for messages.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Sensor {
+    /// A camera by its name.
+    Camera(String),
+    /// The DIGIT of a finger.
+    Touch(Finger),
+}
+
+impl fmt::Display for Sensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Sensor::Camera(name) => write!(f, "camera {name}"),
+            Sensor::Touch(finger) => write!(f, "the DIGIT of the {} finger", finger.name()),
+        }
+    }
+}
+
+/// Why an observation cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SensorError {
+    /// An image has another size than its sensor.
+    #[error(
+        "{sensor}: its {image} image is {} x {} pixels; {} x {} expected: was it recorded with other settings?",
+        found[0], found[1], expected[0], expected[1]
+    )]
+    Size {
+        /// Whose image.
+        sensor: Sensor,
+        /// Which image.
+        image: &'static str,
+        /// Width and height expected, pixels.
+        expected: [usize; 2],
+        /// Width and height found, pixels.
+        found: [usize; 2],
+    },
+    /// More camera images than cameras.
+    #[error("the observation holds images of {found} cameras, but the poses of only {expected} are known")]
+    Cameras {
+        /// Cameras known.
+        expected: usize,
+        /// Images found.
+        found: usize,
+    },
+    /// The time or a joint angle is not a finite number.
+    #[error("{0} is not a finite number")]
+    NotFinite(&'static str),
+}
+
+/// Compares the size of an image, width and height, with the one expected.
+///
+/// # Errors
+/// [`SensorError::Size`] if they differ.
+pub fn check_size(
+    sensor: impl Fn() -> Sensor,
+    image: &'static str,
+    expected: [usize; 2],
+    found: [usize; 2],
+) -> Result<(), SensorError> {
+    if expected == found { Ok(()) } else { Err(SensorError::Size { sensor: sensor(), image, expected, found }) }
+}
+
+/// Depth (metres along the DIGIT camera's axis, 320 rows by 240 columns) and contact (255 where the object presses into the gel,
+/// else 0) of one DIGIT.
+#[derive(Debug, Clone, Copy)]
+pub struct TouchImages<'a> {
+    /// Depth image.
+    pub depth_m: &'a Array2<f32>,
+    /// Contact mask.
+    pub contact: &'a GrayImage,
+    /// Standard deviation of the depth where the object touches, metres.
+    pub sigma_m: f32,
+}

@@ -1,0 +1,133 @@
+//! One frame, encoded. Everything that costs time, and nothing that needs an order: call it on as many threads as there are.
+
+use image::{GrayImage, RgbImage};
+use mvt_frames::{Isometry, MeshFile, Object};
+use mvt_robot::digit;
+use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_digit_camera};
+use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
+use ndarray::Array2;
+
+use super::npz::DeflatedFrame;
+use super::picture::{encode_color, encode_exact};
+use super::record::Matrix;
+use super::{DigitInfo, Error, LogMeta, preview};
+
+/// A frame as it goes into a log. The bytes depend on the frame alone.
+#[derive(Debug, Clone)]
+pub struct EncodedFrame {
+    pub(super) time_s: f64,
+    pub(super) joints: JointAngles,
+    /// Published mesh to world.
+    pub(super) object_pose: Matrix,
+    pub(super) finger_poses: [Matrix; 4],
+    pub(super) touch: PerFinger<EncodedTouch>,
+    pub(super) cameras: Vec<EncodedCamera>,
+    pub(super) preview: RgbImage,
+}
+
+/// The files of one finger.
+#[derive(Debug, Clone)]
+pub(super) struct EncodedTouch {
+    pub image: Vec<u8>,
+    pub depth: Vec<u8>,
+    pub mask: Vec<u8>,
+}
+
+/// The files of one camera, and its part of depth.npz.
+#[derive(Debug, Clone)]
+pub(super) struct EncodedCamera {
+    pub image: Vec<u8>,
+    pub segmentation: Vec<u8>,
+    pub depth: DeflatedFrame,
+}
+
+impl EncodedFrame {
+    /// Encodes what was observed and what is true at one instant.
+    ///
+    /// Touch depth is the height over the plane 22 mm from the camera in steps of 0.03 mm for the whole pad, object or empty
+    /// gel, as TACTO's height maps and the networks trained on them have it; loaders multiply it by the contact mask. Level
+    /// 0 means no contact to them, so a pixel in contact has at least level 1.
+    ///
+    /// # Errors
+    /// [`Error::Frame`] if images, cameras or sizes are not those of the log.
+    pub fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Result<Self, Error> {
+        let time_s = observation.time_s;
+        encode(observation, truth, meta).map_err(|defect| Error::Frame { time_s, defect })
+    }
+}
+
+fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Result<EncodedFrame, String> {
+    let object_from_file = Isometry::<MeshFile, Object>::from_matrix(&meta.scene.object.object_from_file)
+        .map_err(|e| format!("object_from_file is {e}"))?;
+    if !observation.time_s.is_finite() || observation.joints.iter().any(|q| !q.is_finite()) {
+        return Err("its time or a joint angle is not finite".into());
+    }
+    let cameras = meta.cameras.len();
+    if observation.cameras.len() != cameras || truth.segmentation.len() != cameras {
+        return Err(format!("it has {} cameras and the log {cameras}", observation.cameras.len()));
+    }
+    let touch = |finger: Finger| {
+        encode_touch(&observation.touch[finger], &truth.touch[finger]).map_err(|e| format!("{}: {e}", finger.name()))
+    };
+    let [index, middle, ring, thumb] = Finger::ALL.map(touch);
+    let encoded = observation.cameras.iter().zip(&truth.segmentation).zip(&meta.cameras);
+    let encoded = encoded.map(|((rgbd, segmentation), camera)| {
+        let size = (camera.intrinsics.width, camera.intrinsics.height);
+        encode_camera(rgbd, segmentation, size).map_err(|e| format!("{}: {e}", camera.name))
+    });
+    Ok(EncodedFrame {
+        time_s: observation.time_s,
+        joints: observation.joints,
+        object_pose: (truth.object_pose * object_from_file).to_matrix(),
+        finger_poses: finger_poses(meta.scene.hand, &observation.joints),
+        touch: PerFinger([index?, middle?, ring?, thumb?]),
+        cameras: encoded.collect::<Result<_, _>>()?,
+        preview: preview::tile(observation),
+    })
+}
+
+/// Poses of the four DIGIT cameras in the world.
+pub(super) fn finger_poses(side: Side, joints: &JointAngles) -> [Matrix; 4] {
+    Finger::ALL.map(|finger| world_from_digit_camera(side, finger, joints).to_matrix())
+}
+
+fn check(what: &str, size: (usize, usize), expected: (usize, usize)) -> Result<(), String> {
+    if size == expected {
+        return Ok(());
+    }
+    Err(format!("{what} is {} x {} and not {} x {}", size.0, size.1, expected.0, expected.1))
+}
+
+fn image_size(dimensions: (u32, u32)) -> (usize, usize) {
+    (dimensions.0 as usize, dimensions.1 as usize)
+}
+
+fn encode_touch(image: &RgbImage, truth: &TouchTruth) -> Result<EncodedTouch, String> {
+    let size = (digit::WIDTH, digit::HEIGHT);
+    check("the image", image_size(image.dimensions()), size)?;
+    check("the contact mask", image_size(truth.contact.dimensions()), size)?;
+    let (rows, columns) = truth.depth_m.dim();
+    check("the depth", (columns, rows), size)?;
+    let info = DigitInfo::published();
+    let level = |(&depth, &contact): (&f32, &u8)| info.level(depth).max(u8::from(contact > 0));
+    let levels = truth.depth_m.iter().zip(truth.contact.as_raw()).map(level).collect();
+    let levels = GrayImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, levels).ok_or("the depth has holes")?;
+    Ok(EncodedTouch { image: encode_color(image)?, depth: encode_exact(&levels)?, mask: encode_exact(&truth.contact)? })
+}
+
+fn encode_camera(rgbd: &Rgbd, segmentation: &GrayImage, size: (usize, usize)) -> Result<EncodedCamera, String> {
+    check("the image", image_size(rgbd.color.dimensions()), size)?;
+    check("the segmentation", image_size(segmentation.dimensions()), size)?;
+    let (rows, columns) = rgbd.depth_m.dim();
+    check("the depth", (columns, rows), size)?;
+    Ok(EncodedCamera {
+        image: encode_color(&rgbd.color)?,
+        segmentation: encode_exact(segmentation)?,
+        depth: DeflatedFrame::new(signed_depth(&rgbd.depth_m)).map_err(|e| e.to_string())?,
+    })
+}
+
+/// Camera z: negative in front of the camera, 0 where nothing was measured.
+fn signed_depth(depth_m: &Array2<f32>) -> impl ExactSizeIterator<Item = f32> {
+    depth_m.iter().map(|&depth| if depth > 0.0 { -depth } else { 0.0 })
+}

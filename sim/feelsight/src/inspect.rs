@@ -1,0 +1,264 @@
+//! Checks everything that a log claims.
+
+use std::fmt;
+use std::path::Path;
+
+use mvt_frames::depth::OBJECT;
+use mvt_frames::{Isometry, Object, Point};
+use mvt_robot::digit;
+use mvt_robot::hand::{Finger, PerFinger, world_from_digit_camera};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::frame::finger_poses;
+use super::reader::npz_error;
+use super::{Error, Log, npz};
+
+/// How far a recorded DIGIT pose may be from forward kinematics: metres, and elements of the rotation.
+const KINEMATICS_TOLERANCE: f64 = 1e-6;
+/// Of how many pixels in contact one is held against the mesh.
+const CONTACT_STRIDE: usize = 17;
+
+/// What a log holds, found by reading all of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the object.
+    pub object: String,
+    /// Number of frames.
+    pub frames: usize,
+    /// Time of the last frame, seconds.
+    pub duration_s: f64,
+    /// Mean frames per second.
+    pub rate_hz: f64,
+    /// Whether the episode lasted as long as it was meant to; `None` without scene.json.
+    pub complete: Option<bool>,
+    /// Why the episode ended; `None` without scene.json.
+    pub reason: Option<String>,
+    /// Each camera.
+    pub cameras: Vec<CameraSummary>,
+    /// Fraction of frames in which each pad has contact, index to thumb; `None` without labels.
+    pub contact_fraction: Option<[f64; 4]>,
+    /// Fraction of frames in which any pad has contact; `None` without labels.
+    pub any_contact_fraction: Option<f64>,
+    /// Largest element by which a recorded DIGIT pose differs from forward kinematics; `None` without recorded poses. In logs
+    /// without scene.json it is information only: what they recorded is not documented.
+    pub kinematics_deviation: Option<f64>,
+    /// Distance of points in contact from the surface of the object; `None` without labels, contact or a surface.
+    pub contact_distance: Option<ContactDistance>,
+    /// What was put up with in a log of another program.
+    pub notes: Vec<String>,
+}
+
+/// One camera of a log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CameraSummary {
+    /// Name.
+    pub name: String,
+    /// Width, pixels.
+    pub width: usize,
+    /// Height, pixels.
+    pub height: usize,
+    /// Fraction of pixels with a depth.
+    pub depth_fraction: f64,
+    /// Mean number of pixels that show the object; `None` without segmentation.
+    pub object_pixels: Option<f64>,
+}
+
+/// How far points that touch lie from the surface that they touch, metres.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ContactDistance {
+    /// Number of points.
+    pub points: usize,
+    /// Mean of the absolute distances.
+    pub mean_m: f64,
+    /// 95th percentile of the absolute distances.
+    pub p95_m: f64,
+}
+
+/// What is learnt from the images of one frame.
+struct FrameFacts {
+    contact: Option<PerFinger<bool>>,
+    object_pixels: Option<Vec<usize>>,
+    distances: Vec<f64>,
+}
+
+/// Reads a whole log and checks every claim: counts, sizes, levels, poses, times, checksums, kinematics.
+///
+/// # Errors
+/// The first defect found, with its file.
+pub fn inspect(folder: &Path) -> Result<Summary, Error> {
+    inspect_surface(folder, None)
+}
+
+/// As [`inspect`], and holds the pixels in contact against the object: `distance_m` gives the signed distance of a point from
+/// its surface. A mixed-up finger or joint shows as centimetres.
+///
+/// # Errors
+/// As [`inspect`]; distances are reported, not judged.
+pub fn inspect_against(folder: &Path, distance_m: &(dyn Fn(Point<Object>) -> f64 + Sync)) -> Result<Summary, Error> {
+    inspect_surface(folder, Some(distance_m))
+}
+
+type Surface<'a> = &'a (dyn Fn(Point<Object>) -> f64 + Sync);
+
+fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<Summary, Error> {
+    let log = Log::open(folder)?;
+    let kinematics_deviation = kinematics(&log)?;
+    let facts = (0..log.len()).into_par_iter().map(|i| frame_facts(&log, i, surface)).collect::<Result<Vec<_>, _>>()?;
+    let depths = (0..log.cameras().len()).into_par_iter().map(|camera| depth_fraction(&log, camera));
+    let depths = depths.collect::<Result<Vec<_>, _>>()?;
+
+    let frames = log.len() as f64;
+    let camera = |(i, camera): (usize, &mvt_frames::camera::PosedCamera)| {
+        let object = facts.iter().map(|f| f.object_pixels.as_ref().and_then(|pixels| pixels.get(i).copied()));
+        CameraSummary {
+            name: camera.name.clone(),
+            width: camera.intrinsics.width,
+            height: camera.intrinsics.height,
+            depth_fraction: depths[i],
+            object_pixels: object.sum::<Option<usize>>().map(|pixels| pixels as f64 / frames),
+        }
+    };
+    let fraction = |touches: &dyn Fn(&PerFinger<bool>) -> bool| {
+        let frames_with = facts.iter().map(|f| f.contact.as_ref().map(|c| usize::from(touches(c))));
+        frames_with.sum::<Option<usize>>().map(|n| n as f64 / frames)
+    };
+    let [index, middle, ring, thumb] = Finger::ALL.map(|finger| fraction(&|contact| contact[finger]));
+    let contact_fraction = match (index, middle, ring, thumb) {
+        (Some(index), Some(middle), Some(ring), Some(thumb)) => Some([index, middle, ring, thumb]),
+        _ => None,
+    };
+    let duration_s = log.times_s().last().copied().unwrap_or_default();
+    Ok(Summary {
+        object: log.object_name().to_owned(),
+        frames: log.len(),
+        duration_s,
+        rate_hz: if duration_s > 0.0 { (frames - 1.0) / (duration_s - log.times_s()[0]) } else { 0.0 },
+        complete: log.scene().map(|scene| scene.end.complete),
+        reason: log.scene().map(|scene| scene.end.reason.clone()),
+        cameras: log.cameras().iter().enumerate().map(camera).collect(),
+        contact_fraction,
+        any_contact_fraction: fraction(&|contact| contact.0.contains(&true)),
+        kinematics_deviation,
+        contact_distance: contact_distance(facts.iter().flat_map(|f| f.distances.iter().copied()).collect()),
+        notes: log.notes().to_vec(),
+    })
+}
+
+/// The largest deviation of recorded DIGIT poses from forward kinematics.
+fn kinematics(log: &Log) -> Result<Option<f64>, Error> {
+    let Some(recorded) = log.finger_poses() else { return Ok(None) };
+    let mut largest = 0.0f64;
+    for (i, (recorded, joints)) in recorded.iter().zip(log.joints()).enumerate() {
+        let expected = finger_poses(log.side(), joints);
+        for (finger, (recorded, expected)) in Finger::ALL.into_iter().zip(recorded.iter().zip(&expected)) {
+            let recorded = Isometry::<mvt_frames::Camera, mvt_frames::World>::from_matrix(recorded)
+                .map(|pose| (log.world() * pose).to_matrix());
+            let deviation = match recorded {
+                Ok(recorded) => {
+                    let pairs = recorded.iter().flatten().zip(expected.iter().flatten());
+                    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+                }
+                Err(_) => f64::INFINITY,
+            };
+            largest = largest.max(deviation);
+            if deviation > KINEMATICS_TOLERANCE && log.scene().is_some() {
+                let defect = format!(
+                    "allegro.finger_poses of frame {i}, {}: {deviation:.2e} from forward kinematics",
+                    finger.name()
+                );
+                return Err(Error::defect(log.folder().join("data.pkl"), defect));
+            }
+        }
+    }
+    Ok(Some(largest))
+}
+
+fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<FrameFacts, Error> {
+    let images = log.images(i)?;
+    let mut distances = Vec::new();
+    if let (Some(truth), Some(distance_m), Some(object_pose)) = (&images.touch_truth, surface, log.object_poses()[i]) {
+        let intrinsics = digit::intrinsics();
+        for (finger, touch) in truth.iter() {
+            let camera = world_from_digit_camera(log.side(), finger, &log.joints()[i]);
+            let object_from_camera = object_pose.inverse() * camera;
+            let pixels = touch.contact.enumerate_pixels().filter(|(.., contact)| contact.0[0] > 0);
+            distances.extend(pixels.step_by(CONTACT_STRIDE).map(|(u, v, _)| {
+                let depth_m = touch.depth_m[(v as usize, u as usize)];
+                distance_m(object_from_camera * intrinsics.unproject(f64::from(u), f64::from(v), f64::from(depth_m)))
+            }));
+        }
+    }
+    let object_pixels = |s: &image::GrayImage| s.iter().filter(|&&level| level == OBJECT).count();
+    Ok(FrameFacts {
+        contact: images.touch_truth.map(|truth| PerFinger(truth.0.map(|t| t.contact.iter().any(|&c| c > 0)))),
+        object_pixels: images.segmentation.map(|cameras| cameras.iter().map(object_pixels).collect()),
+        distances,
+    })
+}
+
+/// Reads all depths of a camera up to the checksum.
+fn depth_fraction(log: &Log, camera: usize) -> Result<f64, Error> {
+    let path = log.folder().join("realsense").join(&log.cameras()[camera].name).join("depth.npz");
+    let read = || {
+        let mut reader = npz::Reader::open(&path)?;
+        let (mut valid, mut pixels) = (0usize, 0usize);
+        while let Some(values) = reader.read()? {
+            if log.scene().is_some() && !values.iter().all(|&z| z <= 0.0 && z.is_finite()) {
+                return Err(npz::Error::Defect("a depth is positive or not finite".into()));
+            }
+            valid += values.iter().filter(|&&z| z != 0.0 && z.is_finite()).count();
+            pixels += values.len();
+        }
+        Ok(valid as f64 / pixels.max(1) as f64)
+    };
+    read().map_err(|reason| npz_error(&path, reason))
+}
+
+fn contact_distance(mut distances: Vec<f64>) -> Option<ContactDistance> {
+    distances.iter_mut().for_each(|d| *d = d.abs());
+    distances.sort_by(f64::total_cmp);
+    let points = distances.len();
+    let p95_m = *distances.get((points * 95 / 100).min(points.checked_sub(1)?))?;
+    Some(ContactDistance { points, mean_m: distances.iter().sum::<f64>() / points as f64, p95_m })
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "object    {}", self.object)?;
+        writeln!(f, "frames    {} in {:.2} s, {:.2} per second", self.frames, self.duration_s, self.rate_hz)?;
+        if let (Some(complete), Some(reason)) = (self.complete, &self.reason) {
+            writeln!(f, "episode   {}: {reason}", if complete { "complete" } else { "ended early" })?;
+        }
+        for camera in &self.cameras {
+            write!(f, "camera    {}, {} x {}", camera.name, camera.width, camera.height)?;
+            write!(f, ", depth on {:.1} % of pixels", 100.0 * camera.depth_fraction)?;
+            match camera.object_pixels {
+                Some(pixels) => writeln!(f, ", object on {pixels:.0} pixels")?,
+                None => writeln!(f, ", no segmentation")?,
+            }
+        }
+        match (self.contact_fraction, self.any_contact_fraction) {
+            (Some(fingers), Some(any)) => {
+                write!(f, "contact   {:.1} % of frames", 100.0 * any)?;
+                for (finger, fraction) in Finger::ALL.into_iter().zip(fingers) {
+                    write!(f, ", {} {:.1} %", finger.name(), 100.0 * fraction)?;
+                }
+                writeln!(f)?;
+            }
+            _ => writeln!(f, "contact   no labels")?,
+        }
+        match self.kinematics_deviation {
+            Some(deviation) => writeln!(f, "joints    recorded DIGIT poses differ by {deviation:.1e} from kinematics")?,
+            None => writeln!(f, "joints    no recorded DIGIT poses to check against")?,
+        }
+        if let Some(ContactDistance { points, mean_m, p95_m }) = self.contact_distance {
+            let (mean, p95) = (1e3 * mean_m, 1e3 * p95_m);
+            writeln!(f, "surface   {points} points in contact, {mean:.3} mm off on average, 95 % within {p95:.3} mm")?;
+        }
+        for note in &self.notes {
+            writeln!(f, "note      {note}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,131 @@
+//! Frames of a log of which parts may be missing or damaged.
+
+use std::path::PathBuf;
+
+use image::RgbImage;
+use mvt_frames::{Isometry, Object, World};
+use mvt_robot::hand::{Finger, JointAngles, PerFinger};
+use mvt_robot::observation::TouchTruth;
+use ndarray::Array2;
+
+use super::{Error, Log, npz};
+
+/// A sensor of a log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Sensor {
+    /// Camera by its index in the log.
+    Camera(usize),
+    /// The DIGIT of a finger.
+    Touch(Finger),
+}
+
+/// What is read of the DIGITs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TouchPart {
+    /// Nothing.
+    None,
+    /// True depth and contact.
+    Truth,
+    /// Images.
+    Images,
+}
+
+/// What was measured at one instant, as far as it can be read. Colours of cameras are not.
+#[derive(Debug)]
+pub struct PartialFrame {
+    /// Seconds.
+    pub time_s: f64,
+    /// Joint angles.
+    pub joints: JointAngles,
+    /// Pose of the object, where the log has one.
+    pub object_pose: Option<Isometry<Object, World>>,
+    /// Depth of each camera that was asked for, metres, indexed (row, column); NaN and infinite where the log has that.
+    pub cameras: Vec<Option<Array2<f32>>>,
+    /// True depth and contact of each DIGIT, if they were asked for.
+    pub touch_truth: PerFinger<Option<TouchTruth>>,
+    /// What each DIGIT shows, if that was asked for.
+    pub touch_images: PerFinger<Option<RgbImage>>,
+    /// Why something is missing. A camera whose file is damaged says so once and is silent from there on.
+    pub defects: Vec<(Sensor, Error)>,
+}
+
+/// Iterator over what can be read of a log's frames.
+pub struct PartialFrames {
+    log: Log,
+    next: usize,
+    /// Index of each camera and its depths; none once they are damaged.
+    cameras: Vec<(usize, Option<(PathBuf, npz::Reader)>)>,
+    touch: TouchPart,
+    /// Found on opening; told with the first frame.
+    defects: Vec<(Sensor, Error)>,
+}
+
+impl Log {
+    /// The frames of the log as far as they can be read: depths of these cameras, by index, and this of the DIGITs.
+    pub fn into_partial_frames(self, cameras: &[usize], touch: TouchPart) -> PartialFrames {
+        let mut defects = Vec::new();
+        let mut open = |&camera: &usize| match self.depths(camera) {
+            Ok(depths) => (camera, Some(depths)),
+            Err(error) => {
+                defects.push((Sensor::Camera(camera), error));
+                (camera, None)
+            }
+        };
+        let cameras = cameras.iter().filter(|&&camera| camera < self.cameras().len()).map(&mut open).collect();
+        PartialFrames { log: self, next: 0, cameras, touch, defects }
+    }
+}
+
+impl PartialFrames {
+    /// The log.
+    pub fn log(&self) -> &Log {
+        &self.log
+    }
+
+    /// Whether any sensor may still deliver anything.
+    pub fn has_sensor(&self) -> bool {
+        self.cameras.iter().any(|(_, depths)| depths.is_some())
+            || Finger::ALL.into_iter().any(|finger| match self.touch {
+                TouchPart::None => false,
+                TouchPart::Truth => self.log.has_touch_truth(finger),
+                TouchPart::Images => self.log.has_touch_images(finger),
+            })
+    }
+
+    /// What was found on opening, before the first frame was read.
+    pub fn defects(&self) -> &[(Sensor, Error)] {
+        &self.defects
+    }
+}
+
+impl Iterator for PartialFrames {
+    type Item = PartialFrame;
+
+    fn next(&mut self) -> Option<PartialFrame> {
+        let Self { log, next, cameras, touch, defects } = self;
+        let i = *next;
+        let (&time_s, &joints) = log.times_s().get(i).zip(log.joints().get(i))?;
+        *next += 1;
+        let mut defects = std::mem::take(defects);
+        let cameras = cameras.iter_mut().map(|(camera, depths)| match log.next_depth(*camera, depths.as_mut()?) {
+            Ok(depth_m) => Some(depth_m),
+            Err(error) => {
+                defects.push((Sensor::Camera(*camera), error));
+                *depths = None;
+                None
+            }
+        });
+        let cameras = cameras.collect();
+        let (mut touch_truth, mut touch_images) = (PerFinger::default(), PerFinger::default());
+        for finger in Finger::ALL {
+            let read = match touch {
+                TouchPart::None => Ok(()),
+                TouchPart::Truth => log.touch_truth(finger, i).map(|truth| touch_truth[finger] = Some(truth)),
+                TouchPart::Images => log.touch_image(finger, i).map(|image| touch_images[finger] = Some(image)),
+            };
+            defects.extend(read.err().map(|error| (Sensor::Touch(finger), error)));
+        }
+        let object_pose = log.object_poses().get(i).copied().flatten();
+        Some(PartialFrame { time_s, joints, object_pose, cameras, touch_truth, touch_images, defects })
+    }
+}

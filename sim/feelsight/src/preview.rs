@@ -1,0 +1,171 @@
+//! A film of a log to look at: camera and touch side by side.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use image::imageops::{self, FilterType};
+use image::{Rgb, RgbImage};
+use mvt_robot::observation::Observation;
+
+/// Width of a preview, pixels: the camera at half its size, then two columns of touch images.
+pub(super) const WIDTH: u32 = CAMERA.0 + 2 * TOUCH.0;
+/// Height of a preview, pixels.
+pub(super) const HEIGHT: u32 = CAMERA.1;
+const CAMERA: (u32, u32) = (320, 240);
+const TOUCH: (u32, u32) = (90, 120);
+/// A GIF holds one frame of these many, at half the size: it has no compression between frames worth the name.
+const GIF_EVERY: usize = 5;
+/// Speed of the choice of colours, 1 (best) to 30.
+const GIF_SPEED: i32 = 10;
+
+/// The first camera on the left; index and middle finger over ring and thumb on the right.
+pub(super) fn tile(observation: &Observation) -> RgbImage {
+    let mut tile = RgbImage::from_pixel(WIDTH, HEIGHT, Rgb([0; 3]));
+    if let Some(camera) = observation.cameras.first() {
+        imageops::replace(&mut tile, &shrink(&camera.color, CAMERA), 0, 0);
+    }
+    for (finger, image) in observation.touch.iter() {
+        let (row, column) = (finger as u32 / 2, finger as u32 % 2);
+        let (x, y) = (CAMERA.0 + column * TOUCH.0, row * TOUCH.1);
+        imageops::replace(&mut tile, &shrink(image, TOUCH), i64::from(x), i64::from(y));
+    }
+    tile
+}
+
+/// The mean of the four pixels around the middle of each new one: enough at factors near 2, at a tenth of a real filter's time.
+fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
+    let (from_width, from_height) = image.dimensions();
+    if from_width < 2 || from_height < 2 {
+        return RgbImage::new(width, height);
+    }
+    let corner = |i: u32, to: u32, from: u32| (((2 * i + 1) * from / (2 * to)).clamp(1, from - 1) - 1) as usize;
+    let columns: Vec<usize> = (0..width).map(|x| 3 * corner(x, width, from_width)).collect();
+    let row_bytes = 3 * from_width as usize;
+    let mut small = RgbImage::new(width, height);
+    for (y, row) in (0..).zip(small.chunks_exact_mut(3 * width as usize)) {
+        let two_rows = &image.as_raw()[corner(y, height, from_height) * row_bytes..][..2 * row_bytes];
+        let (upper, lower) = two_rows.split_at(row_bytes);
+        for (&x, pixel) in columns.iter().zip(row.as_chunks_mut::<3>().0) {
+            let (upper, lower) = (&upper[x..x + 6], &lower[x..x + 6]);
+            let sum =
+                |c: usize| [upper[c], upper[c + 3], lower[c], lower[c + 3]].into_iter().map(u16::from).sum::<u16>();
+            *pixel = [0, 1, 2].map(|c| (sum(c) / 4) as u8);
+        }
+    }
+    small
+}
+
+/// Writes `<object>.mp4` through ffmpeg where it is installed, and `<object>.gif` where it is not. A preview that fails is a
+/// warning: it is no part of the data.
+pub(super) enum Preview {
+    Film(Child),
+    Animation { encoder: gif::Encoder<BufWriter<File>>, rate_hz: f64, frames: usize, path: PathBuf },
+    Failed,
+}
+
+impl Preview {
+    /// Starts a preview beside data.pkl.
+    pub fn create(folder: &Path, object: &str, rate_hz: f64) -> Self {
+        let film = Command::new("ffmpeg")
+            .args(["-nostdin", "-loglevel", "fatal", "-f", "rawvideo", "-pix_fmt", "rgb24"])
+            .args(["-s", &format!("{WIDTH}x{HEIGHT}"), "-r", &rate_hz.to_string(), "-i", "-"])
+            .args(["-pix_fmt", "yuv420p", "-y"])
+            .arg(folder.join(format!("{object}.mp4")))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        if let Ok(child) = film {
+            return Self::Film(child);
+        }
+        let path = folder.join(format!("{object}.gif"));
+        let encoder = File::create(&path).map_err(gif::EncodingError::from).and_then(|file| {
+            let mut encoder = gif::Encoder::new(BufWriter::new(file), WIDTH as u16 / 2, HEIGHT as u16 / 2, &[])?;
+            encoder.set_repeat(gif::Repeat::Infinite)?;
+            Ok(encoder)
+        });
+        match encoder {
+            Ok(encoder) => Self::Animation { encoder, rate_hz, frames: 0, path },
+            Err(error) => Self::failed(&path, &error.to_string()),
+        }
+    }
+
+    fn failed(path: &Path, reason: &str) -> Self {
+        tracing::warn!("no preview: {}: {reason}", path.display());
+        Self::Failed
+    }
+
+    /// Appends a tile.
+    pub fn push(&mut self, tile: &RgbImage) {
+        match self {
+            Self::Film(child) => {
+                let written = child.stdin.as_mut().map_or(Ok(()), |pipe| pipe.write_all(tile));
+                if let Err(error) = written {
+                    // ffmpeg has ended; collect it.
+                    let _ = child.wait();
+                    *self = Self::failed(Path::new("ffmpeg"), &error.to_string());
+                }
+            }
+            Self::Animation { encoder, rate_hz, frames, path } => {
+                *frames += 1;
+                if *frames % GIF_EVERY != 1 {
+                    return;
+                }
+                let small = imageops::resize(tile, WIDTH / 2, HEIGHT / 2, FilterType::Triangle);
+                let (width, height) = (small.width() as u16, small.height() as u16);
+                let mut frame = gif::Frame::from_rgb_speed(width, height, &small, GIF_SPEED);
+                frame.delay = (100.0 * GIF_EVERY as f64 / *rate_hz).round() as u16;
+                if let Err(error) = encoder.write_frame(&frame) {
+                    *self = Self::failed(path, &error.to_string());
+                }
+            }
+            Self::Failed => {}
+        }
+    }
+
+    /// Ends the film.
+    pub fn finish(mut self) {
+        match &mut self {
+            Self::Film(child) => {
+                drop(child.stdin.take());
+                match child.wait() {
+                    Ok(status) if status.success() => {}
+                    Ok(status) => tracing::warn!("no preview: ffmpeg ended with {status}"),
+                    Err(error) => tracing::warn!("no preview: ffmpeg: {error}"),
+                }
+            }
+            Self::Animation { encoder, path, .. } => {
+                if let Err(error) = encoder.get_mut().flush() {
+                    tracing::warn!("no preview: {}: {error}", path.display());
+                }
+            }
+            Self::Failed => {}
+        }
+    }
+}
+
+impl Drop for Preview {
+    fn drop(&mut self) {
+        if let Self::Film(child) = self {
+            drop(child.stdin.take());
+            let _ = child.wait();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shrinking_averages_four_pixels() {
+        let image = RgbImage::from_fn(8, 6, |x, y| Rgb([10 * x as u8, 20 * y as u8, 7]));
+        let small = shrink(&image, (4, 3));
+        assert_eq!((small.get_pixel(0, 0), small.get_pixel(3, 2)), (&Rgb([5, 10, 7]), &Rgb([65, 90, 7])));
+        assert_eq!(shrink(&image, (3, 4)).dimensions(), (3, 4));
+        assert_eq!(shrink(&image, (20, 20)).get_pixel(19, 19), &Rgb([65, 90, 7]));
+        assert_eq!(shrink(&RgbImage::new(1, 1), (2, 2)), RgbImage::new(2, 2));
+    }
+}

@@ -1,0 +1,239 @@
+//! Writes a log, frame by frame.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mvt_frames::camera::PosedCamera;
+use mvt_robot::hand::Finger;
+use mvt_robot::hand::world_from_base;
+
+use super::preview::Preview;
+use super::record::{CameraRecord, DigitInfo, Record, is_plain_name};
+use super::scene::{EpisodeEnd, SCENE_FILE, Scene};
+use super::{EncodedFrame, Error, npz, pickle};
+
+/// What is known of a log before its first frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogMeta {
+    /// Everything that goes into scene.json. `end` is what is written by [`LogWriter::finish`].
+    pub scene: Scene,
+    /// The cameras, in the order of the observations and of `scene.cameras`.
+    pub cameras: Vec<PosedCamera>,
+}
+
+/// Writes a log into `.<name>.partial` beside its place and renames it when it is complete: a folder of the final name is a
+/// complete log, whenever the process is killed. Dropped before [`LogWriter::finish`], it removes what it wrote.
+pub struct LogWriter {
+    place: PathBuf,
+    partial: PathBuf,
+    overwrite: bool,
+    meta: LogMeta,
+    record: Record,
+    depths: Vec<npz::Writer>,
+    preview: Preview,
+}
+
+impl LogWriter {
+    /// Begins a log at `place`.
+    ///
+    /// # Errors
+    /// [`Error::NotEmpty`] if something is there and may not be overwritten; [`Error::Defect`] for names that cannot be files;
+    /// [`Error::Io`] if the folder cannot be made.
+    pub fn create(place: &Path, meta: LogMeta, overwrite: bool) -> Result<Self, Error> {
+        if !overwrite && !is_vacant(place)? {
+            return Err(Error::NotEmpty { path: place.to_path_buf() });
+        }
+        let object = &meta.scene.object.name;
+        let names = std::iter::once(object).chain(&meta.scene.cameras);
+        if let Some(name) = names.into_iter().find(|name| !is_plain_name(name)) {
+            return Err(Error::defect(place, format!("{name:?} cannot be the name of a file")));
+        }
+        if !meta.cameras.iter().map(|camera| &camera.name).eq(&meta.scene.cameras) {
+            return Err(Error::defect(place, "the cameras are not those of the scene"));
+        }
+        let partial = sibling(place, "partial")?;
+        // What a killed run left behind.
+        remove(&partial)?;
+        let make = |folder: PathBuf| fs::create_dir_all(&folder).map_err(Error::io(&folder));
+        for finger in Finger::ALL {
+            for kind in ["image", "depth", "mask"] {
+                make(partial.join("allegro").join(finger.name()).join(kind))?;
+            }
+        }
+        let mut depths = Vec::new();
+        for camera in &meta.cameras {
+            let folder = camera_folder(&partial, &camera.name);
+            make(folder.join("image"))?;
+            make(folder.join("seg"))?;
+            let path = folder.join("depth.npz");
+            let (height, width) = (camera.intrinsics.height, camera.intrinsics.width);
+            depths.push(npz::Writer::create(&path, height, width).map_err(Error::io(path))?);
+        }
+        let camera = |camera: &PosedCamera| CameraRecord {
+            name: camera.name.clone(),
+            pose: camera.pose.to_matrix(),
+            intrinsics: camera.intrinsics,
+            distortion: None,
+        };
+        let record = Record {
+            times_s: Vec::new(),
+            object_name: object.clone(),
+            object_mesh: meta.scene.object.mesh.clone(),
+            object_poses: Vec::new(),
+            base_pose: world_from_base().to_matrix(),
+            joints: Vec::new(),
+            finger_poses: Some(Vec::new()),
+            digit: DigitInfo::published(),
+            cameras: meta.cameras.iter().map(camera).collect(),
+        };
+        let preview = Preview::create(&partial, object, meta.scene.frame_rate_hz);
+        Ok(Self { place: place.to_path_buf(), partial, overwrite, meta, record, depths, preview })
+    }
+
+    /// What the log was begun with; [`EncodedFrame::encode`] wants it.
+    pub fn meta(&self) -> &LogMeta {
+        &self.meta
+    }
+
+    /// Appends a frame.
+    ///
+    /// # Errors
+    /// [`Error::Frame`] if its time is not later than the last frame's, [`Error::Io`] if it cannot be written.
+    pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), Error> {
+        let EncodedFrame { time_s, .. } = *frame;
+        if self.record.times_s.last().is_some_and(|&last| time_s <= last) || frame.cameras.len() != self.depths.len() {
+            let defect = "its time is not later than the last frame's, or it is of another log".into();
+            return Err(Error::Frame { time_s, defect });
+        }
+        let name = format!("{}.jpg", self.record.times_s.len());
+        let write = |folder: PathBuf, bytes: &[u8]| {
+            let path = folder.join(&name);
+            fs::write(&path, bytes).map_err(Error::io(path))
+        };
+        for (finger, touch) in frame.touch.iter() {
+            let folder = self.partial.join("allegro").join(finger.name());
+            write(folder.join("image"), &touch.image)?;
+            write(folder.join("depth"), &touch.depth)?;
+            write(folder.join("mask"), &touch.mask)?;
+        }
+        for ((camera, depth), PosedCamera { name, .. }) in
+            frame.cameras.iter().zip(&mut self.depths).zip(&self.meta.cameras)
+        {
+            let folder = camera_folder(&self.partial, name);
+            write(folder.join("image"), &camera.image)?;
+            write(folder.join("seg"), &camera.segmentation)?;
+            depth.push(&camera.depth).map_err(Error::io(folder.join("depth.npz")))?;
+        }
+        self.preview.push(&frame.preview);
+        self.record.times_s.push(time_s);
+        self.record.joints.push(frame.joints);
+        self.record.object_poses.push(frame.object_pose);
+        self.record.finger_poses.get_or_insert_default().push(frame.finger_poses);
+        Ok(())
+    }
+
+    /// Completes the log and moves it to its place. data.pkl, scene.json and the depths are on the disk before; the numbered
+    /// images are left to the operating system, which keeps them when the process dies, and is not asked for 12 000 syncs.
+    ///
+    /// # Errors
+    /// [`Error::Defect`] if no frame was pushed, [`Error::NotEmpty`] if the place was taken meanwhile, else [`Error::Io`].
+    pub fn finish(mut self, end: EpisodeEnd) -> Result<(), Error> {
+        if self.record.times_s.is_empty() {
+            return Err(Error::defect(&self.place, "the episode ended before its first frame"));
+        }
+        for (depth, camera) in self.depths.drain(..).zip(&self.meta.cameras) {
+            let path = camera_folder(&self.partial, &camera.name).join("depth.npz");
+            depth.finish(1.0).map_err(Error::io(path))?;
+        }
+        std::mem::replace(&mut self.preview, Preview::Failed).finish();
+        write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
+        self.meta.scene.end = end;
+        let path = self.partial.join(SCENE_FILE);
+        let scene =
+            serde_json::to_vec_pretty(&self.meta.scene).map_err(|reason| Error::Json { path: path.clone(), reason })?;
+        write_synced(&path, &scene)?;
+        sync_folder(&self.partial)?;
+        self.put_in_place()
+    }
+
+    fn put_in_place(&self) -> Result<(), Error> {
+        let old = sibling(&self.place, "old")?;
+        remove(&old)?;
+        if is_vacant(&self.place)? {
+            // Not every system renames onto an empty folder.
+            if self.place.exists() {
+                fs::remove_dir(&self.place).map_err(Error::io(&self.place))?;
+            }
+        } else if self.overwrite {
+            fs::rename(&self.place, &old).map_err(Error::io(&self.place))?;
+        } else {
+            return Err(Error::NotEmpty { path: self.place.clone() });
+        }
+        fs::rename(&self.partial, &self.place).map_err(Error::io(&self.place))?;
+        if let Some(parent) = self.partial.parent() {
+            sync_folder(parent)?;
+        }
+        remove(&old)
+    }
+}
+
+impl Drop for LogWriter {
+    fn drop(&mut self) {
+        // ffmpeg must let go of its file first.
+        self.preview = Preview::Failed;
+        let _ = fs::remove_dir_all(&self.partial);
+    }
+}
+
+fn camera_folder(log: &Path, camera: &str) -> PathBuf {
+    log.join("realsense").join(camera)
+}
+
+/// `.<name>.<suffix>` beside a place.
+fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, Error> {
+    let name = place.file_name().ok_or_else(|| Error::defect(place, "this is no name for a log's folder"))?;
+    let mut hidden = std::ffi::OsString::from(".");
+    hidden.push(name);
+    hidden.push(format!(".{suffix}"));
+    Ok(place.with_file_name(hidden))
+}
+
+/// Whether nothing, or an empty folder, is there.
+fn is_vacant(place: &Path) -> Result<bool, Error> {
+    match fs::read_dir(place) {
+        Ok(mut entries) => Ok(entries.next().is_none()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(true),
+        Err(reason) => Err(Error::Io { path: place.to_path_buf(), reason }),
+    }
+}
+
+fn remove(folder: &Path) -> Result<(), Error> {
+    let mut removed = fs::remove_dir_all(folder);
+    // The ffmpeg of a writer that was killed may just have begun its file; it begins but one.
+    if removed.as_ref().is_err_and(|reason| reason.kind() == std::io::ErrorKind::DirectoryNotEmpty) {
+        removed = fs::remove_dir_all(folder);
+    }
+    match removed {
+        Err(reason) if reason.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::Io { path: folder.to_path_buf(), reason })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let write = || {
+        let mut file = fs::File::create(path)?;
+        std::io::Write::write_all(&mut file, bytes)?;
+        file.sync_all()
+    };
+    write().map_err(Error::io(path))
+}
+
+fn sync_folder(folder: &Path) -> Result<(), Error> {
+    // Only Unix can open a folder to sync it.
+    if cfg!(unix) {
+        fs::File::open(folder).and_then(|f| f.sync_all()).map_err(Error::io(folder))?;
+    }
+    Ok(())
+}

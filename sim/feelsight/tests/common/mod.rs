@@ -1,0 +1,133 @@
+//! A small synthetic log, the same for all tests.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use image::{GrayImage, Luma, Rgb, RgbImage};
+use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, Scene, SceneObject};
+use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
+use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
+use mvt_frames::{Isometry, MeshFile, Object, Point, World};
+use mvt_robot::digit;
+use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_digit_camera};
+use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
+use ndarray::Array2;
+
+/// Radius of the ball that the synthetic hand touches, metres.
+pub const RADIUS_M: f64 = 0.03;
+
+pub fn camera(name: &str, width: usize, height: usize) -> PosedCamera {
+    let eye = nalgebra::Vector3::new(0.3, -0.1, 0.25);
+    PosedCamera {
+        name: name.into(),
+        intrinsics: Intrinsics::from_fov_y(width, height, 0.8),
+        pose: look_at(eye, nalgebra::Vector3::zeros(), nalgebra::Vector3::z()),
+    }
+}
+
+pub fn object_from_file() -> Isometry<MeshFile, Object> {
+    Isometry::from_parts([0.01, -0.02, 0.005], [0.8, 0.0, 0.0, 0.6])
+}
+
+pub fn meta(cameras: Vec<PosedCamera>) -> LogMeta {
+    let scene = Scene {
+        format_version: FORMAT_VERSION,
+        program_version: "0.1.0".into(),
+        object: SceneObject {
+            name: "ball".into(),
+            mesh: "procedural ball".into(),
+            mesh_sha256: None,
+            object_from_file: object_from_file().to_matrix(),
+            mass_kg: 0.1,
+        },
+        hand: Side::Left,
+        seed: u64::MAX,
+        gravity_m_s2: [0.5, 0.0, -9.8],
+        gait: "bal".into(),
+        cameras: cameras.iter().map(|camera| camera.name.clone()).collect(),
+        frame_rate_hz: 30.0,
+        control_rate_hz: 25.0,
+        physics_rate_hz: 500.0,
+        noise: BTreeMap::from([("touch_sigma".into(), 7.0)]),
+        randomised: BTreeMap::from([("friction".into(), 0.9)]),
+        config_sha256: "00".repeat(32),
+        end: EpisodeEnd { complete: false, reason: "not ended".into() },
+    };
+    LogMeta { scene, cameras }
+}
+
+pub fn end() -> EpisodeEnd {
+    EpisodeEnd { complete: true, reason: "time is up".into() }
+}
+
+pub fn joints(i: usize) -> JointAngles {
+    std::array::from_fn(|j| 0.2 + 0.03 * j as f64 + 0.02 * i as f64)
+}
+
+/// A ball whose centre lies before the index finger's gel, and drifts with the frames.
+pub fn object_pose(i: usize) -> Isometry<Object, World> {
+    let camera = world_from_digit_camera(Side::Left, Finger::Index, &joints(i));
+    // 21 mm to the surface, 1 mm before the gel's apex plane.
+    let centre = (camera * Point::new(0.0, 0.0, -0.021 - RADIUS_M)).coords();
+    let turn = Isometry::<Object, World>::from_parts([0.0; 3], [1.0, 0.1 * i as f64, 0.2, 0.3]).untyped().rotation;
+    Isometry::new(nalgebra::Isometry3::from_parts(centre.into(), turn))
+}
+
+/// Depth of the ball along the index finger's camera axis at a pixel.
+fn ball_depth(u: f64, v: f64) -> Option<f64> {
+    let k = digit::intrinsics();
+    let ray = nalgebra::Vector3::new((u - k.cx) / k.fx, -(v - k.cy) / k.fy, -1.0);
+    let centre = nalgebra::Vector3::new(0.0, 0.0, -0.021 - RADIUS_M);
+    let (a, b, c) = (ray.norm_squared(), ray.dot(&centre), centre.norm_squared() - RADIUS_M * RADIUS_M);
+    let discriminant = b * b - a * c;
+    (discriminant > 0.0).then(|| (b - discriminant.sqrt()) / a)
+}
+
+pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
+    let (w, h) = (digit::WIDTH as u32, digit::HEIGHT as u32);
+    let touch = PerFinger::from_fn(|finger| {
+        let shade = 100 + 20 * finger as u8;
+        RgbImage::from_fn(w, h, |x, y| Rgb([shade, (x / 2 + 5 * i as u32) as u8, (y / 3) as u8]))
+    });
+    let touch_truth = PerFinger::from_fn(|finger| {
+        let depth_m = Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| {
+            let ball = (finger == Finger::Index).then(|| ball_depth(column as f64, row as f64)).flatten();
+            ball.unwrap_or(0.022).min(0.022) as f32
+        });
+        let contact =
+            GrayImage::from_fn(w, h, |x, y| Luma([255 * u8::from(depth_m[(y as usize, x as usize)] < 0.022)]));
+        TouchTruth { depth_m, contact }
+    });
+    let mut rgbds = Vec::new();
+    let mut segmentation = Vec::new();
+    for camera in cameras {
+        let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
+        rgbds.push(Rgbd {
+            color: RgbImage::from_fn(width as u32, height as u32, |x, y| Rgb([x as u8, y as u8, 10 * i as u8])),
+            depth_m: Array2::from_shape_fn((height, width), |(row, column)| {
+                if row < 10 { 0.0 } else { 0.3 + 1e-4 * (row * 7 % 11) as f32 + 1e-5 * (column + i) as f32 }
+            }),
+        });
+        segmentation.push(GrayImage::from_fn(width as u32, height as u32, |x, y| {
+            Luma([if y < 10 {
+                BACKGROUND
+            } else if x < 20 {
+                HAND
+            } else {
+                OBJECT
+            }])
+        }));
+    }
+    let observation = Observation { time_s: i as f64 / 30.0, joints: joints(i), touch, cameras: rgbds };
+    (observation, GroundTruth { object_pose: object_pose(i), touch: touch_truth, segmentation })
+}
+
+/// Writes a log of a few frames.
+pub fn write(place: &Path, frames: usize, cameras: &[PosedCamera]) {
+    let mut writer = LogWriter::create(place, meta(cameras.to_vec()), false).unwrap();
+    for i in 0..frames {
+        let (observation, truth) = frame(i, cameras);
+        writer.push(&EncodedFrame::encode(&observation, &truth, writer.meta()).unwrap()).unwrap();
+    }
+    writer.finish(end()).unwrap();
+}

@@ -1,0 +1,8 @@
+//! Rates of an episode.
+
+/// Integration steps per second: a multiple of both rates below, so that every sample falls on a step.
+pub const PHYSICS_HZ: u32 = 300;
+/// Commands of the controller per second.
+pub const CONTROL_HZ: u32 = 25;
+/// Camera and touch images per second.
+pub const FRAME_HZ: u32 = 30;

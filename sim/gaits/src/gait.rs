@@ -1,0 +1,193 @@
+//! Gaits: periodic strokes of the four fingertips that turn an object standing on the palm.
+//!
+//! A gait is a table of joint angles over its phase. It is executed proprioceptively: targets are clipped around the measured
+//! angles, so that a finger that meets the object pushes with a bounded force. The same table thereby fits objects of a range
+//! of sizes. Gaits are written for the right hand; the left hand plays the mirror image.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use mvt_objects::decompose;
+use mvt_objects::object::Object;
+use mvt_robot::hand::{JointAngles, Side};
+use serde::{Deserialize, Serialize};
+
+use crate::controller::{Controller, Proprioception};
+
+/// A gait for the right hand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gait {
+    /// What it is good for and how it was made.
+    pub description: String,
+    /// The stroke that the table was made from by inverse kinematics; tuning starts from it.
+    pub params: BTreeMap<String, f64>,
+    /// Duration of one cycle, seconds.
+    pub period_s: f64,
+    /// Joint torque limit, Nm.
+    pub torque_limit_nm: f64,
+    /// Gravity in the world, m/s^2. The palm is tilted towards the fingertips, so that the object returns to them.
+    pub gravity: [f64; 3],
+    /// Where the object starts on the palm, metres.
+    pub start_xy_m: [f64; 2],
+    /// Joint angles with the fingers off the object.
+    pub open_pose: JointAngles,
+    /// Joint angles at equally spaced phases.
+    pub table: Vec<JointAngles>,
+}
+
+/// Direction in which the shipped gaits turn an object on the right hand, about the palm's normal: clockwise from above.
+pub const TURN_DIRECTION_RIGHT: f64 = -1.0;
+
+/// The shipped gaits by name.
+pub fn shipped() -> &'static BTreeMap<String, Gait> {
+    static GAITS: LazyLock<BTreeMap<String, Gait>> = LazyLock::new(|| {
+        // A file of the repository that a test parses; an empty table here would be reported as an unknown gait.
+        serde_json::from_str(include_str!("../assets/gaits.json")).unwrap_or_default()
+    });
+    &GAITS
+}
+
+/// No shipped gait has this name.
+#[derive(Debug, thiserror::Error)]
+#[error("there is no gait {name:?}; choose one of {}", shipped().keys().map(String::as_str).collect::<Vec<_>>().join(", "))]
+pub struct UnknownGait {
+    /// What was asked for.
+    pub name: String,
+}
+
+/// A shipped gait with its name.
+///
+/// # Errors
+/// [`UnknownGait`], which lists the names.
+pub fn find(name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
+    shipped()
+        .get_key_value(name)
+        .map(|(name, gait)| (name.as_str(), gait))
+        .ok_or_else(|| UnknownGait { name: name.to_owned() })
+}
+
+/// The shipped gait of this name, or for `auto` the one that suits the object; with its name.
+///
+/// # Errors
+/// [`UnknownGait`], which lists the names.
+pub fn choose(name: &str, object: &Object) -> Result<(&'static str, &'static Gait), UnknownGait> {
+    find(if name == "auto" { suited_to(object) } else { name })
+}
+
+/// Name of the shipped gait that suits an object, by its size and by whether it rolls.
+pub fn suited_to(object: &Object) -> &'static str {
+    let [x, y, height] = object.extents_m();
+    let (narrow, wide) = (x.min(y), x.max(y));
+    // How much of its box an object fills: a ball 0.52, an apple 0.62, an upright cylinder 0.79, a box 1.
+    let fill = decompose::hull_volume_m3(&object.mesh).unwrap_or(0.0) / (x * y * height);
+    if fill < 0.58 {
+        "ball"
+    } else if fill < 0.7 {
+        "shared"
+    } else if height < 0.066 {
+        "cubelet"
+    } else if wide > 1.25 * narrow {
+        "shared"
+    } else if narrow > 0.085 {
+        "can"
+    } else if height < 1.2 * wide {
+        "cube"
+    } else {
+        "bal"
+    }
+}
+
+/// Time over which the fingers close from the open pose into the gait, seconds.
+const CLOSING_S: f64 = 0.8;
+/// Joint stiffness that the compliance clip assumes, Nm/rad.
+const STIFFNESS_NM_RAD: f64 = 3.0;
+/// How far beyond the torque limit a target may lie, radians; leaves the position controllers their full torque.
+const CLIP_MARGIN_RAD: f64 = 0.05;
+
+/// Plays a gait by proprioception alone.
+#[derive(Debug, Clone)]
+pub struct GaitController {
+    gait: Gait,
+    side: Side,
+}
+
+impl GaitController {
+    /// Plays `gait`, mirrored for the left hand.
+    pub fn new(gait: Gait, side: Side) -> Self {
+        Self { gait, side }
+    }
+
+    /// Where the joints of this hand would be at a time since the start if nothing were in their way.
+    pub fn targets(&self, time_s: f64) -> JointAngles {
+        self.side.mirror_joints(self.target(time_s))
+    }
+
+    /// The targets, as far from the measured angles as the torque limit allows.
+    pub fn within_reach(&self, targets: &JointAngles, measured: &JointAngles) -> JointAngles {
+        let reach = self.gait.torque_limit_nm / STIFFNESS_NM_RAD + CLIP_MARGIN_RAD;
+        std::array::from_fn(|j| targets[j].clamp(measured[j] - reach, measured[j] + reach))
+    }
+
+    /// Right-hand target at a time since the start.
+    fn target(&self, time_s: f64) -> JointAngles {
+        let Gait { table, open_pose, period_s, .. } = &self.gait;
+        if table.is_empty() {
+            return *open_pose;
+        }
+        let phase = (time_s / period_s).rem_euclid(1.0) * table.len() as f64;
+        let (row, fraction) = (phase as usize % table.len(), phase.fract());
+        let (a, b) = (&table[row], &table[(row + 1) % table.len()]);
+        let t = (time_s / CLOSING_S).clamp(0.0, 1.0);
+        let closed = t * t * (3.0 - 2.0 * t);
+        std::array::from_fn(|j| {
+            let gait = a[j] * (1.0 - fraction) + b[j] * fraction;
+            open_pose[j] * (1.0 - closed) + gait * closed
+        })
+    }
+}
+
+impl Controller for GaitController {
+    fn command(&mut self, sensed: &Proprioception) -> JointAngles {
+        self.within_reach(&self.targets(sensed.time_s), &sensed.joints)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mvt_robot::hand::{JOINTS, joint_ranges};
+
+    #[test]
+    fn shipped_gaits_are_whole_and_within_the_joint_limits() {
+        let gaits: BTreeMap<String, Gait> = serde_json::from_str(include_str!("../assets/gaits.json")).unwrap();
+        assert!(gaits.len() >= 5);
+        let ranges = joint_ranges(Side::Right);
+        for (name, gait) in gaits {
+            assert_eq!(gait.table.len(), 32, "{name}");
+            for row in gait.table.iter().chain([&gait.open_pose]) {
+                for j in 0..JOINTS {
+                    let [low, high] = ranges[j];
+                    assert!((low - 1e-3..=high + 1e-3).contains(&row[j]), "{name}: joint {j} at {}", row[j]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_object_has_a_shipped_gait() {
+        for entry in mvt_objects::catalogue::entries().filter(mvt_objects::catalogue::Entry::is_procedural) {
+            let object = entry.load(&mut Vec::new()).unwrap();
+            assert!(find(suited_to(&object)).is_ok(), "{}", object.name);
+        }
+    }
+
+    #[test]
+    fn targets_stay_within_reach_of_the_measured_angles() {
+        let mut controller = GaitController::new(find("bal").unwrap().1.clone(), Side::Left);
+        let joints = [0.2; JOINTS];
+        let command = controller.command(&Proprioception { time_s: 3.0, joints });
+        let reach = find("bal").unwrap().1.torque_limit_nm / 3.0 + 0.05;
+        assert!(command.iter().all(|c| (c - 0.2).abs() <= reach + 1e-12));
+        assert!(find("gallop").unwrap_err().to_string().contains("bal, "));
+    }
+}

@@ -1,0 +1,387 @@
+//! One episode: a randomised start, the controller in the loop, and the conditions that end it.
+
+use crate::mjcf::Physics;
+use mvt_frames::{Isometry, Object as ObjectFrame, Vector, World as WorldFrame};
+use mvt_objects::object::Object;
+use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, joint_ranges};
+use mvt_robot::observation::SceneState;
+use nalgebra as na;
+use rand::RngExt as _;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::world::{PadContact, World, WorldError};
+use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
+use mvt_gaits::controller::{Controller as _, Proprioception};
+use mvt_gaits::directive::{DirectedController, Directive};
+use mvt_gaits::gait;
+use mvt_gaits::gait::{Gait, UnknownGait};
+
+/// By how much a start differs from the nominal one. Every quantity is drawn independently.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Randomisation {
+    /// Relative change of both friction coefficients, drawn separately, uniform in +- this.
+    pub friction: f64,
+    /// Mass is multiplied or divided by up to 1 + this, log-uniform.
+    pub mass: f64,
+    /// Shift of the centre of mass along each axis, metres, uniform in +- this.
+    pub centre_of_mass_m: f64,
+    /// Relative change of the joints' stiffness, uniform in +- this.
+    pub stiffness: f64,
+    /// Shift of the start along x and y, metres, uniform in +- this.
+    pub position_m: f64,
+    /// Yaw of the start, radians, uniform in +- this.
+    pub yaw_rad: f64,
+    /// Each joint's start angle, radians, uniform in +- this.
+    pub joints_rad: f64,
+}
+
+impl Default for Randomisation {
+    fn default() -> Self {
+        Self {
+            friction: 0.15,
+            mass: 0.49,
+            centre_of_mass_m: 0.004,
+            stiffness: 0.05,
+            position_m: 0.008,
+            yaw_rad: std::f64::consts::PI,
+            joints_rad: 0.03,
+        }
+    }
+}
+
+impl Randomisation {
+    /// The nominal start: nothing is drawn.
+    pub fn none() -> Self {
+        Self {
+            friction: 0.0,
+            mass: 0.0,
+            centre_of_mass_m: 0.0,
+            stiffness: 0.0,
+            position_m: 0.0,
+            yaw_rad: 0.0,
+            joints_rad: 0.0,
+        }
+    }
+}
+
+/// Nominal friction of the gel. With the palm's, the middle of the range in which all starts of the tuning study survived.
+const GEL_FRICTION: f64 = 1.05;
+/// Nominal friction of palm, links and object: higher values stop the object on the palm.
+const LINK_FRICTION: f64 = 0.35;
+/// Nominal stiffness of the joints, Nm/rad.
+const JOINT_STIFFNESS: f64 = 3.0;
+/// Height at which the object's lowest point starts, metres: 4 mm above the palm.
+const START_HEIGHT_M: f64 = 0.015;
+
+/// A drawn start: the model's quantities and the initial state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// Quantities of the model.
+    pub physics: Physics,
+    /// Initial joint angles.
+    pub joints: JointAngles,
+    /// Initial pose of the object.
+    pub object: Isometry<ObjectFrame, WorldFrame>,
+}
+
+impl Start {
+    /// Draws a start. The left hand's is the mirror image of the right hand's with the same seed.
+    pub fn draw(object: &Object, gait: &Gait, side: Side, randomisation: &Randomisation, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut within = |amplitude: f64| amplitude * rng.random_range(-1.0..=1.0);
+        let r = randomisation;
+        let mirror = side.sign();
+        let gel_friction = GEL_FRICTION * (1.0 + within(r.friction));
+        let link_friction = LINK_FRICTION * (1.0 + within(r.friction));
+        let object_mass_kg = object.mass_kg * within((1.0 + r.mass).ln()).exp();
+        let [cx, cy, cz] = std::array::from_fn(|_| within(r.centre_of_mass_m));
+        let joint_stiffness = JOINT_STIFFNESS * (1.0 + within(r.stiffness));
+        let (x, y) = (gait.start_xy_m[0] + within(r.position_m), gait.start_xy_m[1] + within(r.position_m));
+        let yaw = mirror * within(r.yaw_rad);
+        let right = gait.open_pose.map(|angle| angle + within(r.joints_rad));
+        let ranges = joint_ranges(side);
+        let joints = side.mirror_joints(right);
+        let [gx, gy, gz] = gait.gravity;
+        let lowest = object.mesh.vertices.iter().fold(f32::INFINITY, |low, v| low.min(v.z));
+        let height = START_HEIGHT_M - if lowest.is_finite() { f64::from(lowest) } else { 0.0 };
+        Self {
+            physics: Physics {
+                timestep_s: 1.0 / f64::from(PHYSICS_HZ),
+                gravity: [gx, mirror * gy, gz],
+                gel_friction,
+                link_friction,
+                joint_stiffness,
+                torque_limit: gait.torque_limit_nm,
+                object_mass_kg,
+                com_offset_m: [cx, mirror * cy, cz],
+            },
+            joints: std::array::from_fn(|j| joints[j].clamp(ranges[j][0], ranges[j][1])),
+            object: Isometry::from_parts([x, mirror * y, height], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
+        }
+    }
+}
+
+/// Why an episode ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "reason", content = "detail")]
+pub enum End {
+    /// It ran for its full duration.
+    Completed,
+    /// The object fell off the palm.
+    Dropped,
+    /// Its supervisor stopped it.
+    Stopped,
+    /// The physics became unstable; the text says how.
+    Unstable(String),
+}
+
+/// What the simulator knows at the instant of one camera frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EpisodeState {
+    /// Hand and object.
+    pub scene: SceneState,
+    /// How each fingertip touches the object.
+    pub pads: PerFinger<PadContact>,
+}
+
+/// How an episode is to be run.
+#[derive(Debug, Clone)]
+pub struct EpisodeConfig {
+    /// Which hand.
+    pub side: Side,
+    /// The gait that the controller plays and that sets gravity, torque limit and start.
+    pub gait: Gait,
+    /// Seed of the start.
+    pub seed: u64,
+    /// Longest duration, seconds.
+    pub duration_s: f64,
+    /// How the start varies.
+    pub randomisation: Randomisation,
+}
+
+/// A running episode.
+pub struct Episode {
+    world: World,
+    controller: DirectedController,
+    start: Start,
+    target: JointAngles,
+    turn_direction: f64,
+    /// Integration steps done and to be done.
+    tick: u64,
+    last_tick: u64,
+    /// Angle turned so far in the gait's direction, radians.
+    turned_rad: f64,
+    end: Option<End>,
+}
+
+impl Episode {
+    /// Draws the start and builds the world.
+    ///
+    /// # Errors
+    /// [`WorldError`] if MuJoCo refuses the object.
+    pub fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, WorldError> {
+        let EpisodeConfig { side, gait, seed, duration_s, randomisation } = config;
+        let start = Start::draw(object, gait, *side, randomisation, *seed);
+        let mut world = World::new(*side, object, &start.physics)?;
+        world.reset(&start.joints, start.object);
+        Ok(Self {
+            world,
+            controller: DirectedController::new(gait, *side),
+            target: start.joints,
+            start,
+            turn_direction: gait::TURN_DIRECTION_RIGHT * side.sign(),
+            tick: 0,
+            last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
+            turned_rad: 0.0,
+            end: None,
+        })
+    }
+
+    /// The start that was drawn.
+    pub fn start(&self) -> &Start {
+        &self.start
+    }
+
+    /// Why the episode has ended, if it has.
+    pub fn end(&self) -> Option<&End> {
+        self.end.as_ref()
+    }
+
+    /// Seconds simulated so far.
+    pub fn time_s(&self) -> f64 {
+        self.tick as f64 / f64::from(PHYSICS_HZ)
+    }
+
+    /// Angle by which the object has turned about the palm's normal in the gait's direction, radians.
+    pub fn turned_rad(&self) -> f64 {
+        self.turned_rad
+    }
+
+    /// Does what a supervisor asks, from the next command on.
+    ///
+    /// # Errors
+    /// [`UnknownGait`], which lists the names; the episode then goes on as before.
+    pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
+        match directive {
+            Directive::Continue => self.controller.recentre([0.0; 2]),
+            Directive::SwitchGait(name) => self.controller.switch(gait::find(name)?.1),
+            Directive::Regrasp => self.controller.regrasp(),
+            Directive::Recentre { offset_m } => self.controller.recentre(offset_m),
+            Directive::Stop => {
+                self.end.get_or_insert(End::Stopped);
+            }
+        }
+        Ok(())
+    }
+
+    /// Injects a fault: moves the object by `change`, rotating it about its centre, and stops it. Where that would put it into
+    /// the hand it is lifted out, by a few centimetres at most.
+    pub fn displace_object(&mut self, change: Isometry<WorldFrame, WorldFrame>) {
+        const LIFT_M: f64 = 0.002;
+        const LIFTS: usize = 20;
+        let (pose, change) = (self.world.object_pose().untyped(), change.untyped());
+        let mut moved = na::Isometry3::from_parts(
+            na::Translation3::from(pose.translation.vector + change.translation.vector),
+            change.rotation * pose.rotation,
+        );
+        self.world.place_object(Isometry::new(moved));
+        for _ in 0..LIFTS {
+            if self.world.penetration_m() < LIFT_M {
+                break;
+            }
+            moved.translation.z += LIFT_M;
+            self.world.place_object(Isometry::new(moved));
+        }
+    }
+
+    /// The state at the next camera frame, the first one at time 0; `None` once the episode has ended.
+    pub fn next_frame(&mut self) -> Option<EpisodeState> {
+        const STEPS_PER_FRAME: u64 = (PHYSICS_HZ / FRAME_HZ) as u64;
+        let due = if self.tick == 0 { 0 } else { self.tick.next_multiple_of(STEPS_PER_FRAME) };
+        while self.tick < due && self.end.is_none() {
+            self.step();
+        }
+        if self.end.is_none() && self.tick >= self.last_tick {
+            self.end = Some(End::Completed);
+        }
+        if self.end.is_some() {
+            return None;
+        }
+        let state = EpisodeState {
+            scene: SceneState {
+                time_s: self.time_s(),
+                joints: self.world.joints(),
+                object_pose: self.world.object_pose(),
+            },
+            pads: self.world.contacts(),
+        };
+        // Leave this frame's instant, so that the next call runs up to the next one.
+        self.step();
+        Some(state)
+    }
+
+    /// One integration step, with a new command where one is due.
+    fn step(&mut self) {
+        const STEPS_PER_COMMAND: u64 = (PHYSICS_HZ / CONTROL_HZ) as u64;
+        /// A free object may spin faster for an instant than any pad turns it; that is not turning, rad/s.
+        const FASTEST_TURN: f64 = 10.0;
+        if self.tick.is_multiple_of(STEPS_PER_COMMAND) {
+            let sensed = Proprioception { time_s: self.time_s(), joints: self.world.joints() };
+            self.target = self.controller.command(&sensed);
+        }
+        self.world.step(&self.target);
+        self.tick += 1;
+        let rate = self.world.object_angular_velocity().z * self.turn_direction;
+        if rate.is_finite() {
+            self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(PHYSICS_HZ);
+        }
+        self.end = self.fault();
+    }
+
+    fn fault(&self) -> Option<End> {
+        if let Some(reason) = self.world.fault() {
+            return Some(End::Unstable(reason));
+        }
+        let p = self.world.object_pose().origin().coords();
+        // The palm spans x from -95 to 0 mm and |y| < 57 mm at z = 11 mm; the fingers reach to x = 160 mm.
+        let on_the_hand = p.z > -0.01 && p.y.abs() < 0.11 && (-0.12..0.16).contains(&p.x);
+        (!on_the_hand).then_some(End::Dropped)
+    }
+}
+
+/// What became of an episode. Fractions are of its camera frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Seconds until the end.
+    pub survived_s: f64,
+    /// Angle turned about the palm's normal in the gait's direction, radians.
+    pub turned_rad: f64,
+    /// The same per second survived.
+    pub turn_rate_rad_s: f64,
+    /// Part of the time in which at least one pad touched the object.
+    pub any_contact_fraction: f64,
+    /// Mean number of pads that touched the object.
+    pub mean_pads_in_contact: f64,
+    /// Part of the time in which each pad touched the object: index, middle, ring, thumb.
+    pub per_pad_contact: PerFinger<f64>,
+    /// Mean penetration of the object into a touching gel, millimetres.
+    pub penetration_mm: f64,
+    /// Angle between the object's own z axis and the palm's normal at the end, degrees.
+    pub tilt_deg: f64,
+    /// Why the episode ended.
+    pub end: End,
+}
+
+/// Sums up an episode frame by frame.
+#[derive(Debug, Clone, Default)]
+pub struct Tally {
+    frames: usize,
+    any: usize,
+    pads: PerFinger<usize>,
+    penetration_m: f64,
+    tilt_rad: f64,
+}
+
+impl Tally {
+    /// Counts one frame.
+    pub fn add(&mut self, state: &EpisodeState) {
+        self.frames += 1;
+        let touching = |f: Finger| state.pads[f].is_touching();
+        self.any += usize::from(Finger::ALL.into_iter().any(touching));
+        for finger in Finger::ALL.into_iter().filter(|&f| touching(f)) {
+            self.pads[finger] += 1;
+            self.penetration_m += state.pads[finger].penetration_m;
+        }
+        let up = (state.scene.object_pose * Vector::<ObjectFrame>::new(0.0, 0.0, 1.0)).coords();
+        self.tilt_rad = up.z.clamp(-1.0, 1.0).acos();
+    }
+
+    /// The outcome of the episode whose frames were counted.
+    pub fn outcome(&self, episode: &Episode) -> Outcome {
+        let of_frames = |count: usize| count as f64 / self.frames.max(1) as f64;
+        let touches: usize = self.pads.0.iter().sum();
+        let survived_s = episode.time_s();
+        Outcome {
+            survived_s,
+            turned_rad: episode.turned_rad(),
+            turn_rate_rad_s: if survived_s > 0.0 { episode.turned_rad() / survived_s } else { 0.0 },
+            any_contact_fraction: of_frames(self.any),
+            mean_pads_in_contact: of_frames(touches),
+            per_pad_contact: PerFinger(self.pads.0.map(of_frames)),
+            penetration_mm: 1e3 * self.penetration_m / touches.max(1) as f64,
+            tilt_deg: self.tilt_rad.to_degrees(),
+            end: episode.end().cloned().unwrap_or(End::Completed),
+        }
+    }
+}
+
+/// Runs an episode to its end without rendering.
+pub fn run(episode: &mut Episode) -> Outcome {
+    let mut tally = Tally::default();
+    while let Some(state) = episode.next_frame() {
+        tally.add(&state);
+    }
+    tally.outcome(episode)
+}

@@ -1,0 +1,213 @@
+//! One MuJoCo world: the hand and one object, stepped, read, saved and restored.
+
+use std::sync::{Arc, Once};
+
+use crate::mjcf;
+use crate::mjcf::Physics;
+use mujoco_rs::error::MjDataError;
+use mujoco_rs::prelude::*;
+use mujoco_rs::wrappers::mj_auxiliary::MjContact;
+use mvt_frames::{Isometry, Object as ObjectFrame, World as WorldFrame};
+use mvt_objects::object::Object;
+use mvt_robot::hand::{Finger, JOINTS, JointAngles, PerFinger, Side};
+use nalgebra as na;
+use serde::{Deserialize, Serialize};
+
+/// How a fingertip touches the object.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct PadContact {
+    /// Sum of the normal forces between gel and object, newtons.
+    pub force_n: f64,
+    /// Deepest penetration of the object into the gel's contact surface, metres; 0 without contact.
+    pub penetration_m: f64,
+}
+
+impl PadContact {
+    /// Whether the pad touches the object.
+    pub fn is_touching(&self) -> bool {
+        self.penetration_m > 0.0
+    }
+}
+
+/// The full state of a world's integration: restored, it continues bit for bit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State(Box<[f64]>);
+
+/// Why a world cannot be made or used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WorldError {
+    /// MuJoCo refuses the model; most often the object's collision shape is flat or its mass is not positive.
+    #[error("MuJoCo cannot build the scene with object {object}: {reason}")]
+    Model {
+        /// The object's name.
+        object: String,
+        /// What MuJoCo said.
+        reason: String,
+    },
+    /// A state of another model.
+    #[error("the saved state does not fit this world: {0}")]
+    State(String),
+}
+
+/// The hand and one object in MuJoCo.
+pub struct World {
+    data: MjData<Arc<MjModel>>,
+    gels: PerFinger<usize>,
+    object_body: usize,
+}
+
+/// Everything that the next step depends on, warm start included.
+const STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
+
+impl World {
+    /// Builds the world with the hand at joint angles 0 and the object at the origin; see [`World::reset`].
+    ///
+    /// # Errors
+    /// [`WorldError::Model`] if MuJoCo refuses the model.
+    pub fn new(side: Side, object: &Object, physics: &Physics) -> Result<Self, WorldError> {
+        route_messages();
+        let refused = |reason: String| WorldError::Model { object: object.name.clone(), reason };
+        let model =
+            MjModel::from_xml_string(&mjcf::model(side, object, physics)).map_err(|e| refused(e.to_string()))?;
+        let id =
+            |kind, name: &str| model.name_to_id(kind, name).ok_or_else(|| refused(format!("it has no element {name}")));
+        let mut gels = PerFinger::default();
+        for finger in Finger::ALL {
+            gels[finger] = id(MjtObjBase::mjOBJ_GEOM, &mjcf::gel_geom(finger))?;
+        }
+        let object_body = id(MjtObjBase::mjOBJ_BODY, mjcf::OBJECT)?;
+        Ok(Self { data: MjData::new(Arc::new(model)), gels, object_body })
+    }
+
+    /// Puts the hand at rest at `joints`, which its controllers then hold, and the object at rest at `object`.
+    pub fn reset(&mut self, joints: &JointAngles, object: Isometry<ObjectFrame, WorldFrame>) {
+        self.data.reset();
+        let qpos = self.data.qpos_mut();
+        qpos[..JOINTS].copy_from_slice(joints);
+        qpos[JOINTS..JOINTS + 3].copy_from_slice(object.origin().coords().as_slice());
+        qpos[JOINTS + 3..].copy_from_slice(&object.quaternion_wxyz());
+        self.data.ctrl_mut().copy_from_slice(joints);
+        self.data.forward();
+    }
+
+    /// Advances one integration step with the joints' controllers aiming at `targets`.
+    pub fn step(&mut self, targets: &JointAngles) {
+        self.data.ctrl_mut().copy_from_slice(targets);
+        self.data.step();
+    }
+
+    /// Puts the object at rest at a pose and leaves the hand as it is.
+    pub fn place_object(&mut self, pose: Isometry<ObjectFrame, WorldFrame>) {
+        let qpos = &mut self.data.qpos_mut()[JOINTS..];
+        qpos[..3].copy_from_slice(pose.origin().coords().as_slice());
+        qpos[3..].copy_from_slice(&pose.quaternion_wxyz());
+        self.data.qvel_mut()[JOINTS..].fill(0.0);
+        self.data.forward();
+    }
+
+    /// Seconds since the reset.
+    pub fn time_s(&self) -> f64 {
+        self.data.time()
+    }
+
+    /// Joint angles.
+    pub fn joints(&self) -> JointAngles {
+        std::array::from_fn(|j| self.data.qpos()[j])
+    }
+
+    /// Pose of the object.
+    pub fn object_pose(&self) -> Isometry<ObjectFrame, WorldFrame> {
+        let q = &self.data.qpos()[JOINTS..];
+        Isometry::from_parts([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]])
+    }
+
+    /// Angular velocity of the object in the world, rad/s.
+    pub fn object_angular_velocity(&self) -> na::Vector3<f64> {
+        let v = &self.data.qvel()[JOINTS + 3..];
+        // MuJoCo gives a free joint's angular velocity in the body's own frame.
+        self.object_pose().untyped().rotation * na::Vector3::new(v[0], v[1], v[2])
+    }
+
+    /// How each fingertip touches the object.
+    pub fn contacts(&self) -> PerFinger<PadContact> {
+        let mut pads = PerFinger::<PadContact>::default();
+        for (i, contact) in self.object_contacts() {
+            let finger =
+                Finger::ALL.into_iter().find(|&f| contact.geom.iter().any(|&g| usize::try_from(g) == Ok(self.gels[f])));
+            if let Some(finger) = finger {
+                let pad = &mut pads[finger];
+                pad.penetration_m = pad.penetration_m.max(-contact.dist);
+                pad.force_n += self.data.try_contact_force(i).map_or(0.0, |force| force[0]);
+            }
+        }
+        pads
+    }
+
+    /// How deep the object is in the hand, metres; 0 where they do not touch.
+    pub fn penetration_m(&self) -> f64 {
+        self.object_contacts().fold(0.0, |deepest, (_, contact)| (-contact.dist).max(deepest))
+    }
+
+    /// The contacts in which the object takes part, with their indices.
+    fn object_contacts(&self) -> impl Iterator<Item = (usize, &MjContact)> {
+        let model = self.data.model();
+        let body_of = |geom: i32| usize::try_from(geom).ok().and_then(|g| model.geom_bodyid().get(g)).copied();
+        let object = i32::try_from(self.object_body).ok();
+        let touches = move |contact: &MjContact| contact.geom.iter().any(|&g| body_of(g) == object);
+        self.data.contact().iter().enumerate().filter(move |(_, contact)| touches(contact))
+    }
+
+    /// Why the simulation can no longer be trusted, if so.
+    pub fn fault(&self) -> Option<String> {
+        /// No joint or object of this scene moves faster unless the integration has blown up (m/s and rad/s).
+        const FASTEST: f64 = 1e3;
+        let broken = |name: &str, values: &[f64], limit: f64| {
+            values
+                .iter()
+                .find(|v| !v.is_finite() || v.abs() > limit)
+                .map(|v| format!("the physics became unstable at {:.3} s: {name} reached {v}", self.time_s()))
+        };
+        broken("a position", self.data.qpos(), 1e2).or_else(|| broken("a velocity", self.data.qvel(), FASTEST))
+    }
+
+    /// The state, to be restored later.
+    pub fn save(&self) -> State {
+        State(self.data.state(STATE))
+    }
+
+    /// Continues from a saved state of the same model.
+    ///
+    /// # Errors
+    /// [`WorldError::State`] if the state is of another model.
+    pub fn restore(&mut self, state: &State) -> Result<(), WorldError> {
+        let foreign = |e: MjDataError| WorldError::State(e.to_string());
+        self.data.set_state(&state.0, STATE).map_err(foreign)?;
+        // Contacts and body poses follow from the state; computing them disturbs the solver's warm start, which is part of it.
+        self.data.forward();
+        self.data.set_state(&state.0, STATE).map_err(foreign)
+    }
+
+    /// Pose of a body of the model by name, as MuJoCo computed it in the last step.
+    pub fn body_pose(&self, name: &str) -> Option<na::Isometry3<f64>> {
+        let id = self.data.model().name_to_id(MjtObjBase::mjOBJ_BODY, name)?;
+        let (p, q) = (self.data.xpos().get(id)?, self.data.xquat().get(id)?);
+        let rotation = na::UnitQuaternion::from_quaternion(na::Quaternion::new(q[0], q[1], q[2], q[3]));
+        Some(na::Isometry3::from_parts(na::Vector3::from(*p).into(), rotation))
+    }
+}
+
+/// Sends MuJoCo's messages to the log instead of to a file in the working folder.
+fn route_messages() {
+    static ROUTED: Once = Once::new();
+    ROUTED.call_once(|| {
+        // SAFETY: every use of MuJoCo in this crate comes after this call, which runs once.
+        unsafe {
+            set_log_handler(|message| match message.level() {
+                MjtLogLevel::mjLOG_DEBUG | MjtLogLevel::mjLOG_INFO => tracing::debug!("MuJoCo: {}", message.subject()),
+                MjtLogLevel::mjLOG_WARNING => tracing::warn!("MuJoCo: {}", message.subject()),
+                MjtLogLevel::mjLOG_ERROR => tracing::error!("MuJoCo: {}", message.subject()),
+            });
+        }
+    });
+}

@@ -1,0 +1,163 @@
+//! What lies under the contacts of training images: far more kinds of backgrounds than synthetic sensors have, so that a real one is but
+//! one more.
+
+use std::f32::consts::TAU;
+
+use image::RgbImage;
+use mvt_robot::digit::{HEIGHT, WIDTH};
+use rand::RngExt as _;
+use rand_chacha::ChaCha8Rng;
+
+/// A shape of light on the gel. Places are shares of the image's width and height.
+enum Shape {
+    /// Frequency along both axes, phase.
+    Wave([f32; 2], f32),
+    /// Centre and radii of a pool of light.
+    Pool([f32; 2], [f32; 2]),
+    /// Normal, offset and width of a soft step: a lens's or a gel's border.
+    Step([f32; 2], f32, f32),
+}
+
+impl Shape {
+    /// How much of its height a place has, -1 to 1.
+    fn share(&self, [x, y]: [f32; 2]) -> f32 {
+        match self {
+            Self::Wave([fx, fy], phase) => (TAU * (fx * x + fy * y) + phase).cos(),
+            Self::Pool([cx, cy], [rx, ry]) => (-0.5 * (((x - cx) / rx).powi(2) + ((y - cy) / ry).powi(2))).exp(),
+            Self::Step([nx, ny], offset, width) => ((nx * x + ny * y - offset) / width).tanh(),
+        }
+    }
+
+    /// Draws the shapes of an image, each with how high it may be at most. What is narrow is low, or it would look like contact.
+    fn draw(rng: &mut ChaCha8Rng) -> Vec<(Self, f32)> {
+        let mut shapes = Vec::new();
+        let mut wave = |frequency: f32, rng: &mut ChaCha8Rng| {
+            let along = rng.random::<f32>() * TAU;
+            let height = (1.0 / frequency).min(1.0);
+            shapes.push((
+                Self::Wave([frequency * along.cos(), frequency * along.sin()], rng.random::<f32>() * TAU),
+                if frequency > 1.5 { 0.4 * height } else { 1.0 },
+            ));
+        };
+        for _ in 0..3 {
+            wave(rng.random_range(0.2..1.5), rng);
+        }
+        for _ in 0..rng.random_range(0..4) {
+            wave(rng.random_range(1.5..6.0), rng);
+        }
+        for _ in 0..rng.random_range(0..4) {
+            let centre = [rng.random_range(-0.1..1.1), rng.random_range(-0.1..1.1)];
+            let radius = [rng.random_range(0.05..0.4_f32), rng.random_range(0.05..0.4_f32)];
+            shapes.push((Self::Pool(centre, radius), (5.0 * radius[0].min(radius[1])).min(1.0)));
+        }
+        for _ in 0..rng.random_range(0..3) {
+            let (sin, cos) = (rng.random::<f32>() * TAU).sin_cos();
+            let through = [rng.random::<f32>(), rng.random::<f32>()];
+            let width = rng.random_range(0.02..0.2_f32);
+            shapes.push((Self::Step([cos, sin], cos * through[0] + sin * through[1], width), (3.0 * width).min(0.4)));
+        }
+        shapes
+    }
+}
+
+/// Light is drawn at every so many pixels and interpolated.
+const SPACING: usize = 4;
+
+/// Changes what lies under an image's contact: brightness and colour by up to about `height` grey levels for each of several shapes,
+/// and specks.
+pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
+    let color = |height: f32, rng: &mut ChaCha8Rng| -> [f32; 3] {
+        std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0))
+    };
+    let offset = color(height, rng);
+    let shapes: Vec<(Shape, [f32; 3])> =
+        Shape::draw(rng).into_iter().map(|(shape, share)| (shape, color(share * height, rng))).collect();
+    const COLUMNS: usize = WIDTH / SPACING + 1;
+    let light: Vec<[f32; 3]> = (0..COLUMNS * (HEIGHT / SPACING + 1))
+        .map(|i| {
+            let place = [i % COLUMNS * SPACING, i / COLUMNS * SPACING];
+            let place = [place[0] as f32 / WIDTH as f32, place[1] as f32 / HEIGHT as f32];
+            shapes.iter().fold(offset, |sum, (shape, color)| {
+                let share = shape.share(place);
+                std::array::from_fn(|c| sum[c] + share * color[c])
+            })
+        })
+        .collect();
+    let between =
+        |a: &[f32; 3], b: &[f32; 3], t: f32| -> [f32; 3] { std::array::from_fn(|c| a[c] + t * (b[c] - a[c])) };
+    let pixels: &mut [u8] = image;
+    for (v, row) in pixels.chunks_exact_mut(3 * WIDTH).enumerate() {
+        let upper = v / SPACING * COLUMNS;
+        let down = (v % SPACING) as f32 / SPACING as f32;
+        let knots: Vec<[f32; 3]> =
+            (upper..upper + COLUMNS).map(|i| between(&light[i], &light[i + COLUMNS], down)).collect();
+        for (u, pixel) in row.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            let across = (u % SPACING) as f32 / SPACING as f32;
+            let added = between(&knots[u / SPACING], &knots[u / SPACING + 1], across);
+            for (level, added) in pixel.iter_mut().zip(added) {
+                *level = (f32::from(*level) + added).round() as u8;
+            }
+        }
+    }
+    for _ in 0..rng.random_range(0..12) {
+        speck(image, rng);
+    }
+}
+
+/// A grain of dust or a scratch's end: a small round spot, darker or lighter.
+fn speck(image: &mut RgbImage, rng: &mut ChaCha8Rng) {
+    let (x, y) = (rng.random_range(0..WIDTH) as f32, rng.random_range(0..HEIGHT) as f32);
+    let radius = rng.random_range(1.0..4.0_f32);
+    let heights: [f32; 3] = std::array::from_fn(|_| rng.random_range(-10.0..6.0_f32));
+    let reach = (3.0 * radius).ceil();
+    let span = |at: f32, side: usize| ((at - reach).max(0.0) as u32)..((at + reach) as u32 + 1).min(side as u32);
+    for (v, u) in span(y, HEIGHT).flat_map(|v| span(x, WIDTH).map(move |u| (v, u))) {
+        let (dx, dy) = (u as f32 - x, v as f32 - y);
+        let share = (-(dx * dx + dy * dy) / (2.0 * radius * radius)).exp();
+        for (level, height) in image.get_pixel_mut(u, v).0.iter_mut().zip(heights) {
+            *level = (f32::from(*level) + share * height).round() as u8;
+        }
+    }
+}
+
+/// What saving it as a JPEG leaves of an image, as TACTO's backgrounds are.
+pub fn through_jpeg(image: &RgbImage, quality: u8) -> anyhow::Result<RgbImage> {
+    let mut file = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut file, quality).encode_image(image)?;
+    Ok(image::load_from_memory_with_format(&file, image::ImageFormat::Jpeg)?.into_rgb8())
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use super::*;
+
+    fn disturbed(height: f32, seed: u64) -> RgbImage {
+        let mut image = RgbImage::from_pixel(WIDTH as u32, HEIGHT as u32, image::Rgb([128; 3]));
+        disturb(&mut image, height, &mut ChaCha8Rng::seed_from_u64(seed));
+        image
+    }
+
+    #[test]
+    fn light_is_smooth_and_as_high_as_asked_for() {
+        assert_eq!(disturbed(20.0, 1), disturbed(20.0, 1));
+        for seed in 0..20 {
+            let image = disturbed(20.0, seed);
+            let levels: Vec<f32> = image.pixels().map(|p| f32::from(p.0[0])).collect();
+            let rms = (levels.iter().map(|x| (x - 128.0).powi(2)).sum::<f32>() / levels.len() as f32).sqrt();
+            assert!(rms > 1.0 && rms < 50.0, "seed {seed}: {rms}");
+            let steps = image.pixels().zip(image.pixels().skip(1)).filter(|(a, b)| a.0[0].abs_diff(b.0[0]) > 4).count();
+            // Only specks and the ends of rows are steep.
+            assert!(steps < 3 * HEIGHT, "seed {seed}: {steps}");
+        }
+    }
+
+    #[test]
+    fn jpeg_changes_little() {
+        let image = disturbed(20.0, 3);
+        let saved = through_jpeg(&image, 90).unwrap();
+        assert_ne!(saved, image);
+        assert!(saved.iter().zip(image.iter()).all(|(a, b)| a.abs_diff(*b) < 16));
+    }
+}

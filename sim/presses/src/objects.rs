@@ -1,0 +1,170 @@
+//! Which objects a network is trained on, which it is watched on, and which it never sees before it is judged.
+
+use anyhow::{Context as _, Result, bail, ensure};
+use glam::Vec3;
+use mvt_mesh::Mesh;
+use mvt_objects::catalogue;
+use mvt_render::rays::RayMesh;
+use rand::RngExt as _;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Never trained on: the ten objects of YCB-Slide, and four of the procedural ones.
+pub const TEST: [&str; 14] = [
+    "004_sugar_box",
+    "005_tomato_soup_can",
+    "006_mustard_bottle",
+    "021_bleach_cleanser",
+    "025_mug",
+    "035_power_drill",
+    "037_scissors",
+    "042_adjustable_wrench",
+    "048_hammer",
+    "055_baseball",
+    "bell_pepper",
+    "duck",
+    "rubiks_cube_small",
+    "soup_can",
+];
+
+/// Never trained on; the best weights of a training are those that do best on these.
+pub const VALIDATION: [&str; 8] = [
+    "010_potted_meat_can",
+    "014_lemon",
+    "022_windex_bottle",
+    "038_padlock",
+    "051_large_clamp",
+    "065-e_cups",
+    "073-c_lego_duplo",
+    "pear",
+];
+
+/// Names of objects.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Split {
+    /// Those to train on; left out, everything in the catalogue that is neither in [`VALIDATION`] nor in [`TEST`].
+    pub train: Vec<String>,
+    /// Those to be watched on; left out, [`VALIDATION`].
+    pub validate: Vec<String>,
+}
+
+impl Default for Split {
+    fn default() -> Self {
+        let names = catalogue::entries().map(|entry| entry.name);
+        let train = names.filter(|name| !TEST.contains(name) && !VALIDATION.contains(name));
+        Self { train: train.map(str::to_owned).collect(), validate: VALIDATION.map(str::to_owned).to_vec() }
+    }
+}
+
+impl Split {
+    /// Whether it is the published one.
+    pub fn is_published(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Checks that there is something to train on and to be watched on, and that no object is in two sets.
+    pub fn check(&self) -> Result<()> {
+        ensure!(!self.train.is_empty() && !self.validate.is_empty(), "data.objects must name some of each");
+        for name in self.train.iter().chain(&self.validate) {
+            catalogue::find(name).context("data.objects")?;
+            if TEST.contains(&name.as_str()) {
+                bail!("data.objects: {name} is kept for tests, no network is trained or chosen by it");
+            }
+            ensure!(
+                !(self.train.contains(name) && self.validate.contains(name)),
+                "data.objects: {name} is both trained and validated on"
+            );
+        }
+        Ok(())
+    }
+}
+
+/// An object that can be touched anywhere.
+pub struct Surface {
+    /// As the renderer wants it.
+    pub rays: RayMesh,
+    mesh: Mesh,
+    /// Area of all faces up to each, square metres.
+    areas: Vec<f64>,
+}
+
+impl Surface {
+    fn new(mesh: Mesh) -> Self {
+        let areas = mesh.triangles().scan(0.0, |sum, [a, b, c]| {
+            *sum += 0.5 * f64::from((b - a).cross(c - a).length());
+            Some(*sum)
+        });
+        Self { rays: RayMesh::new(&mesh), areas: areas.collect(), mesh }
+    }
+
+    /// A point, evenly over the surface, and the outward normal there.
+    pub fn point(&self, rng: &mut ChaCha8Rng) -> (Vec3, Vec3) {
+        let area = rng.random::<f64>() * self.areas.last().copied().unwrap_or(0.0);
+        let face = self.areas.partition_point(|&sum| sum <= area);
+        let face = self.mesh.faces.get(face).copied().unwrap_or_default();
+        let [a, b, c] = face.map(|i| self.mesh.vertices.get(i as usize).copied().unwrap_or_default());
+        let (mut s, mut t) = (rng.random::<f32>(), rng.random::<f32>());
+        if s + t > 1.0 {
+            (s, t) = (1.0 - s, 1.0 - t);
+        }
+        (a + (b - a) * s + (c - a) * t, (b - a).cross(c - a).try_normalize().unwrap_or(Vec3::X))
+    }
+}
+
+/// Names, with those of a published set in place of its name.
+pub fn resolve(names: &[String]) -> Vec<String> {
+    let published = |name: &String| match name.as_str() {
+        "train" => Split::default().train,
+        "validation" => VALIDATION.map(str::to_owned).to_vec(),
+        "test" => TEST.map(str::to_owned).to_vec(),
+        _ => vec![name.clone()],
+    };
+    names.iter().flat_map(published).collect()
+}
+
+/// Loads objects of the catalogue. Their order is that of the names.
+pub fn load(names: &[impl AsRef<str> + Sync]) -> Result<Vec<Surface>> {
+    let surface = |name: &_| {
+        let name = AsRef::<str>::as_ref(name);
+        let mesh = catalogue::find(name)?.mesh(&mut Vec::new()).with_context(|| format!("cannot load {name}"))?;
+        Ok(Surface::new(mesh))
+    };
+    names.par_iter().map(surface).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_object_is_in_two_sets() {
+        let published = Split::default();
+        published.check().unwrap();
+        let count = published.train.len() + TEST.len() + VALIDATION.len();
+        assert_eq!(count, catalogue::entries().count(), "a name that is no object");
+        let split = |train: &[&str], validate: &[&str]| {
+            let names = |names: &[&str]| names.iter().copied().map(str::to_owned).collect();
+            Split { train: names(train), validate: names(validate) }.check().err().map(|error| format!("{error:#}"))
+        };
+        assert_eq!(split(&["mug", "ball"], &["pear"]), None);
+        assert!(split(&["mug", "pear"], &["pear"]).unwrap().contains("pear"));
+        assert!(split(&["duck"], &["pear"]).unwrap().contains("duck is kept for tests"));
+        assert!(split(&["mugg"], &["pear"]).unwrap().contains("mugg"));
+        assert!(split(&[], &["pear"]).unwrap().contains("some of each"));
+    }
+
+    #[test]
+    fn points_lie_on_the_surface_and_normals_point_outwards() {
+        use rand::SeedableRng as _;
+        let ball = load(&["ball"]).unwrap().remove(0);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let radius = ball.mesh.extents_m().x / 2.0;
+        for _ in 0..200 {
+            let (point, normal) = ball.point(&mut rng);
+            assert!((point.length() - radius).abs() < 0.02 * radius, "{point}");
+            assert!(normal.dot(point.normalize()) > 0.99, "{normal} at {point}");
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! What the robot records of a state: rendered touch and camera images, and the ground truth beside them.
+
+use image::RgbImage;
+use mvt_frames::camera::PosedCamera;
+use mvt_objects::object::Object;
+use mvt_robot::digit;
+use mvt_robot::hand::{PerFinger, Side, world_from_tip};
+use mvt_robot::observation::{GroundTruth, Observation, SceneState, TouchTruth};
+
+use crate::camera;
+use crate::depth_noise::{self, FrameId};
+use crate::rays::RayMesh;
+use crate::touch::{NoiseKey, TouchError, TouchFrame, TouchOptions, TouchRenderer};
+
+/// How states are turned into images.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObserverOptions {
+    /// Which hand.
+    pub side: Side,
+    /// The cameras, in the order of the observations.
+    pub cameras: Vec<PosedCamera>,
+    /// Each DIGIT.
+    pub touch: PerFinger<TouchOptions>,
+    /// Whether touch images have noise.
+    pub touch_noise: bool,
+    /// Redwood-style noise on camera depth, as a multiple of its level (see [`depth_noise::disturb`]); `None` for true depth.
+    pub camera_depth_noise: Option<f64>,
+    /// Seed of all noise.
+    pub seed: u64,
+}
+
+/// Renders states. Immutable, so that one serves all threads; what it gives depends on the state and the frame's number alone.
+pub struct Observer {
+    options: ObserverOptions,
+    object: RayMesh,
+    touch: PerFinger<TouchRenderer>,
+    camera: camera::Renderer,
+}
+
+/// The memory that rendering a frame needs: reuse it from frame to frame.
+#[derive(Default)]
+pub struct Scratch {
+    touch: TouchFrame,
+    camera: camera::Scratch,
+}
+
+impl Observer {
+    /// Prepares the rendering of an object.
+    ///
+    /// # Errors
+    /// [`TouchError`] if a touch option is out of range.
+    pub fn new(object: &Object, options: ObserverOptions) -> Result<Self, TouchError> {
+        let [index, middle, ring, thumb] = options.touch.0.each_ref().map(TouchRenderer::new);
+        Ok(Self {
+            object: RayMesh::new(&object.mesh),
+            touch: PerFinger([index?, middle?, ring?, thumb?]),
+            camera: camera::Renderer::new(options.side, object),
+            options,
+        })
+    }
+
+    /// What each DIGIT shows when it touches nothing, without noise.
+    pub fn empty_touch(&self) -> PerFinger<RgbImage> {
+        PerFinger::from_fn(|finger| self.touch[finger].empty())
+    }
+
+    /// What is recorded of a state as frame number `frame`.
+    pub fn observe(&self, frame: u32, state: &SceneState, scratch: &mut Scratch) -> (Observation, GroundTruth) {
+        let mut touch_truth = PerFinger::from_fn(|_| TouchTruth::default());
+        let touch = PerFinger::from_fn(|finger| {
+            let world_from_gel = world_from_tip(self.options.side, finger, &state.joints) * digit::tip_from_gel();
+            let gel_from_object = world_from_gel.inverse() * state.object_pose;
+            let key = NoiseKey { seed: self.options.seed, finger: finger as u32, frame };
+            let noise = self.options.touch_noise.then_some(key);
+            self.touch[finger].render(&self.object, gel_from_object, noise, &mut scratch.touch);
+            touch_truth[finger] =
+                TouchTruth { depth_m: scratch.touch.depth_m().clone(), contact: scratch.touch.contact().clone() };
+            scratch.touch.calibrated().clone()
+        });
+        let (cameras, segmentation) = (0..)
+            .zip(&self.options.cameras)
+            .map(|(i, camera)| {
+                let rendered = self.camera.render(camera, &state.joints, state.object_pose, &mut scratch.camera);
+                let mut rgbd = rendered.rgbd;
+                if let Some(multiplier) = self.options.camera_depth_noise {
+                    let id = FrameId { seed: self.options.seed, camera: i, frame };
+                    rgbd.depth_m = depth_noise::disturb(&rgbd.depth_m, multiplier, id);
+                }
+                (rgbd, rendered.segmentation)
+            })
+            .unzip();
+        let observation = Observation { time_s: state.time_s, joints: state.joints, touch, cameras };
+        (observation, GroundTruth { object_pose: state.object_pose, touch: touch_truth, segmentation })
+    }
+
+    /// Share of the object that the hand hides from the first camera in a state of which this is the truth, as
+    /// [`camera::Renderer::hidden_share`] tells it. None without cameras, too.
+    pub fn hidden_share(&self, truth: &GroundTruth, scratch: &mut Scratch) -> Option<f64> {
+        let (camera, segmentation) = self.options.cameras.first().zip(truth.segmentation.first())?;
+        self.camera.hidden_share(camera, truth.object_pose, segmentation, &mut scratch.camera)
+    }
+}

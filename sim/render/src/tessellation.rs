@@ -1,0 +1,131 @@
+//! Triangle meshes of the primitives that the hand is made of.
+
+use std::f64::consts::{PI, TAU};
+
+use mvt_mesh::Mesh;
+use mvt_robot::hand::Primitive;
+use nalgebra as na;
+
+/// The surface of a primitive, with `segments` (rounded up to an even number, at least 8) around capsules and
+/// ellipsoids; it strays from the true surface by (pi / segments)^2 / 2 of the radius to either side. Boxes keep hard
+/// edges: their faces share no vertices.
+pub fn tessellate(shape: &Primitive, segments: usize) -> Mesh {
+    let segments = segments.max(8).next_multiple_of(2);
+    match *shape {
+        Primitive::Box { centre, half } => cuboid(centre.into(), half.into()),
+        Primitive::Ellipsoid { centre, semi } => {
+            let (centre, semi) = (na::Vector3::from(centre), na::Vector3::from(semi));
+            globe(segments, 0.0, |p| centre + p.component_mul(&semi))
+        }
+        Primitive::Capsule { from, to, radius } => {
+            let (from, to) = (na::Vector3::from(from), na::Vector3::from(to));
+            let axis = to - from;
+            let turn = na::Rotation3::rotation_between(&na::Vector3::z(), &axis)
+                .unwrap_or_else(|| na::Rotation3::from_axis_angle(&na::Vector3::x_axis(), PI));
+            let middle = (from + to) / 2.0;
+            globe(segments, axis.norm() / 2.0 / radius, |p| middle + turn * p * radius)
+        }
+    }
+}
+
+fn cuboid(centre: na::Vector3<f64>, half: na::Vector3<f64>) -> Mesh {
+    let mut mesh = Mesh::default();
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let first = mesh.vertices.len() as u32;
+            // The other two axes in the order that keeps the corners counter-clockwise seen from outside.
+            let (a, b) = if sign > 0.0 { ((axis + 1) % 3, (axis + 2) % 3) } else { ((axis + 2) % 3, (axis + 1) % 3) };
+            for (s, t) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                let mut corner = half;
+                (corner[axis], corner[a], corner[b]) = (sign * half[axis], s * half[a], t * half[b]);
+                push(&mut mesh, centre + corner);
+            }
+            mesh.faces.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+        }
+    }
+    mesh
+}
+
+/// A unit sphere around z, cut at the equator and drawn apart by `half_length` to either side, then moved by `place`.
+fn globe(segments: usize, half_length: f64, place: impl Fn(na::Vector3<f64>) -> na::Vector3<f64>) -> Mesh {
+    let half_turn = segments / 2;
+    // Vertices lie a little outside of the sphere, and the middles of the faces as much inside of it.
+    let radius = 1.0 / (PI / segments as f64).cos();
+    let mut mesh = Mesh::default();
+    // Polar angle and shift along the axis of each ring of vertices; a capsule has two at its equator.
+    let polar = |k: usize| k as f64 * PI / half_turn as f64;
+    let upper = (1..=half_turn / 2).map(|k| (polar(k), half_length));
+    let lower = (half_turn / 2 + usize::from(half_length == 0.0)..half_turn).map(|k| (polar(k), -half_length));
+    let rings: Vec<(f64, f64)> = upper.chain(lower).collect();
+    push(&mut mesh, place(na::Vector3::new(0.0, 0.0, radius + half_length)));
+    for &(polar, offset) in &rings {
+        for k in 0..segments {
+            let (sin, cos) = (k as f64 * TAU / segments as f64).sin_cos();
+            let around = radius * polar.sin();
+            push(&mut mesh, place(na::Vector3::new(around * cos, around * sin, radius * polar.cos() + offset)));
+        }
+    }
+    push(&mut mesh, place(na::Vector3::new(0.0, 0.0, -radius - half_length)));
+    let vertex = |ring: usize, k: usize| (1 + ring * segments + k % segments) as u32;
+    let last = mesh.vertices.len() as u32 - 1;
+    for k in 0..segments {
+        mesh.faces.push([0, vertex(0, k), vertex(0, k + 1)]);
+        for ring in 1..rings.len() {
+            let [a, b] = [vertex(ring - 1, k), vertex(ring - 1, k + 1)];
+            let [c, d] = [vertex(ring, k), vertex(ring, k + 1)];
+            mesh.faces.extend([[a, c, d], [a, d, b]]);
+        }
+        mesh.faces.push([vertex(rings.len() - 1, k), last, vertex(rings.len() - 1, k + 1)]);
+    }
+    mesh
+}
+
+fn push(mesh: &mut Mesh, p: na::Vector3<f64>) {
+    mesh.vertices.push(glam::DVec3::new(p.x, p.y, p.z).as_vec3());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Six times the enclosed volume, each edge met once in either direction.
+    fn closed_volume(mesh: &Mesh) -> f64 {
+        let mut edges = std::collections::HashMap::new();
+        let mut volume = 0.0;
+        let key = |i: u32| mesh.vertices[i as usize].to_array().map(f32::to_bits);
+        for face in &mesh.faces {
+            let [a, b, c] = face.map(|i| mesh.vertices[i as usize].as_dvec3());
+            volume += a.dot(b.cross(c)) / 6.0;
+            for k in 0..3 {
+                let (p, q) = (key(face[k]), key(face[(k + 1) % 3]));
+                *edges.entry((p, q)).or_insert(0) += 1;
+                *edges.entry((q, p)).or_insert(0) -= 1;
+            }
+        }
+        assert!(edges.values().all(|&n| n == 0), "open edges");
+        volume
+    }
+
+    #[test]
+    fn primitives_are_closed_and_have_their_volume() {
+        let shapes = [
+            (Primitive::Box { centre: [0.1, 0.2, -0.1], half: [0.01, 0.02, 0.03] }, 8.0 * 6e-6),
+            (
+                Primitive::Ellipsoid { centre: [0.0, 0.1, 0.0], semi: [0.009, 0.0128, 0.0165] },
+                4.0 / 3.0 * PI * 1.900_8e-6,
+            ),
+            (
+                Primitive::Capsule { from: [0.0, 0.0, 0.05], to: [0.0, 0.03, 0.05], radius: 0.01 },
+                PI * 1e-4 * 0.03 + 4.0 / 3.0 * PI * 1e-6,
+            ),
+            (
+                Primitive::Capsule { from: [0.0, 0.0, 0.05], to: [0.0, 0.0, 0.02], radius: 0.01 },
+                PI * 1e-4 * 0.03 + 4.0 / 3.0 * PI * 1e-6,
+            ),
+        ];
+        for (shape, volume) in shapes {
+            let found = closed_volume(&tessellate(&shape, 64));
+            assert!((found / volume - 1.0).abs() < 1.5e-3, "{shape:?}: {found} instead of {volume}");
+        }
+    }
+}

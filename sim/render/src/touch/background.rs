@@ -1,0 +1,87 @@
+//! An image like that of a real DIGIT that touches nothing.
+
+use image::RgbImage;
+use mvt_robot::digit::{HEIGHT, WIDTH};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A pool of one LED's light on the gel, in shares of the image's width and height.
+struct Pool {
+    /// Grey levels it adds to red, green and blue at its centre.
+    color: [f32; 3],
+    centre: [f32; 2],
+    radius: [f32; 2],
+}
+
+/// What every sensor has in common: red light enters from the left, green from the right, blue from below, and the far end of
+/// the gel is dim.
+const POOLS: [Pool; 4] = [
+    Pool { color: [172.0, 10.0, 16.0], centre: [0.14, 0.42], radius: [0.34, 0.27] },
+    Pool { color: [14.0, 62.0, -14.0], centre: [0.80, 0.45], radius: [0.27, 0.26] },
+    Pool { color: [6.0, 4.0, 62.0], centre: [0.40, 0.80], radius: [0.36, 0.27] },
+    Pool { color: [22.0, 22.0, 32.0], centre: [0.40, 0.02], radius: [0.45, 0.16] },
+];
+/// Light that falls everywhere, grey levels.
+const AMBIENT: [f32; 3] = [24.0, 74.0, 58.0];
+/// Mean colour of a DIGIT's image, grey levels.
+const MEAN: [f32; 3] = [93.0, 98.0, 92.0];
+/// The gel's paint is uneven by this much, grey levels from the mean, over patches of [`PATCH`] pixels.
+const UNEVENNESS: f32 = 2.0;
+const PATCH: usize = 4;
+
+/// An image like that of a real DIGIT that touches nothing, 240 wide and 320 high. Each seed is another sensor: LEDs sit
+/// elsewhere, shine more or less, and the paint of the gel differs.
+pub fn synthetic_background(seed: u64) -> RgbImage {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut around = |value: f32, spread: f32| value + spread * (2.0 * rng.random::<f32>() - 1.0);
+    let pools = POOLS.map(|pool| Pool {
+        color: pool.color.map(|c| c * around(1.0, 0.15)),
+        centre: pool.centre.map(|c| around(c, 0.05)),
+        radius: pool.radius.map(|r| r * around(1.0, 0.12)),
+    });
+    let mean = MEAN.map(|m| around(m, 6.0));
+    const COLUMNS: usize = WIDTH / PATCH + 2;
+    let paint: Vec<f32> = (0..COLUMNS * (HEIGHT / PATCH + 2)).map(|_| around(0.0, UNEVENNESS)).collect();
+
+    let light = |u: usize, v: usize| -> [f32; 3] {
+        let at = [(u as f32 + 0.5) / WIDTH as f32, (v as f32 + 0.5) / HEIGHT as f32];
+        let corner = (v / PATCH) * COLUMNS + u / PATCH;
+        let [s, t] = [u, v].map(|i| (i % PATCH) as f32 / PATCH as f32);
+        let upper = paint[corner] * (1.0 - s) + paint[corner + 1] * s;
+        let lower = paint[corner + COLUMNS] * (1.0 - s) + paint[corner + COLUMNS + 1] * s;
+        let mut color = AMBIENT.map(|a| a + upper * (1.0 - t) + lower * t);
+        for Pool { color: added, centre, radius } in &pools {
+            let [x, y] = [0, 1].map(|k| (at[k] - centre[k]) / radius[k]);
+            let share = (-0.5 * (x * x + y * y)).exp();
+            for (c, a) in color.iter_mut().zip(added) {
+                *c += a * share;
+            }
+        }
+        color
+    };
+    let pixels: Vec<[f32; 3]> = (0..WIDTH * HEIGHT).map(|i| light(i % WIDTH, i / WIDTH)).collect();
+    let gain: [f32; 3] =
+        std::array::from_fn(|c| mean[c] * pixels.len() as f32 / pixels.iter().map(|p| p[c]).sum::<f32>());
+    RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |u, v| {
+        let pixel = pixels[v as usize * WIDTH + u as usize];
+        image::Rgb(std::array::from_fn(|c| (pixel[c] * gain[c]).round() as u8))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_repeat_differ_and_keep_the_mean() {
+        let (a, b) = (synthetic_background(1), synthetic_background(2));
+        assert_eq!(a, synthetic_background(1));
+        assert_ne!(a, b);
+        for image in [a, b] {
+            for c in 0..3 {
+                let mean = image.pixels().map(|p| f32::from(p.0[c])).sum::<f32>() / (WIDTH * HEIGHT) as f32;
+                assert!((mean - MEAN[c]).abs() < 7.0, "channel {c}: {mean}");
+            }
+        }
+    }
+}

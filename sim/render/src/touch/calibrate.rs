@@ -1,0 +1,124 @@
+//! TACTO's calibration: what contact changes in the rendered image, halved and blurred, is laid over a real sensor's image.
+//!
+//! OpenCV blurs with the fixed kernel [2, 7, 14, 18, 14, 7, 2] / 64 along both axes. All of it is a multiple of 2^-13, so integers
+//! give TACTO's floating-point result to the bit.
+
+use std::ops::Range;
+
+use mvt_robot::digit::{HEIGHT, WIDTH};
+
+/// Half of OpenCV's 7-tap kernel for the window (7, 7) and sigma 0, from the centre outwards, times 64.
+const KERNEL: [i16; 4] = [18, 14, 7, 2];
+/// Reach of the kernel.
+pub(super) const REACH: usize = KERNEL.len() - 1;
+/// Bytes of an image row.
+const ROW: usize = 3 * WIDTH;
+/// The two passes scale by 64 each, the factor 0.5 by another 2.
+const SHIFT: u32 = 13;
+
+/// The rows of an image as they lie after the horizontal pass.
+pub(super) struct Blur {
+    rows: Vec<[i16; ROW]>,
+    padded: [i16; ROW + 6 * REACH],
+}
+
+impl Blur {
+    pub fn new() -> Self {
+        Self { rows: vec![[0; ROW]; HEIGHT], padded: [0; ROW + 6 * REACH] }
+    }
+
+    /// Overwrites those rows of `out` that differ from `background`: the rows within the kernel's reach of `changed`, in which
+    /// alone `raw` differs from `empty`. All are images of 240 x 320 RGB pixels.
+    #[inline(always)]
+    pub fn overlay(&mut self, changed: Range<usize>, raw: &[u8], empty: &[u8], background: &[u8], out: &mut [u8]) {
+        let [(raw, _), (empty, _), (background, _)] = [raw, empty, background].map(|image| image.as_chunks::<ROW>());
+        let (out, _) = out.as_chunks_mut::<ROW>();
+        for v in changed.clone() {
+            self.horizontal(&raw[v], &empty[v], v);
+        }
+        let zero = [0; ROW];
+        let [k0, k1, k2, k3] = KERNEL.map(i32::from);
+        for v in changed.start.saturating_sub(REACH)..(changed.end + REACH).min(HEIGHT) {
+            let taps: [&[i16; ROW]; 7] = std::array::from_fn(|k| {
+                let row = mirrored(v as isize + k as isize - REACH as isize, HEIGHT);
+                if changed.contains(&row) { &self.rows[row] } else { &zero }
+            });
+            let (out, under) = (&mut out[v], &background[v]);
+            for i in 0..ROW {
+                let [a, b, c, d, e, f, g] = taps.map(|row| i32::from(row[i]));
+                let sum = k0 * d + k1 * (c + e) + k2 * (b + f) + k3 * (a + g);
+                let value = (i32::from(under[i]) << SHIFT) + sum;
+                out[i] = (value.clamp(0, 255 << SHIFT) >> SHIFT) as u8;
+            }
+        }
+    }
+
+    /// Blurs the difference of row `v` along the row, times 64; fits 16 bits because the kernel's weights add up to 64.
+    #[inline(always)]
+    fn horizontal(&mut self, raw: &[u8; ROW], empty: &[u8; ROW], v: usize) {
+        let (padded, out) = (&mut self.padded, &mut self.rows[v]);
+        for i in 0..ROW {
+            padded[3 * REACH + i] = i16::from(raw[i]) - i16::from(empty[i]);
+        }
+        for k in 1..=REACH {
+            for c in 0..3 {
+                padded[3 * (REACH - k) + c] = padded[3 * (REACH + k) + c];
+                padded[3 * (REACH + WIDTH - 1 + k) + c] = padded[3 * (REACH + WIDTH - 1 - k) + c];
+            }
+        }
+        let [k0, k1, k2, k3] = KERNEL;
+        for i in 0..ROW {
+            out[i] = k0 * padded[i + 9]
+                + k1 * (padded[i + 6] + padded[i + 12])
+                + k2 * (padded[i + 3] + padded[i + 15])
+                + k3 * (padded[i] + padded[i + 18]);
+        }
+    }
+}
+
+/// OpenCV's default border: the image is mirrored at its outermost pixels (`BORDER_REFLECT_101`).
+fn mirrored(i: isize, size: usize) -> usize {
+    let last = size as isize - 1;
+    (last - (last - i.abs()).abs()) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn border_mirrors_at_the_outermost_pixel() {
+        assert_eq!([-3, -1, 0, 319, 320, 322].map(|i| mirrored(i, 320)), [3, 1, 0, 319, 318, 316]);
+    }
+
+    /// A direct two-dimensional sum in f64 as the oracle, with changes in the middle and in all corners.
+    #[test]
+    fn overlay_is_the_blurred_half_difference() {
+        let byte = |i: usize, salt: u64| ((i as u64 + 1).wrapping_mul(salt) >> 40) as u8;
+        let image = |salt| (0..ROW * HEIGHT).map(|i| byte(i, salt)).collect::<Vec<u8>>();
+        let (empty, background, mut raw) = (image(0x9e37_79b9_7f4a_7c15), image(0xbf58_476d_1ce4_e5b9), vec![]);
+        for changed in [0..9, 150..160, 310..320, 0..320] {
+            raw.clone_from(&empty);
+            for v in changed.clone() {
+                for i in 0..ROW {
+                    raw[v * ROW + i] = byte(v * ROW + i, 0x94d0_49bb_1331_11eb);
+                }
+            }
+            let mut out = background.clone();
+            Blur::new().overlay(changed, &raw, &empty, &background, &mut out);
+            for (v, u, c) in
+                (0..HEIGHT).step_by(3).flat_map(|v| (0..WIDTH).step_by(7).map(move |u| (v, u, (u + v) % 3)))
+            {
+                let mut sum = 0.0;
+                for (dv, du) in (-3..=3_isize).flat_map(|dv| (-3..=3_isize).map(move |du| (dv, du))) {
+                    let (row, col) = (mirrored(v as isize + dv, HEIGHT), mirrored(u as isize + du, WIDTH));
+                    let i = row * ROW + 3 * col + c;
+                    let weight = f64::from(KERNEL[dv.unsigned_abs()]) * f64::from(KERNEL[du.unsigned_abs()]) / 4096.0;
+                    sum += weight * 0.5 * (f64::from(raw[i]) - f64::from(empty[i]));
+                }
+                let i = v * ROW + 3 * u + c;
+                assert_eq!(out[i], (sum + f64::from(background[i])).clamp(0.0, 255.0) as u8, "({u}, {v}, {c})");
+            }
+        }
+    }
+}

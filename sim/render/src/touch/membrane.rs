@@ -1,0 +1,146 @@
+//! A gel that does not crease at the rim of a contact.
+//!
+//! The gel's surface is a membrane under tension on an elastic foundation, and the object an obstacle that it cannot pass: with
+//! the object's indentation h >= 0 and a reach l, the gel's indentation u satisfies u >= h, and u - l^2 (u_xx + u_yy) = 0 wherever
+//! it is off the object. Away from a long straight edge that decays as exp(-x / l).
+
+use std::ops::Range;
+
+use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
+
+use super::shade::{Row, Shader};
+
+/// Greatest reach, metres.
+pub(super) const REACH_MAX_M: f32 = 5e-4;
+/// Indentation below which the gel counts as untouched, metres; it changes no colour by a whole level.
+const UNTOUCHED_M: f32 = 1e-6;
+
+/// How the gel gives way around the object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Membrane {
+    /// Distance over which an indentation fades by 1/e beyond the rim, metres, up to 0.5 mm; 0.2 mm looks like a real DIGIT.
+    pub reach_m: f32,
+}
+
+/// Two fields of indentation, metres, that the sweeps go back and forth between, and the obstacle.
+#[derive(Default)]
+pub(super) struct Scratch {
+    fields: [Vec<f32>; 2],
+    obstacle: Vec<f32>,
+}
+
+impl Membrane {
+    /// Lays the gel over the object: lowers `depth`, which holds the nearer of gel and object, to the membrane's. Returns the
+    /// rows that may differ from the empty gel, given those that did.
+    #[inline(always)]
+    pub(super) fn relax(
+        &self,
+        contact_rows: Range<usize>,
+        gel_depth: &[f32],
+        depth: &mut [f32],
+        scratch: &mut Scratch,
+    ) -> Range<usize> {
+        // Lateral size of a pixel at the apex; nearer parts of the gel are up to 13 % finer.
+        let reach = f64::from(self.reach_m) / (gel::APEX_M / intrinsics().fx);
+        let weight = (reach * reach / (1.0 + 4.0 * reach * reach)) as f32;
+        // Each sweep carries a change one pixel on; like diffusion, n sweeps spread it over about sqrt(n) pixels.
+        let sweeps = (8.0 * reach * reach).ceil() as usize;
+        let margin = (6.0 * reach).ceil() as usize;
+        let rows = contact_rows.start.saturating_sub(margin)..(contact_rows.end + margin).min(HEIGHT);
+        let window = rows.start * WIDTH..rows.end * WIDTH;
+
+        let Scratch { fields: [from, to], obstacle } = scratch;
+        obstacle.clear();
+        obstacle.extend(gel_depth[window.clone()].iter().zip(&depth[window.clone()]).map(|(gel, d)| gel - d));
+        from.clone_from(obstacle);
+        to.clone_from(obstacle);
+        for _ in 0..sweeps {
+            sweep(weight, obstacle, from, to);
+            std::mem::swap(from, to);
+        }
+        for ((d, gel), u) in depth[window.clone()].iter_mut().zip(&gel_depth[window]).zip(from.iter()) {
+            *d = gel - u;
+        }
+        rows
+    }
+}
+
+/// One Jacobi sweep. At the border of the window the membrane is level.
+#[inline(always)]
+fn sweep(weight: f32, obstacle: &[f32], from: &[f32], to: &mut [f32]) {
+    let last = from.len() / WIDTH - 1;
+    for (v, (to, obstacle)) in to.chunks_exact_mut(WIDTH).zip(obstacle.chunks_exact(WIDTH)).enumerate() {
+        let row = |v: usize| &from[v * WIDTH..(v + 1) * WIDTH];
+        let (above, here, below) = (row(v.saturating_sub(1)), row(v), row((v + 1).min(last)));
+        let relax = |left: usize, u: usize, right: usize| {
+            let u_new = weight * (above[u] + below[u] + here[left] + here[right]);
+            if u_new > obstacle[u] { u_new } else { obstacle[u] }
+        };
+        to[0] = relax(0, 0, 1);
+        for u in 1..WIDTH - 1 {
+            to[u] = relax(u - 1, u, u + 1);
+        }
+        to[WIDTH - 1] = relax(WIDTH - 2, WIDTH - 1, WIDTH - 1);
+    }
+}
+
+/// Normals of row `v` of a depth image, by central differences, at the columns where `free` holds; one-sided at the image's
+/// border.
+#[inline(always)]
+pub(super) fn normals(v: usize, depth: &[f32], shader: &Shader, free: impl Fn(usize) -> bool, row: &mut Row) {
+    let point = |u: usize, v: usize| {
+        let d = depth[v * WIDTH + u];
+        glam::Vec3::new(d, d * shader.y_slope[u], d * shader.z_slope[v])
+    };
+    let (above, below) = (v.saturating_sub(1), (v + 1).min(HEIGHT - 1));
+    for u in (0..WIDTH).filter(|&u| free(u)) {
+        let along_row = point((u + 1).min(WIDTH - 1), v) - point(u.saturating_sub(1), v);
+        let along_column = point(u, below) - point(u, above);
+        // Columns run towards -y, rows towards -z: this order points back to the camera.
+        let normal = along_column.cross(along_row);
+        for (lane, value) in row.normal.iter_mut().zip(normal.to_array()) {
+            lane[u] = value;
+        }
+    }
+}
+
+/// Whether the membrane lies nearer to the camera than what it is compared with: it is off the object, or not the empty gel.
+#[inline(always)]
+pub(super) fn is_indented(reference: f32, depth: f32) -> bool {
+    reference - depth > UNTOUCHED_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A block with a long straight edge: beyond it the indentation fades as exp(-x / reach); the gel stays on the block, and
+    /// no part of it comes nearer to the camera than the object or moves out of its way.
+    #[test]
+    fn indentation_fades_exponentially_beyond_an_edge() {
+        const EDGE: usize = 100;
+        let gel_depth = vec![gel::APEX_M as f32; WIDTH * HEIGHT];
+        let block = |i: usize| if i % WIDTH < EDGE && (40..280).contains(&(i / WIDTH)) { 1e-3 } else { 0.0 };
+        for reach_m in [1e-4, 2e-4, REACH_MAX_M] {
+            let mut depth: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| gel_depth[i] - block(i)).collect();
+            let rows = Membrane { reach_m }.relax(40..280, &gel_depth, &mut depth, &mut Scratch::default());
+            assert!(rows.start < 40 && rows.end > 280);
+            let indentation = |u: usize| gel_depth[0] - depth[160 * WIDTH + u];
+            let reach = f64::from(reach_m) * intrinsics().fx / gel::APEX_M;
+            // The difference equation's own decay per pixel, cosh(k) = 1 + 1 / (2 reach^2).
+            let k = (1.0 + 0.5 / (reach * reach)).acosh();
+            for x in 0..(2.0 * reach) as usize {
+                let expected = 1e-3 * (-k * (x + 1) as f64).exp();
+                let got = f64::from(indentation(EDGE + x));
+                assert!(
+                    (got - expected).abs() < 3e-5,
+                    "reach {reach:.1} px, {x} px beyond the edge: {got}, not {expected}"
+                );
+            }
+            for i in 0..WIDTH * HEIGHT {
+                assert!(gel_depth[i] - depth[i] >= block(i) - 1e-8);
+            }
+            assert!((indentation(50) - 1e-3).abs() < 1e-8 && indentation(WIDTH - 1) < 1e-7);
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! Where the object is nearer than the gel: triangles drawn over the gel's depth.
+//!
+//! A pixel's ray is (1, y, z) times depth in the gel frame. The functions that say on which side of an edge it passes, the inverse
+//! of the depth at which it meets the triangle's plane, and the interpolated normal up to its length are all linear in y and z, so
+//! that no clipping is needed. Edge functions of the two triangles at an edge are exactly opposite: a closed mesh has no gaps.
+
+use std::ops::Range;
+
+use glam::{Mat3A, Vec3A, Vec4};
+use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
+
+use super::shade::{Row, Shader};
+use crate::rays::{MISS, RayMesh};
+
+/// Corners nearer to the camera's plane than this cannot be projected, metres.
+const NEAR_M: f32 = 1e-3;
+/// Triangles cover the pixels of their projection and this share of a pixel around it, against rounding.
+const MARGIN_PX: f32 = 0.01;
+
+/// What shows at each pixel, and the memory to find out.
+pub(super) struct Raster {
+    /// Inverse of the depth, 1/m.
+    inverse_depth: Vec<f32>,
+    /// Index of the facet, or [`MISS`] for the gel.
+    facet: Vec<u32>,
+    /// For each triangle that shows the matrix m that makes its smooth normal, of any length, from a ray: m (1, y, z).
+    facets: Vec<Mat3A>,
+    candidates: Vec<u32>,
+    stack: Vec<u32>,
+}
+
+/// A function that is linear in a ray.
+#[derive(Clone, Copy)]
+struct Linear(Vec3A);
+
+impl Linear {
+    /// Its value at y = 0 in a row, and its growth with y.
+    #[inline(always)]
+    fn along_row(self, z_slope: f32) -> (f32, f32) {
+        (self.0.x + self.0.z * z_slope, self.0.y)
+    }
+}
+
+impl Raster {
+    pub fn new() -> Self {
+        let pixels = WIDTH * HEIGHT;
+        Self {
+            inverse_depth: vec![0.0; pixels],
+            facet: vec![MISS; pixels],
+            facets: vec![],
+            candidates: vec![],
+            stack: vec![],
+        }
+    }
+
+    /// Draws the outside of an object over the gel. Returns the rows in which it may show.
+    #[inline(always)]
+    pub fn draw(
+        &mut self,
+        object: &RayMesh,
+        (rotation, translation): (Mat3A, Vec3A),
+        gel_inverse_depth: &[f32],
+        shader: &Shader,
+    ) -> Range<usize> {
+        let Self { inverse_depth, facet, facets, candidates, stack } = self;
+        inverse_depth.copy_from_slice(gel_inverse_depth);
+        facet.fill(MISS);
+        facets.clear();
+        let (mut first, mut end) = (HEIGHT, 0);
+        object.find_inside(&view_volume(rotation, translation), stack, candidates);
+        for &triangle in candidates.iter() {
+            let p = object.corners(triangle).map(|corner| rotation * corner + translation);
+            let normal = (p[1] - p[0]).cross(p[2] - p[0]);
+            let height = normal.dot(p[0]);
+            // Faces away from the camera, or is not a number.
+            if height >= 0.0 || height.is_nan() {
+                continue;
+            }
+            let Some((columns, lines)) = bounds(p) else { continue };
+            // 2 p x q, precise also for short edges.
+            let edge = |p: Vec3A, q: Vec3A| (p + q).cross(q - p);
+            let edges = [edge(p[2], p[1]), edge(p[0], p[2]), edge(p[1], p[0])];
+            let inverse = Linear(normal / height);
+            let name = facets.len() as u32;
+            let mut shows = false;
+            for v in lines.clone() {
+                let span = v * WIDTH + columns.start..v * WIDTH + columns.end;
+                let (depths, names) = (&mut inverse_depth[span.clone()], &mut facet[span]);
+                let y_slopes = &shader.y_slope[columns.clone()];
+                let [(a, da), (b, db), (c, dc)] = edges.map(|e| Linear(e).along_row(shader.z_slope[v]));
+                let (d, dd) = inverse.along_row(shader.z_slope[v]);
+                for ((&y, depth), at) in y_slopes.iter().zip(depths).zip(names) {
+                    let here = d + dd * y;
+                    let nearer = (a + da * y >= 0.0) & (b + db * y >= 0.0) & (c + dc * y >= 0.0) & (here > *depth);
+                    *depth = if nearer { here } else { *depth };
+                    *at = if nearer { name } else { *at };
+                    shows |= nearer;
+                }
+            }
+            if shows {
+                (first, end) = (first.min(lines.start), end.max(lines.end));
+                // The weight of a corner is the edge function of the opposite edge.
+                let [a, b, c] = object.corner_normals(triangle);
+                let weights = Mat3A::from_cols(edges[0], edges[1], edges[2]).transpose();
+                facets.push(rotation * Mat3A::from_cols(a, b, c) * weights);
+            }
+        }
+        first.min(end)..end
+    }
+
+    /// Index of the facet at each pixel of row `v`, [`MISS`] for the gel.
+    pub fn facets(&self, v: usize) -> &[u32] {
+        &self.facet[v * WIDTH..(v + 1) * WIDTH]
+    }
+
+    /// Writes the depths of row `v`, metres.
+    #[inline(always)]
+    pub fn depth(&self, v: usize, gel_depth: &[f32], depth: &mut [f32]) {
+        let inverse = &self.inverse_depth[v * WIDTH..(v + 1) * WIDTH];
+        for (((depth, gel), inverse), &facet) in depth.iter_mut().zip(gel_depth).zip(inverse).zip(self.facets(v)) {
+            *depth = if facet == MISS { *gel } else { 1.0 / inverse };
+        }
+    }
+
+    /// Depth at column `u` of row `v`, metres.
+    #[inline(always)]
+    pub fn depth_at(&self, u: usize, v: usize) -> f32 {
+        1.0 / self.inverse_depth[v * WIDTH + u]
+    }
+
+    /// Fills in the object's interpolated vertex normals where row `v` shows it. Returns the columns from the first to the last
+    /// such pixel, `None` without any.
+    #[inline(always)]
+    pub fn normals(&self, v: usize, shader: &Shader, row: &mut Row) -> Option<Range<usize>> {
+        let facets = self.facets(v);
+        let start = facets.iter().position(|&f| f != MISS)?;
+        let end = facets.iter().rposition(|&f| f != MISS)? + 1;
+        let mut u = start;
+        // Neighbours mostly show the same facet.
+        while u < end {
+            let name = facets[u];
+            let run = u..u + facets[u..end].iter().take_while(|&&f| f == name).count();
+            u = run.end;
+            if name == MISS {
+                continue;
+            }
+            let normal = &self.facets[name as usize];
+            let base = normal.x_axis + normal.z_axis * shader.z_slope[v];
+            for (axis, lane) in row.normal.iter_mut().enumerate() {
+                for (value, y) in lane[run.clone()].iter_mut().zip(&shader.y_slope[run.clone()]) {
+                    *value = base[axis] + normal.y_axis[axis] * y;
+                }
+            }
+        }
+        Some(start..end)
+    }
+}
+
+/// The planes, in the object's frame, around what the camera can see in front of the gel: normals inwards and offsets.
+fn view_volume(rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
+    let camera = intrinsics();
+    // To the borders of the outermost pixels, half a pixel beyond their centres.
+    let (y, z) = ((camera.width as f64 / 2.0 / camera.fx) as f32, (camera.height as f64 / 2.0 / camera.fy) as f32);
+    let planes = [
+        (Vec3A::NEG_X, gel::APEX_M as f32),
+        (Vec3A::new(y, -1.0, 0.0), 0.0),
+        (Vec3A::new(y, 1.0, 0.0), 0.0),
+        (Vec3A::new(z, 0.0, -1.0), 0.0),
+        (Vec3A::new(z, 0.0, 1.0), 0.0),
+    ];
+    let to_object = rotation.transpose();
+    planes.map(|(normal, offset)| (to_object * normal).extend(normal.dot(translation) + offset))
+}
+
+/// Columns and rows of the pixels that a triangle may cover; `None` if there are none or it lies behind the gel.
+#[inline(always)]
+fn bounds(p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
+    let nearest = p[0].x.min(p[1].x).min(p[2].x);
+    if nearest > gel::APEX_M as f32 {
+        return None;
+    }
+    if nearest < NEAR_M {
+        return Some((0..WIDTH, 0..HEIGHT));
+    }
+    let camera = intrinsics();
+    let (f, cx, cy) = (camera.fx as f32, camera.cx as f32, camera.cy as f32);
+    let pixels = |centre: f32, coordinates: [f32; 3], size: usize| {
+        let at = |k: usize| centre - f * coordinates[k] / p[k].x;
+        let (low, high) = (at(0).min(at(1)).min(at(2)), at(0).max(at(1)).max(at(2)));
+        // Conversions saturate: what lies left of the image starts at 0.
+        let range = (low - MARGIN_PX).ceil() as usize..((high + MARGIN_PX).floor() + 1.0).min(size as f32) as usize;
+        (!range.is_empty()).then_some(range)
+    };
+    let columns = pixels(cx, p.map(|p| p.y), WIDTH)?;
+    Some((columns, pixels(cy, p.map(|p| p.z), HEIGHT)?))
+}

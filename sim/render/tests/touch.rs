@@ -1,0 +1,187 @@
+//! Behaviour of the touch renderer beyond what TACTO's images show.
+#![expect(clippy::unwrap_used, reason = "a failed assumption here is a failed test")]
+
+use glam::Vec3;
+use mvt_frames::{Gel, Isometry, Object};
+use mvt_mesh::Mesh;
+use mvt_render::rays::RayMesh;
+use mvt_render::touch::{
+    Background, Lights, Membrane, NoiseKey, TouchConfig, TouchError, TouchFrame, TouchOptions, TouchRenderer,
+    render_contact,
+};
+use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use rand::SeedableRng;
+
+/// A box of 12 triangles that do not share vertices, so that its faces are flat.
+fn slab(half: Vec3) -> Mesh {
+    let mut mesh = Mesh::default();
+    for (axis, sign) in (0..3).flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {
+        let mut right = Vec3::ZERO;
+        let mut up = Vec3::ZERO;
+        let mut out = Vec3::ZERO;
+        (right[(axis + 1) % 3], up[(axis + 2) % 3], out[axis]) = (sign, 1.0, sign);
+        let first = mesh.vertices.len() as u32;
+        for (r, u) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            mesh.vertices.push((out + right * r + up * u) * half);
+        }
+        mesh.faces.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    mesh
+}
+
+fn rotated(axis: nalgebra::Vector3<f64>, position: [f64; 3]) -> Isometry<Object, Gel> {
+    Isometry::new(nalgebra::Isometry3::new(position.into(), axis))
+}
+
+fn renderer(options: &TouchOptions) -> TouchRenderer {
+    TouchRenderer::new(options).unwrap()
+}
+
+fn rendered(options: &TouchOptions, mesh: &Mesh, pose: Isometry<Object, Gel>, noise: Option<NoiseKey>) -> TouchFrame {
+    let mut frame = TouchFrame::default();
+    renderer(options).render(&RayMesh::new(mesh), pose, noise, &mut frame);
+    frame
+}
+
+/// A large tilted face reaches behind the camera; where it is in view its depth is that of its plane.
+#[test]
+fn a_face_that_reaches_behind_the_camera_is_an_exact_plane() {
+    let tilt = 0.5;
+    let pose = rotated(nalgebra::Vector3::new(0.0, tilt, 0.0), [0.0315, 0.0, 0.0]);
+    let mesh = slab(Vec3::new(0.01, 0.2, 0.2));
+    let frame = rendered(&TouchOptions::new(TouchConfig::Fork), &mesh, pose, None);
+    // The face towards the camera, x = -10 mm in the slab.
+    let normal = nalgebra::Vector3::new(tilt.cos(), 0.0, -tilt.sin());
+    let offset = 0.0315 * normal.x - 0.01;
+    let mut touched = 0;
+    for (v, u) in (0..HEIGHT).flat_map(|v| (0..WIDTH).map(move |u| (v, u))) {
+        let point = gel::point(u as f64, v as f64).coords();
+        let plane = offset / normal.dot(&(point / point.x));
+        let expected = if plane > 0.0 { point.x.min(plane) } else { point.x };
+        touched += usize::from(expected < point.x - 1e-4);
+        let depth = f64::from(frame.depth_m()[(v, u)]);
+        assert!((depth - expected).abs() < 1e-7, "({u}, {v}): {depth}, not {expected}");
+        let pressed = frame.contact().get_pixel(u as u32, v as u32).0[0] == 255;
+        assert!(pressed == (point.x - expected > 1e-4) || (point.x - expected - 1e-4).abs() < 1e-7);
+    }
+    assert!(touched > 10_000, "only {touched} pixels touch");
+}
+
+#[test]
+fn what_is_behind_the_gel_or_nowhere_leaves_no_trace() {
+    let options = TouchOptions::new(TouchConfig::Fork);
+    let cube = slab(Vec3::splat(0.01));
+    let away = Isometry::translation(0.0321, 0.0, 0.0);
+    let nan = Isometry::translation(f64::NAN, 0.0, 0.0);
+    let identity = Isometry::identity();
+    for (mesh, pose) in [(&cube, away), (&cube, nan), (&Mesh::default(), identity), (&cube, identity)] {
+        let frame = rendered(&options, mesh, pose, None);
+        assert_eq!(*frame.depth_m(), renderer(&options).gel_depth_m());
+        assert_eq!(frame.raw(), frame.calibrated(), "the empty gel over the empty gel");
+        assert!(frame.contact().pixels().all(|p| p.0[0] == 0));
+    }
+}
+
+#[test]
+fn a_reused_frame_holds_nothing_of_the_last_one() {
+    let options = TouchOptions { membrane: Some(Membrane { reach_m: 2e-4 }), ..TouchOptions::new(TouchConfig::Tacto) };
+    let (cube, key) = (slab(Vec3::splat(0.01)), NoiseKey { seed: 3, finger: 1, frame: 9 });
+    let turned = |z| rotated(nalgebra::Vector3::new(0.4, 0.2, 0.1), [0.033, 0.001, z]);
+    for options in [options.clone(), TouchOptions { membrane: None, ..options }] {
+        let renderer = renderer(&options);
+        let (object, mut frame) = (RayMesh::new(&cube), TouchFrame::default());
+        for z in [0.0, 0.006, 1.0, -0.004] {
+            renderer.render(&object, turned(z), Some(key), &mut frame);
+            let fresh = rendered(&options, &cube, turned(z), Some(key));
+            assert_eq!(frame.raw(), fresh.raw());
+            assert_eq!(frame.calibrated(), fresh.calibrated());
+            assert_eq!(frame.depth_m(), fresh.depth_m());
+            assert_eq!(frame.contact(), fresh.contact());
+        }
+    }
+}
+
+/// TACTO's two truncations: half a grey is lost on average, and the spread is that of the Gaussian and of the rounding.
+#[test]
+fn noise_has_tactos_bias_and_spread() {
+    let pose = Isometry::translation(0.0315, 0.0, 0.0);
+    let background = Background::Synthetic { seed: 5 };
+    for config in TouchConfig::ALL {
+        let options = TouchOptions { background: background.clone(), ..TouchOptions::new(config) };
+        let clean = rendered(&options, &slab(Vec3::splat(0.01)), pose, None);
+        let noisy = rendered(&options, &slab(Vec3::splat(0.01)), pose, Some(NoiseKey { seed: 1, finger: 2, frame: 3 }));
+        assert_eq!(clean.raw(), noisy.raw());
+        let pairs = clean.calibrated().as_raw().iter().zip(noisy.calibrated().as_raw());
+        let differences: Vec<f64> =
+            pairs.filter(|(c, _)| (35..220).contains(*c)).map(|(c, n)| f64::from(*n) - f64::from(*c)).collect();
+        let count = differences.len() as f64;
+        let mean = differences.iter().sum::<f64>() / count;
+        let sigma = (differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count).sqrt();
+        let expected = (f64::from(config.noise_sigma()).powi(2) + 1.0 / 12.0).sqrt();
+        assert!((mean + 0.5).abs() < 5.0 * expected / count.sqrt(), "{config:?}: mean {mean}");
+        assert!((sigma / expected - 1.0).abs() < 0.01, "{config:?}: sigma {sigma}, not {expected}");
+    }
+}
+
+#[test]
+fn a_membrane_rounds_the_rim_and_nothing_far_from_it() {
+    let cube = slab(Vec3::splat(0.004));
+    let pose = Isometry::translation(0.025, 0.0, 0.0);
+    let stiff = rendered(&TouchOptions::new(TouchConfig::Fork), &cube, pose, None);
+    let options = TouchOptions { membrane: Some(Membrane { reach_m: 2e-4 }), ..TouchOptions::new(TouchConfig::Fork) };
+    let soft = rendered(&options, &cube, pose, None);
+    let gel_depth = renderer(&options).gel_depth_m();
+    let mut rounded = 0;
+    for (i, ((&soft, &stiff), &gel)) in soft.depth_m().iter().zip(stiff.depth_m()).zip(&gel_depth).enumerate() {
+        assert!(soft <= stiff + 1e-8, "pixel {i}: the gel is pushed back, never forward");
+        rounded += usize::from(soft < gel - 1e-5 && stiff == gel);
+    }
+    assert!((100..5000).contains(&rounded), "{rounded} pixels beyond the rim give way");
+    assert_eq!(soft.raw().get_pixel(0, 0), stiff.raw().get_pixel(0, 0));
+    let steepest = |frame: &TouchFrame| {
+        let row = frame.depth_m().row(HEIGHT / 2);
+        row.windows(2).into_iter().map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f32::max)
+    };
+    assert!(steepest(&soft) < 0.5 * steepest(&stiff), "{} of {} m per pixel", steepest(&soft), steepest(&stiff));
+}
+
+#[test]
+fn lights_move_with_the_generator_and_only_with_it() {
+    let draw = |strength, seed| {
+        Lights::perturbed(TouchConfig::Fork, strength, &mut rand_chacha::ChaCha8Rng::seed_from_u64(seed))
+    };
+    assert_eq!(draw(0.0, 1), Lights::of(TouchConfig::Fork));
+    assert_eq!(draw(1.0, 1), draw(1.0, 1));
+    assert_ne!(draw(1.0, 1), draw(1.0, 2));
+    let empty = |lights| {
+        rendered(
+            &TouchOptions { lights, ..TouchOptions::new(TouchConfig::Fork) },
+            &Mesh::default(),
+            Isometry::identity(),
+            None,
+        )
+    };
+    let difference = |a: &TouchFrame, b: &TouchFrame| {
+        let pairs = a.raw().as_raw().iter().zip(b.raw().as_raw());
+        pairs.map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / (3 * WIDTH * HEIGHT) as f64
+    };
+    let shift = difference(&empty(draw(1.0, 1)), &empty(Lights::of(TouchConfig::Fork)));
+    assert!((1.0..60.0).contains(&shift), "mean change of {shift} grey");
+}
+
+#[test]
+fn options_that_make_no_sense_are_refused() {
+    let options = TouchOptions::new(TouchConfig::Fork);
+    let refused = |options: TouchOptions| TouchRenderer::new(&options).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(refused(TouchOptions { noise_sigma: f32::NAN, ..options.clone() }).contains("sigma is NaN"));
+    assert!(refused(TouchOptions { noise_sigma: 29.0, ..options.clone() }).contains("between 0 and 28"));
+    assert!(refused(TouchOptions { contact_threshold_m: -1.0, ..options.clone() }).contains("threshold"));
+    assert!(refused(TouchOptions { membrane: Some(Membrane { reach_m: 1.0 }), ..options.clone() }).contains("reach"));
+    let background = Background::Image(image::RgbImage::new(320, 240));
+    assert!(refused(TouchOptions { background, ..options }).contains("320 x 240"));
+    assert_eq!("gelsight".parse::<TouchConfig>(), Err(TouchError::UnknownConfig("gelsight".to_owned())));
+    assert_eq!("tacto".parse(), Ok(TouchConfig::Tacto));
+    let mirror = [[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let error = render_contact(&Mesh::default(), &mirror, TouchConfig::Fork, Background::Rendered).unwrap_err();
+    assert!(error.to_string().contains("not a rotation"), "{error}");
+}

@@ -1,0 +1,136 @@
+//! What is held against the true surface: poses and shapes.
+
+use glam::Vec3;
+use mvt_frames::{Frame, Isometry, Object};
+use mvt_mesh::Mesh;
+use serde::Serialize;
+
+use super::cloud::Cloud;
+use super::sample::sample_surface_even;
+
+/// The true surface of an object as points in the object's frame. Made once per object.
+#[derive(Debug)]
+pub struct TrueSurface(Cloud);
+
+/// Average distance of closest points between an object at its true and at its estimated pose (Hinterstoisser et al. 2012; Xiang et
+/// al. 2018), metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AddS {
+    /// Mean over the points at the estimated pose of the distance to the nearest point at the true pose: NeuralFeels' drift.
+    pub one_directional_m: f64,
+    /// Mean of that and of the other direction.
+    pub symmetric_m: f64,
+}
+
+/// How much of an estimated and of a true surface lie within a threshold of one another, as shares from 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FScore {
+    /// The threshold, metres.
+    pub threshold_m: f64,
+    /// Share of the estimated points that are nearer than the threshold to a true one.
+    pub precision: f64,
+    /// Share of the true points that are nearer than the threshold to an estimated one.
+    pub recall: f64,
+}
+
+impl FScore {
+    /// Harmonic mean of precision and recall. 0 where both are 0: shapes that share nothing are a failure, not a gap in the data
+    /// (NeuralFeels divides 0 by 0, and its means then skip the run).
+    pub fn f(&self) -> f64 {
+        let sum = self.precision + self.recall;
+        if sum > 0.0 { 2.0 * self.precision * self.recall / sum } else { 0.0 }
+    }
+}
+
+/// How an estimated surface compares with the true one.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ShapeScore {
+    /// One entry per threshold, in the order asked for.
+    pub f_scores: Vec<FScore>,
+    /// Mean distance of the estimated points to the nearest true one, metres: NeuralFeels' mesh error. Infinite without points.
+    pub mesh_error_m: f64,
+    /// Mean distance of the true points to the nearest estimated one, metres: what is missing. Infinite without points.
+    pub completeness_m: f64,
+}
+
+impl TrueSurface {
+    /// `count` evenly spaced points of a mesh in the object's frame; [`super::POINTS`] for figures that are reported, fewer for a
+    /// display. A mesh without area has no points, and every error against it is infinite.
+    pub fn new(mesh: &Mesh, count: usize, seed: u64) -> Self {
+        Self::of_points(sample_surface_even(mesh, count, seed))
+    }
+
+    /// These points, in the object's frame, metres. They are finite.
+    pub fn of_points(points: Vec<Vec3>) -> Self {
+        Self(Cloud::new(points))
+    }
+
+    /// The points, in the object's frame, metres; those that are close to one another come close to one another.
+    pub fn points(&self) -> &[Vec3] {
+        self.0.points()
+    }
+
+    /// The error of a pose, from the motion that takes the object as estimated to the object as it is: inverse of the true pose
+    /// times the estimated pose. Infinite if the motion is not finite.
+    pub fn add_s(&self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
+        self.add_s_of(self, truth_from_estimate)
+    }
+
+    /// The same, as the mean over the points of a sparser sample of the surface, which takes as much less time: an estimate of
+    /// [`Self::add_s`], whose nearest points are sought among as many.
+    pub fn add_s_of(&self, sample: &Self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
+        let one_directional_m = mean(&distances_m(&sample.0, truth_from_estimate, &self.0));
+        // Seen from the estimate the truth has moved by the inverse, so the same tree serves.
+        let other_m = mean(&distances_m(&sample.0, truth_from_estimate.inverse(), &self.0));
+        AddS { one_directional_m, symmetric_m: 0.5 * (one_directional_m + other_m) }
+    }
+
+    /// The score of a shape given as finite points on its surface, metres, in any frame, with the motion that takes them to the object:
+    /// the frame `F` as tracked, held against the true pose. For a mesh see [`super::sample_surface`].
+    ///
+    /// A point exactly at a threshold is outside, as in NeuralFeels.
+    pub fn score<F: Frame>(
+        &self,
+        estimate: &[Vec3],
+        object_from_estimate: Isometry<F, Object>,
+        thresholds_m: &[f64],
+    ) -> ShapeScore {
+        let estimate = Cloud::new(estimate.to_vec());
+        let to_truth = distances_m(&estimate, object_from_estimate, &self.0);
+        let to_estimate = distances_m(&self.0, object_from_estimate.inverse(), &estimate);
+        let f_score = |&threshold_m: &f64| FScore {
+            threshold_m,
+            precision: share_within(&to_truth, threshold_m),
+            recall: share_within(&to_estimate, threshold_m),
+        };
+        ShapeScore {
+            f_scores: thresholds_m.iter().map(f_score).collect(),
+            mesh_error_m: mean(&to_truth),
+            completeness_m: mean(&to_estimate),
+        }
+    }
+}
+
+/// Distances of moved points to the nearest of a cloud, metres; infinite if the motion is not finite.
+fn distances_m<From: Frame, To: Frame>(points: &Cloud, motion: Isometry<From, To>, to: &Cloud) -> Vec<f32> {
+    let (rotation, translation) = motion.to_f32();
+    if rotation.is_finite() && translation.is_finite() {
+        points.distances((rotation, translation), to)
+    } else {
+        vec![f32::INFINITY; points.points().len()]
+    }
+}
+
+fn mean(distances_m: &[f32]) -> f64 {
+    if distances_m.is_empty() {
+        return f64::INFINITY;
+    }
+    distances_m.iter().copied().map(f64::from).sum::<f64>() / distances_m.len() as f64
+}
+
+fn share_within(distances_m: &[f32], threshold_m: f64) -> f64 {
+    if distances_m.is_empty() {
+        return 0.0;
+    }
+    distances_m.iter().filter(|&&d| f64::from(d) < threshold_m).count() as f64 / distances_m.len() as f64
+}

@@ -1,0 +1,289 @@
+//! The shape as it grows: keyframes, what they say of space, and the field that is taught from them.
+
+mod file;
+mod keyframe;
+mod loops;
+mod refine;
+mod sampling;
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use mvt_frames::{Isometry, Model, World};
+use mvt_robot::hand::Side;
+use mvt_robot::hand::solid::{HandSamples, Occupied};
+use nalgebra as na;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::graph::Edge;
+use crate::scan::Scan;
+use crate::space::{Space, Unseen};
+use crate::tracker::Reference;
+pub use keyframe::Keyframe;
+use mvt_field::field::{self, Field, FieldError, Sample, Trainer};
+use mvt_field::shape::{Distance, Shape};
+
+/// How the field is taught.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Steps of the optimiser on the first frame.
+    pub first_steps: usize,
+    /// Steps of the optimiser on every later frame.
+    pub steps: usize,
+    /// Samples per step.
+    pub batch: usize,
+    /// How far behind a measured surface it is taught to be inside, metres. Thin walls need less, uncertain poses more.
+    pub behind_m: f32,
+    /// How far before a measured surface space is taught to be free, metres.
+    pub free_reach_m: f32,
+    /// Part of the samples from the frame at hand; the rest replays keyframes, without which the field forgets.
+    pub current_part: f32,
+    /// Part of the samples of measured surfaces that comes from touch, where there is any.
+    pub touch_part: f32,
+    /// Part of the samples in the band around measured surfaces.
+    pub band_part: f32,
+    /// Part of the samples before measured surfaces.
+    pub before_part: f32,
+    /// Part of the samples on rays that passed the object.
+    pub passed_part: f32,
+    /// Part of the samples inside the hand, which the object cannot be.
+    pub hand_part: f32,
+    /// Weight of samples in free space.
+    pub free_weight: f32,
+    /// Weight of samples where nobody saw anything and the object must be, as below it on the palm. The rest of the samples are these.
+    pub inside_weight: f32,
+    /// Their weight deep inside, where a cavity that nobody saw would be a flaw of the field: a pit of a face may lead there.
+    pub core_weight: f32,
+    /// How far below the hull of what was seen that is, metres.
+    pub core_depth_m: f32,
+    /// A frame becomes a keyframe once the object has turned by this since the last, degrees,
+    pub keyframe_turn_deg: f64,
+    /// or moved by this, metres,
+    pub keyframe_distance_m: f64,
+    /// or after this time, seconds.
+    pub keyframe_interval_s: f64,
+    /// Keyframes kept at most; beyond, every other one of the older half goes.
+    pub keyframes: usize,
+    /// Keyframes whose pose is refined against the field per frame.
+    pub refined: usize,
+    /// How firmly a refined keyframe keeps the pose that it had before its turn, one standard deviation, metres and radians.
+    pub refine_sigma: [f64; 2],
+    /// A keyframe that saw the object turned by less than this against an older one closes a loop, degrees; 0 closes none.
+    pub loop_turn_deg: f64,
+    /// Standard deviation of the surface as learnt, metres.
+    pub surface_sigma_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            first_steps: 200,
+            steps: 12,
+            batch: 2048,
+            behind_m: 0.003,
+            free_reach_m: 0.06,
+            current_part: 0.3,
+            touch_part: 0.15,
+            band_part: 0.5,
+            before_part: 0.2,
+            passed_part: 0.15,
+            hand_part: 0.05,
+            free_weight: 1.0,
+            inside_weight: 0.1,
+            core_weight: 1.0,
+            core_depth_m: 0.01,
+            keyframe_turn_deg: 8.0,
+            keyframe_distance_m: 0.005,
+            keyframe_interval_s: 0.5,
+            keyframes: 600,
+            refined: 2,
+            refine_sigma: [0.0005, 0.01],
+            loop_turn_deg: 12.0,
+            surface_sigma_m: 0.0004,
+        }
+    }
+}
+
+/// The growing shape.
+pub struct Map {
+    config: Config,
+    trainer: Trainer,
+    space: Space,
+    keyframes: Vec<Keyframe>,
+    /// Motions between keyframes as loops measured them.
+    loops: Vec<Edge>,
+    /// Cells that are taken for the inside.
+    inside: Vec<Unseen>,
+    hand: HandSamples,
+    samples: Vec<Sample>,
+    /// The pose of the first keyframe as it came.
+    first_pose: Option<na::Isometry3<f64>>,
+    /// Whose turn it is to be refined.
+    next_refined: usize,
+}
+
+/// What came of a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Learnt {
+    /// It became a keyframe.
+    pub keyframe: bool,
+    /// It closed a loop: takes coordinates of the corrected model frame to those before.
+    pub correction: Option<na::Isometry3<f64>>,
+}
+
+/// Spacing of the points that stand for the volume of the hand, metres: that of the cells they fall into.
+const HAND_SPACING_M: f64 = 0.0025;
+/// Which of these random places are used does not matter.
+const HAND_SEED: u64 = 7;
+
+impl Map {
+    /// A map of nothing.
+    ///
+    /// # Errors
+    /// [`FieldError`] if the field's configuration is out of range.
+    pub fn new(config: Config, field: &field::Config, side: Side, seed: u64) -> Result<Self, FieldError> {
+        Ok(Self::with(config, Trainer::new(Field::new(field, seed)?), side))
+    }
+
+    /// A map of nothing with a field that may have learnt something.
+    fn with(config: Config, trainer: Trainer, side: Side) -> Self {
+        Self {
+            config,
+            space: Space::new(trainer.field().config().half_extent_m),
+            trainer,
+            keyframes: Vec::new(),
+            loops: Vec::new(),
+            inside: Vec::new(),
+            hand: HandSamples::new(side, HAND_SPACING_M, HAND_SEED),
+            samples: Vec::new(),
+            first_pose: None,
+            next_refined: 0,
+        }
+    }
+
+    /// The field as learnt so far.
+    pub fn field(&self) -> &Field {
+        self.trainer.field()
+    }
+
+    /// What is known of space.
+    pub fn space(&self) -> &Space {
+        &self.space
+    }
+
+    /// The keyframes, oldest first.
+    pub fn keyframes(&self) -> &[Keyframe] {
+        &self.keyframes
+    }
+
+    /// From the frame that the first pose fixed to the frame of the field. They part as the first keyframe is refined: what the
+    /// whole run tells of its pose is better than what was known at first.
+    pub fn field_from_model(&self) -> na::Isometry3<f64> {
+        match (self.keyframes.first(), &self.first_pose) {
+            (Some(first), Some(pose)) => first.pose().inverse() * pose,
+            _ => na::Isometry3::identity(),
+        }
+    }
+
+    /// Points inside the hand in the world, as it stands in a scan.
+    pub fn occupied(&self, scan: &Scan) -> impl Iterator<Item = Occupied> {
+        self.hand.posed(&scan.joints)
+    }
+
+    /// Learns from a frame at its estimated pose.
+    pub fn learn(&mut self, scan: &Arc<Scan>, pose: Isometry<Model, World>, rng: &mut ChaCha8Rng) -> Learnt {
+        let first = self.keyframes.is_empty();
+        let promoted = self.is_new(scan, &pose.untyped());
+        let mut current = Keyframe::new(Arc::clone(scan), pose.untyped(), self.occupied(scan), self.half_extent_m());
+        self.first_pose.get_or_insert(pose.untyped());
+        if promoted {
+            self.take_in(&current);
+        }
+        current.thin_occupied();
+        let steps = if first { self.config.first_steps } else { self.config.steps };
+        for _ in 0..steps {
+            self.samples.clear();
+            self.draw(&current, rng);
+            self.trainer.step(&self.samples);
+        }
+        let mut correction = None;
+        if promoted {
+            self.keyframes.push(current);
+            if self.config.loop_turn_deg > 0.0 {
+                correction = self.close_loop();
+            }
+            self.thin_out();
+        }
+        for _ in 0..self.config.refined {
+            self.refine_one();
+        }
+        Learnt { keyframe: promoted, correction }
+    }
+
+    fn half_extent_m(&self) -> f32 {
+        self.field().config().half_extent_m
+    }
+
+    fn is_new(&self, scan: &Scan, pose: &na::Isometry3<f64>) -> bool {
+        let Some(last) = self.keyframes.last() else { return true };
+        let moved = last.pose().inverse() * pose;
+        let distance = (last.pose().translation.vector - pose.translation.vector).norm();
+        moved.rotation.angle().to_degrees() > self.config.keyframe_turn_deg
+            || distance > self.config.keyframe_distance_m
+            || scan.time_s - last.scan().time_s > self.config.keyframe_interval_s
+    }
+
+    fn take_in(&mut self, keyframe: &Keyframe) {
+        self.add_to_space(keyframe);
+        self.inside = self.space.unseen_inside();
+    }
+
+    fn add_to_space(&mut self, keyframe: &Keyframe) {
+        for view in &keyframe.scan().views {
+            self.space.add(view, |p| keyframe.to_model(p));
+        }
+        self.space.add_occupied(keyframe.occupied().iter().copied());
+    }
+
+    /// Drops every other keyframe of the older half once there are too many. The first, which fixes the frame, stays. Loops are
+    /// forgotten: the poses keep what they brought.
+    fn thin_out(&mut self) {
+        if self.keyframes.len() <= self.config.keyframes {
+            return;
+        }
+        let older = self.keyframes.len() / 2;
+        let mut i = 0;
+        self.keyframes.retain(|_| {
+            i += 1;
+            i == 1 || i > older || i % 2 == 0
+        });
+        self.loops.clear();
+    }
+}
+
+impl Shape for Map {
+    fn distances(&self, points: &[Vec3], out: &mut [f32]) {
+        self.field().distances(points, out);
+    }
+
+    fn distances_and_gradients(&self, points: &[Vec3], out: &mut [Distance]) {
+        self.field().distances_and_gradients(points, out);
+    }
+}
+
+impl Reference for Map {
+    fn trusted(&self, points: &[Vec3], out: &mut [bool]) {
+        for (point, out) in points.iter().zip(out) {
+            *out = self.space.is_near_surface(*point);
+        }
+    }
+
+    fn sigma_m(&self) -> f32 {
+        self.config.surface_sigma_m
+    }
+}
+
+#[cfg(test)]
+mod tests;

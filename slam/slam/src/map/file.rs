@@ -1,0 +1,169 @@
+//! Maps on disk, so that a run goes on from what an earlier one learnt: the field with its optimiser, and the keyframes with their
+//! rays. What is known of space follows from the keyframes.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Mat3A, Vec3};
+use mvt_robot::hand::{Finger, Side};
+use nalgebra as na;
+
+use super::{Config, Keyframe, Map};
+use crate::scan::{Hit, Lens, Lookup, Miss, Scan, Sensor, View};
+use mvt_field::field::{FieldError, Trainer};
+use mvt_field::tensors::{Contents, FileError, Tensor, write};
+
+/// The field and its optimiser.
+const FIELD: &str = "field.safetensors";
+/// The keyframes.
+const KEYFRAMES: &str = "keyframes.safetensors";
+/// Number of the first finger among sensors; cameras count from 0.
+const FIRST_FINGER: u32 = 1000;
+
+impl Map {
+    /// The files that a saved map consists of.
+    pub const FILES: [&str; 2] = [FIELD, KEYFRAMES];
+
+    /// Writes the map into a folder.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn save(&self, folder: &Path) -> Result<(), FieldError> {
+        self.trainer.save(&folder.join(FIELD))?;
+        let keyframes = &self.keyframes;
+        let count = keyframes.len();
+        let poses = keyframes.iter().flat_map(|keyframe| {
+            let na::Isometry3 { translation, rotation } = keyframe.pose();
+            let [x, y, z, w] = rotation.coords.into();
+            [translation.x, translation.y, translation.z, w, x, y, z]
+        });
+        let views = || keyframes.iter().zip(0u32..).flat_map(|(k, i)| k.scan().views.iter().map(move |view| (i, view)));
+        let number = |sensor| match sensor {
+            Sensor::Camera(index) => index as u32,
+            Sensor::Touch(finger) => FIRST_FINGER + finger as u32,
+        };
+        let table = views().map(|(keyframe, view)| {
+            let [hits, outline, misses] = [view.hits.len(), view.outline.len(), view.misses.len()].map(|n| n as u32);
+            [keyframe, number(view.sensor), hits, outline, misses]
+        });
+        let lenses = views().map(|(_, view)| view.lookup.as_ref().map_or([0.0; 15], lens_to_numbers));
+        let hits = || views().flat_map(|(_, view)| view.hits.iter().chain(&view.outline));
+        let misses = || views().flat_map(|(_, view)| &view.misses);
+        let rows = views().count();
+        let tensors = [
+            Tensor::new("time_s", vec![count], keyframes.iter().map(|k| k.scan().time_s)),
+            Tensor::new("joints", vec![count, 16], keyframes.iter().flat_map(|k| k.scan().joints)),
+            Tensor::new("pose", vec![count, 7], poses),
+            Tensor::new("view", vec![rows, 5], table.flatten()),
+            Tensor::new("origin", vec![rows, 3], views().flat_map(|(_, view)| view.origin.to_array())),
+            Tensor::new("lens", vec![rows, 15], lenses.flatten()),
+            Tensor::new("hit", vec![hits().count(), 9], hits().flat_map(hit_to_numbers)),
+            Tensor::new(
+                "miss",
+                vec![misses().count(), 4],
+                misses().flat_map(|m| m.direction.extend(m.free_m).to_array()),
+            ),
+        ];
+        Ok(write(&folder.join(KEYFRAMES), None, &tensors)?)
+    }
+
+    /// Reads what [`Map::save`] wrote. Its time is shifted so that the last keyframe lies at 0, where the next run begins. The model's
+    /// frame is that of the field.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is not what is written; the error names the tensor that is missing, misshapen or not finite.
+    pub fn load(folder: &Path, config: Config, side: Side) -> Result<Self, FieldError> {
+        let trainer = Trainer::load(&folder.join(FIELD))?;
+        let mut map = Self::with(config, trainer, side);
+        for (scan, pose) in read(&folder.join(KEYFRAMES))? {
+            let scan = Arc::new(scan);
+            let occupied = map.occupied(&scan);
+            let mut keyframe = Keyframe::new(Arc::clone(&scan), pose, occupied, map.half_extent_m());
+            map.add_to_space(&keyframe);
+            keyframe.thin_occupied();
+            map.keyframes.push(keyframe);
+        }
+        map.inside = map.space.unseen_inside();
+        map.first_pose = map.keyframes.first().map(|first| *first.pose());
+        Ok(map)
+    }
+}
+
+fn hit_to_numbers(hit: &Hit) -> [f32; 9] {
+    let Hit { direction: d, range_m, normal: n, cosine, sigma_m } = *hit;
+    [d.x, d.y, d.z, range_m, n.x, n.y, n.z, cosine, sigma_m]
+}
+
+/// Rotation by columns, centre, focal lengths, columns and rows.
+fn lens_to_numbers(lookup: &Lookup) -> [f32; 15] {
+    let (Lens { rotation, centre, focal, .. }, [columns, rows]) = (lookup.lens(), lookup.size());
+    let r = rotation.to_cols_array();
+    let mut numbers = [0.0; 15];
+    numbers[..9].copy_from_slice(&r);
+    numbers[9..].copy_from_slice(&[centre[0], centre[1], focal[0], focal[1], columns as f32, rows as f32]);
+    numbers
+}
+
+/// The keyframes in a file: scans, with the poses of the object.
+pub(super) fn read(path: &Path) -> Result<Vec<(Scan, na::Isometry3<f64>)>, FileError> {
+    let file = Contents::read(path)?;
+    let times: Vec<f64> = file.numbers("time_s", None, &[])?;
+    let last_s = times.last().copied().unwrap_or(0.0);
+    let joints: Vec<f64> = file.numbers("joints", Some(times.len()), &[16])?;
+    let poses: Vec<f64> = file.numbers("pose", Some(times.len()), &[7])?;
+    let mut keyframes = Vec::with_capacity(times.len());
+    let parts = joints.as_chunks::<16>().0.iter().zip(poses.as_chunks::<7>().0);
+    for (frame, (&time_s, (&joints, &[x, y, z, qw, qx, qy, qz]))) in times.iter().zip(parts).enumerate() {
+        let rotation = na::UnitQuaternion::try_new(na::Quaternion::new(qw, qx, qy, qz), 1e-3)
+            .ok_or_else(|| file.wrong("pose", format!("has no rotation in row {frame}")))?;
+        let pose = na::Isometry3::from_parts(na::Translation3::new(x, y, z), rotation);
+        keyframes.push((Scan { frame, time_s: time_s - last_s, joints, views: Vec::new() }, pose));
+    }
+    let table: Vec<u32> = file.numbers("view", None, &[5])?;
+    let table = table.as_chunks::<5>().0;
+    let origins: Vec<f32> = file.numbers("origin", Some(table.len()), &[3])?;
+    let lenses: Vec<f32> = file.numbers("lens", Some(table.len()), &[15])?;
+    let hits: Vec<f32> = file.numbers("hit", None, &[9])?;
+    let misses: Vec<f32> = file.numbers("miss", None, &[4])?;
+    let mut hits = hits.as_chunks::<9>().0.iter().map(|&[dx, dy, dz, range_m, nx, ny, nz, cosine, sigma_m]| Hit {
+        direction: Vec3::new(dx, dy, dz),
+        range_m,
+        normal: Vec3::new(nx, ny, nz),
+        cosine,
+        sigma_m,
+    });
+    let mut misses =
+        misses.as_chunks::<4>().0.iter().map(|&[x, y, z, free_m]| Miss { direction: Vec3::new(x, y, z), free_m });
+    let frames = origins.as_chunks::<3>().0.iter().zip(lenses.as_chunks::<15>().0);
+    for (&[keyframe, sensor, hit_count, outline_count, miss_count], (&origin, lens)) in table.iter().zip(frames) {
+        let origin = Vec3::from(origin);
+        let own: Vec<Hit> = hits.by_ref().take(hit_count as usize).collect();
+        let outline: Vec<Hit> = hits.by_ref().take(outline_count as usize).collect();
+        let passed: Vec<Miss> = misses.by_ref().take(miss_count as usize).collect();
+        let complete =
+            [own.len(), outline.len(), passed.len()] == [hit_count, outline_count, miss_count].map(|n| n as usize);
+        let sensor = match sensor.checked_sub(FIRST_FINGER) {
+            None => Some(Sensor::Camera(sensor as usize)),
+            Some(finger) => Finger::ALL.get(finger as usize).map(|&finger| Sensor::Touch(finger)),
+        };
+        let scan = keyframes.get_mut(keyframe as usize).map(|(scan, _)| scan).filter(|_| complete);
+        let (Some(scan), Some(sensor)) = (scan, sensor) else {
+            return Err(file.wrong("view", "does not fit the keyframes, the sensors or the rays".to_owned()));
+        };
+        let lookup = matches!(sensor, Sensor::Camera(_)).then(|| lookup(lens, origin, &own)).flatten();
+        scan.views.push(View { sensor, origin, hits: own, outline, misses: passed, lookup, pressed_px: 0 });
+    }
+    Ok(keyframes)
+}
+
+/// Cameras have at most so many pixels along a side.
+const LARGEST_PX: f32 = 20_000.0;
+
+fn lookup(lens: &[f32; 15], origin: Vec3, hits: &[Hit]) -> Option<Lookup> {
+    let [r @ .., cx, cy, fx, fy, width, height] = lens;
+    let [width, height] = [*width, *height];
+    let sensible = (1.0..=LARGEST_PX).contains(&width) && (1.0..=LARGEST_PX).contains(&height);
+    let rotation = Mat3A::from_cols_array(r);
+    let lens = Lens { rotation, origin, focal_px: 0.5 * (fx + fy), centre: [*cx, *cy], focal: [*fx, *fy] };
+    sensible.then(|| Lookup::new(lens, width as usize, height as usize, origin, hits))
+}

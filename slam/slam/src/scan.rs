@@ -1,0 +1,311 @@
+//! The measurements of one instant as rays: where they hit the object, and how far they passed through free space.
+
+mod lens;
+
+pub(crate) use lens::Lens;
+pub use lens::Lookup;
+
+use glam::Vec3;
+use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
+use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_robot::digit;
+use mvt_robot::hand::{Finger, JointAngles};
+use mvt_robot::observation::DepthFrame;
+use ndarray::Array2;
+use rand::SeedableRng as _;
+use rand::seq::SliceRandom as _;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+/// How many rays are kept, and how exact they are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Rays kept per camera that hit the object.
+    pub camera_hits: usize,
+    /// Rays kept per camera that hit the object at its outline.
+    pub camera_outline: usize,
+    /// Rays kept per camera that pass the object, half of them close to its outline.
+    pub camera_misses: usize,
+    /// Rays kept per touching finger that hit the object.
+    pub touch_hits: usize,
+    /// Rays kept per finger that end at the undisturbed gel.
+    pub touch_misses: usize,
+    /// Standard deviation of a camera's depth, metres per square metre of depth: the disparity noise and rounding of Redwood's
+    /// model at five times its level (0.144 pixels of disparity over 35.13 pixel metres).
+    pub camera_sigma_per_m2: f32,
+    /// Standard deviation of the pixel that a camera's depth belongs to, pixels.
+    pub camera_jitter_px: f32,
+    /// Columns and rows by which a camera's depth is displaced on average, pixels. Redwood's model reads even pixels only.
+    pub camera_shift_px: [f32; 2],
+    /// Part of the rays without a return that count as free. A pixel without a return is taken for background only where all
+    /// pixels around it have none either.
+    pub far_is_free: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            camera_hits: 3000,
+            camera_outline: 400,
+            camera_misses: 1500,
+            touch_hits: 300,
+            touch_misses: 60,
+            camera_sigma_per_m2: 0.0041,
+            camera_jitter_px: 1.25,
+            camera_shift_px: [0.0, 0.0],
+            far_is_free: true,
+        }
+    }
+}
+
+/// What measured a ray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sensor {
+    /// Camera by its index.
+    Camera(usize),
+    /// DIGIT of a finger.
+    Touch(Finger),
+}
+
+/// A ray that hit the object. World frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Unit direction from the sensor.
+    pub direction: Vec3,
+    /// Distance from the sensor to the surface along the ray, metres.
+    pub range_m: f32,
+    /// Unit outward normal of the measured surface; zero where neighbours do not give one.
+    pub normal: Vec3,
+    /// Cosine between the ray and the normal, 0.2 to 1; 0.6 where there is no normal.
+    pub cosine: f32,
+    /// Standard deviation of the measured surface along its normal, metres.
+    pub sigma_m: f32,
+}
+
+/// A ray that met nothing of the object. World frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Miss {
+    /// Unit direction from the sensor.
+    pub direction: Vec3,
+    /// Free from the sensor to here, metres.
+    pub free_m: f32,
+}
+
+/// The rays of one sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// The sensor.
+    pub sensor: Sensor,
+    /// Where it is, world frame, metres.
+    pub origin: Vec3,
+    /// Rays that hit the object, in random order: any leading part is a fair sample.
+    pub hits: Vec<Hit>,
+    /// Rays that hit it at its outline, before the background, in random order. Displaced pixels make their surface uncertain,
+    /// but nothing else tells how far a face that is seen from the front reaches.
+    pub outline: Vec<Hit>,
+    /// Rays that passed it, in random order, first those close to its outline.
+    pub misses: Vec<Miss>,
+    /// Finds hits by where they are seen; only cameras have it, as they stand still.
+    pub lookup: Option<Lookup>,
+    /// Pixels of a touch image where the object presses, of which the hits are a sample; 0 for a camera and for what is read from a file:
+    /// only the tracker's newest frames need it.
+    pub pressed_px: usize,
+}
+
+impl View {
+    /// Where a ray hit, world frame, metres.
+    pub fn point(&self, hit: &Hit) -> Vec3 {
+        self.origin + hit.direction * hit.range_m
+    }
+}
+
+/// What all sensors measured at one instant, as rays.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scan {
+    /// Number of the frame.
+    pub frame: usize,
+    /// Seconds since the start.
+    pub time_s: f64,
+    /// Joint angles of the hand.
+    pub joints: JointAngles,
+    /// One view per sensor that delivered something, cameras first.
+    pub views: Vec<View>,
+}
+
+/// Pixels within this of another class belong to the outline.
+const OUTLINE_PX: usize = 3;
+/// A pixel without depth counts as background only if all within this many pixels have none: displaced pixels fray edges by so much.
+const BACKGROUND_MARGIN_PX: usize = 4;
+/// Reach of the differences that give normals, pixels: long enough for a normal under noise of a millimetre.
+const NORMAL_REACH_PX: usize = 5;
+/// A step in depth above this over that reach is an edge and no surface, metres.
+const NORMAL_STEP_M: f32 = 0.012;
+/// A ray without a return is free this far, metres: past every object in the hand.
+const FAR_M: f32 = 1.0;
+/// Pixels by which the contact of a touch image is narrowed: at its rim object and gel blend.
+const CONTACT_RIM_PX: usize = 2;
+
+impl Scan {
+    /// Draws rays from the images of a frame. What is drawn depends on the frame's number and the seed alone.
+    pub fn new(frame: usize, depth: &DepthFrame, config: &Config, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(frame as u64);
+        let mut views = Vec::new();
+        for (i, camera) in depth.cameras.iter().enumerate() {
+            if let Some(camera) = camera {
+                views.push(camera_view(i, camera, config, &mut rng));
+            }
+        }
+        for finger in Finger::ALL {
+            if let Some(touch) = &depth.touch[finger] {
+                views.push(touch_view(finger, touch, config, &mut rng));
+            }
+        }
+        Self { frame, time_s: depth.time_s, joints: depth.joints, views }
+    }
+
+    /// Number of rays that hit the object.
+    pub fn hits(&self) -> usize {
+        self.views.iter().map(|view| view.hits.len()).sum()
+    }
+}
+
+fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
+    let lens = Lens::new(&image.intrinsics, image.world_from_camera, config.camera_shift_px);
+    let (height, width) = image.depth_m.dim();
+    let level = image.segmentation.as_raw();
+    let at = |u: usize, v: usize| level.get(v * width + u).copied().unwrap_or(BACKGROUND);
+    let mut object = Vec::new();
+    let mut outline = Vec::new();
+    let mut beside = Vec::new();
+    let mut passed = Vec::new();
+    const RIM: usize = OUTLINE_PX;
+    for v in RIM..height.saturating_sub(RIM) {
+        for u in RIM..width.saturating_sub(RIM) {
+            let around = || [(u - RIM, v), (u + RIM, v), (u, v - RIM), (u, v + RIM)].map(|(u, v)| at(u, v));
+            let is_sample = u % 2 == 0 && v % 2 == 0;
+            match at(u, v) {
+                OBJECT => {
+                    let around = around();
+                    if around == [OBJECT; 4] {
+                        object.push((u, v));
+                    } else if around.iter().all(|&l| l == OBJECT || l == BACKGROUND) {
+                        outline.push((u, v));
+                    }
+                }
+                // Every fourth pixel is enough to draw from.
+                HAND if is_sample && image.depth_m[(v, u)] > 0.0 && image.depth_m[(v, u)].is_finite() => {
+                    passed.push((u, v));
+                }
+                BACKGROUND if config.far_is_free && image.depth_m[(v, u)] <= 0.0 && around().contains(&OBJECT) => {
+                    beside.push((u, v));
+                }
+                BACKGROUND if config.far_is_free && is_sample => passed.push((u, v)),
+                _ => {}
+            }
+        }
+    }
+    let hit = |&(u, v): &(usize, usize), is_outline: bool| {
+        let z = image.depth_m[(v, u)];
+        let (direction, length) = lens.ray(u as f32, v as f32);
+        let normal = if is_outline { Vec3::ZERO } else { lens.normal(&image.depth_m, u, v) };
+        let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
+        let along = config.camera_sigma_per_m2 * z * z * cosine;
+        let sideways = if is_outline { 1.0 } else { (1.0 - cosine * cosine).sqrt() };
+        let sigma_m = along.hypot(config.camera_jitter_px * z / lens.focal_px * sideways);
+        (z > 0.0 && z.is_finite()).then_some(Hit { direction, range_m: z * length, normal, cosine, sigma_m })
+    };
+    let (chosen, _) = object.partial_shuffle(rng, config.camera_hits);
+    let hits: Vec<Hit> = chosen.iter().filter_map(|pixel| hit(pixel, false)).collect();
+    let (chosen, _) = outline.partial_shuffle(rng, config.camera_outline);
+    let outline = chosen.iter().filter_map(|pixel| hit(pixel, true)).collect();
+    let mut misses = Vec::new();
+    let (chosen, _) = beside.partial_shuffle(rng, config.camera_misses / 2);
+    misses.extend(chosen.iter().map(|&(u, v)| Miss { direction: lens.ray(u as f32, v as f32).0, free_m: FAR_M }));
+    // Most of an image is far from the object: draw until enough is found.
+    passed.shuffle(rng);
+    for (u, v) in passed {
+        if misses.len() >= config.camera_misses {
+            break;
+        }
+        let z = image.depth_m[(v, u)];
+        let (direction, length) = lens.ray(u as f32, v as f32);
+        if z > 0.0 {
+            misses.push(Miss { direction, free_m: z * length });
+        } else if is_empty_around(&image.depth_m, u, v, BACKGROUND_MARGIN_PX) {
+            misses.push(Miss { direction, free_m: FAR_M });
+        }
+    }
+    let origin = lens.origin;
+    let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
+    View { sensor: Sensor::Camera(index), origin, hits, outline, misses, lookup, pressed_px: 0 }
+}
+
+fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
+    let lens = Lens::new(&digit::intrinsics(), image.world_from_camera, [0.0; 2]);
+    let (height, width) = image.depth_m.dim();
+    let contact = image.contact.as_raw();
+    let touches = |u: usize, v: usize| contact.get(v * width + u).is_some_and(|&c| c > 127);
+    let mut touched = Vec::new();
+    let mut free = Vec::new();
+    const RIM: usize = CONTACT_RIM_PX;
+    for v in RIM..height.saturating_sub(RIM) {
+        for u in RIM..width.saturating_sub(RIM) {
+            let around = [(u - RIM, v), (u + RIM, v), (u, v - RIM), (u, v + RIM)];
+            if touches(u, v) {
+                if around.iter().all(|&(u, v)| touches(u, v)) {
+                    touched.push((u, v));
+                }
+            } else if u % 8 == 0 && v % 8 == 0 && !around.iter().any(|&(u, v)| touches(u, v)) {
+                free.push((u, v));
+            }
+        }
+    }
+    let pressed_px = touched.len();
+    let (chosen, _) = touched.partial_shuffle(rng, config.touch_hits);
+    let hits = chosen
+        .iter()
+        .filter_map(|&(u, v)| {
+            let z = image.depth_m[(v, u)];
+            let (direction, length) = lens.ray(u as f32, v as f32);
+            let normal = lens.normal(&image.depth_m, u, v);
+            let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
+            (z > 0.0 && z.is_finite()).then_some(Hit {
+                direction,
+                range_m: z * length,
+                normal,
+                cosine,
+                sigma_m: image.sigma_m,
+            })
+        })
+        .collect();
+    let (chosen, _) = free.partial_shuffle(rng, config.touch_misses);
+    let misses = chosen
+        .iter()
+        .filter_map(|&(u, v)| {
+            let z = image.depth_m[(v, u)];
+            let (direction, length) = lens.ray(u as f32, v as f32);
+            (z > 0.0 && z.is_finite()).then_some(Miss { direction, free_m: z * length })
+        })
+        .collect();
+    View {
+        sensor: Sensor::Touch(finger),
+        origin: lens.origin,
+        hits,
+        misses,
+        lookup: None,
+        outline: Vec::new(),
+        pressed_px,
+    }
+}
+
+fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> bool {
+    let (height, width) = depth_m.dim();
+    let rows = v.saturating_sub(margin)..(v + margin + 1).min(height);
+    rows.step_by(2)
+        .all(|v| (u.saturating_sub(margin)..(u + margin + 1).min(width)).step_by(2).all(|u| depth_m[(v, u)] <= 0.0))
+}
+
+#[cfg(test)]
+mod tests;

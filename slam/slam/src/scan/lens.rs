@@ -1,0 +1,120 @@
+//! A camera in the world: rays from pixels, pixels from points.
+
+use glam::Vec3;
+use mvt_frames::camera::Intrinsics;
+use mvt_frames::{Camera, Isometry, World};
+use ndarray::Array2;
+
+use super::{Hit, NORMAL_REACH_PX, NORMAL_STEP_M};
+
+/// A camera in the world, in the `f32` of rays.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Lens {
+    pub rotation: glam::Mat3A,
+    pub origin: Vec3,
+    pub focal_px: f32,
+    pub centre: [f32; 2],
+    pub focal: [f32; 2],
+}
+
+impl Lens {
+    pub fn new(intrinsics: &Intrinsics, world_from_camera: Isometry<Camera, World>, shift_px: [f32; 2]) -> Self {
+        let (rotation, origin) = world_from_camera.to_f32();
+        Self {
+            rotation,
+            origin: origin.into(),
+            focal_px: (0.5 * (intrinsics.fx + intrinsics.fy)) as f32,
+            centre: [intrinsics.cx as f32 - shift_px[0], intrinsics.cy as f32 - shift_px[1]],
+            focal: [intrinsics.fx as f32, intrinsics.fy as f32],
+        }
+    }
+
+    /// A point at depth 1 seen at a pixel, camera frame.
+    fn at(&self, u: f32, v: f32) -> Vec3 {
+        Vec3::new((u - self.centre[0]) / self.focal[0], -(v - self.centre[1]) / self.focal[1], -1.0)
+    }
+
+    /// Unit direction of a pixel in the world, and metres along it per metre of depth.
+    pub fn ray(&self, u: f32, v: f32) -> (Vec3, f32) {
+        let p = self.at(u, v);
+        let length = p.length();
+        (self.rotation * (p / length), length)
+    }
+
+    /// Unit normal towards the camera from the neighbours of a pixel, world frame; zero where they are missing or an edge.
+    pub fn normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
+        let z = depth_m[(v, u)];
+        let neighbour = |du: isize, dv: isize| {
+            let (u, v) = (u.checked_add_signed(du)?, v.checked_add_signed(dv)?);
+            let depth = *depth_m.get((v, u))?;
+            (depth > 0.0 && (depth - z).abs() < NORMAL_STEP_M).then(|| self.at(u as f32, v as f32) * depth)
+        };
+        let here = self.at(u as f32, v as f32) * z;
+        let along = |du: isize, dv: isize| match (neighbour(-du, -dv), neighbour(du, dv)) {
+            (Some(a), Some(b)) => Some(b - a),
+            (Some(a), None) => Some(here - a),
+            (None, Some(b)) => Some(b - here),
+            (None, None) => None,
+        };
+        const REACH: isize = NORMAL_REACH_PX as isize;
+        let (Some(right), Some(down)) = (along(REACH, 0), along(0, REACH)) else { return Vec3::ZERO };
+        self.rotation * down.cross(right).normalize_or_zero()
+    }
+
+    /// The pixel (u, v) at which a point of the world is seen; `None` behind the camera.
+    fn project(&self, point: Vec3) -> Option<(f32, f32)> {
+        let p = self.rotation.transpose() * glam::Vec3A::from(point - self.origin);
+        let depth = -p.z;
+        (depth > 0.0)
+            .then(|| (self.centre[0] + self.focal[0] * p.x / depth, self.centre[1] - self.focal[1] * p.y / depth))
+    }
+}
+
+/// Side of a cell of the lookup, pixels: about one of three thousand hits falls on each.
+const CELL_PX: usize = 4;
+
+/// Hits by the pixel at which they are seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lookup {
+    lens: Lens,
+    /// Width and height of the image, pixels.
+    size: [usize; 2],
+    columns: usize,
+    rows: usize,
+    /// The hit in each cell, or `u32::MAX`.
+    cells: Vec<u32>,
+}
+
+impl Lookup {
+    pub(crate) fn new(lens: Lens, width: usize, height: usize, origin: Vec3, hits: &[Hit]) -> Self {
+        let (columns, rows) = (width.div_ceil(CELL_PX), height.div_ceil(CELL_PX));
+        let mut lookup = Self { lens, size: [width, height], columns, rows, cells: vec![u32::MAX; columns * rows] };
+        for (i, hit) in (0..).zip(hits) {
+            if let Some(cell) = lookup.cell(origin + hit.direction * hit.range_m) {
+                lookup.cells[cell] = i;
+            }
+        }
+        lookup
+    }
+
+    pub(crate) fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    pub(crate) fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    fn cell(&self, point: Vec3) -> Option<usize> {
+        let (u, v) = self.lens.project(point)?;
+        let (column, row) = ((u + 0.5) / CELL_PX as f32, (v + 0.5) / CELL_PX as f32);
+        let inside = column >= 0.0 && row >= 0.0 && column < self.columns as f32 && row < self.rows as f32;
+        inside.then(|| row as usize * self.columns + column as usize)
+    }
+
+    /// Index of a hit that is seen where this point of the world would be.
+    pub fn at(&self, point: Vec3) -> Option<usize> {
+        let hit = self.cells[self.cell(point)?];
+        (hit != u32::MAX).then_some(hit as usize)
+    }
+}

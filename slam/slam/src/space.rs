@@ -1,0 +1,221 @@
+//! What is known of the space around an object: where surface was measured, what was looked through, and what is left.
+
+use glam::{UVec3, Vec3};
+use mvt_robot::hand::solid::Occupied;
+
+use crate::scan::View;
+
+/// Cells along an edge of the box: 2.3 mm each in a box of 15 cm, a little coarser than the field.
+const CELLS: u32 = 64;
+/// Measured points in a cell before its surface counts as seen. One may be a displaced pixel.
+const SEEN: u8 = 3;
+/// Rays through a cell before it counts as empty.
+const EMPTY: u8 = 3;
+/// A ray is taken for free up to this far before its end, metres: noise, drift and half a cell.
+const MARGIN_M: f32 = 0.004;
+/// How far below the hand's surface a point must be to count as not the object's, metres: gels and drift give way.
+const HAND_DEPTH_M: f32 = 0.002;
+/// What nobody has seen is taken for the inside of the object this far around the hull of what was seen, metres: cameras see to
+/// three pixels before the hand, 2 mm at 0.35 m, and the object goes on to where it lies on it. More grows slabs on hidden sides.
+const HULL_MARGIN_M: f32 = 0.002;
+
+/// A cell that must be taken for the inside.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unseen {
+    /// Its centre.
+    pub centre: Vec3,
+    /// How far below the hull of what was seen it lies, metres; negative little outside.
+    pub depth_m: f32,
+}
+
+/// Counts per cell of a cube around the origin of the model's frame.
+#[derive(Debug, Clone)]
+pub struct Space {
+    half_extent_m: f32,
+    hits: Vec<u8>,
+    passes: Vec<u8>,
+    /// Whether surface was seen in the cell or beside it.
+    near_surface: Vec<bool>,
+    /// How far the seen surface reaches along each direction of [`directions`], metres.
+    support_m: Vec<f32>,
+    directions: Vec<Vec3>,
+}
+
+impl Space {
+    /// Nothing is known of a cube that reaches `half_extent_m` from the origin.
+    pub fn new(half_extent_m: f32) -> Self {
+        let count = (CELLS * CELLS * CELLS) as usize;
+        let directions = directions();
+        Self {
+            half_extent_m,
+            hits: vec![0; count],
+            passes: vec![0; count],
+            near_surface: vec![false; count],
+            support_m: vec![f32::NEG_INFINITY; directions.len()],
+            directions,
+        }
+    }
+
+    fn cell_m(&self) -> f32 {
+        2.0 * self.half_extent_m / CELLS as f32
+    }
+
+    fn cell(&self, p: Vec3) -> Option<UVec3> {
+        let at = (p + self.half_extent_m) / self.cell_m();
+        (at.min_element() >= 0.0 && at.max_element() < CELLS as f32).then(|| at.as_uvec3())
+    }
+
+    fn index(&self, p: Vec3) -> Option<usize> {
+        self.cell(p).map(flatten)
+    }
+
+    /// Takes in the rays of a sensor. `to_model` takes points of the world to the model's frame.
+    pub fn add(&mut self, view: &View, to_model: impl Fn(Vec3) -> Vec3) {
+        let origin = to_model(view.origin);
+        for hit in &view.hits {
+            let end = to_model(view.point(hit));
+            self.add_hit(end);
+            self.pass(origin, end, MARGIN_M / hit.cosine);
+        }
+        for miss in &view.misses {
+            self.pass(origin, to_model(view.origin + miss.direction * miss.free_m), MARGIN_M);
+        }
+    }
+
+    /// Takes in points inside the hand, in the model's frame.
+    pub fn add_occupied(&mut self, occupied: impl Iterator<Item = Occupied>) {
+        for Occupied { point, depth_m } in occupied {
+            if depth_m > HAND_DEPTH_M
+                && let Some(i) = self.index(point)
+            {
+                self.passes[i] = self.passes[i].saturating_add(1);
+            }
+        }
+    }
+
+    fn add_hit(&mut self, p: Vec3) {
+        let Some(cell) = self.cell(p) else { return };
+        let hits = &mut self.hits[flatten(cell)];
+        *hits = hits.saturating_add(1);
+        if *hits != SEEN {
+            return;
+        }
+        let (low, high) = (cell.max(UVec3::ONE) - 1, (cell + 1).min(UVec3::splat(CELLS - 1)));
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                for x in low.x..=high.x {
+                    self.near_surface[flatten(UVec3::new(x, y, z))] = true;
+                }
+            }
+        }
+        for (support, direction) in self.support_m.iter_mut().zip(&self.directions) {
+            *support = support.max(direction.dot(p));
+        }
+    }
+
+    /// Counts a ray through the cells from `from` to `margin_m` before `to`.
+    fn pass(&mut self, from: Vec3, to: Vec3, margin_m: f32) {
+        let length = (to - from).length();
+        let direction = (to - from) / length;
+        let Some((enter, leave)) = clip(from, direction, self.half_extent_m) else { return };
+        let (start, end) = (enter.max(0.0), leave.min(length - margin_m));
+        let step = self.cell_m();
+        let mut last = usize::MAX;
+        let mut t = start + 0.5 * step;
+        while t < end {
+            if let Some(i) = self.index(from + direction * t)
+                && i != last
+            {
+                self.passes[i] = self.passes[i].saturating_add(1);
+                last = i;
+            }
+            t += step;
+        }
+    }
+
+    /// Whether surface was seen at or beside a point.
+    pub fn is_near_surface(&self, p: Vec3) -> bool {
+        self.index(p).is_some_and(|i| self.near_surface[i])
+    }
+
+    /// The cells that must be taken for the inside: nobody saw surface near them nor looked through them, and they lie within the
+    /// hull of what was seen.
+    pub fn unseen_inside(&self) -> Vec<Unseen> {
+        let mut inside = Vec::new();
+        for z in 0..CELLS {
+            for y in 0..CELLS {
+                for x in 0..CELLS {
+                    let cell = UVec3::new(x, y, z);
+                    let i = flatten(cell);
+                    if self.near_surface[i] || self.passes[i] >= EMPTY {
+                        continue;
+                    }
+                    let centre = (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m;
+                    inside.extend(self.depth_m(centre).map(|depth_m| Unseen { centre, depth_m }));
+                }
+            }
+        }
+        inside
+    }
+
+    /// Whether a point lies within the hull of what was seen or little outside it.
+    pub fn is_within_hull(&self, p: Vec3) -> bool {
+        self.depth_m(p).is_some()
+    }
+
+    /// How far a point lies below the hull of what was seen, metres; `None` if more than little outside it.
+    fn depth_m(&self, p: Vec3) -> Option<f32> {
+        let mut sides = self.directions.iter().zip(&self.support_m).map(|(d, support)| support - d.dot(p));
+        sides.try_fold(f32::INFINITY, |least, depth_m| (depth_m > -HULL_MARGIN_M).then(|| least.min(depth_m)))
+    }
+
+    /// Edge of a cell, metres.
+    pub fn resolution_m(&self) -> f32 {
+        self.cell_m()
+    }
+
+    /// Lowest and highest corner of what was seen, metres; `None` before anything was.
+    pub fn bounds(&self) -> Option<[Vec3; 2]> {
+        let s = &self.support_m;
+        let known = s.iter().all(|x| x.is_finite());
+        known.then(|| [-Vec3::new(s[1], s[3], s[5]), Vec3::new(s[0], s[2], s[4])])
+    }
+
+    /// Part of the directions around the middle of what was seen in which no surface was seen.
+    pub fn unseen_fraction(&self) -> f64 {
+        let Some([low, high]) = self.bounds() else { return 1.0 };
+        let middle = 0.5 * (low + high);
+        let seen = self.directions.iter().filter(|direction| {
+            (4..CELLS).any(|k| self.is_near_surface(middle + **direction * (k as f32 * 0.5 * self.cell_m())))
+        });
+        1.0 - seen.count() as f64 / self.directions.len() as f64
+    }
+}
+
+fn flatten(cell: UVec3) -> usize {
+    (cell.x + CELLS * (cell.y + CELLS * cell.z)) as usize
+}
+
+/// Where a ray enters and leaves a cube around the origin that reaches `half` from it: distances along the ray in units of
+/// `direction`, the first negative if it starts inside. None if it misses the cube.
+pub fn clip(origin: Vec3, direction: Vec3, half: f32) -> Option<(f32, f32)> {
+    let inverse = direction.recip();
+    let (a, b) = ((Vec3::splat(-half) - origin) * inverse, (Vec3::splat(half) - origin) * inverse);
+    let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+    (enter < leave && leave > 0.0).then_some((enter, leave))
+}
+
+/// The axes, then directions spread evenly over the sphere.
+fn directions() -> Vec<Vec3> {
+    const COUNT: usize = 60;
+    let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+    let even = (0..COUNT).map(|i| {
+        let z = 1.0 - (2 * i + 1) as f32 / COUNT as f32;
+        let (sin, cos) = (2.399_963 * i as f32).sin_cos();
+        Vec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
+    });
+    axes.into_iter().chain(even).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,588 @@
+//! Where the object is: a sliding window of poses, solved jointly against the shape.
+
+pub mod assess;
+pub(crate) mod icp;
+pub mod relocalise;
+pub(crate) mod system;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use glam::Vec3;
+use mvt_frames::{Isometry, Model, World};
+use mvt_robot::hand::solid::Occupied;
+use mvt_robot::hand::{Finger, PerFinger, Side, world_from_tip};
+use nalgebra as na;
+use serde::{Deserialize, Serialize};
+
+use crate::scan::{Scan, Sensor};
+use icp::Posed;
+use mvt_field::shape::{Distance, Shape};
+use mvt_frames::se3;
+use mvt_frames::se3::Twist;
+use system::{Block, Loss, System, along, surface, velocity};
+
+/// A shape to track against.
+pub trait Reference: Shape {
+    /// Whether the surface near each point has been measured well enough to be tracked against.
+    fn trusted(&self, points: &[Vec3], out: &mut [bool]);
+
+    /// Standard deviation of the surface itself, metres.
+    fn sigma_m(&self) -> f32;
+}
+
+/// What the tracker weighs, and how much. Each weight scales the cost of its factor; 0 switches it off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Frames solved together.
+    pub window: usize,
+    /// Steps of the solver per frame at most.
+    pub iterations: usize,
+    /// Measured points used per camera and frame.
+    pub camera_points: usize,
+    /// Points of the outline used per camera and frame.
+    pub outline_points: usize,
+    /// Measured points used per touching finger and frame.
+    pub touch_points: usize,
+    /// Camera depth lies on the surface.
+    pub camera_weight: f64,
+    /// Touch depth lies on the surface.
+    pub touch_weight: f64,
+    /// What a sensor looked through is not inside the object.
+    pub free_space_weight: f64,
+    /// Each frame's surface lies on that of the frame before.
+    pub icp_weight: f64,
+    /// The object goes on as it moves.
+    pub velocity_weight: f64,
+    /// A pad carries the surface that it touches.
+    pub contact_weight: f64,
+    /// The hand is not inside the object.
+    pub penetration_weight: f64,
+    /// Points of a camera's image whose errors are independent: noise is shared by neighbours, calibration by all.
+    pub camera_independent: f64,
+    /// The same for a touch image.
+    pub touch_independent: f64,
+    /// Part of the velocity that is kept from frame to frame: an object in a hand is soon at rest.
+    pub velocity_kept: f64,
+    /// Change of velocity from frame to frame, one standard deviation, metres and radians per frame.
+    pub velocity_sigma: [f64; 2],
+    /// Slip of a pad over the surface from frame to frame, one standard deviation, metres: where the pressed area stays the
+    /// same, and what its whole change adds.
+    pub slip_sigma_m: [f64; 2],
+    /// Depth by which a hand pressed into an object counts as touching only, metres. Gels give way.
+    pub penetration_slack_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            window: 3,
+            iterations: 12,
+            camera_points: 700,
+            outline_points: 200,
+            touch_points: 100,
+            camera_weight: 1.0,
+            touch_weight: 1.0,
+            free_space_weight: 1.0,
+            icp_weight: 1.0,
+            velocity_weight: 1.0,
+            contact_weight: 1.0,
+            penetration_weight: 1.0,
+            camera_independent: 200.0,
+            touch_independent: 6.0,
+            velocity_kept: 0.6,
+            velocity_sigma: [0.001, 0.03],
+            slip_sigma_m: [0.00005, 0.002],
+            penetration_slack_m: 0.0015,
+        }
+    }
+}
+
+/// A measured point on the surface, world frame.
+#[derive(Debug, Clone, Copy)]
+struct Measured {
+    point: Vec3,
+    sigma_m: f32,
+    /// Part of the cost of its sensor that it carries.
+    share: f64,
+    is_touch: bool,
+}
+
+/// A place that the object does not occupy, world frame.
+#[derive(Debug, Clone, Copy)]
+struct Vacant {
+    point: Vec3,
+    /// No surface is nearer than this, metres.
+    clearance_m: f32,
+    sigma_m: f32,
+    share: f64,
+}
+
+/// A pad that touches: where, and which way its gel faces.
+#[derive(Debug, Clone, Copy)]
+struct Pad {
+    contact: na::Point3<f64>,
+    normal: na::Vector3<f64>,
+    pressed_px: usize,
+}
+
+/// One frame of the window.
+#[derive(Debug, Clone)]
+struct Instant {
+    scan: Arc<Scan>,
+    pose: na::Isometry3<f64>,
+    measured: Vec<Measured>,
+    /// Inside the hand, or beside an untouched gel.
+    occupied: Vec<Vacant>,
+    /// On rays that passed the object, where they come nearest to it; chosen anew for each solution.
+    passed: Vec<Vacant>,
+    pads: PerFinger<Option<Pad>>,
+    tips: PerFinger<na::Isometry3<f64>>,
+}
+
+impl Instant {
+    /// Whether a camera measured the object.
+    fn is_seen(&self) -> bool {
+        self.measured.iter().any(|m| !m.is_touch)
+    }
+}
+
+/// Tracks one object in one hand.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    config: Config,
+    side: Side,
+    /// Oldest first. Two more than the configured window: the oldest poses are held, and tie the others to the past.
+    window: VecDeque<Instant>,
+    /// Where the newest frame was expected when it came.
+    expected: na::Isometry3<f64>,
+}
+
+/// How the newest pose was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solution {
+    /// The newest pose.
+    pose: Isometry<Model, World>,
+    /// How far the solution is from what the motion before let expect, metres and radians.
+    surprise: [f64; 2],
+}
+
+impl Solution {
+    /// The newest pose.
+    pub fn pose(&self) -> Isometry<Model, World> {
+        self.pose
+    }
+
+    /// How far the pose is from what the motion before let expect, metres and radians.
+    pub fn surprise(&self) -> [f64; 2] {
+        self.surprise
+    }
+}
+
+/// Cost grows with the logarithm from this many standard deviations on.
+const ROBUST_SIGMAS: f64 = 2.0;
+/// Distance between the samples of a ray that passed, metres.
+const PASSED_STEP_M: f32 = 0.008;
+/// Rays that passed, per view.
+const PASSED_RAYS: usize = 100;
+/// How exactly a ray that passed is known at its nearest point, metres: a pixel and its displacement.
+const PASSED_SIGMA_M: f32 = 0.001;
+/// How exactly the hand's surface is known, metres.
+const HAND_SIGMA_M: f32 = 0.001;
+/// Points of the hand that are farther from the object than this do not come to bear within a frame, metres.
+const OCCUPIED_REACH_M: f32 = 0.008;
+/// Points of the hand used per frame, the nearest.
+const OCCUPIED_POINTS: usize = 150;
+/// Points matched from frame to frame.
+const ICP_POINTS: usize = 200;
+
+impl Tracker {
+    /// A tracker that has seen nothing.
+    pub fn new(config: Config, side: Side) -> Self {
+        Self { config, side, window: VecDeque::new(), expected: na::Isometry3::identity() }
+    }
+
+    /// Where the motion so far leads to, for the frame after the newest; `None` before the first frame.
+    pub fn predicted(&self) -> Option<Isometry<Model, World>> {
+        let newest = self.window.back()?;
+        let motion = match self.window.len() {
+            1 => na::Isometry3::identity(),
+            n => {
+                let motion = se3::log(&(self.window[n - 2].pose.inverse() * newest.pose));
+                se3::exp(&(motion * self.config.velocity_kept))
+            }
+        };
+        Some(Isometry::new(newest.pose * motion))
+    }
+
+    /// Moves all poses to another model frame: `correction` takes coordinates of the new one to the old.
+    pub fn rebase(&mut self, correction: &na::Isometry3<f64>) {
+        for instant in &mut self.window {
+            instant.pose *= correction;
+        }
+    }
+
+    /// Forgets the frames before, so that a new pose is not tied to them.
+    pub fn reset(&mut self) {
+        self.window.clear();
+    }
+
+    /// Takes in a frame whose pose is `start` or near it. `occupied` are points inside the hand; those that the object may
+    /// reach are used.
+    pub fn push(
+        &mut self,
+        shape: &dyn Reference,
+        scan: Arc<Scan>,
+        start: Isometry<Model, World>,
+        occupied: impl Iterator<Item = Occupied>,
+    ) {
+        self.expected = start.untyped();
+        let slack = self.config.penetration_slack_m;
+        let deep: Vec<Occupied> = occupied.filter(|o| o.depth_m > slack).collect();
+        let model_from_world = start.untyped().inverse();
+        let inside: Vec<Vec3> = deep.iter().map(|o| apply(&model_from_world, o.point)).collect();
+        let mut distances = vec![0.0; inside.len()];
+        shape.distances(&inside, &mut distances);
+        let mut near: Vec<(f32, Occupied)> = distances
+            .iter()
+            .zip(deep)
+            .map(|(d, o)| (d - o.depth_m, o))
+            .filter(|(gap, _)| *gap < OCCUPIED_REACH_M)
+            .collect();
+        if near.len() > OCCUPIED_POINTS {
+            near.select_nth_unstable_by(OCCUPIED_POINTS, |a, b| a.0.total_cmp(&b.0));
+            near.truncate(OCCUPIED_POINTS);
+        }
+        let occupied: Vec<Occupied> = near.into_iter().map(|(_, o)| o).collect();
+        self.window.push_back(self.instant(scan, start.untyped(), &occupied));
+        // One held pose, and one more so that the velocity of the oldest free pose is known.
+        while self.window.len() > self.config.window + 2 {
+            self.window.pop_front();
+        }
+    }
+
+    fn instant(&self, scan: Arc<Scan>, pose: na::Isometry3<f64>, occupied: &[Occupied]) -> Instant {
+        let config = &self.config;
+        let tips = PerFinger::from_fn(|finger| world_from_tip(self.side, finger, &scan.joints).untyped());
+        let mut pads = PerFinger::from_fn(|_| None);
+        let mut measured = Vec::new();
+        let mut vacant = Vec::new();
+        for view in &scan.views {
+            let (count, independent, is_touch) = match view.sensor {
+                Sensor::Camera(_) => (config.camera_points, config.camera_independent, false),
+                Sensor::Touch(_) => (config.touch_points, config.touch_independent, true),
+            };
+            let used = view.hits.len().min(count);
+            let share = (independent / used.max(1) as f64).min(1.0);
+            let point = |hit| Measured { point: view.point(hit), sigma_m: hit.sigma_m, share, is_touch };
+            measured.extend(view.hits[..used].iter().map(point));
+            let used = view.outline.len().min(config.outline_points);
+            let share = (0.25 * independent / used.max(1) as f64).min(1.0);
+            let point = |hit| Measured { point: view.point(hit), sigma_m: hit.sigma_m, share, is_touch };
+            measured.extend(view.outline[..used].iter().map(point));
+            if let Sensor::Touch(finger) = view.sensor {
+                pads[finger] = pad(view);
+                let share = (independent / view.misses.len().max(1) as f64).min(1.0);
+                vacant.extend(view.misses.iter().map(|miss| Vacant {
+                    point: view.origin + miss.direction * miss.free_m,
+                    clearance_m: 0.0,
+                    sigma_m: GEL_SIGMA_M,
+                    share,
+                }));
+            }
+        }
+        let slack = config.penetration_slack_m;
+        vacant.extend(occupied.iter().map(|o| Vacant {
+            point: o.point,
+            clearance_m: o.depth_m - slack,
+            sigma_m: HAND_SIGMA_M,
+            share: 0.2,
+        }));
+        Instant { scan, pose, measured, occupied: vacant, passed: Vec::new(), pads, tips }
+    }
+
+    /// Number of held poses at the front of the window.
+    fn held(&self) -> usize {
+        self.window.len().saturating_sub(self.config.window)
+    }
+
+    /// Solves the window. `None` before the first frame.
+    pub fn solve(&mut self, shape: &dyn Reference) -> Option<Solution> {
+        // Wide at first, so that a start that is off by a centimetre is drawn in; then what the sensors deserve.
+        let median = self.median_residual(shape);
+        let mut scale = (median / 0.674).clamp(1.0, 20.0);
+        let mut left = self.config.iterations;
+        loop {
+            self.choose_passed(shape);
+            self.descend(shape, scale, &mut left);
+            if scale <= 1.5 || left == 0 {
+                break;
+            }
+            scale = (scale / 4.0).max(1.0);
+        }
+        let pose = self.window.back()?.pose;
+        let moved = se3::log(&(self.expected.inverse() * pose));
+        let angle = moved.fixed_rows::<3>(3).norm();
+        // Of the model's origin, which lies in the object, not of the world's.
+        let distance = (self.expected.translation.vector - pose.translation.vector).norm();
+        Some(Solution { pose: Isometry::new(pose), surprise: [distance, angle] })
+    }
+
+    /// Steps until the cost no longer falls.
+    fn descend(&mut self, shape: &dyn Reference, scale: f64, left: &mut usize) {
+        let mut damping = 1e-4;
+        let mut system = self.linearise(shape, scale);
+        while *left > 0 {
+            *left -= 1;
+            let Some(step) = system.step(damping) else { return };
+            let before: Vec<_> = self.window.iter().map(|instant| instant.pose).collect();
+            let next = is_modest(&step).then(|| {
+                self.advance(&step);
+                self.linearise(shape, scale)
+            });
+            if let Some(next) = next.filter(|next| next.cost < system.cost) {
+                let gained = (system.cost - next.cost) / system.cost;
+                system = next;
+                damping = (damping / 5.0).max(1e-7);
+                if gained < 1e-3 {
+                    break;
+                }
+            } else {
+                for (instant, pose) in self.window.iter_mut().zip(before) {
+                    instant.pose = pose;
+                }
+                damping *= 10.0;
+                if damping > 10.0 || step.amax() < 1e-6 {
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Moves the free poses.
+    fn advance(&mut self, step: &na::DVector<f64>) {
+        let held = self.held();
+        for (i, instant) in self.window.iter_mut().skip(held).enumerate() {
+            let twist: Twist = step.fixed_rows::<6>(6 * i).into_owned();
+            instant.pose *= se3::exp(&twist);
+            instant.pose.rotation.renormalize();
+        }
+    }
+
+    /// Median distance of the newest frame's points from the surface, in standard deviations.
+    pub fn median_residual(&self, shape: &dyn Reference) -> f64 {
+        let Some(instant) = self.window.back() else { return 0.0 };
+        let (inside, distances, trusted) = ask(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
+        let mut residuals: Vec<f64> = (0..inside.len())
+            .filter(|&i| trusted[i])
+            .map(|i| f64::from(distances[i].value_m.abs() / sigma(shape, instant.measured[i].sigma_m)))
+            .collect();
+        if residuals.is_empty() {
+            return 0.0;
+        }
+        let middle = residuals.len() / 2;
+        *residuals.select_nth_unstable_by(middle, f64::total_cmp).1
+    }
+
+    /// For rays that passed the object: where they come nearest to it.
+    fn choose_passed(&mut self, shape: &dyn Reference) {
+        if self.config.free_space_weight == 0.0 {
+            return;
+        }
+        let held = self.held();
+        for instant in self.window.iter_mut().skip(held) {
+            instant.passed.clear();
+            let model_from_world = instant.pose.inverse();
+            let centre = to_vec(instant.pose.translation.vector);
+            for view in instant.scan.views.iter().filter(|view| matches!(view.sensor, Sensor::Camera(_))) {
+                let mut samples = Vec::new();
+                let mut rays = Vec::new();
+                for miss in &view.misses {
+                    // Only the part of the ray that may meet the object.
+                    let middle = (centre - view.origin).dot(miss.direction);
+                    let beside = (view.origin + miss.direction * middle - centre).length_squared();
+                    let reach = REACH_M * REACH_M - beside;
+                    if reach <= 0.0 || rays.len() == PASSED_RAYS {
+                        continue;
+                    }
+                    let (from, to) = (middle - reach.sqrt(), (middle + reach.sqrt()).min(miss.free_m - PASSED_STEP_M));
+                    let first = samples.len();
+                    let mut t = from;
+                    while t < to {
+                        samples.push(view.origin + miss.direction * t);
+                        t += PASSED_STEP_M;
+                    }
+                    if samples.len() > first {
+                        rays.push(first..samples.len());
+                    }
+                }
+                let inside: Vec<Vec3> = samples.iter().map(|&p| apply(&model_from_world, p)).collect();
+                let mut distances = vec![0.0; inside.len()];
+                shape.distances(&inside, &mut distances);
+                let share = (0.25 * self.config.camera_independent / rays.len().max(1) as f64).min(1.0);
+                for ray in rays {
+                    let Some(nearest) = ray.min_by(|&a, &b| distances[a].total_cmp(&distances[b])) else { continue };
+                    if distances[nearest] < 0.5 * PASSED_STEP_M {
+                        instant.passed.push(Vacant {
+                            point: samples[nearest],
+                            clearance_m: 0.0,
+                            sigma_m: PASSED_SIGMA_M,
+                            share,
+                        });
+                    }
+                }
+            }
+        }
+    }
+
+    fn linearise(&self, shape: &dyn Reference, scale: f64) -> System {
+        let config = &self.config;
+        let held = self.held();
+        let mut system = System::new(self.window.len() - held);
+        let robust = Loss::Cauchy(ROBUST_SIGMAS * scale);
+        let index = |k: usize| k.checked_sub(held);
+        for (k, instant) in self.window.iter().enumerate().skip(held) {
+            let (points, distances, trusted) = ask(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
+            for (i, m) in instant.measured.iter().enumerate().filter(|(i, _)| trusted[*i]) {
+                let weight = if m.is_touch { config.touch_weight } else { config.camera_weight };
+                let (r, j) = surface(points[i], distances[i]);
+                let s = 1.0 / f64::from(sigma(shape, m.sigma_m));
+                system.add(r * s, &[(index(k), j * s)], weight * m.share, robust);
+            }
+            for (list, weight) in
+                [(&instant.occupied, config.penetration_weight), (&instant.passed, config.free_space_weight)]
+            {
+                if weight == 0.0 {
+                    continue;
+                }
+                let (points, distances, trusted) = ask(shape, &instant.pose, list.iter().map(|v| v.point));
+                for (i, vacant) in list.iter().enumerate().filter(|(i, _)| trusted[*i]) {
+                    let (r, j) = surface(points[i], distances[i]);
+                    let short = r - f64::from(vacant.clearance_m);
+                    if short < 0.0 {
+                        let s = 1.0 / f64::from(vacant.sigma_m);
+                        system.add(short * s, &[(index(k), j * s)], weight * vacant.share, robust);
+                    }
+                }
+            }
+            if k > 0 {
+                let before = &self.window[k - 1];
+                self.add_contacts(&mut system, (index(k - 1), before), (index(k), instant));
+                if config.icp_weight > 0.0 {
+                    let share = 0.25 * config.camera_independent * config.icp_weight;
+                    let (a, b) = (Posed::new(before), Posed::new(instant));
+                    icp::add(&mut system, (index(k - 1), a), (index(k), b), ICP_POINTS, share);
+                }
+            }
+            if k > 1 && config.velocity_weight > 0.0 {
+                let poses = [&self.window[k - 2].pose, &self.window[k - 1].pose, &instant.pose];
+                let (r, jacobians) = velocity(poses, config.velocity_kept);
+                // A camera can tell that an object was thrown; a pad fits wherever it goes.
+                let loss = if instant.is_seen() { Loss::Cauchy(3.0) } else { Loss::Square };
+                for row in 0..6 {
+                    let s = 1.0 / config.velocity_sigma[row / 3];
+                    let block = |b: usize| -> Block { (index(k + b - 2), jacobians[b].row(row).transpose() * s) };
+                    let blocks = [block(0), block(1), block(2)];
+                    system.add(r[row] * s, &blocks, config.velocity_weight, loss);
+                }
+            }
+        }
+        system
+    }
+
+    /// A pad that touches in both frames carries the touched surface with it, but for slip.
+    fn add_contacts(&self, system: &mut System, a: (Option<usize>, &Instant), b: (Option<usize>, &Instant)) {
+        if self.config.contact_weight == 0.0 {
+            return;
+        }
+        for finger in Finger::ALL {
+            let (Some(pad), Some(after)) = (a.1.pads[finger], b.1.pads[finger]) else { continue };
+            let [still, changing] = self.config.slip_sigma_m;
+            let s = 1.0 / (still + changing * change(pad.pressed_px, after.pressed_px));
+            let carried = b.1.tips[finger] * (a.1.tips[finger].inverse() * pad.contact);
+            let material = a.1.pose.inverse() * pad.contact;
+            let now = b.1.pose * material;
+            let across = pad.normal.cross(&least_axis(pad.normal)).normalize();
+            for direction in [across, pad.normal.cross(&across)] {
+                let inside = b.1.pose.rotation.inverse() * direction;
+                let j = along(inside, material.coords) * s;
+                let r = direction.dot(&(now - carried)) * s;
+                system.add(r, &[(b.0, j), (a.0, -j)], self.config.contact_weight, Loss::Cauchy(ROBUST_SIGMAS));
+            }
+        }
+    }
+}
+
+/// The farthest that a step may move and turn a pose, metres and radians: what nothing measures may not carry an object away.
+const FARTHEST_STEP: [f64; 2] = [0.05, 1.0];
+
+fn is_modest(step: &na::DVector<f64>) -> bool {
+    let within = |at: usize, limit: f64| step.fixed_rows::<3>(at).norm() <= limit;
+    (0..step.len()).step_by(6).all(|at| within(at, FARTHEST_STEP[0]) && within(at + 3, FARTHEST_STEP[1]))
+}
+
+/// How exactly an untouched gel is known, metres.
+const GEL_SIGMA_M: f32 = 0.0003;
+/// Half the diagonal of the largest object that a hand turns, metres.
+const REACH_M: f32 = 0.1;
+/// Touched pixels below which a contact has no place, as of a sample of some hundred.
+const PAD_HITS: usize = 10;
+
+fn pad(view: &crate::scan::View) -> Option<Pad> {
+    if view.hits.len() < PAD_HITS {
+        return None;
+    }
+    let n = view.hits.len() as f32;
+    let contact = view.hits.iter().map(|hit| view.point(hit)).sum::<Vec3>() / n;
+    let normal = view.hits.iter().map(|hit| hit.normal).sum::<Vec3>().try_normalize()?;
+    Some(Pad { contact: to_na(contact).into(), normal: to_na(normal), pressed_px: view.pressed_px })
+}
+
+/// Pixels by which a pressed area changes without slip.
+const CHANGE_PX: f64 = 200.0;
+
+/// How much a pressed area changed, from 0 to 1: one that stays the same sticks, one that grows, shrinks or is small slips.
+fn change(before_px: usize, after_px: usize) -> f64 {
+    (before_px.abs_diff(after_px) as f64 + CHANGE_PX) / ((before_px + after_px) as f64 + CHANGE_PX)
+}
+
+fn least_axis(v: na::Vector3<f64>) -> na::Vector3<f64> {
+    let mut axis = na::Vector3::zeros();
+    axis[v.iamin()] = 1.0;
+    axis
+}
+
+fn sigma(shape: &dyn Reference, measured_m: f32) -> f32 {
+    shape.sigma_m().hypot(measured_m)
+}
+
+/// Points of the world in the model's frame, their distances, and whether they can be trusted.
+fn ask(
+    shape: &dyn Reference,
+    pose: &na::Isometry3<f64>,
+    points: impl Iterator<Item = Vec3>,
+) -> (Vec<Vec3>, Vec<Distance>, Vec<bool>) {
+    let model_from_world = pose.inverse();
+    let points: Vec<Vec3> = points.map(|p| apply(&model_from_world, p)).collect();
+    let mut distances = vec![Distance::default(); points.len()];
+    shape.distances_and_gradients(&points, &mut distances);
+    let mut trusted = vec![false; points.len()];
+    shape.trusted(&points, &mut trusted);
+    (points, distances, trusted)
+}
+
+pub(crate) fn apply(motion: &na::Isometry3<f64>, p: Vec3) -> Vec3 {
+    to_vec((motion * na::Point3::from(to_na(p))).coords)
+}
+
+pub(crate) fn to_na(v: Vec3) -> na::Vector3<f64> {
+    na::Vector3::new(f64::from(v.x), f64::from(v.y), f64::from(v.z))
+}
+
+pub(crate) fn to_vec(v: na::Vector3<f64>) -> Vec3 {
+    Vec3::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+#[cfg(test)]
+mod tests;

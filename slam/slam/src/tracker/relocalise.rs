@@ -1,0 +1,235 @@
+//! Finding an object again, from nothing or from near where it was last seen.
+
+use glam::Vec3;
+use mvt_frames::{Isometry, Model, World};
+use nalgebra as na;
+use rand::RngExt as _;
+use rand_chacha::ChaCha8Rng;
+
+use super::{Instant, Loss, Reference, System, Tracker, ask, sigma, surface, to_na, to_vec};
+use mvt_frames::se3;
+use mvt_frames::se3::Twist;
+
+/// Turns tried, from none to any, at evenly spread random.
+const CANDIDATES: usize = 400;
+/// Of these, as many go on to the next round.
+const ROUNDS: [Round; 3] = [
+    Round { kept: 60, points: 60, steps: 4 },
+    Round { kept: 12, points: 150, steps: 8 },
+    Round { kept: 4, points: 500, steps: 12 },
+];
+
+struct Round {
+    kept: usize,
+    points: usize,
+    steps: usize,
+}
+
+/// Rounds of the search around a pose.
+const LOCAL_ROUNDS: [Round; 2] = [Round { kept: 10, points: 60, steps: 3 }, Round { kept: 1, points: 150, steps: 6 }];
+/// Poses tried around a pose, how far they turn (rad) and move (m): an object that topples turns by 40 degrees between frames.
+const LOCAL_CANDIDATES: usize = 200;
+const LOCAL_TURN_RAD: f64 = 0.7;
+const LOCAL_SHIFT_M: f64 = 0.008;
+
+/// A pose that may be the right one.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    pose: na::Isometry3<f64>,
+    cost: f64,
+}
+
+impl Tracker {
+    /// Searches for the pose of the newest frame. `centre` is the middle of the shape's surface in the model's frame and
+    /// `near` a pose it may be close to. Returns the best pose that was found, to be judged by [`Tracker::assess`] after
+    /// [`Tracker::restart`].
+    pub fn relocalise(
+        &self,
+        shape: &dyn Reference,
+        centre: Vec3,
+        near: Option<Isometry<Model, World>>,
+        rng: &mut ChaCha8Rng,
+    ) -> Option<Isometry<Model, World>> {
+        let instant = self.window.back()?;
+        if instant.measured.is_empty() {
+            return None;
+        }
+        let seen = to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len() as f32);
+        let mut candidates = Vec::new();
+        let mut propose = |rotation: na::UnitQuaternion<f64>, origin: na::Vector3<f64>| {
+            candidates
+                .push(Candidate { pose: na::Isometry3::from_parts(origin.into(), rotation), cost: f64::INFINITY });
+        };
+        if let Some(near) = near.map(Isometry::untyped) {
+            propose(near.rotation, near.translation.vector);
+            for _ in 0..CANDIDATES / 4 {
+                let turn = na::UnitQuaternion::from_scaled_axis(random_in_ball(rng) * 1.2);
+                let shift = random_in_ball(rng) * 0.03;
+                // About the middle of the shape, so that turns do not throw it out of the hand.
+                let middle = near * na::Point3::from(to_na(centre));
+                let rotation = turn * near.rotation;
+                propose(rotation, middle.coords + shift - rotation * to_na(centre));
+            }
+        }
+        for _ in 0..CANDIDATES {
+            let rotation = random_rotation(rng);
+            // Cameras see the near side: the middle lies behind what was seen.
+            let away =
+                instant.scan.views.first().map_or(Vec3::ZERO, |view| (to_vec(seen) - view.origin).normalize_or_zero());
+            let middle = seen + to_na(away) * 0.02 + random_in_ball(rng) * 0.01;
+            propose(rotation, middle - rotation * to_na(centre));
+        }
+        let near = near.filter(|_| !instant.is_seen()).map(|near| Near { pose: near.untyped(), sigma: SEARCH_SIGMA });
+        for round in ROUNDS {
+            for candidate in &mut candidates {
+                *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
+            }
+            candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+            candidates.truncate(round.kept);
+        }
+        candidates.first().map(|best| Isometry::new(best.pose))
+    }
+
+    /// Moves the newest frame to the best pose around where it is, `previous` included. For jerks that the solver alone would not
+    /// follow, because it only sees a few millimetres far.
+    pub fn look_around(&mut self, shape: &dyn Reference, previous: Isometry<Model, World>, rng: &mut ChaCha8Rng) {
+        let Some(instant) = self.window.back() else { return };
+        let start = instant.pose;
+        let previous = previous.untyped();
+        let middle = |instant: &Instant| {
+            to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32)
+        };
+        let seen = middle(instant);
+        // The pose before, carried along with what is seen; pads stay where they are while the object moves under them.
+        let before = self.window.iter().rev().nth(1).filter(|_| instant.is_seen()).map_or(seen, middle);
+        let carried = na::Translation3::from(seen - before) * previous;
+        let as_candidate = |pose| Candidate { pose, cost: f64::INFINITY };
+        let mut candidates = vec![as_candidate(start), as_candidate(previous), as_candidate(carried)];
+        for i in 0..LOCAL_CANDIDATES {
+            let from = [&start, &previous, &carried][i % 3];
+            let turn = na::UnitQuaternion::from_scaled_axis(random_in_ball(rng) * LOCAL_TURN_RAD);
+            let shift = random_in_ball(rng) * LOCAL_SHIFT_M;
+            // About the middle of what is seen, which stays where it is.
+            let about = na::Translation3::from(seen + shift) * turn * na::Translation3::from(-seen);
+            candidates.push(as_candidate(about * from));
+        }
+        let near = (!instant.is_seen()).then_some(Near { pose: start, sigma: LOCAL_SIGMA });
+        for round in LOCAL_ROUNDS {
+            for candidate in &mut candidates {
+                *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
+            }
+            candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+            candidates.truncate(round.kept);
+        }
+        if let (Some(best), Some(newest)) = (candidates.first(), self.window.back_mut()) {
+            newest.pose = best.pose;
+        }
+    }
+
+    /// Gives the newest frame another pose and forgets the frames before it.
+    pub fn restart(&mut self, pose: Isometry<Model, World>) {
+        if let Some(mut newest) = self.window.pop_back() {
+            newest.pose = pose.untyped();
+            self.window.clear();
+            self.window.push_back(newest);
+        }
+    }
+}
+
+/// A point where nothing was seen before costs as much as one so far from the surface, metres.
+const UNSEEN_COSTS_M: f64 = 0.002;
+
+/// Where the object was, and how far it may have gone since, one standard deviation, metres and radians.
+struct Near {
+    pose: na::Isometry3<f64>,
+    sigma: [f64; 2],
+}
+
+/// How far from its last pose an object that no camera sees is searched for, and from where it is expected one that is followed: all that
+/// tells apart the poses that a single pad allows.
+const SEARCH_SIGMA: [f64; 2] = [0.02, 0.8];
+const LOCAL_SIGMA: [f64; 2] = [0.005, 0.2];
+
+/// A few damped steps of one pose against the shape, with a sample of all measurements.
+fn refine(
+    instant: &Instant,
+    shape: &dyn Reference,
+    mut pose: na::Isometry3<f64>,
+    round: &Round,
+    near: Option<&Near>,
+) -> Candidate {
+    let measured = every(&instant.measured, round.points);
+    let vacant = every(&instant.occupied, round.points);
+    let build = |pose: &na::Isometry3<f64>| {
+        let mut system = System::new(1);
+        let (points, distances, trusted) = ask(shape, pose, measured.clone().map(|m| m.point));
+        // Four times the tracker's tolerance: candidates start far away.
+        let loss = Loss::Cauchy(8.0);
+        for (i, m) in measured.clone().enumerate() {
+            let (r, j) = surface(points[i], distances[i]);
+            let s = 1.0 / f64::from(sigma(shape, m.sigma_m));
+            if trusted[i] {
+                system.add(r * s, &[(Some(0), j * s)], m.share, loss);
+            } else {
+                // Else poses that show new sides only would cost nothing.
+                system.cost += m.share * loss.at(UNSEEN_COSTS_M * s).0;
+            }
+        }
+        let (points, distances, trusted) = ask(shape, pose, vacant.clone().map(|v| v.point));
+        for (i, v) in vacant.clone().enumerate().filter(|(i, _)| trusted[*i]) {
+            let (r, j) = surface(points[i], distances[i]);
+            let short = r - f64::from(v.clearance_m);
+            if short < 0.0 {
+                let s = 1.0 / f64::from(v.sigma_m);
+                system.add(short * s, &[(Some(0), j * s)], v.share, loss);
+            }
+        }
+        if let Some(near) = near {
+            let moved = se3::log(&(near.pose.inverse() * pose));
+            let jacobian = se3::inverse_right_jacobian(&moved);
+            for row in 0..6 {
+                let s = 1.0 / near.sigma[row / 3];
+                system.add(moved[row] * s, &[(Some(0), jacobian.row(row).transpose() * s)], 1.0, Loss::Square);
+            }
+        }
+        system
+    };
+    let mut system = build(&pose);
+    let mut damping = 1e-3;
+    for _ in 0..round.steps {
+        let Some(step) = system.step(damping) else { break };
+        let twist: Twist = step.fixed_rows::<6>(0).into_owned();
+        let next = pose * se3::exp(&twist);
+        let trial = build(&next);
+        if trial.cost < system.cost {
+            (pose, system, damping) = (next, trial, damping / 4.0);
+        } else {
+            damping *= 8.0;
+        }
+    }
+    pose.rotation.renormalize();
+    Candidate { pose, cost: system.cost }
+}
+
+/// About `count` members, evenly spread over the list.
+fn every<T>(list: &[T], count: usize) -> impl Iterator<Item = &T> + Clone {
+    list.iter().step_by(list.len().div_ceil(count).max(1))
+}
+
+/// Uniform over all rotations (Shoemake 1992).
+fn random_rotation(rng: &mut ChaCha8Rng) -> na::UnitQuaternion<f64> {
+    let [a, b, c]: [f64; 3] = std::array::from_fn(|_| rng.random());
+    let (sin_b, cos_b) = (std::f64::consts::TAU * b).sin_cos();
+    let (sin_c, cos_c) = (std::f64::consts::TAU * c).sin_cos();
+    let (small, large) = (a.sqrt(), (1.0 - a).sqrt());
+    na::UnitQuaternion::from_quaternion(na::Quaternion::new(small * cos_c, large * sin_b, large * cos_b, small * sin_c))
+}
+
+fn random_in_ball(rng: &mut ChaCha8Rng) -> na::Vector3<f64> {
+    loop {
+        let v = na::Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0));
+        if v.norm() <= 1.0 {
+            return v;
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! Depth images of solids that are known by formula, ray by ray and without noise: what every sensor of a test sees.
+
+#![allow(dead_code, reason = "every test uses another part")]
+
+use glam::Vec3;
+use image::GrayImage;
+use mvt_frames::camera::{Intrinsics, look_at};
+use mvt_frames::depth::{BACKGROUND, OBJECT};
+use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_frames::{Camera, Isometry, Model, Object, Point, Vector, World};
+use mvt_mesh::SignedDistance;
+use mvt_robot::digit;
+use mvt_robot::hand::{JOINTS, PerFinger};
+use mvt_robot::observation::DepthFrame;
+use nalgebra as na;
+use ndarray::Array2;
+
+/// A solid around the origin of its frame.
+#[derive(Debug, Clone, Copy)]
+pub enum Solid {
+    /// Of this radius, metres.
+    Ball(f64),
+    /// With these halves of its edges, metres.
+    Block([f64; 3]),
+}
+
+/// Three different sides: only half turns take it to itself.
+pub const BRICK: Solid = Solid::Block([0.035, 0.025, 0.018]);
+
+impl Solid {
+    /// Signed distance of a point in the solid's frame, metres.
+    pub fn distance(self, p: na::Vector3<f64>) -> f64 {
+        match self {
+            Solid::Ball(radius) => p.norm() - radius,
+            Solid::Block(half) => {
+                let q = p.abs() - na::Vector3::from(half);
+                q.sup(&na::Vector3::zeros()).norm() + q.max().min(0.0)
+            }
+        }
+    }
+
+    /// Lowest and highest corner, metres.
+    pub fn bounds(self) -> [Vec3; 2] {
+        let half = match self {
+            Solid::Ball(radius) => [radius; 3],
+            Solid::Block(half) => half,
+        };
+        let half = Vec3::from_array(half.map(|x| x as f32));
+        [-half, half]
+    }
+
+    /// Where a ray from outside meets the solid, metres along its unit direction.
+    fn enter(self, origin: na::Vector3<f64>, direction: na::Vector3<f64>) -> Option<f64> {
+        match self {
+            Solid::Ball(radius) => {
+                let middle = -origin.dot(&direction);
+                let square = radius * radius - (origin + direction * middle).norm_squared();
+                (square > 0.0).then(|| middle - square.sqrt())
+            }
+            Solid::Block(half) => {
+                let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
+                for axis in 0..3 {
+                    let a = (-half[axis] - origin[axis]) / direction[axis];
+                    let b = (half[axis] - origin[axis]) / direction[axis];
+                    (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+                }
+                (enter < leave).then_some(enter)
+            }
+        }
+        .filter(|range| *range > 0.0)
+    }
+
+    /// Points on the surface, evenly spread over the directions around the middle; the solid's frame.
+    pub fn surface(self, count: usize) -> Vec<na::Vector3<f64>> {
+        (0..count)
+            .map(|i| {
+                let z = 1.0 - (2 * i + 1) as f64 / count as f64;
+                let (sin, cos) = (2.399_963 * i as f64).sin_cos();
+                let d = na::Vector3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
+                // From far outside back to the surface.
+                d * (1.0 - self.enter(d, -d).unwrap_or(1.0))
+            })
+            .collect()
+    }
+}
+
+impl SignedDistance for Solid {
+    fn distance_m(&self, p: Point<Object>) -> f64 {
+        self.distance(p.coords())
+    }
+}
+
+/// Where solids are put: farther from the hand than anything that takes the hand into account reaches, metres.
+pub const PLACE_M: [f64; 3] = [0.0, 0.0, 0.4];
+
+/// The pose at [`PLACE_M`] moved by metres and turned by a rotation vector, degrees.
+pub fn pose(shift: [f64; 3], turn_deg: [f64; 3]) -> Isometry<Model, World> {
+    let rotation = na::UnitQuaternion::from_scaled_axis(na::Vector3::from(turn_deg.map(f64::to_radians)));
+    let place = na::Vector3::from(PLACE_M) + na::Vector3::from(shift);
+    Isometry::new(na::Isometry3::from_parts(place.into(), rotation))
+}
+
+/// A camera 35 cm away that looks down at [`PLACE_M`]: the middle of a named camera's image, with its focal length.
+pub fn camera() -> (Intrinsics, Isometry<Camera, World>) {
+    let intrinsics = Intrinsics { width: 320, height: 240, fx: 579.4, fy: 579.4, cx: 159.5, cy: 119.5 };
+    let place = na::Vector3::from(PLACE_M);
+    (intrinsics, look_at(place + na::Vector3::new(0.06, 0.24, 0.247), place, na::Vector3::z()))
+}
+
+fn cast(
+    solid: Solid,
+    solid_from_camera: Isometry<Camera, Model>,
+    intrinsics: &Intrinsics,
+    mut found: impl FnMut(usize, usize, f64),
+) {
+    let origin = solid_from_camera.origin().coords();
+    for v in 0..intrinsics.height {
+        for u in 0..intrinsics.width {
+            let ray = intrinsics.unproject(u as f64, v as f64, 1.0).coords();
+            let direction = (solid_from_camera * Vector::<Camera>::from(ray.normalize())).coords();
+            if let Some(range) = solid.enter(origin, direction) {
+                found(u, v, range / ray.norm());
+            }
+        }
+    }
+}
+
+/// What a camera sees of a solid before nothing.
+pub fn see(
+    solid: Solid,
+    pose: Isometry<Model, World>,
+    (intrinsics, world_from_camera): (Intrinsics, Isometry<Camera, World>),
+) -> CameraDepth {
+    let (width, height) = (intrinsics.width, intrinsics.height);
+    let mut depth_m = Array2::zeros((height, width));
+    let mut segmentation = GrayImage::from_pixel(width as u32, height as u32, [BACKGROUND].into());
+    cast(solid, pose.inverse() * world_from_camera, &intrinsics, |u, v, depth| {
+        depth_m[(v, u)] = depth as f32;
+        segmentation.put_pixel(u as u32, v as u32, [OBJECT].into());
+    });
+    CameraDepth { intrinsics, world_from_camera, depth_m, segmentation }
+}
+
+/// Depth of the flat gel of a synthetic DIGIT, metres.
+pub const GEL_M: f32 = 0.02;
+
+/// What a DIGIT with a flat gel feels of a solid.
+pub fn feel(solid: Solid, pose: Isometry<Model, World>, world_from_camera: Isometry<Camera, World>) -> TouchDepth {
+    let mut depth_m = Array2::from_elem((digit::HEIGHT, digit::WIDTH), GEL_M);
+    let mut contact = GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32);
+    cast(solid, pose.inverse() * world_from_camera, &digit::intrinsics(), |u, v, depth| {
+        if (depth as f32) < GEL_M {
+            depth_m[(v, u)] = depth as f32;
+            contact.put_pixel(u as u32, v as u32, [255].into());
+        }
+    });
+    TouchDepth { world_from_camera, depth_m, contact, sigma_m: 0.0003 }
+}
+
+/// A frame of a flat hand that touches nothing.
+pub fn frame(time_s: f64, cameras: Vec<Option<CameraDepth>>) -> DepthFrame {
+    DepthFrame { time_s, joints: [0.0; JOINTS], cameras, touch: PerFinger::from_fn(|_| None) }
+}
+
+/// The `k`-th frame at 30 Hz of a solid before [`camera`].
+pub fn seen(k: usize, solid: Solid, pose: Isometry<Model, World>) -> DepthFrame {
+    frame(k as f64 / 30.0, vec![Some(see(solid, pose, camera()))])
+}
