@@ -57,7 +57,7 @@ pub struct Table {
     pub from: String,
     /// Name in `results/`, which ends in .md or .csv.
     pub to: String,
-    /// Title of the copy.
+    /// Text of the link and, after the group's title, title of the copy.
     pub title: String,
     /// If given, records are read from the file and these fields become the columns.
     #[serde(default)]

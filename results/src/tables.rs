@@ -36,9 +36,15 @@ pub fn copy(group: &Group, table: &Table, folder: &Path, origin: Origin<'_>) -> 
     let Origin { commit, machine, date } = origin;
     let name = &group.name;
     Ok(if is_csv {
-        format!("# {}. Commit {commit}; {machine}; {date}; cargo results measure {name}\n{body}", table.title)
+        format!(
+            "# {}: {}. Commit {commit}; {machine}; {date}; cargo results measure {name}\n{body}",
+            group.title, table.title
+        )
     } else {
-        format!("# {}\n\nCommit {commit}; {machine}; {date}; `cargo results measure {name}`.\n\n{body}", table.title)
+        format!(
+            "# {}: {}\n\nCommit {commit}; {machine}; {date}; `cargo results measure {name}`.\n\n{body}",
+            group.title, table.title
+        )
     })
 }
 
@@ -104,9 +110,12 @@ mod tests {
     fn copies_name_their_origin() {
         let origin = "Commit abc1234; M, 2 cores; 2026-11-22; `cargo results measure g`.";
         let records = copied("from = \"a.jsonl\"\nto = \"a.md\"\ncolumns = [\"n\", \"/x/y\"]");
-        assert_eq!(records, format!("# T\n\n{origin}\n\n| n | x/y |\n|---|---|\n| 1 | 0.1235 |\n| 2 |  |\n"));
+        assert_eq!(records, format!("# G: T\n\n{origin}\n\n| n | x/y |\n|---|---|\n| 1 | 0.1235 |\n| 2 |  |\n"));
         let csv = copied("from = \"a.jsonl\"\nto = \"a.csv\"\ncolumns = [\"n\", \"/x/y\"]");
-        assert_eq!(csv, "# T. Commit abc1234; M, 2 cores; 2026-11-22; cargo results measure g\nn,x/y\n1,0.1235\n2,\n");
+        assert_eq!(
+            csv,
+            "# G: T. Commit abc1234; M, 2 cores; 2026-11-22; cargo results measure g\nn,x/y\n1,0.1235\n2,\n"
+        );
         assert!(copied("from = \"a.txt\"\nto = \"b.md\"").ends_with("```text\nwords\n```\n"));
     }
 }
