@@ -25,15 +25,15 @@ pub fn check(repository: &Repository, claims: &Claims, values: &Values) -> Resul
         let Some(measured) = values.get(&row.id) else { continue };
         match (row.verdict(measured.value), &row.missed) {
             (Verdict::Missed, None) => {
-                wrong.push(format!("{:?} misses its bar; say why with `missed` in its claim", row.id))
+                wrong.push(format!("{:?} misses its bar; say why with `missed` in its claim", row.id));
             }
             (Verdict::Met, Some(_)) => {
-                wrong.push(format!("{:?} meets its bar; remove `missed` from its claim", row.id))
+                wrong.push(format!("{:?} meets its bar; remove `missed` from its claim", row.id));
             }
             _ => {}
         }
     }
-    for group in &claims.groups {
+    for group in claims.groups.iter().filter(|group| group.page) {
         if group.rows.iter().any(|row| values.get(&row.id).is_some()) {
             for table in group.tables.iter().filter(|table| !repository.table(&table.to).is_file()) {
                 let (to, name) = (&table.to, &group.name);

@@ -15,7 +15,7 @@ use serde_json::Value;
 pub struct Claims {
     /// Paragraphs under the title of the page.
     pub introduction: Vec<String>,
-    /// Statements about what was never measured, each with its reason.
+    /// What was never measured.
     #[serde(default)]
     pub unmeasured: Vec<String>,
     /// Groups in the order of the page.
@@ -37,6 +37,9 @@ pub struct Group {
     pub minutes: f64,
     /// What the commands need beyond the repository.
     pub needs: Option<String>,
+    /// Whether the rows are shown on the page. Other groups are there for `check --measure`.
+    #[serde(default = "yes")]
+    pub page: bool,
     /// A sentence under the title.
     pub note: Option<String>,
     /// Bash commands, run in order from the root. `$OUT` is the group's scratch folder.
@@ -192,6 +195,11 @@ pub enum Verdict {
     Met,
     /// The bar is missed.
     Missed,
+}
+
+/// Default of [`Group::page`].
+fn yes() -> bool {
+    true
 }
 
 /// Default of [`Row::digits`].

@@ -97,7 +97,7 @@ fn prepare(repository: &Repository, group: &Group, start: Start) -> Result<()> {
         Start::Clean => remove(&folder)?,
         Start::Keep => {}
         Start::Reread => {
-            ensure!(folder.is_dir(), "{} does not exist; measure without --reread first", folder.display())
+            ensure!(folder.is_dir(), "{} does not exist; measure without --reread first", folder.display());
         }
     }
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))

@@ -26,10 +26,11 @@ struct Line<'a> {
     verdict: Verdict,
 }
 
-/// The page: introduction, missed bars, then the groups. Rows without a value are left out.
+/// The page: introduction, missed bars, then the groups. Rows without a value and groups with `page = false` are left out.
 pub fn render(claims: &Claims, values: &Values) -> String {
     let lines: Vec<Line<'_>> = claims
         .rows()
+        .filter(|(group, _)| group.page)
         .filter_map(|(group, row)| {
             let measured = values.get(&row.id)?;
             Some(Line { group, row, measured, verdict: row.verdict(measured.value) })
@@ -66,10 +67,7 @@ pub fn render(claims: &Claims, values: &Values) -> String {
         }
     }
     if !claims.unmeasured.is_empty() {
-        text += "\nNever measured:\n\n";
-        for statement in &claims.unmeasured {
-            let _ = writeln!(text, "- {statement}");
-        }
+        let _ = write!(text, "\nNever measured: {}.\n", claims.unmeasured.join("; "));
     }
 
     for group in &claims.groups {
@@ -166,7 +164,7 @@ pub mod tests {
     /// Two groups: of `good`, one row meets its bar and one has no value; of `bad`, a row misses its bar.
     pub const CLAIMS: &str = r#"
 introduction = ["An introduction."]
-unmeasured = ["Something: no such machine."]
+unmeasured = ["something"]
 [[group]]
 name = "good"
 title = "Good group"
@@ -214,6 +212,13 @@ value = { file = "a.json", field = "c" }
         assert!(page.contains("A = M1; B = M2."));
         assert!(!page.contains("Claim B"));
         assert_eq!(page.matches("Claim C").count(), 1);
+    }
+
+    #[test]
+    fn a_group_can_stay_off_the_page() {
+        let hidden = CLAIMS.replacen("minutes = 2", "minutes = 2\npage = false", 1);
+        let page = render(&Claims::parse(&hidden).unwrap(), &Values::parse(VALUES).unwrap());
+        assert!(!page.contains("Good group") && page.contains("Bad group") && !page.contains("M1"));
     }
 
     #[test]
