@@ -126,6 +126,7 @@ fn in_text(source: &Source, text: &str) -> Result<Vec<Found>> {
             Reduction::Count => 1.0,
             _ => nth_number(rest, which).with_context(|| format!("there is no number {which} on the line {line:?}"))?,
         };
+        ensure!(number.is_finite(), "number {which} on the line {line:?} is not finite");
         found.push(Found { number, record: Value::Null });
     }
     Ok(found)
@@ -156,6 +157,12 @@ fn nth_number(text: &str, which: usize) -> Option<f64> {
 
 /// Length of the number that a text starts with; 0 if it starts with none.
 fn number_length(text: &str) -> usize {
+    for word in ["NaN", "inf"] {
+        // They count as numbers, so that they are reported rather than passed over.
+        if text.strip_prefix(word).is_some_and(|rest| !rest.starts_with(char::is_alphanumeric)) {
+            return word.len();
+        }
+    }
     let bytes = text.as_bytes();
     let digits =
         |from: usize| bytes.get(from..).unwrap_or_default().iter().take_while(|byte| byte.is_ascii_digit()).count();
@@ -243,8 +250,7 @@ mod tests {
 {"object": "cube", "seed": 1, "modality": "vitac", "f_score": {"5": 1.0}, "error_mm": 2.0, "failed": true, "after": 3}
 {"object": "cube", "seed": 1, "modality": "vi", "f_score": {"5": 0.8}, "error_mm": 4.0, "failed": true, "after": 7}
 {"object": "cube", "seed": 0, "modality": "vi", "f_score": {"5": 0.7}, "error_mm": 2.0, "failed": false, "after": null}"#;
-    const TEXT: &str =
-        "avx512   6.8  17.7\nscalar   2.7  5.8\nratio 14.5 (14.4 to 15.0); met: at least 6\nworst -1.5e-3 mm.\n";
+    const TEXT: &str = "avx512   6.8  17.7\nscalar   2.7  5.8\nratio 14.5 (14.4 to 15.0); met: at least 6\nworst -1.5e-3 mm.\nin contact NaN um, 99.9 %\n";
 
     fn value_of(row: &str) -> Result<Figure> {
         let folder = tempfile::tempdir().unwrap();
@@ -300,6 +306,7 @@ mod tests {
         );
         assert!(refusal("file = \"none.json\", field = \"a\"").contains("cannot read"));
         assert!(refusal("file = \"log.txt\", line = \"scalar\", number = 3").contains("no number 3"));
+        assert!(refusal("file = \"log.txt\", after = \"contact\"").contains("not finite"));
     }
 
     #[test]
@@ -308,7 +315,7 @@ mod tests {
         assert_eq!(value("file = \"log.txt\", after = \"scalar\""), 2.7);
         assert_eq!(value("file = \"log.txt\", line = \"ratio\", after = \"at least\""), 6.0);
         assert_eq!(value("file = \"log.txt\", after = \"worst\""), -1.5e-3);
-        assert_eq!(value("file = \"log.txt\", line = \" \", reduce = \"count\""), 4.0);
+        assert_eq!(value("file = \"log.txt\", line = \" \", reduce = \"count\""), 5.0);
         assert_eq!(nth_number("F@5 v2.1 0.5.", 1), Some(5.0));
         assert_eq!(nth_number("µ7 at -3e", 1), Some(-3.0));
         assert_eq!(nth_number("none", 1), None);
