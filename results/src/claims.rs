@@ -15,7 +15,7 @@ use serde_json::Value;
 pub struct Claims {
     /// Paragraphs under the title of the page.
     pub introduction: Vec<String>,
-    /// What was never measured.
+    /// Things that were never measured.
     #[serde(default)]
     pub unmeasured: Vec<String>,
     /// Groups in the order of the page.
