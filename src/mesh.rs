@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
-use mvt_field::field::Field;
+use mvt_field::field::NeuralField;
 use mvt_field::surface::outer_surface;
 use mvt_slam::map::Map;
 
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         _ => bail!("--out {}: give a name that ends in .ply or .obj", out.display()),
     };
     let path = if run.is_dir() { run.join(Map::FILES[0]) } else { run.clone() };
-    let field = Field::load(&path)?;
+    let field = NeuralField::load(&path)?;
     let mesh = outer_surface(&field, field.config().half_extent_m, cell_mm * 1e-3);
     if mesh.faces.is_empty() {
         bail!("{} holds no surface: its run saw nothing of the object", path.display());

@@ -12,20 +12,20 @@ use indicatif::ProgressBar;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::gait;
 use mvt_mesh::Mesh;
-use mvt_metrics::{POINTS, TrueSurface};
 use mvt_objects::object::Object;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_slam::map::Map;
 
 use crate::view;
-use mvt_live::{LiveSettings, LiveSource};
+use mvt_live::{Fault, LiveSettings, LiveSource};
 use mvt_recording::About;
 use mvt_run::arguments::{Manner, duration};
+use mvt_run::input::map_obstacles;
 use mvt_run::io::print_line;
 use mvt_run::io::write_file;
 use mvt_run::object::load_object;
-use mvt_run::pipeline::{Finished, Init, Mode, Pipeline, Progress, RunConfig};
+use mvt_run::pipeline::{Entry, Finished, FrameResult, Init, Meshing, Mode, Pipeline, Progress, RunConfig, Truth};
 use mvt_run::progress;
 use mvt_run::report;
 use mvt_run::report::{RunRecord, Summary, file};
@@ -151,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     // Read before anything is removed: it may be the folder that is written to.
     let map = match &arguments.resume {
-        Some(folder) => Some(Map::load(folder, config.slam.map.clone(), side)?),
+        Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(side))?),
         None => None,
     };
     prepare(&arguments.out)?;
@@ -162,39 +162,40 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         version: mvt_recording::VERSION,
         object: name.clone(),
         seed,
-        mode: arguments.mode.name().to_owned(),
-        modality: arguments.modality.name().to_owned(),
+        mode: Some(arguments.mode),
+        modality: arguments.modality,
         side,
         cameras,
         frames: source.len(),
         process: std::process::id(),
     };
-    let truth = object.as_ref().map(|object| &object.mesh);
-    let writer = mvt_recording::Writer::create(&arguments.out, &about, truth)?;
+    let true_mesh = object.as_ref().map(|object| &object.mesh);
+    let writer = mvt_recording::Writer::create(&arguments.out, &about, true_mesh)?;
     if arguments.mode == Mode::Pose {
-        truth.into_iter().for_each(|mesh| writer.given(mesh));
+        true_mesh.into_iter().for_each(|mesh| writer.given(mesh));
     }
     if arguments.view {
         view::watch(&arguments.out)?;
     }
+    let truth = object.clone().map(Truth::new);
     let pipeline = Pipeline {
-        config: &config,
-        mode: arguments.mode,
-        init: arguments.init.unwrap_or_default(),
-        seed,
+        entries: vec![Entry {
+            config: &config.slam,
+            mode: arguments.mode,
+            modality: arguments.modality,
+            init: arguments.init.unwrap_or_default(),
+            seed,
+            map,
+        }],
+        meshing: Meshing { cell_m: (config.mesh_cell_mm * 1e-3) as f32, every: Some(config.score_every) },
         side,
         object: object.as_ref(),
-        map,
+        truth: truth.as_ref(),
         supervisor,
         single_threaded: arguments.threads == Some(1),
     };
-    let record = RunRecord {
-        object: name,
-        seed,
-        mode: arguments.mode.name().to_owned(),
-        modality: arguments.modality.name().to_owned(),
-        ..RunRecord::default()
-    };
+    let record =
+        RunRecord { object: name, seed, mode: arguments.mode, modality: arguments.modality, ..RunRecord::default() };
     let bar = if arguments.quiet { ProgressBar::hidden() } else { progress::bar(0, "") };
     let mut recorder = Recorder::new(&arguments.out, record, bar);
     let finished = pipeline.run(source.as_mut(), &stop, &mut |progress| {
@@ -206,9 +207,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Err(error) = recorded {
         tracing::warn!("the recording is incomplete: {error}");
     }
-    let finished = finished?;
-    let summary = recorder.finish(&finished, object.as_ref())?;
-    if let Some(map) = finished.estimator.map() {
+    let mut finished = finished?;
+    let estimated = finished.estimators.pop().flatten().context("the source delivered no frame")?;
+    let summary = recorder.finish(&finished, estimated.mesh.as_ref(), truth.as_ref())?;
+    if let Some(map) = estimated.estimator.map() {
         map.save(&arguments.out)?;
     }
     if arguments.json {
@@ -278,6 +280,7 @@ fn from_log(
             None
         }
     };
+    source.limit_pictures(mvt_recording::has_images);
     if let Some(object) = &object {
         source.set_object_from_file(object.object_from_file);
     }
@@ -306,6 +309,8 @@ fn live(arguments: &Arguments, config: &RunConfig, network: Option<TouchNetwork>
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
         camera_noise: config.camera_noise,
         modality: arguments.modality,
+        hidden_every: None,
+        fault: Fault::default(),
     };
     let others = gait::shipped().keys().map(String::as_str).filter(|&name| name != gait_name);
     let gaits: Vec<&'static str> = std::iter::once(gait_name).chain(others).collect();
@@ -410,8 +415,9 @@ impl<'a> Recorder<'a> {
                 self.begun = Instant::now();
                 self.bar.set_length(*frames as u64);
             }
-            Progress::Frame { row, .. } => {
-                self.record.frames.push(**row);
+            Progress::Frame { results, .. } => {
+                let Some(FrameResult { row, .. }) = results.first().and_then(Option::as_ref) else { return };
+                self.record.frames.push(*row);
                 self.record.simulated_s = row.time_s;
                 self.show();
                 if self.record.frames.len() == 1 || self.written.elapsed() >= INTERVAL {
@@ -423,7 +429,7 @@ impl<'a> Recorder<'a> {
                     self.written = Instant::now();
                 }
             }
-            Progress::Shape(shape) => {
+            Progress::Shape(_, shape) => {
                 self.record.shape.extend(shape.point);
                 // The mesh is made while later frames are estimated.
                 if let Some(row) = self.record.frames.iter_mut().rev().find(|row| row.frame == shape.frame) {
@@ -449,7 +455,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Scores every frame with all points and writes everything.
-    fn finish(mut self, finished: &Finished, object: Option<&Object>) -> Result<Summary> {
+    fn finish(mut self, finished: &Finished, mesh: Option<&Mesh>, truth: Option<&Truth>) -> Result<Summary> {
         let record = &mut self.record;
         record.wall_s = finished.wall_s;
         record.complete = finished.complete;
@@ -459,18 +465,16 @@ impl<'a> Recorder<'a> {
             report::write_partial(self.out, record)?;
         }
         self.bar.set_message("scores and files");
-        if let Some(object) = object {
-            let surface = TrueSurface::new(&object.mesh, POINTS, 0);
+        if let Some(truth) = truth {
             let has_error: Vec<bool> = record.frames.iter().map(|row| row.add_s.is_some()).collect();
-            record.frames = report::scored(std::mem::take(&mut record.frames), &surface);
+            record.frames = report::scored(std::mem::take(&mut record.frames), truth.original());
             for (row, has_error) in record.frames.iter_mut().zip(has_error) {
                 row.add_s = row.add_s.filter(|_| has_error);
             }
         }
         record.peak_memory_mb = report::peak_memory_mb();
-        let mesh: Option<&Mesh> = finished.mesh.as_ref().filter(|mesh| mesh.area_m2() > 0.0);
-        let summary = match mesh {
-            Some(mesh) => report::write(self.out, record, mesh, object)?,
+        let summary = match mesh.filter(|mesh| mesh.area_m2() > 0.0) {
+            Some(mesh) => report::write(self.out, record, mesh, truth)?,
             None => {
                 tracing::warn!("the object was never seen: there is no mesh");
                 report::write_partial(self.out, record)?

@@ -1,6 +1,6 @@
 //! What perception takes for object against what the renderer drew, under camera noise of the original's level.
 
-use mvt_frames::depth::{BACKGROUND, OBJECT};
+use mvt_frames::depth::{Label, OBJECT};
 use mvt_gaits::clock::FRAME_HZ;
 use mvt_gaits::gait;
 use mvt_objects::catalogue;
@@ -36,10 +36,10 @@ fn object_pixels_are_the_objects() {
                 let depth = disturb(&truth.rgbd.depth_m, 5.0, FrameId { seed: 3, camera: index, frame });
                 let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
                 for (found, truth) in found.iter().zip(truth.segmentation.iter()) {
-                    claimed += u32::from(*found == OBJECT);
+                    claimed += u32::from(*found == Label::Object);
                     drawn += u32::from(*truth == OBJECT);
-                    right += u32::from(*found == OBJECT && *truth == OBJECT);
-                    missed += u32::from(*found == BACKGROUND && *truth == OBJECT);
+                    right += u32::from(*found == Label::Object && *truth == OBJECT);
+                    missed += u32::from(*found == Label::Background && *truth == OBJECT);
                 }
             }
         }

@@ -11,14 +11,15 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Arguments, Episode, Key, Keyed, SIDE, Tell, key, live};
-use mvt_run::pipeline::{Estimator, Given, Init, Mode, RunConfig, Scorer, random_motion};
+use super::{Arguments, Episode, Key, Keyed, Tell, entry, follow, key, live};
+use mvt_live::Fault;
+use mvt_run::pipeline::{FrameResult, Mode, RunConfig, Truth, random_motion};
 use mvt_run::report::TrackState;
-use mvt_run::source::{Modality, Source as _};
+use mvt_run::source::Modality;
 
-/// What is done.
+/// What goes wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Fault {
+enum FaultKind {
     /// The object is moved by 3 cm and turned by 40 degrees, in random directions.
     Teleport,
     /// The cameras deliver nothing for 2 s.
@@ -27,8 +28,8 @@ enum Fault {
     Both,
 }
 
-impl Fault {
-    const ALL: [Fault; 3] = [Fault::Teleport, Fault::Blank, Fault::Both];
+impl FaultKind {
+    const ALL: [FaultKind; 3] = [FaultKind::Teleport, FaultKind::Blank, FaultKind::Both];
 
     fn name(self) -> &'static str {
         match self {
@@ -88,7 +89,7 @@ pub fn trials(
 ) -> Result<HashSet<Key>> {
     let mut keys = HashSet::new();
     for &modality in &arguments.modalities {
-        for fault in Fault::ALL.into_iter().filter(|&fault| fault == Fault::Teleport || modality.has_vision()) {
+        for fault in FaultKind::ALL.into_iter().filter(|&fault| fault == FaultKind::Teleport || modality.has_vision()) {
             let key = key(arguments, episode, Mode::Pose, modality, fault.name(), config);
             if !done.contains(&key) {
                 tell(trial(episode, config, modality, fault, key.clone())?)?;
@@ -99,41 +100,29 @@ pub fn trials(
     Ok(keys)
 }
 
-fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: Fault, key: Key) -> Result<Trial> {
+fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: FaultKind, key: Key) -> Result<Trial> {
     let mut rng = ChaCha8Rng::seed_from_u64(episode.seed);
     rng.set_stream(fault as u64 + 1);
     let fault_frame = (rng.random_range(FAULT_S) * f64::from(FRAME_HZ)) as usize;
     let last = fault_frame + WATCHED;
-    let blank = if fault == Fault::Teleport { 0 } else { BLANK_FRAMES };
+    let blank = if fault == FaultKind::Teleport { 0 } else { BLANK_FRAMES };
+    let motion = Isometry::new(random_motion(DISTANCE_M, ANGLE_DEG.to_radians(), &mut rng));
+    let trouble = Fault {
+        displacement: (fault != FaultKind::Blank).then_some((fault_frame as u64, motion)),
+        blank: fault_frame as u64..(fault_frame + blank) as u64,
+    };
     // Half a frame more, so that the last one is not lost to rounding.
-    let mut source = live(episode, (last as f64 + 0.5) / f64::from(FRAME_HZ), config)?;
-    let mut given = Some(Given::new(episode.object)?);
-    let mut estimator: Option<Estimator> = None;
-    let mut scorer = Scorer::new(Some(episode.object), true);
+    let mut source = live(episode, (last as f64 + 0.5) / f64::from(FRAME_HZ), config, trouble)?;
+    let truth = Truth::new(episode.object.clone());
+    let entries = vec![entry(config, Mode::Pose, modality, episode.seed)];
     let (mut errors_m, mut lost, mut places) = (Vec::new(), Vec::new(), Vec::new());
-    for frame in 0..last {
-        if frame == fault_frame && fault != Fault::Blank {
-            source.displace_object(Isometry::new(random_motion(DISTANCE_M, ANGLE_DEG.to_radians(), &mut rng)));
-        }
-        let Some(mut sensed) = source.next()? else { break };
-        if (fault_frame..fault_frame + blank).contains(&frame) {
-            sensed.depth.cameras.fill(None);
-        }
-        let truth = sensed.truth.context("a live episode without truth")?;
-        places.push(truth.origin().coords());
-        let estimator = match (&mut estimator, given.take()) {
-            (Some(estimator), _) => estimator,
-            (none, Some(given)) => {
-                let start = Init::Near.start(truth, episode.seed);
-                none.insert(Estimator::with_shape(&config.slam, SIDE, episode.seed, given, start))
-            }
-            (None, None) => break,
-        };
-        let estimate = estimator.step(&modality.of(sensed.depth), None);
-        let row = scorer.row(sensed.frame, &estimate, Some(truth), sensed.sense_ms);
+    follow(&mut source, episode.object, Some(&truth), entries, config.mesh_cell_mm, |results, sensed| {
+        let Some(FrameResult { row, .. }) = results.first().and_then(Option::as_ref) else { return Ok(()) };
+        places.push(sensed.truth.context("a live episode without truth")?.origin().coords());
         errors_m.push(row.add_s.map_or(f64::INFINITY, |e| e.one_directional_m));
         lost.push(row.state == TrackState::Lost);
-    }
+        Ok(())
+    })?;
     let ended = fault_frame + blank;
     let after = errors_m.get(fault_frame..).unwrap_or_default();
     let astray = after.iter().position(|&e| e > FAILURE_M).map(|k| fault_frame + k);
@@ -165,13 +154,13 @@ pub fn table(trials: &[Trial]) -> String {
                     never declared | below 10 mm within 2 s |\n|---|---|---|---|---|---|---|---|---|\n"
         .to_owned();
     let mut groups: Vec<(&str, &str, &str)> =
-        trials.iter().map(|t| (t.key.cameras.as_str(), t.key.modality.as_str(), t.key.variant.as_str())).collect();
+        trials.iter().map(|t| (t.key.cameras.as_str(), t.key.modality.name(), t.key.variant.as_str())).collect();
     groups.sort_unstable();
     groups.dedup();
     for (cameras, modality, fault) in groups {
         let of_group = || {
             trials.iter().filter(move |t| {
-                (t.key.cameras.as_str(), t.key.modality.as_str(), t.key.variant.as_str()) == (cameras, modality, fault)
+                (t.key.cameras.as_str(), t.key.modality.name(), t.key.variant.as_str()) == (cameras, modality, fault)
             })
         };
         let kept = || of_group().filter(|t| !t.dropped);

@@ -2,30 +2,30 @@
 
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use glam::{Vec3, Vec3A};
+use mvt_field::field;
 use mvt_field::shape::Shape;
 use mvt_field::surface::outer_surface;
-use mvt_frames::{Isometry, Model, World};
-use mvt_robot::hand::solid::{HandSamples, Occupied};
+use mvt_frames::{Field, Isometry, Occupied, World};
+use mvt_robot::hand::solid::HandSamples;
+use mvt_slam::Obstacles;
 use mvt_slam::map;
 use mvt_slam::map::Map;
 use mvt_slam::scan::{Scan, View};
-use mvt_field::field;
-use mvt_slam::State;
-use nalgebra as na;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::tsdf::{Tsdf, VOXEL_M};
-use super::{Arguments, Episode, Key, Keyed, SIDE, Tell, key, live};
-use mvt_run::pipeline::{Estimator, Mode, RunConfig};
+use super::{Arguments, Episode, Key, Keyed, SIDE, Tell, entry, follow, key, live};
+use mvt_live::Fault;
+use mvt_run::input::map_obstacles;
+use mvt_run::pipeline::{FrameResult, Mode, RunConfig, Truth};
 use mvt_run::report::ShapeScores;
-use mvt_run::source::{Modality, Source as _};
+use mvt_run::source::Modality;
 
 /// What is compared: the map of the run that tracks, which refines the poses of its keyframes and closes loops; the same field,
 /// taught with the poses as they were tracked; one with hashed levels; and a grid of truncated distances.
@@ -78,7 +78,7 @@ struct Cost {
 impl Cost {
     fn of_map(map: &Map, spent: Duration) -> Self {
         let views = map.keyframes().iter().flat_map(|keyframe| &keyframe.scan().views);
-        let rays = |view: &View| size_of_val(&*view.hits) + size_of_val(&*view.outline) + size_of_val(&*view.misses);
+        let rays = |view: &View| size_of_val(&*view.hits) + size_of_val(view.outline()) + size_of_val(&*view.misses);
         let shape_bytes = map.field().size_bytes();
         Self { spent, shape_bytes, learning_bytes: 4 * shape_bytes + views.map(rays).sum::<usize>() }
     }
@@ -104,37 +104,40 @@ pub fn comparisons(
     let taught = map::Config { refined: 0, loop_turn_deg: 0.0, ..slam.map.clone() };
     let hashed_field =
         field::Config { levels: HASHED_LEVELS.to_vec(), table_log2: HASHED_TABLE_LOG2, ..slam.field.clone() };
-    let mut dense = Map::new(taught.clone(), &slam.field, SIDE, seed)?;
-    let mut hashed = Map::new(taught, &hashed_field, SIDE, seed)?;
+    let mut dense = Map::new(taught.clone(), &slam.field, map_obstacles(SIDE), seed)?;
+    let mut hashed = Map::new(taught, &hashed_field, map_obstacles(SIDE), seed)?;
     let mut tsdf = Tsdf::new(slam.field.half_extent_m, slam.map.free_reach_m);
-    let hand = HandSamples::new(SIDE, f64::from(VOXEL_M), seed);
+    let samples = HandSamples::new(SIDE, f64::from(VOXEL_M), seed);
+    let hand = Obstacles::new(samples.bodies().map(<[_]>::to_vec));
     let mut spent = [Duration::ZERO; NAMES.len()];
 
-    let mut estimator = Estimator::new(slam, SIDE, seed)?;
-    let mut source = live(episode, arguments.duration, config)?;
+    let mut source = live(episode, arguments.duration, config, Fault::default())?;
     let (mut frames, mut learnt) = (0, 0);
     let mut last = None;
-    while let Some(sensed) = source.next()? {
+    let entries = vec![entry(config, Mode::Slam, Modality::Vitac, seed)];
+    let mut finished = follow(&mut source, episode.object, None, entries, config.mesh_cell_mm, |results, sensed| {
+        let Some(FrameResult { estimate, scan, .. }) = results.first().and_then(Option::as_ref) else { return Ok(()) };
         let truth = sensed.truth.context("a live episode without truth")?;
-        let estimate = estimator.step(&sensed.depth, None);
         last = Some(truth.inverse() * estimate.pose);
         frames += 1;
-        if estimate.state != State::Tracking || estimate.confidence < slam.trust.learn_above {
-            continue;
+        if !estimate.state.is_tracking() || estimate.confidence < slam.trust.learn_above {
+            return Ok(());
         }
         learnt += 1;
-        // The rays that the run drew.
-        let scan = Arc::new(Scan::new(estimate.frame, &sensed.depth, &slam.scan, seed));
         let rng = || {
             let mut rng = ChaCha8Rng::seed_from_u64(seed ^ TEACHING);
             rng.set_stream(estimate.frame as u64);
             rng
         };
+        // Of the others the model and the field are one: they refine no poses.
+        let pose = Isometry::new(estimate.pose.untyped());
         spent[0] += estimate.spent.map;
-        spent[1] += time(|| dense.learn(&scan, estimate.pose, &mut rng()));
-        spent[2] += time(|| hashed.learn(&scan, estimate.pose, &mut rng()));
-        spent[3] += time(|| integrate(&mut tsdf, &hand, &scan, estimate.pose));
-    }
+        spent[1] += time(|| dense.learn(scan, pose, &mut rng()));
+        spent[2] += time(|| hashed.learn(scan, pose, &mut rng()));
+        spent[3] += time(|| integrate(&mut tsdf, &hand, scan, pose));
+        Ok(())
+    })?;
+    let estimator = finished.estimators.pop().flatten().context("there was no frame")?.estimator;
     let object_from_model = last.context("there was no frame")?;
     let refined = estimator.map().context("a run without a map")?;
     let grid = tsdf.shape(dense.space());
@@ -144,16 +147,17 @@ pub fn comparisons(
         (refined, refined.field_from_model(), Cost::of_map(refined, spent[0])),
         (&dense, dense.field_from_model(), Cost::of_map(&dense, spent[1])),
         (&hashed, hashed.field_from_model(), Cost::of_map(&hashed, spent[2])),
-        (&grid, na::Isometry3::identity(), Cost { spent: spent[3], shape_bytes: size, learning_bytes: size }),
+        (&grid, Isometry::identity(), Cost { spent: spent[3], shape_bytes: size, learning_bytes: size }),
     ];
+    let truth = Truth::new(episode.object.clone());
     for (name, (shape, shape_from_model, cost)) in NAMES.into_iter().zip(rivals) {
         let key = keyed(name);
         if done.contains(&key) {
             continue;
         }
         let mesh = outer_surface(shape, slam.field.half_extent_m, cell_m);
-        let object_from_shape = Isometry::<Model, _>::new(object_from_model.untyped() * shape_from_model.inverse());
-        let scores = ShapeScores::new(&mesh, &episode.object.mesh, object_from_shape);
+        let object_from_shape = object_from_model * shape_from_model.inverse();
+        let scores = ShapeScores::new(&mesh, &truth, object_from_shape);
         tell(Comparison {
             key,
             learnt,
@@ -175,13 +179,13 @@ fn time<T>(work: impl FnOnce() -> T) -> Duration {
     begun.elapsed()
 }
 
-fn integrate(tsdf: &mut Tsdf, hand: &HandSamples, scan: &Scan, pose: Isometry<Model, World>) {
+fn integrate(tsdf: &mut Tsdf, hand: &Obstacles, scan: &Scan, pose: Isometry<Field, World>) {
     let (turn, shift) = pose.inverse().to_f32();
     let to_model = |p: Vec3| Vec3::from(turn * Vec3A::from(p) + shift);
     for view in &scan.views {
         tsdf.add(view, to_model);
     }
-    tsdf.add_occupied(hand.posed(&scan.joints).map(|o| Occupied { point: to_model(o.point), ..o }));
+    tsdf.add_occupied(hand.posed(&scan.obstacles).map(|o| Occupied { point: to_model(o.point), ..o }));
 }
 
 /// The means over objects and seeds, as Markdown.

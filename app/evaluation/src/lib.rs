@@ -10,13 +10,15 @@ use std::fs::{self, File, OpenOptions};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
 use anyhow::{Context as _, Result, anyhow};
 use clap::{Args, value_parser};
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::gait;
-use mvt_metrics::{FAILURE_M, POINTS, TrueSurface};
+use mvt_mesh::Mesh;
+use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
@@ -24,14 +26,14 @@ use mvt_touch::network::Weights;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use mvt_live::{LiveSettings, LiveSource};
+use mvt_live::{Fault, LiveSettings, LiveSource};
 use mvt_run::arguments::duration;
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
-use mvt_run::pipeline::{Estimator, Given, Init, Mode, RunConfig, Scorer, Snapshot};
+use mvt_run::pipeline::{Entry, Finished, FrameResult, Init, Meshing, Mode, Pipeline, Progress, RunConfig, Truth};
 use mvt_run::report;
 use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
-use mvt_run::source::{Modality, Sensed, Source as _, TouchArguments, TouchNetwork};
+use mvt_run::source::{Modality, Sensed, TouchArguments, TouchNetwork};
 use mvt_run::{progress, settings};
 
 /// Run many episodes and tell the scores as tables
@@ -134,10 +136,10 @@ pub struct Key {
     pub seed: u64,
     /// Names of the cameras with commas between.
     pub cameras: String,
-    /// `slam`, `pose` or `map`.
-    pub mode: String,
-    /// `vitac`, `vi` or `tac`.
-    pub modality: String,
+    /// What is estimated.
+    pub mode: Mode,
+    /// Which sensors are used.
+    pub modality: Modality,
     /// What is different: `full`, the setting that is 0, a fault, or how the shape is held.
     pub variant: String,
     /// SHA-256 of all settings, the duration and where the weights of a touch network come from, hexadecimal.
@@ -386,8 +388,8 @@ fn key(
         object: episode.name.to_owned(),
         seed: episode.seed,
         cameras: episode.cameras.to_owned(),
-        mode: mode.name().to_owned(),
-        modality: modality.name().to_owned(),
+        mode,
+        modality,
         variant: variant.to_owned(),
         settings: mvt_pinned::sha256_of(settings.as_bytes()),
     }
@@ -396,7 +398,8 @@ fn key(
 /// Which hand; its mirror image would do as well.
 const SIDE: Side = Side::Left;
 
-fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig) -> Result<LiveSource> {
+/// The source of an episode, with trouble that is made on purpose.
+fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault) -> Result<LiveSource> {
     let cameras: Vec<PosedCamera> =
         Placement::parse_list(episode.cameras)?.iter().map(|placement| placement.camera(SIDE)).collect();
     let settings = LiveSettings {
@@ -407,99 +410,105 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig) -> Result<Li
         cameras,
         camera_noise: config.camera_noise,
         modality: Modality::Vitac,
+        hidden_every: Some(HIDDEN_EVERY),
+        fault,
     };
     let network = episode.weights.map(|weights| TouchNetwork::new(weights, config.touch));
     LiveSource::new(episode.object, settings, network)
 }
 
-/// A run under way.
-struct Running<'a> {
-    trial: &'a Trial,
-    given: Option<Given>,
-    estimator: Option<Estimator>,
-    scorer: Scorer,
-    rows: Vec<FrameRow>,
+/// An estimator on the frames of an episode.
+fn entry(config: &RunConfig, mode: Mode, modality: Modality, seed: u64) -> Entry<'_> {
+    Entry { config: &config.slam, mode, modality, init: Init::Near, seed, map: None }
 }
 
-impl<'a> Running<'a> {
-    fn new(trial: &'a Trial, object: &Object) -> Result<Self> {
-        let given = if trial.mode == Mode::Pose { Some(Given::new(object)?) } else { None };
-        // Errors are told at the end, with all points.
-        let scorer = Scorer::new(None, trial.mode != Mode::Slam);
-        Ok(Self { trial, given, estimator: None, scorer, rows: Vec::new() })
-    }
-
-    fn step(&mut self, sensed: &Sensed, seed: u64) -> Result<()> {
-        let truth = sensed.truth.context("a live episode without truth")?;
-        let config = &self.trial.config.slam;
-        let estimator = match &mut self.estimator {
-            Some(estimator) => estimator,
-            None => self.estimator.insert(match self.given.take() {
-                Some(given) => Estimator::with_shape(config, SIDE, seed, given, Init::Near.start(truth, seed)),
-                None => Estimator::new(config, SIDE, seed)?,
-            }),
-        };
-        let depth = self.trial.modality.of(sensed.depth.clone());
-        let pose = (self.trial.mode == Mode::Map).then(|| mvt_frames::Isometry::new(truth.untyped()));
-        let estimate = estimator.step(&depth, pose);
-        self.rows.push(self.scorer.row(sensed.frame, &estimate, Some(truth), sensed.sense_ms));
-        Ok(())
-    }
-
-    fn line(self, object: &Object, surface: &TrueSurface, end: &str, hidden: Option<f64>) -> Line {
-        let Self { trial, estimator, scorer, rows, .. } = self;
-        let rows = report::scored(rows, surface);
-        let shape = || {
-            let (map, row) = estimator.as_ref()?.map().zip(rows.last())?;
-            let snapshot = Snapshot::new(map, row, scorer.gauge());
-            let mesh = snapshot.shape((trial.config.mesh_cell_mm * 1e-3) as f32, None).mesh;
-            let motion = row.truth?.inverse() * row.estimate;
-            (mesh.area_m2() > 0.0).then(|| ShapeScores::new(&mesh, &object.mesh, motion))
-        };
-        let shape = shape().unwrap_or_default();
-        let count = |state| rows.iter().filter(|row| row.state == state).count();
-        let failed = rows.last().and_then(|row| row.add_s).is_some_and(|e| e.one_directional_m > FAILURE_M);
-        let ms: f64 = rows.iter().map(|row| row.stage_ms.track + row.stage_ms.map).sum();
-        Line {
-            key: trial.key.clone(),
-            frames: rows.len(),
-            end: end.to_owned(),
-            hidden,
-            f_score: shape.f_score.unwrap_or_default(),
-            f_score_fine: shape.f_score_fine.unwrap_or_default(),
-            add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m).map(Into::into),
-            add_s_symmetric_mm: ErrorStatistics::new(&rows, |e| e.symmetric_m).map(Into::into),
-            lost_frames: count(TrackState::Lost),
-            recovered: count(TrackState::Relocalised),
-            undeclared: failed && rows.last().is_some_and(|row| row.state != TrackState::Lost),
-            frames_per_second: if ms > 0.0 { rows.len() as f64 / ms * 1e3 } else { 0.0 },
+/// Runs estimators on the frames of a source, on the calling thread: episodes, not frames, are what runs in parallel here.
+fn follow<'a>(
+    source: &mut LiveSource,
+    object: &'a Object,
+    truth: Option<&'a Truth>,
+    entries: Vec<Entry<'a>>,
+    cell_mm: f64,
+    mut frame: impl FnMut(&[Option<FrameResult>], &Sensed) -> Result<()>,
+) -> Result<Finished> {
+    let pipeline = Pipeline {
+        entries,
+        meshing: Meshing { cell_m: (cell_mm * 1e-3) as f32, every: None },
+        side: SIDE,
+        object: Some(object),
+        truth,
+        supervisor: None,
+        single_threaded: true,
+    };
+    let mut failure = None;
+    let stop = AtomicBool::new(false);
+    let finished = pipeline.run(source, &stop, &mut |progress| {
+        if let Progress::Frame { results, sensed } = progress
+            && let Err(error) = frame(results, &sensed)
+        {
+            failure.get_or_insert(error);
+            stop.store(true, Ordering::Relaxed);
         }
-    }
+    })?;
+    failure.map_or(Ok(finished), Err)
 }
 
-/// At every how many-th frame is asked how much of the object is hidden.
+/// The hidden share of the object is computed at every Nth frame.
 const HIDDEN_EVERY: u64 = 30;
 
-/// All runs of an episode on the same frames, in step: so no frame need be kept.
+/// All trials of an episode as estimators of one run, so that all receive the same frames and no frame is kept.
 fn whole(arguments: &Arguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
-    let mut source = live(episode, arguments.duration, &first.config)?;
-    let mut running: Vec<Running<'_>> =
-        trials.iter().map(|trial| Running::new(trial, episode.object)).collect::<Result<_>>()?;
+    let mut source = live(episode, arguments.duration, &first.config, Fault::default())?;
+    let entries = trials.iter().map(|trial| entry(&trial.config, trial.mode, trial.modality, episode.seed)).collect();
+    let mut rows: Vec<Vec<FrameRow>> = trials.iter().map(|_| Vec::new()).collect();
     let mut hidden = Vec::new();
-    while let Some(sensed) = source.next()? {
-        for run in &mut running {
-            run.step(&sensed, episode.seed)?;
+    // Errors are computed at the end, with all points.
+    let finished = follow(&mut source, episode.object, None, entries, first.config.mesh_cell_mm, |results, sensed| {
+        for (rows, result) in rows.iter_mut().zip(results) {
+            rows.extend(result.as_ref().map(|result| result.row));
         }
-        if sensed.frame.is_multiple_of(HIDDEN_EVERY) {
-            hidden.extend(source.hidden_share());
-        }
-    }
+        hidden.extend(sensed.hidden);
+        Ok(())
+    })?;
     let hidden = (!hidden.is_empty()).then(|| hidden.iter().sum::<f64>() / hidden.len() as f64);
-    let (end, _) = source.end();
-    let surface = TrueSurface::new(&episode.object.mesh, POINTS, 0);
-    for run in running {
-        tell(run.line(episode.object, &surface, &end, hidden))?;
+    let truth = Truth::new(episode.object.clone());
+    for ((trial, rows), estimated) in trials.iter().zip(rows).zip(&finished.estimators) {
+        // A known shape needs no score.
+        let learned = estimated.as_ref().filter(|estimated| estimated.estimator.map().is_some());
+        let mesh = learned.and_then(|estimated| estimated.mesh.as_ref());
+        tell(line(trial, rows, mesh, &truth, &finished.end, hidden))?;
     }
     Ok(())
+}
+
+fn line(
+    trial: &Trial,
+    rows: Vec<FrameRow>,
+    mesh: Option<&Mesh>,
+    truth: &Truth,
+    end: &str,
+    hidden: Option<f64>,
+) -> Line {
+    let rows = report::scored(rows, truth.original());
+    let motion = rows.last().and_then(|row| Some(row.truth?.inverse() * row.estimate));
+    let surface = mesh.filter(|mesh| mesh.area_m2() > 0.0).zip(motion);
+    let shape = surface.map(|(mesh, motion)| ShapeScores::new(mesh, truth, motion)).unwrap_or_default();
+    let count = |state| rows.iter().filter(|row| row.state == state).count();
+    let failed = rows.last().and_then(|row| row.add_s).is_some_and(|e| e.one_directional_m > FAILURE_M);
+    let ms: f64 = rows.iter().map(|row| row.stage_ms.track + row.stage_ms.map).sum();
+    Line {
+        key: trial.key.clone(),
+        frames: rows.len(),
+        end: end.to_owned(),
+        hidden,
+        f_score: shape.f_score.unwrap_or_default(),
+        f_score_fine: shape.f_score_fine.unwrap_or_default(),
+        add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m).map(Into::into),
+        add_s_symmetric_mm: ErrorStatistics::new(&rows, |e| e.symmetric_m).map(Into::into),
+        lost_frames: count(TrackState::Lost),
+        recovered: count(TrackState::Relocalised),
+        undeclared: failed && rows.last().is_some_and(|row| row.state != TrackState::Lost),
+        frames_per_second: if ms > 0.0 { rows.len() as f64 / ms * 1e3 } else { 0.0 },
+    }
 }

@@ -47,7 +47,7 @@ pub fn tables(lines: &[Line]) -> String {
 }
 
 fn group(line: &Line) -> Group<'_> {
-    (&line.key.cameras, &line.key.mode, &line.key.modality, &line.key.variant)
+    (&line.key.cameras, line.key.mode.name(), line.key.modality.name(), &line.key.variant)
 }
 
 const COLUMNS: usize = 16;

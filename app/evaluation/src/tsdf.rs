@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use mvt_field::exact::KnownShape;
-use mvt_robot::hand::solid::Occupied;
+use mvt_frames::Occupied;
 use mvt_slam::scan::View;
 use mvt_slam::space::{Space, clip};
 
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
     use mvt_field::shape::Shape as _;
     use mvt_field::surface::outer_surface;
-    use mvt_slam::scan::{Hit, Miss, Sensor};
+    use mvt_slam::scan::{Detail, Hit, Miss};
 
     const RADIUS_M: f32 = 0.03;
     const HALF_M: f32 = 0.075;
@@ -164,7 +164,7 @@ mod tests {
             let cosine = (-normal.dot(direction)).clamp(0.2, 1.0);
             hits.push(Hit { direction, range_m, normal, cosine, sigma_m: 0.0 });
         }
-        View { sensor: Sensor::Camera(0), origin, hits, outline: Vec::new(), misses, lookup: None, pressed_px: 0 }
+        View { origin, hits, misses, detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None } }
     }
 
     fn seen(places: &[Vec3]) -> (Tsdf, Space) {

@@ -6,4 +6,4 @@ use mvt_mujoco_lib as _;
 mod live;
 pub mod recorder;
 
-pub use live::{LiveSettings, LiveSource};
+pub use live::{Fault, LiveSettings, LiveSource};

@@ -1,5 +1,6 @@
 //! Frames of an episode that is simulated and rendered as they are asked for.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -13,11 +14,11 @@ use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, Scratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::hand::{Finger, PerFinger, Side};
-use mvt_robot::observation::GroundTruth;
-use mvt_segmentation::SegmentationConfig;
+use mvt_robot::observation::Observation;
+use mvt_segmentation::{SegmentationConfig, percept};
 
 use crate::recorder;
-use mvt_run::source::{Modality, Pictures, Sensed, Source, TouchNetwork, true_touch};
+use mvt_run::source::{Modality, Pictures, Sensed, Source, TouchNetwork, true_press};
 
 /// What decides a live episode and what is sensed of it.
 #[derive(Debug, Clone)]
@@ -36,6 +37,19 @@ pub struct LiveSettings {
     pub camera_noise: f64,
     /// Which sensors are used.
     pub modality: Modality,
+    /// At every Nth frame the share of the object that the hand hides is computed; `None` for never. Some milliseconds each.
+    pub hidden_every: Option<u64>,
+    /// What goes wrong on purpose.
+    pub fault: Fault,
+}
+
+/// Trouble that is made on purpose, to see whether the estimate survives it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Fault {
+    /// Before this frame the object is moved: see [`Episode::displace_object`].
+    pub displacement: Option<(u64, Isometry<World, World>)>,
+    /// Frames in which the cameras deliver nothing.
+    pub blank: Range<u64>,
 }
 
 /// A live episode.
@@ -47,8 +61,6 @@ pub struct LiveSource {
     network: Option<TouchNetwork>,
     scratch: Scratch,
     frame: u32,
-    /// What only the simulator knows of the newest frame, but for touch.
-    truth: Option<GroundTruth>,
 }
 
 impl LiveSource {
@@ -89,48 +101,43 @@ impl LiveSource {
                 network.set_empty(finger, image)?;
             }
         }
-        Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0, truth: None })
-    }
-
-    /// Share of the object that the hand hides from the first camera in the newest frame: known to the simulator alone, and for reports.
-    /// None without cameras, and before the first frame. Some milliseconds.
-    pub fn hidden_share(&mut self) -> Option<f64> {
-        self.observer.hidden_share(self.truth.as_ref()?, &mut self.scratch)
-    }
-
-    /// Injects a fault: see [`Episode::displace_object`].
-    pub fn displace_object(&mut self, change: Isometry<World, World>) {
-        self.episode.displace_object(change);
+        Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0 })
     }
 }
 
 impl Source for LiveSource {
     fn next(&mut self) -> Result<Option<Sensed>> {
         let begun = Instant::now();
-        let Some(snapshot) = self.episode.next_frame() else { return Ok(None) };
-        let (observation, mut truth) = self.observer.observe(self.frame, &snapshot.scene, &mut self.scratch);
         let frame = u64::from(self.frame);
+        if let Some((_, change)) = self.settings.fault.displacement.filter(|(at, _)| *at == frame) {
+            self.episode.displace_object(change);
+        }
+        let Some(state) = self.episode.next_frame() else { return Ok(None) };
+        let (observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
         self.frame += 1;
-        let LiveSettings { side, cameras, modality, .. } = &self.settings;
+        let LiveSettings { side, cameras, modality, hidden_every, fault, .. } = &self.settings;
         let mut warnings = Vec::new();
         let touch = match &mut self.network {
             _ if !modality.has_touch() => PerFinger::default(),
-            None => PerFinger::from_fn(|finger| Some(true_touch(&truth.touch[finger]))),
+            None => PerFinger::from_fn(|finger| true_press(&truth.touch[finger])),
             Some(network) => network.feel(frame, &observation.touch, &mut warnings)?,
         };
-        let segmentation = SegmentationConfig::default();
-        let (depth, _) = mvt_segmentation::depth_frame(&observation, touch, cameras, *side, &segmentation)?;
-        let true_touch = std::mem::take(&mut truth.touch);
+        let Observation { time_s, joints, touch: touch_images, cameras: seen } = observation;
+        let (colours, depths_m): (Vec<_>, Vec<_>) =
+            seen.into_iter().map(|camera| (camera.color, Some(camera.depth_m))).unzip();
+        let depths_m = if fault.blank.contains(&frame) { Vec::new() } else { depths_m };
+        let percept = percept(time_s, joints, depths_m, touch, cameras, *side, &SegmentationConfig::default())?;
+        let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
+        let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
         let is_felt = self.network.is_some() && modality.has_touch();
         let pictures = Pictures {
-            cameras: observation.cameras.into_iter().map(|camera| camera.color).collect(),
-            touch: observation.touch,
-            true_touch_m: PerFinger(true_touch.0.map(|truth| is_felt.then_some(truth.depth_m))),
-            forces_n: Some(PerFinger(snapshot.pads.0.map(|pad| pad.force_n))),
+            cameras: colours,
+            touch: touch_images,
+            true_touch_m: PerFinger(truth.touch.0.map(|truth| is_felt.then_some(truth.depth_m))),
+            forces_n: Some(PerFinger(state.pads.0.map(|pad| pad.force_n))),
         };
-        self.truth = Some(truth);
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
-        Ok(Some(Sensed { frame, depth, truth: Some(snapshot.scene.object_pose), pictures, sense_ms, warnings }))
+        Ok(Some(Sensed { frame, percept, truth: Some(state.scene.object_pose), pictures, sense_ms, hidden, warnings }))
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {

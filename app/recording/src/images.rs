@@ -3,8 +3,8 @@
 //! The images of a frame are one block: for each image its kind and sensor (one byte each), its length (u32) and its bytes.
 //! Numbers are little-endian.
 
+use mvt_frames::depth::{BACKGROUND, HAND, Label, OBJECT, UNSURE};
 use std::io::{Cursor, Read as _, Write as _};
-use std::sync::OnceLock;
 
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
@@ -84,19 +84,30 @@ pub fn thinned_depth(depth_m: &Array2<f32>, stride: usize) -> Array2<f32> {
     depth_m.slice(ndarray::s![..;stride, ..;stride]).to_owned()
 }
 
-/// Depth of the untouched gel by row and column, metres.
-pub fn gel_depth_m() -> &'static Array2<f32> {
-    static DEPTH: OnceLock<Array2<f32>> = OnceLock::new();
-    DEPTH.get_or_init(|| {
-        Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| {
-            gel::point(column as f64, row as f64).coords().x as f32
-        })
+/// A label as a grey level of FeelSight's segmentations.
+pub fn levels_of(labels: &Array2<Label>) -> GrayImage {
+    image_of(labels, |label| match label {
+        Label::Background => BACKGROUND,
+        Label::Hand => HAND,
+        Label::Object => OBJECT,
+        Label::Unsure => UNSURE,
     })
+}
+
+/// A mask as an image: 255 where it holds.
+pub fn mask_of(mask: &Array2<bool>) -> GrayImage {
+    image_of(mask, |&holds| if holds { u8::MAX } else { 0 })
+}
+
+fn image_of<T>(array: &Array2<T>, level: impl Fn(&T) -> u8) -> GrayImage {
+    let (height, width) = array.dim();
+    // The buffer has the image's size.
+    GrayImage::from_raw(width as u32, height as u32, array.iter().map(level).collect()).unwrap_or_default()
 }
 
 /// Whether a DIGIT's depth is that of the untouched gel.
 fn is_gel(depth_m: &Array2<f32>) -> bool {
-    let gel = gel_depth_m();
+    let gel = gel::depth_m();
     depth_m.dim() == gel.dim() && depth_m.iter().zip(gel).all(|(z, gel)| (z - gel).abs() < 0.5 * TOUCH_STEP_M)
 }
 
@@ -152,7 +163,7 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<Images, Stri
             Kind::Touch => {
                 let finger = finger(&mut images, sensor)?;
                 finger.image = unjpeg(bytes)?;
-                finger.depth_m = gel_depth_m().clone();
+                finger.depth_m = gel::depth_m().clone();
                 finger.contact = GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32);
             }
             Kind::TouchDepth => finger(&mut images, sensor)?.depth_m = unpack_touch(bytes)?,
@@ -245,7 +256,7 @@ pub fn unpack_depth(bytes: &[u8]) -> Result<Array2<f32>, String> {
 
 /// Depth of a DIGIT is kept as what is pressed in, which is nothing nearly everywhere.
 fn pack_touch(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
-    let gel = gel_depth_m();
+    let gel = gel::depth_m();
     if depth_m.dim() != gel.dim() {
         return Err(format!("a touch image of {:?}", depth_m.dim()));
     }
@@ -255,7 +266,7 @@ fn pack_touch(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
 
 fn unpack_touch(bytes: &[u8]) -> Result<Array2<f32>, String> {
     let (steps, shape) = unpack(bytes)?;
-    let gel = gel_depth_m();
+    let gel = gel::depth_m();
     if shape != size(gel) {
         return Err(format!("a touch image of {} x {}", shape[0], shape[1]));
     }
@@ -308,7 +319,7 @@ mod tests {
             depth_m: Array2::from_shape_fn((24, 32), |(r, c)| if r < 3 { 0.0 } else { 0.3 + 0.001 * (r * c) as f32 }),
             segmentation: GrayImage::from_fn(32, 24, |x, _| image::Luma([if x > 9 { 255 } else { 127 }])),
         };
-        let pressed = gel_depth_m().mapv(|z| if z > 0.0219 { z - 0.0007 } else { z });
+        let pressed = gel::depth_m().mapv(|z| if z > 0.0219 { z - 0.0007 } else { z });
         let touch = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
             contact: GrayImage::from_pixel(240, 320, image::Luma([255])),
@@ -344,7 +355,7 @@ mod tests {
     fn a_digit_that_touches_nothing_takes_no_room() {
         let untouched = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
-            depth_m: gel_depth_m().clone(),
+            depth_m: gel::depth_m().clone(),
             contact: GrayImage::new(240, 320),
             true_depth_m: None,
         };
@@ -354,7 +365,7 @@ mod tests {
         images.touch[Finger::Index] = Some(untouched);
         let block = encode(&images).unwrap();
         let read = decode(&block, 0, 0).unwrap().touch[Finger::Index].clone().unwrap();
-        assert_eq!((&read.depth_m, read.contact.contains(&255)), (gel_depth_m(), false));
+        assert_eq!((&read.depth_m, read.contact.contains(&255)), (gel::depth_m(), false));
         assert_eq!(block.len(), 6 + jpeg(&read.image).unwrap().len());
     }
 

@@ -29,17 +29,19 @@ use std::path::PathBuf;
 use image::{GrayImage, RgbImage};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, Object, World};
-use mvt_robot::digit;
+use mvt_robot::digit::{self, gel};
 use mvt_robot::hand::{JointAngles, PerFinger, Side};
+use mvt_robot::observation::Press;
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
-pub use images::gel_depth_m;
 pub use reader::Recording;
 pub use shape::KnownShape;
 pub use writer::Writer;
 
+use mvt_run::pipeline::Mode;
 use mvt_run::report::{FrameRow, ShapePoint};
+use mvt_run::source::Modality;
 
 /// Version of the format. Readers refuse those that are newer.
 pub const VERSION: u32 = 1;
@@ -60,10 +62,10 @@ pub struct About {
     pub object: String,
     /// Seed of the episode and of the estimate.
     pub seed: u64,
-    /// `slam`, `pose` or `map`; `log` where nothing is estimated.
-    pub mode: String,
-    /// `vitac`, `vi` or `tac`.
-    pub modality: String,
+    /// What is estimated; `None` for a raw log, where nothing is.
+    pub mode: Option<Mode>,
+    /// Which sensors are used.
+    pub modality: Modality,
     /// Which hand.
     pub side: Side,
     /// The cameras, with the sizes of the recorded images.
@@ -86,19 +88,17 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// From a DIGIT's depth in metres and its contact; none if nothing touches it.
-    fn of(depth_m: &Array2<f32>, contact: &GrayImage, force_n: Option<f32>) -> Option<Self> {
-        if !contact.contains(&255) {
-            return None;
-        }
+    /// From a press; `None` if nothing touches the gel.
+    fn of(press: &Press, force_n: Option<f32>) -> Option<Self> {
         let lens = digit::intrinsics();
-        let (mut area_m2, mut deepest_m) = (0.0, 0.0f32);
-        let pixels = contact.iter().zip(depth_m).zip(gel_depth_m());
-        for ((_, &depth_m), &gel_m) in pixels.filter(|((level, _), _)| **level > 127) {
+        let (mut area_m2, mut deepest_mm) = (0.0, 0.0f32);
+        let pixels = press.contact.iter().zip(&press.indentation_mm).zip(gel::depth_m());
+        for ((_, &indentation_mm), &gel_m) in pixels.filter(|((touches, _), _)| **touches) {
+            let depth_m = gel_m - 1e-3 * indentation_mm;
             area_m2 += f64::from(depth_m).powi(2) / (lens.fx * lens.fy);
-            deepest_m = deepest_m.max(gel_m - depth_m);
+            deepest_mm = deepest_mm.max(indentation_mm);
         }
-        (area_m2 > 0.0).then_some(Self { area_mm2: (area_m2 * 1e6) as f32, deepest_mm: deepest_m * 1e3, force_n })
+        (area_m2 > 0.0).then_some(Self { area_mm2: (area_m2 * 1e6) as f32, deepest_mm, force_n })
     }
 }
 

@@ -7,7 +7,9 @@ use mvt_robot::hand::{JOINTS, PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
 use super::{About, Moment, Place, Touching};
+use mvt_run::pipeline::Mode;
 use mvt_run::report::{FrameRow, ShapePoint, StageMs, TrackState};
+use mvt_run::source::Modality;
 
 /// Names of the files.
 pub mod file {
@@ -59,7 +61,7 @@ pub struct AboutFile {
     object: String,
     seed: u64,
     mode: String,
-    modality: String,
+    modality: Modality,
     side: Side,
     cameras: Vec<Camera>,
     frames: usize,
@@ -86,8 +88,8 @@ impl AboutFile {
         Self {
             object: about.object.clone(),
             seed: about.seed,
-            mode: about.mode.clone(),
-            modality: about.modality.clone(),
+            mode: about.mode.map_or(LOG, Mode::name).to_owned(),
+            modality: about.modality,
             side: about.side,
             cameras: about.cameras.iter().map(camera).collect(),
             frames: about.frames,
@@ -113,7 +115,7 @@ impl AboutFile {
             version,
             object: self.object,
             seed: self.seed,
-            mode: self.mode,
+            mode: mode_of(&self.mode)?,
             modality: self.modality,
             side: self.side,
             cameras,
@@ -121,6 +123,16 @@ impl AboutFile {
             process: self.process,
         };
         Ok((about, self.truth))
+    }
+}
+
+/// The mode of a raw log, in which nothing is estimated.
+const LOG: &str = "log";
+
+fn mode_of(name: &str) -> Result<Option<Mode>, &'static str> {
+    match [Mode::Slam, Mode::Pose, Mode::Map].into_iter().find(|mode| mode.name() == name) {
+        None if name != LOG => Err("unknown mode"),
+        mode => Ok(mode),
     }
 }
 
@@ -159,7 +171,7 @@ impl FrameLine {
             time_s: row.time_s,
             state: match row.state {
                 TrackState::Tracking => State::Tracking,
-                TrackState::Lost => State::Lost,
+                TrackState::Lost | TrackState::Waiting => State::Lost,
                 TrackState::Relocalised => State::Relocalised,
             },
             confidence: row.confidence,

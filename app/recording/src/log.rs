@@ -1,5 +1,6 @@
 //! A FeelSight log, looked at as if it were a recording.
 
+use mvt_run::source::{Modality, true_press};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -81,8 +82,8 @@ impl LogImages {
             version: VERSION,
             object: name,
             seed: log.scene().map_or(0, |scene| scene.seed),
-            mode: "log".to_owned(),
-            modality: "vitac".to_owned(),
+            mode: None,
+            modality: Modality::Vitac,
             side: log.side(),
             cameras: log
                 .cameras()
@@ -128,10 +129,7 @@ impl LogImages {
                     images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
                 });
                 let depths = depths.collect();
-                let touching = |truth: Option<TouchTruth>| {
-                    let TouchTruth { depth_m, contact } = truth?;
-                    Touching::of(&depth_m, &contact, None)
-                };
+                let touching = |truth: Option<TouchTruth>| Touching::of(&true_press(&truth?)?, None);
                 let read = Read { depths, fingers: PerFinger(frame.touch_truth.0.map(touching)) };
                 others.frames().push(read);
             }
@@ -181,7 +179,7 @@ impl LogImages {
                 GrayImage::default()
             } else {
                 let intrinsics = images::shrunk(&camera.intrinsics);
-                segment(&depth_m, &intrinsics, camera.pose, &hand, &SegmentationConfig::default())
+                images::levels_of(&segment(&depth_m, &intrinsics, camera.pose, &hand, &SegmentationConfig::default()))
             };
             Some(CameraImages { colour, depth_m, segmentation })
         };

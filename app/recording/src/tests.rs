@@ -2,21 +2,21 @@ use std::fs;
 use std::path::Path;
 
 use glam::Vec3;
-use image::{GrayImage, Luma, Rgb};
+use image::Rgb;
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_frames::depth::{CameraDepth, Label};
 use mvt_mesh::Mesh;
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand::{Finger, JOINTS, Primitive, world_from_digit_camera};
-use mvt_robot::observation::DepthFrame;
+use mvt_robot::hand::{Finger, JOINTS, Primitive};
+use mvt_robot::observation::{Percept, Press};
 use mvt_robot::rig::PLACEMENTS;
 use proptest::prelude::*;
 
 use super::*;
-use mvt_run::pipeline::{Progress, Shape};
+use mvt_run::pipeline::{MeshedShape, Mode, Progress};
 use mvt_run::report::{Event, StageMs, TrackState};
 use mvt_run::sdf_grid::SdfGrid;
-use mvt_run::source::{Pictures, Sensed};
+use mvt_run::source::{Modality, Pictures, Sensed};
 
 /// A camera whose images are recorded with every second row and column.
 fn camera() -> PosedCamera {
@@ -29,8 +29,8 @@ fn about() -> About {
         version: VERSION,
         object: "a ball".into(),
         seed: 3,
-        mode: "slam".into(),
-        modality: "vitac".into(),
+        mode: Some(Mode::Slam),
+        modality: Modality::Vitac,
         side: Side::Left,
         cameras: vec![camera()],
         frames: 9,
@@ -63,34 +63,33 @@ fn sensed(frame: u64) -> Box<Sensed> {
     let seen = CameraDepth {
         intrinsics: camera.intrinsics,
         world_from_camera: camera.pose,
-        segmentation: GrayImage::from_fn(400, 30, |x, _| Luma([if x < 100 { 0 } else { 255 }])),
+        labels: Array2::from_shape_fn((30, 400), |(_, x)| if x < 100 { Label::Background } else { Label::Object }),
         depth_m,
     };
     let mut touch = PerFinger::default();
-    touch[Finger::Thumb] = Some(TouchDepth {
-        world_from_camera: world_from_digit_camera(Side::Left, Finger::Thumb, &joints),
-        depth_m: gel_depth_m().mapv(|z| z - 0.0005),
-        contact: GrayImage::from_fn(240, 320, |x, _| Luma([if x < 120 { 255 } else { 0 }])),
-        sigma_m: 5e-5,
+    touch[Finger::Thumb] = Some(Press {
+        indentation_mm: Array2::from_elem((320, 240), 0.5),
+        contact: Array2::from_shape_fn((320, 240), |(_, x)| x < 120),
+        sigma_mm: 0.05,
     });
-    let depth = DepthFrame { time_s: frame as f64 / 30.0, joints, cameras: vec![Some(seen)], touch };
+    let percept = Percept { time_s: frame as f64 / 30.0, joints, cameras: vec![Some(seen)], touch };
     let pictures = Pictures {
         cameras: vec![RgbImage::from_pixel(400, 30, Rgb([200, 60, 30]))],
         touch: PerFinger::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([90, 90, 140]))),
         true_touch_m: PerFinger::default(),
         forces_n: Some(PerFinger([0.0, 0.0, 0.0, 1.5])),
     };
-    Box::new(Sensed { frame, depth, truth: None, pictures, sense_ms: 1.0, warnings: vec![] })
+    Box::new(Sensed { frame, percept, truth: None, pictures, sense_ms: 1.0, hidden: None, warnings: vec![] })
 }
 
-fn shape(frame: u64) -> Shape {
+fn shape(frame: u64) -> MeshedShape {
     let sdf = SdfGrid { low: Vec3::splat(-0.03), cell_m: 0.01, counts: [7; 3], values: vec![-4; 343] };
-    Shape { frame, mesh: ball(), sdf, point: None, mesh_ms: 1.0 }
+    MeshedShape { frame, mesh: ball(), sdf, point: None, mesh_ms: 1.0 }
 }
 
 fn frames(writer: &Writer, range: std::ops::Range<u64>) {
     for frame in range {
-        writer.receive(Progress::Frame { row: &row(frame), is_keyframe: frame == 2, sensed: sensed(frame) });
+        writer.frame(&row(frame), frame == 2, sensed(frame));
         // Writing is no race here: images are not to be left out.
         writer.wait();
     }
@@ -99,7 +98,7 @@ fn frames(writer: &Writer, range: std::ops::Range<u64>) {
 fn recorded(folder: &Path) {
     let writer = Writer::create(folder, &about(), Some(&ball())).unwrap();
     frames(&writer, 0..5);
-    writer.receive(Progress::Shape(&shape(3)));
+    writer.receive(Progress::Shape(0, &shape(3)));
     writer.receive(Progress::Event(&Event { time_s: 0.1, text: "re-grasps".into() }));
     writer.receive(Progress::Warning("a camera is silent"));
     frames(&writer, 5..9);

@@ -9,17 +9,18 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_frames::depth::CameraDepth;
 use mvt_mesh::Mesh;
+use mvt_robot::digit::gel;
 use mvt_robot::hand::{JointAngles, PerFinger};
-use mvt_robot::observation::DepthFrame;
+use mvt_robot::observation::Percept;
 use serde::Serialize;
 
 use super::line::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile, file};
 use super::{About, CameraImages, FOLDER, FingerImages, Images, Moment, Place, RecordingError, Touching, VERSION};
 use super::{has_images, images, shape};
 use mvt_run::io::write_file;
-use mvt_run::pipeline::Progress;
+use mvt_run::pipeline::{FrameResult, Progress};
 use mvt_run::report::{FrameRow, ShapePoint};
 use mvt_run::sdf_grid::SdfGrid;
 use mvt_run::source::{Pictures, Sensed};
@@ -98,16 +99,14 @@ impl Writer {
     pub fn receive(&self, progress: Progress<'_>) {
         let message = match progress {
             Progress::Started { .. } => return,
-            Progress::Frame { row, is_keyframe, sensed } => {
-                let is_late = self.waiting.fetch_add(1, Ordering::Relaxed) >= PATIENCE;
-                Message::Frame {
-                    row: *row,
-                    joints: sensed.depth.joints,
-                    is_keyframe,
-                    sensed: (!is_late).then_some(sensed),
+            Progress::Frame { results, sensed } => {
+                // A recording shows the first estimator.
+                if let Some(FrameResult { row, estimate, .. }) = results.first().and_then(Option::as_ref) {
+                    self.frame(row, estimate.keyframe, sensed);
                 }
+                return;
             }
-            Progress::Shape(shape) => Message::Shape {
+            Progress::Shape(_, shape) => Message::Shape {
                 frame: shape.frame,
                 mesh: shape.mesh.clone(),
                 sdf: Some(shape.sdf.clone()),
@@ -120,6 +119,15 @@ impl Writer {
         };
         // A thread that has ended says why at the end.
         let _ = self.messages.send(message);
+    }
+
+    /// Records a frame. Its images are left out while the writer is behind.
+    pub fn frame(&self, row: &FrameRow, is_keyframe: bool, sensed: Box<Sensed>) {
+        let is_late = self.waiting.fetch_add(1, Ordering::Relaxed) >= PATIENCE;
+        let joints = sensed.percept.joints;
+        let sensed = (!is_late).then_some(sensed);
+        // A thread that has ended says why at the end.
+        let _ = self.messages.send(Message::Frame { row: *row, joints, is_keyframe, sensed });
     }
 
     /// Records a shape that is given and does not grow.
@@ -245,15 +253,14 @@ impl Files {
 
     /// Adds what was sensed to a moment.
     fn see(&mut self, moment: &mut Moment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
-        let Sensed { depth, pictures, .. } = sensed;
+        let Sensed { percept, pictures, .. } = sensed;
         let forces_n = pictures.forces_n;
         moment.fingers = PerFinger::from_fn(|finger| {
             let force_n = forces_n.map(|forces| forces[finger] as f32);
-            let TouchDepth { depth_m, contact, .. } = depth.touch[finger].as_ref()?;
-            Touching::of(depth_m, contact, force_n)
+            Touching::of(percept.touch[finger].as_ref()?, force_n)
         });
         if has_images(moment.row.frame) {
-            let images = pictured(moment.row.frame as usize, depth, pictures, strides);
+            let images = pictured(moment.row.frame as usize, percept, pictures, strides);
             let block =
                 images::encode(&images).map_err(|problem| RecordingError::damaged(&self.images.path, problem))?;
             moment.images = Some(self.images.block(&block)?);
@@ -263,22 +270,24 @@ impl Files {
 }
 
 /// The images of a frame as they are recorded.
-fn pictured(frame: usize, depth: DepthFrame, pictures: Pictures, strides: &[usize]) -> Images {
+fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize]) -> Images {
     let Pictures { cameras: colours, touch: mut seen, mut true_touch_m, .. } = pictures;
     let mut colours = colours.into_iter();
     let camera = |(camera, &stride): (Option<CameraDepth>, &usize)| {
         let colour = colours.next().unwrap_or_default();
-        let CameraDepth { depth_m, segmentation, .. } = camera?;
+        let CameraDepth { depth_m, labels, .. } = camera?;
         Some(CameraImages {
             colour: images::thinned(&colour, stride),
             depth_m: images::thinned_depth(&depth_m, stride),
-            segmentation: images::thinned_gray(&segmentation, stride),
+            segmentation: images::thinned_gray(&images::levels_of(&labels), stride),
         })
     };
-    let cameras = depth.cameras.into_iter().zip(strides).map(camera).collect();
-    let mut felt = depth.touch;
+    let cameras = percept.cameras.into_iter().zip(strides).map(camera).collect();
+    let mut felt = percept.touch;
     let touch = PerFinger::from_fn(|finger| {
-        let TouchDepth { depth_m, contact, .. } = felt[finger].take()?;
+        let press = felt[finger].take()?;
+        let depth_m = gel::depth_of(&press.indentation_mm)?;
+        let contact = images::mask_of(&press.contact);
         let image = std::mem::take(&mut seen[finger]);
         Some(FingerImages { image, depth_m, contact, true_depth_m: true_touch_m[finger].take() })
     });

@@ -5,8 +5,10 @@
 
 mod estimator;
 mod scorer;
+mod truth;
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
 use std::thread;
@@ -16,19 +18,21 @@ use anyhow::{Context as _, Result};
 use mvt_frames::{Isometry, Model};
 use mvt_gaits::directive::Directive;
 use mvt_mesh::Mesh;
-use mvt_metrics::{POINTS, TrueSurface};
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::hand::Side;
 use mvt_slam::Estimate;
 use mvt_slam::map::Map;
+use mvt_slam::scan::Scan;
 use mvt_touch::contact::ContactConfig;
 use serde::{Deserialize, Serialize};
 
 pub use estimator::{Estimator, Given, Init, Mode, random_motion};
-pub use scorer::{Scorer, Shape, Snapshot};
+pub use scorer::{MeshedShape, Scorer, ShapeSnapshot};
+pub use truth::Truth;
 
+use crate::input::Input;
 use crate::report::{Event, FrameRow, TrackState};
-use crate::source::{Sensed, Source};
+use crate::source::{Modality, Sensed, Source};
 use crate::supervisor::{Rules, Supervisor};
 
 /// Everything that can be set.
@@ -84,62 +88,99 @@ impl RunConfig {
     }
 }
 
-/// What happens in a run, for whoever shows or records it.
+/// What happens in a run, for listeners.
 pub enum Progress<'a> {
-    /// It begins.
+    /// The run begins.
     Started {
         /// Frames there will be at most.
         frames: usize,
     },
-    /// A frame has been estimated.
+    /// All estimators have taken a frame.
     Frame {
-        /// What was estimated.
-        row: &'a FrameRow,
-        /// Whether the map keeps it.
-        is_keyframe: bool,
-        /// What was sensed, which is not needed any more.
+        /// The results, in the order of the estimators. One that left the frame out has none.
+        results: &'a [Option<FrameResult>],
+        /// The frame, which is not needed any more.
         sensed: Box<Sensed>,
     },
-    /// The shape has been meshed.
-    Shape(&'a Shape),
-    /// Something is amiss, and the run goes on.
+    /// The shape of an estimator, by its index, has been meshed.
+    Shape(usize, &'a MeshedShape),
+    /// A problem; the run goes on.
     Warning(&'a str),
-    /// Something worth telling.
+    /// Something that is worth showing.
     Event(&'a Event),
 }
 
-/// What a run is made of.
-pub struct Pipeline<'a> {
+/// The result of an estimator on a frame.
+pub struct FrameResult {
+    /// The record of the frame.
+    pub row: FrameRow,
+    /// The estimate.
+    pub estimate: Estimate,
+    /// The rays on which it stands.
+    pub scan: Arc<Scan>,
+}
+
+/// An estimator of a run.
+pub struct Entry<'a> {
     /// Settings.
-    pub config: &'a RunConfig,
+    pub config: &'a mvt_slam::Config,
     /// What is estimated.
     pub mode: Mode,
+    /// Which sensors are used.
+    pub modality: Modality,
     /// Where the pose of a given shape starts.
     pub init: Init,
     /// Seed of the estimate.
     pub seed: u64,
+    /// The map of an earlier run, which is continued.
+    pub map: Option<Map>,
+}
+
+/// When shapes are meshed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Meshing {
+    /// Edge of the cells, metres.
+    pub cell_m: f32,
+    /// Every Nth frame; `None` for the last frame alone.
+    pub every: Option<u64>,
+}
+
+/// One loop for every run: a source, any number of estimators on its frames, and a supervisor that acts on the first of them.
+pub struct Pipeline<'a> {
+    /// The estimators.
+    pub entries: Vec<Entry<'a>>,
+    /// When shapes are meshed.
+    pub meshing: Meshing,
     /// Which hand.
     pub side: Side,
     /// The true object, where it is known.
     pub object: Option<&'a TrueObject>,
-    /// What an earlier run has learnt, to go on with.
-    pub map: Option<Map>,
+    /// The true surface, against which frames and shapes are scored while the run goes on.
+    pub truth: Option<&'a Truth>,
     /// Directs the hand.
     pub supervisor: Option<Supervisor>,
-    /// Everything on the calling thread.
+    /// Whether everything runs on the calling thread.
     pub single_threaded: bool,
 }
 
-/// What a run has come to.
+/// The end of a run.
 pub struct Finished {
-    /// The surface in the coordinates from which the estimated poses lead; none before anything was seen.
-    pub mesh: Option<Mesh>,
-    /// What was estimated.
-    pub estimator: Estimator,
+    /// The estimators with their shapes, in order. One that never received a frame is `None`.
+    pub estimators: Vec<Option<Estimated>>,
     /// Wall time from the first frame asked for to the last one estimated, seconds.
     pub wall_s: f64,
-    /// Whether it came to its end.
+    /// Whether the source came to its end.
     pub complete: bool,
+    /// Why the source ended, in words; empty if it did not.
+    pub end: String,
+}
+
+/// An estimator at the end of a run.
+pub struct Estimated {
+    /// The estimator.
+    pub estimator: Estimator,
+    /// The surface in the coordinates from which the estimated poses lead; `None` before anything was seen.
+    pub mesh: Option<Mesh>,
 }
 
 /// How far a source runs ahead, frames.
@@ -199,28 +240,28 @@ fn serve(source: &mut dyn Source, frames: &SyncSender<Frame>, directives: &Recei
 
 /// Meshes and scores snapshots in order.
 enum Mesher<'a> {
-    Inline { cell_m: f32, truth: Option<&'a TrueSurface>, done: VecDeque<Shape> },
-    Threaded { snapshots: Sender<Snapshot>, done: Receiver<Shape> },
+    Inline { cell_m: f32, truth: Option<&'a Truth>, done: VecDeque<(usize, MeshedShape)> },
+    Threaded { snapshots: Sender<(usize, ShapeSnapshot)>, done: Receiver<(usize, MeshedShape)> },
 }
 
 impl Mesher<'_> {
-    fn push(&mut self, snapshot: Snapshot) {
+    fn push(&mut self, estimator: usize, snapshot: ShapeSnapshot) {
         match self {
-            Self::Inline { cell_m, truth, done } => done.push_back(snapshot.shape(*cell_m, *truth)),
+            Self::Inline { cell_m, truth, done } => done.push_back((estimator, snapshot.shape(*cell_m, *truth))),
             // The thread ends only when this does.
-            Self::Threaded { snapshots, .. } => drop(snapshots.send(snapshot)),
+            Self::Threaded { snapshots, .. } => drop(snapshots.send((estimator, snapshot))),
         }
     }
 
-    fn poll(&mut self) -> Option<Shape> {
+    fn poll(&mut self) -> Option<(usize, MeshedShape)> {
         match self {
             Self::Inline { done, .. } => done.pop_front(),
             Self::Threaded { done, .. } => done.try_recv().ok(),
         }
     }
 
-    /// What is still under way.
-    fn finish(self) -> Vec<Shape> {
+    /// The shapes that are still under way.
+    fn finish(self) -> Vec<(usize, MeshedShape)> {
         match self {
             Self::Inline { done, .. } => done.into(),
             Self::Threaded { snapshots, done } => {
@@ -235,23 +276,18 @@ impl Pipeline<'_> {
     /// Runs until the source ends or `stop` is set.
     ///
     /// # Errors
-    /// If the source fails, or the mode needs what is not known.
+    /// If the source fails, a setting is out of range, or a mode needs the object or its pose and it is unknown.
     pub fn run(
         mut self,
         source: &mut dyn Source,
         stop: &AtomicBool,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Finished> {
-        // Before the clock runs: the truth is no part of the work.
-        let truth = self.object.map(|object| TrueSurface::new(&object.mesh, POINTS, 0));
-        let given = match self.mode {
-            Mode::Pose => Some(Given::new(self.object.context("--mode pose needs the object: give --object")?)?),
-            Mode::Slam | Mode::Map => None,
-        };
+        let (object, truth, cell_m) = (self.object, self.truth, self.meshing.cell_m);
+        let runners =
+            self.entries.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
         listener(Progress::Started { frames: source.len() });
-        let cell_m = (self.config.mesh_cell_mm * 1e-3) as f32;
-        let truth = truth.as_ref();
-        let finished = thread::scope(|scope| {
+        let mut finished = thread::scope(|scope| {
             let (feed, mesher) = if self.single_threaded {
                 (
                     Feed::Inline { source: &mut *source, ahead: VecDeque::new(), ended: false },
@@ -262,42 +298,41 @@ impl Pipeline<'_> {
                 let (directives, directive_receiver) = mpsc::channel();
                 let source = &mut *source;
                 scope.spawn(move || serve(source, &frame_sender, &directive_receiver));
-                let (snapshots, snapshot_receiver) = mpsc::channel::<Snapshot>();
+                let (snapshots, snapshot_receiver) = mpsc::channel::<(usize, ShapeSnapshot)>();
                 let (shapes, done) = mpsc::channel();
                 scope.spawn(move || {
                     // Until nobody waits for shapes any more.
-                    snapshot_receiver.iter().all(|snapshot| shapes.send(snapshot.shape(cell_m, truth)).is_ok())
+                    let mut meshed = snapshot_receiver.iter().map(|(k, snapshot)| (k, snapshot.shape(cell_m, truth)));
+                    meshed.all(|shape| shapes.send(shape).is_ok())
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };
-            self.follow(feed, mesher, given, stop, listener)
+            self.follow(feed, mesher, runners, stop, listener)
         })?;
         if finished.complete {
             let (reason, as_meant) = source.end();
-            let time_s = finished.last_s;
+            finished.end.clone_from(&reason);
             if !as_meant {
-                listener(Progress::Event(&Event { time_s, text: reason }));
+                listener(Progress::Event(&Event { time_s: finished.last_s, text: reason }));
             }
         }
-        let mesh = match (&finished.estimator, self.object) {
-            (Some(estimator), object) if estimator.map().is_none() => object.map(|object| object.mesh.clone()),
-            _ => finished.mesh,
-        };
-        let estimator = finished.estimator.context("there was no frame")?;
-        Ok(Finished { mesh, estimator, wall_s: finished.wall_s, complete: finished.complete })
+        for known in finished.estimators.iter_mut().flatten() {
+            if known.estimator.map().is_none() {
+                known.mesh = object.map(|object| object.mesh.clone());
+            }
+        }
+        let Followed { estimators, wall_s, complete, end, .. } = finished;
+        Ok(Finished { estimators, wall_s, complete, end })
     }
 
     fn follow(
         &mut self,
         mut feed: Feed<'_>,
         mut mesher: Mesher<'_>,
-        mut given: Option<Given>,
+        mut runners: Vec<Runner<'_>>,
         stop: &AtomicBool,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Followed> {
-        let mut scorer = Scorer::new(self.object, self.mode != Mode::Slam);
-        let mut estimator: Option<Estimator> = None;
-        let mut last: Option<FrameRow> = None;
         let mut complete = false;
         let begun = Instant::now();
         while !stop.load(Ordering::Relaxed) {
@@ -305,66 +340,63 @@ impl Pipeline<'_> {
                 complete = true;
                 break;
             };
-            let Sensed { frame, truth, sense_ms, .. } = sensed;
             sensed.warnings.iter().for_each(|warning| listener(Progress::Warning(warning)));
-            let unknown =
-                "where the object is at the first frame is not known; there are --mode slam and --init search";
-            let known = match &mut estimator {
-                Some(known) => known,
-                None => estimator.insert(match (given.take(), self.map.take()) {
-                    (Some(given), _) => {
-                        let start = match self.init {
-                            Init::Search => None,
-                            init => init.start(truth.context(unknown)?, self.seed),
-                        };
-                        Estimator::with_shape(&self.config.slam, self.side, self.seed, given, start)
-                    }
-                    (None, Some(map)) => Estimator::resume(&self.config.slam, self.side, self.seed, map)?,
-                    (None, None) => Estimator::new(&self.config.slam, self.side, self.seed)?,
-                }),
+            let input = Input::new(self.side, &sensed.percept);
+            let mut scans = Vec::new();
+            let mut results = Vec::with_capacity(runners.len());
+            for runner in &mut runners {
+                results.push(runner.step(&sensed, &input, self.side, &mut scans, listener)?);
+            }
+            let acting = runners.first().and_then(Runner::estimator).zip(results.first().and_then(Option::as_ref));
+            let directive = match acting {
+                Some((estimator, result)) => self.decide(estimator, &result.estimate, listener),
+                None => Directive::Continue,
             };
-            let given_pose = match self.mode {
-                Mode::Map => {
-                    let Some(truth) = truth else {
-                        listener(Progress::Warning(&format!("frame {frame} has no true pose and is left out")));
-                        feed.direct(Directive::Continue)?;
-                        continue;
-                    };
-                    Some(Isometry::<Model, _>::new(truth.untyped()))
+            feed.direct(directive)?;
+            if let (Some(runner), Some(result)) = (runners.first(), results.first().and_then(Option::as_ref)) {
+                tell_changes(runner.last.as_ref(), &result.row, &result.estimate, listener);
+            }
+            for (runner, result) in runners.iter_mut().zip(&results) {
+                runner.last = result.as_ref().map(|result| result.row).or(runner.last);
+            }
+            listener(Progress::Frame { results: &results, sensed: Box::new(sensed) });
+            for (k, (runner, result)) in runners.iter().zip(&results).enumerate() {
+                let is_due = |result: &FrameResult| {
+                    self.meshing.every.is_some_and(|every| (result.estimate.frame as u64 + 1).is_multiple_of(every))
+                };
+                let map = runner.estimator().and_then(Estimator::map);
+                if let Some((map, result)) = map.zip(result.as_ref().filter(|result| is_due(result))) {
+                    mesher.push(k, ShapeSnapshot::new(map, &result.row, runner.scorer.gauge()));
                 }
-                Mode::Slam | Mode::Pose => None,
-            };
-            let estimate = known.step(&sensed.depth, given_pose);
-            feed.direct(self.decide(known, &estimate, listener))?;
-            let row = scorer.row(frame, &estimate, truth, sense_ms);
-            tell_changes(last.as_ref(), &row, &estimate, listener);
-            listener(Progress::Frame { row: &row, is_keyframe: estimate.keyframe, sensed: Box::new(sensed) });
-            if let Some(map) =
-                known.map().filter(|_| (estimate.frame as u64 + 1).is_multiple_of(self.config.score_every))
-            {
-                mesher.push(Snapshot::new(map, &row, scorer.gauge()));
             }
-            while let Some(shape) = mesher.poll() {
-                listener(Progress::Shape(&shape));
+            while let Some((k, shape)) = mesher.poll() {
+                listener(Progress::Shape(k, &shape));
             }
-            last = Some(row);
         }
         let wall_s = begun.elapsed().as_secs_f64();
         // The source's thread waits for a directive or for room; without this end it stops.
         drop(feed);
-        let map = estimator.as_ref().and_then(Estimator::map).filter(|map| !map.keyframes().is_empty());
-        if let Some((map, row)) = map.zip(last.as_ref()) {
-            mesher.push(Snapshot::new(map, row, scorer.gauge()));
+        for (k, runner) in runners.iter().enumerate() {
+            let map = runner.estimator().and_then(Estimator::map).filter(|map| !map.keyframes().is_empty());
+            if let Some((map, row)) = map.zip(runner.last.as_ref()) {
+                mesher.push(k, ShapeSnapshot::new(map, row, runner.scorer.gauge()));
+            }
         }
-        let mut mesh = None;
-        for shape in mesher.finish() {
-            listener(Progress::Shape(&shape));
-            mesh = Some(shape.mesh);
+        let mut meshes: Vec<Option<Mesh>> = runners.iter().map(|_| None).collect();
+        for (k, shape) in mesher.finish() {
+            listener(Progress::Shape(k, &shape));
+            if let Some(mesh) = meshes.get_mut(k) {
+                *mesh = Some(shape.mesh);
+            }
         }
-        Ok(Followed { mesh, estimator, wall_s, complete, last_s: last.map_or(0.0, |row| row.time_s) })
+        let last_s = runners.first().and_then(|runner| runner.last).map_or(0.0, |row| row.time_s);
+        let estimators = runners.into_iter().zip(meshes);
+        let estimators =
+            estimators.map(|(runner, mesh)| Some(Estimated { estimator: runner.started()?, mesh })).collect();
+        Ok(Followed { estimators, wall_s, complete, end: String::new(), last_s })
     }
 
-    /// What the hand is to do, from what is believed alone.
+    /// What the hand is to do, from the estimate alone.
     fn decide(
         &mut self,
         estimator: &Estimator,
@@ -373,9 +405,9 @@ impl Pipeline<'_> {
     ) -> Directive {
         let Some(supervisor) = &mut self.supervisor else { return Directive::Continue };
         let directive = supervisor.decide(&estimator.belief(estimate));
-        let text = match directive {
+        let text = match &directive {
             Directive::Continue | Directive::Recentre { .. } => return directive,
-            Directive::SwitchGait(name) => format!("goes over to gait {name}"),
+            Directive::SwitchGait(name) => format!("switches to gait {name}"),
             Directive::Regrasp => "re-grasps".to_owned(),
             Directive::Stop => "the goal is reached".to_owned(),
         };
@@ -385,11 +417,111 @@ impl Pipeline<'_> {
 }
 
 struct Followed {
-    mesh: Option<Mesh>,
-    estimator: Option<Estimator>,
+    estimators: Vec<Option<Estimated>>,
     wall_s: f64,
     complete: bool,
+    end: String,
     last_s: f64,
+}
+
+/// An entry under way.
+struct Runner<'a> {
+    state: RunnerState<'a>,
+    mode: Mode,
+    modality: Modality,
+    scorer: Scorer<'a>,
+    last: Option<FrameRow>,
+}
+
+/// The first frame, with the true pose where it is known, makes an estimator of an entry.
+enum RunnerState<'a> {
+    Waiting(Option<(Entry<'a>, Option<Given>)>),
+    Started(Box<Estimator>, &'a mvt_slam::scan::Config, u64),
+}
+
+/// A scan that estimators of the same settings, seed and number of frames share.
+type Shared<'a> = ((&'a mvt_slam::scan::Config, u64, usize, Modality), Arc<Scan>);
+
+impl<'a> Runner<'a> {
+    fn new(entry: Entry<'a>, object: Option<&TrueObject>, truth: Option<&'a Truth>) -> Result<Self> {
+        let given = match entry.mode {
+            Mode::Pose => Some(Given::new(object.context("--mode pose needs the object: give --object")?)?),
+            Mode::Slam | Mode::Map => None,
+        };
+        let scorer = Scorer::new(truth, entry.mode != Mode::Slam);
+        let (mode, modality) = (entry.mode, entry.modality);
+        Ok(Self { state: RunnerState::Waiting(Some((entry, given))), mode, modality, scorer, last: None })
+    }
+
+    fn estimator(&self) -> Option<&Estimator> {
+        match &self.state {
+            RunnerState::Started(estimator, ..) => Some(estimator),
+            RunnerState::Waiting(_) => None,
+        }
+    }
+
+    fn started(self) -> Option<Estimator> {
+        match self.state {
+            RunnerState::Started(estimator, ..) => Some(*estimator),
+            RunnerState::Waiting(_) => None,
+        }
+    }
+
+    fn step(
+        &mut self,
+        sensed: &Sensed,
+        input: &Input,
+        side: Side,
+        scans: &mut Vec<Shared<'a>>,
+        listener: &mut dyn FnMut(Progress<'_>),
+    ) -> Result<Option<FrameResult>> {
+        const UNKNOWN: &str =
+            "the true pose at the first frame is unknown: use --mode slam, or --init search with --mode pose";
+        let truth = sensed.truth;
+        if let RunnerState::Waiting(waiting) = &mut self.state
+            && let Some((Entry { config, init, seed, map, .. }, given)) = waiting.take()
+        {
+            let estimator = match (given, map) {
+                (Some(given), _) => {
+                    let start = match init {
+                        Init::Search => None,
+                        init => init.start(truth.context(UNKNOWN)?, seed),
+                    };
+                    Estimator::with_shape(config, side, seed, given, start)?
+                }
+                (None, Some(map)) => Estimator::resume(config, side, seed, map)?,
+                (None, None) => Estimator::new(config, side, seed)?,
+            };
+            self.state = RunnerState::Started(Box::new(estimator), &config.scan, seed);
+        }
+        let RunnerState::Started(estimator, scan_config, seed) = &mut self.state else { return Ok(None) };
+        let given_pose = match self.mode {
+            Mode::Map => {
+                let Some(truth) = truth else {
+                    let text = format!("frame {} has no true pose and is left out", sensed.frame);
+                    listener(Progress::Warning(&text));
+                    return Ok(None);
+                };
+                Some(Isometry::<Model, _>::new(truth.untyped()))
+            }
+            Mode::Slam | Mode::Pose => None,
+        };
+        let begun = Instant::now();
+        let key = (*scan_config, *seed, estimator.frames(), self.modality);
+        let scan = match scans.iter().find(|(other, _)| *other == key) {
+            Some((_, scan)) => Arc::clone(scan),
+            None => {
+                let scan = estimator.scan(&input.measured(&sensed.percept, self.modality));
+                scans.push((key, Arc::clone(&scan)));
+                scan
+            }
+        };
+        let drawn = begun.elapsed();
+        let mut estimate = estimator.step(&scan, given_pose);
+        estimate.spent.track += drawn;
+        let row = self.scorer.row(sensed.frame, &estimate, truth, sensed.sense_ms);
+        Ok(Some(FrameResult { row, estimate, scan }))
+    }
 }
 
 fn tell_changes(

@@ -10,11 +10,13 @@ use anyhow::Result;
 use mvt_frames::{Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_metrics::{AddS, TrueSurface};
-use mvt_objects::object::Object as TrueObject;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::io::write_file;
+use crate::pipeline::{Mode, Truth};
+use crate::source::Modality;
+pub use mvt_slam::TrackState;
 
 mod curves;
 pub mod error_colour;
@@ -51,10 +53,10 @@ pub struct RunRecord {
     pub object: String,
     /// Seed of the episode, of its noise and of the estimate.
     pub seed: u64,
-    /// `slam`, `pose` or `map`.
-    pub mode: String,
-    /// `vitac`, `vi` or `tac`.
-    pub modality: String,
+    /// What is estimated.
+    pub mode: Mode,
+    /// Which sensors are used.
+    pub modality: Modality,
     /// Every frame, in order of time.
     pub frames: Vec<FrameRow>,
     /// The shape's score as it grew, in order of time.
@@ -78,7 +80,7 @@ pub struct FrameRow {
     pub frame: u64,
     /// Seconds since the start of the episode or log.
     pub time_s: f64,
-    /// Whether the pose is believed.
+    /// Whether the tracker trusts the pose; lost before the object was seen.
     pub state: TrackState,
     /// The tracker's confidence, 0 to 1.
     pub confidence: f64,
@@ -91,17 +93,6 @@ pub struct FrameRow {
     pub add_s: Option<AddS>,
     /// Wall time of the frame by stage.
     pub stage_ms: StageMs,
-}
-
-/// Whether the tracker believes its pose.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TrackState {
-    /// It does.
-    Tracking,
-    /// It does not, and looks for the object.
-    Lost,
-    /// It has found the object again at this frame.
-    Relocalised,
 }
 
 /// Wall time by stage, milliseconds.
@@ -175,17 +166,17 @@ pub fn write_partial(folder: &Path, run: &RunRecord) -> Result<Summary> {
 ///
 /// # Errors
 /// If a file cannot be written; the message names it.
-pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&TrueObject>) -> Result<Summary> {
+pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&Truth>) -> Result<Summary> {
     let truth = truth.zip(run.object_from_estimate());
-    let shape = truth.map(|(truth, motion)| ShapeScores::new(estimate, &truth.mesh, motion)).unwrap_or_default();
+    let shape = truth.map(|(truth, motion)| ShapeScores::new(estimate, truth, motion)).unwrap_or_default();
     let summary = Summary::new(run, shape);
     write_tables(folder, run, &summary)?;
     write_file(folder, file::OBJ, mesh_file::obj(estimate).as_bytes())?;
     write_file(folder, file::CURVES, curves::curves(run)?.as_bytes())?;
-    let errors_m = truth.map(|(truth, motion)| turntable::vertex_errors_m(estimate, motion, truth));
+    let errors_m = truth.map(|(truth, motion)| turntable::vertex_errors_m(estimate, motion, truth.object()));
     write_file(folder, file::PLY, &mesh_file::ply(estimate, errors_m.as_deref()))?;
     if let Some(((truth, object_from_estimate), errors_m)) = truth.zip(errors_m.as_deref()) {
-        let turntable = turntable::Turntable { estimate, errors_m, object_from_estimate, truth: &truth.mesh };
+        let turntable = turntable::Turntable { estimate, errors_m, object_from_estimate, truth: truth.mesh() };
         write_file(folder, file::TURNTABLE, &turntable.gif()?)?;
     }
     Ok(summary)

@@ -9,11 +9,13 @@ use image::RgbImage;
 use mvt_frames::{Isometry, Object, World};
 use mvt_gaits::directive::Directive;
 use mvt_robot::hand::PerFinger;
-use mvt_robot::observation::DepthFrame;
+use mvt_robot::observation::Percept;
 use ndarray::Array2;
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 pub use log::LogSource;
-pub use touch::{TouchArguments, TouchNetwork, true_touch};
+pub use touch::{TouchArguments, TouchNetwork, true_press};
 
 /// What the sensors measured at one instant.
 #[derive(Debug, Clone)]
@@ -21,14 +23,16 @@ pub struct Sensed {
     /// Number of the frame in the episode or log.
     pub frame: u64,
     /// The measurements: all that estimation receives.
-    pub depth: DepthFrame,
+    pub percept: Percept,
     /// Where the object is, for scores; none where nobody knows.
     pub truth: Option<Isometry<Object, World>>,
     /// What there was to be seen, for recordings.
     pub pictures: Pictures,
     /// Wall time of simulation and rendering, or of reading, and of perception, milliseconds.
     pub sense_ms: f64,
-    /// What was amiss for the first time, in sentences.
+    /// Share of the object that the hand hides from the first camera, where the source knows it and was asked for it.
+    pub hidden: Option<f64>,
+    /// Warnings that were not given before, in sentences.
     pub warnings: Vec<String>,
 }
 
@@ -67,9 +71,11 @@ pub trait Source: Send {
 }
 
 /// Which sensors are used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Modality {
     /// Cameras and touch
+    #[default]
     Vitac,
     /// Cameras alone
     Vi,
@@ -88,17 +94,6 @@ impl Modality {
         self != Self::Vi
     }
 
-    /// What is left of a frame.
-    pub fn of(self, mut depth: DepthFrame) -> DepthFrame {
-        if !self.has_vision() {
-            depth.cameras.fill(None);
-        }
-        if !self.has_touch() {
-            depth.touch = PerFinger::default();
-        }
-        depth
-    }
-
     /// Its name on the command line and in results.
     pub fn name(self) -> &'static str {
         match self {
@@ -106,5 +101,11 @@ impl Modality {
             Self::Vi => "vi",
             Self::Tac => "tac",
         }
+    }
+}
+
+impl fmt::Display for Modality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }

@@ -9,7 +9,8 @@ use mvt_robot::digit;
 use ndarray::Array2;
 
 use super::colours;
-use mvt_recording::{CameraImages, FingerImages, gel_depth_m};
+use mvt_recording::{CameraImages, FingerImages};
+use mvt_robot::digit::gel;
 
 /// Indentation that is drawn lightest, millimetres.
 const MOST_MM: f32 = 2.0;
@@ -85,7 +86,7 @@ fn of_levels(levels: &GrayImage) -> RgbImage {
 }
 
 fn of_indentation(depth_m: &Array2<f32>) -> RgbImage {
-    let gel = gel_depth_m();
+    let gel = gel::depth_m();
     let (rows, columns) = depth_m.dim();
     let is_digit = (rows, columns) == (digit::HEIGHT, digit::WIDTH);
     of(columns as u32, rows as u32, |x, y| {

@@ -9,16 +9,16 @@ const RECENT_S: f64 = 1.0;
 /// What is recorded: object, mode, sensors and seed.
 pub fn subject(recording: &Recording) -> String {
     let about = recording.about();
-    match about.mode.as_str() {
-        "log" => format!("{}, raw log", about.object),
-        mode => format!("{}, {mode} {}, seed {}", about.object, about.modality, about.seed),
+    match about.mode {
+        None => format!("{}, raw log", about.object),
+        Some(mode) => format!("{}, {mode} {}, seed {}", about.object, about.modality, about.seed),
     }
 }
 
 /// How the run is.
 pub fn whole(recording: &Recording) -> &'static str {
     match recording.status() {
-        _ if recording.about().mode == "log" => "a log: nothing is estimated",
+        _ if recording.about().mode.is_none() => "a log: nothing is estimated",
         Status::Running => "the run is going on",
         Status::Finished => "the run is finished",
         Status::Interrupted => "the run was interrupted; this is what it left",
@@ -37,7 +37,7 @@ pub fn happening(recording: &Recording, moment: usize) -> String {
     let row = &now.row;
     let mut sentence = match (now.estimate().is_some(), row.state) {
         (false, _) => "As recorded".to_owned(),
-        (true, TrackState::Lost) => {
+        (true, TrackState::Lost | TrackState::Waiting) => {
             let before = recording.moments().get(..moment).unwrap_or_default();
             match before.iter().rposition(|moment| moment.row.state != TrackState::Lost) {
                 Some(last) => {

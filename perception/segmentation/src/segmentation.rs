@@ -3,9 +3,8 @@
 use std::ops::Range;
 
 use glam::{DVec3, Vec3A};
-use image::GrayImage;
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::depth::{BACKGROUND, HAND, OBJECT, UNSURE};
+use mvt_frames::depth::Label;
 use mvt_frames::{Camera, Isometry, World};
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M};
@@ -21,7 +20,7 @@ pub struct SegmentationConfig {
     /// A point lower than this in the world is background, metres: the palm's outer side.
     pub lowest_m: f32,
     /// Pixels this near to an edge, along rows and columns, are unsure. A depth camera's edges fray, but pixels that are astray
-    /// seldom have no neighbour that is not: with 1, noise of the original's level leaves 6 of 100 000 object pixels wrong.
+    /// seldom have no neighbour that is not: with 1, noise of the original's label leaves 6 of 100 000 object pixels wrong.
     pub edge_px: usize,
     /// Depths that differ by more than this within `edge_px` are an edge, metres.
     pub jump_m: f32,
@@ -36,20 +35,20 @@ impl Default for SegmentationConfig {
 /// Edge of the square tiles of pixels that are compared with the hand together.
 const TILE: usize = 8;
 
-/// What each pixel of a depth image shows: [`BACKGROUND`], [`HAND`], [`OBJECT`] or, where the object's pixels meet others,
-/// [`UNSURE`]. Depth is metres along the optical axis; where it is not positive and finite, nothing was measured.
+/// Labels the pixels of a depth image; where the object's pixels meet others they are [`Label::Unsure`]. Depth is metres along the
+/// optical axis; where it is not positive and finite, nothing was measured.
 pub fn segment(
     depth_m: &Array2<f32>,
     intrinsics: &Intrinsics,
     world_from_camera: Isometry<Camera, World>,
     hand: &HandSolid,
     config: &SegmentationConfig,
-) -> GrayImage {
+) -> Array2<Label> {
     let (height, width) = depth_m.dim();
     let rays = Rays::new(intrinsics, world_from_camera);
     let [x, y, z] = PALM_CENTRE_M;
     let grasp = DVec3::new(x, y, z + GRASP_HEIGHT_M).as_vec3a();
-    let mut levels = Array2::from_elem((height, width), BACKGROUND);
+    let mut labels = Array2::from_elem((height, width), Label::Background);
     // The depth of what may be object, infinite elsewhere.
     let mut object = Array2::from_elem((height, width), f32::INFINITY);
     let mut points = Vec::with_capacity(TILE * TILE);
@@ -69,15 +68,14 @@ pub fn segment(
         let hand = near(hand, &points, config.margin_m);
         for &(pixel, depth, p) in &points {
             if hand.is_within(p.into(), config.margin_m) {
-                levels[pixel] = HAND;
+                labels[pixel] = Label::Hand;
             } else if p.distance_squared(grasp) < config.reach_m * config.reach_m && p.z > config.lowest_m {
-                (levels[pixel], object[pixel]) = (OBJECT, depth);
+                (labels[pixel], object[pixel]) = (Label::Object, depth);
             }
         }
     }
-    mark_edges(&mut levels, &object, config);
-    // The buffer has the image's size.
-    GrayImage::from_raw(width as u32, height as u32, levels.into_iter().collect()).unwrap_or_default()
+    mark_edges(&mut labels, &object, config);
+    labels
 }
 
 /// Where the pixels of a camera look, in the world.
@@ -115,7 +113,7 @@ fn near(hand: &HandSolid, points: &[([usize; 2], f32, Vec3A)], margin_m: f32) ->
 
 /// Makes pixels unsure where the object meets another class or its own depth jumps. Such an edge has too great a range of depths
 /// in a window, other classes counting as infinitely far.
-fn mark_edges(levels: &mut Array2<u8>, object: &Array2<f32>, config: &SegmentationConfig) {
+fn mark_edges(labels: &mut Array2<Label>, object: &Array2<f32>, config: &SegmentationConfig) {
     let reach = config.edge_px;
     let Some([rows, columns]) = bounds(object, reach) else { return };
     let object = object.slice(s![rows.clone(), columns.clone()]);
@@ -123,10 +121,10 @@ fn mark_edges(levels: &mut Array2<u8>, object: &Array2<f32>, config: &Segmentati
         windowed(&object, reach, |a, b| if a < b { a } else { b }),
         windowed(&object, reach, |a, b| if a > b { a } else { b }),
     );
-    Zip::from(levels.slice_mut(s![rows, columns])).and(&nearest).and(&farthest).for_each(|level, near, far| {
+    Zip::from(labels.slice_mut(s![rows, columns])).and(&nearest).and(&farthest).for_each(|label, near, far| {
         // Without an object in the window the difference is no number.
-        if *level != HAND && far - near > config.jump_m {
-            *level = UNSURE;
+        if *label != Label::Hand && far - near > config.jump_m {
+            *label = Label::Unsure;
         }
     });
 }
@@ -170,19 +168,19 @@ mod tests {
     const JOINTS: JointAngles = [0.0, 0.5, 0.6, 0.5, 0.0, 0.5, 0.6, 0.5, 0.0, 0.5, 0.6, 0.5, 1.2, 0.3, 0.4, 0.4];
 
     /// Depth of a ball and the hand's solid from the side camera, by marching along every ray: independent of any renderer.
-    fn scene(ball: Vec3A, radius: f32) -> (Array2<f32>, Array2<u8>, PosedCamera) {
+    fn scene(ball: Vec3A, radius: f32) -> (Array2<f32>, Array2<Label>, PosedCamera) {
         let mut camera = PLACEMENTS[3].camera(Side::Right);
         camera.intrinsics = Intrinsics::from_fov_y(320, 240, 45f64.to_radians());
         let hand = HandSolid::new(Side::Right, &JOINTS);
         let rays = Rays::new(&camera.intrinsics, camera.pose);
-        let mut truth = Array2::from_elem((240, 320), BACKGROUND);
+        let mut truth = Array2::from_elem((240, 320), Label::Background);
         let depth = Array2::from_shape_fn((240, 320), |(v, u)| {
             let mut depth = 0.1;
             for _ in 0..200 {
                 let p = rays.point(u, v, depth);
                 let (to_ball, to_hand) = (p.distance(ball) - radius, hand.distance(p.into()));
                 if to_ball.min(to_hand) < 2e-5 {
-                    truth[[v, u]] = if to_ball < to_hand { OBJECT } else { HAND };
+                    truth[[v, u]] = if to_ball < to_hand { Label::Object } else { Label::Hand };
                     return depth;
                 }
                 depth += to_ball.min(to_hand) / rays.point(u, v, 1.0).distance(rays.eye);
@@ -195,8 +193,8 @@ mod tests {
         (depth, truth, camera)
     }
 
-    fn shows(segmentation: &GrayImage, u: usize, v: usize) -> u8 {
-        segmentation.get_pixel(u as u32, v as u32).0[0]
+    fn shows(labels: &Array2<Label>, u: usize, v: usize) -> Label {
+        labels[[v, u]]
     }
 
     #[test]
@@ -205,18 +203,18 @@ mod tests {
         let hand = HandSolid::new(Side::Right, &JOINTS);
         let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
         let mut object = [0, 0];
-        for ((v, u), &true_level) in truth.indexed_iter() {
-            let level = shows(&found, u, v);
-            match true_level {
-                HAND => assert_eq!(level, HAND, "({u}, {v})"),
-                OBJECT => {
+        for ((v, u), &true_label) in truth.indexed_iter() {
+            let label = shows(&found, u, v);
+            match true_label {
+                Label::Hand => assert_eq!(label, Label::Hand, "({u}, {v})"),
+                Label::Object => {
                     object[0] += 1;
-                    object[1] += usize::from(level == OBJECT);
+                    object[1] += usize::from(label == Label::Object);
                 }
-                _ => assert!([BACKGROUND, UNSURE].contains(&level), "({u}, {v}): {level}"),
+                _ => assert!([Label::Background, Label::Unsure].contains(&label), "({u}, {v}): {label:?}"),
             }
-            if level == OBJECT {
-                assert_eq!(true_level, OBJECT);
+            if label == Label::Object {
+                assert_eq!(true_label, Label::Object);
             }
         }
         assert!(object[0] > 1000 && 10 * object[1] > 7 * object[0], "{object:?}");
@@ -234,14 +232,30 @@ mod tests {
         });
         let config = SegmentationConfig { edge_px: 3, ..SegmentationConfig::default() };
         let found = segment(&depth, &camera.intrinsics, camera.pose, &nothing, &config);
-        let row: Vec<u8> = (290..350).map(|u| shows(&found, u, 220)).collect();
-        let runs: Vec<(u8, usize)> = row.chunk_by(|a, b| a == b).map(|run| (run[0], run.len())).collect();
-        let expected =
-            [(BACKGROUND, 7), (UNSURE, 6), (OBJECT, 14), (UNSURE, 6), (OBJECT, 14), (UNSURE, 6), (BACKGROUND, 7)];
+        let row: Vec<Label> = (290..350).map(|u| shows(&found, u, 220)).collect();
+        let runs: Vec<(Label, usize)> = row.chunk_by(|a, b| a == b).map(|run| (run[0], run.len())).collect();
+        let expected = [
+            (Label::Background, 7),
+            (Label::Unsure, 6),
+            (Label::Object, 14),
+            (Label::Unsure, 6),
+            (Label::Object, 14),
+            (Label::Unsure, 6),
+            (Label::Background, 7),
+        ];
         assert_eq!(runs, expected);
         assert_eq!(
             [196, 197, 202, 203, 236, 237, 242, 243].map(|v| shows(&found, 310, v)),
-            [BACKGROUND, UNSURE, UNSURE, OBJECT, OBJECT, UNSURE, UNSURE, BACKGROUND]
+            [
+                Label::Background,
+                Label::Unsure,
+                Label::Unsure,
+                Label::Object,
+                Label::Object,
+                Label::Unsure,
+                Label::Unsure,
+                Label::Background
+            ]
         );
     }
 
@@ -254,13 +268,13 @@ mod tests {
             segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default())
         };
         for depth in [0.0, -0.3, f32::NAN, f32::INFINITY, 0.42, 1.0, 0.1] {
-            assert!(of(depth).pixels().all(|p| p.0[0] == BACKGROUND), "{depth}");
+            assert!(of(depth).iter().all(|&label| label == Label::Background), "{depth}");
         }
         // At the height of the palm's surface: the palm is the hand's, what lies beside it is not.
-        let level = of(0.35);
+        let label = of(0.35);
         let palm = camera.intrinsics.project(camera.pose.inverse() * Point::new(-0.0475, 0.0, 0.0111)).unwrap();
-        assert_eq!(shows(&level, palm.0 as usize, palm.1 as usize), HAND);
-        assert!(level.pixels().any(|p| p.0[0] == OBJECT));
+        assert_eq!(shows(&label, palm.0 as usize, palm.1 as usize), Label::Hand);
+        assert!(label.iter().any(|&label| label == Label::Object));
     }
 
     #[test]
@@ -278,7 +292,7 @@ mod tests {
         for (height, width) in [(0, 0), (1, 1), (3, 17), (9, 8)] {
             let depth = Array2::from_elem((height, width), 0.35);
             let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
-            assert_eq!(found.dimensions(), (width as u32, height as u32));
+            assert_eq!(found.dim(), (height, width));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! From touch images to depth and contact by a network: what an untouched sensor would give is taken off, contact is decided with a
 //! memory of the frame before, and images that no such sensor makes are told.
 
-use image::{GrayImage, RgbImage};
+use image::RgbImage;
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, PerFinger};
 use ndarray::{Array2, Zip};
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::engine::{Engine, Prediction};
 use crate::untouched::{Squares, differences, squares, take_off};
-use mvt_robot::observation::{Sensor, SensorError, TouchImages, check_size};
+use mvt_robot::observation::{Press, SensorError, SensorName, check_size};
 
 /// How predictions become depth and contact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -73,10 +73,10 @@ impl ContactConfig {
 }
 
 /// What a DIGIT feels.
-#[derive(Debug, Clone, Copy)]
-pub struct Felt<'a> {
-    /// Depth and contact; none if the image is not plausible.
-    pub images: Option<TouchImages<'a>>,
+#[derive(Debug, Clone, PartialEq)]
+pub struct Felt {
+    /// The press; `None` if the image is not plausible.
+    pub press: Option<Press>,
     /// From 0 to 1 how far the image is one that a DIGIT makes: how much of it is neither black nor saturated, how much colour
     /// varies over it, how far it is the untouched sensor's where nothing touches, and how far the network's two answers agree.
     pub plausibility: f32,
@@ -89,8 +89,6 @@ pub struct Felt<'a> {
 pub struct Feeler {
     engine: Engine,
     config: ContactConfig,
-    /// Depth of the empty gel, metres.
-    gel_m: Array2<f32>,
     fingers: PerFinger<State>,
 }
 
@@ -104,9 +102,7 @@ struct State {
     /// The image that the network sees.
     seen: RgbImage,
     prediction: Prediction,
-    depth_m: Array2<f32>,
-    contact: GrayImage,
-    sigma_m: f32,
+    press: Press,
 }
 
 impl State {
@@ -116,9 +112,11 @@ impl State {
             empty: None,
             seen: RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
             prediction: Prediction::default(),
-            depth_m: Array2::zeros((digit::HEIGHT, digit::WIDTH)),
-            contact: GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
-            sigma_m: 0.0,
+            press: Press {
+                indentation_mm: Array2::zeros((digit::HEIGHT, digit::WIDTH)),
+                contact: Array2::from_elem((digit::HEIGHT, digit::WIDTH), false),
+                sigma_mm: 0.0,
+            },
         }
     }
 
@@ -133,7 +131,7 @@ impl State {
             }
         };
         engine.infer(seen, &mut self.prediction).map_err(|error| SensorError::Size {
-            sensor: Sensor::Touch(finger),
+            sensor: SensorName::Touch(finger),
             image: "colour",
             expected: [digit::WIDTH, digit::HEIGHT],
             found: [error.width as usize, error.height as usize],
@@ -152,9 +150,7 @@ impl Feeler {
     /// Knows no untouched sensor yet: until [`Feeler::set_empty`], or an image without contact, nothing is taken off what the network
     /// finds; and until the former, nothing off what it sees.
     pub fn new(engine: Engine, config: ContactConfig) -> Self {
-        let gel = |(row, column): (usize, usize)| digit::gel::point(column as f64, row as f64).coords().x as f32;
-        let gel_m = Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), gel);
-        Self { engine, config, gel_m, fingers: PerFinger::from_fn(|_| State::new()) }
+        Self { engine, config, fingers: PerFinger::from_fn(|_| State::new()) }
     }
 
     /// The network.
@@ -179,8 +175,8 @@ impl Feeler {
     ///
     /// # Errors
     /// [`SensorError::Size`] if an image is neither empty nor 240 wide and 320 high.
-    pub fn feel(&mut self, images: &PerFinger<RgbImage>) -> Result<PerFinger<Option<Felt<'_>>>, SensorError> {
-        let Self { engine, config, gel_m, fingers } = self;
+    pub fn feel(&mut self, images: &PerFinger<RgbImage>) -> Result<PerFinger<Option<Felt>>, SensorError> {
+        let Self { engine, config, fingers } = self;
         let outcomes: Vec<Option<Outcome>> = Finger::ALL
             .par_iter()
             .zip(images.0.par_iter())
@@ -190,29 +186,27 @@ impl Feeler {
                     return Ok(None);
                 }
                 check(finger, image)?;
-                feel(engine, config, gel_m, finger, image, state).map(Some)
+                feel(engine, config, finger, image, state).map(Some)
             })
             .collect::<Result<_, _>>()?;
         let fingers = &*fingers;
         Ok(PerFinger::from_fn(|finger| {
             let Outcome { plausibility, asked } = outcomes.get(finger as usize).copied().flatten()?;
-            let State { depth_m, contact, sigma_m, .. } = &fingers[finger];
-            let images = TouchImages { depth_m, contact, sigma_m: *sigma_m };
-            Some(Felt { images: (plausibility >= config.least_plausibility).then_some(images), plausibility, asked })
+            let is_plausible = plausibility >= config.least_plausibility;
+            Some(Felt { press: is_plausible.then(|| fingers[finger].press.clone()), plausibility, asked })
         }))
     }
 }
 
 fn check(finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
     let found = [image.width() as usize, image.height() as usize];
-    check_size(|| Sensor::Touch(finger), "colour", [digit::WIDTH, digit::HEIGHT], found)
+    check_size(|| SensorName::Touch(finger), "colour", [digit::WIDTH, digit::HEIGHT], found)
 }
 
 /// Depth and contact of one sensor, into `state`.
 fn feel(
     engine: &Engine,
     config: &ContactConfig,
-    gel_m: &Array2<f32>,
     finger: Finger,
     image: &RgbImage,
     state: &mut State,
@@ -223,9 +217,9 @@ fn feel(
     if let Some((greatest, quartile)) = known {
         plausibility = plausibility.min(1.0 - ramp(quartile, 8.0, 32.0));
         if greatest < config.untouched_grey {
-            state.depth_m.assign(gel_m);
-            state.contact.fill(0);
-            state.sigma_m = 1e-3 * config.sigma_mm;
+            state.press.indentation_mm.fill(0.0);
+            state.press.contact.fill(false);
+            state.press.sigma_mm = config.sigma_mm;
             return Ok(Outcome { plausibility, asked: false });
         }
     }
@@ -234,29 +228,29 @@ fn feel(
     }
     state.infer(engine, finger, image)?;
     let raw = &state.prediction.indentation_mm;
-    // Millimetres over what the network finds on the untouched sensor, kept where the depth will be.
+    let Press { indentation_mm, contact, sigma_mm } = &mut state.press;
+    // What the network finds on the untouched sensor is an error of the network, and is subtracted.
     match &state.empty {
         Some((_, empty)) => {
-            Zip::from(&mut state.depth_m).and(raw).and(empty).for_each(|to, a, b| *to = (a - b).max(0.0));
+            Zip::from(&mut *indentation_mm).and(raw).and(empty).for_each(|to, a, b| *to = (a - b).max(0.0));
         }
-        None => state.depth_m.assign(raw),
+        None => indentation_mm.assign(raw),
     }
-    let summary = decide(config, &state.prediction.contact_logit, &state.depth_m, &mut state.contact);
+    let summary = decide(config, &state.prediction.contact_logit, indentation_mm, contact);
     plausibility = plausibility.min(summary.agreement);
     let has_contact = summary.area >= config.least_area;
     if !has_contact {
-        state.contact.fill(0);
+        contact.fill(false);
         if plausibility >= config.least_plausibility {
             state.empty = Some((squares, raw.clone()));
         }
     }
-    state.sigma_m = 1e-3 * config.sigma_mm.max(summary.residual_mm);
-    Zip::from(&mut state.depth_m).and(gel_m).for_each(|depth, gel| *depth = gel - 1e-3 * *depth);
+    *sigma_mm = config.sigma_mm.max(summary.residual_mm);
     Ok(Outcome { plausibility, asked: true })
 }
 
 /// What a decision over all pixels has come to.
-struct Summary {
+struct Decision {
     /// Share of the image that touches.
     area: f32,
     /// Root mean square of the indentation where nothing touches, millimetres.
@@ -277,28 +271,27 @@ fn decide(
     config: &ContactConfig,
     logits: &Array2<f32>,
     indentation_mm: &Array2<f32>,
-    contact: &mut GrayImage,
-) -> Summary {
+    contact: &mut Array2<bool>,
+) -> Decision {
     let logit = |p: f32| (p / (1.0 - p)).ln();
     let [enter, stay] =
         [1.0, config.hysteresis].map(|share| (share * config.threshold_mm, logit(share * config.probability)));
     let [deep_mm, flat_mm] = [DEEP, FLAT].map(|times| times * config.threshold_mm);
     let [sure, sure_not] = [SURE, 1.0 - SURE].map(logit);
     let (mut touching, mut clear, mut contradicted, mut squares) = (0, 0, 0, 0.0);
-    for ((level, &score), &mm) in contact.iter_mut().zip(logits).zip(indentation_mm) {
-        let (threshold_mm, least) = if *level == 255 { stay } else { enter };
+    for ((touches, &score), &mm) in contact.iter_mut().zip(logits).zip(indentation_mm) {
+        let (threshold_mm, least) = if *touches { stay } else { enter };
         let (indented, probable) = (mm > threshold_mm, score > least);
-        let touches = indented && probable;
-        *level = if touches { 255 } else { 0 };
-        touching += usize::from(touches);
+        *touches = indented && probable;
+        touching += usize::from(*touches);
         clear += usize::from(mm > deep_mm || score > sure);
         contradicted += usize::from((mm > deep_mm && score < sure_not) || (mm < flat_mm && score > sure));
-        if !touches {
+        if !*touches {
             squares += mm * mm;
         }
     }
     let count = logits.len();
-    Summary {
+    Decision {
         area: touching as f32 / count as f32,
         residual_mm: (squares / (count - touching).max(1) as f32).sqrt(),
         // Of a few pixels nothing is concluded.

@@ -1,10 +1,23 @@
-//! Metric depth: what perception makes of an [`Observation`](mvt_robot::observation::Observation) and the tracker receives.
+//! Depth images with what their pixels show: the input of tracking and mapping.
 
-use image::GrayImage;
 use ndarray::Array2;
 
 use crate::camera::Intrinsics;
-use crate::{Camera, Isometry, World};
+use crate::{Camera, Isometry, Pad, World};
+
+/// What a pixel of a camera shows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum Label {
+    /// Neither hand nor object, or nothing was measured.
+    #[default]
+    Background,
+    /// The hand, or anything else that moves in front of the object.
+    Hand,
+    /// The object.
+    Object,
+    /// Perhaps the object: neither its surface nor free space can be read from the pixel. Only a measured segmentation has it.
+    Unsure,
+}
 
 /// Depth of one camera with what each pixel shows. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
@@ -15,20 +28,23 @@ pub struct CameraDepth {
     pub world_from_camera: Isometry<Camera, World>,
     /// Depth along the optical axis, metres, positive in front of the camera; 0 where nothing was measured.
     pub depth_m: Array2<f32>,
-    /// What every pixel shows: [`BACKGROUND`], [`HAND`],
-    /// [`OBJECT`] or [`UNSURE`]. Background is also what was not measured.
-    pub segmentation: GrayImage,
+    /// What every pixel shows; as large as `depth_m`.
+    pub labels: Array2<Label>,
 }
 
-/// Depth and contact of one DIGIT. Arrays are 320 rows by 240 columns, seen by the camera of [`mvt_robot::digit`].
+/// Depth and contact of one touch sensor, as its camera sees them from inside. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchDepth {
-    /// Pose of the DIGIT's camera.
+    /// Pinhole model of the camera in the sensor.
+    pub intrinsics: Intrinsics,
+    /// Pose of that camera.
     pub world_from_camera: Isometry<Camera, World>,
-    /// Depth along the DIGIT camera's axis to the nearer of gel and object, metres.
+    /// Pose of the pad that the object sticks to while it presses; any frame that is fixed to the sensor will do.
+    pub world_from_pad: Isometry<Pad, World>,
+    /// Depth along the camera's axis to the nearer of gel and object, metres.
     pub depth_m: Array2<f32>,
-    /// 255 where the object presses into the gel, else 0.
-    pub contact: GrayImage,
+    /// Where the object presses into the gel; as large as `depth_m`.
+    pub contact: Array2<bool>,
     /// Standard deviation of the depth where the object touches, metres.
     pub sigma_m: f32,
 }
@@ -39,6 +55,5 @@ pub const BACKGROUND: u8 = 0;
 pub const HAND: u8 = 127;
 /// Segmentation level of the object.
 pub const OBJECT: u8 = 255;
-/// Segmentation level of pixels that may show the object or not: neither its surface nor free space is to be read from them.
-/// Only a measured segmentation has it.
+/// Segmentation level of pixels that may show the object or not.
 pub const UNSURE: u8 = 64;

@@ -51,9 +51,15 @@ frames! {
     Camera
     /// The object: origin at the centre of its bounding box, z up as it stands on the palm.
     Object
-    /// The coordinates in which a shape is estimated. With a known shape they are the object's; otherwise the first frame of a run
-    /// fixes them, and only a score, which knows the truth, can say how they lie in [`Object`].
+    /// The estimated shape: the frame from which estimated poses lead and in which meshes are given. With a known shape it is
+    /// [`Object`]; otherwise the first frame of a run fixes it, and only a score, which knows the truth, can say how it lies in [`Object`].
     Model
+    /// The neural field and its keyframes. It moves against [`Model`] by fractions of a millimetre as the first keyframe is refined.
+    Field
+    /// A pad that touches, fixed to a fingertip.
+    Pad
+    /// A rigid body that the object cannot occupy, such as a link of a finger.
+    Obstacle
     /// The coordinates in which an object's mesh was published; differs from [`Object`] by a rigid motion.
     MeshFile
 }

@@ -17,7 +17,9 @@
 pub mod camera;
 pub mod depth;
 mod frame;
+mod occupied;
 pub mod se3;
 
 pub use frame::*;
+pub use occupied::Occupied;
 pub use {glam, image, nalgebra, ndarray};

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use image::{GrayImage, RgbImage};
-use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_frames::depth::CameraDepth;
 use ndarray::Array2;
 
 use crate::hand::{Finger, JointAngles, PerFinger};
@@ -49,7 +49,7 @@ pub struct GroundTruth {
     pub object_pose: Isometry<Object, World>,
     /// True depth and contact of each DIGIT.
     pub touch: PerFinger<TouchTruth>,
-    /// For each camera what every pixel shows: a level of [`mvt_frames::depth`].
+    /// What every pixel of each camera shows, as a level of [`mvt_frames::depth`].
     pub segmentation: Vec<GrayImage>,
 }
 
@@ -62,33 +62,44 @@ pub struct TouchTruth {
     pub contact: GrayImage,
 }
 
-/// What all sensors measured at one instant.
+/// How an object presses into the gel of a DIGIT. Arrays are 320 rows by 240 columns.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DepthFrame {
+pub struct Press {
+    /// How far the gel is pressed in, millimetres along the DIGIT camera's axis; 0 where it is not.
+    pub indentation_mm: Array2<f32>,
+    /// Where the object lies on the gel.
+    pub contact: Array2<bool>,
+    /// Standard deviation of the indentation in contact, millimetres.
+    pub sigma_mm: f32,
+}
+
+/// What perception makes of an [`Observation`]: the measurements of one instant in metres.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Percept {
     /// Seconds since the start of the episode.
     pub time_s: f64,
     /// Joint angles of the hand, which give its surface and the poses of the fingertips.
     pub joints: JointAngles,
     /// One depth image per camera; `None` from a camera that delivered nothing.
     pub cameras: Vec<Option<CameraDepth>>,
-    /// One touch per finger; `None` from a sensor that delivered nothing.
-    pub touch: PerFinger<Option<TouchDepth>>,
+    /// One press per finger, which may be without contact; `None` from a sensor that delivered nothing.
+    pub touch: PerFinger<Option<Press>>,
 }
 
 /// A sensor, for messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Sensor {
+pub enum SensorName {
     /// A camera by its name.
     Camera(String),
     /// The DIGIT of a finger.
     Touch(Finger),
 }
 
-impl fmt::Display for Sensor {
+impl fmt::Display for SensorName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Sensor::Camera(name) => write!(f, "camera {name}"),
-            Sensor::Touch(finger) => write!(f, "the DIGIT of the {} finger", finger.name()),
+            SensorName::Camera(name) => write!(f, "camera {name}"),
+            SensorName::Touch(finger) => write!(f, "the DIGIT of the {} finger", finger.name()),
         }
     }
 }
@@ -104,7 +115,7 @@ pub enum SensorError {
     )]
     Size {
         /// Whose image.
-        sensor: Sensor,
+        sensor: SensorName,
         /// Which image.
         image: &'static str,
         /// Width and height expected, pixels.
@@ -130,22 +141,10 @@ pub enum SensorError {
 /// # Errors
 /// [`SensorError::Size`] if they differ.
 pub fn check_size(
-    sensor: impl Fn() -> Sensor,
+    sensor: impl Fn() -> SensorName,
     image: &'static str,
     expected: [usize; 2],
     found: [usize; 2],
 ) -> Result<(), SensorError> {
     if expected == found { Ok(()) } else { Err(SensorError::Size { sensor: sensor(), image, expected, found }) }
-}
-
-/// Depth (metres along the DIGIT camera's axis, 320 rows by 240 columns) and contact (255 where the object presses into the gel,
-/// else 0) of one DIGIT.
-#[derive(Debug, Clone, Copy)]
-pub struct TouchImages<'a> {
-    /// Depth image.
-    pub depth_m: &'a Array2<f32>,
-    /// Contact mask.
-    pub contact: &'a GrayImage,
-    /// Standard deviation of the depth where the object touches, metres.
-    pub sigma_m: f32,
 }

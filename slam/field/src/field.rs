@@ -1,7 +1,7 @@
 //! The neural signed-distance field: a multi-resolution grid of features and a small network, in a cube around the model's origin.
 //!
-//! [`Field`] holds the parameters and answers queries as a [`Shape`]; a clone of it is a snapshot of some 2 MB that can be meshed
-//! elsewhere. [`Trainer`] holds a field and what its optimiser remembers. Everything runs on the calling thread with the
+//! [`NeuralField`] holds the parameters and answers queries as a [`Shape`]; a clone of it is a snapshot of some 2 MB that can be meshed
+//! elsewhere. [`FieldTrainer`] holds a field and what its optimiser remembers. Everything runs on the calling thread with the
 //! fastest [`Instructions`] of the machine, and gives the same bits for the same input on the same instructions.
 
 use std::path::Path;
@@ -24,7 +24,7 @@ mod train;
 pub use config::Config;
 pub use grid::FEATURES;
 pub use instructions::Instructions;
-pub use train::{Sample, Trainer};
+pub use train::{FieldTrainer, Sample};
 
 use grid::{CHUNK, Cells, Level, Row, Slopes};
 use network::{Activations, Layout, Network};
@@ -55,7 +55,7 @@ pub enum FieldError {
 /// they are outside. On the face between two cells the gradient is that of the upper cell; a coordinate that is NaN
 /// counts as the lower end of its axis.
 #[derive(Debug, Clone)]
-pub struct Field {
+pub struct NeuralField {
     config: Config,
     instructions: Instructions,
     levels: Vec<Level>,
@@ -76,7 +76,7 @@ impl Parameters {
     }
 }
 
-impl Field {
+impl NeuralField {
     /// An untrained field, near [`Config::initial_distance`] everywhere.
     ///
     /// # Errors
@@ -108,7 +108,7 @@ impl Field {
         &self.config
     }
 
-    /// Memory of its parameters, bytes. A [`Trainer`] takes four times as much.
+    /// Memory of its parameters, bytes. A [`FieldTrainer`] takes four times as much.
     pub fn size_bytes(&self) -> usize {
         size_of_val(self.parameters.table.as_slice()) + size_of_val(self.parameters.network.as_slice())
     }
@@ -129,7 +129,7 @@ impl Field {
         Ok(file::save(path, self, &[("", &self.parameters)], None)?)
     }
 
-    /// Reads a field that [`Field::save`] or [`Trainer::save`] wrote.
+    /// Reads a field that [`NeuralField::save`] or [`FieldTrainer::save`] wrote.
     ///
     /// # Errors
     /// If the file cannot be read or is not what they write; the error names the tensor that is missing, misshapen or not finite.
@@ -138,7 +138,7 @@ impl Field {
     }
 }
 
-impl Shape for Field {
+impl Shape for NeuralField {
     fn distances(&self, points: &[Vec3], out: &mut [f32]) {
         self.instructions.run(Query { field: self, points, out: Answers::Values(out) });
     }
@@ -157,7 +157,7 @@ struct Chunk {
 }
 
 impl Chunk {
-    fn new(field: &Field) -> Self {
+    fn new(field: &NeuralField) -> Self {
         Self {
             points: [[0.0; CHUNK]; 3],
             cells: vec![Cells::default(); field.levels.len()],
@@ -175,7 +175,7 @@ impl Chunk {
 
     /// The field at the points.
     #[inline(always)]
-    fn forward<S: Simd>(&mut self, simd: S, field: &Field, network: &Network<'_>) {
+    fn forward<S: Simd>(&mut self, simd: S, field: &NeuralField, network: &Network<'_>) {
         for (k, (level, cells)) in field.levels.iter().zip(&mut self.cells).enumerate() {
             level.locate(&self.points, cells);
             grid::encode(
@@ -192,7 +192,7 @@ impl Chunk {
     fn forward_with_slopes<S: Simd>(
         &mut self,
         simd: S,
-        field: &Field,
+        field: &NeuralField,
         network: &Network<'_>,
         slopes: &mut [[Slopes; CHUNK]],
     ) {
@@ -213,7 +213,7 @@ enum Answers<'a> {
 
 /// Evaluates the field at points.
 struct Query<'a> {
-    field: &'a Field,
+    field: &'a NeuralField,
     points: &'a [Vec3],
     out: Answers<'a>,
 }
@@ -262,7 +262,7 @@ impl WithSimd for Query<'_> {
 
 /// The chain rule from the features to the position: gradients of the output, per metre.
 #[inline(always)]
-fn spatial(field: &Field, chunk: &Chunk, slopes: &[[Slopes; CHUNK]]) -> [Vec3; CHUNK] {
+fn spatial(field: &NeuralField, chunk: &Chunk, slopes: &[[Slopes; CHUNK]]) -> [Vec3; CHUNK] {
     let mut gradients = [Vec3::ZERO; CHUNK];
     for (k, (level, slopes)) in field.levels.iter().zip(slopes).enumerate() {
         let rows = &chunk.activations.input_gradient[k * FEATURES..(k + 1) * FEATURES];

@@ -139,6 +139,11 @@ impl Contents {
         self.header.get(key).map(String::as_str).ok_or_else(missing)
     }
 
+    /// Whether the file holds a tensor of this name.
+    pub fn has(&self, name: &str) -> bool {
+        SafeTensors::deserialize(&self.bytes).is_ok_and(|file| file.tensor(name).is_ok())
+    }
+
     /// The error of a damaged file.
     pub fn damaged(&self, message: String) -> FileError {
         FileError::Damaged { path: self.path.clone(), message }

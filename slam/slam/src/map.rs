@@ -9,19 +9,20 @@ mod sampling;
 use std::sync::Arc;
 
 use glam::Vec3;
-use mvt_frames::{Isometry, Model, World};
-use mvt_robot::hand::Side;
-use mvt_robot::hand::solid::{HandSamples, Occupied};
+use mvt_field::surface::outer_surface;
+use mvt_frames::{Field, Isometry, Model, Occupied, World};
+use mvt_mesh::Mesh;
 use nalgebra as na;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::graph::Edge;
+use crate::obstacles::Obstacles;
 use crate::scan::Scan;
 use crate::space::{Space, Unseen};
 use crate::tracker::Reference;
 pub use keyframe::Keyframe;
-use mvt_field::field::{self, Field, FieldError, Sample, Trainer};
+use mvt_field::field::{self, FieldError, FieldTrainer, NeuralField, Sample};
 use mvt_field::shape::{Distance, Shape};
 
 /// How the field is taught.
@@ -109,17 +110,17 @@ impl Default for Config {
 /// The growing shape.
 pub struct Map {
     config: Config,
-    trainer: Trainer,
+    trainer: FieldTrainer,
     space: Space,
     keyframes: Vec<Keyframe>,
     /// Motions between keyframes as loops measured them.
     loops: Vec<Edge>,
     /// Cells that are taken for the inside.
     inside: Vec<Unseen>,
-    hand: HandSamples,
+    obstacles: Obstacles,
     samples: Vec<Sample>,
     /// The pose of the first keyframe as it came.
-    first_pose: Option<na::Isometry3<f64>>,
+    first_pose: Option<Isometry<Model, World>>,
     /// Whose turn it is to be refined.
     next_refined: usize,
 }
@@ -133,22 +134,17 @@ pub struct Learnt {
     pub correction: Option<na::Isometry3<f64>>,
 }
 
-/// Spacing of the points that stand for the volume of the hand, metres: that of the cells they fall into.
-const HAND_SPACING_M: f64 = 0.0025;
-/// Which of these random places are used does not matter.
-const HAND_SEED: u64 = 7;
-
 impl Map {
     /// A map of nothing.
     ///
     /// # Errors
     /// [`FieldError`] if the field's configuration is out of range.
-    pub fn new(config: Config, field: &field::Config, side: Side, seed: u64) -> Result<Self, FieldError> {
-        Ok(Self::with(config, Trainer::new(Field::new(field, seed)?), side))
+    pub fn new(config: Config, field: &field::Config, obstacles: Obstacles, seed: u64) -> Result<Self, FieldError> {
+        Ok(Self::with(config, FieldTrainer::new(NeuralField::new(field, seed)?), obstacles))
     }
 
     /// A map of nothing with a field that may have learnt something.
-    fn with(config: Config, trainer: Trainer, side: Side) -> Self {
+    fn with(config: Config, trainer: FieldTrainer, obstacles: Obstacles) -> Self {
         Self {
             config,
             space: Space::new(trainer.field().config().half_extent_m),
@@ -156,7 +152,7 @@ impl Map {
             keyframes: Vec::new(),
             loops: Vec::new(),
             inside: Vec::new(),
-            hand: HandSamples::new(side, HAND_SPACING_M, HAND_SEED),
+            obstacles,
             samples: Vec::new(),
             first_pose: None,
             next_refined: 0,
@@ -164,13 +160,23 @@ impl Map {
     }
 
     /// The field as learnt so far.
-    pub fn field(&self) -> &Field {
+    pub fn field(&self) -> &NeuralField {
         self.trainer.field()
     }
 
     /// What is known of space.
     pub fn space(&self) -> &Space {
         &self.space
+    }
+
+    /// The surface in the model's frame, with cells of `cell_m` metres.
+    pub fn mesh(&self, cell_m: f32) -> Mesh {
+        let mut mesh = outer_surface(self.field(), self.half_extent_m(), cell_m);
+        let (rotation, translation) = self.field_from_model().inverse().to_f32();
+        for vertex in &mut mesh.vertices {
+            *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);
+        }
+        mesh
     }
 
     /// The keyframes, oldest first.
@@ -180,24 +186,25 @@ impl Map {
 
     /// From the frame that the first pose fixed to the frame of the field. They part as the first keyframe is refined: what the
     /// whole run tells of its pose is better than what was known at first.
-    pub fn field_from_model(&self) -> na::Isometry3<f64> {
-        match (self.keyframes.first(), &self.first_pose) {
+    pub fn field_from_model(&self) -> Isometry<Model, Field> {
+        match (self.keyframes.first(), self.first_pose) {
             (Some(first), Some(pose)) => first.pose().inverse() * pose,
-            _ => na::Isometry3::identity(),
+            _ => Isometry::identity(),
         }
     }
 
-    /// Points inside the hand in the world, as it stands in a scan.
+    /// Points inside the obstacles in the world, as they stand in a scan.
     pub fn occupied(&self, scan: &Scan) -> impl Iterator<Item = Occupied> {
-        self.hand.posed(&scan.joints)
+        self.obstacles.posed(&scan.obstacles)
     }
 
     /// Learns from a frame at its estimated pose.
-    pub fn learn(&mut self, scan: &Arc<Scan>, pose: Isometry<Model, World>, rng: &mut ChaCha8Rng) -> Learnt {
+    pub fn learn(&mut self, scan: &Arc<Scan>, pose: Isometry<Field, World>, rng: &mut ChaCha8Rng) -> Learnt {
         let first = self.keyframes.is_empty();
-        let promoted = self.is_new(scan, &pose.untyped());
-        let mut current = Keyframe::new(Arc::clone(scan), pose.untyped(), self.occupied(scan), self.half_extent_m());
-        self.first_pose.get_or_insert(pose.untyped());
+        let promoted = self.is_new(scan, pose);
+        let mut current = Keyframe::new(Arc::clone(scan), pose, self.occupied(scan), self.half_extent_m());
+        // At the first frame the field and the model are one.
+        self.first_pose.get_or_insert(Isometry::new(pose.untyped()));
         if promoted {
             self.take_in(&current);
         }
@@ -226,10 +233,11 @@ impl Map {
         self.field().config().half_extent_m
     }
 
-    fn is_new(&self, scan: &Scan, pose: &na::Isometry3<f64>) -> bool {
+    fn is_new(&self, scan: &Scan, pose: Isometry<Field, World>) -> bool {
         let Some(last) = self.keyframes.last() else { return true };
-        let moved = last.pose().inverse() * pose;
-        let distance = (last.pose().translation.vector - pose.translation.vector).norm();
+        let (last_pose, pose) = (last.pose().untyped(), pose.untyped());
+        let moved = last_pose.inverse() * pose;
+        let distance = (last_pose.translation.vector - pose.translation.vector).norm();
         moved.rotation.angle().to_degrees() > self.config.keyframe_turn_deg
             || distance > self.config.keyframe_distance_m
             || scan.time_s - last.scan().time_s > self.config.keyframe_interval_s
@@ -242,7 +250,7 @@ impl Map {
 
     fn add_to_space(&mut self, keyframe: &Keyframe) {
         for view in &keyframe.scan().views {
-            self.space.add(view, |p| keyframe.to_model(p));
+            self.space.add(view, |p| keyframe.to_field(p));
         }
         self.space.add_occupied(keyframe.occupied().iter().copied());
     }

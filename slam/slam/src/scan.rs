@@ -6,11 +6,8 @@ pub(crate) use lens::Lens;
 pub use lens::Lookup;
 
 use glam::Vec3;
-use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
-use mvt_frames::depth::{CameraDepth, TouchDepth};
-use mvt_robot::digit;
-use mvt_robot::hand::{Finger, JointAngles};
-use mvt_robot::observation::DepthFrame;
+use mvt_frames::depth::{CameraDepth, Label, TouchDepth};
+use mvt_frames::{Isometry, Obstacle, Pad, World};
 use ndarray::Array2;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
@@ -38,8 +35,8 @@ pub struct Config {
     pub camera_jitter_px: f32,
     /// Columns and rows by which a camera's depth is displaced on average, pixels. Redwood's model reads even pixels only.
     pub camera_shift_px: [f32; 2],
-    /// Part of the rays without a return that count as free. A pixel without a return is taken for background only where all
-    /// pixels around it have none either.
+    /// Whether rays without a return count as free. A pixel without a return is background only where all pixels around it have none
+    /// either.
     pub far_is_free: bool,
 }
 
@@ -59,13 +56,26 @@ impl Default for Config {
     }
 }
 
-/// What measured a ray.
+/// The measurements of one instant, borrowed from whoever made them.
+#[derive(Debug, Clone, Copy)]
+pub struct Measurement<'a> {
+    /// Seconds since the start.
+    pub time_s: f64,
+    /// One depth image per camera, in the same order at every instant; `None` from a camera that delivered nothing.
+    pub cameras: &'a [Option<CameraDepth>],
+    /// One depth image per touch sensor, in the same order at every instant; `None` from a sensor that delivered nothing.
+    pub touch: &'a [Option<TouchDepth>],
+    /// Poses of the [`Obstacles`](crate::Obstacles), in their order.
+    pub obstacles: &'a [Isometry<Obstacle, World>],
+}
+
+/// Which sensor measured a ray, by its index among those of its kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sensor {
-    /// Camera by its index.
+    /// A camera.
     Camera(usize),
-    /// DIGIT of a finger.
-    Touch(Finger),
+    /// A touch sensor.
+    Touch(usize),
 }
 
 /// A ray that hit the object. World frame.
@@ -95,25 +105,77 @@ pub struct Miss {
 /// The rays of one sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The sensor.
-    pub sensor: Sensor,
-    /// Where it is, world frame, metres.
+    /// Where the sensor is, world frame, metres.
     pub origin: Vec3,
     /// Rays that hit the object, in random order: any leading part is a fair sample.
     pub hits: Vec<Hit>,
-    /// Rays that hit it at its outline, before the background, in random order. Displaced pixels make their surface uncertain,
-    /// but nothing else tells how far a face that is seen from the front reaches.
-    pub outline: Vec<Hit>,
     /// Rays that passed it, in random order, first those close to its outline.
     pub misses: Vec<Miss>,
-    /// Finds hits by where they are seen; only cameras have it, as they stand still.
-    pub lookup: Option<Lookup>,
-    /// Pixels of a touch image where the object presses, of which the hits are a sample; 0 for a camera and for what is read from a file:
-    /// only the tracker's newest frames need it.
+    /// What only cameras or only touch sensors have.
+    pub detail: Detail,
+}
+
+/// What only cameras or only touch sensors have.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Detail {
+    /// A camera.
+    Camera {
+        /// Its index among the cameras.
+        index: usize,
+        /// Rays that hit the object at its outline, before the background, in random order. Displaced pixels make their surface
+        /// uncertain, but nothing else tells how far a face that is seen from the front reaches.
+        outline: Vec<Hit>,
+        /// Finds hits by where they are seen. `None` if the camera is invalid.
+        lookup: Option<Lookup>,
+    },
+    /// A touch sensor.
+    Touch {
+        /// Its index among the touch sensors.
+        index: usize,
+        /// What sticks to the object. `None` in a keyframe that was read from a file: only the tracker's newest frames need it.
+        pad: Option<PadState>,
+    },
+}
+
+/// A pad at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PadState {
+    /// Where the pad is.
+    pub world_from_pad: Isometry<Pad, World>,
+    /// Pixels of the touch image where the object presses, of which the hits are a sample.
     pub pressed_px: usize,
 }
 
 impl View {
+    /// Which sensor this is.
+    pub fn sensor(&self) -> Sensor {
+        match self.detail {
+            Detail::Camera { index, .. } => Sensor::Camera(index),
+            Detail::Touch { index, .. } => Sensor::Touch(index),
+        }
+    }
+
+    /// Whether the sensor is a camera.
+    pub fn is_camera(&self) -> bool {
+        matches!(self.detail, Detail::Camera { .. })
+    }
+
+    /// Rays that hit the object at its outline; none from a touch sensor.
+    pub fn outline(&self) -> &[Hit] {
+        match &self.detail {
+            Detail::Camera { outline, .. } => outline,
+            Detail::Touch { .. } => &[],
+        }
+    }
+
+    /// Finds hits by where they are seen; cameras alone have it, as they stand still.
+    pub fn lookup(&self) -> Option<&Lookup> {
+        match &self.detail {
+            Detail::Camera { lookup, .. } => lookup.as_ref(),
+            Detail::Touch { .. } => None,
+        }
+    }
+
     /// Where a ray hit, world frame, metres.
     pub fn point(&self, hit: &Hit) -> Vec3 {
         self.origin + hit.direction * hit.range_m
@@ -127,8 +189,8 @@ pub struct Scan {
     pub frame: usize,
     /// Seconds since the start.
     pub time_s: f64,
-    /// Joint angles of the hand.
-    pub joints: JointAngles,
+    /// Poses of the obstacles, in their order.
+    pub obstacles: Vec<Isometry<Obstacle, World>>,
     /// One view per sensor that delivered something, cameras first.
     pub views: Vec<View>,
 }
@@ -147,22 +209,22 @@ const FAR_M: f32 = 1.0;
 const CONTACT_RIM_PX: usize = 2;
 
 impl Scan {
-    /// Draws rays from the images of a frame. What is drawn depends on the frame's number and the seed alone.
-    pub fn new(frame: usize, depth: &DepthFrame, config: &Config, seed: u64) -> Self {
+    /// Draws rays from the images of an instant. The result depends on the images, the number of the frame and the seed alone.
+    pub fn new(frame: usize, measured: &Measurement<'_>, config: &Config, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(frame as u64);
         let mut views = Vec::new();
-        for (i, camera) in depth.cameras.iter().enumerate() {
+        for (index, camera) in measured.cameras.iter().enumerate() {
             if let Some(camera) = camera {
-                views.push(camera_view(i, camera, config, &mut rng));
+                views.push(camera_view(index, camera, config, &mut rng));
             }
         }
-        for finger in Finger::ALL {
-            if let Some(touch) = &depth.touch[finger] {
-                views.push(touch_view(finger, touch, config, &mut rng));
+        for (index, touch) in measured.touch.iter().enumerate() {
+            if let Some(touch) = touch {
+                views.push(touch_view(index, touch, config, &mut rng));
             }
         }
-        Self { frame, time_s: depth.time_s, joints: depth.joints, views }
+        Self { frame, time_s: measured.time_s, obstacles: measured.obstacles.to_vec(), views }
     }
 
     /// Number of rays that hit the object.
@@ -174,8 +236,7 @@ impl Scan {
 fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
     let lens = Lens::new(&image.intrinsics, image.world_from_camera, config.camera_shift_px);
     let (height, width) = image.depth_m.dim();
-    let level = image.segmentation.as_raw();
-    let at = |u: usize, v: usize| level.get(v * width + u).copied().unwrap_or(BACKGROUND);
+    let at = |u: usize, v: usize| image.labels.get((v, u)).copied().unwrap_or_default();
     let mut object = Vec::new();
     let mut outline = Vec::new();
     let mut beside = Vec::new();
@@ -186,22 +247,24 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
             let around = || [(u - RIM, v), (u + RIM, v), (u, v - RIM), (u, v + RIM)].map(|(u, v)| at(u, v));
             let is_sample = u % 2 == 0 && v % 2 == 0;
             match at(u, v) {
-                OBJECT => {
+                Label::Object => {
                     let around = around();
-                    if around == [OBJECT; 4] {
+                    if around == [Label::Object; 4] {
                         object.push((u, v));
-                    } else if around.iter().all(|&l| l == OBJECT || l == BACKGROUND) {
+                    } else if around.iter().all(|&l| l == Label::Object || l == Label::Background) {
                         outline.push((u, v));
                     }
                 }
                 // Every fourth pixel is enough to draw from.
-                HAND if is_sample && image.depth_m[(v, u)] > 0.0 && image.depth_m[(v, u)].is_finite() => {
+                Label::Hand if is_sample && image.depth_m[(v, u)] > 0.0 && image.depth_m[(v, u)].is_finite() => {
                     passed.push((u, v));
                 }
-                BACKGROUND if config.far_is_free && image.depth_m[(v, u)] <= 0.0 && around().contains(&OBJECT) => {
+                Label::Background
+                    if config.far_is_free && image.depth_m[(v, u)] <= 0.0 && around().contains(&Label::Object) =>
+                {
                     beside.push((u, v));
                 }
-                BACKGROUND if config.far_is_free && is_sample => passed.push((u, v)),
+                Label::Background if config.far_is_free && is_sample => passed.push((u, v)),
                 _ => {}
             }
         }
@@ -239,14 +302,13 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
     }
     let origin = lens.origin;
     let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
-    View { sensor: Sensor::Camera(index), origin, hits, outline, misses, lookup, pressed_px: 0 }
+    View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup } }
 }
 
-fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
-    let lens = Lens::new(&digit::intrinsics(), image.world_from_camera, [0.0; 2]);
+fn touch_view(index: usize, image: &TouchDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
+    let lens = Lens::new(&image.intrinsics, image.world_from_camera, [0.0; 2]);
     let (height, width) = image.depth_m.dim();
-    let contact = image.contact.as_raw();
-    let touches = |u: usize, v: usize| contact.get(v * width + u).is_some_and(|&c| c > 127);
+    let touches = |u: usize, v: usize| image.contact.get((v, u)).is_some_and(|&touches| touches);
     let mut touched = Vec::new();
     let mut free = Vec::new();
     const RIM: usize = CONTACT_RIM_PX;
@@ -289,15 +351,8 @@ fn touch_view(finger: Finger, image: &TouchDepth, config: &Config, rng: &mut Cha
             (z > 0.0 && z.is_finite()).then_some(Miss { direction, free_m: z * length })
         })
         .collect();
-    View {
-        sensor: Sensor::Touch(finger),
-        origin: lens.origin,
-        hits,
-        misses,
-        lookup: None,
-        outline: Vec::new(),
-        pressed_px,
-    }
+    let pad = Some(PadState { world_from_pad: image.world_from_pad, pressed_px });
+    View { origin: lens.origin, hits, misses, detail: Detail::Touch { index, pad } }
 }
 
 fn is_empty_around(depth_m: &Array2<f32>, u: usize, v: usize, margin: usize) -> bool {

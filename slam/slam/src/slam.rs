@@ -4,11 +4,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use mvt_frames::{Isometry, Model, World};
-use mvt_robot::hand::Side;
-use mvt_robot::hand::solid::{HandSamples, Occupied};
-use mvt_robot::observation::DepthFrame;
-use mvt_robot::rig::PALM_CENTRE_M;
+use mvt_field::exact::KnownShape;
+use mvt_field::shape::{Distance, Shape};
+use mvt_frames::{Field, Isometry, Model, Occupied, World};
+use mvt_mesh::Mesh;
 use nalgebra as na;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -16,55 +15,63 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{Config, ConfigError};
 use crate::map::{Learnt, Map};
-use crate::scan::{Scan, Sensor};
+use crate::obstacles::Obstacles;
+use crate::scan::{Measurement, Scan};
 use crate::tracker::assess::Assessment;
 use crate::tracker::{self, Reference, Tracker};
-use mvt_field::exact::KnownShape;
-use mvt_field::shape::{Distance, Shape};
 
-/// Whether the pose of a frame can be believed.
+/// Whether the tracker trusts the pose of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum TrackState {
     /// Nothing of the object has been measured yet.
     Waiting,
-    /// The pose is followed.
+    /// The pose is trusted.
     Tracking,
-    /// The pose is not believed; what is given is the last one that was.
+    /// The pose is trusted again after it was lost.
+    Relocalised,
+    /// The pose is not trusted; the estimate repeats the last one that was.
     Lost,
 }
 
-/// What is known after a frame.
+impl TrackState {
+    /// Whether the pose is trusted.
+    pub fn is_tracking(self) -> bool {
+        matches!(self, Self::Tracking | Self::Relocalised)
+    }
+}
+
+/// The result of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// Number of the frame.
     pub frame: usize,
     /// Seconds since the start.
     pub time_s: f64,
-    /// Pose of the object.
+    /// Pose of the object: the pose of the frame in which [`Slam::mesh`] gives the shape.
     pub pose: Isometry<Model, World>,
-    /// From 0 to 1.
+    /// How far the tracker trusts the pose, 0 to 1.
     pub confidence: f64,
-    /// Whether the pose can be believed.
-    pub state: State,
-    /// The frame became a keyframe.
+    /// Whether it trusts the pose.
+    pub state: TrackState,
+    /// Whether the frame became a keyframe.
     pub keyframe: bool,
-    /// The frame closed a loop, and all keyframes were brought into agreement.
+    /// Whether the frame closed a loop, so that all keyframes moved.
     pub loop_closed: bool,
-    /// Time spent on rays and pose, and on the map.
+    /// Time spent on the pose and on the map.
     pub spent: Spent,
 }
 
 /// Time spent on a frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Spent {
-    /// From depth images to a pose.
+    /// On the pose.
     pub track: Duration,
-    /// Teaching the field.
+    /// On teaching the field.
     pub map: Duration,
 }
 
-/// What the tracker follows.
+/// The shape that the tracker follows.
 enum Knowledge {
     /// A shape that grows.
     Growing(Box<Map>),
@@ -73,7 +80,7 @@ enum Knowledge {
 }
 
 impl Knowledge {
-    /// What the tracker is held against.
+    /// The shape that poses are compared with.
     fn reference(&self) -> &dyn Reference {
         match self {
             Self::Growing(map) => map.as_ref(),
@@ -84,16 +91,14 @@ impl Knowledge {
 
 struct Given {
     shape: KnownShape,
-    hand: HandSamples,
+    obstacles: Obstacles,
     centre: Vec3,
 }
 
 /// Error of a given shape on its grid, metres.
 const GIVEN_SIGMA_M: f32 = 0.0001;
-/// Spacing of points inside the hand that bound a given shape, metres. Coarser than the map's: they only push.
-const HAND_SPACING_M: f64 = 0.005;
-/// Every how many-th of the map's points inside the hand the tracker uses.
-const HAND_STRIDE: usize = 8;
+/// While the shape grows, the tracker uses every Nth of the points inside obstacles: the map needs them dense, the tracker does not.
+const OBSTACLE_STRIDE: usize = 8;
 /// The middle of an object lies about so far behind its visible surface, metres.
 const BEHIND_SURFACE_M: f32 = 0.015;
 
@@ -115,71 +120,133 @@ impl Reference for Given {
     }
 }
 
-/// Estimates pose and shape of one object in one hand.
+/// Estimates pose and shape of one object, frame by frame.
 pub struct Slam {
     config: Config,
     seed: u64,
     tracker: Tracker,
     knowledge: Knowledge,
-    state: State,
-    /// The last pose that was believed.
-    pose: Isometry<Model, World>,
+    state: TrackState,
+    /// The last pose that was trusted.
+    pose: Isometry<Field, World>,
     doubts: usize,
     /// Of the frame before.
     confidence: f64,
     frame: usize,
     last_search: usize,
+    /// Height in the world that nothing of the object is below, metres.
+    support_z_m: Option<f64>,
+}
+
+/// Settings and knowledge with which [`Slam`] starts.
+#[derive(Default)]
+pub struct SlamBuilder {
+    config: Config,
+    seed: u64,
+    obstacles: Obstacles,
+    support_z_m: Option<f64>,
+    prior: Prior,
+}
+
+/// What is known of the shape at the start.
+#[derive(Default)]
+enum Prior {
+    /// Nothing: the first frame that shows the object fixes the model's frame.
+    #[default]
+    Unknown,
+    /// A map of an earlier run.
+    Map(Box<Map>),
+    /// The whole shape.
+    Shape { shape: KnownShape, bounds_m: [Vec3; 2], start: Option<Isometry<Model, World>> },
+}
+
+impl SlamBuilder {
+    /// Settings; the defaults suit an object of 4 to 12 cm at 0.3 to 0.6 m from RGB-D cameras.
+    pub fn config(mut self, config: Config) -> Self {
+        self.config = config;
+        self
+    }
+
+    /// Seed of all random draws: rays, samples and the field's start. Results are the same for the same seed and measurements.
+    pub fn seed(mut self, seed: u64) -> Self {
+        self.seed = seed;
+        self
+    }
+
+    /// Bodies that the object cannot occupy, such as fingers. Their poses are part of each [`Measurement`]. A map that
+    /// [`SlamBuilder::map`] continues has obstacles of its own.
+    pub fn obstacles(mut self, obstacles: Obstacles) -> Self {
+        self.obstacles = obstacles;
+        self
+    }
+
+    /// Height in the world below which nothing of the object lies, metres: that of a palm or table under it. The box that is mapped then
+    /// reaches down to it, so that a tall object that is seen from above is not cut off at its foot.
+    pub fn support(mut self, z_m: f64) -> Self {
+        self.support_z_m = Some(z_m);
+        self
+    }
+
+    /// Continues the map of an earlier run from an unknown pose: the object is searched for first.
+    pub fn map(mut self, map: Map) -> Self {
+        self.prior = Prior::Map(Box::new(map));
+        self
+    }
+
+    /// Tracks a known shape instead of learning one. `bounds_m` are its lowest and highest corner in the model's frame; `start` is
+    /// its pose, to a centimetre and ten degrees, or `None` to search for it.
+    pub fn shape(mut self, shape: KnownShape, bounds_m: [Vec3; 2], start: Option<Isometry<Model, World>>) -> Self {
+        self.prior = Prior::Shape { shape, bounds_m, start };
+        self
+    }
+
+    /// Builds the estimator.
+    ///
+    /// # Errors
+    /// If a setting is out of range; the error names it.
+    pub fn build(self) -> Result<Slam, ConfigError> {
+        let Self { config, seed, obstacles, support_z_m, prior } = self;
+        config.validate()?;
+        let (knowledge, state, pose) = match prior {
+            Prior::Unknown => {
+                let map = Map::new(config.map.clone(), &config.field, obstacles, seed)?;
+                (Knowledge::Growing(Box::new(map)), TrackState::Waiting, Isometry::identity())
+            }
+            Prior::Map(map) => {
+                let pose = map.keyframes().last().map_or_else(Isometry::identity, |last| last.pose());
+                // A map without keyframes is begun, not continued.
+                let state = if map.keyframes().is_empty() { TrackState::Waiting } else { TrackState::Lost };
+                (Knowledge::Growing(map), state, pose)
+            }
+            Prior::Shape { shape, bounds_m, start } => {
+                let given = Given { shape, obstacles, centre: 0.5 * (bounds_m[0] + bounds_m[1]) };
+                let state = if start.is_some() { TrackState::Tracking } else { TrackState::Lost };
+                // The field of a known shape is the shape itself.
+                let pose = start.map_or_else(Isometry::identity, |start| Isometry::new(start.untyped()));
+                (Knowledge::Known(given), state, pose)
+            }
+        };
+        let tracker = Tracker::new(config.tracker.clone());
+        Ok(Slam {
+            config,
+            seed,
+            tracker,
+            knowledge,
+            state,
+            pose,
+            doubts: 0,
+            confidence: 1.0,
+            frame: 0,
+            last_search: 0,
+            support_z_m,
+        })
+    }
 }
 
 impl Slam {
-    /// Knows neither shape nor pose: the first frame that shows the object fixes the model's frame.
-    ///
-    /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
-    pub fn new(config: Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
-        config.validate()?;
-        let map = Map::new(config.map.clone(), &config.field, side, seed)?;
-        Ok(Self::with(config, side, seed, Knowledge::Growing(Box::new(map)), State::Waiting, Isometry::identity()))
-    }
-
-    /// Goes on with a map that an earlier run has learnt, from an unknown pose: the object is searched for first.
-    ///
-    /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
-    pub fn resume(config: Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
-        config.validate()?;
-        let pose = map.keyframes().last().map_or_else(Isometry::identity, |last| Isometry::new(*last.pose()));
-        // A map of nothing is begun, not resumed.
-        let state = if map.keyframes().is_empty() { State::Waiting } else { State::Lost };
-        Ok(Self::with(config, side, seed, Knowledge::Growing(Box::new(map)), state, pose))
-    }
-
-    /// Knows the shape, given with its bounds in the model's frame (lowest and highest corner, metres), and roughly the pose;
-    /// without one it searches.
-    pub fn with_shape(
-        config: Config,
-        side: Side,
-        seed: u64,
-        shape: KnownShape,
-        bounds: [Vec3; 2],
-        start: Option<Isometry<Model, World>>,
-    ) -> Self {
-        let hand = HandSamples::new(side, HAND_SPACING_M, seed);
-        let given = Given { shape, hand, centre: 0.5 * (bounds[0] + bounds[1]) };
-        let state = if start.is_some() { State::Tracking } else { State::Lost };
-        Self::with(config, side, seed, Knowledge::Known(given), state, start.unwrap_or_else(Isometry::identity))
-    }
-
-    fn with(
-        config: Config,
-        side: Side,
-        seed: u64,
-        knowledge: Knowledge,
-        state: State,
-        pose: Isometry<Model, World>,
-    ) -> Self {
-        let tracker = Tracker::new(config.tracker.clone(), side);
-        Self { config, seed, tracker, knowledge, state, pose, doubts: 0, confidence: 1.0, frame: 0, last_search: 0 }
+    /// Starts with default settings and without any knowledge of object or surroundings.
+    pub fn builder() -> SlamBuilder {
+        SlamBuilder::default()
     }
 
     /// The map, where the shape is not given.
@@ -190,6 +257,29 @@ impl Slam {
         }
     }
 
+    /// Number of frames taken.
+    pub fn frames(&self) -> usize {
+        self.frame
+    }
+
+    /// The estimated surface in the frame from which [`Estimate::pose`] leads, with cells of `cell_m` metres. `None` where the shape
+    /// is given, and before anything was seen.
+    pub fn mesh(&self, cell_m: f32) -> Option<Mesh> {
+        let map = self.map().filter(|map| !map.keyframes().is_empty())?;
+        Some(map.mesh(cell_m))
+    }
+
+    /// Draws the rays of an instant for the next [`Slam::step`], with the settings and seed of this estimator. Estimators with the same
+    /// settings, seed and number of frames may share a scan.
+    pub fn scan(&self, measured: &Measurement<'_>) -> Arc<Scan> {
+        Arc::new(Scan::new(self.frame, measured, &self.config.scan, self.seed))
+    }
+
+    /// Estimates pose and shape from the next measurements.
+    pub fn observe(&mut self, measured: &Measurement<'_>) -> Estimate {
+        self.step(&self.scan(measured))
+    }
+
     /// A generator for this frame, independent of all others.
     fn generator(&self, purpose: u64) -> ChaCha8Rng {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ purpose << 32);
@@ -198,61 +288,66 @@ impl Slam {
     }
 
     /// Learns from a frame whose pose is known, as a motion-capture system would give it.
-    pub fn step_at(&mut self, depth: &DepthFrame, pose: Isometry<Model, World>) -> Estimate {
-        let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
-        self.state = State::Tracking;
-        self.pose = pose;
+    pub fn step_at(&mut self, scan: &Arc<Scan>, pose: Isometry<Model, World>) -> Estimate {
+        self.state = TrackState::Tracking;
+        // A given pose stands for the field's own; refinement moves the two apart by fractions of a millimetre.
+        self.pose = Isometry::new(pose.untyped());
         let begun = Instant::now();
-        let learnt = self.learn(&scan);
-        self.estimate(&scan, 1.0, learnt, Spent { track: Duration::ZERO, map: begun.elapsed() })
+        let learnt = self.learn(scan);
+        self.estimate(scan, 1.0, learnt, self.state, Spent { track: Duration::ZERO, map: begun.elapsed() })
     }
 
     /// Estimates the pose of the next frame and learns from it.
-    pub fn step(&mut self, depth: &DepthFrame) -> Estimate {
+    pub fn step(&mut self, scan: &Arc<Scan>) -> Estimate {
         let begun = Instant::now();
-        let scan = Arc::new(Scan::new(self.frame, depth, &self.config.scan, self.seed));
+        let before = self.state;
         let mut confidence = 0.0;
-        if self.state == State::Waiting {
-            if let Some(start) = first_pose(&scan, f64::from(self.config.field.half_extent_m)) {
+        if self.state == TrackState::Waiting {
+            if let Some(start) = first_pose(scan, f64::from(self.config.field.half_extent_m), self.support_z_m) {
                 self.pose = start;
-                self.state = State::Tracking;
+                self.state = TrackState::Tracking;
                 confidence = 1.0;
-                self.push(&scan, start);
+                self.push(scan, start);
             }
         } else {
-            confidence = self.track(&scan);
+            confidence = self.track(scan);
         }
         self.confidence = confidence;
         let track = begun.elapsed();
         let begun = Instant::now();
-        let believed = self.state == State::Tracking && confidence >= self.config.trust.learn_above;
-        let learnt = if believed { self.learn(&scan) } else { Learnt::default() };
-        self.estimate(&scan, confidence, learnt, Spent { track, map: begun.elapsed() })
+        let is_trusted = self.state == TrackState::Tracking && confidence >= self.config.trust.learn_above;
+        let learnt = if is_trusted { self.learn(scan) } else { Learnt::default() };
+        let state = match (before, self.state) {
+            // The first frame of a search has nothing to come back from.
+            (TrackState::Lost, TrackState::Tracking) if self.frame > 0 => TrackState::Relocalised,
+            (_, state) => state,
+        };
+        self.estimate(scan, confidence, learnt, state, Spent { track, map: begun.elapsed() })
     }
 
-    fn estimate(&mut self, scan: &Scan, confidence: f64, learnt: Learnt, spent: Spent) -> Estimate {
+    fn estimate(&mut self, scan: &Scan, confidence: f64, learnt: Learnt, state: TrackState, spent: Spent) -> Estimate {
         let frame = self.frame;
         self.frame += 1;
         let pose = match &self.knowledge {
-            Knowledge::Growing(map) => Isometry::new(self.pose.untyped() * map.field_from_model()),
-            Knowledge::Known(_) => self.pose,
+            Knowledge::Growing(map) => self.pose * map.field_from_model(),
+            Knowledge::Known(_) => Isometry::new(self.pose.untyped()),
         };
         let Learnt { keyframe, correction } = learnt;
         let loop_closed = correction.is_some();
-        Estimate { frame, time_s: scan.time_s, pose, confidence, state: self.state, keyframe, loop_closed, spent }
+        Estimate { frame, time_s: scan.time_s, pose, confidence, state, keyframe, loop_closed, spent }
     }
 
-    fn push(&mut self, scan: &Arc<Scan>, start: Isometry<Model, World>) {
+    fn push(&mut self, scan: &Arc<Scan>, start: Isometry<Field, World>) {
         let middle = tracker::to_vec(start.origin().coords());
         let near = |o: &Occupied| (o.point - middle).length_squared() < REACH_M * REACH_M;
         let scan = Arc::clone(scan);
         match &self.knowledge {
             Knowledge::Growing(map) => {
-                let occupied: Vec<_> = map.occupied(&scan).filter(near).step_by(HAND_STRIDE).collect();
+                let occupied: Vec<_> = map.occupied(&scan).filter(near).step_by(OBSTACLE_STRIDE).collect();
                 self.tracker.push(map.as_ref(), scan, start, occupied.into_iter());
             }
             Knowledge::Known(given) => {
-                let occupied: Vec<_> = given.hand.posed(&scan.joints).filter(near).collect();
+                let occupied: Vec<_> = given.obstacles.posed(&scan.obstacles).filter(near).collect();
                 self.tracker.push(given, scan, start, occupied.into_iter());
             }
         }
@@ -261,10 +356,10 @@ impl Slam {
     /// Follows the object into a frame; returns the confidence.
     fn track(&mut self, scan: &Arc<Scan>) -> f64 {
         let start = match self.state {
-            State::Tracking => self.tracker.predicted().unwrap_or(self.pose),
+            TrackState::Tracking => self.tracker.predicted().unwrap_or(self.pose),
             _ => self.pose,
         };
-        if self.state == State::Lost {
+        if self.state == TrackState::Lost {
             self.tracker.reset();
         }
         self.push(scan, start);
@@ -278,7 +373,7 @@ impl Slam {
         let Some(solution) = tracker.solve(reference) else { return 0.0 };
         let Assessment { confidence, .. } = tracker.assess(reference);
         let trust = self.config.trust.clone();
-        if self.state == State::Lost {
+        if self.state == TrackState::Lost {
             return self.search(solution.pose(), confidence);
         }
         let [distance, angle] = solution.surprise();
@@ -286,7 +381,7 @@ impl Slam {
         let jumped = self.frame > 0 && is_far && confidence < trust.found_above;
         self.doubts = if confidence < trust.doubt_below { self.doubts + 1 } else { 0 };
         if jumped || self.doubts >= trust.lost_after {
-            self.state = State::Lost;
+            self.state = TrackState::Lost;
             self.last_search = self.frame;
             return confidence.min(trust.doubt_below);
         }
@@ -295,7 +390,7 @@ impl Slam {
     }
 
     /// While lost: takes the pose that tracking found if it is convincing, else searches now and then.
-    fn search(&mut self, followed: Isometry<Model, World>, confidence: f64) -> f64 {
+    fn search(&mut self, followed: Isometry<Field, World>, confidence: f64) -> f64 {
         let trust = self.config.trust.clone();
         let mut best = (followed, confidence);
         if confidence < trust.found_above && self.frame >= self.last_search + trust.search_every {
@@ -317,7 +412,7 @@ impl Slam {
         if best.1 >= trust.found_above {
             self.tracker.restart(best.0);
             self.pose = best.0;
-            self.state = State::Tracking;
+            self.state = TrackState::Tracking;
             self.doubts = 0;
         }
         best.1
@@ -335,22 +430,22 @@ impl Slam {
     }
 }
 
-/// Points of the hand farther from the object than this cannot touch it, metres.
+/// Points of obstacles that are farther from the object than this cannot touch it, metres.
 const REACH_M: f32 = 0.12;
 
 /// Of the field's box nothing nearer to its faces than this should be needed, metres.
 const BORDER_M: f64 = 0.005;
 
-/// The frame that the first measurements fix: parallel to the world, in the middle of what is probably the object. What is farther
-/// than `half_extent_m` from it will not be mapped, so that of a tall object seen from above it lies low enough to reach the palm.
-fn first_pose(scan: &Scan, half_extent_m: f64) -> Option<Isometry<Model, World>> {
+/// The frame that the first measurements fix: parallel to the world, in the middle of what is probably the object. Nothing that is
+/// farther than `half_extent_m` from it will be mapped, so that of a tall object seen from above it lies low enough to reach the support.
+fn first_pose(scan: &Scan, half_extent_m: f64, support_z_m: Option<f64>) -> Option<Isometry<Field, World>> {
     if scan.hits() == 0 {
         return None;
     }
     let (mut sum, mut count, mut top) = (Vec3::ZERO, 0.0, f32::MIN);
     for view in &scan.views {
+        let behind = if view.is_camera() { BEHIND_SURFACE_M } else { 0.0 };
         for hit in &view.hits {
-            let behind = if matches!(view.sensor, Sensor::Camera(_)) { BEHIND_SURFACE_M } else { 0.0 };
             let point = view.point(hit);
             top = top.max(point.z);
             sum += point + hit.direction * behind;
@@ -358,10 +453,12 @@ fn first_pose(scan: &Scan, half_extent_m: f64) -> Option<Isometry<Model, World>>
         }
     }
     let mut centre = tracker::to_na(sum / count);
-    let (palm, top, reach) = (PALM_CENTRE_M[2], f64::from(top), half_extent_m - BORDER_M);
-    // What reaches higher does not stand on the palm, or does not fit.
-    if top <= palm + 2.0 * half_extent_m {
-        centre.z = centre.z.min((palm + reach).max(top - reach));
+    if let Some(support) = support_z_m {
+        let (top, reach) = (f64::from(top), half_extent_m - BORDER_M);
+        // What reaches higher does not stand on the support, or does not fit.
+        if top <= support + 2.0 * half_extent_m {
+            centre.z = centre.z.min((support + reach).max(top - reach));
+        }
     }
     Some(Isometry::new(na::Isometry3::from_parts(centre.into(), na::UnitQuaternion::identity())))
 }
@@ -369,11 +466,11 @@ fn first_pose(scan: &Scan, half_extent_m: f64) -> Option<Isometry<Model, World>>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::{Hit, View};
+    use crate::scan::{Detail, Hit, View};
 
     #[test]
     fn the_first_frame_reaches_from_the_palm_to_the_top() {
-        let palm = PALM_CENTRE_M[2] as f32;
+        let palm = 0.0111_f32;
         // The upper part of a tall object, from 8 to 13 cm above the palm, seen from the side.
         let origin = Vec3::new(0.4, 0.0, palm + 0.105);
         let hit = |height: f32| {
@@ -382,17 +479,15 @@ mod tests {
             Hit { direction, range_m, normal: Vec3::X, cosine: 0.9, sigma_m: 0.001 }
         };
         let view = View {
-            sensor: Sensor::Camera(0),
             origin,
             hits: (0..=50).map(|k| hit(0.08 + 0.001 * k as f32)).collect(),
-            outline: Vec::new(),
             misses: Vec::new(),
-            lookup: None,
-            pressed_px: 0,
+            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None },
         };
-        let scan = Scan { frame: 0, time_s: 0.0, joints: Default::default(), views: vec![view] };
+        let scan = Scan { frame: 0, time_s: 0.0, obstacles: Vec::new(), views: vec![view] };
+        let support = f64::from(palm);
         let height =
-            |half_extent_m: f64| first_pose(&scan, half_extent_m).unwrap().origin().coords().z - PALM_CENTRE_M[2];
+            |half_extent_m: f64| first_pose(&scan, half_extent_m, Some(support)).unwrap().origin().coords().z - support;
         // In the middle of what is seen where that reaches the palm,
         assert!((height(0.2) - 0.105).abs() < 1e-3);
         // else low enough,

@@ -1,7 +1,7 @@
 //! What is known of the space around an object: where surface was measured, what was looked through, and what is left.
 
 use glam::{UVec3, Vec3};
-use mvt_robot::hand::solid::Occupied;
+use mvt_frames::Occupied;
 
 use crate::scan::View;
 

@@ -9,13 +9,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use glam::Vec3;
-use mvt_frames::{Isometry, Model, World};
-use mvt_robot::hand::solid::Occupied;
-use mvt_robot::hand::{Finger, PerFinger, Side, world_from_tip};
+use mvt_frames::{Field, Isometry, Occupied, World};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
-use crate::scan::{Scan, Sensor};
+use crate::scan::{Detail, Scan, View};
 use icp::Posed;
 use mvt_field::shape::{Distance, Shape};
 use mvt_frames::se3;
@@ -119,9 +117,11 @@ struct Vacant {
     share: f64,
 }
 
-/// A pad that touches: where, and which way its gel faces.
+/// A pad that touches: which one, where it is, where its contact is, and which way its gel faces.
 #[derive(Debug, Clone, Copy)]
-struct Pad {
+struct PressedPad {
+    index: usize,
+    world_from_pad: na::Isometry3<f64>,
     contact: na::Point3<f64>,
     normal: na::Vector3<f64>,
     pressed_px: usize,
@@ -137,8 +137,8 @@ struct Instant {
     occupied: Vec<Vacant>,
     /// On rays that passed the object, where they come nearest to it; chosen anew for each solution.
     passed: Vec<Vacant>,
-    pads: PerFinger<Option<Pad>>,
-    tips: PerFinger<na::Isometry3<f64>>,
+    /// In the order of the touch sensors.
+    pads: Vec<PressedPad>,
 }
 
 impl Instant {
@@ -152,7 +152,6 @@ impl Instant {
 #[derive(Debug, Clone)]
 pub struct Tracker {
     config: Config,
-    side: Side,
     /// Oldest first. Two more than the configured window: the oldest poses are held, and tie the others to the past.
     window: VecDeque<Instant>,
     /// Where the newest frame was expected when it came.
@@ -163,14 +162,14 @@ pub struct Tracker {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
     /// The newest pose.
-    pose: Isometry<Model, World>,
+    pose: Isometry<Field, World>,
     /// How far the solution is from what the motion before let expect, metres and radians.
     surprise: [f64; 2],
 }
 
 impl Solution {
     /// The newest pose.
-    pub fn pose(&self) -> Isometry<Model, World> {
+    pub fn pose(&self) -> Isometry<Field, World> {
         self.pose
     }
 
@@ -199,12 +198,12 @@ const ICP_POINTS: usize = 200;
 
 impl Tracker {
     /// A tracker that has seen nothing.
-    pub fn new(config: Config, side: Side) -> Self {
-        Self { config, side, window: VecDeque::new(), expected: na::Isometry3::identity() }
+    pub fn new(config: Config) -> Self {
+        Self { config, window: VecDeque::new(), expected: na::Isometry3::identity() }
     }
 
     /// Where the motion so far leads to, for the frame after the newest; `None` before the first frame.
-    pub fn predicted(&self) -> Option<Isometry<Model, World>> {
+    pub fn predicted(&self) -> Option<Isometry<Field, World>> {
         let newest = self.window.back()?;
         let motion = match self.window.len() {
             1 => na::Isometry3::identity(),
@@ -234,7 +233,7 @@ impl Tracker {
         &mut self,
         shape: &dyn Reference,
         scan: Arc<Scan>,
-        start: Isometry<Model, World>,
+        start: Isometry<Field, World>,
         occupied: impl Iterator<Item = Occupied>,
     ) {
         self.expected = start.untyped();
@@ -264,25 +263,24 @@ impl Tracker {
 
     fn instant(&self, scan: Arc<Scan>, pose: na::Isometry3<f64>, occupied: &[Occupied]) -> Instant {
         let config = &self.config;
-        let tips = PerFinger::from_fn(|finger| world_from_tip(self.side, finger, &scan.joints).untyped());
-        let mut pads = PerFinger::from_fn(|_| None);
+        let mut pads = Vec::new();
         let mut measured = Vec::new();
         let mut vacant = Vec::new();
         for view in &scan.views {
-            let (count, independent, is_touch) = match view.sensor {
-                Sensor::Camera(_) => (config.camera_points, config.camera_independent, false),
-                Sensor::Touch(_) => (config.touch_points, config.touch_independent, true),
+            let (count, independent, is_touch) = match view.detail {
+                Detail::Camera { .. } => (config.camera_points, config.camera_independent, false),
+                Detail::Touch { .. } => (config.touch_points, config.touch_independent, true),
             };
             let used = view.hits.len().min(count);
             let share = (independent / used.max(1) as f64).min(1.0);
             let point = |hit| Measured { point: view.point(hit), sigma_m: hit.sigma_m, share, is_touch };
             measured.extend(view.hits[..used].iter().map(point));
-            let used = view.outline.len().min(config.outline_points);
+            let used = view.outline().len().min(config.outline_points);
             let share = (0.25 * independent / used.max(1) as f64).min(1.0);
             let point = |hit| Measured { point: view.point(hit), sigma_m: hit.sigma_m, share, is_touch };
-            measured.extend(view.outline[..used].iter().map(point));
-            if let Sensor::Touch(finger) = view.sensor {
-                pads[finger] = pad(view);
+            measured.extend(view.outline()[..used].iter().map(point));
+            if is_touch {
+                pads.extend(pressed_pad(view));
                 let share = (independent / view.misses.len().max(1) as f64).min(1.0);
                 vacant.extend(view.misses.iter().map(|miss| Vacant {
                     point: view.origin + miss.direction * miss.free_m,
@@ -299,7 +297,7 @@ impl Tracker {
             sigma_m: HAND_SIGMA_M,
             share: 0.2,
         }));
-        Instant { scan, pose, measured, occupied: vacant, passed: Vec::new(), pads, tips }
+        Instant { scan, pose, measured, occupied: vacant, passed: Vec::new(), pads }
     }
 
     /// Number of held poses at the front of the window.
@@ -395,7 +393,7 @@ impl Tracker {
             instant.passed.clear();
             let model_from_world = instant.pose.inverse();
             let centre = to_vec(instant.pose.translation.vector);
-            for view in instant.scan.views.iter().filter(|view| matches!(view.sensor, Sensor::Camera(_))) {
+            for view in instant.scan.views.iter().filter(|view| view.is_camera()) {
                 let mut samples = Vec::new();
                 let mut rays = Vec::new();
                 for miss in &view.misses {
@@ -496,11 +494,11 @@ impl Tracker {
         if self.config.contact_weight == 0.0 {
             return;
         }
-        for finger in Finger::ALL {
-            let (Some(pad), Some(after)) = (a.1.pads[finger], b.1.pads[finger]) else { continue };
+        for pad in &a.1.pads {
+            let Some(after) = b.1.pads.iter().find(|after| after.index == pad.index) else { continue };
             let [still, changing] = self.config.slip_sigma_m;
             let s = 1.0 / (still + changing * change(pad.pressed_px, after.pressed_px));
-            let carried = b.1.tips[finger] * (a.1.tips[finger].inverse() * pad.contact);
+            let carried = after.world_from_pad * (pad.world_from_pad.inverse() * pad.contact);
             let material = a.1.pose.inverse() * pad.contact;
             let now = b.1.pose * material;
             let across = pad.normal.cross(&least_axis(pad.normal)).normalize();
@@ -529,14 +527,21 @@ const REACH_M: f32 = 0.1;
 /// Touched pixels below which a contact has no place, as of a sample of some hundred.
 const PAD_HITS: usize = 10;
 
-fn pad(view: &crate::scan::View) -> Option<Pad> {
+fn pressed_pad(view: &View) -> Option<PressedPad> {
+    let Detail::Touch { index, pad: Some(pad) } = view.detail else { return None };
     if view.hits.len() < PAD_HITS {
         return None;
     }
     let n = view.hits.len() as f32;
     let contact = view.hits.iter().map(|hit| view.point(hit)).sum::<Vec3>() / n;
     let normal = view.hits.iter().map(|hit| hit.normal).sum::<Vec3>().try_normalize()?;
-    Some(Pad { contact: to_na(contact).into(), normal: to_na(normal), pressed_px: view.pressed_px })
+    Some(PressedPad {
+        index,
+        world_from_pad: pad.world_from_pad.untyped(),
+        contact: to_na(contact).into(),
+        normal: to_na(normal),
+        pressed_px: pad.pressed_px,
+    })
 }
 
 /// Pixels by which a pressed area changes without slip.

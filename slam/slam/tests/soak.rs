@@ -3,8 +3,8 @@
 mod synthetic;
 
 use mvt_frames::Isometry;
-use mvt_robot::hand::Side;
-use mvt_slam::{Config, Slam, State};
+use mvt_slam::scan::Measurement;
+use mvt_slam::{Config, Slam};
 use synthetic::{BRICK, frame, pose, see};
 
 /// Bytes that this process holds, where the system says (Linux).
@@ -36,13 +36,14 @@ fn five_minutes_take_no_more_memory_than_one() {
     };
     let mut config = Config::default();
     config.map.keyframes = KEYFRAMES;
-    let mut slam = Slam::new(config, Side::Right, 1).unwrap();
+    let mut slam = Slam::builder().config(config).seed(1).build().unwrap();
     let (mut gauge, mut after_a_minute) = (Isometry::identity(), None);
     let mut lost = 0;
     let frames = 300 * HZ;
     for k in 0..frames {
-        let estimate = slam.step(&frame(k as f64 / HZ as f64, vec![Some(see(BRICK, at(k), (intrinsics, place)))]));
-        lost += usize::from(estimate.state != State::Tracking);
+        let estimate =
+            slam.observe(&frame(k as f64 / HZ as f64, vec![Some(see(BRICK, at(k), (intrinsics, place)))]).measured());
+        lost += usize::from(!estimate.state.is_tracking());
         if k == 0 {
             gauge = Isometry::new(estimate.pose.untyped().inverse() * at(0).untyped());
         }

@@ -5,18 +5,21 @@ mod synthetic;
 use mvt_field::exact::KnownShape;
 use mvt_field::shape::Shape as _;
 use mvt_frames::{Isometry, Model, World};
-use mvt_robot::hand::Side;
-use mvt_robot::observation::DepthFrame;
 use mvt_slam::map::Map;
-use mvt_slam::{Config, Estimate, Slam, State};
+use mvt_slam::scan::Measurement;
+use mvt_slam::{Config, Estimate, Obstacles, Slam, TrackState};
 use nalgebra as na;
-use synthetic::{BRICK, Solid, camera, frame, pose, see, seen};
+use synthetic::{BRICK, Sensed, Solid, camera, frame, see, seen};
 
 type Pose = Isometry<Model, World>;
 
+fn pose(shift: [f64; 3], turn_deg: [f64; 3]) -> Pose {
+    Isometry::new(synthetic::pose(shift, turn_deg).untyped())
+}
+
 fn known(solid: Solid, start: Option<Pose>) -> Slam {
     let shape = KnownShape::new(&solid, solid.bounds());
-    Slam::with_shape(Config::default(), Side::Right, 1, shape, solid.bounds(), start)
+    Slam::builder().config(Config::default()).seed(1).shape(shape, solid.bounds(), start).build().unwrap()
 }
 
 /// Metres and degrees between two poses.
@@ -46,11 +49,11 @@ fn tumbling(k: usize) -> Pose {
 #[test]
 fn a_run_goes_on_from_a_saved_map() {
     let folder = tempfile::tempdir().unwrap();
-    let mut first = Slam::new(Config::default(), Side::Right, 1).unwrap();
-    let mut last = first.step(&seen(0, BRICK, tumbling(0)));
+    let mut first = Slam::builder().config(Config::default()).seed(1).build().unwrap();
+    let mut last = first.observe(&seen(0, BRICK, tumbling(0)).measured());
     let model_from_brick = last.pose.untyped().inverse() * tumbling(0).untyped();
     for k in 1..60 {
-        last = first.step(&seen(k, BRICK, tumbling(k)));
+        last = first.observe(&seen(k, BRICK, tumbling(k)).measured());
     }
     let off = |estimate: &Estimate, k: usize| {
         let found = Isometry::new(estimate.pose.untyped() * model_from_brick);
@@ -58,18 +61,19 @@ fn a_run_goes_on_from_a_saved_map() {
     };
     let before_m = off(&last, 59);
     first.map().unwrap().save(folder.path()).unwrap();
-    let map = Map::load(folder.path(), Config::default().map, Side::Right).unwrap();
+    let map = Map::load(folder.path(), Config::default().map, Obstacles::default()).unwrap();
     let keyframes = map.keyframes().len();
-    let mut second = Slam::resume(Config::default(), Side::Right, 2, map).unwrap();
-    let estimates: Vec<Estimate> = (0..40).map(|k| second.step(&seen(k, BRICK, tumbling(40 + k / 4)))).collect();
-    let found = estimates.iter().position(|estimate| estimate.state == State::Tracking).expect("is found");
+    let mut second = Slam::builder().seed(2).map(map).build().unwrap();
+    let estimates: Vec<Estimate> =
+        (0..40).map(|k| second.observe(&seen(k, BRICK, tumbling(40 + k / 4)).measured())).collect();
+    let found = estimates.iter().position(|estimate| estimate.state.is_tracking()).expect("is found");
     assert!(found <= 10, "found at frame {found}");
     let after_m = off(&estimates[39], 49);
     assert!(after_m < before_m + 0.0015, "{:.2} mm, {:.2} mm before", after_m * 1e3, before_m * 1e3);
     assert!(second.map().unwrap().keyframes().len() > keyframes, "it goes on learning");
 }
 
-fn blind(k: usize) -> DepthFrame {
+fn blind(k: usize) -> Sensed {
     frame(k as f64 / 30.0, vec![None])
 }
 
@@ -78,12 +82,12 @@ fn a_known_brick_is_followed() {
     let mut slam = known(BRICK, Some(tumbling(0)));
     let mut close = 0;
     for k in 0..60 {
-        let estimate = slam.step(&seen(k, BRICK, tumbling(k)));
+        let estimate = slam.observe(&seen(k, BRICK, tumbling(k)).measured());
         let [distance, angle] = apart(estimate.pose, tumbling(k));
         // Where little but one face is seen, the prior on motion, which expects the brick to slow down, holds it back.
         assert!(distance < 4e-4 && angle < 0.2, "frame {k}: {:.3} mm, {angle:.3} degrees", 1e3 * distance);
         close += usize::from(distance < 2e-4);
-        assert_eq!((estimate.frame, estimate.state), (k, State::Tracking));
+        assert_eq!((estimate.frame, estimate.state), (k, TrackState::Tracking));
         assert!(estimate.confidence > 0.95, "frame {k}: {}", estimate.confidence);
     }
     assert!(close >= 54, "{close} of 60 frames within 0.2 mm");
@@ -96,9 +100,10 @@ fn the_surface_alone_gives_the_exact_pose() {
     config.tracker.velocity_weight = 0.0;
     config.tracker.icp_weight = 0.0;
     let shape = KnownShape::new(&BRICK, BRICK.bounds());
-    let mut slam = Slam::with_shape(config, Side::Right, 1, shape, BRICK.bounds(), Some(tumbling(0)));
+    let mut slam =
+        Slam::builder().config(config).seed(1).shape(shape, BRICK.bounds(), Some(tumbling(0))).build().unwrap();
     for k in 0..60 {
-        let [distance, angle] = apart(slam.step(&seen(k, BRICK, tumbling(k))).pose, tumbling(k));
+        let [distance, angle] = apart(slam.observe(&seen(k, BRICK, tumbling(k)).measured()).pose, tumbling(k));
         assert!(distance < 1e-4 && angle < 0.01, "frame {k}: {:.3} mm, {angle:.3} degrees", 1e3 * distance);
     }
 }
@@ -108,7 +113,7 @@ fn the_middle_of_a_known_ball_is_followed() {
     let ball = Solid::Ball(0.03);
     let mut slam = known(ball, Some(tumbling(0)));
     for k in 0..30 {
-        let estimate = slam.step(&seen(k, ball, tumbling(k)));
+        let estimate = slam.observe(&seen(k, ball, tumbling(k)).measured());
         let distance = apart(estimate.pose, tumbling(k))[0];
         assert!(distance < 1e-4, "frame {k}: {:.3} mm", 1e3 * distance);
     }
@@ -129,10 +134,10 @@ fn a_start_off_by_a_centimetre_and_ten_degrees_is_drawn_in() {
                 * truth.untyped().rotation,
         );
         let mut slam = known(BRICK, Some(Isometry::new(disturbed)));
-        let last = (0..10).map(|k| slam.step(&seen(k, BRICK, truth))).last().unwrap();
+        let last = (0..10).map(|k| slam.observe(&seen(k, BRICK, truth).measured())).last().unwrap();
         let [distance, angle] = apart(last.pose, truth);
         assert!(distance < 5e-4 && angle < 0.5, "{shift:?} {turn:?}: {:.3} mm, {angle:.3} degrees", 1e3 * distance);
-        assert_eq!(last.state, State::Tracking);
+        assert_eq!(last.state, TrackState::Tracking);
     }
 }
 
@@ -149,22 +154,19 @@ fn a_teleport_is_declared_or_followed() {
         ));
         let mut slam = known(BRICK, Some(before));
         for k in 0..5 {
-            slam.step(&seen(k, BRICK, before));
+            slam.observe(&seen(k, BRICK, before).measured());
         }
         let mut declared = false;
         for k in 5..65 {
-            let estimate = slam.step(&seen(k, BRICK, jumped));
-            declared |= estimate.state == State::Lost;
+            let estimate = slam.observe(&seen(k, BRICK, jumped).measured());
+            declared |= estimate.state == TrackState::Lost;
             if k >= 10 {
                 let wrong = off_surface(BRICK, estimate.pose, jumped);
                 assert!(declared || wrong < 0.002, "{shift:?} {turn:?}: believed, and {wrong} m off");
             }
             if k == 64 {
                 let wrong = off_surface(BRICK, estimate.pose, jumped);
-                assert!(
-                    estimate.state == State::Tracking && wrong < 0.002,
-                    "{shift:?} {turn:?}: {wrong} m off in the end"
-                );
+                assert!(estimate.state.is_tracking() && wrong < 0.002, "{shift:?} {turn:?}: {wrong} m off in the end");
             }
         }
     }
@@ -175,41 +177,41 @@ fn without_measurements_it_is_lost_and_comes_back() {
     let truth = tumbling(0);
     let mut slam = known(BRICK, Some(truth));
     for k in 0..5 {
-        assert_eq!(slam.step(&seen(k, BRICK, truth)).state, State::Tracking);
+        assert_eq!(slam.observe(&seen(k, BRICK, truth).measured()).state, TrackState::Tracking);
     }
-    let dark: Vec<Estimate> = (5..35).map(|k| slam.step(&blind(k))).collect();
-    assert_eq!(dark[4].state, State::Lost);
+    let dark: Vec<Estimate> = (5..35).map(|k| slam.observe(&blind(k).measured())).collect();
+    assert_eq!(dark[4].state, TrackState::Lost);
     for estimate in &dark {
         assert!(estimate.confidence < 0.5, "frame {}: {}", estimate.frame, estimate.confidence);
         assert!(apart(estimate.pose, truth)[0] < 0.005, "what is given is the last pose that was believed");
     }
-    let back: Vec<Estimate> = (35..45).map(|k| slam.step(&seen(k, BRICK, truth))).collect();
+    let back: Vec<Estimate> = (35..45).map(|k| slam.observe(&seen(k, BRICK, truth).measured())).collect();
     let [distance, angle] = apart(back[9].pose, truth);
-    assert!(back[9].state == State::Tracking && distance < 5e-4 && angle < 0.5, "{distance} m, {angle} degrees");
+    assert!(back[9].state == TrackState::Tracking && distance < 5e-4 && angle < 0.5, "{distance} m, {angle} degrees");
 }
 
 #[test]
 fn a_brick_is_found_from_nothing() {
     for at in [pose([0.0; 3], [70.0, -20.0, 130.0]), pose([0.02, -0.01, 0.01], [-30.0, 110.0, 40.0])] {
         let mut slam = known(BRICK, None);
-        let estimates: Vec<Estimate> = (0..10).map(|k| slam.step(&seen(k, BRICK, at))).collect();
+        let estimates: Vec<Estimate> = (0..10).map(|k| slam.observe(&seen(k, BRICK, at).measured())).collect();
         let wrong = off_surface(BRICK, estimates[9].pose, at);
-        assert!(estimates[9].state == State::Tracking && wrong < 0.002, "{:?}, {wrong} m off", estimates[9].state);
-        assert!(estimates.iter().all(|e| e.state == State::Lost || off_surface(BRICK, e.pose, at) < 0.004));
+        assert!(estimates[9].state == TrackState::Tracking && wrong < 0.002, "{:?}, {wrong} m off", estimates[9].state);
+        assert!(estimates.iter().all(|e| e.state == TrackState::Lost || off_surface(BRICK, e.pose, at) < 0.004));
     }
 }
 
 #[test]
 fn slam_waits_until_there_is_something() {
-    let mut slam = Slam::new(Config::default(), Side::Right, 1).unwrap();
+    let mut slam = Slam::builder().config(Config::default()).seed(1).build().unwrap();
     let nothing = see(Solid::Ball(0.0), tumbling(0), camera());
     for (k, depth) in [blind(0), frame(0.03, Vec::new()), frame(0.06, vec![Some(nothing)])].iter().enumerate() {
-        let estimate = slam.step(depth);
-        assert_eq!((estimate.frame, estimate.state, estimate.confidence), (k, State::Waiting, 0.0));
+        let estimate = slam.observe(&depth.measured());
+        assert_eq!((estimate.frame, estimate.state, estimate.confidence), (k, TrackState::Waiting, 0.0));
         assert!(!estimate.keyframe);
     }
-    let estimate = slam.step(&seen(3, BRICK, tumbling(0)));
-    assert_eq!((estimate.state, estimate.keyframe), (State::Tracking, true));
+    let estimate = slam.observe(&seen(3, BRICK, tumbling(0)).measured());
+    assert_eq!((estimate.state, estimate.keyframe), (TrackState::Tracking, true));
     let middle = estimate.pose.origin().coords() - tumbling(0).origin().coords();
     assert!(middle.norm() < 0.02, "the model's frame lies in the object: {middle}");
 }
@@ -232,16 +234,17 @@ fn turning(k: usize) -> Pose {
 
 #[test]
 fn an_unknown_brick_is_followed_and_learnt() {
-    let mut slam = Slam::new(Config::default(), Side::Right, 1).unwrap();
-    let estimates: Vec<Estimate> = (0..60).map(|k| slam.step(&seen(k, BRICK, turning(k)))).collect();
-    assert!(estimates.iter().all(|e| e.state == State::Tracking));
+    let mut slam = Slam::builder().config(Config::default()).seed(1).build().unwrap();
+    let estimates: Vec<Estimate> = (0..60).map(|k| slam.observe(&seen(k, BRICK, turning(k)).measured())).collect();
+    assert!(estimates.iter().all(|e| e.state == TrackState::Tracking));
     let worst = drift(&estimates, turning);
     // Every face that comes into view is learnt at a pose that is already a little off.
     assert!(worst < 0.0025, "{:.3} mm", 1e3 * worst);
 
     // Points of the true surface that were seen lie on the surface as learnt.
     let map = slam.map().unwrap();
-    let field_from_object = map.field_from_model() * (estimates[0].pose.untyped().inverse() * turning(0).untyped());
+    let field_from_object =
+        map.field_from_model().untyped() * (estimates[0].pose.untyped().inverse() * turning(0).untyped());
     let points: Vec<glam::Vec3> = BRICK
         .surface(4000)
         .iter()
@@ -257,7 +260,7 @@ fn an_unknown_brick_is_followed_and_learnt() {
 }
 
 /// What does not depend on a clock, to the bit.
-fn bits(e: &Estimate) -> (usize, [u64; 7], u64, State, bool, bool) {
+fn bits(e: &Estimate) -> (usize, [u64; 7], u64, TrackState, bool, bool) {
     let [w, x, y, z] = e.pose.quaternion_wxyz();
     let t = e.pose.origin().coords();
     let pose = [w, x, y, z, t.x, t.y, t.z].map(f64::to_bits);
@@ -271,10 +274,10 @@ fn the_same_seed_gives_the_same_bits() {
         pool.install(|| {
             let mut config = Config::default();
             config.map.first_steps = 40;
-            let mut slam = Slam::new(config, Side::Right, seed).unwrap();
+            let mut slam = Slam::builder().config(config).seed(seed).build().unwrap();
             // A jerk at frame 9, so that the searches run too.
             let at = |k: usize| if k < 9 { turning(k) } else { turning(k + 15) };
-            (0..18).map(|k| bits(&slam.step(&seen(k, BRICK, at(k))))).collect()
+            (0..18).map(|k| bits(&slam.observe(&seen(k, BRICK, at(k)).measured()))).collect()
         })
     };
     let first = run(1, 1);
@@ -290,14 +293,14 @@ fn a_long_run_does_not_grow() {
     config.map.batch = 512;
     config.map.keyframes = 16;
     config.map.keyframe_turn_deg = 4.0;
-    let mut slam = Slam::new(config, Side::Right, 1).unwrap();
+    let mut slam = Slam::builder().config(config).seed(1).build().unwrap();
     let sway = |k: usize| pose([0.0; 3], [20.0, 10.0, 30.0 * (0.1 * k as f64).sin()]);
     let mut promoted = 0;
     for k in 0..200 {
-        let estimate = slam.step(&seen(k, BRICK, sway(k)));
+        let estimate = slam.observe(&seen(k, BRICK, sway(k)).measured());
         promoted += usize::from(estimate.keyframe);
         assert!(slam.map().unwrap().keyframes().len() <= 16, "frame {k}");
-        assert_eq!(estimate.state, State::Tracking, "frame {k}");
+        assert_eq!(estimate.state, TrackState::Tracking, "frame {k}");
     }
     assert!(promoted > 48, "{promoted} keyframes came, so that many must have gone");
     assert_eq!(slam.map().unwrap().keyframes()[0].scan().frame, 0);
@@ -312,7 +315,7 @@ fn a_camera_that_dies_leaves_the_other() {
     for k in 0..30 {
         let first = (k < 10).then(|| see(BRICK, tumbling(k), camera()));
         let second = Some(see(BRICK, tumbling(k), (intrinsics, second)));
-        let estimate = slam.step(&frame(k as f64 / 30.0, vec![first, second]));
+        let estimate = slam.observe(&frame(k as f64 / 30.0, vec![first, second]).measured());
         let [distance, angle] = apart(estimate.pose, tumbling(k));
         assert!(distance < 4e-4 && angle < 0.8, "frame {k}: {distance} m, {angle} degrees");
     }

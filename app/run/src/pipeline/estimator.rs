@@ -1,5 +1,8 @@
 //! Pose and shape from measurements alone, and what is believed of them.
 
+use std::fmt;
+use std::sync::Arc;
+
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use glam::Vec3;
@@ -9,10 +12,13 @@ use mvt_gaits::gait;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::hand::Side;
-use mvt_robot::observation::DepthFrame;
-use mvt_slam::ConfigError;
+use mvt_robot::rig::PALM_CENTRE_M;
 use mvt_slam::map::Map;
-use mvt_slam::{Estimate, Slam, State};
+use mvt_slam::scan::{Measurement, Scan};
+use mvt_slam::{ConfigError, Estimate, Slam, SlamBuilder};
+use serde::{Deserialize, Serialize};
+
+use crate::input;
 use nalgebra as na;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -20,9 +26,11 @@ use rand_chacha::ChaCha8Rng;
 use crate::supervisor::Belief;
 
 /// What is given and what is estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// Pose and shape are estimated
+    #[default]
     Slam,
     /// The shape is given, the pose is estimated
     Pose,
@@ -38,6 +46,12 @@ impl Mode {
             Self::Pose => "pose",
             Self::Map => "map",
         }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -130,34 +144,43 @@ impl Estimator {
     /// Knows neither shape nor pose.
     ///
     /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
+    /// If a setting is out of range.
     pub fn new(config: &mvt_slam::Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
-        Ok(Self::with(Slam::new(config.clone(), side, seed)?, None, side))
+        Self::with(builder(config, seed).obstacles(input::map_obstacles(side)), None, side)
     }
 
-    /// Knows what an earlier run has learnt, and not the pose.
+    /// Knows the map of an earlier run, and not the pose.
     ///
     /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
+    /// If a setting is out of range.
     pub fn resume(config: &mvt_slam::Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
-        Ok(Self::with(Slam::resume(config.clone(), side, seed, map)?, None, side))
+        Self::with(builder(config, seed).map(map), None, side)
     }
 
     /// Knows the shape and roughly, or not at all, the pose.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
     pub fn with_shape(
         config: &mvt_slam::Config,
         side: Side,
         seed: u64,
         Given { shape, bounds_m }: Given,
         start: Option<Isometry<Model, World>>,
-    ) -> Self {
+    ) -> Result<Self, ConfigError> {
         let centre = 0.5 * (bounds_m[0] + bounds_m[1]);
-        Self::with(Slam::with_shape(config.clone(), side, seed, shape, bounds_m, start), Some(centre), side)
+        let builder = builder(config, seed).obstacles(input::known_obstacles(side, seed));
+        Self::with(builder.shape(shape, bounds_m, start), Some(centre), side)
     }
 
-    fn with(slam: Slam, given_centre: Option<Vec3>, side: Side) -> Self {
+    fn with(builder: SlamBuilder, given_centre: Option<Vec3>, side: Side) -> Result<Self, ConfigError> {
         let turn_direction = gait::TURN_DIRECTION_RIGHT * side.sign();
-        Self { slam, given_centre, turn_direction, last: None, turned_rad: 0.0 }
+        Ok(Self { slam: builder.build()?, given_centre, turn_direction, last: None, turned_rad: 0.0 })
+    }
+
+    /// Draws the rays of an instant for the next step.
+    pub fn scan(&self, measured: &Measurement<'_>) -> Arc<Scan> {
+        self.slam.scan(measured)
     }
 
     /// The growing shape, where none is given.
@@ -165,13 +188,18 @@ impl Estimator {
         self.slam.map()
     }
 
+    /// Number of frames taken.
+    pub fn frames(&self) -> usize {
+        self.slam.frames()
+    }
+
     /// Takes the next frame, whose pose is given where only the shape is estimated.
-    pub fn step(&mut self, depth: &DepthFrame, given_pose: Option<Isometry<Model, World>>) -> Estimate {
+    pub fn step(&mut self, scan: &Arc<Scan>, given_pose: Option<Isometry<Model, World>>) -> Estimate {
         let estimate = match given_pose {
-            Some(pose) => self.slam.step_at(depth, pose),
-            None => self.slam.step(depth),
+            Some(pose) => self.slam.step_at(scan, pose),
+            None => self.slam.step(scan),
         };
-        if estimate.state == State::Tracking {
+        if estimate.state.is_tracking() {
             if let Some(last) = self.last {
                 let turn = (estimate.pose.untyped() * last.untyped().inverse()).rotation.scaled_axis();
                 self.turned_rad += turn.z * self.turn_direction;
@@ -192,8 +220,12 @@ impl Estimator {
             centre_m: [centre.x, centre.y],
             turned_rad: self.turned_rad,
             confidence: estimate.confidence,
-            lost: estimate.state != State::Tracking,
+            lost: !estimate.state.is_tracking(),
             unobserved: self.map().map_or(0.0, |map| map.space().unseen_fraction()),
         }
     }
+}
+
+fn builder(config: &mvt_slam::Config, seed: u64) -> SlamBuilder {
+    Slam::builder().config(config.clone()).seed(seed).support(PALM_CENTRE_M[2])
 }

@@ -3,40 +3,30 @@
 use std::time::Instant;
 
 use glam::Vec3;
-use mvt_field::field::Field;
+use mvt_field::field::NeuralField;
 use mvt_field::shape::Shape as _;
 use mvt_field::surface::outer_surface;
-use mvt_frames::{Isometry, Model, Object, World};
+use mvt_frames::{Field, Isometry, Model, Object, World};
 use mvt_mesh::Mesh;
-use mvt_metrics::{POINTS, THRESHOLDS_M, TrueSurface, sample_surface};
-use mvt_objects::object::Object as TrueObject;
+use mvt_metrics::{POINTS, THRESHOLDS_M, sample_surface};
+use mvt_slam::Estimate;
 use mvt_slam::map::Map;
-use mvt_slam::{Estimate, State};
 
+use super::Truth;
 use crate::report::{FrameRow, ShapePoint, StageMs, TrackState};
 use crate::sdf_grid::SdfGrid;
 
-/// Points of the true surface over which the error is averaged while a run goes on; for the figures that are reported it is averaged over
-/// ten times as many.
-const QUICK_POINTS: usize = 1000;
-
 /// Rows of a run's record, one by one.
-pub struct Scorer {
-    /// The true surface, and the sample of it.
-    truth: Option<[TrueSurface; 2]>,
+pub struct Scorer<'a> {
+    truth: Option<&'a Truth>,
     /// From the model's coordinates to the object's: a choice of coordinates, made once, at the first estimate.
     gauge: Option<Isometry<Model, Object>>,
-    before: State,
 }
 
-impl Scorer {
-    /// Scores against an object, where it is known. With `model_is_object` the model's coordinates are the object's.
-    pub fn new(object: Option<&TrueObject>, model_is_object: bool) -> Self {
-        Self {
-            truth: object.map(|object| [POINTS, QUICK_POINTS].map(|count| TrueSurface::new(&object.mesh, count, 0))),
-            gauge: model_is_object.then(Isometry::identity),
-            before: State::Waiting,
-        }
+impl<'a> Scorer<'a> {
+    /// Scores against the true surface, where it is known. With `model_is_object` the model's coordinates are the object's.
+    pub fn new(truth: Option<&'a Truth>, model_is_object: bool) -> Self {
+        Self { truth, gauge: model_is_object.then(Isometry::identity) }
     }
 
     /// The row of a frame.
@@ -48,19 +38,15 @@ impl Scorer {
         sense_ms: f64,
     ) -> FrameRow {
         // A pose that is not believed fixes nothing: a run that is resumed begins with a search.
-        if estimate.state == State::Tracking && self.gauge.is_none() {
+        if estimate.state.is_tracking() && self.gauge.is_none() {
             // Without truth any will do.
             self.gauge = Some(truth.map_or_else(Isometry::identity, |truth| truth.inverse() * estimate.pose));
         }
-        let state = match (self.before, estimate.state) {
-            (State::Lost, State::Tracking) => TrackState::Relocalised,
-            (_, State::Tracking) => TrackState::Tracking,
-            (_, State::Lost | State::Waiting) => TrackState::Lost,
-        };
-        self.before = estimate.state;
+        // Before the object was seen its pose is as unknown as when it is lost.
+        let state = if estimate.state == TrackState::Waiting { TrackState::Lost } else { estimate.state };
         let pose = estimate.pose * self.gauge().inverse();
         // Before there is an estimate there is no error.
-        let add_s = truth.zip(self.truth.as_ref()).filter(|_| self.gauge.is_some());
+        let add_s = truth.zip(self.truth).filter(|_| self.gauge.is_some());
         FrameRow {
             frame,
             time_s: estimate.time_s,
@@ -68,7 +54,7 @@ impl Scorer {
             confidence: estimate.confidence,
             estimate: pose,
             truth,
-            add_s: add_s.map(|(truth, [surface, sample])| surface.add_s_of(sample, truth.inverse() * pose)),
+            add_s: add_s.map(|(truth, surface)| surface.original().add_s_of(surface.quick(), truth.inverse() * pose)),
             stage_ms: StageMs {
                 sense: sense_ms,
                 track: estimate.spent.track.as_secs_f64() * 1e3,
@@ -85,19 +71,19 @@ impl Scorer {
 }
 
 /// The shape as it is known at a frame, to be meshed and scored by another thread.
-pub struct Snapshot {
+pub struct ShapeSnapshot {
     /// Number of the frame.
     pub frame: u64,
     /// Seconds.
     pub time_s: f64,
-    field: Field,
-    object_from_field: Isometry<Model, Object>,
+    field: NeuralField,
+    object_from_field: Isometry<Field, Object>,
     /// From the object as estimated to the object as it is.
     error: Option<Isometry<Object, Object>>,
 }
 
 /// A snapshot as a mesh.
-pub struct Shape {
+pub struct MeshedShape {
     /// Number of the frame.
     pub frame: u64,
     /// The surface in the coordinates from which the estimated poses lead.
@@ -110,20 +96,20 @@ pub struct Shape {
     pub mesh_ms: f64,
 }
 
-impl Snapshot {
+impl ShapeSnapshot {
     /// What a map knows at the frame of a row.
     pub fn new(map: &Map, row: &FrameRow, gauge: Isometry<Model, Object>) -> Self {
         Self {
             frame: row.frame,
             time_s: row.time_s,
             field: map.field().clone(),
-            object_from_field: Isometry::new(gauge.untyped() * map.field_from_model().inverse()),
+            object_from_field: gauge * map.field_from_model().inverse(),
             error: row.truth.map(|truth| truth.inverse() * row.estimate),
         }
     }
 
     /// Meshes with cells of `cell_m` and scores.
-    pub fn shape(&self, cell_m: f32, truth: Option<&TrueSurface>) -> Shape {
+    pub fn shape(&self, cell_m: f32, truth: Option<&Truth>) -> MeshedShape {
         let begun = Instant::now();
         let mut mesh = outer_surface(&self.field, self.field.config().half_extent_m, cell_m);
         let (rotation, translation) = self.object_from_field.to_f32();
@@ -131,7 +117,7 @@ impl Snapshot {
             *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);
         }
         let point = truth.zip(self.error).map(|(truth, error)| {
-            let score = truth.score(&sample_surface(&mesh, POINTS, 1), error, &THRESHOLDS_M);
+            let score = truth.original().score(&sample_surface(&mesh, POINTS, 1), error, &THRESHOLDS_M);
             let at = |mm: f64| score.f_scores.iter().find(|f| (f.threshold_m * 1e3 - mm).abs() < 1e-6);
             ShapePoint {
                 time_s: self.time_s,
@@ -145,7 +131,7 @@ impl Snapshot {
         });
         let mesh_ms = begun.elapsed().as_secs_f64() * 1e3;
         let sdf = self.distances(mesh.bounds_m());
-        Shape { frame: self.frame, mesh, sdf, point, mesh_ms }
+        MeshedShape { frame: self.frame, mesh, sdf, point, mesh_ms }
     }
 
     /// Signed distances in and around a box, coarsely.

@@ -1,7 +1,7 @@
 use super::*;
 use crate::source::Pictures;
 use mvt_robot::hand::{JOINTS, PerFinger};
-use mvt_robot::observation::DepthFrame;
+use mvt_robot::observation::Percept;
 
 /// Remembers in which order it was asked and directed.
 #[derive(Default)]
@@ -21,8 +21,16 @@ impl Source for Witness {
         let frame = self.frames;
         self.frames += 1;
         let time_s = frame as f64;
-        let depth = DepthFrame { time_s, joints: [0.0; JOINTS], cameras: vec![], touch: PerFinger::default() };
-        Ok(Some(Sensed { frame, depth, truth: None, pictures: Pictures::default(), sense_ms: 0.0, warnings: vec![] }))
+        let percept = Percept { time_s, joints: [0.0; JOINTS], cameras: vec![], touch: PerFinger::default() };
+        Ok(Some(Sensed {
+            frame,
+            percept,
+            truth: None,
+            pictures: Pictures::default(),
+            sense_ms: 0.0,
+            hidden: None,
+            warnings: vec![],
+        }))
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {

@@ -7,6 +7,9 @@ use mvt_mesh::Mesh;
 use mvt_metrics::{FINE_POINTS, FScore, POINTS, PoseStatistics, ShapeScore, THRESHOLDS_M, TrueSurface, sample_surface};
 use serde::Serialize;
 
+use crate::pipeline::{Mode, Truth};
+use crate::source::Modality;
+
 use super::{Event, FrameRow, RunRecord, StageMs, TrackState};
 
 /// The content of `summary.json`. Lengths are millimetres, shares run from 0 to 1. A number is null where there is no truth to hold
@@ -19,10 +22,10 @@ pub struct Summary {
     pub object: String,
     /// Seed of the episode, of its noise and of the estimate.
     pub seed: u64,
-    /// `slam`, `pose` or `map`.
-    pub mode: String,
-    /// `vitac`, `vi` or `tac`.
-    pub modality: String,
+    /// What was estimated.
+    pub mode: Mode,
+    /// Which sensors were used.
+    pub modality: Modality,
     /// Number of frames.
     pub frames: usize,
     /// Time of the episode or log.
@@ -87,14 +90,13 @@ pub struct ErrorStatistics {
 
 impl ShapeScores {
     /// Of a surface in the frame that `object_from_estimate` takes to the true one's.
-    pub fn new<F: Frame>(estimate: &Mesh, truth: &Mesh, object_from_estimate: Isometry<F, Object>) -> Self {
-        let score = |points: usize| {
-            let truth = TrueSurface::new(truth, points, 0);
-            truth.score(&sample_surface(estimate, points, 1), object_from_estimate, &THRESHOLDS_M)
+    pub fn new<F: Frame>(estimate: &Mesh, truth: &Truth, object_from_estimate: Isometry<F, Object>) -> Self {
+        let score = |surface: &TrueSurface, points: usize| {
+            surface.score(&sample_surface(estimate, points, 1), object_from_estimate, &THRESHOLDS_M)
         };
         let by_threshold =
             |score: &ShapeScore| score.f_scores.iter().map(|f| ((f.threshold_m * 1e3).round() as u32, f.f())).collect();
-        let (original, fine) = (score(POINTS), score(FINE_POINTS));
+        let (original, fine) = (score(truth.original(), POINTS), score(truth.fine(), FINE_POINTS));
         let at_5mm = |of: fn(&FScore) -> f64| original.f_scores.iter().find(|f| f.threshold_m == 0.005).map(of);
         Self {
             f_score: Some(by_threshold(&original)),
@@ -136,8 +138,8 @@ impl Summary {
             complete: run.complete,
             object: run.object.clone(),
             seed: run.seed,
-            mode: run.mode.clone(),
-            modality: run.modality.clone(),
+            mode: run.mode,
+            modality: run.modality,
             frames: frames.len(),
             simulated_s: run.simulated_s,
             wall_s: run.wall_s,

@@ -51,8 +51,8 @@ fn run() -> RunRecord {
     RunRecord {
         object: "cube70".into(),
         seed: 3,
-        mode: "slam".into(),
-        modality: "vitac".into(),
+        mode: Mode::Slam,
+        modality: Modality::Vitac,
         frames: (0..600).map(frame).collect(),
         shape: (0..60).map(point).collect(),
         events: vec![Event { time_s: 10.0, text: "lost the object".into() }],
@@ -63,8 +63,8 @@ fn run() -> RunRecord {
     }
 }
 
-fn object(name: &str) -> TrueObject {
-    catalogue::load(name, &mut Vec::new()).unwrap()
+fn object(name: &str) -> Truth {
+    Truth::new(catalogue::load(name, &mut Vec::new()).unwrap())
 }
 
 /// The truth, bent by some millimetres.
@@ -77,7 +77,7 @@ fn estimate(truth: &Mesh) -> Mesh {
 fn a_run_leaves_all_its_files_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let truth = object("cube70");
-    let summary = write(folder.path(), &run(), &estimate(&truth.mesh), Some(&truth)).unwrap();
+    let summary = write(folder.path(), &run(), &estimate(truth.mesh()), Some(&truth)).unwrap();
     let mut names: Vec<_> =
         fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
@@ -101,7 +101,7 @@ fn a_run_leaves_all_its_files_and_nothing_else() {
     for key in ["mean", "median", "p95", "final", "mean_original_definition"] {
         assert!(add_s[key].as_f64().unwrap() > 1.0, "{key}");
     }
-    assert_eq!(mvt_mesh::read(&folder.path().join(file::PLY)).unwrap(), estimate(&truth.mesh));
+    assert_eq!(mvt_mesh::read(&folder.path().join(file::PLY)).unwrap(), estimate(truth.mesh()));
 }
 
 #[test]
@@ -129,16 +129,20 @@ fn the_turntable_shows_what_is_wrong() {
     let truth = object("cube70");
     for (scale, colour) in [(1.0, "pale"), (1.25, "dark red")] {
         let estimate = Mesh {
-            vertices: truth.mesh.vertices.iter().map(|v| *v * scale).collect(),
-            faces: truth.mesh.faces.clone(),
+            vertices: truth.mesh().vertices.iter().map(|v| *v * scale).collect(),
+            faces: truth.mesh().faces.clone(),
         };
-        let errors_m = turntable::vertex_errors_m(&estimate, Isometry::identity(), &truth);
+        let errors_m = turntable::vertex_errors_m(&estimate, Isometry::identity(), truth.object());
         // A side of 70 mm is half of the growth away.
         let largest = errors_m.iter().copied().fold(0.0, f32::max);
         assert!((0.035 * (scale - 1.0) - 1e-4..0.062 * (scale - 1.0) + 1e-4).contains(&largest), "{largest}");
         let object_from_estimate = Isometry::identity();
-        let turntable =
-            turntable::Turntable { estimate: &estimate, errors_m: &errors_m, object_from_estimate, truth: &truth.mesh };
+        let turntable = turntable::Turntable {
+            estimate: &estimate,
+            errors_m: &errors_m,
+            object_from_estimate,
+            truth: truth.mesh(),
+        };
         let gif = turntable.gif().unwrap();
         let frames = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(gif)).unwrap().into_frames();
         let frames = frames.collect_frames().unwrap();

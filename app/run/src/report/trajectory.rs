@@ -101,7 +101,7 @@ pub fn write_trajectory(rows: &[FrameRow]) -> String {
     for row in rows {
         let state = match row.state {
             TrackState::Tracking => "tracking",
-            TrackState::Lost => "lost",
+            TrackState::Lost | TrackState::Waiting => "lost",
             TrackState::Relocalised => "relocalised",
         };
         let _ = write!(text, "{},{},{state},{}", row.frame, row.time_s, row.confidence);

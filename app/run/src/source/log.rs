@@ -14,11 +14,11 @@ use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, PerFinger, Side};
-use mvt_robot::observation::{Observation, Rgbd};
+use mvt_robot::observation::SensorName;
 use mvt_robot::rig::Placement;
-use mvt_segmentation::SegmentationConfig;
+use mvt_segmentation::{SegmentationConfig, percept};
 
-use super::touch::{self, TouchNetwork};
+use super::touch::{TouchNetwork, true_press};
 use super::{Modality, Pictures, Sensed, Source};
 
 /// A log, read frame by frame.
@@ -166,12 +166,12 @@ impl LogSource {
         }
     }
 
-    fn name(&self, sensor: Sensor) -> mvt_robot::observation::Sensor {
+    fn name(&self, sensor: Sensor) -> SensorName {
         match sensor {
-            Sensor::Touch(finger) => mvt_robot::observation::Sensor::Touch(finger),
-            Sensor::Camera(k) => mvt_robot::observation::Sensor::Camera(
-                self.log().cameras().get(k).map_or_else(String::new, |c| c.name.clone()),
-            ),
+            Sensor::Touch(finger) => SensorName::Touch(finger),
+            Sensor::Camera(k) => {
+                SensorName::Camera(self.log().cameras().get(k).map_or_else(String::new, |c| c.name.clone()))
+            }
         }
     }
 
@@ -211,7 +211,7 @@ impl LogSource {
             });
         }
         let seed = self.seed();
-        let mut cameras = Vec::new();
+        let mut depths_m = Vec::new();
         for (k, depth_m) in frame.cameras.into_iter().enumerate() {
             let depth_m = depth_m.unwrap_or_default();
             let wrong = depth_m.iter().filter(|z| !z.is_finite()).count();
@@ -228,27 +228,22 @@ impl LogSource {
                 Some(multiple) => depth_noise::disturb(&depth_m, multiple, id),
                 None => depth_m,
             };
-            cameras.push(Rgbd { color: RgbImage::default(), depth_m });
+            depths_m.push(Some(depth_m));
         }
-        let mut observation = Observation {
-            time_s: frame.time_s,
-            joints: frame.joints,
-            touch: PerFinger(frame.touch_images.0.map(Option::unwrap_or_default)),
-            cameras,
-        };
+        let images = PerFinger(frame.touch_images.0.map(Option::unwrap_or_default));
         let side = self.side();
         let touch = match &mut self.network {
-            None => PerFinger::from_fn(|finger| frame.touch_truth[finger].as_ref().map(touch::true_touch)),
-            Some(network) => network.feel(u64::from(number), &observation.touch, &mut self.warnings)?,
+            None => PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?)),
+            Some(network) => network.feel(u64::from(number), &images, &mut self.warnings)?,
         };
-        let segmentation = SegmentationConfig::default();
-        let (depth, _) = mvt_segmentation::depth_frame(&observation, touch, &self.cameras, side, &segmentation)
+        let config = SegmentationConfig::default();
+        let percept = percept(frame.time_s, frame.joints, depths_m, touch, &self.cameras, side, &config)
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
-        let pictures = self.pictures(number, std::mem::take(&mut observation.touch));
-        Ok(Sensed { frame: u64::from(number), depth, truth, pictures, sense_ms, warnings })
+        let pictures = self.pictures(number, images);
+        Ok(Sensed { frame: u64::from(number), percept, truth, pictures, sense_ms, hidden: None, warnings })
     }
 }
 

@@ -6,13 +6,15 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use mvt_products::Instructions;
+use mvt_robot::digit::gel;
 use mvt_robot::hand::{Finger, PerFinger};
 use mvt_robot::observation::TouchTruth;
-use mvt_robot::observation::{Sensor, TouchImages};
+use mvt_robot::observation::{Press, SensorName};
 use mvt_touch::contact::{ContactConfig, Feeler};
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
 use mvt_touch::untouched::estimate;
+use ndarray::{Array2, Zip};
 
 /// Where touch depth comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -69,12 +71,22 @@ impl TouchArguments {
     }
 }
 
-/// Standard deviation of true touch depth, metres: logs store it in steps of 1/33 mm.
-const TRUTH_SIGMA_M: f32 = 5e-5;
+/// Standard deviation of true touch depth, millimetres: logs store it in steps of 1/33 mm.
+const TRUTH_SIGMA_MM: f32 = 0.05;
 
-/// True touch depth and contact as perception wants it.
-pub fn true_touch(truth: &TouchTruth) -> TouchImages<'_> {
-    TouchImages { depth_m: &truth.depth_m, contact: &truth.contact, sigma_m: TRUTH_SIGMA_M }
+/// True touch as a press. Pixels without a valid depth are no contact. `None` without images of a DIGIT's size.
+pub fn true_press(truth: &TouchTruth) -> Option<Press> {
+    let mut indentation_mm = gel::indentation_of(&truth.depth_m)?;
+    let mut contact =
+        Array2::from_shape_vec(truth.depth_m.dim(), truth.contact.iter().map(|&c| c > 127).collect()).ok()?;
+    Zip::from(&truth.depth_m).and(&mut indentation_mm).and(&mut contact).for_each(
+        |&depth_m, indentation_mm, touches| {
+            if !(depth_m.is_finite() && depth_m > 0.0) {
+                (*indentation_mm, *touches) = (0.0, false);
+            }
+        },
+    );
+    Some(Press { indentation_mm, contact, sigma_mm: TRUTH_SIGMA_MM })
 }
 
 /// A network that feels, and what it has complained of.
@@ -119,20 +131,20 @@ impl TouchNetwork {
         frame: u64,
         images: &PerFinger<RgbImage>,
         warnings: &mut Vec<String>,
-    ) -> Result<PerFinger<Option<TouchImages<'_>>>> {
+    ) -> Result<PerFinger<Option<Press>>> {
         let Self { feeler, told } = self;
         let felt = feeler.feel(images)?;
         for finger in Finger::ALL {
-            if let Some(felt) = felt[finger].filter(|felt| felt.images.is_none())
+            if let Some(felt) = felt[finger].as_ref().filter(|felt| felt.press.is_none())
                 && !std::mem::replace(&mut told[finger], true)
             {
                 warnings.push(format!(
                     "frame {frame}: the image of {} is none that a DIGIT makes (plausibility {:.2} of 1): black, saturated, from another sensor, or unlike what the weights know; such images are left out",
-                    Sensor::Touch(finger),
+                    SensorName::Touch(finger),
                     felt.plausibility
                 ));
             }
         }
-        Ok(PerFinger::from_fn(|finger| felt[finger].and_then(|felt| felt.images)))
+        Ok(PerFinger(felt.0.map(|felt| felt?.press)))
     }
 }

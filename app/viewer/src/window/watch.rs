@@ -186,7 +186,8 @@ impl Watch {
             mvt_robot::hand::Side::Right => "right hand",
         };
         ui.strong(&about.object).on_hover_text(self.place.folder().display().to_string());
-        ui.label(format!("mode {}   sensors {}   seed {}   {side}", about.mode, about.modality, about.seed));
+        let mode = about.mode.map_or("log", mvt_run::pipeline::Mode::name);
+        ui.label(format!("mode {mode}   sensors {}   seed {}   {side}", about.modality, about.seed));
         let ctx = ui.ctx().clone();
         ui.menu_button("File", |ui| {
             if ui.button("Screenshot (S)").clicked() {

@@ -45,16 +45,13 @@ fn one(image: RgbImage) -> PerFinger<RgbImage> {
     images
 }
 
-/// Depth (metres), contact and standard deviation (metres).
-type Touched = (Array2<f32>, GrayImage, f32);
-
 /// What the middle finger feels.
-fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<Touched>) {
+fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<Press>) {
     let images = one(image);
     let felt = feeler.feel(&images).unwrap();
     assert!(felt[Finger::Thumb].is_none(), "a finger without an image feels");
-    let Felt { images, plausibility, asked } = felt[Finger::Middle].unwrap();
-    (plausibility, asked, images.map(|i| (i.depth_m.clone(), i.contact.clone(), i.sigma_m)))
+    let Felt { press, plausibility, asked } = felt[Finger::Middle].clone().unwrap();
+    (plausibility, asked, press)
 }
 
 #[test]
@@ -62,13 +59,12 @@ fn a_contact_is_felt_where_it_is() {
     let mut feeler = Feeler::new(engine(), ContactConfig::default());
     let (plausibility, asked, felt) = feel(&mut feeler, picture(191, 60));
     assert!(asked && plausibility > 0.9, "{plausibility}");
-    let (depth_m, contact, sigma_m) = felt.unwrap();
+    let Press { indentation_mm, contact, sigma_mm } = felt.unwrap();
     // 191 is level 0.498.
-    let gel_m = |u: f64, v: f64| digit::gel::point(u, v).coords().x as f32;
-    assert!((gel_m(120.0, 160.0) - depth_m[[160, 120]] - 0.996e-3).abs() < 5e-6);
-    assert!((gel_m(20.0, 20.0) - depth_m[[20, 20]]).abs() < 1e-7);
-    assert_eq!((contact.get_pixel(120, 160).0, contact.get_pixel(20, 20).0), ([255], [0]));
-    assert!((sigma_m - 5e-5).abs() < 1e-9);
+    assert!((indentation_mm[[160, 120]] - 0.996).abs() < 5e-3);
+    assert!(indentation_mm[[20, 20]].abs() < 1e-4);
+    assert_eq!((contact[[160, 120]], contact[[20, 20]]), (true, false));
+    assert!((sigma_mm - 0.05).abs() < 1e-6);
 }
 
 #[test]
@@ -79,16 +75,15 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
         let mut feeler = Feeler::new(engine(), ContactConfig::default());
         feeler.set_empty(Finger::Middle, &picture(level, 60)).unwrap();
         let (_, asked, untouched) = feel(&mut feeler, picture(level, 60));
-        let (depth_m, contact, _) = untouched.unwrap();
+        let Press { indentation_mm, contact, .. } = untouched.unwrap();
         assert!(!asked, "the network was asked about an untouched sensor");
-        assert!(contact.pixels().all(|level| level.0 == [0]));
-        assert_eq!(depth_m[[160, 120]], digit::gel::point(120.0, 160.0).coords().x as f32);
+        assert!(!contact.iter().any(|&touches| touches));
+        assert_eq!(indentation_mm[[160, 120]], 0.0);
         let (_, asked, touched) = feel(&mut feeler, picture(level + 100, 60));
         assert!(asked);
         felt.push(touched.unwrap());
     }
-    let gel_m = digit::gel::point(120.0, 160.0).coords().x as f32;
-    let indentation_mm = (gel_m - felt[0].0[[160, 120]]) * 1e3;
+    let indentation_mm = felt[0].indentation_mm[[160, 120]];
     let seen = f32::from(EVEN) + 100.0;
     assert!((indentation_mm - (seen - 127.5) / 127.5 * 2.0).abs() < 0.01, "{indentation_mm}");
     assert!(felt[0] == felt[1], "what is felt depends on the sensor");
@@ -109,10 +104,7 @@ fn contact_holds_on_and_lets_go() {
     // Indentations of 0.56, 0.48 and 0.32 mm about the threshold of 0.5 mm and, once in contact, 0.35 mm; the probabilities are 0.76,
     // 0.39 and 0.03 about 0.5 and 0.35.
     let levels = [163, 158, 148].map(|level| picture(level, 60));
-    let touches = |feeler: &mut Feeler, image: &RgbImage| {
-        let contact = feel(feeler, image.clone()).2.unwrap().1;
-        contact.get_pixel(120, 160).0 == [255]
-    };
+    let touches = |feeler: &mut Feeler, image: &RgbImage| feel(feeler, image.clone()).2.unwrap().contact[[160, 120]];
     let mut feeler = Feeler::new(engine(), fading);
     assert_eq!([0, 1, 2, 1].map(|k| touches(&mut feeler, &levels[k])), [true, true, false, false]);
     let mut feeler = Feeler::new(engine(), ContactConfig { hysteresis: 1.0, ..fading });
@@ -123,7 +115,7 @@ fn contact_holds_on_and_lets_go() {
 fn specks_are_no_contact() {
     let feel_speck = |least_area| {
         let mut feeler = Feeler::new(engine(), ContactConfig { least_area, ..ContactConfig::default() });
-        feel(&mut feeler, picture(191, 8)).2.unwrap().1.pixels().any(|level| level.0 == [255])
+        feel(&mut feeler, picture(191, 8)).2.unwrap().contact.iter().any(|&touches| touches)
     };
     assert_eq!([0.002, 0.0].map(feel_speck), [false, true]);
 }
@@ -154,9 +146,9 @@ fn implausible_images_are_told_and_not_used() {
 fn answers_that_contradict_each_other_are_not_plausible() {
     let config = ContactConfig::default();
     let indentation_mm = Array2::from_shape_fn((64, 64), |(v, _)| if v < 32 { 1.0 } else { 0.0 });
-    let mut contact = GrayImage::new(64, 64);
+    let mut contact = Array2::from_elem((64, 64), false);
     let agreement =
-        |logits: &Array2<f32>, contact: &mut GrayImage| decide(&config, logits, &indentation_mm, contact).agreement;
+        |logits: &Array2<f32>, contact: &mut Array2<bool>| decide(&config, logits, &indentation_mm, contact).agreement;
     let same = indentation_mm.mapv(|mm| if mm > 0.5 { 5.0 } else { -5.0 });
     assert_eq!(agreement(&same, &mut contact), 1.0);
     assert_eq!(agreement(&-same, &mut contact), 0.0);

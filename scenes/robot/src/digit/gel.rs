@@ -4,8 +4,12 @@
 //! A point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h so that
 //! the corners of the pad lie [`BULGE_M`] behind the apex.
 
-use super::intrinsics;
+use std::sync::LazyLock;
+
 use mvt_frames::{Gel, Point, Vector};
+use ndarray::{Array2, Zip};
+
+use super::{HEIGHT, WIDTH, intrinsics};
 
 /// Distance from the camera to the gel on the optical axis, where the gel bulges out furthest, metres.
 pub const APEX_M: f64 = 0.022;
@@ -44,10 +48,31 @@ pub fn normal(point: Point<Gel>) -> Vector<Gel> {
     Vector::from(nalgebra::Vector3::new(-1.0, -slope * p.y, -slope * p.z).normalize())
 }
 
+/// Depth of the undeformed gel at every pixel of a DIGIT image, metres along the camera's axis. Indexed (row, column).
+pub fn depth_m() -> &'static Array2<f32> {
+    static DEPTH_M: LazyLock<Array2<f32>> = LazyLock::new(|| {
+        Array2::from_shape_fn((HEIGHT, WIDTH), |(row, column)| point(column as f64, row as f64).coords().x as f32)
+    });
+    &DEPTH_M
+}
+
+/// Depth of a gel that is pressed in: metres from millimetres of indentation. `None` if the image has another size.
+pub fn depth_of(indentation_mm: &Array2<f32>) -> Option<Array2<f32>> {
+    let gel_m = depth_m();
+    (indentation_mm.dim() == gel_m.dim())
+        .then(|| Zip::from(gel_m).and(indentation_mm).map_collect(|gel, indentation| gel - 1e-3 * indentation))
+}
+
+/// Indentation of a gel of which the depth is known: millimetres from metres. `None` if the image has another size.
+pub fn indentation_of(depth_m: &Array2<f32>) -> Option<Array2<f32>> {
+    let gel_m = self::depth_m();
+    (depth_m.dim() == gel_m.dim()).then(|| Zip::from(gel_m).and(depth_m).map_collect(|gel, depth| (gel - depth) * 1e3))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::digit::{HEIGHT, WIDTH, gel_from_camera};
+    use crate::digit::gel_from_camera;
 
     #[test]
     fn pixels_show_the_gel_points_that_project_to_them() {

@@ -7,7 +7,7 @@ use glam::{Mat3A, Vec3, Vec3A};
 use nalgebra as na;
 
 use super::{Body, JointAngles, Part, Primitive, Side, Surface, parts};
-use mvt_frames::{HandBase, Isometry, World};
+use mvt_frames::{HandBase, Isometry, Obstacle, Occupied, World};
 
 /// The hand at given joint angles. Lengths are metres, points are in the world.
 #[derive(Debug, Clone)]
@@ -141,15 +141,6 @@ pub struct HandSamples {
     bodies: Vec<(Body, Vec<Occupied>)>,
 }
 
-/// A point inside the hand.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Occupied {
-    /// Where it is, metres.
-    pub point: Vec3,
-    /// No point outside the hand is nearer than this, metres.
-    pub depth_m: f32,
-}
-
 impl HandSamples {
     /// One random point per cube of edge `spacing_m` that lies in a part of the hand; `seed` chooses where in the cube.
     pub fn new(side: Side, spacing_m: f64, seed: u64) -> Self {
@@ -167,6 +158,17 @@ impl HandSamples {
             (parts[0].body, points)
         });
         Self { side, bodies: bodies.collect() }
+    }
+
+    /// The points of each body, in its coordinates.
+    pub fn bodies(&self) -> impl Iterator<Item = &[Occupied]> {
+        self.bodies.iter().map(|(_, points)| points.as_slice())
+    }
+
+    /// Where each body is at given joint angles, in the order of [`HandSamples::bodies`].
+    pub fn body_poses(side: Side, joints: &JointAngles) -> impl Iterator<Item = Isometry<Obstacle, World>> {
+        let bodies: Vec<Body> = parts(side).chunk_by(|a, b| a.body == b.body).map(|parts| parts[0].body).collect();
+        bodies.into_iter().map(move |body| Isometry::new(body.pose(side, joints)))
     }
 
     /// The points in the world at given joint angles, in an order that does not depend on them.

@@ -9,7 +9,7 @@ const MAX_LEVELS: usize = 8;
 /// Finest level, vertices per axis.
 const MAX_RESOLUTION: u32 = 1024;
 
-/// What a [`Field`](super::Field) is made of and how a [`Trainer`](super::Trainer) teaches it.
+/// What a [`NeuralField`](super::NeuralField) is made of and how a [`FieldTrainer`](super::Trainer) teaches it.
 ///
 /// The defaults are the winners of a comparison on noisy depth of four YCB objects: finer levels than 3 mm gained nothing at 1 mm
 /// of noise, and hashed ones were slower with noisier normals.

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use super::{FEATURES, Field, FieldError, Parameters};
+use super::{FEATURES, FieldError, NeuralField, Parameters};
 use crate::tensors::{Contents, FileError, Tensor, write};
 
 /// The parts of the network by name, with their shapes and their places in its array.
-fn parts(field: &Field) -> [(&'static str, Vec<usize>, std::ops::Range<usize>); 4] {
+fn parts(field: &NeuralField) -> [(&'static str, Vec<usize>, std::ops::Range<usize>); 4] {
     let layout = field.layout;
     [
         ("hidden.weight", vec![layout.hidden, layout.inputs], 0..layout.biases()),
@@ -19,7 +19,7 @@ fn parts(field: &Field) -> [(&'static str, Vec<usize>, std::ops::Range<usize>); 
 /// Writes sets of parameters, the names of whose tensors start with a prefix each.
 pub(super) fn save(
     path: &Path,
-    field: &Field,
+    field: &NeuralField,
     sets: &[(&str, &Parameters)],
     steps: Option<u64>,
 ) -> Result<(), FileError> {
@@ -43,10 +43,10 @@ pub(super) fn save(
 }
 
 /// The field in a file.
-pub(super) fn field(contents: &Contents) -> Result<Field, FieldError> {
+pub(super) fn field(contents: &Contents) -> Result<NeuralField, FieldError> {
     let config = serde_json::from_str(contents.entry("config")?)
         .map_err(|error| contents.damaged(format!("config: {error}")))?;
-    let mut field = Field::zeros(&config)?;
+    let mut field = NeuralField::zeros(&config)?;
     field.parameters = parameters(contents, "", &field)?;
     Ok(field)
 }
@@ -58,7 +58,7 @@ pub(super) fn steps(contents: &Contents) -> Result<u64, FileError> {
 }
 
 /// The parameters whose tensors' names start with `prefix`, for `field`.
-pub(super) fn parameters(contents: &Contents, prefix: &str, field: &Field) -> Result<Parameters, FileError> {
+pub(super) fn parameters(contents: &Contents, prefix: &str, field: &NeuralField) -> Result<Parameters, FileError> {
     let mut parameters = Parameters::zeros(field.parameters.table.len(), field.layout);
     let grid = contents.numbers(&format!("{prefix}grid"), Some(parameters.table.len()), &[FEATURES])?;
     parameters.table.as_flattened_mut().copy_from_slice(&grid);

@@ -11,18 +11,18 @@ mod reference;
 use reference::Reference;
 
 /// A field whose lattices have vertices at multiples of 1/16 m, exactly, and features that matter.
-fn rough(seed: u64) -> Field {
+fn rough(seed: u64) -> NeuralField {
     let config = Config { half_extent_m: 0.5, truncation_m: 0.1, levels: vec![5, 17], hidden: 16, ..Config::default() };
-    roughen(Field::new(&config, seed).unwrap(), seed)
+    roughen(NeuralField::new(&config, seed).unwrap(), seed)
 }
 
 /// The finer level of `rough` is hashed here.
-fn hashed(seed: u64) -> Field {
+fn hashed(seed: u64) -> NeuralField {
     let config = Config { table_log2: 8, ..rough(seed).config };
-    roughen(Field::new(&config, seed).unwrap(), seed)
+    roughen(NeuralField::new(&config, seed).unwrap(), seed)
 }
 
-fn roughen(mut field: Field, seed: u64) -> Field {
+fn roughen(mut field: NeuralField, seed: u64) -> NeuralField {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     field.parameters.table.as_flattened_mut().fill_with(|| random.random_range(-0.3..0.3));
     let bias = field.layout.biases()..field.layout.output();
@@ -35,13 +35,13 @@ fn points(seed: u64, count: usize, extent: f32) -> Vec<Vec3> {
     (0..count).map(|_| Vec3::from_array(std::array::from_fn(|_| random.random_range(-extent..extent)))).collect()
 }
 
-fn values(field: &Field, points: &[Vec3]) -> Vec<f32> {
+fn values(field: &NeuralField, points: &[Vec3]) -> Vec<f32> {
     let mut out = vec![0.0; points.len()];
     field.distances(points, &mut out);
     out
 }
 
-fn distances(field: &Field, points: &[Vec3]) -> Vec<Distance> {
+fn distances(field: &NeuralField, points: &[Vec3]) -> Vec<Distance> {
     let mut out = vec![Distance::default(); points.len()];
     field.distances_and_gradients(points, &mut out);
     out
@@ -152,8 +152,8 @@ fn outside_of_the_cube_is_the_nearest_point_and_no_gradient_along_the_axes_outsi
 }
 
 /// The loss and its gradient, without a step.
-fn differentiate(field: &Field, set: Instructions, samples: &[Sample]) -> (f32, Parameters) {
-    struct Run<'a>(&'a mut Trainer, &'a [Sample]);
+fn differentiate(field: &NeuralField, set: Instructions, samples: &[Sample]) -> (f32, Parameters) {
+    struct Run<'a>(&'a mut FieldTrainer, &'a [Sample]);
     impl WithSimd for Run<'_> {
         type Output = f32;
         #[inline(always)]
@@ -161,7 +161,7 @@ fn differentiate(field: &Field, set: Instructions, samples: &[Sample]) -> (f32, 
             Differentiate { trainer: self.0, samples: self.1 }.with_simd(simd)
         }
     }
-    let mut trainer = Trainer::new(field.clone().with_instructions(set));
+    let mut trainer = FieldTrainer::new(field.clone().with_instructions(set));
     let loss = set.run(Run(&mut trainer, samples));
     (loss, trainer.gradient().clone())
 }
@@ -213,7 +213,7 @@ fn parameter_gradients_are_those_of_differences() {
 #[test]
 fn what_no_sample_touches_stays() {
     let field = rough(11);
-    let mut trainer = Trainer::new(field.clone());
+    let mut trainer = FieldTrainer::new(field.clone());
     let corner = Vec3::splat(-0.49);
     let all = |target, at_least| [Sample { position: corner, target, weight: 1.0, at_least }; 3];
     let before = values(&field, &[corner])[0] / field.config.truncation_m;
@@ -231,7 +231,7 @@ fn what_no_sample_touches_stays() {
 
 #[test]
 fn steps_are_those_of_lazy_adam() {
-    let mut trainer = Trainer::new(rough(12));
+    let mut trainer = FieldTrainer::new(rough(12));
     let layout = trainer.field.layout;
     // Of each parameter: itself and the running means of its gradient and of the square, in double precision.
     let mut expected: Vec<[f64; 3]> = Vec::new();
@@ -263,14 +263,14 @@ fn steps_are_those_of_lazy_adam() {
 }
 
 /// Largest and mean distance to a surface that the field shows at points on it, metres.
-fn error(field: &Field, surface: &[Vec3]) -> [f32; 2] {
+fn error(field: &NeuralField, surface: &[Vec3]) -> [f32; 2] {
     let values = values(field, surface);
     let largest = values.iter().fold(0.0f32, |largest, v| largest.max(v.abs()));
     [largest, values.iter().map(|v| v.abs()).sum::<f32>() / values.len() as f32]
 }
 
-fn train(config: &Config, steps: u64, set: Instructions, distance: impl Fn(Vec3) -> f32 + Copy) -> Field {
-    let mut trainer = Trainer::new(Field::new(config, 1).unwrap().with_instructions(set));
+fn train(config: &Config, steps: u64, set: Instructions, distance: impl Fn(Vec3) -> f32 + Copy) -> NeuralField {
+    let mut trainer = FieldTrainer::new(NeuralField::new(config, 1).unwrap().with_instructions(set));
     for step in 0..steps {
         trainer.step(&samples(step, 2048, config, distance));
     }
@@ -322,7 +322,8 @@ fn a_box_is_learnt() {
 #[test]
 fn instruction_sets_agree() {
     let surface: Vec<Vec3> = points(15, 500, 1.0).iter().map(|p| p.normalize() * 0.035).collect();
-    let fields: Vec<Field> = Instructions::available().map(|set| train(&Config::default(), 10, set, sphere)).collect();
+    let fields: Vec<NeuralField> =
+        Instructions::available().map(|set| train(&Config::default(), 10, set, sphere)).collect();
     for field in &fields[1..] {
         for (a, b) in distances(field, &surface).iter().zip(distances(&fields[0], &surface)) {
             assert!((a.value_m - b.value_m).abs() < 2e-6, "{a:?} {b:?}");
@@ -336,8 +337,8 @@ fn the_same_input_gives_the_same_bits() {
     let train = || train(&Config::default(), 5, Instructions::best(), sphere);
     assert_eq!(train().parameters, train().parameters);
     assert_ne!(
-        Field::new(&Config::default(), 1).unwrap().parameters,
-        Field::new(&Config::default(), 2).unwrap().parameters
+        NeuralField::new(&Config::default(), 1).unwrap().parameters,
+        NeuralField::new(&Config::default(), 2).unwrap().parameters
     );
     // Nor does it matter which points share a chunk.
     let (field, points) = (rough(16), points(17, 100, 0.5));
@@ -365,7 +366,7 @@ fn settings_out_of_range_are_named() {
         ("eikonal_weight", Config { eikonal_weight: -0.1, ..good.clone() }),
     ];
     for (key, config) in bad {
-        let message = Field::new(&config, 0).unwrap_err().to_string();
+        let message = NeuralField::new(&config, 0).unwrap_err().to_string();
         assert!(message.contains(key), "{message}");
     }
 }

@@ -7,7 +7,7 @@ use pulp::{Simd, WithSimd};
 
 use super::grid::{CHUNK, FEATURES, LINE, Row, scatter};
 use super::network::Network;
-use super::{Chunk, Field, FieldError, Parameters, file};
+use super::{Chunk, FieldError, NeuralField, Parameters, file};
 use crate::tensors::Contents;
 
 /// How much of the running mean of gradients and of their squares a step keeps.
@@ -44,8 +44,8 @@ pub struct Sample {
 /// the table that a sample touched are visited, in the order of their addresses. The grid goes without the correction for
 /// the first steps, as its entries first see a gradient at different times; the network has it.
 #[derive(Debug, Clone)]
-pub struct Trainer {
-    pub(super) field: Field,
+pub struct FieldTrainer {
+    pub(super) field: NeuralField,
     /// Running means of the gradients and of their squares.
     moments: [Parameters; 2],
     steps: u64,
@@ -58,9 +58,9 @@ pub struct Trainer {
     near: Vec<Vec3>,
 }
 
-impl Trainer {
+impl FieldTrainer {
     /// Goes on teaching `field` with an optimiser that remembers nothing.
-    pub fn new(field: Field) -> Self {
+    pub fn new(field: NeuralField) -> Self {
         let zeros = Parameters::zeros(field.parameters.table.len(), field.layout);
         Self {
             moments: [zeros.clone(), zeros.clone()],
@@ -75,7 +75,7 @@ impl Trainer {
     }
 
     /// The field as it is now.
-    pub fn field(&self) -> &Field {
+    pub fn field(&self) -> &NeuralField {
         &self.field
     }
 
@@ -112,7 +112,7 @@ impl Trainer {
         Ok(file::save(path, &self.field, &parameters, Some(self.steps))?)
     }
 
-    /// Reads what [`Trainer::save`] wrote.
+    /// Reads what [`FieldTrainer::save`] wrote.
     ///
     /// # Errors
     /// If the file cannot be read or is not what it writes; the error names the tensor that is missing, misshapen or not finite.
@@ -126,7 +126,7 @@ impl Trainer {
 
 /// Computes the loss and its gradient.
 pub(super) struct Differentiate<'a> {
-    pub(super) trainer: &'a mut Trainer,
+    pub(super) trainer: &'a mut FieldTrainer,
     pub(super) samples: &'a [Sample],
 }
 
@@ -135,7 +135,7 @@ impl WithSimd for Differentiate<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f32 {
-        let Trainer { field, gradient, touched, sums, chunk, near, .. } = self.trainer;
+        let FieldTrainer { field, gradient, touched, sums, chunk, near, .. } = self.trainer;
         let network = Network::new(field.layout, &field.parameters.network);
         let mut loss = 0.0f64;
         near.clear();
@@ -221,7 +221,7 @@ fn backward<S: Simd>(
 
 /// Takes a step of Adam and clears the gradient.
 struct Update<'a> {
-    trainer: &'a mut Trainer,
+    trainer: &'a mut FieldTrainer,
 }
 
 impl WithSimd for Update<'_> {
@@ -229,7 +229,7 @@ impl WithSimd for Update<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Trainer { field, moments: [mean, square], steps, gradient, touched, .. } = self.trainer;
+        let FieldTrainer { field, moments: [mean, square], steps, gradient, touched, .. } = self.trainer;
         let width = LINE * FEATURES;
         let rate = field.config.grid_rate;
         for (k, word) in touched.iter_mut().enumerate() {

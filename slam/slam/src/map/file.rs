@@ -5,20 +5,24 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{Mat3A, Vec3};
-use mvt_robot::hand::{Finger, Side};
+use mvt_frames::{Field, Isometry, World};
 use nalgebra as na;
 
 use super::{Config, Keyframe, Map};
-use crate::scan::{Hit, Lens, Lookup, Miss, Scan, Sensor, View};
-use mvt_field::field::{FieldError, Trainer};
+use crate::obstacles::Obstacles;
+use crate::scan::{Detail, Hit, Lens, Lookup, Miss, Scan, Sensor, View};
+use mvt_field::field::{FieldError, FieldTrainer};
 use mvt_field::tensors::{Contents, FileError, Tensor, write};
 
 /// The field and its optimiser.
 const FIELD: &str = "field.safetensors";
 /// The keyframes.
 const KEYFRAMES: &str = "keyframes.safetensors";
-/// Number of the first finger among sensors; cameras count from 0.
-const FIRST_FINGER: u32 = 1000;
+/// Number of the first touch sensor in a file; cameras count from 0.
+const FIRST_TOUCH: u32 = 1000;
+/// Version of the keyframes' layout. Version 0.1.0 of the program wrote layout 1, without a number and with joint angles of a hand in place of
+/// obstacle poses.
+const LAYOUT: u32 = 2;
 
 impl Map {
     /// The files that a saved map consists of.
@@ -32,27 +36,31 @@ impl Map {
         self.trainer.save(&folder.join(FIELD))?;
         let keyframes = &self.keyframes;
         let count = keyframes.len();
-        let poses = keyframes.iter().flat_map(|keyframe| {
-            let na::Isometry3 { translation, rotation } = keyframe.pose();
-            let [x, y, z, w] = rotation.coords.into();
-            [translation.x, translation.y, translation.z, w, x, y, z]
-        });
+        let poses = keyframes.iter().flat_map(|keyframe| numbers_of(&keyframe.pose().untyped()));
         let views = || keyframes.iter().zip(0u32..).flat_map(|(k, i)| k.scan().views.iter().map(move |view| (i, view)));
         let number = |sensor| match sensor {
             Sensor::Camera(index) => index as u32,
-            Sensor::Touch(finger) => FIRST_FINGER + finger as u32,
+            Sensor::Touch(index) => FIRST_TOUCH + index as u32,
         };
         let table = views().map(|(keyframe, view)| {
-            let [hits, outline, misses] = [view.hits.len(), view.outline.len(), view.misses.len()].map(|n| n as u32);
-            [keyframe, number(view.sensor), hits, outline, misses]
+            let [hits, outline, misses] = [view.hits.len(), view.outline().len(), view.misses.len()].map(|n| n as u32);
+            [keyframe, number(view.sensor()), hits, outline, misses]
         });
-        let lenses = views().map(|(_, view)| view.lookup.as_ref().map_or([0.0; 15], lens_to_numbers));
-        let hits = || views().flat_map(|(_, view)| view.hits.iter().chain(&view.outline));
+        let lenses = views().map(|(_, view)| view.lookup().map_or([0.0; 15], lens_to_numbers));
+        let hits = || views().flat_map(|(_, view)| view.hits.iter().chain(view.outline()));
         let misses = || views().flat_map(|(_, view)| &view.misses);
         let rows = views().count();
+        let bodies = self.obstacles.len();
+        // A body whose pose was not measured keeps the identity, far from every object.
+        let obstacles = keyframes.iter().flat_map(|keyframe| {
+            let poses = &keyframe.scan().obstacles;
+            (0..bodies)
+                .flat_map(|k| numbers_of(&poses.get(k).map_or_else(na::Isometry3::identity, |pose| pose.untyped())))
+        });
         let tensors = [
             Tensor::new("time_s", vec![count], keyframes.iter().map(|k| k.scan().time_s)),
-            Tensor::new("joints", vec![count, 16], keyframes.iter().flat_map(|k| k.scan().joints)),
+            Tensor::new("layout", vec![1], [LAYOUT].into_iter()),
+            Tensor::new("obstacle", vec![count, bodies, 7], obstacles),
             Tensor::new("pose", vec![count, 7], poses),
             Tensor::new("view", vec![rows, 5], table.flatten()),
             Tensor::new("origin", vec![rows, 3], views().flat_map(|(_, view)| view.origin.to_array())),
@@ -67,15 +75,17 @@ impl Map {
         Ok(write(&folder.join(KEYFRAMES), None, &tensors)?)
     }
 
-    /// Reads what [`Map::save`] wrote. Its time is shifted so that the last keyframe lies at 0, where the next run begins. The model's
-    /// frame is that of the field.
+    /// Reads a map that [`Map::save`] wrote, for the same obstacles. Its time is shifted so that the last keyframe lies at 0, where the
+    /// next run begins. The model's frame is that of the field.
     ///
     /// # Errors
-    /// If a file cannot be read or is not what is written; the error names the tensor that is missing, misshapen or not finite.
-    pub fn load(folder: &Path, config: Config, side: Side) -> Result<Self, FieldError> {
-        let trainer = Trainer::load(&folder.join(FIELD))?;
-        let mut map = Self::with(config, trainer, side);
-        for (scan, pose) in read(&folder.join(KEYFRAMES))? {
+    /// If a file cannot be read, is of an older layout, or belongs to other obstacles; the error names the tensor that is missing,
+    /// misshapen or not finite.
+    pub fn load(folder: &Path, config: Config, obstacles: Obstacles) -> Result<Self, FieldError> {
+        let trainer = FieldTrainer::load(&folder.join(FIELD))?;
+        let keyframes = read(&folder.join(KEYFRAMES), obstacles.len())?;
+        let mut map = Self::with(config, trainer, obstacles);
+        for (scan, pose) in keyframes {
             let scan = Arc::new(scan);
             let occupied = map.occupied(&scan);
             let mut keyframe = Keyframe::new(Arc::clone(&scan), pose, occupied, map.half_extent_m());
@@ -84,7 +94,7 @@ impl Map {
             map.keyframes.push(keyframe);
         }
         map.inside = map.space.unseen_inside();
-        map.first_pose = map.keyframes.first().map(|first| *first.pose());
+        map.first_pose = map.keyframes.first().map(|first| Isometry::new(first.pose().untyped()));
         Ok(map)
     }
 }
@@ -104,20 +114,43 @@ fn lens_to_numbers(lookup: &Lookup) -> [f32; 15] {
     numbers
 }
 
+/// Translation and quaternion (w, x, y, z).
+fn numbers_of(pose: &na::Isometry3<f64>) -> [f64; 7] {
+    let [x, y, z, w] = pose.rotation.coords.into();
+    let t = &pose.translation;
+    [t.x, t.y, t.z, w, x, y, z]
+}
+
 /// The keyframes in a file: scans, with the poses of the object.
-pub(super) fn read(path: &Path) -> Result<Vec<(Scan, na::Isometry3<f64>)>, FileError> {
+pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<(Scan, Isometry<Field, World>)>, FileError> {
     let file = Contents::read(path)?;
+    if file.has("joints") && !file.has("layout") {
+        return Err(file.damaged(
+            "was written by version 0.1.0, which stored joint angles in place of obstacle poses: run again to learn the shape anew"
+                .to_owned(),
+        ));
+    }
+    let layout: Vec<u32> = file.numbers("layout", Some(1), &[])?;
+    if layout != [LAYOUT] {
+        return Err(file.wrong("layout", format!("is not {LAYOUT}: use a newer version of the program")));
+    }
     let times: Vec<f64> = file.numbers("time_s", None, &[])?;
     let last_s = times.last().copied().unwrap_or(0.0);
-    let joints: Vec<f64> = file.numbers("joints", Some(times.len()), &[16])?;
+    let obstacles: Vec<f64> = file.numbers("obstacle", Some(times.len()), &[bodies, 7])?;
     let poses: Vec<f64> = file.numbers("pose", Some(times.len()), &[7])?;
     let mut keyframes = Vec::with_capacity(times.len());
-    let parts = joints.as_chunks::<16>().0.iter().zip(poses.as_chunks::<7>().0);
-    for (frame, (&time_s, (&joints, &[x, y, z, qw, qx, qy, qz]))) in times.iter().zip(parts).enumerate() {
+    let rigid = |tensor: &str, row: usize, &[x, y, z, qw, qx, qy, qz]: &[f64; 7]| {
         let rotation = na::UnitQuaternion::try_new(na::Quaternion::new(qw, qx, qy, qz), 1e-3)
-            .ok_or_else(|| file.wrong("pose", format!("has no rotation in row {frame}")))?;
-        let pose = na::Isometry3::from_parts(na::Translation3::new(x, y, z), rotation);
-        keyframes.push((Scan { frame, time_s: time_s - last_s, joints, views: Vec::new() }, pose));
+            .ok_or_else(|| file.wrong(tensor, format!("has no rotation in row {row}")))?;
+        Ok::<_, FileError>(na::Isometry3::from_parts(na::Translation3::new(x, y, z), rotation))
+    };
+    let obstacles = obstacles.as_chunks::<7>().0;
+    for (frame, (&time_s, pose)) in times.iter().zip(poses.as_chunks::<7>().0).enumerate() {
+        let own = obstacles.iter().skip(frame * bodies).take(bodies);
+        let obstacles =
+            own.map(|pose| Ok(Isometry::new(rigid("obstacle", frame, pose)?))).collect::<Result<_, FileError>>()?;
+        let pose = Isometry::new(rigid("pose", frame, pose)?);
+        keyframes.push((Scan { frame, time_s: time_s - last_s, obstacles, views: Vec::new() }, pose));
     }
     let table: Vec<u32> = file.numbers("view", None, &[5])?;
     let table = table.as_chunks::<5>().0;
@@ -142,16 +175,14 @@ pub(super) fn read(path: &Path) -> Result<Vec<(Scan, na::Isometry3<f64>)>, FileE
         let passed: Vec<Miss> = misses.by_ref().take(miss_count as usize).collect();
         let complete =
             [own.len(), outline.len(), passed.len()] == [hit_count, outline_count, miss_count].map(|n| n as usize);
-        let sensor = match sensor.checked_sub(FIRST_FINGER) {
-            None => Some(Sensor::Camera(sensor as usize)),
-            Some(finger) => Finger::ALL.get(finger as usize).map(|&finger| Sensor::Touch(finger)),
+        let detail = match sensor.checked_sub(FIRST_TOUCH) {
+            None => Detail::Camera { index: sensor as usize, lookup: lookup(lens, origin, &own), outline },
+            Some(index) => Detail::Touch { index: index as usize, pad: None },
         };
-        let scan = keyframes.get_mut(keyframe as usize).map(|(scan, _)| scan).filter(|_| complete);
-        let (Some(scan), Some(sensor)) = (scan, sensor) else {
-            return Err(file.wrong("view", "does not fit the keyframes, the sensors or the rays".to_owned()));
+        let Some((scan, _)) = keyframes.get_mut(keyframe as usize).filter(|_| complete) else {
+            return Err(file.wrong("view", "does not fit the keyframes or the rays".to_owned()));
         };
-        let lookup = matches!(sensor, Sensor::Camera(_)).then(|| lookup(lens, origin, &own)).flatten();
-        scan.views.push(View { sensor, origin, hits: own, outline, misses: passed, lookup, pressed_px: 0 });
+        scan.views.push(View { origin, hits: own, misses: passed, detail });
     }
     Ok(keyframes)
 }

@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Mat3A, Vec3, Vec3A};
-use mvt_frames::{Isometry, Model, World};
-use mvt_robot::hand::solid::Occupied;
-use nalgebra as na;
+use mvt_frames::{Field, Isometry, Occupied, World};
 
 use crate::scan::Scan;
 
@@ -16,8 +14,8 @@ const OCCUPIED_KEPT: usize = 1500;
 #[derive(Debug, Clone)]
 pub struct Keyframe {
     scan: Arc<Scan>,
-    pose: na::Isometry3<f64>,
-    /// Points inside the hand and within the box, model frame.
+    pose: Isometry<Field, World>,
+    /// Points inside the hand and within the box, field frame.
     occupied: Vec<Occupied>,
     rotation: Mat3A,
     translation: Vec3A,
@@ -27,15 +25,15 @@ impl Keyframe {
     /// `occupied` are points inside the hand, world frame; those in the box are kept.
     pub(super) fn new(
         scan: Arc<Scan>,
-        pose: na::Isometry3<f64>,
+        pose: Isometry<Field, World>,
         occupied: impl Iterator<Item = Occupied>,
         half_extent_m: f32,
     ) -> Self {
         let mut keyframe =
             Self { scan, pose, occupied: Vec::new(), rotation: Mat3A::IDENTITY, translation: Vec3A::ZERO };
         keyframe.set_pose(pose);
-        let to_model = |o: Occupied| Occupied { point: keyframe.to_model(o.point), ..o };
-        keyframe.occupied = occupied.map(to_model).filter(|o| o.point.abs().max_element() < half_extent_m).collect();
+        let to_field = |o: Occupied| Occupied { point: keyframe.to_field(o.point), ..o };
+        keyframe.occupied = occupied.map(to_field).filter(|o| o.point.abs().max_element() < half_extent_m).collect();
         keyframe
     }
 
@@ -45,22 +43,22 @@ impl Keyframe {
     }
 
     /// The pose of the object, as far as it is known now.
-    pub fn pose(&self) -> &na::Isometry3<f64> {
-        &self.pose
+    pub fn pose(&self) -> Isometry<Field, World> {
+        self.pose
     }
 
-    pub(super) fn set_pose(&mut self, pose: na::Isometry3<f64>) {
+    pub(super) fn set_pose(&mut self, pose: Isometry<Field, World>) {
         self.pose = pose;
-        (self.rotation, self.translation) = Isometry::<World, Model>::new(pose.inverse()).to_f32();
+        (self.rotation, self.translation) = pose.inverse().to_f32();
     }
 
-    /// A point of the world in the model's frame.
-    pub(super) fn to_model(&self, p: Vec3) -> Vec3 {
+    /// A point of the world in the field's frame.
+    pub(super) fn to_field(&self, p: Vec3) -> Vec3 {
         (self.rotation * Vec3A::from(p) + self.translation).into()
     }
 
-    /// A direction of the world in the model's frame.
-    pub(super) fn turn_to_model(&self, d: Vec3) -> Vec3 {
+    /// A direction of the world in the field's frame.
+    pub(super) fn turn_to_field(&self, d: Vec3) -> Vec3 {
         (self.rotation * Vec3A::from(d)).into()
     }
 
@@ -70,7 +68,7 @@ impl Keyframe {
         self.occupied = self.occupied.iter().copied().step_by(stride).collect();
     }
 
-    /// Points inside the hand, model frame.
+    /// Points inside the hand, field frame.
     pub(super) fn occupied(&self) -> &[Occupied] {
         &self.occupied
     }

@@ -6,7 +6,7 @@ use super::Map;
 use crate::graph::{self, Edge};
 use crate::tracker::icp::{self, Posed};
 use crate::tracker::system::System;
-use mvt_frames::se3;
+use mvt_frames::{Isometry, se3};
 
 /// A loop closes over at least this time, seconds: nearer keyframes are tied by tracking.
 const APART_S: f64 = 3.0;
@@ -33,36 +33,37 @@ impl Map {
     /// agreement. Returns the motion from the corrected model frame to the one before, as the newest keyframe has it.
     pub(super) fn close_loop(&mut self) -> Option<na::Isometry3<f64>> {
         let (newest, older) = self.keyframes.split_last()?;
+        let newest_pose = newest.pose().untyped();
         let time_s = newest.scan().time_s - APART_S;
-        let turn = |k: usize| older[k].pose().rotation.angle_to(&newest.pose().rotation);
-        let moved = |k: usize| (older[k].pose().translation.vector - newest.pose().translation.vector).norm();
+        let turn = |k: usize| older[k].pose().untyped().rotation.angle_to(&newest_pose.rotation);
+        let moved = |k: usize| (older[k].pose().untyped().translation.vector - newest_pose.translation.vector).norm();
         let alike = (0..older.len())
             .filter(|&k| older[k].scan().time_s < time_s && moved(k) < APART_M)
             .min_by(|&a, &b| turn(a).total_cmp(&turn(b)))?;
         if turn(alike).to_degrees() > self.config.loop_turn_deg {
             return None;
         }
+        let older_pose = older[alike].pose().untyped();
         let Alignment { pose: aligned, gain } = align(
-            Posed { scan: older[alike].scan(), pose: older[alike].pose() },
-            Posed { scan: newest.scan(), pose: newest.pose() },
+            Posed { scan: older[alike].scan(), pose: &older_pose },
+            Posed { scan: newest.scan(), pose: &newest_pose },
         )?;
-        let disagreement = se3::log(&(newest.pose().inverse() * aligned));
+        let disagreement = se3::log(&(newest_pose.inverse() * aligned));
         let [distance, angle] = [disagreement.fixed_rows::<3>(0).norm(), disagreement.fixed_rows::<3>(3).norm()];
         // Where an object looks the same after a turn, alignment goes astray and gains nothing by it.
         if (distance < WORTH[0] && angle < WORTH[1]) || gain < WORTH_GAIN {
             return None;
         }
-        let motion = older[alike].pose().inverse() * aligned;
+        let motion = older_pose.inverse() * aligned;
         self.loops.push(Edge { from: alike, to: older.len(), motion, sigma: LOOP_SIGMA });
-        let before = *newest.pose();
-        let mut poses: Vec<_> = self.keyframes.iter().map(|keyframe| *keyframe.pose()).collect();
+        let mut poses: Vec<_> = self.keyframes.iter().map(|keyframe| keyframe.pose().untyped()).collect();
         // Each keyframe is tied to the one before as both stand now: a loop must not undo what refinement found since.
         let tie = |k: usize| Edge { from: k - 1, to: k, motion: poses[k - 1].inverse() * poses[k], sigma: CHAIN_SIGMA };
         let edges: Vec<Edge> = (1..poses.len()).map(tie).chain(self.loops.iter().copied()).collect();
         graph::optimise(&mut poses, &edges);
-        let correction = before.inverse() * poses.last()?;
+        let correction = newest_pose.inverse() * poses.last()?;
         for (keyframe, pose) in self.keyframes.iter_mut().zip(poses) {
-            keyframe.set_pose(pose);
+            keyframe.set_pose(Isometry::new(pose));
         }
         Some(correction)
     }

@@ -3,12 +3,11 @@
 use nalgebra as na;
 
 use super::Map;
-use crate::scan::Sensor;
 use crate::space::Space;
 use crate::tracker::system::{Loss, System, surface};
 use mvt_field::shape::Distance;
 use mvt_field::shape::Shape as _;
-use mvt_frames::se3;
+use mvt_frames::{Isometry, se3};
 
 /// Points of a keyframe's camera and of each touch that take part.
 const POINTS: [usize; 2] = [200, 40];
@@ -28,7 +27,7 @@ impl Map {
         }
         self.next_refined = (self.next_refined + 1) % (count + count / FIRST_EVERY);
         let k = if self.next_refined < count { self.next_refined } else { 0 };
-        let mut pose = *self.keyframes[k].pose();
+        let mut pose = self.keyframes[k].pose().untyped();
         // One turn moves it only so far: what all keyframes agree on comes about over many.
         let anchor = pose;
         for _ in 0..STEPS {
@@ -44,14 +43,14 @@ impl Map {
             let Some(step) = system.step(1e-6) else { return };
             pose *= se3::exp(&step.fixed_rows::<6>(0).into_owned());
         }
-        self.keyframes[k].set_pose(pose);
+        self.keyframes[k].set_pose(Isometry::new(pose));
     }
 
     fn add_measured(&self, system: &mut System, k: usize, pose: &na::Isometry3<f64>) {
         let model_from_world = pose.inverse();
         let space: &Space = &self.space;
         for view in &self.keyframes[k].scan().views {
-            let kind = usize::from(matches!(view.sensor, Sensor::Touch(_)));
+            let kind = usize::from(!view.is_camera());
             let hits = &view.hits[..view.hits.len().min(POINTS[kind])];
             let points: Vec<_> =
                 hits.iter().map(|hit| crate::tracker::apply(&model_from_world, view.point(hit))).collect();

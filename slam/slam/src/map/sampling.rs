@@ -5,7 +5,7 @@ use rand::{Rng, RngExt as _};
 use rand_chacha::ChaCha8Rng;
 
 use super::{Keyframe, Map};
-use crate::scan::{Hit, Sensor, View};
+use crate::scan::{Hit, View};
 use crate::space::clip;
 use mvt_field::field::Sample;
 
@@ -36,7 +36,7 @@ impl Map {
                     } else {
                         -truncation - uniform(rng) * (config.free_reach_m.min(hit.range_m) - truncation).max(0.0)
                     };
-                    let position = keyframe.to_model(view.origin + hit.direction * (hit.range_m + behind));
+                    let position = keyframe.to_field(view.origin + hit.direction * (hit.range_m + behind));
                     let target = (-behind * hit.cosine / truncation).clamp(-1.0, 1.0);
                     let weight = if kind < bounds[0] { 1.0 } else { config.free_weight };
                     Sample { position, target, weight, at_least: false }
@@ -73,8 +73,8 @@ impl Map {
 /// A ray that hit the object, from touch with probability `touch_part` where there is any.
 fn surface_ray<'a>(keyframe: &'a Keyframe, touch_part: f32, rng: &mut ChaCha8Rng) -> Option<(&'a View, &'a Hit)> {
     let wants_touch = uniform(rng) < touch_part;
-    let touching = |view: &&View| matches!(view.sensor, Sensor::Touch(_)) && !view.hits.is_empty();
-    let seeing = |view: &&View| matches!(view.sensor, Sensor::Camera(_)) && !view.hits.is_empty();
+    let touching = |view: &&View| !view.is_camera() && !view.hits.is_empty();
+    let seeing = |view: &&View| view.is_camera() && !view.hits.is_empty();
     let views = &keyframe.scan().views;
     let touches = views.iter().filter(touching).count();
     let cameras = views.iter().filter(seeing).count();
@@ -90,7 +90,7 @@ fn surface_ray<'a>(keyframe: &'a Keyframe, touch_part: f32, rng: &mut ChaCha8Rng
 fn passed_ray(keyframe: &Keyframe, half: f32, rng: &mut ChaCha8Rng) -> Option<Vec3> {
     let view = pick(&keyframe.scan().views, rng)?;
     let miss = pick(&view.misses, rng)?;
-    let (origin, direction) = (keyframe.to_model(view.origin), keyframe.turn_to_model(miss.direction));
+    let (origin, direction) = (keyframe.to_field(view.origin), keyframe.turn_to_field(miss.direction));
     let (enter, leave) = clip(origin, direction, half)?;
     let (enter, leave) = (enter.max(0.0), leave.min(miss.free_m));
     (enter < leave).then(|| origin + direction * (enter + uniform(rng) * (leave - enter)))

@@ -1,6 +1,5 @@
 mod disk;
 
-use mvt_robot::hand::Side;
 use rand::SeedableRng as _;
 
 use super::*;
@@ -15,7 +14,7 @@ fn quick() -> (Config, field::Config) {
 }
 
 fn map(config: &Config) -> Map {
-    Map::new(config.clone(), &quick().1, Side::Right, 1).unwrap()
+    Map::new(config.clone(), &quick().1, Obstacles::default(), 1).unwrap()
 }
 
 fn few() -> scan::Config {
@@ -27,7 +26,7 @@ fn learn(
     map: &mut Map,
     frames: usize,
     turn_deg: f64,
-    tracked: impl Fn(usize) -> Isometry<Model, World>,
+    tracked: impl Fn(usize) -> Isometry<Field, World>,
 ) -> Vec<Learnt> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     // A tracker goes on in the frame that a loop corrected.
@@ -35,7 +34,7 @@ fn learn(
     (0..frames)
         .map(|k| {
             let depth = seen(k, BRICK, pose([0.0; 3], [0.0, 0.0, turn_deg * k as f64]));
-            let scan = Arc::new(Scan::new(k, &depth, &few(), 1));
+            let scan = Arc::new(Scan::new(k, &depth.measured(), &few(), 1));
             let learnt = map.learn(&scan, Isometry::new(tracked(k).untyped() * correction), &mut rng);
             correction *= learnt.correction.unwrap_or_default();
             assert_in_order(map);
@@ -53,7 +52,7 @@ fn assert_in_order(map: &Map) {
     assert!(times.is_sorted_by(|a, b| a < b));
 }
 
-fn turned(by_deg: f64) -> impl Fn(usize) -> Isometry<Model, World> {
+fn turned(by_deg: f64) -> impl Fn(usize) -> Isometry<Field, World> {
     move |k| pose([0.0; 3], [0.0, 0.0, by_deg * k as f64])
 }
 
@@ -108,7 +107,7 @@ fn a_loop_brings_drift_back() {
         off(&drifting(k).untyped())
     );
     let newest = map.keyframes.iter().find(|keyframe| keyframe.scan().frame == k).unwrap();
-    assert!(off(newest.pose()) < 1.5 && map.keyframes[0].pose() == &drifting(0).untyped());
+    assert!(off(&newest.pose().untyped()) < 1.5 && map.keyframes[0].pose() == drifting(0));
 }
 
 #[test]
@@ -122,11 +121,11 @@ fn a_loop_does_not_undo_refinement() {
     let tracked = |k: usize| seen_as(k, if (4..8).contains(&k) { 8.0 } else { 0.0 });
     let closed = (0..121).find(|&k| {
         let depth = seen(k, BRICK, turned(3.0)(k));
-        let learnt = map.learn(&Arc::new(Scan::new(k, &depth, &few(), 1)), tracked(k), &mut rng);
+        let learnt = map.learn(&Arc::new(Scan::new(k, &depth.measured(), &few(), 1)), tracked(k), &mut rng);
         for keyframe in &mut map.keyframes {
             let frame = keyframe.scan().frame;
             if learnt.correction.is_none() && (4..8).contains(&frame) {
-                keyframe.set_pose(refined(frame).untyped());
+                keyframe.set_pose(refined(frame));
             }
         }
         learnt.correction.is_some()
@@ -134,7 +133,7 @@ fn a_loop_does_not_undo_refinement() {
     assert!(closed.is_some());
     // A loop bends what lies between its ends evenly: none of the first keyframes has gone back to where it was tracked.
     for keyframe in map.keyframes.iter().filter(|keyframe| keyframe.scan().frame < 8) {
-        let off = se3::log(&(keyframe.pose().inverse() * refined(keyframe.scan().frame).untyped()));
+        let off = se3::log(&(keyframe.pose().untyped().inverse() * refined(keyframe.scan().frame).untyped()));
         assert!(off.norm() < 0.01, "frame {}: {off}", keyframe.scan().frame);
     }
 }
@@ -152,14 +151,17 @@ fn loops_survive_thinning() {
     let mut map = map(&config);
     let learnt = learn(&mut map, 150, 3.0, |k| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64]));
     assert!(learnt.iter().any(|learnt| learnt.correction.is_some()));
-    assert!(map.keyframes.len() <= 20 && map.keyframes.iter().all(|k| k.pose().to_homogeneous().sum().is_finite()));
+    assert!(
+        map.keyframes.len() <= 20
+            && map.keyframes.iter().all(|k| k.pose().untyped().to_homogeneous().sum().is_finite())
+    );
 }
 
 #[test]
 fn what_is_taught_agrees_with_the_solid() {
     let solid = Solid::Ball(0.03);
     let at = pose([0.0; 3], [0.0; 3]);
-    let scan = Arc::new(Scan::new(0, &seen(0, solid, at), &scan::Config::default(), 1));
+    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::Config::default(), 1));
     let mut map = map(&Config { batch: 4096, ..quick().0 });
     map.learn(&scan, at, &mut ChaCha8Rng::seed_from_u64(1));
     let current = map.keyframes[0].clone();
@@ -202,7 +204,7 @@ fn what_nobody_saw_weighs_more_deep_inside() {
     // From all sides but below.
     for (turn, k) in [0.0, 120.0, 240.0].into_iter().zip(0..) {
         let pose = pose([0.0; 3], [0.0, 0.0, turn]);
-        let scan = Arc::new(Scan::new(k, &seen(k, Solid::Ball(0.03), pose), &scan::Config::default(), 1));
+        let scan = Arc::new(Scan::new(k, &seen(k, Solid::Ball(0.03), pose).measured(), &scan::Config::default(), 1));
         map.learn(&scan, pose, &mut ChaCha8Rng::seed_from_u64(1));
     }
     let current = map.keyframes[0].clone();
@@ -227,11 +229,11 @@ fn refinement_returns_a_keyframe_to_the_surface() {
     let mut map = map(&config);
     learn(&mut map, 30, 3.0, turned(3.0));
     let k = 5;
-    let truth = *map.keyframes[k].pose();
+    let truth = map.keyframes[k].pose().untyped();
     let wrong = truth * se3::exp(&se3::Twist::new(0.001, -0.001, 0.001, 0.0, 0.0, 0.02));
-    map.keyframes[k].set_pose(wrong);
+    map.keyframes[k].set_pose(Isometry::new(wrong));
     let off = |map: &Map| {
-        let found = map.keyframes[k].pose();
+        let found = map.keyframes[k].pose().untyped();
         let corner = na::Point3::new(0.03, 0.02, 0.015);
         (found * corner - truth * corner).norm()
     };
@@ -240,7 +242,7 @@ fn refinement_returns_a_keyframe_to_the_surface() {
         map.refine_one();
     }
     assert!(off(&map) < 0.4 * before, "{} of {before}", off(&map));
-    let others = map.keyframes.iter().map(|keyframe| keyframe.pose().translation.vector);
+    let others = map.keyframes.iter().map(|keyframe| keyframe.pose().untyped().translation.vector);
     let place = pose([0.0; 3], [0.0; 3]).untyped().translation.vector;
     assert!(others.map(|at| (at - place).norm()).fold(0.0, f64::max) < 0.0015);
 }
@@ -248,14 +250,14 @@ fn refinement_returns_a_keyframe_to_the_surface() {
 #[test]
 fn the_frame_of_the_field_is_that_of_the_first_keyframe() {
     let mut map = map(&quick().0);
-    assert_eq!(map.field_from_model(), na::Isometry3::identity());
+    assert_eq!(map.field_from_model(), Isometry::identity());
     learn(&mut map, 4, 3.0, turned(3.0));
-    assert!(map.field_from_model().translation.vector.norm() < 1e-12);
-    let moved = *map.keyframes[0].pose() * na::Isometry3::translation(0.001, 0.0, 0.0);
-    map.keyframes[0].set_pose(moved);
+    assert!(map.field_from_model().untyped().translation.vector.norm() < 1e-12);
+    let moved = map.keyframes[0].pose().untyped() * na::Isometry3::translation(0.001, 0.0, 0.0);
+    map.keyframes[0].set_pose(Isometry::new(moved));
     // A point of the model lies in the world where the first pose put it, whichever frame it is told in.
     let p = Vec3::new(0.01, 0.02, 0.03);
-    let through_field = apply(&moved, apply(&map.field_from_model(), p));
+    let through_field = apply(&moved, apply(&map.field_from_model().untyped(), p));
     let first = apply(&pose([0.0; 3], [0.0; 3]).untyped(), p);
     assert!((through_field - first).length() < 1e-6, "{through_field} {first}");
 }

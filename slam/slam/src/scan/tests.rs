@@ -1,15 +1,14 @@
 use mvt_frames::{Camera, Isometry, Point, World};
-use mvt_robot::hand::{JOINTS, PerFinger};
 use nalgebra as na;
 
 use super::*;
-use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, camera, feel, frame, pose, see, seen};
+use crate::synthetic::{BRICK, GEL_M, PLACE_M, Sensed, Solid, camera, feel, frame, pose, see, seen};
 
 const RADIUS_M: f64 = 0.03;
 const BALL: Solid = Solid::Ball(RADIUS_M);
 
-fn scan_of(depth: &DepthFrame) -> Scan {
-    Scan::new(0, depth, &Config::default(), 1)
+fn scan_of(depth: &Sensed) -> Scan {
+    Scan::new(0, &depth.measured(), &Config::default(), 1)
 }
 
 fn ball() -> Scan {
@@ -24,7 +23,7 @@ fn in_solid(p: Vec3) -> na::Vector3<f64> {
 fn hits_lie_on_the_ball_and_normals_point_out_of_it() {
     let scan = ball();
     let view = &scan.views[0];
-    assert_eq!(view.sensor, Sensor::Camera(0));
+    assert_eq!(view.sensor(), Sensor::Camera(0));
     assert!(view.hits.len() > 2000, "{} hits", view.hits.len());
     let mut with_normal = 0;
     for hit in &view.hits {
@@ -77,7 +76,7 @@ fn grazing_hits_are_less_certain() {
     let facing = scan.views[0].hits.iter().max_by(|a, b| a.cosine.total_cmp(&b.cosine)).unwrap();
     let expected = config.camera_sigma_per_m2 * facing.range_m.powi(2);
     assert!((facing.sigma_m / expected - 1.0).abs() < 0.1, "{} {expected}", facing.sigma_m);
-    for hit in &scan.views[0].outline {
+    for hit in scan.views[0].outline() {
         assert!(hit.sigma_m > bands[0], "an outline is uncertain sideways whichever way its surface faces");
     }
 }
@@ -86,12 +85,12 @@ fn grazing_hits_are_less_certain() {
 fn outline_is_the_silhouette() {
     let scan = ball();
     let view = &scan.views[0];
-    assert!(view.outline.len() > 100, "{}", view.outline.len());
+    assert!(view.outline().len() > 100, "{}", view.outline().len());
     let origin = in_solid(view.origin);
     let silhouette = (RADIUS_M / origin.norm()).asin();
     let pixel = 1.0 / camera().0.fx;
     let off_axis = |hit: &Hit| (-origin).angle(&crate::tracker::to_na(hit.direction));
-    for hit in &view.outline {
+    for hit in view.outline() {
         let short = (silhouette - off_axis(hit)) / pixel;
         assert!((-0.1..OUTLINE_PX as f64 * 1.5 + 1.0).contains(&short), "{short} pixels within the silhouette");
     }
@@ -129,7 +128,7 @@ fn misses_pass_the_solid() {
 fn lookup_finds_a_hit_where_it_is_seen() {
     let scan = ball();
     let view = &scan.views[0];
-    let lookup = view.lookup.as_ref().unwrap();
+    let lookup = view.lookup().unwrap();
     let mut itself = 0;
     for (i, hit) in view.hits.iter().enumerate() {
         let found = lookup.at(view.point(hit)).expect("the cell of a hit is never empty");
@@ -150,12 +149,12 @@ fn lookup_finds_a_hit_where_it_is_seen() {
 fn frame_and_seed_alone_choose_the_rays() {
     let depth = seen(0, BRICK, pose([0.0; 3], [20.0, 10.0, 35.0]));
     let few = Config { camera_hits: 200, camera_outline: 50, camera_misses: 100, ..Config::default() };
-    let scan = |frame, seed| Scan::new(frame, &depth, &few, seed);
+    let scan = |frame, seed| Scan::new(frame, &depth.measured(), &few, seed);
     assert_eq!(scan(3, 7), scan(3, 7));
     assert_ne!(scan(3, 7).views[0].hits, scan(4, 7).views[0].hits);
     assert_ne!(scan(3, 7).views[0].hits, scan(3, 8).views[0].hits);
     let view = &scan(3, 7).views[0];
-    assert_eq!([view.hits.len(), view.outline.len(), view.misses.len()], [200, 50, 100]);
+    assert_eq!([view.hits.len(), view.outline().len(), view.misses.len()], [200, 50, 100]);
 }
 
 #[test]
@@ -165,18 +164,18 @@ fn cameras_that_see_nothing() {
     let scan = scan_of(&frame(0.5, vec![None, Some(empty.clone())]));
     assert_eq!(scan.hits(), 0);
     assert_eq!(scan.views.len(), 1);
-    assert_eq!(scan.views[0].sensor, Sensor::Camera(1), "a camera keeps its number when another fails");
-    assert!(scan.views[0].outline.is_empty());
+    assert_eq!(scan.views[0].sensor(), Sensor::Camera(1), "a camera keeps its number when another fails");
+    assert!(scan.views[0].outline().is_empty());
     assert!(scan.views[0].misses.len() > 1000, "all of it is free");
 
     let blind = CameraDepth { depth_m: Array2::zeros((240, 320)), ..see(BALL, pose([0.0; 3], [0.0; 3]), camera()) };
     let scan = scan_of(&frame(0.5, vec![Some(blind)]));
     assert_eq!(scan.hits(), 0, "an object without depth has no surface");
-    assert!(scan.views[0].outline.is_empty());
+    assert!(scan.views[0].outline().is_empty());
 
     let mut tiny = empty;
     tiny.depth_m = Array2::zeros((0, 0));
-    tiny.segmentation = image::GrayImage::new(0, 0);
+    tiny.labels = Array2::default((0, 0));
     tiny.intrinsics = mvt_frames::camera::Intrinsics { width: 0, height: 0, ..intrinsics };
     assert_eq!(scan_of(&frame(0.0, vec![Some(tiny)])).hits(), 0);
     assert_eq!(scan_of(&frame(0.0, Vec::new())).views.len(), 0);
@@ -196,7 +195,7 @@ fn no_number_of_a_scan_is_nan_whatever_the_depth() {
     let scan = scan_of(&frame(0.0, vec![Some(image)]));
     let view = &scan.views[0];
     assert!(view.hits.len() > 1000);
-    for hit in view.hits.iter().chain(&view.outline) {
+    for hit in view.hits.iter().chain(view.outline()) {
         let numbers = [hit.range_m, hit.cosine, hit.sigma_m];
         assert!(numbers.iter().all(|x| x.is_finite() && *x > 0.0), "{hit:?}");
         assert!(hit.direction.is_finite() && hit.normal.is_finite());
@@ -210,14 +209,14 @@ fn touch_hits_where_the_gel_is_pressed() {
     // The sensor looks along -z of its camera at a ball whose nearest point is 1 mm behind the gel's surface.
     let sensor = Isometry::<Camera, World>::translation(0.0, 0.0, PLACE_M[2] + RADIUS_M + f64::from(GEL_M) - 0.001);
     let touch = feel(BALL, pose([0.0; 3], [0.0; 3]), sensor);
-    let mut touches = PerFinger::from_fn(|_| None);
-    touches[Finger::Ring] = Some(touch);
-    let depth = DepthFrame { time_s: 0.0, joints: [0.0; JOINTS], cameras: Vec::new(), touch: touches };
+    let mut depth = frame(0.0, Vec::new());
+    depth.touch = vec![None, None, Some(touch)];
     let scan = scan_of(&depth);
     let view = &scan.views[0];
-    assert_eq!(view.sensor, Sensor::Touch(Finger::Ring));
+    assert_eq!(view.sensor(), Sensor::Touch(2));
     assert!(view.hits.len() > 100 && view.misses.len() > 20, "{} {}", view.hits.len(), view.misses.len());
-    assert!(view.pressed_px > view.hits.len(), "the hits are a sample");
+    let Detail::Touch { pad: Some(pad), .. } = view.detail else { panic!("a touch sensor without a pad") };
+    assert!(pad.pressed_px > view.hits.len(), "the hits are a sample");
     for hit in &view.hits {
         let p = in_solid(view.point(hit));
         assert!(BALL.distance(p).abs() < 1e-6);

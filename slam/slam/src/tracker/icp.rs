@@ -39,8 +39,8 @@ pub(crate) fn add(
     let b_to_a = a.pose * b.pose.inverse();
     let (mut tried, mut matched) = (0, 0);
     for view_b in &b.scan.views {
-        let Some(view_a) = a.scan.views.iter().find(|view| view.sensor == view_b.sensor) else { continue };
-        let Some(lookup) = &view_a.lookup else { continue };
+        let Some(view_a) = a.scan.views.iter().find(|view| view.sensor() == view_b.sensor()) else { continue };
+        let Some(lookup) = view_a.lookup() else { continue };
         let used = view_b.hits.len().min(points);
         let share = (independent / used.max(1) as f64).min(1.0);
         tried += used;

@@ -1,7 +1,7 @@
 //! Finding an object again, from nothing or from near where it was last seen.
 
 use glam::Vec3;
-use mvt_frames::{Isometry, Model, World};
+use mvt_frames::{Field, Isometry, World};
 use nalgebra as na;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
@@ -47,9 +47,9 @@ impl Tracker {
         &self,
         shape: &dyn Reference,
         centre: Vec3,
-        near: Option<Isometry<Model, World>>,
+        near: Option<Isometry<Field, World>>,
         rng: &mut ChaCha8Rng,
-    ) -> Option<Isometry<Model, World>> {
+    ) -> Option<Isometry<Field, World>> {
         let instant = self.window.back()?;
         if instant.measured.is_empty() {
             return None;
@@ -92,7 +92,7 @@ impl Tracker {
 
     /// Moves the newest frame to the best pose around where it is, `previous` included. For jerks that the solver alone would not
     /// follow, because it only sees a few millimetres far.
-    pub fn look_around(&mut self, shape: &dyn Reference, previous: Isometry<Model, World>, rng: &mut ChaCha8Rng) {
+    pub fn look_around(&mut self, shape: &dyn Reference, previous: Isometry<Field, World>, rng: &mut ChaCha8Rng) {
         let Some(instant) = self.window.back() else { return };
         let start = instant.pose;
         let previous = previous.untyped();
@@ -127,7 +127,7 @@ impl Tracker {
     }
 
     /// Gives the newest frame another pose and forgets the frames before it.
-    pub fn restart(&mut self, pose: Isometry<Model, World>) {
+    pub fn restart(&mut self, pose: Isometry<Field, World>) {
         if let Some(mut newest) = self.window.pop_back() {
             newest.pose = pose.untyped();
             self.window.clear();

@@ -1,13 +1,13 @@
 use glam::Vec3;
 use mvt_frames::Camera;
 use mvt_frames::camera::look_at;
-use mvt_robot::observation::DepthFrame;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::scan;
 use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, camera, feel, frame, pose, see, seen};
+use mvt_frames::depth::TouchDepth;
 
 /// A ball away from the origin, so that turns move it, with distances that have no grid.
 struct Ball {
@@ -55,7 +55,7 @@ fn nothing() -> Config {
 }
 
 /// Poses of the window: turning, and changing how.
-fn poses(count: usize) -> Vec<Isometry<Model, World>> {
+fn poses(count: usize) -> Vec<Isometry<Field, World>> {
     (0..count)
         .map(|k| {
             let k = k as f64;
@@ -66,13 +66,16 @@ fn poses(count: usize) -> Vec<Isometry<Model, World>> {
 
 /// A solid as it is seen and touched, in poses that the tracker is not told exactly.
 fn tracker(config: Config, solid: Solid, shape: &dyn Reference, occupied: &[Occupied]) -> Tracker {
-    let mut tracker = Tracker::new(config, Side::Right);
+    let mut tracker = Tracker::new(config);
     for (k, at) in poses(5).into_iter().enumerate() {
-        let mut depth: DepthFrame = seen(k, solid, at);
+        let mut depth = seen(k, solid, at);
         // Fingers move, so that a carried contact does too.
-        depth.joints = std::array::from_fn(|j| 0.01 * (k * (j % 5)) as f64);
-        depth.touch[Finger::Middle] = Some(feel(solid, at, sensor(solid)));
-        let scan = Arc::new(Scan::new(k, &depth, &scan::Config::default(), 1));
+        let touch = feel(solid, at, sensor(solid));
+        let t = k as f64;
+        let moved = se3::exp(&Twist::new(0.002 * t, -0.001 * t, 0.0005 * t, 0.02 * t, 0.01 * t, -0.03 * t));
+        let world_from_pad = Isometry::new(touch.world_from_pad.untyped() * moved);
+        depth.touch = vec![Some(TouchDepth { world_from_pad, ..touch })];
+        let scan = Arc::new(Scan::new(k, &depth.measured(), &scan::Config::default(), 1));
         let wrong = Isometry::new(at.untyped() * se3::exp(&Twist::new(0.0007, -0.0004, 0.0006, 0.01, 0.02, -0.015)));
         tracker.push(shape, scan, wrong, occupied.iter().copied());
     }
@@ -131,7 +134,7 @@ fn velocity_residuals() {
 #[test]
 fn contact_residuals() {
     let tracker = tracker(Config { contact_weight: 1.3, ..nothing() }, BRICK, &BALL, &[]);
-    assert!(tracker.window.iter().all(|instant| instant.pads[Finger::Middle].is_some()));
+    assert!(tracker.window.iter().all(|instant| instant.pads.len() == 1));
     check(tracker, &BALL, 1.0, 1e-3);
 }
 
@@ -142,7 +145,7 @@ fn a_contact_that_changes_ties_less() {
     let mut cost = |before: usize, after: usize| {
         let newest = tracker.window.len() - 1;
         for (k, pressed_px) in [(newest - 1, before), (newest, after)] {
-            if let Some(pad) = &mut tracker.window[k].pads[Finger::Middle] {
+            for pad in &mut tracker.window[k].pads {
                 pad.pressed_px = pressed_px;
             }
         }
@@ -201,7 +204,12 @@ fn scan_to_scan_residuals() {
             na::Isometry3::from_parts(at.translation, tilt * at.rotation)
         };
         let scan = |k, at: na::Isometry3<f64>| {
-            Scan::new(k, &frame(0.0, vec![Some(see(solid, Isometry::new(at), above))]), &scan::Config::default(), 1)
+            Scan::new(
+                k,
+                &frame(0.0, vec![Some(see(solid, Isometry::<Field, _>::new(at), above))]).measured(),
+                &scan::Config::default(),
+                1,
+            )
         };
         let poses = [tilted([0.02, -0.03, 0.05]), tilted([-0.01, 0.02, 0.0])];
         let scans = [scan(0, poses[0]), scan(1, poses[1])];
@@ -243,9 +251,9 @@ fn all_residuals_together() {
 #[test]
 fn matches_vanish_at_the_true_motion() {
     let (a, b) = (pose([0.0; 3], [20.0, 10.0, 35.0]), pose([0.001, 0.0005, -0.0005], [21.0, 11.0, 36.0]));
-    let scan = |k, at| Scan::new(k, &seen(k, BRICK, at), &scan::Config::default(), 1);
+    let scan = |k, at| Scan::new(k, &seen(k, BRICK, at).measured(), &scan::Config::default(), 1);
     let (scan_a, scan_b) = (scan(0, a), scan(1, b));
-    let cost = |b: Isometry<Model, World>| {
+    let cost = |b: Isometry<Field, World>| {
         let mut system = System::new(1);
         let (a, b) = (a.untyped(), b.untyped());
         let first = Posed { scan: &scan_a, pose: &a };
@@ -268,8 +276,8 @@ fn matches_vanish_at_the_true_motion() {
 #[test]
 fn scans_without_a_camera_in_common_do_not_match() {
     let at = pose([0.0; 3], [0.0; 3]);
-    let full = Scan::new(0, &seen(0, BRICK, at), &scan::Config::default(), 1);
-    let none = Scan::new(1, &frame(0.1, vec![None]), &scan::Config::default(), 1);
+    let full = Scan::new(0, &seen(0, BRICK, at).measured(), &scan::Config::default(), 1);
+    let none = Scan::new(1, &frame(0.1, vec![None]).measured(), &scan::Config::default(), 1);
     let pose = at.untyped();
     for (a, b) in [(&full, &none), (&none, &full), (&none, &none)] {
         let mut system = System::new(2);
@@ -282,10 +290,10 @@ fn scans_without_a_camera_in_common_do_not_match() {
 #[test]
 fn the_window_slides() {
     let shape = BALL;
-    let mut tracker = Tracker::new(Config::default(), Side::Right);
+    let mut tracker = Tracker::new(Config::default());
     assert!(tracker.solve(&shape).is_none() && tracker.predicted().is_none());
     assert_eq!(tracker.assess(&shape).confidence, 0.0);
-    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()), &scan::Config::default(), 1));
+    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::Config::default(), 1));
     for k in 0..50 {
         tracker.push(&shape, Arc::clone(&empty), pose([0.0; 3], [0.0; 3]), std::iter::empty());
         assert!(tracker.window.len() <= tracker.config.window + 2, "frame {k}");
@@ -303,8 +311,8 @@ fn the_window_slides() {
 
 #[test]
 fn prediction_goes_on_as_the_object_moves() {
-    let mut tracker = Tracker::new(Config { velocity_kept: 0.5, ..Config::default() }, Side::Right);
-    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()), &scan::Config::default(), 1));
+    let mut tracker = Tracker::new(Config { velocity_kept: 0.5, ..Config::default() });
+    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::Config::default(), 1));
     for at in [pose([0.0; 3], [0.0; 3]), pose([0.002, 0.0, 0.0], [0.0, 0.0, 8.0])] {
         tracker.push(&BALL, Arc::clone(&empty), at, std::iter::empty());
     }
@@ -317,10 +325,10 @@ fn prediction_goes_on_as_the_object_moves() {
 fn confidence_falls_with_distance_from_the_truth() {
     let solid = Solid::Ball(0.03);
     let at = pose([0.0; 3], [0.0; 3]);
-    let scan = Arc::new(Scan::new(0, &seen(0, solid, at), &scan::Config::default(), 1));
+    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::Config::default(), 1));
     let shape = Ball { centre: Vec3::ZERO, radius: 0.03 };
     let confidence = |shift: f64| {
-        let mut tracker = Tracker::new(Config::default(), Side::Right);
+        let mut tracker = Tracker::new(Config::default());
         tracker.push(&shape, Arc::clone(&scan), pose([0.0, shift, 0.0], [0.0; 3]), std::iter::empty());
         tracker.choose_passed(&shape);
         tracker.assess(&shape).confidence
@@ -333,11 +341,11 @@ fn confidence_falls_with_distance_from_the_truth() {
 fn one_point_of_the_hand_does_not_outweigh_a_camera() {
     let solid = Solid::Ball(0.03);
     let at = pose([0.0; 3], [0.0; 3]);
-    let scan = Arc::new(Scan::new(0, &seen(0, solid, at), &scan::Config::default(), 1));
+    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::Config::default(), 1));
     let shape = Ball { centre: Vec3::ZERO, radius: 0.03 };
     let inside = Occupied { point: to_vec((at.untyped() * na::Point3::new(0.0, 0.0, 0.02)).coords), depth_m: 0.005 };
     let confidence = |occupied: &[Occupied]| {
-        let mut tracker = Tracker::new(Config::default(), Side::Right);
+        let mut tracker = Tracker::new(Config::default());
         tracker.push(&shape, Arc::clone(&scan), at, occupied.iter().copied());
         tracker.assess(&shape).confidence
     };
@@ -353,10 +361,10 @@ fn free_space_bounds_what_depth_alone_leaves_open() {
     let place = na::Vector3::from(PLACE_M);
     let above = (camera().0, look_at(place + na::Vector3::z() * 0.35, place, na::Vector3::x()));
     let depth = frame(0.0, vec![Some(see(solid, at, above))]);
-    let scan = Arc::new(Scan::new(0, &depth, &scan::Config::default(), 1));
+    let scan = Arc::new(Scan::new(0, &depth.measured(), &scan::Config::default(), 1));
     let shape = Block([0.02, 0.02, 0.02]);
     let error = |config: Config| {
-        let mut tracker = Tracker::new(Config { window: 1, ..config }, Side::Right);
+        let mut tracker = Tracker::new(Config { window: 1, ..config });
         tracker.push(&shape, Arc::clone(&scan), pose([0.004, -0.003, 0.0], [0.0; 3]), std::iter::empty());
         let found = tracker.solve(&shape).unwrap().pose().untyped();
         (found.translation.vector - place).norm()
@@ -403,9 +411,9 @@ fn what_nothing_measures_carries_nothing_away() {
     let solid = Solid::Ball(0.03);
     let at = pose([0.0; 3], [0.0; 3]);
     let mut depth = frame(0.0, vec![None]);
-    depth.touch[Finger::Middle] = Some(feel(solid, at, sensor(solid)));
-    let scan = Arc::new(Scan::new(0, &depth, &scan::Config::default(), 1));
-    let mut tracker = Tracker::new(Config { window: 1, touch_weight: 1.0, ..nothing() }, Side::Right);
+    depth.touch = vec![Some(feel(solid, at, sensor(solid)))];
+    let scan = Arc::new(Scan::new(0, &depth.measured(), &scan::Config::default(), 1));
+    let mut tracker = Tracker::new(Config { window: 1, touch_weight: 1.0, ..nothing() });
     tracker.push(&Ramp, scan, at, std::iter::empty());
     let found = tracker.solve(&Ramp).unwrap().pose().untyped();
     let moved = (at.untyped().inverse() * found).translation.vector.norm();
@@ -421,11 +429,11 @@ fn a_pad_alone_does_not_throw_an_object() {
     let touched = |k: usize, side: [f64; 3]| {
         let mut depth = frame(k as f64 / 30.0, vec![None]);
         let above = Isometry::<Camera, Camera>::translation(0.008, 0.004, 0.03 + f64::from(GEL_M) - 0.0015);
-        depth.touch[Finger::Middle] = Some(feel(solid, at, Isometry::new(pose([0.0; 3], side).untyped()) * above));
-        Arc::new(Scan::new(k, &depth, &scan::Config::default(), 1))
+        depth.touch = vec![Some(feel(solid, at, Isometry::new(pose([0.0; 3], side).untyped()) * above))];
+        Arc::new(Scan::new(k, &depth.measured(), &scan::Config::default(), 1))
     };
     for seed in 0..20 {
-        let mut tracker = Tracker::new(Config::default(), Side::Right);
+        let mut tracker = Tracker::new(Config::default());
         // First from above, then from a side and askew: the middle of what is felt moves by four centimetres.
         tracker.push(&shape, touched(0, [0.0; 3]), at, std::iter::empty());
         let near = pose([0.004, 0.003, 0.002], [6.0, -5.0, 4.0]);

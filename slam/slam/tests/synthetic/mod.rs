@@ -2,16 +2,12 @@
 
 #![allow(dead_code, reason = "every test uses another part")]
 
+use super::Measurement;
 use glam::Vec3;
-use image::GrayImage;
 use mvt_frames::camera::{Intrinsics, look_at};
-use mvt_frames::depth::{BACKGROUND, OBJECT};
-use mvt_frames::depth::{CameraDepth, TouchDepth};
-use mvt_frames::{Camera, Isometry, Model, Object, Point, Vector, World};
+use mvt_frames::depth::{CameraDepth, Label, TouchDepth};
+use mvt_frames::{Camera, Field, Frame, Isometry, Object, Obstacle, Point, Vector, World};
 use mvt_mesh::SignedDistance;
-use mvt_robot::digit;
-use mvt_robot::hand::{JOINTS, PerFinger};
-use mvt_robot::observation::DepthFrame;
 use nalgebra as na;
 use ndarray::Array2;
 
@@ -94,7 +90,7 @@ impl SignedDistance for Solid {
 pub const PLACE_M: [f64; 3] = [0.0, 0.0, 0.4];
 
 /// The pose at [`PLACE_M`] moved by metres and turned by a rotation vector, degrees.
-pub fn pose(shift: [f64; 3], turn_deg: [f64; 3]) -> Isometry<Model, World> {
+pub fn pose(shift: [f64; 3], turn_deg: [f64; 3]) -> Isometry<Field, World> {
     let rotation = na::UnitQuaternion::from_scaled_axis(na::Vector3::from(turn_deg.map(f64::to_radians)));
     let place = na::Vector3::from(PLACE_M) + na::Vector3::from(shift);
     Isometry::new(na::Isometry3::from_parts(place.into(), rotation))
@@ -107,9 +103,9 @@ pub fn camera() -> (Intrinsics, Isometry<Camera, World>) {
     (intrinsics, look_at(place + na::Vector3::new(0.06, 0.24, 0.247), place, na::Vector3::z()))
 }
 
-fn cast(
+fn cast<F: Frame>(
     solid: Solid,
-    solid_from_camera: Isometry<Camera, Model>,
+    solid_from_camera: Isometry<Camera, F>,
     intrinsics: &Intrinsics,
     mut found: impl FnMut(usize, usize, f64),
 ) {
@@ -126,43 +122,70 @@ fn cast(
 }
 
 /// What a camera sees of a solid before nothing.
-pub fn see(
+pub fn see<F: Frame>(
     solid: Solid,
-    pose: Isometry<Model, World>,
+    pose: Isometry<F, World>,
     (intrinsics, world_from_camera): (Intrinsics, Isometry<Camera, World>),
 ) -> CameraDepth {
     let (width, height) = (intrinsics.width, intrinsics.height);
     let mut depth_m = Array2::zeros((height, width));
-    let mut segmentation = GrayImage::from_pixel(width as u32, height as u32, [BACKGROUND].into());
+    let mut labels = Array2::from_elem((height, width), Label::Background);
     cast(solid, pose.inverse() * world_from_camera, &intrinsics, |u, v, depth| {
         depth_m[(v, u)] = depth as f32;
-        segmentation.put_pixel(u as u32, v as u32, [OBJECT].into());
+        labels[(v, u)] = Label::Object;
     });
-    CameraDepth { intrinsics, world_from_camera, depth_m, segmentation }
+    CameraDepth { intrinsics, world_from_camera, depth_m, labels }
 }
 
 /// Depth of the flat gel of a synthetic DIGIT, metres.
 pub const GEL_M: f32 = 0.02;
 
-/// What a DIGIT with a flat gel feels of a solid.
-pub fn feel(solid: Solid, pose: Isometry<Model, World>, world_from_camera: Isometry<Camera, World>) -> TouchDepth {
-    let mut depth_m = Array2::from_elem((digit::HEIGHT, digit::WIDTH), GEL_M);
-    let mut contact = GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32);
-    cast(solid, pose.inverse() * world_from_camera, &digit::intrinsics(), |u, v, depth| {
-        if (depth as f32) < GEL_M {
-            depth_m[(v, u)] = depth as f32;
-            contact.put_pixel(u as u32, v as u32, [255].into());
-        }
-    });
-    TouchDepth { world_from_camera, depth_m, contact, sigma_m: 0.0003 }
+/// Pinhole model in the synthetic touch sensor: a DIGIT's.
+pub fn touch_intrinsics() -> Intrinsics {
+    Intrinsics::from_fov_y(240, 320, 60f64.to_radians())
 }
 
-/// A frame of a flat hand that touches nothing.
-pub fn frame(time_s: f64, cameras: Vec<Option<CameraDepth>>) -> DepthFrame {
-    DepthFrame { time_s, joints: [0.0; JOINTS], cameras, touch: PerFinger::from_fn(|_| None) }
+/// What a touch sensor with a flat gel feels of a solid.
+pub fn feel<F: Frame>(
+    solid: Solid,
+    pose: Isometry<F, World>,
+    world_from_camera: Isometry<Camera, World>,
+) -> TouchDepth {
+    let intrinsics = touch_intrinsics();
+    let mut depth_m = Array2::from_elem((intrinsics.height, intrinsics.width), GEL_M);
+    let mut contact = Array2::from_elem((intrinsics.height, intrinsics.width), false);
+    cast(solid, pose.inverse() * world_from_camera, &intrinsics, |u, v, depth| {
+        if (depth as f32) < GEL_M {
+            depth_m[(v, u)] = depth as f32;
+            contact[(v, u)] = true;
+        }
+    });
+    // The pad moves with the camera in it.
+    let world_from_pad = Isometry::new(world_from_camera.untyped());
+    TouchDepth { intrinsics, world_from_camera, world_from_pad, depth_m, contact, sigma_m: 0.0003 }
+}
+
+/// The measurements of one instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensed {
+    pub time_s: f64,
+    pub cameras: Vec<Option<CameraDepth>>,
+    pub touch: Vec<Option<TouchDepth>>,
+    pub obstacles: Vec<Isometry<Obstacle, World>>,
+}
+
+impl Sensed {
+    pub fn measured(&self) -> Measurement<'_> {
+        Measurement { time_s: self.time_s, cameras: &self.cameras, touch: &self.touch, obstacles: &self.obstacles }
+    }
+}
+
+/// An instant at which nothing is touched.
+pub fn frame(time_s: f64, cameras: Vec<Option<CameraDepth>>) -> Sensed {
+    Sensed { time_s, cameras, touch: Vec::new(), obstacles: Vec::new() }
 }
 
 /// The `k`-th frame at 30 Hz of a solid before [`camera`].
-pub fn seen(k: usize, solid: Solid, pose: Isometry<Model, World>) -> DepthFrame {
+pub fn seen<F: Frame>(k: usize, solid: Solid, pose: Isometry<F, World>) -> Sensed {
     frame(k as f64 / 30.0, vec![Some(see(solid, pose, camera()))])
 }

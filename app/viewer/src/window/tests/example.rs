@@ -4,27 +4,27 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use image::{GrayImage, Luma, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
-use mvt_frames::depth::{BACKGROUND, OBJECT};
-use mvt_frames::depth::{CameraDepth, TouchDepth};
+use mvt_frames::depth::{CameraDepth, Label};
 use mvt_frames::{Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_metrics::AddS;
 use mvt_objects::catalogue;
 use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, JOINTS, PerFinger, Side, world_from_digit_camera};
-use mvt_robot::observation::DepthFrame;
+use mvt_robot::digit::gel;
+use mvt_robot::hand::{Finger, JOINTS, PerFinger, Side};
+use mvt_robot::observation::{Percept, Press};
 use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M, PLACEMENTS};
 use nalgebra::{Isometry3, Vector3};
 use ndarray::Array2;
 
 use mvt_recording::{About, FOLDER, VERSION, Writer};
-use mvt_run::pipeline::{Progress, Shape};
+use mvt_run::pipeline::{MeshedShape, Mode, Progress};
 use mvt_run::report::{Event, FrameRow, ShapePoint, StageMs, TrackState};
 use mvt_run::sdf_grid::SdfGrid;
-use mvt_run::source::{Pictures, Sensed};
+use mvt_run::source::{Modality, Pictures, Sensed};
 
 /// Frames, 30 in a second.
 pub const FRAMES: u64 = 36;
@@ -42,8 +42,8 @@ pub fn record(folder: &Path, frames: u64) -> Writer {
         version: VERSION,
         object: "cube70".to_owned(),
         seed: 7,
-        mode: "slam".to_owned(),
-        modality: "vitac".to_owned(),
+        mode: Some(Mode::Slam),
+        modality: Modality::Vitac,
         side: Side::Left,
         cameras: vec![camera.clone()],
         frames: FRAMES as usize,
@@ -54,13 +54,13 @@ pub fn record(folder: &Path, frames: u64) -> Writer {
     for frame in 0..frames {
         let row = row(frame);
         let sensed = Box::new(sensed(&row, &camera, &rays));
-        writer.receive(Progress::Frame { row: &row, is_keyframe: frame % 10 == 0, sensed });
+        writer.frame(&row, frame % 10 == 0, sensed);
         if frame == LOST.start {
             let event = Event { time_s: row.time_s, text: "lost the object".to_owned() };
             writer.receive(Progress::Event(&event));
         }
         if frame % 12 == 11 {
-            writer.receive(Progress::Shape(&shape(&cube, frame)));
+            writer.receive(Progress::Shape(0, &shape(&cube, frame)));
         }
         // Whoever is faster than the writer loses images.
         wait_for(folder, frame + 1);
@@ -108,21 +108,21 @@ fn row(frame: u64) -> FrameRow {
 fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
     let joints = [0.3; JOINTS];
     let (depth, colour) = seen(&camera.intrinsics, camera.pose.inverse() * pose(row.frame, 0.0), cube);
-    let segmentation = GrayImage::from_fn(colour.width(), colour.height(), |x, y| {
-        Luma([if depth[(y as usize, x as usize)] > 0.0 { OBJECT } else { BACKGROUND }])
-    });
+    let labels = depth.mapv(|z| if z > 0.0 { Label::Object } else { Label::Background });
     let touches = TOUCHING.contains(&row.frame);
     let is_pressed = move |x: u32, y: u32| touches && (x as f32 - 110.0).hypot(y as f32 - 150.0) < 45.0;
     let (width, height) = (digit::WIDTH as u32, digit::HEIGHT as u32);
-    let touch = |finger: Finger| TouchDepth {
-        world_from_camera: world_from_digit_camera(Side::Left, finger, &joints),
-        depth_m: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(y, x)| {
+    let touch = |finger: Finger| {
+        let depth_m = Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(y, x)| {
             if finger == Finger::Index && is_pressed(x as u32, y as u32) { 0.0205 } else { 0.0217 }
-        }),
-        contact: GrayImage::from_fn(width, height, |x, y| {
-            Luma([if finger == Finger::Index && is_pressed(x, y) { 255 } else { 0 }])
-        }),
-        sigma_m: 5e-5,
+        });
+        Press {
+            indentation_mm: gel::indentation_of(&depth_m).unwrap(),
+            contact: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(y, x)| {
+                finger == Finger::Index && is_pressed(x as u32, y as u32)
+            }),
+            sigma_mm: 0.05,
+        }
     };
     let image = |finger: Finger| {
         RgbImage::from_fn(width, height, |x, y| {
@@ -132,14 +132,14 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
     };
     Sensed {
         frame: row.frame,
-        depth: DepthFrame {
+        percept: Percept {
             time_s: row.time_s,
             joints,
             cameras: vec![Some(CameraDepth {
                 intrinsics: camera.intrinsics,
                 world_from_camera: camera.pose,
                 depth_m: depth,
-                segmentation,
+                labels,
             })],
             touch: PerFinger::from_fn(|finger| Some(touch(finger))),
         },
@@ -151,6 +151,7 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
             forces_n: Some(PerFinger::from_fn(|finger| if touches && finger == Finger::Index { 1.4 } else { 0.0 })),
         },
         sense_ms: row.stage_ms.sense,
+        hidden: None,
         warnings: Vec::new(),
     }
 }
@@ -177,7 +178,7 @@ fn seen(
 }
 
 /// The cube as it is believed to be: a little too large.
-fn shape(cube: &Mesh, frame: u64) -> Shape {
+fn shape(cube: &Mesh, frame: u64) -> MeshedShape {
     let mut mesh = cube.clone();
     mesh.vertices.iter_mut().for_each(|vertex| *vertex *= 1.02 + 0.2 / frame as f32);
     let low = glam::Vec3::splat(-0.048);
@@ -196,5 +197,5 @@ fn shape(cube: &Mesh, frame: u64) -> Shape {
         recall5: share,
     };
     let sdf = SdfGrid { low, cell_m, counts: [nodes; 3], values: values.collect() };
-    Shape { frame, mesh, sdf, point: Some(point), mesh_ms: 20.0 }
+    MeshedShape { frame, mesh, sdf, point: Some(point), mesh_ms: 20.0 }
 }

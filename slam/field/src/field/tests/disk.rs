@@ -12,7 +12,7 @@ fn small() -> Config {
 }
 
 /// The bytes of a saved field.
-fn saved(field: &Field) -> Vec<u8> {
+fn saved(field: &NeuralField) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.safetensors");
     field.save(&path).unwrap();
@@ -21,10 +21,10 @@ fn saved(field: &Field) -> Vec<u8> {
 }
 
 /// What reading these bytes as a field gives.
-fn loaded(bytes: &[u8]) -> Result<Field, FieldError> {
+fn loaded(bytes: &[u8]) -> Result<NeuralField, FieldError> {
     let file = tempfile::NamedTempFile::new().unwrap();
     fs::write(file.path(), bytes).unwrap();
-    Field::load(file.path())
+    NeuralField::load(file.path())
 }
 
 #[test]
@@ -43,14 +43,14 @@ fn training_goes_on_as_if_it_had_not_stopped() {
     let config = small();
     let path = tempfile::NamedTempFile::new().unwrap();
     let batch = |step| samples(step, 300, &config, sphere);
-    let mut straight = Trainer::new(Field::new(&config, 1).unwrap());
+    let mut straight = FieldTrainer::new(NeuralField::new(&config, 1).unwrap());
     for step in 0..3 {
         straight.step(&batch(step));
     }
     straight.save(path.path()).unwrap();
-    let mut resumed = Trainer::load(path.path()).unwrap();
+    let mut resumed = FieldTrainer::load(path.path()).unwrap();
     assert_eq!(resumed.steps(), 3);
-    assert_eq!(Field::load(path.path()).unwrap().parameters, straight.field().parameters);
+    assert_eq!(NeuralField::load(path.path()).unwrap().parameters, straight.field().parameters);
     for step in 3..6 {
         assert_eq!(straight.step(&batch(step)), resumed.step(&batch(step)));
     }
@@ -60,8 +60,8 @@ fn training_goes_on_as_if_it_had_not_stopped() {
 #[test]
 fn a_field_alone_is_no_trainer() {
     let file = tempfile::NamedTempFile::new().unwrap();
-    Field::new(&small(), 1).unwrap().save(file.path()).unwrap();
-    let message = Trainer::load(file.path()).unwrap_err().to_string();
+    NeuralField::new(&small(), 1).unwrap().save(file.path()).unwrap();
+    let message = FieldTrainer::load(file.path()).unwrap_err().to_string();
     assert!(message.contains("mean.grid"), "{message}");
 }
 
@@ -73,7 +73,7 @@ fn start_of(bytes: &[u8], name: &str) -> usize {
 
 #[test]
 fn damage_is_named() {
-    let bytes = saved(&Field::new(&small(), 1).unwrap());
+    let bytes = saved(&NeuralField::new(&small(), 1).unwrap());
     let message = |bytes: &[u8]| loaded(bytes).unwrap_err().to_string();
     for tensor in ["grid", "hidden.weight", "hidden.bias", "output.weight", "output.bias"] {
         let mut broken = bytes.clone();
@@ -96,7 +96,7 @@ fn damage_is_named() {
     for length in [0, 7, 100, bytes.len() - 1] {
         assert!(message(&bytes[..length]).contains("written by something else"), "{}", message(&bytes[..length]));
     }
-    let missing = Field::load(Path::new("/nonexistent/field")).unwrap_err();
+    let missing = NeuralField::load(Path::new("/nonexistent/field")).unwrap_err();
     assert!(matches!(missing, FieldError::File(FileError::Io { .. })));
 }
 
@@ -109,7 +109,7 @@ proptest! {
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), any::<bool>()), 1..6),
         cut in prop::option::of(any::<prop::sample::Index>()),
     ) {
-        let mut bytes = saved(&Field::new(&small(), 1).unwrap());
+        let mut bytes = saved(&NeuralField::new(&small(), 1).unwrap());
         let header = start_of(&bytes, "grid").min(start_of(&bytes, "hidden.bias"));
         for (index, value, in_header) in changes {
             let length = if in_header { header } else { bytes.len() };

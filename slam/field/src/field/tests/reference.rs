@@ -12,7 +12,7 @@ pub(super) struct Reference {
 }
 
 impl Reference {
-    pub(super) fn new(field: &Field) -> Self {
+    pub(super) fn new(field: &NeuralField) -> Self {
         Self {
             config: field.config.clone(),
             table: field.parameters.table.as_flattened().iter().copied().map(f64::from).collect(),
@@ -59,7 +59,7 @@ impl Reference {
         neurons.zip(rest).map(|(h, w)| h * w).sum::<f64>() + rest[hidden]
     }
 
-    /// The loss as [`Trainer`] defines it.
+    /// The loss as [`FieldTrainer`] defines it.
     pub(super) fn loss(&self, samples: &[Sample]) -> f64 {
         let distances = samples.iter().map(|s| {
             let error = self.value(s.position.as_dvec3().to_array()) - f64::from(s.target.clamp(-1.0, 1.0));
