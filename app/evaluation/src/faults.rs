@@ -17,7 +17,7 @@ use mvt_run::pipeline::{FrameResult, Mode, RunConfig, Truth, random_motion};
 use mvt_run::report::TrackState;
 use mvt_run::source::Modality;
 
-/// What goes wrong.
+/// Kind of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FaultKind {
     /// The object is moved by 3 cm and turned by 40 degrees, in random directions.
@@ -45,7 +45,7 @@ const ANGLE_DEG: f64 = 40.0;
 const BLANK_FRAMES: usize = 2 * FRAME_HZ as usize;
 /// When the fault comes, seconds, drawn from this range.
 const FAULT_S: std::ops::Range<f64> = 3.0..6.0;
-/// What is watched after the fault, frames.
+/// Frames that are scored after the fault.
 const WATCHED: usize = 6 * FRAME_HZ as usize;
 /// So many frames in a row make a recovery, not a coincidence.
 const STEADY: usize = 5;
@@ -65,11 +65,11 @@ pub struct Trial {
     before_mm: f64,
     /// The largest error from the fault on, mm.
     worst_mm: f64,
-    /// Frames from the first error above 10 mm until the tracker said that it was lost; none if it never did.
+    /// Frames from the first error above 10 mm until the tracker declared the object lost; `None` if it never did.
     declared_after: Option<usize>,
     /// Whether the error ever exceeded 10 mm.
     astray: bool,
-    /// Frames from the end of the fault until the error was below 10 mm for good five frames; none if it never was.
+    /// Frames from the end of the fault until the error was below 10 mm for five frames in a row; `None` if it never was.
     recovered_after: Option<usize>,
 }
 

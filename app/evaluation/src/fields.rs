@@ -27,7 +27,7 @@ use mvt_run::pipeline::{FrameResult, Mode, RunConfig, Truth};
 use mvt_run::report::ShapeScores;
 use mvt_run::source::Modality;
 
-/// What is compared: the map of the run that tracks, which refines the poses of its keyframes and closes loops; the same field,
+/// The compared shapes: the map of the run that tracks, which refines the poses of its keyframes and closes loops; the same field,
 /// taught with the poses as they were tracked; one with hashed levels; and a grid of truncated distances.
 const NAMES: [&str; 4] = ["refined", "dense", "hashed", "tsdf"];
 
@@ -52,11 +52,11 @@ pub struct Comparison {
     f_score: BTreeMap<u32, f64>,
     /// F-score by threshold from 100,000 points.
     f_score_fine: BTreeMap<u32, f64>,
-    /// Mean distance of 100,000 estimated points to the nearest true one; none if there is no surface.
+    /// Mean distance of 100,000 estimated points to the nearest true one; `None` without a surface.
     mesh_error_mm: Option<f64>,
     /// Mean time of a frame that teaches, milliseconds.
     learn_ms: f64,
-    /// What answers queries, megabytes.
+    /// Memory that answers queries, megabytes.
     shape_mb: f64,
     /// The same with the optimiser's state and the rays that are replayed.
     learning_mb: f64,
@@ -68,7 +68,7 @@ impl Keyed for Comparison {
     }
 }
 
-/// What a shape takes.
+/// Time and memory of a shape.
 struct Cost {
     spent: Duration,
     shape_bytes: usize,

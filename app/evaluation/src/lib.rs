@@ -36,11 +36,11 @@ use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
 use mvt_run::source::{Modality, Sensed, TouchArguments, TouchNetwork};
 use mvt_run::{progress, settings};
 
-/// Run many episodes and tell the scores as tables
+/// Run many episodes and write their scores as tables
 ///
 /// Each episode, an object with a seed and cameras, is simulated and rendered once, with the gait that suits the object; all modes and
-/// modalities receive the same frames of it. DIR/runs.jsonl receives a line per run, DIR/table.md the tables. A run that is there is not
-/// repeated, so that an interrupted evaluation goes on where it was.
+/// modalities receive the same frames of it. DIR/runs.jsonl receives a line per run, DIR/table.md the tables. A finished
+/// run is not repeated, so that the same command continues an interrupted evaluation.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Objects, by names that `assets list` shows or paths, with commas between
@@ -127,7 +127,7 @@ fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
     }
 }
 
-/// What tells runs apart.
+/// Identity of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Key {
     /// The object.
@@ -140,7 +140,7 @@ pub struct Key {
     pub mode: Mode,
     /// Which sensors are used.
     pub modality: Modality,
-    /// What is different: `full`, the setting that is 0, a fault, or how the shape is held.
+    /// The variant: `full`, the setting that is 0, a fault, or the representation of the shape.
     pub variant: String,
     /// SHA-256 of all settings, the duration and where the weights of a touch network come from, hexadecimal.
     pub settings: String,
@@ -162,7 +162,7 @@ pub struct Line {
     pub f_score: BTreeMap<u32, f64>,
     /// F-score by threshold from 100,000 points.
     pub f_score_fine: BTreeMap<u32, f64>,
-    /// One-directional ADD-S; none if the object was never seen.
+    /// One-directional ADD-S; `None` if the object was never seen.
     pub add_s_mm: Option<Errors>,
     /// Symmetric ADD-S.
     pub add_s_symmetric_mm: Option<Errors>,
@@ -192,7 +192,7 @@ pub struct Errors {
 
 impl From<ErrorStatistics> for Errors {
     fn from(e: ErrorStatistics) -> Self {
-        // JSON has no infinity, and a run whose pose is no number must not vanish from the tables.
+        // JSON has no infinity, and a run whose pose is not a number must not vanish from the tables.
         let written = |mm: f64| mm.min(f64::MAX);
         Self { mean: written(e.mean), median: written(e.median), p95: written(e.p95), last: written(e.last) }
     }
@@ -205,7 +205,7 @@ struct Episode<'a> {
     object: &'a Object,
     seed: u64,
     cameras: &'a str,
-    /// Of the network that makes touch depth; without them the true one is taken.
+    /// Weights of the touch network; without them the true indentation is used.
     weights: Option<&'a Weights>,
 }
 
@@ -275,7 +275,7 @@ impl Keyed for Line {
     }
 }
 
-/// Receives a line as soon as it is known.
+/// Receives each line when it is complete.
 type Tell<'a, L> = &'a mut dyn FnMut(L) -> Result<()>;
 
 /// Works off all episodes, several at a time (`work` gives the keys of an episode's lines, those that are done included), and gives the lines of all that were asked for, those of earlier runs included.

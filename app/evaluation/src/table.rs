@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{Errors, FULL, Line};
 
-/// What a row of a table is the mean of: cameras, mode, modality, variant.
+/// The runs that a row of a table averages: cameras, mode, modality, variant.
 type Group<'a> = (&'a str, &'a str, &'a str, &'a str);
 
 /// The means over objects and seeds with the worst run of each kind, then the means of each object.

@@ -1,4 +1,33 @@
-//! Live episodes as a source of frames, and as FeelSight logs.
+//! Live episodes: MuJoCo, rendering and perception behind one source of frames, and as FeelSight logs.
+//!
+//! [`LiveSource`] steps an episode and renders it as frames are asked for; what the supervisor directs reaches the hand two frames later.
+//! [`recorder`] writes the same episode as a log. This crate links libmujoco.
+//!
+//! ```no_run
+//! use mvt_live::{Fault, LiveSettings, LiveSource};
+//! use mvt_objects::catalogue;
+//! use mvt_robot::hand::Side;
+//! use mvt_run::source::{Modality, Source as _};
+//!
+//! let object = catalogue::load("cube70", &mut Vec::new())?;
+//! let (_, gait) = mvt_gaits::gait::choose("auto", &object)?;
+//! let settings = LiveSettings {
+//!     side: Side::Left,
+//!     gait: gait.clone(),
+//!     seed: 0,
+//!     duration_s: 1.0,
+//!     cameras: Vec::new(),
+//!     camera_noise: 5.0,
+//!     modality: Modality::Tac,
+//!     hidden_every: None,
+//!     fault: Fault::default(),
+//! };
+//! let mut source = LiveSource::new(&object, settings, None)?;
+//! while let Some(sensed) = source.next()? {
+//!     println!("{:.2} s: {} pads measured", sensed.percept.time_s, sensed.percept.touch.0.iter().flatten().count());
+//! }
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 // Its build script puts libmujoco on the link line.
 use mvt_mujoco_lib as _;

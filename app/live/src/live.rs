@@ -20,7 +20,7 @@ use mvt_segmentation::{SegmentationConfig, percept};
 use crate::recorder;
 use mvt_run::source::{Modality, Pictures, Sensed, Source, TouchNetwork, true_press};
 
-/// What decides a live episode and what is sensed of it.
+/// Settings of a live episode and its sensors.
 #[derive(Debug, Clone)]
 pub struct LiveSettings {
     /// Which hand.
@@ -31,7 +31,7 @@ pub struct LiveSettings {
     pub seed: u64,
     /// Longest duration, seconds.
     pub duration_s: f64,
-    /// The cameras; none without vision.
+    /// The cameras; they are left out without vision.
     pub cameras: Vec<PosedCamera>,
     /// Noise of camera depth as a multiple of Redwood's; 0 for true depth.
     pub camera_noise: f64,
@@ -39,11 +39,11 @@ pub struct LiveSettings {
     pub modality: Modality,
     /// At every Nth frame the share of the object that the hand hides is computed; `None` for never. Some milliseconds each.
     pub hidden_every: Option<u64>,
-    /// What goes wrong on purpose.
+    /// A fault that is injected.
     pub fault: Fault,
 }
 
-/// Trouble that is made on purpose, to see whether the estimate survives it.
+/// A fault that is injected to test whether the estimate survives it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Fault {
     /// Before this frame the object is moved: see [`Episode::displace_object`].
@@ -57,14 +57,14 @@ pub struct LiveSource {
     settings: LiveSettings,
     episode: Episode,
     observer: Observer,
-    /// What makes touch depth; without it the true one is taken.
+    /// The touch network; without it the true indentation is used.
     network: Option<TouchNetwork>,
     scratch: Scratch,
     frame: u32,
 }
 
 impl LiveSource {
-    /// Draws the start and prepares the rendering. `network` makes touch depth; without it the true one is taken.
+    /// Draws the start and prepares the rendering. Without `network` the true indentation is used.
     ///
     /// # Errors
     /// If MuJoCo refuses the object.

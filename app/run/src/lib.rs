@@ -1,4 +1,36 @@
-//! A run of the estimator: sources, pipeline, supervisor, settings and results.
+//! A run of the estimator: where frames come from, the one loop that every run takes, and the files that it leaves.
+//!
+//! [`source`] delivers frames, [`pipeline::Pipeline`] drives any number of estimators on them and tells listeners, [`supervisor`] directs the
+//! hand by the first estimate, and [`report`] writes the results. Live episodes are a source of another crate, mvt-live, so that nothing
+//! here needs libmujoco.
+//!
+//! ```no_run
+//! use std::sync::atomic::AtomicBool;
+//!
+//! use mvt_run::pipeline::{Entry, Init, Meshing, Mode, Pipeline, Progress};
+//! use mvt_run::source::{LogSource, Modality};
+//!
+//! // Tracks and maps the object of a FeelSight log with its first camera.
+//! let mut source = LogSource::open("data/077_rubiks_cube/00".as_ref(), None, Modality::Vi, 5.0, None)?;
+//! let config = mvt_slam::Config::default();
+//! let entry = Entry { config: &config, mode: Mode::Slam, modality: Modality::Vi, init: Init::Near, seed: 0, map: None };
+//! let pipeline = Pipeline {
+//!     entries: vec![entry],
+//!     meshing: Meshing { cell_m: 0.0015, every: None },
+//!     side: source.side(),
+//!     object: None,
+//!     truth: None,
+//!     supervisor: None,
+//!     single_threaded: false,
+//! };
+//! let finished = pipeline.run(&mut source, &AtomicBool::new(false), &mut |progress| {
+//!     if let Progress::Frame { results, .. } = progress {
+//!         results.iter().flatten().for_each(|result| println!("{:?}", result.estimate.pose));
+//!     }
+//! })?;
+//! println!("{} estimator(s), {:.1} s", finished.estimators.len(), finished.wall_s);
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 pub mod arguments;
 pub mod input;
@@ -11,3 +43,5 @@ pub mod sdf_grid;
 pub mod settings;
 pub mod source;
 pub mod supervisor;
+
+pub use {mvt_slam, ndarray};

@@ -88,7 +88,7 @@ impl RunConfig {
     }
 }
 
-/// What happens in a run, for listeners.
+/// Progress of a run, for listeners.
 pub enum Progress<'a> {
     /// The run begins.
     Started {
@@ -212,7 +212,7 @@ impl Feed<'_> {
     fn direct(&mut self, directive: Directive) -> Result<()> {
         match self {
             Self::Inline { source, .. } => source.direct(directive),
-            // Whoever does not listen any more has ended.
+            // A source that has ended takes no directives.
             Self::Threaded { directives, .. } => {
                 let _ = directives.send(directive);
                 Ok(())
@@ -301,7 +301,7 @@ impl Pipeline<'_> {
                 let (snapshots, snapshot_receiver) = mpsc::channel::<(usize, ShapeSnapshot)>();
                 let (shapes, done) = mpsc::channel();
                 scope.spawn(move || {
-                    // Until nobody waits for shapes any more.
+                    // Ends when the receiver is gone.
                     let mut meshed = snapshot_receiver.iter().map(|(k, snapshot)| (k, snapshot.shape(cell_m, truth)));
                     meshed.all(|shape| shapes.send(shape).is_ok())
                 });
@@ -396,7 +396,7 @@ impl Pipeline<'_> {
         Ok(Followed { estimators, wall_s, complete, end: String::new(), last_s })
     }
 
-    /// What the hand is to do, from the estimate alone.
+    /// The directive of the supervisor, from the estimate alone.
     fn decide(
         &mut self,
         estimator: &Estimator,

@@ -1,5 +1,4 @@
-//! What a run leaves in its folder. Everything here is a function of a recorded run ([`RunRecord`]) and of its meshes; nothing
-//! simulates or estimates.
+//! Files of a run. All of them are functions of its record ([`RunRecord`]) and of its meshes; nothing here simulates or estimates.
 //!
 //! A file appears under its name only when it is complete: it is written beside it and renamed.
 
@@ -61,7 +60,7 @@ pub struct RunRecord {
     pub frames: Vec<FrameRow>,
     /// The shape's score as it grew, in order of time.
     pub shape: Vec<ShapePoint>,
-    /// What happened, in order of time.
+    /// Events, in order of time.
     pub events: Vec<Event>,
     /// Wall time, seconds.
     pub wall_s: f64,
@@ -73,7 +72,7 @@ pub struct RunRecord {
     pub complete: bool,
 }
 
-/// A frame of a run: what was estimated, what was true and what it cost.
+/// A frame of a run: estimate, truth and time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameRow {
     /// Number of the frame in the episode or log.
@@ -134,18 +133,18 @@ pub struct ShapePoint {
     pub recall5: f64,
 }
 
-/// Something worth telling that happened at a time.
+/// An event at a time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Event {
     /// Seconds since the start.
     pub time_s: f64,
-    /// What happened, in words.
+    /// The event, in words.
     pub text: String,
 }
 
 impl RunRecord {
     /// The motion that takes the estimated surface to the true one as the tracker saw the two at the last frame of which the truth is
-    /// known; none if there is no such frame.
+    /// known; `None` without such a frame.
     pub fn object_from_estimate(&self) -> Option<Isometry<Object, Object>> {
         self.frames.iter().rev().find_map(|row| Some(row.truth?.inverse() * row.estimate))
     }

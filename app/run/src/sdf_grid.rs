@@ -16,10 +16,10 @@ pub struct SdfGrid {
 }
 
 impl SdfGrid {
-    /// What a value of 1 stands for, metres.
+    /// Distance of a value of 1, metres.
     pub const STEP_M: f32 = 0.00025;
 
-    /// Distance at a point, interpolated between the nodes, metres; none outside of the grid.
+    /// Distance at a point, interpolated between the nodes, metres; `None` outside of the grid.
     pub fn distance_m(&self, point: Vec3) -> Option<f32> {
         let at = (point - self.low) / self.cell_m;
         let last = Vec3::from(self.counts.map(|count| count as f32 - 1.0));

@@ -17,16 +17,16 @@ use std::fmt;
 pub use log::LogSource;
 pub use touch::{TouchArguments, TouchNetwork, true_press};
 
-/// What the sensors measured at one instant.
+/// A frame of a source.
 #[derive(Debug, Clone)]
 pub struct Sensed {
     /// Number of the frame in the episode or log.
     pub frame: u64,
     /// The measurements: all that estimation receives.
     pub percept: Percept,
-    /// Where the object is, for scores; none where nobody knows.
+    /// True pose of the object, for scores; `None` where it is unknown.
     pub truth: Option<Isometry<Object, World>>,
-    /// What there was to be seen, for recordings.
+    /// Images for recordings.
     pub pictures: Pictures,
     /// Wall time of simulation and rendering, or of reading, and of perception, milliseconds.
     pub sense_ms: f64,
@@ -36,29 +36,28 @@ pub struct Sensed {
     pub warnings: Vec<String>,
 }
 
-/// What there was to be seen at one instant: for those who record or show a run, and no part of what estimation receives. Images may
-/// be missing or empty.
+/// Images of one instant for recordings and viewers; estimation does not receive them. Each may be missing or empty.
 #[derive(Debug, Clone, Default)]
 pub struct Pictures {
     /// Colours of each camera.
     pub cameras: Vec<RgbImage>,
-    /// What each DIGIT shows.
+    /// Images of each DIGIT.
     pub touch: PerFinger<RgbImage>,
-    /// True touch depth, metres, where it is known and is not what estimation receives.
+    /// True touch depth, metres, where it is known and estimation receives another.
     pub true_touch_m: PerFinger<Option<Array2<f32>>>,
     /// Normal force on each fingertip, newtons, where a simulator knows it.
     pub forces_n: Option<PerFinger<f64>>,
 }
 
-/// Gives sensed frames one at a time.
+/// A source of frames.
 pub trait Source: Send {
-    /// The next frame; none at the end.
+    /// Returns the next frame, or `None` at the end.
     ///
     /// # Errors
-    /// If there can be no further frame although this is not the end.
+    /// If the next frame cannot be simulated or read.
     fn next(&mut self) -> Result<Option<Sensed>>;
 
-    /// What the hand is to do from now on. A log has happened: it takes no notice.
+    /// Directs the hand from the next frame on. A log ignores directives.
     fn direct(&mut self, _: Directive) -> Result<()> {
         Ok(())
     }
@@ -66,7 +65,7 @@ pub trait Source: Send {
     /// How many frames there will be at most.
     fn len(&self) -> usize;
 
-    /// Why there are no more frames, in words, and whether this is how it was meant to end.
+    /// Why the source ended, in words, and whether it ended as intended.
     fn end(&self) -> (String, bool);
 }
 

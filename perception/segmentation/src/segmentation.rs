@@ -1,4 +1,4 @@
-//! What each pixel of a camera shows, told from depth and the hand's joint angles alone.
+//! Labels of camera pixels, from depth and the hand's joint angles alone.
 
 use std::ops::Range;
 

@@ -103,7 +103,7 @@ impl NeuralField {
         Ok(Self { config: config.clone(), instructions: Instructions::best(), levels, layout, parameters })
     }
 
-    /// What it is made of.
+    /// Its settings.
     pub fn config(&self) -> &Config {
         &self.config
     }
@@ -148,7 +148,7 @@ impl Shape for NeuralField {
     }
 }
 
-/// What the field has in the works for the points that go through it together.
+/// Working memory for points that are evaluated together.
 #[derive(Debug, Clone)]
 struct Chunk {
     points: [Row; 3],

@@ -25,7 +25,7 @@ pub enum FileError {
     Damaged {
         /// Which file.
         path: PathBuf,
-        /// What is wrong.
+        /// The defect.
         message: String,
     },
     /// A tensor is missing or is not what the header and the other tensors ask for.
@@ -35,7 +35,7 @@ pub enum FileError {
         path: PathBuf,
         /// Which tensor.
         tensor: String,
-        /// What is wrong with it.
+        /// Its defect.
         message: String,
     },
 }
@@ -48,7 +48,7 @@ pub trait Number: Copy + Into<f64> {
     const BYTES: usize;
     /// Appends the number, little-endian.
     fn write(self, out: &mut Vec<u8>);
-    /// Of exactly [`Number::BYTES`] bytes; none of any other length.
+    /// Of exactly [`Number::BYTES`] bytes; `None` for any other length.
     fn read(bytes: &[u8]) -> Option<Self>;
 }
 
@@ -128,7 +128,7 @@ impl Contents {
         let bytes = std::fs::read(path).map_err(io)?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(error.to_string()))?;
         let header = header.metadata().clone().unwrap_or_default();
-        // Once here, so that whoever asks for a tensor finds a file that is whole.
+        // Checked once here, so that tensors are read from a whole file.
         SafeTensors::deserialize(&bytes).map_err(|error| damaged(error.to_string()))?;
         Ok(Self { path: path.to_owned(), bytes, header })
     }
@@ -154,7 +154,7 @@ impl Contents {
         FileError::Tensor { path: self.path.clone(), tensor: tensor.to_owned(), message }
     }
 
-    /// The numbers of a tensor, all finite. The first size is free if `rows` is none.
+    /// Returns the numbers of a tensor, all finite. The first dimension may have any size if `rows` is `None`.
     pub fn numbers<N: Number>(&self, name: &str, rows: Option<usize>, rest: &[usize]) -> Result<Vec<N>, FileError> {
         let file = SafeTensors::deserialize(&self.bytes).map_err(|error| self.damaged(error.to_string()))?;
         let tensor = file.tensor(name).map_err(|error| self.wrong(name, error.to_string()))?;

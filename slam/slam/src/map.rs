@@ -1,4 +1,4 @@
-//! The shape as it grows: keyframes, what they say of space, and the field that is taught from them.
+//! The growing shape: keyframes, the space that they saw, and the field that learns from them.
 
 mod file;
 mod keyframe;
@@ -125,12 +125,12 @@ pub struct Map {
     next_refined: usize,
 }
 
-/// What came of a frame.
+/// The result of learning from a frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Learnt {
-    /// It became a keyframe.
+    /// Whether it became a keyframe.
     pub keyframe: bool,
-    /// It closed a loop: takes coordinates of the corrected model frame to those before.
+    /// If it closed a loop: takes coordinates of the corrected field frame to those before.
     pub correction: Option<na::Isometry3<f64>>,
 }
 
@@ -164,7 +164,7 @@ impl Map {
         self.trainer.field()
     }
 
-    /// What is known of space.
+    /// Counts of seen and empty space.
     pub fn space(&self) -> &Space {
         &self.space
     }

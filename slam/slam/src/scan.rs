@@ -56,7 +56,7 @@ impl Default for Config {
     }
 }
 
-/// The measurements of one instant, borrowed from whoever made them.
+/// The measurements of one instant. All of it is borrowed.
 #[derive(Debug, Clone, Copy)]
 pub struct Measurement<'a> {
     /// Seconds since the start.
@@ -111,11 +111,11 @@ pub struct View {
     pub hits: Vec<Hit>,
     /// Rays that passed it, in random order, first those close to its outline.
     pub misses: Vec<Miss>,
-    /// What only cameras or only touch sensors have.
+    /// The part that only cameras or only touch sensors have.
     pub detail: Detail,
 }
 
-/// What only cameras or only touch sensors have.
+/// The part of a view that only cameras or only touch sensors have.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Detail {
     /// A camera.
@@ -132,7 +132,7 @@ pub enum Detail {
     Touch {
         /// Its index among the touch sensors.
         index: usize,
-        /// What sticks to the object. `None` in a keyframe that was read from a file: only the tracker's newest frames need it.
+        /// The pad that sticks to the object. `None` in a keyframe that was read from a file: only the tracker's newest frames need it.
         pad: Option<PadState>,
     },
 }
@@ -160,7 +160,7 @@ impl View {
         matches!(self.detail, Detail::Camera { .. })
     }
 
-    /// Rays that hit the object at its outline; none from a touch sensor.
+    /// Rays that hit the object at its outline; empty for a touch sensor.
     pub fn outline(&self) -> &[Hit] {
         match &self.detail {
             Detail::Camera { outline, .. } => outline,
@@ -182,7 +182,7 @@ impl View {
     }
 }
 
-/// What all sensors measured at one instant, as rays.
+/// The rays of all sensors at one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
     /// Number of the frame.

@@ -148,7 +148,7 @@ pub struct SlamBuilder {
     prior: Prior,
 }
 
-/// What is known of the shape at the start.
+/// Prior knowledge of the shape.
 #[derive(Default)]
 enum Prior {
     /// Nothing: the first frame that shows the object fixes the model's frame.

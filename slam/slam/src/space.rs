@@ -15,8 +15,8 @@ const EMPTY: u8 = 3;
 const MARGIN_M: f32 = 0.004;
 /// How far below the hand's surface a point must be to count as not the object's, metres: gels and drift give way.
 const HAND_DEPTH_M: f32 = 0.002;
-/// What nobody has seen is taken for the inside of the object this far around the hull of what was seen, metres: cameras see to
-/// three pixels before the hand, 2 mm at 0.35 m, and the object goes on to where it lies on it. More grows slabs on hidden sides.
+/// Unseen space counts as the inside of the object up to this far around the hull of the seen surface, metres: cameras see to three
+/// pixels before the hand, 2 mm at 0.35 m, and the object continues to where it lies on the hand. More grows slabs on hidden sides.
 const HULL_MARGIN_M: f32 = 0.002;
 
 /// A cell that must be taken for the inside.
@@ -138,7 +138,7 @@ impl Space {
         self.index(p).is_some_and(|i| self.near_surface[i])
     }
 
-    /// The cells that must be taken for the inside: nobody saw surface near them nor looked through them, and they lie within the
+    /// The cells that count as the inside: no surface was seen near them, no ray passed through them, and they lie within the
     /// hull of what was seen.
     pub fn unseen_inside(&self) -> Vec<Unseen> {
         let mut inside = Vec::new();

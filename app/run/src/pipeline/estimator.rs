@@ -1,4 +1,4 @@
-//! Pose and shape from measurements alone, and what is believed of them.
+//! Pose and shape from measurements alone, and the belief that directs the hand.
 
 use std::fmt;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::supervisor::Belief;
 
-/// What is given and what is estimated.
+/// Which of pose and shape are estimated.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
@@ -129,7 +129,7 @@ impl Given {
     }
 }
 
-/// Estimates, and sums up what a supervisor may know of it.
+/// An estimator of mvt-slam with the belief that a supervisor may use.
 pub struct Estimator {
     slam: Slam,
     /// Middle of a given shape, metres.
@@ -209,7 +209,7 @@ impl Estimator {
         estimate
     }
 
-    /// What is believed after a frame.
+    /// The belief after a frame, for the supervisor.
     pub fn belief(&self, estimate: &Estimate) -> Belief {
         let bounds = |map: &Map| map.space().bounds().map(|[a, b]| 0.5 * (a + b));
         let centre = self.given_centre.or_else(|| self.map().and_then(bounds)).unwrap_or(Vec3::ZERO);

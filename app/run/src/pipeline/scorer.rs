@@ -1,4 +1,4 @@
-//! Holds what was estimated against the truth. Nothing that is decided here goes back into estimation or control.
+//! Compares estimates with the truth. Nothing here goes back into estimation or control.
 
 use std::time::Instant;
 
@@ -37,7 +37,7 @@ impl<'a> Scorer<'a> {
         truth: Option<Isometry<Object, World>>,
         sense_ms: f64,
     ) -> FrameRow {
-        // A pose that is not believed fixes nothing: a run that is resumed begins with a search.
+        // A pose that is not trusted fixes nothing: a resumed run begins with a search.
         if estimate.state.is_tracking() && self.gauge.is_none() {
             // Without truth any will do.
             self.gauge = Some(truth.map_or_else(Isometry::identity, |truth| truth.inverse() * estimate.pose));
@@ -45,7 +45,7 @@ impl<'a> Scorer<'a> {
         // Before the object was seen its pose is as unknown as when it is lost.
         let state = if estimate.state == TrackState::Waiting { TrackState::Lost } else { estimate.state };
         let pose = estimate.pose * self.gauge().inverse();
-        // Before there is an estimate there is no error.
+        // Without an estimate there is no error.
         let add_s = truth.zip(self.truth).filter(|_| self.gauge.is_some());
         FrameRow {
             frame,
@@ -70,7 +70,7 @@ impl<'a> Scorer<'a> {
     }
 }
 
-/// The shape as it is known at a frame, to be meshed and scored by another thread.
+/// The shape at a frame, to be meshed and scored by another thread.
 pub struct ShapeSnapshot {
     /// Number of the frame.
     pub frame: u64,
@@ -78,7 +78,7 @@ pub struct ShapeSnapshot {
     pub time_s: f64,
     field: NeuralField,
     object_from_field: Isometry<Field, Object>,
-    /// From the object as estimated to the object as it is.
+    /// From the estimated object to the true one.
     error: Option<Isometry<Object, Object>>,
 }
 
@@ -97,7 +97,7 @@ pub struct MeshedShape {
 }
 
 impl ShapeSnapshot {
-    /// What a map knows at the frame of a row.
+    /// Copies the shape of a map at the frame of a row.
     pub fn new(map: &Map, row: &FrameRow, gauge: Isometry<Model, Object>) -> Self {
         Self {
             frame: row.frame,

@@ -47,11 +47,11 @@ pub struct Summary {
     pub add_s_symmetric_mm: Option<ErrorStatistics>,
     /// Whether the last frame's ADD-S exceeds 10 mm.
     pub failed: Option<bool>,
-    /// Frames at which the tracker said that it had lost the object.
+    /// Frames at which the object was lost.
     pub lost_frames: usize,
     /// How often it found it again.
     pub recovered: usize,
-    /// What happened.
+    /// Events.
     pub events: Vec<Event>,
 }
 
@@ -110,7 +110,7 @@ impl ShapeScores {
 }
 
 impl ErrorStatistics {
-    /// Of the frames whose true pose is known, by one of their errors in metres; none if there are none.
+    /// Of the frames whose true pose is known, by one of their errors in metres; `None` without such frames.
     pub fn new(frames: &[FrameRow], error_m: fn(&mvt_metrics::AddS) -> f64) -> Option<Self> {
         let errors: Vec<(f64, f64)> =
             frames.iter().filter_map(|row| Some((row.time_s, error_m(row.add_s.as_ref()?)))).collect();

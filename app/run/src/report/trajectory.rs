@@ -48,11 +48,11 @@ const STAGES: usize = 20;
 pub struct TrajectoryError {
     /// Line of the file.
     pub line: usize,
-    /// What is wrong there.
+    /// The defect.
     pub defect: TrajectoryDefect,
 }
 
-/// What is wrong with a line of a trajectory.
+/// A defect of a line of a trajectory.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TrajectoryDefect {
     /// The header lacks a column that cannot be done without.
@@ -76,7 +76,7 @@ pub enum TrajectoryDefect {
         column: &'static str,
         /// The value, cut to 40 characters.
         value: String,
-        /// What would be right.
+        /// The expected content.
         expected: &'static str,
     },
     /// A quaternion that is no rotation.
@@ -216,7 +216,7 @@ impl Cells<'_> {
         TrajectoryDefect::Value { column: COLUMNS[column], value, expected }
     }
 
-    /// `N` numbers from a column on; none if all are empty.
+    /// `N` numbers from a column on; `None` if all are empty.
     fn numbers<const N: usize>(
         &self,
         first: usize,

@@ -34,18 +34,18 @@ pub struct LogSource {
     chosen: Vec<usize>,
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
-    /// What makes touch depth of the log's images; without it the log's own is taken.
+    /// The touch network; without it the log's true indentation is used.
     network: Option<TouchNetwork>,
     /// From the coordinates in which the log has the object to ours.
     object_from_log: Isometry<Object, Object>,
     /// Whether the pictures of a frame, by its number, are wanted.
     wants_pictures: fn(u64) -> bool,
-    told: HashSet<(Option<Sensor>, Discriminant<Amiss>)>,
+    told: HashSet<(Option<Sensor>, Discriminant<FrameDefect>)>,
     warnings: Vec<String>,
 }
 
-/// What can be amiss with a frame.
-enum Amiss {
+/// A defect of a frame.
+enum FrameDefect {
     Unreadable,
     NoNumbers,
     Time,
@@ -53,8 +53,8 @@ enum Amiss {
 
 impl LogSource {
     /// Opens a log. `cameras` are names or directions; without any the first camera is taken. `camera_noise` (a multiple of Redwood's
-    /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. `network` makes touch depth of the log's
-    /// images, after what each sensor shows without contact is taken off; without it the log's own is taken.
+    /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. `network` reads the log's touch
+    /// images, from which each sensor's untouched image is subtracted; without it the log's true indentation is used.
     ///
     /// # Errors
     /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
@@ -102,7 +102,7 @@ impl LogSource {
                 None if network.is_some() => format!("{}: there are no touch images", folder.display()),
                 None => format!("{}: there is no true touch depth", folder.display()),
             };
-            bail!("{reason}; nothing is left of --modality {}", modality.name());
+            bail!("{reason}; --modality {}", modality.name());
         }
         warnings.dedup();
         Ok(Self {
@@ -142,12 +142,12 @@ impl LogSource {
         self.log().side()
     }
 
-    /// Seed of the episode; 0 where nobody knows.
+    /// Seed of the episode; 0 where it is unknown.
     pub fn seed(&self) -> u64 {
         self.log().scene().map_or(0, |scene| scene.seed)
     }
 
-    /// What the log calls its object: a name in the catalogue, or the path of a mesh.
+    /// The object as the log names it: a name in the catalogue, or the path of a mesh.
     pub fn object(&self) -> &str {
         self.log().scene().map_or(self.log().object_name(), |scene| &scene.object.mesh)
     }
@@ -160,8 +160,8 @@ impl LogSource {
     }
 
     /// Keeps a warning unless there was one of the kind from this sensor.
-    fn warn(&mut self, sensor: Option<Sensor>, amiss: &Amiss, text: impl FnOnce() -> String) {
-        if self.told.insert((sensor, std::mem::discriminant(amiss))) {
+    fn warn(&mut self, sensor: Option<Sensor>, defect: &FrameDefect, text: impl FnOnce() -> String) {
+        if self.told.insert((sensor, std::mem::discriminant(defect))) {
             self.warnings.push(text());
         }
     }
@@ -180,8 +180,8 @@ impl LogSource {
         &self.cameras
     }
 
-    /// What there is to be seen in a frame; these are the touch images, if they have been read. A picture that cannot be read is none:
-    /// nothing depends on it.
+    /// Images of a frame for recordings; `touch` are its touch images if they were read already. An image that cannot be read is left
+    /// out: nothing depends on it.
     fn pictures(&self, number: u32, touch: PerFinger<RgbImage>) -> Pictures {
         if !(self.wants_pictures)(u64::from(number)) {
             return Pictures::default();
@@ -202,12 +202,12 @@ impl LogSource {
         }
     }
 
-    /// What perception makes of a frame.
+    /// Runs perception on a frame.
     fn sensed(&mut self, number: u32, frame: PartialFrame, begun: Instant) -> Result<Sensed> {
         for (sensor, error) in frame.defects {
             let name = self.name(sensor);
-            self.warn(Some(sensor), &Amiss::Unreadable, || {
-                format!("frame {number}: nothing from {name}: {error}; going on without it wherever it is missing")
+            self.warn(Some(sensor), &FrameDefect::Unreadable, || {
+                format!("frame {number}: {name} is missing: {error}; such frames are used without it")
             });
         }
         let seed = self.seed();
@@ -217,9 +217,9 @@ impl LogSource {
             let wrong = depth_m.iter().filter(|z| !z.is_finite()).count();
             if wrong > 0 {
                 let name = self.cameras[k].name.clone();
-                self.warn(Some(Sensor::Camera(k)), &Amiss::NoNumbers, || {
+                self.warn(Some(Sensor::Camera(k)), &FrameDefect::NoNumbers, || {
                     format!(
-                        "frame {number}: {wrong} depths of camera {name} are no numbers; they count as not measured"
+                        "frame {number}: {wrong} depths of camera {name} are not numbers and count as not measured"
                     )
                 });
             }
@@ -254,8 +254,8 @@ impl Source for LogSource {
             let number = self.next;
             self.next += 1;
             if self.last_s.is_some_and(|last_s| frame.time_s <= last_s) {
-                self.warn(None, &Amiss::Time, || {
-                    format!("frame {number}: its time is not after that of the frame before; such frames are left out")
+                self.warn(None, &FrameDefect::Time, || {
+                    format!("frame {number}: its time is not after the time of the frame before; such frames are skipped")
                 });
                 continue;
             }
@@ -273,16 +273,16 @@ impl Source for LogSource {
     }
 
     fn end(&self) -> (String, bool) {
-        ("the log has ended".to_owned(), true)
+        ("the log ended".to_owned(), true)
     }
 }
 
-/// Images of a log from which a sensor's image without contact is had, spread over its length.
+/// Number of images, spread over a log, from which a sensor's untouched image is estimated.
 const UNTOUCHED_FROM: usize = 31;
 /// In a shorter log an object may stay at one place of a gel, seconds.
 const UNTOUCHED_SPAN_S: f64 = 10.0;
 
-/// Images of a sensor over a log's length; none if it is too short, or too few can be read.
+/// Images of a sensor over a log's length; empty if the log is too short or too few can be read.
 fn spread_images(log: &Log, finger: Finger) -> Vec<RgbImage> {
     let times_s = log.times_s();
     let span_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);

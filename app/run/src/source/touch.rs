@@ -1,4 +1,4 @@
-//! Where touch depth comes from: whoever knows it, or a network that sees touch images.
+//! Indentation of the touch sensors: from a network that sees their images, or the true one.
 
 use std::path::{Path, PathBuf};
 
@@ -55,7 +55,7 @@ impl TouchArguments {
         [("touch-depth", Some(self.touch_depth.name().to_owned())), ("weights", weights)]
     }
 
-    /// The network's weights; none if touch depth is the true one.
+    /// The network's weights; `None` if the true indentation is used.
     ///
     /// # Errors
     /// If they cannot be used.
@@ -89,7 +89,7 @@ pub fn true_press(truth: &TouchTruth) -> Option<Press> {
     Some(Press { indentation_mm, contact, sigma_mm: TRUTH_SIGMA_MM })
 }
 
-/// A network that feels, and what it has complained of.
+/// The touch network of one hand, with the warnings it has given.
 pub struct TouchNetwork {
     feeler: Feeler,
     told: PerFinger<bool>,
@@ -102,7 +102,7 @@ impl TouchNetwork {
         Self { feeler: Feeler::new(engine, config), told: PerFinger::default() }
     }
 
-    /// Tells what a sensor shows when it touches nothing.
+    /// Sets the untouched image of a sensor.
     ///
     /// # Errors
     /// If the image has another size than a DIGIT's.
@@ -110,8 +110,7 @@ impl TouchNetwork {
         Ok(self.feeler.set_empty(finger, image)?)
     }
 
-    /// Finds what a sensor shows when it touches nothing from images with contacts at different places. Without images that remains
-    /// unknown.
+    /// Estimates the untouched image of a sensor from images with contacts at different places. Without images it stays unknown.
     ///
     /// # Errors
     /// If images have another size than a DIGIT's.
@@ -122,7 +121,7 @@ impl TouchNetwork {
         }
     }
 
-    /// Depth and contact of each finger whose image can be believed. Says once per finger that one cannot.
+    /// Returns the press of each finger whose image is plausible. The first implausible image of a finger adds a warning.
     ///
     /// # Errors
     /// If an image has another size than a DIGIT's.
@@ -139,7 +138,7 @@ impl TouchNetwork {
                 && !std::mem::replace(&mut told[finger], true)
             {
                 warnings.push(format!(
-                    "frame {frame}: the image of {} is none that a DIGIT makes (plausibility {:.2} of 1): black, saturated, from another sensor, or unlike what the weights know; such images are left out",
+                    "frame {frame}: {} is skipped wherever its image is implausible (plausibility {:.2} of 1): black, saturated, of another sensor, or unlike the training images",
                     SensorName::Touch(finger),
                     felt.plausibility
                 ));

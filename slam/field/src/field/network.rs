@@ -54,7 +54,7 @@ pub(super) struct Network<'a> {
     by_input: Vec<[f32; 4]>,
 }
 
-/// What the network has in the works for a chunk.
+/// Working memory of the network for a chunk.
 #[derive(Debug, Clone)]
 pub(super) struct Activations {
     /// Features of the points, one row each.

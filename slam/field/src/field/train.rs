@@ -21,7 +21,7 @@ const EIKONAL_STEP: f32 = 0.375;
 /// A gradient takes its own point and one along each axis.
 const EIKONAL_POINTS: usize = CHUNK / 4;
 
-/// What the field is to be at a point.
+/// The target of the field at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// In the model's frame, metres.
@@ -74,7 +74,7 @@ impl FieldTrainer {
         }
     }
 
-    /// The field as it is now.
+    /// The field.
     pub fn field(&self) -> &NeuralField {
         &self.field
     }

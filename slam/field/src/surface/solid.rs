@@ -89,7 +89,7 @@ impl Lattice {
         (at.x + n * (at.y + n * at.z)) as usize
     }
 
-    /// Those along the axes; none where the lattice ends.
+    /// Those along the axes; `None` where the lattice ends.
     fn neighbours(&self, i: usize) -> [Option<usize>; 6] {
         let at = self.at(i);
         let beside = |axis: usize, stride: usize| {

@@ -10,7 +10,7 @@ use crate::scan::Scan;
 /// Points inside the hand that a keyframe keeps.
 const OCCUPIED_KEPT: usize = 1500;
 
-/// A scan with the pose that the object had.
+/// A scan with the pose of the object.
 #[derive(Debug, Clone)]
 pub struct Keyframe {
     scan: Arc<Scan>,
@@ -37,12 +37,12 @@ impl Keyframe {
         keyframe
     }
 
-    /// What was measured.
+    /// The measured rays.
     pub fn scan(&self) -> &Scan {
         &self.scan
     }
 
-    /// The pose of the object, as far as it is known now.
+    /// The current estimate of the object's pose.
     pub fn pose(&self) -> Isometry<Field, World> {
         self.pose
     }

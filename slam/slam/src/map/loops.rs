@@ -1,4 +1,4 @@
-//! Loop closure: when the object comes round, it is held against what was seen of the same side before.
+//! Loop closure: when a side of the object is seen again, it is aligned with the earlier view of that side.
 
 use nalgebra as na;
 
@@ -76,7 +76,7 @@ struct Alignment {
     gain: f64,
 }
 
-/// The pose of `b` at which its surface lies on that of `a`; none if too little matches.
+/// The pose of `b` at which its surface lies on that of `a`; `None` if too little matches.
 fn align(a: Posed<'_>, b: Posed<'_>) -> Option<Alignment> {
     let mut pose = *b.pose;
     let mut costs = Vec::with_capacity(STEPS + 1);

@@ -1,4 +1,4 @@
-//! Keyframe poses follow the field that was learnt from all of them, so that drift is shared out instead of kept.
+//! Keyframe poses follow the field, which learns from all of them, so that drift spreads instead of staying.
 
 use nalgebra as na;
 
@@ -13,7 +13,7 @@ use mvt_frames::{Isometry, se3};
 const POINTS: [usize; 2] = [200, 40];
 /// Steps per turn: it comes round again.
 const STEPS: usize = 2;
-/// The first keyframe, which all poses refer to, is refined more often: after every how many-th other.
+/// The first keyframe, which all poses refer to, is refined more often: after every Nth other.
 const FIRST_EVERY: usize = 10;
 /// Independent points among them.
 const INDEPENDENT: [f64; 2] = [60.0, 15.0];

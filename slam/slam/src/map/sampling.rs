@@ -1,4 +1,4 @@
-//! What the field is taught: samples on, before and behind measured surfaces, in free space, in the hand and inside.
+//! Training samples of the field: on, before and behind measured surfaces, in free space, in obstacles and inside the object.
 
 use glam::Vec3;
 use rand::{Rng, RngExt as _};

@@ -1,12 +1,12 @@
-//! How far a pose can be believed.
+//! Confidence of a pose.
 
 use super::{Tracker, ask, sigma};
 use crate::tracker::Reference;
 
-/// What speaks for a pose.
+/// Evidence for a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Assessment {
-    /// From 0 (nothing speaks for it) to 1: the part of what was measured that agrees with the pose.
+    /// 0 to 1: the part of the measurements that agrees with the pose.
     pub confidence: f64,
     /// Part of the cameras' points that lie on the surface; `None` without any.
     pub camera_inliers: Option<f64>,
