@@ -7,15 +7,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use glam::{Vec3, Vec3A};
+use mvt_field::field;
 use mvt_field::shape::Shape;
 use mvt_field::surface::outer_surface;
 use mvt_frames::{Isometry, Model, World};
 use mvt_robot::hand::solid::{HandSamples, Occupied};
+use mvt_slam::State;
 use mvt_slam::map;
 use mvt_slam::map::Map;
 use mvt_slam::scan::{Scan, View};
-use mvt_field::field;
-use mvt_slam::State;
 use nalgebra as na;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -101,9 +101,9 @@ pub fn comparisons(
         return Ok(keys);
     }
     let (slam, seed) = (&config.slam, episode.seed);
-    let taught = map::Config { refined: 0, loop_turn_deg: 0.0, ..slam.map.clone() };
+    let taught = map::MapConfig { refined: 0, loop_turn_deg: 0.0, ..slam.map.clone() };
     let hashed_field =
-        field::Config { levels: HASHED_LEVELS.to_vec(), table_log2: HASHED_TABLE_LOG2, ..slam.field.clone() };
+        field::FieldConfig { levels: HASHED_LEVELS.to_vec(), table_log2: HASHED_TABLE_LOG2, ..slam.field.clone() };
     let mut dense = Map::new(taught.clone(), &slam.field, SIDE, seed)?;
     let mut hashed = Map::new(taught, &hashed_field, SIDE, seed)?;
     let mut tsdf = Tsdf::new(slam.field.half_extent_m, slam.map.free_reach_m);

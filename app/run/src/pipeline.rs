@@ -45,7 +45,7 @@ pub struct RunConfig {
     /// What becomes of a touch network's predictions.
     pub touch: ContactConfig,
     /// Estimation.
-    pub slam: mvt_slam::Config,
+    pub slam: mvt_slam::SlamConfig,
     /// What the hand does on its own accord.
     pub supervisor: Rules,
 }
@@ -57,7 +57,7 @@ impl Default for RunConfig {
             mesh_cell_mm: 1.5,
             score_every: 30,
             touch: ContactConfig::default(),
-            slam: mvt_slam::Config::default(),
+            slam: mvt_slam::SlamConfig::default(),
             supervisor: Rules::default(),
         }
     }

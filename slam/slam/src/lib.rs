@@ -14,7 +14,8 @@ mod slam;
 pub mod space;
 pub mod tracker;
 
-pub use config::{Config, ConfigError, Trust};
+pub use config::{SlamConfig, TrustConfig};
+pub use mvt_settings::SettingError;
 pub use slam::{Estimate, Slam, Spent, State};
 
 #[cfg(test)]

@@ -14,13 +14,14 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Config, ConfigError};
+use crate::config::SlamConfig;
 use crate::map::{Learnt, Map};
 use crate::scan::{Scan, Sensor};
 use crate::tracker::assess::Assessment;
 use crate::tracker::{self, Reference, Tracker};
 use mvt_field::exact::KnownShape;
 use mvt_field::shape::{Distance, Shape};
+use mvt_settings::SettingError;
 
 /// Whether the pose of a frame can be believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -117,7 +118,7 @@ impl Reference for Given {
 
 /// Estimates pose and shape of one object in one hand.
 pub struct Slam {
-    config: Config,
+    config: SlamConfig,
     seed: u64,
     tracker: Tracker,
     knowledge: Knowledge,
@@ -135,8 +136,8 @@ impl Slam {
     /// Knows neither shape nor pose: the first frame that shows the object fixes the model's frame.
     ///
     /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
-    pub fn new(config: Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
+    /// [`SettingError`] if a setting is out of range.
+    pub fn new(config: SlamConfig, side: Side, seed: u64) -> Result<Self, SettingError> {
         config.validate()?;
         let map = Map::new(config.map.clone(), &config.field, side, seed)?;
         Ok(Self::with(config, side, seed, Knowledge::Growing(Box::new(map)), State::Waiting, Isometry::identity()))
@@ -145,8 +146,8 @@ impl Slam {
     /// Goes on with a map that an earlier run has learnt, from an unknown pose: the object is searched for first.
     ///
     /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
-    pub fn resume(config: Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
+    /// [`SettingError`] if a setting is out of range.
+    pub fn resume(config: SlamConfig, side: Side, seed: u64, map: Map) -> Result<Self, SettingError> {
         config.validate()?;
         let pose = map.keyframes().last().map_or_else(Isometry::identity, |last| Isometry::new(*last.pose()));
         // A map of nothing is begun, not resumed.
@@ -157,7 +158,7 @@ impl Slam {
     /// Knows the shape, given with its bounds in the model's frame (lowest and highest corner, metres), and roughly the pose;
     /// without one it searches.
     pub fn with_shape(
-        config: Config,
+        config: SlamConfig,
         side: Side,
         seed: u64,
         shape: KnownShape,
@@ -171,7 +172,7 @@ impl Slam {
     }
 
     fn with(
-        config: Config,
+        config: SlamConfig,
         side: Side,
         seed: u64,
         knowledge: Knowledge,
@@ -282,7 +283,7 @@ impl Slam {
             return self.search(solution.pose(), confidence);
         }
         let [distance, angle] = solution.surprise();
-        let is_far = distance > trust.surprise[0] || angle > trust.surprise[1];
+        let is_far = distance > trust.surprise_m || angle > trust.surprise_rad;
         let jumped = self.frame > 0 && is_far && confidence < trust.found_above;
         self.doubts = if confidence < trust.doubt_below { self.doubts + 1 } else { 0 };
         if jumped || self.doubts >= trust.lost_after {

@@ -8,7 +8,7 @@ use mvt_frames::{Isometry, Model, World};
 use mvt_robot::hand::Side;
 use mvt_robot::observation::DepthFrame;
 use mvt_slam::map::Map;
-use mvt_slam::{Config, Estimate, Slam, State};
+use mvt_slam::{Estimate, Slam, SlamConfig, State};
 use nalgebra as na;
 use synthetic::{BRICK, Solid, camera, frame, pose, see, seen};
 
@@ -16,7 +16,7 @@ type Pose = Isometry<Model, World>;
 
 fn known(solid: Solid, start: Option<Pose>) -> Slam {
     let shape = KnownShape::new(&solid, solid.bounds());
-    Slam::with_shape(Config::default(), Side::Right, 1, shape, solid.bounds(), start)
+    Slam::with_shape(SlamConfig::default(), Side::Right, 1, shape, solid.bounds(), start)
 }
 
 /// Metres and degrees between two poses.
@@ -46,7 +46,7 @@ fn tumbling(k: usize) -> Pose {
 #[test]
 fn a_run_goes_on_from_a_saved_map() {
     let folder = tempfile::tempdir().unwrap();
-    let mut first = Slam::new(Config::default(), Side::Right, 1).unwrap();
+    let mut first = Slam::new(SlamConfig::default(), Side::Right, 1).unwrap();
     let mut last = first.step(&seen(0, BRICK, tumbling(0)));
     let model_from_brick = last.pose.untyped().inverse() * tumbling(0).untyped();
     for k in 1..60 {
@@ -58,9 +58,9 @@ fn a_run_goes_on_from_a_saved_map() {
     };
     let before_m = off(&last, 59);
     first.map().unwrap().save(folder.path()).unwrap();
-    let map = Map::load(folder.path(), Config::default().map, Side::Right).unwrap();
+    let map = Map::load(folder.path(), SlamConfig::default().map, Side::Right).unwrap();
     let keyframes = map.keyframes().len();
-    let mut second = Slam::resume(Config::default(), Side::Right, 2, map).unwrap();
+    let mut second = Slam::resume(SlamConfig::default(), Side::Right, 2, map).unwrap();
     let estimates: Vec<Estimate> = (0..40).map(|k| second.step(&seen(k, BRICK, tumbling(40 + k / 4)))).collect();
     let found = estimates.iter().position(|estimate| estimate.state == State::Tracking).expect("is found");
     assert!(found <= 10, "found at frame {found}");
@@ -92,7 +92,7 @@ fn a_known_brick_is_followed() {
 /// Without priors the truth is the one minimum, and exact depth leaves no error but that of the grid.
 #[test]
 fn the_surface_alone_gives_the_exact_pose() {
-    let mut config = Config::default();
+    let mut config = SlamConfig::default();
     config.tracker.velocity_weight = 0.0;
     config.tracker.icp_weight = 0.0;
     let shape = KnownShape::new(&BRICK, BRICK.bounds());
@@ -201,7 +201,7 @@ fn a_brick_is_found_from_nothing() {
 
 #[test]
 fn slam_waits_until_there_is_something() {
-    let mut slam = Slam::new(Config::default(), Side::Right, 1).unwrap();
+    let mut slam = Slam::new(SlamConfig::default(), Side::Right, 1).unwrap();
     let nothing = see(Solid::Ball(0.0), tumbling(0), camera());
     for (k, depth) in [blind(0), frame(0.03, Vec::new()), frame(0.06, vec![Some(nothing)])].iter().enumerate() {
         let estimate = slam.step(depth);
@@ -232,7 +232,7 @@ fn turning(k: usize) -> Pose {
 
 #[test]
 fn an_unknown_brick_is_followed_and_learnt() {
-    let mut slam = Slam::new(Config::default(), Side::Right, 1).unwrap();
+    let mut slam = Slam::new(SlamConfig::default(), Side::Right, 1).unwrap();
     let estimates: Vec<Estimate> = (0..60).map(|k| slam.step(&seen(k, BRICK, turning(k)))).collect();
     assert!(estimates.iter().all(|e| e.state == State::Tracking));
     let worst = drift(&estimates, turning);
@@ -269,7 +269,7 @@ fn the_same_seed_gives_the_same_bits() {
     let run = |seed: u64, threads: usize| -> Vec<_> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut config = Config::default();
+            let mut config = SlamConfig::default();
             config.map.first_steps = 40;
             let mut slam = Slam::new(config, Side::Right, seed).unwrap();
             // A jerk at frame 9, so that the searches run too.
@@ -284,7 +284,7 @@ fn the_same_seed_gives_the_same_bits() {
 
 #[test]
 fn a_long_run_does_not_grow() {
-    let mut config = Config::default();
+    let mut config = SlamConfig::default();
     config.map.first_steps = 40;
     config.map.steps = 2;
     config.map.batch = 512;

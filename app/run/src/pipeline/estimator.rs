@@ -10,7 +10,7 @@ use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::hand::Side;
 use mvt_robot::observation::DepthFrame;
-use mvt_slam::ConfigError;
+use mvt_slam::SettingError;
 use mvt_slam::map::Map;
 use mvt_slam::{Estimate, Slam, State};
 use nalgebra as na;
@@ -130,22 +130,22 @@ impl Estimator {
     /// Knows neither shape nor pose.
     ///
     /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
-    pub fn new(config: &mvt_slam::Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
+    /// [`SettingError`] if a setting is out of range.
+    pub fn new(config: &mvt_slam::SlamConfig, side: Side, seed: u64) -> Result<Self, SettingError> {
         Ok(Self::with(Slam::new(config.clone(), side, seed)?, None, side))
     }
 
     /// Knows what an earlier run has learnt, and not the pose.
     ///
     /// # Errors
-    /// [`ConfigError`] if a setting is out of range.
-    pub fn resume(config: &mvt_slam::Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
+    /// [`SettingError`] if a setting is out of range.
+    pub fn resume(config: &mvt_slam::SlamConfig, side: Side, seed: u64, map: Map) -> Result<Self, SettingError> {
         Ok(Self::with(Slam::resume(config.clone(), side, seed, map)?, None, side))
     }
 
     /// Knows the shape and roughly, or not at all, the pose.
     pub fn with_shape(
-        config: &mvt_slam::Config,
+        config: &mvt_slam::SlamConfig,
         side: Side,
         seed: u64,
         Given { shape, bounds_m }: Given,

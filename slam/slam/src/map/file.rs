@@ -8,7 +8,7 @@ use glam::{Mat3A, Vec3};
 use mvt_robot::hand::{Finger, Side};
 use nalgebra as na;
 
-use super::{Config, Keyframe, Map};
+use super::{Keyframe, Map, MapConfig};
 use crate::scan::{Hit, Lens, Lookup, Miss, Scan, Sensor, View};
 use mvt_field::field::{FieldError, Trainer};
 use mvt_field::tensors::{Contents, FileError, Tensor, write};
@@ -72,7 +72,7 @@ impl Map {
     ///
     /// # Errors
     /// If a file cannot be read or is not what is written; the error names the tensor that is missing, misshapen or not finite.
-    pub fn load(folder: &Path, config: Config, side: Side) -> Result<Self, FieldError> {
+    pub fn load(folder: &Path, config: MapConfig, side: Side) -> Result<Self, FieldError> {
         let trainer = Trainer::load(&folder.join(FIELD))?;
         let mut map = Self::with(config, trainer, side);
         for (scan, pose) in read(&folder.join(KEYFRAMES))? {
