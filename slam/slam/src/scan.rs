@@ -37,7 +37,7 @@ settings! {
         pub camera_jitter_px: f32 = 1.25, 0.0..=100.0;
         /// Columns and rows by which a camera's depth is displaced on average, pixels. Redwood's model reads even pixels only.
         pub camera_shift_px: [f32; 2] = [0.0, 0.0], -100.0..=100.0;
-        /// Whether rays without a return count as free. Such a pixel counts as background only if no pixel around it has a return.
+        /// Whether background pixels, most of them without a return, count as rays through free space.
         pub far_is_free: bool = true;
     }
 }
