@@ -34,6 +34,8 @@ pub struct LiveSettings {
     pub cameras: Vec<PosedCamera>,
     /// Noise of camera depth as a multiple of Redwood's; 0 for true depth.
     pub camera_noise: f64,
+    /// Settings of the segmentation of camera depth.
+    pub segmentation: SegmentationConfig,
     /// Which sensors are used.
     pub modality: Modality,
 }
@@ -111,15 +113,14 @@ impl Source for LiveSource {
         let (observation, mut truth) = self.observer.observe(self.frame, &snapshot.scene, &mut self.scratch);
         let frame = u64::from(self.frame);
         self.frame += 1;
-        let LiveSettings { side, cameras, modality, .. } = &self.settings;
+        let LiveSettings { side, cameras, modality, segmentation, .. } = &self.settings;
         let mut warnings = Vec::new();
         let touch = match &mut self.network {
             _ if !modality.has_touch() => PerFinger::default(),
             None => PerFinger::from_fn(|finger| Some(true_touch(&truth.touch[finger]))),
             Some(network) => network.feel(frame, &observation.touch, &mut warnings)?,
         };
-        let segmentation = SegmentationConfig::default();
-        let (depth, _) = mvt_segmentation::depth_frame(&observation, touch, cameras, *side, &segmentation)?;
+        let (depth, _) = mvt_segmentation::depth_frame(&observation, touch, cameras, *side, segmentation)?;
         let true_touch = std::mem::take(&mut truth.touch);
         let is_felt = self.network.is_some() && modality.has_touch();
         let pictures = Pictures {

@@ -1,6 +1,7 @@
 //! A run of the estimator: sources, pipeline, supervisor, settings and results.
 
 pub mod arguments;
+pub mod config;
 pub mod io;
 pub mod object;
 pub mod pipeline;

@@ -34,6 +34,7 @@ pub struct LogSource {
     chosen: Vec<usize>,
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
+    segmentation: SegmentationConfig,
     /// What makes touch depth of the log's images; without it the log's own is taken.
     network: Option<TouchNetwork>,
     /// From the coordinates in which the log has the object to ours.
@@ -63,6 +64,7 @@ impl LogSource {
         cameras: Option<&str>,
         modality: Modality,
         camera_noise: f64,
+        segmentation: SegmentationConfig,
         mut network: Option<TouchNetwork>,
     ) -> Result<Self> {
         let log = Log::open_tolerant(folder)?;
@@ -115,6 +117,7 @@ impl LogSource {
             chosen,
             network,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
+            segmentation,
             object_from_log: Isometry::identity(),
             wants_pictures: |_| true,
             told: HashSet::new(),
@@ -241,8 +244,7 @@ impl LogSource {
             None => PerFinger::from_fn(|finger| frame.touch_truth[finger].as_ref().map(touch::true_touch)),
             Some(network) => network.feel(u64::from(number), &observation.touch, &mut self.warnings)?,
         };
-        let segmentation = SegmentationConfig::default();
-        let (depth, _) = mvt_segmentation::depth_frame(&observation, touch, &self.cameras, side, &segmentation)
+        let (depth, _) = mvt_segmentation::depth_frame(&observation, touch, &self.cameras, side, &self.segmentation)
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
