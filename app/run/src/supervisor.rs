@@ -100,7 +100,7 @@ settings! {
         /// If the object is lost for longer than this, the hand re-grasps, seconds.
         pub lost_s: f64 = 1.0, 0.0..=3600.0;
         /// Distance of the object from its start at which a push back begins, metres.
-        pub drift_begin_m: f64 = 0.012, 0.0..=1.0;
+        pub drift_begin_m: f64 = 0.012, 0.001..=1.0;
         /// Distance of the object from its start at which a push back ends, metres.
         pub drift_end_m: f64 = 0.004, 0.0..=1.0;
         /// Longest push, seconds. Pushed fingers turn the object more slowly.

@@ -104,6 +104,16 @@ pub trait SettingGroup {
 ///
 /// The struct derives `Debug`, `Clone`, `PartialEq`, `Serialize` and `Deserialize`; unknown keys are refused, missing ones get their
 /// defaults. The calling crate depends on serde with its derive macros.
+///
+/// ```compile_fail,E0277
+/// mvt_settings::settings! {
+///     /// A group.
+///     pub struct CountConfig {
+///         /// A number without a range.
+///         pub count: usize = 3;
+///     }
+/// }
+/// ```
 #[macro_export]
 macro_rules! settings {
     (
