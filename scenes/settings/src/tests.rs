@@ -48,6 +48,7 @@ fn refused(change: impl Fn(&mut Outer)) -> String {
 #[test]
 fn the_first_setting_out_of_range_is_named_with_its_path() {
     Outer::default().validate().unwrap();
+    Inner::default().validate().unwrap();
     assert_eq!(refused(|o| o.inner.count = 0), "inner.count must be from 1 to 20 (it is 0)");
     assert_eq!(refused(|o| o.inner.count = 21), "inner.count must be from 1 to 20 (it is 21)");
     for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0, 0.0, 1.5, 1e30] {
