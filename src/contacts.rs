@@ -53,7 +53,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => DataConfig::protocol(),
         Some(path) => settings::read::<Settings>(path)?.data,
     };
-    config.check()?;
+    config.objects.check()?;
+    config.validate().map_err(|error| error.within("data"))?;
     let out = &arguments.out;
     if fs::read_dir(out).is_ok_and(|mut files| files.next().is_some()) {
         bail!("{} is not empty; choose another folder", out.display());

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, Result, anyhow, bail};
+use anyhow::{Context as _, Result, bail};
 use clap::{Args, value_parser};
 use indicatif::ProgressBar;
 use mvt_frames::camera::PosedCamera;
@@ -128,7 +128,6 @@ struct Subject {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let config: RunConfig = settings::load(arguments.config.as_deref(), &arguments.set)?;
-    config.check().map_err(|wrong| anyhow!("settings: {wrong}"))?;
     if arguments.init.is_some() && arguments.mode != Mode::Pose {
         bail!("--init is for --mode pose; in the other modes the first frame decides");
     }
@@ -155,7 +154,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => None,
     };
     prepare(&arguments.out)?;
-    let settings = format!("# {}\n{}", repeat(arguments, &name, seed), settings::to_toml(&config)?);
+    let settings = format!("# {}\n{}", repeat(arguments, &name, seed), settings::to_toml_with_comments(&config)?);
     write_file(&arguments.out, CONFIG, settings.as_bytes())?;
 
     let about = About {
@@ -270,7 +269,8 @@ fn from_log(
     network: Option<TouchNetwork>,
 ) -> Result<Subject> {
     let cameras = arguments.cameras.as_deref();
-    let mut source = LogSource::open(folder, cameras, arguments.modality, config.camera_noise, network)?;
+    let mut source =
+        LogSource::open(folder, cameras, arguments.modality, config.camera_noise, config.segmentation, network)?;
     let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
     let object = match load_object(&name) {
         Ok(object) => Some(object),
@@ -308,6 +308,7 @@ fn live(arguments: &Arguments, config: &RunConfig, network: Option<TouchNetwork>
         duration_s: arguments.duration.unwrap_or(30.0),
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
         camera_noise: config.camera_noise,
+        segmentation: config.segmentation,
         modality: arguments.modality,
         hidden_every: None,
         fault: Fault::default(),

@@ -105,7 +105,8 @@ const PANELS: usize = 6;
 pub fn run(arguments: &Arguments) -> Result<()> {
     let device = arguments.device.device()?;
     let Settings { network, data, training } = settings::read(&arguments.config)?;
-    data.check()?;
+    data.objects.check()?;
+    data.validate().map_err(|error| error.within("data"))?;
     let fits = |stage: &Stage| stage.size[0] <= HEIGHT && stage.size[1] <= WIDTH;
     ensure!(training.stages.iter().all(fits), "a stage's size is at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}]");
     let preset = Architecture::preset(&arguments.network)?;

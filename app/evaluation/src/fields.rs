@@ -101,9 +101,9 @@ pub fn comparisons(
         return Ok(keys);
     }
     let (slam, seed) = (&config.slam, episode.seed);
-    let taught = map::Config { refined: 0, loop_turn_deg: 0.0, ..slam.map.clone() };
+    let taught = map::MapConfig { refined: 0, loop_turn_deg: 0.0, ..slam.map.clone() };
     let hashed_field =
-        field::Config { levels: HASHED_LEVELS.to_vec(), table_log2: HASHED_TABLE_LOG2, ..slam.field.clone() };
+        field::FieldConfig { levels: HASHED_LEVELS.to_vec(), table_log2: HASHED_TABLE_LOG2, ..slam.field.clone() };
     let mut dense = Map::new(taught.clone(), &slam.field, map_obstacles(SIDE), seed)?;
     let mut hashed = Map::new(taught, &hashed_field, map_obstacles(SIDE), seed)?;
     let mut tsdf = Tsdf::new(slam.field.half_extent_m, slam.map.free_reach_m);

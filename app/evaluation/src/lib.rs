@@ -344,7 +344,6 @@ fn append(file: &mut File, path: &Path, line: &impl Serialize) -> Result<()> {
 fn variants(arguments: &Arguments) -> Result<Vec<(&'static str, RunConfig)>> {
     let load = |set: &[String]| -> Result<RunConfig> {
         let config: RunConfig = settings::load(arguments.config.as_deref(), set)?;
-        config.check().map_err(|wrong| anyhow!("settings: {wrong}"))?;
         Ok(config)
     };
     let mut variants = vec![(FULL, load(&arguments.set)?)];
@@ -409,6 +408,7 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
         duration_s,
         cameras,
         camera_noise: config.camera_noise,
+        segmentation: config.segmentation,
         modality: Modality::Vitac,
         hidden_every: Some(HIDDEN_EVERY),
         fault,

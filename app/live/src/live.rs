@@ -35,6 +35,8 @@ pub struct LiveSettings {
     pub cameras: Vec<PosedCamera>,
     /// Noise of camera depth as a multiple of Redwood's; 0 for true depth.
     pub camera_noise: f64,
+    /// Settings of the segmentation of camera depth.
+    pub segmentation: SegmentationConfig,
     /// Which sensors are used.
     pub modality: Modality,
     /// At every Nth frame the share of the object that the hand hides is computed; `None` for never. Some milliseconds each.
@@ -115,7 +117,7 @@ impl Source for LiveSource {
         let Some(state) = self.episode.next_frame() else { return Ok(None) };
         let (observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
         self.frame += 1;
-        let LiveSettings { side, cameras, modality, hidden_every, fault, .. } = &self.settings;
+        let LiveSettings { side, cameras, modality, segmentation, hidden_every, fault, .. } = &self.settings;
         let mut warnings = Vec::new();
         let touch = match &mut self.network {
             _ if !modality.has_touch() => PerFinger::default(),
@@ -126,7 +128,7 @@ impl Source for LiveSource {
         let (colours, depths_m): (Vec<_>, Vec<_>) =
             seen.into_iter().map(|camera| (camera.color, Some(camera.depth_m))).unzip();
         let depths_m = if fault.blank.contains(&frame) { Vec::new() } else { depths_m };
-        let percept = percept(time_s, joints, depths_m, touch, cameras, *side, &SegmentationConfig::default())?;
+        let percept = percept(time_s, joints, depths_m, touch, cameras, *side, segmentation)?;
         let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
         let is_felt = self.network.is_some() && modality.has_touch();

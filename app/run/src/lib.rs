@@ -12,7 +12,7 @@
 //!
 //! // Tracks and maps the object of a FeelSight log with its first camera.
 //! let mut source = LogSource::open("data/077_rubiks_cube/00".as_ref(), None, Modality::Vi, 5.0, None)?;
-//! let config = mvt_slam::Config::default();
+//! let config = mvt_slam::SlamConfig::default();
 //! let entry = Entry { config: &config, mode: Mode::Slam, modality: Modality::Vi, init: Init::Near, seed: 0, map: None };
 //! let pipeline = Pipeline {
 //!     entries: vec![entry],
@@ -33,6 +33,7 @@
 //! ```
 
 pub mod arguments;
+pub mod config;
 pub mod input;
 pub mod io;
 pub mod object;

@@ -23,70 +23,16 @@ use mvt_robot::hand::Side;
 use mvt_slam::Estimate;
 use mvt_slam::map::Map;
 use mvt_slam::scan::Scan;
-use mvt_touch::contact::ContactConfig;
-use serde::{Deserialize, Serialize};
 
 pub use estimator::{Estimator, Given, Init, Mode, random_motion};
 pub use scorer::{MeshedShape, Scorer, ShapeSnapshot};
 pub use truth::Truth;
 
+pub use crate::config::RunConfig;
 use crate::input::Input;
 use crate::report::{Event, FrameRow, TrackState};
 use crate::source::{Modality, Sensed, Source};
-use crate::supervisor::{Rules, Supervisor};
-
-/// Everything that can be set.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RunConfig {
-    /// Noise of camera depth as a multiple of Redwood's model, NeuralFeels' level being 5. Logs that hold true depth are given it when
-    /// they are read. 0 for none.
-    pub camera_noise: f64,
-    /// Edge of the cells of the mesh, millimetres.
-    pub mesh_cell_mm: f64,
-    /// The shape is meshed and scored at every how many-th frame.
-    pub score_every: u64,
-    /// What becomes of a touch network's predictions.
-    pub touch: ContactConfig,
-    /// Estimation.
-    pub slam: mvt_slam::Config,
-    /// What the hand does on its own accord.
-    pub supervisor: Rules,
-}
-
-impl Default for RunConfig {
-    fn default() -> Self {
-        Self {
-            camera_noise: 5.0,
-            mesh_cell_mm: 1.5,
-            score_every: 30,
-            touch: ContactConfig::default(),
-            slam: mvt_slam::Config::default(),
-            supervisor: Rules::default(),
-        }
-    }
-}
-
-impl RunConfig {
-    /// Says what cannot be.
-    ///
-    /// # Errors
-    /// A sentence that names the setting.
-    pub fn check(&self) -> Result<(), String> {
-        let checks = [
-            ((0.0..=100.0).contains(&self.camera_noise), "camera_noise must be from 0 to 100"),
-            ((0.2..=20.0).contains(&self.mesh_cell_mm), "mesh_cell_mm must be from 0.2 to 20"),
-            (self.score_every > 0, "score_every must be at least 1"),
-        ];
-        match checks.into_iter().find(|(is_right, _)| !is_right) {
-            Some((_, wrong)) => Err(wrong.to_owned()),
-            None => {
-                self.touch.check().map_err(|wrong| format!("touch.{wrong}"))?;
-                self.slam.validate().map_err(|error| format!("slam.{error}"))
-            }
-        }
-    }
-}
+use crate::supervisor::Supervisor;
 
 /// Progress of a run, for listeners.
 pub enum Progress<'a> {
@@ -123,7 +69,7 @@ pub struct FrameResult {
 /// An estimator of a run.
 pub struct Entry<'a> {
     /// Settings.
-    pub config: &'a mvt_slam::Config,
+    pub config: &'a mvt_slam::SlamConfig,
     /// What is estimated.
     pub mode: Mode,
     /// Which sensors are used.
@@ -436,11 +382,11 @@ struct Runner<'a> {
 /// The first frame, with the true pose where it is known, makes an estimator of an entry.
 enum RunnerState<'a> {
     Waiting(Option<(Entry<'a>, Option<Given>)>),
-    Started(Box<Estimator>, &'a mvt_slam::scan::Config, u64),
+    Started(Box<Estimator>, &'a mvt_slam::scan::ScanConfig, u64),
 }
 
 /// A scan that estimators of the same settings, seed and number of frames share.
-type Shared<'a> = ((&'a mvt_slam::scan::Config, u64, usize, Modality), Arc<Scan>);
+type Shared<'a> = ((&'a mvt_slam::scan::ScanConfig, u64, usize, Modality), Arc<Scan>);
 
 impl<'a> Runner<'a> {
     fn new(entry: Entry<'a>, object: Option<&TrueObject>, truth: Option<&'a Truth>) -> Result<Self> {

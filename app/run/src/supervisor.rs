@@ -1,6 +1,6 @@
-//! Decides what the hand does next, from the tracker's estimate alone.
+//! The supervisor: it chooses the next directive to the hand from the tracker's estimate alone.
 //!
-//! All that a [`Supervisor`] ever receives is a [`Belief`]; neither a simulator's state nor ground truth can be put into one.
+//! A [`Supervisor`] receives nothing but a [`Belief`], which holds neither the simulator's state nor ground truth.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -9,22 +9,23 @@ use std::str::FromStr;
 
 use mvt_frames::{Isometry, Model, World};
 use mvt_gaits::directive::Directive;
+use mvt_settings::{SettingError, settings};
 use nalgebra::Vector2;
-use serde::{Deserialize, Serialize};
 
-/// When an episode is over.
+/// Goal that ends an episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum Goal {
     /// The object has turned by this angle in the gait's direction, radians.
     Turn(f64),
     /// This part of the directions around the object has been observed, 0 to 1.
     Coverage(f64),
-    /// The time is up; the episode's duration says when.
+    /// The duration of the episode is over.
     Time,
 }
 
 impl fmt::Display for Goal {
-    /// As it is parsed.
+    /// Writes the goal in the form that is parsed.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Goal::Turn(rad) => write!(f, "turn={rad}rad"),
@@ -34,10 +35,11 @@ impl fmt::Display for Goal {
     }
 }
 
-/// A goal that cannot be understood.
+/// Text that is not a goal.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GoalError {
-    /// No such goal.
+    /// There is no such goal.
     #[error("unknown goal {0:?}; the goals are turn=360deg, turn=2rev, turn=6.3rad, coverage=0.9 and time")]
     Unknown(String),
     /// The amount is not a positive number, or a coverage above 1.
@@ -69,7 +71,7 @@ impl FromStr for Goal {
     }
 }
 
-/// What is believed of the object at one instant.
+/// Estimate of the object at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Belief {
     /// Seconds since the start of the episode.
@@ -88,65 +90,59 @@ pub struct Belief {
     pub unobserved: f64,
 }
 
-/// What the supervisor reacts to.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Rules {
-    /// Least confidence with which a goal counts as reached.
-    pub confidence: f64,
-    /// Lost for longer than this: re-grasp, seconds.
-    pub lost_s: f64,
-    /// Distance of the object from where it started at which it is pushed back, and at which that ends, metres.
-    pub drift_m: [f64; 2],
-    /// Longest push, seconds: pushed fingers turn the object more slowly.
-    pub push_s: f64,
-    /// Time in which something must have moved, by more than the following; otherwise re-grasp, seconds.
-    pub still_s: f64,
-    /// Rotation that counts as motion, radians.
-    pub still_rad: f64,
-    /// Translation that counts as motion, metres.
-    pub still_m: f64,
-    /// Time over which progress is judged, seconds.
-    pub progress_s: f64,
-    /// Rate at which the gait should turn the object, radians per second.
-    pub turn_rate_rad_s: f64,
-    /// Slower than this part of that rate: another gait.
-    pub slow: f64,
-    /// A fall of the unobserved part by less than this is none: another gait, if coverage is the goal.
-    pub coverage_gain: f64,
-    /// Time after a re-grasp or a change of gait in which nothing else is tried, seconds.
-    pub settle_s: f64,
-}
-
-impl Default for Rules {
-    fn default() -> Self {
-        Self {
-            confidence: 0.5,
-            lost_s: 1.0,
-            drift_m: [0.012, 0.004],
-            push_s: 4.0,
-            still_s: 4.0,
-            still_rad: 0.05,
-            still_m: 0.002,
-            progress_s: 6.0,
-            turn_rate_rad_s: 0.8,
-            slow: 0.25,
-            coverage_gain: 0.01,
-            settle_s: 2.5,
-        }
+settings! {
+    /// Thresholds of the supervisor.
+    #[derive(Copy)]
+    #[non_exhaustive]
+    pub struct SupervisorRules {
+        /// Least confidence with which a goal counts as reached.
+        pub confidence: f64 = 0.5, 0.0..=1.0;
+        /// If the object is lost for longer than this, the hand re-grasps, seconds.
+        pub lost_s: f64 = 1.0, 0.0..=3600.0;
+        /// Distance of the object from its start at which a push back begins, metres.
+        pub drift_begin_m: f64 = 0.012, 0.001..=1.0;
+        /// Distance of the object from its start at which a push back ends, metres.
+        pub drift_end_m: f64 = 0.004, 0.0..=1.0;
+        /// Longest push, seconds. Pushed fingers turn the object more slowly.
+        pub push_s: f64 = 4.0, 0.0..=3600.0;
+        /// If the object does not move for this time, the hand re-grasps, seconds.
+        pub still_s: f64 = 4.0, 0.0..=3600.0;
+        /// Rotation from which on the object moves, radians.
+        pub still_rad: f64 = 0.05, 0.0..=10.0;
+        /// Translation from which on the object moves, metres.
+        pub still_m: f64 = 0.002, 0.0..=1.0;
+        /// Time over which progress is measured, seconds.
+        pub progress_s: f64 = 6.0, 0.0..=3600.0;
+        /// Rate at which a gait should turn the object, radians per second.
+        pub turn_rate_rad_s: f64 = 0.8, 0.0..=100.0;
+        /// If the object turns more slowly than this part of that rate, another gait follows.
+        pub slow: f64 = 0.25, 0.0..=10.0;
+        /// If coverage is the goal and the unobserved part falls by less than this, another gait follows.
+        pub coverage_gain: f64 = 0.01, 0.0..=1.0;
+        /// Time after a re-grasp, a push or a change of gait in which no other directive but a stop follows, seconds.
+        pub settle_s: f64 = 2.5, 0.0..=3600.0;
     }
+    rule = a_push_ends_nearer_than_it_begins;
 }
 
-/// Watches beliefs and directs the hand.
+fn a_push_ends_nearer_than_it_begins(rules: &SupervisorRules) -> Result<(), SettingError> {
+    if rules.drift_end_m <= rules.drift_begin_m {
+        return Ok(());
+    }
+    let range = format!("at most drift_begin_m, {}", rules.drift_begin_m);
+    Err(SettingError::new("drift_end_m", rules.drift_end_m.to_string(), range))
+}
+
+/// Chooses directives from beliefs.
 #[derive(Debug, Clone)]
 pub struct Supervisor {
     goal: Goal,
-    rules: Rules,
-    /// Gaits to go through, the one that plays first.
+    rules: SupervisorRules,
+    /// All gaits in turn, the current one first.
     gaits: VecDeque<&'static str>,
-    /// Trusted beliefs since the last intervention, none older than progress is judged over.
+    /// Trusted beliefs since the last directive, at most one of them older than the time over which progress is measured.
     history: VecDeque<Belief>,
-    /// Where the object was first believed to be.
+    /// First estimated position of the object.
     home_m: Option<Vector2<f64>>,
     lost_since_s: Option<f64>,
     pushing_since_s: Option<f64>,
@@ -155,8 +151,8 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Pursues a goal with the gait that plays and, when that does not get on, the others in turn.
-    pub fn new(goal: Goal, gaits: &[&'static str], rules: Rules) -> Self {
+    /// Starts with the first gait; when it makes no progress, the others follow in turn.
+    pub fn new(goal: Goal, gaits: &[&'static str], rules: SupervisorRules) -> Self {
         Self {
             goal,
             rules,
@@ -170,8 +166,8 @@ impl Supervisor {
         }
     }
 
-    /// What the hand is to do, to be asked once per frame. A belief that is not newer than the last or holds something else than
-    /// finite numbers changes nothing.
+    /// Returns the directive of this frame. Call it once per frame. A belief that is not newer than the last, or whose numbers are not
+    /// finite, is skipped.
     pub fn decide(&mut self, belief: &Belief) -> Directive {
         let time_s = belief.time_s;
         if !(is_finite(belief) && time_s > self.last_s) {
@@ -179,7 +175,7 @@ impl Supervisor {
         }
         self.last_s = time_s;
         if belief.lost {
-            // What was believed before says nothing about what is the case when it is found again.
+            // Earlier beliefs say nothing about the object once it is found again.
             self.history.clear();
             self.pushing_since_s = None;
             let since = *self.lost_since_s.get_or_insert(time_s);
@@ -195,7 +191,7 @@ impl Supervisor {
         }
         self.history.push_back(*belief);
         let oldest = time_s - self.rules.progress_s.max(self.rules.still_s);
-        // Keeps one that is old enough.
+        // One belief that is old enough stays.
         while self.history.get(1).is_some_and(|b| b.time_s <= oldest) {
             self.history.pop_front();
         }
@@ -221,7 +217,7 @@ impl Supervisor {
         reached && belief.confidence >= self.rules.confidence
     }
 
-    /// The directive, unless the hand is still busy with the last one.
+    /// Returns the directive, unless the hand still carries out the last one.
     fn intervene(&mut self, time_s: f64, directive: Directive) -> Directive {
         if time_s < self.settled_at_s {
             return Directive::Continue;
@@ -232,13 +228,13 @@ impl Supervisor {
         directive
     }
 
-    /// The latest belief that is at least this old.
+    /// Returns the latest belief that is at least this old.
     fn before(&self, belief: &Belief, seconds: f64) -> Option<&Belief> {
         self.history.iter().rev().find(|b| b.time_s <= belief.time_s - seconds)
     }
 
     fn is_still(&self, belief: &Belief) -> bool {
-        // Nothing on the way may have moved either: an object that rocks is not still.
+        // All beliefs in between count: an object that rocks is not still.
         self.before(belief, self.rules.still_s).is_some()
             && self.history.iter().filter(|b| b.time_s >= belief.time_s - self.rules.still_s).all(|b| {
                 let change = b.pose.untyped().inverse() * belief.pose.untyped();
@@ -246,15 +242,15 @@ impl Supervisor {
             })
     }
 
-    /// A push towards home if the object has drifted.
+    /// Returns a push back to the start if the object has drifted.
     fn push(&mut self, belief: &Belief) -> Option<Directive> {
         let centre = Vector2::from(belief.centre_m);
         let offset = centre - *self.home_m.get_or_insert(centre);
-        let [begin, end] = self.rules.drift_m;
+        let (begin, end) = (self.rules.drift_begin_m, self.rules.drift_end_m);
         match self.pushing_since_s {
             Some(since) if offset.norm() < end || belief.time_s - since > self.rules.push_s => {
                 self.pushing_since_s = None;
-                // Time to turn it again before the next push.
+                // The gait turns the object for a while before the next push.
                 self.settled_at_s = belief.time_s + self.rules.settle_s;
                 self.history.clear();
             }
@@ -288,7 +284,7 @@ mod tests {
     const GAITS: [&str; 3] = ["cubelet", "shared", "bal"];
     const FRAME_S: f64 = 1.0 / 30.0;
 
-    /// An object that is turned as it should be, in its place, and ever better known.
+    /// An object that stays in its place, turns at the right rate and is observed more and more.
     fn turning(time_s: f64) -> Belief {
         let yaw = 0.8 * time_s;
         Belief {
@@ -302,9 +298,9 @@ mod tests {
         }
     }
 
-    /// All directives but `Continue` with their times.
+    /// Returns all directives but `Continue` with their times.
     fn watch(goal: Goal, seconds: f64, believe: impl Fn(f64) -> Belief) -> Vec<(f64, Directive)> {
-        let mut supervisor = Supervisor::new(goal, &GAITS, Rules::default());
+        let mut supervisor = Supervisor::new(goal, &GAITS, SupervisorRules::default());
         let times = (0..(seconds / FRAME_S) as usize).map(|k| k as f64 * FRAME_S);
         times
             .map(|time_s| (time_s, supervisor.decide(&believe(time_s))))
@@ -343,7 +339,7 @@ mod tests {
     fn stops_at_the_goal() {
         assert_eq!(first(&watch(Goal::Turn(TAU), 20.0, turning), TAU / 0.8), Directive::Stop);
         assert_eq!(first(&watch(Goal::Coverage(0.5), 20.0, turning), 20.0 * 2f64.ln()), Directive::Stop);
-        // Not on a guess.
+        // A guess does not end the episode.
         let unsure = |time_s| Belief { confidence: 0.4, ..turning(time_s) };
         assert_eq!(watch(Goal::Turn(TAU), 20.0, unsure), []);
         let lost = |time_s| Belief { lost: time_s > 5.0, ..turning(time_s) };
@@ -357,7 +353,7 @@ mod tests {
         let directives = watch(Goal::Time, 20.0, lost(5.0, 10.0));
         assert_eq!(first(&directives, 6.0), Directive::Regrasp);
         assert_eq!(directives.len(), 2, "again after it has settled: {directives:?}");
-        assert!(directives[1].0 - directives[0].0 >= Rules::default().settle_s);
+        assert!(directives[1].0 - directives[0].0 >= SupervisorRules::default().settle_s);
     }
 
     #[test]
@@ -390,7 +386,7 @@ mod tests {
         let pushes: Vec<f64> = watch(Goal::Time, 12.0, off).iter().map(|(time_s, _)| *time_s).collect();
         let pauses: Vec<f64> = pushes.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 2.0 * FRAME_S).collect();
         assert_eq!(pauses.len(), 1, "{pauses:?}");
-        assert!((pauses[0] - Rules::default().settle_s).abs() < 3.0 * FRAME_S);
+        assert!((pauses[0] - SupervisorRules::default().settle_s).abs() < 3.0 * FRAME_S);
     }
 
     #[test]
@@ -411,7 +407,7 @@ mod tests {
 
     #[test]
     fn broken_and_old_beliefs_change_nothing() {
-        let mut supervisor = Supervisor::new(Goal::Turn(1.0), &GAITS, Rules::default());
+        let mut supervisor = Supervisor::new(Goal::Turn(1.0), &GAITS, SupervisorRules::default());
         assert_eq!(supervisor.decide(&turning(1.0)), Directive::Continue);
         for broken in [
             Belief { turned_rad: f64::INFINITY, ..turning(1.1) },
@@ -426,7 +422,7 @@ mod tests {
 
     #[test]
     fn a_single_gait_is_kept() {
-        let mut supervisor = Supervisor::new(Goal::Time, &["bal"], Rules::default());
+        let mut supervisor = Supervisor::new(Goal::Time, &["bal"], SupervisorRules::default());
         for k in 0..600 {
             let belief = Belief { turned_rad: 0.0, ..turning(f64::from(k) * FRAME_S) };
             assert_eq!(supervisor.decide(&belief), Directive::Continue);

@@ -8,27 +8,24 @@ use mvt_frames::depth::Label;
 use mvt_frames::{Camera, Isometry, World};
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M};
+use mvt_settings::settings;
 use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Slice, Zip, s};
 
-/// How pixels are told apart.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SegmentationConfig {
-    /// A point nearer to the hand than this is the hand's, metres. Covers what noise moves a point along and across its ray.
-    pub margin_m: f32,
-    /// A point farther from the middle of the grasp than this is background, metres.
-    pub reach_m: f32,
-    /// A point lower than this in the world is background, metres: the palm's outer side.
-    pub lowest_m: f32,
-    /// Pixels this near to an edge, along rows and columns, are unsure. A depth camera's edges fray, but pixels that are astray
-    /// seldom have no neighbour that is not: with 1, noise of the original's label leaves 6 of 100 000 object pixels wrong.
-    pub edge_px: usize,
-    /// Depths that differ by more than this within `edge_px` are an edge, metres.
-    pub jump_m: f32,
-}
-
-impl Default for SegmentationConfig {
-    fn default() -> Self {
-        Self { margin_m: 0.0025, reach_m: 0.2, lowest_m: -0.03, edge_px: 1, jump_m: 0.02 }
+settings! {
+    /// Thresholds that separate object, hand and background.
+    #[derive(Copy)]
+    pub struct SegmentationConfig {
+        /// A point nearer to the hand than this belongs to the hand, metres. The margin covers the noise along and across a point's ray.
+        pub margin_m: f32 = 0.0025, 0.0..=0.1;
+        /// A point farther from the middle of the grasp than this is background, metres.
+        pub reach_m: f32 = 0.2, 0.0..=10.0;
+        /// A point lower than this in the world is background, metres. The default is the outer side of the palm.
+        pub lowest_m: f32 = -0.03, -10.0..=10.0;
+        /// Pixels this near to an edge, along rows and columns, are unsure. The edges of a depth camera fray, but displaced pixels seldom
+        /// lie between others: with 1, noise of the original's level leaves 6 of 100 000 object pixels wrong.
+        pub edge_px: usize = 1, 0..=100;
+        /// Depths that differ by more than this within `edge_px` form an edge, metres.
+        pub jump_m: f32 = 0.02, 0.0..=10.0;
     }
 }
 

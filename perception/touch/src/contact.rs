@@ -4,71 +4,37 @@
 use image::RgbImage;
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, PerFinger};
+use mvt_settings::settings;
 use ndarray::{Array2, Zip};
 use rayon::iter::{
     IndexedParallelIterator as _, IntoParallelRefIterator as _, IntoParallelRefMutIterator as _, ParallelIterator as _,
 };
-use serde::{Deserialize, Serialize};
 
 use crate::engine::{Engine, Prediction};
 use crate::untouched::{Squares, differences, squares, take_off};
 use mvt_robot::observation::{Press, SensorError, SensorName, check_size};
 
-/// How predictions become depth and contact.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ContactConfig {
-    /// A pixel touches if it is indented by more than this, millimetres, and `probability` agrees.
-    pub threshold_mm: f32,
-    /// A pixel touches if the network finds that more probable than this, and `threshold_mm` agrees.
-    pub probability: f32,
-    /// A pixel that touched in the frame before goes on touching until both have fallen below this share of their thresholds.
-    pub hysteresis: f32,
-    /// If a smaller share of the image touches, nothing does.
-    pub least_area: f32,
-    /// A sensor whose image differs by less than this from that of the untouched sensor, grey levels, is untouched; the network is
-    /// not asked. The means of squares of pixels are compared, which noise hardly changes and a contact's rim does.
-    pub untouched_grey: f32,
-    /// Standard deviation of the depth where the object touches, millimetres; it is more in a frame in which the network finds
-    /// indentation where nothing touches.
-    pub sigma_mm: f32,
-    /// Images that are less plausible are not used.
-    pub least_plausibility: f32,
-}
-
-impl Default for ContactConfig {
-    fn default() -> Self {
-        Self {
-            threshold_mm: 0.08,
-            probability: 0.5,
-            hysteresis: 0.7,
-            least_area: 0.001,
-            untouched_grey: 1.2,
-            sigma_mm: 0.05,
-            least_plausibility: 0.5,
-        }
-    }
-}
-
-impl ContactConfig {
-    /// Says what cannot be.
-    ///
-    /// # Errors
-    /// A sentence that names the setting.
-    pub fn check(&self) -> Result<(), String> {
-        let shares = [
-            ("probability", self.probability, 0.001..=0.999),
-            ("hysteresis", self.hysteresis, 0.001..=1.0),
-            ("least_area", self.least_area, 0.0..=1.0),
-            ("least_plausibility", self.least_plausibility, 0.0..=1.0),
-            ("threshold_mm", self.threshold_mm, 0.0..=5.0),
-            ("untouched_grey", self.untouched_grey, 0.0..=255.0),
-            ("sigma_mm", self.sigma_mm, 1e-4..=5.0),
-        ];
-        match shares.into_iter().find(|(_, value, range)| !range.contains(value)) {
-            Some((name, _, range)) => Err(format!("{name} must be from {} to {}", range.start(), range.end())),
-            None => Ok(()),
-        }
+settings! {
+    /// Thresholds that turn predictions into depth and contact.
+    #[derive(Copy)]
+    pub struct ContactConfig {
+        /// A pixel touches if its indentation exceeds this, millimetres, and its probability of contact exceeds `probability`.
+        pub threshold_mm: f32 = 0.08, 0.0..=5.0;
+        /// Least probability of contact of a pixel that touches.
+        pub probability: f32 = 0.5, 0.001..=0.999;
+        /// A pixel that touched in the frame before touches until indentation and probability both fall below this share of their
+        /// thresholds.
+        pub hysteresis: f32 = 0.7, 0.001..=1.0;
+        /// Contact on a smaller share of the image is discarded.
+        pub least_area: f32 = 0.001, 0.0..=1.0;
+        /// A sensor whose image differs from its untouched image by less than this, grey levels, is untouched, and the network does not run.
+        /// The means of squares of pixels are compared: noise hardly changes them, the rim of a contact does.
+        pub untouched_grey: f32 = 1.2, 0.0..=255.0;
+        /// Standard deviation of the depth in contact, millimetres. It is larger in frames in which the network finds indentation outside
+        /// of contact.
+        pub sigma_mm: f32 = 0.05, 1e-4..=5.0;
+        /// Images with a lower plausibility are not used.
+        pub least_plausibility: f32 = 0.5, 0.0..=1.0;
     }
 }
 

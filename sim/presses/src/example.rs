@@ -6,70 +6,65 @@
 
 use std::f64::consts::TAU;
 
-use anyhow::{Result, ensure};
 use image::RgbImage;
 use mvt_frames::{Gel, Isometry, Object};
 use mvt_render::touch::{NoiseKey, TouchFrame};
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_settings::{SettingError, Unlimited, settings};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
 use super::backdrop::disturb;
 use super::objects::{Split, Surface};
 use super::sensors::Sensor;
 
-/// What training images are like.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct DataConfig {
-    /// What touches.
-    #[serde(skip_serializing_if = "Split::is_published")]
-    pub objects: Split,
-    /// Share of images in which nothing touches.
-    pub untouched: f64,
-    /// Share of the others that follow MidasTouch's protocol.
-    pub protocol: f64,
-    /// Share of contacts in which the finger is not drawn back where something is deeper than the press depth: an edge beside the
-    /// touched point may be as deep as the object allows.
-    pub deep: f64,
-    /// Press depth beyond the protocol, from and to, millimetres.
-    pub press_mm: [f64; 2],
-    /// Greatest tilt beyond the protocol, degrees.
-    pub tilt_deg: f64,
-    /// Share of sensors whose lights differ from those they were calibrated with.
-    pub disturbed_lights: f64,
-    /// How much they differ, in units of MidasTouch's distribution.
-    pub light_strength: f64,
-    /// Standard deviation of the image noise, from and to, grey levels.
-    pub noise: [f32; 2],
-    /// Greatest height of each shape of light that is added to a background, grey levels.
-    pub background: f32,
-    /// Share of images of sensors whose image without contact is known.
-    pub known_untouched: f64,
-    /// Sensors in use at a time; each step one of them is replaced by a new one.
-    pub sensors: usize,
+settings! {
+    /// Distributions of training images. Check [`Split::check`] as well: [`DataConfig::validate`] does not look up the objects.
+    pub struct DataConfig {
+        /// Objects that are pressed.
+        #[serde(skip_serializing_if = "Split::is_published")]
+        pub objects: Split;
+        /// Share of images without contact.
+        pub untouched: f64 = 0.06, 0.0..=1.0;
+        /// Share of the images with contact that follow MidasTouch's protocol.
+        pub protocol: f64 = 0.5, 0.0..=1.0;
+        /// Share of contacts in which the finger is not withdrawn if another part of the object is deeper than the press depth: an edge
+        /// beside the touched point may be as deep as the object allows.
+        pub deep: f64 = 0.04, 0.0..=1.0;
+        /// Least and greatest press depth beyond the protocol, millimetres.
+        pub press_mm: [f64; 2] = [0.1, 2.0], 1e-6..=5.0;
+        /// Greatest tilt beyond the protocol, degrees.
+        pub tilt_deg: f64 = 30.0, 0.0..=80.0;
+        /// Share of sensors whose lights differ from their calibration.
+        pub disturbed_lights: f64 = 0.6, 0.0..=1.0;
+        /// Size of that difference, in units of MidasTouch's distribution.
+        pub light_strength: f64 = 1.0, 0.0..=10.0;
+        /// Least and greatest standard deviation of the image noise, grey levels.
+        pub noise: [f32; 2] = [1.5, 3.0], 1e-6..=28.0;
+        /// Greatest height of each shape of light that is added to a background, grey levels.
+        pub background: f32 = 12.0, 0.0..=100.0;
+        /// Share of images of sensors whose untouched image is known.
+        pub known_untouched: f64 = 0.75, 0.0..=1.0;
+        /// Sensors in use at a time. Each step replaces one of them.
+        pub sensors: usize = 24, 1..=1000;
+    }
+    rule = ranges_rise;
 }
 
-impl Default for DataConfig {
-    fn default() -> Self {
-        Self {
-            objects: Split::default(),
-            untouched: 0.06,
-            protocol: 0.5,
-            deep: 0.04,
-            press_mm: [0.1, 2.0],
-            tilt_deg: 30.0,
-            disturbed_lights: 0.6,
-            light_strength: 1.0,
-            noise: [1.5, 3.0],
-            background: 12.0,
-            known_untouched: 0.75,
-            sensors: 24,
-        }
+fn ranges_rise(config: &DataConfig) -> Result<(), SettingError> {
+    let ([least_mm, most_mm], [quiet, loud]) = (config.press_mm, config.noise);
+    // Press depths are drawn below the greatest, so that the two must differ.
+    if least_mm >= most_mm {
+        return Err(SettingError::new("press_mm", format!("[{least_mm}, {most_mm}]"), "a least and a greater value"));
     }
+    if quiet > loud {
+        return Err(SettingError::new("noise", format!("[{quiet}, {loud}]"), "a least and a greatest value"));
+    }
+    Ok(())
 }
+
+impl Unlimited for Split {}
 
 /// MidasTouch's press depth, from and to, millimetres, and shear, degrees.
 const PROTOCOL_PRESS_MM: [f64; 2] = [0.5, 1.0];
@@ -98,26 +93,6 @@ impl DataConfig {
             known_untouched: 1.0,
             ..Self::default()
         }
-    }
-
-    /// Checks that the numbers make sense.
-    pub fn check(&self) -> Result<()> {
-        self.objects.check()?;
-        let share = |value: f64| (0.0..=1.0).contains(&value);
-        ensure!(share(self.untouched), "data.untouched must lie between 0 and 1");
-        ensure!(share(self.protocol), "data.protocol must lie between 0 and 1");
-        ensure!(share(self.deep), "data.deep must lie between 0 and 1");
-        ensure!(share(self.disturbed_lights), "data.disturbed_lights must lie between 0 and 1");
-        ensure!((0.0..=10.0).contains(&self.light_strength), "data.light_strength must lie between 0 and 10");
-        let [least, most] = self.press_mm;
-        ensure!(0.0 < least && least < most && most <= 5.0, "data.press_mm must rise and lie between 0 and 5");
-        ensure!((0.0..=80.0).contains(&self.tilt_deg), "data.tilt_deg must lie between 0 and 80");
-        let [least, most] = self.noise;
-        ensure!(0.0 < least && least <= most && most <= 28.0, "data.noise must not fall and lie between 0 and 28");
-        ensure!((0.0..=100.0).contains(&self.background), "data.background must lie between 0 and 100");
-        ensure!(share(self.known_untouched), "data.known_untouched must lie between 0 and 1");
-        ensure!((1..=1000).contains(&self.sensors), "data.sensors must lie between 1 and 1000");
-        Ok(())
     }
 }
 

@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use glam::Vec3;
-use mvt_field::field::{Config, FieldTrainer, Instructions, NeuralField, Sample};
+use mvt_field::field::{FieldConfig, FieldTrainer, Instructions, NeuralField, Sample};
 use mvt_field::shape::{Distance, Shape};
 use mvt_field::surface::outer_surface;
 use rand::{RngExt, SeedableRng};
@@ -28,16 +28,16 @@ struct Arguments {
     #[arg(long, default_value_t = 2000)]
     points: usize,
     /// Neurons of the hidden layer.
-    #[arg(long, default_value_t = Config::default().hidden)]
+    #[arg(long, default_value_t = FieldConfig::default().hidden)]
     hidden: usize,
     /// Vertices per axis of each level.
-    #[arg(long, value_delimiter = ',', default_values_t = Config::default().levels)]
+    #[arg(long, value_delimiter = ',', default_values_t = FieldConfig::default().levels)]
     levels: Vec<u32>,
     /// Levels with more than 2^this vertices are hashed.
-    #[arg(long, default_value_t = Config::default().table_log2)]
+    #[arg(long, default_value_t = FieldConfig::default().table_log2)]
     table_log2: u32,
     /// Weight of the eikonal loss.
-    #[arg(long, default_value_t = Config::default().eikonal_weight)]
+    #[arg(long, default_value_t = FieldConfig::default().eikonal_weight)]
     eikonal_weight: f32,
 }
 
@@ -50,7 +50,7 @@ const RUNS: usize = 15;
 
 fn main() -> anyhow::Result<()> {
     let Arguments { batch, points, hidden, levels, table_log2, eikonal_weight } = Arguments::parse();
-    let config = Config { hidden, levels, table_log2, eikonal_weight, ..Config::default() };
+    let config = FieldConfig { hidden, levels, table_log2, eikonal_weight, ..FieldConfig::default() };
     let mut random = ChaCha8Rng::seed_from_u64(1);
     // As in mapping: half of the samples in the band, the others in the free space before it.
     let batches: Vec<Vec<Sample>> = (0..64)

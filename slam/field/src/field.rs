@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use glam::Vec3;
+use mvt_settings::SettingError;
 use pulp::{Simd, WithSimd};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -21,7 +22,7 @@ mod instructions;
 mod network;
 mod train;
 
-pub use config::Config;
+pub use config::FieldConfig;
 pub use grid::FEATURES;
 pub use instructions::Instructions;
 pub use train::{FieldTrainer, Sample};
@@ -32,19 +33,11 @@ use network::{Activations, Layout, Network};
 /// Features start within plus and minus this.
 const INITIAL_FEATURE: f32 = 1e-2;
 
-/// A configuration or a file that is no field. Each message says what to do where that is not plain.
+/// A file of a field that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldError {
-    /// A setting is out of range.
-    #[error("field: {key} {message}")]
-    Config {
-        /// Its name.
-        key: &'static str,
-        /// Its value and what it may be.
-        message: String,
-    },
-    /// The file could not be read or written, or is no field's.
+    /// The file cannot be read or written, or holds no valid field.
     #[error(transparent)]
     File(#[from] FileError),
 }
@@ -56,7 +49,7 @@ pub enum FieldError {
 /// counts as the lower end of its axis.
 #[derive(Debug, Clone)]
 pub struct NeuralField {
-    config: Config,
+    config: FieldConfig,
     instructions: Instructions,
     levels: Vec<Level>,
     layout: Layout,
@@ -77,11 +70,11 @@ impl Parameters {
 }
 
 impl NeuralField {
-    /// An untrained field, near [`Config::initial_distance`] everywhere.
+    /// An untrained field, near [`FieldConfig::initial_distance`] everywhere.
     ///
     /// # Errors
-    /// If the configuration is out of range.
-    pub fn new(config: &Config, seed: u64) -> Result<Self, FieldError> {
+    /// [`SettingError`] if a setting is out of range.
+    pub fn new(config: &FieldConfig, seed: u64) -> Result<Self, SettingError> {
         let mut field = Self::zeros(config)?;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut uniform = |amplitude: f32| random.random_range(-amplitude..=amplitude);
@@ -95,7 +88,7 @@ impl NeuralField {
     }
 
     /// A field of zeros.
-    fn zeros(config: &Config) -> Result<Self, FieldError> {
+    fn zeros(config: &FieldConfig) -> Result<Self, SettingError> {
         config.validate()?;
         let (levels, entries) = grid::levels(config);
         let layout = Layout::new(config);
@@ -104,7 +97,7 @@ impl NeuralField {
     }
 
     /// Its settings.
-    pub fn config(&self) -> &Config {
+    pub fn config(&self) -> &FieldConfig {
         &self.config
     }
 

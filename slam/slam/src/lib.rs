@@ -9,7 +9,7 @@
 //! use mvt_frames::camera::Intrinsics;
 //! use mvt_frames::depth::{CameraDepth, Label};
 //! use mvt_frames::{Isometry, ndarray::Array2};
-//! use mvt_slam::{Config, Slam, scan::Measurement};
+//! use mvt_slam::{SlamConfig, Slam, scan::Measurement};
 //!
 //! // A wall of 2 x 2 cm, 30 cm in front of a camera that looks down from the world's origin.
 //! let intrinsics = Intrinsics::from_fov_y(64, 48, 0.2);
@@ -18,14 +18,14 @@
 //! let labels = depth_m.mapv(|z| if z > 0.0 { Label::Object } else { Label::Background });
 //! let view = CameraDepth { intrinsics, world_from_camera: Isometry::identity(), depth_m, labels };
 //!
-//! let mut config = Config::default();
+//! let mut config = SlamConfig::default();
 //! config.map.first_steps = 20;
 //! let mut slam = Slam::builder().config(config).seed(1).build()?;
 //! let estimate = slam.observe(&Measurement { time_s: 0.0, cameras: &[Some(view)], touch: &[], obstacles: &[] });
 //! assert!(estimate.state.is_tracking());
 //! let mesh = slam.mesh(0.002).expect("the object was seen");
 //! println!("{} triangles at {:?}", mesh.faces.len(), estimate.pose);
-//! # Ok::<(), mvt_slam::ConfigError>(())
+//! # Ok::<(), mvt_slam::SettingError>(())
 //! ```
 //!
 //! Nothing here knows of a simulator, of networks that see, of a hand, or of the true pose.
@@ -39,7 +39,8 @@ mod slam;
 pub mod space;
 pub mod tracker;
 
-pub use config::{Config, ConfigError, Trust};
+pub use config::{SlamConfig, TrustConfig};
+pub use mvt_settings::SettingError;
 pub use obstacles::Obstacles;
 pub use slam::{Estimate, Slam, SlamBuilder, Spent, TrackState};
 pub use {glam, mvt_field, mvt_frames, mvt_mesh};

@@ -12,9 +12,9 @@ use glam::Vec3;
 use mvt_field::surface::outer_surface;
 use mvt_frames::{Field, Isometry, Model, Occupied, World};
 use mvt_mesh::Mesh;
+use mvt_settings::{SettingError, settings};
 use nalgebra as na;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
 use crate::graph::Edge;
 use crate::obstacles::Obstacles;
@@ -22,94 +22,77 @@ use crate::scan::Scan;
 use crate::space::{Space, Unseen};
 use crate::tracker::Reference;
 pub use keyframe::Keyframe;
-use mvt_field::field::{self, FieldError, FieldTrainer, NeuralField, Sample};
+use mvt_field::field::{self, FieldTrainer, NeuralField, Sample};
 use mvt_field::shape::{Distance, Shape};
 
-/// How the field is taught.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Steps of the optimiser on the first frame.
-    pub first_steps: usize,
-    /// Steps of the optimiser on every later frame.
-    pub steps: usize,
-    /// Samples per step.
-    pub batch: usize,
-    /// How far behind a measured surface it is taught to be inside, metres. Thin walls need less, uncertain poses more.
-    pub behind_m: f32,
-    /// How far before a measured surface space is taught to be free, metres.
-    pub free_reach_m: f32,
-    /// Part of the samples from the frame at hand; the rest replays keyframes, without which the field forgets.
-    pub current_part: f32,
-    /// Part of the samples of measured surfaces that comes from touch, where there is any.
-    pub touch_part: f32,
-    /// Part of the samples in the band around measured surfaces.
-    pub band_part: f32,
-    /// Part of the samples before measured surfaces.
-    pub before_part: f32,
-    /// Part of the samples on rays that passed the object.
-    pub passed_part: f32,
-    /// Part of the samples inside the hand, which the object cannot be.
-    pub hand_part: f32,
-    /// Weight of samples in free space.
-    pub free_weight: f32,
-    /// Weight of samples where nobody saw anything and the object must be, as below it on the palm. The rest of the samples are these.
-    pub inside_weight: f32,
-    /// Their weight deep inside, where a cavity that nobody saw would be a flaw of the field: a pit of a face may lead there.
-    pub core_weight: f32,
-    /// How far below the hull of what was seen that is, metres.
-    pub core_depth_m: f32,
-    /// A frame becomes a keyframe once the object has turned by this since the last, degrees,
-    pub keyframe_turn_deg: f64,
-    /// or moved by this, metres,
-    pub keyframe_distance_m: f64,
-    /// or after this time, seconds.
-    pub keyframe_interval_s: f64,
-    /// Keyframes kept at most; beyond, every other one of the older half goes.
-    pub keyframes: usize,
-    /// Keyframes whose pose is refined against the field per frame.
-    pub refined: usize,
-    /// How firmly a refined keyframe keeps the pose that it had before its turn, one standard deviation, metres and radians.
-    pub refine_sigma: [f64; 2],
-    /// A keyframe that saw the object turned by less than this against an older one closes a loop, degrees; 0 closes none.
-    pub loop_turn_deg: f64,
-    /// Standard deviation of the surface as learnt, metres.
-    pub surface_sigma_m: f32,
+settings! {
+    /// Keyframes, and the samples on which the field is trained.
+    pub struct MapConfig {
+        /// Steps of the optimiser on the first frame.
+        pub first_steps: usize = 200, 0..=100_000;
+        /// Steps of the optimiser on every later frame.
+        pub steps: usize = 12, 0..=100_000;
+        /// Samples per step.
+        pub batch: usize = 2048, 1..=1_000_000;
+        /// Depth of the samples behind a measured surface that count as inside, metres. Thin walls need less, uncertain poses more.
+        pub behind_m: f32 = 0.003, 1e-4..=0.05;
+        /// Depth of the free space in front of a measured surface that is sampled, metres.
+        pub free_reach_m: f32 = 0.06, 0.0..=1.0;
+        /// Part of the samples from the current frame. The other samples replay keyframes; without them the field forgets.
+        pub current_part: f32 = 0.3, 0.0..=1.0;
+        /// Part of the samples of measured surfaces that comes from touch, if a sensor touches.
+        pub touch_part: f32 = 0.15, 0.0..=1.0;
+        /// Part of the samples in the band around measured surfaces.
+        pub band_part: f32 = 0.5, 0.0..=1.0;
+        /// Part of the samples in front of measured surfaces.
+        pub before_part: f32 = 0.2, 0.0..=1.0;
+        /// Part of the samples on rays that passed the object.
+        pub passed_part: f32 = 0.15, 0.0..=1.0;
+        /// Part of the samples inside the hand, where the object cannot be.
+        pub hand_part: f32 = 0.05, 0.0..=1.0;
+        /// Weight of samples in free space.
+        pub free_weight: f32 = 1.0, 0.0..=1e6;
+        /// Weight of samples in space that no sensor has seen and that the object must fill, such as the space between it and the palm.
+        /// The rest of the samples lies there.
+        pub inside_weight: f32 = 0.1, 0.0..=1e6;
+        /// Weight of such samples deep inside. An unseen cavity there would be an error of the field; a pit in a face may reach less deep.
+        pub core_weight: f32 = 1.0, 0.0..=1e6;
+        /// Depth below the hull of the seen surface from which on core_weight counts, metres.
+        pub core_depth_m: f32 = 0.01, -1.0..=1.0;
+        /// Rotation of the object since the last keyframe that makes a keyframe, degrees.
+        pub keyframe_turn_deg: f64 = 8.0, 0.0..=180.0;
+        /// Translation since the last keyframe that makes a keyframe, metres.
+        pub keyframe_distance_m: f64 = 0.005, 0.0..=1.0;
+        /// Time since the last keyframe that makes a keyframe, seconds.
+        pub keyframe_interval_s: f64 = 0.5, 0.0..=1e6;
+        /// Most keyframes. Beyond this, every second one of the older half is dropped.
+        pub keyframes: usize = 600, 4..=1_000_000;
+        /// Keyframes whose pose is refined against the field per frame.
+        pub refined: usize = 2, 0..=1000;
+        /// How far the refinement may move a keyframe, one standard deviation, metres.
+        pub refine_sigma_m: f64 = 0.0005, 1e-6..=1.0;
+        /// How far the refinement may turn a keyframe, one standard deviation, radians.
+        pub refine_sigma_rad: f64 = 0.01, 1e-6..=10.0;
+        /// A keyframe that saw the object turned by less than this against an older one closes a loop, degrees. 0 closes no loops.
+        pub loop_turn_deg: f64 = 12.0, 0.0..=180.0;
+        /// Standard deviation of the learnt surface, metres.
+        pub surface_sigma_m: f32 = 0.0004, 1e-6..=0.1;
+    }
+    rule = parts_fit;
 }
 
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            first_steps: 200,
-            steps: 12,
-            batch: 2048,
-            behind_m: 0.003,
-            free_reach_m: 0.06,
-            current_part: 0.3,
-            touch_part: 0.15,
-            band_part: 0.5,
-            before_part: 0.2,
-            passed_part: 0.15,
-            hand_part: 0.05,
-            free_weight: 1.0,
-            inside_weight: 0.1,
-            core_weight: 1.0,
-            core_depth_m: 0.01,
-            keyframe_turn_deg: 8.0,
-            keyframe_distance_m: 0.005,
-            keyframe_interval_s: 0.5,
-            keyframes: 600,
-            refined: 2,
-            refine_sigma: [0.0005, 0.01],
-            loop_turn_deg: 12.0,
-            surface_sigma_m: 0.0004,
-        }
+fn parts_fit(config: &MapConfig) -> Result<(), SettingError> {
+    let parts = config.band_part + config.before_part + config.passed_part + config.hand_part;
+    // Half a thousandth: the parts are rounded numbers.
+    if parts <= 1.0005 {
+        return Ok(());
     }
+    Err(SettingError::new("band_part + before_part + passed_part + hand_part", parts.to_string(), "at most 1"))
 }
 
 /// The growing shape.
 pub struct Map {
-    config: Config,
+    config: MapConfig,
     trainer: FieldTrainer,
     space: Space,
     keyframes: Vec<Keyframe>,
@@ -138,13 +121,18 @@ impl Map {
     /// A map of nothing.
     ///
     /// # Errors
-    /// [`FieldError`] if the field's configuration is out of range.
-    pub fn new(config: Config, field: &field::Config, obstacles: Obstacles, seed: u64) -> Result<Self, FieldError> {
+    /// [`SettingError`] if a setting of the field is out of range.
+    pub fn new(
+        config: MapConfig,
+        field: &field::FieldConfig,
+        obstacles: Obstacles,
+        seed: u64,
+    ) -> Result<Self, SettingError> {
         Ok(Self::with(config, FieldTrainer::new(NeuralField::new(field, seed)?), obstacles))
     }
 
     /// A map of nothing with a field that may have learnt something.
-    fn with(config: Config, trainer: FieldTrainer, obstacles: Obstacles) -> Self {
+    fn with(config: MapConfig, trainer: FieldTrainer, obstacles: Obstacles) -> Self {
         Self {
             config,
             space: Space::new(trainer.field().config().half_extent_m),

@@ -8,51 +8,34 @@ pub use lens::Lookup;
 use glam::Vec3;
 use mvt_frames::depth::{CameraDepth, Label, TouchDepth};
 use mvt_frames::{Isometry, Obstacle, Pad, World};
+use mvt_settings::settings;
 use ndarray::Array2;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
-/// How many rays are kept, and how exact they are.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Rays kept per camera that hit the object.
-    pub camera_hits: usize,
-    /// Rays kept per camera that hit the object at its outline.
-    pub camera_outline: usize,
-    /// Rays kept per camera that pass the object, half of them close to its outline.
-    pub camera_misses: usize,
-    /// Rays kept per touching finger that hit the object.
-    pub touch_hits: usize,
-    /// Rays kept per finger that end at the undisturbed gel.
-    pub touch_misses: usize,
-    /// Standard deviation of a camera's depth, metres per square metre of depth: the disparity noise and rounding of Redwood's
-    /// model at five times its level (0.144 pixels of disparity over 35.13 pixel metres).
-    pub camera_sigma_per_m2: f32,
-    /// Standard deviation of the pixel that a camera's depth belongs to, pixels.
-    pub camera_jitter_px: f32,
-    /// Columns and rows by which a camera's depth is displaced on average, pixels. Redwood's model reads even pixels only.
-    pub camera_shift_px: [f32; 2],
-    /// Whether rays without a return count as free. A pixel without a return is background only where all pixels around it have none
-    /// either.
-    pub far_is_free: bool,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            camera_hits: 3000,
-            camera_outline: 400,
-            camera_misses: 1500,
-            touch_hits: 300,
-            touch_misses: 60,
-            camera_sigma_per_m2: 0.0041,
-            camera_jitter_px: 1.25,
-            camera_shift_px: [0.0, 0.0],
-            far_is_free: true,
-        }
+settings! {
+    /// Number of rays that are kept, and standard deviations of depth.
+    pub struct ScanConfig {
+        /// Rays kept per camera that hit the object.
+        pub camera_hits: usize = 3000, 1..=1_000_000;
+        /// Rays kept per camera that hit the object at its outline.
+        pub camera_outline: usize = 400, 0..=1_000_000;
+        /// Rays kept per camera that pass the object, half of them close to its outline.
+        pub camera_misses: usize = 1500, 0..=1_000_000;
+        /// Rays kept per touching finger that hit the object.
+        pub touch_hits: usize = 300, 1..=1_000_000;
+        /// Rays kept per finger that end at the undisturbed gel.
+        pub touch_misses: usize = 60, 0..=1_000_000;
+        /// Standard deviation of a camera's depth, metres per square metre of depth. The default is the disparity noise and rounding of
+        /// Redwood's model at five times its level (0.144 pixels of disparity over 35.13 pixel metres).
+        pub camera_sigma_per_m2: f32 = 0.0041, 1e-6..=1.0;
+        /// Standard deviation of the pixel to which a camera's depth belongs, pixels.
+        pub camera_jitter_px: f32 = 1.25, 0.0..=100.0;
+        /// Columns and rows by which a camera's depth is displaced on average, pixels. Redwood's model reads even pixels only.
+        pub camera_shift_px: [f32; 2] = [0.0, 0.0], -100.0..=100.0;
+        /// Whether background pixels, most of them without a return, count as rays through free space.
+        pub far_is_free: bool = true;
     }
 }
 
@@ -210,7 +193,7 @@ const CONTACT_RIM_PX: usize = 2;
 
 impl Scan {
     /// Draws rays from the images of an instant. The result depends on the images, the number of the frame and the seed alone.
-    pub fn new(frame: usize, measured: &Measurement<'_>, config: &Config, seed: u64) -> Self {
+    pub fn new(frame: usize, measured: &Measurement<'_>, config: &ScanConfig, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(frame as u64);
         let mut views = Vec::new();
@@ -233,7 +216,7 @@ impl Scan {
     }
 }
 
-fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
+fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut ChaCha8Rng) -> View {
     let lens = Lens::new(&image.intrinsics, image.world_from_camera, config.camera_shift_px);
     let (height, width) = image.depth_m.dim();
     let at = |u: usize, v: usize| image.labels.get((v, u)).copied().unwrap_or_default();
@@ -305,7 +288,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &Config, rng: &mut Cha
     View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup } }
 }
 
-fn touch_view(index: usize, image: &TouchDepth, config: &Config, rng: &mut ChaCha8Rng) -> View {
+fn touch_view(index: usize, image: &TouchDepth, config: &ScanConfig, rng: &mut ChaCha8Rng) -> View {
     let lens = Lens::new(&image.intrinsics, image.world_from_camera, [0.0; 2]);
     let (height, width) = image.depth_m.dim();
     let touches = |u: usize, v: usize| image.contact.get((v, u)).is_some_and(|&touches| touches);

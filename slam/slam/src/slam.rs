@@ -13,12 +13,13 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Config, ConfigError};
+use crate::config::SlamConfig;
 use crate::map::{Learnt, Map};
 use crate::obstacles::Obstacles;
 use crate::scan::{Measurement, Scan};
 use crate::tracker::assess::Assessment;
 use crate::tracker::{self, Reference, Tracker};
+use mvt_settings::SettingError;
 
 /// Whether the tracker trusts the pose of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -122,7 +123,7 @@ impl Reference for Given {
 
 /// Estimates pose and shape of one object, frame by frame.
 pub struct Slam {
-    config: Config,
+    config: SlamConfig,
     seed: u64,
     tracker: Tracker,
     knowledge: Knowledge,
@@ -141,7 +142,7 @@ pub struct Slam {
 /// Settings and knowledge with which [`Slam`] starts.
 #[derive(Default)]
 pub struct SlamBuilder {
-    config: Config,
+    config: SlamConfig,
     seed: u64,
     obstacles: Obstacles,
     support_z_m: Option<f64>,
@@ -162,7 +163,7 @@ enum Prior {
 
 impl SlamBuilder {
     /// Settings; the defaults suit an object of 4 to 12 cm at 0.3 to 0.6 m from RGB-D cameras.
-    pub fn config(mut self, config: Config) -> Self {
+    pub fn config(mut self, config: SlamConfig) -> Self {
         self.config = config;
         self
     }
@@ -204,7 +205,7 @@ impl SlamBuilder {
     ///
     /// # Errors
     /// If a setting is out of range; the error names it.
-    pub fn build(self) -> Result<Slam, ConfigError> {
+    pub fn build(self) -> Result<Slam, SettingError> {
         let Self { config, seed, obstacles, support_z_m, prior } = self;
         config.validate()?;
         let (knowledge, state, pose) = match prior {
@@ -377,7 +378,7 @@ impl Slam {
             return self.search(solution.pose(), confidence);
         }
         let [distance, angle] = solution.surprise();
-        let is_far = distance > trust.surprise[0] || angle > trust.surprise[1];
+        let is_far = distance > trust.surprise_m || angle > trust.surprise_rad;
         let jumped = self.frame > 0 && is_far && confidence < trust.found_above;
         self.doubts = if confidence < trust.doubt_below { self.doubts + 1 } else { 0 };
         if jumped || self.doubts >= trust.lost_after {

@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use mvt_frames::{Field, Isometry, Occupied, World};
+use mvt_settings::settings;
 use nalgebra as na;
-use serde::{Deserialize, Serialize};
 
 use crate::scan::{Detail, Scan, View};
 use icp::Posed;
@@ -29,71 +29,49 @@ pub trait Reference: Shape {
     fn sigma_m(&self) -> f32;
 }
 
-/// What the tracker weighs, and how much. Each weight scales the cost of its factor; 0 switches it off.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Frames solved together.
-    pub window: usize,
-    /// Steps of the solver per frame at most.
-    pub iterations: usize,
-    /// Measured points used per camera and frame.
-    pub camera_points: usize,
-    /// Points of the outline used per camera and frame.
-    pub outline_points: usize,
-    /// Measured points used per touching finger and frame.
-    pub touch_points: usize,
-    /// Camera depth lies on the surface.
-    pub camera_weight: f64,
-    /// Touch depth lies on the surface.
-    pub touch_weight: f64,
-    /// What a sensor looked through is not inside the object.
-    pub free_space_weight: f64,
-    /// Each frame's surface lies on that of the frame before.
-    pub icp_weight: f64,
-    /// The object goes on as it moves.
-    pub velocity_weight: f64,
-    /// A pad carries the surface that it touches.
-    pub contact_weight: f64,
-    /// The hand is not inside the object.
-    pub penetration_weight: f64,
-    /// Points of a camera's image whose errors are independent: noise is shared by neighbours, calibration by all.
-    pub camera_independent: f64,
-    /// The same for a touch image.
-    pub touch_independent: f64,
-    /// Part of the velocity that is kept from frame to frame: an object in a hand is soon at rest.
-    pub velocity_kept: f64,
-    /// Change of velocity from frame to frame, one standard deviation, metres and radians per frame.
-    pub velocity_sigma: [f64; 2],
-    /// Slip of a pad over the surface from frame to frame, one standard deviation, metres: where the pressed area stays the
-    /// same, and what its whole change adds.
-    pub slip_sigma_m: [f64; 2],
-    /// Depth by which a hand pressed into an object counts as touching only, metres. Gels give way.
-    pub penetration_slack_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            window: 3,
-            iterations: 12,
-            camera_points: 700,
-            outline_points: 200,
-            touch_points: 100,
-            camera_weight: 1.0,
-            touch_weight: 1.0,
-            free_space_weight: 1.0,
-            icp_weight: 1.0,
-            velocity_weight: 1.0,
-            contact_weight: 1.0,
-            penetration_weight: 1.0,
-            camera_independent: 200.0,
-            touch_independent: 6.0,
-            velocity_kept: 0.6,
-            velocity_sigma: [0.001, 0.03],
-            slip_sigma_m: [0.00005, 0.002],
-            penetration_slack_m: 0.0015,
-        }
+settings! {
+    /// Points, weights and standard deviations of the tracker. Each weight scales the cost of its factor; 0 switches the factor off.
+    pub struct TrackerConfig {
+        /// Frames solved together.
+        pub window: usize = 3, 1..=30;
+        /// Most steps of the solver per frame.
+        pub iterations: usize = 12, 1..=1000;
+        /// Measured points used per camera and frame.
+        pub camera_points: usize = 700, 1..=1_000_000;
+        /// Points of the outline used per camera and frame.
+        pub outline_points: usize = 200, 0..=1_000_000;
+        /// Measured points used per touching finger and frame.
+        pub touch_points: usize = 100, 1..=1_000_000;
+        /// Weight of the factor: camera depth lies on the surface.
+        pub camera_weight: f64 = 1.0, 0.0..=1e6;
+        /// Weight of the factor: touch depth lies on the surface.
+        pub touch_weight: f64 = 1.0, 0.0..=1e6;
+        /// Weight of the factor: free space lies outside the object.
+        pub free_space_weight: f64 = 1.0, 0.0..=1e6;
+        /// Weight of the factor: the surface of each frame lies on the surface of the frame before.
+        pub icp_weight: f64 = 1.0, 0.0..=1e6;
+        /// Weight of the factor: the object keeps its velocity.
+        pub velocity_weight: f64 = 1.0, 0.0..=1e6;
+        /// Weight of the factor: a pad carries the surface that it touches.
+        pub contact_weight: f64 = 1.0, 0.0..=1e6;
+        /// Weight of the factor: the hand lies outside the object.
+        pub penetration_weight: f64 = 1.0, 0.0..=1e6;
+        /// Points of a camera image with independent errors: neighbours share noise, and all points share the calibration.
+        pub camera_independent: f64 = 200.0, 1e-3..=1e6;
+        /// Points of a touch image with independent errors.
+        pub touch_independent: f64 = 6.0, 1e-3..=1e6;
+        /// Part of the velocity that is kept from frame to frame. An object in a hand soon comes to rest.
+        pub velocity_kept: f64 = 0.6, 0.0..=1.0;
+        /// Change of velocity from frame to frame, one standard deviation, metres per frame.
+        pub velocity_sigma_m: f64 = 0.001, 1e-6..=1.0;
+        /// Change of angular velocity from frame to frame, one standard deviation, radians per frame.
+        pub velocity_sigma_rad: f64 = 0.03, 1e-6..=10.0;
+        /// Slip of a pad over the surface from frame to frame while the pressed area stays the same, one standard deviation, metres.
+        pub slip_still_sigma_m: f64 = 0.00005, 1e-6..=1.0;
+        /// Slip that is added when the whole pressed area changes, one standard deviation, metres.
+        pub slip_changing_sigma_m: f64 = 0.002, 0.0..=1.0;
+        /// Depth of the hand inside the object that counts as touching only, metres. Gels give way.
+        pub penetration_slack_m: f32 = 0.0015, 0.0..=0.1;
     }
 }
 
@@ -151,7 +129,7 @@ impl Instant {
 /// Tracks one object in one hand.
 #[derive(Debug, Clone)]
 pub struct Tracker {
-    config: Config,
+    config: TrackerConfig,
     /// Oldest first. Two more than the configured window: the oldest poses are held, and tie the others to the past.
     window: VecDeque<Instant>,
     /// Where the newest frame was expected when it came.
@@ -198,7 +176,7 @@ const ICP_POINTS: usize = 200;
 
 impl Tracker {
     /// A tracker that has seen nothing.
-    pub fn new(config: Config) -> Self {
+    pub fn new(config: TrackerConfig) -> Self {
         Self { config, window: VecDeque::new(), expected: na::Isometry3::identity() }
     }
 
@@ -479,7 +457,7 @@ impl Tracker {
                 // A camera can tell that an object was thrown; a pad fits wherever it goes.
                 let loss = if instant.is_seen() { Loss::Cauchy(3.0) } else { Loss::Square };
                 for row in 0..6 {
-                    let s = 1.0 / config.velocity_sigma[row / 3];
+                    let s = 1.0 / [config.velocity_sigma_m, config.velocity_sigma_rad][row / 3];
                     let block = |b: usize| -> Block { (index(k + b - 2), jacobians[b].row(row).transpose() * s) };
                     let blocks = [block(0), block(1), block(2)];
                     system.add(r[row] * s, &blocks, config.velocity_weight, loss);
@@ -496,7 +474,7 @@ impl Tracker {
         }
         for pad in &a.1.pads {
             let Some(after) = b.1.pads.iter().find(|after| after.index == pad.index) else { continue };
-            let [still, changing] = self.config.slip_sigma_m;
+            let (still, changing) = (self.config.slip_still_sigma_m, self.config.slip_changing_sigma_m);
             let s = 1.0 / (still + changing * change(pad.pressed_px, after.pressed_px));
             let carried = after.world_from_pad * (pad.world_from_pad.inverse() * pad.contact);
             let material = a.1.pose.inverse() * pad.contact;

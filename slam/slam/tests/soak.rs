@@ -4,7 +4,7 @@ mod synthetic;
 
 use mvt_frames::Isometry;
 use mvt_slam::scan::Measurement;
-use mvt_slam::{Config, Slam};
+use mvt_slam::{Slam, SlamConfig};
 use synthetic::{BRICK, frame, pose, see};
 
 /// Bytes that this process holds, where the system says (Linux).
@@ -34,7 +34,7 @@ fn five_minutes_take_no_more_memory_than_one() {
         cx: 79.5,
         cy: 59.5,
     };
-    let mut config = Config::default();
+    let mut config = SlamConfig::default();
     config.map.keyframes = KEYFRAMES;
     let mut slam = Slam::builder().config(config).seed(1).build().unwrap();
     let (mut gauge, mut after_a_minute) = (Isometry::identity(), None);

@@ -7,7 +7,7 @@ use mvt_field::shape::Shape as _;
 use mvt_frames::{Isometry, Model, World};
 use mvt_slam::map::Map;
 use mvt_slam::scan::Measurement;
-use mvt_slam::{Config, Estimate, Obstacles, Slam, TrackState};
+use mvt_slam::{Estimate, Obstacles, Slam, SlamConfig, TrackState};
 use nalgebra as na;
 use synthetic::{BRICK, Sensed, Solid, camera, frame, see, seen};
 
@@ -19,7 +19,7 @@ fn pose(shift: [f64; 3], turn_deg: [f64; 3]) -> Pose {
 
 fn known(solid: Solid, start: Option<Pose>) -> Slam {
     let shape = KnownShape::new(&solid, solid.bounds());
-    Slam::builder().config(Config::default()).seed(1).shape(shape, solid.bounds(), start).build().unwrap()
+    Slam::builder().config(SlamConfig::default()).seed(1).shape(shape, solid.bounds(), start).build().unwrap()
 }
 
 /// Metres and degrees between two poses.
@@ -49,7 +49,7 @@ fn tumbling(k: usize) -> Pose {
 #[test]
 fn a_run_goes_on_from_a_saved_map() {
     let folder = tempfile::tempdir().unwrap();
-    let mut first = Slam::builder().config(Config::default()).seed(1).build().unwrap();
+    let mut first = Slam::builder().config(SlamConfig::default()).seed(1).build().unwrap();
     let mut last = first.observe(&seen(0, BRICK, tumbling(0)).measured());
     let model_from_brick = last.pose.untyped().inverse() * tumbling(0).untyped();
     for k in 1..60 {
@@ -61,7 +61,7 @@ fn a_run_goes_on_from_a_saved_map() {
     };
     let before_m = off(&last, 59);
     first.map().unwrap().save(folder.path()).unwrap();
-    let map = Map::load(folder.path(), Config::default().map, Obstacles::default()).unwrap();
+    let map = Map::load(folder.path(), SlamConfig::default().map, Obstacles::default()).unwrap();
     let keyframes = map.keyframes().len();
     let mut second = Slam::builder().seed(2).map(map).build().unwrap();
     let estimates: Vec<Estimate> =
@@ -96,7 +96,7 @@ fn a_known_brick_is_followed() {
 /// Without priors the truth is the one minimum, and exact depth leaves no error but that of the grid.
 #[test]
 fn the_surface_alone_gives_the_exact_pose() {
-    let mut config = Config::default();
+    let mut config = SlamConfig::default();
     config.tracker.velocity_weight = 0.0;
     config.tracker.icp_weight = 0.0;
     let shape = KnownShape::new(&BRICK, BRICK.bounds());
@@ -203,7 +203,7 @@ fn a_brick_is_found_from_nothing() {
 
 #[test]
 fn slam_waits_until_there_is_something() {
-    let mut slam = Slam::builder().config(Config::default()).seed(1).build().unwrap();
+    let mut slam = Slam::builder().config(SlamConfig::default()).seed(1).build().unwrap();
     let nothing = see(Solid::Ball(0.0), tumbling(0), camera());
     for (k, depth) in [blind(0), frame(0.03, Vec::new()), frame(0.06, vec![Some(nothing)])].iter().enumerate() {
         let estimate = slam.observe(&depth.measured());
@@ -234,7 +234,7 @@ fn turning(k: usize) -> Pose {
 
 #[test]
 fn an_unknown_brick_is_followed_and_learnt() {
-    let mut slam = Slam::builder().config(Config::default()).seed(1).build().unwrap();
+    let mut slam = Slam::builder().config(SlamConfig::default()).seed(1).build().unwrap();
     let estimates: Vec<Estimate> = (0..60).map(|k| slam.observe(&seen(k, BRICK, turning(k)).measured())).collect();
     assert!(estimates.iter().all(|e| e.state == TrackState::Tracking));
     let worst = drift(&estimates, turning);
@@ -272,7 +272,7 @@ fn the_same_seed_gives_the_same_bits() {
     let run = |seed: u64, threads: usize| -> Vec<_> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut config = Config::default();
+            let mut config = SlamConfig::default();
             config.map.first_steps = 40;
             let mut slam = Slam::builder().config(config).seed(seed).build().unwrap();
             // A jerk at frame 9, so that the searches run too.
@@ -287,7 +287,7 @@ fn the_same_seed_gives_the_same_bits() {
 
 #[test]
 fn a_long_run_does_not_grow() {
-    let mut config = Config::default();
+    let mut config = SlamConfig::default();
     config.map.first_steps = 40;
     config.map.steps = 2;
     config.map.batch = 512;

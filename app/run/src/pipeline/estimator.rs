@@ -15,7 +15,7 @@ use mvt_robot::hand::Side;
 use mvt_robot::rig::PALM_CENTRE_M;
 use mvt_slam::map::Map;
 use mvt_slam::scan::{Measurement, Scan};
-use mvt_slam::{ConfigError, Estimate, Slam, SlamBuilder};
+use mvt_slam::{Estimate, SettingError, Slam, SlamBuilder};
 use serde::{Deserialize, Serialize};
 
 use crate::input;
@@ -145,7 +145,7 @@ impl Estimator {
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn new(config: &mvt_slam::Config, side: Side, seed: u64) -> Result<Self, ConfigError> {
+    pub fn new(config: &mvt_slam::SlamConfig, side: Side, seed: u64) -> Result<Self, SettingError> {
         Self::with(builder(config, seed).obstacles(input::map_obstacles(side)), None, side)
     }
 
@@ -153,7 +153,7 @@ impl Estimator {
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn resume(config: &mvt_slam::Config, side: Side, seed: u64, map: Map) -> Result<Self, ConfigError> {
+    pub fn resume(config: &mvt_slam::SlamConfig, side: Side, seed: u64, map: Map) -> Result<Self, SettingError> {
         Self::with(builder(config, seed).map(map), None, side)
     }
 
@@ -162,18 +162,18 @@ impl Estimator {
     /// # Errors
     /// If a setting is out of range.
     pub fn with_shape(
-        config: &mvt_slam::Config,
+        config: &mvt_slam::SlamConfig,
         side: Side,
         seed: u64,
         Given { shape, bounds_m }: Given,
         start: Option<Isometry<Model, World>>,
-    ) -> Result<Self, ConfigError> {
+    ) -> Result<Self, SettingError> {
         let centre = 0.5 * (bounds_m[0] + bounds_m[1]);
         let builder = builder(config, seed).obstacles(input::known_obstacles(side, seed));
         Self::with(builder.shape(shape, bounds_m, start), Some(centre), side)
     }
 
-    fn with(builder: SlamBuilder, given_centre: Option<Vec3>, side: Side) -> Result<Self, ConfigError> {
+    fn with(builder: SlamBuilder, given_centre: Option<Vec3>, side: Side) -> Result<Self, SettingError> {
         let turn_direction = gait::TURN_DIRECTION_RIGHT * side.sign();
         Ok(Self { slam: builder.build()?, given_centre, turn_direction, last: None, turned_rad: 0.0 })
     }
@@ -226,6 +226,6 @@ impl Estimator {
     }
 }
 
-fn builder(config: &mvt_slam::Config, seed: u64) -> SlamBuilder {
+fn builder(config: &mvt_slam::SlamConfig, seed: u64) -> SlamBuilder {
     Slam::builder().config(config.clone()).seed(seed).support(PALM_CENTRE_M[2])
 }

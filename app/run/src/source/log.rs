@@ -34,6 +34,7 @@ pub struct LogSource {
     chosen: Vec<usize>,
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
+    segmentation: SegmentationConfig,
     /// The touch network; without it the log's true indentation is used.
     network: Option<TouchNetwork>,
     /// From the coordinates in which the log has the object to ours.
@@ -63,6 +64,7 @@ impl LogSource {
         cameras: Option<&str>,
         modality: Modality,
         camera_noise: f64,
+        segmentation: SegmentationConfig,
         mut network: Option<TouchNetwork>,
     ) -> Result<Self> {
         let log = Log::open_tolerant(folder)?;
@@ -115,6 +117,7 @@ impl LogSource {
             chosen,
             network,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
+            segmentation,
             object_from_log: Isometry::identity(),
             wants_pictures: |_| true,
             told: HashSet::new(),
@@ -218,9 +221,7 @@ impl LogSource {
             if wrong > 0 {
                 let name = self.cameras[k].name.clone();
                 self.warn(Some(Sensor::Camera(k)), &FrameDefect::NoNumbers, || {
-                    format!(
-                        "frame {number}: {wrong} depths of camera {name} are not numbers and count as not measured"
-                    )
+                    format!("frame {number}: {wrong} depths of camera {name} are not numbers and count as not measured")
                 });
             }
             let id = FrameId { seed, camera: k as u32, frame: number };
@@ -236,8 +237,7 @@ impl LogSource {
             None => PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?)),
             Some(network) => network.feel(u64::from(number), &images, &mut self.warnings)?,
         };
-        let config = SegmentationConfig::default();
-        let percept = percept(frame.time_s, frame.joints, depths_m, touch, &self.cameras, side, &config)
+        let percept = percept(frame.time_s, frame.joints, depths_m, touch, &self.cameras, side, &self.segmentation)
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
@@ -255,7 +255,9 @@ impl Source for LogSource {
             self.next += 1;
             if self.last_s.is_some_and(|last_s| frame.time_s <= last_s) {
                 self.warn(None, &FrameDefect::Time, || {
-                    format!("frame {number}: its time is not after the time of the frame before; such frames are skipped")
+                    format!(
+                        "frame {number}: its time is not after the time of the frame before; such frames are skipped"
+                    )
                 });
                 continue;
             }

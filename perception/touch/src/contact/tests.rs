@@ -163,9 +163,9 @@ fn images_of_another_size_are_refused() {
 
 #[test]
 fn settings_without_sense_are_named() {
-    ContactConfig::default().check().unwrap();
+    ContactConfig::default().validate().unwrap();
     let probability = ContactConfig { probability: 1.5, ..ContactConfig::default() };
-    assert!(probability.check().unwrap_err().starts_with("probability must be from"));
+    assert!(probability.validate().unwrap_err().to_string().starts_with("probability must be from"));
     let sigma = ContactConfig { sigma_mm: f32::NAN, ..ContactConfig::default() };
-    assert!(sigma.check().unwrap_err().starts_with("sigma_mm"));
+    assert!(sigma.validate().unwrap_err().to_string().starts_with("sigma_mm"));
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use mvt_settings::settings;
 use pulp::WithSimd;
 use serde::{Deserialize, Serialize};
 
@@ -21,23 +22,20 @@ pub enum Penalty {
     Huber,
 }
 
-/// Loss of a batch: mean over all pixels of the weighted penalty, plus the weighted cross-entropy of contact.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LossConfig {
-    /// What an error in indentation costs.
-    pub penalty: Penalty,
-    /// Where `huber` goes from square to straight, millimetres.
-    pub huber_mm: f32,
-    /// Weight of a pixel in contact, where the others have 1.
-    pub contact_weight: f32,
-    /// Weight of the cross-entropy of contact against the penalty in (square) millimetres.
-    pub segmentation: f32,
-}
+impl mvt_settings::Unlimited for Penalty {}
 
-impl Default for LossConfig {
-    fn default() -> Self {
-        Self { penalty: Penalty::Huber, huber_mm: 0.02, contact_weight: 3.0, segmentation: 0.1 }
+settings! {
+    /// Loss of a batch: the mean over all pixels of the weighted penalty, plus the weighted cross-entropy of contact.
+    #[derive(Copy)]
+    pub struct LossConfig {
+        /// Penalty of an error in indentation.
+        pub penalty: Penalty = Penalty::Huber;
+        /// Error at which the penalty `huber` changes from square to linear, millimetres.
+        pub huber_mm: f32 = 0.02, 1e-6..=100.0;
+        /// Weight of a pixel in contact; other pixels have weight 1.
+        pub contact_weight: f32 = 3.0, 1e-6..=1e6;
+        /// Weight of the cross-entropy of contact; the penalty, in (square) millimetres, has weight 1.
+        pub segmentation: f32 = 0.1, 0.0..=1e6;
     }
 }
 

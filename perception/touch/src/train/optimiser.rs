@@ -2,41 +2,28 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use mvt_settings::settings;
 
 use crate::network::Tensor;
 
-/// How weights follow gradients.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct OptimiserConfig {
-    /// Greatest step size, after the warm-up.
-    pub learning_rate: f32,
-    /// Step size at the end, as a share of the greatest.
-    pub final_share: f32,
-    /// Steps over which the step size grows from zero.
-    pub warm_up: u64,
-    /// Shares kept of the mean gradient and of its mean square.
-    pub betas: [f32; 2],
-    /// Share of a matrix or kernel that is taken away per step, times the step size; 0 is Adam.
-    pub weight_decay: f32,
-    /// Longest gradient, over all tensors; longer ones are shortened to it.
-    pub clip: f32,
-    /// Share of the averaged weights that is kept per step.
-    pub average: f32,
-}
-
-impl Default for OptimiserConfig {
-    fn default() -> Self {
-        Self {
-            learning_rate: 1e-3,
-            final_share: 0.02,
-            warm_up: 200,
-            betas: [0.9, 0.99],
-            weight_decay: 0.01,
-            clip: 1.0,
-            average: 0.998,
-        }
+settings! {
+    /// Step sizes and averages of the optimiser.
+    #[derive(Copy)]
+    pub struct OptimiserConfig {
+        /// Greatest step size, after the warm-up.
+        pub learning_rate: f32 = 1e-3, 1e-9..=10.0;
+        /// Step size at the end, as a share of the greatest.
+        pub final_share: f32 = 0.02, 0.0..=1.0;
+        /// Steps over which the step size grows from zero.
+        pub warm_up: u64 = 200, 0..=1_000_000_000;
+        /// Shares of the mean gradient and of its mean square that are kept per step.
+        pub betas: [f32; 2] = [0.9, 0.99], 0.0..=0.999_999;
+        /// Share of a matrix or kernel that is subtracted per step, times the step size. 0 is Adam.
+        pub weight_decay: f32 = 0.01, 0.0..=1000.0;
+        /// Greatest length of the gradient over all tensors; longer gradients are shortened to it.
+        pub clip: f32 = 1.0, 1e-6..=1e6;
+        /// Share of the averaged weights that is kept per step.
+        pub average: f32 = 0.998, 0.0..=0.999_999;
     }
 }
 

@@ -550,7 +550,7 @@ fn senseless_configurations_are_named() {
     let error = |change: &dyn Fn(&mut TrainingConfig)| {
         let mut config = config(1);
         change(&mut config);
-        config.check().unwrap_err().to_string()
+        config.validate().unwrap_err().to_string()
     };
     assert!(error(&|c| c.stages.clear()).contains("stages"));
     assert!(error(&|c| c.optimiser.learning_rate = f32::NAN).contains("learning_rate"));

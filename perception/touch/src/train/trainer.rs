@@ -17,23 +17,23 @@ use super::optimiser::{OptimiserConfig, State, Tensors};
 use super::tape::{Value, Var, apply};
 use crate::network::{Architecture, Precision, Provenance, Stored, Tensor, UnknownNetwork, Weights, WeightsError};
 use mvt_products::Instructions;
+use mvt_settings::{Limit as _, Nested, SettingError};
 
-/// How a network is trained, apart from its data.
+/// Stages, optimiser and loss of a training. The data is configured elsewhere.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingConfig {
     /// Seed of the initial weights and of everything that is drawn.
     pub seed: u64,
-    /// What is trained on, one after the other.
+    /// Stages, one after the other.
     pub stages: Vec<Stage>,
-    /// How weights follow gradients.
+    /// The optimiser.
     #[serde(default)]
     pub optimiser: OptimiserConfig,
-    /// What training makes small.
+    /// The loss.
     #[serde(default)]
     pub loss: LossConfig,
-    /// What the operands of matrix products are rounded to, where the CPU is faster with bf16; all else is in f32, and so is everything
-    /// on a GPU.
+    /// Precision of the operands of matrix products on CPUs that are faster with bf16. All else, and everything on a GPU, is f32.
     #[serde(default = "bf16")]
     pub precision: Precision,
     /// Steps from one validation, and from one checkpoint, to the next.
@@ -58,6 +58,9 @@ pub struct Stage {
     pub steps: u64,
 }
 
+/// Most steps of a training: decades of computing.
+const MOST_STEPS: u64 = 1_000_000_000_000;
+
 impl TrainingConfig {
     /// Steps of all stages.
     pub fn steps(&self) -> u64 {
@@ -74,34 +77,23 @@ impl TrainingConfig {
         current.or(self.stages.last()).copied()
     }
 
-    /// Checks that the numbers make sense.
+    /// Checks all settings but the seed, of which every value is valid.
     ///
     /// # Errors
-    /// [`TrainError::Config`] names the first that does not.
-    pub fn check(&self) -> Result<(), TrainError> {
-        let (optimiser, loss) = (&self.optimiser, &self.loss);
-        let positive = |value: f32| value > 0.0 && value.is_finite();
-        let share = |value: f32| (0.0..1.0).contains(&value);
-        let not_negative = |value: f32| value >= 0.0 && value.is_finite();
-        let checks = [
-            (!self.stages.is_empty() && self.steps() > 0, "stages must hold one step at least"),
-            (self.stages.iter().all(|stage| (1..=4096).contains(&stage.batch)), "a stage's batch must be 1 to 4096"),
-            (self.validate_every > 0, "validate_every must be positive"),
-            (self.validation_images > 0, "validation_images must be positive"),
-            (positive(optimiser.learning_rate), "optimiser.learning_rate must be positive"),
-            ((0.0..=1.0).contains(&optimiser.final_share), "optimiser.final_share must lie between 0 and 1"),
-            (optimiser.betas.into_iter().all(share), "optimiser.betas must be at least 0 and less than 1"),
-            (share(optimiser.average), "optimiser.average must be at least 0 and less than 1"),
-            (not_negative(optimiser.weight_decay), "optimiser.weight_decay must not be negative"),
-            (positive(optimiser.clip), "optimiser.clip must be positive"),
-            (positive(loss.huber_mm), "loss.huber_mm must be positive"),
-            (positive(loss.contact_weight), "loss.contact_weight must be positive"),
-            (not_negative(loss.segmentation), "loss.segmentation must not be negative"),
-        ];
-        match checks.into_iter().find(|(fine, _)| !fine) {
-            Some((_, problem)) => Err(TrainError::Config(problem)),
-            None => Ok(()),
+    /// [`SettingError`] names the first setting that is out of range.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        if self.stages.is_empty() {
+            return Err(SettingError::new("stages", "empty", "at least one stage"));
         }
+        for Stage { size: _, batch, steps } in &self.stages {
+            (1..=4096).check("stages.batch", batch)?;
+            (0..=MOST_STEPS).check("stages.steps", steps)?;
+        }
+        (1..=MOST_STEPS).check("stages.steps", &self.steps())?;
+        Nested.check("optimiser", &self.optimiser)?;
+        Nested.check("loss", &self.loss)?;
+        (1..=MOST_STEPS).check("validate_every", &self.validate_every)?;
+        (1..=1_000_000).check("validation_images", &self.validation_images)
     }
 }
 
@@ -154,9 +146,9 @@ pub enum TrainError {
     /// A file of weights or a checkpoint cannot be used.
     #[error(transparent)]
     Weights(#[from] WeightsError),
-    /// The configuration makes no sense.
+    /// A setting is out of range.
     #[error("training configuration: {0}")]
-    Config(&'static str),
+    Setting(#[from] SettingError),
     /// The loss or its gradient is no number. Weights are those of before the step.
     #[error(
         "the loss of step {step} is {loss} and its gradient's length {gradient}: training diverged; resume from the last \
@@ -226,9 +218,10 @@ impl Trainer {
         start: Option<&Weights>,
     ) -> Result<Self, TrainError> {
         architecture.check()?;
-        config.check()?;
-        if config.stages.iter().any(|stage| architecture.fit(stage.size) != stage.size) {
-            return Err(TrainError::Config("a stage's size must be of multiples of the network's stride"));
+        config.validate()?;
+        if let Some(stage) = config.stages.iter().find(|stage| architecture.fit(stage.size) != stage.size) {
+            let size = format!("{:?}", stage.size);
+            return Err(SettingError::new("stages.size", size, "two multiples of the network's stride").into());
         }
         let weights = match start {
             Some(weights) if *weights.architecture() == architecture => weights.tensors().clone(),

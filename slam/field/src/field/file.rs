@@ -46,7 +46,7 @@ pub(super) fn save(
 pub(super) fn field(contents: &Contents) -> Result<NeuralField, FieldError> {
     let config = serde_json::from_str(contents.entry("config")?)
         .map_err(|error| contents.damaged(format!("config: {error}")))?;
-    let mut field = NeuralField::zeros(&config)?;
+    let mut field = NeuralField::zeros(&config).map_err(|error| contents.damaged(format!("config: {error}")))?;
     field.parameters = parameters(contents, "", &field)?;
     Ok(field)
 }

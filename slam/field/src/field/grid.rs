@@ -5,7 +5,7 @@
 
 use glam::{Mat4, Vec4};
 
-use super::Config;
+use super::FieldConfig;
 
 /// Features per vertex.
 pub const FEATURES: usize = 4;
@@ -49,7 +49,7 @@ impl Default for Cells {
 pub(super) type Slopes = [Vec4; 3];
 
 /// The levels of a configuration and the number of entries of their common table, whole lines.
-pub(super) fn levels(config: &Config) -> (Vec<Level>, usize) {
+pub(super) fn levels(config: &FieldConfig) -> (Vec<Level>, usize) {
     let mut entries = 0u32;
     let mut levels = Vec::with_capacity(config.levels.len());
     for &resolution in &config.levels {

@@ -3,7 +3,7 @@
 
 use pulp::Simd;
 
-use super::Config;
+use super::FieldConfig;
 use super::grid::{CHUNK, FEATURES, Row};
 
 /// Where the parameters are in their common array.
@@ -14,7 +14,7 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    pub(super) fn new(config: &Config) -> Self {
+    pub(super) fn new(config: &FieldConfig) -> Self {
         Self { inputs: config.levels.len() * FEATURES, hidden: config.hidden }
     }
 

@@ -12,13 +12,19 @@ use reference::Reference;
 
 /// A field whose lattices have vertices at multiples of 1/16 m, exactly, and features that matter.
 fn rough(seed: u64) -> NeuralField {
-    let config = Config { half_extent_m: 0.5, truncation_m: 0.1, levels: vec![5, 17], hidden: 16, ..Config::default() };
+    let config = FieldConfig {
+        half_extent_m: 0.5,
+        truncation_m: 0.1,
+        levels: vec![5, 17],
+        hidden: 16,
+        ..FieldConfig::default()
+    };
     roughen(NeuralField::new(&config, seed).unwrap(), seed)
 }
 
 /// The finer level of `rough` is hashed here.
 fn hashed(seed: u64) -> NeuralField {
-    let config = Config { table_log2: 8, ..rough(seed).config };
+    let config = FieldConfig { table_log2: 8, ..rough(seed).config };
     roughen(NeuralField::new(&config, seed).unwrap(), seed)
 }
 
@@ -48,7 +54,7 @@ fn distances(field: &NeuralField, points: &[Vec3]) -> Vec<Distance> {
 }
 
 /// Samples of a signed distance around its surface, some of them one-sided.
-fn samples(seed: u64, count: usize, config: &Config, distance: impl Fn(Vec3) -> f32) -> Vec<Sample> {
+fn samples(seed: u64, count: usize, config: &FieldConfig, distance: impl Fn(Vec3) -> f32) -> Vec<Sample> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut out = Vec::new();
     while out.len() < count {
@@ -269,7 +275,7 @@ fn error(field: &NeuralField, surface: &[Vec3]) -> [f32; 2] {
     [largest, values.iter().map(|v| v.abs()).sum::<f32>() / values.len() as f32]
 }
 
-fn train(config: &Config, steps: u64, set: Instructions, distance: impl Fn(Vec3) -> f32 + Copy) -> NeuralField {
+fn train(config: &FieldConfig, steps: u64, set: Instructions, distance: impl Fn(Vec3) -> f32 + Copy) -> NeuralField {
     let mut trainer = FieldTrainer::new(NeuralField::new(config, 1).unwrap().with_instructions(set));
     for step in 0..steps {
         trainer.step(&samples(step, 2048, config, distance));
@@ -290,8 +296,8 @@ fn block(p: Vec3) -> f32 {
 #[test]
 fn a_sphere_is_learnt() {
     let surface: Vec<Vec3> = points(13, 2000, 1.0).iter().map(|p| p.normalize() * 0.035).collect();
-    let dense = Config::default();
-    let hashed = Config { levels: vec![8, 20, 48], table_log2: 14, ..dense.clone() };
+    let dense = FieldConfig::default();
+    let hashed = FieldConfig { levels: vec![8, 20, 48], table_log2: 14, ..dense.clone() };
     for (config, bound) in [(&dense, 3e-4), (&hashed, 6e-4)] {
         let field = train(config, 250, Instructions::best(), sphere);
         let [largest, mean] = error(&field, &surface);
@@ -313,7 +319,7 @@ fn a_box_is_learnt() {
         })
         .collect();
     assert!(surface.iter().all(|&p| block(p).abs() < 1e-6));
-    let field = train(&Config::default(), 200, Instructions::best(), block);
+    let field = train(&FieldConfig::default(), 200, Instructions::best(), block);
     let [largest, mean] = error(&field, &surface);
     // The finest cells are 3.2 mm wide: edges are rounded.
     assert!(mean < 1e-4 && largest < 1.2e-3, "largest {largest} mean {mean}");
@@ -323,7 +329,7 @@ fn a_box_is_learnt() {
 fn instruction_sets_agree() {
     let surface: Vec<Vec3> = points(15, 500, 1.0).iter().map(|p| p.normalize() * 0.035).collect();
     let fields: Vec<NeuralField> =
-        Instructions::available().map(|set| train(&Config::default(), 10, set, sphere)).collect();
+        Instructions::available().map(|set| train(&FieldConfig::default(), 10, set, sphere)).collect();
     for field in &fields[1..] {
         for (a, b) in distances(field, &surface).iter().zip(distances(&fields[0], &surface)) {
             assert!((a.value_m - b.value_m).abs() < 2e-6, "{a:?} {b:?}");
@@ -334,11 +340,11 @@ fn instruction_sets_agree() {
 
 #[test]
 fn the_same_input_gives_the_same_bits() {
-    let train = || train(&Config::default(), 5, Instructions::best(), sphere);
+    let train = || train(&FieldConfig::default(), 5, Instructions::best(), sphere);
     assert_eq!(train().parameters, train().parameters);
     assert_ne!(
-        NeuralField::new(&Config::default(), 1).unwrap().parameters,
-        NeuralField::new(&Config::default(), 2).unwrap().parameters
+        NeuralField::new(&FieldConfig::default(), 1).unwrap().parameters,
+        NeuralField::new(&FieldConfig::default(), 2).unwrap().parameters
     );
     // Nor does it matter which points share a chunk.
     let (field, points) = (rough(16), points(17, 100, 0.5));
@@ -348,22 +354,22 @@ fn the_same_input_gives_the_same_bits() {
 
 #[test]
 fn settings_out_of_range_are_named() {
-    let good = Config::default();
+    let good = FieldConfig::default();
     good.validate().unwrap();
     let bad = [
-        ("half_extent_m", Config { half_extent_m: f32::NAN, ..good.clone() }),
-        ("truncation_m", Config { truncation_m: 0.0, ..good.clone() }),
-        ("truncation_m", Config { truncation_m: 0.2, ..good.clone() }),
-        ("levels", Config { levels: vec![], ..good.clone() }),
-        ("levels", Config { levels: vec![8, 1], ..good.clone() }),
-        ("levels", Config { levels: vec![8, u32::MAX], ..good.clone() }),
-        ("table_log2", Config { table_log2: 40, ..good.clone() }),
-        ("hidden", Config { hidden: 24, ..good.clone() }),
-        ("hidden", Config { hidden: 0, ..good.clone() }),
-        ("grid_rate", Config { grid_rate: -1.0, ..good.clone() }),
-        ("mlp_rate", Config { mlp_rate: f32::INFINITY, ..good.clone() }),
-        ("initial_distance", Config { initial_distance: 2.0, ..good.clone() }),
-        ("eikonal_weight", Config { eikonal_weight: -0.1, ..good.clone() }),
+        ("half_extent_m", FieldConfig { half_extent_m: f32::NAN, ..good.clone() }),
+        ("truncation_m", FieldConfig { truncation_m: 0.0, ..good.clone() }),
+        ("truncation_m", FieldConfig { truncation_m: 0.2, ..good.clone() }),
+        ("levels", FieldConfig { levels: vec![], ..good.clone() }),
+        ("levels", FieldConfig { levels: vec![8, 1], ..good.clone() }),
+        ("levels", FieldConfig { levels: vec![8, u32::MAX], ..good.clone() }),
+        ("table_log2", FieldConfig { table_log2: 40, ..good.clone() }),
+        ("hidden", FieldConfig { hidden: 24, ..good.clone() }),
+        ("hidden", FieldConfig { hidden: 0, ..good.clone() }),
+        ("grid_rate", FieldConfig { grid_rate: -1.0, ..good.clone() }),
+        ("mlp_rate", FieldConfig { mlp_rate: f32::INFINITY, ..good.clone() }),
+        ("initial_distance", FieldConfig { initial_distance: 2.0, ..good.clone() }),
+        ("eikonal_weight", FieldConfig { eikonal_weight: -0.1, ..good.clone() }),
     ];
     for (key, config) in bad {
         let message = NeuralField::new(&config, 0).unwrap_err().to_string();

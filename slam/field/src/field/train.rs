@@ -37,7 +37,7 @@ pub struct Sample {
 /// A field and what its optimiser remembers.
 ///
 /// The loss is the mean of `weight * (field - target)^2` over the samples, plus
-/// [`eikonal_weight`](super::Config::eikonal_weight) times the mean of `(|gradient| - 1)^2` over a sixteenth of the samples near
+/// [`eikonal_weight`](super::FieldConfig::eikonal_weight) times the mean of `(|gradient| - 1)^2` over a sixteenth of the samples near
 /// the surface, with the gradient from differences over 3/8 of the truncation.
 ///
 /// Adam (Kingma and Ba 2015) with 0.9 and 0.99 is lazy: a parameter whose gradient is zero is left alone, and only lines of

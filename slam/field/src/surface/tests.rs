@@ -3,7 +3,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::field::{Config, FieldTrainer, NeuralField, Sample};
+use crate::field::{FieldConfig, FieldTrainer, NeuralField, Sample};
 
 /// A shape from a formula; gradients by differences.
 struct Formula<F>(F);
@@ -192,7 +192,7 @@ fn the_lattice_is_evaluated_near_the_surface_only() {
 
 #[test]
 fn a_learnt_sphere_is_closed_and_in_place() {
-    let config = Config::default();
+    let config = FieldConfig::default();
     let mut trainer = FieldTrainer::new(NeuralField::new(&config, 1).unwrap());
     let mut random = ChaCha8Rng::seed_from_u64(4);
     for _ in 0..200 {

@@ -8,7 +8,7 @@ use glam::{Mat3A, Vec3};
 use mvt_frames::{Field, Isometry, World};
 use nalgebra as na;
 
-use super::{Config, Keyframe, Map};
+use super::{Keyframe, Map, MapConfig};
 use crate::obstacles::Obstacles;
 use crate::scan::{Detail, Hit, Lens, Lookup, Miss, Scan, Sensor, View};
 use mvt_field::field::{FieldError, FieldTrainer};
@@ -81,7 +81,7 @@ impl Map {
     /// # Errors
     /// If a file cannot be read, is of an older layout, or belongs to other obstacles; the error names the tensor that is missing,
     /// misshapen or not finite.
-    pub fn load(folder: &Path, config: Config, obstacles: Obstacles) -> Result<Self, FieldError> {
+    pub fn load(folder: &Path, config: MapConfig, obstacles: Obstacles) -> Result<Self, FieldError> {
         let trainer = FieldTrainer::load(&folder.join(FIELD))?;
         let keyframes = read(&folder.join(KEYFRAMES), obstacles.len())?;
         let mut map = Self::with(config, trainer, obstacles);

@@ -35,7 +35,7 @@ impl Map {
             self.add_measured(&mut system, k, &pose);
             let moved = se3::log(&(anchor.inverse() * pose));
             for row in 0..6 {
-                let s = 1.0 / self.config.refine_sigma[row / 3];
+                let s = 1.0 / [self.config.refine_sigma_m, self.config.refine_sigma_rad][row / 3];
                 let mut j = se3::Twist::zeros();
                 j[row] = s;
                 system.add(moved[row] * s, &[(Some(0), j)], 1.0, Loss::Square);

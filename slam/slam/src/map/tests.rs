@@ -9,16 +9,16 @@ use crate::tracker::{apply, to_na};
 use mvt_frames::se3;
 
 /// A little field that is taught little, where only what surrounds it matters.
-fn quick() -> (Config, field::Config) {
-    (Config { first_steps: 2, steps: 1, batch: 64, ..Config::default() }, field::Config::default())
+fn quick() -> (MapConfig, field::FieldConfig) {
+    (MapConfig { first_steps: 2, steps: 1, batch: 64, ..MapConfig::default() }, field::FieldConfig::default())
 }
 
-fn map(config: &Config) -> Map {
+fn map(config: &MapConfig) -> Map {
     Map::new(config.clone(), &quick().1, Obstacles::default(), 1).unwrap()
 }
 
-fn few() -> scan::Config {
-    scan::Config { camera_outline: 50, camera_misses: 200, ..scan::Config::default() }
+fn few() -> scan::ScanConfig {
+    scan::ScanConfig { camera_outline: 50, camera_misses: 200, ..scan::ScanConfig::default() }
 }
 
 /// Frames of a brick that turns about the vertical, with the poses that a tracker gives.
@@ -58,7 +58,7 @@ fn turned(by_deg: f64) -> impl Fn(usize) -> Isometry<Field, World> {
 
 #[test]
 fn keyframes_come_with_turn_distance_and_time() {
-    let config = Config { refined: 0, loop_turn_deg: 0.0, ..quick().0 };
+    let config = MapConfig { refined: 0, loop_turn_deg: 0.0, ..quick().0 };
     let became = |learnt: &[Learnt]| -> Vec<usize> { (0..learnt.len()).filter(|&k| learnt[k].keyframe).collect() };
     // At 30 Hz: every 3rd frame of 3 degrees, every 2nd of 3 mm, and the first after half a second.
     assert_eq!(became(&learn(&mut map(&config), 9, 3.0, turned(3.0))), [0, 3, 6]);
@@ -69,7 +69,7 @@ fn keyframes_come_with_turn_distance_and_time() {
 
 #[test]
 fn keyframes_are_bounded_and_the_first_is_kept() {
-    let config = Config { keyframes: 12, keyframe_turn_deg: 0.5, refined: 1, ..quick().0 };
+    let config = MapConfig { keyframes: 12, keyframe_turn_deg: 0.5, refined: 1, ..quick().0 };
     let mut map = map(&config);
     let mut most = 0;
     for frames in learn(&mut map, 60, 2.0, turned(2.0)) {
@@ -88,7 +88,7 @@ fn keyframes_are_bounded_and_the_first_is_kept() {
 #[test]
 fn a_loop_brings_drift_back() {
     // Over a turn the object seems to have turned by 5.4 degrees too much.
-    let config = Config { refined: 0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
+    let config = MapConfig { refined: 0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
     let drifting = |k| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64]);
     let mut map = map(&config);
     let learnt = learn(&mut map, 121, 3.0, drifting);
@@ -113,7 +113,7 @@ fn a_loop_brings_drift_back() {
 #[test]
 fn a_loop_does_not_undo_refinement() {
     // Tracking was off at the start by a turn that refinement found out later; then the loop of the test above closes.
-    let config = Config { refined: 0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
+    let config = MapConfig { refined: 0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
     let mut map = map(&config);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let seen_as = |k: usize, off_deg: f64| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64 + off_deg]);
@@ -140,14 +140,14 @@ fn a_loop_does_not_undo_refinement() {
 
 #[test]
 fn no_loop_closes_where_nothing_disagrees() {
-    let config = Config { refined: 0, keyframe_turn_deg: 5.0, ..quick().0 };
+    let config = MapConfig { refined: 0, keyframe_turn_deg: 5.0, ..quick().0 };
     let learnt = learn(&mut map(&config), 125, 3.0, turned(3.0));
     assert!(learnt.iter().all(|learnt| learnt.correction.is_none()));
 }
 
 #[test]
 fn loops_survive_thinning() {
-    let config = Config { keyframes: 20, refined: 1, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
+    let config = MapConfig { keyframes: 20, refined: 1, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
     let mut map = map(&config);
     let learnt = learn(&mut map, 150, 3.0, |k| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64]));
     assert!(learnt.iter().any(|learnt| learnt.correction.is_some()));
@@ -161,8 +161,8 @@ fn loops_survive_thinning() {
 fn what_is_taught_agrees_with_the_solid() {
     let solid = Solid::Ball(0.03);
     let at = pose([0.0; 3], [0.0; 3]);
-    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::Config::default(), 1));
-    let mut map = map(&Config { batch: 4096, ..quick().0 });
+    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::ScanConfig::default(), 1));
+    let mut map = map(&MapConfig { batch: 4096, ..quick().0 });
     map.learn(&scan, at, &mut ChaCha8Rng::seed_from_u64(1));
     let current = map.keyframes[0].clone();
     map.samples.clear();
@@ -199,12 +199,13 @@ fn what_is_taught_agrees_with_the_solid() {
 fn what_nobody_saw_weighs_more_deep_inside() {
     let (weight, core_weight, core_depth) = (0.125, 0.375, 0.01);
     let config =
-        Config { batch: 4096, inside_weight: weight, core_weight, core_depth_m: core_depth as f32, ..quick().0 };
+        MapConfig { batch: 4096, inside_weight: weight, core_weight, core_depth_m: core_depth as f32, ..quick().0 };
     let mut map = map(&config);
     // From all sides but below.
     for (turn, k) in [0.0, 120.0, 240.0].into_iter().zip(0..) {
         let pose = pose([0.0; 3], [0.0, 0.0, turn]);
-        let scan = Arc::new(Scan::new(k, &seen(k, Solid::Ball(0.03), pose).measured(), &scan::Config::default(), 1));
+        let scan =
+            Arc::new(Scan::new(k, &seen(k, Solid::Ball(0.03), pose).measured(), &scan::ScanConfig::default(), 1));
         map.learn(&scan, pose, &mut ChaCha8Rng::seed_from_u64(1));
     }
     let current = map.keyframes[0].clone();
@@ -225,7 +226,7 @@ fn what_nobody_saw_weighs_more_deep_inside() {
 #[test]
 fn refinement_returns_a_keyframe_to_the_surface() {
     // The field learns from frames at their true poses; one keyframe is then put wrong.
-    let config = Config { batch: 1024, first_steps: 150, steps: 10, refined: 0, ..Config::default() };
+    let config = MapConfig { batch: 1024, first_steps: 150, steps: 10, refined: 0, ..MapConfig::default() };
     let mut map = map(&config);
     learn(&mut map, 30, 3.0, turned(3.0));
     let k = 5;

@@ -8,7 +8,7 @@ const RADIUS_M: f64 = 0.03;
 const BALL: Solid = Solid::Ball(RADIUS_M);
 
 fn scan_of(depth: &Sensed) -> Scan {
-    Scan::new(0, &depth.measured(), &Config::default(), 1)
+    Scan::new(0, &depth.measured(), &ScanConfig::default(), 1)
 }
 
 fn ball() -> Scan {
@@ -72,7 +72,7 @@ fn grazing_hits_are_less_certain() {
     assert!(bands.is_sorted(), "{bands:?}");
     assert!(bands[2] > 1.5 * bands[0], "{bands:?}");
     // Head-on only the depth's own noise is left.
-    let config = Config::default();
+    let config = ScanConfig::default();
     let facing = scan.views[0].hits.iter().max_by(|a, b| a.cosine.total_cmp(&b.cosine)).unwrap();
     let expected = config.camera_sigma_per_m2 * facing.range_m.powi(2);
     assert!((facing.sigma_m / expected - 1.0).abs() < 0.1, "{} {expected}", facing.sigma_m);
@@ -148,7 +148,7 @@ fn lookup_finds_a_hit_where_it_is_seen() {
 #[test]
 fn frame_and_seed_alone_choose_the_rays() {
     let depth = seen(0, BRICK, pose([0.0; 3], [20.0, 10.0, 35.0]));
-    let few = Config { camera_hits: 200, camera_outline: 50, camera_misses: 100, ..Config::default() };
+    let few = ScanConfig { camera_hits: 200, camera_outline: 50, camera_misses: 100, ..ScanConfig::default() };
     let scan = |frame, seed| Scan::new(frame, &depth.measured(), &few, seed);
     assert_eq!(scan(3, 7), scan(3, 7));
     assert_ne!(scan(3, 7).views[0].hits, scan(4, 7).views[0].hits);

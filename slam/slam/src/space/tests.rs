@@ -1,5 +1,5 @@
 use super::*;
-use crate::scan::{Config, Scan};
+use crate::scan::{Scan, ScanConfig};
 use crate::synthetic::{BRICK, Solid, pose, seen};
 use crate::tracker::{apply, to_na};
 
@@ -8,7 +8,7 @@ const HALF_M: f32 = 0.075;
 /// Takes in a solid as it looks after a turn about the vertical.
 fn look(space: &mut Space, frame: usize, solid: Solid, turn_deg: f64) {
     let at = pose([0.0; 3], [0.0, 0.0, turn_deg]);
-    let scan = Scan::new(frame, &seen(frame, solid, at).measured(), &Config::default(), 1);
+    let scan = Scan::new(frame, &seen(frame, solid, at).measured(), &ScanConfig::default(), 1);
     let model_from_world = at.untyped().inverse();
     for view in &scan.views {
         space.add(view, |p| apply(&model_from_world, p));

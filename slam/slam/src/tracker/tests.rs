@@ -41,8 +41,8 @@ impl Reference for Ball {
 }
 
 /// Nothing but what a test switches on.
-fn nothing() -> Config {
-    Config {
+fn nothing() -> TrackerConfig {
+    TrackerConfig {
         camera_weight: 0.0,
         touch_weight: 0.0,
         free_space_weight: 0.0,
@@ -50,7 +50,7 @@ fn nothing() -> Config {
         velocity_weight: 0.0,
         contact_weight: 0.0,
         penetration_weight: 0.0,
-        ..Config::default()
+        ..TrackerConfig::default()
     }
 }
 
@@ -65,7 +65,7 @@ fn poses(count: usize) -> Vec<Isometry<Field, World>> {
 }
 
 /// A solid as it is seen and touched, in poses that the tracker is not told exactly.
-fn tracker(config: Config, solid: Solid, shape: &dyn Reference, occupied: &[Occupied]) -> Tracker {
+fn tracker(config: TrackerConfig, solid: Solid, shape: &dyn Reference, occupied: &[Occupied]) -> Tracker {
     let mut tracker = Tracker::new(config);
     for (k, at) in poses(5).into_iter().enumerate() {
         let mut depth = seen(k, solid, at);
@@ -75,7 +75,7 @@ fn tracker(config: Config, solid: Solid, shape: &dyn Reference, occupied: &[Occu
         let moved = se3::exp(&Twist::new(0.002 * t, -0.001 * t, 0.0005 * t, 0.02 * t, 0.01 * t, -0.03 * t));
         let world_from_pad = Isometry::new(touch.world_from_pad.untyped() * moved);
         depth.touch = vec![Some(TouchDepth { world_from_pad, ..touch })];
-        let scan = Arc::new(Scan::new(k, &depth.measured(), &scan::Config::default(), 1));
+        let scan = Arc::new(Scan::new(k, &depth.measured(), &scan::ScanConfig::default(), 1));
         let wrong = Isometry::new(at.untyped() * se3::exp(&Twist::new(0.0007, -0.0004, 0.0006, 0.01, 0.02, -0.015)));
         tracker.push(shape, scan, wrong, occupied.iter().copied());
     }
@@ -121,19 +121,25 @@ fn check(mut tracker: Tracker, shape: &dyn Reference, scale: f64, tolerance: f64
 
 #[test]
 fn surface_residuals() {
-    for config in [Config { camera_weight: 1.3, ..nothing() }, Config { touch_weight: 0.7, ..nothing() }] {
+    for config in [TrackerConfig { camera_weight: 1.3, ..nothing() }, TrackerConfig { touch_weight: 0.7, ..nothing() }]
+    {
         check(tracker(config, Solid::Ball(0.03), &BALL, &[]), &BALL, 1.0, 0.01);
     }
 }
 
 #[test]
 fn velocity_residuals() {
-    check(tracker(Config { velocity_weight: 1.3, ..nothing() }, Solid::Ball(0.03), &BALL, &[]), &BALL, 1.0, 1e-3);
+    check(
+        tracker(TrackerConfig { velocity_weight: 1.3, ..nothing() }, Solid::Ball(0.03), &BALL, &[]),
+        &BALL,
+        1.0,
+        1e-3,
+    );
 }
 
 #[test]
 fn contact_residuals() {
-    let tracker = tracker(Config { contact_weight: 1.3, ..nothing() }, BRICK, &BALL, &[]);
+    let tracker = tracker(TrackerConfig { contact_weight: 1.3, ..nothing() }, BRICK, &BALL, &[]);
     assert!(tracker.window.iter().all(|instant| instant.pads.len() == 1));
     check(tracker, &BALL, 1.0, 1e-3);
 }
@@ -141,7 +147,7 @@ fn contact_residuals() {
 #[test]
 fn a_contact_that_changes_ties_less() {
     // Two frames that both feel the brick; the poses they are given let its surface slip under the pad.
-    let mut tracker = tracker(Config { contact_weight: 1.0, window: 1, ..nothing() }, BRICK, &BALL, &[]);
+    let mut tracker = tracker(TrackerConfig { contact_weight: 1.0, window: 1, ..nothing() }, BRICK, &BALL, &[]);
     let mut cost = |before: usize, after: usize| {
         let newest = tracker.window.len() - 1;
         for (k, pressed_px) in [(newest - 1, before), (newest, after)] {
@@ -172,7 +178,7 @@ fn penetration_residuals() {
             Occupied { point: to_vec(point), depth_m: 0.004 }
         })
         .collect();
-    let tracker = tracker(Config { penetration_weight: 1.3, ..nothing() }, Solid::Ball(0.03), &BALL, &hand);
+    let tracker = tracker(TrackerConfig { penetration_weight: 1.3, ..nothing() }, Solid::Ball(0.03), &BALL, &hand);
     // The touch image's free pixels stand in the list as well.
     assert!(tracker.window[3].occupied.iter().filter(|v| v.clearance_m > 0.0).count() > 20);
     check(tracker, &BALL, 1.0, 0.01);
@@ -182,7 +188,7 @@ fn penetration_residuals() {
 fn free_space_residuals() {
     // The ball that is assumed is thicker than the one that is seen: rays past the one run through the other.
     let thick = Ball { radius: 0.036, ..BALL };
-    let mut tracker = tracker(Config { free_space_weight: 1.3, ..nothing() }, Solid::Ball(0.03), &thick, &[]);
+    let mut tracker = tracker(TrackerConfig { free_space_weight: 1.3, ..nothing() }, Solid::Ball(0.03), &thick, &[]);
     tracker.choose_passed(&thick);
     let held = tracker.held();
     assert!(tracker.window.iter().skip(held).all(|instant| instant.passed.len() > 20));
@@ -207,7 +213,7 @@ fn scan_to_scan_residuals() {
             Scan::new(
                 k,
                 &frame(0.0, vec![Some(see(solid, Isometry::<Field, _>::new(at), above))]).measured(),
-                &scan::Config::default(),
+                &scan::ScanConfig::default(),
                 1,
             )
         };
@@ -243,7 +249,8 @@ fn scan_to_scan_residuals() {
 
 #[test]
 fn all_residuals_together() {
-    let mut tracker = tracker(Config { icp_weight: 0.0, ..Config::default() }, Solid::Ball(0.03), &BALL, &[]);
+    let mut tracker =
+        tracker(TrackerConfig { icp_weight: 0.0, ..TrackerConfig::default() }, Solid::Ball(0.03), &BALL, &[]);
     tracker.choose_passed(&BALL);
     check(tracker, &BALL, 1.0, 0.01);
 }
@@ -251,7 +258,7 @@ fn all_residuals_together() {
 #[test]
 fn matches_vanish_at_the_true_motion() {
     let (a, b) = (pose([0.0; 3], [20.0, 10.0, 35.0]), pose([0.001, 0.0005, -0.0005], [21.0, 11.0, 36.0]));
-    let scan = |k, at| Scan::new(k, &seen(k, BRICK, at).measured(), &scan::Config::default(), 1);
+    let scan = |k, at| Scan::new(k, &seen(k, BRICK, at).measured(), &scan::ScanConfig::default(), 1);
     let (scan_a, scan_b) = (scan(0, a), scan(1, b));
     let cost = |b: Isometry<Field, World>| {
         let mut system = System::new(1);
@@ -276,8 +283,8 @@ fn matches_vanish_at_the_true_motion() {
 #[test]
 fn scans_without_a_camera_in_common_do_not_match() {
     let at = pose([0.0; 3], [0.0; 3]);
-    let full = Scan::new(0, &seen(0, BRICK, at).measured(), &scan::Config::default(), 1);
-    let none = Scan::new(1, &frame(0.1, vec![None]).measured(), &scan::Config::default(), 1);
+    let full = Scan::new(0, &seen(0, BRICK, at).measured(), &scan::ScanConfig::default(), 1);
+    let none = Scan::new(1, &frame(0.1, vec![None]).measured(), &scan::ScanConfig::default(), 1);
     let pose = at.untyped();
     for (a, b) in [(&full, &none), (&none, &full), (&none, &none)] {
         let mut system = System::new(2);
@@ -290,10 +297,10 @@ fn scans_without_a_camera_in_common_do_not_match() {
 #[test]
 fn the_window_slides() {
     let shape = BALL;
-    let mut tracker = Tracker::new(Config::default());
+    let mut tracker = Tracker::new(TrackerConfig::default());
     assert!(tracker.solve(&shape).is_none() && tracker.predicted().is_none());
     assert_eq!(tracker.assess(&shape).confidence, 0.0);
-    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::Config::default(), 1));
+    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::ScanConfig::default(), 1));
     for k in 0..50 {
         tracker.push(&shape, Arc::clone(&empty), pose([0.0; 3], [0.0; 3]), std::iter::empty());
         assert!(tracker.window.len() <= tracker.config.window + 2, "frame {k}");
@@ -311,8 +318,8 @@ fn the_window_slides() {
 
 #[test]
 fn prediction_goes_on_as_the_object_moves() {
-    let mut tracker = Tracker::new(Config { velocity_kept: 0.5, ..Config::default() });
-    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::Config::default(), 1));
+    let mut tracker = Tracker::new(TrackerConfig { velocity_kept: 0.5, ..TrackerConfig::default() });
+    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::ScanConfig::default(), 1));
     for at in [pose([0.0; 3], [0.0; 3]), pose([0.002, 0.0, 0.0], [0.0, 0.0, 8.0])] {
         tracker.push(&BALL, Arc::clone(&empty), at, std::iter::empty());
     }
@@ -325,10 +332,10 @@ fn prediction_goes_on_as_the_object_moves() {
 fn confidence_falls_with_distance_from_the_truth() {
     let solid = Solid::Ball(0.03);
     let at = pose([0.0; 3], [0.0; 3]);
-    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::Config::default(), 1));
+    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::ScanConfig::default(), 1));
     let shape = Ball { centre: Vec3::ZERO, radius: 0.03 };
     let confidence = |shift: f64| {
-        let mut tracker = Tracker::new(Config::default());
+        let mut tracker = Tracker::new(TrackerConfig::default());
         tracker.push(&shape, Arc::clone(&scan), pose([0.0, shift, 0.0], [0.0; 3]), std::iter::empty());
         tracker.choose_passed(&shape);
         tracker.assess(&shape).confidence
@@ -341,11 +348,11 @@ fn confidence_falls_with_distance_from_the_truth() {
 fn one_point_of_the_hand_does_not_outweigh_a_camera() {
     let solid = Solid::Ball(0.03);
     let at = pose([0.0; 3], [0.0; 3]);
-    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::Config::default(), 1));
+    let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::ScanConfig::default(), 1));
     let shape = Ball { centre: Vec3::ZERO, radius: 0.03 };
     let inside = Occupied { point: to_vec((at.untyped() * na::Point3::new(0.0, 0.0, 0.02)).coords), depth_m: 0.005 };
     let confidence = |occupied: &[Occupied]| {
-        let mut tracker = Tracker::new(Config::default());
+        let mut tracker = Tracker::new(TrackerConfig::default());
         tracker.push(&shape, Arc::clone(&scan), at, occupied.iter().copied());
         tracker.assess(&shape).confidence
     };
@@ -361,19 +368,19 @@ fn free_space_bounds_what_depth_alone_leaves_open() {
     let place = na::Vector3::from(PLACE_M);
     let above = (camera().0, look_at(place + na::Vector3::z() * 0.35, place, na::Vector3::x()));
     let depth = frame(0.0, vec![Some(see(solid, at, above))]);
-    let scan = Arc::new(Scan::new(0, &depth.measured(), &scan::Config::default(), 1));
+    let scan = Arc::new(Scan::new(0, &depth.measured(), &scan::ScanConfig::default(), 1));
     let shape = Block([0.02, 0.02, 0.02]);
-    let error = |config: Config| {
-        let mut tracker = Tracker::new(Config { window: 1, ..config });
+    let error = |config: TrackerConfig| {
+        let mut tracker = Tracker::new(TrackerConfig { window: 1, ..config });
         tracker.push(&shape, Arc::clone(&scan), pose([0.004, -0.003, 0.0], [0.0; 3]), std::iter::empty());
         let found = tracker.solve(&shape).unwrap().pose().untyped();
         (found.translation.vector - place).norm()
     };
-    let only_surface = error(Config { free_space_weight: 0.0, outline_points: 0, ..Config::default() });
-    let with_free_space = error(Config { outline_points: 0, ..Config::default() });
+    let only_surface = error(TrackerConfig { free_space_weight: 0.0, outline_points: 0, ..TrackerConfig::default() });
+    let with_free_space = error(TrackerConfig { outline_points: 0, ..TrackerConfig::default() });
     assert!(only_surface > 0.0025, "{only_surface}");
     assert!(with_free_space < 0.001, "{with_free_space}");
-    assert!(error(Config::default()) < 0.001);
+    assert!(error(TrackerConfig::default()) < 0.001);
 }
 
 /// Two planes that all but agree on where sideways is: what one pad says of it is noise divided by a slope of next to nothing.
@@ -412,8 +419,8 @@ fn what_nothing_measures_carries_nothing_away() {
     let at = pose([0.0; 3], [0.0; 3]);
     let mut depth = frame(0.0, vec![None]);
     depth.touch = vec![Some(feel(solid, at, sensor(solid)))];
-    let scan = Arc::new(Scan::new(0, &depth.measured(), &scan::Config::default(), 1));
-    let mut tracker = Tracker::new(Config { window: 1, touch_weight: 1.0, ..nothing() });
+    let scan = Arc::new(Scan::new(0, &depth.measured(), &scan::ScanConfig::default(), 1));
+    let mut tracker = Tracker::new(TrackerConfig { window: 1, touch_weight: 1.0, ..nothing() });
     tracker.push(&Ramp, scan, at, std::iter::empty());
     let found = tracker.solve(&Ramp).unwrap().pose().untyped();
     let moved = (at.untyped().inverse() * found).translation.vector.norm();
@@ -430,10 +437,10 @@ fn a_pad_alone_does_not_throw_an_object() {
         let mut depth = frame(k as f64 / 30.0, vec![None]);
         let above = Isometry::<Camera, Camera>::translation(0.008, 0.004, 0.03 + f64::from(GEL_M) - 0.0015);
         depth.touch = vec![Some(feel(solid, at, Isometry::new(pose([0.0; 3], side).untyped()) * above))];
-        Arc::new(Scan::new(k, &depth.measured(), &scan::Config::default(), 1))
+        Arc::new(Scan::new(k, &depth.measured(), &scan::ScanConfig::default(), 1))
     };
     for seed in 0..20 {
-        let mut tracker = Tracker::new(Config::default());
+        let mut tracker = Tracker::new(TrackerConfig::default());
         // First from above, then from a side and askew: the middle of what is felt moves by four centimetres.
         tracker.push(&shape, touched(0, [0.0; 3]), at, std::iter::empty());
         let near = pose([0.004, 0.003, 0.002], [6.0, -5.0, 4.0]);

@@ -7,8 +7,8 @@ use safetensors::SafeTensors;
 
 use super::*;
 
-fn small() -> Config {
-    Config { levels: vec![4, 6], hidden: 16, ..Config::default() }
+fn small() -> FieldConfig {
+    FieldConfig { levels: vec![4, 6], hidden: 16, ..FieldConfig::default() }
 }
 
 /// The bytes of a saved field.

@@ -5,7 +5,7 @@ use super::*;
 /// Parameters in double precision, and what they are parameters of.
 #[derive(Clone)]
 pub(super) struct Reference {
-    pub(super) config: Config,
+    pub(super) config: FieldConfig,
     /// `[entry][feature]`, flattened.
     pub(super) table: Vec<f64>,
     pub(super) network: Vec<f64>,
