@@ -1,4 +1,4 @@
-//! Lets the binaries find libmujoco: beside themselves when shipped, in the target folder when built here.
+//! Sets the run-time search path of libmujoco: the folder of the program, then the target folder of the build.
 
 fn main() {
     println!("cargo::rerun-if-changed=search_path.rs");
