@@ -67,7 +67,8 @@ fn library_dir() -> Result<PathBuf, Box<dyn Error>> {
     Ok(dir)
 }
 
-/// Writes the library to `dir`. The file gets its final name when it is complete, so that a killed build leaves no partial library.
+/// Writes the library to `dir`. The file gets its final name when it is complete, so that a killed build leaves no
+/// partial library.
 fn unpack(archive: &Path, dir: &Path) -> Result<(), Box<dyn Error>> {
     fs::create_dir_all(dir)?;
     let mut zip = zip::ZipArchive::new(fs::File::open(archive)?)?;

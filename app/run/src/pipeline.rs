@@ -373,7 +373,7 @@ impl Pipeline<'_> {
     ) -> Directive {
         let Some(supervisor) = &mut self.supervisor else { return Directive::Continue };
         let directive = supervisor.decide(&estimator.belief(estimate));
-        let text = match directive {
+        let text = match &directive {
             Directive::Continue | Directive::Recentre { .. } => return directive,
             Directive::SwitchGait(name) => format!("goes over to gait {name}"),
             Directive::Regrasp => "re-grasps".to_owned(),

@@ -7,8 +7,8 @@ use crate::frame::{Camera, Isometry, Point, World};
 
 /// Pinhole intrinsics without lens distortion.
 ///
-/// The centre of pixel (column u, row v) is at (u, v), as in NeuralFeels' loaders. With OpenGL axes, depth z > 0 along the
-/// optical axis gives the point ((u - cx) z / fx, -(v - cy) z / fy, -z).
+/// The centre of pixel (column u, row v) is at (u, v), as in NeuralFeels' loaders. With OpenGL axes, depth z > 0 along
+/// the optical axis gives the point ((u - cx) z / fx, -(v - cy) z / fy, -z).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Intrinsics {
     /// Image width, pixels.
@@ -26,7 +26,8 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Returns intrinsics with square pixels, the principal point in the middle of the image, and a vertical field of view.
+    /// Returns intrinsics with square pixels, the principal point in the middle of the image, and a vertical field of
+    /// view.
     pub fn from_fov_y(width: usize, height: usize, fov_y_rad: f64) -> Self {
         let f = 0.5 * height as f64 / (0.5 * fov_y_rad).tan();
         Self { width, height, fx: f, fy: f, cx: 0.5 * (width as f64 - 1.0), cy: 0.5 * (height as f64 - 1.0) }

@@ -24,20 +24,22 @@ macro_rules! frames {
 }
 
 frames! {
-    /// World: x along the fingers, z out of the palm, origin at the hand base. The hand is fixed in it; gravity may be tilted.
+    /// World: x along the fingers, z out of the palm, origin at the hand base. The hand is fixed in it; gravity may be
+    /// tilted.
     World
     /// Base link of the hand, as in Allegro's URDF: z along the fingers, x out of the palm, origin at the knuckles.
     HandBase
     /// Fingertip link, which carries a DIGIT: x out of the gel, z along the finger.
     Tip
-    /// Sensor frame of TACTO: origin at the camera of the DIGIT, x out of the gel, z up in the image, y to the left in the image.
+    /// Sensor frame of TACTO: origin at the camera of the DIGIT, x out of the gel, z up in the image, y to the left in
+    /// the image.
     Gel
     /// Camera with OpenGL axes: x right, y up, optical axis along -z.
     Camera
     /// Object: origin at the centre of its bounding box, z up as the object stands on the palm.
     Object
-    /// Estimated shape. With a known shape this is the object's frame. Otherwise the first frame of a run fixes it, and only a score,
-    /// which knows the ground truth, can compute its motion to [`Object`].
+    /// Estimated shape. With a known shape this is the object's frame. Otherwise the first frame of a run fixes it, and
+    /// only a score, which knows the ground truth, can compute its motion to [`Object`].
     Model
     /// Coordinates of a published mesh file; a rigid motion leads to [`Object`].
     MeshFile
@@ -75,8 +77,8 @@ impl<From: Frame, To: Frame> Isometry<From, To> {
     /// Converts a 4 x 4 row-major homogeneous matrix.
     ///
     /// # Errors
-    /// [`NotRigid`] if a number is not finite, the last row is not 0 0 0 1, or the upper left part differs from a rotation by more
-    /// than 1e-3.
+    /// [`NotRigid`] if a number is not finite, the last row is not 0 0 0 1, or the upper left part differs from a
+    /// rotation by more than 1e-3.
     pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Self, NotRigid> {
         if rows.iter().flatten().any(|v| !v.is_finite()) {
             return Err(NotRigid("a number is not finite"));

@@ -1,15 +1,17 @@
 //! Exponential and logarithm of rigid motions.
 //!
-//! A twist is (v, w): translation in metres, then rotation vector in radians. `exp` is the exponential of the group SE(3), so
-//! `exp(log(X)) = X` for every rigid motion, also near a half turn: the rotation vector comes from the quaternion and not from
-//! the trace (Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in robotics", 2018, appendix D).
+//! A twist is (v, w): translation in metres, then rotation vector in radians. `exp` is the exponential of the group
+//! SE(3), so `exp(log(X)) = X` for every rigid motion, also near a half turn: the rotation vector comes from the
+//! quaternion and not from the trace (Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in robotics",
+//! 2018, appendix D).
 
 use nalgebra as na;
 
 /// Twist: translation (m), then rotation vector (rad).
 pub type Twist = na::Vector6<f64>;
 
-/// Angle (rad) below which the closed forms lose digits to cancellation and their series are exact to machine precision.
+/// Angle (rad) below which the closed forms lose digits to cancellation and their series are exact to machine
+/// precision.
 const SMALL: f64 = 1e-4;
 
 /// Returns the rigid motion that a twist makes in unit time.
@@ -80,8 +82,8 @@ pub fn inverse_right_jacobian(twist: &Twist) -> na::Matrix6<f64> {
     bracket.fixed_view_mut::<3, 3>(0, 0).copy_from(&w.cross_matrix());
     bracket.fixed_view_mut::<3, 3>(3, 3).copy_from(&w.cross_matrix());
     bracket.fixed_view_mut::<3, 3>(0, 3).copy_from(&v.cross_matrix());
-    // Series of x / (1 - exp(-x)), with Bernoulli's numbers over the factorials as coefficients: exact to 1e-9 for rotations up to
-    // one radian.
+    // Series of x / (1 - exp(-x)), with Bernoulli's numbers over the factorials as coefficients: exact to 1e-9 for
+    // rotations up to one radian.
     const EVEN: [f64; 6] = [
         1.0 / 12.0,
         -1.0 / 720.0,

@@ -34,8 +34,8 @@ impl Mesh {
         self.triangles().map(triangle_area_m2).sum()
     }
 
-    /// Returns the signed volume by the divergence theorem, m^3: positive if the faces of a closed mesh look outward. For an open
-    /// mesh it is the volume of the cone over the mesh from the centre of its bounding box.
+    /// Returns the signed volume by the divergence theorem, m^3: positive if the faces of a closed mesh look outward.
+    /// For an open mesh it is the volume of the cone over the mesh from the centre of its bounding box.
     pub fn volume_m3(&self) -> f64 {
         let [low, high] = self.bounds_m();
         let centre = (low.as_dvec3() + high.as_dvec3()) * 0.5;

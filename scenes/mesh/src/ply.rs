@@ -1,5 +1,5 @@
-//! Reader for Stanford PLY: text, binary little-endian and binary big-endian. Allocates memory for the data in the file, never for
-//! the counts in the header.
+//! Reader for Stanford PLY: text, binary little-endian and binary big-endian. Allocates memory for the data in the
+//! file, never for the counts in the header.
 
 use glam::Vec3;
 
@@ -163,8 +163,8 @@ impl Values<'_> {
     }
 }
 
-/// Reads every entry of an element and calls `take` with the index and the numbers of each property. An entry has at least one
-/// byte, so the loop over a hostile count ends with the file.
+/// Reads every entry of an element and calls `take` with the index and the numbers of each property. An entry has at
+/// least one byte, so the loop over a hostile count ends with the file.
 fn each(element: &Element, values: &mut Values<'_>, mut take: impl FnMut(usize, &[f64])) -> Result<(), Defect> {
     if element.properties.is_empty() && element.count > 0 {
         return Err(syntax(&format!("element \"{}\" has no properties", element.name)));

@@ -11,12 +11,13 @@ use crate::warning::{Finding, MeshWarning};
 
 /// Makes one clean surface of the mesh in a file, and reports the changes.
 ///
-/// Works in this order: checks coordinates and indices; merges equal vertices; drops faces without an area and duplicate faces;
-/// keeps the part with the largest area; scales a file in millimetres ([`MILLIMETRES_ABOVE_M`]); turns faces until neighbours agree
-/// on the outside, and all faces if they looked inward. Reports holes and leaves them.
+/// Works in this order: checks coordinates and indices; merges equal vertices; drops faces without an area and
+/// duplicate faces; keeps the part with the largest area; scales a file in millimetres ([`MILLIMETRES_ABOVE_M`]); turns
+/// faces until neighbours agree on the outside, and all faces if they looked inward. Reports holes and leaves them.
 ///
 /// # Errors
-/// [`MeshError`] for a defect that cannot be repaired. The error and the warnings contain `file` as the name of the mesh.
+/// [`MeshError`] for a defect that cannot be repaired. The error and the warnings contain `file` as the name of the
+/// mesh.
 pub fn repair(mesh: &Mesh, file: &str) -> Result<(Mesh, Vec<MeshWarning>), MeshError> {
     let mut findings = Vec::new();
     let mesh = clean(mesh, &mut findings).map_err(|defect| defect.of(file))?;
@@ -106,9 +107,9 @@ fn merged(mesh: &Mesh) -> Mesh {
     Mesh { vertices, faces }
 }
 
-/// Keeps one of each set of faces with the same corners, in the direction of the majority. Two faces with opposite directions are a
-/// fold without thickness; both are dropped, because the surface is closed without them. If this would drop all faces, the mesh is
-/// a sheet exported with both sides, and the first side is kept.
+/// Keeps one of each set of faces with the same corners, in the direction of the majority. Two faces with opposite
+/// directions are a fold without thickness; both are dropped, because the surface is closed without them. If this would
+/// drop all faces, the mesh is a sheet exported with both sides, and the first side is kept.
 fn without_duplicates(faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     // Sorted corners, and whether the permutation is even.
     let key = |&[a, b, c]: &[u32; 3]| {
@@ -137,8 +138,9 @@ fn without_duplicates(faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     once
 }
 
-/// Returns pairs of faces that share an edge, and whether both run along it the same way, which means that they disagree on the
-/// outside. Where more than two faces meet, pairs each face with the next, with `None` because such an edge decides nothing.
+/// Returns pairs of faces that share an edge, and whether both run along it the same way, which means that they
+/// disagree on the outside. Where more than two faces meet, pairs each face with the next, with `None` because such an
+/// edge decides nothing.
 fn neighbours(faces: &[[u32; 3]]) -> Vec<(usize, usize, Option<bool>)> {
     let mut edges: Vec<([u32; 2], usize, bool)> = Vec::with_capacity(3 * faces.len());
     for (face, &[a, b, c]) in faces.iter().enumerate() {
@@ -187,7 +189,8 @@ fn largest_part(mesh: &Mesh, findings: &mut Vec<Finding>) -> Mesh {
     merged(&Mesh { vertices: mesh.vertices.clone(), faces })
 }
 
-/// Turns as few faces as possible so that neighbours run along their common edge in opposite ways. Returns their number.
+/// Turns as few faces as possible so that neighbours run along their common edge in opposite ways. Returns their
+/// number.
 fn agree_on_outside(faces: &mut [[u32; 3]]) -> Result<usize, Defect> {
     let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); faces.len()];
     for (a, b, same_way) in neighbours(faces) {

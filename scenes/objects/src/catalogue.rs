@@ -1,4 +1,5 @@
-//! Objects by name: the 78 of YCB and the procedural ones, which need no download. Also loads the user's mesh files by path.
+//! Objects by name: the 78 of YCB and the procedural ones, which need no download. Also loads the user's mesh files by
+//! path.
 
 use std::fmt;
 use std::path::Path;
@@ -59,7 +60,8 @@ impl Entry {
         }
     }
 
-    /// Makes or reads only the mesh. Saves the decomposition into convex pieces, which takes most of the time of [`Self::load`].
+    /// Makes or reads only the mesh. Saves the decomposition into convex pieces, which takes most of the time of
+    /// [`Self::load`].
     ///
     /// # Errors
     /// [`CatalogueError`] if the mesh cannot be fetched or read.
@@ -96,8 +98,8 @@ impl Ycb {
         }
     }
 
-    /// Reads, repairs and stands the mesh. Warns only about visible repairs: two of the pinned files lose a part, while the few
-    /// collapsed slivers in 20 of them are not reported.
+    /// Reads, repairs and stands the mesh. Warns only about visible repairs: two of the pinned files lose a part, while
+    /// the few collapsed slivers in 20 of them are not reported.
     fn mesh(
         &self,
         stl: &[u8],
@@ -139,8 +141,8 @@ pub fn ycb_files() -> impl Iterator<Item = PinnedMesh> {
     ycb::OBJECTS.iter().map(|ycb| PinnedMesh { name: ycb.name, sha256: ycb.sha256 })
 }
 
-/// Returns the library of the YCB meshes: the folder that [`FOLDER_VAR`](crate::assets::FOLDER_VAR) names, else the cache. Reads no
-/// file.
+/// Returns the library of the YCB meshes: the folder that [`FOLDER_VAR`](crate::assets::FOLDER_VAR) names, else the
+/// cache. Reads no file.
 ///
 /// # Errors
 /// If there is no cache folder.
@@ -150,7 +152,10 @@ pub fn ycb_library() -> Result<Library, AssetsError> {
 
 /// Name that is not in the catalogue.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("unknown object \"{name}\"; choose a name (the nearest are {}) or a path to an .obj, .stl or .ply file", nearest.join(", "))]
+#[error(
+    "unknown object \"{name}\"; choose a name (the nearest are {}) or a path to an .obj, .stl or .ply file",
+    nearest.join(", ")
+)]
 pub struct UnknownObject {
     /// The unknown name.
     pub name: String,
@@ -171,8 +176,8 @@ pub fn find(name: &str) -> Result<Entry, UnknownObject> {
     })
 }
 
-/// Returns the similarity of two names. Users leave out the number, so it also compares the name without its number, and a part of
-/// a name counts nearly as much as the whole.
+/// Returns the similarity of two names. Users leave out the number, so it also compares the name without its number,
+/// and a part of a name counts nearly as much as the whole.
 fn likeness(wanted: &str, name: &str) -> f64 {
     let short = name.trim_start_matches(|c: char| c.is_ascii_digit() || c == '_');
     let contains = if !wanted.is_empty() && name.contains(wanted) { 0.95 } else { 0.0 };
@@ -233,14 +238,14 @@ pub enum CatalogueError {
     Hull(#[from] NoHull),
 }
 
-/// Returns whether a text is a path of a mesh file and not a name of the catalogue: it contains a path separator or has the ending
-/// of a mesh file.
+/// Returns whether a text is a path of a mesh file and not a name of the catalogue: it contains a path separator or has
+/// the ending of a mesh file.
 pub fn is_path(name_or_path: &str) -> bool {
     Format::from_path(Path::new(name_or_path)).is_some() || name_or_path.contains(std::path::is_separator)
 }
 
-/// Loads an object by its name in the catalogue, or a mesh file by its path (see [`is_path`]). Fetches the YCB meshes on first use.
-/// The z axis of a user's mesh file points up.
+/// Loads an object by its name in the catalogue, or a mesh file by its path (see [`is_path`]). Fetches the YCB meshes
+/// on first use. The z axis of a user's mesh file points up.
 ///
 /// # Errors
 /// [`CatalogueError`], which names the object or file.
@@ -264,8 +269,8 @@ fn load_file(path: &Path, warnings: &mut Vec<CatalogueWarning>) -> Result<Object
     Ok(Object { name, mesh, exact: None, object_from_file, collision, mass_kg })
 }
 
-/// Estimates the mass of a user's mesh, kg: half the density of water in its hull, which is typical of YCB, limited to 20 g to 500 g,
-/// which the hand can turn.
+/// Estimates the mass of a user's mesh, kg: half the density of water in its hull, which is typical of YCB, limited to
+/// 20 g to 500 g, which the hand can turn.
 pub fn estimated_mass_kg(hull_volume_m3: f64) -> f64 {
     (500.0 * hull_volume_m3).clamp(0.02, 0.5)
 }

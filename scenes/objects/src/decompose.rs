@@ -1,5 +1,5 @@
-//! Convex pieces for collision. MuJoCo collides with the convex hull of a mesh, so a shape that differs from its hull is cut into
-//! pieces first.
+//! Convex pieces for collision. MuJoCo collides with the convex hull of a mesh, so a shape that differs from its hull
+//! is cut into pieces first.
 
 use glam::Vec3;
 use mvt_mesh::Mesh;
@@ -16,15 +16,16 @@ pub use hull::NoHull;
 pub const MAX_POINTS: usize = 64;
 /// Limit for the pieces of one object.
 pub const MAX_PIECES: usize = 64;
-/// Ratio of hull to mesh volume up to which the hull replaces the mesh. Cans with recessed lids and fruit with dimples are below; a
-/// banana (1.55), duplo (1.4) and all hollow objects are above.
+/// Ratio of hull to mesh volume up to which the hull replaces the mesh. Cans with recessed lids and fruit with dimples
+/// are below; a banana (1.55), duplo (1.4) and all hollow objects are above.
 pub const CONVEX_RATIO: f64 = 1.25;
-/// Ratio of the pieces' volume to the mesh's above which the voxel decomposition has filled a cavity, because the walls are thin.
+/// Ratio of the pieces' volume to the mesh's above which the voxel decomposition has filled a cavity, because the walls
+/// are thin.
 const FILLED_RATIO: f64 = 1.3;
 
-/// Returns the convex pieces of a mesh for collision, each as at most [`MAX_POINTS`] points whose hull it is. A mesh that nearly
-/// equals its hull is one piece. Other meshes are decomposed by parry3d's VHACD (Mamou 2016), and cups and bowls, which VHACD fills,
-/// by a decomposition around the vertical axis.
+/// Returns the convex pieces of a mesh for collision, each as at most [`MAX_POINTS`] points whose hull it is. A mesh
+/// that nearly equals its hull is one piece. Other meshes are decomposed by parry3d's VHACD (Mamou 2016), and cups and
+/// bowls, which VHACD fills, by a decomposition around the vertical axis.
 ///
 /// # Errors
 /// [`NoHull`] if the mesh is flat.

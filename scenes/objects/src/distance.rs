@@ -8,9 +8,9 @@ use parry3d::math::Vector;
 use parry3d::query::PointQuery as _;
 use parry3d::shape::{TriMesh, TriMeshFlags};
 
-/// Exact signed distance to a closed outward triangle mesh: the distance to the closest point on any face, with the sign from the
-/// angle-weighted normal at that point (Baerentzen and Aanaes 2005). Computed in `f32`, which is exact to about a tenth of a
-/// micrometre for objects that a hand can hold.
+/// Exact signed distance to a closed outward triangle mesh: the distance to the closest point on any face, with the
+/// sign from the angle-weighted normal at that point (Baerentzen and Aanaes 2005). Computed in `f32`, which is exact to
+/// about a tenth of a micrometre for objects that a hand can hold.
 pub struct MeshDistance(TriMesh);
 
 impl MeshDistance {

@@ -1,7 +1,8 @@
-//! Objects that a hand can turn: the YCB catalogue, procedural shapes, the user's mesh files, exact distances and convex pieces.
+//! Objects that a hand can turn: the YCB catalogue, procedural shapes, the user's mesh files, exact distances and
+//! convex pieces.
 //!
-//! [`catalogue::load`] returns an [`Object`] by name or path. YCB meshes are downloaded once, through pip, and kept in the user's
-//! cache; procedural objects need no download. The crate simulates and renders nothing.
+//! [`catalogue::load`] returns an [`Object`] by name or path. YCB meshes are downloaded once, through pip, and kept in
+//! the user's cache; procedural objects need no download. The crate simulates and renders nothing.
 //!
 //! ```
 //! use mvt_frames::Point;

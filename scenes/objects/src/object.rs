@@ -12,16 +12,17 @@ use nalgebra as na;
 pub struct Object {
     /// Name in the catalogue, or the stem of the user's file name.
     pub name: String,
-    /// True surface in the object's frame: origin at the centre of the bounding box, z up as the object stands on the palm, and the
-    /// footprint aligned with x and y.
+    /// True surface in the object's frame: origin at the centre of the bounding box, z up as the object stands on the
+    /// palm, and the footprint aligned with x and y.
     pub mesh: Mesh,
-    /// Exact signed distance of a procedural object, to the shape that `mesh` approximates or, if the mesh defines the object, to
-    /// `mesh`. `None` for other objects; for those see [`crate::distance::MeshDistance`].
+    /// Exact signed distance of a procedural object, to the shape that `mesh` approximates or, if the mesh defines the
+    /// object, to `mesh`. `None` for other objects; for those see [`crate::distance::MeshDistance`].
     pub exact: Option<Arc<dyn SignedDistance>>,
-    /// Takes coordinates of the published mesh file, in metres, to the object's frame. Logs store the pose of the published mesh, so
-    /// that they fit every copy of the file. Identity for procedural objects.
+    /// Takes coordinates of the published mesh file, in metres, to the object's frame. Logs store the pose of the
+    /// published mesh, so that they fit every copy of the file. Identity for procedural objects.
     pub object_from_file: Isometry<MeshFile, ObjectFrame>,
-    /// Collision shape for MuJoCo: one or more convex pieces in the object's frame, each as a set of points whose hull it is.
+    /// Collision shape for MuJoCo: one or more convex pieces in the object's frame, each as a set of points whose hull
+    /// it is.
     pub collision: Vec<Vec<Vec3>>,
     /// Mass, kg.
     pub mass_kg: f64,
@@ -33,10 +34,11 @@ impl Object {
         self.mesh.extents_m().to_array().map(f64::from)
     }
 
-    /// Returns the centre of mass (metres) and the inertia about it (kg m^2) of the solid inside the mesh, for a mass, in the object's
-    /// frame. For a mesh without a volume, returns the values of its bounding box.
+    /// Returns the centre of mass (metres) and the inertia about it (kg m^2) of the solid inside the mesh, for a mass,
+    /// in the object's frame. For a mesh without a volume, returns the values of its bounding box.
     pub fn solid_inertia(&self, mass_kg: f64) -> (na::Vector3<f64>, na::Matrix3<f64>) {
-        // Sum over the tetrahedra between the origin and each face: volume, first and second moments (integral of x x^T).
+        // Sum over the tetrahedra between the origin and each face: volume, first and second moments (integral of x
+        // x^T).
         let (mut volume, mut first, mut second) = (0.0, na::Vector3::zeros(), na::Matrix3::zeros());
         for face in &self.mesh.faces {
             let corners = face.map(|i| self.mesh.vertices.get(i as usize).copied().unwrap_or_default().as_dvec3());

@@ -1,5 +1,5 @@
-//! Objects that this crate makes, so that they need no download. Each has an exact signed distance: in closed form for boxes, the
-//! die and lathed shapes; the other shapes are defined as the polyhedron of their mesh.
+//! Objects that this crate makes, so that they need no download. Each has an exact signed distance: in closed form for
+//! boxes, the die and lathed shapes; the other shapes are defined as the polyhedron of their mesh.
 
 use mvt_frames::Isometry;
 
@@ -17,8 +17,8 @@ mod shape;
 /// Function that makes the shape of an object.
 pub(crate) type Recipe = fn() -> Shape;
 
-/// Name, mass in kg and recipe of every procedural object, sorted by name. The masses are plausible for real objects: hollow toys,
-/// a wooden grinder, a full can.
+/// Name, mass in kg and recipe of every procedural object, sorted by name. The masses are plausible for real objects:
+/// hollow toys, a wooden grinder, a full can.
 pub(crate) const RECIPES: [(&str, f64, Recipe); 11] = [
     ("ball", 0.060, lathe::ball),
     ("bell_pepper", 0.120, moulded::bell_pepper),

@@ -4,8 +4,9 @@ use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_mesh::Mesh;
 use nalgebra as na;
 
-/// Moves a mesh to the object's frame and returns the rigid motion. `up`, a direction in the file, becomes z; the smaller turn aligns
-/// the smallest rectangle around the footprint with x and y; the centre of the bounding box becomes the origin.
+/// Moves a mesh to the object's frame and returns the rigid motion. `up`, a direction in the file, becomes z; the
+/// smaller turn aligns the smallest rectangle around the footprint with x and y; the centre of the bounding box becomes
+/// the origin.
 pub fn stand(mesh: &Mesh, up: [f64; 3]) -> (Mesh, Isometry<MeshFile, Object>) {
     let points: Vec<na::Vector3<f64>> = mesh.vertices.iter().map(|v| v.to_array().map(f64::from).into()).collect();
     let z = na::Vector3::z();
@@ -27,8 +28,8 @@ pub fn stand(mesh: &Mesh, up: [f64; 3]) -> (Mesh, Isometry<MeshFile, Object>) {
     (standing, Isometry::new(na::Isometry3::from_parts((-centre).into(), rotation)))
 }
 
-/// Returns the angle of the smallest rectangle around points of the plane, -45 to 45 degrees, in radians. One side of it lies along a
-/// side of the convex hull (Freeman and Shapira 1975).
+/// Returns the angle of the smallest rectangle around points of the plane, -45 to 45 degrees, in radians. One side of
+/// it lies along a side of the convex hull (Freeman and Shapira 1975).
 fn yaw(points: Vec<na::Vector2<f64>>) -> f64 {
     let hull = hull_2d(points);
     let mut best = (f64::INFINITY, 0.0);

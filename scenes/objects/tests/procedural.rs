@@ -68,8 +68,8 @@ fn meshes_are_closed_centred_and_on_the_exact_surface() {
     }
 }
 
-/// In a box around a shape, its exact distance and the distance to its mesh agree up to the error of the mesh: an independent check of
-/// every closed form, inside and outside.
+/// In a box around a shape, its exact distance and the distance to its mesh agree up to the error of the mesh: an
+/// independent check of every closed form, inside and outside.
 #[test]
 fn closed_forms_agree_with_the_distance_to_their_meshes() {
     for object in objects() {

@@ -26,7 +26,8 @@ fn meshes_are_there() -> bool {
     fetched.inspect_err(|error| println!("SKIPPED, no YCB meshes: {error}")).is_ok()
 }
 
-/// Extents along the file's axes in mm, volume in cm^3, area in cm^2, hull volume in cm^3: trimesh 4, part with the largest area.
+/// Extents along the file's axes in mm, volume in cm^3, area in cm^2, hull volume in cm^3: trimesh 4, part with the
+/// largest area.
 fn measured_by_trimesh() -> BTreeMap<String, [f64; 6]> {
     let table = include_str!("data/ycb_meshes.csv");
     let row = |line: &str| {
@@ -83,7 +84,8 @@ fn check(entry: &Entry, [x, y, z, volume_cm3, area_cm2, hull_cm3]: [f64; 6]) {
     near(object.mesh.area_m2() * 1e4, area_cm2, "area");
     near(decompose::hull_volume_m3(&object.mesh).unwrap() * 1e6, hull_cm3, "hull volume");
 
-    // Two files contain a second body (nozzle, knob), and some objects have no published mass. There are no other warnings.
+    // Two files contain a second body (nozzle, knob), and some objects have no published mass. There are no other
+    // warnings.
     let parts = warnings.iter().filter(|warning| matches!(warning, CatalogueWarning::Mesh(_))).count();
     assert_eq!(parts, usize::from(["022_windex_bottle", "028_skillet_lid"].contains(&name)), "{name}: {warnings:?}");
     let placeholder = entry.mass_source == MassSource::Placeholder;

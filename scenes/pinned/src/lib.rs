@@ -1,9 +1,9 @@
 //! Archives of Python packages, downloaded by name, version and SHA-256 through pip into the user's cache.
 //!
-//! pip is used only as a package client. Mirrors, proxies and certificates that the user has configured for pip therefore apply,
-//! and this crate contains no address of a package host. pip checks the hash before it opens a file, and [`Archive::fetch`]
-//! checks it again at every use. This crate neither unpacks archives nor runs code from them; for a source archive pip runs the
-//! set-up script, after its check, to read the metadata.
+//! pip is used only as a package client. Mirrors, proxies and certificates that the user has configured for pip
+//! therefore apply, and this crate contains no address of a package host. pip checks the hash before it opens a file,
+//! and [`Archive::fetch`] checks it again at every use. This crate neither unpacks archives nor runs code from them;
+//! for a source archive pip runs the set-up script, after its check, to read the metadata.
 //!
 //! ```
 //! // FIPS 180-2, appendix B.1.
@@ -103,7 +103,8 @@ fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> FetchError {
     move |source| FetchError::Io { path, source }
 }
 
-/// Returns the folder `name` in the user's cache folder: `$XDG_CACHE_HOME/name`, or `$HOME/.cache/name`. Does not create it.
+/// Returns the folder `name` in the user's cache folder: `$XDG_CACHE_HOME/name`, or `$HOME/.cache/name`. Does not
+/// create it.
 ///
 /// # Errors
 /// [`FetchError::NoCacheDir`] if neither variable is set.
@@ -169,8 +170,9 @@ impl Archive {
         Ok(cache_dir(self.cache)?.join(self.file))
     }
 
-    /// Returns the path of a verified copy of the archive: the copy that the override variable names, or the cached one, or a new
-    /// download. A download is moved into the cache only when it is complete, so several processes may fetch at once.
+    /// Returns the path of a verified copy of the archive: the copy that the override variable names, or the cached
+    /// one, or a new download. A download is moved into the cache only when it is complete, so several processes may
+    /// fetch at once.
     ///
     /// # Errors
     /// Any [`FetchError`]; each says what to do.

@@ -9,7 +9,8 @@ pub const JOINTS: usize = 16;
 /// Joints of one finger.
 pub const JOINTS_PER_FINGER: usize = 4;
 
-/// Joint angles in radians, in the blocks index, middle, ring, thumb, base joint first: the order of FeelSight's data.pkl.
+/// Joint angles in radians, in the blocks index, middle, ring, thumb, base joint first: the order of FeelSight's
+/// data.pkl.
 pub type JointAngles = [f64; JOINTS];
 
 /// Finger, in the order of the joint blocks.

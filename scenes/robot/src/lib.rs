@@ -1,7 +1,8 @@
-//! The Allegro hand with DIGIT fingertips: kinematics, solids, sensors, the cameras around the hand, and its observations.
+//! The Allegro hand with DIGIT fingertips: kinematics, solids, sensors, the cameras around the hand, and its
+//! observations.
 //!
-//! Everything is a function of the side (left or right) and 16 joint angles in radians. The crate holds no state, simulates no
-//! physics and renders no images.
+//! Everything is a function of the side (left or right) and 16 joint angles in radians. The crate holds no state,
+//! simulates no physics and renders no images.
 //!
 //! ```
 //! use mvt_robot::hand::solid::HandSolid;

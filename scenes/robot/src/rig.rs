@@ -27,8 +27,8 @@ pub const DISTANCE_M: f64 = 0.35;
 /// Radius of the occlusion rig, metres (NeuralFeels, supplement).
 pub const RIG_RADIUS_M: f64 = 0.5;
 
-/// The named placements, after the RealSense cameras around the hand of NeuralFeels. On average the hand hides 42 % of the object
-/// from `front-left`, 1 % from `back-right`, 3 % from `top-down` and 11 % from `side`.
+/// The named placements, after the RealSense cameras around the hand of NeuralFeels. On average the hand hides 42 % of
+/// the object from `front-left`, 1 % from `back-right`, 3 % from `top-down` and 11 % from `side`.
 pub const PLACEMENTS: [Placement; 4] = [
     Placement { name: Cow::Borrowed("front-left"), azimuth_deg: 330.0, elevation_deg: 35.0 },
     Placement { name: Cow::Borrowed("back-right"), azimuth_deg: 150.0, elevation_deg: 35.0 },
@@ -45,8 +45,8 @@ pub const PLACEMENTS: [Placement; 4] = [
 pub struct UnknownCamera(String);
 
 impl Placement {
-    /// Reads a comma-separated list of placements and drops repetitions. An item is a name of [`PLACEMENTS`], or a direction as
-    /// azimuth/elevation in degrees, which gets a name like `az330el35`.
+    /// Reads a comma-separated list of placements and drops repetitions. An item is a name of [`PLACEMENTS`], or a
+    /// direction as azimuth/elevation in degrees, which gets a name like `az330el35`.
     ///
     /// # Errors
     /// [`UnknownCamera`] for any other item, also for an empty one.
@@ -82,8 +82,9 @@ impl Placement {
     }
 }
 
-/// Returns the cameras of the occlusion study: `count` places spread evenly (a Fibonacci lattice, from top to bottom) over a
-/// sphere around the grasp, all looking at its centre. The cameras below see only the back of the hand: full occlusion.
+/// Returns the cameras of the occlusion study: `count` places spread evenly (a Fibonacci lattice, from top to bottom)
+/// over a sphere around the grasp, all looking at its centre. The cameras below see only the back of the hand: full
+/// occlusion.
 pub fn occlusion_rig(count: usize, side: Side) -> Vec<PosedCamera> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let place = |k: usize| {
@@ -100,7 +101,8 @@ fn grasp_centre() -> Vector3<f64> {
     Vector3::from(PALM_CENTRE_M) + Vector3::z() * GRASP_HEIGHT_M
 }
 
-/// Returns a camera of 640 x 480 pixels and 45 degrees vertical field of view. `eye` is the position for a right hand, metres.
+/// Returns a camera of 640 x 480 pixels and 45 degrees vertical field of view. `eye` is the position for a right hand,
+/// metres.
 fn around_hand(name: String, mut eye: Vector3<f64>, side: Side) -> PosedCamera {
     eye.y *= side.sign();
     let intrinsics = Intrinsics::from_fov_y(640, 480, 45f64.to_radians());

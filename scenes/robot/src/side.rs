@@ -23,7 +23,8 @@ impl Side {
         }
     }
 
-    /// Returns the angles of this hand in the mirror image of the pose that a right hand has at `right`. Its own inverse.
+    /// Returns the angles of this hand in the mirror image of the pose that a right hand has at `right`. Its own
+    /// inverse.
     pub fn mirror_joints(self, mut right: JointAngles) -> JointAngles {
         if self == Side::Left {
             for finger in [Finger::Index, Finger::Middle, Finger::Ring] {

@@ -13,6 +13,7 @@ pub struct Proprioception {
 
 /// Policy for the hand. The caller runs it at [`CONTROL_HZ`](crate::clock::CONTROL_HZ).
 pub trait Controller: Send {
-    /// Returns the joint angles to aim at until the next call, radians. The joints' position controllers limit the torque.
+    /// Returns the joint angles to aim at until the next call, radians. The joints' position controllers limit the
+    /// torque.
     fn command(&mut self, sensed: &Proprioception) -> JointAngles;
 }

@@ -8,12 +8,12 @@ use crate::controller::{Controller, Proprioception};
 use crate::gait::{Gait, GaitController};
 
 /// Request of a supervisor to the hand.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Directive {
     /// Plays the gait; a shift of the fingers fades out.
     Continue,
     /// Changes to the shipped gait of this name. Gravity and torque limits stay.
-    SwitchGait(&'static str),
+    SwitchGait(String),
     /// Opens the fingers for a moment and closes them again.
     Regrasp,
     /// Plays the gait with shifted fingers, which push the object back.
@@ -34,8 +34,8 @@ const CLOSING_S: f64 = 0.8;
 /// Largest shift of the fingertips, metres, and its rate of change, metres per second.
 const SHIFT_M: f64 = 0.012;
 const SHIFT_RATE_M_S: f64 = 0.03;
-/// Shift per displacement of the object. In trials with boxes and cans displaced by 15 mm, this value brought them nearest to their
-/// place; larger values stop the turning without a benefit.
+/// Shift per displacement of the object. In trials with boxes and cans displaced by 15 mm, this value brought them
+/// nearest to their place; larger values stop the turning without a benefit.
 const SHIFT_PER_OFFSET: f64 = 0.5;
 /// Damping of the inverse of a finger's Jacobian, metres per radian: much less than a finger's lever of 50 to 100 mm.
 const DAMPING_M: f64 = 0.01;
@@ -87,7 +87,8 @@ impl DirectedController {
         self.regrasp_since_s.get_or_insert(self.time_s);
     }
 
-    /// Shifts the fingers against the object's displacement from its place (x and y in the world, metres); 0 ends the shift.
+    /// Shifts the fingers against the object's displacement from its place (x and y in the world, metres); 0 ends the
+    /// shift.
     pub fn recentre(&mut self, offset_m: [f64; 2]) {
         let offset = na::Vector2::from(offset_m);
         // An estimate that is not finite causes no motion.

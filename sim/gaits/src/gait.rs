@@ -1,8 +1,8 @@
 //! Gaits: periodic strokes of the four fingertips that turn an object standing on the palm.
 //!
-//! A gait is a table of joint angles over its phase. The controller clips the targets around the measured angles, so that a finger
-//! that meets the object pushes with a bounded force. One table therefore fits objects of a range of sizes. Gaits are written for
-//! the right hand; the left hand plays the mirror image.
+//! A gait is a table of joint angles over its phase. The controller clips the targets around the measured angles, so
+//! that a finger that meets the object pushes with a bounded force. One table therefore fits objects of a range of
+//! sizes. Gaits are written for the right hand; the left hand plays the mirror image.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -35,7 +35,8 @@ pub struct Gait {
     pub table: Vec<JointAngles>,
 }
 
-/// Sign of the rotation about the palm's normal by which the shipped gaits turn an object on the right hand: clockwise from above.
+/// Sign of the rotation about the palm's normal by which the shipped gaits turn an object on the right hand: clockwise
+/// from above.
 pub const TURN_DIRECTION_RIGHT: f64 = -1.0;
 
 /// Returns the shipped gaits by name.
@@ -101,7 +102,8 @@ pub fn suited_to(object: &Object) -> &'static str {
 const CLOSING_S: f64 = 0.8;
 /// Joint stiffness that the compliance clip assumes, Nm/rad.
 const STIFFNESS_NM_RAD: f64 = 3.0;
-/// Distance by which a target may exceed the torque limit, radians, so that the position controllers reach their full torque.
+/// Distance by which a target may exceed the torque limit, radians, so that the position controllers reach their full
+/// torque.
 const CLIP_MARGIN_RAD: f64 = 0.05;
 
 /// Controller that plays one gait.

@@ -1,8 +1,8 @@
 //! Gaits that turn objects in an Allegro hand, the directives that change them, and the rates of an episode.
 //!
-//! A [`Controller`](controller::Controller) receives proprioception only, never the pose of the object. The shipped gaits are tables
-//! of joint angles for the right hand; the left hand plays the mirror image. The crate does not simulate: it only computes joint
-//! angles to aim at.
+//! A [`Controller`](controller::Controller) receives proprioception only, never the pose of the object. The shipped
+//! gaits are tables of joint angles for the right hand; the left hand plays the mirror image. The crate does not
+//! simulate: it only computes joint angles to aim at.
 //!
 //! ```
 //! use mvt_gaits::controller::{Controller, Proprioception};

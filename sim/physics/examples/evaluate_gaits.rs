@@ -1,6 +1,7 @@
 //! Measures how well the hand turns objects: a table over many randomised starts of each object.
 //!
-//! `cargo run --release -p mvt-physics --example evaluate_gaits -- --starts 50` uses the objects and gaits that RESULTS.md quotes.
+//! `cargo run --release -p mvt-physics --example evaluate_gaits -- --starts 50` uses the objects and gaits that
+//! RESULTS.md quotes.
 
 #![expect(clippy::print_stdout, reason = "a program whose output is its table")]
 

@@ -66,7 +66,8 @@ impl Randomisation {
     }
 }
 
-/// Nominal friction of the gel: with that of the links, the middle of the range in which all starts of the tuning study survived.
+/// Nominal friction of the gel: with that of the links, the middle of the range in which all starts of the tuning study
+/// survived.
 const GEL_FRICTION: f64 = 1.05;
 /// Nominal friction of palm, links and object. Higher values stop the object on the palm.
 const LINK_FRICTION: f64 = 0.35;
@@ -226,7 +227,7 @@ impl Episode {
     pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
         match directive {
             Directive::Continue => self.controller.recentre([0.0; 2]),
-            Directive::SwitchGait(name) => self.controller.switch(gait::find(name)?.1),
+            Directive::SwitchGait(name) => self.controller.switch(gait::find(&name)?.1),
             Directive::Regrasp => self.controller.regrasp(),
             Directive::Recentre { offset_m } => self.controller.recentre(offset_m),
             Directive::Stop => {
@@ -236,8 +237,8 @@ impl Episode {
         Ok(())
     }
 
-    /// Injects a fault: moves the object by `change`, rotating it about its centre, and stops its motion. If the object then
-    /// penetrates the hand, lifts it by at most 4 cm.
+    /// Injects a fault: moves the object by `change`, rotating it about its centre, and stops its motion. If the object
+    /// then penetrates the hand, lifts it by at most 4 cm.
     pub fn displace_object(&mut self, change: Isometry<WorldFrame, WorldFrame>) {
         const LIFT_M: f64 = 0.002;
         const LIFTS: usize = 20;

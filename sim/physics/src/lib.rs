@@ -1,7 +1,7 @@
 //! Episodes of in-hand manipulation in MuJoCo: the model as text, the simulation, and the controller in the loop.
 //!
-//! [`episode::Episode`] draws a randomised start, runs the controller of a gait, and returns the true state at the rate of the
-//! cameras. The crate renders no images and estimates nothing. It is the only crate that calls libmujoco.
+//! [`episode::Episode`] draws a randomised start, runs the controller of a gait, and returns the true state at the rate
+//! of the cameras. The crate renders no images and estimates nothing. It is the only crate that calls libmujoco.
 //!
 //! ```
 //! use mvt_gaits::gait;

@@ -173,7 +173,8 @@ impl Simulation {
         broken("a position", self.data.qpos(), 1e2).or_else(|| broken("a velocity", self.data.qvel(), FASTEST))
     }
 
-    /// Returns the state for [`Simulation::restore`]. Only tests call both today; bindings for other languages need them.
+    /// Returns the state for [`Simulation::restore`]. Only tests call both today; bindings for other languages need
+    /// them.
     pub fn save(&self) -> SimulationState {
         SimulationState(self.data.state(STATE))
     }
@@ -185,13 +186,14 @@ impl Simulation {
     pub fn restore(&mut self, state: &SimulationState) -> Result<(), SimulationError> {
         let foreign = |e: MjDataError| SimulationError::State(e.to_string());
         self.data.set_state(&state.0, STATE).map_err(foreign)?;
-        // `forward` computes contacts and body poses from the state, but changes the solver's warm start, which is part of the state.
+        // `forward` computes contacts and body poses from the state, but changes the solver's warm start, which is part
+        // of the state.
         self.data.forward();
         self.data.set_state(&state.0, STATE).map_err(foreign)
     }
 
-    /// Returns the pose of a body by name, from the last step; `None` for an unknown name. Serves the test that compares the
-    /// kinematics of the hand with MuJoCo's.
+    /// Returns the pose of a body by name, from the last step; `None` for an unknown name. Serves the test that
+    /// compares the kinematics of the hand with MuJoCo's.
     pub fn body_pose(&self, name: &str) -> Option<na::Isometry3<f64>> {
         let id = self.data.model().name_to_id(MjtObjBase::mjOBJ_BODY, name)?;
         let (p, q) = (self.data.xpos().get(id)?, self.data.xquat().get(id)?);

@@ -48,7 +48,8 @@ fn list(values: impl IntoIterator<Item = f64>) -> String {
     })
 }
 
-/// Returns the depth per pixel from MuJoCo's camera rangefinder, with MuJoCo's own primitives; negative where a ray hits nothing.
+/// Returns the depth per pixel from MuJoCo's camera rangefinder, with MuJoCo's own primitives; negative where a ray
+/// hits nothing.
 fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Result<Vec<f64>, MjModelError> {
     let pose = |pose: na::Isometry3<f64>| {
         let q = pose.rotation;

@@ -85,8 +85,8 @@ fn another_gait_and_the_end() {
     let object = load("cube70");
     let mut episode = episode(&object, 2);
     play(&mut episode, 2.0);
-    episode.direct(Directive::SwitchGait("shared")).unwrap();
-    assert!(episode.direct(Directive::SwitchGait("gallop")).unwrap_err().to_string().contains("shared"));
+    episode.direct(Directive::SwitchGait("shared".into())).unwrap();
+    assert!(episode.direct(Directive::SwitchGait("gallop".into())).unwrap_err().to_string().contains("shared"));
     let turned = episode.turned_rad();
     assert_eq!(play(&mut episode, 4.0).len(), 4 * FRAME_HZ as usize);
     assert!(episode.turned_rad() > turned + 0.5, "the other gait also turns the object");

@@ -68,7 +68,8 @@ fn a_restored_simulation_continues_bit_for_bit() {
     assert_eq!((pose, joints, contacts), (simulation.object_pose(), simulation.joints(), simulation.contacts()));
 }
 
-/// Both hands play mirrored episodes. MuJoCo's choice of contact points is not symmetric, so they agree closely, not exactly.
+/// Both hands play mirrored episodes. MuJoCo's choice of contact points is not symmetric, so they agree closely, not
+/// exactly.
 #[test]
 fn the_left_hand_plays_the_mirror_image() {
     let object = cube(0.07);

@@ -31,12 +31,14 @@ pub(super) struct Ycb {
 
 /// Upward direction of the published files: the objects were scanned standing on a table.
 const Z: [f64; 3] = [0.0, 0.0, 1.0];
-/// Axis of smallest inertia of the plastic pear, towards the stem. The pear was scanned lying; a hand turns it standing.
+/// Axis of smallest inertia of the plastic pear, towards the stem. The pear was scanned lying; a hand turns it
+/// standing.
 const PEAR_STEM: [f64; 3] = [0.062_524, 0.940_655, -0.333_556];
-/// Long axis of the smallest box around the brick. The brick was scanned lying flat, 51 mm high; upright it is 78 mm high and the
-/// pads reach its sides.
+/// Long axis of the smallest box around the brick. The brick was scanned lying flat, 51 mm high; upright it is 78 mm
+/// high and the pads reach its sides.
 const BRICK_AXIS: [f64; 3] = [0.013_237, 0.999_912, 0.000_916];
-// The other objects keep their stance: those scanned flat (boxes, tools, cutlery, duplo) would topple on their narrow side.
+// The other objects keep their stance: those scanned flat (boxes, tools, cutlery, duplo) would topple on their narrow
+// side.
 
 const fn ycb(name: &'static str, grams: f64, mass_source: MassSource, up: [f64; 3], sha256: &'static str) -> Ycb {
     Ycb { name, mass_kg: grams / 1000.0, mass_source, up, sha256 }

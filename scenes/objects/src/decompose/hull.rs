@@ -43,8 +43,9 @@ impl Hull {
         self.mesh.triangles().map(plane).collect()
     }
 
-    /// Returns at most `limit` of the vertices, whose hull is nearly this one. Starts with the extremes along the axes, which keep the
-    /// bounding box and with it the height at which the object stands; then adds the vertex that lies farthest outside.
+    /// Returns at most `limit` of the vertices, whose hull is nearly this one. Starts with the extremes along the axes,
+    /// which keep the bounding box and with it the height at which the object stands; then adds the vertex that lies
+    /// farthest outside.
     pub(super) fn reduced(&self, limit: usize) -> Vec<Vec3> {
         let vertices = &self.mesh.vertices;
         if vertices.len() <= limit {
@@ -58,7 +59,8 @@ impl Hull {
         }
         while kept.len() < limit {
             let planes: Vec<(Vec3, f32)> = Hull::of(&kept).map_or_else(|_| Vec::new(), |hull| hull.planes());
-            // Until the kept points span a volume there is no outside, and the distance to the nearest kept point replaces it.
+            // Until the kept points span a volume there is no outside, and the distance to the nearest kept point
+            // replaces it.
             let outside = |v: &Vec3| match &*planes {
                 [] => kept.iter().map(|k| k.distance(*v)).fold(f32::INFINITY, f32::min),
                 planes => planes.iter().map(|(normal, at)| normal.dot(*v) - at).fold(f32::NEG_INFINITY, f32::max),

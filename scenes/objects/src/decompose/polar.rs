@@ -1,8 +1,8 @@
 //! Decomposition of objects that are hollow around a vertical axis: cups, bowls, mugs.
 //!
-//! Half-planes through the axis and level planes cut the solid into small cells. In each cell the solid is one or more stretches
-//! along the radius (wall, handle), so a cavity is never part of a cell. Cells are nearly convex. Neighbours are then merged, the
-//! best pair first, as long as the hull of the merged cells stays close to the solid in them.
+//! Half-planes through the axis and level planes cut the solid into small cells. In each cell the solid is one or more
+//! stretches along the radius (wall, handle), so a cavity is never part of a cell. Cells are nearly convex. Neighbours
+//! are then merged, the best pair first, as long as the hull of the merged cells stays close to the solid in them.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
@@ -14,7 +14,8 @@ use super::hull::Hull;
 
 /// Number of half-planes through the axis.
 const SECTORS: usize = 48;
-/// Number of level planes, number of those that are evenly spaced, and number of heights among which the others are chosen.
+/// Number of level planes, number of those that are evenly spaced, and number of heights among which the others are
+/// chosen.
 const LEVELS: usize = 33;
 const EVEN_LEVELS: usize = 12;
 const SAMPLES: usize = 400;
@@ -45,7 +46,8 @@ pub(super) fn decompose(mesh: &Mesh, max_pieces: usize) -> Vec<Hull> {
     pieces.iter().filter_map(|piece| Hull::of(&piece.points).ok()).collect()
 }
 
-/// Returns the vertical line through the centre of mass. It lies in the cavity also if a handle shifts the bounding box.
+/// Returns the vertical line through the centre of mass. It lies in the cavity also if a handle shifts the bounding
+/// box.
 fn axis(mesh: &Mesh) -> Vec2 {
     let (mut moment, mut volume) = (glam::DVec2::ZERO, 0.0);
     for corners in mesh.triangles() {
@@ -72,7 +74,8 @@ fn section(mesh: &Mesh, axis: Vec2, level: f32) -> impl Iterator<Item = [Vec2; 2
     })
 }
 
-/// Returns the heights of the level planes, denser where the section changes, because a floor is thinner than the even spacing.
+/// Returns the heights of the level planes, denser where the section changes, because a floor is thinner than the even
+/// spacing.
 fn levels(mesh: &Mesh, axis: Vec2) -> Vec<f32> {
     let [low, high] = mesh.bounds_m();
     let height = |sample: usize| low.z + (high.z - low.z) * (sample as f32 + 0.5) / SAMPLES as f32;
@@ -182,10 +185,12 @@ fn cells(mesh: &Mesh) -> Vec<Piece> {
     pieces
 }
 
-/// Possible merge: the excess of the hull in parts per million of the solid, then the pair, which gives ties a fixed order.
+/// Possible merge: the excess of the hull in parts per million of the solid, then the pair, which gives ties a fixed
+/// order.
 type Candidate = Reverse<(u64, usize, usize)>;
 
-/// Merges pieces, the pair with the least excess first. Raises the limit for the excess while there are too many pieces.
+/// Merges pieces, the pair with the least excess first. Raises the limit for the excess while there are too many
+/// pieces.
 fn merge(pieces: Vec<Piece>, max_pieces: usize) -> Vec<Piece> {
     let mut pieces: Vec<Option<Piece>> = pieces.into_iter().map(Some).collect();
     let mut queue: BinaryHeap<Candidate> = BinaryHeap::new();

@@ -146,9 +146,9 @@ impl Die {
 }
 
 impl SignedDistance for Die {
-    /// The surface is that of the body without the discs of the pips, and the caps with their rims. Outside, if the nearest point of
-    /// the body lies in a disc, the rim of the disc replaces it, because the body lies below the face. Inside, every face and
-    /// rounding is a candidate.
+    /// The surface is that of the body without the discs of the pips, and the caps with their rims. Outside, if the
+    /// nearest point of the body lies in a disc, the rim of the disc replaces it, because the body lies below the face.
+    /// Inside, every face and rounding is a candidate.
     fn distance_m(&self, p: Point<ObjectFrame>) -> f64 {
         let body_m = self.body.distance_m(p);
         let flat_half_m = self.body.flat_half_m();

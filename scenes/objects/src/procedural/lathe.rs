@@ -32,7 +32,8 @@ fn soup_can_profile() -> Profile {
     ])
 }
 
-/// Makes a pepper grinder of 50 x 130.6 mm (the diagonal of FeelSight's is 148.5 mm): a waist between a foot and a head with a knob.
+/// Makes a pepper grinder of 50 x 130.6 mm (the diagonal of FeelSight's is 148.5 mm): a waist between a foot and a head
+/// with a knob.
 pub(super) fn pepper_grinder() -> Shape {
     shape(pepper_grinder_profile(), 96)
 }
@@ -109,7 +110,8 @@ impl Element {
         }
     }
 
-    /// Returns points along it, without the last: arcs in steps that deviate by less than 10 um, lines in steps of 4 mm.
+    /// Returns points along it, without the last: arcs in steps that deviate by less than 10 um, lines in steps of 4
+    /// mm.
     fn points(&self) -> Vec<Vector2<f64>> {
         match *self {
             Self::Line([a, b]) => {
@@ -127,14 +129,14 @@ impl Element {
     }
 }
 
-/// Curve without corners from the axis at the bottom to the axis at the top. Without corners, the normal at the closest point
-/// decides whether a point is inside.
+/// Curve without corners from the axis at the bottom to the axis at the top. Without corners, the normal at the closest
+/// point decides whether a point is inside.
 #[derive(Debug, Clone)]
 pub(super) struct Profile(Vec<Element>);
 
 impl Profile {
-    /// Rounds the corners of a polygon of (distance from the axis, height) by the radius beside each, millimetres. The first and the
-    /// last corner lie on the axis and are not rounded.
+    /// Rounds the corners of a polygon of (distance from the axis, height) by the radius beside each, millimetres. The
+    /// first and the last corner lie on the axis and are not rounded.
     pub(super) fn rounded(corners_mm: &[([f64; 2], f64)]) -> Self {
         let corners: Vec<(Vector2<f64>, f64)> =
             corners_mm.iter().map(|&(at, radius)| (Vector2::from(at) * 1e-3, radius * 1e-3)).collect();
@@ -230,7 +232,8 @@ mod tests {
         let square =
             Profile::rounded(&[([0.0, -10.0], 0.0), ([10.0, -10.0], 2.0), ([10.0, 10.0], 2.0), ([0.0, 10.0], 0.0)]);
         let d = |x: f64, z: f64| square.distance_m(Vector3::new(x, 0.0, z) * 1e-3) * 1e3;
-        // Computed by hand: outside the side, outside the rounding, inside, and in the corner that the rounding cuts off.
+        // Computed by hand: outside the side, outside the rounding, inside, and in the corner that the rounding cuts
+        // off.
         assert!((d(13.0, 0.0) - 3.0).abs() < 1e-12);
         assert!((d(11.0, 11.0) - (3.0 * 2_f64.sqrt() - 2.0)).abs() < 1e-12);
         assert!((d(0.0, 0.0) + 10.0).abs() < 1e-12);

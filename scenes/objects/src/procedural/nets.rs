@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use mvt_mesh::Mesh;
 
-/// Meshes the zero set of `field`, which is negative inside, within a box that the surface must not leave. Moves the vertices onto
-/// the zero set along the gradient. `cell_m` must be at most half of the thinnest wall.
+/// Meshes the zero set of `field`, which is negative inside, within a box that the surface must not leave. Moves the
+/// vertices onto the zero set along the gradient. `cell_m` must be at most half of the thinnest wall.
 pub(super) fn mesh(field: impl Fn(Vector3<f64>) -> f64, half_m: Vector3<f64>, cell_m: f64) -> Mesh {
     let size = half_m.map(|half| (2.0 * half / cell_m).ceil() as usize + 2);
     // Shifts the nodes off the middle; on a flat part of a shape, vertices would coincide.

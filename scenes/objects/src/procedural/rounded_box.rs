@@ -73,7 +73,8 @@ impl SignedDistance for RoundedBox {
 /// Grid line of a side: its place on the inner box (-1 to 1), and the tangent of its lean over the edge (-1 to 1).
 pub(super) type Line = (f64, f64);
 
-/// Returns the lines of a side: the given ones on the flat part, from -1 to 1, and `round` steps down each rounding to 45 degrees.
+/// Returns the lines of a side: the given ones on the flat part, from -1 to 1, and `round` steps down each rounding to
+/// 45 degrees.
 pub(super) fn lines(flat: impl Iterator<Item = f64>, round: usize) -> Vec<Line> {
     let lean = |step: usize| (std::f64::consts::FRAC_PI_4 * step as f64 / round as f64).tan();
     let below = (1..=round).rev().map(|step| (-1.0, -lean(step)));
@@ -91,9 +92,9 @@ pub(super) fn subdivided(places: &[f64], step: f64) -> Vec<f64> {
     between.chain(places.last().copied()).collect()
 }
 
-/// Returns points and faces of the six sides as grids over `lines`; the caller welds them. `place` returns the surface point for a
-/// place on the inner box (-1 to 1 along each axis) and an outward direction. Leaves out squares whose centre on the inner box
-/// satisfies `skip`.
+/// Returns points and faces of the six sides as grids over `lines`; the caller welds them. `place` returns the surface
+/// point for a place on the inner box (-1 to 1 along each axis) and an outward direction. Leaves out squares whose
+/// centre on the inner box satisfies `skip`.
 pub(super) fn sides(
     lines: &[Line],
     place: impl Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64>,

@@ -6,7 +6,8 @@ use mvt_mesh::{Mesh, SignedDistance};
 
 use crate::distance::MeshDistance;
 
-/// Closed outward mesh with its bounding box centred on the origin, and the exact distance to the surface that it approximates.
+/// Closed outward mesh with its bounding box centred on the origin, and the exact distance to the surface that it
+/// approximates.
 pub(crate) struct Shape {
     pub(crate) mesh: Mesh,
     pub(crate) exact: Option<Arc<dyn SignedDistance>>,

@@ -1,8 +1,8 @@
 //! The undeformed gel of TACTO's DIGIT in closed form.
 //!
-//! TACTO tessellates this surface with 100 x 150 vertices, which deviates by 0.2 micrometres between the vertices. A point at
-//! distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h so that
-//! the corners of the pad lie [`BULGE_M`] behind the apex.
+//! TACTO tessellates this surface with 100 x 150 vertices, which deviates by 0.2 micrometres between the vertices. A
+//! point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h
+//! so that the corners of the pad lie [`BULGE_M`] behind the apex.
 
 use mvt_frames::{Gel, Point, Vector};
 
@@ -14,7 +14,8 @@ pub const APEX_M: f64 = 0.022;
 pub const WIDTH_M: f64 = 0.020;
 /// Size of the pad along z, metres.
 pub const HEIGHT_M: f64 = 0.030;
-/// Difference in depth between the apex and the pad's corners, which are nearer to the camera, metres (TACTO's `curvatureMax`).
+/// Difference in depth between the apex and the pad's corners, which are nearer to the camera, metres (TACTO's
+/// `curvatureMax`).
 pub const BULGE_M: f64 = 0.005;
 /// Radius of the sphere whose cap, stretched along x, is the pad, metres (TACTO's `R`).
 pub const CAP_RADIUS_M: f64 = 0.1;

@@ -32,7 +32,8 @@ pub fn joint(side: Side, finger: Finger, k: usize) -> Joint {
         let [w, x, y, z] = joint.orientation_wxyz;
         joint.origin_m[1] = -joint.origin_m[1];
         joint.orientation_wxyz = [w, -x, y, -z];
-        // The mirror image of a rotation about (ax, ay, az) is one about (-ax, ay, -az); abduction joints change sign instead.
+        // The mirror image of a rotation about (ax, ay, az) is one about (-ax, ay, -az); abduction joints change sign
+        // instead.
         if finger == Finger::Thumb {
             joint.axis = [-joint.axis[0], joint.axis[1], -joint.axis[2]].map(|c| c + 0.0);
         }
@@ -100,8 +101,8 @@ fn right_joint(finger: Finger, k: usize) -> Joint {
     }
 }
 
-/// Returns the distance from the last joint to the fingertip link along the link's z axis, metres, from the URDF of HORA, whose
-/// Allegro hand carries DIGITs.
+/// Returns the distance from the last joint to the fingertip link along the link's z axis, metres, from the URDF of
+/// HORA, whose Allegro hand carries DIGITs.
 pub fn tip_offset_m(finger: Finger) -> f64 {
     if finger == Finger::Thumb { 0.0303 } else { 0.0147 }
 }

@@ -105,8 +105,8 @@ pub struct Inertial {
     pub diagonal: [f64; 3],
 }
 
-/// Returns the inertial of a body. SimLab's URDF puts the centres of mass at the joints and has implausible off-diagonal terms;
-/// here the centres lie in the middle of the links and the tensors are diagonal.
+/// Returns the inertial of a body. SimLab's URDF puts the centres of mass at the joints and has implausible
+/// off-diagonal terms; here the centres lie in the middle of the links and the tensors are diagonal.
 pub fn inertial(side: Side, body: Body) -> Inertial {
     let of = |mass_kg, centre_m, diagonal| Inertial { mass_kg, centre_m, diagonal };
     let mut inertial = match body {
@@ -162,8 +162,9 @@ pub fn parts(side: Side) -> Vec<Part> {
                     PartSurface::Digit,
                     Primitive::Box { centre: [0.003_75, 0.0, 0.0168], half: [0.009_75, 0.0115, 0.0155] },
                 );
-                // More domed than TACTO's gel, so that a touch has one contact point: radii of curvature 18 mm and 30 mm, apex
-                // at x = 20.1 mm. Its surface lies inside TACTO's gel, so every physical contact is visible in the image.
+                // More domed than TACTO's gel, so that a touch has one contact point: radii of curvature 18 mm and 30
+                // mm, apex at x = 20.1 mm. Its surface lies inside TACTO's gel, so every physical contact is visible in
+                // the image.
                 add(
                     PartSurface::Gel,
                     Primitive::Ellipsoid { centre: [0.0111, 0.0, 0.0165], semi: [0.009, 0.0128, 0.0165] },

@@ -1,7 +1,7 @@
 //! The hand as a solid: signed distances, and points that it occupies.
 //!
-//! Distances are to the union of the hand's [`parts`]. Outside, the distance to a union is the least of the distances to its
-//! members; inside, it is the depth below the surface of the member that covers the point most deeply.
+//! Distances are to the union of the hand's [`parts`]. Outside, the distance to a union is the least of the distances
+//! to its members; inside, it is the depth below the surface of the member that covers the point most deeply.
 
 use glam::{Mat3A, Vec3, Vec3A};
 use nalgebra as na;
@@ -32,7 +32,8 @@ struct Member {
     shape: Shape,
 }
 
-/// Primitive in the world. Matrices take world directions to the primitive's axes; the centre is that of the bounding sphere.
+/// Primitive in the world. Matrices take world directions to the primitive's axes; the centre is that of the bounding
+/// sphere.
 #[derive(Debug, Clone, Copy)]
 enum Shape {
     Box { axes: Mat3A, half: Vec3A },
@@ -68,9 +69,9 @@ impl HandSolid {
 
     /// Returns the signed distance of a point, negative inside the hand.
     ///
-    /// Exact for boxes and capsules. Near an ellipsoid it is exact to first order in the distance and never above the true signed
-    /// distance: the gauge g(p) = |p / semi-axes| is convex, so the distance to its tangent plane at level 1, (g - 1) / |grad g|, is
-    /// a lower bound.
+    /// Exact for boxes and capsules. Near an ellipsoid it is exact to first order in the distance and never above the
+    /// true signed distance: the gauge g(p) = |p / semi-axes| is convex, so the distance to its tangent plane at level
+    /// 1, (g - 1) / |grad g|, is a lower bound.
     pub fn distance(&self, p: Vec3) -> f32 {
         self.distance_within(p, f32::INFINITY)
     }
@@ -102,8 +103,8 @@ impl HandSolid {
         limbs.flat_map(|limb| &limb.members).any(|m| !m.bound.is_beyond(p, margin) && m.distance(p) < margin)
     }
 
-    /// Returns the primitives within `radius` of `centre`. For a point at distance d from `centre`, they give the same answer as the
-    /// whole hand to [`HandSolid::is_within`] with margins up to `radius` - d.
+    /// Returns the primitives within `radius` of `centre`. For a point at distance d from `centre`, they give the same
+    /// answer as the whole hand to [`HandSolid::is_within`] with margins up to `radius` - d.
     pub fn cropped(&self, centre: Vec3, radius: f32) -> Self {
         let centre = Vec3A::from(centre);
         let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(centre, radius));
@@ -132,7 +133,8 @@ pub struct Occupied {
 }
 
 impl HandSamples {
-    /// Draws one random point per cube of edge `spacing_m` and keeps those inside the hand. `seed` sets the random positions.
+    /// Draws one random point per cube of edge `spacing_m` and keeps those inside the hand. `seed` sets the random
+    /// positions.
     pub fn new(side: Side, spacing_m: f64, seed: u64) -> Self {
         let parts = parts(side);
         let bodies = parts.chunk_by(|a, b| a.body == b.body).map(|parts| {
@@ -278,8 +280,9 @@ fn from_axis(p: Vec3A, half_axis: Vec3A, inverse_square: f32) -> Vec3A {
     p - half_axis * (p.dot(half_axis) * inverse_square).clamp(-1.0, 1.0)
 }
 
-/// Returns a lower bound of the signed distance from an ellipsoid around the origin: the greater of two bounds. The distance from
-/// the sphere around the ellipsoid is the better bound far away, and the only one at the centre, where the gauge has no gradient.
+/// Returns a lower bound of the signed distance from an ellipsoid around the origin: the greater of two bounds. The
+/// distance from the sphere around the ellipsoid is the better bound far away, and the only one at the centre, where
+/// the gauge has no gradient.
 fn gauge(p: Vec3A, inverse_semi: Vec3A, longest: f32) -> f32 {
     let scaled = p * inverse_semi;
     let along = scaled * inverse_semi;
@@ -367,8 +370,9 @@ mod tests {
                 let exact = parts(side).iter().filter(|part| wanted(part)).map(|part| reference(part, side, &joints, p)).fold(f32::INFINITY, f32::min);
                 let distance = solid.distance(p);
                 prop_assert!(distance <= exact + 1e-6, "{distance} is more than {exact}");
-                // Boxes and capsules are exact; the error of a gel's bound grows with the square of the distance. Inside, the error is
-                // largest at the centre: the true depth is 9 mm, the bound is the longest semi-axis, 16.5 mm.
+                // Boxes and capsules are exact; the error of a gel's bound grows with the square of the distance.
+                // Inside, the error is largest at the centre: the true depth is 9 mm, the bound is the longest
+                // semi-axis, 16.5 mm.
                 let growth = if exact < 0.0 { 7.5e-3 / 9e-3f32.powi(2) } else { 60.0 };
                 let lacks = if with_gels { (growth * exact * exact).min(0.0075) } else { 0.0 };
                 prop_assert!(distance >= exact - lacks - 2e-6, "{distance} instead of {exact}");

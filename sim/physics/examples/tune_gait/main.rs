@@ -99,8 +99,8 @@ impl Tuner {
     }
 }
 
-/// Returns the reward of an outcome. Turning counts up to the rate at which images blur, and contact up to the required share, so that
-/// the search neither squeezes without turning nor turns without contact.
+/// Returns the reward of an outcome. Turning counts up to the rate at which images blur, and contact up to the required
+/// share, so that the search neither squeezes without turning nor turns without contact.
 fn reward(outcome: &EpisodeOutcome, duration_s: f64) -> f64 {
     let survived = if outcome.end == End::Completed { 1.0 } else { outcome.survived_s / duration_s };
     let rate = outcome.turn_rate_rad_s;

@@ -1,5 +1,5 @@
-//! Strokes: each fingertip moves on an ellipse about a vertical axis through the object. Inverse kinematics turns a stroke into the
-//! joint table of a gait.
+//! Strokes: each fingertip moves on an ellipse about a vertical axis through the object. Inverse kinematics turns a
+//! stroke into the joint table of a gait.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -16,8 +16,8 @@ const PHASES: usize = 32;
 const OPEN_M: f64 = 0.022;
 const GRAVITY: f64 = 9.81;
 
-/// Names, initial standard deviations and bounds of the parameters, in the order of the search vector. Lengths are metres,
-/// angles radians, T seconds and fmax Nm.
+/// Names, initial standard deviations and bounds of the parameters, in the order of the search vector. Lengths are
+/// metres, angles radians, T seconds and fmax Nm.
 pub const PARAMETERS: [(&str, f64, f64, f64); 22] = [
     ("T", 0.15, 0.6, 1.6),
     ("cx", 0.008, -0.06, 0.03),
