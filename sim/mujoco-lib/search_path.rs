@@ -1,5 +1,7 @@
 //! Sets the run-time search path of libmujoco: the folder of the program, then the target folder of the build.
 
+#![expect(clippy::print_stdout, reason = "Cargo reads the output of a build script")]
+
 fn main() {
     println!("cargo::rerun-if-changed=search_path.rs");
     if let Ok(dir) = std::env::var("DEP_MUJOCO_LIBDIR") {

@@ -6,6 +6,7 @@ use crate::mesh::EdgeCount;
 
 /// Change of a mesh by [`repair`](crate::repair()), or a fault that it left. The caller shows it.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct MeshWarning {
     /// File, as the user named it.
     pub file: String,

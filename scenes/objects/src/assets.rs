@@ -110,6 +110,7 @@ pub enum FileState {
 
 /// Mesh file of a library, as [`Library::list`] finds it.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct MeshFileStatus {
     /// Name of the object.
     pub name: &'static str,
@@ -121,6 +122,7 @@ pub struct MeshFileStatus {
 
 /// Files that [`Library::clean`] removed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Cleaned {
     /// Number of removed files.
     pub files: usize,

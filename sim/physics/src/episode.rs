@@ -78,6 +78,7 @@ const START_HEIGHT_M: f64 = 0.015;
 
 /// Drawn start: the physical quantities of the model and the initial state.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct EpisodeStart {
     /// Physical quantities of the model.
     pub physics: Physics,
@@ -314,6 +315,7 @@ impl Episode {
 
 /// Outcome of an episode. Fractions are of its camera frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct EpisodeOutcome {
     /// Time until the end, seconds.
     pub survived_s: f64,
