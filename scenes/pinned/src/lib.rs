@@ -38,7 +38,7 @@ pub struct Archive {
     pub cache: &'static str,
 }
 
-/// Whether the package client may write its progress to standard error.
+/// Visibility of pip's progress on standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DownloadProgress {
     /// pip's own progress bar.

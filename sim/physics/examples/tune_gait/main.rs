@@ -49,7 +49,7 @@ struct Arguments {
     /// Seed of the search.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where the best gait is written after every improvement.
+    /// File for the best gait, written after every improvement.
     #[arg(long)]
     out: PathBuf,
 }
