@@ -1,6 +1,6 @@
 //! Triangle meshes: readers for OBJ, STL and PLY files, checks, and repair.
 //!
-//! [`read`] returns a mesh with the coordinates of the file. [`repair`] makes one closed outward surface in metres of
+//! [`read()`] returns a mesh with the coordinates of the file. [`repair()`] makes one closed outward surface in metres of
 //! it, and reports every change as a [`MeshWarning`]. Damaged files give an error, never a panic, and a file header
 //! never decides how much memory is used. The crate writes no files and keeps neither colours nor texture coordinates.
 //!

@@ -14,7 +14,7 @@ use parry3d::shape::{TriMesh, TriMeshFlags};
 pub struct MeshDistance(TriMesh);
 
 impl MeshDistance {
-    /// Prepares the distance to a repaired mesh (see [`mvt_mesh::repair`]). `None` for a mesh without faces.
+    /// Prepares the distance to a repaired mesh (see [`mvt_mesh::repair()`]). `None` for a mesh without faces.
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let vertices = mesh.vertices.iter().map(|v| Vector::from_array(v.to_array())).collect();
         TriMesh::with_flags(vertices, mesh.faces.clone(), TriMeshFlags::ORIENTED).ok().map(Self)
