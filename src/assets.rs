@@ -2,9 +2,10 @@
 
 use anyhow::{Result, bail};
 use clap::Subcommand;
-use mvt_objects::assets::{Library, State, YCB};
+use mvt_objects::assets::{AssetsError, FileState, Library, YCB};
 use mvt_objects::catalogue;
-use mvt_pinned::Progress;
+use mvt_objects::catalogue::CatalogueError;
+use mvt_pinned::DownloadProgress;
 
 use mvt_run::io::print_line;
 use mvt_run::progress;
@@ -26,9 +27,22 @@ pub enum Command {
     Clean,
 }
 
+/// Returns the command that repairs missing or damaged meshes, if they caused the error; else an empty text.
+pub fn remedy(error: &anyhow::Error) -> &'static str {
+    let assets = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref() {
+        Some(CatalogueError::Assets(error)) => needs_fetch(error),
+        _ => cause.downcast_ref().is_some_and(needs_fetch),
+    };
+    if error.chain().any(assets) { " (`mambavitact assets fetch` fetches them)" } else { "" }
+}
+
+fn needs_fetch(error: &AssetsError) -> bool {
+    matches!(error, AssetsError::Missing { .. } | AssetsError::WrongHash { .. })
+}
+
 /// Runs the command.
 pub fn run(command: &Command) -> Result<()> {
-    let library = Library::ycb()?;
+    let library = catalogue::ycb_library()?;
     match command {
         Command::List => list(&library),
         Command::Fetch => {
@@ -46,7 +60,7 @@ pub fn run(command: &Command) -> Result<()> {
 /// Makes the YCB meshes present, with progress.
 pub fn fetch(library: &Library) -> Result<()> {
     let bar = progress::bar(0, "unpacking the YCB meshes");
-    library.fetch(&YCB, Progress::Shown, &mut |done, of| {
+    library.fetch(&YCB, DownloadProgress::Shown, &mut |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     })?;
@@ -74,9 +88,9 @@ fn verify(library: &Library) -> Result<()> {
     let mut bad = 0;
     for (_, state) in library.verify() {
         match state {
-            State::Good => {}
-            State::Missing => missing += 1,
-            State::Bad(error) => {
+            FileState::Good => {}
+            FileState::Missing => missing += 1,
+            FileState::Bad(error) => {
                 bad += 1;
                 tracing::error!("{error}");
             }

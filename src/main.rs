@@ -101,7 +101,7 @@ fn main() -> ExitCode {
         }
         Err(error) => {
             // The whole chain on one line: what failed, and why.
-            tracing::error!("{error:#}");
+            tracing::error!("{error:#}{}", assets::remedy(&error));
             ExitCode::FAILURE
         }
     }

@@ -11,7 +11,7 @@ use mvt_frames::{Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_metrics::{FINE_POINTS, ORIGINAL_THRESHOLDS_M, POINTS, ShapeScore, TrueSurface, sample_surface};
 use mvt_objects::catalogue;
-use mvt_objects::catalogue::Warning;
+use mvt_objects::catalogue::CatalogueWarning;
 use mvt_objects::object::Object as TrueObject;
 use serde::{Deserialize, Serialize};
 
@@ -181,7 +181,7 @@ fn of_files(arguments: &Arguments, truth: &str) -> Result<Results> {
 fn load_truth(name: &str) -> Result<TrueObject> {
     let mut warnings = Vec::new();
     let object = catalogue::load(name, &mut warnings);
-    for warning in warnings.iter().filter(|warning| !matches!(warning, Warning::EstimatedMass { .. })) {
+    for warning in warnings.iter().filter(|warning| !matches!(warning, CatalogueWarning::EstimatedMass { .. })) {
         tracing::warn!("{warning}");
     }
     Ok(object?)

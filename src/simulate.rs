@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::Args;
 use mvt_physics::episode;
-use mvt_physics::episode::{End, Episode, EpisodeConfig, Outcome, Randomisation};
+use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeOutcome, Randomisation};
 use mvt_robot::hand::{Finger, Side};
 use serde::Serialize;
 
@@ -36,7 +36,7 @@ struct Report<'a> {
     side: Side,
     seed: u64,
     #[serde(flatten)]
-    outcome: Outcome,
+    outcome: EpisodeOutcome,
 }
 
 /// Runs the command.
@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn in_words(report: &Report<'_>) -> String {
-    let Outcome { survived_s, turned_rad, turn_rate_rad_s, .. } = report.outcome;
+    let EpisodeOutcome { survived_s, turned_rad, turn_rate_rad_s, .. } = report.outcome;
     let ended = match &report.outcome.end {
         End::Completed => "stayed in the hand".to_owned(),
         End::Dropped => "fell off the hand".to_owned(),

@@ -1,10 +1,10 @@
-//! Takes libmujoco out of its Python wheel (see the crate `pinned`), verifies it and puts it on the link line.
+//! Extracts libmujoco from its verified Python wheel (see the crate `mvt-pinned`) and adds it to the link line.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};
 
-use mvt_pinned::{Archive, Progress};
+use mvt_pinned::{Archive, DownloadProgress};
 
 const LIBRARY: &str = "libmujoco.so.3.17.0";
 
@@ -23,11 +23,12 @@ macro_rules! wheel {
                 concat!("manylinux_2_28_", $arch),
             ],
             override_var: "MUJOCO_WHEEL",
+            cache: "mambavitact",
         }
     };
 }
 
-/// The wheels we support; any CPython tag holds the same library, so one is enough for every Python.
+/// The pinned wheels. The wheels of every CPython version contain the same library, so one per architecture is enough.
 const WHEELS: [(&str, Archive); 2] = [
     ("x86_64", wheel!("x86_64", "d66928d86a2d1b601bbaa4dc11db50214d17d5301bb8afd84721313b67ff0874")),
     ("aarch64", wheel!("aarch64", "91a70ed9979c383ff1f5c03f25cc2e1280a8254c1a8e558d5dd7f4184f01efc9")),
@@ -52,7 +53,7 @@ fn library_dir() -> Result<PathBuf, Box<dyn Error>> {
         return if dir.join(LIBRARY).is_file() {
             Ok(dir)
         } else {
-            Err(format!("MUJOCO_LIB_DIR={} holds no {LIBRARY}", dir.display()).into())
+            Err(format!("MUJOCO_LIB_DIR={} contains no {LIBRARY}; name the folder of that file", dir.display()).into())
         };
     }
     let (os, arch) = (env::var("CARGO_CFG_TARGET_OS")?, env::var("CARGO_CFG_TARGET_ARCH")?);
@@ -60,13 +61,14 @@ fn library_dir() -> Result<PathBuf, Box<dyn Error>> {
         WHEELS.iter().find(|(name, _)| os == "linux" && *name == arch).map(|(_, wheel)| wheel).ok_or_else(|| {
             format!("no wheel is pinned for {os} on {arch}; set MUJOCO_LIB_DIR to a folder with {LIBRARY}")
         })?;
-    let archive = wheel.fetch(Progress::Hidden)?;
+    let archive = wheel.fetch(DownloadProgress::Hidden)?;
     let dir = PathBuf::from(env::var("OUT_DIR")?).join("lib");
     unpack(&archive, &dir)?;
     Ok(dir)
 }
 
-/// Writes the one library under its final name only once it is whole.
+/// Writes the library to `dir`. The file gets its final name when it is complete, so that a killed build leaves no
+/// partial library.
 fn unpack(archive: &Path, dir: &Path) -> Result<(), Box<dyn Error>> {
     fs::create_dir_all(dir)?;
     let mut zip = zip::ZipArchive::new(fs::File::open(archive)?)?;

@@ -1,4 +1,6 @@
-//! Lets the binaries find libmujoco: beside themselves when shipped, in the target folder when built here.
+//! Sets the run-time search path of libmujoco: the folder of the program, then the target folder of the build.
+
+#![expect(clippy::print_stdout, reason = "Cargo reads the output of a build script")]
 
 fn main() {
     println!("cargo::rerun-if-changed=search_path.rs");

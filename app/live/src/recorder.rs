@@ -13,7 +13,7 @@ use mvt_gaits::gait;
 use mvt_gaits::gait::Gait;
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
-use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeState, Randomisation, Start};
+use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, EpisodeState, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, Scratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::hand::{Finger, PerFinger, Side};
@@ -162,7 +162,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn scene(&self, seed: u64, cameras: &[PosedCamera], episode: &Episode) -> Scene {
-        let Start { physics, .. } = episode.start();
+        let EpisodeStart { physics, .. } = episode.start();
         let [cx, cy, cz] = physics.com_offset_m;
         let number = |name: &str, value: f64| (name.to_owned(), value);
         let Settings { noise, touch_config, .. } = self.settings;

@@ -203,7 +203,7 @@ impl Supervisor {
         }
         if self.gaits.len() > 1 && self.makes_no_progress(belief) {
             self.gaits.rotate_left(1);
-            return self.intervene(time_s, Directive::SwitchGait(self.gaits[0]));
+            return self.intervene(time_s, Directive::SwitchGait(self.gaits[0].to_owned()));
         }
         Directive::Continue
     }
@@ -310,7 +310,7 @@ mod tests {
 
     fn first(directives: &[(f64, Directive)], about_s: f64) -> Directive {
         assert!((directives[0].0 - about_s).abs() < 2.5 * FRAME_S, "{:?}", directives[0]);
-        directives[0].1
+        directives[0].1.clone()
     }
 
     #[test]
@@ -393,16 +393,16 @@ mod tests {
     fn tries_the_gaits_in_turn_when_turning_is_slow() {
         let slow = |time_s: f64| Belief { turned_rad: 0.1 * time_s, ..turning(time_s) };
         let directives = watch(Goal::Time, 26.0, slow);
-        assert_eq!(first(&directives, 6.0), Directive::SwitchGait("shared"));
-        let names: Vec<Directive> = directives.iter().map(|(_, d)| *d).collect();
-        assert_eq!(names, ["shared", "bal", "cubelet", "shared"].map(Directive::SwitchGait));
+        assert_eq!(first(&directives, 6.0), Directive::SwitchGait("shared".to_owned()));
+        let names: Vec<Directive> = directives.iter().map(|(_, d)| d.clone()).collect();
+        assert_eq!(names, ["shared", "bal", "cubelet", "shared"].map(|name| Directive::SwitchGait(name.to_owned())));
     }
 
     #[test]
     fn tries_another_gait_when_nothing_new_is_seen_and_that_is_the_goal() {
         let blind = |time_s: f64| Belief { unobserved: turning(time_s.min(4.0)).unobserved, ..turning(time_s) };
         assert_eq!(watch(Goal::Time, 20.0, blind), []);
-        assert_eq!(watch(Goal::Coverage(0.99), 11.0, blind)[0].1, Directive::SwitchGait("shared"));
+        assert_eq!(watch(Goal::Coverage(0.99), 11.0, blind)[0].1, Directive::SwitchGait("shared".to_owned()));
     }
 
     #[test]

@@ -12,7 +12,7 @@ use mvt_objects::distance::MeshDistance;
 use mvt_render::tessellation::tessellate;
 use mvt_robot::digit;
 use mvt_robot::hand;
-use mvt_robot::hand::{JointAngles, Part, Side, Surface as Material, world_from_digit_camera};
+use mvt_robot::hand::{JointAngles, Part, PartSurface as Material, Side, world_from_digit_camera};
 use nalgebra as na;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

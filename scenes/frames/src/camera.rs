@@ -3,12 +3,12 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Isometry, Point, World};
+use crate::frame::{Camera, Isometry, Point, World};
 
-/// Pinhole intrinsics without distortion.
+/// Pinhole intrinsics without lens distortion.
 ///
-/// The centre of pixel (column u, row v) is at (u, v), as in NeuralFeels' loaders: depth z > 0 along the optical axis
-/// and OpenGL axes give the point ((u - cx) z / fx, -(v - cy) z / fy, -z).
+/// The centre of pixel (column u, row v) is at (u, v), as in NeuralFeels' loaders. With OpenGL axes, depth z > 0 along
+/// the optical axis gives the point ((u - cx) z / fx, -(v - cy) z / fy, -z).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Intrinsics {
     /// Image width, pixels.
@@ -19,35 +19,36 @@ pub struct Intrinsics {
     pub fx: f64,
     /// Focal length along the rows, pixels.
     pub fy: f64,
-    /// Column of the principal point.
+    /// Column of the principal point, pixels.
     pub cx: f64,
-    /// Row of the principal point.
+    /// Row of the principal point, pixels.
     pub cy: f64,
 }
 
 impl Intrinsics {
-    /// Square pixels, principal point in the middle of the image, given vertical field of view.
+    /// Returns intrinsics with square pixels, the principal point in the middle of the image, and a vertical field of
+    /// view.
     pub fn from_fov_y(width: usize, height: usize, fov_y_rad: f64) -> Self {
         let f = 0.5 * height as f64 / (0.5 * fov_y_rad).tan();
         Self { width, height, fx: f, fy: f, cx: 0.5 * (width as f64 - 1.0), cy: 0.5 * (height as f64 - 1.0) }
     }
 
-    /// The point seen at pixel (u, v) at `depth_m` along the optical axis.
+    /// Returns the point at pixel (u, v) and `depth_m` along the optical axis.
     pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point<Camera> {
         Point::new((u - self.cx) / self.fx * depth_m, -(v - self.cy) / self.fy * depth_m, -depth_m)
     }
 
-    /// The pixel (u, v) at which a point is seen; `None` behind the camera.
+    /// Returns the pixel (u, v) of a point; `None` behind the camera.
     pub fn project(&self, point: Point<Camera>) -> Option<(f64, f64)> {
         let p = point.coords();
         (p.z < 0.0).then(|| (self.cx - p.x / p.z * self.fx, self.cy + p.y / p.z * self.fy))
     }
 }
 
-/// A camera at a place.
+/// Camera with a name and a pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
-    /// Name, also the folder in a FeelSight log.
+    /// Name, also of the folder in a log.
     pub name: String,
     /// Pinhole model.
     pub intrinsics: Intrinsics,
@@ -55,10 +56,10 @@ pub struct PosedCamera {
     pub pose: Isometry<Camera, World>,
 }
 
-/// Pose of a camera at `eye` that looks at `target` with `up` upwards in the image.
+/// Returns the pose of a camera at `eye` that looks at `target`; `up` points upwards in the image. Metres in the world.
 pub fn look_at(eye: Vector3<f64>, target: Vector3<f64>, up: Vector3<f64>) -> Isometry<Camera, World> {
     let back = (eye - target).normalize();
-    // Looking along `up` leaves the roll open; the world's x axis then points up in the image.
+    // A camera that looks along `up` has no defined roll; the world's x axis then points up in the image.
     let side = up.cross(&back);
     let right = if side.norm() > 1e-9 { side.normalize() } else { Vector3::x().cross(&back).normalize() };
     let rotation = nalgebra::Rotation3::from_basis_unchecked(&[right, back.cross(&right), back]);

@@ -1,19 +1,4 @@
 //! Coordinate frames as types.
-//!
-//! A pose is an [`Isometry<From, To>`]: it takes coordinates in frame `From` to coordinates in frame `To`, so the pose of the
-//! object in the world is an `Isometry<Object, World>`. Poses compose only where the frames meet:
-//!
-//! ```
-//! use scenes::frame::{Camera, Isometry, Object, Point, World};
-//! let world_from_camera = Isometry::<Camera, World>::translation(0.0, 0.0, 0.3);
-//! let world_from_object = Isometry::<Object, World>::identity();
-//! let camera_from_object: Isometry<Object, Camera> = world_from_camera.inverse() * world_from_object;
-//! let p: Point<Camera> = camera_from_object * Point::new(0.0, 0.0, 0.0);
-//! assert_eq!(p.coords().z, -0.3);
-//! ```
-//!
-//! Lengths are metres, all frames are right-handed. Poses are `f64`; [`Isometry::to_f32`] is the one place where they become
-//! the `f32` of ray casting.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -21,9 +6,9 @@ use std::ops::Mul;
 
 use nalgebra as na;
 
-/// A coordinate frame. Implemented by the marker types of this module only.
+/// Coordinate frame. Only the marker types of this crate implement it.
 pub trait Frame: Copy + Send + Sync + 'static {
-    /// Name for messages.
+    /// Name, for messages.
     const NAME: &'static str;
 }
 
@@ -39,17 +24,19 @@ macro_rules! frames {
 }
 
 frames! {
-    /// The world: x along the fingers, z out of the palm, origin at the hand base. Gravity is tilted in it, not the hand.
+    /// World: x along the fingers, z out of the palm, origin at the hand base. The hand is fixed in it; gravity may be
+    /// tilted.
     World
-    /// The hand's base link as in Allegro's URDF: z along the fingers, x out of the palm, origin at the knuckles.
+    /// Base link of the hand, as in Allegro's URDF: z along the fingers, x out of the palm, origin at the knuckles.
     HandBase
-    /// The fingertip link that carries a DIGIT: x out of the gel, z along the finger.
+    /// Fingertip link, which carries a DIGIT: x out of the gel, z along the finger.
     Tip
-    /// TACTO's sensor frame: origin at the DIGIT's camera, x out of the gel, z up in the image, y to the image's left.
+    /// Sensor frame of TACTO: origin at the camera of the DIGIT, x out of the gel, z up in the image, y to the left in
+    /// the image.
     Gel
-    /// A camera with OpenGL axes: x right, y up, looking along -z.
+    /// Camera with OpenGL axes: x right, y up, optical axis along -z.
     Camera
-    /// The object: origin at the centre of its bounding box, z up as it stands on the palm.
+    /// Object: origin at the centre of its bounding box, z up as the object stands on the palm.
     Object
     /// The estimated shape: the frame from which estimated poses lead and in which meshes are given. With a known shape it is
     /// [`Object`]; otherwise the first frame of a run fixes it, and only a score, which knows the truth, can say how it lies in [`Object`].
@@ -64,83 +51,83 @@ frames! {
     MeshFile
 }
 
-/// A rigid motion that takes coordinates in `From` to coordinates in `To`.
+/// Rigid motion that takes coordinates in `From` to coordinates in `To`.
 pub struct Isometry<From, To> {
     inner: na::Isometry3<f64>,
     frames: PhantomData<(From, To)>,
 }
 
 impl<From: Frame, To: Frame> Isometry<From, To> {
-    /// The motion with this rotation and translation.
+    /// Attaches frames to a rotation and translation.
     pub fn new(inner: na::Isometry3<f64>) -> Self {
         Self { inner, frames: PhantomData }
     }
 
-    /// The frames coincide.
+    /// Returns the motion between two frames that coincide.
     pub fn identity() -> Self {
         Self::new(na::Isometry3::identity())
     }
 
-    /// The frames are parallel; `From`'s origin is at (x, y, z) in `To`, metres.
+    /// Returns the motion between parallel frames; the origin of `From` is at (x, y, z) in `To`, metres.
     pub fn translation(x: f64, y: f64, z: f64) -> Self {
         Self::new(na::Isometry3::translation(x, y, z))
     }
 
-    /// From a translation in metres and a quaternion (w, x, y, z), which is normalised.
+    /// Converts a translation in metres and a quaternion (w, x, y, z). Normalises the quaternion.
     pub fn from_parts(translation_m: [f64; 3], quaternion_wxyz: [f64; 4]) -> Self {
         let [w, x, y, z] = quaternion_wxyz;
         let rotation = na::UnitQuaternion::from_quaternion(na::Quaternion::new(w, x, y, z));
         Self::new(na::Isometry3::from_parts(na::Vector3::from(translation_m).into(), rotation))
     }
 
-    /// From a 4 x 4 row-major homogeneous matrix.
+    /// Converts a 4 x 4 row-major homogeneous matrix.
     ///
     /// # Errors
-    /// [`NotRigid`] if the matrix holds a number that is not finite, its last row is not 0 0 0 1, or its upper left part is
-    /// not a rotation to 1e-3.
+    /// [`NotRigid`] if a number is not finite, the last row is not 0 0 0 1, or the upper left part differs from a
+    /// rotation by more than 1e-3.
     pub fn from_matrix(rows: &[[f64; 4]; 4]) -> Result<Self, NotRigid> {
         if rows.iter().flatten().any(|v| !v.is_finite()) {
-            return Err(NotRigid("it holds a number that is not finite"));
+            return Err(NotRigid("a number is not finite"));
         }
         if rows[3] != [0.0, 0.0, 0.0, 1.0] {
-            return Err(NotRigid("its last row is not 0 0 0 1"));
+            return Err(NotRigid("the last row is not 0 0 0 1"));
         }
         let linear = na::Matrix3::from_fn(|r, c| rows[r][c]);
         if (linear * linear.transpose() - na::Matrix3::identity()).abs().max() > 1e-3 || linear.determinant() < 0.0 {
-            return Err(NotRigid("its upper left 3 x 3 part is not a rotation"));
+            return Err(NotRigid("the upper left 3 x 3 part is not a rotation"));
         }
         let rotation = na::UnitQuaternion::from_matrix(&linear);
         Ok(Self::new(na::Isometry3::from_parts(na::Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation)))
     }
 
-    /// As a 4 x 4 row-major homogeneous matrix.
+    /// Returns the 4 x 4 row-major homogeneous matrix.
     pub fn to_matrix(self) -> [[f64; 4]; 4] {
         let m = self.inner.to_homogeneous();
         std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
     }
 
-    /// The same motion without its frames.
+    /// Returns the motion without its frames.
     pub fn untyped(self) -> na::Isometry3<f64> {
         self.inner
     }
 
-    /// The motion from `To` back to `From`.
+    /// Returns the motion from `To` to `From`.
     pub fn inverse(self) -> Isometry<To, From> {
         Isometry::new(self.inner.inverse())
     }
 
-    /// Where `From`'s origin lies in `To`, metres.
+    /// Returns the origin of `From` in `To`, metres.
     pub fn origin(self) -> Point<To> {
         Point::from(self.inner.translation.vector)
     }
 
-    /// The quaternion (w, x, y, z) of the rotation.
+    /// Returns the rotation as a quaternion (w, x, y, z).
     pub fn quaternion_wxyz(self) -> [f64; 4] {
         let q = self.inner.rotation;
         [q.w, q.i, q.j, q.k]
     }
 
-    /// Rotation and translation in `f32`, for ray casting.
+    /// Returns rotation and translation in `f32`, for ray casting.
     pub fn to_f32(self) -> (glam::Mat3A, glam::Vec3A) {
         let r = self.inner.rotation.to_rotation_matrix().into_inner();
         let column = |c: usize| glam::DVec3::new(r[(0, c)], r[(1, c)], r[(2, c)]).as_vec3a();
@@ -149,7 +136,7 @@ impl<From: Frame, To: Frame> Isometry<From, To> {
     }
 }
 
-/// Why a matrix is not a pose.
+/// Reason why a matrix is not a rigid motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("not a rigid motion: {0}")]
 pub struct NotRigid(&'static str);
@@ -207,11 +194,11 @@ macro_rules! triple {
             frame: PhantomData<F>,
         }
         impl<F: Frame> $name<F> {
-            /// From coordinates in metres.
+            /// Attaches a frame to coordinates in metres.
             pub fn new(x: f64, y: f64, z: f64) -> Self {
                 Self::from(na::Vector3::new(x, y, z))
             }
-            /// The coordinates without their frame.
+            /// Returns the coordinates without their frame, metres.
             pub fn coords(self) -> na::Vector3<f64> {
                 self.coords
             }
@@ -241,11 +228,11 @@ macro_rules! triple {
 }
 
 triple! {
-    /// A place, moved by rotation and translation. Metres.
+    /// Place, which rotation and translation move. Metres.
     Point
 }
 triple! {
-    /// A direction or displacement, moved by rotation only. Metres.
+    /// Direction or displacement, which only rotation changes. Metres.
     Vector
 }
 
@@ -260,7 +247,7 @@ mod tests {
         let p = Point::<Object>::new(1.0, 2.0, 3.0);
         assert!(((pose * p).coords() - (again * p).coords()).norm() < 1e-12);
         assert!(((pose.inverse() * (pose * p)).coords() - p.coords()).norm() < 1e-12);
-        // Quaternion (.5,-.5,.5,.5) by hand: x -> -y, y -> z ... checked through one axis.
+        // The quaternion (0.5, -0.5, 0.5, 0.5) takes x to -z.
         let x = (pose * Vector::<Object>::new(1.0, 0.0, 0.0)).coords();
         assert!((x - na::Vector3::new(0.0, 0.0, -1.0)).norm() < 1e-12, "{x}");
     }

@@ -1,7 +1,8 @@
 //! Coordinate frames as types, rigid motions, pinhole cameras and depth images: the vocabulary of every other crate.
 //!
-//! A pose is an [`Isometry<From, To>`]: it takes coordinates in frame `From` to coordinates in frame `To`, so the pose of the
-//! object in the world is an `Isometry<Object, World>`. Poses compose only where the frames meet:
+//! A pose is an [`Isometry<From, To>`]. It takes coordinates in frame `From` to coordinates in frame `To`, so the pose
+//! of the object in the world is an `Isometry<Object, World>`. The compiler accepts a product of poses only if the
+//! inner frames agree:
 //!
 //! ```
 //! use mvt_frames::{Camera, Isometry, Object, Point, World};
@@ -12,7 +13,8 @@
 //! assert_eq!(p.coords().z, -0.3);
 //! ```
 //!
-//! Lengths are metres, all frames are right-handed. Poses are `f64`; [`Isometry::to_f32`] gives the `f32` of ray casting.
+//! Lengths are metres and all frames are right-handed. Poses are `f64`; [`Isometry::to_f32`] converts them for ray
+//! casting. The frames are a closed set, and camera models have no lens distortion.
 
 pub mod camera;
 pub mod depth;

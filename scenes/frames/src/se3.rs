@@ -1,32 +1,34 @@
-//! The exponential and logarithm of rigid motions.
+//! Exponential and logarithm of rigid motions.
 //!
-//! A twist is (v, w): translation in metres, then rotation vector in radians. `exp` is the group's exponential, so that
-//! `exp(log(X)) = X` for every rigid motion, also near a half turn, where the rotation vector is read from the quaternion and not
-//! from the trace (Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in robotics", 2018, appendix D).
+//! A twist is (v, w): translation in metres, then rotation vector in radians. `exp` is the exponential of the group
+//! SE(3), so `exp(log(X)) = X` for every rigid motion, also near a half turn: the rotation vector comes from the
+//! quaternion and not from the trace (Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in robotics",
+//! 2018, appendix D).
 
 use nalgebra as na;
 
-/// A twist: translation (m), then rotation vector (rad).
+/// Twist: translation (m), then rotation vector (rad).
 pub type Twist = na::Vector6<f64>;
 
-/// Below this angle (rad) the closed forms lose digits to cancellation and their series are exact to machine precision.
+/// Angle (rad) below which the closed forms lose digits to cancellation and their series are exact to machine
+/// precision.
 const SMALL: f64 = 1e-4;
 
-/// The rigid motion that a unit of time of this twist makes.
+/// Returns the rigid motion that a twist makes in unit time.
 pub fn exp(twist: &Twist) -> na::Isometry3<f64> {
     let (v, w) = split(twist);
     let rotation = na::UnitQuaternion::from_scaled_axis(w);
     na::Isometry3::from_parts((left_jacobian(w) * v).into(), rotation)
 }
 
-/// The twist whose exponential is this motion; its rotation is at most a half turn.
+/// Returns the twist whose exponential is this motion; its rotation is at most a half turn.
 pub fn log(motion: &na::Isometry3<f64>) -> Twist {
     let w = rotation_vector(&motion.rotation);
     let v = inverse_left_jacobian(w) * motion.translation.vector;
     Twist::new(v.x, v.y, v.z, w.x, w.y, w.z)
 }
 
-/// The rotation vector of a rotation, of length at most pi.
+/// Returns the rotation vector of a rotation, of length at most pi.
 fn rotation_vector(rotation: &na::UnitQuaternion<f64>) -> na::Vector3<f64> {
     let q = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
     let axis = q.imag();
@@ -40,7 +42,7 @@ fn split(twist: &Twist) -> (na::Vector3<f64>, na::Vector3<f64>) {
     (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned())
 }
 
-/// Takes the v of a twist to the translation of its exponential.
+/// Returns the matrix that takes the v of a twist to the translation of its exponential.
 fn left_jacobian(w: na::Vector3<f64>) -> na::Matrix3<f64> {
     let (angle, skew) = (w.norm(), w.cross_matrix());
     let (a, b) = if angle < SMALL {
@@ -51,6 +53,7 @@ fn left_jacobian(w: na::Vector3<f64>) -> na::Matrix3<f64> {
     na::Matrix3::identity() + a * skew + b * skew * skew
 }
 
+/// Returns the inverse of [`left_jacobian`] in closed form.
 fn inverse_left_jacobian(w: na::Vector3<f64>) -> na::Matrix3<f64> {
     let (angle, skew) = (w.norm(), w.cross_matrix());
     let b = if angle < SMALL {
@@ -62,7 +65,7 @@ fn inverse_left_jacobian(w: na::Vector3<f64>) -> na::Matrix3<f64> {
     na::Matrix3::identity() - 0.5 * skew + b * skew * skew
 }
 
-/// How a twist changes under a change of frame: `motion * exp(t) * motion^-1 = exp(adjoint(motion) * t)`.
+/// Returns the matrix that changes the frame of a twist: `motion * exp(t) * motion^-1 = exp(adjoint(motion) * t)`.
 pub fn adjoint(motion: &na::Isometry3<f64>) -> na::Matrix6<f64> {
     let rotation = motion.rotation.to_rotation_matrix().into_inner();
     let mut matrix = na::Matrix6::zeros();
@@ -72,15 +75,15 @@ pub fn adjoint(motion: &na::Isometry3<f64>) -> na::Matrix6<f64> {
     matrix
 }
 
-/// Derivative of `log(motion * exp(d))` by d at d = 0, for `twist = log(motion)`.
+/// Returns the derivative of `log(motion * exp(d))` by d at d = 0, for `twist = log(motion)`.
 pub fn inverse_right_jacobian(twist: &Twist) -> na::Matrix6<f64> {
     let (v, w) = split(twist);
     let mut bracket = na::Matrix6::zeros();
     bracket.fixed_view_mut::<3, 3>(0, 0).copy_from(&w.cross_matrix());
     bracket.fixed_view_mut::<3, 3>(3, 3).copy_from(&w.cross_matrix());
     bracket.fixed_view_mut::<3, 3>(0, 3).copy_from(&v.cross_matrix());
-    // The series of x / (1 - exp(-x)), whose coefficients are Bernoulli's numbers over the factorials: to 1e-9 for rotations
-    // up to one radian.
+    // Series of x / (1 - exp(-x)), with Bernoulli's numbers over the factorials as coefficients: exact to 1e-9 for
+    // rotations up to one radian.
     const EVEN: [f64; 6] = [
         1.0 / 12.0,
         -1.0 / 720.0,

@@ -1,19 +1,22 @@
-//! Wavefront OBJ, through tobj. Materials, groups, normals and texture coordinates are ignored.
+//! Reader for Wavefront OBJ, based on tobj. Ignores materials, groups, normals and texture coordinates.
 
 use glam::Vec3;
 
-use super::{Defect, Mesh};
+use crate::error::Defect;
+use crate::mesh::Mesh;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, Defect> {
     let options =
         tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
-    // A material library is a second file that we have no use for.
+    // A material library is a second file, which is not needed.
     let no_materials = |_: &std::path::Path| Ok(Default::default());
-    // Names of groups may be in any encoding; nothing that matters here is outside ASCII.
+    // Names of groups may have any encoding; all other text is ASCII.
     let text = String::from_utf8_lossy(bytes);
     let (models, _) =
         tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials).map_err(|error| match error {
-            tobj::LoadError::FaceVertexOutOfBounds => Defect::Syntax("a face names a vertex that is not there".into()),
+            tobj::LoadError::FaceVertexOutOfBounds => {
+                Defect::Syntax("a face names a vertex that does not exist".into())
+            }
             error => Defect::Syntax(format!("not a valid OBJ file: {error}")),
         })?;
     let mut mesh = Mesh::default();
@@ -21,7 +24,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, Defect> {
         let first = mesh.vertices.len() as u32;
         let model = model.mesh;
         let shift = |corner: &[u32]| match *corner {
-            // An index beyond u32 stays out of range, which repair reports.
+            // An index beyond u32 stays out of range, and repair reports it.
             [a, b, c] => [a, b, c].map(|index| index.saturating_add(first)),
             _ => [u32::MAX; 3],
         };

@@ -1,11 +1,12 @@
-//! Stanford PLY: text, binary little-endian and binary big-endian. Memory is taken for what is there, never for what a header
-//! promises.
+//! Reader for Stanford PLY: text, binary little-endian and binary big-endian. Allocates memory for the data in the
+//! file, never for the counts in the header.
 
 use glam::Vec3;
 
-use super::{Defect, Mesh};
+use crate::error::Defect;
+use crate::mesh::Mesh;
 
-/// Longest polygon that is read; a longer list is damage.
+/// Number of corners of the largest polygon that is accepted; a longer list is damage.
 const MAX_CORNERS: u64 = 1024;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -67,7 +68,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, Defect> {
         match element.name.as_str() {
             "vertex" => vertices(element, &mut values, &mut mesh)?,
             "face" => faces(element, &mut values, &mut mesh)?,
-            "tristrips" => return Err(syntax("triangle strips are not read; export faces")),
+            "tristrips" => return Err(syntax("triangle strips are not supported; export faces")),
             _ => each(element, &mut values, |_, _| {})?,
         }
     }
@@ -94,8 +95,7 @@ fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, &[u8]), Defect> {
     loop {
         let line = lines.next().ok_or_else(|| syntax("the header has no end"))?;
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        let bad =
-            || syntax(&format!("header line \"{}\" is not understood", line.chars().take(80).collect::<String>()));
+        let bad = || syntax(&format!("header line \"{}\" is invalid", line.chars().take(80).collect::<String>()));
         let scalar = |name: &str| Scalar::named(name).ok_or_else(bad);
         let property = match *words {
             ["end_header"] => break,
@@ -127,7 +127,7 @@ fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, &[u8]), Defect> {
     Ok((encoding, elements, rest))
 }
 
-/// The numbers of the body, one after the other.
+/// Reads the numbers of the body one after the other.
 struct Values<'a> {
     encoding: Encoding,
     rest: &'a [u8],
@@ -163,8 +163,8 @@ impl Values<'_> {
     }
 }
 
-/// Reads every entry of an element and hands its properties' numbers, by the property's place, to `take`. An entry takes at
-/// least one byte of the file, so a hostile count ends with the file.
+/// Reads every entry of an element and calls `take` with the index and the numbers of each property. An entry has at
+/// least one byte, so the loop over a hostile count ends with the file.
 fn each(element: &Element, values: &mut Values<'_>, mut take: impl FnMut(usize, &[f64])) -> Result<(), Defect> {
     if element.properties.is_empty() && element.count > 0 {
         return Err(syntax(&format!("element \"{}\" has no properties", element.name)));
@@ -173,7 +173,7 @@ fn each(element: &Element, values: &mut Values<'_>, mut take: impl FnMut(usize, 
     for entry in 0..element.count {
         let cut_off = || Defect::WrongLength {
             promised: format!("{} of element \"{}\"", element.count, element.name),
-            held: format!("{entry} that can be read"),
+            held: format!("{entry}"),
         };
         for (place, property) in element.properties.iter().enumerate() {
             list.clear();
@@ -182,7 +182,7 @@ fn each(element: &Element, values: &mut Values<'_>, mut take: impl FnMut(usize, 
                 Kind::List { length, item } => (values.next(length).ok_or_else(cut_off)? as u64, item),
             };
             if length > MAX_CORNERS {
-                return Err(syntax(&format!("a list of {length} entries; at most {MAX_CORNERS} are read")));
+                return Err(syntax(&format!("a list has {length} entries; the limit is {MAX_CORNERS}")));
             }
             for _ in 0..length {
                 list.push(values.next(item).ok_or_else(cut_off)?);
@@ -220,7 +220,7 @@ fn faces(element: &Element, values: &mut Values<'_>, mesh: &mut Mesh) -> Result<
     let corners = element.properties.iter().position(is_corners);
     let corners = corners.ok_or_else(|| syntax("the faces have no list vertex_indices"))?;
     each(element, values, |place, numbers| {
-        // A negative or fractional index becomes one that is out of range, which repair reports.
+        // A negative or fractional index becomes one out of range, which repair reports.
         let index = |number: f64| if number >= 0.0 && number.fract() == 0.0 { number as u32 } else { u32::MAX };
         if let (true, [first, fan @ ..]) = (place == corners, numbers) {
             mesh.faces.extend(fan.windows(2).map(|edge| [index(*first), index(edge[0]), index(edge[1])]));

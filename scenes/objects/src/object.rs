@@ -1,43 +1,44 @@
-//! An object that the hand can turn.
+//! Objects that a hand can turn.
 
 use std::sync::Arc;
 
 use glam::Vec3;
-use nalgebra as na;
-
 use mvt_frames::{Isometry, MeshFile, Object as ObjectFrame};
 use mvt_mesh::{Mesh, SignedDistance};
+use nalgebra as na;
 
-/// An object that the hand can turn: shape, collision shape and mass.
+/// Object that a hand can turn: shape, collision shape and mass.
 #[derive(Debug, Clone)]
 pub struct Object {
-    /// Name in the catalogue, or the file stem of a user's mesh.
+    /// Name in the catalogue, or the stem of the user's file name.
     pub name: String,
-    /// True surface in the object's frame: origin at the centre of the bounding box, turned so that z is up as the object
-    /// stands on the palm and its footprint is aligned with x and y.
+    /// True surface in the object's frame: origin at the centre of the bounding box, z up as the object stands on the
+    /// palm, and the footprint aligned with x and y.
     pub mesh: Mesh,
-    /// Exact signed distance to the true shape, which procedural objects have: the shape that `mesh` approximates, or `mesh` itself
-    /// where the object is defined by it. For any other object see [`crate::distance::MeshDistance`].
+    /// Exact signed distance of a procedural object, to the shape that `mesh` approximates or, if the mesh defines the
+    /// object, to `mesh`. `None` for other objects; for those see [`crate::distance::MeshDistance`].
     pub exact: Option<Arc<dyn SignedDistance>>,
-    /// Takes coordinates of the mesh file as it was published, in metres, to the object's frame. FeelSight logs store object poses
-    /// of the published mesh, so that they fit other people's copies of it. Identity for procedural objects.
+    /// Takes coordinates of the published mesh file, in metres, to the object's frame. Logs store the pose of the
+    /// published mesh, so that they fit every copy of the file. Identity for procedural objects.
     pub object_from_file: Isometry<MeshFile, ObjectFrame>,
-    /// What MuJoCo collides with: one or more convex pieces in the object's frame, each as a set of points whose hull it is.
+    /// Collision shape for MuJoCo: one or more convex pieces in the object's frame, each as a set of points whose hull
+    /// it is.
     pub collision: Vec<Vec<Vec3>>,
     /// Mass, kg.
     pub mass_kg: f64,
 }
 
 impl Object {
-    /// Size along x, y and z in the object's frame, metres.
+    /// Returns the size along x, y and z in the object's frame, metres.
     pub fn extents_m(&self) -> [f64; 3] {
         self.mesh.extents_m().to_array().map(f64::from)
     }
 
-    /// Centre of mass (metres) and inertia about it (kg m^2) of the solid that the mesh bounds, scaled to a mass; object frame.
-    /// Where the mesh bounds no volume, the values of its bounding box.
+    /// Returns the centre of mass (metres) and the inertia about it (kg m^2) of the solid inside the mesh, for a mass,
+    /// in the object's frame. For a mesh without a volume, returns the values of its bounding box.
     pub fn solid_inertia(&self, mass_kg: f64) -> (na::Vector3<f64>, na::Matrix3<f64>) {
-        // Sum over the tetrahedra between the origin and each face: volume, first and second moments (integral of x x^T).
+        // Sum over the tetrahedra between the origin and each face: volume, first and second moments (integral of x
+        // x^T).
         let (mut volume, mut first, mut second) = (0.0, na::Vector3::zeros(), na::Matrix3::zeros());
         for face in &self.mesh.faces {
             let corners = face.map(|i| self.mesh.vertices.get(i as usize).copied().unwrap_or_default().as_dvec3());

@@ -1,44 +1,24 @@
-//! Objects that are made here, so that nothing needs to be downloaded. Each knows its exact signed distance: in closed form
-//! where the shape has one (boxes, die, lathed shapes); the others are by definition the polyhedron that is their mesh.
+//! Objects that this crate makes, so that they need no download. Each has an exact signed distance: in closed form for
+//! boxes, the die and lathed shapes; the other shapes are defined as the polyhedron of their mesh.
 
-use std::sync::Arc;
+use mvt_frames::Isometry;
 
 use crate::decompose::{self, NoHull};
-use crate::distance::MeshDistance;
 use crate::object::Object;
-use mvt_frames::{Isometry, Object as ObjectFrame, Point};
-use mvt_mesh::Mesh;
-use mvt_mesh::SignedDistance;
+use shape::Shape;
 
 mod die;
 mod lathe;
 mod moulded;
 mod nets;
 mod rounded_box;
+mod shape;
 
-/// How an object is made.
+/// Function that makes the shape of an object.
 pub(crate) type Recipe = fn() -> Shape;
 
-/// A closed outward mesh with its bounding box centred on the origin, and the exact distance to what it approximates.
-pub(crate) struct Shape {
-    pub(crate) mesh: Mesh,
-    exact: Option<Arc<dyn SignedDistance>>,
-}
-
-impl Shape {
-    fn new(mesh: Mesh, exact: impl SignedDistance + 'static) -> Self {
-        Self { mesh, exact: Some(Arc::new(exact)) }
-    }
-
-    /// The shape that is its mesh.
-    fn polyhedron(mesh: Mesh) -> Self {
-        let exact = MeshDistance::new(&mesh).map(|exact| Arc::new(exact) as Arc<dyn SignedDistance>);
-        Self { mesh, exact }
-    }
-}
-
-/// Name, mass in kg and recipe of every procedural object, sorted by name. The masses are those of plausible real ones: hollow
-/// toys, a wooden grinder, a full can.
+/// Name, mass in kg and recipe of every procedural object, sorted by name. The masses are plausible for real objects:
+/// hollow toys, a wooden grinder, a full can.
 pub(crate) const RECIPES: [(&str, f64, Recipe); 11] = [
     ("ball", 0.060, lathe::ball),
     ("bell_pepper", 0.120, moulded::bell_pepper),
@@ -53,6 +33,7 @@ pub(crate) const RECIPES: [(&str, f64, Recipe); 11] = [
     ("soup_can", 0.349, lathe::soup_can),
 ];
 
+/// Makes an object by its recipe.
 pub(crate) fn build(name: &str, mass_kg: f64, recipe: Recipe) -> Result<Object, NoHull> {
     let Shape { mesh, exact } = recipe();
     let collision = decompose::pieces(&mesh)?;

@@ -1,17 +1,17 @@
-//! From the coordinates in which a mesh was published to the object's frame.
-
-use nalgebra as na;
+//! Moves published meshes to the object's frame.
 
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_mesh::Mesh;
+use nalgebra as na;
 
-/// Moves a mesh to the object's frame: `up`, a direction in the file, becomes z; the smallest rectangle round the footprint is
-/// aligned with x and y by the smaller turn; the centre of the bounding box becomes the origin. Says by which rigid motion.
+/// Moves a mesh to the object's frame and returns the rigid motion. `up`, a direction in the file, becomes z; the
+/// smaller turn aligns the smallest rectangle around the footprint with x and y; the centre of the bounding box becomes
+/// the origin.
 pub fn stand(mesh: &Mesh, up: [f64; 3]) -> (Mesh, Isometry<MeshFile, Object>) {
     let points: Vec<na::Vector3<f64>> = mesh.vertices.iter().map(|v| v.to_array().map(f64::from).into()).collect();
     let z = na::Vector3::z();
     let upright = na::UnitQuaternion::rotation_between(&up.into(), &z)
-        // Only upside down has no single shortest turn.
+        // Only the opposite direction has no unique shortest turn.
         .unwrap_or_else(|| na::UnitQuaternion::from_axis_angle(&na::Vector3::x_axis(), std::f64::consts::PI));
     let footprint = points.iter().map(|p| (upright * p).xy()).collect();
     let level = na::UnitQuaternion::from_axis_angle(&na::Vector3::z_axis(), -yaw(footprint));
@@ -28,8 +28,8 @@ pub fn stand(mesh: &Mesh, up: [f64; 3]) -> (Mesh, Isometry<MeshFile, Object>) {
     (standing, Isometry::new(na::Isometry3::from_parts((-centre).into(), rotation)))
 }
 
-/// Angle of the smallest rectangle round points of the plane, -45 to 45 degrees, in radians. One side of it lies along a side of
-/// the convex hull (Freeman and Shapira 1975).
+/// Returns the angle of the smallest rectangle around points of the plane, -45 to 45 degrees, in radians. One side of
+/// it lies along a side of the convex hull (Freeman and Shapira 1975).
 fn yaw(points: Vec<na::Vector2<f64>>) -> f64 {
     let hull = hull_2d(points);
     let mut best = (f64::INFINITY, 0.0);
@@ -41,7 +41,7 @@ fn yaw(points: Vec<na::Vector2<f64>>) -> f64 {
             reach.clone().fold(f64::NEG_INFINITY, f64::max) - reach.fold(f64::INFINITY, f64::min)
         };
         let area = width(along) * width(across);
-        // Opposite sides give the same rectangle up to rounding; the first one keeps it.
+        // Opposite sides give the same rectangle up to rounding errors; the first one is kept.
         if area < best.0 * (1.0 - 1e-9) {
             best = (area, along.y.atan2(along.x));
         }
@@ -50,7 +50,7 @@ fn yaw(points: Vec<na::Vector2<f64>>) -> f64 {
     best.1 - (best.1 / quarter).round() * quarter
 }
 
-/// Convex hull of points of the plane, counter-clockwise (Andrew's monotone chain).
+/// Returns the convex hull of points of the plane, counter-clockwise (Andrew's monotone chain).
 fn hull_2d(mut points: Vec<na::Vector2<f64>>) -> Vec<na::Vector2<f64>> {
     points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     points.dedup();

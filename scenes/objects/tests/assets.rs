@@ -1,4 +1,4 @@
-//! The mesh library without a network: small archives, whole and damaged.
+//! The mesh library without a network: small archives, complete and damaged.
 
 #![allow(
     clippy::unwrap_used,
@@ -13,12 +13,12 @@ use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use mvt_objects::assets::{Error, Library, Pinned, State, YCB};
+use mvt_objects::assets::{AssetsError, FileState, Library, PinnedMesh, YCB};
 
 // SHA-256 of "abc" (FIPS 180-2, appendix B.1) and of the empty string.
 const ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 const EMPTY: &str = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
-const FILES: [Pinned; 2] = [Pinned { name: "one", sha256: ABC }, Pinned { name: "two", sha256: EMPTY }];
+const FILES: [PinnedMesh; 2] = [PinnedMesh { name: "one", sha256: ABC }, PinnedMesh { name: "two", sha256: EMPTY }];
 
 fn archive(folder: &Path, entries: &[(&str, &[u8])]) -> PathBuf {
     let mut tar = tar::Builder::new(GzEncoder::new(Vec::new(), Compression::default()));
@@ -26,7 +26,7 @@ fn archive(folder: &Path, entries: &[(&str, &[u8])]) -> PathBuf {
         let mut header = tar::Header::new_gnu();
         header.set_size(bytes.len() as u64);
         header.set_mode(0o644);
-        // Written by hand, because the builder refuses the names that an attacker would use.
+        // Writes the name by hand, because the builder refuses the names that an attacker would use.
         header.as_old_mut().name[..name.len()].copy_from_slice(name.as_bytes());
         header.set_cksum();
         tar.append(&header, *bytes).unwrap();
@@ -37,7 +37,7 @@ fn archive(folder: &Path, entries: &[(&str, &[u8])]) -> PathBuf {
 }
 
 fn good(library: &Library) -> usize {
-    library.verify().iter().filter(|(_, state)| matches!(state, State::Good)).count()
+    library.verify().iter().filter(|(_, state)| matches!(state, FileState::Good)).count()
 }
 
 fn leftovers(folder: &Path) -> Vec<String> {
@@ -50,7 +50,7 @@ fn an_archive_is_unpacked_verified_listed_and_cleaned() {
     let folder = tempfile::tempdir().unwrap();
     let library = Library::new(folder.path().join("meshes"), FILES.to_vec());
     assert_eq!(good(&library), 0);
-    assert!(matches!(library.read("one"), Err(Error::Missing { .. })));
+    assert!(matches!(library.read("one"), Err(AssetsError::Missing { .. })));
     let path = archive(folder.path(), &[("p/one.stl", b"abc"), ("p/setup.py", b"evil"), ("p/two.stl", b"")]);
     let mut progress = Vec::new();
     library.unpack(&path, &mut |done, of| progress.push((done, of))).unwrap();
@@ -60,14 +60,14 @@ fn an_archive_is_unpacked_verified_listed_and_cleaned() {
     assert_eq!(library.list().iter().map(|item| item.bytes).collect::<Vec<_>>(), [Some(3), Some(0)]);
     assert!(leftovers(folder.path()).is_empty());
 
-    // A file that changed is found, and another unpacking puts it right.
+    // Verification finds a changed file, and unpacking again replaces it.
     fs::write(library.folder().join("one.stl"), "abd").unwrap();
-    assert!(matches!(library.read("one"), Err(Error::WrongHash { expected: ABC, .. })));
-    assert!(matches!(&library.verify()[0], ("one", State::Bad(Error::WrongHash { .. }))));
+    assert!(matches!(library.read("one"), Err(AssetsError::WrongHash { expected: ABC, .. })));
+    assert!(matches!(&library.verify()[0], ("one", FileState::Bad(AssetsError::WrongHash { .. }))));
     library.unpack(&path, &mut |_, _| {}).unwrap();
     assert_eq!(good(&library), 2);
 
-    // What a killed process left goes too, other things stay.
+    // The staging folder of a killed process is removed, other folders stay.
     fs::create_dir_all(folder.path().join("meshes.1234.partial")).unwrap();
     fs::create_dir_all(folder.path().join("meshes.mine")).unwrap();
     let cleaned = library.clean(&YCB_NOT_CACHED).unwrap();
@@ -76,7 +76,7 @@ fn an_archive_is_unpacked_verified_listed_and_cleaned() {
     assert_eq!(leftovers(folder.path()), ["meshes.mine"]);
 }
 
-/// As the real one, under a name that is not in any cache.
+/// The archive of YCB, under a name that is not in any cache.
 const YCB_NOT_CACHED: mvt_pinned::Archive = mvt_pinned::Archive { file: "no-such-archive.tar.gz", ..YCB };
 
 #[test]
@@ -90,14 +90,14 @@ fn damaged_archives_leave_nothing_behind() {
         error.to_string()
     };
     let path = archive(folder.path(), &[("p/one.stl", b"abc")]);
-    assert!(refuse(&path).contains("it holds no two.stl"));
+    assert!(refuse(&path).contains("it has no two.stl"));
     let path = archive(folder.path(), &[("p/one.stl", b"abd"), ("p/two.stl", b"")]);
     assert!(refuse(&path).contains(ABC));
 
     let path = archive(folder.path(), &[("p/one.stl", b"abc"), ("p/two.stl", b"")]);
     let whole = fs::read(&path).unwrap();
     for cut in 0..whole.len() {
-        // A cut within the padding after the last file loses nothing that is used.
+        // A cut within the padding after the last file loses no data.
         fs::write(&path, &whole[..cut]).unwrap();
         if library.unpack(&path, &mut |_, _| {}).is_ok() {
             assert_eq!(good(&library), 2, "cut at {cut}");
@@ -131,11 +131,11 @@ fn names_in_an_archive_are_never_used_as_paths() {
 #[test]
 fn a_folder_that_cannot_be_written_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    // A file where a folder should be stops everyone, also root, whom permissions do not.
+    // A file in the place of a folder stops every user. Permissions would not stop root.
     let blocked = folder.path().join("file");
     fs::File::create(&blocked).unwrap().write_all(b"x").unwrap();
     let library = Library::new(blocked.join("meshes"), FILES.to_vec());
     let path = archive(folder.path(), &[("one.stl", b"abc"), ("two.stl", b"")]);
     let error = library.unpack(&path, &mut |_, _| {}).unwrap_err();
-    assert!(matches!(&error, Error::Io { path, .. } if path.starts_with(&blocked)), "{error}");
+    assert!(matches!(&error, AssetsError::Io { path, .. } if path.starts_with(&blocked)), "{error}");
 }

@@ -1,4 +1,4 @@
-//! Names, user meshes and what is said about them.
+//! Names, user meshes and the warnings about them.
 
 #![allow(
     clippy::unwrap_used,
@@ -10,7 +10,7 @@
 use std::fs;
 
 use mvt_objects::catalogue;
-use mvt_objects::catalogue::{Error, Warning};
+use mvt_objects::catalogue::{CatalogueError, CatalogueWarning};
 
 #[test]
 fn names_are_unique_and_complete() {
@@ -64,11 +64,12 @@ fn a_users_mesh_is_loaded_by_path() {
     assert!(object.exact.is_none());
     let said: Vec<String> = warnings.iter().map(ToString::to_string).collect();
     assert!(said.iter().all(|line| line.contains("block.obj")), "{said:?}");
-    let [Warning::Mesh(_), Warning::Mesh(_), Warning::EstimatedMass { .. }] = &warnings[..] else {
+    let [CatalogueWarning::Mesh(_), CatalogueWarning::Mesh(_), CatalogueWarning::EstimatedMass { .. }] = &warnings[..]
+    else {
         panic!("{warnings:?}")
     };
 
     let missing = catalogue::load("no/such.ply", &mut Vec::new()).unwrap_err();
-    assert!(matches!(&missing, Error::Mesh(_)) && missing.to_string().starts_with("no/such.ply"));
-    assert!(matches!(catalogue::load("nothing_like_it", &mut Vec::new()), Err(Error::Unknown(_))));
+    assert!(matches!(&missing, CatalogueError::Mesh(_)) && missing.to_string().starts_with("no/such.ply"));
+    assert!(matches!(catalogue::load("nothing_like_it", &mut Vec::new()), Err(CatalogueError::Unknown(_))));
 }

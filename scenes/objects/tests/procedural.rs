@@ -1,4 +1,4 @@
-//! The objects that need no download: closed, centred, on their exact surface, and of the sizes that FeelSight's have.
+//! The procedural objects: closed, centred, on their exact surface, and of the sizes of FeelSight's objects.
 
 #![allow(
     clippy::unwrap_used,
@@ -68,7 +68,7 @@ fn meshes_are_closed_centred_and_on_the_exact_surface() {
     }
 }
 
-/// The distance that a shape claims and the distance to its own mesh agree in a box round it, to the error of the mesh: an
+/// In a box around a shape, its exact distance and the distance to its mesh agree up to the error of the mesh: an
 /// independent check of every closed form, inside and outside.
 #[test]
 fn closed_forms_agree_with_the_distance_to_their_meshes() {
@@ -110,7 +110,7 @@ fn sizes_are_those_of_the_originals() {
     }
 }
 
-/// Distances by hand on the die: opposite a face without pips nearby, in the middle, and in pips.
+/// Distances on the die, computed by hand: opposite a face without pips nearby, in the middle, and in pips.
 #[test]
 fn distances_on_the_die() {
     let die = catalogue::load("large_dice", &mut Vec::new()).unwrap();
@@ -122,7 +122,7 @@ fn distances_on_the_die() {
     near(d_mm(half - 1.0, 0.0, 0.0), 0.0);
     near(d_mm(half, 0.0, 0.0), 1.0);
     near(d_mm(half + 30.0, 0.0, 0.0), 30_f64.hypot(4.5));
-    // Two on +y, none in the middle.
+    // Two pips on +y, but not in the middle.
     near(d_mm(0.0, half + 3.0, 0.0), 3.0);
     // The middle is nearest to the pips that are 1 mm deep: the single one, and those of the odd sides.
     near(d_mm(0.0, 0.0, 0.0), 1.0 - half);

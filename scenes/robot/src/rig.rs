@@ -1,18 +1,18 @@
-//! RealSense-like placements of cameras around the hand, and the occlusion rig.
+//! Camera placements around the hand, and the camera rig of the occlusion study.
 
 use std::borrow::Cow;
 
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use nalgebra::Vector3;
 
-use crate::hand::Side;
+use crate::side::Side;
 
-/// A place around the hand from which a camera looks at the grasp.
+/// Place around the hand from which a camera looks at the grasp.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
-    /// Name in logs, also of a folder.
+    /// Name in logs, also of the folder.
     pub name: Cow<'static, str>,
-    /// Direction of the camera seen from the palm, from the fingers towards +y of a right hand, degrees.
+    /// Direction from the palm to the camera, from the fingers towards +y of a right hand, degrees.
     pub azimuth_deg: f64,
     /// Angle above the palm plane, degrees.
     pub elevation_deg: f64,
@@ -20,15 +20,15 @@ pub struct Placement {
 
 /// Middle of the palm's surface, metres in the world.
 pub const PALM_CENTRE_M: [f64; 3] = [-0.0475, 0.0, 0.0111];
-/// Height over the palm at which objects are held and cameras aim, metres.
+/// Height above the palm at which the hand holds objects and cameras aim, metres.
 pub const GRASP_HEIGHT_M: f64 = 0.045;
 /// Distance of the named cameras from the palm's centre, metres.
 pub const DISTANCE_M: f64 = 0.35;
 /// Radius of the occlusion rig, metres (NeuralFeels, supplement).
 pub const RIG_RADIUS_M: f64 = 0.5;
 
-/// The named placements, as RealSense cameras stand around the hand in NeuralFeels. On average the hand hides 42 % of the
-/// object from `front-left`, 1 % from `back-right`, 3 % from `top-down` and 11 % from `side`.
+/// The named placements, after the RealSense cameras around the hand of NeuralFeels. On average the hand hides 42 % of
+/// the object from `front-left`, 1 % from `back-right`, 3 % from `top-down` and 11 % from `side`.
 pub const PLACEMENTS: [Placement; 4] = [
     Placement { name: Cow::Borrowed("front-left"), azimuth_deg: 330.0, elevation_deg: 35.0 },
     Placement { name: Cow::Borrowed("back-right"), azimuth_deg: 150.0, elevation_deg: 35.0 },
@@ -36,7 +36,7 @@ pub const PLACEMENTS: [Placement; 4] = [
     Placement { name: Cow::Borrowed("side"), azimuth_deg: 90.0, elevation_deg: 45.0 },
 ];
 
-/// What is neither a name of [`PLACEMENTS`] nor a direction.
+/// Text that is neither a name of [`PLACEMENTS`] nor a direction.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "unknown camera {0:?}; the cameras are {names}, or azimuth/elevation in degrees (-360 to 360 and -90 to 90), as in 330/35",
@@ -45,11 +45,11 @@ pub const PLACEMENTS: [Placement; 4] = [
 pub struct UnknownCamera(String);
 
 impl Placement {
-    /// The placements in a comma-separated list, each at most once: names of [`PLACEMENTS`], or directions as
-    /// azimuth/elevation in degrees, which are named like `az330el35`.
+    /// Reads a comma-separated list of placements and drops repetitions. An item is a name of [`PLACEMENTS`], or a
+    /// direction as azimuth/elevation in degrees, which gets a name like `az330el35`.
     ///
     /// # Errors
-    /// [`UnknownCamera`] for anything else, the empty name included.
+    /// [`UnknownCamera`] for any other item, also for an empty one.
     pub fn parse_list(list: &str) -> Result<Vec<Self>, UnknownCamera> {
         let mut placements = Vec::new();
         for name in list.split(',').map(str::trim) {
@@ -62,7 +62,7 @@ impl Placement {
         Ok(placements)
     }
 
-    /// A place given by its direction.
+    /// Reads a direction as azimuth/elevation, degrees.
     fn free(text: &str) -> Option<Self> {
         let (azimuth, elevation) = text.split_once('/')?;
         let (azimuth_deg, elevation_deg): (f64, f64) = (azimuth.parse().ok()?, elevation.parse().ok()?);
@@ -70,7 +70,7 @@ impl Placement {
         possible.then(|| Self { name: format!("az{azimuth_deg}el{elevation_deg}").into(), azimuth_deg, elevation_deg })
     }
 
-    /// The camera at this place around a right hand, or at its mirror image around a left one.
+    /// Returns the camera at this place around a right hand, or at its mirror image around a left hand.
     pub fn camera(&self, side: Side) -> PosedCamera {
         let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
         let direction = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
@@ -82,9 +82,9 @@ impl Placement {
     }
 }
 
-/// The cameras of the occlusion study: `count` places spread evenly (a Fibonacci lattice, from top to bottom) over a
-/// whole sphere around the grasp, all looking at its centre. Those below see the back of the hand, which is what full
-/// occlusion means.
+/// Returns the cameras of the occlusion study: `count` places spread evenly (a Fibonacci lattice, from top to bottom)
+/// over a sphere around the grasp, all looking at its centre. The cameras below see only the back of the hand: full
+/// occlusion.
 pub fn occlusion_rig(count: usize, side: Side) -> Vec<PosedCamera> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let place = |k: usize| {
@@ -96,12 +96,13 @@ pub fn occlusion_rig(count: usize, side: Side) -> Vec<PosedCamera> {
     (0..count).map(|k| around_hand(format!("occlusion-{k:03}"), place(k), side)).collect()
 }
 
-/// Where the hand holds objects, metres in the world.
+/// Returns the point at which the hand holds objects, metres in the world.
 fn grasp_centre() -> Vector3<f64> {
     Vector3::from(PALM_CENTRE_M) + Vector3::z() * GRASP_HEIGHT_M
 }
 
-/// A camera of 640 x 480 pixels and 45 degrees vertical field of view; `eye` is given for the right hand.
+/// Returns a camera of 640 x 480 pixels and 45 degrees vertical field of view. `eye` is the position for a right hand,
+/// metres.
 fn around_hand(name: String, mut eye: Vector3<f64>, side: Side) -> PosedCamera {
     eye.y *= side.sign();
     let intrinsics = Intrinsics::from_fov_y(640, 480, 45f64.to_radians());

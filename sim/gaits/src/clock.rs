@@ -1,6 +1,6 @@
 //! Rates of an episode.
 
-/// Integration steps per second: a multiple of both rates below, so that every sample falls on a step.
+/// Integration steps per second. A multiple of both other rates, so that every sample falls on a step.
 pub const PHYSICS_HZ: u32 = 300;
 /// Commands of the controller per second.
 pub const CONTROL_HZ: u32 = 25;

@@ -1,18 +1,19 @@
-//! What moves the hand.
+//! Controllers, which move the hand.
 
 use mvt_robot::hand::JointAngles;
 
-/// What a controller may know: the robot's own senses, never the object's true pose.
+/// Input of a controller: the robot's own senses, never the pose of the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Proprioception {
     /// Seconds since the start of the episode.
     pub time_s: f64,
-    /// Measured joint angles.
+    /// Measured joint angles, radians.
     pub joints: JointAngles,
 }
 
-/// A policy for the hand, called at [`CONTROL_HZ`](crate::clock::CONTROL_HZ).
+/// Policy for the hand. The caller runs it at [`CONTROL_HZ`](crate::clock::CONTROL_HZ).
 pub trait Controller: Send {
-    /// The joint angles to aim at until the next call, radians. The joints' position controllers limit the torque.
+    /// Returns the joint angles to aim at until the next call, radians. The joints' position controllers limit the
+    /// torque.
     fn command(&mut self, sensed: &Proprioception) -> JointAngles;
 }

@@ -1,4 +1,4 @@
-//! What a supervisor may ask of the hand while it plays a gait, and the controller that does it.
+//! Directives, with which a supervisor changes the motion of the hand, and the controller that obeys them.
 
 use mvt_robot::hand::{Finger, JOINTS_PER_FINGER, JointAngles, Side, joint_ranges, world_from_tip};
 use nalgebra as na;
@@ -7,59 +7,59 @@ use crate::clock::CONTROL_HZ;
 use crate::controller::{Controller, Proprioception};
 use crate::gait::{Gait, GaitController};
 
-/// What the hand is to do from now on.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Request of a supervisor to the hand.
+#[derive(Debug, Clone, PartialEq)]
 pub enum Directive {
-    /// Play the gait; a shift of the fingers fades.
+    /// Plays the gait; a shift of the fingers fades out.
     Continue,
-    /// Go over to the shipped gait of this name. Gravity and torque limits stay.
-    SwitchGait(&'static str),
-    /// Open the fingers for a moment, then close them again.
+    /// Changes to the shipped gait of this name. Gravity and torque limits stay.
+    SwitchGait(String),
+    /// Opens the fingers for a moment and closes them again.
     Regrasp,
-    /// Play the gait with the fingers shifted so that they push the object back.
+    /// Plays the gait with shifted fingers, which push the object back.
     Recentre {
-        /// Where the object is, seen from where it should be: x and y in the world, metres.
+        /// Displacement of the object from its place, x and y in the world, metres.
         offset_m: [f64; 2],
     },
-    /// End the episode.
+    /// Ends the episode.
     Stop,
 }
 
-/// Time over which one gait goes over into another, seconds.
+/// Duration of the change from one gait to another, seconds.
 const BLEND_S: f64 = 0.5;
-/// A re-grasp: the fingers open, stay open and close, seconds.
+/// Durations of a re-grasp, seconds: the fingers open, stay open and close.
 const OPENING_S: f64 = 0.3;
 const OPEN_S: f64 = 0.2;
 const CLOSING_S: f64 = 0.8;
 /// Largest shift of the fingertips, metres, and its rate of change, metres per second.
 const SHIFT_M: f64 = 0.012;
 const SHIFT_RATE_M_S: f64 = 0.03;
-/// Shift per offset of the object. In trials with objects pushed 15 mm off their place this brought boxes and cans nearest to
-/// it; more stops the turning and brings nothing.
+/// Shift per displacement of the object. In trials with boxes and cans displaced by 15 mm, this value brought them
+/// nearest to their place; larger values stop the turning without a benefit.
 const SHIFT_PER_OFFSET: f64 = 0.5;
-/// Damping of the inverse of a finger's Jacobian, metres per radian: well below a finger's lever of 50 to 100 mm.
+/// Damping of the inverse of a finger's Jacobian, metres per radian: much less than a finger's lever of 50 to 100 mm.
 const DAMPING_M: f64 = 0.01;
 
-/// Plays gaits as directed. Undirected it does what [`GaitController`] does, bit for bit.
+/// Controller that plays gaits and obeys directives. Without directives it equals [`GaitController`] bit for bit.
 #[derive(Debug, Clone)]
 pub struct DirectedController {
     gait: GaitController,
     open_pose: JointAngles,
     side: Side,
-    /// What was last aimed at, before the shift.
+    /// The last targets, before the shift.
     aimed_at: JointAngles,
     time_s: f64,
-    /// Targets that fade out, and since when.
+    /// Targets that fade out, and the start of the fade, seconds.
     fading: Option<(JointAngles, f64)>,
-    /// Since when a re-grasp is under way.
+    /// Start of the current re-grasp, seconds.
     regrasp_since_s: Option<f64>,
-    /// Shift of the fingertips in the world, metres: now, and where it tends to.
+    /// Shift of the fingertips in the world, metres: the current one and its target.
     shift_m: na::Vector2<f64>,
     wanted_m: na::Vector2<f64>,
 }
 
 impl DirectedController {
-    /// Plays `gait`, mirrored for the left hand.
+    /// Starts with `gait`, mirrored for the left hand.
     pub fn new(gait: &Gait, side: Side) -> Self {
         let open_pose = side.mirror_joints(gait.open_pose);
         Self {
@@ -75,27 +75,28 @@ impl DirectedController {
         }
     }
 
-    /// Goes over to another gait.
+    /// Changes to another gait.
     pub fn switch(&mut self, gait: &Gait) {
         self.open_pose = self.side.mirror_joints(gait.open_pose);
         self.gait = GaitController::new(gait.clone(), self.side);
         self.fading = Some((self.aimed_at, self.time_s));
     }
 
-    /// Opens the fingers for a moment; without effect while they do so already.
+    /// Opens the fingers for a moment. Has no effect during a re-grasp.
     pub fn regrasp(&mut self) {
         self.regrasp_since_s.get_or_insert(self.time_s);
     }
 
-    /// Shifts the fingers against the object's offset from its place (x and y in the world, metres); 0 takes the shift back.
+    /// Shifts the fingers against the object's displacement from its place (x and y in the world, metres); 0 ends the
+    /// shift.
     pub fn recentre(&mut self, offset_m: [f64; 2]) {
         let offset = na::Vector2::from(offset_m);
-        // An estimate that is no number is no reason to move.
+        // An estimate that is not finite causes no motion.
         let finite = offset.iter().all(|v| v.is_finite());
         self.wanted_m = if finite { (-SHIFT_PER_OFFSET * offset).cap_magnitude(SHIFT_M) } else { na::Vector2::zeros() };
     }
 
-    /// How far the fingers are to be open now: 0 to 1.
+    /// Returns the opening of the fingers at this time, 0 to 1.
     fn openness(&mut self) -> f64 {
         let Some(since) = self.regrasp_since_s else { return 0.0 };
         let elapsed = self.time_s - since;
@@ -105,14 +106,14 @@ impl DirectedController {
         smooth(elapsed / OPENING_S) * (1.0 - smooth((elapsed - OPENING_S - OPEN_S) / CLOSING_S))
     }
 
-    /// The targets with all fingertips moved by the shift, within the joints' limits.
+    /// Returns the targets with all fingertips moved by the shift, within the joints' limits.
     fn shifted(&self, targets: &JointAngles) -> JointAngles {
         let shift = na::Vector3::new(self.shift_m.x, self.shift_m.y, 0.0);
         let mut shifted = *targets;
         for finger in Finger::ALL {
             let jacobian = jacobian(self.side, finger, targets);
             let damped = jacobian * jacobian.transpose() + na::Matrix3::identity() * DAMPING_M * DAMPING_M;
-            // Positive definite thanks to the damping; no motion if the angles are no numbers.
+            // The damping makes it positive definite; angles that are not finite cause no motion.
             let change = damped.cholesky().map_or(na::Vector4::zeros(), |c| jacobian.transpose() * c.solve(&shift));
             for k in 0..JOINTS_PER_FINGER {
                 shifted[finger.first_joint() + k] += change[k];
@@ -147,17 +148,18 @@ impl Controller for DirectedController {
     }
 }
 
-/// From 0 to 1 without a jump in speed.
+/// Rises from 0 to 1 without a jump in speed.
 fn smooth(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
+/// Interpolates between targets.
 fn blend(from: &JointAngles, to: &JointAngles, t: f64) -> JointAngles {
     std::array::from_fn(|j| from[j] * (1.0 - t) + to[j] * t)
 }
 
-/// Change of a fingertip's place in the world per radian of each joint of its finger, metres.
+/// Returns the change of a fingertip's position in the world per radian of each joint of its finger, metres.
 fn jacobian(side: Side, finger: Finger, joints: &JointAngles) -> na::Matrix3x4<f64> {
     const STEP_RAD: f64 = 1e-4;
     let moved = |k: usize, by: f64| {
@@ -178,7 +180,7 @@ mod tests {
         gait::find(name).unwrap().1
     }
 
-    /// Targets over time of a hand that follows its targets exactly, `direct` being called before each command.
+    /// Returns the targets over time of a hand that follows them exactly. Calls `direct` before each command.
     fn play(side: Side, seconds: f64, mut direct: impl FnMut(f64, &mut DirectedController)) -> Vec<JointAngles> {
         let mut controller = DirectedController::new(gait_named("bal"), side);
         let mut joints = controller.open_pose;
@@ -214,7 +216,7 @@ mod tests {
         let mut aimed_at = Vec::new();
         let switched = play(Side::Right, 4.0, |t, c| {
             aimed_at.push(c.aimed_at);
-            // Once more in the middle of the change.
+            // Switches again in the middle of the change.
             if at(t, 2.0) || at(t, 2.2) {
                 c.switch(gait_named("cubelet"));
             }
@@ -231,7 +233,7 @@ mod tests {
     #[test]
     fn regrasp_opens_and_closes_once() {
         let plain = play(Side::Left, 5.0, |_, _| ());
-        // Asked for over and over during the first one: it neither starts anew nor is it repeated.
+        // Requests during a re-grasp neither restart nor repeat it.
         let regrasped = play(Side::Left, 5.0, |t, c| {
             if (2.0..2.5).contains(&t) {
                 c.regrasp();
@@ -253,7 +255,7 @@ mod tests {
                 let tip = |joints: &JointAngles| world_from_tip(side, finger, joints).origin().coords();
                 let moves = plain.iter().zip(&shifted).skip(50).map(|(p, s)| tip(s) - tip(p));
                 let mean = moves.sum::<na::Vector3<f64>>() / (plain.len() - 50) as f64;
-                // The damping, the joints' limits and the reach of a finger take some of it.
+                // The damping, the joints' limits and the reach of a finger reduce the shift.
                 let wanted = na::Vector3::new(-0.006, 0.008, 0.0);
                 assert!(mean.dot(&wanted) > 0.4 * wanted.norm_squared(), "{side:?} {finger:?}: {mean}");
                 assert!(mean.norm() < 1.2 * wanted.norm(), "{side:?} {finger:?}: {mean}");

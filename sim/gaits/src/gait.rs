@@ -1,8 +1,8 @@
 //! Gaits: periodic strokes of the four fingertips that turn an object standing on the palm.
 //!
-//! A gait is a table of joint angles over its phase. It is executed proprioceptively: targets are clipped around the measured
-//! angles, so that a finger that meets the object pushes with a bounded force. The same table thereby fits objects of a range
-//! of sizes. Gaits are written for the right hand; the left hand plays the mirror image.
+//! A gait is a table of joint angles over its phase. The controller clips the targets around the measured angles, so
+//! that a finger that meets the object pushes with a bounded force. One table therefore fits objects of a range of
+//! sizes. Gaits are written for the right hand; the left hand plays the mirror image.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -14,48 +14,49 @@ use serde::{Deserialize, Serialize};
 
 use crate::controller::{Controller, Proprioception};
 
-/// A gait for the right hand.
+/// Gait for the right hand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gait {
-    /// What it is good for and how it was made.
+    /// Purpose and origin.
     pub description: String,
-    /// The stroke that the table was made from by inverse kinematics; tuning starts from it.
+    /// Parameters of the stroke from which inverse kinematics made the table. Tuning starts from them.
     pub params: BTreeMap<String, f64>,
     /// Duration of one cycle, seconds.
     pub period_s: f64,
     /// Joint torque limit, Nm.
     pub torque_limit_nm: f64,
-    /// Gravity in the world, m/s^2. The palm is tilted towards the fingertips, so that the object returns to them.
+    /// Gravity in the world, m/s^2: the palm is tilted towards the fingertips, so that the object returns to them.
     pub gravity: [f64; 3],
-    /// Where the object starts on the palm, metres.
+    /// Start of the object on the palm, x and y in the world, metres.
     pub start_xy_m: [f64; 2],
-    /// Joint angles with the fingers off the object.
+    /// Joint angles with the fingers away from the object, radians.
     pub open_pose: JointAngles,
-    /// Joint angles at equally spaced phases.
+    /// Joint angles at equally spaced phases, radians.
     pub table: Vec<JointAngles>,
 }
 
-/// Direction in which the shipped gaits turn an object on the right hand, about the palm's normal: clockwise from above.
+/// Sign of the rotation about the palm's normal by which the shipped gaits turn an object on the right hand: clockwise
+/// from above.
 pub const TURN_DIRECTION_RIGHT: f64 = -1.0;
 
-/// The shipped gaits by name.
+/// Returns the shipped gaits by name.
 pub fn shipped() -> &'static BTreeMap<String, Gait> {
     static GAITS: LazyLock<BTreeMap<String, Gait>> = LazyLock::new(|| {
-        // A file of the repository that a test parses; an empty table here would be reported as an unknown gait.
+        // A test parses this file. If it were invalid, every name would be reported as an unknown gait.
         serde_json::from_str(include_str!("../assets/gaits.json")).unwrap_or_default()
     });
     &GAITS
 }
 
-/// No shipped gait has this name.
+/// Name that no shipped gait has.
 #[derive(Debug, thiserror::Error)]
-#[error("there is no gait {name:?}; choose one of {}", shipped().keys().map(String::as_str).collect::<Vec<_>>().join(", "))]
+#[error("unknown gait {name:?}; choose one of {}", shipped().keys().map(String::as_str).collect::<Vec<_>>().join(", "))]
 pub struct UnknownGait {
-    /// What was asked for.
+    /// The unknown name.
     pub name: String,
 }
 
-/// A shipped gait with its name.
+/// Returns a shipped gait with its name.
 ///
 /// # Errors
 /// [`UnknownGait`], which lists the names.
@@ -66,7 +67,7 @@ pub fn find(name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
         .ok_or_else(|| UnknownGait { name: name.to_owned() })
 }
 
-/// The shipped gait of this name, or for `auto` the one that suits the object; with its name.
+/// Returns the shipped gait of this name, or for `auto` the gait that suits the object, with its name.
 ///
 /// # Errors
 /// [`UnknownGait`], which lists the names.
@@ -74,11 +75,11 @@ pub fn choose(name: &str, object: &Object) -> Result<(&'static str, &'static Gai
     find(if name == "auto" { suited_to(object) } else { name })
 }
 
-/// Name of the shipped gait that suits an object, by its size and by whether it rolls.
+/// Returns the name of the shipped gait that suits an object, by its size and by whether it rolls.
 pub fn suited_to(object: &Object) -> &'static str {
     let [x, y, height] = object.extents_m();
     let (narrow, wide) = (x.min(y), x.max(y));
-    // How much of its box an object fills: a ball 0.52, an apple 0.62, an upright cylinder 0.79, a box 1.
+    // Share of its bounding box that an object fills: a ball 0.52, an apple 0.62, an upright cylinder 0.79, a box 1.
     let fill = decompose::hull_volume_m3(&object.mesh).unwrap_or(0.0) / (x * y * height);
     if fill < 0.58 {
         "ball"
@@ -101,10 +102,11 @@ pub fn suited_to(object: &Object) -> &'static str {
 const CLOSING_S: f64 = 0.8;
 /// Joint stiffness that the compliance clip assumes, Nm/rad.
 const STIFFNESS_NM_RAD: f64 = 3.0;
-/// How far beyond the torque limit a target may lie, radians; leaves the position controllers their full torque.
+/// Distance by which a target may exceed the torque limit, radians, so that the position controllers reach their full
+/// torque.
 const CLIP_MARGIN_RAD: f64 = 0.05;
 
-/// Plays a gait by proprioception alone.
+/// Controller that plays one gait.
 #[derive(Debug, Clone)]
 pub struct GaitController {
     gait: Gait,
@@ -117,18 +119,18 @@ impl GaitController {
         Self { gait, side }
     }
 
-    /// Where the joints of this hand would be at a time since the start if nothing were in their way.
+    /// Returns the unclipped targets of this hand at a time since the start, radians.
     pub fn targets(&self, time_s: f64) -> JointAngles {
         self.side.mirror_joints(self.target(time_s))
     }
 
-    /// The targets, as far from the measured angles as the torque limit allows.
+    /// Clips targets around the measured angles to the reach of the torque limit.
     pub fn within_reach(&self, targets: &JointAngles, measured: &JointAngles) -> JointAngles {
         let reach = self.gait.torque_limit_nm / STIFFNESS_NM_RAD + CLIP_MARGIN_RAD;
         std::array::from_fn(|j| targets[j].clamp(measured[j] - reach, measured[j] + reach))
     }
 
-    /// Right-hand target at a time since the start.
+    /// Returns the right-hand targets at a time since the start, radians.
     fn target(&self, time_s: f64) -> JointAngles {
         let Gait { table, open_pose, period_s, .. } = &self.gait;
         if table.is_empty() {

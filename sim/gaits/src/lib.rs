@@ -1,6 +1,26 @@
-//! What moves the hand: gaits, the directives that change them, and the rates of an episode.
+//! Gaits that turn objects in an Allegro hand, the directives that change them, and the rates of an episode.
+//!
+//! A [`Controller`](controller::Controller) receives proprioception only, never the pose of the object. The shipped
+//! gaits are tables of joint angles for the right hand; the left hand plays the mirror image. The crate does not
+//! simulate: it only computes joint angles to aim at.
+//!
+//! ```
+//! use mvt_gaits::controller::{Controller, Proprioception};
+//! use mvt_gaits::directive::DirectedController;
+//! use mvt_gaits::gait;
+//! use mvt_robot::hand::Side;
+//!
+//! let (_, gait) = gait::find("bal")?;
+//! let mut controller = DirectedController::new(gait, Side::Left);
+//! controller.regrasp();
+//! let targets = controller.command(&Proprioception { time_s: 0.0, joints: [0.2; 16] });
+//! assert!(targets.iter().all(|angle| angle.is_finite()));
+//! # Ok::<(), gait::UnknownGait>(())
+//! ```
 
 pub mod clock;
 pub mod controller;
 pub mod directive;
 pub mod gait;
+
+pub use {mvt_objects, mvt_robot};

@@ -1,4 +1,11 @@
-//! Links libmujoco 3.17.0; everything happens in the build script.
+//! Links libmujoco 3.17.0. The build script downloads, verifies and links the library; this crate has no items of its
+//! own.
 //!
-//! A package that owns a binary or a test depends on this crate, writes `use mujoco_lib as _;` in its library and has its own
-//! build script print a run-time search path to `DEP_MUJOCO_LIBDIR`.
+//! The variable `MUJOCO_LIB_DIR` names a folder with the library, which replaces the download.
+//!
+//! A package with a binary, a test or an example depends on this crate, and its build script prints a run-time search
+//! path to `DEP_MUJOCO_LIBDIR`. Its library names the crate, so that the linker keeps it:
+//!
+//! ```
+//! use mvt_mujoco_lib as _;
+//! ```

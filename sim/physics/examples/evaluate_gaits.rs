@@ -1,6 +1,7 @@
-//! How well the hand turns objects: many randomised starts each, summed up in a table.
+//! Measures how well the hand turns objects: a table over many randomised starts of each object.
 //!
-//! `cargo run --release -p sim --example evaluate_gaits -- --starts 50` takes the objects and gaits that RESULTS.md quotes.
+//! `cargo run --release -p mvt-physics --example evaluate_gaits -- --starts 50` uses the objects and gaits that
+//! RESULTS.md quotes.
 
 #![expect(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -8,17 +9,17 @@ use anyhow::Result;
 use clap::Parser;
 use mvt_gaits::gait;
 use mvt_physics::episode;
-use mvt_physics::episode::{End, Episode, EpisodeConfig, Outcome, Randomisation};
+use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeOutcome, Randomisation};
 use mvt_robot::hand::{Finger, Side};
 use rayon::prelude::*;
 
 /// Evaluate gaits over randomised starts.
 #[derive(Debug, Parser)]
 struct Arguments {
-    /// Objects; repeat. By default those of RESULTS.md.
+    /// Name of an object (repeatable); by default those of RESULTS.md
     #[arg(long = "object")]
     objects: Vec<String>,
-    /// Gait; by default the one that the program chooses for each object.
+    /// Name of a gait; by default the one that suits each object
     #[arg(long)]
     gait: Option<String>,
     /// Starts per object.
@@ -61,14 +62,14 @@ fn main() -> Result<()> {
         let mut warnings = Vec::new();
         let object = mvt_objects::catalogue::load(&name, &mut warnings)?;
         let (gait_name, gait) = gait::find(arguments.gait.as_deref().unwrap_or_else(|| gait::suited_to(&object)))?;
-        let play = |seed| -> Result<Outcome> {
+        let play = |seed| -> Result<EpisodeOutcome> {
             let (gait, duration_s) = (gait.clone(), arguments.duration);
             let config = EpisodeConfig { side, gait, seed, duration_s, randomisation: Randomisation::default() };
             Ok(episode::run(&mut Episode::new(&object, &config)?))
         };
         let seeds = arguments.seed..arguments.seed + arguments.starts;
         let outcomes = seeds.into_par_iter().map(play).collect::<Result<Vec<_>>>()?;
-        let mean = |f: &dyn Fn(&Outcome) -> f64| outcomes.iter().map(f).sum::<f64>() / outcomes.len() as f64;
+        let mean = |f: &dyn Fn(&EpisodeOutcome) -> f64| outcomes.iter().map(f).sum::<f64>() / outcomes.len() as f64;
         let alive = mean(&|o| f64::from(u8::from(o.end == End::Completed)));
         let mut rates: Vec<f64> = outcomes.iter().map(|o| o.turn_rate_rad_s).collect();
         rates.sort_by(f64::total_cmp);

@@ -1,7 +1,11 @@
-//! One episode: a randomised start, the controller in the loop, and the conditions that end it.
+//! Episodes: a randomised start, the controller in the loop, and the conditions that end them.
 
-use crate::mjcf::Physics;
 use mvt_frames::{Isometry, Object as ObjectFrame, Vector, World as WorldFrame};
+use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
+use mvt_gaits::controller::{Controller as _, Proprioception};
+use mvt_gaits::directive::{DirectedController, Directive};
+use mvt_gaits::gait;
+use mvt_gaits::gait::{Gait, UnknownGait};
 use mvt_objects::object::Object;
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, joint_ranges};
 use mvt_robot::observation::SceneState;
@@ -11,19 +15,15 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::world::{PadContact, World, WorldError};
-use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
-use mvt_gaits::controller::{Controller as _, Proprioception};
-use mvt_gaits::directive::{DirectedController, Directive};
-use mvt_gaits::gait;
-use mvt_gaits::gait::{Gait, UnknownGait};
+use crate::mjcf::Physics;
+use crate::simulation::{PadContact, Simulation, SimulationError};
 
-/// By how much a start differs from the nominal one. Every quantity is drawn independently.
+/// Ranges of the differences between a start and the nominal one. Every quantity is drawn independently.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Randomisation {
-    /// Relative change of both friction coefficients, drawn separately, uniform in +- this.
+    /// Relative change of each friction coefficient, uniform in +- this.
     pub friction: f64,
-    /// Mass is multiplied or divided by up to 1 + this, log-uniform.
+    /// Factor of the mass: up to 1 + this, or its inverse, log-uniform.
     pub mass: f64,
     /// Shift of the centre of mass along each axis, metres, uniform in +- this.
     pub centre_of_mass_m: f64,
@@ -33,7 +33,7 @@ pub struct Randomisation {
     pub position_m: f64,
     /// Yaw of the start, radians, uniform in +- this.
     pub yaw_rad: f64,
-    /// Each joint's start angle, radians, uniform in +- this.
+    /// Change of each joint's start angle, radians, uniform in +- this.
     pub joints_rad: f64,
 }
 
@@ -52,7 +52,7 @@ impl Default for Randomisation {
 }
 
 impl Randomisation {
-    /// The nominal start: nothing is drawn.
+    /// Returns zero ranges, which give the nominal start.
     pub fn none() -> Self {
         Self {
             friction: 0.0,
@@ -66,28 +66,30 @@ impl Randomisation {
     }
 }
 
-/// Nominal friction of the gel. With the palm's, the middle of the range in which all starts of the tuning study survived.
+/// Nominal friction of the gel: with that of the links, the middle of the range in which all starts of the tuning study
+/// survived.
 const GEL_FRICTION: f64 = 1.05;
-/// Nominal friction of palm, links and object: higher values stop the object on the palm.
+/// Nominal friction of palm, links and object. Higher values stop the object on the palm.
 const LINK_FRICTION: f64 = 0.35;
 /// Nominal stiffness of the joints, Nm/rad.
 const JOINT_STIFFNESS: f64 = 3.0;
-/// Height at which the object's lowest point starts, metres: 4 mm above the palm.
+/// Start height of the object's lowest point, metres: 4 mm above the palm.
 const START_HEIGHT_M: f64 = 0.015;
 
-/// A drawn start: the model's quantities and the initial state.
+/// Drawn start: the physical quantities of the model and the initial state.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Start {
-    /// Quantities of the model.
+#[non_exhaustive]
+pub struct EpisodeStart {
+    /// Physical quantities of the model.
     pub physics: Physics,
-    /// Initial joint angles.
+    /// Initial joint angles, radians.
     pub joints: JointAngles,
     /// Initial pose of the object.
     pub object: Isometry<ObjectFrame, WorldFrame>,
 }
 
-impl Start {
-    /// Draws a start. The left hand's is the mirror image of the right hand's with the same seed.
+impl EpisodeStart {
+    /// Draws a start. With the same seed, the starts of the left and the right hand are mirror images.
     pub fn draw(object: &Object, gait: &Gait, side: Side, randomisation: &Randomisation, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut within = |amplitude: f64| amplitude * rng.random_range(-1.0..=1.0);
@@ -123,71 +125,71 @@ impl Start {
     }
 }
 
-/// Why an episode ended.
+/// Reason for the end of an episode.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "reason", content = "detail")]
 pub enum End {
-    /// It ran for its full duration.
+    /// The duration was reached.
     Completed,
     /// The object fell off the palm.
     Dropped,
-    /// Its supervisor stopped it.
+    /// The supervisor stopped the episode.
     Stopped,
-    /// The physics became unstable; the text says how.
+    /// The physics became unstable, with the details.
     Unstable(String),
 }
 
-/// What the simulator knows at the instant of one camera frame.
+/// True state at the instant of one camera frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeState {
     /// Hand and object.
     pub scene: SceneState,
-    /// How each fingertip touches the object.
+    /// Contact of each fingertip with the object.
     pub pads: PerFinger<PadContact>,
 }
 
-/// How an episode is to be run.
+/// Configuration of an episode.
 #[derive(Debug, Clone)]
 pub struct EpisodeConfig {
-    /// Which hand.
+    /// Left or right hand.
     pub side: Side,
-    /// The gait that the controller plays and that sets gravity, torque limit and start.
+    /// Gait of the controller, which also sets gravity, torque limit and start.
     pub gait: Gait,
     /// Seed of the start.
     pub seed: u64,
     /// Longest duration, seconds.
     pub duration_s: f64,
-    /// How the start varies.
+    /// Randomisation of the start.
     pub randomisation: Randomisation,
 }
 
-/// A running episode.
+/// Running episode.
 pub struct Episode {
-    world: World,
+    simulation: Simulation,
     controller: DirectedController,
-    start: Start,
+    start: EpisodeStart,
     target: JointAngles,
     turn_direction: f64,
-    /// Integration steps done and to be done.
+    /// Number of integration steps so far, and at the end.
     tick: u64,
     last_tick: u64,
-    /// Angle turned so far in the gait's direction, radians.
+    /// Angle turned in the gait's direction, radians.
     turned_rad: f64,
     end: Option<End>,
 }
 
 impl Episode {
-    /// Draws the start and builds the world.
+    /// Draws the start and builds the simulation.
     ///
     /// # Errors
-    /// [`WorldError`] if MuJoCo refuses the object.
-    pub fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, WorldError> {
+    /// [`SimulationError`] if MuJoCo refuses the object.
+    pub fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, SimulationError> {
         let EpisodeConfig { side, gait, seed, duration_s, randomisation } = config;
-        let start = Start::draw(object, gait, *side, randomisation, *seed);
-        let mut world = World::new(*side, object, &start.physics)?;
-        world.reset(&start.joints, start.object);
+        let start = EpisodeStart::draw(object, gait, *side, randomisation, *seed);
+        let mut simulation = Simulation::new(*side, object, &start.physics)?;
+        simulation.reset(&start.joints, start.object);
         Ok(Self {
-            world,
+            simulation,
             controller: DirectedController::new(gait, *side),
             target: start.joints,
             start,
@@ -199,34 +201,34 @@ impl Episode {
         })
     }
 
-    /// The start that was drawn.
-    pub fn start(&self) -> &Start {
+    /// Returns the drawn start.
+    pub fn start(&self) -> &EpisodeStart {
         &self.start
     }
 
-    /// Why the episode has ended, if it has.
+    /// Returns the reason for the end; `None` while the episode runs.
     pub fn end(&self) -> Option<&End> {
         self.end.as_ref()
     }
 
-    /// Seconds simulated so far.
+    /// Returns the simulated time, seconds.
     pub fn time_s(&self) -> f64 {
         self.tick as f64 / f64::from(PHYSICS_HZ)
     }
 
-    /// Angle by which the object has turned about the palm's normal in the gait's direction, radians.
+    /// Returns the angle by which the object has turned about the palm's normal in the gait's direction, radians.
     pub fn turned_rad(&self) -> f64 {
         self.turned_rad
     }
 
-    /// Does what a supervisor asks, from the next command on.
+    /// Obeys a directive of the supervisor from the next command on.
     ///
     /// # Errors
-    /// [`UnknownGait`], which lists the names; the episode then goes on as before.
+    /// [`UnknownGait`], which lists the names; the episode then continues unchanged.
     pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
         match directive {
             Directive::Continue => self.controller.recentre([0.0; 2]),
-            Directive::SwitchGait(name) => self.controller.switch(gait::find(name)?.1),
+            Directive::SwitchGait(name) => self.controller.switch(gait::find(&name)?.1),
             Directive::Regrasp => self.controller.regrasp(),
             Directive::Recentre { offset_m } => self.controller.recentre(offset_m),
             Directive::Stop => {
@@ -236,27 +238,27 @@ impl Episode {
         Ok(())
     }
 
-    /// Injects a fault: moves the object by `change`, rotating it about its centre, and stops it. Where that would put it into
-    /// the hand it is lifted out, by a few centimetres at most.
+    /// Injects a fault: moves the object by `change`, rotating it about its centre, and stops its motion. If the object
+    /// then penetrates the hand, lifts it by at most 4 cm.
     pub fn displace_object(&mut self, change: Isometry<WorldFrame, WorldFrame>) {
         const LIFT_M: f64 = 0.002;
         const LIFTS: usize = 20;
-        let (pose, change) = (self.world.object_pose().untyped(), change.untyped());
+        let (pose, change) = (self.simulation.object_pose().untyped(), change.untyped());
         let mut moved = na::Isometry3::from_parts(
             na::Translation3::from(pose.translation.vector + change.translation.vector),
             change.rotation * pose.rotation,
         );
-        self.world.place_object(Isometry::new(moved));
+        self.simulation.place_object(Isometry::new(moved));
         for _ in 0..LIFTS {
-            if self.world.penetration_m() < LIFT_M {
+            if self.simulation.penetration_m() < LIFT_M {
                 break;
             }
             moved.translation.z += LIFT_M;
-            self.world.place_object(Isometry::new(moved));
+            self.simulation.place_object(Isometry::new(moved));
         }
     }
 
-    /// The state at the next camera frame, the first one at time 0; `None` once the episode has ended.
+    /// Returns the state at the next camera frame, the first one at time 0; `None` after the end of the episode.
     pub fn next_frame(&mut self) -> Option<EpisodeState> {
         const STEPS_PER_FRAME: u64 = (PHYSICS_HZ / FRAME_HZ) as u64;
         let due = if self.tick == 0 { 0 } else { self.tick.next_multiple_of(STEPS_PER_FRAME) };
@@ -272,28 +274,28 @@ impl Episode {
         let state = EpisodeState {
             scene: SceneState {
                 time_s: self.time_s(),
-                joints: self.world.joints(),
-                object_pose: self.world.object_pose(),
+                joints: self.simulation.joints(),
+                object_pose: self.simulation.object_pose(),
             },
-            pads: self.world.contacts(),
+            pads: self.simulation.contacts(),
         };
-        // Leave this frame's instant, so that the next call runs up to the next one.
+        // Steps past this frame's instant, so that the next call runs up to the next frame.
         self.step();
         Some(state)
     }
 
-    /// One integration step, with a new command where one is due.
+    /// Makes one integration step, with a new command if one is due.
     fn step(&mut self) {
         const STEPS_PER_COMMAND: u64 = (PHYSICS_HZ / CONTROL_HZ) as u64;
-        /// A free object may spin faster for an instant than any pad turns it; that is not turning, rad/s.
+        /// Limit of the counted turn rate, rad/s. A free object may spin faster for an instant than a pad can turn it.
         const FASTEST_TURN: f64 = 10.0;
         if self.tick.is_multiple_of(STEPS_PER_COMMAND) {
-            let sensed = Proprioception { time_s: self.time_s(), joints: self.world.joints() };
+            let sensed = Proprioception { time_s: self.time_s(), joints: self.simulation.joints() };
             self.target = self.controller.command(&sensed);
         }
-        self.world.step(&self.target);
+        self.simulation.step(&self.target);
         self.tick += 1;
-        let rate = self.world.object_angular_velocity().z * self.turn_direction;
+        let rate = self.simulation.object_angular_velocity().z * self.turn_direction;
         if rate.is_finite() {
             self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(PHYSICS_HZ);
         }
@@ -301,40 +303,41 @@ impl Episode {
     }
 
     fn fault(&self) -> Option<End> {
-        if let Some(reason) = self.world.fault() {
+        if let Some(reason) = self.simulation.fault() {
             return Some(End::Unstable(reason));
         }
-        let p = self.world.object_pose().origin().coords();
+        let p = self.simulation.object_pose().origin().coords();
         // The palm spans x from -95 to 0 mm and |y| < 57 mm at z = 11 mm; the fingers reach to x = 160 mm.
         let on_the_hand = p.z > -0.01 && p.y.abs() < 0.11 && (-0.12..0.16).contains(&p.x);
         (!on_the_hand).then_some(End::Dropped)
     }
 }
 
-/// What became of an episode. Fractions are of its camera frames.
+/// Outcome of an episode. Fractions are of its camera frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Outcome {
-    /// Seconds until the end.
+#[non_exhaustive]
+pub struct EpisodeOutcome {
+    /// Time until the end, seconds.
     pub survived_s: f64,
     /// Angle turned about the palm's normal in the gait's direction, radians.
     pub turned_rad: f64,
-    /// The same per second survived.
+    /// Mean rate of turning until the end, rad/s.
     pub turn_rate_rad_s: f64,
-    /// Part of the time in which at least one pad touched the object.
+    /// Fraction in which at least one pad touched the object.
     pub any_contact_fraction: f64,
     /// Mean number of pads that touched the object.
     pub mean_pads_in_contact: f64,
-    /// Part of the time in which each pad touched the object: index, middle, ring, thumb.
+    /// Fraction in which each pad touched the object: index, middle, ring, thumb.
     pub per_pad_contact: PerFinger<f64>,
     /// Mean penetration of the object into a touching gel, millimetres.
     pub penetration_mm: f64,
     /// Angle between the object's own z axis and the palm's normal at the end, degrees.
     pub tilt_deg: f64,
-    /// Why the episode ended.
+    /// Reason for the end.
     pub end: End,
 }
 
-/// Sums up an episode frame by frame.
+/// Statistics of an episode, added frame by frame.
 #[derive(Debug, Clone, Default)]
 pub struct Tally {
     frames: usize,
@@ -345,7 +348,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Counts one frame.
+    /// Adds one frame.
     pub fn add(&mut self, state: &EpisodeState) {
         self.frames += 1;
         let touching = |f: Finger| state.pads[f].is_touching();
@@ -358,12 +361,12 @@ impl Tally {
         self.tilt_rad = up.z.clamp(-1.0, 1.0).acos();
     }
 
-    /// The outcome of the episode whose frames were counted.
-    pub fn outcome(&self, episode: &Episode) -> Outcome {
+    /// Returns the outcome of the episode whose frames were added.
+    pub fn outcome(&self, episode: &Episode) -> EpisodeOutcome {
         let of_frames = |count: usize| count as f64 / self.frames.max(1) as f64;
         let touches: usize = self.pads.0.iter().sum();
         let survived_s = episode.time_s();
-        Outcome {
+        EpisodeOutcome {
             survived_s,
             turned_rad: episode.turned_rad(),
             turn_rate_rad_s: if survived_s > 0.0 { episode.turned_rad() / survived_s } else { 0.0 },
@@ -378,7 +381,7 @@ impl Tally {
 }
 
 /// Runs an episode to its end without rendering.
-pub fn run(episode: &mut Episode) -> Outcome {
+pub fn run(episode: &mut Episode) -> EpisodeOutcome {
     let mut tally = Tally::default();
     while let Some(state) = episode.next_frame() {
         tally.add(&state);

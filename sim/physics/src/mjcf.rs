@@ -1,29 +1,28 @@
-//! The MuJoCo model of one episode, written as MJCF text.
+//! The MuJoCo model of one episode as MJCF text.
 //!
-//! Everything that an episode randomises is a part of the text, so nothing is edited in a compiled model. That also avoids
-//! MuJoCo's `geom_sameframe` trap: a centre of mass moved at run time would move a mesh geom with it.
+//! The text contains all randomised quantities, so that a compiled model is never edited. In a compiled model, MuJoCo's
+//! `geom_sameframe` would move a mesh geom together with a changed centre of mass.
 
 use std::fmt::Write as _;
 
-use nalgebra as na;
-
 use mvt_objects::object::Object;
 use mvt_robot::hand;
-use mvt_robot::hand::{Body, Finger, JOINTS_PER_FINGER, Part, Primitive, Side, Surface};
+use mvt_robot::hand::{Body, Finger, JOINTS_PER_FINGER, Part, PartSurface, Primitive, Side};
+use nalgebra as na;
 
 /// Name of the object's body and of its free joint.
 pub const OBJECT: &str = "object";
 
-/// The physical quantities of one episode.
+/// Physical quantities of one episode.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Physics {
     /// Integration step, seconds.
     pub timestep_s: f64,
-    /// Gravity in the world, m/s^2: tilted towards the fingertips, while the hand stays put.
+    /// Gravity in the world, m/s^2. It is tilted towards the fingertips, because the hand is fixed.
     pub gravity: [f64; 3],
     /// Sliding friction between gel and object.
     pub gel_friction: f64,
-    /// Sliding friction of the object against everything else.
+    /// Sliding friction between the object and all other parts.
     pub link_friction: f64,
     /// Stiffness of the joints' position controllers, Nm/rad.
     pub joint_stiffness: f64,
@@ -35,7 +34,7 @@ pub struct Physics {
     pub com_offset_m: [f64; 3],
 }
 
-/// Elliptic cones with impratio 10 are essential: with MuJoCo's defaults a static grasp creeps 12 to 60 mm/s.
+/// First part of the model.
 const HEADER: &str = r#"<mujoco model="mambavitact">
 <compiler angle="radian" autolimits="true"/>
 <default>
@@ -47,10 +46,11 @@ const HEADER: &str = r#"<mujoco model="mambavitact">
 </default>
 "#;
 
-/// The hand with the object above its palm; the object's pose is set by its free joint.
+/// Returns the model of the hand and the object. The free joint of the object sets its pose.
 pub fn model(side: Side, object: &Object, physics: &Physics) -> String {
     let mut xml = String::from(HEADER);
     let [gx, gy, gz] = physics.gravity;
+    // Elliptic cones with impratio 10 are essential: with MuJoCo's defaults a static grasp creeps by 12 to 60 mm/s.
     // Writing to a String cannot fail.
     let _ = writeln!(
         xml,
@@ -85,12 +85,12 @@ pub fn model(side: Side, object: &Object, physics: &Physics) -> String {
     xml
 }
 
-/// Names of the joints and actuators, in the order of [`JointAngles`](hand::JointAngles).
+/// Returns the names of the joints and actuators, in the order of [`JointAngles`](hand::JointAngles).
 pub fn joint_names() -> impl Iterator<Item = String> {
     Finger::ALL.into_iter().flat_map(|f| (0..JOINTS_PER_FINGER).map(move |k| Body::Link(f, k).name()))
 }
 
-/// Name of the gel geom of a finger.
+/// Returns the name of the gel geom of a finger.
 pub fn gel_geom(finger: Finger) -> String {
     format!("{}_gel", finger.prefix())
 }
@@ -128,11 +128,11 @@ fn body_content(xml: &mut String, side: Side, body: Body, parts: &[Part], physic
     for part in parts.iter().filter(|part| part.body == body) {
         let link = format!("{} 0.002 0.0001", physics.link_friction);
         let (class, friction, name) = match (part.surface, body) {
-            // The gel's torsional friction lets a pad twist an object that it touches in one point.
-            (Surface::Gel, Body::Tip(finger)) => {
+            // With torsional friction, the gel twists an object that it touches in one point.
+            (PartSurface::Gel, Body::Tip(finger)) => {
                 ("gel", format!("{} 0.004 0.0001", physics.gel_friction), format!(r#" name="{}""#, gel_geom(finger)))
             }
-            (Surface::Digit, _) => ("digit", link, String::new()),
+            (PartSurface::Digit, _) => ("digit", link, String::new()),
             _ => ("link", link, String::new()),
         };
         let _ = write!(xml, r#"<geom{name} class="{class}" friction="{friction}" "#);

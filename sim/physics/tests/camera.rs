@@ -1,4 +1,4 @@
-//! The camera against MuJoCo's own camera rangefinder, and its images against themselves.
+//! Compares the rendered depth with MuJoCo's camera rangefinder, and images with each other.
 
 use std::fmt::Write as _;
 
@@ -48,8 +48,8 @@ fn list(values: impl IntoIterator<Item = f64>) -> String {
     })
 }
 
-/// The same scene in MuJoCo's own primitives, seen by its camera rangefinder: depth per pixel, negative where nothing
-/// is hit.
+/// Returns the depth per pixel from MuJoCo's camera rangefinder, with MuJoCo's own primitives; negative where a ray
+/// hits nothing.
 fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Result<Vec<f64>, MjModelError> {
     let pose = |pose: na::Isometry3<f64>| {
         let q = pose.rotation;
@@ -141,7 +141,7 @@ fn the_hand_hides_what_is_behind_it() {
         let frame = renderer.render(&camera, &[0.0; hand::JOINTS], pose, &mut scratch);
         renderer.hidden_share(&camera, pose, &frame.segmentation, &mut scratch)
     };
-    // Seen from above: over the open hand, as much below the palm, and behind the camera.
+    // From above: above the open hand, below the palm, and behind the camera.
     assert_eq!(hidden(0.15), Some(0.0));
     assert_eq!(hidden(-0.15), Some(1.0));
     assert_eq!(hidden(0.6), None);
@@ -159,7 +159,7 @@ fn images_show_hand_and_object_and_do_not_depend_on_threads() {
     for (depth, level) in frame.rgbd.depth_m.iter().zip(frame.segmentation.pixels()) {
         assert_eq!(*depth == 0.0, level.0 == [BACKGROUND]);
     }
-    // The pixel at which the object's centre is seen shows the object, in front of that centre.
+    // The pixel of the object's centre shows the object, nearer than the centre.
     let centre = camera.pose.inverse() * object_pose().origin();
     let (u, v) = camera.intrinsics.project(centre).unwrap();
     let (u, v) = (u.round() as usize, v.round() as usize);

@@ -1,4 +1,4 @@
-//! What directives and injected faults do to an object in the hand.
+//! Effects of directives and injected faults on an object in the hand.
 
 #![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 
@@ -9,7 +9,7 @@ use mvt_gaits::gait;
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeState, Randomisation};
-use mvt_physics::world::PadContact;
+use mvt_physics::simulation::PadContact;
 use mvt_robot::hand::Side;
 use nalgebra as na;
 
@@ -32,7 +32,7 @@ fn play(episode: &mut Episode, seconds: f64) -> Vec<EpisodeState> {
     std::iter::from_fn(|| episode.next_frame()).take((seconds * f64::from(FRAME_HZ)) as usize).collect()
 }
 
-/// Mean distance of a displaced object from where the gait holds it, metres.
+/// Returns the mean distance of a displaced object from its place in the gait, metres.
 fn distance_from_home(object: &Object, seed: u64, recentre: bool) -> f64 {
     let mut episode = episode(object, seed);
     let before = play(&mut episode, 3.0);
@@ -85,11 +85,11 @@ fn another_gait_and_the_end() {
     let object = load("cube70");
     let mut episode = episode(&object, 2);
     play(&mut episode, 2.0);
-    episode.direct(Directive::SwitchGait("shared")).unwrap();
-    assert!(episode.direct(Directive::SwitchGait("gallop")).unwrap_err().to_string().contains("shared"));
+    episode.direct(Directive::SwitchGait("shared".into())).unwrap();
+    assert!(episode.direct(Directive::SwitchGait("gallop".into())).unwrap_err().to_string().contains("shared"));
     let turned = episode.turned_rad();
     assert_eq!(play(&mut episode, 4.0).len(), 4 * FRAME_HZ as usize);
-    assert!(episode.turned_rad() > turned + 0.5, "the other gait turns it as well");
+    assert!(episode.turned_rad() > turned + 0.5, "the other gait also turns the object");
     episode.direct(Directive::Stop).unwrap();
     assert!(episode.next_frame().is_none() && episode.end() == Some(&End::Stopped));
 }
@@ -114,7 +114,7 @@ fn displaced_objects_keep_out_of_the_hand_and_their_fate_is_determined() {
         let moved = (centre(&after[0]) - centre(&before)).norm();
         assert!((moved - 0.03).abs() < 0.008, "{moved}");
         let deepest = after[0].pads.0.iter().fold(0.0, |d: f64, pad| d.max(pad.penetration_m));
-        // A moving finger may have met it in the meantime.
+        // A moving finger may have hit the object in the meantime.
         assert!(deepest < 0.008, "{deepest}");
         assert!(!matches!(episode.end(), Some(End::Unstable(_))));
         after

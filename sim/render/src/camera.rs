@@ -7,7 +7,7 @@ use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
 use mvt_frames::{Isometry, Object as ObjectFrame, World};
 use mvt_objects::object::Object;
 use mvt_robot::hand;
-use mvt_robot::hand::{JointAngles, Part, Side, Surface};
+use mvt_robot::hand::{JointAngles, Part, PartSurface, Side};
 use mvt_robot::observation::Rgbd;
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -223,11 +223,11 @@ fn shade(albedo: Vec3, normal: Vec3A, light: Vec3A, towards_camera: Vec3A) -> [u
 }
 
 /// Linear albedo of the hand's materials.
-fn surface_albedo(surface: Surface) -> Vec3 {
+fn surface_albedo(surface: PartSurface) -> Vec3 {
     match surface {
-        Surface::Link => Vec3::new(0.05, 0.05, 0.055),
-        Surface::Digit => Vec3::new(0.55, 0.56, 0.58),
-        Surface::Gel => Vec3::new(0.75, 0.33, 0.09),
+        PartSurface::Link => Vec3::new(0.05, 0.05, 0.055),
+        PartSurface::Digit => Vec3::new(0.55, 0.56, 0.58),
+        PartSurface::Gel => Vec3::new(0.75, 0.33, 0.09),
     }
 }
 

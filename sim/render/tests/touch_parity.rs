@@ -13,7 +13,7 @@ use glam::Vec3;
 use image::RgbImage;
 use mvt_frames::{Gel, Isometry, Object};
 use mvt_mesh::{Format, Mesh, read_bytes, repair};
-use mvt_objects::assets::Library;
+use mvt_objects::catalogue;
 use mvt_render::rays::RayMesh;
 use mvt_render::touch::{Background, TouchConfig, TouchFrame, TouchOptions, TouchRenderer};
 use mvt_robot::digit::{HEIGHT, WIDTH};
@@ -69,7 +69,7 @@ impl Scene {
             (Some(radius), _) => icosphere(radius, 5),
             (None, Some(file)) => {
                 let name = file.trim_end_matches(".stl");
-                let bytes = match Library::ycb().and_then(|library| library.read(name)) {
+                let bytes = match catalogue::ycb_library().and_then(|library| library.read(name)) {
                     Ok(bytes) => bytes,
                     Err(error) => {
                         eprintln!("skipped {}: {error}", self.name);

@@ -29,7 +29,7 @@ impl Thumbnails {
         let ctx = ctx.clone();
         thread::spawn(move || {
             for entry in entries {
-                let picture = entry.mesh_if_here().as_ref().and_then(picture);
+                let picture = entry.mesh_without_download().as_ref().and_then(picture);
                 // Nobody waits for pictures any more.
                 if sender.send((entry.name, picture)).is_err() {
                     return;

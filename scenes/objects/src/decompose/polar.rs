@@ -1,33 +1,35 @@
-//! Decomposition of what stands hollow round a vertical axis: cups, bowls, mugs.
+//! Decomposition of objects that are hollow around a vertical axis: cups, bowls, mugs.
 //!
-//! The solid is cut into small cells by half-planes through the axis and by level planes. In each cell the solid is one or more
-//! stretches along the radius (wall, handle), so a cavity is never part of a cell. Cells are nearly convex; neighbours are then merged, the
-//! best pair first, as long as the hull of what is merged stays close to the solid in it.
+//! Half-planes through the axis and level planes cut the solid into small cells. In each cell the solid is one or more
+//! stretches along the radius (wall, handle), so a cavity is never part of a cell. Cells are nearly convex. Neighbours
+//! are then merged, the best pair first, as long as the hull of the merged cells stays close to the solid in them.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
 use glam::{Vec2, Vec3};
-
-use super::{Hull, MAX_PIECES};
 use mvt_mesh::Mesh;
 
-/// Half-planes through the axis.
+use super::hull::Hull;
+
+/// Number of half-planes through the axis.
 const SECTORS: usize = 48;
-/// Level planes, how many of them at least are evenly spaced, and among how many heights the others are chosen.
+/// Number of level planes, number of those that are evenly spaced, and number of heights among which the others are
+/// chosen.
 const LEVELS: usize = 33;
 const EVEN_LEVELS: usize = 12;
 const SAMPLES: usize = 400;
-/// How much more than its solid a merged piece may hold at first.
+/// Initial limit for the ratio of a merged piece's hull to its solid.
 const SLACK: f64 = 1.2;
 
-/// A stretch of solid along a radius, from the axis outward, metres.
+/// Stretch of solid along a radius, from the axis outward, metres.
 #[derive(Clone, Copy)]
 struct Run {
     from: f32,
     to: f32,
 }
 
+/// Cells that were merged.
 struct Piece {
     points: Vec<Vec3>,
     /// Volume of the cells in it, m^3.
@@ -35,16 +37,17 @@ struct Piece {
     neighbours: BTreeSet<usize>,
 }
 
-/// Convex pieces of a watertight mesh.
-pub(super) fn decompose(mesh: &Mesh) -> Vec<Hull> {
-    let mut pieces = merge(cells(mesh));
-    // Scraps of a ten-thousandth are where a stretch ends between two planes.
+/// Returns the convex pieces of a watertight mesh, if possible at most `max_pieces`.
+pub(super) fn decompose(mesh: &Mesh, max_pieces: usize) -> Vec<Hull> {
+    let mut pieces = merge(cells(mesh), max_pieces);
+    // Drops scraps below a ten-thousandth, which arise where a stretch ends between two planes.
     let whole: f64 = pieces.iter().map(|piece| piece.solid_m3).sum();
     pieces.retain(|piece| piece.solid_m3 > 1e-4 * whole);
     pieces.iter().filter_map(|piece| Hull::of(&piece.points).ok()).collect()
 }
 
-/// The vertical line through the centre of mass: within the cavity also where a handle shifts the bounding box.
+/// Returns the vertical line through the centre of mass. It lies in the cavity also if a handle shifts the bounding
+/// box.
 fn axis(mesh: &Mesh) -> Vec2 {
     let (mut moment, mut volume) = (glam::DVec2::ZERO, 0.0);
     for corners in mesh.triangles() {
@@ -56,10 +59,10 @@ fn axis(mesh: &Mesh) -> Vec2 {
     (moment / volume).as_vec2()
 }
 
-/// Where a level plane cuts the surface, seen from the axis, each piece with the solid on its left.
+/// Returns the segments in which a level plane cuts the surface, relative to the axis, each with the solid on its left.
 fn section(mesh: &Mesh, axis: Vec2, level: f32) -> impl Iterator<Item = [Vec2; 2]> {
     mesh.triangles().filter_map(move |[a, b, c]| {
-        // A face of outward normal n is met along z x n. Going round it, that is from the edge that falls to the one that rises.
+        // A segment runs along z x n for the outward normal n: from the falling edge of the face to the rising edge.
         let mut ends = [None; 2];
         for [p, q] in [[a, b], [b, c], [c, a]] {
             if (p.z >= level) != (q.z >= level) {
@@ -71,7 +74,8 @@ fn section(mesh: &Mesh, axis: Vec2, level: f32) -> impl Iterator<Item = [Vec2; 2
     })
 }
 
-/// Heights of the level planes, most where the section changes most: a floor is thinner than even planes are apart.
+/// Returns the heights of the level planes, denser where the section changes, because a floor is thinner than the even
+/// spacing.
 fn levels(mesh: &Mesh, axis: Vec2) -> Vec<f32> {
     let [low, high] = mesh.bounds_m();
     let height = |sample: usize| low.z + (high.z - low.z) * (sample as f32 + 0.5) / SAMPLES as f32;
@@ -94,7 +98,7 @@ fn levels(mesh: &Mesh, axis: Vec2) -> Vec<f32> {
     chosen.into_iter().map(height).collect()
 }
 
-/// The solid along every radius of every level, `[level][sector]`.
+/// Returns the solid along every radius of every level, `[level][sector]`.
 fn runs(mesh: &Mesh, axis: Vec2, levels: &[f32]) -> Vec<Vec<Vec<Run>>> {
     let along = |segments: &[[Vec2; 2]], direction: Vec2| -> Vec<Run> {
         let side = |p: Vec2| direction.perp_dot(p);
@@ -105,7 +109,7 @@ fn runs(mesh: &Mesh, axis: Vec2, levels: &[f32]) -> Vec<Vec<Vec<Run>>> {
             .filter(|&radius| radius > 0.0)
             .collect();
         crossings.sort_unstable_by(f32::total_cmp);
-        // The last crossing leaves the solid, so an odd number says that the axis is in it.
+        // The last crossing leaves the solid, so with an odd number the axis is inside.
         if crossings.len() % 2 == 1 {
             crossings.insert(0, 0.0);
         }
@@ -120,17 +124,19 @@ fn runs(mesh: &Mesh, axis: Vec2, levels: &[f32]) -> Vec<Vec<Vec<Run>>> {
         .collect()
 }
 
+/// Returns the direction of a half-plane.
 fn direction(sector: usize) -> Vec2 {
     Vec2::from_angle(std::f32::consts::TAU * sector as f32 / SECTORS as f32)
 }
 
+/// Cuts the solid into cells.
 fn cells(mesh: &Mesh) -> Vec<Piece> {
     let axis = axis(mesh);
     let levels = levels(mesh, axis);
     let runs = runs(mesh, axis, &levels);
 
     let mut pieces: Vec<Piece> = Vec::new();
-    // For every run, the cells that have it as an edge: those are neighbours.
+    // For every run, the cells with this edge, which are neighbours.
     let mut users: Vec<Vec<Vec<Vec<usize>>>> =
         runs.iter().map(|level| level.iter().map(|radius| vec![Vec::new(); radius.len()]).collect()).collect();
     for level in 0..levels.len() - 1 {
@@ -179,11 +185,13 @@ fn cells(mesh: &Mesh) -> Vec<Piece> {
     pieces
 }
 
-/// A merge that could be made: excess of the hull in parts per million of the solid, then the pair (so that ties have one
-/// order), and what it would hold.
+/// Possible merge: the excess of the hull in parts per million of the solid, then the pair, which gives ties a fixed
+/// order.
 type Candidate = Reverse<(u64, usize, usize)>;
 
-fn merge(pieces: Vec<Piece>) -> Vec<Piece> {
+/// Merges pieces, the pair with the least excess first. Raises the limit for the excess while there are too many
+/// pieces.
+fn merge(pieces: Vec<Piece>, max_pieces: usize) -> Vec<Piece> {
     let mut pieces: Vec<Option<Piece>> = pieces.into_iter().map(Some).collect();
     let mut queue: BinaryHeap<Candidate> = BinaryHeap::new();
     for a in 0..pieces.len() {
@@ -196,7 +204,7 @@ fn merge(pieces: Vec<Piece>) -> Vec<Piece> {
         if pieces[a].is_none() || pieces[b].is_none() {
             continue;
         }
-        while left > MAX_PIECES && excess as f64 > (slack - 1.0) * 1e6 && slack < 1e3 {
+        while left > max_pieces && excess as f64 > (slack - 1.0) * 1e6 && slack < 1e3 {
             slack *= 1.1;
         }
         if excess as f64 > (slack - 1.0) * 1e6 {
@@ -223,6 +231,7 @@ fn merge(pieces: Vec<Piece>) -> Vec<Piece> {
     pieces.into_iter().flatten().collect()
 }
 
+/// Returns the merge of two pieces; `None` if one was merged already or they have no hull.
 fn candidate(pieces: &[Option<Piece>], a: usize, b: usize) -> Option<Candidate> {
     let (one, other) = (pieces.get(a)?.as_ref()?, pieces.get(b)?.as_ref()?);
     let hull = Hull::of(&[&one.points[..], &other.points[..]].concat()).ok()?;

@@ -1,36 +1,39 @@
 //! A large die: a rounded box with spherical pips cut into its faces.
 
+use mvt_frames::{Object as ObjectFrame, Point};
+use mvt_mesh::{Mesh, SignedDistance};
 use nalgebra::{Vector2, Vector3};
 
 use super::rounded_box::{self, RoundedBox, SIDES, Side};
-use super::{ObjectFrame, Point, Shape, SignedDistance};
-use mvt_mesh::Mesh;
+use super::shape::Shape;
 
-/// Half the edge: the diagonal of FeelSight's 5 cm die is 87.2 mm.
+/// Half the edge, metres: the diagonal of FeelSight's 5 cm die is 87.2 mm.
 const HALF_M: f64 = 0.0872 / 3.464_101_615_137_754_6 /* 2 sqrt 3 */;
+/// Radius of the edges, metres.
 const EDGE_RADIUS_M: f64 = 0.004;
-/// Radius of a pip where it meets the face, and its depth.
+/// Radius of a pip at the face and its depth, metres.
 const PIP_RIM_M: f64 = 0.0045;
 const PIP_DEPTH_M: f64 = 0.001;
-/// Between the centres of neighbouring pips.
+/// Distance between the centres of neighbouring pips, metres.
 const PITCH_M: f64 = 0.012;
 
+/// Makes the die.
 pub(super) fn large_dice() -> Shape {
     let die = Die::new();
     Shape::new(die.mesh(), die)
 }
 
-/// A box with rounded edges from which disjoint balls are cut, each through the flat part of one face.
+/// Box with rounded edges from which disjoint balls are cut, each through the flat part of one face.
 #[derive(Debug, Clone, Copy)]
 struct Die {
     body: RoundedBox,
     /// Radius of the balls, metres.
     ball_m: f64,
-    /// How far their centres lie outside the face, metres.
+    /// Distance of their centres from the face, outside, metres.
     height_m: f64,
 }
 
-/// Where the pips of a side are, in pitches: opposite sides add up to seven.
+/// Returns the pips of a side, in pitches from its centre. Opposite sides add up to seven.
 fn pips(side: Side) -> &'static [[f64; 2]] {
     match (side.axis, side.sign > 0.0) {
         (0, true) => &[[0.0, 0.0]],
@@ -50,10 +53,10 @@ impl Die {
         Self { body, ball_m, height_m: ball_m - PIP_DEPTH_M }
     }
 
-    /// Distance from a place over the pip (from its axis, and above the face) to the cap that is its surface.
+    /// Returns the distance to the cap of a pip, from a place at a distance from its axis and a height above the face.
     fn cap_distance_m(&self, from_axis: f64, above: f64) -> f64 {
         let to_centre = from_axis.hypot(above - self.height_m);
-        // Seen from the centre the cap ends at the rim; beyond it the rim is nearest.
+        // The cap ends at the rim; for directions from the ball's centre beyond the rim, the rim is nearest.
         let faces_cap = (self.height_m - above) * self.ball_m >= self.height_m * to_centre;
         if faces_cap { (to_centre - self.ball_m).abs() } else { (from_axis - PIP_RIM_M).hypot(above) }
     }
@@ -79,7 +82,7 @@ impl Die {
         };
         let on_body = |inner, outward| self.body.point(inner, outward);
         let (mut points, mut faces) = rounded_box::sides(&lines, on_body, in_pip_square);
-        // Where the square round a pip meets the grid, going round it.
+        // Corners of the grid on the border of the square around a pip, in turn.
         let from_u = |i: usize| places.iter().position(|&p| (p - (i as f64 - 1.5) * PITCH_M).abs() < 1e-9).unwrap_or(0);
         for side in SIDES {
             for &[at_u, at_v] in pips(side) {
@@ -98,7 +101,7 @@ impl Die {
         mvt_mesh::weld(&points, &faces)
     }
 
-    /// The face from the border of its square to the rim of a pip, and the pip.
+    /// Adds the face between the border of a square and the rim of a pip, and the pip.
     fn pip(
         &self,
         side: Side,
@@ -143,9 +146,9 @@ impl Die {
 }
 
 impl SignedDistance for Die {
-    /// The surface is that of the body less the discs of the pips, and the caps; a cap includes its rim. Outside of the body its
-    /// nearest point, if within a disc, can only be replaced by the rim of that disc, because the body lies below the face. Inside, every
-    /// face and rounding is a candidate.
+    /// The surface is that of the body without the discs of the pips, and the caps with their rims. Outside, if the
+    /// nearest point of the body lies in a disc, the rim of the disc replaces it, because the body lies below the face.
+    /// Inside, every face and rounding is a candidate.
     fn distance_m(&self, p: Point<ObjectFrame>) -> f64 {
         let body_m = self.body.distance_m(p);
         let flat_half_m = self.body.flat_half_m();

@@ -1,19 +1,20 @@
-//! Shapes turned on a lathe: a profile of straight lines and arcs, revolved about z.
+//! Lathed shapes: a profile of straight lines and arcs, revolved about z.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+use mvt_frames::{Object as ObjectFrame, Point};
+use mvt_mesh::{Mesh, SignedDistance};
 use nalgebra::{Vector2, Vector3};
 
-use super::{ObjectFrame, Point, Shape, SignedDistance};
-use mvt_mesh::Mesh;
+use super::shape::Shape;
 
-/// A ball of 65 mm, the size of a tennis ball.
+/// Makes a ball of 65 mm, the size of a tennis ball.
 pub(super) fn ball() -> Shape {
     let arc = Arc { centre: Vector2::zeros(), radius_m: 0.0325, from: -FRAC_PI_2, sweep: 2.0 * FRAC_PI_2 };
     shape(Profile(vec![Element::Arc(arc)]), 96)
 }
 
-/// A can of 67 x 101 mm whose lid and bottom lie 3 mm below their rims, as YCB's tomato soup can.
+/// Makes a can of 67 x 101 mm whose lid and bottom lie 3 mm below their rims, like YCB's tomato soup can.
 pub(super) fn soup_can() -> Shape {
     shape(soup_can_profile(), 108)
 }
@@ -31,7 +32,8 @@ fn soup_can_profile() -> Profile {
     ])
 }
 
-/// A pepper grinder of 50 x 130.6 mm (the diagonal of FeelSight's is 148.5 mm): a waist between a foot and a head with a knob.
+/// Makes a pepper grinder of 50 x 130.6 mm (the diagonal of FeelSight's is 148.5 mm): a waist between a foot and a head
+/// with a knob.
 pub(super) fn pepper_grinder() -> Shape {
     shape(pepper_grinder_profile(), 96)
 }
@@ -50,7 +52,7 @@ fn pepper_grinder_profile() -> Profile {
     ])
 }
 
-/// A pear of 66 x 100 mm, stem up, with a flat bottom.
+/// Makes a pear of 66 x 100 mm, stem up, with a flat bottom.
 pub(super) fn pear() -> Shape {
     shape(pear_profile(), 96)
 }
@@ -70,16 +72,17 @@ fn shape(profile: Profile, sectors: usize) -> Shape {
     Shape::new(profile.mesh(sectors), profile)
 }
 
-/// Part of a circle, in the half-plane of distance from the axis and height.
+/// Arc in the half-plane of distance from the axis and height.
 #[derive(Debug, Clone, Copy)]
 struct Arc {
     centre: Vector2<f64>,
     radius_m: f64,
-    /// Angle at which it begins and how far it goes; negative is clockwise.
+    /// First angle and length, radians; negative lengths run clockwise.
     from: f64,
     sweep: f64,
 }
 
+/// Element of a profile.
 #[derive(Debug, Clone, Copy)]
 enum Element {
     Line([Vector2<f64>; 2]),
@@ -87,7 +90,7 @@ enum Element {
 }
 
 impl Element {
-    /// The closest point to `p`, and the outward normal there: to the right of the direction of travel.
+    /// Returns the closest point to `p` and its outward normal, to the right of the direction of travel.
     fn closest(&self, p: Vector2<f64>) -> (Vector2<f64>, Vector2<f64>) {
         match *self {
             Self::Line([a, b]) => {
@@ -97,7 +100,7 @@ impl Element {
             }
             Self::Arc(arc) => {
                 let towards = p - arc.centre;
-                // How far along the sweep, measured from its middle so that the nearer end is the nearer angle.
+                // Angle from the middle of the arc, so that clamping gives the nearer end.
                 let middle = arc.from + 0.5 * arc.sweep;
                 let turn = (towards.y.atan2(towards.x) - middle + 1.5 * TAU).rem_euclid(TAU) - 0.5 * TAU;
                 let angle = middle + turn.clamp(-0.5 * arc.sweep.abs(), 0.5 * arc.sweep.abs());
@@ -107,7 +110,8 @@ impl Element {
         }
     }
 
-    /// Points along it, without the last: arcs in steps that leave the curve by less than 10 um, lines in steps of 4 mm.
+    /// Returns points along it, without the last: arcs in steps that deviate by less than 10 um, lines in steps of 4
+    /// mm.
     fn points(&self) -> Vec<Vector2<f64>> {
         match *self {
             Self::Line([a, b]) => {
@@ -125,14 +129,14 @@ impl Element {
     }
 }
 
-/// A curve from the axis at the bottom to the axis at the top without corners, so that the side of any point is told by the normal at
-/// the closest one.
+/// Curve without corners from the axis at the bottom to the axis at the top. Without corners, the normal at the closest
+/// point decides whether a point is inside.
 #[derive(Debug, Clone)]
 pub(super) struct Profile(Vec<Element>);
 
 impl Profile {
-    /// A polygon of (distance from the axis, height) in millimetres whose corners are rounded by the radius beside each; the
-    /// first and last lie on the axis and keep theirs.
+    /// Rounds the corners of a polygon of (distance from the axis, height) by the radius beside each, millimetres. The
+    /// first and the last corner lie on the axis and are not rounded.
     pub(super) fn rounded(corners_mm: &[([f64; 2], f64)]) -> Self {
         let corners: Vec<(Vector2<f64>, f64)> =
             corners_mm.iter().map(|&(at, radius)| (Vector2::from(at) * 1e-3, radius * 1e-3)).collect();
@@ -144,7 +148,7 @@ impl Profile {
             let turn = into.perp(&out).atan2(into.dot(&out));
             let cut = radius_m * (0.5 * turn.abs()).tan();
             let start = corner - cut * into;
-            // To the left of the travel for a left turn.
+            // On the left of the travel for a left turn.
             let centre = start + radius_m * turn.signum() * Vector2::new(-into.y, into.x);
             let from = start - centre;
             elements.push(Element::Line([at, start]));
@@ -155,7 +159,7 @@ impl Profile {
         Self(elements)
     }
 
-    /// Exact distance in the half-plane, which is that to the revolved surface.
+    /// Returns the exact distance in the half-plane, which equals that to the revolved surface.
     pub(super) fn distance_m(&self, p: Vector3<f64>) -> f64 {
         let p = Vector2::new(p.x.hypot(p.y), p.z);
         let (offset, normal) = self
@@ -188,7 +192,7 @@ impl Profile {
             let (a, b) = (ring * n + i, ring * n + (i + 1) % n);
             [[a, b, b + n], [a, b + n, a + n]]
         };
-        // On the axis a ring is one point, and the weld drops the faces that collapse.
+        // A ring on the axis is one point; welding drops the collapsed faces.
         let rings = curve.len() as u32 - 1;
         let faces: Vec<[u32; 3]> = (0..rings).flat_map(|ring| (0..n).flat_map(move |i| quad(ring, i))).collect();
         mvt_mesh::weld(&points, &faces)
@@ -205,7 +209,7 @@ impl SignedDistance for Profile {
 mod tests {
     use super::*;
 
-    /// Where neighbouring roundings were too large for the line between them it would run backwards.
+    /// A line between roundings that are too large would run backwards.
     #[test]
     fn profiles_have_no_corners() {
         for profile in [soup_can_profile(), pepper_grinder_profile(), pear_profile()] {
@@ -228,7 +232,8 @@ mod tests {
         let square =
             Profile::rounded(&[([0.0, -10.0], 0.0), ([10.0, -10.0], 2.0), ([10.0, 10.0], 2.0), ([0.0, 10.0], 0.0)]);
         let d = |x: f64, z: f64| square.distance_m(Vector3::new(x, 0.0, z) * 1e-3) * 1e3;
-        // By hand: over the side, over the rounding, inside, and in the corner that the rounding cut off.
+        // Computed by hand: outside the side, outside the rounding, inside, and in the corner that the rounding cuts
+        // off.
         assert!((d(13.0, 0.0) - 3.0).abs() < 1e-12);
         assert!((d(11.0, 11.0) - (3.0 * 2_f64.sqrt() - 2.0)).abs() < 1e-12);
         assert!((d(0.0, 0.0) + 10.0).abs() < 1e-12);

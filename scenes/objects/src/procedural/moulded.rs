@@ -1,18 +1,19 @@
-//! Free shapes. Each is by definition the polyhedron that is its mesh.
+//! Free shapes. Each is defined as the polyhedron of its mesh.
 
 use std::f64::consts::{PI, TAU};
 
+use mvt_mesh::Mesh;
 use nalgebra::{Vector2, Vector3};
 
 use super::lathe::Profile;
-use super::{Shape, nets};
-use mvt_mesh::Mesh;
+use super::nets;
+use super::shape::Shape;
 
-/// A bell pepper with four lobes, dimpled at both ends. Its diagonal is that of FeelSight's, 149.0 mm.
+/// Makes a bell pepper with four lobes, dimpled at both ends. Its diagonal is that of FeelSight's, 149.0 mm.
 pub(super) fn bell_pepper() -> Shape {
     const RINGS: usize = 64;
     const SECTORS: usize = 112;
-    // An apple-like profile over the angle from the bottom: the height dips towards the axis, and the top is broader.
+    // Apple-like profile over the angle from the bottom: the height dips towards the axis, and the top is broader.
     let point = |ring: usize, sector: usize| {
         let polar = PI * ring as f64 / RINGS as f64;
         let azimuth = TAU * sector as f64 / SECTORS as f64;
@@ -31,7 +32,7 @@ pub(super) fn bell_pepper() -> Shape {
     Shape::polyhedron(scaled_to(mvt_mesh::weld(&points, &faces), 0.1490))
 }
 
-/// A mug of 80 mm with 5 mm walls and a handle along x.
+/// Makes a mug of 80 mm with 5 mm walls and a handle along x.
 pub(super) fn mug() -> Shape {
     let body = Profile::rounded(&[
         ([0.0, -42.0], 0.0),
@@ -53,7 +54,7 @@ pub(super) fn mug() -> Shape {
     moulded(field, Vector3::new(0.075, 0.045, 0.048), 0.0024, None)
 }
 
-/// A duck: body, tail, head and beak. Its diagonal is that of the rubber duck in FeelSight, 148.3 mm.
+/// Makes a duck: body, tail, head, beak and wings. Its diagonal is that of the rubber duck in FeelSight, 148.3 mm.
 pub(super) fn duck() -> Shape {
     let field = |p: Vector3<f64>| {
         let body = ellipsoid(p, [0.0, 0.0, -10.0], [44.0, 34.0, 27.0]);
@@ -67,7 +68,7 @@ pub(super) fn duck() -> Shape {
     moulded(field, Vector3::new(0.070, 0.055, 0.060), 0.0021, Some(0.1483))
 }
 
-/// An elephant: body, legs, head, ears and trunk. Its diagonal is that of the elephant in FeelSight, 185.1 mm.
+/// Makes an elephant: body, legs, head, ears and trunk. Its diagonal is that of the elephant in FeelSight, 185.1 mm.
 pub(super) fn elephant() -> Shape {
     let field = |p: Vector3<f64>| {
         let m = mirrored(p);
@@ -84,6 +85,7 @@ pub(super) fn elephant() -> Shape {
     moulded(field, Vector3::new(0.095, 0.065, 0.075), 0.0027, Some(0.1851))
 }
 
+/// Meshes the zero set of a field, scaled to a diagonal if one is given.
 fn moulded(field: impl Fn(Vector3<f64>) -> f64, half_m: Vector3<f64>, cell_m: f64, diagonal_m: Option<f32>) -> Shape {
     let mesh = centred(nets::mesh(field, half_m, cell_m));
     Shape::polyhedron(match diagonal_m {
@@ -92,13 +94,14 @@ fn moulded(field: impl Fn(Vector3<f64>) -> f64, half_m: Vector3<f64>, cell_m: f6
     })
 }
 
+/// Moves the bounding box to the origin.
 fn centred(mut mesh: Mesh) -> Mesh {
     let [low, high] = mesh.bounds_m();
     mesh.vertices.iter_mut().for_each(|v| *v -= 0.5 * (low + high));
     mesh
 }
 
-/// Centred and with this diagonal of the bounding box.
+/// Moves the bounding box to the origin and scales it to a diagonal.
 fn scaled_to(mesh: Mesh, diagonal_m: f32) -> Mesh {
     let mut mesh = centred(mesh);
     let scale = diagonal_m / mesh.extents_m().length();
@@ -112,7 +115,7 @@ fn mm(millimetres: [f64; 3]) -> Vector3<f64> {
     Vector3::from(millimetres) * 1e-3
 }
 
-/// Left and right alike.
+/// Mirrors the half space y < 0, which makes a shape symmetric.
 fn mirrored(p: Vector3<f64>) -> Vector3<f64> {
     Vector3::new(p.x, p.y.abs(), p.z)
 }
@@ -121,7 +124,7 @@ fn ball(p: Vector3<f64>, centre: [f64; 3], radius: f64) -> f64 {
     (p - mm(centre)).norm() - radius * 1e-3
 }
 
-/// First-order distance to an ellipsoid (Quilez).
+/// Returns the first-order distance to an ellipsoid (Quilez).
 fn ellipsoid(p: Vector3<f64>, centre: [f64; 3], axes: [f64; 3]) -> f64 {
     let (p, axes) = (p - mm(centre), mm(axes));
     let unit = p.component_div(&axes);
@@ -130,14 +133,14 @@ fn ellipsoid(p: Vector3<f64>, centre: [f64; 3], axes: [f64; 3]) -> f64 {
     unit.norm() * (unit.norm() - 1.0) / slope.max(1e-9)
 }
 
-/// Round the line from `a` to `b`, with a radius that goes from `from` to `to`.
+/// Returns the distance to a capsule from `a` to `b` whose radius changes from `from` to `to`.
 fn capsule(p: Vector3<f64>, a: [f64; 3], b: [f64; 3], from: f64, to: f64) -> f64 {
     let (offset, along) = (p - mm(a), mm(b) - mm(a));
     let share = (offset.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
     (offset - share * along).norm() - 1e-3 * (from + share * (to - from))
 }
 
-/// Minimum with a fillet of about `k` metres (Quilez, quadratic).
+/// Returns the minimum with a fillet of about `k` metres (Quilez, quadratic).
 fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0);
     a.min(b) - h * h / (4.0 * k)
@@ -147,7 +150,7 @@ fn smooth_max(a: f64, b: f64, k: f64) -> f64 {
     -smooth_min(-a, -b, k)
 }
 
-/// Cut off flat below a height, so that it stands.
+/// Cuts a shape off below a height, so that it stands.
 fn on_table(field: f64, p: Vector3<f64>, height: f64) -> f64 {
     smooth_max(field, height * 1e-3 - p.z, 0.003)
 }

@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 
 use mvt_mesh::Mesh;
 
-/// Meshes where `field` is zero, negative inside, within a box that the surface must not leave. Vertices are moved onto the zero
-/// set along the gradient. `cell_m` must be at most half of the thinnest wall.
+/// Meshes the zero set of `field`, which is negative inside, within a box that the surface must not leave. Moves the
+/// vertices onto the zero set along the gradient. `cell_m` must be at most half of the thinnest wall.
 pub(super) fn mesh(field: impl Fn(Vector3<f64>) -> f64, half_m: Vector3<f64>, cell_m: f64) -> Mesh {
     let size = half_m.map(|half| (2.0 * half / cell_m).ceil() as usize + 2);
-    // A little off the middle, so that no flat part of a shape falls on the nodes, where vertices would coincide.
+    // Shifts the nodes off the middle; on a flat part of a shape, vertices would coincide.
     let position = |at: [usize; 3]| Vector3::from(at.map(|i| (i as f64 - 0.31) * cell_m)) - half_m;
     let place = |[x, y, z]: [usize; 3]| (z * size.y + y) * size.x + x;
     let indices = |margin: usize| {
@@ -64,11 +64,11 @@ pub(super) fn mesh(field: impl Fn(Vector3<f64>) -> f64, half_m: Vector3<f64>, ce
     Mesh { vertices: vertices.iter().map(|v| glam::Vec3::new(v.x as f32, v.y as f32, v.z as f32)).collect(), faces }
 }
 
-/// Corners of a cell, numbered by x + 2 y + 4 z, that its edges join.
+/// Edges of a cell, as pairs of corners numbered by x + 2 y + 4 z.
 const EDGES: [[usize; 2]; 12] =
     [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
-/// A few Newton steps to the zero set, which stop if they would leave the cell.
+/// Moves a point to the zero set by a few Newton steps. Stops before a step that would leave the cell.
 fn onto_surface(field: &impl Fn(Vector3<f64>) -> f64, start: Vector3<f64>, cell_m: f64) -> Vector3<f64> {
     const STEP_M: f64 = 1e-6;
     let mut p = start;

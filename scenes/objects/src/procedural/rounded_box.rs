@@ -1,18 +1,19 @@
 //! Boxes with rounded edges, plain or with the grooves of a Rubik's cube.
 
+use mvt_frames::{Object as ObjectFrame, Point};
+use mvt_mesh::{Mesh, SignedDistance};
 use nalgebra::Vector3;
 
-use super::{ObjectFrame, Point, Shape, SignedDistance};
-use mvt_mesh::Mesh;
+use super::shape::Shape;
 
-/// A cube of 70 mm with edges rounded by 2 mm.
+/// Makes a cube of 70 mm with edges rounded by 2 mm.
 pub(super) fn cube70() -> Shape {
     let shape = RoundedBox { half_m: Vector3::repeat(0.035), radius_m: 0.002 };
     let lines = lines((0..=30).map(|step| step as f64 / 15.0 - 1.0), 3);
     Shape::new(shape.mesh(&lines), shape)
 }
 
-/// A cube of 52.2 mm (the diagonal of FeelSight's is 90.4 mm) with grooves of 0.8 mm between its 3 x 3 x 3 parts.
+/// Makes a cube of 52.2 mm (the diagonal of FeelSight's is 90.4 mm) with grooves of 0.8 mm between its 3 x 3 x 3 parts.
 pub(super) fn rubiks_cube_small() -> Shape {
     const HALF_M: f64 = 0.0904 / 3.464_101_615_137_754_6 /* 2 sqrt 3 */;
     const DEPTH_M: f64 = 0.0008;
@@ -26,7 +27,7 @@ pub(super) fn rubiks_cube_small() -> Shape {
     let breaks: Vec<f64> = breaks.iter().copied().chain(mirrored).collect();
     let lines = lines(subdivided(&breaks, 0.0021).into_iter().map(|at| at / flat_m), 4);
     let place = |inner: Vector3<f64>, outward: Vector3<f64>| {
-        // Along the axes that the side faces the place is at the end of the inner box, where there is no groove.
+        // Along the axis of the side, the place lies at the end of the inner box, where there is no groove.
         let depth_m = inner.iter().map(|&at| depth(at * flat_m)).fold(0.0, f64::max);
         shape.point(inner, outward) - depth_m * outward.normalize()
     };
@@ -34,27 +35,27 @@ pub(super) fn rubiks_cube_small() -> Shape {
     Shape::polyhedron(mvt_mesh::weld(&points, &faces))
 }
 
-/// A box with rounded edges, centred on the origin.
+/// Box with rounded edges, centred on the origin.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RoundedBox {
-    /// Half of its size, metres.
+    /// Half of the size, metres.
     pub(super) half_m: Vector3<f64>,
     /// Radius of edges and corners, metres.
     pub(super) radius_m: f64,
 }
 
 impl RoundedBox {
-    /// Half of the size of its flat faces, metres.
+    /// Returns half of the size of the flat faces, metres.
     pub(super) fn flat_half_m(&self) -> Vector3<f64> {
         self.half_m.add_scalar(-self.radius_m)
     }
 
-    /// The surface point over a place on the inner box (-1 to 1 along each axis) in a direction.
+    /// Returns the surface point in a direction from a place on the inner box (-1 to 1 along each axis).
     pub(super) fn point(&self, inner: Vector3<f64>, outward: Vector3<f64>) -> Vector3<f64> {
         inner.component_mul(&self.flat_half_m()) + self.radius_m * outward.normalize()
     }
 
-    /// A closed mesh whose six sides are grids over `lines`.
+    /// Returns a closed mesh whose six sides are grids over `lines`.
     fn mesh(&self, lines: &[Line]) -> Mesh {
         let (points, faces) = sides(lines, |inner, outward| self.point(inner, outward), |_| false);
         mvt_mesh::weld(&points, &faces)
@@ -62,17 +63,18 @@ impl RoundedBox {
 }
 
 impl SignedDistance for RoundedBox {
-    /// That of the inner box, less the radius (Quilez, "distance functions").
+    /// The distance to the inner box, minus the radius (Quilez, "distance functions").
     fn distance_m(&self, p: Point<ObjectFrame>) -> f64 {
         let q = p.coords().abs() - self.flat_half_m();
         q.sup(&Vector3::zeros()).norm() + q.max().min(0.0) - self.radius_m
     }
 }
 
-/// A grid line of a side: where on the inner box it lies (-1 to 1), and how far it leans over the edge (tangent, -1 to 1).
+/// Grid line of a side: its place on the inner box (-1 to 1), and the tangent of its lean over the edge (-1 to 1).
 pub(super) type Line = (f64, f64);
 
-/// Lines for a side: those given on the flat part, from -1 to 1, and `round` steps down each rounding to 45 degrees.
+/// Returns the lines of a side: the given ones on the flat part, from -1 to 1, and `round` steps down each rounding to
+/// 45 degrees.
 pub(super) fn lines(flat: impl Iterator<Item = f64>, round: usize) -> Vec<Line> {
     let lean = |step: usize| (std::f64::consts::FRAC_PI_4 * step as f64 / round as f64).tan();
     let below = (1..=round).rev().map(|step| (-1.0, -lean(step)));
@@ -80,7 +82,7 @@ pub(super) fn lines(flat: impl Iterator<Item = f64>, round: usize) -> Vec<Line> 
     below.chain(flat.map(|at| (at, 0.0))).chain(above).collect()
 }
 
-/// The given places and as many evenly between each two as keep the steps below a length.
+/// Returns the given places, and between each two as many even steps as keep the steps below a length.
 pub(super) fn subdivided(places: &[f64], step: f64) -> Vec<f64> {
     let between = places.windows(2).flat_map(|pair| {
         let (from, to) = (pair[0], pair[1]);
@@ -90,8 +92,9 @@ pub(super) fn subdivided(places: &[f64], step: f64) -> Vec<f64> {
     between.chain(places.last().copied()).collect()
 }
 
-/// The six sides as grids over `lines`, to be welded where they meet. `place` gives the surface point for a place on the inner box
-/// (-1 to 1 along each axis) and an outward direction. Squares on the inner box around a place for which `skip` holds are left out.
+/// Returns points and faces of the six sides as grids over `lines`; the caller welds them. `place` returns the surface
+/// point for a place on the inner box (-1 to 1 along each axis) and an outward direction. Leaves out squares whose
+/// centre on the inner box satisfies `skip`.
 pub(super) fn sides(
     lines: &[Line],
     place: impl Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64>,
@@ -117,7 +120,7 @@ pub(super) fn sides(
     (points, faces)
 }
 
-/// A side of a box: the axis and direction it faces. Its in-plane axes u and v are such that u x v looks outward.
+/// Side of a box: its axis and direction. For its in-plane axes u and v, u x v points outward.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Side {
     pub(super) axis: usize,
@@ -134,7 +137,7 @@ pub(super) const SIDES: [Side; 6] = [
 ];
 
 impl Side {
-    /// The vector with these components outward, along u and along v.
+    /// Returns the vector with these components outward, along u and along v.
     pub(super) fn put(self, outward: f64, u: f64, v: f64) -> Vector3<f64> {
         let (next, last) = ((self.axis + 1) % 3, (self.axis + 2) % 3);
         let (u_axis, v_axis) = if self.sign > 0.0 { (next, last) } else { (last, next) };
@@ -145,7 +148,7 @@ impl Side {
         vector
     }
 
-    /// The components of a vector outward, along u and along v: the inverse of [`Self::put`].
+    /// Returns the components of a vector outward, along u and along v: the inverse of [`Self::put`].
     pub(super) fn split(self, vector: Vector3<f64>) -> [f64; 3] {
         let (next, last) = (vector[(self.axis + 1) % 3], vector[(self.axis + 2) % 3]);
         let (u, v) = if self.sign > 0.0 { (next, last) } else { (last, next) };

@@ -1,8 +1,8 @@
 //! The undeformed gel of TACTO's DIGIT in closed form.
 //!
-//! TACTO's configuration tessellates this surface with 100 x 150 vertices; between them the two differ by 0.2 micrometres.
-//! A point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h so that
-//! the corners of the pad lie [`BULGE_M`] behind the apex.
+//! TACTO tessellates this surface with 100 x 150 vertices, which deviates by 0.2 micrometres between the vertices. A
+//! point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h
+//! so that the corners of the pad lie [`BULGE_M`] behind the apex.
 
 use std::sync::LazyLock;
 
@@ -11,27 +11,28 @@ use ndarray::{Array2, Zip};
 
 use super::{HEIGHT, WIDTH, intrinsics};
 
-/// Distance from the camera to the gel on the optical axis, where the gel bulges out furthest, metres.
+/// Distance from the camera to the apex of the gel, which lies on the optical axis, metres.
 pub const APEX_M: f64 = 0.022;
 /// Size of the pad along y, metres.
 pub const WIDTH_M: f64 = 0.020;
 /// Size of the pad along z, metres.
 pub const HEIGHT_M: f64 = 0.030;
-/// How much nearer to the camera the pad's corners are than its apex, metres (`curvatureMax`).
+/// Difference in depth between the apex and the pad's corners, which are nearer to the camera, metres (TACTO's
+/// `curvatureMax`).
 pub const BULGE_M: f64 = 0.005;
-/// Radius of the sphere whose cap is stretched along x to make the pad, metres (`R`).
+/// Radius of the sphere whose cap, stretched along x, is the pad, metres (TACTO's `R`).
 pub const CAP_RADIUS_M: f64 = 0.1;
 
-/// The stretch k of the spherical cap along x, about 3.05.
+/// Returns the stretch k of the spherical cap along x, about 3.05.
 fn stretch() -> f64 {
     let corner = CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - (WIDTH_M.powi(2) + HEIGHT_M.powi(2)) / 4.0).sqrt();
     BULGE_M / corner
 }
 
-/// The point of the gel seen at pixel (column u, row v) of a DIGIT image; its x coordinate is the depth.
+/// Returns the point of the gel at pixel (column u, row v) of a DIGIT image; its x coordinate is the depth.
 pub fn point(u: f64, v: f64) -> Point<Gel> {
     let camera = intrinsics();
-    // The ray is (1, y, z) times depth; the stretched sphere turns into a quadratic for the depth.
+    // The ray is (1, y, z) times depth; the stretched sphere gives a quadratic equation for the depth.
     let (y, z) = (-(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy);
     let k2 = stretch().powi(2);
     let centre = APEX_M - stretch() * CAP_RADIUS_M;
@@ -41,7 +42,7 @@ pub fn point(u: f64, v: f64) -> Point<Gel> {
     Point::new(depth, depth * y, depth * z)
 }
 
-/// Unit normal of the gel at one of its points, towards the camera.
+/// Returns the unit normal of the gel at one of its points, towards the camera.
 pub fn normal(point: Point<Gel>) -> Vector<Gel> {
     let p = point.coords();
     let slope = stretch() / (CAP_RADIUS_M.powi(2) - p.y * p.y - p.z * p.z).sqrt();
@@ -80,7 +81,7 @@ mod tests {
         for (u, v) in [(0.0, 0.0), (119.5, 159.5), (17.0, 301.0), (WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0)] {
             let p = point(u, v);
             let (pu, pv) = camera.project(gel_from_camera().inverse() * p).unwrap();
-            assert!((pu - u).abs() < 1e-9 && (pv - v).abs() < 1e-9, "({u}, {v}) came back as ({pu}, {pv})");
+            assert!((pu - u).abs() < 1e-9 && (pv - v).abs() < 1e-9, "({u}, {v}) projects to ({pu}, {pv})");
             let q = p.coords();
             let rho2 = q.y * q.y + q.z * q.z;
             let on_gel = APEX_M - stretch() * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - rho2).sqrt());

@@ -1,27 +1,30 @@
-//! Bodies of the hand: masses and the primitives that collide and are rendered.
+//! Bodies of the hand: their masses, and the primitives for collisions and rendering.
 
-use super::{Finger, JointAngles, Side, finger_kinematics, world_from_base};
 use nalgebra as na;
 
-/// A rigid body of the hand.
+use super::kinematics::{finger_kinematics, world_from_base};
+use crate::finger::{Finger, JointAngles};
+use crate::side::Side;
+
+/// Rigid body of the hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Body {
-    /// The palm, fixed in the world.
+    /// Palm, fixed in the world.
     Palm,
     /// Link `k` (0 = base) of a finger.
     Link(Finger, usize),
-    /// The fingertip that carries the DIGIT.
+    /// Fingertip with the DIGIT.
     Tip(Finger),
 }
 
 impl Body {
-    /// All bodies: the palm, then each finger from base to tip.
+    /// Returns all bodies: the palm, then each finger from base to tip.
     pub fn all() -> impl Iterator<Item = Body> {
         let finger = |f| (0..4).map(move |k| Body::Link(f, k)).chain([Body::Tip(f)]);
         std::iter::once(Body::Palm).chain(Finger::ALL.into_iter().flat_map(finger))
     }
 
-    /// Name of the body in the MJCF.
+    /// Returns the name of the body in the MJCF.
     pub fn name(self) -> String {
         match self {
             Body::Palm => "base".to_owned(),
@@ -30,7 +33,7 @@ impl Body {
         }
     }
 
-    /// Pose of the body in the world at the given joint angles.
+    /// Returns the pose of the body in the world at the given joint angles.
     pub fn pose(self, side: Side, joints: &JointAngles) -> na::Isometry3<f64> {
         let base = world_from_base().untyped();
         match self {
@@ -41,10 +44,10 @@ impl Body {
     }
 }
 
-/// Shape of a part, in its body's frame, metres. Boxes and ellipsoids are aligned with the body's axes.
+/// Shape of a part in its body's frame, metres. Boxes and ellipsoids are aligned with the body's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Primitive {
-    /// A box with these half extents.
+    /// Box.
     Box {
         /// Centre.
         centre: [f64; 3],
@@ -60,7 +63,7 @@ pub enum Primitive {
         /// Radius.
         radius: f64,
     },
-    /// An ellipsoid with these semi-axes.
+    /// Ellipsoid.
     Ellipsoid {
         /// Centre.
         centre: [f64; 3],
@@ -69,9 +72,9 @@ pub enum Primitive {
     },
 }
 
-/// What a part is made of.
+/// Material of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Surface {
+pub enum PartSurface {
     /// Bare plastic.
     Link,
     /// The housing of a DIGIT.
@@ -80,30 +83,30 @@ pub enum Surface {
     Gel,
 }
 
-/// A primitive of the hand.
+/// Primitive of the hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
-    /// The body that it belongs to.
+    /// Body that moves it.
     pub body: Body,
-    /// Its surface.
-    pub surface: Surface,
+    /// Its material.
+    pub surface: PartSurface,
     /// Its shape.
     pub shape: Primitive,
 }
 
-/// Mass, centre of mass and diagonal inertia of a body about it, kg, m and kg m^2.
+/// Mass, centre of mass and diagonal inertia of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inertial {
     /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass in the body's frame, metres.
     pub centre_m: [f64; 3],
-    /// Diagonal of the inertia tensor, kg m^2.
+    /// Diagonal of the inertia tensor about the centre of mass, kg m^2.
     pub diagonal: [f64; 3],
 }
 
-/// Inertial of a body. The URDF puts centres of mass at the joints and has odd off-diagonal terms; these sit mid-link with plain
-/// diagonals instead (in-hand spike, section 1).
+/// Returns the inertial of a body. SimLab's URDF puts the centres of mass at the joints and has implausible
+/// off-diagonal terms; here the centres lie in the middle of the links and the tensors are diagonal.
 pub fn inertial(side: Side, body: Body) -> Inertial {
     let of = |mass_kg, centre_m, diagonal| Inertial { mass_kg, centre_m, diagonal };
     let mut inertial = match body {
@@ -122,10 +125,10 @@ pub fn inertial(side: Side, body: Body) -> Inertial {
     inertial
 }
 
-/// Radius of the capsules that stand for the slim links, metres.
+/// Radius of the capsules that replace the meshes of the slim links, metres.
 const LINK_RADIUS_M: f64 = 0.0105;
 
-/// All primitives of the hand, body by body.
+/// Returns all primitives of the hand, body by body.
 pub fn parts(side: Side) -> Vec<Part> {
     let mut parts = Vec::new();
     for body in Body::all() {
@@ -135,31 +138,35 @@ pub fn parts(side: Side) -> Vec<Part> {
             |x, from, to| Primitive::Capsule { from: [x, 0.0, from], to: [x, 0.0, to], radius: LINK_RADIUS_M };
         match body {
             Body::Palm => {
-                add(Surface::Link, Primitive::Box { centre: [-0.0093, 0.0, -0.0475], half: [0.0204, 0.0565, 0.0475] });
+                add(
+                    PartSurface::Link,
+                    Primitive::Box { centre: [-0.0093, 0.0, -0.0475], half: [0.0204, 0.0565, 0.0475] },
+                );
             }
             Body::Link(Finger::Thumb, 0) => add(
-                Surface::Link,
+                PartSurface::Link,
                 Primitive::Box { centre: [-0.0179, 0.009 * side.sign(), 0.0145], half: [0.0179, 0.017, 0.02275] },
             ),
-            Body::Link(Finger::Thumb, 1) => add(Surface::Link, capsule(-0.0007, 0.004, 0.0137)),
-            Body::Link(Finger::Thumb, 2) => add(Surface::Link, capsule(-0.0007, 0.004, 0.0474)),
-            Body::Link(Finger::Thumb, _) => add(Surface::Link, capsule(-0.0007, 0.004, 0.024)),
-            Body::Link(_, 0) => add(Surface::Link, capsule(-0.001, 0.004, 0.0124)),
+            Body::Link(Finger::Thumb, 1) => add(PartSurface::Link, capsule(-0.0007, 0.004, 0.0137)),
+            Body::Link(Finger::Thumb, 2) => add(PartSurface::Link, capsule(-0.0007, 0.004, 0.0474)),
+            Body::Link(Finger::Thumb, _) => add(PartSurface::Link, capsule(-0.0007, 0.004, 0.024)),
+            Body::Link(_, 0) => add(PartSurface::Link, capsule(-0.001, 0.004, 0.0124)),
             Body::Link(_, 1) => {
-                add(Surface::Link, Primitive::Box { centre: [0.0, 0.0, 0.027], half: [0.0098, 0.0125, 0.024] });
+                add(PartSurface::Link, Primitive::Box { centre: [0.0, 0.0, 0.027], half: [0.0098, 0.0125, 0.024] });
             }
-            Body::Link(_, 2) => add(Surface::Link, capsule(-0.0007, 0.004, 0.0344)),
-            Body::Link(_, _) => add(Surface::Link, capsule(-0.0007, 0.0, 0.008)),
+            Body::Link(_, 2) => add(PartSurface::Link, capsule(-0.0007, 0.004, 0.0344)),
+            Body::Link(_, _) => add(PartSurface::Link, capsule(-0.0007, 0.0, 0.008)),
             Body::Tip(_) => {
-                // Narrower than the gel, or its hard edge would touch first at 45 degrees.
+                // Narrower than the gel; otherwise its hard edge would touch first at 45 degrees.
                 add(
-                    Surface::Digit,
+                    PartSurface::Digit,
                     Primitive::Box { centre: [0.003_75, 0.0, 0.0168], half: [0.009_75, 0.0115, 0.0155] },
                 );
-                // More domed than TACTO's gel, so that a touch has one clean contact point: curvature radius 18 mm by 30 mm,
-                // apex at x = 20.1 mm. Its surface lies inside TACTO's gel, so every physical contact shows in the image.
+                // More domed than TACTO's gel, so that a touch has one contact point: radii of curvature 18 mm and 30
+                // mm, apex at x = 20.1 mm. Its surface lies inside TACTO's gel, so every physical contact is visible in
+                // the image.
                 add(
-                    Surface::Gel,
+                    PartSurface::Gel,
                     Primitive::Ellipsoid { centre: [0.0111, 0.0, 0.0165], semi: [0.009, 0.0128, 0.0165] },
                 );
             }

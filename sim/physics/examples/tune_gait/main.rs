@@ -1,6 +1,6 @@
-//! Tunes a gait by CMA-ES for a class of objects and writes it as an entry of sim/assets/gaits.json.
+//! Tunes a gait by CMA-ES for a class of objects and writes it as an entry of sim/gaits/assets/gaits.json.
 //!
-//! `cargo run --release -p sim --example tune_gait -- --from bal --object 005_tomato_soup_can --object cube70
+//! `cargo run --release -p mvt-physics --example tune_gait -- --from bal --object 005_tomato_soup_can --object cube70
 //!  --generations 40 --out tuned.json`. A killed run resumes from its output file.
 
 #![expect(clippy::print_stderr, reason = "a program that reports its search")]
@@ -18,7 +18,7 @@ use mvt_gaits::gait;
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
 use mvt_physics::episode;
-use mvt_physics::episode::{End, Episode, EpisodeConfig, Outcome, Randomisation};
+use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeOutcome, Randomisation};
 use mvt_robot::hand::Side;
 use stroke::PARAMETERS;
 
@@ -49,7 +49,7 @@ struct Arguments {
     /// Seed of the search.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where the best gait is written after every improvement.
+    /// File for the best gait, written after every improvement.
     #[arg(long)]
     out: PathBuf,
 }
@@ -62,7 +62,7 @@ struct Tuner {
     starts: u64,
     duration_s: f64,
     out: PathBuf,
-    /// Cost of the best candidate so far, and how many were tried.
+    /// Cost of the best candidate so far, and number of candidates.
     best: Mutex<(f64, usize)>,
 }
 
@@ -75,8 +75,8 @@ impl Tuner {
         PARAMETERS.iter().enumerate().map(value).collect()
     }
 
-    /// Mean score minus a part of the spread: a gait is as good as its bad starts.
-    fn score(&self, gait: &Gait) -> Result<(f64, Vec<Outcome>)> {
+    /// Returns a weighted mean of the mean and the worst score, so that bad starts count more.
+    fn score(&self, gait: &Gait) -> Result<(f64, Vec<EpisodeOutcome>)> {
         let mut scores = Vec::new();
         let mut outcomes = Vec::new();
         for object in &self.objects {
@@ -99,9 +99,9 @@ impl Tuner {
     }
 }
 
-/// Turning is worth nothing beyond the rate at which images blur; contact is worth most where the bar lies, so that the search
-/// neither squeezes without turning nor turns without touching.
-fn reward(outcome: &Outcome, duration_s: f64) -> f64 {
+/// Returns the reward of an outcome. Turning counts up to the rate at which images blur, and contact up to the required
+/// share, so that the search neither squeezes without turning nor turns without contact.
+fn reward(outcome: &EpisodeOutcome, duration_s: f64) -> f64 {
     let survived = if outcome.end == End::Completed { 1.0 } else { outcome.survived_s / duration_s };
     let rate = outcome.turn_rate_rad_s;
     let turning = 2.5 * rate.min(0.7) + 0.1 * (rate - 0.7).clamp(0.0, 0.5);
@@ -113,7 +113,7 @@ fn reward(outcome: &Outcome, duration_s: f64) -> f64 {
 impl ParallelObjectiveFunction for &Tuner {
     fn evaluate_parallel(&self, x: &DVector<f64>) -> f64 {
         let gait = stroke::gait(&self.params(x), &self.rest, &self.description);
-        // Parameters outside their bounds were clamped; the distance keeps the search inside.
+        // Parameters outside their bounds were clamped; a penalty for the distance keeps the search inside.
         let outside: f64 = PARAMETERS
             .iter()
             .enumerate()
@@ -128,7 +128,7 @@ impl ParallelObjectiveFunction for &Tuner {
         best.1 += 1;
         if cost < best.0 {
             best.0 = cost;
-            let of = |f: fn(&Outcome) -> f64| {
+            let of = |f: fn(&EpisodeOutcome) -> f64| {
                 let mut v: Vec<String> = outcomes.iter().map(|o| format!("{:.2}", f(o))).collect();
                 v.dedup();
                 v.join(" ")
@@ -158,7 +158,7 @@ fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let start = if arguments.out.exists() {
         let text = std::fs::read_to_string(&arguments.out)?;
-        serde_json::from_str(&text).with_context(|| format!("{} holds no gait", arguments.out.display()))?
+        serde_json::from_str(&text).with_context(|| format!("{} contains no gait", arguments.out.display()))?
     } else {
         gait::find(&arguments.from)?.1.clone()
     };
@@ -174,7 +174,7 @@ fn main() -> Result<()> {
         out: arguments.out,
         best: Mutex::new((f64::INFINITY, 0)),
     };
-    // The start itself is the first to beat, so that a resumed search never writes anything worse.
+    // Evaluates the start first, so that a resumed search never writes a worse gait.
     (&tuner).evaluate_parallel(&DVector::zeros(PARAMETERS.len()));
     let mut search = CMAESOptions::new(vec![0.0; PARAMETERS.len()], arguments.sigma)
         .population_size(arguments.population)

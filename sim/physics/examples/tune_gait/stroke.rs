@@ -1,5 +1,5 @@
-//! A stroke: each fingertip runs round an ellipse about a vertical axis through the object. Inverse kinematics turns it into the
-//! joint table of a gait.
+//! Strokes: each fingertip moves on an ellipse about a vertical axis through the object. Inverse kinematics turns a
+//! stroke into the joint table of a gait.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -8,16 +8,16 @@ use mvt_gaits::gait::Gait;
 use mvt_robot::hand::{Finger, JOINTS_PER_FINGER, JointAngles, Side, joint_ranges, world_from_tip};
 use nalgebra as na;
 
-/// Apex of the gel in the fingertip's frame, metres: the point that shall touch the object.
+/// Apex of the gel in the fingertip's frame, metres: the point that should touch the object.
 const APEX_M: [f64; 3] = [0.0201, 0.0, 0.0165];
-/// Phases of the table.
+/// Number of phases of the table.
 const PHASES: usize = 32;
-/// How far outside the stroke the fingers start, metres.
+/// Distance of the fingers from the stroke at the start, metres.
 const OPEN_M: f64 = 0.022;
 const GRAVITY: f64 = 9.81;
 
-/// Names, initial standard deviations and bounds of the parameters, in the order of the search vector. Lengths are metres,
-/// angles radians, T seconds and fmax Nm.
+/// Names, initial standard deviations and bounds of the parameters, in the order of the search vector. Lengths are
+/// metres, angles radians, T seconds and fmax Nm.
 pub const PARAMETERS: [(&str, f64, f64, f64); 22] = [
     ("T", 0.15, 0.6, 1.6),
     ("cx", 0.008, -0.06, 0.03),
@@ -43,7 +43,7 @@ pub const PARAMETERS: [(&str, f64, f64, f64); 22] = [
     ("nz", 0.2, -1.5, 1.5),
 ];
 
-/// The gait of a stroke. `rest` regularises the inverse kinematics where a finger has freedom left.
+/// Returns the gait of a stroke. `rest` regularises the inverse kinematics where a finger has freedom left.
 pub fn gait(params: &BTreeMap<String, f64>, rest: &JointAngles, description: &str) -> Gait {
     let p = |name: &str| params.get(name).copied().unwrap_or(0.0);
     // The shipped gaits turn clockwise seen from above on the right hand.
@@ -67,7 +67,7 @@ pub fn gait(params: &BTreeMap<String, f64>, rest: &JointAngles, description: &st
         let swing = if finger == Finger::Thumb { p("s_t") } else { p("s_f") };
         let joints = finger.first_joint()..finger.first_joint() + JOINTS_PER_FINGER;
         let mut q = *rest;
-        // Twice round, so that the first phases also start from a close solution.
+        // Two rounds, so that the first phases also start from a close solution.
         for row in (0..2 * PHASES).map(|i| i % PHASES) {
             let w = TAU * row as f64 / PHASES as f64 + phase;
             let radius = p("rin") + p("lift") * (1.0 - w.cos());
@@ -99,7 +99,7 @@ fn reach(
     rest: &JointAngles,
     (place, normal): (na::Vector3<f64>, na::Vector3<f64>),
 ) {
-    /// Weight of the normal's error against the place's, metres per unit.
+    /// Weight of the error of the normal relative to that of the place, metres per unit.
     const NORMAL_M: f64 = 0.012;
     /// Weight of the distance from the rest pose, metres per radian.
     const REST_M: f64 = 0.004;

@@ -35,7 +35,7 @@ const TOUCHING: std::ops::Range<u64> = 6..27;
 
 /// Records the first `frames` frames into the folder of a run; the run goes on until the writer is told how it ends, or is dropped.
 pub fn record(folder: &Path, frames: u64) -> Writer {
-    let cube = catalogue::find("cube70").unwrap().mesh_if_here().unwrap();
+    let cube = catalogue::find("cube70").unwrap().mesh_without_download().unwrap();
     let placement = PLACEMENTS.into_iter().find(|placement| placement.name == "side").unwrap();
     let camera = placement.camera(Side::Left);
     let about = About {

@@ -1,9 +1,7 @@
-//! One MuJoCo world: the hand and one object, stepped, read, saved and restored.
+//! The hand and one object in MuJoCo: step, read, save and restore.
 
 use std::sync::{Arc, Once};
 
-use crate::mjcf;
-use crate::mjcf::Physics;
 use mujoco_rs::error::MjDataError;
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_auxiliary::MjContact;
@@ -13,65 +11,69 @@ use mvt_robot::hand::{Finger, JOINTS, JointAngles, PerFinger, Side};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
-/// How a fingertip touches the object.
+use crate::mjcf;
+use crate::mjcf::Physics;
+
+/// Contact of a fingertip with the object.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct PadContact {
     /// Sum of the normal forces between gel and object, newtons.
     pub force_n: f64,
-    /// Deepest penetration of the object into the gel's contact surface, metres; 0 without contact.
+    /// Greatest penetration of the object into the gel's contact surface, metres; 0 without contact.
     pub penetration_m: f64,
 }
 
 impl PadContact {
-    /// Whether the pad touches the object.
+    /// Returns whether the pad touches the object.
     pub fn is_touching(&self) -> bool {
         self.penetration_m > 0.0
     }
 }
 
-/// The full state of a world's integration: restored, it continues bit for bit.
+/// Complete state of the integration. A restored simulation continues bit for bit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct State(Box<[f64]>);
+pub struct SimulationState(Box<[f64]>);
 
-/// Why a world cannot be made or used.
+/// Reason why a simulation cannot be built or restored.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum WorldError {
+pub enum SimulationError {
     /// MuJoCo refuses the model; most often the object's collision shape is flat or its mass is not positive.
     #[error("MuJoCo cannot build the scene with object {object}: {reason}")]
     Model {
         /// The object's name.
         object: String,
-        /// What MuJoCo said.
+        /// Message of MuJoCo.
         reason: String,
     },
-    /// A state of another model.
-    #[error("the saved state does not fit this world: {0}")]
+    /// The state belongs to another model.
+    #[error("the saved state does not fit this simulation: {0}")]
     State(String),
 }
 
-/// The hand and one object in MuJoCo.
-pub struct World {
+/// Simulation of the hand and one object in MuJoCo.
+pub struct Simulation {
     data: MjData<Arc<MjModel>>,
     gels: PerFinger<usize>,
     object_body: usize,
 }
 
-/// Everything that the next step depends on, warm start included.
+/// Components of the state on which the next step depends, including the warm start.
 const STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
 
-impl World {
-    /// Builds the world with the hand at joint angles 0 and the object at the origin; see [`World::reset`].
+impl Simulation {
+    /// Builds the simulation with the hand at joint angles 0 and the object at the origin; see [`Simulation::reset`].
     ///
     /// # Errors
-    /// [`WorldError::Model`] if MuJoCo refuses the model.
-    pub fn new(side: Side, object: &Object, physics: &Physics) -> Result<Self, WorldError> {
+    /// [`SimulationError::Model`] if MuJoCo refuses the model.
+    pub fn new(side: Side, object: &Object, physics: &Physics) -> Result<Self, SimulationError> {
         route_messages();
-        let refused = |reason: String| WorldError::Model { object: object.name.clone(), reason };
+        let refused = |reason: String| SimulationError::Model { object: object.name.clone(), reason };
         let model =
             MjModel::from_xml_string(&mjcf::model(side, object, physics)).map_err(|e| refused(e.to_string()))?;
-        let id =
-            |kind, name: &str| model.name_to_id(kind, name).ok_or_else(|| refused(format!("it has no element {name}")));
+        let id = |kind, name: &str| {
+            model.name_to_id(kind, name).ok_or_else(|| refused(format!("the model has no element {name}")))
+        };
         let mut gels = PerFinger::default();
         for finger in Finger::ALL {
             gels[finger] = id(MjtObjBase::mjOBJ_GEOM, &mjcf::gel_geom(finger))?;
@@ -80,7 +82,7 @@ impl World {
         Ok(Self { data: MjData::new(Arc::new(model)), gels, object_body })
     }
 
-    /// Puts the hand at rest at `joints`, which its controllers then hold, and the object at rest at `object`.
+    /// Puts the hand at rest at `joints`, which its position controllers hold, and the object at rest at `object`.
     pub fn reset(&mut self, joints: &JointAngles, object: Isometry<ObjectFrame, WorldFrame>) {
         self.data.reset();
         let qpos = self.data.qpos_mut();
@@ -91,13 +93,13 @@ impl World {
         self.data.forward();
     }
 
-    /// Advances one integration step with the joints' controllers aiming at `targets`.
+    /// Advances one integration step. The joints' position controllers aim at `targets`, radians.
     pub fn step(&mut self, targets: &JointAngles) {
         self.data.ctrl_mut().copy_from_slice(targets);
         self.data.step();
     }
 
-    /// Puts the object at rest at a pose and leaves the hand as it is.
+    /// Puts the object at rest at a pose. Does not change the hand.
     pub fn place_object(&mut self, pose: Isometry<ObjectFrame, WorldFrame>) {
         let qpos = &mut self.data.qpos_mut()[JOINTS..];
         qpos[..3].copy_from_slice(pose.origin().coords().as_slice());
@@ -106,30 +108,30 @@ impl World {
         self.data.forward();
     }
 
-    /// Seconds since the reset.
+    /// Returns the seconds since the reset.
     pub fn time_s(&self) -> f64 {
         self.data.time()
     }
 
-    /// Joint angles.
+    /// Returns the joint angles, radians.
     pub fn joints(&self) -> JointAngles {
         std::array::from_fn(|j| self.data.qpos()[j])
     }
 
-    /// Pose of the object.
+    /// Returns the pose of the object.
     pub fn object_pose(&self) -> Isometry<ObjectFrame, WorldFrame> {
         let q = &self.data.qpos()[JOINTS..];
         Isometry::from_parts([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]])
     }
 
-    /// Angular velocity of the object in the world, rad/s.
+    /// Returns the angular velocity of the object in the world, rad/s.
     pub fn object_angular_velocity(&self) -> na::Vector3<f64> {
         let v = &self.data.qvel()[JOINTS + 3..];
-        // MuJoCo gives a free joint's angular velocity in the body's own frame.
+        // In MuJoCo the angular velocity of a free joint is in the body's own frame.
         self.object_pose().untyped().rotation * na::Vector3::new(v[0], v[1], v[2])
     }
 
-    /// How each fingertip touches the object.
+    /// Returns the contact of each fingertip with the object.
     pub fn contacts(&self) -> PerFinger<PadContact> {
         let mut pads = PerFinger::<PadContact>::default();
         for (i, contact) in self.object_contacts() {
@@ -144,12 +146,12 @@ impl World {
         pads
     }
 
-    /// How deep the object is in the hand, metres; 0 where they do not touch.
+    /// Returns the greatest penetration of the object into the hand, metres; 0 without contact.
     pub fn penetration_m(&self) -> f64 {
         self.object_contacts().fold(0.0, |deepest, (_, contact)| (-contact.dist).max(deepest))
     }
 
-    /// The contacts in which the object takes part, with their indices.
+    /// Returns the contacts of the object, with their indices.
     fn object_contacts(&self) -> impl Iterator<Item = (usize, &MjContact)> {
         let model = self.data.model();
         let body_of = |geom: i32| usize::try_from(geom).ok().and_then(|g| model.geom_bodyid().get(g)).copied();
@@ -158,9 +160,9 @@ impl World {
         self.data.contact().iter().enumerate().filter(move |(_, contact)| touches(contact))
     }
 
-    /// Why the simulation can no longer be trusted, if so.
+    /// Returns the reason why the simulation is unstable; `None` if it is stable.
     pub fn fault(&self) -> Option<String> {
-        /// No joint or object of this scene moves faster unless the integration has blown up (m/s and rad/s).
+        /// Speed that joints and object exceed only if the integration is unstable, m/s and rad/s.
         const FASTEST: f64 = 1e3;
         let broken = |name: &str, values: &[f64], limit: f64| {
             values
@@ -171,24 +173,27 @@ impl World {
         broken("a position", self.data.qpos(), 1e2).or_else(|| broken("a velocity", self.data.qvel(), FASTEST))
     }
 
-    /// The state, to be restored later.
-    pub fn save(&self) -> State {
-        State(self.data.state(STATE))
+    /// Returns the state for [`Simulation::restore`]. Only tests call both today; bindings for other languages need
+    /// them.
+    pub fn save(&self) -> SimulationState {
+        SimulationState(self.data.state(STATE))
     }
 
-    /// Continues from a saved state of the same model.
+    /// Sets the state to a saved one of the same model.
     ///
     /// # Errors
-    /// [`WorldError::State`] if the state is of another model.
-    pub fn restore(&mut self, state: &State) -> Result<(), WorldError> {
-        let foreign = |e: MjDataError| WorldError::State(e.to_string());
+    /// [`SimulationError::State`] if the state belongs to another model.
+    pub fn restore(&mut self, state: &SimulationState) -> Result<(), SimulationError> {
+        let foreign = |e: MjDataError| SimulationError::State(e.to_string());
         self.data.set_state(&state.0, STATE).map_err(foreign)?;
-        // Contacts and body poses follow from the state; computing them disturbs the solver's warm start, which is part of it.
+        // `forward` computes contacts and body poses from the state, but changes the solver's warm start, which is part
+        // of the state.
         self.data.forward();
         self.data.set_state(&state.0, STATE).map_err(foreign)
     }
 
-    /// Pose of a body of the model by name, as MuJoCo computed it in the last step.
+    /// Returns the pose of a body by name, from the last step; `None` for an unknown name. Serves the test that
+    /// compares the kinematics of the hand with MuJoCo's.
     pub fn body_pose(&self, name: &str) -> Option<na::Isometry3<f64>> {
         let id = self.data.model().name_to_id(MjtObjBase::mjOBJ_BODY, name)?;
         let (p, q) = (self.data.xpos().get(id)?, self.data.xquat().get(id)?);

@@ -8,8 +8,8 @@ use mvt_gaits::clock::PHYSICS_HZ;
 use mvt_gaits::gait;
 use mvt_mesh::Mesh;
 use mvt_objects::object::Object;
-use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation, Start, run};
-use mvt_physics::world::World;
+use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, Randomisation, run};
+use mvt_physics::simulation::Simulation;
 use mvt_robot::hand::{Body, JointAngles, Side, joint_ranges};
 use rand::{RngExt as _, SeedableRng as _};
 
@@ -38,13 +38,13 @@ fn config(side: Side, seed: u64) -> EpisodeConfig {
 fn forward_kinematics_agree_with_mujoco_on_random_joints() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     for side in [Side::Left, Side::Right] {
-        let start = Start::draw(&cube(0.07), gait::find("bal").unwrap().1, side, &Randomisation::none(), 0);
-        let mut world = World::new(side, &cube(0.07), &start.physics).unwrap();
+        let start = EpisodeStart::draw(&cube(0.07), gait::find("bal").unwrap().1, side, &Randomisation::none(), 0);
+        let mut simulation = Simulation::new(side, &cube(0.07), &start.physics).unwrap();
         for _ in 0..200 {
             let joints: JointAngles = joint_ranges(side).map(|[low, high]| rng.random_range(low..=high));
-            world.reset(&joints, start.object);
+            simulation.reset(&joints, start.object);
             for body in Body::all() {
-                let (ours, theirs) = (body.pose(side, &joints), world.body_pose(&body.name()).unwrap());
+                let (ours, theirs) = (body.pose(side, &joints), simulation.body_pose(&body.name()).unwrap());
                 let distance = (ours.to_homogeneous() - theirs.to_homogeneous()).abs().max();
                 assert!(distance < 1e-9, "{side:?} {body:?}: {distance:e}");
             }
@@ -53,22 +53,23 @@ fn forward_kinematics_agree_with_mujoco_on_random_joints() {
 }
 
 #[test]
-fn a_restored_world_continues_bit_for_bit() {
+fn a_restored_simulation_continues_bit_for_bit() {
     let object = cube(0.07);
-    let start = Start::draw(&object, gait::find("bal").unwrap().1, Side::Left, &Randomisation::default(), 3);
-    let mut world = World::new(Side::Left, &object, &start.physics).unwrap();
-    world.reset(&start.joints, start.object);
-    let run = |world: &mut World, steps| (0..steps).for_each(|_| world.step(&start.joints));
-    run(&mut world, 150);
-    let saved = world.save();
-    run(&mut world, 300);
-    let (pose, joints, contacts) = (world.object_pose(), world.joints(), world.contacts());
-    world.restore(&saved).unwrap();
-    run(&mut world, 300);
-    assert_eq!((pose, joints, contacts), (world.object_pose(), world.joints(), world.contacts()));
+    let start = EpisodeStart::draw(&object, gait::find("bal").unwrap().1, Side::Left, &Randomisation::default(), 3);
+    let mut simulation = Simulation::new(Side::Left, &object, &start.physics).unwrap();
+    simulation.reset(&start.joints, start.object);
+    let run = |simulation: &mut Simulation, steps| (0..steps).for_each(|_| simulation.step(&start.joints));
+    run(&mut simulation, 150);
+    let saved = simulation.save();
+    run(&mut simulation, 300);
+    let (pose, joints, contacts) = (simulation.object_pose(), simulation.joints(), simulation.contacts());
+    simulation.restore(&saved).unwrap();
+    run(&mut simulation, 300);
+    assert_eq!((pose, joints, contacts), (simulation.object_pose(), simulation.joints(), simulation.contacts()));
 }
 
-/// Both hands play mirrored episodes. MuJoCo's choice of contact points is not symmetric, so they agree closely, not exactly.
+/// Both hands play mirrored episodes. MuJoCo's choice of contact points is not symmetric, so they agree closely, not
+/// exactly.
 #[test]
 fn the_left_hand_plays_the_mirror_image() {
     let object = cube(0.07);
