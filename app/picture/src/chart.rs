@@ -1,7 +1,7 @@
 //! Curves, described once and drawn by the same code into an image or as SVG.
 //!
-//! An image gets the compact form, which fits a strip of a film: the title and the upper end of the axis. SVG gets axes with marks, and a
-//! legend of the lines that have names.
+//! An image gets the compact form, which fits a strip of a film: the title and the upper end of the axis. SVG gets axes
+//! with marks, and a legend of the lines that have names.
 
 mod canvas;
 
@@ -130,8 +130,8 @@ fn labelled_marks(low: f64, high: f64) -> Vec<(f64, String)> {
     marks.into_iter().map(|mark| (mark, mark_label(mark, step))).collect()
 }
 
-/// Returns a round upper end for an axis from 0: the next of 1, 2 or 5 times a power of ten above 98 % of the values. A few outliers do not
-/// flatten the curve.
+/// Returns a round upper end for an axis from 0: the next of 1, 2 or 5 times a power of ten above 98 % of the values. A
+/// few outliers do not flatten the curve.
 pub fn round_top(points: &[(f64, f64)]) -> f64 {
     let mut values: Vec<f64> = points.iter().map(|(_, y)| *y).filter(|y| y.is_finite()).collect();
     values.sort_by(f64::total_cmp);

@@ -106,7 +106,8 @@ enum Kind {
 }
 
 impl Film {
-    /// Begins a film of this width and height in pixels. The colours of a GIF are chosen from `samples`, which an MP4 does not need.
+    /// Begins a film of this width and height in pixels. The colours of a GIF are chosen from `samples`, which an MP4
+    /// does not need.
     ///
     /// # Errors
     /// [`FilmError`] if the file cannot be created, or if an MP4 is wanted and ffmpeg is not installed.
@@ -155,7 +156,8 @@ impl Film {
     }
 }
 
-/// Writer of GIFs with one palette. Each picture after the first holds only the rectangle that differs from the one before.
+/// Writer of GIFs with one palette. Each picture after the first holds only the rectangle that differs from the one
+/// before.
 pub struct GifWriter<W: Write> {
     encoder: gif::Encoder<W>,
     /// Index of each colour, by its leading bits.
@@ -168,7 +170,8 @@ pub struct GifWriter<W: Write> {
 }
 
 impl<W: Write> GifWriter<W> {
-    /// Begins a GIF of this width and height in pixels, which repeats for ever. The palette is chosen from the colours of `samples`.
+    /// Begins a GIF of this width and height in pixels, which repeats for ever. The palette is chosen from the colours
+    /// of `samples`.
     ///
     /// # Errors
     /// [`FilmError`] if the size is too large, there is no sample, or the header cannot be written.

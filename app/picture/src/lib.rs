@@ -1,7 +1,8 @@
 //! Pictures on the CPU: triangles with a depth buffer, text, colours, curves and films.
 //!
-//! Everything is drawn into [`image::RgbImage`] without a graphics driver, so that pictures are the same on every machine and for any number
-//! of threads. The crate knows meshes and pinhole cameras, but no robot, no run and no window. It does not read pictures either.
+//! Everything is drawn into [`image::RgbImage`] without a graphics driver, so that pictures are the same on every
+//! machine and for any number of threads. The crate knows meshes and pinhole cameras, but no robot, no run and no
+//! window. It does not read pictures either.
 //!
 //! ```
 //! use mvt_picture::glam::Vec3A;

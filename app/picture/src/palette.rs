@@ -1,4 +1,5 @@
-//! All colours: a light and a dark theme, and colour maps of numbers. People who confuse red and green can read every map.
+//! All colours: a light and a dark theme, and colour maps of numbers. People who confuse red and green can read every
+//! map.
 
 use image::Rgb;
 
@@ -65,11 +66,11 @@ impl Theme {
     };
 }
 
-/// What cameras saw (Okabe and Ito's blue).
+/// Places that cameras saw (Okabe and Ito's blue).
 pub const VISION: Rgb<u8> = Rgb([86, 180, 233]);
-/// What touch sensors saw (Okabe and Ito's vermilion).
+/// Places that touch sensors saw (Okabe and Ito's vermilion).
 pub const TOUCH: Rgb<u8> = Rgb([213, 94, 0]);
-/// What no sensor saw.
+/// Places that no sensor saw.
 pub const UNSEEN: Rgb<u8> = Rgb([170, 170, 170]);
 
 /// Colours of curves in one plot (Okabe and Ito): blue, vermilion, green and purple, readable in both themes.
@@ -81,8 +82,8 @@ pub const LOST_SPAN: Rgb<u8> = Rgb([230, 159, 0]);
 /// Signed distance at which the map of slices is darkest, metres.
 pub const SLICE_SCALE_M: f32 = 0.01;
 
-/// Returns the colour of a signed distance: white at the surface, blue inside, brown outside, darker with the distance. Both sides have
-/// the same lightness, so that the surface stands out.
+/// Returns the colour of a signed distance: white at the surface, blue inside, brown outside, darker with the distance.
+/// Both sides have the same lightness, so that the surface stands out.
 pub fn signed_distance(distance_m: f32) -> Rgb<u8> {
     const INSIDE: [[u8; 3]; 2] = [[116, 173, 209], [49, 54, 149]];
     const OUTSIDE: [[u8; 3]; 2] = [[223, 164, 96], [120, 62, 10]];
@@ -91,7 +92,8 @@ pub fn signed_distance(distance_m: f32) -> Rgb<u8> {
     ramp(&[[250; 3], middle, end], share.abs())
 }
 
-/// Returns the colour of a share from 0 (never seen) to 1 (certain): dark blue to yellow, lighter all the way (after cividis).
+/// Returns the colour of a share from 0 (never seen) to 1 (certain): dark blue to yellow, lighter all the way (after
+/// cividis).
 pub fn confidence(share: f32) -> Rgb<u8> {
     ramp(&[[0, 34, 78], [67, 78, 108], [125, 124, 120], [188, 175, 111], [254, 232, 56]], share)
 }
@@ -109,9 +111,9 @@ pub fn indentation(depth_mm: f32, most_mm: f32) -> Rgb<u8> {
 /// Error from which on the colour of an error no longer changes, metres: the threshold of the headline F-score.
 pub const ERROR_SCALE_M: f32 = 0.005;
 
-/// Returns the colour of a distance from the true surface, metres: from pale over orange to dark red. The lightness falls all the way, so
-/// that the map is readable in grey and for people who confuse red and green. Small errors are pale, so that shading remains visible.
-/// NaN has the colour of the largest error.
+/// Returns the colour of a distance from the true surface, metres: from pale over orange to dark red. The lightness
+/// falls all the way, so that the map is readable in grey and for people who confuse red and green. Small errors are
+/// pale, so that shading remains visible. NaN has the colour of the largest error.
 pub fn surface_error(error_m: f32) -> Rgb<u8> {
     const STEPS: [[u8; 3]; 5] = [[236, 236, 228], [250, 204, 116], [232, 130, 52], [188, 58, 46], [92, 20, 58]];
     let share = error_m.abs() / ERROR_SCALE_M;
@@ -172,7 +174,8 @@ mod tests {
         }
     }
 
-    /// Returns the distance between two colours for a person without red (or green) cones (Vienot, Brettel and Mollon 1999), 0 to about 440.
+    /// Returns the distance between two colours for a person without red (or green) cones (Vienot, Brettel and Mollon
+    /// 1999), 0 to about 440.
     fn distance_dichromatic(a: Rgb<u8>, b: Rgb<u8>) -> f32 {
         let seen = |colour: Rgb<u8>| {
             let [r, g, b] = colour.0.map(|c| (f32::from(c) / 255.0).powf(2.2));

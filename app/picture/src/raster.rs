@@ -1,8 +1,8 @@
-//! Triangles, lines and points with a depth buffer, on the CPU. It needs no graphics driver, so that pictures are the same on every
-//! machine, and it is faster than the software drivers of machines without a graphics card.
+//! Triangles, lines and points with a depth buffer, on the CPU. It needs no graphics driver, so that pictures are the
+//! same on every machine, and it is faster than the software drivers of machines without a graphics card.
 //!
-//! Everything becomes triangles in screen coordinates, which are sorted into bands of rows; one thread draws each band. The first of
-//! equally near triangles wins, so that the picture does not depend on the number of threads.
+//! Everything becomes triangles in screen coordinates, which are sorted into bands of rows; one thread draws each band.
+//! The first of equally near triangles wins, so that the picture does not depend on the number of threads.
 
 use glam::{Mat3A, Vec2, Vec3, Vec3A};
 use image::{Rgb, RgbImage};
@@ -14,7 +14,8 @@ use rayon::prelude::*;
 const BAND: usize = 24;
 /// Distance of the near plane, metres. Geometry in front of it is cut off.
 const NEAR_M: f32 = 0.005;
-/// Lines and points hide surfaces that are nearer by less than this share of their distance, because they often lie on a surface.
+/// Lines and points hide surfaces that are nearer by less than this share of their distance, because they often lie on
+/// a surface.
 const LINE_BIAS: f32 = 0.004;
 
 /// Colour of three numbers from 0 to 255.
@@ -150,7 +151,8 @@ impl Rasteriser {
         self.pinhole = Some(Pinhole { focal: vector(camera.fx, camera.fy), centre: vector(camera.cx, camera.cy) });
     }
 
-    /// Adds a mesh with a colour per vertex. The light comes from over the viewer's left shoulder and lights both sides of a face.
+    /// Adds a mesh with a colour per vertex. The light comes from over the viewer's left shoulder and lights both sides
+    /// of a face.
     pub fn surface(&mut self, surface: &LitMesh, colours: impl Fn(usize) -> Colour + Sync, placement: MeshPlacement) {
         let Some(pinhole) = self.pinhole else { return };
         let (rotation, translation) = placement.camera_from_mesh;
@@ -222,8 +224,8 @@ impl Rasteriser {
         self.solid.faces.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     }
 
-    /// Draws everything that was added and returns the picture. Only the nearest translucent surface of a pixel is drawn; `glass_share` is
-    /// the weight of its colour, 0 to 1.
+    /// Draws everything that was added and returns the picture. Only the nearest translucent surface of a pixel is
+    /// drawn; `glass_share` is the weight of its colour, 0 to 1.
     pub fn finish(&mut self, glass_share: f32) -> &RgbImage {
         let (width, height) = (self.image.width() as usize, self.image.height() as usize);
         if width == 0 || height == 0 {
@@ -258,11 +260,6 @@ impl Rasteriser {
                 *pixel = colour.to_array().map(|c| (c + 0.5) as u8);
             }
         });
-        &self.image
-    }
-
-    /// Returns the picture that was drawn last.
-    pub fn image(&self) -> &RgbImage {
         &self.image
     }
 

@@ -5,7 +5,8 @@ use image::{Rgb, RgbImage};
 
 use crate::draw::blend;
 
-/// Writes a line of text whose upper left corner is (x, y) and whose height is `size`, in pixels. Parts outside the image are skipped.
+/// Writes a line of text whose upper left corner is (x, y) and whose height is `size`, in pixels. Parts outside the
+/// image are skipped.
 pub fn write(image: &mut RgbImage, (x, y): (u32, u32), size: f32, colour: Rgb<u8>, text: &str) {
     let Some(font) = font() else { return };
     let font = font.as_scaled(PxScale::from(size));

@@ -20,8 +20,8 @@ use mvt_segmentation::{SegmentationConfig, segment};
 
 use super::{About, CameraImages, FingerImages, FrameImages, Moment, RecordingError, Touching, VERSION, images};
 
-/// Images of a log. A background thread reads the contacts and the camera depths, which lie in one compressed file; other images are read on
-/// request.
+/// Images of a log. A background thread reads the contacts and the camera depths, which lie in one compressed file;
+/// other images are read on request.
 pub struct LogImages {
     log: Log,
     strides: Vec<usize>,

@@ -1,7 +1,7 @@
 //! Blocks of images, small and quickly encoded: colours as JPEG, depth as deflated differences to the left neighbour.
 //!
-//! The images of a frame are one block: for each image its kind and sensor (one byte each), its length (u32) and its bytes. Numbers are
-//! little-endian.
+//! The images of a frame are one block: for each image its kind and sensor (one byte each), its length (u32) and its
+//! bytes. Numbers are little-endian.
 
 use std::io::{Cursor, Read as _, Write as _};
 use std::sync::OnceLock;
@@ -381,7 +381,11 @@ mod tests {
         }
 
         #[test]
-        fn damaged_blocks_are_errors_or_other_images(at in any::<prop::sample::Index>(), byte in any::<u8>(), cut in any::<bool>()) {
+        fn damaged_blocks_are_errors_or_other_images(
+            at in any::<prop::sample::Index>(),
+            byte in any::<u8>(),
+            cut in any::<bool>(),
+        ) {
             let mut block = encode(&example()).unwrap();
             let at = at.index(block.len());
             if cut { block.truncate(at) } else { block[at] = byte }

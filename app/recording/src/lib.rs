@@ -1,8 +1,8 @@
 //! Recordings of runs: poses, images, shapes and events in a folder, from which a viewer shows a run.
 //!
-//! A [`RecordingWriter`] writes on a thread of its own, so that the run never waits; it leaves images out when the disk is too slow. A
-//! [`Recording`] reads runs that are finished, still going or have crashed, and FeelSight logs. Recordings are for looking at: images are
-//! reduced, and nothing here can resume or score a run.
+//! A [`RecordingWriter`] writes on a thread of its own, so that the run never waits; it leaves images out when the disk
+//! is too slow. A [`Recording`] reads runs that are finished, still going or have crashed, and FeelSight logs.
+//! Recordings are for looking at: images are reduced, and nothing here can resume or score a run.
 //!
 //! ```text
 //! DIR/recording/
@@ -16,8 +16,8 @@
 //!   end.json         whether the run is complete; written last
 //! ```
 //!
-//! All files but about.json and end.json are appended to. A block is written before the line that refers to it, so that a run that is
-//! killed leaves a valid recording. Lines hold the checksums of their blocks.
+//! All files but about.json and end.json are appended to. A block is written before the line that refers to it, so that
+//! a run that is killed leaves a valid recording. Lines hold the checksums of their blocks.
 //!
 //! ```
 //! use mvt_recording::mvt_frames::Isometry;

@@ -103,7 +103,8 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Opens a FeelSight log as a recording without estimates. The true surface comes from the catalogue; a warning says if it is missing.
+    /// Opens a FeelSight log as a recording without estimates. The true surface comes from the catalogue; a warning
+    /// says if it is missing.
     ///
     /// # Errors
     /// [`RecordingError::Log`] if the log cannot be used.
@@ -132,7 +133,8 @@ impl Recording {
         }
     }
 
-    /// Reads appended data. Returns whether anything is new, including the status. A new recording in the same folder replaces this one.
+    /// Reads appended data. Returns whether anything is new, including the status. A new recording in the same folder
+    /// replaces this one.
     ///
     /// # Errors
     /// [`RecordingError`] if the appended data cannot be read. The data that was read before remain.
@@ -241,7 +243,8 @@ impl Recording {
         }
     }
 
-    /// Returns the newest images at or before a moment, or `None` if there are none yet. The last few are kept in memory.
+    /// Returns the newest images at or before a moment, or `None` before the first images. The last few are kept in
+    /// memory.
     ///
     /// # Errors
     /// [`RecordingError`] if they cannot be read or decoded.
@@ -270,7 +273,8 @@ impl Recording {
         self.shapes.partition_point(|entry| entry.frame <= frame).checked_sub(1)
     }
 
-    /// Returns the newest shape at or before a moment, or `None` if there is none yet. The last few are kept in memory.
+    /// Returns the newest shape at or before a moment, or `None` before the first shape. The last few are kept in
+    /// memory.
     ///
     /// # Errors
     /// [`RecordingError`] if it cannot be read.

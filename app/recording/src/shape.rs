@@ -115,7 +115,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn damaged_shapes_are_errors_or_other_shapes(at in any::<prop::sample::Index>(), byte in any::<u8>(), cut in any::<bool>()) {
+        fn damaged_shapes_are_errors_or_other_shapes(
+            at in any::<prop::sample::Index>(),
+            byte in any::<u8>(),
+            cut in any::<bool>(),
+        ) {
             let (mesh, sdf) = example();
             let mut block = encode(&mesh, Some(&sdf));
             let at = at.index(block.len());

@@ -49,7 +49,8 @@ pub struct RecordingWriter {
 }
 
 impl RecordingWriter {
-    /// Begins a recording in the folder of a run and replaces an older one. `truth` is the true surface, where it is known.
+    /// Begins a recording in the folder of a run and replaces an older one. `truth` is the true surface, where it is
+    /// known.
     ///
     /// # Errors
     /// [`RecordingError::Io`] if a file cannot be written, or another run records into the folder.

@@ -1,4 +1,4 @@
-//! What the view shows.
+//! Layers of the scene.
 
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! Pictures, films and a window of recorded runs.
 //!
-//! [`paint::ScenePainter`] paints the scene of a moment in three dimensions, [`dashboard::Dashboard`] puts it beside the sensors' images and
-//! the curves, and [`window`] shows both while a run goes on. The viewer knows a run by its recording alone: it estimates nothing, and
-//! neither waits for the other.
+//! [`paint::ScenePainter`] paints the scene of a moment in three dimensions, [`dashboard::Dashboard`] puts it beside
+//! the sensors' images and the curves, and [`window`] shows both while a run goes on. The viewer knows a run by its
+//! recording alone: it estimates nothing, and neither waits for the other.
 //!
 //! ```no_run
 //! use mvt_viewer::mvt_picture::palette::Theme;
@@ -19,11 +19,11 @@ mod captions;
 pub mod dashboard;
 pub mod eye;
 pub mod layers;
-pub mod legend;
+mod legend;
 pub mod paint;
 mod run_charts;
 mod seen_points;
-pub mod sensor_pictures;
+mod sensor_pictures;
 pub mod window;
 
 pub use dashboard::{Dashboard, DashboardLayout};

@@ -97,12 +97,8 @@ impl ScenePainter {
         self.warning.as_deref()
     }
 
-    /// Returns the last picture.
-    pub fn image(&self) -> &RgbImage {
-        self.raster.image()
-    }
-
-    /// Paints a moment of a recording; `size` is width and height in pixels. A recording without moments gives an empty picture.
+    /// Paints a moment of a recording; `size` is width and height in pixels. A recording without moments gives an empty
+    /// picture.
     pub fn paint(
         &mut self,
         recording: &Recording,

@@ -11,8 +11,8 @@ use mvt_run::report::FrameRow;
 /// Distance between panels, pixels.
 const GAP: u32 = 8;
 
-/// Draws side by side the error of the pose, the F-score, the confidence, the time per frame, and the contacts of the fingers. A log has no
-/// estimate: only its contacts are drawn.
+/// Draws side by side the error of the pose, the F-score, the confidence, the time per frame, and the contacts of the
+/// fingers. A log has no estimate: only its contacts are drawn.
 pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usize, theme: &Theme) {
     let panels = panels(recording, moment, theme);
     let width = (area.width + GAP) / (panels.len() as u32).max(1);

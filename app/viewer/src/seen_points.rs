@@ -1,4 +1,5 @@
-//! Points of the object that cameras and DIGITs have seen so far, in its coordinates, from the recorded images and the estimated poses.
+//! Points of the object that cameras and DIGITs have seen so far, in its coordinates, from the recorded images and the
+//! estimated poses.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -169,8 +170,8 @@ impl SeenPoints {
         }
     }
 
-    /// Returns the evidence for a place in the coordinates of the object. Its colour is a mean over the points within 5 mm, weighted by
-    /// nearness.
+    /// Returns the evidence for a place in the coordinates of the object. Its colour is a mean over the points within 5
+    /// mm, weighted by nearness.
     pub fn at(&self, place: Vec3A) -> Sighting {
         const CELLS: i32 = (REACH_M / CELL_M) as i32 + 1;
         let middle = key(place);

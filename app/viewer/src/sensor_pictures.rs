@@ -95,7 +95,8 @@ fn of_indentation(depth_m: &Array2<f32>) -> RgbImage {
     })
 }
 
-/// Returns the nearest and farthest depth of the object, or of the whole image if no pixel is labelled as object, metres.
+/// Returns the nearest and farthest depth of the object, or of the whole image if no pixel is labelled as object,
+/// metres.
 fn bounds_m(depth_m: &Array2<f32>, segmentation: &GrayImage) -> [f32; 2] {
     let is_object = |&(_, level): &(&f32, &u8)| *level == OBJECT;
     let of_object = depth_m.iter().zip(segmentation.iter()).filter(is_object).map(|(z, _)| *z);

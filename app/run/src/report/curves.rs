@@ -17,8 +17,8 @@ const CUT_MS: f64 = 100.0;
 /// Points of a line: time in seconds, and value.
 type Points = Vec<(f64, f64)>;
 
-/// Draws pose error, shape scores, confidence and time per frame as SVG, one above the other. Spans in which the tracker has lost the object
-/// are shaded.
+/// Draws pose error, shape scores, confidence and time per frame as SVG, one above the other. Spans in which the
+/// tracker has lost the object are shaded.
 pub fn curves(run: &RunRecord) -> String {
     let state = if run.complete { "" } else { ", interrupted" };
     let title = format!("{}, seed {}, {} {}{state}", run.object, run.seed, run.mode, run.modality);

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use mvt_mesh::Mesh;
 use mvt_picture::palette;
 
-/// Encodes a binary PLY, little-endian, metres. With one error (metres) per vertex, the vertices have colours from pale (no error) to dark
-/// red (5 mm and more).
+/// Encodes a binary PLY, little-endian, metres. With one error (metres) per vertex, the vertices have colours from pale
+/// (no error) to dark red (5 mm and more).
 pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
     let colours =
         if errors_m.is_some() { "property uchar red\nproperty uchar green\nproperty uchar blue\n" } else { "" };

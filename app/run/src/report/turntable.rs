@@ -66,7 +66,8 @@ pub fn vertex_errors_m(
 }
 
 impl Turntable<'_> {
-    /// Returns the animation as a GIF, 480 x 274 pixels, one turn in about four seconds. It is the same for any number of threads.
+    /// Returns the animation as a GIF, 480 x 274 pixels, one turn in about four seconds. It is the same for any number
+    /// of threads.
     ///
     /// # Errors
     /// If the encoder fails.

@@ -1,7 +1,7 @@
 //! Opens the window with OpenGL (glow), on a graphics card or on the CPU.
 //!
-//! Our own rasteriser paints the scene, so that the window shows only pictures and widgets. One backend is enough, and wgpu would double
-//! the build time.
+//! Our own rasteriser paints the scene, so that the window shows only pictures and widgets. One backend is enough, and
+//! wgpu would double the build time.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};

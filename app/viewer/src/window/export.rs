@@ -1,5 +1,5 @@
-//! Exports: a picture of the window, and the mesh. They go to the working directory, because the folders of runs and logs hold only the
-//! files of the run or log.
+//! Exports: a picture of the window, and the mesh. They go to the working directory, because the folders of runs and
+//! logs hold only the files of the run or log.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver};

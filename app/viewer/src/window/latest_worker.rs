@@ -1,4 +1,5 @@
-//! Thread for work that takes longer than a frame of the window. It serves the newest request and drops older ones that it has not begun.
+//! Thread for work that takes longer than a frame of the window. It serves the newest request and drops older ones that
+//! it has not begun.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -16,7 +17,8 @@ pub trait Work: Send + 'static {
     /// Serves a request.
     fn run(&mut self, request: Self::Request) -> Self::Output;
 
-    /// Called when there is no request. Returns after how long it should be called again, if at all, and whether to wake the window.
+    /// Called when there is no request. Returns after how long it should be called again, if at all, and whether to
+    /// wake the window.
     fn idle(&mut self) -> (Option<Duration>, bool) {
         (None, false)
     }

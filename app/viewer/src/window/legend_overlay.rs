@@ -33,7 +33,8 @@ pub fn paint(ui: &Ui, view: Rect, recording: &Recording, layers: &Layers, eye: &
     }
 }
 
-/// Calls `add`, which paints and returns the rectangle that it used, on translucent paper, so that it is readable over any scene.
+/// Calls `add`, which paints and returns the rectangle that it used, on translucent paper, so that it is readable over
+/// any scene.
 fn on_paper(painter: &Painter, theme: &Theme, add: impl FnOnce(&Painter) -> Rect) {
     let paper = painter.add(Shape::Noop);
     let used = add(painter).expand(4.0);

@@ -242,7 +242,8 @@ fn label(mark: GridMark, _: &RangeInclusive<f64>) -> String {
     chart::mark_label(mark.value, mark.step_size)
 }
 
-/// Upper end of the vertical axis: at least 1, and above nearly all values, so that a few outliers do not flatten the curves.
+/// Upper end of the vertical axis: at least 1, and above nearly all values, so that a few outliers do not flatten the
+/// curves.
 fn top(curves: &[(&Curve, usize)]) -> f64 {
     const MARGIN: f64 = 1.08;
     let mut values: Vec<f64> = curves.iter().flat_map(|(curve, _)| curve.iter().map(|point| point.y)).collect();

@@ -78,7 +78,8 @@ impl Preferences {
     /// Smallest and largest zoom, percent.
     pub const ZOOM_PERCENT: [u32; 2] = [100, 200];
 
-    /// Returns the folder of the file: `$XDG_CONFIG_HOME/mambavitact`, else `$HOME/.config/mambavitact`; `None` if neither variable is set.
+    /// Returns the folder of the file: `$XDG_CONFIG_HOME/mambavitact`, else `$HOME/.config/mambavitact`; `None` if
+    /// neither variable is set.
     pub fn folder() -> Option<PathBuf> {
         let from = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         from("XDG_CONFIG_HOME")

@@ -18,7 +18,8 @@ use crate::paint::ScenePainter;
 
 /// Least time between two checks whether the recording has grown.
 const POLL: Duration = Duration::from_millis(150);
-/// The viewer waits this many times the painting time of a picture before it checks again, so that it takes little time from the run.
+/// The viewer waits this many times the painting time of a picture before it checks again, so that it takes little time
+/// from the run.
 const SHARE: u32 = 20;
 /// While the view moves, pictures that take longer are painted at half the resolution.
 const SLOW: Duration = Duration::from_millis(33);
@@ -140,7 +141,8 @@ impl SceneWidget {
         });
         if let Some(painted) = self.worker.take() {
             self.warning = painted.warning;
-            // A mean over full pictures without the first, which prepares the meshes: one slow picture does not make all others coarse.
+            // A mean over full pictures without the first, which prepares the meshes: one slow picture does not make
+            // all others coarse.
             if self.texture.is_some() && scale == 1.0 {
                 self.spent = (self.spent + painted.spent) / 2;
             }

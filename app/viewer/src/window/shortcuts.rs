@@ -211,7 +211,10 @@ pub fn help(ctx: &Context) -> bool {
         let height = (ctx.content_rect().height() - 140.0).max(80.0);
         egui::ScrollArea::vertical().max_height(height).show(ui, table);
         ui.add_space(6.0);
-        ui.label("In the scene: drag to turn, drag with the right button or Shift to move, scroll to zoom, double-click to look at the object.");
+        ui.label(
+            "In the scene: drag to turn, drag with the right button or Shift to move, scroll to zoom, \
+             double-click to look at the object.",
+        );
         ui.label("Ctrl with + and - makes text and widgets larger and smaller.");
         ui.button("Close").clicked()
     });
