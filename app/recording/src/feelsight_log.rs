@@ -18,7 +18,9 @@ use mvt_run::object::load_object;
 use mvt_run::report::{FrameRow, StageMs, TrackState};
 use mvt_segmentation::{SegmentationConfig, segment};
 
-use super::{About, CameraImages, FingerImages, FrameImages, Moment, RecordingError, Touching, VERSION, images};
+use super::{
+    About, CameraImages, FingerImages, FrameImages, RecordedMoment, RecordingError, Touching, VERSION, images,
+};
 
 /// Images of a log. A background thread reads the contacts and the camera depths, which lie in one compressed file;
 /// other images are read on request.
@@ -60,7 +62,7 @@ impl Drop for LogImages {
 }
 
 /// Log with its description, its frames, the true surface and the warnings.
-type Opened = (LogImages, About, Vec<Moment>, Option<Mesh>, Vec<String>);
+type Opened = (LogImages, About, Vec<RecordedMoment>, Option<Mesh>, Vec<String>);
 
 impl LogImages {
     /// Opens a log.
@@ -94,7 +96,7 @@ impl LogImages {
         };
         let moment = |k: usize| {
             let truth = log.object_poses()[k].map(|pose| pose * object_from_log.inverse());
-            Moment {
+            RecordedMoment {
                 row: FrameRow {
                     frame: k as u64,
                     time_s: log.times_s()[k],
@@ -164,7 +166,7 @@ impl LogImages {
     }
 
     /// Adds newly read contacts to the moments. Returns whether there were any.
-    pub fn add_contacts(&mut self, moments: &mut [Moment]) -> bool {
+    pub fn add_contacts(&mut self, moments: &mut [RecordedMoment]) -> bool {
         let before = self.with_contacts;
         let frames = self.background.frames();
         for (moment, read) in moments.iter_mut().zip(&*frames).skip(before) {

@@ -154,7 +154,7 @@ impl Touching {
 
 /// Recorded frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
+pub struct RecordedMoment {
     /// Estimate, ground truth and time.
     pub row: FrameRow,
     /// Joint angles.
@@ -169,7 +169,7 @@ pub struct Moment {
     images: Option<BlockPlace>,
 }
 
-impl Moment {
+impl RecordedMoment {
     /// Returns the estimated pose; a log has none.
     pub fn estimate(&self) -> Option<Isometry<Object, World>> {
         self.is_estimated.then_some(self.row.estimate)

@@ -6,7 +6,7 @@ use mvt_metrics::AddS;
 use mvt_robot::hand::{JOINTS, PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
-use super::{About, BlockPlace, Moment, Touching};
+use super::{About, BlockPlace, RecordedMoment, Touching};
 use mvt_run::report::{FrameRow, ShapePoint, StageMs, TrackState};
 
 /// Largest valid coordinate, metres.
@@ -139,8 +139,8 @@ pub struct FrameLine {
 }
 
 impl FrameLine {
-    pub fn new(moment: &Moment) -> Self {
-        let Moment { row, joints, fingers, is_keyframe, images, .. } = moment;
+    pub fn new(moment: &RecordedMoment) -> Self {
+        let RecordedMoment { row, joints, fingers, is_keyframe, images, .. } = moment;
         let StageMs { sense, track, map, mesh } = row.stage_ms;
         Self {
             frame: row.frame,
@@ -162,13 +162,13 @@ impl FrameLine {
         }
     }
 
-    pub fn moment(self) -> Result<Moment, &'static str> {
+    pub fn moment(self) -> Result<RecordedMoment, &'static str> {
         if self.joints.iter().any(|angle| angle.abs() > 100.0) || self.time_s.abs() > 1e6 {
             return Err("invalid joint angle or time");
         }
         let [sense, track, map, mesh] = self.stage_ms;
         let add_s = |[one_directional_m, symmetric_m]: [f64; 2]| AddS { one_directional_m, symmetric_m };
-        Ok(Moment {
+        Ok(RecordedMoment {
             row: FrameRow {
                 frame: self.frame,
                 time_s: self.time_s,

@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 use super::feelsight_log::LogImages;
 use super::lines::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile};
 use super::{
-    About, BlockPlace, FOLDER, FrameImages, Moment, RecordedShape, RecordingError, ShapeEntry, Status, VERSION,
+    About, BlockPlace, FOLDER, FrameImages, RecordedMoment, RecordedShape, RecordingError, ShapeEntry, Status, VERSION,
 };
 use super::{file_names, images, shape};
 
@@ -33,7 +33,7 @@ pub struct Recording {
     folder: PathBuf,
     source: Source,
     about: About,
-    moments: Vec<Moment>,
+    moments: Vec<RecordedMoment>,
     shapes: Vec<ShapeEntry>,
     events: Vec<Event>,
     warnings: Vec<String>,
@@ -201,7 +201,7 @@ impl Recording {
     }
 
     /// Returns the frames so far.
-    pub fn moments(&self) -> &[Moment] {
+    pub fn moments(&self) -> &[RecordedMoment] {
         &self.moments
     }
 

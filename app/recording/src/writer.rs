@@ -22,7 +22,8 @@ use serde::Serialize;
 
 use super::lines::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile};
 use super::{
-    About, BlockPlace, CameraImages, FOLDER, FingerImages, FrameImages, Moment, RecordingError, Touching, VERSION,
+    About, BlockPlace, CameraImages, FOLDER, FingerImages, FrameImages, RecordedMoment, RecordingError, Touching,
+    VERSION,
 };
 use super::{file_names, has_images, images, shape};
 
@@ -221,7 +222,7 @@ impl Files {
         for message in messages {
             match message {
                 Message::Frame { row, joints, is_keyframe, sensed } => {
-                    let mut moment = Moment {
+                    let mut moment = RecordedMoment {
                         row,
                         joints,
                         fingers: PerFinger::default(),
@@ -247,7 +248,7 @@ impl Files {
     }
 
     /// Adds contacts and images to a moment.
-    fn see(&mut self, moment: &mut Moment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
+    fn see(&mut self, moment: &mut RecordedMoment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
         let Sensed { depth, pictures, .. } = sensed;
         let forces_n = pictures.forces_n;
         moment.fingers = PerFinger::from_fn(|finger| {

@@ -10,7 +10,7 @@ use mvt_frames::{Camera, Isometry, Object, Point, World};
 use mvt_objects::distance::MeshDistance;
 use mvt_picture::palette::{self, Theme};
 use mvt_picture::raster::{self, Colour, LitMesh, MeshPlacement, Rasteriser};
-use mvt_recording::{Moment, RecordedShape, Recording};
+use mvt_recording::{RecordedMoment, RecordedShape, Recording};
 use mvt_render::tessellation::tessellate;
 use mvt_robot::digit;
 use mvt_robot::hand;
@@ -234,7 +234,7 @@ impl ScenePainter {
         let estimate = raster::colour(theme.estimate);
         if layers.trail {
             let of_truth = until.iter().map(|moment| moment.row.truth);
-            let of_estimate = until.iter().map(Moment::estimate);
+            let of_estimate = until.iter().map(RecordedMoment::estimate);
             trail(raster, of_truth, raster::colour(theme.truth), from_world);
             trail(raster, of_estimate, estimate, from_world);
         }

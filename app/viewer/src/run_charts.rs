@@ -4,7 +4,7 @@ use image::{Rgb, RgbImage};
 use mvt_picture::chart::{self, ChartLane, ChartLine, ChartPanel, ChartScale, round_top};
 use mvt_picture::draw::Area;
 use mvt_picture::palette::{TOUCH, Theme};
-use mvt_recording::{Moment, Recording};
+use mvt_recording::{RecordedMoment, Recording};
 use mvt_robot::hand::Finger;
 use mvt_run::report::FrameRow;
 
@@ -62,7 +62,8 @@ fn panels(recording: &Recording, moment: usize, theme: &Theme) -> Vec<ChartPanel
     // A contact lasts until the next moment.
     let ends_s = || moments.iter().skip(1).map(|m| m.row.time_s).chain([end_s]);
     let lane = |finger: Finger| {
-        let touching = moments.iter().zip(ends_s()).filter(|(m, _): &(&Moment, f64)| m.fingers[finger].is_some());
+        let touching =
+            moments.iter().zip(ends_s()).filter(|(m, _): &(&RecordedMoment, f64)| m.fingers[finger].is_some());
         let spans = touching.map(|(m, end_s)| m.row.time_s..end_s).collect();
         ChartLane { name: finger.name().to_owned(), colour: TOUCH, spans }
     };

@@ -14,7 +14,7 @@ use nalgebra as na;
 
 use mvt_picture::palette;
 use mvt_picture::raster::{self, Colour};
-use mvt_recording::{FrameImages, Moment, Recording, RecordingError};
+use mvt_recording::{FrameImages, RecordedMoment, Recording, RecordingError};
 
 /// Edge of the cells in which points are gathered, metres.
 const CELL_M: f32 = 0.002;
@@ -135,7 +135,7 @@ impl SeenPoints {
         &mut self,
         recording: &Recording,
         index: usize,
-        moment: &Moment,
+        moment: &RecordedMoment,
         images: &FrameImages,
         object_from_world: na::Isometry3<f64>,
     ) {

@@ -1,7 +1,7 @@
 //! The shown moment: playing, stepping, scrubbing, and following a run that goes on.
 
 use eframe::egui::{self, Key, Pos2, Rect, Response, Sense, Stroke, Ui, WidgetInfo};
-use mvt_recording::{Moment, Recording, Status};
+use mvt_recording::{RecordedMoment, Recording, Status};
 use mvt_run::report::TrackState;
 
 use super::icons::{self, Icon};
@@ -28,7 +28,7 @@ impl Playback {
     }
 
     /// Returns the index of the shown moment: the last one at or before the time.
-    pub fn moment(&self, moments: &[Moment]) -> usize {
+    pub fn moment(&self, moments: &[RecordedMoment]) -> usize {
         let last = moments.len().saturating_sub(1);
         if self.is_live {
             return last;
@@ -37,7 +37,7 @@ impl Playback {
     }
 
     /// Shows a moment. The last moment of a run that goes on starts to follow it.
-    pub fn show(&mut self, moments: &[Moment], moment: usize, is_running: bool) {
+    pub fn show(&mut self, moments: &[RecordedMoment], moment: usize, is_running: bool) {
         let moment = moment.min(moments.len().saturating_sub(1));
         self.time_s = moments.get(moment).map_or(0.0, |moment| moment.row.time_s);
         self.is_live = is_running && moment + 1 >= moments.len();
@@ -47,20 +47,20 @@ impl Playback {
     }
 
     /// Shows the moment at or before a time.
-    pub fn seek(&mut self, moments: &[Moment], time_s: f64) {
+    pub fn seek(&mut self, moments: &[RecordedMoment], time_s: f64) {
         let moment = moments.partition_point(|moment| moment.row.time_s <= time_s).saturating_sub(1);
         self.show(moments, moment, false);
     }
 
     /// Steps forward or back by some moments.
-    pub fn step(&mut self, moments: &[Moment], by: isize, is_running: bool) {
+    pub fn step(&mut self, moments: &[RecordedMoment], by: isize, is_running: bool) {
         self.is_playing = false;
         let moment = self.moment(moments).saturating_add_signed(by);
         self.show(moments, moment, is_running);
     }
 
     /// Starts or stops playing; from the end, it starts at the beginning.
-    pub fn toggle(&mut self, moments: &[Moment]) {
+    pub fn toggle(&mut self, moments: &[RecordedMoment]) {
         self.is_playing = !self.is_playing;
         if self.is_playing && self.moment(moments) + 1 >= moments.len() {
             self.time_s = moments.first().map_or(0.0, |moment| moment.row.time_s);
@@ -69,7 +69,7 @@ impl Playback {
     }
 
     /// Advances the time by seconds of the window.
-    pub fn advance(&mut self, moments: &[Moment], seconds: f64, speed: f64, is_running: bool) {
+    pub fn advance(&mut self, moments: &[RecordedMoment], seconds: f64, speed: f64, is_running: bool) {
         let Some(last) = moments.last() else { return };
         if self.is_live {
             self.time_s = last.row.time_s;
@@ -187,7 +187,7 @@ impl Playback {
     }
 
     /// Executes a key of the timeline.
-    pub fn key(&mut self, key: Key, is_far: bool, moments: &[Moment], is_running: bool) {
+    pub fn key(&mut self, key: Key, is_far: bool, moments: &[RecordedMoment], is_running: bool) {
         let far = if is_far { 30 } else { 1 };
         match key {
             Key::Space => self.toggle(moments),
@@ -205,7 +205,7 @@ fn speed_text(speed: f64) -> String {
 }
 
 /// Returns the spans in which the object was lost, seconds.
-fn lost_spans(moments: &[Moment]) -> Vec<(f64, f64)> {
+fn lost_spans(moments: &[RecordedMoment]) -> Vec<(f64, f64)> {
     let runs = moments.chunk_by(|a, b| (a.row.state == TrackState::Lost) == (b.row.state == TrackState::Lost));
     let lost = runs.filter(|run| run.first().is_some_and(|moment| moment.row.state == TrackState::Lost));
     lost.filter_map(|run| Some((run.first()?.row.time_s, run.last()?.row.time_s))).collect()
