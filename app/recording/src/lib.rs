@@ -126,6 +126,7 @@ pub struct About {
 
 /// Contact of a fingertip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Touching {
     /// Area of contact on the gel, square millimetres.
     pub area_mm2: f32,

@@ -7,6 +7,7 @@ use mvt_run::sdf_grid::SdfGrid;
 
 /// Estimated shape at a frame, in the object's coordinates.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct RecordedShape {
     /// Number of the frame.
     pub frame: u64,

@@ -18,6 +18,7 @@ use crate::{captions, run_charts, sensor_pictures};
 
 /// Contents of a dashboard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[non_exhaustive]
 pub enum DashboardLayout {
     /// The scene alone
     Scene,

@@ -20,6 +20,7 @@ pub struct Eye {
 
 /// Preset directions of view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[non_exhaustive]
 pub enum Preset {
     /// From over the fingertips' side, obliquely.
     Oblique,

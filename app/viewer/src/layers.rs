@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Meaning of the colours of the estimated surface.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Colouring {
     /// The object's own colours, as the cameras saw them.
     #[value(name = "true")]
