@@ -169,7 +169,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         process: std::process::id(),
     };
     let true_mesh = object.as_ref().map(|object| &object.mesh);
-    let writer = mvt_recording::Writer::create(&arguments.out, &about, true_mesh)?;
+    let writer = mvt_recording::RecordingWriter::create(&arguments.out, &about, true_mesh)?;
     if arguments.mode == Mode::Pose {
         true_mesh.into_iter().for_each(|mesh| writer.given(mesh));
     }
@@ -521,22 +521,22 @@ fn in_words(summary: &Summary, out: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use clap::{Args as _, Command, FromArgMatches as _};
-    use mvt_viewer::window::launch::Choices;
+    use mvt_viewer::window::launch::RunChoices;
 
     use super::*;
 
     #[test]
     fn every_choice_makes_a_command_that_run_understands() {
         let gaits = mvt_gaits::gait::shipped().keys().map(String::as_str).chain(["auto"]);
-        for (mode, _) in Choices::modes() {
-            for (modality, what) in Choices::modalities() {
+        for (mode, _) in RunChoices::modes() {
+            for (modality, what) in RunChoices::modalities() {
                 assert!(!what.is_empty());
                 for gait in gaits.clone() {
-                    let choices = Choices {
+                    let choices = RunChoices {
                         mode: mode.to_owned(),
                         modality: modality.to_owned(),
                         gait: gait.to_owned(),
-                        ..Choices::default()
+                        ..RunChoices::default()
                     };
                     let arguments = choices.arguments(Path::new("some where"));
                     let matches =

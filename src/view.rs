@@ -6,16 +6,15 @@ use std::str::FromStr;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum};
-use mvt_viewer::film;
-
-use film::{Film, Format};
+use mvt_picture::film::{Film, FilmFormat};
+use mvt_picture::palette::Theme;
 use mvt_recording::Recording;
 use mvt_run::io::print_line;
 use mvt_run::progress;
 use mvt_viewer::eye::DISTANCE_M;
 use mvt_viewer::window;
-use mvt_viewer::window::Place;
-use mvt_viewer::{Clouds, Colouring, Eye, Keyframes, Layers, Layout, Page, Preset, Theme};
+use mvt_viewer::window::RecordingSource;
+use mvt_viewer::{Clouds, Colouring, Dashboard, DashboardLayout, Eye, Keyframes, Layers, Preset};
 
 /// Look at a run, finished or still going, or at a raw log; or make a film of it
 ///
@@ -41,8 +40,8 @@ pub struct Arguments {
 #[derive(Debug, Clone, Args)]
 struct Recorded {
     /// What is on the picture
-    #[arg(long, value_enum, default_value_t = Layout::All, requires = "record")]
-    layout: Layout,
+    #[arg(long, value_enum, default_value_t = DashboardLayout::All, requires = "record")]
+    layout: DashboardLayout,
     /// Width and height, pixels
     #[arg(long, default_value = "1280x720", requires = "record")]
     size: Size,
@@ -144,15 +143,24 @@ impl Recorded {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let place = match (&arguments.run, &arguments.log) {
-        (Some(folder), _) => Some(Place::Run(folder.clone())),
-        (None, Some(folder)) => Some(Place::Log(folder.clone())),
+        (Some(folder), _) => Some(RecordingSource::Run(folder.clone())),
+        (None, Some(folder)) => Some(RecordingSource::Log(folder.clone())),
         (None, None) => None,
     };
     match (&arguments.record, &place) {
-        (None, place) => window::open(place.as_ref()),
+        (None, place) => window::open(place.as_ref()).with_context(|| match place {
+            Some(RecordingSource::Run(folder)) => without_window("run", folder),
+            Some(RecordingSource::Log(folder)) => without_window("log", folder),
+            None => without_window("run", Path::new("DIR")),
+        }),
         (Some(file), Some(place)) => record(&mut place.open()?, file, &arguments.recorded),
         (Some(_), None) => bail!("give --run DIR or --log LOGDIR: there is nothing to record on the start page"),
     }
+}
+
+/// Returns the command that needs no window.
+fn without_window(option: &str, folder: &Path) -> String {
+    format!("`mambavitact view --{option} {} --record out.gif` needs no window", folder.display())
 }
 
 /// Opens a window on a run in a process of its own, so that neither waits for the other nor ends with it.
@@ -170,7 +178,7 @@ pub fn watch(run: &Path) -> Result<()> {
 
 /// Makes a picture or a film.
 fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result<()> {
-    let format = Format::of(file)?;
+    let format = FilmFormat::of(file)?;
     for warning in recording.warnings() {
         tracing::warn!("{warning}");
     }
@@ -185,8 +193,8 @@ fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result
         Paper::Dark => Theme::DARK,
     };
     let eye = recorded.eye();
-    let mut page = Page::new(recorded.layout, size, recorded.layers(), theme);
-    if format == Format::Png {
+    let mut page = Dashboard::new(recorded.layout, size, recorded.layers(), theme);
+    if format == FilmFormat::Png {
         let moment = recorded.frame.unwrap_or(last);
         if moment > last {
             bail!("--frame {moment}: the last one is {last}");
@@ -207,7 +215,7 @@ fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result
     };
     // A GIF's colours are chosen before its first picture.
     let samples = match format {
-        Format::Gif => [0, 1, 3].map(|share| page.paint(recording, last * share / 3, &eye)).to_vec(),
+        FilmFormat::Gif => [0, 1, 3].map(|share| page.paint(recording, last * share / 3, &eye)).to_vec(),
         _ => Vec::new(),
     };
     let mut film = Film::create(file, format, size, rate_hz, &samples)?;

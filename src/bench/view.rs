@@ -13,10 +13,11 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::network::ImageSize;
+use mvt_picture::palette::Theme;
+use mvt_picture::raster::{LitMesh, MeshPlacement, Rasteriser};
 use mvt_recording::Recording;
 use mvt_run::io::print_line;
-use mvt_viewer::raster::{Placement, Raster, Surface};
-use mvt_viewer::{Eye, Layers, Preset, Scene, Theme};
+use mvt_viewer::{Eye, Layers, Preset, ScenePainter};
 
 /// Time the viewer: a mesh that is turned, and a run that is scrubbed
 ///
@@ -55,17 +56,21 @@ fn turn(arguments: &Arguments) -> Result<()> {
     let segments = f64::from(arguments.triangles).sqrt() as usize;
     let shape = Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.1, 0.1, 0.09] };
     let mesh = tessellate(&shape, segments);
-    let surface = Surface::new(&mesh);
+    let surface = LitMesh::new(&mesh);
     let size = [arguments.size.width, arguments.size.height].map(|side| side as usize);
     let mut eye = Eye::new(Preset::Oblique);
     let world_from_object = Isometry::<Object, World>::new(eye.target.into());
-    let mut raster = Raster::default();
+    let mut raster = Rasteriser::default();
     let times_ms = (0..arguments.pictures).map(|_| {
         eye.orbit(0.03, 0.0);
         let begun = Instant::now();
         raster.begin(&eye.intrinsics(size), Theme::LIGHT.paper);
         let camera_from_mesh = (eye.pose().inverse() * world_from_object).to_f32();
-        raster.surface(&surface, |k| Vec3A::splat((k % 256) as f32), Placement { camera_from_mesh, is_glass: false });
+        raster.surface(
+            &surface,
+            |k| Vec3A::splat((k % 256) as f32),
+            MeshPlacement { camera_from_mesh, is_glass: false },
+        );
         raster.finish(0.5);
         begun.elapsed().as_secs_f64() * 1e3
     });
@@ -79,7 +84,7 @@ fn scrub(arguments: &Arguments, recording: &Recording) -> Result<()> {
         bail!("{} has no frame yet", recording.folder().display());
     }
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut scene = Scene::new();
+    let mut scene = ScenePainter::new();
     let size = [arguments.size.width, arguments.size.height].map(|side| side as usize);
     let (layers, eye) = (Layers::default(), Eye::default());
     let mut times_ms = Vec::new();

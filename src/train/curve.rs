@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, anyhow};
-use plotters::coord::Shift;
-use plotters::prelude::*;
+use anyhow::{Context as _, Result};
+use mvt_picture::chart::{self, ChartLine, ChartPanel, ChartScale};
+use mvt_picture::palette::{CURVES, Theme};
 
 /// A validation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,10 +84,7 @@ impl Curve {
         self.rows.push(row);
         let lines = self.rows.iter().map(|row| row.to_csv() + "\n");
         let csv = format!("{HEADER}\n{}", lines.collect::<String>());
-        let mut svg = String::new();
-        draw(&self.rows, &SVGBackend::with_string(&mut svg, (960, 900)).into_drawing_area())
-            .map_err(|error| anyhow!("cannot draw the curve: {error}"))?;
-        for (name, text) in [("curve.csv", csv), ("curve.svg", svg)] {
+        for (name, text) in [("curve.csv", csv), ("curve.svg", svg(&self.rows))] {
             let path = self.folder.join(name);
             let partial = self.folder.join(format!("{name}.part"));
             fs::write(&partial, text)
@@ -98,10 +95,8 @@ impl Curve {
     }
 }
 
-fn draw<B: DrawingBackend>(
-    rows: &[Row],
-    area: &DrawingArea<B, Shift>,
-) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+/// Returns the loss and the errors over the steps as SVG, on logarithmic axes.
+fn svg(rows: &[Row]) -> String {
     type Value = fn(&Row) -> f64;
     const PANELS: [(&str, Value); 4] = [
         ("loss", |row| f64::from(row.loss)),
@@ -109,23 +104,24 @@ fn draw<B: DrawingBackend>(
         ("RMSE, mm", |row| row.rmse_mm),
         ("1 - IoU", |row| 1.0 - row.iou),
     ];
-    area.fill(&WHITE)?;
     let end = rows.last().map_or(1, |row| row.step) as f64;
-    for (area, (name, value)) in area.split_evenly((4, 1)).iter().zip(PANELS) {
-        let values: Vec<f64> = rows.iter().map(value).filter(|v| *v > 0.0 && v.is_finite()).collect();
-        let least = values.iter().copied().fold(f64::INFINITY, f64::min).clamp(1e-6, 1e6) * 0.9;
-        let most = values.iter().copied().fold(0.0, f64::max).clamp(least * 1.2, 1e7) * 1.1;
-        let mut chart = ChartBuilder::on(area)
-            .caption(name, ("sans-serif", 16))
-            .margin(8)
-            .x_label_area_size(24)
-            .y_label_area_size(64)
-            .build_cartesian_2d(0.0..end, (least..most).log_scale())?;
-        chart.configure_mesh().draw()?;
-        let line = rows.iter().map(|row| (row.step as f64, value(row))).filter(|(_, v)| *v > 0.0);
-        chart.draw_series(LineSeries::new(line, RGBColor(0, 114, 178).stroke_width(2)))?;
-    }
-    area.present()
+    let panel = |(name, value): (&str, Value)| {
+        let values = rows.iter().map(|row| (row.step as f64, value(row)));
+        let points: Vec<(f64, f64)> = values.filter(|(_, v)| *v > 0.0 && v.is_finite()).collect();
+        let values = || points.iter().map(|point| point.1);
+        let bottom = values().fold(f64::INFINITY, f64::min).clamp(1e-6, 1e6) * 0.9;
+        let top = values().fold(0.0, f64::max).clamp(bottom * 1.2, 1e7) * 1.1;
+        ChartPanel {
+            title: name.to_owned(),
+            span: 0.0..end,
+            scale: ChartScale::Log { bottom, top },
+            lines: vec![ChartLine { name: String::new(), colour: CURVES[0], points }],
+            lanes: Vec::new(),
+            shaded: Vec::new(),
+            cursor: None,
+        }
+    };
+    chart::svg("training", &PANELS.map(panel), &Theme::LIGHT)
 }
 
 #[cfg(test)]

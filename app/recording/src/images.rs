@@ -1,7 +1,7 @@
-//! Images as bytes, small and quickly made: colours as JPEG, depth as differences to the left neighbour, deflated.
+//! Blocks of images, small and quickly encoded: colours as JPEG, depth as deflated differences to the left neighbour.
 //!
-//! The images of a frame are one block: for each image its kind and sensor (one byte each), its length (u32) and its bytes.
-//! Numbers are little-endian.
+//! The images of a frame are one block: for each image its kind and sensor (one byte each), its length (u32) and its
+//! bytes. Numbers are little-endian.
 
 use mvt_frames::depth::{BACKGROUND, HAND, Label, OBJECT, UNSURE};
 use std::io::{Cursor, Read as _, Write as _};
@@ -16,18 +16,18 @@ use mvt_robot::digit::gel;
 use mvt_robot::hand::{Finger, PerFinger};
 use ndarray::Array2;
 
-use super::{CameraImages, FingerImages, Images};
+use super::{CameraImages, FingerImages, FrameImages};
 
 /// Longest side of a recorded camera image, pixels.
 const CAMERA_SIDE: usize = 320;
-/// Longest side of an image that is read.
+/// Longest side of an image that is read, pixels.
 const LARGEST_SIDE: u32 = 4096;
-/// Steps in which depth is kept, metres: of cameras a fraction of their noise, of DIGITs a hundredth of a touch.
+/// Steps of recorded depth, metres: for cameras a fraction of their noise, for DIGITs a hundredth of a press.
 const CAMERA_STEP_M: f32 = 1e-4;
 const TOUCH_STEP_M: f32 = 5e-6;
-/// Stands for a depth that was not measured.
+/// Marks a depth that was not measured.
 const NOTHING: i16 = i16::MIN;
-/// Quality of JPEG.
+/// Quality of JPEG, percent.
 const QUALITY: u8 = 85;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -46,12 +46,12 @@ impl Kind {
         [Self::Colour, Self::Depth, Self::Segmentation, Self::Touch, Self::TouchDepth, Self::Contact, Self::TrueDepth];
 }
 
-/// Every how many-th row and column of a camera's images is recorded.
+/// Returns N, where every Nth row and column of a camera's images is recorded.
 pub fn stride(intrinsics: &Intrinsics) -> usize {
     intrinsics.width.max(intrinsics.height).div_ceil(CAMERA_SIDE).max(1)
 }
 
-/// The camera of the images that are recorded of a camera.
+/// Returns the intrinsics of a camera's recorded images.
 pub fn shrunk(intrinsics: &Intrinsics) -> Intrinsics {
     let stride = stride(intrinsics);
     let by = stride as f64;
@@ -65,21 +65,21 @@ pub fn shrunk(intrinsics: &Intrinsics) -> Intrinsics {
     }
 }
 
-/// Every `stride`-th row and column.
+/// Returns every `stride`-th row and column.
 pub fn thinned(image: &RgbImage, stride: usize) -> RgbImage {
     let step = stride as u32;
     let (width, height) = (image.width().div_ceil(step), image.height().div_ceil(step));
     RgbImage::from_fn(width, height, |x, y| *image.get_pixel(x * step, y * step))
 }
 
-/// Every `stride`-th row and column.
+/// Returns every `stride`-th row and column.
 pub fn thinned_gray(image: &GrayImage, stride: usize) -> GrayImage {
     let step = stride as u32;
     let (width, height) = (image.width().div_ceil(step), image.height().div_ceil(step));
     GrayImage::from_fn(width, height, |x, y| *image.get_pixel(x * step, y * step))
 }
 
-/// Every `stride`-th row and column.
+/// Returns every `stride`-th row and column.
 pub fn thinned_depth(depth_m: &Array2<f32>, stride: usize) -> Array2<f32> {
     depth_m.slice(ndarray::s![..;stride, ..;stride]).to_owned()
 }
@@ -111,8 +111,8 @@ fn is_gel(depth_m: &Array2<f32>) -> bool {
     depth_m.dim() == gel.dim() && depth_m.iter().zip(gel).all(|(z, gel)| (z - gel).abs() < 0.5 * TOUCH_STEP_M)
 }
 
-/// A block of these images.
-pub fn encode(images: &Images) -> Result<Vec<u8>, String> {
+/// Encodes the images of a frame.
+pub fn encode(images: &FrameImages) -> Result<Vec<u8>, String> {
     let mut block = Vec::new();
     let mut put = |kind: Kind, sensor: usize, bytes: &[u8]| {
         block.extend([kind as u8, sensor as u8]);
@@ -133,7 +133,7 @@ pub fn encode(images: &Images) -> Result<Vec<u8>, String> {
         if !image.is_empty() {
             put(Kind::Touch, k, &jpeg(image)?);
         }
-        // Of a DIGIT that touches nothing there is nothing more to keep.
+        // A DIGIT without contact has the depth of the untouched gel, which is not recorded.
         if image.is_empty() || contact.contains(&255) || !is_gel(depth_m) {
             put(Kind::TouchDepth, k, &pack_touch(depth_m)?);
             put(Kind::Contact, k, &pack_levels(contact)?);
@@ -145,9 +145,9 @@ pub fn encode(images: &Images) -> Result<Vec<u8>, String> {
     Ok(block)
 }
 
-/// The images of a block.
-pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<Images, String> {
-    let mut images = Images { frame, cameras: vec![None; cameras], touch: PerFinger::default() };
+/// Decodes the images of a frame.
+pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<FrameImages, String> {
+    let mut images = FrameImages { frame, cameras: vec![None; cameras], touch: PerFinger::default() };
     let mut rest = block;
     while !rest.is_empty() {
         let (head, after) = rest.split_at_checked(6).ok_or("a block of images ends in the middle")?;
@@ -155,7 +155,7 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<Images, Stri
         let length = u32::from_le_bytes([head[2], head[3], head[4], head[5]]) as usize;
         let (bytes, after) = after.split_at_checked(length).ok_or("an image ends in the middle")?;
         rest = after;
-        let kind = *kind.ok_or_else(|| format!("there is an image of unknown kind {}", head[0]))?;
+        let kind = *kind.ok_or_else(|| format!("unknown kind of image {}", head[0]))?;
         match kind {
             Kind::Colour => camera(&mut images, sensor)?.colour = unjpeg(bytes)?,
             Kind::Segmentation => camera(&mut images, sensor)?.segmentation = unpack_levels(bytes)?,
@@ -174,18 +174,20 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<Images, Stri
     Ok(images)
 }
 
-fn camera(images: &mut Images, sensor: usize) -> Result<&mut CameraImages, String> {
+fn camera(images: &mut FrameImages, sensor: usize) -> Result<&mut CameraImages, String> {
     let camera = images.cameras.get_mut(sensor).ok_or_else(|| format!("there is no camera {sensor}"))?;
     Ok(camera.get_or_insert_default())
 }
 
-fn finger(images: &mut Images, sensor: usize) -> Result<&mut FingerImages, String> {
+fn finger(images: &mut FrameImages, sensor: usize) -> Result<&mut FingerImages, String> {
     let finger = Finger::ALL.get(sensor).ok_or_else(|| format!("there is no finger {sensor}"))?;
     Ok(images.touch[*finger].get_or_insert_default())
 }
 
 fn jpeg(image: &RgbImage) -> Result<Vec<u8>, String> {
-    let side = |n| u16::try_from(n).map_err(|_| format!("an image of {} x {}", image.width(), image.height()));
+    let side = |n| {
+        u16::try_from(n).map_err(|_| format!("an image of {} x {} pixels is too large", image.width(), image.height()))
+    };
     let mut bytes = Vec::with_capacity(image.len() / 8);
     jpeg_encoder::Encoder::new(&mut bytes, QUALITY)
         .encode(image, side(image.width())?, side(image.height())?, jpeg_encoder::ColorType::Rgb)
@@ -212,14 +214,14 @@ fn array(values: Vec<f32>, [columns, rows]: Size) -> Result<Array2<f32>, String>
     Array2::from_shape_vec((rows, columns), values).map_err(|error| error.to_string())
 }
 
-/// Numbers of an image, row by row. Low and high bytes are apart: the high ones are nearly all alike.
+/// Packs the numbers of an image, row by row. High bytes follow the low bytes, because nearly all high bytes are equal.
 fn pack(values: impl Iterator<Item = i16>, size: Size) -> Result<Vec<u8>, String> {
     let mut left = 0i16;
     let (mut bytes, mut high) = (Vec::new(), Vec::new());
     for value in values {
         let difference = value.wrapping_sub(left);
         left = value;
-        // Small differences of either sign become small numbers.
+        // Zigzag: small differences of either sign become small numbers.
         let [low_byte, high_byte] = ((difference << 1) ^ (difference >> 15)).to_le_bytes();
         bytes.push(low_byte);
         high.push(high_byte);
@@ -241,24 +243,24 @@ fn unpack(bytes: &[u8]) -> Result<(Vec<i16>, Size), String> {
     Ok((low.iter().zip(high).map(undo).collect(), size))
 }
 
-/// Depth of a camera as bytes; what is not above 0 was not measured.
+/// Packs the depth of a camera; values that are not above 0 are not measured.
 pub fn pack_depth(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
     let step = |&z: &f32| if z > 0.0 { (z / CAMERA_STEP_M).round() as i16 } else { NOTHING };
     pack(depth_m.iter().map(step), size(depth_m))
 }
 
-/// Depth of a camera, metres; 0 where nothing was measured.
+/// Unpacks the depth of a camera, metres; 0 where it was not measured.
 pub fn unpack_depth(bytes: &[u8]) -> Result<Array2<f32>, String> {
     let (steps, shape) = unpack(bytes)?;
     let metres = |step| if step == NOTHING { 0.0 } else { f32::from(step) * CAMERA_STEP_M };
     array(steps.into_iter().map(metres).collect(), shape)
 }
 
-/// Depth of a DIGIT is kept as what is pressed in, which is nothing nearly everywhere.
+/// Packs the depth of a DIGIT as its indentation, which is 0 nearly everywhere.
 fn pack_touch(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
     let gel = gel::depth_m();
     if depth_m.dim() != gel.dim() {
-        return Err(format!("a touch image of {:?}", depth_m.dim()));
+        return Err(format!("a touch image of {:?} pixels has the wrong size", depth_m.dim()));
     }
     let step = |(&z, &gel): (&f32, &f32)| if z > 0.0 { ((gel - z) / TOUCH_STEP_M).round() as i16 } else { NOTHING };
     pack(depth_m.iter().zip(gel).map(step), size(depth_m))
@@ -268,7 +270,7 @@ fn unpack_touch(bytes: &[u8]) -> Result<Array2<f32>, String> {
     let (steps, shape) = unpack(bytes)?;
     let gel = gel::depth_m();
     if shape != size(gel) {
-        return Err(format!("a touch image of {} x {}", shape[0], shape[1]));
+        return Err(format!("a touch image of {} x {} pixels has the wrong size", shape[0], shape[1]));
     }
     let metres = |(&step, &gel): (&i16, &f32)| {
         if step == NOTHING { 0.0 } else { gel - f32::from(step) * TOUCH_STEP_M }
@@ -282,12 +284,13 @@ fn pack_levels(image: &GrayImage) -> Result<Vec<u8>, String> {
 
 fn unpack_levels(bytes: &[u8]) -> Result<GrayImage, String> {
     let (bytes, [width, height]) = inflate(bytes, 1)?;
-    GrayImage::from_raw(width as u32, height as u32, bytes).ok_or_else(|| "an image of another size".to_owned())
+    GrayImage::from_raw(width as u32, height as u32, bytes)
+        .ok_or_else(|| "the size of an image differs from its head".to_owned())
 }
 
-/// Width and height (u16), then the bytes, deflated.
+/// Returns width and height (u16), then the deflated bytes.
 fn deflate(bytes: &[u8], [width, height]: Size) -> Result<Vec<u8>, String> {
-    let side = |n: usize| u16::try_from(n).map_err(|_| format!("an image of {width} x {height}"));
+    let side = |n: usize| u16::try_from(n).map_err(|_| format!("an image of {width} x {height} pixels is too large"));
     let mut out = Vec::with_capacity(bytes.len() / 8);
     out.extend(side(width)?.to_le_bytes());
     out.extend(side(height)?.to_le_bytes());
@@ -296,16 +299,16 @@ fn deflate(bytes: &[u8], [width, height]: Size) -> Result<Vec<u8>, String> {
 }
 
 fn inflate(bytes: &[u8], bytes_per_pixel: usize) -> Result<(Vec<u8>, Size), String> {
-    let (head, body) = bytes.split_at_checked(4).ok_or("an image without a size")?;
+    let (head, body) = bytes.split_at_checked(4).ok_or("an image has no size")?;
     let size = [u16::from_le_bytes([head[0], head[1]]), u16::from_le_bytes([head[2], head[3]])].map(usize::from);
     if size.iter().any(|&side| side > LARGEST_SIDE as usize) {
-        return Err(format!("an image of {} x {}", size[0], size[1]));
+        return Err(format!("an image of {} x {} pixels is too large", size[0], size[1]));
     }
     let expected = size[0] * size[1] * bytes_per_pixel;
     let mut out = Vec::with_capacity(expected);
     let read = ZlibDecoder::new(body).take(expected as u64 + 1).read_to_end(&mut out);
     read.map_err(|error| error.to_string())?;
-    if out.len() == expected { Ok((out, size)) } else { Err("an image of another size".to_owned()) }
+    if out.len() == expected { Ok((out, size)) } else { Err("the size of an image differs from its head".to_owned()) }
 }
 
 #[cfg(test)]
@@ -313,7 +316,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn example() -> Images {
+    fn example() -> FrameImages {
         let camera = CameraImages {
             colour: RgbImage::from_fn(32, 24, |x, y| image::Rgb([4 * x as u8, 8 * y as u8, 90])),
             depth_m: Array2::from_shape_fn((24, 32), |(r, c)| if r < 3 { 0.0 } else { 0.3 + 0.001 * (r * c) as f32 }),
@@ -326,13 +329,13 @@ mod tests {
             depth_m: pressed.clone(),
             true_depth_m: Some(pressed.mapv(|z| if z > 0.02195 { 0.0 } else { z })),
         };
-        let mut images = Images { frame: 7, cameras: vec![None, Some(camera)], touch: PerFinger::default() };
+        let mut images = FrameImages { frame: 7, cameras: vec![None, Some(camera)], touch: PerFinger::default() };
         images.touch[Finger::Ring] = Some(touch);
         images
     }
 
     #[test]
-    fn images_come_back_as_they_were_up_to_their_steps() {
+    fn images_are_decoded_up_to_their_steps() {
         let images = example();
         let block = encode(&images).unwrap();
         let read = decode(&block, 7, 2).unwrap();
@@ -352,14 +355,14 @@ mod tests {
     }
 
     #[test]
-    fn a_digit_that_touches_nothing_takes_no_room() {
+    fn a_digit_without_contact_takes_no_space() {
         let untouched = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
             depth_m: gel::depth_m().clone(),
             contact: GrayImage::new(240, 320),
             true_depth_m: None,
         };
-        let mut images = Images { frame: 0, cameras: vec![], touch: PerFinger::default() };
+        let mut images = FrameImages { frame: 0, cameras: vec![], touch: PerFinger::default() };
         images.touch[Finger::Index] = Some(FingerImages { image: RgbImage::default(), ..untouched.clone() });
         assert_eq!(decode(&encode(&images).unwrap(), 0, 0).unwrap(), images);
         images.touch[Finger::Index] = Some(untouched);
@@ -370,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thinned_image_is_seen_by_the_thinned_camera() {
+    fn a_thinned_image_fits_the_thinned_camera() {
         let whole = Intrinsics::from_fov_y(641, 480, 0.7);
         let small = shrunk(&whole);
         assert_eq!((small.width, small.height, stride(&whole)), (214, 160, 3));
@@ -389,7 +392,11 @@ mod tests {
         }
 
         #[test]
-        fn damaged_blocks_are_errors_or_other_images(at in any::<prop::sample::Index>(), byte in any::<u8>(), cut in any::<bool>()) {
+        fn damaged_blocks_are_errors_or_other_images(
+            at in any::<prop::sample::Index>(),
+            byte in any::<u8>(),
+            cut in any::<bool>(),
+        ) {
             let mut block = encode(&example()).unwrap();
             let at = at.index(block.len());
             if cut { block.truncate(at) } else { block[at] = byte }

@@ -1,23 +1,73 @@
-//! A run as it was and looked, in a folder: what a viewer knows of a run, whether it is finished, still going or has crashed.
+//! Recordings of runs: poses, images, shapes and events in a folder, from which a viewer shows a run.
+//!
+//! A [`RecordingWriter`] writes on a thread of its own, so that the run never waits; it leaves images out when the disk
+//! is too slow. A [`Recording`] reads runs that are finished, still going or have crashed, and FeelSight logs.
+//! Recordings are for looking at: images are reduced, and nothing here can resume or score a run.
 //!
 //! ```text
 //! DIR/recording/
-//!   about.json       what is recorded; written first
-//!   running          locked by the process that records, for as long as it does
+//!   about.json       object, mode, seed and cameras; written first
+//!   running          locked by the recording process while it records
 //!   frames.jsonl     a line per frame; the last one may be incomplete
-//!   images.bin       their images, one block after another
+//!   images.bin       images of the frames, one block after another
 //!   shapes.jsonl     a line per shape
-//!   shapes.bin       the true shape, where it is known, and the estimated ones as they grew
+//!   shapes.bin       the true shape, where it is known, and the estimated shapes
 //!   events.jsonl     a line per event or warning
-//!   end.json         how the run has ended; written last
+//!   end.json         whether the run is complete; written last
 //! ```
 //!
-//! Everything but about.json and end.json is appended to, what a line refers to before the line, so that a run that dies leaves what
-//! it had. Lines give the checksums of the blocks that they refer to.
+//! All files but about.json and end.json are appended to. A block is written before the line that refers to it, so that
+//! a run that is killed leaves a valid recording. Lines hold the checksums of their blocks.
+//!
+//! ```
+//! use mvt_recording::mvt_frames::Isometry;
+//! use mvt_recording::mvt_robot::{hand::{JOINTS, PerFinger, Side}, observation::DepthFrame};
+//! use mvt_recording::mvt_run::{pipeline::Progress, source::{Pictures, Sensed}};
+//! use mvt_recording::mvt_run::report::{FrameRow, StageMs, TrackState};
+//! use mvt_recording::{About, Recording, RecordingWriter, Status, VERSION};
+//!
+//! let folder = std::env::temp_dir().join("mvt-recording-example");
+//! let about = About {
+//!     version: VERSION,
+//!     object: "duck".into(),
+//!     seed: 0,
+//!     mode: "slam".into(),
+//!     modality: "vitac".into(),
+//!     side: Side::Left,
+//!     cameras: vec![],
+//!     frames: 2,
+//!     process: std::process::id(),
+//! };
+//! let writer = RecordingWriter::create(&folder, &about, None)?;
+//! for frame in 0..2 {
+//!     let time_s = frame as f64 / 30.0;
+//!     let depth = DepthFrame { time_s, joints: [0.0; JOINTS], cameras: vec![], touch: PerFinger::default() };
+//!     let pictures = Pictures::default();
+//!     let sensed = Sensed { frame, depth, truth: None, pictures, sense_ms: 0.0, warnings: vec![] };
+//!     let row = FrameRow {
+//!         frame,
+//!         time_s,
+//!         state: TrackState::Tracking,
+//!         confidence: 0.9,
+//!         estimate: Isometry::translation(0.0, 0.0, 0.05),
+//!         truth: None,
+//!         add_s: None,
+//!         stage_ms: StageMs::default(),
+//!     };
+//!     writer.receive(Progress::Frame { row: &row, is_keyframe: false, sensed: Box::new(sensed) });
+//! }
+//! writer.finish(true)?;
+//!
+//! let recording = Recording::open(&folder)?;
+//! assert_eq!((recording.moments().len(), recording.status()), (2, Status::Finished));
+//! # std::fs::remove_dir_all(&folder)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
+mod feelsight_log;
+mod file_names;
 mod images;
-mod line;
-mod log;
+mod lines;
 mod reader;
 mod shape;
 #[cfg(test)]
@@ -36,8 +86,9 @@ use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
 pub use reader::Recording;
-pub use shape::KnownShape;
-pub use writer::Writer;
+pub use shape::RecordedShape;
+pub use writer::RecordingWriter;
+pub use {glam, image, mvt_frames, mvt_mesh, mvt_robot, mvt_run, ndarray};
 
 use mvt_run::pipeline::Mode;
 use mvt_run::report::{FrameRow, ShapePoint};
@@ -45,15 +96,15 @@ use mvt_run::source::Modality;
 
 /// Version of the format. Readers refuse those that are newer.
 pub const VERSION: u32 = 1;
-/// Name of the folder in a run's folder.
+/// Name of the recording's folder in the folder of a run.
 pub const FOLDER: &str = "recording";
 
-/// Whether the images of a frame are recorded: those of every third are.
+/// Whether the images of a frame are recorded: those of every third frame are.
 pub fn has_images(frame: u64) -> bool {
     frame.is_multiple_of(3)
 }
 
-/// What is recorded.
+/// Description of a recorded run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct About {
     /// Version of the format.
@@ -70,18 +121,19 @@ pub struct About {
     pub side: Side,
     /// The cameras, with the sizes of the recorded images.
     pub cameras: Vec<PosedCamera>,
-    /// Frames there will be at most.
+    /// Largest number of frames.
     pub frames: usize,
-    /// The process that records.
+    /// Number of the recording process.
     pub process: u32,
 }
 
-/// How a fingertip touches the object.
+/// Contact of a fingertip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Touching {
-    /// Area of the gel that is pressed in, square millimetres.
+    /// Area of contact on the gel, square millimetres.
     pub area_mm2: f32,
-    /// How far it is pressed in at most, millimetres.
+    /// Largest indentation, millimetres.
     pub deepest_mm: f32,
     /// Sum of the normal forces, newtons, where a simulator knows it.
     pub force_n: Option<f32>,
@@ -102,39 +154,39 @@ impl Touching {
     }
 }
 
-/// A frame.
+/// Recorded frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
-    /// What was estimated, what was true and what it cost.
+pub struct RecordedMoment {
+    /// Estimate, ground truth and time.
     pub row: FrameRow,
     /// Joint angles.
     pub joints: JointAngles,
-    /// How each finger touches; none where it does not or nobody knows.
+    /// Contact of each finger; `None` without contact or if it is unknown.
     pub fingers: PerFinger<Option<Touching>>,
     /// Whether the map keeps the frame.
     pub is_keyframe: bool,
-    /// Whether something was estimated: in a log nothing is.
+    /// Whether the row holds an estimate; a log has none.
     is_estimated: bool,
-    /// Where its images are, if it has some.
-    images: Option<Place>,
+    /// BlockPlace of its images, if it has some.
+    images: Option<BlockPlace>,
 }
 
-impl Moment {
-    /// The estimated pose, where something is estimated.
+impl RecordedMoment {
+    /// Returns the estimated pose; a log has none.
     pub fn estimate(&self) -> Option<Isometry<Object, World>> {
         self.is_estimated.then_some(self.row.estimate)
     }
 }
 
-/// A block of images.bin or shapes.bin.
+/// BlockPlace of a block in images.bin or shapes.bin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-struct Place {
+struct BlockPlace {
     at: u64,
     bytes: u64,
     crc32: u32,
 }
 
-/// What a camera saw, and what became of it. Each image may be empty.
+/// FrameImages of a camera at one frame. Each may be empty.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CameraImages {
     /// Colours.
@@ -145,7 +197,7 @@ pub struct CameraImages {
     pub segmentation: GrayImage,
 }
 
-/// What a DIGIT showed, and what became of it. Each image may be empty.
+/// FrameImages of a DIGIT at one frame. Each may be empty.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FingerImages {
     /// Colours.
@@ -160,8 +212,8 @@ pub struct FingerImages {
 
 /// The images of a frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Images {
-    /// Index of the moment that they belong to.
+pub struct FrameImages {
+    /// Index of their moment.
     pub frame: usize,
     /// By camera.
     pub cameras: Vec<Option<CameraImages>>,
@@ -169,50 +221,50 @@ pub struct Images {
     pub touch: PerFinger<Option<FingerImages>>,
 }
 
-/// A shape that is on disk.
+/// Shape on disk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShapeEntry {
-    /// Number of the frame at which it was known.
+    /// Number of the frame at which it was estimated.
     pub frame: u64,
-    /// Its scores, where the truth is known.
+    /// Its scores, where the true shape is known.
     pub point: Option<ShapePoint>,
-    place: Place,
+    place: BlockPlace,
 }
 
-/// Whether a run goes on.
+/// Status of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// It does.
+    /// It goes on.
     Running,
-    /// It came to its end.
+    /// It is complete.
     Finished,
-    /// Somebody has ended it.
+    /// It was interrupted and has written its results so far.
     Interrupted,
-    /// Its process is gone and has not said why.
+    /// Its process has ended without finishing the recording.
     Crashed,
 }
 
-/// Why a folder cannot be shown.
+/// Why a recording cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordingError {
-    /// There is none.
-    #[error("{0} holds no recording: give the folder of a run, such as the --out of `run`")]
+    /// The folder holds no recording.
+    #[error("{0} holds no recording; give the folder that a run has written")]
     NoRecording(PathBuf),
-    /// It was made by a later version of this program.
-    #[error("{folder} holds a recording of version {found}, and this program reads up to {VERSION}: use a newer one")]
+    /// A later version of this program has written it.
+    #[error("{folder} holds a recording of version {found}, and this program reads up to {VERSION}; use a newer one")]
     NewerVersion {
         /// The folder.
         folder: PathBuf,
         /// Its version.
         found: u32,
     },
-    /// A file is not as it was written.
+    /// A file is damaged.
     #[error("{file} is damaged: {problem}")]
     Damaged {
         /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
     /// A file cannot be read or written.
@@ -220,7 +272,7 @@ pub enum RecordingError {
     Io {
         /// The file.
         file: PathBuf,
-        /// Why.
+        /// The reason.
         error: std::io::Error,
     },
     /// A raw log cannot be read.

@@ -1,4 +1,4 @@
-//! Reads recordings, also those that still grow.
+//! Reads recordings, including those that still grow.
 
 use std::collections::VecDeque;
 use std::fs::{self, File, TryLockError};
@@ -8,47 +8,49 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use mvt_frames::{Isometry, World};
 use mvt_mesh::Mesh;
+use mvt_run::report::Event;
 use serde::de::DeserializeOwned;
 
-use super::line::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile, file};
-use super::log::LogImages;
-use super::{About, FOLDER, Images, KnownShape, Moment, Place, RecordingError, ShapeEntry, Status, VERSION};
-use super::{images, shape};
-use mvt_run::report::Event;
+use super::feelsight_log::LogImages;
+use super::lines::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile};
+use super::{
+    About, BlockPlace, FOLDER, FrameImages, RecordedMoment, RecordedShape, RecordingError, ShapeEntry, Status, VERSION,
+};
+use super::{file_names, images, shape};
 
-/// Images and shapes that are kept.
+/// Number of images and shapes that are kept in memory.
 const KEPT_IMAGES: usize = 12;
 const KEPT_SHAPES: usize = 6;
-/// Largest file of text, and largest block, that is read.
+/// Largest file of text, and largest block, that is read, bytes.
 const LARGEST_TEXT: u64 = 256 << 20;
 const LARGEST_BLOCK: u64 = 128 << 20;
-/// Warnings about damaged lines that are told one by one.
-const TOLD: usize = 20;
+/// Number of warnings about damaged lines of one file.
+const MOST_WARNINGS: usize = 20;
 
-/// A recording, read.
+/// Recording of a run, or a FeelSight log that is read like one.
 pub struct Recording {
     /// The folder of the run or log.
     folder: PathBuf,
     source: Source,
     about: About,
-    moments: Vec<Moment>,
+    moments: Vec<RecordedMoment>,
     shapes: Vec<ShapeEntry>,
     events: Vec<Event>,
     warnings: Vec<String>,
     status: Status,
-    /// Grows with whatever is new.
+    /// Grows whenever anything is new.
     revision: u64,
     truth: Option<Mesh>,
-    images: Kept<Images>,
-    known_shapes: Kept<KnownShape>,
+    images: Kept<FrameImages>,
+    known_shapes: Kept<RecordedShape>,
 }
 
-/// Where images come from.
+/// Origin of the recording.
 enum Source {
     Run {
-        /// The recording's folder in the run's.
+        /// Folder of the recording in the folder of the run.
         folder: PathBuf,
-        /// about.json as it was read: another one is another recording.
+        /// Bytes of about.json. Other bytes mean that another run has started in the folder.
         about: Vec<u8>,
         frames: Lines,
         shapes: Lines,
@@ -61,10 +63,10 @@ impl Recording {
     /// Opens the recording in the folder of a run.
     ///
     /// # Errors
-    /// [`RecordingError`], which names the file and says what is wrong.
+    /// [`RecordingError`] names the file and the problem.
     pub fn open(folder: &Path) -> Result<Self, RecordingError> {
         let inner = folder.join(FOLDER);
-        let path = inner.join(file::ABOUT);
+        let path = inner.join(file_names::ABOUT);
         let text = match fs::read(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -80,7 +82,7 @@ impl Recording {
         let about: AboutFile = serde_json::from_value(rest).map_err(|error| damaged(&error))?;
         let (about, truth) = about.about(version).map_err(|problem| damaged(&problem))?;
         let mut warnings = Vec::new();
-        let meshes = inner.join(file::MESHES);
+        let meshes = inner.join(file_names::MESHES);
         let truth = truth.and_then(|place| match mesh(&meshes, place) {
             Ok((mesh, _)) => Some(mesh),
             Err(error) => {
@@ -91,9 +93,9 @@ impl Recording {
         let lines = |name: &str| Lines { path: inner.join(name), ..Lines::default() };
         let source = Source::Run {
             about: text,
-            frames: lines(file::FRAMES),
-            shapes: lines(file::SHAPES),
-            events: lines(file::EVENTS),
+            frames: lines(file_names::FRAMES),
+            shapes: lines(file_names::SHAPES),
+            events: lines(file_names::EVENTS),
             folder: inner,
         };
         let mut recording = Self::with(folder, source, about, truth, warnings);
@@ -101,11 +103,11 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Opens a FeelSight log as a recording in which nothing is estimated. `truth` is the object's true surface, with the motion that
-    /// takes coordinates in which the log has the object to it, where they could be had.
+    /// Opens a FeelSight log as a recording without estimates. The true surface comes from the catalogue; a warning
+    /// says if it is missing.
     ///
     /// # Errors
-    /// [`RecordingError::Log`] if the log cannot be used at all.
+    /// [`RecordingError::Log`] if the log cannot be used.
     pub fn open_log(folder: &Path) -> Result<Self, RecordingError> {
         let (images, about, moments, truth, warnings) = LogImages::open(folder)?;
         let mut recording = Self::with(folder, Source::Log(Box::new(images)), about, truth, warnings);
@@ -131,33 +133,34 @@ impl Recording {
         }
     }
 
-    /// Reads what was appended since; true if anything is new, the status included. A new recording in the same folder takes the place
-    /// of this one.
+    /// Reads appended data. Returns whether anything is new, including the status. A new recording in the same folder
+    /// replaces this one.
     ///
     /// # Errors
-    /// [`RecordingError`] if what was appended cannot be read. What was there before stays.
+    /// [`RecordingError`] if the appended data cannot be read. The data that was read before remain.
     pub fn refresh(&mut self) -> Result<bool, RecordingError> {
         let (folder, about, frames, shapes, events) = match &mut self.source {
             Source::Run { folder, about, frames, shapes, events } => (folder, about, frames, shapes, events),
             Source::Log(log) => {
-                let has_news = log.tell(&mut self.moments);
+                let has_news = log.add_contacts(&mut self.moments);
                 self.revision += u64::from(has_news);
                 return Ok(has_news);
             }
         };
-        let now = fs::read(folder.join(file::ABOUT)).map_err(RecordingError::io(folder.join(file::ABOUT)))?;
+        let now =
+            fs::read(folder.join(file_names::ABOUT)).map_err(RecordingError::io(folder.join(file_names::ABOUT)))?;
         if now != *about {
             *self = Self { revision: self.revision + 1, ..Self::open(&self.folder)? };
             return Ok(true);
         }
-        // Before the lines: what an ended run has written is read below.
+        // Before the lines, so that no line of a run that ends now is missed.
         let status = status(folder);
         let before = (self.moments.len(), self.shapes.len(), self.events.len(), self.warnings.len(), self.status);
         let warnings = &mut self.warnings;
         for line in frames.read::<FrameLine>(warnings)? {
             match line.moment() {
                 Ok(moment) if self.moments.last().is_some_and(|last| last.row.frame >= moment.row.frame) => {
-                    frames.complain(warnings, &"a frame comes twice");
+                    frames.complain(warnings, &"its frame is not greater than the last");
                 }
                 Ok(moment) => self.moments.push(moment),
                 Err(problem) => frames.complain(warnings, &problem),
@@ -165,7 +168,7 @@ impl Recording {
         }
         for ShapeLine { frame, point, place } in shapes.read(warnings)? {
             if self.shapes.last().is_some_and(|last| last.frame > frame) {
-                shapes.complain(warnings, &"a shape comes too late");
+                shapes.complain(warnings, &"its frame is less than the last");
             } else {
                 self.shapes.push(ShapeEntry { frame, point, place });
             }
@@ -182,47 +185,47 @@ impl Recording {
         Ok(before != now)
     }
 
-    /// A number that grows when [`Self::refresh`] finds something new.
+    /// Returns a number that grows when [`Self::refresh`] finds anything new.
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// The folder of the run or log.
+    /// Returns the folder of the run or log.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// What is recorded.
+    /// Returns the description of the run.
     pub fn about(&self) -> &About {
         &self.about
     }
 
-    /// The frames so far.
-    pub fn moments(&self) -> &[Moment] {
+    /// Returns the frames so far.
+    pub fn moments(&self) -> &[RecordedMoment] {
         &self.moments
     }
 
-    /// The shapes so far, in order of their frames.
+    /// Returns the shapes so far, in order of their frames.
     pub fn shapes(&self) -> &[ShapeEntry] {
         &self.shapes
     }
 
-    /// What happened so far, in order of time.
+    /// Returns the events so far, in order of time.
     pub fn events(&self) -> &[Event] {
         &self.events
     }
 
-    /// What was amiss, in sentences.
+    /// Returns the warnings of the run and about damaged files.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// Whether the run goes on.
+    /// Returns the status of the run.
     pub fn status(&self) -> Status {
         self.status
     }
 
-    /// The moments up to one that have images.
+    /// Returns the indices of the moments up to `moment` that have images.
     pub fn image_moments(&self, moment: usize) -> Vec<usize> {
         let until = self.moments.len().min(moment.saturating_add(1));
         match self.source {
@@ -231,7 +234,7 @@ impl Recording {
         }
     }
 
-    /// The index of the moment whose images are shown at a moment: the newest at or before it that has some.
+    /// Returns the index of the newest moment at or before `moment` that has images.
     pub fn images_at(&self, moment: usize) -> Option<usize> {
         let until = self.moments.get(..=moment).unwrap_or(&self.moments);
         match self.source {
@@ -240,96 +243,98 @@ impl Recording {
         }
     }
 
-    /// The newest images at or before a moment; none if there are none yet. The newest few are kept.
+    /// Returns the newest images at or before a moment, or `None` before the first images. The last few are kept in
+    /// memory.
     ///
     /// # Errors
     /// [`RecordingError`] if they cannot be read or decoded.
-    pub fn images(&self, moment: usize) -> Result<Option<Arc<Images>>, RecordingError> {
+    pub fn images(&self, moment: usize) -> Result<Option<Arc<FrameImages>>, RecordingError> {
         let Some(index) = self.images_at(moment) else { return Ok(None) };
         let make = || match (&self.source, self.moments.get(index).and_then(|moment| moment.images)) {
             (Source::Run { folder, .. }, Some(place)) => {
-                let path = folder.join(file::IMAGES);
+                let path = folder.join(file_names::IMAGES);
                 let block = block(&path, place)?;
                 images::decode(&block, index, self.about.cameras.len())
                     .map_err(|problem| RecordingError::damaged(path, problem))
             }
             (Source::Log(log), _) => Ok(log.images(index)),
-            (Source::Run { .. }, None) => Ok(Images { frame: index, cameras: vec![], touch: Default::default() }),
+            (Source::Run { .. }, None) => Ok(FrameImages { frame: index, cameras: vec![], touch: Default::default() }),
         };
         match &self.source {
-            // More of a log may be known later.
+            // The images of a log may be incomplete until the background thread has read them.
             Source::Log(log) if !log.is_read(index) => make().map(|images| Some(Arc::new(images))),
             _ => self.images.get(index, make).map(Some),
         }
     }
 
-    /// The index, in [`Self::shapes`], of the newest shape at or before a moment.
+    /// Returns the index in [`Self::shapes`] of the newest shape at or before a moment.
     pub fn shape_at(&self, moment: usize) -> Option<usize> {
         let frame = self.moments.get(moment).or(self.moments.last())?.row.frame;
         self.shapes.partition_point(|entry| entry.frame <= frame).checked_sub(1)
     }
 
-    /// The newest shape at or before a moment; none if there is none yet. The newest few are kept.
+    /// Returns the newest shape at or before a moment, or `None` before the first shape. The last few are kept in
+    /// memory.
     ///
     /// # Errors
     /// [`RecordingError`] if it cannot be read.
-    pub fn shape(&self, moment: usize) -> Result<Option<Arc<KnownShape>>, RecordingError> {
+    pub fn shape(&self, moment: usize) -> Result<Option<Arc<RecordedShape>>, RecordingError> {
         let Source::Run { folder, .. } = &self.source else { return Ok(None) };
         let Some(index) = self.shape_at(moment) else { return Ok(None) };
         let make = || {
             let ShapeEntry { frame, point, place } = self.shapes[index];
-            let (mesh, sdf) = mesh(&folder.join(file::MESHES), place)?;
-            Ok(KnownShape { frame, mesh, sdf, point })
+            let (mesh, sdf) = mesh(&folder.join(file_names::MESHES), place)?;
+            Ok(RecordedShape { frame, mesh, sdf, point })
         };
         self.known_shapes.get(index, make).map(Some)
     }
 
-    /// Whether what is shown may change: by a run that goes on, or a log that is still being read.
+    /// Whether the recording may change, because the run goes on or the log is still being read.
     pub fn is_growing(&self) -> bool {
         let is_reading = matches!(&self.source, Source::Log(log) if !log.is_complete());
         self.status == Status::Running || is_reading
     }
 
-    /// Waits until everything is there that is read in the background.
+    /// Waits until the background thread has read the log.
     pub fn finish_reading(&mut self) {
         if let Source::Log(log) = &mut self.source {
             log.finish();
-            log.tell(&mut self.moments);
+            log.add_contacts(&mut self.moments);
         }
     }
 
-    /// The object's true surface, where it could be had.
-    pub fn truth(&self) -> Option<&Mesh> {
+    /// Returns the true surface of the object, where it is known.
+    pub fn true_mesh(&self) -> Option<&Mesh> {
         self.truth.as_ref()
     }
 
-    /// The pose in which a moment shows the object: the estimated one, or in a log the true one.
+    /// Returns the pose of the object at a moment: the estimated one, or in a log the true one.
     pub fn pose(&self, moment: usize) -> Option<Isometry<mvt_frames::Object, World>> {
         let moment = self.moments.get(moment)?;
         moment.estimate().or(moment.row.truth)
     }
 }
 
-/// Whether a run goes on.
+/// Reads the status of a run.
 fn status(folder: &Path) -> Status {
-    if let Ok(text) = fs::read(folder.join(file::END)) {
+    if let Ok(text) = fs::read(folder.join(file_names::END)) {
         return match serde_json::from_slice(&text) {
             Ok(EndFile { complete: true }) => Status::Finished,
             _ => Status::Interrupted,
         };
     }
-    match File::open(folder.join(file::RUNNING)).map(|file| file.try_lock_shared()) {
+    match File::open(folder.join(file_names::RUNNING)).map(|file| file.try_lock_shared()) {
         Ok(Err(TryLockError::WouldBlock)) => Status::Running,
-        // It may just have ended.
-        _ if folder.join(file::END).exists() => Status::Finished,
+        // The run may have ended since the first check.
+        _ if folder.join(file_names::END).exists() => Status::Finished,
         _ => Status::Crashed,
     }
 }
 
-/// Reads a block, and checks it.
-fn block(path: &Path, Place { at, bytes, crc32 }: Place) -> Result<Vec<u8>, RecordingError> {
+/// Reads a block and checks its checksum.
+fn block(path: &Path, BlockPlace { at, bytes, crc32 }: BlockPlace) -> Result<Vec<u8>, RecordingError> {
     if bytes > LARGEST_BLOCK {
-        return Err(RecordingError::damaged(path, format_args!("a block of {bytes} bytes")));
+        return Err(RecordingError::damaged(path, format_args!("a block of {bytes} bytes is too large")));
     }
     let mut file = File::open(path).map_err(RecordingError::io(path))?;
     file.seek(SeekFrom::Start(at)).map_err(RecordingError::io(path))?;
@@ -339,27 +344,27 @@ fn block(path: &Path, Place { at, bytes, crc32 }: Place) -> Result<Vec<u8>, Reco
         return Err(RecordingError::damaged(path, format_args!("it ends before the block at {at}")));
     }
     if crc32fast::hash(&block) != crc32 {
-        return Err(RecordingError::damaged(path, format_args!("the block at {at} is not as it was written")));
+        return Err(RecordingError::damaged(path, format_args!("the block at {at} has the wrong checksum")));
     }
     Ok(block)
 }
 
-fn mesh(path: &Path, place: Place) -> Result<(Mesh, Option<mvt_run::sdf_grid::SdfGrid>), RecordingError> {
+fn mesh(path: &Path, place: BlockPlace) -> Result<(Mesh, Option<mvt_run::sdf_grid::SdfGrid>), RecordingError> {
     shape::decode(&block(path, place)?).map_err(|problem| RecordingError::damaged(path, problem))
 }
 
-/// A file of lines that grows.
+/// File of lines that grows.
 #[derive(Default)]
 struct Lines {
     path: PathBuf,
-    /// What has been read, bytes.
+    /// Bytes that were read.
     read: u64,
-    /// What could not be used.
+    /// Number of damaged lines.
     complaints: usize,
 }
 
 impl Lines {
-    /// The lines that are new and whole.
+    /// Returns the new complete lines.
     fn read<T: DeserializeOwned>(&mut self, warnings: &mut Vec<String>) -> Result<Vec<T>, RecordingError> {
         let mut file = File::open(&self.path).map_err(RecordingError::io(&self.path))?;
         file.seek(SeekFrom::Start(self.read)).map_err(RecordingError::io(&self.path))?;
@@ -377,19 +382,19 @@ impl Lines {
         Ok(lines)
     }
 
-    /// Says that a line is left out.
+    /// Warns that a line is skipped.
     fn complain(&mut self, warnings: &mut Vec<String>, problem: &dyn std::fmt::Display) {
         self.complaints += 1;
         let path = self.path.display();
         match self.complaints {
-            ..TOLD => warnings.push(format!("{path}: a line is damaged and left out: {problem}")),
-            TOLD => warnings.push(format!("{path}: further damaged lines are left out")),
+            ..MOST_WARNINGS => warnings.push(format!("{path}: a damaged line is skipped: {problem}")),
+            MOST_WARNINGS => warnings.push(format!("{path}: further damaged lines are skipped")),
             _ => {}
         }
     }
 }
 
-/// The newest few of something that takes time to make.
+/// The last few values of a kind that takes time to read.
 struct Kept<T> {
     most: usize,
     values: Mutex<VecDeque<(usize, Arc<T>)>>,
@@ -400,13 +405,13 @@ impl<T> Kept<T> {
         Self { most, values: Mutex::default() }
     }
 
-    /// What was kept under a number, or is now made.
+    /// Returns the value of a number, which `make` makes unless it is kept.
     fn get(&self, number: usize, make: impl FnOnce() -> Result<T, RecordingError>) -> Result<Arc<T>, RecordingError> {
         let kept = || self.values.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, value)) = kept().iter().find(|(known, _)| *known == number) {
             return Ok(Arc::clone(value));
         }
-        // Made without the lock: others may want what is there.
+        // Made without the lock, so that other threads can take kept values.
         let value = Arc::new(make()?);
         let mut kept = kept();
         kept.push_back((number, Arc::clone(&value)));

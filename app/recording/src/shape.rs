@@ -1,28 +1,28 @@
-//! Shapes on disk: a mesh, its score, and a coarse grid of signed distances for slices.
+//! Blocks of shapes: a mesh and a coarse grid of signed distances for slices.
 
 use glam::Vec3;
 use mvt_mesh::Mesh;
-
 use mvt_run::report::ShapePoint;
 use mvt_run::sdf_grid::SdfGrid;
 
-/// The shape as it was known at a frame, in the object's coordinates.
+/// Estimated shape at a frame, in the object's coordinates.
 #[derive(Debug, Clone, PartialEq)]
-pub struct KnownShape {
+#[non_exhaustive]
+pub struct RecordedShape {
     /// Number of the frame.
     pub frame: u64,
     /// The surface.
     pub mesh: Mesh,
     /// Signed distances around it.
     pub sdf: Option<SdfGrid>,
-    /// Its scores, where the truth is known.
+    /// Its scores, where the true shape is known.
     pub point: Option<ShapePoint>,
 }
 
-/// What precedes the numbers of a block: counts of vertices and faces, whether there is a grid, its counts, first node and cell.
+/// Size of the head of a block: counts of vertices and faces, whether there is a grid, its counts, first node and cell.
 const HEAD_BYTES: usize = 4 * (3 + 3 + 4);
 
-/// A mesh, and distances around it, as a block: counts, vertices (f32), faces (u32), distances (i8). Little-endian.
+/// Encodes a mesh and distances around it: head, vertices (f32), faces (u32), distances (i8). Little-endian.
 pub fn encode(mesh: &Mesh, sdf: Option<&SdfGrid>) -> Vec<u8> {
     let mut block = Vec::with_capacity(HEAD_BYTES + 12 * (mesh.vertices.len() + mesh.faces.len()));
     let (counts, low, cell_m) = sdf.map_or(([0; 3], Vec3::ZERO, 0.0), |sdf| (sdf.counts, sdf.low, sdf.cell_m));
@@ -40,7 +40,7 @@ pub fn encode(mesh: &Mesh, sdf: Option<&SdfGrid>) -> Vec<u8> {
     block
 }
 
-/// The mesh and the distances of a block.
+/// Decodes the mesh and the distances of a block.
 pub fn decode(block: &[u8]) -> Result<(Mesh, Option<SdfGrid>), &'static str> {
     let (head, body) = block.split_at_checked(HEAD_BYTES).ok_or("a shape ends in the middle")?;
     let (words, _) = head.as_chunks::<4>();
@@ -52,7 +52,7 @@ pub fn decode(block: &[u8]) -> Result<(Mesh, Option<SdfGrid>), &'static str> {
     let nodes = grid.iter().map(|&count| count as u64).product::<u64>();
     let expected = 12 * (u64::from(vertices) + u64::from(faces)) + nodes;
     if grid.iter().any(|&count| count > 1024) || expected != body.len() as u64 {
-        return Err("a shape is of another size than it says");
+        return Err("the size of a shape differs from its head");
     }
     let (coordinates, body) = body.split_at(12 * vertices as usize);
     let (corners, values) = body.split_at(12 * faces as usize);
@@ -61,15 +61,15 @@ pub fn decode(block: &[u8]) -> Result<(Mesh, Option<SdfGrid>), &'static str> {
     let face = |bytes: &[[u8; 4]]| std::array::from_fn(|k| u32::from_le_bytes(bytes[k]));
     let faces: Vec<[u32; 3]> = corners.as_chunks::<4>().0.chunks_exact(3).map(face).collect();
     if faces.iter().flatten().any(|&corner| corner as usize >= vertices.len()) {
-        return Err("a face names a vertex that is not there");
+        return Err("a face names a vertex that does not exist");
     }
     if vertices.iter().any(|vertex| vertex.is_nan() || vertex.length_squared() > 1e4) {
-        return Err("a vertex is nowhere");
+        return Err("invalid vertex");
     }
     let [x, y, z, cell_m] = numbers;
     let low = Vec3::new(x, y, z);
     if has_grid != 0 && (!low.is_finite() || !cell_m.is_normal() || cell_m < 0.0 || grid.contains(&0)) {
-        return Err("a grid of distances is none");
+        return Err("invalid grid of distances");
     }
     let sdf = (has_grid != 0).then(|| SdfGrid {
         low,
@@ -96,14 +96,14 @@ mod tests {
     }
 
     #[test]
-    fn shapes_come_back_as_they_were() {
+    fn shapes_are_decoded_without_loss() {
         let (mesh, sdf) = example();
         assert_eq!(decode(&encode(&mesh, Some(&sdf))).unwrap(), (mesh.clone(), Some(sdf)));
         assert_eq!(decode(&encode(&mesh, None)).unwrap(), (mesh, None));
     }
 
     #[test]
-    fn distances_are_interpolated_within_the_grid_alone() {
+    fn distances_are_interpolated_only_within_the_grid() {
         let (_, sdf) = example();
         for x_mm in [-1.0f32, -0.3, 0.0, 1.9, 3.0] {
             let point = Vec3::new(x_mm, 0.4, 0.1) * 1e-3;
@@ -116,7 +116,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn damaged_shapes_are_errors_or_other_shapes(at in any::<prop::sample::Index>(), byte in any::<u8>(), cut in any::<bool>()) {
+        fn damaged_shapes_are_errors_or_other_shapes(
+            at in any::<prop::sample::Index>(),
+            byte in any::<u8>(),
+            cut in any::<bool>(),
+        ) {
             let (mesh, sdf) = example();
             let mut block = encode(&mesh, Some(&sdf));
             let at = at.index(block.len());

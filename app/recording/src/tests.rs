@@ -18,7 +18,7 @@ use mvt_run::report::{Event, StageMs, TrackState};
 use mvt_run::sdf_grid::SdfGrid;
 use mvt_run::source::{Modality, Pictures, Sensed};
 
-/// A camera whose images are recorded with every second row and column.
+/// Returns a camera of whose images every second row and column is recorded.
 fn camera() -> PosedCamera {
     let camera = PLACEMENTS[3].camera(Side::Left);
     PosedCamera { intrinsics: Intrinsics { width: 400, height: 30, ..camera.intrinsics }, ..camera }
@@ -87,7 +87,7 @@ fn shape(frame: u64) -> MeshedShape {
     MeshedShape { frame, mesh: ball(), sdf, point: None, mesh_ms: 1.0 }
 }
 
-fn frames(writer: &Writer, range: std::ops::Range<u64>) {
+fn frames(writer: &RecordingWriter, range: std::ops::Range<u64>) {
     for frame in range {
         writer.frame(&row(frame), frame == 2, sensed(frame));
         // Writing is no race here: images are not to be left out.
@@ -96,7 +96,7 @@ fn frames(writer: &Writer, range: std::ops::Range<u64>) {
 }
 
 fn recorded(folder: &Path) {
-    let writer = Writer::create(folder, &about(), Some(&ball())).unwrap();
+    let writer = RecordingWriter::create(folder, &about(), Some(&ball())).unwrap();
     frames(&writer, 0..5);
     writer.receive(Progress::Shape(0, &shape(3)));
     writer.receive(Progress::Event(&Event { time_s: 0.1, text: "re-grasps".into() }));
@@ -106,7 +106,7 @@ fn recorded(folder: &Path) {
 }
 
 #[test]
-fn a_run_is_read_as_it_was_recorded() {
+fn a_run_is_recorded_and_read() {
     let folder = tempfile::tempdir().unwrap();
     recorded(folder.path());
     let mut recording = Recording::open(folder.path()).unwrap();
@@ -125,7 +125,7 @@ fn a_run_is_read_as_it_was_recorded() {
     assert_eq!(moment.fingers[Finger::Ring], None);
     assert_eq!(recording.events(), [Event { time_s: 0.1, text: "re-grasps".into() }]);
     assert_eq!(recording.warnings(), ["a camera is silent"]);
-    assert_eq!(recording.truth(), Some(&ball()));
+    assert_eq!(recording.true_mesh(), Some(&ball()));
 
     for (moment, expected) in [(0, 0), (2, 0), (3, 3), (8, 6), (99, 6)] {
         assert_eq!(recording.images(moment).unwrap().unwrap().frame, expected);
@@ -144,10 +144,10 @@ fn a_run_is_read_as_it_was_recorded() {
 }
 
 #[test]
-fn a_run_is_watched_while_it_goes_on_and_when_it_dies() {
+fn a_run_is_read_while_it_goes_on_and_after_it_is_killed() {
     let folder = tempfile::tempdir().unwrap();
     assert!(matches!(Recording::open(folder.path()), Err(RecordingError::NoRecording(_))));
-    let writer = Writer::create(folder.path(), &about(), None).unwrap();
+    let writer = RecordingWriter::create(folder.path(), &about(), None).unwrap();
     let mut recording = Recording::open(folder.path()).unwrap();
     assert_eq!((recording.status(), recording.moments().len()), (Status::Running, 0));
     assert!(recording.images(0).unwrap().is_none() && recording.shape(0).unwrap().is_none());
@@ -155,13 +155,13 @@ fn a_run_is_watched_while_it_goes_on_and_when_it_dies() {
     assert!(recording.refresh().unwrap());
     assert_eq!((recording.status(), recording.moments().len()), (Status::Running, 2));
     assert!(!recording.refresh().unwrap());
-    let taken = Writer::create(folder.path(), &about(), None).err().map(|error| error.to_string());
+    let taken = RecordingWriter::create(folder.path(), &about(), None).err().map(|error| error.to_string());
     assert!(taken.is_some_and(|error| error.contains("another run")), "two runs cannot write into one folder");
     writer.die();
     assert!(recording.refresh().unwrap());
     assert_eq!((recording.status(), recording.moments().len()), (Status::Crashed, 2));
     // A later run in the same folder takes its place.
-    let writer = Writer::create(folder.path(), &About { process: 2, ..about() }, None).unwrap();
+    let writer = RecordingWriter::create(folder.path(), &About { process: 2, ..about() }, None).unwrap();
     frames(&writer, 0..1);
     assert!(recording.refresh().unwrap());
     assert_eq!((recording.status(), recording.moments().len()), (Status::Running, 1));
@@ -171,7 +171,7 @@ fn a_run_is_watched_while_it_goes_on_and_when_it_dies() {
 }
 
 #[test]
-fn a_line_that_is_not_whole_is_waited_for() {
+fn an_incomplete_line_is_read_later() {
     let folder = tempfile::tempdir().unwrap();
     recorded(folder.path());
     let path = folder.path().join(FOLDER).join("frames.jsonl");
@@ -185,7 +185,7 @@ fn a_line_that_is_not_whole_is_waited_for() {
 }
 
 #[test]
-fn what_cannot_be_read_is_an_error_that_names_the_file() {
+fn errors_name_the_damaged_file() {
     let folder = tempfile::tempdir().unwrap();
     recorded(folder.path());
     let inner = folder.path().join(FOLDER);
@@ -194,7 +194,7 @@ fn what_cannot_be_read_is_an_error_that_names_the_file() {
         fs::write(inner.join("about.json"), text).unwrap();
         Recording::open(folder.path()).err().map(|error| error.to_string()).unwrap_or_default()
     };
-    // What a later version holds besides is not looked at.
+    // Other contents of a later version are ignored.
     let newer = message(r#"{"version": 2, "about": ["other", "things"]}"#);
     assert!(newer.contains("version 2") && newer.contains("use a newer one"), "{newer}");
     for wrong in ["", "{}", "[1", &about.replace("\"left\"", "\"up\""), &about.replace("\"fx\": ", "\"fx\": -")] {
@@ -207,11 +207,11 @@ fn what_cannot_be_read_is_an_error_that_names_the_file() {
     fs::write(inner.join("images.bin"), images).unwrap();
     let recording = Recording::open(folder.path()).unwrap();
     let error = recording.images(0).unwrap_err().to_string();
-    assert!(error.contains("images.bin is damaged") && error.contains("not as it was written"), "{error}");
+    assert!(error.contains("images.bin is damaged") && error.contains("has the wrong checksum"), "{error}");
     assert!(recording.images(3).is_ok());
 }
 
-/// Looks at everything there is.
+/// Reads everything.
 fn look(folder: &Path) {
     let Ok(mut recording) = Recording::open(folder) else { return };
     let _ = recording.refresh();
@@ -239,7 +239,7 @@ fn damaged_recordings_never_panic() {
                 0 => damaged[at] = byte,
                 1 => damaged.truncate(at),
                 2 => damaged.insert(at, byte),
-                // Other numbers where there were some.
+                // Changes a number.
                 _ => damaged.iter_mut().skip(at).find(|b| b.is_ascii_digit()).into_iter().for_each(|b| *b = b'9'),
             }
             fs::write(path, damaged).unwrap();

@@ -1,4 +1,4 @@
-//! Writes recordings, on a thread of its own: the run never waits for it.
+//! Writes recordings on a thread of its own, so that the run never waits.
 
 use std::fs::{self, File, TryLockError};
 use std::io::Write as _;
@@ -14,24 +14,27 @@ use mvt_mesh::Mesh;
 use mvt_robot::digit::gel;
 use mvt_robot::hand::{JointAngles, PerFinger};
 use mvt_robot::observation::Percept;
-use serde::Serialize;
-
-use super::line::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile, file};
-use super::{About, CameraImages, FOLDER, FingerImages, Images, Moment, Place, RecordingError, Touching, VERSION};
-use super::{has_images, images, shape};
 use mvt_run::io::write_file;
 use mvt_run::pipeline::{FrameResult, Progress};
 use mvt_run::report::{FrameRow, ShapePoint};
 use mvt_run::sdf_grid::SdfGrid;
 use mvt_run::source::{Pictures, Sensed};
+use serde::Serialize;
 
-/// Frames that wait to be written before images are left out.
+use super::lines::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile};
+use super::{
+    About, BlockPlace, CameraImages, FOLDER, FingerImages, FrameImages, RecordedMoment, RecordingError, Touching,
+    VERSION,
+};
+use super::{file_names, has_images, images, shape};
+
+/// Number of waiting frames from which on images are left out.
 const PATIENCE: usize = 8;
-/// How long another run is given to leave the folder: a viewer that looks whether it lives holds the lock for a moment, too.
+/// Tries to lock the folder. A viewer that checks the status holds the lock for a moment.
 const LOCK_TRIES: u32 = 20;
 const LOCK_PAUSE: Duration = Duration::from_millis(50);
 
-/// What there is to write.
+/// Data for the thread.
 enum Message {
     Frame { row: FrameRow, joints: JointAngles, is_keyframe: bool, sensed: Option<Box<Sensed>> },
     Shape { frame: u64, mesh: Mesh, sdf: Option<SdfGrid>, point: Option<ShapePoint> },
@@ -39,25 +42,26 @@ enum Message {
     End { complete: bool },
 }
 
-/// Records a run.
-pub struct Writer {
+/// Writer of the recording of a run.
+pub struct RecordingWriter {
     messages: Sender<Message>,
-    /// Frames that wait.
+    /// Number of waiting frames.
     waiting: Arc<AtomicUsize>,
     thread: JoinHandle<Result<(), RecordingError>>,
 }
 
-impl Writer {
-    /// Begins a recording in the folder of a run, in place of what was there. `truth` is the true surface, where it is known.
+impl RecordingWriter {
+    /// Begins a recording in the folder of a run and replaces an older one. `truth` is the true surface, where it is
+    /// known.
     ///
     /// # Errors
-    /// [`RecordingError::Io`] if a file cannot be written, or another run writes there.
+    /// [`RecordingError::Io`] if a file cannot be written, or another run records into the folder.
     pub fn create(run: &Path, about: &About, truth: Option<&Mesh>) -> Result<Self, RecordingError> {
         let folder = run.join(FOLDER);
         fs::create_dir_all(&folder).map_err(RecordingError::io(&folder))?;
-        // Before anything is removed: it may be another run's.
-        let lock = lock(&folder.join(file::RUNNING))?;
-        for path in [file::ABOUT, file::END].map(|name| folder.join(name)) {
+        // Before any file is removed, which may belong to another run.
+        let lock = lock(&folder.join(file_names::RUNNING))?;
+        for path in [file_names::ABOUT, file_names::END].map(|name| folder.join(name)) {
             if path.exists() {
                 fs::remove_file(&path).map_err(RecordingError::io(&path))?;
             }
@@ -68,11 +72,11 @@ impl Writer {
             Ok::<_, RecordingError>(Appended { file, path, length: 0 })
         };
         let mut files = Files {
-            frames: create(file::FRAMES)?,
-            images: create(file::IMAGES)?,
-            shapes: create(file::SHAPES)?,
-            meshes: create(file::MESHES)?,
-            events: create(file::EVENTS)?,
+            frames: create(file_names::FRAMES)?,
+            images: create(file_names::IMAGES)?,
+            shapes: create(file_names::SHAPES)?,
+            meshes: create(file_names::MESHES)?,
+            events: create(file_names::EVENTS)?,
             folder: folder.clone(),
             _lock: lock,
         };
@@ -83,9 +87,9 @@ impl Writer {
             camera.intrinsics = images::shrunk(&camera.intrinsics);
         }
         let rest = serde_json::to_value(AboutFile::new(&about, truth))
-            .map_err(|error| RecordingError::damaged(folder.join(file::ABOUT), error))?;
-        // Only now is there a recording for others.
-        put(&folder, file::ABOUT, &VersionFile { version: VERSION, rest })?;
+            .map_err(|error| RecordingError::damaged(folder.join(file_names::ABOUT), error))?;
+        // Last, because readers take a folder with about.json for a recording.
+        put(&folder, file_names::ABOUT, &VersionFile { version: VERSION, rest })?;
         let (messages, receiver) = mpsc::channel();
         let waiting = Arc::new(AtomicUsize::new(0));
         let others = Arc::clone(&waiting);
@@ -95,7 +99,7 @@ impl Writer {
         Ok(Self { messages, waiting, thread })
     }
 
-    /// Takes what happens in a run. If writing lags behind, images are left out.
+    /// Records the progress of a run. FrameImages are left out if writing lags behind.
     pub fn receive(&self, progress: Progress<'_>) {
         let message = match progress {
             Progress::Started { .. } => return,
@@ -117,7 +121,7 @@ impl Writer {
                 Message::Event(EventLine::Event { time_s: event.time_s, text: event.text.clone() })
             }
         };
-        // A thread that has ended says why at the end.
+        // If the thread has ended, `finish` returns its error.
         let _ = self.messages.send(message);
     }
 
@@ -143,17 +147,17 @@ impl Writer {
         }
     }
 
-    /// Ends as a process does that is killed.
+    /// Ends like a process that is killed.
     #[cfg(test)]
     pub fn die(self) {
         drop(self.messages);
         let _ = self.thread.join();
     }
 
-    /// Ends the recording.
+    /// Ends the recording; `complete` says whether the run came to its end.
     ///
     /// # Errors
-    /// [`RecordingError::Io`] if anything could not be written.
+    /// [`RecordingError::Io`] if any file could not be written.
     pub fn finish(self, complete: bool) -> Result<(), RecordingError> {
         let _ = self.messages.send(Message::End { complete });
         drop(self.messages);
@@ -167,7 +171,7 @@ fn lock(path: &Path) -> Result<File, RecordingError> {
         match file.try_lock() {
             Ok(()) => return Ok(file),
             Err(TryLockError::WouldBlock) => thread::sleep(LOCK_PAUSE),
-            // A file system without locks: whether the run lives cannot be told there.
+            // A file system without locks, on which a viewer cannot see whether the run goes on.
             Err(TryLockError::Error(error)) => {
                 tracing::debug!("{}: {error}", path.display());
                 return Ok(file);
@@ -183,7 +187,7 @@ fn put(folder: &Path, name: &str, value: &impl Serialize) -> Result<(), Recordin
     write_file(folder, name, text.as_bytes()).map_err(|error| failed(format!("{error:#}")))
 }
 
-/// A file that grows.
+/// File that grows.
 struct Appended {
     file: File,
     path: PathBuf,
@@ -191,9 +195,9 @@ struct Appended {
 }
 
 impl Appended {
-    fn block(&mut self, bytes: &[u8]) -> Result<Place, RecordingError> {
+    fn block(&mut self, bytes: &[u8]) -> Result<BlockPlace, RecordingError> {
         self.file.write_all(bytes).map_err(RecordingError::io(&self.path))?;
-        let place = Place { at: self.length, bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) };
+        let place = BlockPlace { at: self.length, bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) };
         self.length += place.bytes;
         Ok(place)
     }
@@ -212,7 +216,7 @@ struct Files {
     shapes: Appended,
     meshes: Appended,
     events: Appended,
-    /// Held as long as the run goes on.
+    /// Held while the run goes on.
     _lock: File,
 }
 
@@ -226,7 +230,7 @@ impl Files {
         for message in messages {
             match message {
                 Message::Frame { row, joints, is_keyframe, sensed } => {
-                    let mut moment = Moment {
+                    let mut moment = RecordedMoment {
                         row,
                         joints,
                         fingers: PerFinger::default(),
@@ -245,14 +249,14 @@ impl Files {
                     self.shapes.line(&ShapeLine { frame, point, place })?;
                 }
                 Message::Event(line) => self.events.line(&line)?,
-                Message::End { complete } => put(&self.folder, file::END, &EndFile { complete })?,
+                Message::End { complete } => put(&self.folder, file_names::END, &EndFile { complete })?,
             }
         }
         Ok(())
     }
 
     /// Adds what was sensed to a moment.
-    fn see(&mut self, moment: &mut Moment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
+    fn see(&mut self, moment: &mut RecordedMoment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
         let Sensed { percept, pictures, .. } = sensed;
         let forces_n = pictures.forces_n;
         moment.fingers = PerFinger::from_fn(|finger| {
@@ -270,7 +274,7 @@ impl Files {
 }
 
 /// The images of a frame as they are recorded.
-fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize]) -> Images {
+fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize]) -> FrameImages {
     let Pictures { cameras: colours, touch: mut seen, mut true_touch_m, .. } = pictures;
     let mut colours = colours.into_iter();
     let camera = |(camera, &stride): (Option<CameraDepth>, &usize)| {
@@ -291,5 +295,5 @@ fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize
         let image = std::mem::take(&mut seen[finger]);
         Some(FingerImages { image, depth_m, contact, true_depth_m: true_touch_m[finger].take() })
     });
-    Images { frame, cameras, touch }
+    FrameImages { frame, cameras, touch }
 }

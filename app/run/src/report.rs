@@ -18,7 +18,6 @@ use crate::source::Modality;
 pub use mvt_slam::TrackState;
 
 mod curves;
-pub mod error_colour;
 pub mod mesh_file;
 mod summary;
 #[cfg(test)]
@@ -171,7 +170,7 @@ pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&Tru
     let summary = Summary::new(run, shape);
     write_tables(folder, run, &summary)?;
     write_file(folder, file::OBJ, mesh_file::obj(estimate).as_bytes())?;
-    write_file(folder, file::CURVES, curves::curves(run)?.as_bytes())?;
+    write_file(folder, file::CURVES, curves::curves(run).as_bytes())?;
     let errors_m = truth.map(|(truth, motion)| turntable::vertex_errors_m(estimate, motion, truth.object()));
     write_file(folder, file::PLY, &mesh_file::ply(estimate, errors_m.as_deref()))?;
     if let Some(((truth, object_from_estimate), errors_m)) = truth.zip(errors_m.as_deref()) {

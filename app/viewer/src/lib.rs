@@ -1,19 +1,33 @@
-//! Pictures of a recording: the scene in three dimensions and what the sensors showed.
+//! Pictures, films and a window of recorded runs.
+//!
+//! [`paint::ScenePainter`] paints the scene of a moment in three dimensions, [`dashboard::Dashboard`] puts it beside
+//! the sensors' images and the curves, and [`window`] shows both while a run goes on. The viewer knows a run by its
+//! recording alone: it estimates nothing, and neither waits for the other.
+//!
+//! ```no_run
+//! use mvt_viewer::mvt_picture::palette::Theme;
+//! use mvt_viewer::{Dashboard, DashboardLayout, Eye, Layers, Preset, mvt_recording::Recording};
+//!
+//! let recording = Recording::open("out".as_ref())?;
+//! let mut dashboard = Dashboard::new(DashboardLayout::All, [1280, 720], Layers::default(), Theme::LIGHT);
+//! let last = recording.moments().len().saturating_sub(1);
+//! dashboard.paint(&recording, last, &Eye::new(Preset::Oblique)).save("out.png")?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
-pub mod colours;
-mod curves;
+mod captions;
+pub mod dashboard;
 pub mod eye;
-pub mod film;
-pub mod key;
-mod observed;
-pub mod page;
-pub mod pictures;
-pub mod raster;
-pub mod scene;
+pub mod layers;
+mod legend;
+pub mod paint;
+mod run_charts;
+mod seen_points;
+mod sensor_pictures;
 pub mod window;
-pub mod words;
 
-pub use colours::Theme;
+pub use dashboard::{Dashboard, DashboardLayout};
 pub use eye::{Eye, Preset};
-pub use page::{Layout, Page};
-pub use scene::{Clouds, Colouring, Keyframes, Layers, Scene};
+pub use layers::{Clouds, Colouring, Keyframes, Layers};
+pub use paint::ScenePainter;
+pub use {eframe, image, mvt_frames, mvt_picture, mvt_recording, mvt_render, nalgebra};

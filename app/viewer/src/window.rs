@@ -1,163 +1,157 @@
-//! The window: a start page, recordings, and what is said when they cannot be shown.
+//! The window: a start page, recordings, and messages about recordings that cannot be shown.
 
 mod backend;
 mod export;
 mod icons;
+mod latest_worker;
 pub mod launch;
 mod layers_panel;
-mod legend;
+mod legend_overlay;
 mod plots;
 mod preferences;
+mod recording_page;
+mod scene_widget;
 mod sensors;
-mod shared;
+mod shared_recording;
 mod shortcuts;
-mod start;
-mod studio;
+mod start_page;
 mod style;
 #[cfg(test)]
 mod tests;
 mod thumbnails;
 mod timeline;
-mod view3d;
-mod watch;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
 use eframe::egui::{self, Context, Ui, ViewportBuilder};
-
-pub use watch::Place;
-
-use launch::Run;
-use preferences::Preferences;
-use shortcuts::Command;
-use start::{Start, Wish};
-use style::{Appearance, colour};
-use watch::Watch;
-
 use mvt_recording::RecordingError;
 
-/// Opens the window and returns when it is closed.
+pub use backend::WindowError;
+pub use recording_page::RecordingSource;
+
+use launch::StartedRun;
+use preferences::Preferences;
+use recording_page::RecordingPage;
+use shortcuts::KeyCommand;
+use start_page::{StartPage, StartRequest};
+use style::{Appearance, colour};
+
+/// Opens the window on a recording, or on the start page, and returns when it is closed.
 ///
 /// # Errors
-/// If no window can be opened; the message names the command that needs none.
-pub fn open(place: Option<&Place>) -> Result<()> {
-    let headless = match place {
-        Some(Place::Run(folder)) => format!("`mambavitact view --run {} --record out.gif`", folder.display()),
-        Some(Place::Log(folder)) => format!("`mambavitact view --log {} --record out.gif`", folder.display()),
-        None => "`mambavitact view --run DIR --record out.gif`".to_owned(),
-    };
+/// [`WindowError`] if no window can be opened, or if it is lost.
+pub fn open(source: Option<&RecordingSource>) -> Result<(), WindowError> {
     let viewport = ViewportBuilder::default()
         .with_title("MambaViTact")
         .with_app_id("mambavitact")
         .with_inner_size([1280.0, 800.0])
         .with_min_inner_size([480.0, 360.0]);
-    backend::open(&viewport, &headless, &|ctx| Box::new(Window::new(ctx, Preferences::folder(), place.cloned())))
+    backend::open(&viewport, &|ctx| Box::new(Window::new(ctx, Preferences::folder(), source.cloned())))
 }
 
-/// What fills the window.
+/// Page that fills the window.
 enum Page {
-    Start(Box<Start>),
+    Start(Box<StartPage>),
     /// A run that was started and has not begun to record.
-    Starting(Run),
-    Watch(Box<Watch>),
-    /// A recording that cannot be shown, and why.
-    Trouble(Place, String),
+    Starting(StartedRun),
+    Recording(Box<RecordingPage>),
+    /// A recording that cannot be shown, and the reason.
+    Problem(RecordingSource, String),
 }
 
-/// The window's contents.
+/// Contents of the window.
 struct Window {
     page: Page,
     preferences: Preferences,
     saved: Preferences,
-    /// When they were last written.
+    /// When the preferences were last written.
     saved_at: Instant,
-    /// Where they are kept, if there is such a place.
+    /// Folder of the preferences, if there is one.
     folder: Option<PathBuf>,
     is_help_open: bool,
-    /// What went wrong on the way to the start page.
+    /// Problem that is shown on the start page.
     problem: Option<String>,
 }
 
 impl Window {
-    /// A window on something, or on the start page. What is remembered lies in `folder`.
-    fn new(ctx: &Context, folder: Option<PathBuf>, place: Option<Place>) -> Self {
+    /// Returns a window on a recording, or on the start page. The preferences lie in `folder`.
+    fn new(ctx: &Context, folder: Option<PathBuf>, source: Option<RecordingSource>) -> Self {
         style::install(ctx);
         ctx.options_mut(|options| options.zoom_with_keyboard = false);
         let (preferences, problem) = folder.as_deref().map_or_else(Default::default, Preferences::load);
-        // Before the first frame, which would look otherwise.
+        // Before the first frame, which would flicker otherwise.
         preferences.appearance.apply(ctx);
         ctx.set_zoom_factor(preferences.zoom_percent as f32 / 100.0);
-        let page = Page::Start(Box::new(Start::new(ctx)));
+        let page = Page::Start(Box::new(StartPage::new(ctx)));
         let saved = preferences.clone();
         let mut window =
             Self { page, preferences, saved, saved_at: Instant::now(), folder, is_help_open: false, problem };
-        if let Some(place) = place {
-            window.look_at(ctx, place);
+        if let Some(source) = source {
+            window.show(ctx, source);
         }
         window
     }
 
-    fn look_at(&mut self, ctx: &Context, place: Place) {
+    fn show(&mut self, ctx: &Context, source: RecordingSource) {
         self.problem = None;
-        self.page = match place.open() {
+        self.page = match source.open() {
             Ok(recording) => {
-                if let Place::Run(folder) = &place {
+                if let RecordingSource::Run(folder) = &source {
                     self.preferences.remember(folder);
                 }
-                Page::Watch(Box::new(Watch::new(ctx, place, recording, None)))
+                Page::Recording(Box::new(RecordingPage::new(ctx, source, recording, None)))
             }
-            Err(error) => Page::Trouble(place, error.to_string()),
+            Err(error) => Page::Problem(source, error.to_string()),
         };
     }
 
     fn go_to_start(&mut self, ctx: &Context) {
-        self.page = Page::Start(Box::new(Start::new(ctx)));
+        self.page = Page::Start(Box::new(StartPage::new(ctx)));
     }
 
-    /// Looks whether a run that was started has begun to record, or has failed.
+    /// Checks whether a started run has begun to record or has failed.
     fn await_run(&mut self, ctx: &Context) {
         const AGAIN: Duration = Duration::from_millis(100);
         let Page::Starting(run) = &mut self.page else { return };
         let ended = run.poll();
-        let place = Place::Run(run.folder.clone());
-        match (place.open(), ended) {
+        let source = RecordingSource::Run(run.folder.clone());
+        match (source.open(), ended) {
             (Ok(recording), _) => {
-                self.preferences.remember(place.folder());
-                let page = std::mem::replace(&mut self.page, Page::Trouble(place.clone(), String::new()));
+                self.preferences.remember(source.folder());
+                let page = std::mem::replace(&mut self.page, Page::Problem(source.clone(), String::new()));
                 if let Page::Starting(run) = page {
-                    self.page = Page::Watch(Box::new(Watch::new(ctx, place, recording, Some(run))));
+                    self.page = Page::Recording(Box::new(RecordingPage::new(ctx, source, recording, Some(run))));
                 }
             }
             (Err(RecordingError::NoRecording(_)), None) => ctx.request_repaint_after(AGAIN),
-            (Err(_), Some(Err(said))) => {
-                self.problem = Some(format!("The run did not start. {said}"));
+            (Err(_), Some(Err(message))) => {
+                self.problem = Some(format!("The run did not start. {message}"));
                 self.go_to_start(ctx);
             }
-            (Err(error), _) => self.page = Page::Trouble(place, error.to_string()),
+            (Err(error), _) => self.page = Page::Problem(source, error.to_string()),
         }
     }
 
-    fn command(&mut self, ctx: &Context, command: Command) {
+    fn command(&mut self, ctx: &Context, command: KeyCommand) {
         match command {
-            Command::Help => self.is_help_open = !self.is_help_open,
-            Command::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
-            Command::Appearance => {
+            KeyCommand::Help => self.is_help_open = !self.is_help_open,
+            KeyCommand::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+            KeyCommand::Appearance => {
                 self.preferences.appearance = match ctx.theme() {
                     egui::Theme::Dark => Appearance::Light,
                     egui::Theme::Light => Appearance::Dark,
                 };
             }
             other => {
-                if let Page::Watch(watch) = &mut self.page {
-                    watch.command(ctx, other, &mut self.preferences);
+                if let Page::Recording(page) = &mut self.page {
+                    page.command(ctx, other, &mut self.preferences);
                 }
             }
         }
     }
 
-    /// One frame.
+    /// Draws a frame.
     fn ui(&mut self, ui: &mut Ui) {
         let ctx = ui.ctx().clone();
         for command in shortcuts::pressed(&ctx) {
@@ -167,18 +161,18 @@ impl Window {
         ctx.set_zoom_factor(self.preferences.zoom_percent as f32 / 100.0);
         self.preferences.appearance.apply(&ctx);
         self.await_run(&ctx);
-        if let Page::Watch(watch) = &mut self.page {
-            watch.update(&ctx, self.preferences.speed);
+        if let Page::Recording(page) = &mut self.page {
+            page.update(&ctx, self.preferences.speed);
         }
         self.bar(ui);
         let problem = self.problem.clone();
         match &mut self.page {
-            Page::Watch(watch) => watch.ui(ui, &mut self.preferences),
+            Page::Recording(page) => page.ui(ui, &mut self.preferences),
             Page::Start(start) => {
-                let wish = egui::CentralPanel::default()
+                let request = egui::CentralPanel::default()
                     .show(ui, |ui| start.ui(ui, &mut self.preferences, problem.as_deref()))
                     .inner;
-                self.grant(&ctx, wish);
+                self.grant(&ctx, request);
             }
             Page::Starting(run) => {
                 let folder = run.folder.display().to_string();
@@ -187,15 +181,13 @@ impl Window {
                         ui.add_space(0.35 * ui.available_height());
                         ui.spinner();
                         ui.heading("The run is starting");
-                        ui.weak(format!(
-                            "An object that is not on this machine is fetched first. Results go to {folder}."
-                        ));
+                        ui.weak(format!("A missing mesh is downloaded first. Results go to {folder}."));
                     });
                 });
             }
-            Page::Trouble(place, words) => {
-                let (place, words) = (place.clone(), words.clone());
-                egui::CentralPanel::default().show(ui, |ui| self.trouble(ui, place, &words));
+            Page::Problem(source, problem) => {
+                let (source, problem) = (source.clone(), problem.clone());
+                egui::CentralPanel::default().show(ui, |ui| self.problem_page(ui, source, &problem));
             }
         }
         if self.is_help_open {
@@ -213,7 +205,7 @@ impl Window {
                     self.go_to_start(ui.ctx());
                 }
                 match &mut self.page {
-                    Page::Watch(watch) => watch.title(ui, &mut self.preferences),
+                    Page::Recording(page) => page.title(ui, &mut self.preferences),
                     _ => drop(ui.strong("MambaViTact")),
                 }
                 ui.menu_button("Settings", |ui| {
@@ -235,12 +227,12 @@ impl Window {
         });
     }
 
-    fn grant(&mut self, ctx: &Context, wish: Option<Wish>) {
-        match wish {
+    fn grant(&mut self, ctx: &Context, request: Option<StartRequest>) {
+        match request {
             None => {}
-            Some(Wish::Open(folder)) => self.look_at(ctx, Place::Run(folder)),
-            Some(Wish::OpenLog(folder)) => self.look_at(ctx, Place::Log(folder)),
-            Some(Wish::Start) => match Run::start(&self.preferences.choices) {
+            Some(StartRequest::Open(folder)) => self.show(ctx, RecordingSource::Run(folder)),
+            Some(StartRequest::OpenLog(folder)) => self.show(ctx, RecordingSource::Log(folder)),
+            Some(StartRequest::Start) => match StartedRun::start(&self.preferences.choices) {
                 Ok(run) => {
                     self.problem = None;
                     self.page = Page::Starting(run);
@@ -250,16 +242,16 @@ impl Window {
         }
     }
 
-    fn trouble(&mut self, ui: &mut Ui, place: Place, words: &str) {
+    fn problem_page(&mut self, ui: &mut Ui, source: RecordingSource, problem: &str) {
         ui.vertical_centered(|ui| {
             ui.add_space(0.3 * ui.available_height());
             ui.heading("This cannot be shown");
             ui.add_space(6.0);
-            ui.colored_label(colour(style::theme(ui.ctx()).lost), words);
-            ui.weak(format!("Folder: {}", place.folder().display()));
+            ui.colored_label(colour(style::theme(ui.ctx()).lost), problem);
+            ui.weak(format!("Folder: {}", source.folder().display()));
             ui.add_space(10.0);
             if ui.button("Try again").clicked() {
-                self.look_at(ui.ctx(), place);
+                self.show(ui.ctx(), source);
             }
             if ui.button("Go to the start page").clicked() {
                 self.go_to_start(ui.ctx());
@@ -267,7 +259,7 @@ impl Window {
         });
     }
 
-    /// Writes what is to be remembered, not too often.
+    /// Writes changed preferences, at most every two seconds.
     fn keep(&mut self) {
         const PAUSE: Duration = Duration::from_secs(2);
         if self.preferences != self.saved && self.saved_at.elapsed() > PAUSE {
@@ -279,7 +271,7 @@ impl Window {
         if let Some(folder) = self.folder.as_deref().filter(|_| self.preferences != self.saved)
             && let Err(error) = self.preferences.save(folder)
         {
-            tracing::warn!("the viewer's settings cannot be kept: {error:#}");
+            tracing::warn!("cannot save the viewer's settings: {error:#}");
         }
         self.saved = self.preferences.clone();
         self.saved_at = Instant::now();

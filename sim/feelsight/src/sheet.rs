@@ -4,7 +4,7 @@ use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 use mvt_robot::hand::{Finger, PerFinger};
 
-use mvt_picture::lettering;
+use mvt_picture::{draw, text};
 
 /// What a contact sheet shows.
 #[derive(Debug, Clone)]
@@ -144,7 +144,7 @@ impl Page {
             let x = at(tick);
             self.fill(x, bottom + 4, 1, 6, FAINT);
             let label = format!("{tick:.0}");
-            let half = lettering::width(15.0, &label) / 2;
+            let half = text::width(15.0, &label) / 2;
             self.text(x.saturating_sub(half), bottom + 12, 15.0, FAINT, &label);
             tick += step;
         }
@@ -178,11 +178,11 @@ impl Page {
 
     /// Writes text whose line begins at `y`.
     fn text(&mut self, x: u32, y: u32, size: f32, color: Rgb<u8>, text: &str) {
-        lettering::write(&mut self.image, (x, y), size, color, text);
+        text::write(&mut self.image, (x, y), size, color, text);
     }
 
     fn blend(&mut self, x: u32, y: u32, color: Rgb<u8>, coverage: f32) {
-        lettering::blend(&mut self.image, x, y, color, coverage);
+        draw::blend(&mut self.image, x, y, color, coverage);
     }
 }
 

@@ -3,11 +3,10 @@
 use std::fmt::Write as _;
 
 use mvt_mesh::Mesh;
+use mvt_picture::palette;
 
-use super::error_colour;
-
-/// A binary PLY, little-endian, metres. With one error (metres) per vertex, also their colours: pale for none, dark red for 5 mm
-/// and more.
+/// Encodes a binary PLY, little-endian, metres. With one error (metres) per vertex, the vertices have colours from pale
+/// (no error) to dark red (5 mm and more).
 pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
     let colours =
         if errors_m.is_some() { "property uchar red\nproperty uchar green\nproperty uchar blue\n" } else { "" };
@@ -21,7 +20,7 @@ pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
     for (k, vertex) in mesh.vertices.iter().enumerate() {
         bytes.extend(vertex.to_array().iter().flat_map(|x| x.to_le_bytes()));
         if let Some(errors_m) = errors_m {
-            bytes.extend(error_colour::of(errors_m.get(k).copied().unwrap_or(f32::INFINITY)).0);
+            bytes.extend(palette::surface_error(errors_m.get(k).copied().unwrap_or(f32::INFINITY)).0);
         }
     }
     for face in &mesh.faces {
@@ -31,7 +30,7 @@ pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
     bytes
 }
 
-/// A Wavefront OBJ, metres.
+/// Encodes a Wavefront OBJ, metres.
 pub fn obj(mesh: &Mesh) -> String {
     let mut text = String::from("# metres\n");
     for v in &mesh.vertices {
@@ -51,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn meshes_are_read_as_they_were_written() {
+    fn written_meshes_are_read_without_loss() {
         let mesh = Mesh {
             vertices: vec![Vec3::ZERO, Vec3::new(0.1, 1.0 / 3.0, -1e-7), Vec3::Y, Vec3::NEG_Z],
             faces: vec![[0, 1, 2], [0, 2, 3]],

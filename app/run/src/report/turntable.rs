@@ -2,26 +2,28 @@
 
 use std::f64::consts::TAU;
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use glam::{Vec3, Vec3A};
-use image::codecs::gif::{GifEncoder, Repeat};
-use image::{Delay, DynamicImage, Frame, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use mvt_frames::camera::{Intrinsics, look_at};
 use mvt_frames::{Camera, Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_mesh::SignedDistance;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
-use mvt_picture::lettering;
+use mvt_picture::film::GifWriter;
+use mvt_picture::palette::{self, ERROR_SCALE_M, Theme};
+use mvt_picture::text;
 use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::error_colour;
-
 /// Views of one turn.
 const VIEWS: u32 = 48;
-const DELAY_MS: u32 = 80;
+/// Views per second.
+const RATE_HZ: f64 = 12.5;
+/// Every Nth view is used to choose the colours.
+const SAMPLED: usize = 12;
 /// Side of either picture, pixels.
 const SIDE: u32 = 240;
 /// Rays per pixel along either side.
@@ -30,26 +32,24 @@ const RAYS: u32 = 2;
 const STRIP: u32 = 34;
 const FOV_RAD: f64 = 0.5;
 const ELEVATION_RAD: f64 = 0.45;
-/// Speed of the choice of colours, 1 (best) to 30.
-const GIF_SPEED: i32 = 10;
-const PAPER: Rgb<u8> = Rgb([250, 250, 248]);
-const INK: Rgb<u8> = Rgb([34, 38, 46]);
+const PAPER: Rgb<u8> = Theme::LIGHT.paper;
+const INK: Rgb<u8> = Theme::LIGHT.ink;
 const TRUE_COLOUR: Rgb<u8> = Rgb([176, 186, 196]);
 
-/// An estimated surface beside the true one.
+/// Animation of an estimated surface beside the true one.
 #[derive(Debug)]
 pub struct Turntable<'a> {
     /// The estimated surface.
     pub estimate: &'a Mesh,
-    /// The error of each of its vertices, metres; see [`vertex_errors_m`].
+    /// Error of each of its vertices, metres; see [`vertex_errors_m`].
     pub errors_m: &'a [f32],
-    /// Takes the estimated surface to where it is held against the true one.
+    /// Motion that aligns the estimated surface with the true one.
     pub object_from_estimate: Isometry<Object, Object>,
     /// The true surface.
     pub truth: &'a Mesh,
 }
 
-/// The distance of each vertex from the surface of an object, metres, positive on either side.
+/// Returns the distance of each vertex from the surface of an object, metres, positive on both sides.
 pub fn vertex_errors_m(
     estimate: &Mesh,
     object_from_estimate: Isometry<Object, Object>,
@@ -66,35 +66,32 @@ pub fn vertex_errors_m(
 }
 
 impl Turntable<'_> {
-    /// The animation, 480 x 274 pixels, one turn in about four seconds. The same for any number of threads.
+    /// Returns the animation as a GIF, 480 x 274 pixels, one turn in about four seconds. It is the same for any number
+    /// of threads.
     ///
     /// # Errors
     /// If the encoder fails.
     pub fn gif(&self) -> Result<Vec<u8>> {
         let views = self.views();
-        let mut bytes = Vec::new();
-        let mut encoder = GifEncoder::new_with_speed(&mut bytes, GIF_SPEED);
-        encoder.set_repeat(Repeat::Infinite)?;
-        for view in views {
-            let picture = DynamicImage::ImageRgb8(view).into_rgba8();
-            let delay = Delay::from_numer_denom_ms(DELAY_MS, 1);
-            encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay)).context("cannot encode the turntable")?;
+        let samples: Vec<RgbImage> = views.iter().step_by(SAMPLED).cloned().collect();
+        let mut gif = GifWriter::new(Vec::new(), [2 * SIDE, SIDE + STRIP], RATE_HZ, &samples)?;
+        for view in &views {
+            gif.push(view)?;
         }
-        drop(encoder);
-        Ok(bytes)
+        Ok(gif.finish()?)
     }
 
     fn views(&self) -> Vec<RgbImage> {
         let (estimate, truth) = (RayMesh::new(self.estimate), RayMesh::new(self.truth));
         let backdrop = backdrop();
-        // The true object fills the picture; what an estimate adds far from it may leave it.
+        // The true object fills the picture; parts of the estimate far from it may be cut off.
         let [low, high] = self.truth.bounds_m().map(Vec3::as_dvec3);
         let (centre, radius_m) = (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-3));
         let distance_m = 1.08 * radius_m / (0.5 * FOV_RAD).sin();
         let error_colour = |triangle: u32, u: f32, v: f32| {
             let Some(face) = self.estimate.faces.get(estimate.face(triangle) as usize) else { return TRUE_COLOUR };
             let [a, b, c] = face.map(|k| self.errors_m.get(k as usize).copied().unwrap_or(f32::INFINITY));
-            error_colour::of((1.0 - u - v) * a + u * b + v * c)
+            palette::surface_error((1.0 - u - v) * a + u * b + v * c)
         };
         let view = |k: u32| {
             let (sin, cos) = (TAU * f64::from(k) / f64::from(VIEWS)).sin_cos();
@@ -112,7 +109,7 @@ impl Turntable<'_> {
     }
 }
 
-/// Draws a mesh into the square that begins at column `left`, lit from over the viewer's left shoulder.
+/// Draws a mesh into the square that begins at column `left`, with light from over the viewer's left shoulder.
 fn picture(
     image: &mut RgbImage,
     left: u32,
@@ -151,34 +148,34 @@ fn picture(
     }
 }
 
-/// The normal at a point of a triangle: smooth, but for corners at which the surface has an edge.
+/// Returns the normal at a point of a triangle: smooth, except at corners where the surface has an edge.
 fn normal(mesh: &RayMesh, triangle: u32, u: f32, v: f32) -> Vec3A {
-    /// Cosine of the angle from which on it is an edge: 40 degrees.
+    /// Cosine of the smallest angle of an edge, 40 degrees.
     const EDGE: f32 = 0.77;
     let flat = mesh.flat_normal(triangle);
     let [a, b, c] = mesh.corner_normals(triangle).map(|n| if n.dot(flat) > EDGE { n } else { flat });
     ((1.0 - u - v) * a + u * b + v * c).normalize_or_zero()
 }
 
-/// What is the same in all views: names and scale.
+/// Draws the parts that all views share: names and scale.
 fn backdrop() -> RgbImage {
     let mut image = RgbImage::from_pixel(2 * SIDE, SIDE + STRIP, PAPER);
     let size = 15.0;
     for (left, name) in [(0, "estimate"), (SIDE, "truth")] {
-        lettering::write(&mut image, (left + 8, 6), size, INK, name);
+        text::write(&mut image, (left + 8, 6), size, INK, name);
     }
     let (bar_left, bar_width, top) = (SIDE / 2 + 40, SIDE, SIDE + 4);
     for (x, y) in (0..bar_width).flat_map(|x| (0..10).map(move |y| (x, y))) {
-        let error_m = error_colour::FULL_SCALE_M * x as f32 / (bar_width - 1) as f32;
-        image.put_pixel(bar_left + x, top + y, error_colour::of(error_m));
+        let error_m = ERROR_SCALE_M * x as f32 / (bar_width - 1) as f32;
+        image.put_pixel(bar_left + x, top + y, palette::surface_error(error_m));
     }
-    let full_scale_mm = (error_colour::FULL_SCALE_M * 1e3).round() as u32;
+    let full_scale_mm = (ERROR_SCALE_M * 1e3).round() as u32;
     for mm in 0..=full_scale_mm {
         let label = if mm == full_scale_mm { format!("{mm}+") } else { mm.to_string() };
         let x = bar_left + mm * (bar_width - 1) / full_scale_mm;
-        let half = lettering::width(size, &label) / 2;
-        lettering::write(&mut image, (x.saturating_sub(half), top + 11), size, INK, &label);
+        let half = text::width(size, &label) / 2;
+        text::write(&mut image, (x.saturating_sub(half), top + 11), size, INK, &label);
     }
-    lettering::write(&mut image, (bar_left - 78, top - 4), size, INK, "error, mm");
+    text::write(&mut image, (bar_left - 78, top - 4), size, INK, "error, mm");
     image
 }

@@ -1,27 +1,32 @@
 //! Opens the window with OpenGL (glow), on a graphics card or on the CPU.
 //!
-//! Our own rasteriser paints the scene, so that the window only shows pictures and widgets: one backend is enough, and wgpu would
-//! double the time that the program takes to build.
+//! Our own rasteriser paints the scene, so that the window shows only pictures and widgets. One backend is enough, and
+//! wgpu would double the build time.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
 
-use anyhow::{Result, bail};
 use eframe::{App, NativeOptions, egui};
 
+/// Why the window cannot be shown.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WindowError {
+    /// There is no display server.
+    #[error("there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set)")]
+    NoDisplay,
+    /// The window system or its libraries refuse a window.
+    #[error("cannot open a window with OpenGL: {0}")]
+    NoWindow(String),
+    /// The window system has failed while the window was open.
+    #[error("the window was lost ({0})")]
+    Lost(String),
+}
+
 /// Opens a window and returns when it is closed. `app` is called once the window has opened.
-///
-/// # Errors
-/// If no window can be opened; the message names `without_window`, the command that needs none.
-pub fn open(
-    viewport: &egui::ViewportBuilder,
-    without_window: &str,
-    app: &dyn Fn(&egui::Context) -> Box<dyn App>,
-) -> Result<()> {
+pub fn open(viewport: &egui::ViewportBuilder, app: &dyn Fn(&egui::Context) -> Box<dyn App>) -> Result<(), WindowError> {
     if !has_display() {
-        bail!(
-            "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); without one there is {without_window}"
-        );
+        return Err(WindowError::NoDisplay);
     }
     let has_opened = Cell::new(false);
     let options = NativeOptions { viewport: viewport.clone(), ..NativeOptions::default() };
@@ -30,18 +35,17 @@ pub fn open(
         Ok(app(&creation.egui_ctx))
     };
     let run = || eframe::run_native("mambavitact", options, Box::new(app));
-    // winit opens the libraries of X11 and Wayland at run time, and panics if one is missing.
-    let failure = match panic::catch_unwind(AssertUnwindSafe(run)) {
-        Ok(Ok(())) => return Ok(()),
-        Ok(Err(error)) if has_opened.get() => bail!("the window was lost ({error})"),
-        Ok(Err(error)) => error.to_string(),
+    // winit loads the libraries of X11 and Wayland at run time, and panics if one is missing.
+    match panic::catch_unwind(AssertUnwindSafe(run)) {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(error)) if has_opened.get() => Err(WindowError::Lost(error.to_string())),
+        Ok(Err(error)) => Err(WindowError::NoWindow(error.to_string())),
         Err(cause) if has_opened.get() => panic::resume_unwind(cause),
-        Err(cause) => panic_text(cause.as_ref()),
-    };
-    bail!("cannot open a window with OpenGL: {failure}; without a window there is {without_window}");
+        Err(cause) => Err(WindowError::NoWindow(panic_text(cause.as_ref()))),
+    }
 }
 
-/// Whether a window has somewhere to appear: on Linux and its likes a display server has to be named.
+/// Whether there is a display. Linux and similar systems name it in the environment.
 fn has_display() -> bool {
     let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     !cfg!(all(unix, not(target_os = "macos")))

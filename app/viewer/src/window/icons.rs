@@ -1,8 +1,8 @@
-//! Pictures on buttons. The fonts have no such signs, so they are painted.
+//! Icons of buttons. They are painted, because the fonts have no such signs.
 
 use eframe::egui::{self, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, WidgetInfo};
 
-/// What is painted on a button.
+/// Icon of a button.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Icon {
     /// Begin to play.
@@ -21,7 +21,7 @@ pub enum Icon {
 
 const SIDE: f32 = 26.0;
 
-/// A button with a picture, and with words for those who do not see it.
+/// Draws a button with an icon, and a text for hints and screen readers.
 pub fn button(ui: &mut Ui, icon: Icon, words: &str) -> Response {
     let (rect, response) = ui.allocate_exact_size(egui::Vec2::splat(SIDE), Sense::click());
     let visuals = ui.style().interact(&response);
@@ -32,7 +32,7 @@ pub fn button(ui: &mut Ui, icon: Icon, words: &str) -> Response {
     response.on_hover_text(words)
 }
 
-/// A lamp: full where something is so, hollow where it is not, so that it does not need its colour.
+/// Draws a lamp, filled when lit and hollow otherwise, so that it is readable without its colour.
 pub fn lamp(ui: &mut Ui, is_lit: bool, colour: Color32, words: &str) -> Response {
     let (rect, response) = ui.allocate_exact_size(egui::Vec2::splat(12.0), Sense::hover());
     let faint = ui.visuals().weak_text_color();

@@ -1,56 +1,12 @@
-//! The panel that says what the view shows.
+//! Panel of the layers of the scene.
 
 use eframe::egui::{self, Ui};
 
 use super::preferences::Preferences;
-use crate::{Clouds, Colouring, Eye, Keyframes, Layers, Preset};
+use crate::eye::{Eye, Preset};
+use crate::layers::{Clouds, Colouring, Keyframes, Layers};
 
-impl Colouring {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::TrueColour, Self::Normals, Self::Error, Self::Sensor, Self::Confidence];
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::TrueColour => "true colour",
-            Self::Normals => "normals",
-            Self::Error => "error",
-            Self::Sensor => "sensor that saw it",
-            Self::Confidence => "confidence",
-        }
-    }
-}
-
-impl Clouds {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::None, Self::Vision, Self::Touch, Self::Both];
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Vision => "vision",
-            Self::Touch => "touch",
-            Self::Both => "both",
-        }
-    }
-}
-
-impl Keyframes {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::None, Self::Latest, Self::All];
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Latest => "latest",
-            Self::All => "all",
-        }
-    }
-}
-
-/// A labelled choice among a few.
+/// Draws a labelled choice of one of several values.
 pub fn choice<T: Copy + PartialEq>(ui: &mut Ui, label: &str, value: &mut T, all: &[T], name: impl Fn(T) -> String) {
     let label_id = ui.label(label).id;
     egui::ComboBox::from_id_salt(label)
@@ -65,7 +21,7 @@ pub fn choice<T: Copy + PartialEq>(ui: &mut Ui, label: &str, value: &mut T, all:
         .labelled_by(label_id);
 }
 
-/// The panel's contents. Returns whether the view is to begin anew.
+/// Draws the panel. Returns whether the camera should be reset.
 pub fn ui(ui: &mut Ui, preferences: &mut Preferences, eye: &mut Eye, has_truth: bool) -> bool {
     ui.heading("View");
     let layers = &mut preferences.layers;
@@ -74,10 +30,10 @@ pub fn ui(ui: &mut Ui, preferences: &mut Preferences, eye: &mut Eye, has_truth: 
     for (flag, label, meaning) in [
         (&mut layers.hand, "Hand (A)", "The Allegro hand with its gels"),
         (&mut layers.axes, "Axes (O)", "Estimated and true pose"),
-        (&mut layers.trail, "Trail (T)", "Where the object has been"),
-        (&mut layers.frusta, "Cameras (R)", "What the cameras see"),
+        (&mut layers.trail, "Trail (T)", "Past positions of the object"),
+        (&mut layers.frusta, "Cameras (R)", "Fields of view of the cameras"),
         (&mut layers.slice, "Slice (V)", "Signed distances in a plane that sweeps through the object"),
-        (&mut layers.bounds, "Box (B)", "The box around the estimated surface"),
+        (&mut layers.bounds, "Box (B)", "Bounding box of the estimated surface"),
     ] {
         ui.checkbox(flag, label).on_hover_text(meaning);
     }
@@ -93,7 +49,7 @@ pub fn ui(ui: &mut Ui, preferences: &mut Preferences, eye: &mut Eye, has_truth: 
                 eye.look_from(preset);
             }
         }
-        is_reset = ui.button("reset").on_hover_text("Back to where the view began (0)").clicked();
+        is_reset = ui.button("reset").on_hover_text("Resets the camera (0)").clicked();
     });
     ui.checkbox(&mut preferences.follow, "Follow the object (F)");
     is_reset
@@ -104,9 +60,9 @@ fn surface(ui: &mut Ui, layers: &mut Layers, has_truth: bool) {
     ui.add_enabled_ui(layers.mesh, |ui| {
         choice(ui, "Colour of the mesh (C)", &mut layers.colouring, &Colouring::ALL, |c| c.name().to_owned());
         if layers.colouring == Colouring::Error && !has_truth {
-            ui.weak("The true shape is not known, so there is no error.");
+            ui.weak("The true shape is unknown, so there is no error.");
         }
     });
     ui.add_enabled(has_truth, egui::Checkbox::new(&mut layers.truth, "Ground truth (G)"))
-        .on_disabled_hover_text("The true shape is not known");
+        .on_disabled_hover_text("The true shape is unknown");
 }

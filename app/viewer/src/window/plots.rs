@@ -1,16 +1,17 @@
-//! Curves of a run, with a cursor at the moment that is shown.
+//! Plots of a run with a cursor at the shown moment.
 
 use std::ops::RangeInclusive;
 
 use eframe::egui::{self, Id, Ui, Vec2b};
 use egui_plot::{AxisHints, GridMark, Line, Plot, PlotPoint, PlotPoints, Points, VLine};
+use mvt_picture::chart;
+use mvt_picture::palette::{CURVES, Theme};
+use mvt_recording::Recording;
 use mvt_robot::hand::Finger;
+use mvt_run::report::{FrameRow, StageMs};
 use serde::{Deserialize, Serialize};
 
 use super::style::{self, colour};
-use crate::Theme;
-use crate::colours::CURVES;
-use mvt_recording::Recording;
 
 /// Threshold of the F-score that is plotted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -25,10 +26,10 @@ pub enum Threshold {
 }
 
 impl Threshold {
-    /// All of them.
+    /// All thresholds.
     pub const ALL: [Self; 2] = [Self::Two, Self::Five];
 
-    /// Its name.
+    /// Returns its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Two => "2 mm",
@@ -39,10 +40,10 @@ impl Threshold {
 
 type Curve = Vec<PlotPoint>;
 
-/// The curves of a recording as far as it had come.
+/// Row of plots of a recording.
 #[derive(Default)]
-pub struct Plots {
-    /// As of which revision, if any.
+pub struct PlotRow {
+    /// Revision of the recording that the curves belong to.
     revision: Option<u64>,
     add_s_mm: Curve,
     confidence: Curve,
@@ -54,10 +55,10 @@ pub struct Plots {
     contacts: [Curve; 4],
 }
 
-/// Each curve is drawn with so many points at most.
+/// Most points of a curve. Longer curves are thinned.
 const MOST_POINTS: usize = 1200;
 
-impl Plots {
+impl PlotRow {
     fn update(&mut self, recording: &Recording) {
         let (moments, shapes) = (recording.moments(), recording.shapes());
         if self.revision == Some(recording.revision()) {
@@ -65,9 +66,8 @@ impl Plots {
         }
         let step = moments.len().div_ceil(MOST_POINTS).max(1);
         let estimated = || moments.iter().filter(|moment| moment.estimate().is_some()).map(|moment| &moment.row);
-        let error =
-            |row: &mvt_run::report::FrameRow| Some(PlotPoint::new(row.time_s, row.add_s?.one_directional_m * 1e3));
-        let stage = |ms: fn(&mvt_run::report::StageMs) -> f64| {
+        let error = |row: &FrameRow| Some(PlotPoint::new(row.time_s, row.add_s?.one_directional_m * 1e3));
+        let stage = |ms: fn(&StageMs) -> f64| {
             estimated().step_by(step).map(|row| PlotPoint::new(row.time_s, ms(&row.stage_ms))).collect()
         };
         let touches = |finger: Finger| {
@@ -89,16 +89,16 @@ impl Plots {
         };
     }
 
-    /// The row of plots. Returns the time that was clicked at, seconds.
+    /// Draws the row of plots. Returns the time that was clicked, seconds.
     pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, now_s: f64, threshold: &mut Threshold) -> Option<f64> {
         self.update(recording);
         let end_s = recording.moments().last().map_or(1.0, |moment| moment.row.time_s.max(0.1));
-        let frame = Frame { now_s, end_s, theme: style::theme(ui.ctx()) };
+        let frame = PlotFrame { now_s, end_s, theme: style::theme(ui.ctx()) };
         let width = ui.available_width();
-        // Of a log nothing is known but contacts.
+        // A log has contacts alone.
         let is_estimated = recording.moments().first().is_none_or(|moment| moment.estimate().is_some());
         let count = if is_estimated { 5.0 } else { 1.0 };
-        // In a narrow window plots are scrolled rather than squeezed.
+        // A narrow window scrolls the plots instead of squeezing them.
         let each = ((width - (count - 1.0) * ui.spacing().item_spacing.x) / count).max(170.0);
         let height = ui.available_height();
         let mut clicked = None;
@@ -159,14 +159,14 @@ impl Plots {
     }
 }
 
-/// What all plots share.
-struct Frame {
+/// Cursor, axis and colours that all plots share.
+struct PlotFrame {
     now_s: f64,
     end_s: f64,
     theme: Theme,
 }
 
-impl Frame {
+impl PlotFrame {
     fn empty<'a>(&self, name: &str) -> Plot<'a> {
         Plot::new(name)
             .allow_drag(false)
@@ -188,7 +188,7 @@ impl Frame {
             .custom_y_axes(vec![AxisHints::new_y().label_spacing(LABELS).formatter(label).min_thickness(26.0)])
     }
 
-    /// Lines over time, from 0 up.
+    /// Plots lines over time, from 0 up.
     fn plot(&self, ui: &mut Ui, name: &str, curves: &[(&Curve, usize)]) -> Option<f64> {
         let top = top(curves);
         let response = self.empty(name).show(ui, |plot| {
@@ -203,13 +203,13 @@ impl Frame {
         response.inner.map(|point| point.x)
     }
 
-    /// A line at the moment that is shown. Returns where was clicked.
+    /// Draws a line at the shown moment. Returns the point that was clicked.
     fn cursor(&self, plot: &mut egui_plot::PlotUi<'_>) -> Option<PlotPoint> {
         plot.vline(VLine::new("", self.now_s).color(colour(self.theme.ink)).width(1.5).allow_hover(false));
         plot.response().clicked().then(|| plot.pointer_coordinate()).flatten()
     }
 
-    /// A lane per finger, dark where it touches.
+    /// Plots a lane per finger, filled where it touches.
     fn lanes(&self, ui: &mut Ui, contacts: &[Curve; 4]) -> Option<f64> {
         let name = "Contact by finger";
         let finger =
@@ -230,25 +230,20 @@ impl Frame {
     }
 }
 
-/// Labels are never too dense: there are few marks.
+/// Distances at which labels fade and appear, points. There are few marks, so that labels are never too dense.
 const LABELS: egui::Rangef = egui::Rangef { min: 4.0, max: 8.0 };
 
-/// Three to six marks at round numbers.
 fn round_marks((low, high): (f64, f64)) -> Vec<GridMark> {
-    let span = (high - low).max(1e-9);
-    let decade = 10f64.powf((span / 3.0).log10().floor());
-    let step_size = [5.0, 2.0].into_iter().map(|k| k * decade).find(|step| 3.0 * step <= span).unwrap_or(decade);
-    let marks = (low / step_size).ceil() as i64..=(high / step_size).floor() as i64;
-    marks.take(16).map(|k| GridMark { value: k as f64 * step_size, step_size }).collect()
+    let (marks, step_size) = chart::round_marks(low, high);
+    marks.into_iter().map(|value| GridMark { value, step_size }).collect()
 }
 
-/// A mark with as many decimals as tell it from the next.
 fn label(mark: GridMark, _: &RangeInclusive<f64>) -> String {
-    let decimals = (-mark.step_size.log10() - 1e-9).ceil().clamp(0.0, 6.0) as usize;
-    format!("{:.decimals$}", mark.value)
+    chart::mark_label(mark.value, mark.step_size)
 }
 
-/// Where the vertical axis ends: at 1 at least, and above nearly all values. A few that are far off would make all others flat.
+/// Upper end of the vertical axis: at least 1, and above nearly all values, so that a few outliers do not flatten the
+/// curves.
 fn top(curves: &[(&Curve, usize)]) -> f64 {
     const MARGIN: f64 = 1.08;
     let mut values: Vec<f64> = curves.iter().flat_map(|(curve, _)| curve.iter().map(|point| point.y)).collect();
@@ -258,7 +253,7 @@ fn top(curves: &[(&Curve, usize)]) -> f64 {
     MARGIN * highest.min(1.5 * nearly_all).max(1.0)
 }
 
-/// As high as one with buttons, so that all plots are of the same height.
+/// Draws a title as high as one with buttons, so that all plots have the same height.
 fn title(ui: &mut Ui, text: &str) {
     ui.horizontal(|ui| {
         ui.set_min_height(ui.spacing().interact_size.y);
@@ -288,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_values_that_are_far_off_do_not_flatten_the_others() {
+    fn a_few_outliers_do_not_flatten_the_other_values() {
         let curve = |values: &[f64]| -> Curve { values.iter().map(|&y| PlotPoint::new(0.0, y)).collect() };
         assert_eq!(top(&[]), 1.08);
         assert_eq!(top(&[(&curve(&[0.2, 0.3]), 0)]), 1.08);

@@ -1,22 +1,22 @@
-//! What is remembered from one time to the next: a TOML file in the user's configuration.
+//! Preferences of the viewer: a TOML file in the user's configuration folder.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
-use super::launch::Choices;
-use super::plots::Threshold;
-use super::style::Appearance;
-use crate::Layers;
 use mvt_run::io::write_file;
 use mvt_run::settings;
+use serde::{Deserialize, Serialize};
+
+use super::launch::RunChoices;
+use super::plots::Threshold;
+use super::style::Appearance;
+use crate::layers::Layers;
 
 const FILE: &str = "viewer.toml";
-/// Runs that are remembered.
+/// Number of recent runs.
 const RECENT: usize = 12;
 
-/// Everything that is remembered.
+/// Preferences of the viewer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
@@ -24,29 +24,29 @@ pub struct Preferences {
     pub appearance: Appearance,
     /// Size of text and widgets, percent.
     pub zoom_percent: u32,
-    /// How fast a run is played: 1 is as it was.
+    /// Speed of playback; 1 is real time.
     pub speed: f64,
-    /// Whether the view goes with the object.
+    /// Whether the camera follows the object.
     pub follow: bool,
-    /// Threshold of the F-score that is plotted.
+    /// Threshold of the plotted F-score.
     pub threshold: Threshold,
-    /// The newest runs that were looked at, newest first.
+    /// The runs that were opened last, newest first.
     pub recent: Vec<PathBuf>,
-    /// The panels that are open.
+    /// Open panels.
     pub panels: Panels,
-    /// What the view shows.
+    /// Layers of the scene.
     pub layers: Layers,
-    /// What was chosen for the last run.
-    pub choices: Choices,
+    /// Choices for the last run.
+    pub choices: RunChoices,
 }
 
-/// Panels beside the view.
+/// Open panels beside the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Panels {
-    /// What the view shows.
+    /// Layers of the scene.
     pub layers: bool,
-    /// What the sensors show.
+    /// Images of the sensors.
     pub sensors: bool,
     /// Curves.
     pub plots: bool,
@@ -69,16 +69,17 @@ impl Default for Preferences {
             recent: Vec::new(),
             panels: Panels::default(),
             layers: Layers::default(),
-            choices: Choices::default(),
+            choices: RunChoices::default(),
         }
     }
 }
 
 impl Preferences {
-    /// Smallest and largest zoom.
+    /// Smallest and largest zoom, percent.
     pub const ZOOM_PERCENT: [u32; 2] = [100, 200];
 
-    /// The folder of the file: `$XDG_CONFIG_HOME/mambavitact`, else `$HOME/.config/mambavitact`; none if neither variable is set.
+    /// Returns the folder of the file: `$XDG_CONFIG_HOME/mambavitact`, else `$HOME/.config/mambavitact`; `None` if
+    /// neither variable is set.
     pub fn folder() -> Option<PathBuf> {
         let from = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         from("XDG_CONFIG_HOME")
@@ -87,7 +88,7 @@ impl Preferences {
             .map(|base| base.join("mambavitact"))
     }
 
-    /// What was remembered in a folder, and what is wrong with it. What cannot be used is as if it had never been changed.
+    /// Reads the preferences in a folder. Returns the defaults and the problem if the file cannot be used.
     pub fn load(folder: &Path) -> (Self, Option<String>) {
         let path = folder.join(FILE);
         let (mut preferences, problem) = match fs::read_to_string(&path) {
@@ -110,13 +111,13 @@ impl Preferences {
     /// Writes the file.
     ///
     /// # Errors
-    /// If the folder cannot be made or the file not be written.
+    /// If the folder cannot be created or the file cannot be written.
     pub fn save(&self, folder: &Path) -> anyhow::Result<()> {
         fs::create_dir_all(folder)?;
         write_file(folder, FILE, settings::to_toml(self)?.as_bytes())
     }
 
-    /// Puts a run before the others.
+    /// Moves a run to the front of the recent runs.
     pub fn remember(&mut self, folder: &Path) {
         let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
         self.recent.retain(|other| *other != folder);
@@ -124,7 +125,7 @@ impl Preferences {
         self.recent.truncate(RECENT);
     }
 
-    /// Larger or smaller by steps of 10 %.
+    /// Changes the zoom by steps of 10 %.
     pub fn zoom(&mut self, steps: i32) {
         let [least, most] = Self::ZOOM_PERCENT;
         self.zoom_percent = self.zoom_percent.saturating_add_signed(10 * steps).clamp(least, most);
@@ -136,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_saved_is_loaded() {
+    fn saved_preferences_are_loaded() {
         let folder = tempfile::tempdir().unwrap();
         let mut preferences = Preferences { zoom_percent: 150, follow: true, speed: 2.0, ..Preferences::default() };
         preferences.layers.slice = true;
@@ -146,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_used_is_told_and_harms_nothing() {
+    fn a_damaged_file_is_reported_and_does_no_harm() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Preferences::load(folder.path()), (Preferences::default(), None));
         for text in ["zoom_percent = \"much\"", "= 3", "[layers]\nmesh = 7", "\u{0}"] {

@@ -1,54 +1,55 @@
-//! What the sensors showed at a moment, and what became of it.
+//! Panel of the sensors' images at a moment.
 
 use std::sync::Arc;
 
 use eframe::egui::{self, ColorImage, Context, TextureHandle, TextureOptions, Ui};
 use image::RgbImage;
+use mvt_picture::palette;
+use mvt_recording::{Recording, Touching};
 use mvt_render::rays::RayMesh;
 use mvt_robot::hand::Finger;
 
 use super::icons;
-use super::shared::Shared;
-use super::studio::{Craft, Studio};
+use super::latest_worker::{LatestWorker, Work};
+use super::shared_recording::SharedRecording;
 use super::style::{self, colour};
-use crate::colours::SeenBy;
-use crate::pictures;
-use mvt_recording::{Recording, Touching};
+use crate::sensor_pictures;
 
-/// Pictures that are wanted: of a moment, at a revision of the recording.
+/// Request for the pictures of a moment at a revision of the recording.
 #[derive(Debug, Clone, PartialEq)]
-struct Order {
+struct ImagesRequest {
     moment: usize,
     revision: u64,
 }
 
-/// Whose pictures.
+/// Sensor of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sensor {
     Camera(usize),
     Finger(Finger),
 }
 
-/// A picture and what it shows.
+/// Picture with its caption.
 type Captioned<T> = (&'static str, T);
 
-struct Gallery {
-    shared: Arc<Shared>,
-    /// The newest shape, for images of it.
+/// Painter of the sensors' pictures.
+struct SensorPainter {
+    shared: Arc<SharedRecording>,
+    /// The newest shape, for its depth images.
     shape: Option<(usize, RayMesh)>,
 }
 
-/// What came of an order: pictures by sensor, or why there are none.
-type Made = Result<Vec<(Sensor, Vec<Captioned<ColorImage>>)>, String>;
+/// Pictures by sensor, or the reason why they cannot be read.
+type Painted = Result<Vec<(Sensor, Vec<Captioned<ColorImage>>)>, String>;
 
-impl Craft for Gallery {
-    type Order = Order;
-    type Product = Made;
+impl Work for SensorPainter {
+    type Request = ImagesRequest;
+    type Output = Painted;
 
-    fn make(&mut self, order: Order) -> Made {
+    fn run(&mut self, request: ImagesRequest) -> Painted {
         let shared = Arc::clone(&self.shared);
         let recording = shared.read();
-        let Some(images) = recording.images(order.moment).map_err(|error| error.to_string())? else {
+        let Some(images) = recording.images(request.moment).map_err(|error| error.to_string())? else {
             return Ok(Vec::new());
         };
         let index = recording.shape_at(images.frame);
@@ -60,18 +61,18 @@ impl Craft for Gallery {
         let mut made = Vec::new();
         for (k, (camera, seen)) in recording.about().cameras.iter().zip(&images.cameras).enumerate() {
             let Some(seen) = seen else { continue };
-            let mut shown = vec![("colour", seen.colour.clone()), ("depth", pictures::depth(seen))];
-            shown.push(("taken for object and hand", pictures::segmentation(seen)));
+            let mut shown = vec![("colour", seen.colour.clone()), ("depth", sensor_pictures::depth(seen))];
+            shown.push(("labels", sensor_pictures::segmentation(seen)));
             if let Some(((_, mesh), pose)) = estimate {
-                shown.push(("depth of the estimate", pictures::rendered_depth(mesh, pose, camera, seen)));
+                shown.push(("depth of the estimate", sensor_pictures::rendered_depth(mesh, pose, camera, seen)));
             }
             made.push((Sensor::Camera(k), for_egui(&shown)));
         }
         for (finger, touch) in images.touch.iter() {
             let Some(touch) = touch else { continue };
-            let mut shown = vec![("image", touch.image.clone()), ("pressed in", pictures::indentation(touch))];
-            shown.push(("contact", pictures::contact(touch)));
-            shown.extend(pictures::true_indentation(touch).map(|truth| ("in truth", truth)));
+            let mut shown = vec![("image", touch.image.clone()), ("indentation", sensor_pictures::indentation(touch))];
+            shown.push(("contact", sensor_pictures::contact(touch)));
+            shown.extend(sensor_pictures::true_indentation(touch).map(|truth| ("true indentation", truth)));
             made.push((Sensor::Finger(finger), for_egui(&shown)));
         }
         Ok(made)
@@ -85,34 +86,34 @@ fn for_egui(pictures: &[Captioned<RgbImage>]) -> Vec<Captioned<ColorImage>> {
     there.map(|(caption, picture)| (*caption, same(picture))).collect()
 }
 
-/// The panel.
-pub struct Sensors {
-    studio: Studio<Gallery>,
+/// Panel of sensor images.
+pub struct SensorPanel {
+    worker: LatestWorker<SensorPainter>,
     shown: Vec<(Sensor, Vec<Captioned<TextureHandle>>)>,
     problem: Option<String>,
 }
 
-impl Sensors {
-    /// Pictures of a recording.
-    pub fn new(ctx: &Context, shared: Arc<Shared>) -> Self {
-        let studio = Studio::new(ctx.clone(), || Gallery { shared, shape: None });
-        Self { studio, shown: Vec::new(), problem: None }
+impl SensorPanel {
+    /// Returns a panel for a recording.
+    pub fn new(ctx: &Context, shared: Arc<SharedRecording>) -> Self {
+        let worker = LatestWorker::new(ctx.clone(), || SensorPainter { shared, shape: None });
+        Self { worker, shown: Vec::new(), problem: None }
     }
 
-    /// Whether pictures are under way.
+    /// Whether pictures are being painted.
     #[cfg(test)]
     pub fn is_busy(&self) -> bool {
-        self.studio.is_busy()
+        self.worker.is_busy()
     }
 
-    /// The panel's contents at a moment.
+    /// Draws the panel at a moment.
     pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, moment: usize) {
         let theme = style::theme(ui.ctx());
-        self.studio.order(Order { moment, revision: recording.revision() });
-        match self.studio.take() {
+        self.worker.request(ImagesRequest { moment, revision: recording.revision() });
+        match self.worker.take() {
             Some(Ok(pictures)) => {
                 self.problem = None;
-                self.hang(ui.ctx(), pictures);
+                self.upload(ui.ctx(), pictures);
             }
             Some(Err(problem)) => self.problem = Some(problem),
             None => {}
@@ -128,7 +129,7 @@ impl Sensors {
                 contact(ui, finger, touching);
             }
         });
-        if self.shown.is_empty() && !self.studio.is_busy() {
+        if self.shown.is_empty() && !self.worker.is_busy() {
             ui.weak("There are no pictures of this moment.");
         }
         for (sensor, pictures) in &self.shown {
@@ -143,7 +144,7 @@ impl Sensors {
                     let touching = now.and_then(|moment| moment.fingers[finger]);
                     ui.horizontal(|ui| {
                         ui.strong(finger.name());
-                        ui.weak(touching.map_or_else(|| "touches nothing".to_owned(), in_words));
+                        ui.weak(touching.map_or_else(|| "touches nothing".to_owned(), touch_text));
                     });
                     grid(ui, pictures, 4, finger.name());
                 }
@@ -151,12 +152,13 @@ impl Sensors {
         }
     }
 
-    fn hang(&mut self, ctx: &Context, pictures: Vec<(Sensor, Vec<Captioned<ColorImage>>)>) {
+    /// Loads pictures into textures.
+    fn upload(&mut self, ctx: &Context, pictures: Vec<(Sensor, Vec<Captioned<ColorImage>>)>) {
         let mut before = std::mem::take(&mut self.shown).into_iter();
         for (sensor, images) in pictures {
-            // Pictures of the same place go on the same texture.
+            // Pictures at the same place reuse their texture.
             let mut textures = before.next().map(|(_, textures)| textures).unwrap_or_default().into_iter();
-            let hung = images.into_iter().map(|(caption, image)| {
+            let uploaded = images.into_iter().map(|(caption, image)| {
                 let texture = match textures.next() {
                     Some((_, mut texture)) => {
                         texture.set(image, TextureOptions::LINEAR);
@@ -166,18 +168,18 @@ impl Sensors {
                 };
                 (caption, texture)
             });
-            self.shown.push((sensor, hung.collect()));
+            self.shown.push((sensor, uploaded.collect()));
         }
     }
 }
 
-/// A lamp with the finger's name and its force.
+/// Draws a lamp with the finger's name and its force.
 fn contact(ui: &mut Ui, finger: Finger, touching: Option<Touching>) {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
         let name = finger.name();
         let words = if touching.is_some() { format!("{name} touches") } else { format!("{name} touches nothing") };
-        icons::lamp(ui, touching.is_some(), colour(SeenBy::Touch.colour()), &words);
+        icons::lamp(ui, touching.is_some(), colour(palette::TOUCH), &words);
         match touching.and_then(|touching| touching.force_n) {
             Some(force_n) => ui.label(format!("{name} {force_n:.1} N")),
             None => ui.label(name),
@@ -185,7 +187,7 @@ fn contact(ui: &mut Ui, finger: Finger, touching: Option<Touching>) {
     });
 }
 
-fn in_words(touching: Touching) -> String {
+fn touch_text(touching: Touching) -> String {
     let mut words = format!("{:.0} mm2, {:.2} mm deep", touching.area_mm2, touching.deepest_mm);
     if let Some(force_n) = touching.force_n {
         words += &format!(", {force_n:.1} N");
@@ -193,7 +195,7 @@ fn in_words(touching: Touching) -> String {
     words
 }
 
-/// Pictures side by side with captions below.
+/// Draws pictures side by side with captions below.
 fn grid(ui: &mut Ui, pictures: &[Captioned<TextureHandle>], columns: usize, sensor: &str) {
     const GAP: f32 = 4.0;
     let width = (ui.available_width() - GAP * (columns - 1) as f32) / columns as f32;

@@ -1,30 +1,31 @@
-//! What keys do. One table is both the help and the rule.
+//! Keyboard shortcuts. One table serves the help and the window.
 
 use eframe::egui::{self, Context, Key, Modifiers, Ui};
 
-use crate::{Clouds, Colouring, Keyframes, Layers, Preset};
+use crate::eye::Preset;
+use crate::layers::{Clouds, Colouring, Keyframes, Layers};
 
-/// What a key asks for.
+/// Command of a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Command {
-    /// A key of the time line, and whether it goes far.
+pub enum KeyCommand {
+    /// A key of the timeline, and whether it makes a large step.
     Time(Key, bool),
     /// Plays slower or faster.
     Speed(i32),
-    /// Changes what is shown.
-    Layer(Layer),
-    /// Looks from there.
+    /// Changes a layer.
+    Layer(LayerSwitch),
+    /// Looks from a preset direction.
     Look(Preset),
-    /// Goes around what is looked at, to the right and up, by so many steps.
+    /// Orbits by steps to the right and up.
     Orbit([i8; 2]),
-    /// Goes nearer by so many steps.
+    /// Moves nearer by steps.
     Near(i8),
-    /// Looks at the object from its default distance.
+    /// Resets the camera.
     Reset,
-    /// Goes with the object, or stays.
+    /// Starts or stops following the object.
     Follow,
     /// Opens or closes a panel.
-    Panel(Panel),
+    Panel(PanelSwitch),
     /// Writes a picture of the window.
     Screenshot,
     /// Writes the mesh.
@@ -37,12 +38,12 @@ pub enum Command {
     Quit,
 }
 
-/// Something in the view.
+/// Layer of the scene that a key changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Layer {
+pub enum LayerSwitch {
     /// The estimated surface.
     Mesh,
-    /// Its colours, one after the other.
+    /// The next colouring.
     Colouring,
     /// The true surface.
     Truth,
@@ -54,9 +55,9 @@ pub enum Layer {
     Trail,
     /// The cameras.
     Frusta,
-    /// Points, one choice after the other.
+    /// The next choice of points.
     Clouds,
-    /// Keyframes, one choice after the other.
+    /// The next choice of keyframes.
     Keyframes,
     /// The slice.
     Slice,
@@ -64,19 +65,19 @@ pub enum Layer {
     Bounds,
 }
 
-/// A panel.
+/// Panel that a key opens or closes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Panel {
-    /// What the view shows.
+pub enum PanelSwitch {
+    /// Layers of the scene.
     Layers,
-    /// What the sensors show.
+    /// Images of the sensors.
     Sensors,
     /// Curves.
     Plots,
 }
 
-impl Layer {
-    /// Shows or hides it, or goes on to the next choice.
+impl LayerSwitch {
+    /// Shows or hides the layer, or selects the next choice.
     pub fn toggle(self, layers: &mut Layers) {
         match self {
             Self::Mesh => layers.mesh ^= true,
@@ -98,12 +99,12 @@ fn after<T: Copy + PartialEq>(all: &[T], current: T) -> T {
     all.iter().copied().cycle().skip_while(|&other| other != current).nth(1).unwrap_or(current)
 }
 
-/// A key and what it asks for.
-type Binding = (Modifiers, Key, Command);
+/// Key with its command.
+type Binding = (Modifiers, Key, KeyCommand);
 
-/// Keys, what they do, and how the help puts it. Letters are those of NeuralFeels where it has the same function.
+/// Names of keys, their commands, and the help text. Letters are those of NeuralFeels where it has the same function.
 const KEYS: [(&str, &[Binding], &str); 31] = {
-    use Command::{
+    use KeyCommand::{
         Appearance, Export, Follow, Help, Layer as Show, Look, Near, Orbit, Panel as Open, Quit, Reset, Screenshot,
         Speed, Time,
     };
@@ -134,17 +135,17 @@ const KEYS: [(&str, &[Binding], &str); 31] = {
             "first, last frame",
         ),
         ("[ ]", &[(NONE, Key::OpenBracket, Speed(-1)), (NONE, Key::CloseBracket, Speed(1))], "slower, faster"),
-        ("M", &[(NONE, Key::M, Show(Layer::Mesh))], "mesh"),
-        ("C", &[(NONE, Key::C, Show(Layer::Colouring))], "next colouring of the mesh"),
-        ("G", &[(NONE, Key::G, Show(Layer::Truth))], "ground truth"),
-        ("A", &[(NONE, Key::A, Show(Layer::Hand))], "Allegro hand"),
-        ("O", &[(NONE, Key::O, Show(Layer::Axes))], "axes of the poses"),
-        ("T", &[(NONE, Key::T, Show(Layer::Trail))], "trail"),
-        ("R", &[(NONE, Key::R, Show(Layer::Frusta))], "cameras (RealSense)"),
-        ("P", &[(NONE, Key::P, Show(Layer::Clouds))], "next choice of points"),
-        ("K", &[(NONE, Key::K, Show(Layer::Keyframes))], "next choice of keyframes"),
-        ("V", &[(NONE, Key::V, Show(Layer::Slice))], "slice through the signed distances"),
-        ("B", &[(NONE, Key::B, Show(Layer::Bounds))], "bounding box"),
+        ("M", &[(NONE, Key::M, Show(LayerSwitch::Mesh))], "mesh"),
+        ("C", &[(NONE, Key::C, Show(LayerSwitch::Colouring))], "next colouring of the mesh"),
+        ("G", &[(NONE, Key::G, Show(LayerSwitch::Truth))], "ground truth"),
+        ("A", &[(NONE, Key::A, Show(LayerSwitch::Hand))], "Allegro hand"),
+        ("O", &[(NONE, Key::O, Show(LayerSwitch::Axes))], "axes of the poses"),
+        ("T", &[(NONE, Key::T, Show(LayerSwitch::Trail))], "trail"),
+        ("R", &[(NONE, Key::R, Show(LayerSwitch::Frusta))], "cameras (RealSense)"),
+        ("P", &[(NONE, Key::P, Show(LayerSwitch::Clouds))], "next choice of points"),
+        ("K", &[(NONE, Key::K, Show(LayerSwitch::Keyframes))], "next choice of keyframes"),
+        ("V", &[(NONE, Key::V, Show(LayerSwitch::Slice))], "slice through the signed distances"),
+        ("B", &[(NONE, Key::B, Show(LayerSwitch::Bounds))], "bounding box"),
         ("1", &[(NONE, Key::Num1, Look(Preset::Oblique))], "look obliquely"),
         (
             "2, 3",
@@ -168,11 +169,11 @@ const KEYS: [(&str, &[Binding], &str); 31] = {
             "turn the view",
         ),
         ("PgUp, PgDn", &[(NONE, Key::PageUp, Near(1)), (NONE, Key::PageDown, Near(-1))], "nearer, farther"),
-        ("0", &[(NONE, Key::Num0, Reset)], "back to where the view began"),
+        ("0", &[(NONE, Key::Num0, Reset)], "reset the camera"),
         ("F", &[(NONE, Key::F, Follow)], "follow the object"),
-        ("L", &[(NONE, Key::L, Open(Panel::Layers))], "panel: what is shown"),
-        ("I", &[(NONE, Key::I, Open(Panel::Sensors))], "panel: sensor images"),
-        ("U", &[(NONE, Key::U, Open(Panel::Plots))], "panel: curves"),
+        ("L", &[(NONE, Key::L, Open(PanelSwitch::Layers))], "panel: layers"),
+        ("I", &[(NONE, Key::I, Open(PanelSwitch::Sensors))], "panel: sensor images"),
+        ("U", &[(NONE, Key::U, Open(PanelSwitch::Plots))], "panel: curves"),
         ("S", &[(NONE, Key::S, Screenshot)], "screenshot of the window"),
         ("E", &[(NONE, Key::E, Export)], "export the mesh"),
         ("D", &[(NONE, Key::D, Appearance)], "dark or light"),
@@ -180,8 +181,8 @@ const KEYS: [(&str, &[Binding], &str); 31] = {
     ]
 };
 
-/// What the keys ask for that were pressed since the last frame. None while text is being written.
-pub fn pressed(ctx: &Context) -> Vec<Command> {
+/// Returns the commands of the keys that were pressed since the last frame; empty while a text field has the focus.
+pub fn pressed(ctx: &Context) -> Vec<KeyCommand> {
     if ctx.text_edit_focused() {
         return Vec::new();
     }
@@ -193,7 +194,7 @@ pub fn pressed(ctx: &Context) -> Vec<Command> {
     })
 }
 
-/// By how many steps text is to grow: Ctrl with plus or minus.
+/// Returns the steps by which the zoom should grow: Ctrl with plus or minus.
 pub fn zoom(ctx: &Context) -> i32 {
     use egui::gui_zoom::kb_shortcuts::{ZOOM_IN, ZOOM_IN_SECONDARY, ZOOM_OUT};
     ctx.input_mut(|input| {
@@ -202,7 +203,7 @@ pub fn zoom(ctx: &Context) -> i32 {
     })
 }
 
-/// The table of keys over everything else; whether it is to stay.
+/// Shows the table of keys over everything else. Returns whether it stays open.
 pub fn help(ctx: &Context) -> bool {
     let modal = egui::Modal::new(egui::Id::unique("help")).show(ctx, |ui| {
         ui.set_max_width(620.0_f32.min(ctx.content_rect().width() - 40.0));
@@ -210,7 +211,10 @@ pub fn help(ctx: &Context) -> bool {
         let height = (ctx.content_rect().height() - 140.0).max(80.0);
         egui::ScrollArea::vertical().max_height(height).show(ui, table);
         ui.add_space(6.0);
-        ui.label("In the view: drag to turn, drag with the right button or Shift to move, scroll to come nearer, double-click to look at the object.");
+        ui.label(
+            "In the scene: drag to turn, drag with the right button or Shift to move, scroll to zoom, \
+             double-click to look at the object.",
+        );
         ui.label("Ctrl with + and - makes text and widgets larger and smaller.");
         ui.button("Close").clicked()
     });
@@ -237,7 +241,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_key_means_two_things() {
+    fn no_key_has_two_commands() {
         let all: Vec<_> = KEYS.iter().flat_map(|(_, keys, _)| keys.iter()).collect();
         for (k, (modifiers, key, _)) in all.iter().enumerate() {
             assert!(all.iter().skip(k + 1).all(|other| (other.0, other.1) != (*modifiers, *key)), "{key:?}");
@@ -247,7 +251,9 @@ mod tests {
     #[test]
     fn choices_come_round() {
         let mut layers = Layers::default();
-        for (layer, choices) in [(Layer::Colouring, Colouring::ALL.len()), (Layer::Clouds, Clouds::ALL.len())] {
+        for (layer, choices) in
+            [(LayerSwitch::Colouring, Colouring::ALL.len()), (LayerSwitch::Clouds, Clouds::ALL.len())]
+        {
             let before = layers;
             let seen: Vec<Layers> = (0..choices)
                 .map(|_| {

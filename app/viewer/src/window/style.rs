@@ -1,16 +1,15 @@
-//! How widgets look.
+//! Appearance of the widgets.
 
 use eframe::egui::{self, Color32, Context, Visuals};
 use image::Rgb;
+use mvt_picture::palette::Theme;
 use serde::{Deserialize, Serialize};
-
-use crate::Theme;
 
 /// Light or dark.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Appearance {
-    /// As the desktop is.
+    /// The setting of the desktop.
     #[default]
     System,
     /// Dark on light.
@@ -20,10 +19,10 @@ pub enum Appearance {
 }
 
 impl Appearance {
-    /// All of them.
+    /// All choices.
     pub const ALL: [Self; 3] = [Self::System, Self::Light, Self::Dark];
 
-    /// Its name.
+    /// Returns its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::System => "as the desktop",
@@ -32,7 +31,7 @@ impl Appearance {
         }
     }
 
-    /// Lets the widgets look so from the next frame on.
+    /// Applies it from the next frame on.
     pub fn apply(self, ctx: &Context) {
         ctx.set_theme(match self {
             Self::System => egui::ThemePreference::System,
@@ -42,7 +41,7 @@ impl Appearance {
     }
 }
 
-/// Gives egui's two themes our colours.
+/// Sets our colours in egui's two themes.
 pub fn install(ctx: &Context) {
     ctx.set_visuals_of(egui::Theme::Light, visuals(Visuals::light(), &Theme::LIGHT));
     ctx.set_visuals_of(egui::Theme::Dark, visuals(Visuals::dark(), &Theme::DARK));
@@ -50,14 +49,14 @@ pub fn install(ctx: &Context) {
         style.spacing.item_spacing = egui::vec2(8.0, 6.0);
         style.spacing.button_padding = egui::vec2(8.0, 3.0);
         style.text_styles.insert(egui::TextStyle::Small, egui::FontId::proportional(11.0));
-        // Numbers and states are read, not edited.
+        // Labels are not selectable: they show numbers and states.
         style.interaction.selectable_labels = false;
     });
 }
 
 fn visuals(mut visuals: Visuals, theme: &Theme) -> Visuals {
     visuals.override_text_color = Some(colour(theme.ink));
-    // Faint lines are too faint to be read.
+    // The faint colour is for lines; as text it would be unreadable.
     visuals.weak_text_color = Some(colour(theme.faint).lerp_to_gamma(colour(theme.ink), 0.4));
     visuals.panel_fill = colour(theme.panel);
     visuals.window_fill = colour(theme.panel);
@@ -68,7 +67,7 @@ fn visuals(mut visuals: Visuals, theme: &Theme) -> Visuals {
     visuals
 }
 
-/// The theme that is in use.
+/// Returns the theme in use.
 pub fn theme(ctx: &Context) -> Theme {
     match ctx.theme() {
         egui::Theme::Light => Theme::LIGHT,
@@ -76,7 +75,7 @@ pub fn theme(ctx: &Context) -> Theme {
     }
 }
 
-/// The same colour for egui.
+/// Converts a colour for egui.
 pub fn colour(Rgb([r, g, b]): Rgb<u8>) -> Color32 {
     Color32::from_rgb(r, g, b)
 }

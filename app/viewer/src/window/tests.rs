@@ -1,4 +1,4 @@
-//! The window as a person uses it, without a display.
+//! Tests of the window through its widgets, without a display.
 
 mod example;
 
@@ -11,13 +11,18 @@ use eframe::egui::accesskit::Toggled;
 use eframe::egui::{self, Key, Modifiers};
 use egui_kittest::kittest::{NodeT as _, Queryable as _};
 use egui_kittest::{Harness, SnapshotOptions, SnapshotResults};
+use mvt_picture::palette::Theme;
+use mvt_recording::{FOLDER, Recording, VERSION};
+use proptest::prelude::*;
 use tempfile::TempDir;
 
-use super::watch::Place;
+use super::recording_page::RecordingSource;
 use super::{Appearance, Page, Preferences, Window};
-use mvt_recording::{FOLDER, VERSION};
+use crate::dashboard::{Dashboard, DashboardLayout};
+use crate::eye::Eye;
+use crate::layers::{Clouds, Colouring, Keyframes, Layers};
 
-/// A window on something, with settings of its own that nobody else changes.
+/// Window on a recording with preferences of its own.
 struct Bench {
     harness: Harness<'static, Option<Window>>,
     settings: TempDir,
@@ -26,7 +31,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(place: Option<Place>, preferences: &Preferences, size: [f32; 2], with_pictures: bool) -> Self {
+    fn new(source: Option<RecordingSource>, preferences: &Preferences, size: [f32; 2], with_pictures: bool) -> Self {
         let settings = tempfile::tempdir().unwrap();
         preferences.save(settings.path()).unwrap();
         let folder = settings.path().to_path_buf();
@@ -35,7 +40,7 @@ impl Bench {
             builder = builder.wgpu();
         }
         let app = move |ui: &mut egui::Ui, window: &mut Option<Window>| {
-            window.get_or_insert_with(|| Window::new(ui.ctx(), Some(folder.clone()), place.clone())).ui(ui);
+            window.get_or_insert_with(|| Window::new(ui.ctx(), Some(folder.clone()), source.clone())).ui(ui);
         };
         let mut bench =
             Self { harness: builder.build_ui_state(app, None), settings, waits_for_thumbnails: with_pictures };
@@ -43,24 +48,24 @@ impl Bench {
         bench
     }
 
-    /// On a run, dark, without a picture of the window.
+    /// Returns a dark window on a run, without pictures.
     fn on(run: &Path) -> Self {
-        Self::new(Some(Place::Run(run.to_path_buf())), &dark(), [1280.0, 1000.0], false)
+        Self::new(Some(RecordingSource::Run(run.to_path_buf())), &dark(), [1280.0, 1000.0], false)
     }
 
     fn window(&self) -> &Window {
         self.harness.state().as_ref().unwrap()
     }
 
-    /// Goes on until nothing is under way.
+    /// Runs frames until nothing is being painted.
     fn settle(&mut self) {
         let deadline = Instant::now() + Duration::from_secs(120);
         loop {
             self.harness.run_ok();
             let is_busy = match &self.window().page {
-                Page::Watch(watch) => watch.is_busy(),
+                Page::Recording(page) => page.is_busy(),
                 Page::Start(start) => self.waits_for_thumbnails && start.is_busy(),
-                Page::Starting(_) | Page::Trouble(..) => false,
+                Page::Starting(_) | Page::Problem(..) => false,
             };
             if !is_busy {
                 break;
@@ -85,7 +90,7 @@ impl Bench {
         self.harness.query_all_by_label_contains(text).next().is_some()
     }
 
-    /// Number of the moment that is shown, from 1.
+    /// Returns the number of the shown moment, from 1.
     fn frame(&self) -> usize {
         let node = self.harness.query_all_by_label_contains("frame ").find_map(|node| {
             let label = node.accesskit_node().label().or_else(|| node.accesskit_node().value())?;
@@ -96,7 +101,7 @@ impl Bench {
 
     /// Compares the window with the picture of that name.
     fn compare(mut self, name: &str, results: &mut SnapshotResults) {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/viewer/window/tests/snapshots");
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/window/tests/snapshots");
         let options = SnapshotOptions::new().output_path(folder);
         self.harness.snapshot_options(name, &options);
         results.extend_harness(&mut self.harness);
@@ -107,14 +112,14 @@ fn dark() -> Preferences {
     Preferences { appearance: Appearance::Dark, ..Preferences::default() }
 }
 
-/// A run that is finished.
+/// Records a finished run.
 fn finished() -> TempDir {
     let run = tempfile::tempdir().unwrap();
     example::record(run.path(), example::FRAMES).finish(true).unwrap();
     run
 }
 
-/// Whether this machine can make pictures of the window; if not, says so once.
+/// Whether this machine can paint pictures of the window. Prints once if it cannot.
 fn can_paint() -> bool {
     static SAID: Once = Once::new();
     let can = std::panic::catch_unwind(egui_kittest::wgpu::WgpuTestRenderer::new).is_ok();
@@ -127,7 +132,7 @@ fn can_paint() -> bool {
 }
 
 #[test]
-fn the_time_line_plays_steps_and_is_dragged() {
+fn the_timeline_plays_steps_and_is_dragged() {
     let run = finished();
     let mut bench = Bench::on(run.path());
     assert_eq!(bench.frame(), 36);
@@ -151,11 +156,11 @@ fn the_time_line_plays_steps_and_is_dragged() {
     bench.harness.drop_at(track.center());
     bench.settle();
     assert!((17..=20).contains(&bench.frame()), "{}", bench.frame());
-    assert!(bench.shows("Lost for 0."), "the state is told in words");
+    assert!(bench.shows("Lost for 0."), "the state is shown in words");
 }
 
 #[test]
-fn keys_and_check_boxes_change_what_is_shown() {
+fn keys_and_check_boxes_change_the_layers() {
     let run = finished();
     let mut bench = Bench::on(run.path());
     let is_on = |bench: &Bench, label: &str| {
@@ -193,7 +198,7 @@ fn the_view_turns_with_the_pointer() {
     let run = finished();
     let mut bench = Bench::on(run.path());
     let eye = |bench: &Bench| match &bench.window().page {
-        Page::Watch(watch) => watch.eye(),
+        Page::Recording(page) => page.eye(),
         _ => panic!("no recording is shown"),
     };
     let before = eye(&bench);
@@ -221,7 +226,7 @@ fn the_view_turns_with_the_pointer() {
 }
 
 #[test]
-fn a_notice_goes_after_a_while() {
+fn a_notice_disappears_after_some_seconds() {
     let run = finished();
     let mut bench = Bench::on(run.path());
     bench.press(Key::Home);
@@ -251,13 +256,13 @@ fn settings_are_remembered() {
 }
 
 #[test]
-fn a_run_that_goes_on_is_followed_and_a_crash_is_told() {
+fn a_run_that_goes_on_is_followed_and_a_crash_is_reported() {
     let run = tempfile::tempdir().unwrap();
     let writer = example::record(run.path(), 8);
     let mut bench = Bench::on(run.path());
     assert_eq!(bench.frame(), 8);
     assert!(bench.shows("the run is going on"));
-    // Ends without a word.
+    // Ends without finishing.
     drop(writer);
     let deadline = Instant::now() + Duration::from_secs(60);
     while !bench.shows("the run has crashed") {
@@ -270,7 +275,7 @@ fn a_run_that_goes_on_is_followed_and_a_crash_is_told() {
 }
 
 #[test]
-fn what_cannot_be_shown_is_told() {
+fn recordings_that_cannot_be_shown_are_reported() {
     let run = finished();
     let about = run.path().join(FOLDER).join("about.json");
     let text = fs::read_to_string(&about).unwrap();
@@ -333,12 +338,12 @@ fn a_run_is_chosen_on_the_start_page() {
 #[test]
 fn everything_fits_at_twice_the_size() {
     let run = finished();
-    let place = Place::Run(run.path().to_path_buf());
+    let source = RecordingSource::Run(run.path().to_path_buf());
     let preferences = Preferences { zoom_percent: 200, ..dark() };
-    // What does not fit is scrolled; nothing panics in small windows either.
+    // Contents that do not fit are scrolled, and small windows do not panic.
     for size in [[1280.0, 800.0], [480.0, 360.0], [200.0, 160.0]] {
-        for place in [None, Some(place.clone())] {
-            Bench::new(place, &preferences, size, false);
+        for source in [None, Some(source.clone())] {
+            Bench::new(source, &preferences, size, false);
         }
     }
 }
@@ -370,7 +375,8 @@ fn pictures_of_a_frame() {
     let mut results = SnapshotResults::new();
     for (appearance, name) in [(Appearance::Light, "frame_light"), (Appearance::Dark, "frame_dark")] {
         let preferences = Preferences { appearance, ..Preferences::default() };
-        let mut bench = Bench::new(Some(Place::Run(run.path().to_path_buf())), &preferences, [1280.0, 800.0], true);
+        let mut bench =
+            Bench::new(Some(RecordingSource::Run(run.path().to_path_buf())), &preferences, [1280.0, 800.0], true);
         bench.press(Key::Home);
         bench.harness.key_press_modifiers(Modifiers::SHIFT, Key::ArrowRight);
         bench.settle();
@@ -379,10 +385,61 @@ fn pictures_of_a_frame() {
 }
 
 #[test]
-fn a_picture_of_what_cannot_be_shown() {
+fn a_picture_of_a_recording_that_cannot_be_shown() {
     if !can_paint() {
         return;
     }
-    let bench = Bench::new(Some(Place::Run(PathBuf::from("/nowhere"))), &dark(), [800.0, 480.0], true);
+    let bench = Bench::new(Some(RecordingSource::Run(PathBuf::from("/nowhere"))), &dark(), [800.0, 480.0], true);
     bench.compare("trouble", &mut SnapshotResults::new());
+}
+
+/// Reads a recording and paints two of its moments.
+fn paint(folder: &Path) {
+    let Ok(recording) = Recording::open(folder) else { return };
+    let layers = Layers {
+        truth: true,
+        frusta: true,
+        clouds: Clouds::Both,
+        keyframes: Keyframes::All,
+        colouring: Colouring::Confidence,
+        slice: true,
+        bounds: true,
+        ..Layers::default()
+    };
+    let mut dashboard = Dashboard::new(DashboardLayout::All, [240, 160], layers, Theme::LIGHT);
+    for moment in [0, recording.moments().len()] {
+        dashboard.paint(&recording, moment, &Eye::default());
+    }
+}
+
+#[test]
+fn damaged_recordings_never_panic_when_they_are_painted() {
+    let run = tempfile::tempdir().unwrap();
+    example::record(run.path(), 12).finish(true).unwrap();
+    paint(run.path());
+    let inner = run.path().join(FOLDER);
+    let names = ["about.json", "frames.jsonl", "images.bin", "shapes.jsonl", "shapes.bin", "events.jsonl", "end.json"];
+    let files = names.map(|name| (inner.join(name), fs::read(inner.join(name)).unwrap()));
+    let damage = (0..names.len(), any::<prop::sample::Index>(), any::<u8>(), 0..4usize);
+    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(100));
+    runner
+        .run(&damage, |(file, at, byte, how)| {
+            let (path, bytes) = &files[file];
+            let mut damaged = bytes.clone();
+            if !bytes.is_empty() {
+                let at = at.index(bytes.len());
+                match how {
+                    0 => damaged[at] = byte,
+                    1 => damaged.truncate(at),
+                    2 => damaged.insert(at, byte),
+                    // Changes a number.
+                    _ => damaged.iter_mut().skip(at).find(|b| b.is_ascii_digit()).into_iter().for_each(|b| *b = b'9'),
+                }
+            }
+            fs::write(path, damaged).unwrap();
+            paint(run.path());
+            fs::write(path, bytes).unwrap();
+            Ok(())
+        })
+        .unwrap();
 }

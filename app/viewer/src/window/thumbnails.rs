@@ -1,4 +1,4 @@
-//! Small pictures of the catalogue's objects, drawn one after the other by a thread of its own.
+//! Small pictures of the objects of the catalogue, which a thread draws one after the other.
 
 use std::collections::HashMap;
 use std::sync::mpsc::{self, Receiver};
@@ -16,14 +16,14 @@ use nalgebra::Vector3;
 /// Side of a picture, pixels.
 const SIDE: usize = 128;
 
-/// Pictures by name, as they come.
+/// Pictures by name of the object.
 pub struct Thumbnails {
     done: HashMap<&'static str, Option<TextureHandle>>,
     coming: Receiver<(&'static str, Option<ColorImage>)>,
 }
 
 impl Thumbnails {
-    /// Begins to draw.
+    /// Starts the thread that draws.
     pub fn new(ctx: &Context, entries: Vec<Entry>) -> Self {
         let (sender, coming) = mpsc::channel();
         let ctx = ctx.clone();
@@ -40,7 +40,7 @@ impl Thumbnails {
         Self { done: HashMap::new(), coming }
     }
 
-    /// Takes what has come.
+    /// Takes finished pictures.
     pub fn update(&mut self, ctx: &Context) {
         for (name, picture) in self.coming.try_iter() {
             let texture = picture.map(|picture| ctx.load_texture(name, picture, TextureOptions::LINEAR));
@@ -48,24 +48,24 @@ impl Thumbnails {
         }
     }
 
-    /// The picture of an object; none if there is none or it has not come yet.
+    /// Returns the picture of an object, if it has one and it is finished.
     pub fn get(&self, name: &str) -> Option<&TextureHandle> {
         self.done.get(name)?.as_ref()
     }
 
-    /// Whether it is decided what the picture of an object is.
+    /// Whether the thread has handled an object.
     #[cfg(test)]
     pub fn has_come(&self, name: &str) -> bool {
         self.done.contains_key(name)
     }
 
-    /// Whether the object's mesh is on this machine, as far as that is known.
+    /// Whether the object's mesh is on this machine, or not yet known to be missing.
     pub fn is_here(&self, name: &str) -> bool {
         self.done.get(name).is_none_or(Option::is_some)
     }
 }
 
-/// A mesh from obliquely above, on nothing.
+/// Draws a mesh from obliquely above on a transparent background.
 fn picture(mesh: &Mesh) -> Option<ColorImage> {
     const FOV_RAD: f64 = 0.4;
     let [low, high] = mesh.bounds_m().map(Vec3::as_dvec3);

@@ -1,34 +1,34 @@
-//! Which moment is shown: playing, stepping, scrubbing, and following a run that goes on.
+//! The shown moment: playing, stepping, scrubbing, and following a run that goes on.
 
 use eframe::egui::{self, Key, Pos2, Rect, Response, Sense, Stroke, Ui, WidgetInfo};
+use mvt_recording::{RecordedMoment, Recording, Status};
+use mvt_run::report::TrackState;
 
 use super::icons::{self, Icon};
 use super::style::{self, colour};
-use mvt_recording::{Moment, Recording, Status};
-use mvt_run::report::TrackState;
 
-/// How fast can be played.
+/// Speeds of playback; 1 is real time.
 pub const SPEEDS: [f64; 6] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0];
 
-/// A time in a recording, which may pass.
+/// Playback of a recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Timeline {
+pub struct Playback {
     time_s: f64,
-    /// Whether time passes.
+    /// Whether it plays.
     pub is_playing: bool,
-    /// Whether the newest frame is shown, whatever the time.
+    /// Whether it shows the newest frame.
     pub is_live: bool,
 }
 
-impl Timeline {
-    /// At the end of a run that goes on, so that one sees it go on; else at the last frame.
+impl Playback {
+    /// Returns a playback that follows a run that goes on, or stands at the last frame.
     pub fn new(recording: &Recording) -> Self {
         let time_s = recording.moments().last().map_or(0.0, |moment| moment.row.time_s);
         Self { time_s, is_playing: false, is_live: recording.status() == Status::Running }
     }
 
-    /// Index of the moment that is shown: the last one at or before the time.
-    pub fn moment(&self, moments: &[Moment]) -> usize {
+    /// Returns the index of the shown moment: the last one at or before the time.
+    pub fn moment(&self, moments: &[RecordedMoment]) -> usize {
         let last = moments.len().saturating_sub(1);
         if self.is_live {
             return last;
@@ -36,8 +36,8 @@ impl Timeline {
         moments.partition_point(|moment| moment.row.time_s <= self.time_s).saturating_sub(1).min(last)
     }
 
-    /// Shows a moment; the last one of a run that goes on is followed.
-    pub fn show(&mut self, moments: &[Moment], moment: usize, is_running: bool) {
+    /// Shows a moment. The last moment of a run that goes on starts to follow it.
+    pub fn show(&mut self, moments: &[RecordedMoment], moment: usize, is_running: bool) {
         let moment = moment.min(moments.len().saturating_sub(1));
         self.time_s = moments.get(moment).map_or(0.0, |moment| moment.row.time_s);
         self.is_live = is_running && moment + 1 >= moments.len();
@@ -47,20 +47,20 @@ impl Timeline {
     }
 
     /// Shows the moment at or before a time.
-    pub fn seek(&mut self, moments: &[Moment], time_s: f64) {
+    pub fn seek(&mut self, moments: &[RecordedMoment], time_s: f64) {
         let moment = moments.partition_point(|moment| moment.row.time_s <= time_s).saturating_sub(1);
         self.show(moments, moment, false);
     }
 
-    /// Goes on or back by some moments.
-    pub fn step(&mut self, moments: &[Moment], by: isize, is_running: bool) {
+    /// Steps forward or back by some moments.
+    pub fn step(&mut self, moments: &[RecordedMoment], by: isize, is_running: bool) {
         self.is_playing = false;
         let moment = self.moment(moments).saturating_add_signed(by);
         self.show(moments, moment, is_running);
     }
 
-    /// Begins to play, from the start if it is at the end; or stops.
-    pub fn toggle(&mut self, moments: &[Moment]) {
+    /// Starts or stops playing; from the end, it starts at the beginning.
+    pub fn toggle(&mut self, moments: &[RecordedMoment]) {
         self.is_playing = !self.is_playing;
         if self.is_playing && self.moment(moments) + 1 >= moments.len() {
             self.time_s = moments.first().map_or(0.0, |moment| moment.row.time_s);
@@ -68,8 +68,8 @@ impl Timeline {
         self.is_live = false;
     }
 
-    /// Lets time pass.
-    pub fn advance(&mut self, moments: &[Moment], seconds: f64, speed: f64, is_running: bool) {
+    /// Advances the time by seconds of the window.
+    pub fn advance(&mut self, moments: &[RecordedMoment], seconds: f64, speed: f64, is_running: bool) {
         let Some(last) = moments.last() else { return };
         if self.is_live {
             self.time_s = last.row.time_s;
@@ -79,13 +79,13 @@ impl Timeline {
             if self.time_s >= last.row.time_s {
                 self.time_s = last.row.time_s;
                 self.is_playing = false;
-                // What is played to the newest frame goes on with the run.
+                // Playback that reaches the newest frame follows the run.
                 self.is_live = is_running;
             }
         }
     }
 
-    /// The row of controls with the track.
+    /// Draws the track and the row of controls.
     pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, speed: &mut f64) {
         let moments = recording.moments();
         let is_running = recording.status() == Status::Running;
@@ -137,7 +137,7 @@ impl Timeline {
         });
     }
 
-    /// The time as a line that can be dragged along, with what happened on it.
+    /// Draws the time as a slider with events and spans in which the object is lost.
     fn track(&mut self, ui: &mut Ui, recording: &Recording) -> Response {
         const HEIGHT: f32 = 22.0;
         let theme = style::theme(ui.ctx());
@@ -156,7 +156,7 @@ impl Timeline {
         if let Some(pointer) = response.interact_pointer_pos() {
             let share = ((pointer.x - bar.left()) / bar.width()).clamp(0.0, 1.0);
             self.is_playing = false;
-            // Half a frame more, so that the nearest one is meant.
+            // Half a frame more selects the nearest frame.
             let half_s = 0.5 * length_s / moments.len() as f64;
             self.seek(moments, begin_s + f64::from(share) * length_s + half_s);
             response.mark_changed();
@@ -186,8 +186,8 @@ impl Timeline {
         response
     }
 
-    /// What the keys of the time line do.
-    pub fn key(&mut self, key: Key, is_far: bool, moments: &[Moment], is_running: bool) {
+    /// Executes a key of the timeline.
+    pub fn key(&mut self, key: Key, is_far: bool, moments: &[RecordedMoment], is_running: bool) {
         let far = if is_far { 30 } else { 1 };
         match key {
             Key::Space => self.toggle(moments),
@@ -204,8 +204,8 @@ fn speed_text(speed: f64) -> String {
     format!("{speed} x")
 }
 
-/// From when to when the object was lost.
-fn lost_spans(moments: &[Moment]) -> Vec<(f64, f64)> {
+/// Returns the spans in which the object was lost, seconds.
+fn lost_spans(moments: &[RecordedMoment]) -> Vec<(f64, f64)> {
     let runs = moments.chunk_by(|a, b| (a.row.state == TrackState::Lost) == (b.row.state == TrackState::Lost));
     let lost = runs.filter(|run| run.first().is_some_and(|moment| moment.row.state == TrackState::Lost));
     lost.filter_map(|run| Some((run.first()?.row.time_s, run.last()?.row.time_s))).collect()

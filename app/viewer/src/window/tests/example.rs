@@ -1,4 +1,4 @@
-//! A small recording to look at: a cube turns on the spot, is lost and found again, and the first finger touches it for a while.
+//! A small recording: a cube turns on the spot, is lost and found again, and the index finger touches it for a while.
 
 use std::fs;
 use std::path::Path;
@@ -20,7 +20,7 @@ use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M, PLACEMENTS};
 use nalgebra::{Isometry3, Vector3};
 use ndarray::Array2;
 
-use mvt_recording::{About, FOLDER, VERSION, Writer};
+use mvt_recording::{About, FOLDER, RecordingWriter, VERSION};
 use mvt_run::pipeline::{MeshedShape, Mode, Progress};
 use mvt_run::report::{Event, FrameRow, ShapePoint, StageMs, TrackState};
 use mvt_run::sdf_grid::SdfGrid;
@@ -28,13 +28,13 @@ use mvt_run::source::{Modality, Pictures, Sensed};
 
 /// Frames, 30 in a second.
 pub const FRAMES: u64 = 36;
-/// When the object is lost.
+/// Frames in which the object is lost.
 const LOST: std::ops::Range<u64> = 14..20;
-/// When the index finger touches.
+/// Frames in which the index finger touches.
 const TOUCHING: std::ops::Range<u64> = 6..27;
 
 /// Records the first `frames` frames into the folder of a run; the run goes on until the writer is told how it ends, or is dropped.
-pub fn record(folder: &Path, frames: u64) -> Writer {
+pub fn record(folder: &Path, frames: u64) -> RecordingWriter {
     let cube = catalogue::find("cube70").unwrap().mesh_without_download().unwrap();
     let placement = PLACEMENTS.into_iter().find(|placement| placement.name == "side").unwrap();
     let camera = placement.camera(Side::Left);
@@ -49,7 +49,7 @@ pub fn record(folder: &Path, frames: u64) -> Writer {
         frames: FRAMES as usize,
         process: std::process::id(),
     };
-    let writer = Writer::create(folder, &about, Some(&cube)).unwrap();
+    let writer = RecordingWriter::create(folder, &about, Some(&cube)).unwrap();
     let rays = RayMesh::new(&cube);
     for frame in 0..frames {
         let row = row(frame);
@@ -62,7 +62,7 @@ pub fn record(folder: &Path, frames: u64) -> Writer {
         if frame % 12 == 11 {
             writer.receive(Progress::Shape(0, &shape(&cube, frame)));
         }
-        // Whoever is faster than the writer loses images.
+        // A faster source would lose images.
         wait_for(folder, frame + 1);
     }
     writer
@@ -156,7 +156,7 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
     }
 }
 
-/// Depth and colours of the cube: a colour per face.
+/// Returns depth and colours of the cube, which has a colour per face.
 fn seen(
     intrinsics: &Intrinsics,
     camera_from_cube: Isometry<Object, mvt_frames::Camera>,

@@ -1,12 +1,12 @@
-//! What is happening, in words.
+//! A recording and its moments in words.
 
 use mvt_recording::{Recording, Status};
 use mvt_run::report::TrackState;
 
-/// How long an event is worth mentioning, seconds.
+/// Time for which an event is mentioned, seconds.
 const RECENT_S: f64 = 1.0;
 
-/// What is recorded: object, mode, sensors and seed.
+/// Returns object, mode, sensors and seed.
 pub fn subject(recording: &Recording) -> String {
     let about = recording.about();
     match about.mode {
@@ -15,19 +15,19 @@ pub fn subject(recording: &Recording) -> String {
     }
 }
 
-/// How the run is.
-pub fn whole(recording: &Recording) -> &'static str {
+/// Returns the status of the run.
+pub fn status(recording: &Recording) -> &'static str {
     match recording.status() {
         _ if recording.about().mode.is_none() => "a log: nothing is estimated",
         Status::Running => "the run is going on",
         Status::Finished => "the run is finished",
-        Status::Interrupted => "the run was interrupted; this is what it left",
-        Status::Crashed => "the run has crashed; this is what it left",
+        Status::Interrupted => "the run was interrupted; this is its result so far",
+        Status::Crashed => "the run has crashed; this is its result so far",
     }
 }
 
-/// How things are at a moment.
-pub fn happening(recording: &Recording, moment: usize) -> String {
+/// Describes a moment: tracking, error, touching fingers and recent events.
+pub fn moment(recording: &Recording, moment: usize) -> String {
     let Some(now) = recording.moments().get(moment) else {
         return match recording.status() {
             Status::Running => "Waiting for the first frame".to_owned(),
@@ -42,9 +42,9 @@ pub fn happening(recording: &Recording, moment: usize) -> String {
             match before.iter().rposition(|moment| moment.row.state != TrackState::Lost) {
                 Some(last) => {
                     let since_s = row.time_s - before.get(last).map_or(row.time_s, |moment| moment.row.time_s);
-                    format!("Lost for {since_s:.1} s; looking for the object everywhere")
+                    format!("Lost for {since_s:.1} s; searching for the object")
                 }
-                None => "Waiting for a first sight of the object".to_owned(),
+                None => "Waiting to see the object".to_owned(),
             }
         }
         (true, TrackState::Relocalised) => "Found the object again".to_owned(),
@@ -66,7 +66,7 @@ pub fn happening(recording: &Recording, moment: usize) -> String {
     };
     let is_recent = |time_s: f64| (0.0..=RECENT_S).contains(&(row.time_s - time_s));
     for event in recording.events().iter().filter(|event| is_recent(event.time_s)) {
-        // The state says it already.
+        // The state already says that the object is lost or found.
         if !event.text.contains("the object") {
             sentence += &format!("; {}", event.text);
         }

@@ -1,30 +1,34 @@
-//! The scene in three dimensions: painted by a thread of its own, turned by the pointer.
+//! The scene in three dimensions: a thread of its own paints it, and the pointer turns it.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use eframe::egui::{self, ColorImage, Context, PointerButton, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui};
+use mvt_picture::palette::Theme;
+use mvt_recording::Recording;
 use nalgebra::Vector3;
 
-use super::legend;
-use super::shared::Shared;
-use super::studio::{Craft, Studio};
+use super::latest_worker::{LatestWorker, Work};
+use super::legend_overlay;
+use super::shared_recording::SharedRecording;
 use super::style;
-use crate::{Eye, Layers, Preset, Scene, Theme};
-use mvt_recording::Recording;
+use crate::eye::{Eye, Preset};
+use crate::layers::Layers;
+use crate::paint::ScenePainter;
 
-/// How often a recording that grows is looked at, at most.
+/// Least time between two checks whether the recording has grown.
 const POLL: Duration = Duration::from_millis(150);
-/// A run that goes on is left alone for so many times what a picture of it took; sensors' pictures and the window take as much again.
+/// The viewer waits this many times the painting time of a picture before it checks again, so that it takes little time
+/// from the run.
 const SHARE: u32 = 20;
-/// Slower pictures are coarser while the view moves.
+/// While the view moves, pictures that take longer are painted at half the resolution.
 const SLOW: Duration = Duration::from_millis(33);
 
-/// A picture that is wanted.
+/// Request for a picture.
 #[derive(Debug, Clone, PartialEq)]
-struct Order {
+struct SceneRequest {
     moment: usize,
-    /// A longer recording may have another shape for the same moment.
+    /// Later revisions of the recording may have another shape for the same moment.
     revision: u64,
     layers: Layers,
     eye: Eye,
@@ -32,7 +36,7 @@ struct Order {
     size: [usize; 2],
 }
 
-/// A picture.
+/// Picture with the time that it took.
 struct Painted {
     image: ColorImage,
     spent: Duration,
@@ -40,30 +44,31 @@ struct Painted {
 }
 
 struct Painter {
-    shared: Arc<Shared>,
-    scene: Scene,
+    shared: Arc<SharedRecording>,
+    scene: ScenePainter,
     looked: Instant,
     /// Time that the last picture took.
     spent: Duration,
 }
 
-impl Craft for Painter {
-    type Order = Order;
-    type Product = Painted;
+impl Work for Painter {
+    type Request = SceneRequest;
+    type Output = Painted;
 
-    fn make(&mut self, order: Order) -> Painted {
+    fn run(&mut self, request: SceneRequest) -> Painted {
         let begun = Instant::now();
-        // Who always paints is never idle.
+        // A thread that always paints is never idle.
         self.idle();
         let recording = self.shared.read();
-        let image = self.scene.paint(&recording, order.moment, &order.layers, &order.eye, &order.theme, order.size);
-        let image = ColorImage::from_rgb(order.size, image);
+        let image =
+            self.scene.paint(&recording, request.moment, &request.layers, &request.eye, &request.theme, request.size);
+        let image = ColorImage::from_rgb(request.size, image);
         self.spent = begun.elapsed();
-        tracing::trace!("moment {} at {:?} painted in {:?}", order.moment, order.size, self.spent);
+        tracing::trace!("moment {} at {:?} painted in {:?}", request.moment, request.size, self.spent);
         Painted { image, spent: self.spent, warning: self.scene.warning().map(str::to_owned) }
     }
 
-    /// Looks whether the run has gone on, if it is time to, and wakes the window if it has.
+    /// Checks from time to time whether the recording has grown, and wakes the window if it has.
     fn idle(&mut self) -> (Option<Duration>, bool) {
         let pause = POLL.max(SHARE * self.spent);
         let waited = self.looked.elapsed();
@@ -76,43 +81,43 @@ impl Craft for Painter {
     }
 }
 
-/// The view with what it needs from frame to frame.
-pub struct View {
-    /// From where.
+/// Widget of the scene.
+pub struct SceneWidget {
+    /// Camera.
     pub eye: Eye,
-    studio: Studio<Painter>,
+    worker: LatestWorker<Painter>,
     texture: Option<TextureHandle>,
     spent: Duration,
-    /// What could not be painted.
+    /// Problem of the last picture.
     warning: Option<String>,
-    /// Where the object was when it was last followed.
+    /// Position of the object when it was last followed, metres.
     followed: Option<Vector3<f64>>,
 }
 
-impl View {
-    /// A view of a recording. The thread that paints also looks whether the run goes on.
-    pub fn new(ctx: &Context, shared: Arc<Shared>) -> Self {
-        let studio = Studio::new(ctx.clone(), || Painter {
+impl SceneWidget {
+    /// Returns a widget for a recording. Its thread also checks whether the recording has grown.
+    pub fn new(ctx: &Context, shared: Arc<SharedRecording>) -> Self {
+        let worker = LatestWorker::new(ctx.clone(), || Painter {
             shared,
-            scene: Scene::new(),
+            scene: ScenePainter::new(),
             looked: Instant::now(),
             spent: Duration::ZERO,
         });
-        Self { eye: Eye::default(), studio, texture: None, spent: Duration::ZERO, warning: None, followed: None }
+        Self { eye: Eye::default(), worker, texture: None, spent: Duration::ZERO, warning: None, followed: None }
     }
 
-    /// Back to where it began.
+    /// Resets the camera.
     pub fn reset(&mut self) {
         self.eye = Eye::new(Preset::Oblique);
     }
 
-    /// Whether a picture is under way.
+    /// Whether a picture is being painted.
     #[cfg(test)]
     pub fn is_busy(&self) -> bool {
-        self.studio.is_busy()
+        self.worker.is_busy()
     }
 
-    /// Fills the rest of `ui`.
+    /// Draws the scene into the rest of `ui`.
     pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, moment: usize, layers: Layers, follow: bool) {
         let size = ui.available_size().max(egui::vec2(16.0, 16.0));
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
@@ -126,7 +131,7 @@ impl View {
         let is_moving = self.turn(ui, rect, &response);
         let scale = if is_moving && self.spent > SLOW { 0.5 } else { 1.0 };
         let pixels = |points: f32| ((points * ui.pixels_per_point() * scale) as usize).clamp(16, 4096);
-        self.studio.order(Order {
+        self.worker.request(SceneRequest {
             moment,
             revision: recording.revision(),
             layers,
@@ -134,10 +139,10 @@ impl View {
             theme: style::theme(ui.ctx()),
             size: [pixels(rect.width()), pixels(rect.height())],
         });
-        if let Some(painted) = self.studio.take() {
+        if let Some(painted) = self.worker.take() {
             self.warning = painted.warning;
-            // The first makes what is kept, a coarse one is quick because it is coarse, and one that was held up is not to make all
-            // others coarse.
+            // A mean over full pictures without the first, which prepares the meshes: one slow picture does not make
+            // all others coarse.
             if self.texture.is_some() && scale == 1.0 {
                 self.spent = (self.spent + painted.spent) / 2;
             }
@@ -150,7 +155,7 @@ impl View {
             let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
             ui.painter().image(texture.id(), rect, whole, egui::Color32::WHITE);
         }
-        legend::paint(ui, rect, recording, &layers, &self.eye);
+        legend_overlay::paint(ui, rect, recording, &layers, &self.eye);
         if let Some(warning) = &self.warning {
             let colour = style::colour(style::theme(ui.ctx()).lost);
             let font = egui::TextStyle::Body.resolve(ui.style());
@@ -160,7 +165,7 @@ impl View {
         response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "The scene in three dimensions"));
     }
 
-    /// Moves with the object.
+    /// Moves the camera with the object.
     fn follow(&mut self, object: Option<Vector3<f64>>) {
         if let Some((now, before)) = object.zip(self.followed) {
             self.eye.follow(self.eye.target + (now - before));
@@ -168,9 +173,9 @@ impl View {
         self.followed = object;
     }
 
-    /// What the pointer asks for; whether it asks for anything.
+    /// Applies the pointer to the camera; returns whether the camera moves.
     fn turn(&mut self, ui: &Ui, rect: Rect, response: &egui::Response) -> bool {
-        /// Across the view by half a turn.
+        /// A drag across the height of the view is half a turn.
         const RADIANS: f64 = std::f64::consts::PI;
         let delta = response.drag_delta();
         let (right, down) = (f64::from(delta.x), f64::from(delta.y));

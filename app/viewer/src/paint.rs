@@ -1,170 +1,68 @@
-//! The scene in three dimensions, painted.
+//! Paints the scene in three dimensions.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::ValueEnum;
 use glam::{Mat3A, Vec3, Vec3A};
 use image::{Rgb, RgbImage};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Camera, Isometry, Object, Point, World};
 use mvt_objects::distance::MeshDistance;
+use mvt_picture::palette::{self, Theme};
+use mvt_picture::raster::{self, Colour, LitMesh, MeshPlacement, Rasteriser};
+use mvt_recording::{RecordedMoment, RecordedShape, Recording};
 use mvt_render::tessellation::tessellate;
 use mvt_robot::digit;
 use mvt_robot::hand;
 use mvt_robot::hand::{JointAngles, Part, PartSurface as Material, Side, world_from_digit_camera};
 use nalgebra as na;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-use super::colours::{self, SeenBy};
-use super::observed::{Observed, Sight};
-use super::raster::{self, Colour, Placement, Raster, Surface};
-use super::{Eye, Theme};
-use mvt_recording::{KnownShape, Moment, Recording};
-use mvt_run::report::error_colour;
+use crate::eye::Eye;
+use crate::layers::{Clouds, Colouring, Keyframes, Layers};
+use crate::seen_points::{SeenBy, SeenPoints, Sighting};
 
-/// What the colours of the estimated surface stand for.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Colouring {
-    /// The object's own colours, as cameras saw them.
-    #[value(name = "true")]
-    TrueColour,
-    /// Which way it faces.
-    Normals,
-    /// How far it is from the true surface.
-    #[default]
-    Error,
-    /// Which sensor saw it.
-    Sensor,
-    /// How often it was seen.
-    Confidence,
-}
-
-/// Which measured points are shown.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Clouds {
-    /// None.
-    #[default]
-    None,
-    /// The cameras'.
-    Vision,
-    /// The DIGITs'.
-    Touch,
-    /// All.
-    Both,
-}
-
-/// Which keyframes are shown.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Keyframes {
-    /// None.
-    #[default]
-    None,
-    /// The newest.
-    Latest,
-    /// All so far.
-    All,
-}
-
-/// What is shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Layers {
-    /// The estimated surface.
-    pub mesh: bool,
-    /// Its colours.
-    pub colouring: Colouring,
-    /// The true surface, translucent.
-    pub truth: bool,
-    /// The hand.
-    pub hand: bool,
-    /// Axes of the estimated and of the true pose.
-    pub axes: bool,
-    /// Where the object has been.
-    pub trail: bool,
-    /// What the cameras see.
-    pub frusta: bool,
-    /// Measured points.
-    pub clouds: Clouds,
-    /// Keyframes.
-    pub keyframes: Keyframes,
-    /// A slice through the signed distances, which sweeps with time.
-    pub slice: bool,
-    /// The box around the estimated surface.
-    pub bounds: bool,
-}
-
-impl Default for Layers {
-    fn default() -> Self {
-        Self {
-            mesh: true,
-            colouring: Colouring::default(),
-            truth: false,
-            hand: true,
-            axes: true,
-            trail: true,
-            frusta: false,
-            clouds: Clouds::None,
-            keyframes: Keyframes::None,
-            slice: false,
-            bounds: false,
-        }
-    }
-}
-
-impl Layers {
-    /// Whether anything asks for what was seen so far.
-    fn needs_observed(&self) -> bool {
-        let by_colour = matches!(self.colouring, Colouring::TrueColour | Colouring::Sensor | Colouring::Confidence);
-        self.mesh && by_colour || self.clouds != Clouds::None
-    }
-}
-
-/// Segments around the hand's rounded parts.
+/// Segments around the rounded parts of the hand.
 const SEGMENTS: usize = 20;
-/// Share of translucent surfaces in what is seen of them.
+/// Weight of the colour of translucent surfaces.
 const GLASS_SHARE: f32 = 0.5;
-/// Lengths of axes and of frusta, metres.
+/// Lengths of axes, of frusta and of the frusta of keyframes, metres.
 const AXIS_M: f32 = 0.035;
 const FRUSTUM_M: f32 = 0.06;
 const KEYFRAME_M: f32 = 0.02;
-/// Nodes along either side of a slice, and frames in which it sweeps through once and back.
+/// Nodes along each side of a slice, and frames in which it sweeps through the object and back.
 const SLICE_NODES: usize = 72;
 const SLICE_FRAMES: usize = 240;
 
-/// Paints scenes and keeps what takes time to make.
+/// Painter of scenes. It keeps prepared meshes from one picture to the next.
 #[derive(Default)]
-pub struct Scene {
-    raster: Raster,
+pub struct ScenePainter {
+    raster: Rasteriser,
     hand: Option<Hand>,
-    observed: Observed,
+    seen: SeenPoints,
     shown: Option<Shown>,
     truth: Option<Truth>,
-    /// What was amiss when painting last.
+    /// Problem of the last picture.
     warning: Option<String>,
 }
 
-/// The hand, prepared: its parts, each with the index of its shape, for fingers are alike.
+/// The hand, prepared: its parts, each with the index of its shape. The fingers share shapes.
 struct Hand {
     side: Side,
     parts: Vec<(Part, usize)>,
-    shapes: Vec<Surface>,
+    shapes: Vec<LitMesh>,
 }
 
 /// An estimated shape, prepared.
 struct Shown {
     of: Source,
-    shape: Arc<KnownShape>,
-    surface: Surface,
+    shape: Arc<RecordedShape>,
+    surface: LitMesh,
     colours: Vec<Colour>,
     coloured: Option<Coloured>,
 }
 
-/// Which recording something was made from.
+/// Recording from which a mesh was prepared.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Source {
     folder: PathBuf,
@@ -172,39 +70,35 @@ struct Source {
     shape: usize,
 }
 
-/// What a shape's colours were made from.
+/// Inputs of the colours of a shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Coloured {
     colouring: Colouring,
     surface: Rgb<u8>,
-    /// How many images had been looked at, where that matters.
+    /// Number of images that were used; 0 for colourings that need none.
     images: usize,
 }
 
 /// The true shape, prepared.
 struct Truth {
     of: Source,
-    surface: Surface,
+    surface: LitMesh,
     distance: Option<MeshDistance>,
 }
 
-impl Scene {
-    /// Knows nothing yet.
+impl ScenePainter {
+    /// Returns a painter without prepared meshes.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What was amiss when painting last, in a sentence.
+    /// Returns the problem of the last picture, in words.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }
 
-    /// The picture that was painted last.
-    pub fn image(&self) -> &RgbImage {
-        self.raster.image()
-    }
-
-    /// Paints a moment of a recording, width and height in pixels. A recording without moments gives an empty picture.
+    /// Paints a moment of a recording; `size` is width and height in pixels. A recording without moments gives an empty
+    /// picture.
     pub fn paint(
         &mut self,
         recording: &Recording,
@@ -229,27 +123,27 @@ impl Scene {
         self.raster.finish(GLASS_SHARE)
     }
 
-    /// Reads, colours and gathers what is not there yet.
+    /// Reads and colours the shapes, and gathers the seen points, unless they are kept from the last picture.
     fn prepare(&mut self, recording: &Recording, moment: usize, layers: &Layers, theme: &Theme) {
         let source = |shape: usize| Source {
             folder: recording.folder().to_path_buf(),
             process: recording.about().process,
             shape,
         };
-        if let Some(mesh) = recording.truth() {
+        if let Some(mesh) = recording.true_mesh() {
             let of = source(0);
             if self.truth.as_ref().is_none_or(|truth| truth.of != of) {
-                self.truth = Some(Truth { of, surface: Surface::new(mesh), distance: MeshDistance::new(mesh) });
+                self.truth = Some(Truth { of, surface: LitMesh::new(mesh), distance: MeshDistance::new(mesh) });
             }
         } else {
             self.truth = None;
         }
-        if layers.needs_observed() {
+        if layers.needs_seen_points() {
             let is_other = self.shown.as_ref().is_some_and(|shown| shown.of.folder != recording.folder());
             if is_other {
-                self.observed = Observed::default();
+                self.seen = SeenPoints::default();
             }
-            self.warning = self.observed.advance(recording, moment).err().map(|error| error.to_string());
+            self.warning = self.seen.advance(recording, moment).err().map(|error| error.to_string());
         }
         let Some(index) = recording.shape_at(moment) else {
             self.shown = None;
@@ -260,7 +154,7 @@ impl Scene {
             self.shown = match recording.shape(moment) {
                 Ok(shape) => shape.map(|shape| Shown {
                     of,
-                    surface: Surface::new(&shape.mesh),
+                    surface: LitMesh::new(&shape.mesh),
                     colours: Vec::new(),
                     coloured: None,
                     shape,
@@ -271,17 +165,17 @@ impl Scene {
                 }
             };
         }
-        let observed = &self.observed;
+        let seen = &self.seen;
         if let Some(shown) = &mut self.shown {
             let coloured = Coloured {
                 colouring: layers.colouring,
                 surface: theme.surface,
-                images: if layers.needs_observed() { observed.images() } else { 0 },
+                images: if layers.needs_seen_points() { seen.images() } else { 0 },
             };
             if layers.mesh && shown.coloured != Some(coloured) {
                 shown.coloured = Some(coloured);
                 let truth = self.truth.as_ref().and_then(|truth| truth.distance.as_ref());
-                shown.colours = vertex_colours(recording, shown, coloured, observed, truth);
+                shown.colours = vertex_colours(recording, shown, coloured, seen, truth);
             }
         }
     }
@@ -296,7 +190,7 @@ impl Scene {
                     shapes.push(part.shape);
                 }
             }
-            let surfaces = shapes.iter().map(|shape| Surface::new(&tessellate(shape, SEGMENTS))).collect();
+            let surfaces = shapes.iter().map(|shape| LitMesh::new(&tessellate(shape, SEGMENTS))).collect();
             self.hand = Some(Hand { side, parts: placed, shapes: surfaces });
         }
         let Some(Hand { parts, shapes, .. }) = &self.hand else { return };
@@ -314,11 +208,11 @@ impl Scene {
     fn objects(&mut self, recording: &Recording, moment: usize, layers: &Layers, view: &View, theme: &Theme) {
         let Self { raster, shown, truth, .. } = self;
         let true_pose = recording.moments().get(moment).and_then(|moment| moment.row.truth);
-        // Where nothing is estimated the true shape is all there is to see.
+        // A log has no estimate: the true shape is shown instead.
         let is_log = recording.moments().get(moment).is_some_and(|moment| moment.estimate().is_none());
         if let Some((truth, pose)) = truth.as_ref().zip(true_pose).filter(|_| layers.truth || is_log) {
             let tint = raster::colour(theme.truth);
-            let placement = Placement { is_glass: !is_log, ..view.solid(pose) };
+            let placement = MeshPlacement { is_glass: !is_log, ..view.solid(pose) };
             raster.surface(&truth.surface, |_| tint, placement);
         }
         let (Some(shown), Some(pose)) = (shown, view.pose) else { return };
@@ -333,14 +227,14 @@ impl Scene {
     }
 
     fn lines(&mut self, recording: &Recording, moment: usize, layers: &Layers, view: &View, theme: &Theme) {
-        let Self { raster, shown, observed, .. } = self;
+        let Self { raster, shown, seen, .. } = self;
         let moments = recording.moments();
         let until = moments.get(..=moment).unwrap_or(moments);
         let from_world = view.camera_from_world();
         let estimate = raster::colour(theme.estimate);
         if layers.trail {
             let of_truth = until.iter().map(|moment| moment.row.truth);
-            let of_estimate = until.iter().map(Moment::estimate);
+            let of_estimate = until.iter().map(RecordedMoment::estimate);
             trail(raster, of_truth, raster::colour(theme.truth), from_world);
             trail(raster, of_estimate, estimate, from_world);
         }
@@ -349,9 +243,9 @@ impl Scene {
         {
             let mut axes = |pose: Isometry<Object, World>, length: f32, width: f32| {
                 let camera_from_object = view.camera_from_object(pose);
-                for (axis, colour) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().zip(colours::AXES) {
+                for (axis, colour) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().zip(palette::AXES) {
                     let ends = [Vec3::ZERO, axis * length].map(|point| raster::place(camera_from_object, point));
-                    // Over everything: they begin inside of the object.
+                    // Drawn over everything, because they begin inside the object.
                     raster.line(ends.map(forward), raster::colour(colour), width);
                 }
             };
@@ -377,7 +271,7 @@ impl Scene {
             Clouds::Both => true,
         };
         if layers.clouds != Clouds::None {
-            for (point, by) in observed.points().filter(|(_, by)| wanted(*by)) {
+            for (point, by) in seen.points().filter(|(_, by)| wanted(*by)) {
                 let at = camera_from_object.0 * point + camera_from_object.1;
                 raster.dot(at, raster::colour(by.colour()), if by == SeenBy::Touch { 3.0 } else { 2.0 });
             }
@@ -385,7 +279,7 @@ impl Scene {
     }
 }
 
-/// From where, and where the object is shown.
+/// Poses of the eye and of the object.
 struct View {
     eye: Isometry<World, Camera>,
     pose: Option<Isometry<Object, World>>,
@@ -400,12 +294,12 @@ impl View {
         (self.eye * pose).to_f32()
     }
 
-    fn solid(&self, pose: Isometry<Object, World>) -> Placement {
-        Placement { camera_from_mesh: self.camera_from_object(pose), is_glass: false }
+    fn solid(&self, pose: Isometry<Object, World>) -> MeshPlacement {
+        MeshPlacement { camera_from_mesh: self.camera_from_object(pose), is_glass: false }
     }
 }
 
-/// A point that is seen through everything: on the same ray, close to the eye.
+/// Moves a point along its ray close to the eye, so that nothing hides it.
 fn forward(point: Vec3A) -> Vec3A {
     point * (0.02 / (-point.z).max(0.02))
 }
@@ -414,19 +308,19 @@ fn vertex_colours(
     recording: &Recording,
     shown: &Shown,
     coloured: Coloured,
-    observed: &Observed,
+    seen: &SeenPoints,
     truth: Option<&MeshDistance>,
 ) -> Vec<Colour> {
     let plain = raster::colour(coloured.surface);
     let vertices = shown.surface.vertices();
     let by_sight =
-        |of: &(dyn Fn(Sight) -> Colour + Sync)| vertices.par_iter().map(|&vertex| of(observed.at(vertex))).collect();
+        |of: &(dyn Fn(Sighting) -> Colour + Sync)| vertices.par_iter().map(|&vertex| of(seen.at(vertex))).collect();
     match coloured.colouring {
         Colouring::Normals => {
-            shown.surface.normals().iter().map(|normal| raster::colour(colours::normal(normal.to_array()))).collect()
+            shown.surface.normals().iter().map(|normal| raster::colour(palette::normal(normal.to_array()))).collect()
         }
         Colouring::Error => {
-            // As the shape was scored: with the pose of the frame at which it was known.
+            // The shape was scored with the pose of its own frame.
             let frame = shown.shape.frame;
             let then = recording.moments().iter().rev().find(|moment| moment.row.frame <= frame);
             let motion = then.and_then(|moment| Some(moment.row.truth?.inverse() * moment.estimate()?));
@@ -434,18 +328,18 @@ fn vertex_colours(
             let colour = |vertex: &Vec3A| {
                 let [x, y, z] = vertex.to_array().map(f64::from);
                 let error_m = mvt_mesh::SignedDistance::distance_m(truth, motion * Point::new(x, y, z));
-                raster::colour(error_colour::of(error_m as f32))
+                raster::colour(palette::surface_error(error_m as f32))
             };
             vertices.par_iter().map(colour).collect()
         }
         Colouring::TrueColour => by_sight(&|sight| sight.colour.unwrap_or(plain)),
         Colouring::Sensor => by_sight(&|sight| raster::colour(sight.by.colour())),
-        Colouring::Confidence => by_sight(&|sight| raster::colour(colours::confidence(sight.confidence))),
+        Colouring::Confidence => by_sight(&|sight| raster::colour(palette::confidence(sight.confidence))),
     }
 }
 
-/// A slice through the signed distances at a height that sweeps through the shape and back.
-fn slice(raster: &mut Raster, shape: &KnownShape, moment: usize, camera_from_object: (Mat3A, Vec3A)) {
+/// Draws a slice through the signed distances at a height that sweeps through the shape and back.
+fn slice(raster: &mut Rasteriser, shape: &RecordedShape, moment: usize, camera_from_object: (Mat3A, Vec3A)) {
     let Some(sdf) = &shape.sdf else { return };
     let size = Vec3::from(sdf.counts.map(|count| count as f32 - 1.0)) * sdf.cell_m;
     let phase = (moment % SLICE_FRAMES) as f32 / SLICE_FRAMES as f32;
@@ -454,7 +348,7 @@ fn slice(raster: &mut Raster, shape: &KnownShape, moment: usize, camera_from_obj
         let share = Vec3::new(x as f32, y as f32, 0.0) / (SLICE_NODES - 1) as f32;
         let point = (sdf.low + size * share).with_z(height).min(sdf.low + size);
         let distance_m = sdf.distance_m(point).unwrap_or(f32::NAN);
-        (raster::place(camera_from_object, point), raster::colour(colours::signed_distance(distance_m)))
+        (raster::place(camera_from_object, point), raster::colour(palette::signed_distance(distance_m)))
     };
     for y in 1..SLICE_NODES {
         for x in 1..SLICE_NODES {
@@ -467,7 +361,7 @@ fn slice(raster: &mut Raster, shape: &KnownShape, moment: usize, camera_from_obj
 }
 
 fn trail(
-    raster: &mut Raster,
+    raster: &mut Rasteriser,
     poses: impl Iterator<Item = Option<Isometry<Object, World>>>,
     colour: Colour,
     from_world: (Mat3A, Vec3A),
@@ -482,14 +376,20 @@ fn trail(
     }
 }
 
-fn frustum(raster: &mut Raster, camera: &PosedCamera, from_world: (Mat3A, Vec3A), length_m: f32, colour: Colour) {
+fn frustum(raster: &mut Rasteriser, camera: &PosedCamera, from_world: (Mat3A, Vec3A), length_m: f32, colour: Colour) {
     let (rotation, translation) = camera.pose.to_f32();
     let place = |point: Vec3A| from_world.0 * (rotation * point + translation) + from_world.1;
     pyramid(raster, &camera.intrinsics, place, length_m, colour);
 }
 
-/// The edges of what a camera sees up to a depth.
-fn pyramid(raster: &mut Raster, camera: &Intrinsics, place: impl Fn(Vec3A) -> Vec3A, length_m: f32, colour: Colour) {
+/// Draws the edges of a camera's field of view up to a depth.
+fn pyramid(
+    raster: &mut Rasteriser,
+    camera: &Intrinsics,
+    place: impl Fn(Vec3A) -> Vec3A,
+    length_m: f32,
+    colour: Colour,
+) {
     let (right, bottom) = (camera.width as f64 - 1.0, camera.height as f64 - 1.0);
     let corners = [(0.0, 0.0), (right, 0.0), (right, bottom), (0.0, bottom)].map(|(u, v)| {
         let p = camera.unproject(u, v, f64::from(length_m)).coords();
@@ -502,7 +402,7 @@ fn pyramid(raster: &mut Raster, camera: &Intrinsics, place: impl Fn(Vec3A) -> Ve
     }
 }
 
-fn cuboid(raster: &mut Raster, [low, high]: [Vec3; 2], camera_from_object: (Mat3A, Vec3A), colour: Colour) {
+fn cuboid(raster: &mut Rasteriser, [low, high]: [Vec3; 2], camera_from_object: (Mat3A, Vec3A), colour: Colour) {
     let corner = |k: usize| {
         let share = Vec3::from([k & 1, k >> 1 & 1, k >> 2].map(|side| side as f32));
         raster::place(camera_from_object, low + (high - low) * share)
@@ -514,9 +414,9 @@ fn cuboid(raster: &mut Raster, [low, high]: [Vec3; 2], camera_from_object: (Mat3
     }
 }
 
-/// Where the sensors stood relative to the object when the map kept a frame: its cameras, or the fingertips that touched.
+/// Draws the poses of the cameras, and of the fingertips that touched, relative to the object at each keyframe.
 fn keyframes(
-    raster: &mut Raster,
+    raster: &mut Rasteriser,
     recording: &Recording,
     moment: usize,
     which: Keyframes,
@@ -533,17 +433,20 @@ fn keyframes(
     let about = recording.about();
     for kept in kept.take(most) {
         let Some(pose) = kept.estimate() else { continue };
-        let mut stand = |camera: &Intrinsics, world_from_camera: na::Isometry3<f64>, length_m: f32| {
-            let seen = Isometry::<Camera, Object>::new(pose.untyped().inverse() * world_from_camera).to_f32();
-            let place = |point: Vec3A| camera_from_object.0 * (seen.0 * point + seen.1) + camera_from_object.1;
+        let mut draw_sensor = |camera: &Intrinsics, world_from_camera: na::Isometry3<f64>, length_m: f32| {
+            let object_from_sensor =
+                Isometry::<Camera, Object>::new(pose.untyped().inverse() * world_from_camera).to_f32();
+            let place = |point: Vec3A| {
+                camera_from_object.0 * (object_from_sensor.0 * point + object_from_sensor.1) + camera_from_object.1
+            };
             pyramid(raster, camera, place, length_m, colour);
         };
         for camera in &about.cameras {
-            stand(&camera.intrinsics, camera.pose.untyped(), KEYFRAME_M);
+            draw_sensor(&camera.intrinsics, camera.pose.untyped(), KEYFRAME_M);
         }
         for (finger, _) in kept.fingers.iter().filter(|(_, touching)| touching.is_some()) {
             let pose = world_from_digit_camera(about.side, finger, &kept.joints);
-            stand(&digit::intrinsics(), pose.untyped(), 0.5 * KEYFRAME_M);
+            draw_sensor(&digit::intrinsics(), pose.untyped(), 0.5 * KEYFRAME_M);
         }
     }
 }

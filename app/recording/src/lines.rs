@@ -1,4 +1,4 @@
-//! Lines of a recording's tables, and about.json and end.json.
+//! Lines of a recording's tables, and about.json and end.json, as they are serialised.
 
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Frame, Isometry};
@@ -6,27 +6,15 @@ use mvt_metrics::AddS;
 use mvt_robot::hand::{JOINTS, PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
-use super::{About, Moment, Place, Touching};
+use super::{About, BlockPlace, RecordedMoment, Touching};
 use mvt_run::pipeline::Mode;
 use mvt_run::report::{FrameRow, ShapePoint, StageMs, TrackState};
 use mvt_run::source::Modality;
 
-/// Names of the files.
-pub mod file {
-    pub const ABOUT: &str = "about.json";
-    pub const RUNNING: &str = "running";
-    pub const FRAMES: &str = "frames.jsonl";
-    pub const IMAGES: &str = "images.bin";
-    pub const SHAPES: &str = "shapes.jsonl";
-    pub const MESHES: &str = "shapes.bin";
-    pub const EVENTS: &str = "events.jsonl";
-    pub const END: &str = "end.json";
-}
-
-/// Farthest that anything can be, metres.
+/// Largest valid coordinate, metres.
 const FARTHEST_M: f64 = 100.0;
 
-/// A translation in metres and a quaternion (w, x, y, z).
+/// Translation in metres and quaternion (w, x, y, z).
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Pose([f64; 7]);
 
@@ -42,7 +30,7 @@ impl Pose {
         let is_near = [x, y, z].iter().all(|c| c.abs() <= FARTHEST_M);
         // Written so that NaN fails.
         if !(is_near && (0.25..4.0).contains(&length)) {
-            return Err("a pose is none");
+            return Err("invalid pose");
         }
         Ok(Isometry::from_parts([x, y, z], q))
     }
@@ -66,11 +54,11 @@ pub struct AboutFile {
     cameras: Vec<Camera>,
     frames: usize,
     process: u32,
-    /// Where the true shape is in shapes.bin.
-    truth: Option<Place>,
+    /// BlockPlace of the true shape in shapes.bin.
+    truth: Option<BlockPlace>,
 }
 
-/// The part of about.json that every version has.
+/// Part of about.json that every version has.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct VersionFile {
     pub version: u32,
@@ -79,7 +67,7 @@ pub struct VersionFile {
 }
 
 impl AboutFile {
-    pub fn new(about: &About, truth: Option<Place>) -> Self {
+    pub fn new(about: &About, truth: Option<BlockPlace>) -> Self {
         let camera = |camera: &PosedCamera| Camera {
             name: camera.name.clone(),
             intrinsics: camera.intrinsics,
@@ -98,7 +86,7 @@ impl AboutFile {
         }
     }
 
-    pub fn about(self, version: u32) -> Result<(About, Option<Place>), &'static str> {
+    pub fn about(self, version: u32) -> Result<(About, Option<BlockPlace>), &'static str> {
         let camera = |Camera { name, intrinsics, pose }: Camera| {
             let k = intrinsics;
             let is_right = [k.fx, k.fy].iter().all(|f| (1.0..1e5).contains(f))
@@ -107,7 +95,7 @@ impl AboutFile {
             if is_right {
                 Ok(PosedCamera { name, intrinsics, pose: pose.isometry()? })
             } else {
-                Err("a camera is none")
+                Err("invalid camera intrinsics")
             }
         };
         let cameras = self.cameras.into_iter().map(camera).collect::<Result<_, _>>()?;
@@ -144,7 +132,7 @@ enum State {
     Relocalised,
 }
 
-/// A line of frames.jsonl.
+/// Line of frames.jsonl.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct FrameLine {
     frame: u64,
@@ -159,12 +147,12 @@ pub struct FrameLine {
     joints: [f64; JOINTS],
     fingers: PerFinger<Option<Touching>>,
     keyframe: bool,
-    images: Option<Place>,
+    images: Option<BlockPlace>,
 }
 
 impl FrameLine {
-    pub fn new(moment: &Moment) -> Self {
-        let Moment { row, joints, fingers, is_keyframe, images, .. } = moment;
+    pub fn new(moment: &RecordedMoment) -> Self {
+        let RecordedMoment { row, joints, fingers, is_keyframe, images, .. } = moment;
         let StageMs { sense, track, map, mesh } = row.stage_ms;
         Self {
             frame: row.frame,
@@ -186,13 +174,13 @@ impl FrameLine {
         }
     }
 
-    pub fn moment(self) -> Result<Moment, &'static str> {
+    pub fn moment(self) -> Result<RecordedMoment, &'static str> {
         if self.joints.iter().any(|angle| angle.abs() > 100.0) || self.time_s.abs() > 1e6 {
-            return Err("a joint angle or the time is none");
+            return Err("invalid joint angle or time");
         }
         let [sense, track, map, mesh] = self.stage_ms;
         let add_s = |[one_directional_m, symmetric_m]: [f64; 2]| AddS { one_directional_m, symmetric_m };
-        Ok(Moment {
+        Ok(RecordedMoment {
             row: FrameRow {
                 frame: self.frame,
                 time_s: self.time_s,
@@ -216,15 +204,15 @@ impl FrameLine {
     }
 }
 
-/// A line of shapes.jsonl.
+/// Line of shapes.jsonl.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ShapeLine {
     pub frame: u64,
     pub point: Option<ShapePoint>,
-    pub place: Place,
+    pub place: BlockPlace,
 }
 
-/// A line of events.jsonl.
+/// Line of events.jsonl.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EventLine {

@@ -4,35 +4,35 @@ use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard, TryLockError};
 
 use mvt_recording::{Recording, Status};
 
-/// A recording that is read by the window and by the threads that paint, and refreshed when nobody reads.
-pub struct Shared {
+/// Recording that the window and the painting threads read, and that is refreshed between reads.
+pub struct SharedRecording {
     recording: RwLock<Recording>,
-    /// What was wrong with what was appended.
+    /// Problem of the last refresh.
     problem: Mutex<Option<String>>,
 }
 
-impl Shared {
+impl SharedRecording {
     /// Shares a recording.
     pub fn new(recording: Recording) -> Self {
         Self { recording: RwLock::new(recording), problem: Mutex::new(None) }
     }
 
-    /// The recording as it is. No reader waits for another: what is appended is read by nobody who would have to wait for this.
+    /// Returns the recording for reading. Readers never block each other; `refresh` gives up while anyone reads.
     pub fn read(&self) -> RwLockReadGuard<'_, Recording> {
         self.recording.read().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether there may be more to come.
+    /// Whether the run goes on.
     pub fn is_running(&self) -> bool {
         self.read().status() == Status::Running
     }
 
-    /// Whether what is shown may change.
+    /// Whether the recording may change.
     pub fn is_growing(&self) -> bool {
         self.read().is_growing()
     }
 
-    /// Reads what was appended, unless somebody reads; whether anything is new.
+    /// Reads appended data, unless a reader holds the recording. Returns whether anything is new.
     pub fn refresh(&self) -> bool {
         let mut recording = match self.recording.try_write() {
             Ok(recording) => recording,
@@ -52,7 +52,7 @@ impl Shared {
         has_news || is_other
     }
 
-    /// What was wrong with what was appended last.
+    /// Returns the problem of the last refresh.
     pub fn problem(&self) -> Option<String> {
         self.problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

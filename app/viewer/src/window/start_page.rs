@@ -1,4 +1,4 @@
-//! The first page: what is to be turned and how, and the runs of before.
+//! The start page: settings of a new run, and recent runs.
 
 use std::path::PathBuf;
 
@@ -6,25 +6,25 @@ use eframe::egui::{self, Align2, Context, FontId, Role, Sense, TextEdit, Ui, Wid
 use mvt_objects::catalogue;
 use mvt_objects::catalogue::Entry;
 
-use super::launch::Choices;
+use super::launch::RunChoices;
 use super::layers_panel::choice;
 use super::preferences::Preferences;
 use super::style::{self, colour};
 use super::thumbnails::Thumbnails;
 
-/// What somebody wants.
+/// Request of the user.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Wish {
-    /// A run as chosen.
+pub enum StartRequest {
+    /// Start a run with the choices.
     Start,
-    /// To look at a run.
+    /// Open the recording of a run.
     Open(PathBuf),
-    /// To look at a raw log.
+    /// Open a raw log.
     OpenLog(PathBuf),
 }
 
-/// The page.
-pub struct Start {
+/// The start page.
+pub struct StartPage {
     entries: Vec<Entry>,
     thumbnails: Thumbnails,
     search: String,
@@ -32,13 +32,13 @@ pub struct Start {
     gaits: Vec<String>,
 }
 
-/// A tile with its name below, points.
+/// Size of a tile with its name, points.
 const TILE: egui::Vec2 = egui::vec2(104.0, 118.0);
 
-impl Start {
-    /// The page, whose pictures come later.
+impl StartPage {
+    /// Returns the page. A thread draws its pictures.
     pub fn new(ctx: &Context) -> Self {
-        // What needs no download comes first.
+        // Objects that need no download come first.
         let (made, fetched): (Vec<Entry>, Vec<Entry>) = catalogue::entries().partition(Entry::is_procedural);
         let entries: Vec<Entry> = made.into_iter().chain(fetched).collect();
         let gaits = std::iter::once("auto".to_owned()).chain(mvt_gaits::gait::shipped().keys().cloned()).collect();
@@ -46,51 +46,51 @@ impl Start {
         Self { entries, thumbnails, search: String::new(), path: String::new(), gaits }
     }
 
-    /// Whether pictures are still to come.
+    /// Whether pictures are missing.
     #[cfg(test)]
     pub fn is_busy(&self) -> bool {
         self.entries.iter().any(|entry| !self.thumbnails.has_come(entry.name))
     }
 
-    /// Leaves out objects that may or may not be on this machine.
+    /// Keeps only the objects that are on every machine.
     #[cfg(test)]
     pub fn keep_procedural(&mut self) {
         self.entries.retain(Entry::is_procedural);
     }
 
-    /// Draws the page. `problem` is what went wrong before.
-    pub fn ui(&mut self, ui: &mut Ui, preferences: &mut Preferences, problem: Option<&str>) -> Option<Wish> {
+    /// Draws the page with the problem of the last request.
+    pub fn ui(&mut self, ui: &mut Ui, preferences: &mut Preferences, problem: Option<&str>) -> Option<StartRequest> {
         self.thumbnails.update(ui.ctx());
-        ui.heading("A hand turns an object, and learns its shape and pose");
-        ui.weak("Choose what is turned and how it is sensed, or look at a run of before.");
+        ui.heading("A hand turns an object and estimates its shape and pose");
+        ui.weak("Choose an object and sensors for a new run, or open a recent run.");
         if let Some(problem) = problem {
             ui.colored_label(colour(style::theme(ui.ctx()).lost), problem);
         }
         ui.add_space(4.0);
         if ui.available_width() > 760.0 {
-            let mut wish = None;
+            let mut request = None;
             egui::Panel::right("settings").resizable(false).exact_size(300.0).show(ui, |ui| {
-                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| wish = self.settings(ui, preferences));
+                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| request = self.settings(ui, preferences));
             });
             egui::CentralPanel::no_frame().show(ui, |ui| self.objects(ui, &mut preferences.choices));
-            wish
+            request
         } else {
-            // One below the other where the window is narrow or text is large.
+            // A narrow window or large text puts one below the other.
             let scroll = egui::ScrollArea::vertical().auto_shrink(false);
             scroll
                 .show(ui, |ui| {
-                    let wish = self.settings(ui, preferences);
+                    let request = self.settings(ui, preferences);
                     ui.separator();
                     ui.allocate_ui(egui::vec2(ui.available_width(), 420.0), |ui| {
                         self.objects(ui, &mut preferences.choices);
                     });
-                    wish
+                    request
                 })
                 .inner
         }
     }
 
-    fn objects(&mut self, ui: &mut Ui, choices: &mut Choices) {
+    fn objects(&mut self, ui: &mut Ui, choices: &mut RunChoices) {
         ui.horizontal(|ui| {
             let label = ui.strong("Object");
             ui.add(TextEdit::singleline(&mut self.search).hint_text("search").desired_width(180.0))
@@ -100,7 +100,7 @@ impl Start {
         let wanted = self.search.to_lowercase();
         let found: Vec<&Entry> = self.entries.iter().filter(|entry| entry.name.contains(&wanted)).collect();
         if found.is_empty() {
-            ui.weak("No object of the catalogue has such a name.");
+            ui.weak("No object in the catalogue has this name.");
             if catalogue::is_path(&self.search) && ui.button("Use it as the path of a mesh").clicked() {
                 choices.object.clone_from(&self.search);
             }
@@ -133,7 +133,7 @@ impl Start {
             match self.thumbnails.get(name) {
                 Some(texture) => egui::Image::new(texture).paint_at(ui, square),
                 None => {
-                    let text = if is_here { "" } else { "fetched when\nit is chosen" };
+                    let text = if is_here { "" } else { "downloaded\non first use" };
                     let font = FontId::proportional(11.0);
                     ui.painter().text(square.center(), Align2::CENTER_CENTER, text, font, colour(theme.faint));
                 }
@@ -147,16 +147,16 @@ impl Start {
                 egui::pos2(rect.center().x - 0.5 * words.size().x, rect.bottom() - 3.0 - words.size().y.min(30.0));
             ui.painter().with_clip_rect(rect).galley(corner, words, colour(theme.ink));
         }
-        let hint = if is_here { name.to_owned() } else { format!("{name}: its mesh is fetched first") };
+        let hint = if is_here { name.to_owned() } else { format!("{name}: its mesh is downloaded on first use") };
         response.on_hover_text(hint).clicked()
     }
 
-    fn settings(&mut self, ui: &mut Ui, preferences: &mut Preferences) -> Option<Wish> {
+    fn settings(&mut self, ui: &mut Ui, preferences: &mut Preferences) -> Option<StartRequest> {
         let choices = &mut preferences.choices;
-        let mut wish = None;
+        let mut request = None;
         ui.strong("Run");
-        named_choice(ui, "Mode", &mut choices.mode, &Choices::modes());
-        named_choice(ui, "Sensors", &mut choices.modality, &Choices::modalities());
+        named_choice(ui, "Mode", &mut choices.mode, &RunChoices::modes());
+        named_choice(ui, "Sensors", &mut choices.modality, &RunChoices::modalities());
         let gaits: Vec<&str> = self.gaits.iter().map(String::as_str).collect();
         let mut gait = gaits.iter().copied().find(|&gait| gait == choices.gait).unwrap_or("auto");
         choice(ui, "Controller", &mut gait, &gaits, |gait| match gait {
@@ -182,10 +182,10 @@ impl Start {
         let start = egui::Button::new(egui::RichText::new("Start").size(16.0));
         if ui
             .add_sized([120.0, 30.0], start)
-            .on_hover_text("Simulates, estimates and shows it; closing the window does not end it")
+            .on_hover_text("Simulates and estimates the run and shows it; it goes on when the window is closed")
             .clicked()
         {
-            wish = Some(Wish::Start);
+            request = Some(StartRequest::Start);
         }
         ui.separator();
         ui.strong("Recent runs");
@@ -198,11 +198,11 @@ impl Start {
                 folder.file_name().map_or_else(|| folder.display().to_string(), |n| n.to_string_lossy().into_owned());
             ui.horizontal(|ui| {
                 if ui.link(&name).on_hover_text(folder.display().to_string()).clicked() {
-                    wish = Some(Wish::Open(folder.clone()));
+                    request = Some(StartRequest::Open(folder.clone()));
                 }
                 if ui
                     .small_button("forget")
-                    .on_hover_text(format!("Takes {name} off this list; its files stay"))
+                    .on_hover_text(format!("Removes {name} from this list; its files stay"))
                     .clicked()
                 {
                     forgotten = Some(k);
@@ -219,17 +219,17 @@ impl Start {
             let path = PathBuf::from(self.path.trim());
             let is_given = !path.as_os_str().is_empty();
             if ui.add_enabled(is_given, egui::Button::new("Open run")).clicked() {
-                wish = Some(Wish::Open(path.clone()));
+                request = Some(StartRequest::Open(path.clone()));
             }
             if ui.add_enabled(is_given, egui::Button::new("Open log")).clicked() {
-                wish = Some(Wish::OpenLog(path));
+                request = Some(StartRequest::OpenLog(path));
             }
         });
-        wish
+        request
     }
 }
 
-/// A choice among names that have meanings.
+/// Draws a choice of a name with its meaning.
 fn named_choice(ui: &mut Ui, label: &str, value: &mut String, all: &[(&'static str, String)]) {
     let names: Vec<&str> = all.iter().map(|(name, _)| *name).collect();
     let mut name = names.iter().copied().find(|name| name == value).or(names.first().copied()).unwrap_or_default();

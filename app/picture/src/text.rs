@@ -1,10 +1,13 @@
-//! Text on images.
+//! Text on images, in the font Ubuntu Light.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 use image::{Rgb, RgbImage};
 
-/// Writes text whose line begins at (x, y), its height `size` in pixels. What falls off the image is not drawn.
-pub fn write(image: &mut RgbImage, (x, y): (u32, u32), size: f32, color: Rgb<u8>, text: &str) {
+use crate::draw::blend;
+
+/// Writes a line of text whose upper left corner is (x, y) and whose height is `size`, in pixels. Parts outside the
+/// image are skipped.
+pub fn write(image: &mut RgbImage, (x, y): (u32, u32), size: f32, colour: Rgb<u8>, text: &str) {
     let Some(font) = font() else { return };
     let font = font.as_scaled(PxScale::from(size));
     let mut pen = x as f32;
@@ -20,27 +23,18 @@ pub fn write(image: &mut RgbImage, (x, y): (u32, u32), size: f32, color: Rgb<u8>
             outline.draw(|dx, dy, coverage| {
                 let (px, py) = (corner.x as i64 + i64::from(dx), corner.y as i64 + i64::from(dy));
                 if let (Ok(px), Ok(py)) = (u32::try_from(px), u32::try_from(py)) {
-                    blend(image, px, py, color, coverage);
+                    blend(image, px, py, colour, coverage);
                 }
             });
         }
     }
 }
 
-/// Width of a text, pixels.
+/// Returns the width of a line of text, pixels.
 pub fn width(size: f32, text: &str) -> u32 {
     let Some(font) = font() else { return 0 };
     let font = font.as_scaled(PxScale::from(size));
     text.chars().map(|character| font.h_advance(font.glyph_id(character))).sum::<f32>().round() as u32
-}
-
-/// Lays a colour over a pixel, 0 (not at all) to 1. Nothing happens off the image.
-pub fn blend(image: &mut RgbImage, x: u32, y: u32, color: Rgb<u8>, coverage: f32) {
-    let Some(pixel) = image.get_pixel_mut_checked(x, y) else { return };
-    let coverage = coverage.clamp(0.0, 1.0);
-    for (below, above) in pixel.0.iter_mut().zip(color.0) {
-        *below = (f32::from(*below) + (f32::from(above) - f32::from(*below)) * coverage).round() as u8;
-    }
 }
 
 fn font() -> Option<FontRef<'static>> {

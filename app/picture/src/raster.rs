@@ -1,8 +1,8 @@
-//! Triangles, lines and points with a depth buffer, on the processor: it needs no graphics driver, so that pictures are the same on any
-//! machine, and it is faster than the graphics drivers of machines without graphics.
+//! Triangles, lines and points with a depth buffer, on the CPU. It needs no graphics driver, so that pictures are the
+//! same on every machine, and it is faster than the software drivers of machines without a graphics card.
 //!
-//! Everything becomes triangles in screen coordinates, sorted into bands of rows; each band is drawn by one thread. Of equally near
-//! triangles the first stays, so that the picture does not depend on the number of threads.
+//! Everything becomes triangles in screen coordinates, which are sorted into bands of rows; one thread draws each band.
+//! The first of equally near triangles wins, so that the picture does not depend on the number of threads.
 
 use glam::{Mat3A, Vec2, Vec3, Vec3A};
 use image::{Rgb, RgbImage};
@@ -12,32 +12,33 @@ use rayon::prelude::*;
 
 /// Rows of a band.
 const BAND: usize = 24;
-/// What is nearer to the eye is cut off, metres.
+/// Distance of the near plane, metres. Geometry in front of it is cut off.
 const NEAR_M: f32 = 0.005;
-/// Lines and points win against surfaces that are nearer by less than this share of their distance: they often lie on them.
+/// Lines and points hide surfaces that are nearer by less than this share of their distance, because they often lie on
+/// a surface.
 const LINE_BIAS: f32 = 0.004;
 
-/// A colour as numbers from 0 to 255.
+/// Colour of three numbers from 0 to 255.
 pub type Colour = Vec3A;
 
-/// A colour as the rasteriser wants it.
+/// Converts a colour for the rasteriser.
 pub fn colour(rgb: Rgb<u8>) -> Colour {
     let [r, g, b] = rgb.0.map(f32::from);
     Vec3A::new(r, g, b)
 }
 
-/// A mesh with what is needed to light it.
+/// Mesh with the normals that its lighting needs.
 #[derive(Debug, Clone, Default)]
-pub struct Surface {
+pub struct LitMesh {
     vertices: Vec<Vec3A>,
     normals: Vec<Vec3A>,
     faces: Vec<[u32; 3]>,
-    /// Encloses a volume, so that no face is ever seen from behind.
+    /// Whether it encloses a volume, so that faces seen from behind are hidden.
     is_closed: bool,
 }
 
-impl Surface {
-    /// Prepares a mesh; faces that name vertices which are not there are left out.
+impl LitMesh {
+    /// Prepares a mesh. Faces with an invalid vertex index are left out.
     pub fn new(mesh: &Mesh) -> Self {
         let vertices: Vec<Vec3A> = mesh.vertices.iter().copied().map(Vec3A::from).collect();
         let is_whole = |face: &&[u32; 3]| face.iter().all(|&corner| (corner as usize) < vertices.len());
@@ -45,7 +46,7 @@ impl Surface {
         let mut normals = vec![Vec3A::ZERO; vertices.len()];
         for face in &faces {
             let [a, b, c] = face.map(|corner| vertices[corner as usize]);
-            // As long as the area: large faces count for more.
+            // The length grows with the area, so that large faces weigh more.
             let normal = (b - a).cross(c - a);
             face.iter().for_each(|&corner| normals[corner as usize] += normal);
         }
@@ -54,18 +55,18 @@ impl Surface {
         Self { vertices, normals, faces, is_closed }
     }
 
-    /// The vertices.
+    /// Returns the vertices.
     pub fn vertices(&self) -> &[Vec3A] {
         &self.vertices
     }
 
-    /// Unit normals of the vertices, outward; zero where there is none.
+    /// Returns the outward unit normals of the vertices; zero for a vertex without faces.
     pub fn normals(&self) -> &[Vec3A] {
         &self.normals
     }
 }
 
-/// A vertex on the screen.
+/// Vertex on the screen.
 #[derive(Debug, Clone, Copy)]
 struct Corner {
     /// Column and row.
@@ -75,12 +76,12 @@ struct Corner {
     colour: Colour,
 }
 
-/// What is drawn in one go.
+/// Triangles that are drawn together.
 #[derive(Default)]
 struct Batch {
     corners: Vec<Corner>,
     faces: Vec<[u32; 3]>,
-    /// By band, which faces reach into it.
+    /// Faces that reach into each band.
     bands: Vec<Vec<u32>>,
 }
 
@@ -107,35 +108,35 @@ impl Batch {
     }
 }
 
-/// Draws pictures; keeps its memory from one to the next.
+/// Rasteriser of pictures. It reuses its memory from one picture to the next.
 #[derive(Default)]
-pub struct Raster {
+pub struct Rasteriser {
     image: RgbImage,
-    /// One over the depth of what is seen, 1/m; 0 where nothing is.
+    /// One over the depth of the nearest surface, 1/m; 0 for the background.
     nearness: Vec<f32>,
     solid: Batch,
     glass: Batch,
-    lens: Option<Lens>,
+    pinhole: Option<Pinhole>,
     paper: Colour,
 }
 
 #[derive(Clone, Copy)]
-struct Lens {
+struct Pinhole {
     focal: Vec2,
     centre: Vec2,
 }
 
-/// Where a surface is and how it looks.
+/// Pose of a mesh and whether it is translucent.
 #[derive(Clone, Copy)]
-pub struct Placement {
-    /// Rotation and translation that take its coordinates to the camera's (OpenGL axes).
+pub struct MeshPlacement {
+    /// Rotation and translation from the mesh to the camera (OpenGL axes).
     pub camera_from_mesh: (Mat3A, Vec3A),
-    /// Nothing of it hides what is behind it, which shines through.
+    /// Whether surfaces behind it shine through.
     pub is_glass: bool,
 }
 
-impl Raster {
-    /// Begins a picture as a camera sees it.
+impl Rasteriser {
+    /// Begins a picture of this camera on a background colour.
     pub fn begin(&mut self, camera: &Intrinsics, paper: Rgb<u8>) {
         let size = (camera.width as u32, camera.height as u32);
         if self.image.dimensions() != size {
@@ -147,18 +148,19 @@ impl Raster {
         self.glass.clear();
         self.paper = colour(paper);
         let vector = |x: f64, y: f64| Vec2::new(x as f32, y as f32);
-        self.lens = Some(Lens { focal: vector(camera.fx, camera.fy), centre: vector(camera.cx, camera.cy) });
+        self.pinhole = Some(Pinhole { focal: vector(camera.fx, camera.fy), centre: vector(camera.cx, camera.cy) });
     }
 
-    /// Adds a surface, lit from over the viewer's left shoulder from either side, with a colour per vertex.
-    pub fn surface(&mut self, surface: &Surface, colours: impl Fn(usize) -> Colour + Sync, placement: Placement) {
-        let Some(lens) = self.lens else { return };
+    /// Adds a mesh with a colour per vertex. The light comes from over the viewer's left shoulder and lights both sides
+    /// of a face.
+    pub fn surface(&mut self, surface: &LitMesh, colours: impl Fn(usize) -> Colour + Sync, placement: MeshPlacement) {
+        let Some(pinhole) = self.pinhole else { return };
         let (rotation, translation) = placement.camera_from_mesh;
         let batch = if placement.is_glass { &mut self.glass } else { &mut self.solid };
         let first = batch.corners.len() as u32;
         let corner = |(k, (&vertex, &normal)): (usize, (&Vec3A, &Vec3A))| {
             let point = rotation * vertex + translation;
-            lens.corner(point, lit(colours(k), rotation * normal, point))
+            pinhole.corner(point, lit(colours(k), rotation * normal, point))
         };
         let vertices = surface.vertices.par_iter().with_min_len(4096).zip(&surface.normals).enumerate();
         batch.corners.par_extend(vertices.map(corner));
@@ -178,39 +180,39 @@ impl Raster {
             if points.iter().all(|point| -point.z >= NEAR_M) {
                 batch.faces.push(face.map(|corner| corner + first));
             } else {
-                cut(batch, lens, points, corners);
+                cut(batch, pinhole, points, corners);
             }
         }
     }
 
-    /// Adds a triangle of the camera's coordinates without light.
+    /// Adds an unlit triangle in the coordinates of the camera.
     pub fn flat(&mut self, points: [Vec3A; 3], colours: [Colour; 3], is_glass: bool) {
-        let Some(lens) = self.lens else { return };
-        cut(if is_glass { &mut self.glass } else { &mut self.solid }, lens, points, colours);
+        let Some(pinhole) = self.pinhole else { return };
+        cut(if is_glass { &mut self.glass } else { &mut self.solid }, pinhole, points, colours);
     }
 
-    /// Adds a line between two points of the camera's coordinates, `width` pixels wide.
+    /// Adds a line between two points in the coordinates of the camera, `width` pixels wide.
     pub fn line(&mut self, mut ends: [Vec3A; 2], colour: Colour, width: f32) {
-        let Some(lens) = self.lens else { return };
+        let Some(pinhole) = self.pinhole else { return };
         if -ends[0].z < -ends[1].z {
             ends.swap(0, 1);
         }
-        // From the far end on; the near one may be cut.
+        // The near end may be cut off.
         let [far, near] = ends;
         if !far.is_finite() || !near.is_finite() || -far.z <= NEAR_M {
             return;
         }
         let near = if -near.z < NEAR_M { far.lerp(near, (-far.z - NEAR_M) / (near.z - far.z)) } else { near };
-        let [a, b] = [far, near].map(|point| lens.corner(point * (1.0 - LINE_BIAS), colour));
+        let [a, b] = [far, near].map(|point| pinhole.corner(point * (1.0 - LINE_BIAS), colour));
         let across = (b.at - a.at).perp().normalize_or(Vec2::X) * (0.5 * width);
         self.quad([(a, across), (b, across), (b, -across), (a, -across)]);
     }
 
-    /// Adds a square dot around a point of the camera's coordinates, `width` pixels wide.
+    /// Adds a square dot around a point in the coordinates of the camera, `width` pixels wide.
     pub fn dot(&mut self, point: Vec3A, colour: Colour, width: f32) {
-        let Some(lens) = self.lens else { return };
+        let Some(pinhole) = self.pinhole else { return };
         if -point.z > NEAR_M {
-            let (at, half) = (lens.corner(point * (1.0 - LINE_BIAS), colour), 0.5 * width);
+            let (at, half) = (pinhole.corner(point * (1.0 - LINE_BIAS), colour), 0.5 * width);
             let around = [(-half, -half), (half, -half), (half, half), (-half, half)];
             self.quad(around.map(|(x, y)| (at, Vec2::new(x, y))));
         }
@@ -222,8 +224,8 @@ impl Raster {
         self.solid.faces.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
     }
 
-    /// Draws everything that was added. Of what is glass the nearest is seen, and through it what is behind, with this share of its
-    /// own colour.
+    /// Draws everything that was added and returns the picture. Only the nearest translucent surface of a pixel is
+    /// drawn; `glass_share` is the weight of its colour, 0 to 1.
     pub fn finish(&mut self, glass_share: f32) -> &RgbImage {
         let (width, height) = (self.image.width() as usize, self.image.height() as usize);
         if width == 0 || height == 0 {
@@ -243,7 +245,7 @@ impl Raster {
                 fill(corners, width, top, nearness, colours, |below, above| *below = above);
             }
             if !glass.bands[band].is_empty() {
-                // Drawn apart, so that what lies behind one another is laid over once.
+                // Drawn into a separate buffer, so that overlapping panes are blended once.
                 let mut before = nearness.to_vec();
                 let mut panes = vec![Vec3A::NAN; nearness.len()];
                 for &face in &glass.bands[band] {
@@ -261,12 +263,7 @@ impl Raster {
         &self.image
     }
 
-    /// The picture that was drawn last.
-    pub fn image(&self) -> &RgbImage {
-        &self.image
-    }
-
-    /// Depth of what is seen at a pixel (column, row), metres along the optical axis; none where nothing is.
+    /// Returns the depth at a pixel (column, row), metres along the optical axis; `None` for the background.
     #[cfg(test)]
     fn depth_m(&self, x: usize, y: usize) -> Option<f32> {
         let nearness = self.nearness[x + y * self.image.width() as usize];
@@ -274,7 +271,7 @@ impl Raster {
     }
 }
 
-impl Lens {
+impl Pinhole {
     fn corner(self, point: Vec3A, colour: Colour) -> Corner {
         let nearness = 1.0 / -point.z;
         let at = self.centre + Vec2::new(point.x, -point.y) * nearness * self.focal;
@@ -282,7 +279,7 @@ impl Lens {
     }
 }
 
-/// A colour in the light: some from everywhere, most from over the left shoulder, some from the eye.
+/// Lights a colour: ambient light, most light from over the left shoulder, and some from the eye.
 fn lit(colour: Colour, normal: Vec3A, point: Vec3A) -> Colour {
     const LIGHT: Vec3A = Vec3A::new(-0.35, 0.55, 0.76);
     let normal = if normal.dot(point) > 0.0 { -normal } else { normal };
@@ -290,27 +287,27 @@ fn lit(colour: Colour, normal: Vec3A, point: Vec3A) -> Colour {
     (colour * brightness).min(Vec3A::splat(255.0))
 }
 
-/// Adds what of a triangle lies beyond the near plane.
-fn cut(batch: &mut Batch, lens: Lens, points: [Vec3A; 3], colours: [Colour; 3]) {
+/// Adds the part of a triangle beyond the near plane.
+fn cut(batch: &mut Batch, pinhole: Pinhole, points: [Vec3A; 3], colours: [Colour; 3]) {
     let first = batch.corners.len() as u32;
     let mut count = 0;
     for k in 0..3 {
         let ([p, q], [a, b]) = ([points[k], points[(k + 1) % 3]], [colours[k], colours[(k + 1) % 3]]);
         let [is_beyond, next_is] = [p, q].map(|point| -point.z >= NEAR_M);
         if is_beyond {
-            batch.corners.push(lens.corner(p, a));
+            batch.corners.push(pinhole.corner(p, a));
             count += 1;
         }
         if is_beyond != next_is {
             let along = (-NEAR_M - p.z) / (q.z - p.z);
-            batch.corners.push(lens.corner(p.lerp(q, along), a.lerp(b, along)));
+            batch.corners.push(pinhole.corner(p.lerp(q, along), a.lerp(b, along)));
             count += 1;
         }
     }
     batch.faces.extend((2..count).map(|k| [first, first + k - 1, first + k]));
 }
 
-/// Draws a triangle into a band whose first row is `top`.
+/// Draws a triangle into the band whose first row is `top`.
 fn fill(
     [a, b, c]: [Corner; 3],
     width: usize,
@@ -327,7 +324,7 @@ fn fill(
     if !(area.abs() > 1e-9 && low.x <= high.x && low.y <= high.y) {
         return;
     }
-    // Weights of the second and third corner are linear over the screen, and so is what they weigh.
+    // The weights of the second and third corner, and all that they interpolate, are linear over the screen.
     let scale = 1.0 / area;
     let (step_b, step_c) = ((c.at - a.at) * scale, (b.at - a.at) * scale);
     let (by_b, by_c) = (b.nearness - a.nearness, c.nearness - a.nearness);
@@ -348,7 +345,7 @@ fn fill(
     }
 }
 
-/// A point in the coordinates that a rotation and translation lead to.
+/// Applies a rotation and a translation to a point.
 pub fn place((rotation, translation): (Mat3A, Vec3A), point: Vec3) -> Vec3A {
     rotation * Vec3A::from(point) + translation
 }
@@ -374,8 +371,8 @@ mod tests {
         pose.inverse() * Isometry::<Object, World>::identity()
     }
 
-    fn solid(camera_from_mesh: (Mat3A, Vec3A)) -> Placement {
-        Placement { camera_from_mesh, is_glass: false }
+    fn solid(camera_from_mesh: (Mat3A, Vec3A)) -> MeshPlacement {
+        MeshPlacement { camera_from_mesh, is_glass: false }
     }
 
     fn shapes() -> [Mesh; 3] {
@@ -391,11 +388,11 @@ mod tests {
     fn depth_is_that_of_rays() {
         for eye in [[0.3, 0.1, 0.2], [-0.1, -0.25, 0.05], [0.0, 0.12, -0.1]] {
             let (camera, pose) = (camera(), placed(eye));
-            let mut raster = Raster::default();
+            let mut raster = Rasteriser::default();
             raster.begin(&camera, PAPER);
             let shapes = shapes();
             for mesh in &shapes {
-                raster.surface(&Surface::new(mesh), |_| Vec3A::ONE, solid(pose.to_f32()));
+                raster.surface(&LitMesh::new(mesh), |_| Vec3A::ONE, solid(pose.to_f32()));
             }
             raster.finish(1.0);
             let meshes = shapes.each_ref().map(RayMesh::new);
@@ -419,15 +416,15 @@ mod tests {
     }
 
     #[test]
-    fn glass_is_laid_over_once_and_only_before_what_is_behind() {
+    fn glass_is_blended_once_and_only_over_surfaces_behind_it() {
         let camera = camera();
-        let mut raster = Raster::default();
+        let mut raster = Rasteriser::default();
         let square = |z: f32| {
             let [a, b, c] = [Vec3A::new(-1.0, -1.0, z), Vec3A::new(1.0, -1.0, z), Vec3A::new(0.0, 2.0, z)];
             [a, b, c]
         };
         let grey = |level: f32| [Vec3A::splat(level); 3];
-        let middle = |raster: &mut Raster| raster.finish(0.5).get_pixel(160, 120).0;
+        let middle = |raster: &mut Rasteriser| raster.finish(0.5).get_pixel(160, 120).0;
         raster.begin(&camera, PAPER);
         raster.flat(square(-0.5), grey(100.0), false);
         raster.flat(square(-0.3), grey(200.0), true);
@@ -440,9 +437,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_the_eye_is_cut_off() {
+    fn geometry_behind_the_eye_is_cut_off() {
         let camera = camera();
-        let mut raster = Raster::default();
+        let mut raster = Rasteriser::default();
         raster.begin(&camera, Rgb([0; 3]));
         // A floor that begins behind the eye and ends before it.
         let floor = [Vec3A::new(-9.0, -0.1, 1.0), Vec3A::new(9.0, -0.1, 1.0), Vec3A::new(0.0, -0.1, -5.0)];
@@ -457,9 +454,9 @@ mod tests {
     }
 
     #[test]
-    fn nothing_that_is_no_number_is_drawn_or_harms() {
+    fn numbers_that_are_not_finite_are_not_drawn_and_do_no_harm() {
         let camera = camera();
-        let mut raster = Raster::default();
+        let mut raster = Rasteriser::default();
         for size in [0, 1, 3] {
             raster.begin(&Intrinsics { width: size, height: size, ..camera }, PAPER);
             for wrong in [f32::NAN, f32::INFINITY, f32::MAX, 0.0, 1e-30] {
@@ -468,7 +465,7 @@ mod tests {
                 raster.line([points[0], points[1]], Vec3A::ZERO, wrong);
                 raster.dot(points[2], Vec3A::ZERO, wrong);
                 let mesh = Mesh { vertices: points.map(Vec3::from).to_vec(), faces: vec![[0, 1, 2], [0, 1, 7]] };
-                raster.surface(&Surface::new(&mesh), |_| Vec3A::ONE, solid((Mat3A::IDENTITY, Vec3A::ZERO)));
+                raster.surface(&LitMesh::new(&mesh), |_| Vec3A::ONE, solid((Mat3A::IDENTITY, Vec3A::ZERO)));
             }
             assert_eq!(raster.finish(0.5).width(), size as u32);
         }
@@ -479,12 +476,13 @@ mod tests {
         let draw = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let mut raster = Raster::default();
+                let mut raster = Rasteriser::default();
                 raster.begin(&camera(), PAPER);
                 for (k, mesh) in shapes().iter().enumerate() {
                     let tint = Vec3A::new(90.0, 60.0 * k as f32, 200.0);
-                    let placement = Placement { camera_from_mesh: placed([0.2, 0.1, 0.2]).to_f32(), is_glass: k == 2 };
-                    raster.surface(&Surface::new(mesh), |_| tint, placement);
+                    let placement =
+                        MeshPlacement { camera_from_mesh: placed([0.2, 0.1, 0.2]).to_f32(), is_glass: k == 2 };
+                    raster.surface(&LitMesh::new(mesh), |_| tint, placement);
                 }
                 raster.finish(0.4).clone()
             })

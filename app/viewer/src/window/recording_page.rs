@@ -1,4 +1,4 @@
-//! The page of a recording: its view, what the sensors showed, curves and time line.
+//! The page of a recording: its scene, sensor images, curves and timeline.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -6,44 +6,45 @@ use std::time::Duration;
 
 use eframe::egui::{self, Align, Context, Layout, Ui};
 
-use super::export::Exports;
-use super::launch::{self, Run};
-use super::layers_panel;
-use super::plots::Plots;
-use super::preferences::{Panels, Preferences};
-use super::sensors::Sensors;
-use super::shared::Shared;
-use super::shortcuts::{Command, Panel};
-use super::style::{self, colour};
-use super::timeline::{SPEEDS, Timeline};
-use super::view3d::View;
-use crate::words;
 use mvt_recording::{Recording, RecordingError, Status};
 
-/// What is looked at.
+use super::export::Exports;
+use super::launch::{self, StartedRun};
+use super::layers_panel;
+use super::plots::PlotRow;
+use super::preferences::{Panels, Preferences};
+use super::scene_widget::SceneWidget;
+use super::sensors::SensorPanel;
+use super::shared_recording::SharedRecording;
+use super::shortcuts::{KeyCommand, PanelSwitch};
+use super::style::{self, colour};
+use super::timeline::{Playback, SPEEDS};
+use crate::captions;
+
+/// Folder that a recording is read from.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Place {
+pub enum RecordingSource {
     /// The folder of a run.
     Run(PathBuf),
     /// A raw FeelSight log.
     Log(PathBuf),
 }
 
-impl Place {
-    /// The folder.
+impl RecordingSource {
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         match self {
             Self::Run(folder) | Self::Log(folder) => folder,
         }
     }
 
-    /// Name of the folder.
+    /// Returns the name of the folder.
     fn name(&self) -> String {
         let name = self.folder().file_name().map(|name| name.to_string_lossy().into_owned());
         name.unwrap_or_else(|| "run".to_owned())
     }
 
-    /// Opens it.
+    /// Opens the recording.
     ///
     /// # Errors
     /// See [`Recording::open`].
@@ -55,63 +56,63 @@ impl Place {
     }
 }
 
-/// A recording that is looked at.
-pub struct Watch {
-    place: Place,
-    shared: Arc<Shared>,
-    /// The process, if it was started here.
-    run: Option<Run>,
-    timeline: Timeline,
-    view: View,
-    sensors: Sensors,
-    plots: Plots,
+/// Page of one recording.
+pub struct RecordingPage {
+    source: RecordingSource,
+    shared: Arc<SharedRecording>,
+    /// The run, if this window has started it.
+    run: Option<StartedRun>,
+    timeline: Playback,
+    scene: SceneWidget,
+    sensors: SensorPanel,
+    plots: PlotRow,
     exports: Exports,
-    /// Something worth saying, and until when, in the window's seconds.
+    /// A message, and until when it is shown, in seconds of the window.
     notice: Option<(String, f64)>,
 }
 
-/// How long a notice stays, seconds.
+/// Time for which a message is shown, seconds.
 const NOTICE_S: f64 = 8.0;
-/// A step around what is looked at, by keys, radians.
+/// Angle by which a key orbits, radians.
 const ORBIT_RAD: f64 = std::f64::consts::PI / 12.0;
-/// Narrower than this there is room for one panel beside the view.
+/// Least width for two panels beside the scene, points.
 const ROOMY: f32 = 900.0;
 
-impl Watch {
-    /// Looks at a recording.
-    pub fn new(ctx: &Context, place: Place, recording: Recording, run: Option<Run>) -> Self {
-        let timeline = Timeline::new(&recording);
-        let shared = Arc::new(Shared::new(recording));
+impl RecordingPage {
+    /// Returns the page of a recording. Threads of its own read and paint it.
+    pub fn new(ctx: &Context, source: RecordingSource, recording: Recording, run: Option<StartedRun>) -> Self {
+        let timeline = Playback::new(&recording);
+        let shared = Arc::new(SharedRecording::new(recording));
         Self {
             timeline,
-            view: View::new(ctx, Arc::clone(&shared)),
-            sensors: Sensors::new(ctx, Arc::clone(&shared)),
-            plots: Plots::default(),
+            scene: SceneWidget::new(ctx, Arc::clone(&shared)),
+            sensors: SensorPanel::new(ctx, Arc::clone(&shared)),
+            plots: PlotRow::default(),
             exports: Exports::default(),
             notice: None,
-            place,
+            source,
             shared,
             run,
         }
     }
 
-    /// From where the scene is looked at.
+    /// Returns the camera of the scene.
     #[cfg(test)]
-    pub fn eye(&self) -> crate::Eye {
-        self.view.eye
+    pub fn eye(&self) -> crate::eye::Eye {
+        self.scene.eye
     }
 
-    /// Whether pictures are under way.
+    /// Whether pictures are being painted.
     #[cfg(test)]
     pub fn is_busy(&self) -> bool {
-        self.view.is_busy() || self.sensors.is_busy()
+        self.scene.is_busy() || self.sensors.is_busy()
     }
 
-    /// Goes on with the run and with the time. To be called before every frame.
+    /// Advances the time and collects messages. Call it before every frame.
     pub fn update(&mut self, ctx: &Context, speed: f64) {
-        if let Some(Err(said)) = self.run.as_mut().and_then(Run::poll) {
+        if let Some(Err(message)) = self.run.as_mut().and_then(StartedRun::poll) {
             self.run = None;
-            self.say(ctx, said);
+            self.notify(ctx, message);
         }
         let recording = self.shared.read();
         let is_running = recording.status() == Status::Running;
@@ -124,46 +125,48 @@ impl Watch {
         let now_s = ctx.input(|input| input.time);
         self.notice.take_if(|(_, until_s)| *until_s <= now_s);
         for news in self.exports.news() {
-            self.say(ctx, news);
+            self.notify(ctx, news);
         }
     }
 
-    fn say(&mut self, ctx: &Context, text: String) {
+    fn notify(&mut self, ctx: &Context, text: String) {
         self.notice = Some((text, ctx.input(|input| input.time) + NOTICE_S));
         ctx.request_repaint_after(Duration::from_secs_f64(NOTICE_S));
     }
 
-    /// Does what a key asks for.
-    pub fn command(&mut self, ctx: &Context, command: Command, preferences: &mut Preferences) {
+    /// Executes the command of a key.
+    pub fn command(&mut self, ctx: &Context, command: KeyCommand, preferences: &mut Preferences) {
         match command {
-            Command::Time(key, is_far) => {
+            KeyCommand::Time(key, is_far) => {
                 let recording = self.shared.read();
                 let is_running = recording.status() == Status::Running;
                 self.timeline.key(key, is_far, recording.moments(), is_running);
             }
-            Command::Speed(by) => {
+            KeyCommand::Speed(by) => {
                 let current = SPEEDS.iter().position(|&speed| speed == preferences.speed).unwrap_or(3);
                 let next = current.saturating_add_signed(by as isize).min(SPEEDS.len() - 1);
                 preferences.speed = SPEEDS.get(next).copied().unwrap_or(1.0);
             }
-            Command::Layer(layer) => layer.toggle(&mut preferences.layers),
-            Command::Look(preset) => self.view.eye.look_from(preset),
-            Command::Orbit([right, up]) => self.view.eye.orbit(f64::from(right) * ORBIT_RAD, f64::from(up) * ORBIT_RAD),
-            Command::Near(steps) => self.view.eye.zoom(0.9_f64.powi(steps.into())),
-            Command::Reset => self.view.reset(),
-            Command::Follow => preferences.follow = !preferences.follow,
-            Command::Panel(panel) => {
+            KeyCommand::Layer(layer) => layer.toggle(&mut preferences.layers),
+            KeyCommand::Look(preset) => self.scene.eye.look_from(preset),
+            KeyCommand::Orbit([right, up]) => {
+                self.scene.eye.orbit(f64::from(right) * ORBIT_RAD, f64::from(up) * ORBIT_RAD)
+            }
+            KeyCommand::Near(steps) => self.scene.eye.zoom(0.9_f64.powi(steps.into())),
+            KeyCommand::Reset => self.scene.reset(),
+            KeyCommand::Follow => preferences.follow = !preferences.follow,
+            KeyCommand::Panel(panel) => {
                 let panels = &mut preferences.panels;
                 let flag = match panel {
-                    Panel::Layers => &mut panels.layers,
-                    Panel::Sensors => &mut panels.sensors,
-                    Panel::Plots => &mut panels.plots,
+                    PanelSwitch::Layers => &mut panels.layers,
+                    PanelSwitch::Sensors => &mut panels.sensors,
+                    PanelSwitch::Plots => &mut panels.plots,
                 };
                 *flag = !*flag;
             }
-            Command::Screenshot => self.exports.screenshot(ctx, &self.place.name()),
-            Command::Export => self.export(ctx),
-            Command::Appearance | Command::Help | Command::Quit => {}
+            KeyCommand::Screenshot => self.exports.screenshot(ctx, &self.source.name()),
+            KeyCommand::Export => self.export(ctx),
+            KeyCommand::Appearance | KeyCommand::Help | KeyCommand::Quit => {}
         }
     }
 
@@ -172,26 +175,26 @@ impl Watch {
         let shape = recording.shape(self.timeline.moment(recording.moments()));
         drop(recording);
         match shape {
-            Ok(Some(shape)) => self.exports.mesh(&self.place.name(), &shape),
-            Ok(None) => self.say(ctx, "there is no mesh yet".to_owned()),
-            Err(error) => self.say(ctx, error.to_string()),
+            Ok(Some(shape)) => self.exports.mesh(&self.source.name(), &shape),
+            Ok(None) => self.notify(ctx, "there is no mesh yet".to_owned()),
+            Err(error) => self.notify(ctx, error.to_string()),
         }
     }
 
-    /// The bar above, beside what the window puts there.
+    /// Adds the recording's part of the bar at the top.
     pub fn title(&mut self, ui: &mut Ui, preferences: &mut Preferences) {
         let about = self.shared.read().about().clone();
         let side = match about.side {
             mvt_robot::hand::Side::Left => "left hand",
             mvt_robot::hand::Side::Right => "right hand",
         };
-        ui.strong(&about.object).on_hover_text(self.place.folder().display().to_string());
+        ui.strong(&about.object).on_hover_text(self.source.folder().display().to_string());
         let mode = about.mode.map_or("log", mvt_run::pipeline::Mode::name);
         ui.label(format!("mode {mode}   sensors {}   seed {}   {side}", about.modality, about.seed));
         let ctx = ui.ctx().clone();
         ui.menu_button("File", |ui| {
             if ui.button("Screenshot (S)").clicked() {
-                self.exports.screenshot(&ctx, &self.place.name());
+                self.exports.screenshot(&ctx, &self.source.name());
                 ui.close();
             }
             if ui.button("Export the mesh (E)").clicked() {
@@ -201,19 +204,19 @@ impl Watch {
         });
         ui.menu_button("Panels", |ui| {
             let panels = &mut preferences.panels;
-            ui.checkbox(&mut panels.layers, "What is shown (L)");
+            ui.checkbox(&mut panels.layers, "Layers (L)");
             ui.checkbox(&mut panels.sensors, "Sensor images (I)");
             ui.checkbox(&mut panels.plots, "Curves (U)");
         });
         if self.shared.is_running()
-            && ui.button("Stop the run").on_hover_text("It writes what it has and ends").clicked()
-            && let Err(error) = launch::stop(about.process)
+            && ui.button("Stop the run").on_hover_text("The run writes its results and ends").clicked()
+            && let Err(error) = launch::interrupt(about.process)
         {
-            self.say(&ctx, format!("the run cannot be stopped: {error}"));
+            self.notify(&ctx, format!("cannot stop the run: {error}"));
         }
     }
 
-    /// Everything below the bar.
+    /// Draws everything below the bar.
     pub fn ui(&mut self, ui: &mut Ui, preferences: &mut Preferences) {
         let panels = room_for(preferences.panels, ui.available_size());
         let shared = Arc::clone(&self.shared);
@@ -238,9 +241,9 @@ impl Watch {
         if panels.layers {
             egui::Panel::left("layers").resizable(false).exact_size(196.0).show(ui, |ui| {
                 egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                    let has_truth = recording.truth().is_some();
-                    if layers_panel::ui(ui, preferences, &mut self.view.eye, has_truth) {
-                        self.view.reset();
+                    let has_truth = recording.true_mesh().is_some();
+                    if layers_panel::ui(ui, preferences, &mut self.scene.eye, has_truth) {
+                        self.scene.reset();
                     }
                 });
             });
@@ -256,19 +259,19 @@ impl Watch {
             );
         }
         egui::CentralPanel::no_frame().show(ui, |ui| {
-            self.view.ui(ui, &recording, moment, preferences.layers, preferences.follow);
+            self.scene.ui(ui, &recording, moment, preferences.layers, preferences.follow);
         });
     }
 
-    /// The line that says in words what is happening.
+    /// Draws the line that describes the moment and the run in words.
     fn status(&self, ui: &mut Ui, recording: &Recording) {
         let theme = style::theme(ui.ctx());
         ui.horizontal(|ui| {
             let status = recording.status();
-            let words = words::happening(recording, self.timeline.moment(recording.moments()));
+            let words = captions::moment(recording, self.timeline.moment(recording.moments()));
             ui.label(words);
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                let run = words::whole(recording);
+                let run = captions::status(recording);
                 match status {
                     Status::Running | Status::Finished => ui.weak(run),
                     Status::Interrupted | Status::Crashed => ui.colored_label(colour(theme.lost), run),
@@ -287,7 +290,7 @@ impl Watch {
     }
 }
 
-/// The panels for which there is room.
+/// Closes the panels for which there is no room.
 fn room_for(mut panels: Panels, available: egui::Vec2) -> Panels {
     panels.layers &= available.x >= ROOMY || !panels.sensors;
     panels.sensors &= available.x >= 480.0;

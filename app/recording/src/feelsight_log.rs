@@ -1,4 +1,4 @@
-//! A FeelSight log, looked at as if it were a recording.
+//! Presents a FeelSight log as a recording.
 
 use mvt_run::source::{Modality, true_press};
 use std::path::Path;
@@ -15,29 +15,31 @@ use mvt_mesh::Mesh;
 use mvt_robot::hand::PerFinger;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::observation::TouchTruth;
-use mvt_segmentation::{SegmentationConfig, segment};
-
-use super::{About, CameraImages, FingerImages, Images, Moment, RecordingError, Touching, VERSION, images};
 use mvt_run::object::load_object;
 use mvt_run::report::{FrameRow, StageMs, TrackState};
+use mvt_segmentation::{SegmentationConfig, segment};
 
-/// Images of a log. Depths of cameras lie in one compressed file and are read in the background, with how the fingers touch; the rest is
-/// read when it is asked for.
+use super::{
+    About, CameraImages, FingerImages, FrameImages, RecordedMoment, RecordingError, Touching, VERSION, images,
+};
+
+/// FrameImages of a log. A background thread reads the contacts and the camera depths, which lie in one compressed file;
+/// other images are read on request.
 pub struct LogImages {
     log: Log,
     strides: Vec<usize>,
     background: Arc<Background>,
-    /// Frames of which it was told how the fingers touch.
-    told: usize,
+    /// Number of frames whose contacts were added to the moments.
+    with_contacts: usize,
 }
 
-/// What is read in the background, frame by frame.
+/// Data that the background thread reads, frame by frame.
 #[derive(Default)]
 struct Background {
     frames: Mutex<Vec<Read>>,
-    /// Nothing comes any more.
+    /// The thread has ended.
     is_complete: AtomicBool,
-    /// Nobody wants more.
+    /// The thread should end.
     is_unwanted: AtomicBool,
 }
 
@@ -47,9 +49,9 @@ impl Background {
     }
 }
 
-/// What was read of a frame.
+/// Data of a frame.
 struct Read {
-    /// Thinned depth of every camera, packed: as numbers those of three cameras and 30 s would take a gigabyte.
+    /// Thinned depth of every camera, packed. Unpacked, three cameras and 30 s would take a gigabyte.
     depths: Vec<Option<Vec<u8>>>,
     fingers: PerFinger<Option<Touching>>,
 }
@@ -60,8 +62,8 @@ impl Drop for LogImages {
     }
 }
 
-/// A log with what is known of it at once: what it is, its frames, the true surface, and what was amiss.
-type Opened = (LogImages, About, Vec<Moment>, Option<Mesh>, Vec<String>);
+/// Log with its description, its frames, the true surface and the warnings.
+type Opened = (LogImages, About, Vec<RecordedMoment>, Option<Mesh>, Vec<String>);
 
 impl LogImages {
     /// Opens a log.
@@ -71,7 +73,7 @@ impl LogImages {
         let strides: Vec<usize> = log.cameras().iter().map(|camera| images::stride(&camera.intrinsics)).collect();
         let name = log.scene().map_or(log.object_name(), |scene| &scene.object.mesh).to_owned();
         let object = load_object(&name)
-            .map_err(|error| warnings.push(format!("{error:#}; going on without the true shape")))
+            .map_err(|error| warnings.push(format!("{error:#}; continuing without the true shape")))
             .ok();
         // A log without scene.json has the poses of the published mesh.
         let object_from_log = match (&object, log.scene()) {
@@ -95,7 +97,7 @@ impl LogImages {
         };
         let moment = |k: usize| {
             let truth = log.object_poses()[k].map(|pose| pose * object_from_log.inverse());
-            Moment {
+            RecordedMoment {
                 row: FrameRow {
                     frame: k as u64,
                     time_s: log.times_s()[k],
@@ -116,7 +118,7 @@ impl LogImages {
         let moments = (0..log.len()).map(moment).collect();
         let background = Arc::new(Background::default());
         let (others, thinning) = (Arc::clone(&background), strides.clone());
-        // A second reader: the first one serves images.
+        // A second reader, because the first one serves images.
         let frames =
             Log::open_tolerant(folder)?.into_partial_frames(&(0..strides.len()).collect::<Vec<_>>(), TouchPart::Truth);
         thread::spawn(move || {
@@ -135,39 +137,45 @@ impl LogImages {
             }
             others.is_complete.store(true, Ordering::Relaxed);
         });
-        Ok((Self { log, strides, background, told: 0 }, about, moments, object.map(|object| object.mesh), warnings))
+        Ok((
+            Self { log, strides, background, with_contacts: 0 },
+            about,
+            moments,
+            object.map(|object| object.mesh),
+            warnings,
+        ))
     }
 
-    /// Whether all there is of a frame's images has been read.
+    /// Whether the background thread has read a frame.
     pub fn is_read(&self, frame: usize) -> bool {
         self.background.is_complete.load(Ordering::Relaxed) || frame < self.background.frames().len()
     }
 
-    /// Whether all has been read and told.
+    /// Whether all frames were read and their contacts added.
     pub fn is_complete(&self) -> bool {
-        self.background.is_complete.load(Ordering::Relaxed) && self.told == self.background.frames().len()
+        self.background.is_complete.load(Ordering::Relaxed) && self.with_contacts == self.background.frames().len()
     }
 
-    /// Waits until all has been read.
+    /// Waits until all frames were read.
     pub fn finish(&self) {
         while !self.background.is_complete.load(Ordering::Relaxed) {
             thread::sleep(Duration::from_millis(20));
         }
     }
 
-    /// Tells moments how the fingers touch, as far as that was read since it was told last; whether it was.
-    pub fn tell(&mut self, moments: &mut [Moment]) -> bool {
-        let before = self.told;
+    /// Adds newly read contacts to the moments. Returns whether there were any.
+    pub fn add_contacts(&mut self, moments: &mut [RecordedMoment]) -> bool {
+        let before = self.with_contacts;
         let frames = self.background.frames();
         for (moment, read) in moments.iter_mut().zip(&*frames).skip(before) {
             moment.fingers = read.fingers;
         }
-        self.told = frames.len();
-        self.told > before
+        self.with_contacts = frames.len();
+        self.with_contacts > before
     }
 
-    /// The images of a frame as far as they can be read.
-    pub fn images(&self, frame: usize) -> Images {
+    /// Returns the images of a frame that can be read.
+    pub fn images(&self, frame: usize) -> FrameImages {
         let depths = self.background.frames().get(frame).map(|read| read.depths.clone()).unwrap_or_default();
         let joints = self.log.joints().get(frame).copied().unwrap_or_default();
         let hand = HandSolid::new(self.log.side(), &joints);
@@ -198,6 +206,6 @@ impl LogImages {
                 true_depth_m: None,
             })
         });
-        Images { frame, cameras, touch }
+        FrameImages { frame, cameras, touch }
     }
 }

@@ -1,17 +1,19 @@
-//! All colours: light and dark, and the maps that stand for numbers. All maps read the same for people who see red and green alike.
+//! All colours: a light and a dark theme, and colour maps of numbers. People who confuse red and green can read every
+//! map.
 
 use image::Rgb;
 
-/// The colours of everything that is not data.
+/// Colours of everything that is not data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Theme {
-    /// Behind everything.
+    /// Background.
     pub paper: Rgb<u8>,
-    /// Behind groups of things.
+    /// Background of panels and plots.
     pub panel: Rgb<u8>,
     /// Text and lines.
     pub ink: Rgb<u8>,
-    /// Text and lines that matter less.
+    /// Less important text and lines.
     pub faint: Rgb<u8>,
     /// Links of the hand.
     pub link: Rgb<u8>,
@@ -25,14 +27,14 @@ pub struct Theme {
     pub truth: Rgb<u8>,
     /// The estimated trajectory.
     pub estimate: Rgb<u8>,
-    /// Where a frame has been kept.
+    /// Keyframes.
     pub keyframe: Rgb<u8>,
-    /// Where the object was lost, and what is amiss.
+    /// Times at which the object is lost, and problems.
     pub lost: Rgb<u8>,
 }
 
 impl Theme {
-    /// On white paper.
+    /// Dark ink on light paper.
     pub const LIGHT: Self = Self {
         paper: Rgb([250, 250, 248]),
         panel: Rgb([238, 239, 240]),
@@ -47,7 +49,7 @@ impl Theme {
         keyframe: Rgb([204, 121, 167]),
         lost: Rgb([196, 84, 0]),
     };
-    /// In the dark.
+    /// Light ink on dark paper.
     pub const DARK: Self = Self {
         paper: Rgb([24, 26, 30]),
         panel: Rgb([36, 39, 44]),
@@ -64,36 +66,24 @@ impl Theme {
     };
 }
 
-/// Which sensor saw a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SeenBy {
-    /// A camera.
-    Vision,
-    /// A DIGIT.
-    Touch,
-    /// None: the field has made it up.
-    Nothing,
-}
+/// Places that cameras saw (Okabe and Ito's blue).
+pub const VISION: Rgb<u8> = Rgb([86, 180, 233]);
+/// Places that touch sensors saw (Okabe and Ito's vermilion).
+pub const TOUCH: Rgb<u8> = Rgb([213, 94, 0]);
+/// Places that no sensor saw.
+pub const UNSEEN: Rgb<u8> = Rgb([170, 170, 170]);
 
-impl SeenBy {
-    /// Its colour (Okabe and Ito's blue, vermilion and grey).
-    pub fn colour(self) -> Rgb<u8> {
-        match self {
-            Self::Vision => Rgb([86, 180, 233]),
-            Self::Touch => Rgb([213, 94, 0]),
-            Self::Nothing => Rgb([170, 170, 170]),
-        }
-    }
-}
-
-/// Colours of curves that have to be told apart (Okabe and Ito), readable on either paper.
+/// Colours of curves in one plot (Okabe and Ito): blue, vermilion, green and purple, readable in both themes.
 pub const CURVES: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([213, 94, 0]), Rgb([0, 158, 115]), Rgb([204, 121, 167])];
+
+/// Spans of a plot in which the object is lost (Okabe and Ito's orange), drawn translucent.
+pub const LOST_SPAN: Rgb<u8> = Rgb([230, 159, 0]);
 
 /// Signed distance at which the map of slices is darkest, metres.
 pub const SLICE_SCALE_M: f32 = 0.01;
 
-/// The colour of a signed distance: white at the surface, blue inside, brown outside, darker with the distance. The same lightness on
-/// either side, so that white stands out.
+/// Returns the colour of a signed distance: white at the surface, blue inside, brown outside, darker with the distance.
+/// Both sides have the same lightness, so that the surface stands out.
 pub fn signed_distance(distance_m: f32) -> Rgb<u8> {
     const INSIDE: [[u8; 3]; 2] = [[116, 173, 209], [49, 54, 149]];
     const OUTSIDE: [[u8; 3]; 2] = [[223, 164, 96], [120, 62, 10]];
@@ -102,22 +92,35 @@ pub fn signed_distance(distance_m: f32) -> Rgb<u8> {
     ramp(&[[250; 3], middle, end], share.abs())
 }
 
-/// The colour of a share from 0 (never seen) to 1 (certain): dark blue to yellow, lighter all the way (after cividis).
+/// Returns the colour of a share from 0 (never seen) to 1 (certain): dark blue to yellow, lighter all the way (after
+/// cividis).
 pub fn confidence(share: f32) -> Rgb<u8> {
     ramp(&[[0, 34, 78], [67, 78, 108], [125, 124, 120], [188, 175, 111], [254, 232, 56]], share)
 }
 
-/// The colour of a depth between two bounds: near is light. Paper grey for nothing.
+/// Returns the colour of a depth between two bounds: near is light. Pixels without a depth are grey.
 pub fn depth(depth_m: f32, [near_m, far_m]: [f32; 2]) -> Rgb<u8> {
     if depth_m > 0.0 { confidence(1.0 - (depth_m - near_m) / (far_m - near_m)) } else { Rgb([90, 90, 94]) }
 }
 
-/// The colour of an indentation up to `most_mm`: none is nearly black, much is light.
+/// Returns the colour of an indentation up to `most_mm`: 0 is nearly black, `most_mm` is light.
 pub fn indentation(depth_mm: f32, most_mm: f32) -> Rgb<u8> {
     ramp(&[[18, 20, 30], [70, 40, 110], [180, 70, 90], [245, 150, 70], [252, 240, 180]], depth_mm / most_mm)
 }
 
-/// The colour of a direction.
+/// Error from which on the colour of an error no longer changes, metres: the threshold of the headline F-score.
+pub const ERROR_SCALE_M: f32 = 0.005;
+
+/// Returns the colour of a distance from the true surface, metres: from pale over orange to dark red. The lightness
+/// falls all the way, so that the map is readable in grey and for people who confuse red and green. Small errors are
+/// pale, so that shading remains visible. NaN has the colour of the largest error.
+pub fn surface_error(error_m: f32) -> Rgb<u8> {
+    const STEPS: [[u8; 3]; 5] = [[236, 236, 228], [250, 204, 116], [232, 130, 52], [188, 58, 46], [92, 20, 58]];
+    let share = error_m.abs() / ERROR_SCALE_M;
+    ramp(&STEPS, if share < 1.0 { share } else { 1.0 })
+}
+
+/// Returns the colour of a unit vector: red, green and blue grow with x, y and z.
 pub fn normal([x, y, z]: [f32; 3]) -> Rgb<u8> {
     Rgb([x, y, z].map(|c| (127.5 + 127.5 * c).clamp(0.0, 255.0) as u8))
 }
@@ -125,7 +128,7 @@ pub fn normal([x, y, z]: [f32; 3]) -> Rgb<u8> {
 /// Colours of the axes x, y and z (Okabe and Ito's vermilion, bluish green and blue).
 pub const AXES: [Rgb<u8>; 3] = [Rgb([213, 94, 0]), Rgb([0, 158, 115]), Rgb([0, 114, 178])];
 
-/// Between evenly spaced colours; the first for what is not a number.
+/// Interpolates between evenly spaced colours; NaN gives the first.
 fn ramp(steps: &[[u8; 3]], share: f32) -> Rgb<u8> {
     let position = share.clamp(0.0, 1.0).max(0.0) * (steps.len() - 1) as f32;
     let low = (position as usize).min(steps.len().saturating_sub(2));
@@ -151,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn lightness_tells_the_order() {
+    fn lightness_follows_the_number() {
         let shares = || (0..=40).map(|k| k as f32 / 40.0);
         assert!(is_rising(shares().map(confidence)));
         assert!(is_rising(shares().map(|share| indentation(2.0 * share, 2.0))));
@@ -164,14 +167,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_has_a_colour() {
+    fn numbers_that_are_not_finite_have_a_colour() {
         for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let _ = (signed_distance(wrong), confidence(wrong), depth(wrong, [0.0, 0.0]), indentation(wrong, 0.0));
             let _ = normal([wrong; 3]);
         }
     }
 
-    /// Distance of two colours as somebody without red (or green) cones sees them (Vienot, Brettel and Mollon 1999), 0 to about 440.
+    /// Returns the distance between two colours for a person without red (or green) cones (Vienot, Brettel and Mollon
+    /// 1999), 0 to about 440.
     fn distance_dichromatic(a: Rgb<u8>, b: Rgb<u8>) -> f32 {
         let seen = |colour: Rgb<u8>| {
             let [r, g, b] = colour.0.map(|c| (f32::from(c) / 255.0).powf(2.2));
@@ -183,8 +187,8 @@ mod tests {
     }
 
     #[test]
-    fn sensors_differ_for_people_who_see_red_and_green_alike() {
-        let all = [SeenBy::Vision, SeenBy::Touch, SeenBy::Nothing].map(SeenBy::colour);
+    fn sensors_differ_for_people_who_confuse_red_and_green() {
+        let all = [VISION, TOUCH, UNSEEN];
         for (k, a) in all.into_iter().enumerate() {
             for b in &all[..k] {
                 assert!(distance_dichromatic(a, *b) > 50.0, "{a:?} and {b:?}");
@@ -194,5 +198,15 @@ mod tests {
             assert!(distance_dichromatic(theme.truth, theme.estimate) > 50.0);
             assert!((lightness(theme.ink) - lightness(theme.paper)).abs() > 150.0);
         }
+    }
+
+    #[test]
+    fn a_larger_error_is_darker_up_to_full_scale() {
+        let steps: Vec<f32> = (0..=20).map(|k| lightness(surface_error(ERROR_SCALE_M * k as f32 / 20.0))).collect();
+        assert!(steps.windows(2).all(|pair| pair[1] < pair[0]), "{steps:?}");
+        for error_m in [1.0, f32::INFINITY, f32::NAN] {
+            assert_eq!(surface_error(error_m), surface_error(ERROR_SCALE_M));
+        }
+        assert_eq!(surface_error(-0.001), surface_error(0.001));
     }
 }

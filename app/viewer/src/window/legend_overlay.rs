@@ -1,16 +1,18 @@
-//! What the colours of the view stand for, and how long things are in it.
+//! Paints the legend of the colours and the scale bar over the scene.
 
 use eframe::egui::{Align2, FontId, Painter, Pos2, Rect, Shape, TextStyle, Ui};
-
-use super::style::{self, colour};
-use crate::key::{Key, scale_bar_m};
-use crate::{Eye, Layers, Theme};
+use mvt_picture::palette::Theme;
 use mvt_recording::Recording;
 
-/// Distance from the view's edges, points.
+use super::style::{self, colour};
+use crate::eye::Eye;
+use crate::layers::Layers;
+use crate::legend::{Legend, scale_bar_m};
+
+/// Distance from the edges of the scene, points.
 const MARGIN: f32 = 10.0;
 
-/// Paints both into the lower corners of the view.
+/// Paints both into the lower corners of the scene.
 pub fn paint(ui: &Ui, view: Rect, recording: &Recording, layers: &Layers, eye: &Eye) {
     let theme = style::theme(ui.ctx());
     let font = TextStyle::Small.resolve(ui.style());
@@ -26,24 +28,25 @@ pub fn paint(ui: &Ui, view: Rect, recording: &Recording, layers: &Layers, eye: &
         let middle = Pos2::new(bar.center().x, end.y - 5.0);
         bar.union(painter.text(middle, Align2::CENTER_BOTTOM, words, font.clone(), colour(theme.ink)))
     });
-    if let Some(key) = Key::of(layers, recording) {
-        on_paper(&painter, &theme, |painter| paint_key(painter, view.left_bottom(), &key, &theme, &font));
+    if let Some(legend) = Legend::of(layers, recording) {
+        on_paper(&painter, &theme, |painter| paint_legend(painter, view.left_bottom(), &legend, &theme, &font));
     }
 }
 
-/// Paints something on translucent paper, so that it can be read before any scene. `add` says where it has painted.
+/// Calls `add`, which paints and returns the rectangle that it used, on translucent paper, so that it is readable over
+/// any scene.
 fn on_paper(painter: &Painter, theme: &Theme, add: impl FnOnce(&Painter) -> Rect) {
     let paper = painter.add(Shape::Noop);
     let used = add(painter).expand(4.0);
     painter.set(paper, Shape::rect_filled(used, 3.0, colour(theme.paper).gamma_multiply(0.75)));
 }
 
-fn paint_key(painter: &Painter, corner: Pos2, key: &Key, theme: &Theme, font: &FontId) -> Rect {
+fn paint_legend(painter: &Painter, corner: Pos2, legend: &Legend, theme: &Theme, font: &FontId) -> Rect {
     let ink = colour(theme.ink);
     let write = |at: Pos2, align: Align2, text: &str| painter.text(at, align, text, font.clone(), ink);
     let bottom = corner.y - MARGIN;
-    match key {
-        Key::Ramp { title, labels, colour: of_share } => {
+    match legend {
+        Legend::Ramp { title, labels, colour: of_share } => {
             const WIDTH: f32 = 150.0;
             let title = write(Pos2::new(corner.x + MARGIN, bottom - 16.0), Align2::LEFT_BOTTOM, title);
             let left = title.right() + MARGIN;
@@ -57,7 +60,7 @@ fn paint_key(painter: &Painter, corner: Pos2, key: &Key, theme: &Theme, font: &F
                 used.union(write(Pos2::new(x, bottom), Align2::CENTER_BOTTOM, label))
             })
         }
-        Key::Names(names) => {
+        Legend::Names(names) => {
             let mut used = Rect::from_min_size(Pos2::new(corner.x + MARGIN, bottom), eframe::egui::Vec2::ZERO);
             for (by, name) in names {
                 let x = if used.width() > 0.0 { used.right() + MARGIN } else { used.left() };

@@ -1,4 +1,4 @@
-//! Images of sensors as pictures to look at.
+//! Pictures of the sensors' images in false colours.
 
 use image::{GrayImage, Rgb, RgbImage};
 use mvt_frames::camera::PosedCamera;
@@ -8,16 +8,16 @@ use mvt_render::rays::{Caster, Faces, Hits, Instance, RayMesh, Window};
 use mvt_robot::digit;
 use ndarray::Array2;
 
-use super::colours;
+use mvt_picture::palette;
 use mvt_recording::{CameraImages, FingerImages};
 use mvt_robot::digit::gel;
 
-/// Indentation that is drawn lightest, millimetres.
+/// Indentation with the lightest colour, millimetres.
 const MOST_MM: f32 = 2.0;
-/// Outline of what is taken for the object.
+/// Colour of outlines of the object and of contact.
 const OUTLINE: Rgb<u8> = Rgb([240, 228, 66]);
 
-/// Depth of a camera as colours, near ones light, with the outline of what is taken for the object.
+/// Paints the depth of a camera, near is light, with the outline of the pixels that are labelled as object.
 pub fn depth(camera: &CameraImages) -> RgbImage {
     let bounds = bounds_m(&camera.depth_m, &camera.segmentation);
     let mut picture = of_depth(&camera.depth_m, bounds);
@@ -25,7 +25,7 @@ pub fn depth(camera: &CameraImages) -> RgbImage {
     picture
 }
 
-/// Depth of an estimated surface as a camera would measure it, in the same colours as [`depth`] of these images.
+/// Paints the depth of an estimated surface as a camera would measure it, in the colours of [`depth`] of these images.
 pub fn rendered_depth(
     mesh: &RayMesh,
     pose: Isometry<Object, World>,
@@ -42,26 +42,26 @@ pub fn rendered_depth(
     picture
 }
 
-/// What is taken for object, hand and background.
+/// Paints the labels object, hand, unsure and background.
 pub fn segmentation(camera: &CameraImages) -> RgbImage {
     of_levels(&camera.segmentation)
 }
 
-/// How far a DIGIT is pressed in, as it was measured, with the outline of contact.
+/// Paints the measured indentation of a DIGIT with the outline of contact.
 pub fn indentation(finger: &FingerImages) -> RgbImage {
     let mut picture = of_indentation(&finger.depth_m);
     outline(&mut picture, &finger.contact, 255);
     picture
 }
 
-/// How far a DIGIT is pressed in indeed, where that is known.
+/// Paints the true indentation of a DIGIT, where it is known.
 pub fn true_indentation(finger: &FingerImages) -> Option<RgbImage> {
     finger.true_depth_m.as_ref().map(of_indentation)
 }
 
-/// Where a DIGIT touches.
+/// Paints the contact of a DIGIT.
 pub fn contact(finger: &FingerImages) -> RgbImage {
-    let touch = colours::SeenBy::Touch.colour();
+    let touch = palette::TOUCH;
     of(finger.contact.width(), finger.contact.height(), |x, y| {
         if finger.contact.get_pixel(x, y).0[0] > 127 { touch } else { Rgb([24, 24, 28]) }
     })
@@ -73,7 +73,7 @@ fn of(width: u32, height: u32, colour: impl Fn(u32, u32) -> Rgb<u8>) -> RgbImage
 
 fn of_depth(depth_m: &Array2<f32>, bounds_m: [f32; 2]) -> RgbImage {
     let (rows, columns) = depth_m.dim();
-    of(columns as u32, rows as u32, |x, y| colours::depth(depth_m[(y as usize, x as usize)], bounds_m))
+    of(columns as u32, rows as u32, |x, y| palette::depth(depth_m[(y as usize, x as usize)], bounds_m))
 }
 
 fn of_levels(levels: &GrayImage) -> RgbImage {
@@ -92,11 +92,12 @@ fn of_indentation(depth_m: &Array2<f32>) -> RgbImage {
     of(columns as u32, rows as u32, |x, y| {
         let at = (y as usize, x as usize);
         let pressed_m = if is_digit && depth_m[at] > 0.0 { gel[at] - depth_m[at] } else { 0.0 };
-        colours::indentation(pressed_m * 1e3, MOST_MM)
+        palette::indentation(pressed_m * 1e3, MOST_MM)
     })
 }
 
-/// Nearest and farthest depth of the object, or of everything where there is none, metres.
+/// Returns the nearest and farthest depth of the object, or of the whole image if no pixel is labelled as object,
+/// metres.
 fn bounds_m(depth_m: &Array2<f32>, segmentation: &GrayImage) -> [f32; 2] {
     let is_object = |&(_, level): &(&f32, &u8)| *level == OBJECT;
     let of_object = depth_m.iter().zip(segmentation.iter()).filter(is_object).map(|(z, _)| *z);
@@ -111,7 +112,7 @@ fn bounds_m(depth_m: &Array2<f32>, segmentation: &GrayImage) -> [f32; 2] {
     if bounds[1] > bounds[0] { [bounds[0] - 0.01, bounds[1] + 0.01] } else { [0.2, 0.5] }
 }
 
-/// Draws the inner edge of where a mask has a level.
+/// Draws the inner edge of the pixels that have a level in a mask.
 fn outline(picture: &mut RgbImage, mask: &GrayImage, level: u8) {
     let is_in = |x: i64, y: i64| {
         let pixel = u32::try_from(x).ok().zip(u32::try_from(y).ok());
@@ -142,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn the_estimate_is_rendered_in_the_colours_of_what_was_measured() {
+    fn the_estimate_has_the_colours_of_the_measured_depth() {
         let camera = mvt_robot::rig::PLACEMENTS[2].camera(mvt_robot::hand::Side::Left);
         let ball = mvt_robot::hand::Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.03; 3] };
         let mesh = RayMesh::new(&mvt_render::tessellation::tessellate(&ball, 32));
@@ -162,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn images_without_pixels_are_pictures_without_pixels() {
+    fn images_without_pixels_give_pictures_without_pixels() {
         let (camera, finger) = (CameraImages::default(), FingerImages::default());
         assert_eq!(depth(&camera).len() + segmentation(&camera).len(), 0);
         assert_eq!(indentation(&finger).len() + contact(&finger).len(), 0);

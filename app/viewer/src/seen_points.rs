@@ -1,8 +1,10 @@
-//! What cameras and DIGITs have seen of the object so far, in its coordinates, from the recorded images and the estimated poses.
+//! Points of the object that cameras and DIGITs have seen so far, in its coordinates, from the recorded images and the
+//! estimated poses.
 
 use std::collections::{BTreeSet, HashMap};
 
 use glam::{IVec3, Mat3A, Vec3A};
+use image::Rgb;
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::depth::OBJECT;
 use mvt_frames::{Camera, Isometry, Object};
@@ -10,63 +12,85 @@ use mvt_robot::digit;
 use mvt_robot::hand::world_from_digit_camera;
 use nalgebra as na;
 
-use super::colours::SeenBy;
-use super::raster::Colour;
-use mvt_recording::{Images, Moment, Recording, RecordingError};
+use mvt_picture::palette;
+use mvt_picture::raster::{self, Colour};
+use mvt_recording::{FrameImages, RecordedMoment, Recording, RecordingError};
 
-/// Points are gathered in cells of this edge, metres.
+/// Edge of the cells in which points are gathered, metres.
 const CELL_M: f32 = 0.002;
-/// What is farther from every point was not observed, metres.
+/// Places farther than this from every point count as not seen, metres.
 const REACH_M: f32 = 0.005;
-/// Every how many-th row and column of a camera and of a DIGIT gives a point.
+/// Every Nth row and column of a camera image and of a DIGIT image gives a point.
 const CAMERA_STRIDE: usize = 3;
 const TOUCH_STRIDE: usize = 6;
-/// Most images that are looked at: of a longer run fewer of them.
+/// Most images that are used. A longer run uses every second, fourth, ... image.
 const MOST_IMAGES: usize = 48;
-/// So many sightings of a place leave no doubt.
+/// Number of sightings that gives full confidence.
 const SURE: f32 = 12.0;
 
-/// What is known of a cell.
+/// Sums over the points of a cell.
 #[derive(Debug, Clone, Copy, Default)]
 struct Cell {
     /// Sum of the points, metres, and of their colours.
     points: Vec3A,
     colours: Colour,
     count: f32,
-    /// Points that a DIGIT saw.
+    /// Number and sum of the points that a DIGIT saw.
     touched: f32,
     touched_points: Vec3A,
-    /// Images that saw it, and the last of them.
+    /// Number of images that saw the cell, and the last of them.
     sightings: f32,
     last: usize,
 }
 
-/// The points that were seen up to a moment.
+/// Sensor that saw a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SeenBy {
+    /// A camera.
+    Vision,
+    /// A DIGIT.
+    Touch,
+    /// No sensor: the field extrapolates.
+    Nothing,
+}
+
+impl SeenBy {
+    /// Returns its colour.
+    pub fn colour(self) -> Rgb<u8> {
+        match self {
+            Self::Vision => palette::VISION,
+            Self::Touch => palette::TOUCH,
+            Self::Nothing => palette::UNSEEN,
+        }
+    }
+}
+
+/// Points that were seen up to a moment.
 #[derive(Default)]
-pub struct Observed {
+pub struct SeenPoints {
     cells: HashMap<IVec3, Cell>,
-    /// Moments that are in it.
+    /// Moments whose images are used.
     seen: BTreeSet<usize>,
-    /// Every how many-th image is looked at.
+    /// Every Nth image is used.
     every: usize,
 }
 
-/// What is known of a place on a surface.
+/// Evidence for a place on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
-    /// Which sensor saw it.
+pub struct Sighting {
+    /// Sensor that saw it.
     pub by: SeenBy,
-    /// Its colour; none where no camera saw it.
+    /// Its colour, where a camera saw it.
     pub colour: Option<Colour>,
-    /// How sure it is, 0 to 1.
+    /// Confidence, 0 to 1.
     pub confidence: f32,
 }
 
-impl Observed {
-    /// Takes in what was seen up to a moment, and forgets what came later.
+impl SeenPoints {
+    /// Adds the images up to a moment and removes those of later moments.
     ///
     /// # Errors
-    /// [`RecordingError`] if images cannot be read; those before are taken in.
+    /// [`RecordingError`] if images cannot be read. Earlier images are added.
     pub fn advance(&mut self, recording: &Recording, moment: usize) -> Result<(), RecordingError> {
         let images = recording.image_moments(moment);
         let every = images.len().div_ceil(MOST_IMAGES).max(1).next_power_of_two();
@@ -76,7 +100,7 @@ impl Observed {
         }
         let new: Vec<usize> = wanted.difference(&self.seen).copied().collect();
         for moment in new {
-            // A damaged image is tried once.
+            // Marked first: a damaged image is tried once.
             self.seen.insert(moment);
             if let Some(images) = recording.images(moment)? {
                 self.add(recording, moment, &images);
@@ -85,12 +109,12 @@ impl Observed {
         Ok(())
     }
 
-    /// How many images are in it.
+    /// Returns the number of images that are used.
     pub fn images(&self) -> usize {
         self.seen.len()
     }
 
-    fn add(&mut self, recording: &Recording, index: usize, images: &Images) {
+    fn add(&mut self, recording: &Recording, index: usize, images: &FrameImages) {
         let Some((moment, pose)) = recording.moments().get(index).zip(recording.pose(index)) else { return };
         let object_from_world = pose.inverse();
         for (camera, seen) in recording.about().cameras.iter().zip(&images.cameras) {
@@ -100,7 +124,7 @@ impl Observed {
             for (point, (x, y)) in
                 points(&seen.depth_m, &camera.intrinsics, object_from_camera, CAMERA_STRIDE, is_object)
             {
-                let colour = seen.colour.get_pixel_checked(x, y).map(|&rgb| super::raster::colour(rgb));
+                let colour = seen.colour.get_pixel_checked(x, y).map(|&rgb| raster::colour(rgb));
                 self.put(index, point, colour);
             }
         }
@@ -111,8 +135,8 @@ impl Observed {
         &mut self,
         recording: &Recording,
         index: usize,
-        moment: &Moment,
-        images: &Images,
+        moment: &RecordedMoment,
+        images: &FrameImages,
         object_from_world: na::Isometry3<f64>,
     ) {
         for (finger, felt) in images.touch.iter() {
@@ -126,7 +150,7 @@ impl Observed {
         }
     }
 
-    /// A point with its colour; without one it was touched.
+    /// Adds a point with its colour; a point without a colour was touched.
     fn put(&mut self, image: usize, point: Vec3A, colour: Option<Colour>) {
         let cell = self.cells.entry(key(point)).or_default();
         if cell.sightings == 0.0 || cell.last != image {
@@ -146,8 +170,9 @@ impl Observed {
         }
     }
 
-    /// What is known of a place in the object's coordinates: colours are means of what was seen within 5 mm, the nearest weighing most.
-    pub fn at(&self, place: Vec3A) -> Sight {
+    /// Returns the evidence for a place in the coordinates of the object. Its colour is a mean over the points within 5
+    /// mm, weighted by nearness.
+    pub fn at(&self, place: Vec3A) -> Sighting {
         const CELLS: i32 = (REACH_M / CELL_M) as i32 + 1;
         let middle = key(place);
         let (mut colours, mut weights, mut sightings) = (Vec3A::ZERO, 0.0, 0.0f32);
@@ -163,7 +188,7 @@ impl Observed {
                         }
                         distance
                     };
-                    // What was touched is told apart from what was only seen although cameras see it, too.
+                    // First, so that touch wins where a camera sees the same point, too.
                     near(cell.touched_points, cell.touched, SeenBy::Touch);
                     let distance = near(cell.points, cell.count, SeenBy::Vision);
                     if cell.count > 0.0 && distance < REACH_M {
@@ -177,10 +202,10 @@ impl Observed {
         }
         let by = nearest.1;
         let confidence = if by == SeenBy::Nothing { 0.0 } else { (sightings / SURE).min(1.0) };
-        Sight { by, colour: (weights > 0.0).then(|| colours / weights), confidence }
+        Sighting { by, colour: (weights > 0.0).then(|| colours / weights), confidence }
     }
 
-    /// Points with the sensor that saw them.
+    /// Returns the mean points of all cells with the sensor that saw them.
     pub fn points(&self) -> impl Iterator<Item = (Vec3A, SeenBy)> {
         let of = |cell: &Cell| {
             let seen = (cell.count > 0.0).then(|| (cell.points / cell.count, SeenBy::Vision));
@@ -192,11 +217,11 @@ impl Observed {
 }
 
 fn key(point: Vec3A) -> IVec3 {
-    // The cast clamps.
+    // The cast saturates.
     (point / CELL_M).floor().as_ivec3().clamp(IVec3::splat(-1_000_000), IVec3::splat(1_000_000))
 }
 
-/// The points of a depth image in the object's coordinates, with their pixels.
+/// Returns the points of a depth image in the coordinates of the object, with their pixels.
 fn points(
     depth_m: &ndarray::Array2<f32>,
     camera: &Intrinsics,
@@ -226,8 +251,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_place_knows_who_saw_it() {
-        let mut observed = Observed::default();
+    fn a_place_knows_which_sensor_saw_it() {
+        let mut observed = SeenPoints::default();
         let red = Vec3A::new(200.0, 10.0, 10.0);
         for image in 0..6 {
             observed.put(image, Vec3A::new(0.02, 0.0, 0.0), Some(red));

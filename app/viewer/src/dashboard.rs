@@ -1,66 +1,71 @@
-//! Scene, sensors and curves of a moment on one picture, with lettering: what a film shows, without any window.
+//! Scene, sensors and curves of a moment on one picture, for films and pictures without a window.
 
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
-use mvt_picture::lettering;
+use mvt_picture::draw::{self, Area, fill};
+use mvt_picture::palette::Theme;
+use mvt_picture::text;
+use mvt_recording::{FrameImages, Recording};
 use mvt_render::rays::RayMesh;
 use mvt_robot::hand::Finger;
 
-use super::colours::SeenBy;
-use super::curves::{self, Area, fill};
-use super::key::{Key, scale_bar_m};
-use super::{Eye, Layers, Scene, Theme, pictures, words};
-use mvt_recording::{Images, Recording};
+use crate::eye::Eye;
+use crate::layers::Layers;
+use crate::legend::{Legend, scale_bar_m};
+use crate::paint::ScenePainter;
+use crate::seen_points::SeenBy;
+use crate::{captions, run_charts, sensor_pictures};
 
-/// What is on a page.
+/// Contents of a dashboard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Layout {
+#[non_exhaustive]
+pub enum DashboardLayout {
     /// The scene alone
     Scene,
-    /// The sensors' images alone
+    /// The images of the sensors alone
     Sensors,
     /// Scene, sensors and curves
     All,
 }
 
-/// Makes pages.
-pub struct Page {
-    scene: Scene,
-    layout: Layout,
+/// Painter of dashboards.
+pub struct Dashboard {
+    scene: ScenePainter,
+    layout: DashboardLayout,
     /// Width and height, pixels.
     size: [u32; 2],
     layers: Layers,
     theme: Theme,
-    /// The newest shape, for images of it.
+    /// The newest shape, for its depth images.
     shape: Option<(usize, RayMesh)>,
 }
 
-/// Height of the line on top, pixels, and distance between pictures.
+/// Height of the head line and distance between pictures, pixels.
 const HEAD: u32 = 26;
 const GAP: u32 = 6;
 /// Height of a title, pixels.
 const TITLE: u32 = 15;
 const LETTERS: f32 = 15.0;
 const SMALL: f32 = 12.0;
-/// The scene is painted with so many pixels along either side of one.
-const FINENESS: usize = 2;
+/// The scene is painted with this many samples along each side of a pixel.
+const SAMPLES: u32 = 2;
 
-impl Page {
-    /// Pages of this size.
-    pub fn new(layout: Layout, size: [u32; 2], layers: Layers, theme: Theme) -> Self {
-        Self { scene: Scene::new(), layout, size, layers, theme, shape: None }
+impl Dashboard {
+    /// Returns a painter of dashboards of this width and height in pixels.
+    pub fn new(layout: DashboardLayout, size: [u32; 2], layers: Layers, theme: Theme) -> Self {
+        Self { scene: ScenePainter::new(), layout, size, layers, theme, shape: None }
     }
 
-    /// The page of a moment, as seen by an eye.
+    /// Paints the dashboard of a moment, with the scene as seen by an eye.
     pub fn paint(&mut self, recording: &Recording, moment: usize, eye: &Eye) -> RgbImage {
         let [width, height] = self.size;
         let mut page = RgbImage::from_pixel(width, height, self.theme.paper);
         let body =
             Area { x: GAP, y: HEAD, width: width.saturating_sub(2 * GAP), height: height.saturating_sub(HEAD + GAP) };
         match self.layout {
-            Layout::Scene => self.scene(&mut page, body, recording, moment, eye),
-            Layout::Sensors => self.sensors(&mut page, body, recording, moment),
-            Layout::All => {
+            DashboardLayout::Scene => self.scene(&mut page, body, recording, moment, eye),
+            DashboardLayout::Sensors => self.sensors(&mut page, body, recording, moment),
+            DashboardLayout::All => {
                 let below = body.height / 5;
                 let upper = body.height - below - GAP;
                 let left = body.width * 3 / 5;
@@ -68,7 +73,7 @@ impl Page {
                 self.scene(&mut page, Area { width: left, height: upper, ..body }, recording, moment, eye);
                 self.sensors(&mut page, right, recording, moment);
                 let area = Area { y: body.y + upper + GAP, height: below, ..body };
-                curves::draw(&mut page, area, recording, moment, &self.theme);
+                run_charts::draw(&mut page, area, recording, moment, &self.theme);
             }
         }
         self.head(&mut page, recording, moment);
@@ -77,28 +82,28 @@ impl Page {
 
     fn head(&self, page: &mut RgbImage, recording: &Recording, moment: usize) {
         let Theme { ink, faint, .. } = self.theme;
-        let subject = words::subject(recording);
-        lettering::write(page, (GAP, 4), LETTERS, ink, &subject);
-        let happening = words::happening(recording, moment);
-        let x = GAP + lettering::width(LETTERS, &subject) + 24;
-        lettering::write(page, (x, 4), LETTERS, faint, &happening);
+        let subject = captions::subject(recording);
+        text::write(page, (GAP, 4), LETTERS, ink, &subject);
+        let happening = captions::moment(recording, moment);
+        let x = GAP + text::width(LETTERS, &subject) + 24;
+        text::write(page, (x, 4), LETTERS, faint, &happening);
         if let Some(now) = recording.moments().get(moment) {
             let time = format!("{:.2} s", now.row.time_s);
-            let x = page.width().saturating_sub(GAP + lettering::width(LETTERS, &time));
-            lettering::write(page, (x, 4), LETTERS, ink, &time);
+            let x = page.width().saturating_sub(GAP + text::width(LETTERS, &time));
+            text::write(page, (x, 4), LETTERS, ink, &time);
         }
     }
 
     fn scene(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize, eye: &Eye) {
-        let size = [area.width, area.height].map(|side| side as usize * FINENESS);
+        let size = [area.width, area.height].map(|side| (side * SAMPLES) as usize);
         let fine = self.scene.paint(recording, moment, &self.layers, eye, &self.theme, size);
-        imageops::replace(page, &shrink(fine), i64::from(area.x), i64::from(area.y));
-        if let Some(key) = Key::of(&self.layers, recording) {
-            let key = strip(&key, &self.theme);
-            let (x, y) = (area.x + GAP, (area.y + area.height).saturating_sub(key.height() + GAP));
-            // What is paper lets through what is behind.
-            for (dx, dy, &pixel) in key.enumerate_pixels().filter(|(_, _, pixel)| **pixel != self.theme.paper) {
-                lettering::blend(page, x + dx, y + dy, pixel, 1.0);
+        imageops::replace(page, &draw::shrink(fine, SAMPLES), i64::from(area.x), i64::from(area.y));
+        if let Some(legend) = Legend::of(&self.layers, recording) {
+            let strip = strip(&legend, &self.theme);
+            let (x, y) = (area.x + GAP, (area.y + area.height).saturating_sub(strip.height() + GAP));
+            // The background of the strip is transparent.
+            for (dx, dy, &pixel) in strip.enumerate_pixels().filter(|(_, _, pixel)| **pixel != self.theme.paper) {
+                draw::blend(page, x + dx, y + dy, pixel, 1.0);
             }
         }
         let length_m = scale_bar_m(eye, area.height as usize);
@@ -108,7 +113,7 @@ impl Page {
             Area { x: right.saturating_sub(pixels + 2 * GAP), y: bottom.saturating_sub(12), width: pixels, height: 3 };
         fill(page, bar, self.theme.ink);
         let label = format!("{:.0} mm", length_m * 1e3);
-        lettering::write(page, (bar.x, bar.y.saturating_sub(17)), SMALL, self.theme.ink, &label);
+        text::write(page, (bar.x, bar.y.saturating_sub(17)), SMALL, self.theme.ink, &label);
     }
 
     fn sensors(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize) {
@@ -116,14 +121,14 @@ impl Page {
             Ok(Some(images)) => images,
             Ok(None) => return,
             Err(error) => {
-                lettering::write(page, (area.x, area.y), SMALL, self.theme.ink, &error.to_string());
+                text::write(page, (area.x, area.y), SMALL, self.theme.ink, &error.to_string());
                 return;
             }
         };
         let has_cameras = images.cameras.iter().any(Option::is_some);
         let has_touch = images.touch.iter().any(|(_, finger)| finger.is_some());
         let rows = images.cameras.len() as u32;
-        // As high as rows of three pictures 4 wide and 3 high.
+        // A row holds three pictures of 4 : 3.
         let of_cameras = rows * (area.width / 3 * 3 / 4 + TITLE);
         let above = match (has_cameras, has_touch) {
             (true, true) => of_cameras.min(area.height / 2),
@@ -139,8 +144,8 @@ impl Page {
         }
     }
 
-    /// Colour, measured depth and depth of the estimate, a row per camera.
-    fn cameras(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, images: &Images) {
+    /// Draws colour, measured depth and depth of the estimate, a row per camera.
+    fn cameras(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, images: &FrameImages) {
         let index = recording.shape_at(images.frame);
         if let Some(index) = index.filter(|index| self.shape.as_ref().is_none_or(|(known, _)| known != index)) {
             self.shape = recording.shape(images.frame).ok().flatten().map(|shape| (index, RayMesh::new(&shape.mesh)));
@@ -150,10 +155,10 @@ impl Page {
         let rows = cameras.len() as u32;
         for (k, (camera, seen)) in (0..).zip(cameras) {
             let Some(seen) = seen else { continue };
-            let estimate = rendered.map(|((_, mesh), pose)| pictures::rendered_depth(mesh, pose, camera, seen));
+            let estimate = rendered.map(|((_, mesh), pose)| sensor_pictures::rendered_depth(mesh, pose, camera, seen));
             let row = [
                 (camera.name.as_str(), Some(seen.colour.clone())),
-                ("depth", Some(pictures::depth(seen))),
+                ("depth", Some(sensor_pictures::depth(seen))),
                 ("depth of the estimate", estimate),
             ];
             for (column, (title, picture)) in (0..).zip(row) {
@@ -162,18 +167,19 @@ impl Page {
         }
     }
 
-    /// Image, indentation and contact, or true indentation where it is known, a column per finger.
-    fn fingers(&self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize, images: &Images) {
+    /// Draws image, indentation and contact, or true indentation where it is known, a column per finger.
+    fn fingers(&self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize, images: &FrameImages) {
         let touching = recording.moments().get(moment).map(|moment| moment.fingers);
         for finger in Finger::ALL {
             let Some(seen) = &images.touch[finger] else { continue };
             let column = finger as u32;
-            let truth = pictures::true_indentation(seen);
+            let truth = sensor_pictures::true_indentation(seen);
             let third = match truth {
                 Some(truth) => ("true", truth),
-                None => ("contact", pictures::contact(seen)),
+                None => ("contact", sensor_pictures::contact(seen)),
             };
-            let rows = [(finger.name(), seen.image.clone()), ("pressed in", pictures::indentation(seen)), third];
+            let rows =
+                [(finger.name(), seen.image.clone()), ("indentation", sensor_pictures::indentation(seen)), third];
             for (row, (title, picture)) in (0..).zip(rows) {
                 let tile = cell(area, [column, row], [4, 3]);
                 let title = match touching.and_then(|touching| touching[finger]) {
@@ -185,18 +191,17 @@ impl Page {
                 };
                 self.tile(page, tile, &title, Some(&picture));
                 if row == 0 && touching.is_some_and(|touching| touching[finger].is_some()) {
-                    let lamp =
-                        Area { x: tile.x + lettering::width(SMALL, &title) + 6, y: tile.y + 3, width: 8, height: 8 };
+                    let lamp = Area { x: tile.x + text::width(SMALL, &title) + 6, y: tile.y + 3, width: 8, height: 8 };
                     fill(page, lamp, SeenBy::Touch.colour());
                 }
             }
         }
     }
 
-    /// A picture under its title, as large as fits; nothing where there is no picture.
+    /// Draws a picture under its title, as large as fits. An empty picture is skipped.
     fn tile(&self, page: &mut RgbImage, area: Area, title: &str, picture: Option<&RgbImage>) {
         let Some(picture) = picture.filter(|picture| !picture.is_empty()) else { return };
-        lettering::write(page, (area.x, area.y), SMALL, self.theme.ink, title);
+        text::write(page, (area.x, area.y), SMALL, self.theme.ink, title);
         let room = [area.width, area.height.saturating_sub(TITLE)];
         let scale =
             (f64::from(room[0]) / f64::from(picture.width())).min(f64::from(room[1]) / f64::from(picture.height()));
@@ -218,32 +223,19 @@ fn cell(area: Area, [column, row]: [u32; 2], [columns, rows]: [u32; 2]) -> Area 
     }
 }
 
-/// The mean of squares of pixels.
-fn shrink(fine: &RgbImage) -> RgbImage {
-    let by = FINENESS as u32;
-    RgbImage::from_fn(fine.width() / by, fine.height() / by, |x, y| {
-        let mut sum = [0u32; 3];
-        for (dx, dy) in (0..by).flat_map(|dx| (0..by).map(move |dy| (dx, dy))) {
-            let pixel = fine.get_pixel(x * by + dx, y * by + dy).0;
-            sum.iter_mut().zip(pixel).for_each(|(sum, c)| *sum += u32::from(c));
-        }
-        Rgb(sum.map(|c| (c / (by * by)) as u8))
-    })
-}
-
-/// What the colours stand for, as a strip.
-fn strip(key: &Key, theme: &Theme) -> RgbImage {
+/// Paints a legend as a strip.
+fn strip(legend: &Legend, theme: &Theme) -> RgbImage {
     const BAR: u32 = 150;
     const HEIGHT: u32 = 34;
-    match key {
-        Key::Ramp { title, labels, colour } => bar(BAR, HEIGHT, theme, title, *labels, colour),
-        Key::Names(names) => {
+    match legend {
+        Legend::Ramp { title, labels, colour } => bar(BAR, HEIGHT, theme, title, *labels, colour),
+        Legend::Names(names) => {
             let mut image = RgbImage::from_pixel(230, 18, theme.paper);
             let mut x = 0;
             for (by, name) in names {
                 fill(&mut image, Area { x, y: 4, width: 10, height: 10 }, by.colour());
-                lettering::write(&mut image, (x + 14, 1), SMALL + 1.0, theme.ink, name);
-                x += 28 + lettering::width(SMALL + 1.0, name);
+                text::write(&mut image, (x + 14, 1), SMALL + 1.0, theme.ink, name);
+                x += 28 + text::width(SMALL + 1.0, name);
             }
             image
         }
@@ -258,16 +250,16 @@ fn bar(
     labels: [&str; 3],
     colour: impl Fn(f32) -> Rgb<u8>,
 ) -> RgbImage {
-    let left = lettering::width(SMALL + 1.0, title) + 10;
+    let left = text::width(SMALL + 1.0, title) + 10;
     let mut image = RgbImage::from_pixel(left + width + 24, height, theme.paper);
-    lettering::write(&mut image, (0, 1), SMALL + 1.0, theme.ink, title);
+    text::write(&mut image, (0, 1), SMALL + 1.0, theme.ink, title);
     for x in 0..width {
         fill(&mut image, Area { x: left + x, y: 2, width: 1, height: 11 }, colour(x as f32 / (width - 1) as f32));
     }
     for (k, label) in (0..).zip(labels) {
-        let half = lettering::width(SMALL, label) / 2;
+        let half = text::width(SMALL, label) / 2;
         let x = (left + k * (width - 1) / 2).saturating_sub(half);
-        lettering::write(&mut image, (x, 15), SMALL, theme.ink, label);
+        text::write(&mut image, (x, 15), SMALL, theme.ink, label);
     }
     image
 }
