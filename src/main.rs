@@ -43,7 +43,7 @@ enum Command {
     View(view::ViewArguments),
     Score(score::ScoreArguments),
     Mesh(mesh::MeshArguments),
-    Evaluate(mvt_evaluation::Arguments),
+    Evaluate(mvt_evaluation::EvaluateArguments),
     Generate(generate::GenerateArguments),
     Inspect(inspect::InspectArguments),
     Simulate(simulate::SimulateArguments),

@@ -11,7 +11,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Arguments, Episode, Key, Keyed, SIDE, Tell, key, live};
+use super::{Episode, EvaluateArguments, Key, Keyed, SIDE, Tell, key, live};
 use mvt_run::pipeline::{Estimator, Given, Init, Mode, RunConfig, Scorer, random_motion};
 use mvt_run::report::TrackState;
 use mvt_run::source::{Modality, Source as _};
@@ -80,7 +80,7 @@ impl Keyed for Trial {
 
 /// The trials of an episode; returns the keys of all, done before or not.
 pub fn trials(
-    arguments: &Arguments,
+    arguments: &EvaluateArguments,
     episode: &Episode<'_>,
     config: &RunConfig,
     done: &HashSet<Key>,
