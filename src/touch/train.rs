@@ -42,7 +42,7 @@ pub struct TouchTrainArguments {
     #[arg(long)]
     network: String,
     /// Training configuration (.toml): seed, stages, optimiser, loss, data, and sizes of the network that differ from its preset;
-    /// perception/training/ has examples
+    /// perception/touch/training/ has examples
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
     /// Folder for the results
