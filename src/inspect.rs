@@ -14,9 +14,9 @@ use mvt_run::object::load_object;
 
 /// Check a FeelSight log and print a summary
 ///
-/// Reads every file. Counts, sizes, grey levels, poses, times and checksums must agree, and forward kinematics must lead to the recorded
-/// poses of the DIGIT cameras. If the object is known, pixels in contact are compared with its surface. If the log is damaged, the
-/// program prints the reason and ends with exit code 1.
+/// Reads every file. Counts, sizes, grey levels, poses, times and checksums must agree, and forward kinematics must
+/// lead to the recorded poses of the DIGIT cameras. If the object is known, pixels in contact are compared with its
+/// surface. If the log is damaged, the program prints the reason and ends with exit code 1.
 #[derive(Debug, Args)]
 pub struct InspectArguments {
     /// Folder of the log, which contains data.pkl
@@ -24,7 +24,8 @@ pub struct InspectArguments {
     /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
-    /// Write a picture of the log: images of the last camera and the DIGITs at six moments, and the times at which each finger touched
+    /// Write a picture of the log: images of the last camera and the DIGITs at six moments, and the times at which each
+    /// finger touched
     #[arg(long, value_name = "PNG")]
     sheet: Option<PathBuf>,
 }

@@ -20,10 +20,12 @@ use tracing_subscriber::EnvFilter;
 
 /// Estimate shape and pose of an object in a robot hand, from touch and depth images
 ///
-/// An Allegro hand with four DIGIT touch sensors turns an object in MuJoCo. The program renders the images of the DIGITs and of RGB-D
-/// cameras, estimates the object's shape and pose from them, and directs the hand by the estimate. It also reads and writes FeelSight logs.
+/// An Allegro hand with four DIGIT touch sensors turns an object in MuJoCo. The program renders the images of the
+/// DIGITs and of RGB-D cameras, estimates the object's shape and pose from them, and directs the hand by the estimate.
+/// It also reads and writes FeelSight logs.
 ///
-/// Without a command the program does `run` with its defaults: it turns the Rubik's cube for 30 s and writes the results to out/.
+/// Without a command the program does `run` with its defaults: it turns the Rubik's cube for 30 s and writes the
+/// results to out/.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 110, after_help = ENVIRONMENT)]
 struct Cli {
@@ -66,7 +68,8 @@ enum Command {
     Network(touch::NetworkCommand),
 }
 
-/// Messages that are shown by default: warnings, except those of the window's libraries, whose failures `view` reports itself.
+/// Messages that are shown by default: warnings, except those of the window's libraries, whose failures `view` reports
+/// itself.
 const DEFAULT_FILTER: &str = "warn,eframe=off,winit=off";
 
 fn main() -> ExitCode {

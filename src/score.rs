@@ -20,21 +20,23 @@ use serde::{Deserialize, Serialize};
 
 /// Score an estimated mesh and estimated poses against the true object
 ///
-/// Give either --run, the folder of a run, which contains mesh, poses and the name of the object; or results of any program: a mesh
-/// (--mesh), poses (--pose) or both, with the true object (--truth).
+/// Give either --run, the folder of a run, which contains mesh, poses and the name of the object; or results of any
+/// program: a mesh (--mesh), poses (--pose) or both, with the true object (--truth).
 ///
-/// Shape: precision is the share of the estimated surface that is near the true one, recall the converse, and F their harmonic mean, at
-/// distances of 1 to 20 mm. As in NeuralFeels, 10,000 points of each surface are compared; the second table uses 100,000, because with
-/// 10,000 the points are so far apart that a perfect shape fails at 1 and 2 mm. The mesh error is the mean distance from estimated points
-/// to the nearest true point. The surfaces are not aligned; with poses, the mesh is placed by the last one.
+/// Shape: precision is the share of the estimated surface that is near the true one, recall the converse, and F their
+/// harmonic mean, at distances of 1 to 20 mm. As in NeuralFeels, 10,000 points of each surface are compared; the second
+/// table uses 100,000, because with 10,000 the points are so far apart that a perfect shape fails at 1 and 2 mm. The
+/// mesh error is the mean distance from estimated points to the nearest true point. The surfaces are not aligned; with
+/// poses, the mesh is placed by the last one.
 ///
-/// Pose: ADD-S is the mean distance from 10,000 points of the object at the estimated pose to the nearest point at the true pose; the
-/// symmetric ADD-S is the mean of this and the converse. Every frame counts. The column `as NeuralFeels` ignores the first 5 s and errors
-/// above 50 mm.
+/// Pose: ADD-S is the mean distance from 10,000 points of the object at the estimated pose to the nearest point at the
+/// true pose; the symmetric ADD-S is the mean of this and the converse. Every frame counts. The column `as NeuralFeels`
+/// ignores the first 5 s and errors above 50 mm.
 ///
-/// Files of poses are CSV with a header that names at least time_s, x_m, y_m, z_m, qw, qx, qy and qz: the pose of the object in a fixed
-/// frame, which must be the same in both files. Poses at most 1 ms apart are compared. The true poses may also stand in the file of the
-/// estimates, in the columns true_x_m, true_y_m, true_z_m, true_qw, true_qx, true_qy and true_qz.
+/// Files of poses are CSV with a header that names at least time_s, x_m, y_m, z_m, qw, qx, qy and qz: the pose of the
+/// object in a fixed frame, which must be the same in both files. Poses at most 1 ms apart are compared. The true poses
+/// may also stand in the file of the estimates, in the columns true_x_m, true_y_m, true_z_m, true_qw, true_qx, true_qy
+/// and true_qz.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("results").required(true).multiple(true).args(["run", "mesh", "pose"]))]
 pub struct ScoreArguments {
@@ -195,10 +197,7 @@ fn load_estimate(path: &Path) -> Result<Mesh> {
     mvt_mesh::check(&mesh).map_err(|defect| anyhow!("{}: {defect}", path.display()))?;
     let extent = f64::from(mesh.extents_m().max_element());
     if extent > mvt_mesh::MILLIMETRES_ABOVE_M {
-        bail!(
-            "{}: its largest side is {extent} m; a mesh must be in metres, so one in millimetres must be scaled to metres",
-            path.display()
-        );
+        bail!("{}: its largest side is {extent} m; a mesh in millimetres must be scaled to metres", path.display());
     }
     if mesh.area_m2() <= 0.0 {
         bail!("{}: {}", path.display(), mvt_mesh::Defect::NoFaces);

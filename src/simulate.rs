@@ -11,7 +11,8 @@ use serde::Serialize;
 
 /// Simulate an episode without rendering, and print how long and how far the object turned
 ///
-/// The seed decides the start: yaw, position, friction, mass and centre of mass of the object, and stiffness and angles of the joints.
+/// The seed decides the start: yaw, position, friction, mass and centre of mass of the object, and stiffness and angles
+/// of the joints.
 #[derive(Debug, Args)]
 pub struct SimulateArguments {
     #[command(flatten)]

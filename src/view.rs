@@ -17,7 +17,8 @@ use mvt_viewer::{Clouds, Colouring, Eye, Keyframes, Layers, Layout, Page, Preset
 
 /// Show a run or a log in a window, or write a picture or film of it
 ///
-/// The run may be finished, still going, or have crashed. Without --run and --log the window opens on a page that starts runs.
+/// The run may be finished, still going, or have crashed. Without --run and --log the window opens on a page that
+/// starts runs.
 ///
 /// The window needs a display with OpenGL; H shows its keys. --record needs neither a display nor a graphics card.
 #[derive(Debug, Args)]

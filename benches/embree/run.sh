@@ -1,11 +1,13 @@
 #!/bin/sh
-# Compares the speed of our ray caster and Embree 3 on the same triangles and rays, with one thread each. Prints rates and ratios.
+# Compares the speed of our ray caster and Embree 3 on the same triangles and rays, with one thread each. Prints rates
+# and ratios.
 #
 #   benches/embree/run.sh [ROUNDS]      (default 5)
 #
-# Scenes: a procedural object and, if $YCB_DIR or the cache contains it, the YCB banana. Views: a DIGIT of 240 x 320 pixels at 22 mm from the
-# surface, and a camera of 640 x 480 pixels that sees object and hand. The programs take turns, so that other load on the machine slows both.
-# Each figure is the median over the rounds of the CPU time of the fastest frame.
+# Scenes: a procedural object and, if $YCB_DIR or the cache contains it, the YCB banana. Views: a DIGIT of 240 x 320
+# pixels at 22 mm from the surface, and a camera of 640 x 480 pixels that sees object and hand. The programs take turns,
+# so that other load on the machine slows both. Each figure is the median over the rounds of the CPU time of the fastest
+# frame.
 set -eu
 cd "$(dirname "$0")/../.."
 rounds=${1:-5}

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
-# Compares the paper's three networks at equal cost (2.3 GMAC per touch image) and `default` (0.8 GMAC) after the same short training on small
-# images: accuracy on held-out objects by input size and over the training; then `mamba` with other hooks and fewer fusions.
+# Compares the paper's three networks at equal cost (2.3 GMAC per touch image) and `default` (0.8 GMAC) after the same
+# short training on small images: accuracy on held-out objects by input size and over the training; then `mamba` with
+# other hooks and fewer fusions.
 #
 #   benches/networks/run.sh [DIR]
 #
-# DIR (default: out_networks) receives the trainings, the tables (table.md) and the curves (NAME/curve.csv, NAME/curve.svg). After an
-# interruption the same command continues. It takes one to two hours on two cores with AMX. Needs Rust and Python 3.
+# DIR (default: out_networks) receives the trainings, the tables (table.md) and the curves (NAME/curve.csv,
+# NAME/curve.svg). After an interruption the same command continues. It takes one to two hours on two cores with AMX.
+# Needs Rust and Python 3.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 out=${1:-out_networks}

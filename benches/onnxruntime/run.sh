@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# Compares the speed of our engine with `default` on touch images of 240x320 and of ONNX Runtime with ViT-S/16 and a DPT decoder of 64
-# channels at 224x224. Both take turns on the same cores with the same number of threads. Prints images per second and their ratio.
+# Compares the speed of our engine with `default` on touch images of 240x320 and of ONNX Runtime with ViT-S/16 and a DPT
+# decoder of 64 channels at 224x224. Both take turns on the same cores with the same number of threads. Prints images
+# per second and their ratio.
 #
 #   benches/onnxruntime/run.sh [ROUNDS [SECONDS]]
 #
-# Each side runs ROUNDS times (default: 5) for SECONDS (default: 4). THREADS sets the number of threads (default: 2), WEIGHTS trained
-# weights of our network, which do not change the speed, and PYTHON the interpreter. Needs Rust and Python 3.11 or later; installs PyTorch,
-# which makes the network of the other side, and ONNX Runtime into a virtual environment in the user's cache folder.
+# Each side runs ROUNDS times (default: 5) for SECONDS (default: 4). THREADS sets the number of threads (default: 2),
+# WEIGHTS trained weights of our network, which do not change the speed, and PYTHON the interpreter. Needs Rust and
+# Python 3.11 or later; installs PyTorch, which makes the network of the other side, and ONNX Runtime into a virtual
+# environment in the user's cache folder.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

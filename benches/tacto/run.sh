@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Compares our touch renderer with TACTO 0.0.3 on objects in contact, with shading, blur and noise on both sides: CPU time per frame of
-# 240x320 pixels with one thread each, and the difference of the images.
+# Compares our touch renderer with TACTO 0.0.3 on objects in contact, with shading, blur and noise on both sides: CPU
+# time per frame of 240x320 pixels with one thread each, and the difference of the images.
 #
 #   benches/tacto/run.sh [ROUNDS [TACTO_FRAMES [OUR_FRAMES]]]
 #

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Measures how much an open window slows a run: the same closed-loop episode with and without --view, in turns on the same cores. Prints
-# frames per second of both and the loss.
+# Measures how much an open window slows a run: the same closed-loop episode with and without --view, in turns on the
+# same cores. Prints frames per second of both and the loss.
 #
 #   benches/viewer/run.sh [ROUNDS [SECONDS]]
 #
-# Each side runs ROUNDS episodes (default: 3) of SECONDS (default: 30). Without a display the script starts Xvfb, so that the CPU draws
-# the window. Needs Rust and Python 3.
+# Each side runs ROUNDS episodes (default: 3) of SECONDS (default: 30). Without a display the script starts Xvfb, so
+# that the CPU draws the window. Needs Rust and Python 3.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 rounds=${1:-3}

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Measures how many pictures per second a window shows while the pointer turns the fine mesh of a finished run; the CPU draws the window.
+# Measures how many pictures per second a window shows while the pointer turns the fine mesh of a finished run; the CPU
+# draws the window.
 #
 #   benches/viewer/turn.sh [SECONDS]
 #

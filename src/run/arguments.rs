@@ -11,18 +11,18 @@ use mvt_run::supervisor::Goal;
 
 /// Estimate shape and pose of the object in the hand, live or from a log
 ///
-/// Without --log the program simulates an episode in a closed loop: it renders the sensors' images, estimates the object from them, and
-/// directs the hand by the estimate alone. With --log it reads the images from a FeelSight log.
+/// Without --log the program simulates an episode in a closed loop: it renders the sensors' images, estimates the
+/// object from them, and directs the hand by the estimate alone. With --log it reads the images from a FeelSight log.
 ///
-/// The results in DIR: summary.json (scores, times, events), trajectory.csv (poses and errors of every frame), mesh.ply and mesh.obj (the
-/// estimated shape), mesh.gif (the shape beside the true one), curves.svg (errors over time), config.toml (all settings, and the command
-/// that repeats the run) and recording/ (for `view`, also during the run). Unless the shape was given, also field.safetensors and
-/// keyframes.safetensors, for `mesh` and --resume. Summary and trajectory are rewritten every second; after an interruption summary.json
-/// contains "complete": false.
+/// The results in DIR: summary.json (scores, times, events), trajectory.csv (poses and errors of every frame), mesh.ply
+/// and mesh.obj (the estimated shape), mesh.gif (the shape beside the true one), curves.svg (errors over time),
+/// config.toml (all settings, and the command that repeats the run) and recording/ (for `view`, also during the run).
+/// Unless the shape was given, also field.safetensors and keyframes.safetensors, for `mesh` and --resume. Summary and
+/// trajectory are rewritten every second; after an interruption summary.json contains "complete": false.
 #[derive(Debug, Args)]
 pub struct RunArguments {
-    /// Object: a name that `assets list` shows, or the path of a mesh in metres [default: 077_rubiks_cube]. With --log, the true object
-    /// for the scores [default: the object that the log names]
+    /// Object: a name that `assets list` shows, or the path of a mesh in metres [default: 077_rubiks_cube]. With --log,
+    /// the true object for the scores [default: the object that the log names]
     #[arg(long)]
     pub object: Option<String>,
     /// Read this FeelSight log instead of simulating an episode
@@ -36,8 +36,8 @@ pub struct RunArguments {
     pub modality: Modality,
     #[command(flatten)]
     pub touch: TouchArguments,
-    /// One to three cameras, separated by commas: front-left, back-right, top-down, side, or azimuth/elevation in degrees such as 330/35
-    /// [default: side]. With --log, cameras of the log [default: its first one]
+    /// One to three cameras, separated by commas: front-left, back-right, top-down, side, or azimuth/elevation in
+    /// degrees such as 330/35 [default: side]. With --log, cameras of the log [default: its first one]
     #[arg(long)]
     pub cameras: Option<String>,
     /// Longest duration in seconds, at most 3600 [default: 30, or the whole log]
@@ -46,8 +46,8 @@ pub struct RunArguments {
     /// Seed of the episode, its noise and the estimate [default: 0, or that of the log]
     #[arg(long)]
     pub seed: Option<u64>,
-    /// End the episode when the estimate has reached this goal: turn=360deg, turn=2rev, coverage=0.9 (share of the directions around the
-    /// object that were observed) or time (only when the duration is over)
+    /// End the episode when the estimate has reached this goal: turn=360deg, turn=2rev, coverage=0.9 (share of the
+    /// directions around the object that were observed) or time (only when the duration is over)
     #[arg(long, default_value = "time")]
     pub goal: Goal,
     /// Start of the pose with --mode pose [default: near]

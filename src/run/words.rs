@@ -10,7 +10,8 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
     let f = |mm: u32| number(summary.shape.f_score.as_ref().and_then(|scores| scores.get(&mm).copied()));
     let add_s = summary.add_s_mm;
     let mut text = format!(
-        "{} ({} {}, seed {}): {} frames, {:.1} s, at {:.1} frames/s (sense {:.1}, track {:.1}, map {:.1}, mesh {:.1} ms)\n",
+        "{} ({} {}, seed {}): {} frames, {:.1} s, at {:.1} frames/s \
+         (sense {:.1}, track {:.1}, map {:.1}, mesh {:.1} ms)\n",
         summary.object,
         summary.mode,
         summary.modality,
@@ -25,7 +26,8 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
     );
     if let Some(e) = add_s {
         text += &format!(
-            "pose error (ADD-S), mm: mean {:.2}, median {:.2}, p95 {:.2}, final {:.2}; lost {} frames, recovered {} times\n",
+            "pose error (ADD-S), mm: mean {:.2}, median {:.2}, p95 {:.2}, final {:.2}; \
+             lost {} frames, recovered {} times\n",
             e.mean, e.median, e.p95, e.last, summary.lost_frames, summary.recovered
         );
         text += &format!("shape (F-score) at 1, 2, 5 and 10 mm: {}, {}, {}, {}\n", f(1), f(2), f(5), f(10));

@@ -17,14 +17,16 @@ use mvt_run::{progress, settings};
 
 /// Render touch images of random presses, with depth and contact mask, for `touch evaluate`
 ///
-/// DIR receives four files for each image: ID_img.png, ID_depth_m.npy (32-bit floats, 320 x 240, metres along the camera's axis),
-/// ID_mask.png (white where the object touches the gel) and, if the untouched image of the sensor is known, ID_untouched.png.
+/// DIR receives four files for each image: ID_img.png, ID_depth_m.npy (32-bit floats, 320 x 240, metres along the
+/// camera's axis), ID_mask.png (white where the object touches the gel) and, if the untouched image of the sensor is
+/// known, ID_untouched.png.
 ///
-/// Without --config the presses follow the protocol of MidasTouch: 0.5 to 1 mm deep, within 5 degrees of the surface normal, any roll,
-/// and image noise of 2 grey levels.
+/// Without --config the presses follow the protocol of MidasTouch: 0.5 to 1 mm deep, within 5 degrees of the surface
+/// normal, any roll, and image noise of 2 grey levels.
 #[derive(Debug, Args)]
 pub struct TouchDataArguments {
-    /// Objects, separated by commas: names that `assets list` shows, or one of the sets `train`, `validation` and `test`
+    /// Objects, separated by commas: names that `assets list` shows, or one of the sets `train`, `validation` and
+    /// `test`
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "test")]
     objects: Vec<String>,
     /// Number of images

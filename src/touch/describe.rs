@@ -13,13 +13,15 @@ use crate::image_size::ImageSize;
 
 /// Count the parameters, multiplications and activations of a touch network
 ///
-/// MACs are the multiply-adds of matrix products, convolutions, attention and scans for one image. Activations are the outputs of all
-/// layers for one image, as 32-bit floats.
+/// MACs are the multiply-adds of matrix products, convolutions, attention and scans for one image. Activations are the
+/// outputs of all layers for one image, as 32-bit floats.
 #[derive(Debug, Args)]
 pub struct TouchDescribeArguments {
-    /// Network: vit, mamba, robust_mamba or default; or a training configuration (.toml) whose table `network` describes one
+    /// Network: vit, mamba, robust_mamba or default; or a training configuration (.toml) whose table `network`
+    /// describes one
     name: String,
-    /// Size of the image in pixels, as WIDTHxHEIGHT or one side of a square; it is rounded up to a size that the network accepts
+    /// Size of the image in pixels, as WIDTHxHEIGHT or one side of a square; it is rounded up to a size that the
+    /// network accepts
     #[arg(long, value_name = "SIZE", default_value = "240x320")]
     input: ImageSize,
     /// Print one JSON object instead of a table

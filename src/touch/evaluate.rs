@@ -23,11 +23,11 @@ use crate::image_size::ImageSize;
 
 /// Score a touch network on images with known depth and contact
 ///
-/// DIR holds three files for each image, as `touch data` writes them: ID_img.png (RGB, 240 x 320), ID_depth_m.npy (32-bit floats,
-/// 320 x 240, metres along the camera's axis) and ID_mask.png (contact where it exceeds 127).
+/// DIR holds three files for each image, as `touch data` writes them: ID_img.png (RGB, 240 x 320), ID_depth_m.npy
+/// (32-bit floats, 320 x 240, metres along the camera's axis) and ID_mask.png (contact where it exceeds 127).
 ///
-/// The untouched image of the sensor is subtracted before the network sees an image. It is read from ID_untouched.png; where that file
-/// is missing, it is estimated from all images, provided that they show one sensor.
+/// The untouched image of the sensor is subtracted before the network sees an image. It is read from ID_untouched.png;
+/// where that file is missing, it is estimated from all images, provided that they show one sensor.
 #[derive(Debug, Args)]
 pub struct TouchEvaluateArguments {
     /// Weights of the network (.safetensors), as `touch train` writes them
@@ -39,8 +39,8 @@ pub struct TouchEvaluateArguments {
     /// Leave out images whose indentation exceeds this anywhere, millimetres
     #[arg(long, value_name = "MM")]
     deepest_mm: Option<f32>,
-    /// Resize images to this size before the network sees them, in pixels, as WIDTHxHEIGHT or one side of a square; its output is resized
-    /// back and scored at the size of the sensor
+    /// Resize images to this size before the network sees them, in pixels, as WIDTHxHEIGHT or one side of a square; its
+    /// output is resized back and scored at the size of the sensor
     #[arg(long, value_name = "SIZE")]
     input: Option<ImageSize>,
     /// Do not subtract the untouched image
@@ -150,7 +150,8 @@ const LEAST_IMAGES: usize = 15;
 /// At most this many images, evenly spread, enter the median: enough for it, at little memory.
 const MOST_IMAGES: usize = 500;
 
-/// Estimates the untouched image from all images. Returns `None` if they show several sensors or if each has a file of its own.
+/// Estimates the untouched image from all images. Returns `None` if they show several sensors or if each has a file of
+/// its own.
 fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Option<RgbImage>> {
     if ids.len() < LEAST_IMAGES || ids.iter().all(|id| path(folder, id, UNTOUCHED).exists()) {
         return Ok(None);

@@ -11,8 +11,9 @@ use ndarray_npy::{WritableElement, write_npy};
 
 /// Render one touch image of a mesh that a DIGIT touches at a given pose, without noise
 ///
-/// Writes three NumPy files: PREFIX_rgb_raw.npy (uint8, 320 x 240 x 3, the shaded gel), PREFIX_rgb_cal.npy (uint8, the same over the
-/// background) and PREFIX_depth.npy (float32, 320 x 240, metres along the camera's axis). The images are formed as in TACTO.
+/// Writes three NumPy files: PREFIX_rgb_raw.npy (uint8, 320 x 240 x 3, the shaded gel), PREFIX_rgb_cal.npy (uint8, the
+/// same over the background) and PREFIX_depth.npy (float32, 320 x 240, metres along the camera's axis). The images are
+/// formed as in TACTO.
 #[derive(Debug, Args)]
 pub struct TouchRenderArguments {
     /// Mesh in metres (OBJ, STL or PLY), in its own coordinates; its vertex normals are smoothed

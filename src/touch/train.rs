@@ -31,18 +31,19 @@ use resize::resized;
 
 /// Train a network that turns touch images into indentation and contact
 ///
-/// The images are rendered during the training, from the objects of the catalogue without those that are kept for validation and test.
+/// The images are rendered during the training, from the objects of the catalogue without those that are kept for
+/// validation and test.
 ///
-/// DIR receives last.safetensors (averaged weights), best.safetensors (the weights with the smallest error on the validation objects),
-/// checkpoint.safetensors (for --resume, which continues exactly as an uninterrupted training would), curve.csv and curve.svg (errors
-/// over the steps) and panels.png (predictions beside the truth).
+/// DIR receives last.safetensors (averaged weights), best.safetensors (the weights with the smallest error on the
+/// validation objects), checkpoint.safetensors (for --resume, which continues exactly as an uninterrupted training
+/// would), curve.csv and curve.svg (errors over the steps) and panels.png (predictions beside the truth).
 #[derive(Debug, Args)]
 pub struct TouchTrainArguments {
     /// Network: vit, mamba, robust_mamba or default
     #[arg(long)]
     network: String,
-    /// Training configuration (.toml): seed, stages, optimiser, loss, data, and sizes of the network that differ from its preset;
-    /// perception/touch/training/ has examples
+    /// Training configuration (.toml): seed, stages, optimiser, loss, data, and sizes of the network that differ from
+    /// its preset; perception/touch/training/ has examples
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
     /// Folder for the results
@@ -168,7 +169,8 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
                 iou: scores.iou,
             };
             let is_best = curve.is_best(&row);
-            // The checkpoint is written last: a training that is killed before it repeats the steps and writes all files again.
+            // The checkpoint is written last: a training that is killed before it repeats the steps and writes all
+            // files again.
             weights.write(&arguments.out.join("last.safetensors"), Precision::F32)?;
             if is_best {
                 weights.write(&arguments.out.join("best.safetensors"), Precision::F32)?;

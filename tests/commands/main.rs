@@ -1,5 +1,5 @@
-//! Tests of the commands as users see them: output, exit codes and files. They need no network, and use procedural objects and short
-//! episodes.
+//! Tests of the commands as users see them: output, exit codes and files. They need no network, and use procedural
+//! objects and short episodes.
 
 #![allow(
     clippy::unwrap_used,

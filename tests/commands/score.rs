@@ -21,7 +21,8 @@ fn cube(x: f32, scale: f32) -> String {
     text
 }
 
-/// Returns 200 poses at 20 Hz of an object that slides along y, with an error of `offset_m` along x that doubles after 5 s.
+/// Returns 200 poses at 20 Hz of an object that slides along y, with an error of `offset_m` along x that doubles after
+/// 5 s.
 fn poses(offset_m: f64) -> String {
     poses_from(0.0, offset_m)
 }

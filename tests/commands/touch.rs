@@ -48,7 +48,8 @@ fn networks_are_timed() {
     assert!(workplace.run("bench networks --instructions mmx").usage().contains("avx512"));
 }
 
-/// Random weights predict nothing useful, but the predictions reach the result, live and from a log, and are the same each time.
+/// Random weights predict nothing useful, but the predictions reach the result, live and from a log, and are the same
+/// each time.
 #[test]
 fn runs_use_the_touch_network() {
     let workplace = Workplace::new();

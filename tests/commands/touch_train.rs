@@ -38,7 +38,8 @@ fn killed_after(workplace: &Workplace, line: &str, rows: usize) -> bool {
     !child.wait().unwrap().success()
 }
 
-/// The files of a training do not depend on kills, neither at its first checkpoint, which may be half written, nor later.
+/// The files of a training do not depend on kills, neither at its first checkpoint, which may be half written, nor
+/// later.
 #[test]
 fn a_killed_training_is_resumed_to_the_bit() {
     let workplace = Workplace::new();

@@ -36,11 +36,11 @@ use mvt_run::{progress, settings};
 
 /// Run many episodes and print tables of their scores
 ///
-/// Each episode (an object, a seed and cameras) is simulated and rendered once; all modes and modalities receive the same frames. The gait
-/// suits the object, and no supervisor directs the hand.
+/// Each episode (an object, a seed and cameras) is simulated and rendered once; all modes and modalities receive the
+/// same frames. The gait suits the object, and no supervisor directs the hand.
 ///
-/// DIR/runs.jsonl receives a line per run, DIR/table.md the tables. After an interruption, the same command skips finished runs and
-/// continues.
+/// DIR/runs.jsonl receives a line per run, DIR/table.md the tables. After an interruption, the same command skips
+/// finished runs and continues.
 #[derive(Debug, Args)]
 pub struct EvaluateArguments {
     /// Objects, separated by commas: names that `assets list` shows, or paths of meshes in metres
@@ -58,8 +58,8 @@ pub struct EvaluateArguments {
     /// Sensors to use, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "vitac,vi")]
     modalities: Vec<Modality>,
-    /// Cameras, by name or as azimuth/elevation in degrees such as 330/35, separated by commas; semicolons separate sets of cameras, each
-    /// of which makes episodes of its own
+    /// Cameras, by name or as azimuth/elevation in degrees such as 330/35, separated by commas; semicolons separate
+    /// sets of cameras, each of which makes episodes of its own
     #[arg(long, value_delimiter = ';', default_value = "side")]
     cameras: Vec<String>,
     /// Longest duration of an episode in seconds, at most 3600
@@ -76,9 +76,10 @@ pub struct EvaluateArguments {
     /// Track known shapes while the object is moved at once, the camera is blank, or both (instead of whole runs)
     #[arg(long, conflicts_with = "ablate")]
     faults: bool,
-    /// Compare shape representations (instead of modes and modalities): a run of mode slam with camera and touch is tracked; a dense field,
-    /// a hashed field and a grid of truncated distances (TSDF) learn from the same rays and poses. They receive each pose as it was when
-    /// its frame was tracked; only the run's own map, `refined`, corrects poses later. DIR/fields.jsonl receives the lines
+    /// Compare shape representations (instead of modes and modalities): a run of mode slam with camera and touch is
+    /// tracked; a dense field, a hashed field and a grid of truncated distances (TSDF) learn from the same rays and
+    /// poses. They receive each pose as it was when its frame was tracked; only the run's own map, `refined`, corrects
+    /// poses later. DIR/fields.jsonl receives the lines
     #[arg(long, conflicts_with_all = ["ablate", "faults", "modes", "modalities"])]
     fields: bool,
     /// Number of episodes at a time

@@ -13,8 +13,8 @@ use mvt_touch::engine::Prediction;
 const DEEPEST_MM: f32 = 1.5;
 const ERROR_MM: f32 = 0.2;
 
-/// Writes a row per image: the image, its true indentation, the predicted one, their difference (red: too deep, blue: too shallow),
-/// and contact (green: both, red: predicted only, blue: missed).
+/// Writes a row per image: the image, its true indentation, the predicted one, their difference (red: too deep, blue:
+/// too shallow), and contact (green: both, red: predicted only, blue: missed).
 pub fn write<'a>(path: &Path, examples: impl ExactSizeIterator<Item = (&'a Example, &'a Prediction)>) -> Result<()> {
     let mut image = RgbImage::new(5 * WIDTH as u32, (examples.len() * HEIGHT) as u32);
     for (k, (example, prediction)) in examples.enumerate() {
