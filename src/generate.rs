@@ -1,65 +1,68 @@
-//! `generate`: FeelSight-like data sets.
+//! `generate`: data sets of FeelSight logs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum, value_parser};
-use mvt_feelsight;
 use mvt_frames::camera::PosedCamera;
+use mvt_live::recorder::{Noise, Recorder, Settings};
 use mvt_objects::catalogue;
 use mvt_render::touch::TouchConfig;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
-
-use mvt_live::recorder::{Noise, Recorder, Settings};
 use mvt_run::arguments::{Manner, duration};
 use mvt_run::object::load_object;
 use mvt_run::progress;
 
-/// Generate FeelSight logs
+/// Simulate episodes and write them as FeelSight logs
 ///
-/// Each log is one simulated episode in DIR/OBJECT/00, 01 and so on, written so that NeuralFeels' own loaders read it, with a
-/// scene.json that says how it was made. A log appears under its name only when it is complete: an interrupted run is resumed
-/// by the same command, which skips what is done. Log k has seed SEED + k; `simulate` with that seed plays the same episode.
+/// Each log is one episode in DIR/OBJECT/00, DIR/OBJECT/01 and so on. NeuralFeels' own loaders read it; scene.json
+/// holds its settings.
+///
+/// A log appears under its name only when it is complete. After an interruption, the same command skips complete logs
+/// and continues. Log k has the seed SEED + k; `simulate` with that seed plays the same episode.
 #[derive(Debug, Args)]
-pub struct Arguments {
-    /// Object: a name that `assets list` shows, a mesh file, or `all` for the whole catalogue; repeat for several
+pub struct GenerateArguments {
+    /// Object: a name that `assets list` shows, the path of a mesh in metres, or `all` for the whole catalogue
+    /// (repeatable)
     #[arg(long = "object", required = true)]
     objects: Vec<String>,
-    /// Logs per object
+    /// Number of logs per object
     #[arg(long, default_value_t = 5, value_parser = value_parser!(u64).range(1..=100_000))]
     logs: u64,
-    /// Seconds per log
+    /// Duration of each log in seconds, at most 3600
     #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
     /// Seed of the first log
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Folder of the data set
-    #[arg(long)]
+    /// Folder for the data set
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Cameras: front-left, back-right, top-down, side, or azimuth/elevation in degrees such as 330/35; commas between
+    /// Cameras, separated by commas: front-left, back-right, top-down, side, or azimuth/elevation in degrees such as
+    /// 330/35
     #[arg(long, default_value = "front-left")]
     cameras: String,
-    /// Instead of `--logs` episodes: one episode seen from N views on a sphere, a log per view, as FeelSight's occlusion set
-    #[arg(long, conflicts_with_all = ["logs", "cameras"], value_parser = value_parser!(u16).range(1..=1000))]
+    /// Render one episode from N views on a sphere, with a log per view, like FeelSight's occlusion set (instead of
+    /// --logs)
+    #[arg(long, value_name = "N", conflicts_with_all = ["logs", "cameras"], value_parser = value_parser!(u16).range(1..=1000))]
     occlusion_views: Option<u16>,
     /// Noise in the recorded images
     #[arg(long, value_enum, default_value_t = NoiseChoice::Touch)]
     noise: NoiseChoice,
-    /// Light configuration of the DIGITs: `fork` is behind FeelSight, `tacto` is TACTO 0.0.3
+    /// Lights of the DIGITs: `fork` as in FeelSight, or `tacto` as in TACTO 0.0.3
     #[arg(long, default_value = "fork")]
     touch_config: TouchConfig,
-    /// Image of a real DIGIT that touches nothing, 240 x 320, under every touch image; without it a synthetic one
-    #[arg(long)]
+    /// Untouched image of a real DIGIT, 240 x 320 pixels, as background of all touch images [default: a synthetic one]
+    #[arg(long, value_name = "FILE")]
     background: Option<PathBuf>,
     #[command(flatten)]
     manner: Manner,
-    /// Worker threads, one per core unless given; the result does not depend on it
+    /// Number of threads; it does not change the result [default: one per core]
     #[arg(long, value_parser = value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Replace logs that are there, and write into a folder that holds something else
+    /// Replace existing logs, and allow a folder that contains other files
     #[arg(long)]
     overwrite: bool,
 }
@@ -69,15 +72,15 @@ pub struct Arguments {
 enum NoiseChoice {
     /// Exact images
     None,
-    /// TACTO's noise on touch images; camera depth exact, as in FeelSight, whose loader disturbs it
+    /// Noise of TACTO on touch images; exact camera depth, as in FeelSight, whose loader adds noise
     Touch,
-    /// The same, and Redwood-style noise on camera depth at five times its level, as that loader adds
+    /// The same, and Redwood-style noise on camera depth at five times its level, as NeuralFeels' loader adds
     Full,
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
-    // 0 leaves the number to rayon.
+pub fn run(arguments: &GenerateArguments) -> Result<()> {
+    // With 0, rayon chooses the number.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.map_or(0, usize::from)).build()?;
     let names: Vec<String> = if arguments.objects.iter().any(|name| name == "all") {
         catalogue::entries().map(|entry| entry.name.to_owned()).collect()
@@ -96,7 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         touch_config: arguments.touch_config,
         background: arguments.background.clone(),
     };
-    // Names are checked before hours are spent on the first of them.
+    // All names are checked before hours are spent on the first object.
     for name in &names {
         if catalogue::is_path(name) {
             fs::metadata(name).with_context(|| format!("cannot read {name}"))?;
@@ -117,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                     tracing::info!("{} is complete", folder.display());
                     continue;
                 }
-                bail!("{} was made with other settings; choose another --out, or give --overwrite", folder.display());
+                bail!("{} was made with other settings; choose another --out or give --overwrite", folder.display());
             }
             let bar = progress::bar(0, &format!("{} {index:02}", object.name));
             let end = pool.install(|| recorder.record(job.seed, &job.cameras, &folder, arguments.overwrite, &bar))?;
@@ -129,20 +132,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     if ended_early > 0 {
-        tracing::warn!("{ended_early} logs end before their time; their scene.json says why");
+        tracing::warn!("{ended_early} logs are shorter than --duration; their scene.json gives the reason");
     }
     Ok(())
 }
 
-/// One log to be made.
+/// One log to write.
 struct Job {
     seed: u64,
     cameras: Vec<PosedCamera>,
 }
 
-fn jobs(arguments: &Arguments, side: Side) -> Result<Vec<Job>> {
+fn jobs(arguments: &GenerateArguments, side: Side) -> Result<Vec<Job>> {
     if let Some(views) = arguments.occlusion_views {
-        // NeuralFeels' loaders look for their primary camera in every log, whatever its view.
+        // NeuralFeels' loaders look for a camera of this name in every log, whatever its view.
         let view = |camera| PosedCamera { name: "front-left".to_owned(), ..camera };
         let job = |camera| Job { seed: arguments.seed, cameras: vec![view(camera)] };
         return Ok(mvt_robot::rig::occlusion_rig(views.into(), side).into_iter().map(job).collect());
@@ -153,8 +156,8 @@ fn jobs(arguments: &Arguments, side: Side) -> Result<Vec<Job>> {
     Ok((0..arguments.logs).map(job).collect())
 }
 
-/// Checks that a folder holds nothing but logs, so that a mistyped one is not filled with 12 000 files a log.
-pub fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {
+/// Checks that a folder contains only logs, so that a mistyped --out does not receive 12,000 files per log.
+fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {
     if overwrite || !out.exists() {
         return Ok(());
     }
@@ -162,14 +165,14 @@ pub fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {
         let list = fs::read_dir(folder).and_then(|list| list.map(|entry| Ok(entry?.path())).collect());
         list.with_context(|| format!("cannot read {}", folder.display()))
     };
-    // What a killed run leaves behind has a name with a dot in front.
+    // A killed run leaves files whose names start with a dot.
     let unfinished = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
     for object in entries(out)? {
         let only_logs = object.is_dir()
             && entries(&object)?.iter().all(|log| unfinished(log) || log.join(mvt_feelsight::SCENE_FILE).is_file());
         if !only_logs {
             bail!(
-                "{} is not empty and {} is no log; choose another --out, or give --overwrite",
+                "--out {} is not empty and {} is not a log; choose another --out or give --overwrite",
                 out.display(),
                 object.display()
             );

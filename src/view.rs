@@ -1,4 +1,4 @@
-//! `view`: a run or a log, looked at.
+//! `view`: a window, a picture or a film of a run or a log.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -16,57 +16,65 @@ use mvt_viewer::window;
 use mvt_viewer::window::RecordingSource;
 use mvt_viewer::{Clouds, Colouring, Dashboard, DashboardLayout, Eye, Keyframes, Layers, Preset};
 
-/// Look at a run, finished or still going, or at a raw log; or make a film of it
+/// Show a run or a log in a window, or write a picture or film of it
 ///
-/// Without --run and --log there is a page on which a run is chosen and started.
+/// The run may be finished, still going, or have crashed. Without --run and --log the window opens on a page that
+/// starts runs.
 ///
-/// With --record neither a display nor a graphics card is needed.
+/// The window needs a display with OpenGL; H shows its keys. --record needs neither a display nor a graphics card.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct ViewArguments {
     /// Folder of a run
     #[arg(long, value_name = "DIR", conflicts_with = "log")]
     run: Option<PathBuf>,
-    /// A FeelSight log
+    /// Folder of a FeelSight log
     #[arg(long, value_name = "LOGDIR")]
     log: Option<PathBuf>,
-    /// Make a picture (.png) or a film (.gif, or .mp4 with ffmpeg) instead of opening a window
+    /// Write a picture (.png) or a film (.gif, or .mp4 if ffmpeg is installed) instead of opening a window
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
-    recorded: Recorded,
+    recorded: RecordArguments,
 }
 
-/// What is recorded, and how it looks.
+/// Contents and appearance of a picture or film.
 #[derive(Debug, Clone, Args)]
-struct Recorded {
-    /// What is on the picture
+struct RecordArguments {
+    /// Parts of the picture
     #[arg(long, value_enum, default_value_t = DashboardLayout::All, requires = "record")]
     layout: DashboardLayout,
-    /// Width and height, pixels
-    #[arg(long, default_value = "1280x720", requires = "record")]
+    /// Width and height in pixels, 160 to 4096 each
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1280x720", requires = "record")]
     size: Size,
-    /// The frame of a picture, counted from 0; the last one unless given
+    /// Frame to show on a picture, counted from 0 [default: the last one]
     #[arg(long, value_name = "N", requires = "record")]
     frame: Option<usize>,
-    /// A film has every how many-th frame
+    /// Record every Nth frame
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000), requires = "record")]
     every: u16,
-    /// Pictures per second; as many as make a film as long as the run unless given
+    /// Pictures per second of a film, 0.1 to 60 [default: the speed of the run]
     #[arg(long, value_name = "HZ", requires = "record")]
     rate: Option<f64>,
-    /// Colours of the page
-    #[arg(long, value_enum, default_value_t = Paper::Light, requires = "record")]
-    theme: Paper,
-    /// What the colours of the surface stand for
+    /// Background
+    #[arg(long, value_enum, default_value_t = ThemeChoice::Light, requires = "record")]
+    theme: ThemeChoice,
+    /// Quantity that colours the estimated surface
     #[arg(long, value_enum, default_value_t, requires = "record")]
     colour: Colouring,
-    /// What is shown
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "mesh,hand,axes,trail", requires = "record")]
+    /// Layers of the scene, separated by commas
+    #[arg(
+        long,
+        value_name = "LAYERS",
+        value_enum,
+        value_delimiter = ',',
+        default_value = "mesh,hand,axes,trail",
+        requires = "record"
+    )]
     show: Vec<Layer>,
-    /// From where
+    /// Direction to look from
     #[arg(long, value_enum, default_value_t = Preset::Oblique, requires = "record")]
     from: Preset,
-    /// Distance of the eye, metres
+    /// Distance of the eye from the hand, metres
     #[arg(long, value_name = "METRES", default_value_t = DISTANCE_M, requires = "record")]
     distance: f64,
 }
@@ -81,41 +89,45 @@ impl FromStr for Size {
     fn from_str(text: &str) -> Result<Self, String> {
         let side = |text: &str| text.parse().ok().filter(|side| (160..=4096).contains(side));
         let size = text.split_once(['x', 'X']).and_then(|(width, height)| Some([side(width)?, side(height)?]));
-        size.map(Self).ok_or_else(|| "it must be width x height in pixels from 160 to 4096, as in 1280x720".to_owned())
+        size.map(Self).ok_or_else(|| "give WIDTHxHEIGHT, 160 to 4096 pixels each, such as 1280x720".to_owned())
     }
 }
 
+/// Background on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Paper {
+enum ThemeChoice {
+    /// White
     Light,
+    /// Dark grey
     Dark,
 }
 
+/// Layer of the scene on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum Layer {
     /// The estimated surface
     Mesh,
-    /// The true surface, translucent
+    /// The true surface, translucent (if it is known)
     Truth,
     /// The hand
     Hand,
-    /// Axes of the estimated and the true pose
+    /// Axes of the estimated and of the true pose
     Axes,
-    /// Where the object has been
+    /// Path of the object
     Trail,
-    /// What the cameras see
+    /// Viewing volumes of the cameras
     Frusta,
-    /// Points that cameras and touch have measured
+    /// Points that cameras and touch sensors measured
     Clouds,
-    /// Where keyframes were taken
+    /// Cameras of the keyframes
     Keyframes,
-    /// A slice through the signed distances
+    /// Slice through the signed distances
     Slice,
-    /// The box around the estimated surface
+    /// Box around the estimated surface
     Bounds,
 }
 
-impl Recorded {
+impl RecordArguments {
     fn layers(&self) -> Layers {
         let has = |layer| self.show.contains(&layer);
         Layers {
@@ -141,7 +153,7 @@ impl Recorded {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &ViewArguments) -> Result<()> {
     let place = match (&arguments.run, &arguments.log) {
         (Some(folder), _) => Some(RecordingSource::Run(folder.clone())),
         (None, Some(folder)) => Some(RecordingSource::Log(folder.clone())),
@@ -154,7 +166,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             None => without_window("run", Path::new("DIR")),
         }),
         (Some(file), Some(place)) => record(&mut place.open()?, file, &arguments.recorded),
-        (Some(_), None) => bail!("give --run DIR or --log LOGDIR: there is nothing to record on the start page"),
+        (Some(_), None) => bail!("--record needs --run DIR or --log LOGDIR"),
     }
 }
 
@@ -165,7 +177,7 @@ fn without_window(option: &str, folder: &Path) -> String {
 
 /// Opens a window on a run in a process of its own, so that neither waits for the other nor ends with it.
 pub fn watch(run: &Path) -> Result<()> {
-    let program = std::env::current_exe().context("cannot find this program")?;
+    let program = std::env::current_exe().context("cannot find the file of this program, which opens the window")?;
     Command::new(program)
         .args(["view", "--run"])
         .arg(run)
@@ -177,7 +189,7 @@ pub fn watch(run: &Path) -> Result<()> {
 }
 
 /// Makes a picture or a film.
-fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result<()> {
+fn record(recording: &mut Recording, file: &Path, recorded: &RecordArguments) -> Result<()> {
     let format = FilmFormat::of(file)?;
     for warning in recording.warnings() {
         tracing::warn!("{warning}");
@@ -185,12 +197,12 @@ fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result
     recording.finish_reading();
     let moments = recording.moments();
     let Some(last) = moments.len().checked_sub(1) else {
-        bail!("{} has no frame yet", recording.folder().display());
+        bail!("{} does not contain a frame yet; wait for the run's first second", recording.folder().display());
     };
     let size = recorded.size.0;
     let theme = match recorded.theme {
-        Paper::Light => Theme::LIGHT,
-        Paper::Dark => Theme::DARK,
+        ThemeChoice::Light => Theme::LIGHT,
+        ThemeChoice::Dark => Theme::DARK,
     };
     let eye = recorded.eye();
     let mut page = Dashboard::new(recorded.layout, size, recorded.layers(), theme);
@@ -203,7 +215,7 @@ fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result
         return picture.save(file).with_context(|| format!("cannot write {}", file.display()));
     }
     if recorded.frame.is_some() {
-        bail!("--frame is for a picture, a .png file");
+        bail!("--frame is for a picture; give --record a name that ends in .png, or leave --frame out");
     }
     let shown: Vec<usize> = (0..=last).step_by(usize::from(recorded.every)).collect();
     let length_s = moments[last].row.time_s - moments[0].row.time_s;
@@ -213,7 +225,7 @@ fn record(recording: &mut Recording, file: &Path, recorded: &Recorded) -> Result
         None if length_s > 0.0 => (last as f64 / length_s / f64::from(recorded.every)).clamp(0.1, 60.0),
         None => 10.0,
     };
-    // A GIF's colours are chosen before its first picture.
+    // The palette of a GIF is chosen from these samples before its first picture.
     let samples = match format {
         FilmFormat::Gif => [0, 1, 3].map(|share| page.paint(recording, last * share / 3, &eye)).to_vec(),
         _ => Vec::new(),

@@ -1,12 +1,13 @@
 #!/bin/sh
-# Times our ray caster beside Embree 3 on the same triangles and rays, one thread each, and prints rates and ratios.
+# Compares the speed of our ray caster and Embree 3 on the same triangles and rays, with one thread each. Prints rates
+# and ratios.
 #
 #   benches/embree/run.sh [ROUNDS]      (default 5)
 #
-# Scenes: a procedural object, and, if $YCB_DIR or the asset cache has it, the YCB banana. Views: a 240 x 320 DIGIT
-# close-up, 22 mm from the surface, and a 640 x 480 camera that sees object and hand. The programs take turns, so that a
-# change of the machine's load meets both; figures are medians over the rounds of the CPU time of the fastest frame of a
-# round.
+# Scenes: a procedural object and, if $YCB_DIR or the cache contains it, the YCB banana. Views: a DIGIT of 240 x 320
+# pixels at 22 mm from the surface, and a camera of 640 x 480 pixels that sees object and hand. The programs take turns,
+# so that other load on the machine slows both. Each figure is the median over the rounds of the CPU time of the fastest
+# frame.
 set -eu
 cd "$(dirname "$0")/../.."
 rounds=${1:-5}
@@ -19,13 +20,13 @@ if ! [ -e /usr/include/embree3/rtcore.h ]; then
     if [ "$(id -u)" = 0 ]; then as_root=""; else as_root="sudo"; fi
     $as_root apt-get install -y --no-install-recommends libembree-dev >"$work/apt.log" 2>&1 || {
         tail -n 3 "$work/apt.log" >&2
-        echo "Could not install Embree. Install libembree-dev (Embree 3) yourself, then run this again." >&2
+        echo "Embree could not be installed. Install libembree-dev (Embree 3) and run this script again." >&2
         exit 1
     }
 fi
 "${CXX:-c++}" -O3 -march=native -std=c++17 benches/embree/embree.cpp -lembree3 -o "$work/embree"
-cargo build --release --quiet -p sim --example ray-bench
-ours="${CARGO_TARGET_DIR:-target}/release/examples/ray-bench"
+cargo build --release --quiet -p mvt-render --example ray_bench
+ours="${CARGO_TARGET_DIR:-target}/release/examples/ray_bench"
 
 cache="${XDG_CACHE_HOME:-$HOME/.cache}/mambavitact"
 banana=$(find "${YCB_DIR:-/nonexistent}" "$cache" -name 011_banana.stl 2>/dev/null | head -n 1)

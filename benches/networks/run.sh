@@ -1,24 +1,25 @@
 #!/usr/bin/env bash
-# The paper's three networks at equal cost (2.3 GMAC per sensor's image) and `default` (0.8) after equal training, which is short and on small
-# images, so that a laptop can do it: accuracy on objects that none was trained on, by input size and over training; then `mamba` with other
-# hooks and fewer fusions.
+# Compares the paper's three networks at equal cost (2.3 GMAC per touch image) and `default` (0.8 GMAC) after the same
+# short training on small images: accuracy on held-out objects by input size and over the training; then `mamba` with
+# other hooks and fewer fusions.
 #
 #   benches/networks/run.sh [DIR]
 #
-# DIR, out_networks by default, keeps trainings; killed, the same command goes on. One to two hours on two cores with AMX. Needs Rust and
-# Python 3. Prints tables and writes them to DIR/table.md; curves are in DIR/NAME/curve.csv and curve.svg.
+# DIR (default: out_networks) receives the trainings, the tables (table.md) and the curves (NAME/curve.csv,
+# NAME/curve.svg). After an interruption the same command continues. It takes one to two hours on two cores with AMX.
+# Needs Rust and Python 3.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 out=${1:-out_networks}
-configurations=perception/training/comparison
+configurations=perception/touch/training/comparison
 cargo build --release --quiet --features train --bin mambavitact
 program="${CARGO_TARGET_DIR:-target}/release/mambavitact"
 mkdir -p "$out"
-[ -e "$out/test" ] || "$program" contacts --objects test --images 400 --seed 1 --out "$out/test"
+[ -e "$out/test" ] || "$program" touch data --objects test --images 400 --seed 1 --out "$out/test"
 
-# Trains network $1 with configuration $2 into $out/$3, unless that is done.
+# Trains network $1 with configuration $2 into $out/$3, unless that training is complete.
 train() {
-    local arguments=(train --network "$1" --config "$2" --out "$out/$3")
+    local arguments=(touch train --network "$1" --config "$2" --out "$out/$3")
     [ -e "$out/$3/done" ] && return
     [ ! -e "$out/$3/checkpoint.safetensors" ] || arguments+=(--resume)
     "$program" "${arguments[@]}"
@@ -28,7 +29,7 @@ train() {
 # Scores the weights in $out/$1 at the given input sizes.
 score() {
     for size in "${@:2}"; do
-        "$program" eval-touch --weights "$out/$1/last.safetensors" --data "$out/test" --input "$size" --json \
+        "$program" touch evaluate --weights "$out/$1/last.safetensors" --data "$out/test" --input "$size" --json \
             >"$out/$1/$size.json"
     done
 }

@@ -1,4 +1,4 @@
-"""ONNX Runtime and our engine in turns; started by run.sh."""
+"""Times ONNX Runtime and our engine in turns; started by run.sh."""
 
 import json
 import os
@@ -21,13 +21,13 @@ def session(count):
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = count
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
-    # Threads that wait would take the cores from ours.
+    # Spinning threads would take the cores from the other side.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0" if threads > 1 and count == 1 else "1")
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 def one_after_another(peer):
-    """Images per second with all threads on one image."""
+    """Returns images per second with all threads on one image."""
     begun, done = time.perf_counter(), 0
     while time.perf_counter() - begun < seconds / 2:
         peer.run(None, {"image": image})
@@ -36,7 +36,7 @@ def one_after_another(peer):
 
 
 def side_by_side(peers):
-    """Images per second with an image per thread."""
+    """Returns images per second with one thread per image."""
     done = [0] * len(peers)
     begun = time.perf_counter()
 

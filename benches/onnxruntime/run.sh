@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# Our engine running `default` on 240x320 touch images beside ONNX Runtime running ViT-S/16 with a DPT decoder of 64 channels at
-# 224x224, in turns in one run on the same cores with the same number of threads: images per second, and their ratio.
+# Compares the speed of our engine with `default` on touch images of 240x320 and of ONNX Runtime with ViT-S/16 and a DPT
+# decoder of 64 channels at 224x224. Both take turns on the same cores with the same number of threads. Prints images
+# per second and their ratio.
 #
 #   benches/onnxruntime/run.sh [ROUNDS [SECONDS]]
 #
-# ROUNDS, 5 by default, of SECONDS, 4 by default, for each side. Set THREADS for other than 2 threads, WEIGHTS for trained weights
-# of our network; speed does not depend on them. Needs Rust and Python 3.11 or later; installs PyTorch, with which the peer's network is
-# made, and ONNX Runtime into a virtual environment in the user's cache folder. PYTHON names the interpreter.
+# Each side runs ROUNDS times (default: 5) for SECONDS (default: 4). THREADS sets the number of threads (default: 2),
+# WEIGHTS trained weights of our network, which do not change the speed, and PYTHON the interpreter. Needs Rust and
+# Python 3.11 or later; installs PyTorch, which makes the network of the other side, and ONNX Runtime into a virtual
+# environment in the user's cache folder.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

@@ -1,4 +1,4 @@
-"""TACTO and our renderer in turns on the same scenes; started by run.sh."""
+"""Times TACTO and our renderer in turns on the same scenes; started by run.sh."""
 
 import json
 import logging
@@ -16,16 +16,16 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 logging.disable(logging.WARNING)
-# Removed from NumPy, but TACTO 0.0.3 says np.float.
+# TACTO 0.0.3 uses np.float, which NumPy has removed.
 np.float = float
 import tacto.renderer  # noqa: E402
 
 cv2.setNumThreads(1)
-DATA = Path("sim/tests/data/tacto")
+DATA = Path("sim/render/tests/data/tacto")
 
 
 def scenes(folder):
-    """Name, mesh file and T_sensor_object of each scene."""
+    """Yields name, mesh file and T_sensor_object of each scene."""
     sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.008)
     sphere.export(folder / "sphere.stl")
     pose = np.eye(4)
@@ -37,12 +37,12 @@ def scenes(folder):
         if "mesh" not in scene:
             continue
         pose = np.array(scene["T_sensor_object"])
-        # Those poses are for the camera at the origin, TACTO 0.0.3 has it at z = 15 mm.
+        # These poses are for a camera at the origin; that of TACTO 0.0.3 lies at z = 15 mm.
         pose[2, 3] += 0.015
         if (ycb / scene["mesh"]).exists():
             yield scene["mesh"], ycb / scene["mesh"], pose
         else:
-            print(f"left out: {scene['mesh']} is not in {ycb} (fetch it with `mambavitact assets fetch`)")
+            print(f"skipped: {scene['mesh']} is not in {ycb}; download it with `mambavitact assets fetch`")
     if "MESH" in os.environ:
         yield os.environ["MESH"], Path(os.environ["MESH"]), np.array(json.loads(Path(os.environ["POSE"]).read_text()))
 

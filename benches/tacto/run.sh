@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Touch rendering beside TACTO 0.0.3: CPU time per 240x320 frame on one thread each, in one run, with an object in contact and with
-# shading, blur and noise on both sides; also how far the two agree.
+# Compares our touch renderer with TACTO 0.0.3 on objects in contact, with shading, blur and noise on both sides: CPU
+# time per frame of 240x320 pixels with one thread each, and the difference of the images.
 #
 #   benches/tacto/run.sh [ROUNDS [TACTO_FRAMES [OUR_FRAMES]]]
 #
 # Needs Rust, Python 3.8 to 3.11 (TACTO's pins have no wheels for later ones) and OSMesa; installs TACTO into a virtual
-# environment in the user's cache folder. Set PYTHON to name the interpreter, MESH and POSE to add a mesh of your own.
+# environment in the user's cache folder. PYTHON sets the interpreter; MESH and POSE add a mesh of your own.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -19,7 +19,7 @@ if [ -z "$python" ]; then
         fi
     done
 fi
-[ -n "$python" ] || { echo "No Python 3.8 to 3.11 found: TACTO's versions of NumPy and SciPy need one. Set PYTHON." >&2; exit 1; }
+[ -n "$python" ] || { echo "Python 3.8 to 3.11 is missing, which TACTO's versions of NumPy and SciPy need. Install it or set PYTHON." >&2; exit 1; }
 
 if ! ldconfig -p | grep -q libOSMesa; then
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
@@ -36,13 +36,13 @@ if [ ! -e "$cache/ready" ]; then
     pip() { "$cache/venv/bin/python" -m pip install --quiet --disable-pip-version-check "$@"; }
     pip "setuptools<70" wheel numpy==1.23.5 scipy==1.10.1 opencv-python-headless==4.8.1.78 "trimesh==3.23.5" "pyglet<2" \
         omegaconf==2.3.0 pycollada lxml six freetype-py imageio pybullet
-    # Their own pins (PyOpenGL 3.1.0, networkx 2.2) do not work on these Pythons.
+    # The versions that they ask for (PyOpenGL 3.1.0, networkx 2.2) do not work with these versions of Python.
     pip --no-deps tacto==0.0.3 pyrender==0.1.45 urdfpy==0.0.22 PyOpenGL==3.1.7 networkx==2.8.8
     touch "$cache/ready"
 fi
 
-cargo build --release --quiet -p sim --example touch-bench
+cargo build --release --quiet -p mvt-render --example touch_bench
 target=$(cargo metadata --format-version 1 --no-deps | "$python" -c 'import json, sys; print(json.load(sys.stdin)["target_directory"])')
 # One thread each: llvmpipe takes its number of rasteriser threads from LP_NUM_THREADS, where 0 means the calling one.
 PYOPENGL_PLATFORM=osmesa LP_NUM_THREADS=0 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-    "$cache/venv/bin/python" benches/tacto/compare.py "$target/release/examples/touch-bench" "${@}"
+    "$cache/venv/bin/python" benches/tacto/compare.py "$target/release/examples/touch_bench" "${@}"

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# What an open window costs a run that goes on: the same closed-loop episode with and without --view, in turns in one run on the same
-# cores; frames per second of each, and their ratio.
+# Measures how much an open window slows a run: the same closed-loop episode with and without --view, in turns on the
+# same cores. Prints frames per second of both and the loss.
 #
 #   benches/viewer/run.sh [ROUNDS [SECONDS]]
 #
-# ROUNDS, 3 by default, of episodes of SECONDS, 30 by default. Without a display Xvfb is started, so that the CPU draws the window.
-# Needs Rust and Python 3.
+# Each side runs ROUNDS episodes (default: 3) of SECONDS (default: 30). Without a display the script starts Xvfb, so
+# that the CPU draws the window. Needs Rust and Python 3.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 rounds=${1:-3}
@@ -22,7 +22,7 @@ if [ -z "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ]; then
     sleep 1
 fi
 
-# Frames per second of a run with these options.
+# Prints the frames per second of a run with these options.
 speed() {
     "$program" run --quiet --duration "$seconds" --out "$work/$1" "${@:2}" >"$work/$1.log" 2>&1 ||
         { cat "$work/$1.log" >&2; exit 1; }

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# How many pictures per second a window shows while a fine mesh of a finished run is turned by the pointer, drawn by the CPU.
+# Measures how many pictures per second a window shows while the pointer turns the fine mesh of a finished run; the CPU
+# draws the window.
 #
 #   benches/viewer/turn.sh [SECONDS]
 #
-# Turns for SECONDS, 10 by default. Needs Rust, Python 3, Xvfb and xdotool.
+# The mesh turns for SECONDS (default: 10). Needs Rust, Python 3, Xvfb and xdotool.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 seconds=${1:-10}
@@ -20,7 +21,7 @@ server=$!
 
 # Cells of 0.75 mm make 100,000 triangles of a Rubik's cube.
 "$program" run --quiet --duration 8 --set mesh_cell_mm=0.75 --out "$work/run"
-MAMBAVITACT_LOG=mambavitact=trace "$program" view --run "$work/run" >"$work/view.log" 2>&1 &
+MAMBAVITACT_LOG=mvt_viewer=trace "$program" view --run "$work/run" >"$work/view.log" 2>&1 &
 viewer=$!
 until grep -q "painted in" "$work/view.log"; do
     kill -0 "$viewer" || { cat "$work/view.log" >&2; exit 1; }

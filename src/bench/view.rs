@@ -1,4 +1,4 @@
-//! How fast the viewer paints.
+//! `bench view`: speed of the viewer.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -7,42 +7,43 @@ use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use glam::Vec3A;
 use mvt_frames::{Isometry, Object, World};
+use mvt_recording::Recording;
 use mvt_render::tessellation::tessellate;
 use mvt_robot::hand::Primitive;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::network::ImageSize;
 use mvt_picture::palette::Theme;
 use mvt_picture::raster::{LitMesh, MeshPlacement, Rasteriser};
-use mvt_recording::Recording;
 use mvt_run::io::print_line;
 use mvt_viewer::{Eye, Layers, Preset, ScenePainter};
 
-/// Time the viewer: a mesh that is turned, and a run that is scrubbed
+use crate::image_size::ImageSize;
+
+/// Measure how fast the viewer paints a turning mesh and random moments of a run
 ///
-/// Without --run only the rasteriser is timed, with a mesh that fills most of the picture's height.
+/// Without --run only the rasteriser is measured, with a mesh that fills most of the picture's height.
 #[derive(Debug, Args)]
-pub struct Arguments {
-    /// Triangles of the mesh
+pub struct BenchViewArguments {
+    /// Number of triangles of the mesh
     #[arg(long, default_value_t = 100_000, value_parser = value_parser!(u32).range(100..=10_000_000))]
     triangles: u32,
-    /// Size of the picture, pixels
-    #[arg(long, default_value = "1280x720")]
+    /// Size of the picture in pixels, as WIDTHxHEIGHT or one side of a square
+    #[arg(long, value_name = "SIZE", default_value = "1280x720")]
     size: ImageSize,
-    /// Threads
+    /// Number of threads
     #[arg(long, default_value_t = 2, value_parser = value_parser!(u16).range(1..=256))]
     threads: u16,
-    /// Pictures that are painted
+    /// Number of pictures to paint
     #[arg(long, default_value_t = 200, value_parser = value_parser!(u32).range(2..=100_000))]
     pictures: u32,
-    /// Folder of a run: moments of it are painted in random order, with the images of their sensors read
+    /// Folder of a run, whose moments are painted in random order, with the images of the sensors
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &BenchViewArguments) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(arguments.threads)).build()?;
     pool.install(|| turn(arguments))?;
     match &arguments.run {
@@ -51,8 +52,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// A mesh that is turned.
-fn turn(arguments: &Arguments) -> Result<()> {
+/// Times a mesh that turns.
+fn turn(arguments: &BenchViewArguments) -> Result<()> {
     let segments = f64::from(arguments.triangles).sqrt() as usize;
     let shape = Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.1, 0.1, 0.09] };
     let mesh = tessellate(&shape, segments);
@@ -74,14 +75,14 @@ fn turn(arguments: &Arguments) -> Result<()> {
         raster.finish(0.5);
         begun.elapsed().as_secs_f64() * 1e3
     });
-    tell(&format!("turning {} triangles", mesh.faces.len()), times_ms.collect())
+    report(&format!("turning {} triangles", mesh.faces.len()), times_ms.collect())
 }
 
-/// A run at random moments.
-fn scrub(arguments: &Arguments, recording: &Recording) -> Result<()> {
+/// Times random moments of a run.
+fn scrub(arguments: &BenchViewArguments, recording: &Recording) -> Result<()> {
     let moments = recording.moments().len();
     if moments == 0 {
-        bail!("{} has no frame yet", recording.folder().display());
+        bail!("{} does not contain a frame yet; wait for the run's first second", recording.folder().display());
     }
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut scene = ScenePainter::new();
@@ -95,11 +96,11 @@ fn scrub(arguments: &Arguments, recording: &Recording) -> Result<()> {
         scene.paint(recording, moment, &layers, &eye, &Theme::LIGHT, size);
         times_ms.push(begun.elapsed().as_secs_f64() * 1e3);
     }
-    tell(&format!("scrubbing {moments} frames"), times_ms)
+    report(&format!("scrubbing {moments} frames"), times_ms)
 }
 
-/// Median and worst, without the first, which makes what is kept.
-fn tell(what: &str, mut times_ms: Vec<f64>) -> Result<()> {
+/// Prints the median and the longest time, without the first picture, which fills the caches.
+fn report(what: &str, mut times_ms: Vec<f64>) -> Result<()> {
     times_ms.remove(0);
     times_ms.sort_by(f64::total_cmp);
     let [median, worst] = [times_ms[times_ms.len() / 2], times_ms[times_ms.len() - 1]];

@@ -1,4 +1,4 @@
-//! `generate`: layout, refusals, options, and the same bytes whatever the number of threads.
+//! `generate`: layout, refusals, options, and bytes that do not depend on the number of threads.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ fn logs_are_laid_out_by_object_and_number() {
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     assert_eq!((&summary["object"], &summary["frames"]), (&"cube70".into(), &12.into()));
 
-    // The same again has nothing to do.
+    // The same command again finds complete logs and changes nothing.
     let before = times(&workplace, "set");
     assert_eq!(workplace.run(line).good(), "");
     assert_eq!(times(&workplace, "set"), before);
@@ -56,7 +56,7 @@ fn logs_are_laid_out_by_object_and_number() {
 }
 
 #[test]
-fn what_is_there_is_replaced_only_on_demand() {
+fn existing_logs_are_replaced_only_on_demand() {
     let workplace = Workplace::new();
     workplace.run(&format!("{SHORT} --object cube70 --out set")).good();
     let first = workplace.files("set");
@@ -78,14 +78,14 @@ fn what_is_there_is_replaced_only_on_demand() {
     workplace.run(&format!("{SHORT} --object cube70 --out set --seed 1 --overwrite")).good();
     let second = workplace.files("set");
     assert_ne!(second.get(Path::new("cube70/00/data.pkl")), first.get(Path::new("cube70/00/data.pkl")));
-    assert!(!second.keys().any(|path| path.to_str().unwrap().contains("/.")), "something was left behind");
+    assert!(!second.keys().any(|path| path.to_str().unwrap().contains("/.")), "partial files were left");
     workplace.run("inspect set/cube70/00").good();
     workplace.run(&format!("{SHORT} --object cube70 --out set --overwrite")).good();
     assert_same(&first, &workplace.files("set"));
 }
 
 #[test]
-fn a_folder_of_other_things_is_not_filled() {
+fn a_folder_with_other_files_is_refused() {
     let workplace = Workplace::new();
     fs::create_dir_all(workplace.path("home/letters")).unwrap();
     workplace.write("home/letters/mum.txt", "Dear mum");
@@ -103,7 +103,7 @@ fn wrong_names_and_numbers_are_explained() {
     let workplace = Workplace::new();
     let said = |arguments: &str| workplace.run(&format!("generate --duration 0.4 --out set {arguments}"));
     assert!(said("--object rubiks_cube").error().contains("077_rubiks_cube"));
-    // The first object is fine, but nothing is begun.
+    // The first object is valid, but nothing is simulated before all are checked.
     assert!(said("--object cube70 --object 013_aple").error().contains("013_apple"));
     assert!(said("--object cube70 --gait stroll").error().contains("ball, box, can"));
     let cameras = said("--object cube70 --cameras front-left,bottom").error();
@@ -153,7 +153,7 @@ fn occlusion_views_show_one_episode() {
 }
 
 #[test]
-fn noise_is_what_was_asked_for() {
+fn noise_changes_only_the_chosen_images() {
     let workplace = Workplace::new();
     let [none, touch, full] = ["none", "touch", "full"].map(|noise| {
         workplace
@@ -184,7 +184,7 @@ fn threads_do_not_change_a_byte() {
     assert_ne!(one[Path::new("rubiks_cube_small/00/data.pkl")], other[Path::new("rubiks_cube_small/00/data.pkl")]);
 }
 
-/// Depth and mask of a pad may be empty in both.
+/// Returns whether a file is depth or mask of a pad, which may be empty in both logs.
 fn masked(path: &Path) -> bool {
     path.starts_with("rubiks_cube_small/00/allegro") && !path.to_str().unwrap().contains("image")
 }

@@ -1,4 +1,4 @@
-//! `inspect`: every way in which a log can be broken has exit code 1 and a reason.
+//! `inspect`: a damaged log leads to exit code 1 and a reason.
 
 use std::fs;
 
@@ -13,7 +13,7 @@ fn with_log() -> Workplace {
     workplace
 }
 
-/// Changes one file, inspects, and puts it back.
+/// Changes one file, inspects the log, and restores the file.
 #[track_caller]
 fn refused(workplace: &Workplace, file: &str, change: impl FnOnce(&mut Vec<u8>)) -> String {
     let path = workplace.path("set/large_dice/00").join(file);
@@ -28,7 +28,7 @@ fn refused(workplace: &Workplace, file: &str, change: impl FnOnce(&mut Vec<u8>))
 }
 
 #[test]
-fn a_damaged_log_is_bad_and_named() {
+fn a_damaged_file_is_named() {
     let workplace = with_log();
     for length in [0, 1, 100, 1000] {
         refused(&workplace, "data.pkl", |bytes| bytes.truncate(length));
@@ -49,12 +49,12 @@ fn a_damaged_log_is_bad_and_named() {
     refused(&workplace, "allegro/thumb/mask/0.jpg", |bytes| bytes.clone_from(&camera));
     refused(&workplace, "realsense/front-left/seg/5.jpg", |bytes| bytes.truncate(100));
     refused(&workplace, "realsense/front-left/image/5.jpg", Vec::clear);
-    // Everything was put back.
+    // All files are restored.
     workplace.run("inspect set/large_dice/00").good();
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn a_missing_file_is_named() {
     for file in [
         "data.pkl",
         "allegro/ring/image/3.jpg",
@@ -76,7 +76,7 @@ fn what_is_missing_is_named() {
 }
 
 #[test]
-fn a_hostile_pickle_does_nothing() {
+fn a_hostile_pickle_is_not_executed() {
     let workplace = with_log();
     for program in [
         &b"cos\nsystem\n(S'touch hacked'\ntR."[..],
@@ -93,9 +93,9 @@ fn a_hostile_pickle_does_nothing() {
 }
 
 #[test]
-fn poses_that_are_not_kinematics_are_bad() {
+fn poses_that_contradict_kinematics_are_refused() {
     let workplace = with_log();
-    // The last elements of data.pkl are numbers: one wrong bit in any of them must not pass as another pose.
+    // With the other hand, forward kinematics leads to other poses than those of data.pkl.
     let path = workplace.path("set/large_dice/00/scene.json");
     let scene = fs::read_to_string(&path).unwrap();
     fs::write(&path, scene.replace("\"hand\": \"left\"", "\"hand\": \"right\"")).unwrap();

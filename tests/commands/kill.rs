@@ -1,4 +1,4 @@
-//! SIGKILL at any moment: what has a final name is complete, and the same command finishes the work.
+//! SIGKILL at any moment: a log with its final name is complete, and the same command finishes the work.
 
 use std::fs;
 use std::path::Path;
@@ -6,25 +6,25 @@ use std::process::{Child, Stdio};
 
 use crate::workplace::{Workplace, assert_same};
 
-/// When to kill.
+/// Moment at which the process is killed.
 enum Moment {
-    /// As soon as there are this many files and folders more than when there were fewest.
+    /// When there are this many files and folders more than at the fewest.
     Entries(usize),
-    /// As soon as this exists: the steps at the end of a log, which take little time but decide everything.
+    /// When this path exists: for the short but decisive steps at the end of a log.
     Exists(&'static str),
 }
 
 fn count(folder: &Path) -> usize {
-    // The process renames and removes folders meanwhile.
+    // The process renames and removes folders while they are counted.
     let Ok(entries) = fs::read_dir(folder) else { return 0 };
     entries.flatten().map(|entry| 1 + if entry.path().is_dir() { count(&entry.path()) } else { 0 }).sum()
 }
 
-/// Runs until the moment has come; says whether the process was still at work then.
+/// Runs until the moment, kills the process, and returns whether it was still running.
 fn killed_at(workplace: &Workplace, line: &str, moment: &Moment) -> bool {
     let mut command = workplace.command(line);
     let mut child: Child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    // What an earlier kill left behind is removed first.
+    // The process first removes the files that an earlier kill left.
     let mut fewest = usize::MAX;
     let mut has_come = || match moment {
         Moment::Entries(more) => {
@@ -44,7 +44,7 @@ fn killed_at(workplace: &Workplace, line: &str, moment: &Moment) -> bool {
 fn check_visible_logs(workplace: &Workplace) -> usize {
     let logs = workplace.logs("set");
     for log in &logs {
-        // Without it a log would pass for one of another program.
+        // A log without scene.json would be taken for one of another program.
         assert!(workplace.path(log).join("scene.json").exists(), "{log}");
         workplace.run(&format!("inspect {log}")).good();
     }
@@ -56,7 +56,7 @@ fn a_killed_run_is_resumed() {
     let workplace = Workplace::new();
     let line = |out: &str| format!("generate --object cube70 --logs 6 --duration 0.3 --out {out}");
     let mut kills = 0;
-    // A log is about 140 entries. The numbers are random, but the same each time.
+    // A log has about 140 entries. The numbers are arbitrary.
     for moment in [
         Moment::Entries(1),
         Moment::Entries(17),
@@ -72,7 +72,7 @@ fn a_killed_run_is_resumed() {
         kills += usize::from(killed_at(&workplace, &line("set"), &moment));
         check_visible_logs(&workplace);
     }
-    // A busy machine may miss a moment and let a run finish; the first of them cannot be missed.
+    // A busy machine may let a run finish before its moment is seen, but not at the first moment.
     assert!(kills >= 2, "only {kills} runs were killed before they were done");
     workplace.run(&line("set")).good();
     assert_eq!(check_visible_logs(&workplace), 6);

@@ -1,12 +1,12 @@
-//! The program as its users meet it: commands, exit codes, what is on the disk afterwards. No network, procedural objects, short
-//! episodes.
+//! Tests of the commands as users see them: output, exit codes and files. They need no network, and use procedural
+//! objects and short episodes.
 
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
     clippy::print_stderr,
-    reason = "a failed assumption in a test is a failed test, and a skipped one says so"
+    reason = "a failed assumption in a test is a failed test"
 )]
 
 mod faults;
@@ -14,12 +14,13 @@ mod generate;
 mod inspect;
 mod kill;
 mod mesh_files;
-mod network;
-mod render_touch;
+mod old_names;
 mod run;
 mod score;
 mod simulate;
+mod touch;
+mod touch_render;
 #[cfg(feature = "train")]
-mod train;
+mod touch_train;
 mod view;
 mod workplace;

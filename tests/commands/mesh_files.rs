@@ -1,10 +1,10 @@
-//! Meshes of the user's own: used, repaired with a word about it, or refused with file and defect.
+//! The user's own meshes are used, repaired with a warning, or refused with the file and its defect.
 
 use std::fmt::Write as _;
 
 use crate::workplace::Workplace;
 
-/// Corners and outward faces of a box that stands at `x`, as OBJ.
+/// Returns corners and outward faces of a box at `x`, as OBJ.
 fn obj_box(half: f64, x: f64, first: usize) -> String {
     let mut text = String::new();
     for corner in 0..8 {
@@ -33,7 +33,7 @@ const FACES: [[usize; 3]; 12] = [
     [3, 7, 5],
 ];
 
-/// The same box as text STL.
+/// Returns the same box as text STL.
 fn stl_box(half: f64) -> String {
     let mut text = "solid box\n".to_owned();
     for face in FACES {
@@ -47,7 +47,7 @@ fn stl_box(half: f64) -> String {
     text + "endsolid box\n"
 }
 
-/// And as PLY.
+/// Returns the same box as PLY.
 fn ply_box(half: f64) -> String {
     let mut text = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
                     element face 12\nproperty list uchar int vertex_indices\nend_header\n"
@@ -62,7 +62,7 @@ fn ply_box(half: f64) -> String {
 const HALF_M: f64 = 0.033;
 
 #[test]
-fn every_format_gives_the_same_object() {
+fn every_format_makes_the_same_object() {
     let workplace = Workplace::new();
     workplace.write("box.obj", obj_box(HALF_M, 0.0, 1));
     workplace.write("box.stl", stl_box(HALF_M));
@@ -76,7 +76,7 @@ fn every_format_gives_the_same_object() {
     });
     assert!(obj.contains("\"object\":\"box\""), "{obj}");
     assert_eq!(obj, ply);
-    // STL has its vertices in another order, so that sums round differently.
+    // The vertices of the STL file are in another order, so that sums are rounded differently.
     let survived = |text: &str| serde_json::from_str::<serde_json::Value>(text).unwrap()["survived_s"].clone();
     assert_eq!(survived(&obj), survived(&stl));
 
@@ -86,7 +86,7 @@ fn every_format_gives_the_same_object() {
     let ended = workplace.run("inspect set/box/00");
     assert!(ended.stdout.contains("object    box"), "{ended:?}");
     ended.warned();
-    // The file is part of what a log was made with.
+    // A log made with another content of the file counts as made with other settings.
     workplace.write("box.stl", stl_box(HALF_M * 0.9));
     let ended = workplace.run("generate --object ./box.stl --logs 1 --duration 0.2 --out set");
     assert!(ended.code == Some(1) && ended.stderr.contains("other settings"), "{ended:?}");
@@ -115,7 +115,7 @@ fn repairs_are_reported() {
         assert!(said.lines().any(|line| line.contains(file) && line.contains(word)), "{file}: {said}");
     }
 
-    // What was repaired behaves as what was right from the start.
+    // A repaired mesh behaves like a correct one.
     workplace.write("good.obj", good);
     let [good, repaired] = ["good.obj", "inverted.obj"].map(|file| {
         let outcome = workplace.run(&format!("simulate --json --duration 0.5 --object {file}")).stdout;
@@ -124,7 +124,7 @@ fn repairs_are_reported() {
     assert_eq!(good, repaired);
 }
 
-/// A line of an OBJ file with its face turned.
+/// Returns a line of an OBJ file with its face turned over.
 fn turned(line: &str) -> String {
     match line.split(' ').collect::<Vec<_>>()[..] {
         ["f", a, b, c] => format!("f {a} {c} {b}"),
@@ -133,7 +133,7 @@ fn turned(line: &str) -> String {
 }
 
 #[test]
-fn what_cannot_be_repaired_is_refused() {
+fn meshes_beyond_repair_are_refused() {
     let workplace = Workplace::new();
     let good = obj_box(HALF_M, 0.0, 1);
     let stl_with_nan = stl_box(HALF_M).replacen(&format!("vertex {HALF_M}"), "vertex nan", 1);

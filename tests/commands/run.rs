@@ -1,4 +1,4 @@
-//! `run` and `evaluate`: live episodes, logs whole and damaged, interruptions.
+//! `run` and `evaluate`: live episodes, complete and damaged logs, interruptions.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ fn summary(workplace: &Workplace, folder: &str) -> Value {
     serde_json::from_slice(&fs::read(workplace.path(folder).join("summary.json")).unwrap()).unwrap()
 }
 
-/// A trajectory without what a clock told.
+/// Returns a trajectory without its times of computation.
 fn trajectory(workplace: &Workplace, folder: &str) -> String {
     let text = fs::read_to_string(workplace.path(folder).join("trajectory.csv")).unwrap();
     let timeless = |line: &str| line.rsplitn(5, ',').last().unwrap().to_owned();
@@ -42,7 +42,7 @@ fn trajectory(workplace: &Workplace, folder: &str) -> String {
     text.lines().map(timeless).collect::<Vec<_>>().join("\n")
 }
 
-/// A log of one camera and 20 frames.
+/// Makes a log of one camera and 20 frames.
 fn with_log() -> Workplace {
     let workplace = Workplace::new();
     workplace.run("generate --object cube70 --logs 1 --duration 0.667 --cameras side --out set").good();
@@ -64,13 +64,13 @@ fn a_closed_loop_reconstructs_and_tracks() {
     for stage in ["sense", "track", "map", "mesh"] {
         assert!(summary["stage_ms"][stage].as_f64().unwrap() > 0.0, "{summary}");
     }
-    // Scored again from the files it is the same.
+    // `score` computes the same from the files.
     let again: Value = serde_json::from_str(&workplace.run("score --run out --json").good()).unwrap();
     let difference =
         again["pose"]["add_s_mm"]["mean"].as_f64().unwrap() - summary["add_s_mm"]["mean"].as_f64().unwrap();
     assert!(difference.abs() < 1e-6, "{again}");
 
-    // Its settings repeat it, into the same folder.
+    // A run with its settings may replace it.
     fs::copy(workplace.path("out/config.toml"), workplace.path("settings.toml")).unwrap();
     let line = "run --object rubiks_cube_small --duration 0.2 --config settings.toml --set slam.map.batch=512 --json";
     let text = workplace.run(line).good();
@@ -103,7 +103,7 @@ fn the_result_does_not_depend_on_threads() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_before_anything_runs() {
+fn wrong_arguments_are_refused_before_anything_runs() {
     let workplace = Workplace::new();
     workplace.write("notes.txt", "mine");
     for (line, parts) in [
@@ -138,7 +138,7 @@ fn a_log_serves_all_modes() {
 }
 
 #[test]
-fn what_was_learnt_is_gone_on_with_and_looked_at() {
+fn an_estimated_shape_is_continued_and_meshed() {
     let workplace = with_log();
     workplace.run(&format!("run --log {LOG} --quiet")).good();
     let size = |folder: &str| fs::metadata(workplace.path(folder).join("keyframes.safetensors")).unwrap().len();
@@ -162,13 +162,13 @@ fn what_was_learnt_is_gone_on_with_and_looked_at() {
 }
 
 #[test]
-fn a_damaged_log_degrades() {
+fn a_damaged_log_is_used_as_far_as_possible() {
     let workplace = with_log();
     let run = |more: &str| workplace.run(&format!("run --log {LOG} --touch-depth truth --quiet {more}"));
     let depth = workplace.path(LOG).join("realsense/side/depth.npz");
     let whole = fs::read(&depth).unwrap();
 
-    // Depths that are no numbers.
+    // Depths that are NaN.
     let mut reader = Reader::open(&depth).unwrap();
     let [frames, height, width] = reader.shape();
     let mut images: Vec<Vec<f32>> = (0..frames).map(|_| reader.read().unwrap().unwrap()).collect();
@@ -184,7 +184,7 @@ fn a_damaged_log_degrades() {
     assert!(said.contains("frame 3: 1000 depths of camera side are no numbers") && said.lines().count() == 1, "{said}");
     assert_eq!(summary(&workplace, "out")["frames"], 20);
 
-    // A finger that dies, and one that was never there: each is told once.
+    // A finger that fails and one that is missing from the start lead to one warning each.
     fs::write(&depth, &whole).unwrap();
     for k in 10..20 {
         fs::remove_file(workplace.path(LOG).join(format!("allegro/{}/depth/{k}.jpg", Finger::Index.name()))).unwrap();
@@ -196,14 +196,14 @@ fn a_damaged_log_degrades() {
     assert!(told("nothing from the DIGIT of the thumb finger") == 1, "{said}");
     assert_eq!(summary(&workplace, "out")["frames"], 20);
 
-    // A camera whose file ends early leaves touch.
+    // Without the camera, whose file ends early, touch is used.
     fs::write(&depth, &whole[..whole.len() / 2]).unwrap();
     let said = run("").warned();
     assert!(said.contains("depth.npz") && said.contains("nothing from camera side"), "{said}");
     let said = run("--modality vi").error();
     assert!(said.contains("depth.npz") && said.contains("--modality vi"), "{said}");
 
-    // Time that stands still.
+    // Two frames have the same time.
     fs::write(&depth, &whole).unwrap();
     let pickle = workplace.path(LOG).join("data.pkl");
     let mut bytes = fs::read(&pickle).unwrap();
@@ -225,7 +225,7 @@ fn an_interrupted_run_leaves_what_it_has() {
     let mut command = workplace.command("run --object rubiks_cube_small --duration 60 --quiet");
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     while !workplace.path("out/summary.json").exists() {
-        assert!(child.try_wait().unwrap().is_none(), "it has ended by itself");
+        assert!(child.try_wait().unwrap().is_none(), "the run ended before it was interrupted");
         std::thread::yield_now();
     }
     let killed = Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
@@ -239,7 +239,7 @@ fn an_interrupted_run_leaves_what_it_has() {
 }
 
 #[test]
-fn an_evaluation_goes_on_where_it_was() {
+fn an_evaluation_continues_where_it_stopped() {
     let workplace = Workplace::new();
     let line = |seeds: u32| {
         format!("evaluate --objects cube70 --seeds {seeds} --modes pose --modalities vitac,tac --duration 0.3 --out e")
@@ -271,12 +271,12 @@ fn fields_are_compared_on_the_same_frames() {
     for (line, name) in lines.iter().zip(["refined", "dense", "hashed", "tsdf"]) {
         assert!(table.contains(&format!("| 90/45 | {name} | 1 |")), "{table}");
         assert_eq!((&line["variant"], &line["frames"]), (&name.into(), &30.into()), "{line}");
-        // One side of the cube has been seen by then.
+        // By then the camera has seen one side of the cube.
         assert!(line["f_score"]["5"].as_f64().unwrap() > 0.4, "{line}");
         assert!(line["mesh_error_mm"].as_f64().unwrap() < 8.0, "{line}");
         assert!(line["learning_mb"].as_f64() >= line["shape_mb"].as_f64(), "{line}");
     }
-    // What is there is not repeated.
+    // A finished comparison is not repeated.
     assert_eq!(workplace.run(line).good(), table);
     assert_eq!(fs::read_to_string(workplace.path("e/fields.jsonl")).unwrap(), text);
     assert!(workplace.run(&format!("{line} --ablate")).usage().contains("--ablate"));

@@ -1,4 +1,4 @@
-//! `score`: runs and anybody's results.
+//! `score`: scores of runs and of files from other programs.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::workplace::Workplace;
 
-/// The rounded cube of the catalogue, moved along x, as OBJ.
+/// Returns the rounded cube of the catalogue as OBJ, moved along x.
 fn cube(x: f32, scale: f32) -> String {
     let Mesh { vertices, faces } = catalogue::load("cube70", &mut Vec::new()).unwrap().mesh;
     let mut text = String::new();
@@ -21,8 +21,8 @@ fn cube(x: f32, scale: f32) -> String {
     text
 }
 
-/// 200 poses at 20 Hz of an object that slides along y, seen `offset_m` further along x than it is, and twice as far
-/// after 5 s.
+/// Returns 200 poses at 20 Hz of an object that slides along y, with an error of `offset_m` along x that doubles after
+/// 5 s.
 fn poses(offset_m: f64) -> String {
     poses_from(0.0, offset_m)
 }
@@ -43,14 +43,14 @@ fn json(workplace: &Workplace, arguments: &str) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-/// F, precision or recall of 10,000 (`original`) or 100,000 points (`fine`) at a threshold.
+/// Returns F, precision or recall of 10,000 (`original`) or 100,000 points (`fine`) at a threshold.
 fn at(report: &Value, points: &str, threshold_mm: f64, what: &str) -> f64 {
     let scores = report["shape"][points]["scores"].as_array().unwrap();
     scores.iter().find(|row| row["threshold_mm"] == threshold_mm).unwrap()[what].as_f64().unwrap()
 }
 
 #[test]
-fn a_perfect_shape_is_perfect_in_its_own_coordinates() {
+fn a_perfect_shape_has_a_perfect_score_in_its_own_coordinates() {
     let workplace = Workplace::new();
     // Not centred, so that the coordinates of the file are not those of the object.
     workplace.write("cube.obj", cube(0.1, 1.0));
@@ -58,13 +58,13 @@ fn a_perfect_shape_is_perfect_in_its_own_coordinates() {
     assert_eq!(report["shape"]["original"]["scores"].as_array().unwrap().len(), 15);
     assert!(at(&report, "fine", 1.0, "f") > 0.999, "{report}");
     assert!(at(&report, "original", 5.0, "f") == 1.0, "{report}");
-    // 10,000 points of 290 cm^2 are some 1.7 mm apart.
+    // 10,000 points on 290 cm^2 are about 1.7 mm apart.
     assert!(at(&report, "original", 1.0, "f") < 0.8, "{report}");
     assert!(report["pose"].is_null());
 
     let elsewhere = json(&workplace, "--mesh cube.obj --truth cube.obj --frame object");
     assert_eq!(at(&elsewhere, "original", 5.0, "f"), 0.0, "{elsewhere}");
-    // The catalogue's cube has its own coordinates at its centre.
+    // The coordinates of the catalogue's cube have their origin at its centre.
     workplace.write("centred.obj", cube(0.0, 1.0));
     assert!(at(&json(&workplace, "--mesh centred.obj --truth cube70"), "fine", 1.0, "f") > 0.999);
 
@@ -73,7 +73,7 @@ fn a_perfect_shape_is_perfect_in_its_own_coordinates() {
 }
 
 #[test]
-fn precision_is_of_the_estimate_and_recall_of_the_truth() {
+fn precision_counts_estimated_points_and_recall_true_points() {
     let workplace = Workplace::new();
     workplace.write("truth.obj", cube(0.0, 1.0));
     let whole = cube(0.0, 1.0);
@@ -89,7 +89,7 @@ fn precision_is_of_the_estimate_and_recall_of_the_truth() {
 }
 
 #[test]
-fn poses_are_scored_and_say_where_the_mesh_is() {
+fn poses_are_scored_and_place_the_mesh() {
     let workplace = Workplace::new();
     workplace.write("cube.obj", cube(0.0, 1.0));
     workplace.write("estimate.csv", poses(0.003));
@@ -98,10 +98,10 @@ fn poses_are_scored_and_say_where_the_mesh_is() {
     assert_eq!(report["pose"]["frames"], 200);
     let errors = &report["pose"]["add_s_mm"];
     let [mean, last, original] = ["mean", "final", "mean_original_definition"].map(|key| errors[key].as_f64().unwrap());
-    // A third of the cube, two of six faces, is 6 mm off in the end; the others slide along themselves.
+    // At the end, two of six faces are 6 mm off; the others move within their planes.
     assert!((2.0..4.0).contains(&last), "{errors}");
     assert!((original - last).abs() < 1e-6 && mean < 0.8 * last, "{errors}");
-    // The mesh is scored where the last pose puts it: two faces are beyond 5 mm, none beyond 10 mm.
+    // The last pose places the mesh: two faces are more than 5 mm off, no face more than 10 mm.
     assert!((0.6..0.8).contains(&at(&report, "fine", 5.0, "precision")), "{report}");
     assert_eq!(at(&report, "fine", 10.0, "f"), 1.0);
 
@@ -110,14 +110,14 @@ fn poses_are_scored_and_say_where_the_mesh_is() {
         words.contains("200 frames") && words.contains("as NeuralFeels") && !words.contains("precision"),
         "{words}"
     );
-    // The order of the files matters to the sign only.
+    // Exchanging the files does not change the symmetric error.
     let swapped = json(&workplace, "--truth cube70 --pose truth.csv --truth-pose estimate.csv");
     let symmetric = |report: &Value| report["pose"]["add_s_symmetric_mm"]["mean"].as_f64().unwrap();
     assert!((symmetric(&swapped) - symmetric(&report)).abs() < 1e-6);
 }
 
 #[test]
-fn a_run_is_scored_as_its_files_are() {
+fn a_run_and_its_files_have_the_same_scores() {
     let workplace = Workplace::new();
     std::fs::create_dir(workplace.path("out")).unwrap();
     workplace.write("out/summary.json", "{\"object\": \"cube70\", \"complete\": false}");

@@ -1,4 +1,4 @@
-//! `simulate` and what is said on standard output.
+//! `simulate`, and the use of standard output.
 
 use std::io::pipe;
 use std::process::Stdio;
@@ -14,7 +14,7 @@ fn outcome(arguments: &str) -> Value {
 }
 
 #[test]
-fn one_json_object_says_how_it_went() {
+fn one_json_object_contains_the_outcome() {
     let outcome = outcome("--object cube70 --duration 2 --seed 3");
     for (field, low, high) in [
         ("survived_s", 2.0, 2.0),
@@ -77,7 +77,7 @@ fn wrong_arguments_are_explained() {
 }
 
 #[test]
-fn a_reader_that_has_gone_is_no_fault() {
+fn a_closed_standard_output_is_not_an_error() {
     let workplace = Workplace::new();
     for arguments in ["assets list", "simulate --object cube70 --duration 0.2", "--help"] {
         let (reader, writer) = pipe().unwrap();
@@ -86,7 +86,7 @@ fn a_reader_that_has_gone_is_no_fault() {
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success() && said.is_empty(), "{arguments}: {:?} {said}", output.status);
     }
-    // An error that nobody hears is an exit code all the same.
+    // An error whose message cannot be written still sets the exit code.
     let (reader, writer) = pipe().unwrap();
     drop(reader);
     let status = workplace.command("simulate --object nothing").stderr(writer).status().unwrap();

@@ -8,7 +8,7 @@ use image::{AnimationDecoder as _, RgbImage};
 
 use crate::workplace::Workplace;
 
-/// Mean difference of two pictures, grey levels.
+/// Returns the mean difference of two pictures, grey levels.
 fn difference(a: &RgbImage, b: &RgbImage) -> f64 {
     assert_eq!(a.dimensions(), b.dimensions());
     let sum: u64 = a.iter().zip(b.iter()).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
@@ -36,7 +36,7 @@ fn a_run_is_filmed_without_a_display() {
     let film = film(&workplace, "film.gif");
     assert_eq!(film.len(), 5);
     for (k, frame) in film.iter().enumerate() {
-        // A GIF has fewer colours.
+        // A GIF has fewer colours than a PNG.
         let picture = picture(&workplace, &format!("--run out --size 480x320 --frame {}", 6 * k));
         let off = difference(frame, &picture);
         assert!(off < 3.0, "frame {k} of the film differs by {off} from a picture of the same moment");
@@ -44,7 +44,7 @@ fn a_run_is_filmed_without_a_display() {
     for pair in film.windows(2) {
         assert!(difference(&pair[0], &pair[1]) > 0.1, "nothing moves");
     }
-    // The same picture again, and others for what looks otherwise.
+    // The same options paint the same picture; other options paint others.
     let all = picture(&workplace, "--run out --size 480x320");
     assert_eq!(all, picture(&workplace, "--run out --size 480x320"));
     for other in ["--theme dark", "--layout scene", "--layout sensors", "--from top", "--show mesh", "--colour sensor"]
@@ -69,13 +69,13 @@ fn a_run_is_filmed_without_a_display() {
     assert!(!no_ffmpeg.status.success() && said.contains("ffmpeg") && said.contains(".gif"), "{said}");
     assert!(["x.avi", "x.png", "x.gif", "x.mp4"].iter().all(|name| !workplace.path(name).exists()));
 
-    // What a run that was killed leaves.
+    // The recording of a killed run is still shown.
     let frames = workplace.path("out/recording/frames.jsonl");
     let text = fs::read(&frames).unwrap();
     fs::write(&frames, &text[..text.len() / 2]).unwrap();
     fs::remove_file(workplace.path("out/recording/end.json")).unwrap();
     picture(&workplace, "--run out --size 480x320");
-    // What a later version leaves.
+    // The recording of a later version is refused.
     workplace.write("out/recording/about.json", r#"{"version": 7}"#);
     let said = workplace.run("view --run out --record x.png").error();
     assert!(said.contains("version 7") && said.contains("use a newer one"), "{said}");
@@ -89,13 +89,13 @@ fn a_raw_log_is_filmed() {
     let film = film(&workplace, "film.gif");
     assert_eq!(film.len(), 5);
     assert!(film.windows(2).all(|pair| difference(&pair[0], &pair[1]) > 0.02), "nothing moves");
-    // A run over the log is recorded as a live one is.
+    // The recording of a run over the log shows the same images as the log.
     workplace.run("run --log set/cube70/00 --quiet").good();
     let run = picture(&workplace, "--run out --layout sensors --size 480x320 --frame 0");
     let log = picture(&workplace, "--log set/cube70/00 --layout sensors --size 480x320 --frame 0");
     let off = difference(&run, &log);
     assert!(off < 12.0, "the images of a log differ by {off} from those of a run over it");
-    // When which finger touches: one of five panels of a run, the only one of a log.
+    // The times of contact fill one of five panels for a run, and the only panel for a log.
     workplace.run("run --log set/cube70/00 --touch-depth truth --out felt --quiet").good();
     let [run, log] = ["--run felt", "--log set/cube70/00"].map(|place| {
         let page = picture(&workplace, &format!("{place} --layout all --size 960x640"));

@@ -7,10 +7,10 @@ use std::process::Command;
 
 use tempfile::TempDir;
 
-/// A temporary folder; paths in command lines are relative to it.
+/// Temporary folder; paths in command lines are relative to it.
 pub struct Workplace(TempDir);
 
-/// How a command ended.
+/// Exit code and output of a command.
 #[derive(Debug, PartialEq)]
 pub struct Ended {
     pub code: Option<i32>,
@@ -34,7 +34,7 @@ impl Workplace {
         fs::write(self.path(relative), bytes).unwrap();
     }
 
-    /// The program with arguments that are separated by spaces, and without the user's own settings.
+    /// Returns the program with arguments that are separated by spaces, without the user's own settings.
     pub fn command(&self, arguments: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_mambavitact"));
         command.args(arguments.split_whitespace()).current_dir(self.0.path());
@@ -46,7 +46,7 @@ impl Workplace {
         Ended::of(&mut self.command(arguments))
     }
 
-    /// Every file below a folder; none if it is not there.
+    /// Returns every file below a folder; no files if the folder does not exist.
     pub fn files(&self, relative: &str) -> Files {
         let mut files = Files::new();
         let root = self.path(relative);
@@ -56,7 +56,7 @@ impl Workplace {
         files
     }
 
-    /// Folders of finished logs below a data set.
+    /// Returns the folders of the complete logs below a data set.
     pub fn logs(&self, data_set: &str) -> Vec<String> {
         let list = |folder: &str| match fs::read_dir(self.path(folder)) {
             Ok(entries) => entries.map(|entry| format!("{folder}/{}", name(&entry.unwrap().path()))).collect(),
@@ -76,14 +76,14 @@ impl Ended {
         Self { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
     }
 
-    /// Standard output of a command that must have succeeded in silence.
+    /// Returns the standard output of a command that must have succeeded without messages.
     #[track_caller]
     pub fn good(self) -> String {
         assert_eq!((self.code, self.stderr.as_str()), (Some(0), ""), "{self:?}");
         self.stdout
     }
 
-    /// What is said on standard error by a command that must have succeeded.
+    /// Returns the warnings of a command that must have succeeded.
     #[track_caller]
     pub fn warned(self) -> String {
         assert_eq!(self.code, Some(0), "{self:?}");
@@ -91,7 +91,7 @@ impl Ended {
         self.stderr
     }
 
-    /// The one line with which a command must have failed.
+    /// Returns the one line with which a command must have failed.
     #[track_caller]
     pub fn error(self) -> String {
         assert_eq!((self.code, self.stdout.as_str()), (Some(1), ""), "{self:?}");
@@ -99,7 +99,7 @@ impl Ended {
         self.stderr
     }
 
-    /// What is said about arguments that make no sense.
+    /// Returns the message of a command that must have refused its arguments.
     #[track_caller]
     pub fn usage(self) -> String {
         assert_eq!((self.code, self.stdout.as_str()), (Some(2), ""), "{self:?}");
@@ -107,12 +107,19 @@ impl Ended {
     }
 }
 
-/// Fails with the first difference, not with all bytes.
+/// Fails with the name of the first file that differs.
 #[track_caller]
 pub fn assert_same(left: &Files, right: &Files) {
     assert!(!left.is_empty(), "there is nothing to compare");
     let differs = |path: &&PathBuf| left.get(*path) != right.get(*path);
     assert_eq!(left.keys().chain(right.keys()).find(differs), None, "this file differs");
+}
+
+/// Reports that a test cannot run here. With REQUIRE_ALL=1, as in CI, that is a failure.
+#[track_caller]
+pub fn skip(reason: &str) {
+    eprintln!("SKIPPED: {reason}");
+    assert!(std::env::var_os("REQUIRE_ALL").is_none_or(|value| value != "1"), "skipped: {reason}");
 }
 
 fn collect(root: &Path, folder: &Path, files: &mut Files) {

@@ -11,7 +11,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Arguments, Episode, Key, Keyed, Tell, entry, follow, key, live};
+use super::{Episode, EvaluateArguments, Key, Keyed, Tell, entry, follow, key, live};
 use mvt_live::Fault;
 use mvt_run::pipeline::{FrameResult, Mode, RunConfig, Truth, random_motion};
 use mvt_run::report::TrackState;
@@ -81,7 +81,7 @@ impl Keyed for Trial {
 
 /// The trials of an episode; returns the keys of all, done before or not.
 pub fn trials(
-    arguments: &Arguments,
+    arguments: &EvaluateArguments,
     episode: &Episode<'_>,
     config: &RunConfig,
     done: &HashSet<Key>,

@@ -20,7 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::tsdf::{Tsdf, VOXEL_M};
-use super::{Arguments, Episode, Key, Keyed, SIDE, Tell, entry, follow, key, live};
+use super::{Episode, EvaluateArguments, Key, Keyed, SIDE, Tell, entry, follow, key, live};
 use mvt_live::Fault;
 use mvt_run::input::map_obstacles;
 use mvt_run::pipeline::{FrameResult, Mode, RunConfig, Truth};
@@ -89,7 +89,7 @@ impl Cost {
 /// The run that tracks is `refined`; it corrects poses afterwards. The others receive each pose as it was when its frame was tracked,
 /// the same for all of them, and the same rays. A frame that the run does not believe teaches none of them.
 pub fn comparisons(
-    arguments: &Arguments,
+    arguments: &EvaluateArguments,
     episode: &Episode<'_>,
     config: &RunConfig,
     done: &HashSet<Key>,

@@ -36,58 +36,61 @@ use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
 use mvt_run::source::{Modality, Sensed, TouchArguments, TouchNetwork};
 use mvt_run::{progress, settings};
 
-/// Run many episodes and write their scores as tables
+/// Run many episodes and print tables of their scores
 ///
-/// Each episode, an object with a seed and cameras, is simulated and rendered once, with the gait that suits the object; all modes and
-/// modalities receive the same frames of it. DIR/runs.jsonl receives a line per run, DIR/table.md the tables. A finished
-/// run is not repeated, so that the same command continues an interrupted evaluation.
+/// Each episode (an object, a seed and cameras) is simulated and rendered once; all modes and modalities receive the
+/// same frames. The gait suits the object, and no supervisor directs the hand.
+///
+/// DIR/runs.jsonl receives a line per run, DIR/table.md the tables. After an interruption, the same command skips
+/// finished runs and continues.
 #[derive(Debug, Args)]
-pub struct Arguments {
-    /// Objects, by names that `assets list` shows or paths, with commas between
+pub struct EvaluateArguments {
+    /// Objects, separated by commas: names that `assets list` shows, or paths of meshes in metres
     #[arg(long, value_delimiter = ',', required = true)]
     objects: Vec<String>,
-    /// Seeds per object
+    /// Number of seeds per object
     #[arg(long, default_value_t = 3, value_parser = value_parser!(u64).range(1..=1000))]
     seeds: u64,
-    /// The first seed
+    /// First seed
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// What is estimated
+    /// Quantities to estimate, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "slam,pose")]
     modes: Vec<Mode>,
-    /// Which sensors are used
+    /// Sensors to use, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "vitac,vi")]
     modalities: Vec<Modality>,
-    /// Cameras, by name or as azimuth/elevation in degrees such as 330/35; sets with semicolons between, the cameras of a set with
-    /// commas
+    /// Cameras, by name or as azimuth/elevation in degrees such as 330/35, separated by commas; semicolons separate
+    /// sets of cameras, each of which makes episodes of its own
     #[arg(long, value_delimiter = ';', default_value = "side")]
     cameras: Vec<String>,
-    /// Longest duration of an episode, seconds
+    /// Longest duration of an episode in seconds, at most 3600
     #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
     #[command(flatten)]
     touch: TouchArguments,
-    /// Folder of the results
+    /// Folder for the results
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Also without each factor of the tracker and of the map in turn
+    /// Also run without each factor of the tracker and of the map in turn
     #[arg(long)]
     ablate: bool,
-    /// Instead of whole runs: a known shape that is teleported, a camera that is blanked, and both
+    /// Track known shapes while the object is moved at once, the camera is blank, or both (instead of whole runs)
     #[arg(long, conflicts_with = "ablate")]
     faults: bool,
-    /// Instead of modes and modalities: a run of mode slam with camera and touch, and the shapes that a dense and a hashed field and a
-    /// grid of truncated distances (TSDF) come to from the same rays at the poses that it tracked. All are given each pose as it was
-    /// when its frame was tracked; only the run's own map, `refined`, corrects poses later. DIR/fields.jsonl receives the lines
+    /// Compare shape representations (instead of modes and modalities): a run of mode slam with camera and touch is
+    /// tracked; a dense field, a hashed field and a grid of truncated distances (TSDF) learn from the same rays and
+    /// poses. They receive each pose as it was when its frame was tracked; only the run's own map, `refined`, corrects
+    /// poses later. DIR/fields.jsonl receives the lines
     #[arg(long, conflicts_with_all = ["ablate", "faults", "modes", "modalities"])]
     fields: bool,
-    /// Episodes at a time
+    /// Number of episodes at a time
     #[arg(long, default_value_t = 2, value_parser = value_parser!(u16).range(1..=256))]
     jobs: u16,
-    /// Settings as TOML
+    /// Read settings from a TOML file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// A setting; repeat for several
+    /// Override a setting (repeatable)
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
@@ -219,7 +222,7 @@ struct Trial {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     // Everything is checked before anything is simulated.
     let variants = variants(arguments)?;
     for cameras in &arguments.cameras {
@@ -280,7 +283,7 @@ type Tell<'a, L> = &'a mut dyn FnMut(L) -> Result<()>;
 
 /// Works off all episodes, several at a time (`work` gives the keys of an episode's lines, those that are done included), and gives the lines of all that were asked for, those of earlier runs included.
 fn all<L: Keyed + Clone + Serialize + DeserializeOwned + Send>(
-    arguments: &Arguments,
+    arguments: &EvaluateArguments,
     episodes: &[Episode<'_>],
     path: &Path,
     work: impl Fn(&Episode<'_>, &HashSet<Key>, Tell<'_, L>) -> Result<HashSet<Key>> + Sync,
@@ -341,7 +344,7 @@ fn append(file: &mut File, path: &Path, line: &impl Serialize) -> Result<()> {
 }
 
 /// The settings of each variant by its name: those asked for, and each with a factor at 0.
-fn variants(arguments: &Arguments) -> Result<Vec<(&'static str, RunConfig)>> {
+fn variants(arguments: &EvaluateArguments) -> Result<Vec<(&'static str, RunConfig)>> {
     let load = |set: &[String]| -> Result<RunConfig> {
         let config: RunConfig = settings::load(arguments.config.as_deref(), set)?;
         Ok(config)
@@ -356,7 +359,7 @@ fn variants(arguments: &Arguments) -> Result<Vec<(&'static str, RunConfig)>> {
     Ok(variants)
 }
 
-fn trials(arguments: &Arguments, episode: &Episode<'_>, variants: &[(&str, RunConfig)]) -> Vec<Trial> {
+fn trials(arguments: &EvaluateArguments, episode: &Episode<'_>, variants: &[(&str, RunConfig)]) -> Vec<Trial> {
     let mut trials = Vec::new();
     for &mode in &arguments.modes {
         for &modality in &arguments.modalities {
@@ -372,7 +375,7 @@ fn trials(arguments: &Arguments, episode: &Episode<'_>, variants: &[(&str, RunCo
 }
 
 fn key(
-    arguments: &Arguments,
+    arguments: &EvaluateArguments,
     episode: &Episode<'_>,
     mode: Mode,
     modality: Modality,
@@ -457,7 +460,7 @@ fn follow<'a>(
 const HIDDEN_EVERY: u64 = 30;
 
 /// All trials of an episode as estimators of one run, so that all receive the same frames and no frame is kept.
-fn whole(arguments: &Arguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
+fn whole(arguments: &EvaluateArguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
     let mut source = live(episode, arguments.duration, &first.config, Fault::default())?;
     let entries = trials.iter().map(|trial| entry(&trial.config, trial.mode, trial.modality, episode.seed)).collect();

@@ -1,4 +1,4 @@
-//! Which object is turned by which hand with which gait: arguments that several commands share.
+//! Object, hand and gait: arguments that several commands share.
 
 use crate::object::load_object;
 use anyhow::Result;
@@ -11,7 +11,7 @@ use mvt_robot::hand::Side;
 /// Object, hand and gait.
 #[derive(Debug, Clone, Args)]
 pub struct Subject {
-    /// Object: a name that `assets list` shows, or the path of an OBJ, STL or PLY mesh in metres
+    /// Object: a name that `assets list` shows, or the path of a mesh in metres (OBJ, STL or PLY)
     #[arg(long)]
     pub object: String,
     /// Hand and gait.
@@ -22,25 +22,25 @@ pub struct Subject {
 /// Hand and gait.
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
-    /// Gait, or `auto` to choose it by the object's size
+    /// Motion of the fingers: the name of a gait, or `auto` to choose one by the object's shape
     #[arg(long, default_value = "auto")]
     pub gait: String,
-    /// Which hand; FeelSight and its loaders assume the left one
+    /// Hand; FeelSight and its loaders assume the left one
     #[arg(long, value_enum, default_value_t = Hand::Left)]
     pub side: Hand,
 }
 
-/// A hand on the command line.
+/// Hand on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Hand {
-    /// The hand that FeelSight assumes
+    /// Left hand, as in FeelSight
     Left,
-    /// Its mirror image
+    /// Right hand, the mirror image
     Right,
 }
 
 impl Hand {
-    /// Its name on the command line.
+    /// Returns its name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Hand::Left => "left",
@@ -57,14 +57,14 @@ impl Subject {
         Ok((object, name, gait))
     }
 
-    /// The hand.
+    /// Returns the hand.
     pub fn side(&self) -> Side {
         self.manner.side()
     }
 }
 
 impl Manner {
-    /// The hand.
+    /// Returns the hand.
     pub fn side(&self) -> Side {
         match self.side {
             Hand::Left => Side::Left,
@@ -73,10 +73,10 @@ impl Manner {
     }
 }
 
-/// Parses a duration in seconds. An hour of snapshots fits into memory; a day would not.
+/// Parses a duration in seconds, at most an hour: the snapshots of an hour fit into memory, those of a day do not.
 pub fn duration(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value <= 3600.0 => Ok(value),
-        _ => Err("it must be a number of seconds greater than 0 and at most 3600".to_owned()),
+        _ => Err("give a number of seconds greater than 0 and at most 3600".to_owned()),
     }
 }

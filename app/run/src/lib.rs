@@ -39,6 +39,7 @@ pub mod io;
 pub mod object;
 pub mod pipeline;
 pub mod progress;
+pub mod progress_recorder;
 pub mod report;
 pub mod sdf_grid;
 pub mod settings;

@@ -1,4 +1,4 @@
-//! `render-touch`: arrays that NumPy reads, and what is said of a wrong pose, mesh or background.
+//! `touch render`: arrays that NumPy reads, and refusals of a wrong pose, mesh or background.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
@@ -10,10 +10,10 @@ use crate::workplace::Workplace;
 
 const RADIUS_M: f64 = 0.008;
 const INDENTATION_M: f64 = 0.001;
-/// From the camera to the gel on the optical axis, along x.
+/// Distance from the camera to the gel on the optical axis, along x.
 const APEX_M: f64 = 0.022;
 
-/// A sphere as OBJ, with a pole towards the camera.
+/// Returns a sphere as OBJ, with a pole towards the camera.
 fn sphere() -> String {
     const RINGS: usize = 60;
     const SIDES: usize = 120;
@@ -54,31 +54,31 @@ fn with_sphere() -> Workplace {
 }
 
 #[test]
-fn a_sphere_presses_in_as_deep_as_it_should() {
+fn a_sphere_indents_the_gel_by_its_depth() {
     let workplace = with_sphere();
-    workplace.run("render-touch --mesh sphere.obj --pose away.json --out empty").good();
+    workplace.run("touch render --mesh sphere.obj --pose away.json --out empty").good();
     let empty: Array2<f32> = read_npy(workplace.path("empty_depth.npy")).unwrap();
     for config in ["fork", "tacto"] {
-        let line = format!("render-touch --mesh sphere.obj --pose {config}.json --config {config} --out new/{config}");
+        let line = format!("touch render --mesh sphere.obj --pose {config}.json --config {config} --out new/{config}");
         assert_eq!(workplace.run(&line).good(), "");
         let raw: Array3<u8> = read_npy(workplace.path(&format!("new/{config}_rgb_raw.npy"))).unwrap();
         let calibrated: Array3<u8> = read_npy(workplace.path(&format!("new/{config}_rgb_cal.npy"))).unwrap();
         let depth: Array2<f32> = read_npy(workplace.path(&format!("new/{config}_depth.npy"))).unwrap();
         assert_eq!((raw.dim(), calibrated.dim(), depth.dim()), ((320, 240, 3), (320, 240, 3), (320, 240)));
 
-        // The four pixels around the optical axis see the pole; the corners see the gel alone.
+        // The four pixels around the optical axis show the pole; the corners show the untouched gel.
         let nearest = depth.iter().copied().fold(f32::INFINITY, f32::min);
         let expected = APEX_M - INDENTATION_M;
         assert!((f64::from(depth[[159, 119]]) - expected).abs() < 3e-6, "{config}: {}", depth[[159, 119]]);
         assert!(nearest < depth[[160, 120]] + 1e-6 || nearest == depth[[0, 0]], "{config}: {nearest}");
         let touched = depth.iter().zip(&empty).filter(|(with, without)| *without - *with > 1e-6).count();
-        // The cap that is in the gel has radius sqrt(2 r d - d^2) = 3.9 mm on a pad of 20 x 30 mm, less for the bulge.
+        // The cap inside the gel has radius sqrt(2 r d - d^2) = 3.9 mm on a pad of 20 x 30 mm, less for the bulge.
         assert!((2000..20_000).contains(&touched), "{config}: {touched} pixels touch");
         assert_eq!(depth[[0, 0]], empty[[0, 0]]);
         assert_ne!(raw[[159, 119, 0]], raw[[0, 0, 0]]);
     }
     // Noise is off.
-    workplace.run("render-touch --mesh sphere.obj --pose fork.json --out again").good();
+    workplace.run("touch render --mesh sphere.obj --pose fork.json --out again").good();
     for array in ["rgb_raw", "rgb_cal", "depth"] {
         let read = |prefix: &str| std::fs::read(workplace.path(&format!("{prefix}_{array}.npy"))).unwrap();
         assert_eq!(read("again"), read("new/fork"), "{array}");
@@ -90,7 +90,7 @@ fn the_calibrated_image_lies_over_the_background() {
     let workplace = with_sphere();
     let grey = image::RgbImage::from_pixel(240, 320, image::Rgb([90, 100, 110]));
     grey.save(workplace.path("grey.png")).unwrap();
-    workplace.run("render-touch --mesh sphere.obj --pose fork.json --background grey.png --out over").good();
+    workplace.run("touch render --mesh sphere.obj --pose fork.json --background grey.png --out over").good();
     let calibrated: Array3<u8> = read_npy(workplace.path("over_rgb_cal.npy")).unwrap();
     let at = |row: usize, column: usize| [0, 1, 2].map(|c| calibrated[[row, column, c]]);
     assert_eq!(at(5, 5), [90, 100, 110]);
@@ -101,7 +101,7 @@ fn the_calibrated_image_lies_over_the_background() {
 fn wrong_input_is_named() {
     let workplace = with_sphere();
     let render = |mesh: &str, pose: &str, more: &str| {
-        workplace.run(&format!("render-touch --mesh {mesh} --pose {pose} --out out/x {more}"))
+        workplace.run(&format!("touch render --mesh {mesh} --pose {pose} --out out/x {more}"))
     };
     for (text, word) in [
         ("", "4 x 4"),
@@ -132,6 +132,6 @@ fn wrong_input_is_named() {
     assert!(render("sphere.obj", "fork.json", "--config gelsight").usage().contains("fork or tacto"));
     assert!(!workplace.path("out").exists(), "something was written");
     workplace.write("file", "");
-    let said = workplace.run("render-touch --mesh sphere.obj --pose fork.json --out file/x").error();
+    let said = workplace.run("touch render --mesh sphere.obj --pose fork.json --out file/x").error();
     assert!(said.contains("file"), "{said}");
 }

@@ -1,75 +1,35 @@
-//! `network`: what touch networks are made of.
+//! `touch describe`: parameters, multiplications and activations of a touch network.
 
-use std::fmt;
 use std::path::Path;
-use std::str::FromStr;
 
 use anyhow::Result;
-use clap::{Args, Subcommand};
+use clap::Args;
+use mvt_run::io::print_line;
+use mvt_run::settings;
 use mvt_touch::network::{Architecture, Cost, Layer};
 use serde::{Deserialize, Serialize};
 
-use mvt_run::io::print_line;
-use mvt_run::settings;
+use crate::image_size::ImageSize;
 
-/// Look at the networks that turn touch images into depth
-#[derive(Debug, Subcommand)]
-pub enum Command {
-    Describe(DescribeArguments),
-}
-
-/// Count a network's parameters, multiplications and activations
+/// Count the parameters, multiplications and activations of a touch network
 ///
-/// MACs are multiplications with addition in matrix products, convolutions, attention and scans. Activations are the results of all layers
-/// for one image in 32-bit floats.
+/// MACs are the multiply-adds of matrix products, convolutions, attention and scans for one image. Activations are the
+/// outputs of all layers for one image, as 32-bit floats.
 #[derive(Debug, Args)]
-pub struct DescribeArguments {
-    /// vit, mamba, robust_mamba or default, or a training configuration (.toml) with hyper-parameters of its own
+pub struct TouchDescribeArguments {
+    /// Network: vit, mamba, robust_mamba or default; or a training configuration (.toml) whose table `network`
+    /// describes one
     name: String,
-    /// Size of the image, pixels: WIDTHxHEIGHT, or the side of a square
-    #[arg(long, default_value = "240x320")]
+    /// Size of the image in pixels, as WIDTHxHEIGHT or one side of a square; it is rounded up to a size that the
+    /// network accepts
+    #[arg(long, value_name = "SIZE", default_value = "240x320")]
     input: ImageSize,
-    /// Print JSON
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
 }
 
-/// Width and height of an image, pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ImageSize {
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-}
-
-impl FromStr for ImageSize {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let side = |text: &str| text.parse::<u32>().ok().filter(|side| (1..=2048).contains(side));
-        let (width, height) = text.split_once('x').unwrap_or((text, text));
-        side(width)
-            .zip(side(height))
-            .map(|(width, height)| Self { width, height })
-            .ok_or_else(|| "give WIDTHxHEIGHT or one side, 1 to 2048 pixels, as 240x320 or 224".to_owned())
-    }
-}
-
-impl fmt::Display for ImageSize {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}x{}", self.width, self.height)
-    }
-}
-
-impl ImageSize {
-    /// Rows and columns.
-    pub fn rows_and_columns(self) -> [usize; 2] {
-        [self.height as usize, self.width as usize]
-    }
-}
-
-/// What is printed.
+/// The printed result.
 #[derive(Debug, Serialize)]
 struct Description {
     architecture: Architecture,
@@ -80,7 +40,7 @@ struct Description {
     parts: Vec<Part>,
 }
 
-/// Layers whose names begin alike.
+/// Layers whose names have the same first part.
 #[derive(Debug, Serialize)]
 struct Part {
     name: String,
@@ -89,9 +49,9 @@ struct Part {
     activation_bytes: u64,
 }
 
-/// The preset of a name, or what the table `network` of a training configuration says.
+/// Returns the preset of a name, or the network of a training configuration.
 pub fn architecture(name: &str) -> Result<Architecture> {
-    /// What is read of a training configuration; the rest is for the training.
+    /// The table of a training configuration that describes the network.
     #[derive(Deserialize)]
     struct Configured {
         network: Architecture,
@@ -105,8 +65,8 @@ pub fn architecture(name: &str) -> Result<Architecture> {
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
-    let Command::Describe(DescribeArguments { name, input, json }) = command;
+pub fn run(arguments: &TouchDescribeArguments) -> Result<()> {
+    let TouchDescribeArguments { name, input, json } = arguments;
     let architecture = architecture(name)?;
     let size = architecture.fit(input.rows_and_columns());
     let layers = architecture.layers();

@@ -1,4 +1,4 @@
-//! `contacts`: touch images of random contacts with their truth, for networks to be trained and judged on.
+//! `touch data`: touch images of random presses with their true indentation and contact.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,34 +13,37 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use mvt_presses::{DataConfig, Example, Rack, example, objects};
-
 use mvt_run::{progress, settings};
 
-/// Render touch images of random contacts, each with its depth and contact mask
+/// Render touch images of random presses, with depth and contact mask, for `touch evaluate`
 ///
-/// DIR receives triples: ID_img.png, ID_depth_m.npy (32-bit floats, 320 x 240, metres along the camera's axis) and ID_mask.png, which
-/// `eval-touch` scores networks on; and ID_untouched.png, what the sensor shows without contact. Without --config contacts follow MidasTouch's protocol: press 0.5 to 1 mm, within 5 degrees of the
-/// surface's normal, any roll, image noise of 2 grey levels.
+/// DIR receives four files for each image: ID_img.png, ID_depth_m.npy (32-bit floats, 320 x 240, metres along the
+/// camera's axis), ID_mask.png (white where the object touches the gel) and, if the untouched image of the sensor is
+/// known, ID_untouched.png.
+///
+/// Without --config the presses follow the protocol of MidasTouch: 0.5 to 1 mm deep, within 5 degrees of the surface
+/// normal, any roll, and image noise of 2 grey levels.
 #[derive(Debug, Args)]
-pub struct Arguments {
-    /// Names of objects, or a published set of them: `train`, `validation`, `test`
+pub struct TouchDataArguments {
+    /// Objects, separated by commas: names that `assets list` shows, or one of the sets `train`, `validation` and
+    /// `test`
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "test")]
     objects: Vec<String>,
-    /// How many images
+    /// Number of images
     #[arg(long, value_name = "N", default_value_t = 200)]
     images: u32,
-    /// Seed of contacts, sensors and noise
+    /// Seed of the presses, the sensors and the noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// TOML file whose table `data` says what images are like, as `train` reads it
+    /// Training configuration (.toml) whose table `data` replaces the protocol of MidasTouch
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Folder of the images
+    /// Folder for the images; it must be empty or new
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-/// What is read of a configuration.
+/// The table of a training configuration that is read.
 #[derive(Deserialize)]
 struct Settings {
     #[serde(default)]
@@ -48,7 +51,7 @@ struct Settings {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &TouchDataArguments) -> Result<()> {
     let config = match &arguments.config {
         None => DataConfig::protocol(),
         Some(path) => settings::read::<Settings>(path)?.data,
@@ -57,13 +60,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     config.validate().map_err(|error| error.within("data"))?;
     let out = &arguments.out;
     if fs::read_dir(out).is_ok_and(|mut files| files.next().is_some()) {
-        bail!("{} is not empty; choose another folder", out.display());
+        bail!("--out {} is not empty; choose another folder", out.display());
     }
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let surfaces = objects::load(&objects::resolve(&arguments.objects))?;
     let mut rack = Rack::new(&config, arguments.seed)?;
     let sensors = rack.of_step(0)?;
-    let bar = progress::bar(u64::from(arguments.images), "contacts");
+    let bar = progress::bar(u64::from(arguments.images), "presses");
     (0..u64::from(arguments.images)).into_par_iter().try_for_each_init(TouchFrame::default, |frame, index| {
         let example = example(&surfaces, &sensors, &config, (arguments.seed, index), frame);
         bar.inc(1);
@@ -78,8 +81,8 @@ fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Re
     let failed = |what: &str| format!("cannot write {}", path(what).display());
     write_npy(path("depth_m.npy"), frame.depth_m()).with_context(|| failed("depth_m.npy"))?;
     let mask = example.contact.iter().map(|&contact| if contact > 0.5 { u8::MAX } else { 0 }).collect();
-    let mask: GrayImage =
-        ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask).context("a mask of another size than its image")?;
+    let mask: GrayImage = ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask)
+        .context("the mask does not have the size of its image")?;
     mask.save(path("mask.png")).with_context(|| failed("mask.png"))?;
     if let Some(untouched) = example.untouched() {
         untouched.save(path("untouched.png")).with_context(|| failed("untouched.png"))?;

@@ -1,4 +1,4 @@
-//! `train`: touch networks, on images that are rendered as they are needed.
+//! `touch train`: training of touch networks on images that are rendered during the training.
 
 mod curve;
 mod panels;
@@ -12,9 +12,12 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
+use mvt_presses::objects::Surface;
+use mvt_presses::{DataConfig, Example, Rack, example, objects};
 use mvt_products::Instructions;
 use mvt_render::touch::TouchFrame;
 use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_run::{progress, settings};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::{Architecture, Precision, Weights};
@@ -26,42 +29,41 @@ use sha2::{Digest as _, Sha256};
 use curve::{Curve, Row};
 use resize::resized;
 
-use mvt_presses::objects;
-use mvt_presses::objects::Surface;
-use mvt_presses::{DataConfig, Example, Rack, example};
-use mvt_run::{progress, settings};
-
-/// Train a network that turns touch images into depth and contact
+/// Train a network that turns touch images into indentation and contact
 ///
-/// Images are rendered as they are needed, from the catalogue's objects less those kept for validation and test. DIR receives
-/// last.safetensors (the averaged weights), best.safetensors (those that did best on the validation objects), checkpoint.safetensors
-/// (with which --resume goes on as if there had been no break), curve.csv, curve.svg and panels.png.
+/// The images are rendered during the training, from the objects of the catalogue without those that are kept for
+/// validation and test.
+///
+/// DIR receives last.safetensors (averaged weights), best.safetensors (the weights with the smallest error on the
+/// validation objects), checkpoint.safetensors (for --resume, which continues exactly as an uninterrupted training
+/// would), curve.csv and curve.svg (errors over the steps) and panels.png (predictions beside the truth).
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct TouchTrainArguments {
     /// Network: vit, mamba, robust_mamba or default
     #[arg(long)]
     network: String,
-    /// TOML file: seed, stages, optimiser, loss, data, and hyper-parameters of the network that differ from the preset's
-    #[arg(long)]
+    /// Training configuration (.toml): seed, stages, optimiser, loss, data, and sizes of the network that differ from
+    /// its preset; perception/touch/training/ has examples
+    #[arg(long, value_name = "FILE")]
     config: PathBuf,
-    /// Folder of the results
-    #[arg(long)]
+    /// Folder for the results
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Go on with the training in DIR
+    /// Continue the training in DIR
     #[arg(long)]
     resume: bool,
-    /// Start from these weights instead of drawn ones
-    #[arg(long, conflicts_with = "resume")]
+    /// Start from these weights (.safetensors) instead of random ones
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     from: Option<PathBuf>,
-    /// What computes gradients
+    /// Device that computes the gradients
     #[arg(long, value_enum, default_value_t)]
-    device: Choice,
+    device: TrainingDevice,
 }
 
-/// On what is trained.
+/// Device on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-enum Choice {
-    /// The first CUDA device if the program was built with --features cuda and there is one, else the CPU
+enum TrainingDevice {
+    /// The first CUDA device if there is one and the program was built with --features cuda, else the CPU
     #[default]
     Auto,
     /// The CPU
@@ -70,7 +72,7 @@ enum Choice {
     Cuda,
 }
 
-impl Choice {
+impl TrainingDevice {
     fn device(self) -> Result<Device> {
         match self {
             Self::Auto => Ok(Device::gpu().unwrap_or_else(|reason| {
@@ -86,34 +88,37 @@ impl Choice {
 /// The configuration file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Settings {
-    /// The network with hyper-parameters; left out, the preset of the command line.
+    /// The network with its sizes; the preset of the command line by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     network: Option<Architecture>,
-    /// What the images are like.
+    /// Properties of the images.
     #[serde(default)]
     data: DataConfig,
-    /// How the network is trained.
+    /// Properties of the training.
     training: TrainingConfig,
 }
 
-/// Added to the seed for validation, whose images are other contacts with other objects on other sensors.
+/// Combined with the seed for the validation images, so that they show other presses on other sensors.
 const VALIDATION_SEED: u64 = 0x5eed_0000_0000_0001;
-/// Images in the panels.
+/// Number of images in panels.png.
 const PANELS: usize = 6;
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     let device = arguments.device.device()?;
     let Settings { network, data, training } = settings::read(&arguments.config)?;
     data.objects.check()?;
     data.validate().map_err(|error| error.within("data"))?;
     let fits = |stage: &Stage| stage.size[0] <= HEIGHT && stage.size[1] <= WIDTH;
-    ensure!(training.stages.iter().all(fits), "a stage's size is at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}]");
+    ensure!(
+        training.stages.iter().all(fits),
+        "training.stages: a size must be at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}]"
+    );
     let preset = Architecture::preset(&arguments.network)?;
     let architecture = network.unwrap_or_else(|| preset.clone());
     ensure!(
         architecture.name() == preset.name(),
-        "{} configures network {}, --network asks for {}",
+        "--config {} configures network {}, but --network asks for {}; give the same network",
         arguments.config.display(),
         architecture.name(),
         preset.name()
@@ -123,7 +128,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Trainer::resume(&checkpoint, architecture.clone(), training.clone())?
     } else {
         if checkpoint.exists() {
-            bail!("{} holds a training; go on with --resume, or choose another folder", arguments.out.display());
+            bail!(
+                "--out {} contains a training; continue it with --resume or choose another folder",
+                arguments.out.display()
+            );
         }
         let start = arguments.from.as_deref().map(Weights::read).transpose()?;
         Trainer::new(architecture.clone(), training.clone(), start.as_ref())?
@@ -162,7 +170,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 iou: scores.iou,
             };
             let is_best = curve.is_best(&row);
-            // The checkpoint last: a run that is killed in between repeats the steps since the one before, and writes all this again.
+            // The checkpoint is written last: a training that is killed before it repeats the steps and writes all
+            // files again.
             weights.write(&arguments.out.join("last.safetensors"), Precision::F32)?;
             if is_best {
                 weights.write(&arguments.out.join("best.safetensors"), Precision::F32)?;
@@ -178,16 +187,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Goes up by one whenever other images are drawn with the same configuration.
+/// Increases by one whenever the same configuration draws other images.
 const IMAGES_VERSION: u32 = 3;
 
-/// SHA-256 over everything that decides which images a seed draws.
+/// Returns the SHA-256 of everything that decides which images a seed draws.
 fn data_hash(data: &DataConfig) -> Result<String> {
     let description = serde_json::to_string(&(data, &data.objects.train, IMAGES_VERSION))?;
     Ok(Sha256::digest(description).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// The images of a step.
+/// Draws the images of a step.
 fn draw_batch(
     surfaces: &[Surface],
     rack: &mut Rack,
@@ -195,7 +204,7 @@ fn draw_batch(
     training: &TrainingConfig,
     step: u64,
 ) -> Result<Batch> {
-    let stage = training.stage(step).context("there is no stage")?;
+    let stage = training.stage(step).context("training.stages is empty")?;
     let sensors = rack.of_step(step)?;
     let first = step << 16;
     let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
@@ -204,7 +213,7 @@ fn draw_batch(
     Ok(batch(&images.collect::<Vec<_>>()))
 }
 
-/// Images of one size, put together.
+/// Joins images of one size.
 fn batch(examples: &[Example]) -> Batch {
     let [rows, columns] = examples.first().map_or([0, 0], |example| example.size);
     let mut batch = Batch { shape: [examples.len(), rows, columns], ..Batch::default() };
@@ -218,14 +227,14 @@ fn batch(examples: &[Example]) -> Batch {
     batch
 }
 
-/// Images of objects that are not trained on.
+/// Images of objects that the training does not use.
 struct Validation {
     examples: Vec<Example>,
 }
 
 impl Validation {
     fn new(data: &DataConfig, training: &TrainingConfig) -> Result<Self> {
-        // A single image of an object that is far too deep would outweigh all others.
+        // A single image of a far too deep press would outweigh all others.
         let data = &DataConfig { deep: 0.0, ..data.clone() };
         let surfaces = objects::load(&data.objects.validate)?;
         let seed = training.seed ^ VALIDATION_SEED;
@@ -257,7 +266,7 @@ impl Validation {
     }
 }
 
-/// The example as a network sees it: without the untouched image of its sensor, where that is known.
+/// Subtracts the untouched image of the example's sensor where it is known, as is done before every inference.
 fn subtracted(mut example: Example) -> Example {
     if let Some(untouched) = example.untouched.take() {
         mvt_touch::untouched::take_off(&untouched, &mut example.levels);

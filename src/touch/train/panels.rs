@@ -1,21 +1,20 @@
-//! `panels.png`: what the network makes of some validation images, side by side with the truth.
+//! `panels.png`: predictions for some validation images beside the truth.
 
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use image::{ImageFormat, Rgb, RgbImage};
+use mvt_presses::Example;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_touch::engine::Prediction;
 
-use mvt_presses::Example;
-
-/// Indentation that is drawn white, and error that is drawn red or blue, millimetres.
+/// Indentation that is drawn white, and error that is drawn in full red or blue, millimetres.
 const DEEPEST_MM: f32 = 1.5;
 const ERROR_MM: f32 = 0.2;
 
-/// A row per image: the image, its indentation, the predicted one, their difference (red too deep, blue too shallow), and contact
-/// (green agreed, red predicted alone, blue missed).
+/// Writes a row per image: the image, its true indentation, the predicted one, their difference (red: too deep, blue:
+/// too shallow), and contact (green: both, red: predicted only, blue: missed).
 pub fn write<'a>(path: &Path, examples: impl ExactSizeIterator<Item = (&'a Example, &'a Prediction)>) -> Result<()> {
     let mut image = RgbImage::new(5 * WIDTH as u32, (examples.len() * HEIGHT) as u32);
     for (k, (example, prediction)) in examples.enumerate() {

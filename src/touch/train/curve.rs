@@ -1,4 +1,4 @@
-//! `curve.csv` and `curve.svg`: a training over its steps.
+//! `curve.csv` and `curve.svg`: errors over the steps of a training.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,24 +7,24 @@ use anyhow::{Context as _, Result};
 use mvt_picture::chart::{self, ChartLine, ChartPanel, ChartScale};
 use mvt_picture::palette::{CURVES, Theme};
 
-/// A validation.
+/// Result of one validation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
-    /// Steps done.
+    /// Number of steps so far.
     pub step: u64,
-    /// Images trained on per second since the last row, rendering included.
+    /// Training images per second since the last row, including rendering.
     pub images_per_s: f64,
     /// Mean loss of the steps since the last row.
     pub loss: f32,
-    /// Length of the last step's gradient before clipping.
+    /// Norm of the last step's gradient before clipping.
     pub gradient: f32,
-    /// Size of the last step.
+    /// Learning rate of the last step.
     pub rate: f32,
-    /// Of the averaged weights, on the validation images: mean error over pixels in contact.
+    /// Mean absolute error of the averaged weights over the pixels in contact of the validation images.
     pub contact_mae_mm: f64,
-    /// Root mean square error over all pixels.
+    /// Their root mean square error over all pixels.
     pub rmse_mm: f64,
-    /// Mean over images of the overlap of contact.
+    /// Mean over the images of the intersection over union of contact.
     pub iou: f64,
 }
 
@@ -52,21 +52,22 @@ impl Row {
     }
 }
 
-/// The rows so far.
+/// The rows so far and the folder that they are written to.
 pub struct Curve {
     folder: PathBuf,
     rows: Vec<Row>,
 }
 
 impl Curve {
-    /// The curve in a folder up to a step; nothing of it if the step is 0.
+    /// Reads the curve in a folder up to a step; returns an empty one for step 0.
     pub fn open(folder: &Path, step: u64) -> Result<Self> {
         let path = folder.join("curve.csv");
         let mut rows = Vec::new();
         if step > 0 {
             let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
             for line in text.lines().skip(1) {
-                let row = Row::from_csv(line).with_context(|| format!("{}: {line:?} is no row", path.display()))?;
+                let row = Row::from_csv(line)
+                    .with_context(|| format!("{}: {line:?} is not a row of a curve", path.display()))?;
                 rows.push(row);
             }
             rows.retain(|row| row.step <= step);
@@ -74,12 +75,12 @@ impl Curve {
         Ok(Self { folder: folder.to_owned(), rows })
     }
 
-    /// Whether a row has the smallest error in contact of all so far.
+    /// Returns whether the error in contact of a row is smaller than that of all rows so far.
     pub fn is_best(&self, row: &Row) -> bool {
         self.rows.iter().all(|other| row.contact_mae_mm < other.contact_mae_mm)
     }
 
-    /// Adds a row and writes both files anew.
+    /// Adds a row and rewrites both files.
     pub fn push(&mut self, row: Row) -> Result<()> {
         self.rows.push(row);
         let lines = self.rows.iter().map(|row| row.to_csv() + "\n");
@@ -129,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_resumed_curve_goes_on_at_its_step() {
+    fn a_resumed_curve_continues_at_its_step() {
         let folder = tempfile::tempdir().unwrap();
         let row = |step, contact_mae_mm| Row {
             step,

@@ -1,49 +1,49 @@
-//! `render-touch`: one touch image of a mesh at a pose.
+//! `touch render`: one touch image of a mesh at a pose.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::Args;
-use mvt_run::io::read_image;
-
 use mvt_render::touch::{Background, TouchConfig, render_contact};
+use mvt_run::io::read_image;
 use ndarray_npy::{WritableElement, write_npy};
 
-/// Render what a DIGIT records of a mesh at a pose, noise off
+/// Render one touch image of a mesh that a DIGIT touches at a given pose, without noise
 ///
-/// Writes PREFIX_rgb_raw.npy (uint8, 320 x 240 x 3, as the shader gives it), PREFIX_rgb_cal.npy (uint8, over the background)
-/// and PREFIX_depth.npy (float32, 320 x 240, metres along the camera's axis). The image formation is TACTO's.
+/// Writes three NumPy files: PREFIX_rgb_raw.npy (uint8, 320 x 240 x 3, the shaded gel), PREFIX_rgb_cal.npy (uint8, the
+/// same over the background) and PREFIX_depth.npy (float32, 320 x 240, metres along the camera's axis). The images are
+/// formed as in TACTO.
 #[derive(Debug, Args)]
-pub struct Arguments {
-    /// OBJ, STL or PLY mesh in metres, used in its own coordinates with smooth vertex normals
+pub struct TouchRenderArguments {
+    /// Mesh in metres (OBJ, STL or PLY), in its own coordinates; its vertex normals are smoothed
     #[arg(long)]
     mesh: PathBuf,
-    /// JSON file with the 4 x 4 row-major matrix `T_sensor_object`
+    /// JSON file with a 4 x 4 row-major matrix that takes coordinates of the mesh to those of the sensor
     #[arg(long)]
     pose: PathBuf,
-    /// Light configuration: `fork` is behind YCB-Slide and FeelSight, `tacto` is TACTO 0.0.3
+    /// Lights of the DIGIT: `fork` as in YCB-Slide and FeelSight, or `tacto` as in TACTO 0.0.3
     #[arg(long, default_value = "fork")]
     config: TouchConfig,
-    /// Image of a real DIGIT that touches nothing, 240 x 320; without it the rendered empty gel
+    /// Untouched image of a real DIGIT, 240 x 320 pixels, as background [default: the rendered untouched gel]
     #[arg(long)]
     background: Option<PathBuf>,
-    /// Start of the names of the files written
-    #[arg(long)]
+    /// Start of the paths of the written files
+    #[arg(long, value_name = "PREFIX")]
     out: PathBuf,
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { mesh: mesh_path, pose: pose_path, .. } = arguments;
+pub fn run(arguments: &TouchRenderArguments) -> Result<()> {
+    let TouchRenderArguments { mesh: mesh_path, pose: pose_path, .. } = arguments;
     // Repairs move no vertex, so the pose still fits; a file in millimetres is scaled to the pose's metres.
     let (mesh, warnings) = mvt_mesh::repair(&mvt_mesh::read(mesh_path)?, &mesh_path.display().to_string())?;
     for warning in warnings {
         tracing::warn!("{warning}");
     }
     let text = fs::read_to_string(pose_path).with_context(|| format!("cannot read {}", pose_path.display()))?;
-    let pose: [[f64; 4]; 4] =
-        serde_json::from_str(&text).with_context(|| format!("{} holds no 4 x 4 matrix", pose_path.display()))?;
+    let pose: [[f64; 4]; 4] = serde_json::from_str(&text)
+        .with_context(|| format!("--pose {} does not contain a 4 x 4 matrix of numbers", pose_path.display()))?;
     let background = match &arguments.background {
         Some(path) => Background::Image(read_image(path)?),
         None => Background::Rendered,

@@ -1,4 +1,4 @@
-//! Touch networks: what they cost, how fast they are, and runs that feel with them.
+//! `touch describe`, `touch data`, `touch evaluate`, `bench networks`, and runs with a touch network.
 
 use std::path::Path;
 
@@ -6,16 +6,16 @@ use serde_json::Value;
 
 use crate::workplace::Workplace;
 
-/// Weights of a tiny `default`, random.
+/// Returns the path of random weights of a tiny `default` network.
 fn weights() -> String {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("perception/tests/fixtures");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("perception/touch/tests/fixtures");
     folder.join("default.safetensors").display().to_string()
 }
 
 #[test]
 fn networks_are_counted() {
     let workplace = Workplace::new();
-    let text = workplace.run("network describe vit --input 224 --json").good();
+    let text = workplace.run("touch describe vit --input 224 --json").good();
     let description: Value = serde_json::from_str(&text).unwrap();
     let parts = description["parts"].as_array().unwrap();
     for count in ["parameters", "macs", "activation_bytes"] {
@@ -25,15 +25,15 @@ fn networks_are_counted() {
     // ViT-S/16 has 12 blocks of 1.77 M parameters.
     let blocks = parts.iter().find(|part| part["name"] == "blocks").unwrap();
     assert_eq!(blocks["parameters"], 12 * 1_774_464, "{description}");
-    // 250 is no multiple of 16.
-    assert!(workplace.run("network describe default --input 250x320").good().contains("input 256x320"));
+    // 250 is not a multiple of 16.
+    assert!(workplace.run("touch describe default --input 250x320").good().contains("input 256x320"));
     workplace.write("small.toml", "[network]\nname = \"vit\"\nwidth = 192\nheads = 3\n\n[training]\nseed = 1\n");
-    assert!(workplace.run("network describe small.toml").good().contains("\"width\":192,\"depth\":12"));
+    assert!(workplace.run("touch describe small.toml").good().contains("\"width\":192,\"depth\":12"));
     workplace.write("wrong.toml", "[network]\nname = \"vit\"\nwidht = 192\n");
-    assert!(workplace.run("network describe wrong.toml").error().contains("widht"));
-    let said = workplace.run("network describe resnet").error();
+    assert!(workplace.run("touch describe wrong.toml").error().contains("widht"));
+    let said = workplace.run("touch describe resnet").error();
     assert!(["vit", "mamba", "robust_mamba", "default"].iter().all(|name| said.contains(name)), "{said}");
-    assert!(workplace.run("network describe default --input 0x3").usage().contains("240x320"));
+    assert!(workplace.run("touch describe default --input 0x3").usage().contains("240x320"));
 }
 
 #[test]
@@ -48,16 +48,17 @@ fn networks_are_timed() {
     assert!(workplace.run("bench networks --instructions mmx").usage().contains("avx512"));
 }
 
-/// Random weights see nothing of use, but what they see goes all the way, live and from a log, and to the same result each time.
+/// Random weights predict nothing useful, but the predictions reach the result, live and from a log, and are the same
+/// each time.
 #[test]
-fn runs_feel_with_a_network() {
+fn runs_use_the_touch_network() {
     let workplace = Workplace::new();
     workplace.run("run --object cube70 --duration 0.4 --touch-depth network --quiet --out shipped").good();
     let network = format!("--touch-depth network --weights {}", weights());
     workplace.run("generate --object cube70 --logs 1 --duration 0.4 --cameras side --out set").good();
     for (name, source) in [("live", "--object cube70 --duration 0.4"), ("log", "--log set/cube70/00")] {
         let trajectory = |folder: &str| {
-            // Whether an image is plausible to random weights is open.
+            // Random weights may or may not find an image plausible, which leads to a warning.
             assert_eq!(workplace.run(&format!("run {source} {network} --quiet --out {folder}")).code, Some(0));
             let text = std::fs::read_to_string(workplace.path(folder).join("trajectory.csv")).unwrap();
             text.lines().map(|line| line.rsplitn(5, ',').last().unwrap().to_owned()).collect::<Vec<_>>()
@@ -69,12 +70,12 @@ fn runs_feel_with_a_network() {
 }
 
 #[test]
-fn weights_that_cannot_be_are_refused() {
+fn damaged_weights_are_refused() {
     let workplace = Workplace::new();
     let whole = std::fs::read(weights()).unwrap();
     workplace.write("cut.safetensors", &whole[..whole.len() / 2]);
     let mut wrong = whole.clone();
-    // The last number becomes one that is none.
+    // The last number becomes NaN.
     let end = wrong.len();
     wrong[end - 2..].copy_from_slice(&[0xc0, 0x7f]);
     workplace.write("nan.safetensors", wrong);
@@ -91,9 +92,9 @@ fn weights_that_cannot_be_are_refused() {
     }
 }
 
-/// Of an empty gel under a mask of half the image, an exact depth image and weights that say anything, what is wrong is what they say.
+/// The image shows an untouched gel, its depth is exact, and the mask claims contact on half of it.
 #[test]
-fn weights_are_scored_on_triples() {
+fn weights_are_scored_on_images_with_known_depth() {
     let workplace = Workplace::new();
     let folder = workplace.path("triples");
     std::fs::create_dir(&folder).unwrap();
@@ -104,8 +105,8 @@ fn weights_are_scored_on_triples() {
     let mask = image::GrayImage::from_fn(240, 320, |u, _| image::Luma([if u < 120 { 255 } else { 0 }]));
     image.save(folder.join("a_img.png")).unwrap();
     mask.save(folder.join("a_mask.png")).unwrap();
-    let line = format!("eval-touch --weights {} --data triples --json", weights());
-    assert!(workplace.run(&line).error().contains("a_depth_m.npy"), "a triple that is not complete");
+    let line = format!("touch evaluate --weights {} --data triples --json", weights());
+    assert!(workplace.run(&line).error().contains("a_depth_m.npy"), "the depth is missing");
     ndarray_npy::write_npy(folder.join("a_depth_m.npy"), &depth).unwrap();
     let scores: Value = serde_json::from_str(&workplace.run(&line).good()).unwrap();
     let score = |name: &str| scores[name].as_f64().unwrap();
@@ -113,7 +114,7 @@ fn weights_are_scored_on_triples() {
     assert!(score("mae_mm") <= score("rmse_mm") && score("contact_mae_mm") <= score("contact_rmse_mm"), "{scores}");
     assert!((0.0..=1.0).contains(&score("iou")) && score("ms_per_image") > 0.0, "{scores}");
 
-    // At the sensor's own size it is the same, at another one something else.
+    // The size of the sensor does not change the scores; another size does.
     let at = |size: &str| {
         let scores = workplace.run(&format!("{line} --input {size}")).good();
         serde_json::from_str::<Value>(&scores).unwrap()["mae_mm"].as_f64().unwrap()
@@ -124,17 +125,17 @@ fn weights_are_scored_on_triples() {
     let said = workplace.run(&line).error();
     assert!(said.contains("240 x 240") && said.contains("240 wide and 320 high"), "{said}");
     std::fs::create_dir(workplace.path("nothing")).unwrap();
-    let line = format!("eval-touch --weights {} --data nothing", weights());
+    let line = format!("touch evaluate --weights {} --data nothing", weights());
     assert!(workplace.run(&line).error().contains("no *_img.png"));
-    assert!(workplace.run("eval-touch --weights triples/a_mask.png --data triples").error().contains("a_mask.png"));
+    assert!(workplace.run("touch evaluate --weights triples/a_mask.png --data triples").error().contains("a_mask.png"));
 }
 
-/// Contacts are drawn from their seed alone, are as deep as the protocol presses, and are what `eval-touch` reads.
+/// Presses depend on their seed alone, are as deep as the protocol demands, and can be read by `touch evaluate`.
 #[test]
-fn contacts_are_drawn_for_networks_to_be_scored_on() {
+fn presses_are_rendered_for_the_scoring_of_networks() {
     let workplace = Workplace::new();
     let line = |folder: &str, rest: &str| {
-        format!("contacts --objects mug,large_dice --images 4 --seed 5 --out {folder} {rest}")
+        format!("touch data --objects mug,large_dice --images 4 --seed 5 --out {folder} {rest}")
     };
     workplace.run(&line("a", "")).good();
     workplace.run(&line("b", "")).good();
@@ -152,19 +153,19 @@ fn contacts_are_drawn_for_networks_to_be_scored_on() {
         assert!((0.4..1.6).contains(&deepest), "{deepest} mm");
     }
     let score = |folder: &str, rest: &str| -> Value {
-        let line = format!("eval-touch --weights {} --data {folder} --json {rest}", weights());
+        let line = format!("touch evaluate --weights {} --data {folder} --json {rest}", weights());
         serde_json::from_str(&workplace.run(&line).good()).unwrap()
     };
     let scores = score("a", "");
     assert_eq!([&scores["contact_images"], &scores["untouched"]["file"]], [4, 4]);
-    let as_they_are = score("a", "--as-they-are");
-    assert_eq!(as_they_are["untouched"]["unknown"], 4);
-    assert_ne!(as_they_are["mae_mm"], scores["mae_mm"]);
-    // Of one sensor all images tell what it shows without contact; of several they do not.
+    let unsubtracted = score("a", "--no-subtraction");
+    assert_eq!(unsubtracted["untouched"]["unknown"], 4);
+    assert_ne!(unsubtracted["mae_mm"], scores["mae_mm"]);
+    // The untouched image can be estimated from images of one sensor, but not from images of several.
     for (sensors, of) in [(1, "images"), (16, "unknown")] {
         workplace.write("data.toml", format!("[data]\nknown_untouched = 0.0\nbackground = 0.0\nsensors = {sensors}\n"));
         let folder = format!("{of}-{sensors}");
-        let line = format!("contacts --objects mug --images 16 --config data.toml --out {folder}");
+        let line = format!("touch data --objects mug --images 16 --config data.toml --out {folder}");
         workplace.run(&line).good();
         assert_eq!(score(&folder, "")["untouched"][of], 16);
     }
@@ -175,5 +176,5 @@ fn contacts_are_drawn_for_networks_to_be_scored_on() {
     workplace.write("data.toml", "[data]\nuntuched = 1.0\n");
     assert!(workplace.run(&line("c", "--config data.toml")).error().contains("untuched"));
     assert!(workplace.run(&line("a", "")).error().contains("not empty"));
-    assert!(workplace.run("contacts --objects mugg --out d").error().contains("mugg"));
+    assert!(workplace.run("touch data --objects mugg --out d").error().contains("mugg"));
 }

@@ -1,4 +1,4 @@
-//! `eval-touch`: how exact a network is on touch images whose truth is known.
+//! `touch evaluate`: errors of a touch network on images with known depth and contact.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,6 +10,7 @@ use image::imageops::{FilterType::Triangle, resize};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use mvt_products::Instructions;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_run::io::print_line;
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::Weights;
@@ -18,48 +19,48 @@ use ndarray::Array2;
 use ndarray_npy::read_npy;
 use serde::Serialize;
 
-use crate::network::ImageSize;
-use mvt_run::io::print_line;
+use crate::image_size::ImageSize;
 
-/// Score a touch network on images whose truth is known
+/// Score a touch network on images with known depth and contact
 ///
-/// DIR holds triples: ID_img.png (RGB, 240 x 320), ID_depth_m.npy (32-bit floats, 320 x 240, metres along the camera's axis) and
-/// ID_mask.png (contact where over 127); and perhaps ID_untouched.png, what the sensor shows without contact, which is taken off before
-/// the network sees an image. Where there is none, it is had from all images, if they are of one sensor.
+/// DIR holds three files for each image, as `touch data` writes them: ID_img.png (RGB, 240 x 320), ID_depth_m.npy
+/// (32-bit floats, 320 x 240, metres along the camera's axis) and ID_mask.png (contact where it exceeds 127).
+///
+/// The untouched image of the sensor is subtracted before the network sees an image. It is read from ID_untouched.png;
+/// where that file is missing, it is estimated from all images, provided that they show one sensor.
 #[derive(Debug, Args)]
-pub struct Arguments {
-    /// Weights: safetensors as `train` writes them
-    #[arg(long)]
+pub struct TouchEvaluateArguments {
+    /// Weights of the network (.safetensors), as `touch train` writes them
+    #[arg(long, value_name = "FILE")]
     weights: PathBuf,
-    /// Folder of the triples
-    #[arg(long)]
+    /// Folder of the images
+    #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// Leave out images in which the object is deeper in the gel than this anywhere, mm
-    #[arg(long)]
+    /// Leave out images whose indentation exceeds this anywhere, millimetres
+    #[arg(long, value_name = "MM")]
     deepest_mm: Option<f32>,
-    /// Size that images are resized to before they enter the network, WIDTHxHEIGHT or the side of a square; what it makes of them is resized
-    /// back and scored at the sensor's size
+    /// Resize images to this size before the network sees them, in pixels, as WIDTHxHEIGHT or one side of a square; its
+    /// output is resized back and scored at the size of the sensor
     #[arg(long, value_name = "SIZE")]
     input: Option<ImageSize>,
-    /// Take nothing off: the network sees images as they are
-    #[arg(long)]
-    as_they_are: bool,
-    /// Print JSON
+    /// Do not subtract the untouched image
+    #[arg(long, alias = "as-they-are")]
+    no_subtraction: bool,
+    /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
 }
 
-/// What is printed.
+/// The printed result.
 #[derive(Debug, Serialize)]
 struct Report {
     #[serde(flatten)]
     scores: Scores,
     ms_per_image: f64,
-    /// Of how many images what the sensor shows without contact was in a file, had from all, and was not known.
     untouched: Untouched,
 }
 
-/// Of how many images it is known what their sensor shows without contact, and from where.
+/// Number of images by the origin of their untouched image: a file, an estimate from all images, or unknown.
 #[derive(Debug, Default, Clone, Copy, Serialize)]
 struct Untouched {
     file: usize,
@@ -67,7 +68,7 @@ struct Untouched {
     unknown: usize,
 }
 
-/// A touch image with its truth.
+/// Touch image with its true depth and contact.
 struct Triple {
     image: RgbImage,
     depth_m: Array2<f32>,
@@ -76,11 +77,15 @@ struct Triple {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &TouchEvaluateArguments) -> Result<()> {
     let engine = Engine::new(&Weights::read(&arguments.weights)?, Instructions::best());
     let ids = ids(&arguments.data)?;
-    ensure!(!ids.is_empty(), "{} holds no *_img.png", arguments.data.display());
-    let common = if arguments.as_they_are { None } else { common_untouched(&engine, &arguments.data, &ids)? };
+    ensure!(
+        !ids.is_empty(),
+        "--data {} contains no *_img.png; `touch data` writes such a folder",
+        arguments.data.display()
+    );
+    let common = if arguments.no_subtraction { None } else { common_untouched(&engine, &arguments.data, &ids)? };
     let (mut accuracy, mut busy_s, mut prediction) = (Accuracy::default(), 0.0, Prediction::default());
     let mut untouched = Untouched::default();
     for id in &ids {
@@ -88,7 +93,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if arguments.deepest_mm.is_some_and(|most| triple.truth().any(|pixel| pixel.millimetres > most)) {
             continue;
         }
-        let own = if arguments.as_they_are { None } else { triple.untouched.take() };
+        let own = if arguments.no_subtraction { None } else { triple.untouched.take() };
         match (own, &common) {
             (Some(own), _) => {
                 take_off(&own, &mut triple.image);
@@ -109,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         accuracy.add(Pixel::all(&prediction).zip(triple.truth()));
     }
     let scores = accuracy.scores();
-    ensure!(scores.images > 0, "every image is deeper than --deepest-mm");
+    ensure!(scores.images > 0, "every image exceeds --deepest-mm; give a larger depth");
     let report = Report { scores, ms_per_image: 1e3 * busy_s / scores.images as f64, untouched };
     if arguments.json {
         return print_line(&serde_json::to_string_pretty(&report)?);
@@ -119,12 +124,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     print_line(&format!(
         "{images} images, {:.1} ms each\nall pixels: MAE {mae_mm:.4} mm, RMSE {rmse_mm:.4} mm\n\
          contact: MAE {contact_mae_mm:.4} mm, RMSE {contact_rmse_mm:.4} mm, IoU {iou:.4}\n\
-         untouched sensor: of {file} images in a file, of {common} had from all images, of {unknown} not known",
+         untouched image: from a file for {file} images, estimated for {common}, unknown for {unknown}",
         report.ms_per_image
     ))
 }
 
-/// What a network makes of an image at another size, at the image's size.
+/// Predicts at another size of the image, and resizes the prediction back.
 fn infer_at(engine: &Engine, image: &RgbImage, size: ImageSize) -> Result<Prediction> {
     let (width, height) = image.dimensions();
     let mut prediction = Prediction::default();
@@ -132,19 +137,21 @@ fn infer_at(engine: &Engine, image: &RgbImage, size: ImageSize) -> Result<Predic
     let back = |plane: Array2<f32>| -> Result<Array2<f32>> {
         let plane =
             ImageBuffer::<Luma<f32>, _>::from_raw(size.width, size.height, plane.into_iter().collect::<Vec<_>>());
-        let plane = resize(&plane.context("a prediction of another size than its image")?, width, height, Triangle);
+        let plane =
+            resize(&plane.context("the prediction does not have the size of its image")?, width, height, Triangle);
         Ok(Array2::from_shape_vec((height as usize, width as usize), plane.into_raw())?)
     };
     let Prediction { indentation_mm, contact_logit } = prediction;
     Ok(Prediction { indentation_mm: back(indentation_mm)?, contact_logit: back(contact_logit)? })
 }
 
-/// In fewer images than this contacts may be at the same place.
+/// Fewer images than this may all be pressed at the same place, so that a median would show the press.
 const LEAST_IMAGES: usize = 15;
-/// No more images than this are looked at, evenly spread: enough for a median, and little memory.
+/// At most this many images, evenly spread, enter the median: enough for it, at little memory.
 const MOST_IMAGES: usize = 500;
 
-/// What the sensor of all images shows without contact; none if they are not of one sensor, or have files of their own.
+/// Estimates the untouched image from all images. Returns `None` if they show several sensors or if each has a file of
+/// its own.
 fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Option<RgbImage>> {
     if ids.len() < LEAST_IMAGES || ids.iter().all(|id| path(folder, id, UNTOUCHED).exists()) {
         return Ok(None);
@@ -156,7 +163,7 @@ fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Op
     Ok((10 * fitting >= 9 * images.len()).then_some(common))
 }
 
-/// What the names of the triples start with, in order.
+/// Returns the first parts of the names of the images' files, sorted.
 fn ids(folder: &Path) -> Result<Vec<String>> {
     let cannot_read = || format!("cannot read {}", folder.display());
     let mut ids = Vec::new();
@@ -178,7 +185,7 @@ fn path(folder: &Path, id: &str, rest: &str) -> PathBuf {
 
 fn open(folder: &Path, id: &str, rest: &str) -> Result<DynamicImage> {
     let path = path(folder, id, rest);
-    image::open(&path).with_context(|| format!("{} is no image that can be read", path.display()))
+    image::open(&path).with_context(|| format!("{} is not a readable image", path.display()))
 }
 
 impl Triple {
@@ -190,23 +197,23 @@ impl Triple {
             false => None,
         };
         let depth_path = path("depth_m.npy");
-        let depth_m: Array2<f32> =
-            read_npy(&depth_path).with_context(|| format!("{} is no array of 32-bit floats", depth_path.display()))?;
+        let depth_m: Array2<f32> = read_npy(&depth_path)
+            .with_context(|| format!("{} is not an array of 32-bit floats", depth_path.display()))?;
         let depth_size = (depth_m.ncols() as u32, depth_m.nrows() as u32);
         let mut sizes = vec![(image.dimensions(), IMAGE), (mask.dimensions(), MASK), (depth_size, "depth_m.npy")];
         sizes.extend(untouched.as_ref().map(|image| (image.dimensions(), UNTOUCHED)));
         for ((columns, rows), name) in sizes {
             ensure!(
                 (columns, rows) == (WIDTH as u32, HEIGHT as u32),
-                "{} is {columns} x {rows} pixels; a DIGIT's image is {WIDTH} wide and {HEIGHT} high",
+                "{} is {columns} x {rows} pixels; images of a DIGIT are {WIDTH} wide and {HEIGHT} high",
                 path(name).display()
             );
         }
-        ensure!(depth_m.iter().all(|d| d.is_finite()), "{} holds what is no number", depth_path.display());
+        ensure!(depth_m.iter().all(|d| d.is_finite()), "{} contains NaN or infinity", depth_path.display());
         Ok(Self { image, depth_m, mask, untouched })
     }
 
-    /// Indentation over the empty gel and contact of each pixel.
+    /// Returns the indentation of the gel and the contact of each pixel.
     fn truth(&self) -> impl Iterator<Item = Pixel> {
         self.depth_m.indexed_iter().zip(self.mask.iter()).map(|(((v, u), depth), level)| {
             let gel_m = gel::point(u as f64, v as f64).coords().x;

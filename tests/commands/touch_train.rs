@@ -1,10 +1,10 @@
-//! Training of networks, on procedural objects.
+//! `touch train`, on procedural objects.
 
 use std::process::Stdio;
 
 use crate::workplace::Workplace;
 
-/// Writes a training of a tiny network on sensors that differ little.
+/// Writes the configuration of a tiny network and of sensors that differ little.
 fn write_config(workplace: &Workplace, steps: u32, validate_every: u32) {
     let config = format!(
         "[network]\nname = \"default\"\nwidths = [8, 8, 12, 16]\ndepth = 2\nstate = 4\n\n\
@@ -17,7 +17,7 @@ fn write_config(workplace: &Workplace, steps: u32, validate_every: u32) {
     workplace.write("config.toml", config);
 }
 
-/// The cells of a curve, row by row, but for the speed.
+/// Returns the rows of a curve without the column of the speed.
 fn curve(workplace: &Workplace, folder: &str) -> Vec<Vec<f64>> {
     let Ok(text) = std::fs::read_to_string(workplace.path(folder).join("curve.csv")) else { return vec![] };
     let cells = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect::<Vec<f64>>();
@@ -25,10 +25,10 @@ fn curve(workplace: &Workplace, folder: &str) -> Vec<Vec<f64>> {
 }
 
 fn line(folder: &str) -> String {
-    format!("train --network default --config config.toml --out {folder}")
+    format!("touch train --network default --config config.toml --out {folder}")
 }
 
-/// Runs until the curve has this many rows, then kills; says whether the training was still at work.
+/// Runs until the curve has this many rows, kills the training, and returns whether it was still running.
 fn killed_after(workplace: &Workplace, line: &str, rows: usize) -> bool {
     let mut child = workplace.command(line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     while curve(workplace, "killed").len() < rows && child.try_wait().unwrap().is_none() {
@@ -38,14 +38,15 @@ fn killed_after(workplace: &Workplace, line: &str, rows: usize) -> bool {
     !child.wait().unwrap().success()
 }
 
-/// What a training leaves behind does not show that it was killed: at its first checkpoint, which may be half written, and later.
+/// The files of a training do not depend on kills, neither at its first checkpoint, which may be half written, nor
+/// later.
 #[test]
 fn a_killed_training_is_resumed_to_the_bit() {
     let workplace = Workplace::new();
     write_config(&workplace, 24, 4);
     let mut kills = usize::from(killed_after(&workplace, &line("killed"), 1));
     let resume = format!("{} --resume", line("killed"));
-    // The curve is written before the checkpoint, so that without one there is nothing to resume yet.
+    // The curve is written before the checkpoint; without a checkpoint the training starts again.
     let again = |line: &str| {
         if workplace.path("killed/checkpoint.safetensors").exists() { resume.clone() } else { line.to_owned() }
     };
@@ -63,7 +64,7 @@ fn a_killed_training_is_resumed_to_the_bit() {
     assert!(said.contains("--resume"), "{said}");
 }
 
-/// Two hundred steps on rendered images teach a tiny network something, also about an object it has not seen.
+/// A tiny network learns from rendered images in two hundred steps, also for an object that the training does not use.
 #[test]
 fn two_hundred_steps_bring_the_loss_down() {
     let workplace = Workplace::new();
@@ -73,12 +74,12 @@ fn two_hundred_steps_bring_the_loss_down() {
     let last = rows[6..].iter().map(|row| row[1]).sum::<f64>() / 4.0;
     assert!(last < 0.26 && last < 0.7 * rows[0][1], "loss: {rows:?}");
     assert!(rows[9][6] > 0.2, "overlap of contact: {rows:?}");
-    // What was written can be used.
+    // The written weights can be used.
     workplace.run("bench networks --weights out/best.safetensors --input 64x48 --batch 1 --seconds 0").good();
 }
 
 #[test]
-fn trainings_that_cannot_be_are_refused() {
+fn wrong_configurations_are_refused() {
     let workplace = Workplace::new();
     write_config(&workplace, 1, 1);
     let config = std::fs::read_to_string(workplace.path("config.toml")).unwrap();

@@ -1,15 +1,15 @@
-//! Smaller images, which teach what is coarse at a lower cost.
+//! Smaller images, on which a training learns coarse structure at a lower cost.
 
 use mvt_presses::Example;
 
-/// What a network sees at another size, at most its own; each pixel is the mean over the area that it covers.
+/// Reduces an example to another size; each pixel becomes the mean over the area that it covers.
 pub fn resized(example: Example, [rows, columns]: [usize; 2]) -> Example {
     if example.size == [rows, columns] {
         return example;
     }
     let (down, across) = (cover(example.size[0], rows), cover(example.size[1], columns));
     let image = |of: &dyn Fn(usize) -> f32| -> Vec<f32> {
-        // Rows first: a row at a time is all that needs to be kept.
+        // Rows first, so that only one row is kept at a time.
         let mut resized = Vec::with_capacity(rows * columns);
         for parts in &down {
             let mut row = vec![0.0; example.size[1]];
@@ -26,7 +26,7 @@ pub fn resized(example: Example, [rows, columns]: [usize; 2]) -> Example {
     Example { size: [rows, columns], levels, untouched: None, indentation_mm, contact }
 }
 
-/// Which of `from` places each of `to` covers, and the share of each in the mean.
+/// For each of `to` pixels, returns the pixels among `from` that it covers and the share of each in the mean.
 fn cover(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
     let width = from as f32 / to as f32;
     let parts = |i: usize| {
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_resized_image_has_the_means_of_what_its_pixels_cover() {
+    fn each_pixel_of_a_resized_image_is_the_mean_over_its_area() {
         let whole = Example {
             size: [4, 6],
             levels: (0..4 * 6 * 3).map(|i| (i * 3) as u8).collect(),

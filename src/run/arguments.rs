@@ -1,0 +1,163 @@
+//! Arguments of `run`, and the command that repeats a run.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use clap::{Args, value_parser};
+use mvt_run::arguments::{Manner, duration};
+use mvt_run::pipeline::{Init, Mode};
+use mvt_run::source::{Modality, TouchArguments};
+use mvt_run::supervisor::Goal;
+
+/// Estimate shape and pose of the object in the hand, live or from a log
+///
+/// Without --log the program simulates an episode in a closed loop: it renders the sensors' images, estimates the
+/// object from them, and directs the hand by the estimate alone. With --log it reads the images from a FeelSight log.
+///
+/// The results in DIR: summary.json (scores, times, events), trajectory.csv (poses and errors of every frame), mesh.ply
+/// and mesh.obj (the estimated shape), mesh.gif (the shape beside the true one), curves.svg (errors over time),
+/// config.toml (all settings, and the command that repeats the run) and recording/ (for `view`, also during the run).
+/// Unless the shape was given, also field.safetensors and keyframes.safetensors, for `mesh` and --resume. Summary and
+/// trajectory are rewritten every second; after an interruption summary.json contains "complete": false.
+#[derive(Debug, Args)]
+pub struct RunArguments {
+    /// Object: a name that `assets list` shows, or the path of a mesh in metres [default: 077_rubiks_cube]. With --log,
+    /// the true object for the scores [default: the object that the log names]
+    #[arg(long)]
+    pub object: Option<String>,
+    /// Read this FeelSight log instead of simulating an episode
+    #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "gait", "side"])]
+    pub log: Option<PathBuf>,
+    /// Quantities to estimate
+    #[arg(long, value_enum, default_value_t = Mode::Slam)]
+    pub mode: Mode,
+    /// Sensors to use
+    #[arg(long, value_enum, default_value_t = Modality::Vitac)]
+    pub modality: Modality,
+    #[command(flatten)]
+    pub touch: TouchArguments,
+    /// One to three cameras, separated by commas: front-left, back-right, top-down, side, or azimuth/elevation in
+    /// degrees such as 330/35 [default: side]. With --log, cameras of the log [default: its first one]
+    #[arg(long)]
+    pub cameras: Option<String>,
+    /// Longest duration in seconds, at most 3600 [default: 30, or the whole log]
+    #[arg(long, value_name = "SECONDS", value_parser = duration)]
+    pub duration: Option<f64>,
+    /// Seed of the episode, its noise and the estimate [default: 0, or that of the log]
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// End the episode when the estimate has reached this goal: turn=360deg, turn=2rev, coverage=0.9 (share of the
+    /// directions around the object that were observed) or time (only when the duration is over)
+    #[arg(long, default_value = "time")]
+    pub goal: Goal,
+    /// Start of the pose with --mode pose [default: near]
+    #[arg(long, value_enum)]
+    pub init: Option<Init>,
+    /// Continue with the shape that an earlier run left in this folder; the program first searches for the object
+    #[arg(long, value_name = "DIR")]
+    pub resume: Option<PathBuf>,
+    /// Read settings from a TOML file, such as the config.toml of another run
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Override a setting (repeatable), for example slam.tracker.touch_weight=0.5; config.toml of a run lists all
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Folder for the results; an earlier run in it is replaced
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Allow a folder that contains other files than those of a run
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Number of threads; it does not change the result [default: one per core]
+    #[arg(long, value_name = "N", value_parser = value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print summary.json instead of words
+    #[arg(long)]
+    pub json: bool,
+    /// Print neither progress nor results
+    #[arg(long)]
+    pub quiet: bool,
+    /// Show the run in a window; closing the window does not end the run
+    #[arg(long)]
+    pub view: bool,
+    #[command(flatten)]
+    pub manner: Manner,
+}
+
+impl RunArguments {
+    /// Checks that the arguments fit the mode.
+    pub fn check(&self) -> Result<()> {
+        if self.init.is_some() && self.mode != Mode::Pose {
+            bail!("--init needs --mode pose; in the other modes the first frame decides where the pose starts");
+        }
+        if self.resume.is_some() && self.mode != Mode::Slam {
+            bail!("--resume needs --mode slam; in the other modes shape or pose is given");
+        }
+        if matches!(self.goal, Goal::Coverage(_)) && self.mode == Mode::Pose {
+            bail!("--goal coverage needs --mode slam or map; with --mode pose the whole shape is known from the start");
+        }
+        Ok(())
+    }
+
+    /// Returns the command that repeats the run, for the first line of its config.toml.
+    pub fn repeat(&self, object: &str, seed: u64) -> String {
+        let quoted = |text: &str| match text.contains(|c: char| !(c.is_ascii_alphanumeric() || "_-./,=:".contains(c))) {
+            true => format!("'{}'", text.replace('\'', "'\\''")),
+            false => text.to_owned(),
+        };
+        let mut command = format!("mambavitact run --object {}", quoted(object));
+        let mut add = |key: &str, value: Option<String>| {
+            if let Some(value) = value {
+                command += &format!(" --{key} {}", quoted(&value));
+            }
+        };
+        let path = |path: &Path| path.display().to_string();
+        add("log", self.log.as_deref().map(path));
+        add("seed", Some(seed.to_string()));
+        add("mode", Some(self.mode.name().to_owned()));
+        add("modality", Some(self.modality.name().to_owned()));
+        for (key, value) in self.touch.options() {
+            add(key, value);
+        }
+        add("cameras", self.cameras.clone());
+        add("duration", self.duration.map(|seconds| seconds.to_string()));
+        add("init", self.init.map(|init| init.name().to_owned()));
+        add("resume", self.resume.as_deref().map(path));
+        if self.log.is_none() {
+            add("goal", Some(self.goal.to_string()));
+            add("gait", Some(self.manner.gait.clone()));
+            add("side", Some(self.manner.side.name().to_owned()));
+        }
+        command + " --config config.toml"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{Args as _, Command, FromArgMatches as _};
+    use mvt_viewer::window::launch::Choices;
+
+    use super::*;
+
+    #[test]
+    fn every_choice_of_the_window_makes_a_command_that_run_understands() {
+        let gaits = mvt_gaits::gait::shipped().keys().map(String::as_str).chain(["auto"]);
+        for (mode, _) in Choices::modes() {
+            for (modality, meaning) in Choices::modalities() {
+                assert!(!meaning.is_empty());
+                for gait in gaits.clone() {
+                    let choices = Choices {
+                        mode: mode.to_owned(),
+                        modality: modality.to_owned(),
+                        gait: gait.to_owned(),
+                        ..Choices::default()
+                    };
+                    let arguments = choices.arguments(Path::new("some where"));
+                    let matches =
+                        RunArguments::augment_args(Command::new("run")).try_get_matches_from(&arguments).unwrap();
+                    RunArguments::from_arg_matches(&matches).unwrap();
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Input of a run: the source of its frames, and the facts about them that the arguments or the log give.
+
+use std::path::Path;
+
+use anyhow::Result;
+use mvt_frames::camera::PosedCamera;
+use mvt_gaits::gait;
+use mvt_live::{Fault, LiveSettings, LiveSource};
+use mvt_objects::object::Object;
+use mvt_robot::hand::Side;
+use mvt_robot::rig::Placement;
+use mvt_run::object::load_object;
+use mvt_run::pipeline::{Mode, RunConfig};
+use mvt_run::source::{LogSource, Source, TouchNetwork};
+use mvt_run::supervisor::Supervisor;
+
+use super::RunArguments;
+
+/// The object of a run without --object.
+const OBJECT: &str = "077_rubiks_cube";
+/// A similar object that needs no download.
+const OFFLINE_OBJECT: &str = "rubiks_cube_small";
+/// Duration of an episode without --duration, seconds.
+const DURATION_S: f64 = 30.0;
+
+/// Source of frames with its facts.
+pub struct RunInput {
+    pub source: Box<dyn Source>,
+    pub side: Side,
+    pub seed: u64,
+    /// Name of the object in the catalogue, or the path of its mesh.
+    pub name: String,
+    /// The true object, if it could be loaded.
+    pub object: Option<Object>,
+    /// Directs the hand of a live episode.
+    pub supervisor: Option<Supervisor>,
+    pub cameras: Vec<PosedCamera>,
+}
+
+impl RunInput {
+    /// Prepares a live episode, or opens the log that the arguments name.
+    pub fn new(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwork>) -> Result<Self> {
+        match &arguments.log {
+            Some(log) => from_log(arguments, log, config, network),
+            None => live(arguments, config, network),
+        }
+    }
+}
+
+fn from_log(
+    arguments: &RunArguments,
+    folder: &Path,
+    config: &RunConfig,
+    network: Option<TouchNetwork>,
+) -> Result<RunInput> {
+    let cameras = arguments.cameras.as_deref();
+    let mut source =
+        LogSource::open(folder, cameras, arguments.modality, config.camera_noise, config.segmentation, network)?;
+    let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
+    let object = match load_object(&name) {
+        Ok(object) => Some(object),
+        Err(error) if arguments.object.is_some() || arguments.mode == Mode::Pose => return Err(error),
+        Err(error) => {
+            tracing::warn!("{error:#}; the run continues without scores");
+            None
+        }
+    };
+    source.limit_pictures(mvt_recording::has_images);
+    if let Some(object) = &object {
+        source.set_object_from_file(object.object_from_file);
+    }
+    if let Some(duration_s) = arguments.duration {
+        source.limit(duration_s);
+    }
+    let seed = arguments.seed.unwrap_or(source.seed());
+    let cameras = source.cameras().to_vec();
+    Ok(RunInput { side: source.side(), seed, name, object, supervisor: None, cameras, source: Box::new(source) })
+}
+
+fn live(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwork>) -> Result<RunInput> {
+    let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
+    let (name, object) = match &arguments.object {
+        Some(name) => (name.clone(), load_object(name)?),
+        None => default_object()?,
+    };
+    let side = arguments.manner.side();
+    let seed = arguments.seed.unwrap_or(0);
+    let (gait_name, gait) = gait::choose(&arguments.manner.gait, &object)?;
+    let settings = LiveSettings {
+        side,
+        gait: gait.clone(),
+        seed,
+        duration_s: arguments.duration.unwrap_or(DURATION_S),
+        cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
+        camera_noise: config.camera_noise,
+        segmentation: config.segmentation,
+        modality: arguments.modality,
+        hidden_every: None,
+        fault: Fault::default(),
+    };
+    let others = gait::shipped().keys().map(String::as_str).filter(|&name| name != gait_name);
+    let gaits: Vec<&'static str> = std::iter::once(gait_name).chain(others).collect();
+    let supervisor = Supervisor::new(arguments.goal, &gaits, config.supervisor);
+    let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
+    let source = Box::new(LiveSource::new(&object, settings, network)?);
+    Ok(RunInput { source, side, seed, name, object: Some(object), supervisor: Some(supervisor), cameras })
+}
+
+/// Loads the Rubik's cube, or a procedural cube if its mesh cannot be downloaded.
+fn default_object() -> Result<(String, Object)> {
+    match load_object(OBJECT) {
+        Ok(object) => Ok((OBJECT.to_owned(), object)),
+        Err(error) => {
+            tracing::warn!("{error:#}");
+            tracing::warn!("the procedural object {OFFLINE_OBJECT} replaces {OBJECT}");
+            Ok((OFFLINE_OBJECT.to_owned(), load_object(OFFLINE_OBJECT)?))
+        }
+    }
+}

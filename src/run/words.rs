@@ -1,0 +1,44 @@
+//! A run in words.
+
+use std::path::Path;
+
+use mvt_run::report::{Summary, file};
+
+/// Returns speed and scores of a run, the folder of its results, and what to look at next.
+pub fn in_words(summary: &Summary, out: &Path) -> String {
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let f = |mm: u32| number(summary.shape.f_score.as_ref().and_then(|scores| scores.get(&mm).copied()));
+    let add_s = summary.add_s_mm;
+    let mut text = format!(
+        "{} ({} {}, seed {}): {} frames, {:.1} s, at {:.1} frames/s \
+         (sense {:.1}, track {:.1}, map {:.1}, mesh {:.1} ms)\n",
+        summary.object,
+        summary.mode,
+        summary.modality,
+        summary.seed,
+        summary.frames,
+        summary.simulated_s,
+        summary.frames_per_second,
+        summary.stage_ms.sense,
+        summary.stage_ms.track,
+        summary.stage_ms.map,
+        summary.stage_ms.mesh
+    );
+    if let Some(e) = add_s {
+        text += &format!(
+            "pose error (ADD-S), mm: mean {:.2}, median {:.2}, p95 {:.2}, final {:.2}; \
+             lost {} frames, recovered {} times\n",
+            e.mean, e.median, e.p95, e.last, summary.lost_frames, summary.recovered
+        );
+        text += &format!("shape (F-score) at 1, 2, 5 and 10 mm: {}, {}, {}, {}\n", f(1), f(2), f(5), f(10));
+    }
+    text += &format!("results in {}\n", out.display());
+    let path = |name: &str| out.join(name).display().to_string();
+    if out.join(file::TURNTABLE).exists() {
+        text += &format!("next: open {} and {},\n", path(file::TURNTABLE), path(file::CURVES));
+        text += &format!("      or look at the run with `mambavitact view --run {}`", out.display());
+    } else {
+        text += &format!("next: look at the run with `mambavitact view --run {}`", out.display());
+    }
+    text
+}
