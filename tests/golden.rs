@@ -122,12 +122,12 @@ fn settings_of_version_0_1_0_are_read() {
     assert_eq!(value("slam.scan.camera_hits"), Some(150.into()));
     assert_eq!(value("slam.map.first_steps"), Some(40.into()));
     assert_eq!(value("slam.field.levels"), Some(vec![4].into()));
-    // `velocity_sigma = [0.002, 0.04]` in version 0.1.0.
+    // `velocity_sigma = [0.002, 0.04]` in version 0.1.0. Fails until renamed settings are migrated.
     assert_eq!(value("slam.tracker.velocity_sigma_m"), Some(0.002.into()));
     assert_eq!(value("slam.tracker.velocity_sigma_rad"), Some(0.04.into()));
 }
 
-/// Keyframes of version 0.1.0 hold joint angles where later ones hold the poses of obstacles.
+/// Keyframes of version 0.1.0 hold joint angles where later ones hold the poses of obstacles. Fails until they do.
 #[test]
 fn keyframes_of_version_0_1_0_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
