@@ -1,4 +1,4 @@
-//! What perception takes for object against what the renderer drew, under camera noise of the original's level.
+//! Compares the labels of the segmentation with those of the renderer, under camera noise of NeuralFeels' level.
 
 use mvt_frames::depth::{Label, OBJECT};
 use mvt_gaits::clock::FRAME_HZ;
@@ -13,7 +13,7 @@ use mvt_robot::rig::PLACEMENTS;
 use mvt_segmentation::{SegmentationConfig, segment};
 
 #[test]
-fn object_pixels_are_the_objects() {
+fn pixels_labelled_object_show_the_object() {
     let (mut claimed, mut right, mut drawn, mut missed) = (0, 0, 0, 0);
     for (name, side) in [("rubiks_cube_small", Side::Left), ("mug", Side::Right)] {
         let object = catalogue::load(name, &mut Vec::new()).unwrap();

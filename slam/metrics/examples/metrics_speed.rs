@@ -1,6 +1,6 @@
-//! Time of one ADD-S with 10,000 points, both directions, on one thread; and how the choice of points moves the scores.
+//! Prints the time of one ADD-S with 10,000 points, both directions, on one thread, and the effect of the choice of points on the scores.
 //!
-//! `cargo run --release -p slam --example metrics_speed -- MESH`
+//! `cargo run --release -p mvt-metrics --example metrics_speed -- MESH`
 
 #![allow(clippy::print_stdout, reason = "a program that prints")]
 

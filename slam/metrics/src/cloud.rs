@@ -1,24 +1,25 @@
 //! Distances from every point of one cloud to the nearest point of another.
 //!
-//! A score asks for thousands of nearest neighbours at once, and neighbours among the questions have neighbouring answers. So whole
-//! leaves of one tree are looked up in the other, and the boxes of the nodes are tight, which matters as surfaces are flat: a third
-//! to a twentieth of the time of a k-d tree asked point by point, most where the clouds are far apart.
+//! A score needs thousands of nearest neighbours at once, and neighbouring points have neighbouring answers. So whole leaves of one
+//! tree are looked up in the other, and the boxes of the nodes are tight, because surfaces are flat. This takes a third to a twentieth of
+//! the time of a k-d tree that is searched point by point, least where the clouds are far apart.
 
 use glam::{Mat3A, Vec3, Vec3A};
 
-/// Points of a leaf, and lanes of the inner loop.
+/// Number of points in a leaf, and of lanes in the inner loop.
 const LANES: usize = 16;
 
 /// Points in a balanced tree of boxes.
 #[derive(Debug)]
 pub(super) struct Cloud {
     points: Vec<Vec3>,
-    /// A power of two, or none without points.
+    /// Their number is a power of two, or 0 without points.
     leaves: Vec<Leaf>,
-    /// The nodes in heap order: the children of node k are 2k + 1 and 2k + 2, and the leaves come last.
+    /// Boxes of the nodes in heap order: the children of node k are 2k + 1 and 2k + 2, and the leaves come last.
     boxes: Vec<Aabb>,
 }
 
+/// Up to 16 neighbouring points.
 #[derive(Debug, Clone, Copy)]
 struct Leaf {
     /// Coordinates by axis. Lanes beyond `len` repeat a point.
@@ -26,6 +27,7 @@ struct Leaf {
     len: usize,
 }
 
+/// Box along the axes.
 #[derive(Debug, Clone, Copy)]
 struct Aabb {
     low: Vec3,
@@ -38,14 +40,14 @@ impl Aabb {
         points.iter().fold(empty, |b, &p| Self { low: b.low.min(p), high: b.high.max(p) })
     }
 
-    /// Squared distance of the closest points of two boxes.
+    /// Returns the squared distance of the closest points of two boxes.
     fn squared_gap(self, other: Self) -> f32 {
         (self.low - other.high).max(other.low - self.high).max(Vec3::ZERO).length_squared()
     }
 }
 
 impl Cloud {
-    /// Of finite points, which are put into another order.
+    /// Builds a tree of finite points and changes their order.
     pub(super) fn new(mut points: Vec<Vec3>) -> Self {
         if points.is_empty() {
             return Self { points, leaves: Vec::new(), boxes: Vec::new() };
@@ -57,13 +59,13 @@ impl Cloud {
         Self { points, leaves, boxes }
     }
 
-    /// The points, neighbours close to one another.
+    /// Returns the points. Neighbours stand close to one another.
     pub(super) fn points(&self) -> &[Vec3] {
         &self.points
     }
 
-    /// Distance of every point, after a finite motion, to the nearest point of the other cloud, in the order of `points`. Infinite if
-    /// the other one is empty.
+    /// Returns the distance of every point, after a finite motion, to the nearest point of the other cloud, in the order of `points`.
+    /// Distances are infinite if the other cloud is empty.
     pub(super) fn distances(&self, (rotation, translation): (Mat3A, Vec3A), to: &Self) -> Vec<f32> {
         let mut distances = Vec::with_capacity(self.points.len());
         let mut pending = Vec::new();
@@ -81,7 +83,7 @@ impl Cloud {
         distances
     }
 
-    /// Squared distances of a leaf's worth of points to the nearest points here.
+    /// Returns the squared distances of the points of a leaf to the nearest points of this cloud.
     fn nearest_squared(&self, query: &[[f32; LANES]; 3], pending: &mut Vec<(f32, usize)>) -> [f32; LANES] {
         let mut best = [f32::INFINITY; LANES];
         let Some(&root) = self.boxes.first() else { return best };
@@ -128,8 +130,8 @@ fn split(points: &mut [Vec3], node: usize, boxes: &mut [Aabb], leaves: &mut Vec<
     split(high, 2 * node + 2, boxes, leaves);
 }
 
-/// Lowers the best squared distances by those to the points of a leaf. The inner loop runs over the questions, so that it needs no sum
-/// across lanes.
+/// Lowers the best squared distances by those to the points of a leaf. The inner loop runs over the query points, so that it needs no
+/// sum across lanes.
 fn improve(query: &[[f32; LANES]; 3], leaf: &[[f32; LANES]; 3], best: &mut [f32; LANES]) {
     for k in 0..LANES {
         let [x, y, z] = [leaf[0][k], leaf[1][k], leaf[2][k]];

@@ -1,22 +1,37 @@
-//! Scores: ADD-S of a pose, F-score of a shape, and how the errors of a run are summed up.
+//! Scores of estimated poses and shapes: ADD-S of a pose, F-score of a shape, and statistics of the pose errors of a run.
 //!
-//! Each score exists as NeuralFeels (Suresh et al., Science Robotics 2024) defines it, so that numbers compare, and in a form without
-//! its allowances: every frame counts, both directions count, and a shape that is nowhere near the true one scores 0.
+//! Each score exists as NeuralFeels (Suresh et al., Science Robotics 2024) defines it, so that numbers can be compared, and in a stricter
+//! form: every frame counts, both directions count, and a shape that is nowhere near the true one scores 0. The crate compares points with
+//! points. It does not align the estimate with the truth, does not read files, and does not know how an estimate was made.
+//!
+//! A sphere that is compared with itself scores nearly 1, and a sphere of another radius scores less:
 //!
 //! ```
-//! use glam::Vec3;
+//! use mvt_metrics::glam::Vec3;
+//! use mvt_metrics::{THRESHOLDS_M, TrueSurface};
 //! use mvt_frames::{Isometry, Object};
-//! use mvt_mesh::Mesh;
-//! use slam::metrics::{POINTS, THRESHOLDS_M, TrueSurface, sample_surface};
 //!
-//! let triangle = Mesh { vertices: vec![Vec3::ZERO, 0.1 * Vec3::X, 0.1 * Vec3::Y], faces: vec![[0, 1, 2]] };
-//! let truth = TrueSurface::new(&triangle, POINTS, 0);
-//! // The estimate lies 3 mm beside the truth.
+//! /// Evenly spaced points on a sphere about the origin (a Fibonacci spiral).
+//! fn sphere(radius_m: f32, count: usize) -> Vec<Vec3> {
+//!     let point = |k: usize| {
+//!         let z = 1.0 - (2 * k + 1) as f32 / count as f32;
+//!         let (sin, cos) = (2.399_963 * k as f32).sin_cos();
+//!         radius_m * Vec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
+//!     };
+//!     (0..count).map(point).collect()
+//! }
+//!
+//! let truth = TrueSurface::of_points(sphere(0.030, 10_000));
+//! let same = truth.score(&sphere(0.030, 9_000), Isometry::<Object, Object>::identity(), &THRESHOLDS_M);
+//! assert!(same.f_scores[1].f() > 0.999, "at 2 mm");
+//! let larger = truth.score(&sphere(0.034, 9_000), Isometry::<Object, Object>::identity(), &THRESHOLDS_M);
+//! assert_eq!(larger.f_scores[1].f(), 0.0, "at 2 mm: every point is 4 mm off");
+//! assert!(larger.f_scores[2].f() > 0.999, "at 5 mm");
+//!
+//! // The pose is 3 mm off along z. Points at the poles are 3 mm off, points at the equator less.
 //! let truth_from_estimate = Isometry::<Object, Object>::translation(0.0, 0.0, 0.003);
-//! assert!((truth.add_s(truth_from_estimate).one_directional_m - 0.003).abs() < 1e-6);
-//! let score = truth.score(&sample_surface(&triangle, POINTS, 1), truth_from_estimate, &THRESHOLDS_M);
-//! assert_eq!(score.f_scores[0].f(), 0.0, "at 1 mm");
-//! assert!(score.f_scores[2].f() > 0.999, "at 5 mm");
+//! let error = truth.add_s(truth_from_estimate);
+//! assert!((0.0010..0.0030).contains(&error.one_directional_m));
 //! ```
 
 mod cloud;
@@ -24,20 +39,22 @@ mod run;
 mod sample;
 mod surface;
 
+pub use glam;
+
 pub use run::{FAILURE_M, GRACE_S, OUTLIER_M, PoseStatistics, mean_original};
 pub use sample::{sample_surface, sample_surface_even};
 pub use surface::{AddS, FScore, ShapeScore, TrueSurface};
 
-/// How many points stand for a surface in NeuralFeels. On an object of 600 cm^2 they are 2.5 mm apart, so that a perfect shape misses
-/// a tenth of them at 2 mm and half of them at 1 mm: see [`FINE_POINTS`].
+/// Number of points that represent a surface in NeuralFeels. On an object of 600 cm^2 they are 2.5 mm apart, so that a perfect shape
+/// misses a tenth of them at 2 mm and half of them at 1 mm: see [`FINE_POINTS`].
 pub const POINTS: usize = 10_000;
 
-/// So many points that a perfect shape scores at least 0.98 at 1 mm on all that a hand can hold.
+/// Number of points with which a perfect shape scores at least 0.98 at 1 mm, on every object that a hand can hold.
 pub const FINE_POINTS: usize = 100_000;
 
-/// The thresholds of our tables, metres.
+/// Thresholds of our tables, metres.
 pub const THRESHOLDS_M: [f64; 4] = [0.001, 0.002, 0.005, 0.010];
 
-/// NeuralFeels' thresholds, metres; its headline is the one at 5 mm.
+/// Thresholds of NeuralFeels, metres. Its main figure is at 5 mm.
 pub const ORIGINAL_THRESHOLDS_M: [f64; 15] =
     [0.020, 0.018, 0.016, 0.014, 0.012, 0.010, 0.009, 0.008, 0.007, 0.006, 0.005, 0.004, 0.003, 0.002, 0.001];

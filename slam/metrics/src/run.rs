@@ -1,32 +1,32 @@
-//! The pose errors of a run in a few numbers.
+//! Statistics of the pose errors of a run.
 
 use serde::{Deserialize, Serialize};
 
-/// NeuralFeels leaves out the first seconds, as it starts at the true pose.
+/// NeuralFeels leaves out the errors of the first 5 s, because it starts at the true pose. Seconds.
 pub const GRACE_S: f64 = 5.0;
-/// NeuralFeels drops errors above this, metres, as failures of the ground truth.
+/// NeuralFeels drops larger errors as failures of the ground truth. Metres.
 pub const OUTLIER_M: f64 = 0.050;
-/// A run whose last error is above this has failed, metres; as in NeuralFeels.
+/// A run with a larger last error has failed, as in NeuralFeels. Metres.
 pub const FAILURE_M: f64 = 0.010;
 
-/// The pose errors of a run, metres. Every frame counts but in `mean_original_m`.
+/// Pose errors of a run, metres. Every frame counts, except in `mean_original_m`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PoseStatistics {
-    /// Mean.
+    /// Mean error.
     pub mean_m: f64,
-    /// Median; the mean of the middle two of an even number.
+    /// Median error; of an even number of errors, the mean of the middle two.
     pub median_m: f64,
-    /// 95 % of the errors are at most this: linearly interpolated between neighbours, as NumPy's default.
+    /// 95th percentile, interpolated linearly between neighbours as NumPy does by default.
     pub p95_m: f64,
-    /// That of the last frame.
+    /// Error of the last frame.
     pub final_m: f64,
-    /// NeuralFeels' mean, see [`mean_original`]; none if it leaves nothing.
+    /// Mean as NeuralFeels computes it, see [`mean_original`]; `None` if it leaves out every error.
     pub mean_original_m: Option<f64>,
 }
 
 impl PoseStatistics {
-    /// Of the errors (time in seconds, error in metres), in order of time; none if there are no errors. An error that is NaN counts as
-    /// infinite, so that it cannot go unnoticed.
+    /// Computes the statistics of errors (time in seconds, error in metres) in order of time; `None` without errors. An error that is
+    /// NaN counts as infinite, so that the statistics show it.
     pub fn new(errors: &[(f64, f64)]) -> Option<Self> {
         let in_time: Vec<f64> = errors.iter().map(|&(_, e)| if e.is_nan() { f64::INFINITY } else { e }).collect();
         let final_m = *in_time.last()?;
@@ -42,21 +42,21 @@ impl PoseStatistics {
         })
     }
 
-    /// Whether the run ended astray.
+    /// Returns whether the last error exceeds [`FAILURE_M`].
     pub fn failed(&self) -> bool {
         self.final_m > FAILURE_M
     }
 }
 
-/// The mean error as NeuralFeels' plots take it: without what came before [`GRACE_S`] and without errors above [`OUTLIER_M`]; none if
-/// that leaves nothing. Its tables pool the errors of all runs of a kind, so pass them all at once to compare with those.
+/// Returns the mean error as in NeuralFeels' plots: without errors before [`GRACE_S`] and without errors above [`OUTLIER_M`]; `None` if
+/// no error is left. NeuralFeels' tables pool the errors of all runs of a kind: to compare with them, pass all these errors at once.
 pub fn mean_original(errors: &[(f64, f64)]) -> Option<f64> {
     let kept = || errors.iter().filter(|&&(time_s, e)| time_s >= GRACE_S && e <= OUTLIER_M).map(|&(_, e)| e);
     let count = kept().count();
     (count > 0).then(|| kept().sum::<f64>() / count as f64)
 }
 
-/// Of sorted values, of which there is at least one.
+/// Returns a quantile of sorted values, interpolated linearly. There is at least one value.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let position = share * (sorted.len() - 1) as f64;
     let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);

@@ -7,8 +7,8 @@ use mvt_mesh::Mesh;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-/// `n` points drawn uniformly by area, metres, in the mesh's frame. Faces without a finite area are left out; a mesh without any other
-/// gives no points. The same seed gives the same points.
+/// Draws `n` points uniformly by area, metres, in the mesh's frame. Faces without a finite positive area are left out; without any other
+/// face there are no points. The same seed yields the same points.
 pub fn sample_surface(mesh: &Mesh, n: usize, seed: u64) -> Vec<Vec3> {
     match Sampler::new(mesh, seed) {
         Some(mut sampler) => (0..n).map(|_| sampler.draw()).collect(),
@@ -16,14 +16,14 @@ pub fn sample_surface(mesh: &Mesh, n: usize, seed: u64) -> Vec<Vec3> {
     }
 }
 
-/// `n` points drawn by area of which no two are closer than sqrt(area / 3n) (Poisson discs by dart throwing), as trimesh's
-/// `sample_surface_even`, from which NeuralFeels takes the points that stand for the truth. Some 2.2n of the 3n darts thrown are
-/// needed; where a surface lies so close to itself that they do not suffice, the rest is drawn as by [`sample_surface`].
+/// Draws `n` points by area of which no two are closer than sqrt(area / 3n) (Poisson discs by dart throwing), as trimesh's
+/// `sample_surface_even` does, with which NeuralFeels samples the true surface. About 2.2n of at most 3n darts are needed; where a surface
+/// lies so close to itself that 3n do not suffice, the rest is drawn as by [`sample_surface`].
 pub fn sample_surface_even(mesh: &Mesh, n: usize, seed: u64) -> Vec<Vec3> {
     let Some(mut sampler) = Sampler::new(mesh, seed) else { return Vec::new() };
     let radius_m = (sampler.area_m2() / (3 * n) as f64).sqrt() as f32;
     let mut points = Vec::with_capacity(n);
-    // Cells as wide as the distance: whatever is too close lies in one of 27.
+    // Cells as wide as the distance: a point that is too close lies in one of 27.
     let mut cells = HashMap::<IVec3, Vec<Vec3>>::new();
     for _ in 0..3 * n {
         if points.len() == n {
@@ -44,7 +44,7 @@ pub fn sample_surface_even(mesh: &Mesh, n: usize, seed: u64) -> Vec<Vec3> {
     points
 }
 
-/// Draws points of a mesh, uniformly by area.
+/// Source of points of a mesh, uniform by area.
 struct Sampler {
     corners: Vec<[Vec3; 3]>,
     /// Sum of the areas up to and including each face, m^2.

@@ -1,4 +1,4 @@
-//! What is held against the true surface: poses and shapes.
+//! The true surface, and scores of poses and shapes against it.
 
 use glam::Vec3;
 use mvt_frames::{Frame, Isometry, Object};
@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::cloud::Cloud;
 use super::sample::sample_surface_even;
 
-/// The true surface of an object as points in the object's frame. Made once per object.
+/// True surface of an object as points in the object's frame. It is made once per object.
 #[derive(Debug)]
 pub struct TrueSurface(Cloud);
 
@@ -16,14 +16,15 @@ pub struct TrueSurface(Cloud);
 /// al. 2018), metres.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AddS {
-    /// Mean over the points at the estimated pose of the distance to the nearest point at the true pose: NeuralFeels' drift.
+    /// Mean distance of the points at the estimated pose to the nearest point at the true pose: NeuralFeels' drift.
     pub one_directional_m: f64,
-    /// Mean of that and of the other direction.
+    /// Mean of `one_directional_m` and of the same in the other direction.
     pub symmetric_m: f64,
 }
 
-/// How much of an estimated and of a true surface lie within a threshold of one another, as shares from 0 to 1.
+/// Shares of an estimated and of a true surface that lie within a threshold of one another, from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct FScore {
     /// The threshold, metres.
     pub threshold_m: f64,
@@ -34,50 +35,51 @@ pub struct FScore {
 }
 
 impl FScore {
-    /// Harmonic mean of precision and recall. 0 where both are 0: shapes that share nothing are a failure, not a gap in the data
-    /// (NeuralFeels divides 0 by 0, and its means then skip the run).
+    /// Returns the harmonic mean of precision and recall, and 0 where both are 0: shapes that share nothing are a failure, not a gap in
+    /// the data (NeuralFeels divides 0 by 0, and its means then skip the run).
     pub fn f(&self) -> f64 {
         let sum = self.precision + self.recall;
         if sum > 0.0 { 2.0 * self.precision * self.recall / sum } else { 0.0 }
     }
 }
 
-/// How an estimated surface compares with the true one.
+/// Comparison of an estimated surface with the true one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct ShapeScore {
-    /// One entry per threshold, in the order asked for.
+    /// One entry per threshold, in the given order.
     pub f_scores: Vec<FScore>,
     /// Mean distance of the estimated points to the nearest true one, metres: NeuralFeels' mesh error. Infinite without points.
     pub mesh_error_m: f64,
-    /// Mean distance of the true points to the nearest estimated one, metres: what is missing. Infinite without points.
+    /// Mean distance of the true points to the nearest estimated one, metres. It grows where parts are missing. Infinite without points.
     pub completeness_m: f64,
 }
 
 impl TrueSurface {
-    /// `count` evenly spaced points of a mesh in the object's frame; [`super::POINTS`] for figures that are reported, fewer for a
+    /// Samples a mesh in the object's frame at `count` evenly spaced points: [`super::POINTS`] for figures that are reported, fewer for a
     /// display. A mesh without area has no points, and every error against it is infinite.
     pub fn new(mesh: &Mesh, count: usize, seed: u64) -> Self {
         Self::of_points(sample_surface_even(mesh, count, seed))
     }
 
-    /// These points, in the object's frame, metres. They are finite.
+    /// Takes these points, in the object's frame, metres. They must be finite.
     pub fn of_points(points: Vec<Vec3>) -> Self {
         Self(Cloud::new(points))
     }
 
-    /// The points, in the object's frame, metres; those that are close to one another come close to one another.
+    /// Returns the points, in the object's frame, metres. Neighbours stand close to one another.
     pub fn points(&self) -> &[Vec3] {
         self.0.points()
     }
 
-    /// The error of a pose, from the motion that takes the object as estimated to the object as it is: inverse of the true pose
-    /// times the estimated pose. Infinite if the motion is not finite.
+    /// Returns the error of a pose, given the motion from the object at its estimated pose to the object at its true pose: the inverse of
+    /// the true pose times the estimated pose. Infinite if the motion is not finite.
     pub fn add_s(&self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
         self.add_s_of(self, truth_from_estimate)
     }
 
-    /// The same, as the mean over the points of a sparser sample of the surface, which takes as much less time: an estimate of
-    /// [`Self::add_s`], whose nearest points are sought among as many.
+    /// Estimates [`Self::add_s`] as the mean over the points of a sparser sample of the surface, in proportionally less time. The nearest
+    /// points are still searched among all points.
     pub fn add_s_of(&self, sample: &Self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
         let one_directional_m = mean(&distances_m(&sample.0, truth_from_estimate, &self.0));
         // Seen from the estimate the truth has moved by the inverse, so the same tree serves.
@@ -85,8 +87,8 @@ impl TrueSurface {
         AddS { one_directional_m, symmetric_m: 0.5 * (one_directional_m + other_m) }
     }
 
-    /// The score of a shape given as finite points on its surface, metres, in any frame, with the motion that takes them to the object:
-    /// the frame `F` as tracked, held against the true pose. For a mesh see [`super::sample_surface`].
+    /// Scores a shape, given finite points on its surface, metres, in any frame `F`, and the motion from that frame to the object's: the
+    /// inverse of the true pose times the estimated pose. [`super::sample_surface`] makes points of a mesh.
     ///
     /// A point exactly at a threshold is outside, as in NeuralFeels.
     pub fn score<F: Frame>(
@@ -111,7 +113,7 @@ impl TrueSurface {
     }
 }
 
-/// Distances of moved points to the nearest of a cloud, metres; infinite if the motion is not finite.
+/// Returns the distances of moved points to the nearest point of a cloud, metres; infinite if the motion is not finite.
 fn distances_m<From: Frame, To: Frame>(points: &Cloud, motion: Isometry<From, To>, to: &Cloud) -> Vec<f32> {
     let (rotation, translation) = motion.to_f32();
     if rotation.is_finite() && translation.is_finite() {

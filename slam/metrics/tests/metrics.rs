@@ -1,4 +1,4 @@
-//! The scores against closed forms, brute force and figures computed with NumPy (data/metrics_oracle.py).
+//! Compares the scores with closed forms, brute force and figures computed with NumPy (data/metrics_oracle.py).
 
 #![allow(clippy::unwrap_used, clippy::float_cmp_const, reason = "a failed assumption in a test is a failed test")]
 
@@ -14,7 +14,7 @@ use serde::Deserialize;
 
 type Motion = Isometry<Object, Object>;
 
-/// A sphere as latitude and longitude quads, about its centre.
+/// Returns a sphere of latitude and longitude quads about its centre.
 fn sphere(radius_m: f32) -> Mesh {
     let (rows, columns) = (60_u32, 120_u32);
     let angle = |k: u32, of: u32, turn: f32| k as f32 / of as f32 * turn;
@@ -35,7 +35,7 @@ fn sphere(radius_m: f32) -> Mesh {
     }
 }
 
-/// A square in the plane z = 0 about the origin.
+/// Returns a square in the plane z = 0 about the origin.
 fn square(side_m: f32) -> Mesh {
     let corner = |x: f32, y: f32| Vec3::new(x - 0.5, y - 0.5, 0.0) * side_m;
     Mesh {
@@ -52,8 +52,8 @@ fn shift(x: f64, y: f64, z: f64) -> Motion {
 fn concentric_spheres_are_as_far_apart_as_their_radii() {
     let truth = TrueSurface::new(&sphere(0.040), POINTS, 1);
     let score = truth.score(&sample_surface(&sphere(0.043), POINTS, 2), Motion::identity(), &THRESHOLDS_M);
-    // The nearest of n samples of an area A lies aside of the nearest point of the surface by A / (pi n) in the mean square, if
-    // they fall independently, as those of the estimate do; those of the truth are more even.
+    // The nearest of n samples of an area A lies beside the nearest point of the surface by A / (pi n) in the mean square, if the samples
+    // are independent. Those of the estimate are; those of the truth are more even.
     let aside_m2 = |radius_m: f64| 4.0 * radius_m * radius_m / POINTS as f64;
     let completeness_m = (0.003_f64.powi(2) + aside_m2(0.043)).sqrt();
     assert!((score.completeness_m - completeness_m).abs() < 2e-5, "{} for {completeness_m}", score.completeness_m);
@@ -65,23 +65,23 @@ fn concentric_spheres_are_as_far_apart_as_their_radii() {
 }
 
 #[test]
-fn a_plane_lifted_off_itself_is_as_far_as_it_was_lifted() {
+fn the_error_of_a_lifted_plane_is_its_height() {
     let truth = TrueSurface::new(&square(0.1), POINTS, 0);
     let error = truth.add_s(shift(0.0, 0.0, -0.007));
     assert!((error.one_directional_m - 0.007).abs() < 1e-8, "{error:?}");
     assert!((error.symmetric_m - 0.007).abs() < 1e-8, "{error:?}");
 }
 
-/// A square of side s moved by d < s in its plane: a share d / s of it sticks out, by d / 2 on average; the rest lies on samples
-/// that are about half a spacing away.
+/// Of a square of side s, moved by d < s in its plane, a share d / s sticks out, by d / 2 on average. The rest lies on samples that are
+/// about half a spacing away.
 #[test]
-fn a_plane_slid_along_itself_counts_only_what_sticks_out() {
+fn of_a_plane_that_slides_only_the_part_outside_counts() {
     let (side, slid) = (0.1, 0.02);
     let truth = TrueSurface::new(&square(side as f32), POINTS, 0);
     let error = truth.add_s(shift(slid, 0.0, 0.0)).one_directional_m;
     let out = slid * slid / (2.0 * side);
     assert!((out..out + 0.0006).contains(&error), "{error} for {out}");
-    // A tenth of the points says the same, but for chance.
+    // A tenth of the points yields the same, except for chance.
     let sample = TrueSurface::new(&square(side as f32), POINTS / 10, 0);
     let quick = truth.add_s_of(&sample, shift(slid, 0.0, 0.0)).one_directional_m;
     assert!((quick - error).abs() < 4e-4, "{quick} for {error}");
@@ -92,7 +92,7 @@ fn half_a_shape_is_precise_and_incomplete() {
     // Two patches of 10 mm whose edges are 40 mm apart.
     let patch = |x: f32| sample_surface(&square(0.01), 500, 3).into_iter().map(move |p| p + x * Vec3::X);
     let truth = TrueSurface::of_points(patch(0.0).chain(patch(0.05)).collect());
-    // Turned half about the first, it lies on itself, and the second is 45 mm from it on average.
+    // After half a turn about the first patch, this patch lies on itself, and the second is 45 mm from it on average.
     let error = truth.add_s(Motion::from_parts([0.0; 3], [0.0, 0.0, 0.0, 1.0]));
     assert!((error.one_directional_m - 0.0225).abs() < 1e-3, "{error:?}");
     let score = truth.score(&patch(0.0).collect::<Vec<_>>(), Motion::identity(), &[0.005]);
@@ -118,7 +118,7 @@ fn shapes_that_share_nothing_score_0_and_nothing_is_nan() {
     assert!(disjoint.f_scores.iter().all(|f| f.f() == 0.0), "{disjoint:?}");
     let nothing = truth.score(&[], Motion::identity(), &THRESHOLDS_M);
     assert!(nothing.f_scores.iter().all(|f| f.f() == 0.0) && nothing.mesh_error_m == f64::INFINITY, "{nothing:?}");
-    // A pose of nonsense is infinitely wrong; so is any against no truth.
+    // The error of an invalid pose is infinite; so is the error against an empty truth.
     assert_eq!(truth.add_s(Motion::from_parts([0.0; 3], [0.0; 4])).symmetric_m, f64::INFINITY);
     assert_eq!(TrueSurface::of_points(Vec::new()).add_s(Motion::identity()).symmetric_m, f64::INFINITY);
     assert!(sample_surface(&Mesh::default(), 10, 0).is_empty());
@@ -128,7 +128,7 @@ fn shapes_that_share_nothing_score_0_and_nothing_is_nan() {
 }
 
 #[test]
-fn what_lies_at_a_threshold_is_outside() {
+fn a_point_at_a_threshold_is_outside() {
     let truth = TrueSurface::of_points(vec![Vec3::ZERO]);
     let estimate = vec![Vec3::X * 2.0_f32.powi(-7)];
     let score = truth.score(&estimate, Motion::identity(), &[2.0_f64.powi(-7), 2.0_f64.powi(-7) + 1e-9]);
@@ -137,7 +137,7 @@ fn what_lies_at_a_threshold_is_outside() {
 
 #[test]
 fn samples_follow_the_area() {
-    // Two squares of which one has four times the area.
+    // Of the two squares, one has four times the area of the other.
     let mut mesh = square(0.1);
     let small = square(0.05);
     mesh.faces.extend(small.faces.iter().map(|face| face.map(|v| v + 4)));
@@ -175,7 +175,7 @@ fn even_samples_keep_their_distance() {
 
 proptest! {
     #[test]
-    fn the_nearest_is_the_nearest(
+    fn nearest_points_are_those_of_brute_force(
         sizes in (0_usize..80, 1_usize..80),
         seed in any::<u64>(),
         cell in prop::sample::select(vec![0.0_f32, 1e-4, 0.02]),
@@ -283,7 +283,7 @@ fn statistics_are_those_of_numpy() {
 }
 
 #[test]
-fn what_the_original_leaves_out_counts_here() {
+fn errors_that_the_original_leaves_out_count_here() {
     assert_eq!(PoseStatistics::new(&[]), None);
     let early = [(0.0, 0.001), (4.9, 0.002)];
     assert_eq!(mean_original(&early), None);

@@ -1,0 +1,186 @@
+//! Who depends on whom, by `cargo metadata`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::process::Command;
+use std::sync::OnceLock;
+
+use serde_json::Value;
+
+use crate::nothing_offends;
+use crate::sources::{read, root};
+
+/// The crates that may link libmujoco.
+const LINKS_MUJOCO: [&str; 5] = ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-physics"];
+/// The crates that may import the downloader: meshes of objects, and the build script that brings libmujoco.
+const DOWNLOADS: [&str; 2] = ["mvt-mujoco-lib", "mvt-objects"];
+/// Folders, with the folders from which their crates may import. The binary, in the root, may import from all.
+const LAYERS: [(&str, &[&str]); 6] = [
+    ("scenes", &["scenes"]),
+    ("sim", &["scenes", "sim"]),
+    ("perception", &["scenes", "perception"]),
+    ("slam", &["scenes", "slam"]),
+    ("app", &["scenes", "sim", "perception", "slam", "app"]),
+    ("results", &[]),
+];
+/// Imports that the layers forbid, with the reason for which they are allowed.
+const EXCEPTIONS: [(&str, &str, &str); 1] = [(
+    "mvt-feelsight",
+    "mvt-picture",
+    "the preview of a log is a film, and the crate for pictures knows no other crate",
+)];
+/// Packages in Cargo.lock beyond one version of each. Lower it when it falls; raise it only with a reason in the commit. Most come from
+/// the windows of other platforms, from burn (feature `cuda`), and from cmaes, which tunes gaits.
+const EXTRA_VERSIONS: usize = 66;
+
+/// A crate of the workspace or from elsewhere.
+#[derive(Debug, Default)]
+pub struct Package {
+    /// First folder of its path in the workspace; empty for the root, none for a crate from elsewhere.
+    pub layer: Option<String>,
+    /// Folder relative to the root, of a crate of the workspace.
+    pub folder: String,
+    /// Names of the dependencies that are linked.
+    normal: BTreeSet<String>,
+    /// Names of the dependencies of the build script.
+    build: BTreeSet<String>,
+    /// Names of the dependencies of tests and examples.
+    dev: BTreeSet<String>,
+}
+
+/// All packages by name. Versions of one name count as one package.
+pub fn packages() -> &'static BTreeMap<String, Package> {
+    static PACKAGES: OnceLock<BTreeMap<String, Package>> = OnceLock::new();
+    PACKAGES.get_or_init(|| {
+        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+        let arguments = ["metadata", "--format-version", "1", "--offline", "--locked"];
+        let output = Command::new(cargo).args(arguments).current_dir(root()).output().unwrap();
+        assert!(output.status.success(), "cargo metadata: {}", String::from_utf8_lossy(&output.stderr));
+        read_metadata(&serde_json::from_slice(&output.stdout).unwrap())
+    })
+}
+
+fn read_metadata(metadata: &Value) -> BTreeMap<String, Package> {
+    let text = |value: &Value| value.as_str().unwrap().to_owned();
+    let list = |value: &Value| value.as_array().unwrap().clone();
+    let members: BTreeSet<String> = list(&metadata["workspace_members"]).iter().map(text).collect();
+    let home = text(&metadata["workspace_root"]);
+    let mut packages = BTreeMap::<String, Package>::new();
+    let mut names = BTreeMap::new();
+    for package in list(&metadata["packages"]) {
+        let (id, name) = (text(&package["id"]), text(&package["name"]));
+        let entry = packages.entry(name.clone()).or_default();
+        if members.contains(&id) {
+            let manifest = text(&package["manifest_path"]);
+            let folder = Path::new(&manifest).parent().unwrap().strip_prefix(&home).unwrap();
+            let first = folder.iter().next().unwrap_or_default();
+            entry.layer = Some(first.to_str().unwrap().to_owned());
+            folder.to_str().unwrap().clone_into(&mut entry.folder);
+        }
+        names.insert(id, name);
+    }
+    for node in list(&metadata["resolve"]["nodes"]) {
+        let entry = packages.get_mut(&names[&text(&node["id"])]).unwrap();
+        for dependency in list(&node["deps"]) {
+            let name = names[&text(&dependency["pkg"])].clone();
+            for kind in list(&dependency["dep_kinds"]) {
+                match kind["kind"].as_str() {
+                    None => entry.normal.insert(name.clone()),
+                    Some("build") => entry.build.insert(name.clone()),
+                    Some(_) => entry.dev.insert(name.clone()),
+                };
+            }
+        }
+    }
+    packages
+}
+
+/// Crates of the workspace by name.
+pub fn members() -> impl Iterator<Item = (&'static String, &'static Package)> {
+    packages().iter().filter(|(_, package)| package.layer.is_some())
+}
+
+/// The shortest chain of linked dependencies from a crate to another one, both included.
+fn path(from: &str, to: &str) -> Option<Vec<String>> {
+    let mut chains = std::collections::VecDeque::from([vec![from.to_owned()]]);
+    let mut seen = BTreeSet::new();
+    while let Some(chain) = chains.pop_front() {
+        let last = chain.last()?;
+        if last == to {
+            return Some(chain);
+        }
+        for next in &packages()[last].normal {
+            if seen.insert(next.clone()) {
+                chains.push_back(chain.iter().chain([next]).cloned().collect());
+            }
+        }
+    }
+    None
+}
+
+#[test]
+fn only_the_simulator_and_its_drivers_link_libmujoco() {
+    let offenders: Vec<String> = members()
+        .filter(|(name, _)| !LINKS_MUJOCO.contains(&name.as_str()))
+        .flat_map(|(name, _)| ["mvt-mujoco-lib", "mujoco-rs"].into_iter().filter_map(|library| path(name, library)))
+        .map(|chain| chain.join(" -> "))
+        .collect();
+    nothing_offends("these crates reach libmujoco", &offenders);
+    // The walk finds what is there.
+    for name in LINKS_MUJOCO {
+        assert!(path(name, "mvt-mujoco-lib").is_some(), "{name} no longer links libmujoco: take it from LINKS_MUJOCO");
+    }
+}
+
+#[test]
+fn crates_import_only_from_layers_below() {
+    let mut offenders = Vec::new();
+    for (name, package) in members() {
+        let layer = package.layer.as_deref().unwrap();
+        if layer.is_empty() {
+            continue;
+        }
+        let Some((_, allowed)) = LAYERS.iter().find(|(folder, _)| *folder == layer) else {
+            offenders.push(format!("{name} lies in {layer}/, which is no layer"));
+            continue;
+        };
+        let kinds = [("", &package.normal), ("build-", &package.build), ("dev-", &package.dev)];
+        for (kind, other) in kinds.iter().flat_map(|(kind, names)| names.iter().map(move |name| (kind, name))) {
+            let Some(theirs) = &packages()[other].layer else { continue };
+            let is_exception = EXCEPTIONS.iter().any(|(from, to, _)| from == name && to == other);
+            if !allowed.contains(&theirs.as_str()) && !is_exception {
+                let theirs = if theirs.is_empty() { "the binary" } else { theirs };
+                offenders.push(format!("{name} ({layer}) has the {kind}dependency {other} ({theirs})"));
+            }
+        }
+    }
+    nothing_offends("scenes <- sim, perception, slam <- app <- the binary", &offenders);
+    for (from, to, reason) in EXCEPTIONS {
+        assert!(packages()[from].normal.contains(to), "{from} no longer imports {to} ({reason}): drop the exception");
+    }
+}
+
+#[test]
+fn the_downloader_is_imported_by_few() {
+    let direct = members()
+        .filter(|(name, _)| !DOWNLOADS.contains(&name.as_str()))
+        .filter(|(_, package)| package.normal.contains("mvt-pinned") || package.build.contains("mvt-pinned"))
+        .map(|(name, _)| format!("{name} imports mvt-pinned"));
+    let reached = members()
+        .filter(|(_, package)| package.layer.as_deref().is_some_and(|layer| ["perception", "slam"].contains(&layer)))
+        .filter_map(|(name, _)| path(name, "mvt-pinned"))
+        .map(|chain| chain.join(" -> "));
+    nothing_offends("only objects and mujoco-lib import the downloader", &direct.chain(reached).collect::<Vec<_>>());
+}
+
+#[test]
+fn duplicated_versions_do_not_grow() {
+    let lock: toml::Table = read(Path::new("Cargo.lock")).parse().unwrap();
+    let mut versions = BTreeMap::<&str, Vec<&str>>::new();
+    for package in lock["package"].as_array().unwrap() {
+        versions.entry(package["name"].as_str().unwrap()).or_default().push(package["version"].as_str().unwrap());
+    }
+    versions.retain(|_, versions| versions.len() > 1);
+    let extra: usize = versions.values().map(|versions| versions.len() - 1).sum();
+    assert!(extra <= EXTRA_VERSIONS, "{extra} versions beyond one of each package, not {EXTRA_VERSIONS}: {versions:?}");
+}

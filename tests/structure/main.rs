@@ -1,0 +1,15 @@
+//! The rules of the house: who imports whom, names, circles, sizes, panics. Each test names every offender at once.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
+
+mod dependencies;
+mod modules;
+mod names;
+mod sizes;
+mod sources;
+
+/// Fails with all offenders, if there are any.
+#[track_caller]
+fn nothing_offends(rule: &str, offenders: &[String]) {
+    assert!(offenders.is_empty(), "{rule}; {} offender(s):\n  {}", offenders.len(), offenders.join("\n  "));
+}
