@@ -27,7 +27,7 @@ use curve::{Curve, Row};
 use resize::resized;
 
 use mvt_presses::objects;
-use mvt_presses::objects::Surface;
+use mvt_presses::objects::PressedSurface;
 use mvt_presses::{DataConfig, Example, Rack, example};
 use mvt_run::{progress, settings};
 
@@ -188,7 +188,7 @@ fn data_hash(data: &DataConfig) -> Result<String> {
 
 /// The images of a step.
 fn draw_batch(
-    surfaces: &[Surface],
+    surfaces: &[PressedSurface],
     rack: &mut Rack,
     data: &DataConfig,
     training: &TrainingConfig,

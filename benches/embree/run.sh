@@ -24,8 +24,8 @@ if ! [ -e /usr/include/embree3/rtcore.h ]; then
     }
 fi
 "${CXX:-c++}" -O3 -march=native -std=c++17 benches/embree/embree.cpp -lembree3 -o "$work/embree"
-cargo build --release --quiet -p sim --example ray-bench
-ours="${CARGO_TARGET_DIR:-target}/release/examples/ray-bench"
+cargo build --release --quiet -p mvt-render --example ray_bench
+ours="${CARGO_TARGET_DIR:-target}/release/examples/ray_bench"
 
 cache="${XDG_CACHE_HOME:-$HOME/.cache}/mambavitact"
 banana=$(find "${YCB_DIR:-/nonexistent}" "$cache" -name 011_banana.stl 2>/dev/null | head -n 1)

@@ -41,8 +41,8 @@ if [ ! -e "$cache/ready" ]; then
     touch "$cache/ready"
 fi
 
-cargo build --release --quiet -p sim --example touch-bench
+cargo build --release --quiet -p mvt-render --example touch_bench
 target=$(cargo metadata --format-version 1 --no-deps | "$python" -c 'import json, sys; print(json.load(sys.stdin)["target_directory"])')
 # One thread each: llvmpipe takes its number of rasteriser threads from LP_NUM_THREADS, where 0 means the calling one.
 PYOPENGL_PLATFORM=osmesa LP_NUM_THREADS=0 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-    "$cache/venv/bin/python" benches/tacto/compare.py "$target/release/examples/touch-bench" "${@}"
+    "$cache/venv/bin/python" benches/tacto/compare.py "$target/release/examples/touch_bench" "${@}"

@@ -10,7 +10,7 @@ use mvt_gaits::directive::Directive;
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
-use mvt_render::observer::{Observer, ObserverOptions, Scratch};
+use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use mvt_robot::observation::GroundTruth;
@@ -45,7 +45,7 @@ pub struct LiveSource {
     observer: Observer,
     /// What makes touch depth; without it the true one is taken.
     network: Option<TouchNetwork>,
-    scratch: Scratch,
+    scratch: ObserverScratch,
     frame: u32,
     /// What only the simulator knows of the newest frame, but for touch.
     truth: Option<GroundTruth>,
@@ -89,7 +89,7 @@ impl LiveSource {
                 network.set_empty(finger, image)?;
             }
         }
-        Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0, truth: None })
+        Ok(Self { settings, episode, observer, network, scratch: ObserverScratch::default(), frame: 0, truth: None })
     }
 
     /// Share of the object that the hand hides from the first camera in the newest frame: known to the simulator alone, and for reports.

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, Scene, SceneObject, inspect};
+use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SceneFile, SceneObject, inspect};
 use mvt_frames::Isometry;
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use mvt_robot::digit;
@@ -62,8 +62,8 @@ fn cpu_s() -> f64 {
     computed.map_or_else(|| START.elapsed().as_secs_f64(), |ns| 1e-9 * ns)
 }
 
-fn scene() -> Scene {
-    Scene {
+fn scene() -> SceneFile {
+    SceneFile {
         format_version: FORMAT_VERSION,
         program_version: env!("CARGO_PKG_VERSION").into(),
         object: SceneObject {

@@ -6,7 +6,7 @@ use super::{npz, pickle};
 
 /// Why a log could not be written or read. Every message names the file.
 #[derive(Debug, thiserror::Error)]
-pub enum Error {
+pub enum LogError {
     /// The operating system refused: disk full, read-only, missing.
     #[error("{}: {reason}", path.display())]
     Io {
@@ -27,7 +27,7 @@ pub enum Error {
         /// data.pkl
         path: PathBuf,
         /// The defect.
-        reason: pickle::Error,
+        reason: pickle::PickleError,
     },
     /// depth.npz is broken.
     #[error("{}: {reason}", path.display())]
@@ -35,7 +35,7 @@ pub enum Error {
         /// depth.npz
         path: PathBuf,
         /// The defect.
-        reason: npz::Error,
+        reason: npz::NpzError,
     },
     /// An image is broken.
     #[error("{}: {reason}", path.display())]
@@ -71,7 +71,7 @@ pub enum Error {
     },
 }
 
-impl Error {
+impl LogError {
     pub(super) fn defect(path: impl Into<PathBuf>, defect: impl Into<String>) -> Self {
         Self::Defect { path: path.into(), defect: defect.into() }
     }

@@ -10,7 +10,7 @@ use ndarray::Array2;
 use super::npz::DeflatedFrame;
 use super::picture::{encode_color, encode_exact};
 use super::record::Matrix;
-use super::{DigitInfo, Error, LogMeta, preview};
+use super::{DigitInfo, LogError, LogMeta, preview};
 
 /// A frame as it goes into a log. The bytes depend on the frame alone.
 #[derive(Debug, Clone)]
@@ -49,10 +49,10 @@ impl EncodedFrame {
     /// 0 means no contact to them, so a pixel in contact has at least level 1.
     ///
     /// # Errors
-    /// [`Error::Frame`] if images, cameras or sizes are not those of the log.
-    pub fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Result<Self, Error> {
+    /// [`LogError::Frame`] if images, cameras or sizes are not those of the log.
+    pub fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Result<Self, LogError> {
         let time_s = observation.time_s;
-        encode(observation, truth, meta).map_err(|defect| Error::Frame { time_s, defect })
+        encode(observation, truth, meta).map_err(|defect| LogError::Frame { time_s, defect })
     }
 }
 

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::frame::finger_poses;
 use super::reader::npz_error;
-use super::{Error, Log, npz};
+use super::{Log, LogError, npz};
 
 /// How far a recorded DIGIT pose may be from forward kinematics: metres, and elements of the rotation.
 const KINEMATICS_TOLERANCE: f64 = 1e-6;
@@ -21,7 +21,7 @@ const CONTACT_STRIDE: usize = 17;
 
 /// What a log holds, found by reading all of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Summary {
+pub struct LogSummary {
     /// Name of the object.
     pub object: String,
     /// Number of frames.
@@ -86,7 +86,7 @@ struct FrameFacts {
 ///
 /// # Errors
 /// The first defect found, with its file.
-pub fn inspect(folder: &Path) -> Result<Summary, Error> {
+pub fn inspect(folder: &Path) -> Result<LogSummary, LogError> {
     inspect_surface(folder, None)
 }
 
@@ -95,13 +95,16 @@ pub fn inspect(folder: &Path) -> Result<Summary, Error> {
 ///
 /// # Errors
 /// As [`inspect`]; distances are reported, not judged.
-pub fn inspect_against(folder: &Path, distance_m: &(dyn Fn(Point<Object>) -> f64 + Sync)) -> Result<Summary, Error> {
+pub fn inspect_against(
+    folder: &Path,
+    distance_m: &(dyn Fn(Point<Object>) -> f64 + Sync),
+) -> Result<LogSummary, LogError> {
     inspect_surface(folder, Some(distance_m))
 }
 
 type Surface<'a> = &'a (dyn Fn(Point<Object>) -> f64 + Sync);
 
-fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<Summary, Error> {
+fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSummary, LogError> {
     let log = Log::open(folder)?;
     let kinematics_deviation = kinematics(&log)?;
     let facts = (0..log.len()).into_par_iter().map(|i| frame_facts(&log, i, surface)).collect::<Result<Vec<_>, _>>()?;
@@ -129,7 +132,7 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<Summar
         _ => None,
     };
     let duration_s = log.times_s().last().copied().unwrap_or_default();
-    Ok(Summary {
+    Ok(LogSummary {
         object: log.object_name().to_owned(),
         frames: log.len(),
         duration_s,
@@ -146,7 +149,7 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<Summar
 }
 
 /// The largest deviation of recorded DIGIT poses from forward kinematics.
-fn kinematics(log: &Log) -> Result<Option<f64>, Error> {
+fn kinematics(log: &Log) -> Result<Option<f64>, LogError> {
     let Some(recorded) = log.finger_poses() else { return Ok(None) };
     let mut largest = 0.0f64;
     for (i, (recorded, joints)) in recorded.iter().zip(log.joints()).enumerate() {
@@ -167,14 +170,14 @@ fn kinematics(log: &Log) -> Result<Option<f64>, Error> {
                     "allegro.finger_poses of frame {i}, {}: {deviation:.2e} from forward kinematics",
                     finger.name()
                 );
-                return Err(Error::defect(log.folder().join("data.pkl"), defect));
+                return Err(LogError::defect(log.folder().join("data.pkl"), defect));
             }
         }
     }
     Ok(Some(largest))
 }
 
-fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<FrameFacts, Error> {
+fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<FrameFacts, LogError> {
     let images = log.images(i)?;
     let mut distances = Vec::new();
     if let (Some(truth), Some(distance_m), Some(object_pose)) = (&images.touch_truth, surface, log.object_poses()[i]) {
@@ -198,14 +201,14 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
 }
 
 /// Reads all depths of a camera up to the checksum.
-fn depth_fraction(log: &Log, camera: usize) -> Result<f64, Error> {
+fn depth_fraction(log: &Log, camera: usize) -> Result<f64, LogError> {
     let path = log.folder().join("realsense").join(&log.cameras()[camera].name).join("depth.npz");
     let read = || {
-        let mut reader = npz::Reader::open(&path)?;
+        let mut reader = npz::NpzReader::open(&path)?;
         let (mut valid, mut pixels) = (0usize, 0usize);
         while let Some(values) = reader.read()? {
             if log.scene().is_some() && !values.iter().all(|&z| z <= 0.0 && z.is_finite()) {
-                return Err(npz::Error::Defect("a depth is positive or not finite".into()));
+                return Err(npz::NpzError::Defect("a depth is positive or not finite".into()));
             }
             valid += values.iter().filter(|&&z| z != 0.0 && z.is_finite()).count();
             pixels += values.len();
@@ -223,7 +226,7 @@ fn contact_distance(mut distances: Vec<f64>) -> Option<ContactDistance> {
     Some(ContactDistance { points, mean_m: distances.iter().sum::<f64>() / points as f64, p95_m })
 }
 
-impl fmt::Display for Summary {
+impl fmt::Display for LogSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "object    {}", self.object)?;
         writeln!(f, "frames    {} in {:.2} s, {:.2} per second", self.frames, self.duration_s, self.rate_hz)?;

@@ -13,7 +13,7 @@
 //!   realsense/<camera>/depth.npz               depth [N, H, W]: negative camera z, metres, 0 = nothing; depth_scale
 //! ```
 //!
-//! Frames are numbered from 0 without padding. Masks, segmentations and touch depths are PNG images in spite of their names.
+//! LogFrames are numbered from 0 without padding. Masks, segmentations and touch depths are PNG images in spite of their names.
 
 pub mod array;
 mod error;
@@ -30,12 +30,12 @@ mod scene;
 mod sheet;
 mod writer;
 
-pub use error::Error;
+pub use error::LogError;
 pub use frame::EncodedFrame;
-pub use inspect::{CameraSummary, ContactDistance, Summary, inspect, inspect_against};
-pub use partial::{PartialFrame, PartialFrames, Sensor, TouchPart};
-pub use reader::{Frame, Frames, Log};
+pub use inspect::{CameraSummary, ContactDistance, LogSummary, inspect, inspect_against};
+pub use partial::{LogSensor, PartialFrame, PartialFrames, TouchPart};
+pub use reader::{Log, LogFrame, LogFrames};
 pub use record::DigitInfo;
-pub use scene::{EpisodeEnd, FORMAT_VERSION, SCENE_FILE, Scene, SceneObject};
+pub use scene::{EpisodeEnd, FORMAT_VERSION, SCENE_FILE, SceneFile, SceneObject};
 pub use sheet::{ContactSheet, Moment, Timeline, contact_sheet};
 pub use writer::{LogMeta, LogWriter};

@@ -29,7 +29,7 @@ const LAST_BLOCK: [u8; 2] = [3, 0];
 
 /// Why a depth.npz was refused.
 #[derive(Debug, thiserror::Error)]
-pub enum Error {
+pub enum NpzError {
     /// Reading failed, or the compressed data are damaged.
     #[error("{0}")]
     Io(#[from] io::Error),
@@ -76,7 +76,7 @@ impl DeflatedFrame {
 }
 
 /// Writes depth.npz.
-pub struct Writer {
+pub struct NpzWriter {
     file: BufWriter<File>,
     height: usize,
     width: usize,
@@ -85,7 +85,7 @@ pub struct Writer {
     compressed: u64,
 }
 
-impl Writer {
+impl NpzWriter {
     /// Creates the file for images of this size.
     ///
     /// # Errors
@@ -252,8 +252,8 @@ struct NpyHeader {
 
 impl NpyHeader {
     /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Also gives the header's length.
-    fn read(mut from: impl Read) -> Result<(Self, u64), Error> {
-        let defect = || Error::Defect("an array in it is not in NumPy's format".into());
+    fn read(mut from: impl Read) -> Result<(Self, u64), NpzError> {
+        let defect = || NpzError::Defect("an array in it is not in NumPy's format".into());
         let mut start = [0; 8];
         from.read_exact(&mut start)?;
         let width = match start {
@@ -271,8 +271,9 @@ impl NpyHeader {
         let mut text = vec![0; length as usize];
         from.read_exact(&mut text)?;
         let text = String::from_utf8(text).map_err(|_| defect())?;
-        let header = Self::parse(&text)
-            .ok_or_else(|| Error::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug())))?;
+        let header = Self::parse(&text).ok_or_else(|| {
+            NpzError::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug()))
+        })?;
         Ok((header, 8 + width as u64 + u64::from(length)))
     }
 
@@ -305,29 +306,29 @@ struct Member {
     checksum: u32,
 }
 
-fn member(path: &Path, name: &str) -> Result<Member, Error> {
+fn member(path: &Path, name: &str) -> Result<Member, NpzError> {
     let mut archive = zip::ZipArchive::new(BufReader::new(File::open(path)?))?;
     let index = archive
         .index_for_name(name)
-        .ok_or_else(|| Error::Defect(format!("it holds no array {:?}", name.trim_end_matches(".npy"))))?;
+        .ok_or_else(|| NpzError::Defect(format!("it holds no array {:?}", name.trim_end_matches(".npy"))))?;
     let entry = archive.by_index_raw(index)?;
     let (compressed, size, checksum) = (entry.compressed_size(), entry.size(), entry.crc32());
     let method = entry.compression();
     let start = entry.data_start();
     drop(entry);
     let mut file = archive.into_inner();
-    file.seek(SeekFrom::Start(start.ok_or_else(|| Error::Defect("a member without data".into()))?))?;
+    file.seek(SeekFrom::Start(start.ok_or_else(|| NpzError::Defect("a member without data".into()))?))?;
     let raw = file.take(compressed);
     let data: Box<dyn Read + Send> = match method {
         zip::CompressionMethod::Stored => Box::new(raw),
         zip::CompressionMethod::DEFLATE => Box::new(DeflateDecoder::new(raw)),
-        other => return Err(Error::Defect(format!("it is compressed by {other}, which NumPy does not use"))),
+        other => return Err(NpzError::Defect(format!("it is compressed by {other}, which NumPy does not use"))),
     };
     Ok(Member { data, size, checksum })
 }
 
 /// Reads the images of depth.npz in order.
-pub struct Reader {
+pub struct NpzReader {
     data: Box<dyn Read + Send>,
     header: NpyHeader,
     scale: f64,
@@ -338,32 +339,32 @@ pub struct Reader {
     expected_checksum: u32,
 }
 
-impl Reader {
+impl NpzReader {
     /// Largest width and height that are believed.
     pub const MAX_SIDE: usize = 4096;
 
     /// Opens the file and reads everything but the images.
     ///
     /// # Errors
-    /// [`Error`] if it holds no array `depth` of three axes with the bytes that belong to its shape.
-    pub fn open(path: &Path) -> Result<Self, Error> {
+    /// [`NpzError`] if it holds no array `depth` of three axes with the bytes that belong to its shape.
+    pub fn open(path: &Path) -> Result<Self, NpzError> {
         let scale = depth_scale(path)?;
         let Member { mut data, size, checksum: expected_checksum } = member(path, DEPTH)?;
         let mut start = Vec::new();
         let (header, length) = NpyHeader::read(Tee { from: &mut data, seen: &mut start })?;
         let &[frames, height, width] = header.shape.as_slice() else {
-            return Err(Error::Defect(format!("depth has the shape {:?} and not three axes", header.shape)));
+            return Err(NpzError::Defect(format!("depth has the shape {:?} and not three axes", header.shape)));
         };
         if header.fortran_order {
-            return Err(Error::Defect("depth is in Fortran order; save it with numpy.ascontiguousarray".into()));
+            return Err(NpzError::Defect("depth is in Fortran order; save it with numpy.ascontiguousarray".into()));
         }
         if height.max(width) > Self::MAX_SIDE {
-            return Err(Error::Defect(format!("depth images of {width} x {height} pixels are too large")));
+            return Err(NpzError::Defect(format!("depth images of {width} x {height} pixels are too large")));
         }
         let bytes = height * width * header.kind.size();
         let expected = (bytes as u64).checked_mul(frames as u64).and_then(|images| images.checked_add(length));
         if expected != Some(size) {
-            return Err(Error::Defect(format!("depth is {size} bytes long, which does not fit {:?}", header.shape)));
+            return Err(NpzError::Defect(format!("depth is {size} bytes long, which does not fit {:?}", header.shape)));
         }
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(&start);
@@ -384,8 +385,8 @@ impl Reader {
     /// last image comes only if the checksum of all of them is right.
     ///
     /// # Errors
-    /// [`Error`] if the data are damaged or end early.
-    pub fn read(&mut self) -> Result<Option<Vec<f32>>, Error> {
+    /// [`NpzError`] if the data are damaged or end early.
+    pub fn read(&mut self) -> Result<Option<Vec<f32>>, NpzError> {
         if !self.advance()? {
             return Ok(None);
         }
@@ -406,12 +407,12 @@ impl Reader {
     /// Passes over the next image.
     ///
     /// # Errors
-    /// As [`Reader::read`].
-    pub fn skip(&mut self) -> Result<(), Error> {
+    /// As [`NpzReader::read`].
+    pub fn skip(&mut self) -> Result<(), NpzError> {
         self.advance().map(|_| ())
     }
 
-    fn advance(&mut self) -> Result<bool, Error> {
+    fn advance(&mut self) -> Result<bool, NpzError> {
         let frames = self.header.shape[0];
         if self.next == frames {
             return Ok(false);
@@ -422,7 +423,7 @@ impl Reader {
         if self.next == frames {
             let surplus = io::copy(&mut self.data.by_ref().take(1), &mut io::sink())?;
             if surplus != 0 || self.checksum.clone().finalize() != self.expected_checksum {
-                return Err(Error::Defect("the checksum of depth is wrong".into()));
+                return Err(NpzError::Defect("the checksum of depth is wrong".into()));
             }
         }
         Ok(true)
@@ -430,21 +431,21 @@ impl Reader {
 }
 
 /// The number `depth_scale`; 1 where there is none.
-fn depth_scale(path: &Path) -> Result<f64, Error> {
+fn depth_scale(path: &Path) -> Result<f64, NpzError> {
     let mut data = match member(path, SCALE) {
         Ok(Member { data, .. }) => data,
-        Err(Error::Defect(_)) => return Ok(1.0),
+        Err(NpzError::Defect(_)) => return Ok(1.0),
         Err(other) => return Err(other),
     };
     let (header, _) = NpyHeader::read(&mut data)?;
     let size = header.kind.size();
-    let defect = || Error::Defect("depth_scale is not one finite number".into());
+    let defect = || NpzError::Defect("depth_scale is not one finite number".into());
     if header.shape.iter().product::<usize>() != 1 {
         return Err(defect());
     }
     let mut raw = vec![0; size];
     data.read_exact(&mut raw)?;
-    let array = Array::from_raw(header.kind, header.big_endian, false, vec![], &raw).map_err(Error::Defect)?;
+    let array = Array::from_raw(header.kind, header.big_endian, false, vec![], &raw).map_err(NpzError::Defect)?;
     array.to_f64().next().filter(|scale| scale.is_finite() && *scale != 0.0).ok_or_else(defect)
 }
 
@@ -473,11 +474,11 @@ mod tests {
             |seed: u32| (0..480 * 640u32).map(move |i| ((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / -3e7);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.npz");
-        let mut writer = Writer::create(&path, 480, 640).unwrap();
+        let mut writer = NpzWriter::create(&path, 480, 640).unwrap();
         (0..4).for_each(|seed| writer.push(&DeflatedFrame::new(image(seed)).unwrap()).unwrap());
         assert!(writer.push(&DeflatedFrame::new([0.0].into_iter()).unwrap()).is_err());
         writer.finish(1.0).unwrap();
-        let mut reader = Reader::open(&path).unwrap();
+        let mut reader = NpzReader::open(&path).unwrap();
         assert_eq!((reader.shape(), reader.scale()), ([4, 480, 640], 1.0));
         for seed in 0..4 {
             assert!(reader.read().unwrap().unwrap().into_iter().eq(image(seed)), "{seed}");

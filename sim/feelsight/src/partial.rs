@@ -8,11 +8,11 @@ use mvt_robot::hand::{Finger, JointAngles, PerFinger};
 use mvt_robot::observation::TouchTruth;
 use ndarray::Array2;
 
-use super::{Error, Log, npz};
+use super::{Log, LogError, npz};
 
 /// A sensor of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Sensor {
+pub enum LogSensor {
     /// Camera by its index in the log.
     Camera(usize),
     /// The DIGIT of a finger.
@@ -46,7 +46,7 @@ pub struct PartialFrame {
     /// What each DIGIT shows, if that was asked for.
     pub touch_images: PerFinger<Option<RgbImage>>,
     /// Why something is missing. A camera whose file is damaged says so once and is silent from there on.
-    pub defects: Vec<(Sensor, Error)>,
+    pub defects: Vec<(LogSensor, LogError)>,
 }
 
 /// Iterator over what can be read of a log's frames.
@@ -54,10 +54,10 @@ pub struct PartialFrames {
     log: Log,
     next: usize,
     /// Index of each camera and its depths; none once they are damaged.
-    cameras: Vec<(usize, Option<(PathBuf, npz::Reader)>)>,
+    cameras: Vec<(usize, Option<(PathBuf, npz::NpzReader)>)>,
     touch: TouchPart,
     /// Found on opening; told with the first frame.
-    defects: Vec<(Sensor, Error)>,
+    defects: Vec<(LogSensor, LogError)>,
 }
 
 impl Log {
@@ -67,7 +67,7 @@ impl Log {
         let mut open = |&camera: &usize| match self.depths(camera) {
             Ok(depths) => (camera, Some(depths)),
             Err(error) => {
-                defects.push((Sensor::Camera(camera), error));
+                defects.push((LogSensor::Camera(camera), error));
                 (camera, None)
             }
         };
@@ -93,7 +93,7 @@ impl PartialFrames {
     }
 
     /// What was found on opening, before the first frame was read.
-    pub fn defects(&self) -> &[(Sensor, Error)] {
+    pub fn defects(&self) -> &[(LogSensor, LogError)] {
         &self.defects
     }
 }
@@ -110,7 +110,7 @@ impl Iterator for PartialFrames {
         let cameras = cameras.iter_mut().map(|(camera, depths)| match log.next_depth(*camera, depths.as_mut()?) {
             Ok(depth_m) => Some(depth_m),
             Err(error) => {
-                defects.push((Sensor::Camera(*camera), error));
+                defects.push((LogSensor::Camera(*camera), error));
                 *depths = None;
                 None
             }
@@ -123,7 +123,7 @@ impl Iterator for PartialFrames {
                 TouchPart::Truth => log.touch_truth(finger, i).map(|truth| touch_truth[finger] = Some(truth)),
                 TouchPart::Images => log.touch_image(finger, i).map(|image| touch_images[finger] = Some(image)),
             };
-            defects.extend(read.err().map(|error| (Sensor::Touch(finger), error)));
+            defects.extend(read.err().map(|error| (LogSensor::Touch(finger), error)));
         }
         let object_pose = log.object_poses().get(i).copied().flatten();
         Some(PartialFrame { time_s, joints, object_pose, cameras, touch_truth, touch_images, defects })

@@ -14,7 +14,7 @@ use super::array::Array;
 
 /// A Python value.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Value {
+pub enum PickleValue {
     /// `None`
     None,
     /// `bool`
@@ -28,41 +28,41 @@ pub enum Value {
     /// `bytes` or `bytearray`
     Bytes(Vec<u8>),
     /// `list`
-    List(Vec<Value>),
+    List(Vec<PickleValue>),
     /// `tuple`
-    Tuple(Vec<Value>),
+    Tuple(Vec<PickleValue>),
     /// `dict`, in order. A key that was set twice is there twice; the last one counts.
-    Dict(Vec<(Value, Value)>),
+    Dict(Vec<(PickleValue, PickleValue)>),
     /// `numpy.ndarray` of numbers
     Array(Array),
 }
 
-impl Value {
+impl PickleValue {
     /// A dictionary with string keys.
-    pub fn dict<const N: usize>(items: [(&str, Value); N]) -> Self {
+    pub fn dict<const N: usize>(items: [(&str, PickleValue); N]) -> Self {
         Self::Dict(items.into_iter().map(|(key, value)| (key.into(), value)).collect())
     }
 
     /// The value under a string key of a dictionary.
-    pub fn get(&self, key: &str) -> Option<&Value> {
-        let Value::Dict(items) = self else { return None };
-        items.iter().rev().find(|(k, _)| matches!(k, Value::Str(s) if s == key)).map(|(_, value)| value)
+    pub fn get(&self, key: &str) -> Option<&PickleValue> {
+        let PickleValue::Dict(items) = self else { return None };
+        items.iter().rev().find(|(k, _)| matches!(k, PickleValue::Str(s) if s == key)).map(|(_, value)| value)
     }
 
     /// The string, if it is one.
     pub fn as_str(&self) -> Option<&str> {
-        if let Value::Str(s) = self { Some(s) } else { None }
+        if let PickleValue::Str(s) = self { Some(s) } else { None }
     }
 
     /// Numbers, however nested: a number, an array, or lists and tuples of equally shaped ones. Gives the shape and the
     /// elements in C order.
     pub fn to_tensor(&self) -> Option<(Vec<usize>, Vec<f64>)> {
         match self {
-            Value::Bool(b) => Some((vec![], vec![f64::from(u8::from(*b))])),
-            Value::Int(i) => Some((vec![], vec![*i as f64])),
-            Value::Float(x) => Some((vec![], vec![*x])),
-            Value::Array(array) => Some((array.shape().to_vec(), array.to_f64().collect())),
-            Value::List(items) | Value::Tuple(items) => {
+            PickleValue::Bool(b) => Some((vec![], vec![f64::from(u8::from(*b))])),
+            PickleValue::Int(i) => Some((vec![], vec![*i as f64])),
+            PickleValue::Float(x) => Some((vec![], vec![*x])),
+            PickleValue::Array(array) => Some((array.shape().to_vec(), array.to_f64().collect())),
+            PickleValue::List(items) | PickleValue::Tuple(items) => {
                 let mut inner: Option<Vec<usize>> = None;
                 let mut elements = Vec::new();
                 for item in items {
@@ -87,19 +87,19 @@ impl Value {
     }
 }
 
-impl From<&str> for Value {
+impl From<&str> for PickleValue {
     fn from(s: &str) -> Self {
         Self::Str(s.to_owned())
     }
 }
 
-impl From<f64> for Value {
+impl From<f64> for PickleValue {
     fn from(x: f64) -> Self {
         Self::Float(x)
     }
 }
 
-impl From<Array> for Value {
+impl From<Array> for PickleValue {
     fn from(array: Array) -> Self {
         Self::Array(array)
     }
@@ -107,7 +107,7 @@ impl From<Array> for Value {
 
 /// Why a pickle was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Error {
+pub enum PickleError {
     /// The data end before the pickle does.
     #[error("the pickle is cut off at byte {0}")]
     Truncated(usize),

@@ -7,7 +7,7 @@ use std::path::Path;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, GrayImage, ImageDecoder, ImageEncoder, ImageReader, RgbImage};
 
-use super::Error;
+use super::LogError;
 use super::reader::read_at_most;
 
 /// Quality at which JPEG's error is about one grey on a DIGIT image.
@@ -38,26 +38,26 @@ pub(super) fn encode_exact(image: &GrayImage) -> Result<Vec<u8>, String> {
 /// An image that is larger than any camera's is not read.
 const MAX_FILE: u64 = 64 << 20;
 
-fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, Error> {
+fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, LogError> {
     let bytes = read_at_most(path, MAX_FILE)?;
-    let image_error = |reason| Error::Image { path: path.to_path_buf(), reason };
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(path))?;
+    let image_error = |reason| LogError::Image { path: path.to_path_buf(), reason };
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(LogError::io(path))?;
     let decoder = reader.into_decoder().map_err(image_error)?;
     // Before anything of that size is allocated.
     let (width, height) = decoder.dimensions();
     if (width as usize, height as usize) != size {
         let defect = format!("the image is {width} x {height} and not {} x {}", size.0, size.1);
-        return Err(Error::defect(path, defect));
+        return Err(LogError::defect(path, defect));
     }
     DynamicImage::from_decoder(decoder).map_err(image_error)
 }
 
 /// Reads a colour image, whatever its format, of this width and height.
-pub(super) fn read_color(path: &Path, size: (usize, usize)) -> Result<RgbImage, Error> {
+pub(super) fn read_color(path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
     decode(path, size).map(DynamicImage::into_rgb8)
 }
 
 /// Reads a grey image, whatever its format, of this width and height.
-pub(super) fn read_gray(path: &Path, size: (usize, usize)) -> Result<GrayImage, Error> {
+pub(super) fn read_gray(path: &Path, size: (usize, usize)) -> Result<GrayImage, LogError> {
     decode(path, size).map(DynamicImage::into_luma8)
 }

@@ -15,8 +15,8 @@ use ndarray::Array2;
 
 use super::picture::{read_color, read_gray};
 use super::record::{Matrix, Record};
-use super::scene::{FORMAT_VERSION, SCENE_FILE, Scene};
-use super::{DigitInfo, Error, npz, pickle};
+use super::scene::{FORMAT_VERSION, SCENE_FILE, SceneFile};
+use super::{DigitInfo, LogError, npz, pickle};
 
 /// Ten times the largest data.pkl that thirty minutes of frames would make.
 const MAX_PICKLE: u64 = 256 << 20;
@@ -29,7 +29,7 @@ const MAX_SCENE: u64 = 1 << 20;
 #[derive(Debug)]
 pub struct Log {
     folder: PathBuf,
-    scene: Option<Scene>,
+    scene: Option<SceneFile>,
     object_name: String,
     times_s: Vec<f64>,
     joints: Vec<JointAngles>,
@@ -51,7 +51,7 @@ pub struct Log {
 
 /// One instant of a log.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
+pub struct LogFrame {
     /// What was recorded.
     pub observation: Observation,
     /// What is true, if the log has a pose of the object and every label: in general simulated ones only.
@@ -70,8 +70,8 @@ impl Log {
     /// Opens a log and checks everything but the images: data.pkl, scene.json, the number of files, the shape of depths.
     ///
     /// # Errors
-    /// [`Error`] that names the file and its defect.
-    pub fn open(folder: &Path) -> Result<Self, Error> {
+    /// [`LogError`] that names the file and its defect.
+    pub fn open(folder: &Path) -> Result<Self, LogError> {
         Self::open_as(folder, false)
     }
 
@@ -79,25 +79,25 @@ impl Log {
     /// sensors, or with the order of time, is in the [`notes`](Log::notes).
     ///
     /// # Errors
-    /// [`Error`] if data.pkl or scene.json cannot be used, or there is no frame at all.
-    pub fn open_tolerant(folder: &Path) -> Result<Self, Error> {
+    /// [`LogError`] if data.pkl or scene.json cannot be used, or there is no frame at all.
+    pub fn open_tolerant(folder: &Path) -> Result<Self, LogError> {
         Self::open_as(folder, true)
     }
 
-    fn open_as(folder: &Path, tolerant: bool) -> Result<Self, Error> {
+    fn open_as(folder: &Path, tolerant: bool) -> Result<Self, LogError> {
         let path = folder.join("data.pkl");
         let bytes = read_at_most(&path, MAX_PICKLE)?;
-        let value = pickle::from_bytes(&bytes).map_err(|reason| Error::Pickle { path: path.clone(), reason })?;
-        let record = Record::from_value(&value).map_err(|defect| Error::defect(&path, defect))?;
+        let value = pickle::from_bytes(&bytes).map_err(|reason| LogError::Pickle { path: path.clone(), reason })?;
+        let record = Record::from_value(&value).map_err(|defect| LogError::defect(&path, defect))?;
         let scene = read_scene(&folder.join(SCENE_FILE))?;
-        let defect = |defect: String| Error::defect(&path, defect);
+        let defect = |defect: String| LogError::defect(&path, defect);
 
         let base = Isometry::<HandBase, World>::from_matrix(&record.base_pose);
         let base = base.map_err(|e| defect(format!("allegro.base_pose is {e}")))?;
         let world = world_from_base() * base.inverse();
         let object_from_file = match &scene {
             Some(scene) => Isometry::<MeshFile, Object>::from_matrix(&scene.object.object_from_file)
-                .map_err(|e| Error::defect(folder.join(SCENE_FILE), format!("object_from_file is {e}")))?,
+                .map_err(|e| LogError::defect(folder.join(SCENE_FILE), format!("object_from_file is {e}")))?,
             None => Isometry::identity(),
         };
         let object_pose = |(i, matrix): (usize, &Matrix)| {
@@ -108,7 +108,7 @@ impl Log {
             let pose = pose.map_err(|e| defect(format!("object.pose of frame {i} is {e}")))?;
             Ok(Some(world * pose * object_from_file.inverse()))
         };
-        let object_poses = record.object_poses.iter().enumerate().map(object_pose).collect::<Result<_, Error>>()?;
+        let object_poses = record.object_poses.iter().enumerate().map(object_pose).collect::<Result<_, LogError>>()?;
         let mut cameras = Vec::new();
         for camera in &record.cameras {
             let pose = Isometry::<Camera, World>::from_matrix(&camera.pose);
@@ -141,7 +141,7 @@ impl Log {
     }
 
     /// Settles the number of frames, and which labels there are.
-    fn count(&mut self) -> Result<(), Error> {
+    fn count(&mut self) -> Result<(), LogError> {
         let pkl = self.folder.join("data.pkl");
         let mut counts = vec![
             (pkl.clone(), "times", self.times_s.len()),
@@ -178,14 +178,14 @@ impl Log {
             }
         }
         if frames == 0 {
-            return Err(Error::defect(&self.folder, "the log has no frames"));
+            return Err(LogError::defect(&self.folder, "the log has no frames"));
         }
         self.times_s.truncate(frames);
         self.joints.truncate(frames);
         self.object_poses.truncate(frames);
         let ours = self.scene.is_some();
         if self.times_s.windows(2).any(|t| t[1] < t[0] || (ours && t[1] == t[0])) {
-            let defect = Error::defect(pkl, "time does not increase");
+            let defect = LogError::defect(pkl, "time does not increase");
             if !self.tolerant {
                 return Err(defect);
             }
@@ -199,7 +199,7 @@ impl Log {
     }
 
     /// Whether every frame has its label in each folder.
-    fn has_all(&mut self, folders: Vec<PathBuf>) -> Result<bool, Error> {
+    fn has_all(&mut self, folders: Vec<PathBuf>) -> Result<bool, LogError> {
         let mut complete = true;
         let mut missing = 0;
         let number = folders.len();
@@ -221,22 +221,22 @@ impl Log {
     }
 
     /// What cannot be in a log of this program, and is put up with in others.
-    fn tolerate(&mut self, path: PathBuf, defect: String) -> Result<(), Error> {
+    fn tolerate(&mut self, path: PathBuf, defect: String) -> Result<(), LogError> {
         if self.scene.is_some() && !self.tolerant {
-            return Err(Error::Defect { path, defect });
+            return Err(LogError::Defect { path, defect });
         }
         self.notes.push(format!("{}: {defect}", path.display()));
         Ok(())
     }
 
     /// The depths of a camera, from the first on, with their file.
-    pub(super) fn depths(&self, camera: usize) -> Result<(PathBuf, npz::Reader), Error> {
+    pub(super) fn depths(&self, camera: usize) -> Result<(PathBuf, npz::NpzReader), LogError> {
         let PosedCamera { name, intrinsics: Intrinsics { width: w, height: h, .. }, .. } = &self.cameras[camera];
         let path = self.camera_folder(name).join("depth.npz");
-        let reader = npz::Reader::open(&path).map_err(|reason| npz_error(&path, reason))?;
+        let reader = npz::NpzReader::open(&path).map_err(|reason| npz_error(&path, reason))?;
         let [_, height, width] = reader.shape();
         if (width, height) != (*w, *h) {
-            return Err(Error::defect(path, format!("depth is {width} x {height} and the camera {w} x {h}")));
+            return Err(LogError::defect(path, format!("depth is {width} x {height} and the camera {w} x {h}")));
         }
         Ok((path, reader))
     }
@@ -245,17 +245,17 @@ impl Log {
     pub(super) fn next_depth(
         &self,
         camera: usize,
-        (path, reader): &mut (PathBuf, npz::Reader),
-    ) -> Result<Array2<f32>, Error> {
+        (path, reader): &mut (PathBuf, npz::NpzReader),
+    ) -> Result<Array2<f32>, LogError> {
         let values = reader.read().map_err(|reason| npz_error(path, reason))?;
-        let mut depth = values.ok_or_else(|| Error::defect(&*path, "depth ends early"))?;
+        let mut depth = values.ok_or_else(|| LogError::defect(&*path, "depth ends early"))?;
         // The sign differs between simulated and recorded logs, and means nothing.
         depth.iter_mut().for_each(|z| *z = z.abs());
         if let Some(lens) = &self.lenses[camera] {
             depth = bend(lens, &depth);
         }
         let [_, height, width] = reader.shape();
-        Array2::from_shape_vec((height, width), depth).map_err(|e| Error::defect(&*path, e.to_string()))
+        Array2::from_shape_vec((height, width), depth).map_err(|e| LogError::defect(&*path, e.to_string()))
     }
 
     fn touch_folder(&self, finger: Finger) -> PathBuf {
@@ -272,7 +272,7 @@ impl Log {
     }
 
     /// scene.json, which only logs of this program have.
-    pub fn scene(&self) -> Option<&Scene> {
+    pub fn scene(&self) -> Option<&SceneFile> {
         self.scene.as_ref()
     }
 
@@ -336,8 +336,8 @@ impl Log {
     /// All frames, in order; depths are decompressed as they come.
     ///
     /// # Errors
-    /// [`Error`] if a depth.npz cannot be opened; the iterator gives one, and then ends, at the first defect.
-    pub fn frames(&self) -> Result<Frames<'_>, Error> {
+    /// [`LogError`] if a depth.npz cannot be opened; the iterator gives one, and then ends, at the first defect.
+    pub fn frames(&self) -> Result<LogFrames<'_>, LogError> {
         self.frames_from(0)
     }
 
@@ -345,7 +345,7 @@ impl Log {
     ///
     /// # Errors
     /// As [`Log::frames`]. Passing over frames costs their decompression.
-    pub fn frames_from(&self, first: usize) -> Result<Frames<'_>, Error> {
+    pub fn frames_from(&self, first: usize) -> Result<LogFrames<'_>, LogError> {
         let mut depths = Vec::new();
         for camera in 0..self.cameras.len() {
             let (path, mut reader) = self.depths(camera)?;
@@ -354,19 +354,19 @@ impl Log {
             }
             depths.push((path, reader));
         }
-        Ok(Frames { log: self, next: first, depths })
+        Ok(LogFrames { log: self, next: first, depths })
     }
 
-    /// Frame number `i`; `None` beyond the last.
+    /// LogFrame number `i`; `None` beyond the last.
     ///
     /// # Errors
     /// As [`Log::frames_from`].
-    pub fn frame(&self, i: usize) -> Result<Option<Frame>, Error> {
+    pub fn frame(&self, i: usize) -> Result<Option<LogFrame>, LogError> {
         self.frames_from(i)?.next().transpose()
     }
 
     /// The images of a frame, checked.
-    pub(super) fn images(&self, i: usize) -> Result<Images, Error> {
+    pub(super) fn images(&self, i: usize) -> Result<Images, LogError> {
         let name = format!("{i}.jpg");
         let mut touch = Vec::new();
         let mut touch_truth = Vec::new();
@@ -386,7 +386,7 @@ impl Log {
                 let path = folder.join("seg").join(&name);
                 let mut levels = read_gray(&path, size)?;
                 if self.scene.is_some() && levels.iter().any(|&l| ![BACKGROUND, HAND, OBJECT].contains(&l)) {
-                    return Err(Error::defect(path, "a segmentation holds other levels than 0, 127 and 255"));
+                    return Err(LogError::defect(path, "a segmentation holds other levels than 0, 127 and 255"));
                 }
                 levels.iter_mut().for_each(|level| *level = segment(*level));
                 segmentation.push(straighten(lens.as_deref(), levels));
@@ -394,7 +394,7 @@ impl Log {
         }
         let four = |images: Vec<RgbImage>| <[RgbImage; 4]>::try_from(images).map(PerFinger);
         Ok(Images {
-            touch: four(touch).map_err(|_| Error::defect(&self.folder, "a finger is missing"))?,
+            touch: four(touch).map_err(|_| LogError::defect(&self.folder, "a finger is missing"))?,
             color,
             touch_truth: <[TouchTruth; 4]>::try_from(touch_truth).ok().map(PerFinger),
             segmentation: self.segmentation.then_some(segmentation),
@@ -404,10 +404,10 @@ impl Log {
     /// What a camera, by index, sees in a frame.
     ///
     /// # Errors
-    /// [`Error`] if there is no such image or it cannot be read.
-    pub fn colour(&self, camera: usize, frame: usize) -> Result<RgbImage, Error> {
+    /// [`LogError`] if there is no such image or it cannot be read.
+    pub fn colour(&self, camera: usize, frame: usize) -> Result<RgbImage, LogError> {
         let Some((posed, lens)) = self.cameras.get(camera).zip(self.lenses.get(camera)) else {
-            return Err(Error::defect(&self.folder, format!("there is no camera {camera}")));
+            return Err(LogError::defect(&self.folder, format!("there is no camera {camera}")));
         };
         let path = self.camera_folder(&posed.name).join("image").join(format!("{frame}.jpg"));
         let size = (posed.intrinsics.width, posed.intrinsics.height);
@@ -417,8 +417,8 @@ impl Log {
     /// What a DIGIT shows in a frame.
     ///
     /// # Errors
-    /// [`Error`] if there is no such image or it cannot be read.
-    pub fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, Error> {
+    /// [`LogError`] if there is no such image or it cannot be read.
+    pub fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, LogError> {
         let path = self.touch_folder(finger).join("image").join(format!("{frame}.jpg"));
         read_color(&path, (digit::WIDTH, digit::HEIGHT))
     }
@@ -426,8 +426,8 @@ impl Log {
     /// True depth and contact of a DIGIT in a frame.
     ///
     /// # Errors
-    /// [`Error`] if the log does not have them or they cannot be read.
-    pub fn touch_truth(&self, finger: Finger, frame: usize) -> Result<TouchTruth, Error> {
+    /// [`LogError`] if the log does not have them or they cannot be read.
+    pub fn touch_truth(&self, finger: Finger, frame: usize) -> Result<TouchTruth, LogError> {
         let size = (digit::WIDTH, digit::HEIGHT);
         let name = format!("{frame}.jpg");
         let folder = self.touch_folder(finger);
@@ -435,7 +435,7 @@ impl Log {
         let path = folder.join("mask").join(&name);
         let mask = read_gray(&path, size)?;
         if self.scene.is_some() && mask.iter().any(|&m| m != 0 && m != 255) {
-            return Err(Error::defect(path, "a mask holds other levels than 0 and 255"));
+            return Err(LogError::defect(path, "a mask holds other levels than 0 and 255"));
         }
         let depth = |row, column| self.digit.depth_m(levels.get_pixel(column as u32, row as u32).0[0]);
         Ok(TouchTruth {
@@ -459,14 +459,14 @@ impl Log {
 }
 
 /// Iterator over the frames of a log.
-pub struct Frames<'a> {
+pub struct LogFrames<'a> {
     log: &'a Log,
     next: usize,
-    depths: Vec<(PathBuf, npz::Reader)>,
+    depths: Vec<(PathBuf, npz::NpzReader)>,
 }
 
-impl Frames<'_> {
-    fn read(&mut self) -> Result<Frame, Error> {
+impl LogFrames<'_> {
+    fn read(&mut self) -> Result<LogFrame, LogError> {
         let log = self.log;
         let i = self.next;
         let images = log.images(i)?;
@@ -483,12 +483,12 @@ impl Frames<'_> {
             _ => None,
         };
         let observation = Observation { time_s: log.times_s[i], joints: log.joints[i], touch: images.touch, cameras };
-        Ok(Frame { observation, truth })
+        Ok(LogFrame { observation, truth })
     }
 }
 
-impl Iterator for Frames<'_> {
-    type Item = Result<Frame, Error>;
+impl Iterator for LogFrames<'_> {
+    type Item = Result<LogFrame, LogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.next >= self.log.len() {
@@ -500,42 +500,42 @@ impl Iterator for Frames<'_> {
     }
 }
 
-pub(super) fn npz_error(path: &Path, reason: npz::Error) -> Error {
-    Error::Npz { path: path.to_path_buf(), reason }
+pub(super) fn npz_error(path: &Path, reason: npz::NpzError) -> LogError {
+    LogError::Npz { path: path.to_path_buf(), reason }
 }
 
 /// The bytes of a file that is not larger than `limit`.
-pub(super) fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
+pub(super) fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>, LogError> {
     let mut bytes = Vec::new();
-    let file = fs::File::open(path).map_err(Error::io(path))?;
-    file.take(limit + 1).read_to_end(&mut bytes).map_err(Error::io(path))?;
+    let file = fs::File::open(path).map_err(LogError::io(path))?;
+    file.take(limit + 1).read_to_end(&mut bytes).map_err(LogError::io(path))?;
     if bytes.len() as u64 > limit {
-        return Err(Error::defect(path, format!("the file is larger than {} MiB", limit >> 20)));
+        return Err(LogError::defect(path, format!("the file is larger than {} MiB", limit >> 20)));
     }
     Ok(bytes)
 }
 
-fn read_scene(path: &Path) -> Result<Option<Scene>, Error> {
+fn read_scene(path: &Path) -> Result<Option<SceneFile>, LogError> {
     if !path.exists() {
         return Ok(None);
     }
     let bytes = read_at_most(path, MAX_SCENE)?;
-    let scene: Scene =
-        serde_json::from_slice(&bytes).map_err(|reason| Error::Json { path: path.to_path_buf(), reason })?;
+    let scene: SceneFile =
+        serde_json::from_slice(&bytes).map_err(|reason| LogError::Json { path: path.to_path_buf(), reason })?;
     if scene.format_version > FORMAT_VERSION {
         let defect =
             format!("format {} is newer than this program, which reads {FORMAT_VERSION}", scene.format_version);
-        return Err(Error::defect(path, defect));
+        return Err(LogError::defect(path, defect));
     }
     Ok(Some(scene))
 }
 
 /// Number of files in a folder, which is how loaders count frames; `None` if there is no folder.
-fn count_files(folder: &Path) -> Result<Option<usize>, Error> {
+fn count_files(folder: &Path) -> Result<Option<usize>, LogError> {
     match fs::read_dir(folder) {
         Ok(entries) => Ok(Some(entries.count())),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(reason) => Err(Error::Io { path: folder.to_path_buf(), reason }),
+        Err(reason) => Err(LogError::Io { path: folder.to_path_buf(), reason }),
     }
 }
 

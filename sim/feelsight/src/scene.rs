@@ -13,7 +13,7 @@ pub const FORMAT_VERSION: u32 = 1;
 
 /// How an episode was made. Written as scene.json beside data.pkl; other people's loaders pass it over.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Scene {
+pub struct SceneFile {
     /// [`FORMAT_VERSION`] of the program that wrote it.
     pub format_version: u32,
     /// Version of the program that made the log.

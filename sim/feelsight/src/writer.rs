@@ -9,14 +9,14 @@ use mvt_robot::hand::world_from_base;
 
 use super::preview::Preview;
 use super::record::{CameraRecord, DigitInfo, Record, is_plain_name};
-use super::scene::{EpisodeEnd, SCENE_FILE, Scene};
-use super::{EncodedFrame, Error, npz, pickle};
+use super::scene::{EpisodeEnd, SCENE_FILE, SceneFile};
+use super::{EncodedFrame, LogError, npz, pickle};
 
 /// What is known of a log before its first frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogMeta {
     /// Everything that goes into scene.json. `end` is what is written by [`LogWriter::finish`].
-    pub scene: Scene,
+    pub scene: SceneFile,
     /// The cameras, in the order of the observations and of `scene.cameras`.
     pub cameras: Vec<PosedCamera>,
 }
@@ -29,7 +29,7 @@ pub struct LogWriter {
     overwrite: bool,
     meta: LogMeta,
     record: Record,
-    depths: Vec<npz::Writer>,
+    depths: Vec<npz::NpzWriter>,
     preview: Preview,
 }
 
@@ -37,24 +37,24 @@ impl LogWriter {
     /// Begins a log at `place`.
     ///
     /// # Errors
-    /// [`Error::NotEmpty`] if something is there and may not be overwritten; [`Error::Defect`] for names that cannot be files;
-    /// [`Error::Io`] if the folder cannot be made.
-    pub fn create(place: &Path, meta: LogMeta, overwrite: bool) -> Result<Self, Error> {
+    /// [`LogError::NotEmpty`] if something is there and may not be overwritten; [`LogError::Defect`] for names that cannot be files;
+    /// [`LogError::Io`] if the folder cannot be made.
+    pub fn create(place: &Path, meta: LogMeta, overwrite: bool) -> Result<Self, LogError> {
         if !overwrite && !is_vacant(place)? {
-            return Err(Error::NotEmpty { path: place.to_path_buf() });
+            return Err(LogError::NotEmpty { path: place.to_path_buf() });
         }
         let object = &meta.scene.object.name;
         let names = std::iter::once(object).chain(&meta.scene.cameras);
         if let Some(name) = names.into_iter().find(|name| !is_plain_name(name)) {
-            return Err(Error::defect(place, format!("{name:?} cannot be the name of a file")));
+            return Err(LogError::defect(place, format!("{name:?} cannot be the name of a file")));
         }
         if !meta.cameras.iter().map(|camera| &camera.name).eq(&meta.scene.cameras) {
-            return Err(Error::defect(place, "the cameras are not those of the scene"));
+            return Err(LogError::defect(place, "the cameras are not those of the scene"));
         }
         let partial = sibling(place, "partial")?;
         // What a killed run left behind.
         remove(&partial)?;
-        let make = |folder: PathBuf| fs::create_dir_all(&folder).map_err(Error::io(&folder));
+        let make = |folder: PathBuf| fs::create_dir_all(&folder).map_err(LogError::io(&folder));
         for finger in Finger::ALL {
             for kind in ["image", "depth", "mask"] {
                 make(partial.join("allegro").join(finger.name()).join(kind))?;
@@ -67,7 +67,7 @@ impl LogWriter {
             make(folder.join("seg"))?;
             let path = folder.join("depth.npz");
             let (height, width) = (camera.intrinsics.height, camera.intrinsics.width);
-            depths.push(npz::Writer::create(&path, height, width).map_err(Error::io(path))?);
+            depths.push(npz::NpzWriter::create(&path, height, width).map_err(LogError::io(path))?);
         }
         let camera = |camera: &PosedCamera| CameraRecord {
             name: camera.name.clone(),
@@ -98,17 +98,17 @@ impl LogWriter {
     /// Appends a frame.
     ///
     /// # Errors
-    /// [`Error::Frame`] if its time is not later than the last frame's, [`Error::Io`] if it cannot be written.
-    pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), Error> {
+    /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written.
+    pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), LogError> {
         let EncodedFrame { time_s, .. } = *frame;
         if self.record.times_s.last().is_some_and(|&last| time_s <= last) || frame.cameras.len() != self.depths.len() {
             let defect = "its time is not later than the last frame's, or it is of another log".into();
-            return Err(Error::Frame { time_s, defect });
+            return Err(LogError::Frame { time_s, defect });
         }
         let name = format!("{}.jpg", self.record.times_s.len());
         let write = |folder: PathBuf, bytes: &[u8]| {
             let path = folder.join(&name);
-            fs::write(&path, bytes).map_err(Error::io(path))
+            fs::write(&path, bytes).map_err(LogError::io(path))
         };
         for (finger, touch) in frame.touch.iter() {
             let folder = self.partial.join("allegro").join(finger.name());
@@ -122,7 +122,7 @@ impl LogWriter {
             let folder = camera_folder(&self.partial, name);
             write(folder.join("image"), &camera.image)?;
             write(folder.join("seg"), &camera.segmentation)?;
-            depth.push(&camera.depth).map_err(Error::io(folder.join("depth.npz")))?;
+            depth.push(&camera.depth).map_err(LogError::io(folder.join("depth.npz")))?;
         }
         self.preview.push(&frame.preview);
         self.record.times_s.push(time_s);
@@ -136,40 +136,40 @@ impl LogWriter {
     /// images are left to the operating system, which keeps them when the process dies, and is not asked for 12 000 syncs.
     ///
     /// # Errors
-    /// [`Error::Defect`] if no frame was pushed, [`Error::NotEmpty`] if the place was taken meanwhile, else [`Error::Io`].
-    pub fn finish(mut self, end: EpisodeEnd) -> Result<(), Error> {
+    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the place was taken meanwhile, else [`LogError::Io`].
+    pub fn finish(mut self, end: EpisodeEnd) -> Result<(), LogError> {
         if self.record.times_s.is_empty() {
-            return Err(Error::defect(&self.place, "the episode ended before its first frame"));
+            return Err(LogError::defect(&self.place, "the episode ended before its first frame"));
         }
         for (depth, camera) in self.depths.drain(..).zip(&self.meta.cameras) {
             let path = camera_folder(&self.partial, &camera.name).join("depth.npz");
-            depth.finish(1.0).map_err(Error::io(path))?;
+            depth.finish(1.0).map_err(LogError::io(path))?;
         }
         std::mem::replace(&mut self.preview, Preview::Failed).finish();
         write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
         self.meta.scene.end = end;
         let path = self.partial.join(SCENE_FILE);
-        let scene =
-            serde_json::to_vec_pretty(&self.meta.scene).map_err(|reason| Error::Json { path: path.clone(), reason })?;
+        let scene = serde_json::to_vec_pretty(&self.meta.scene)
+            .map_err(|reason| LogError::Json { path: path.clone(), reason })?;
         write_synced(&path, &scene)?;
         sync_folder(&self.partial)?;
         self.put_in_place()
     }
 
-    fn put_in_place(&self) -> Result<(), Error> {
+    fn put_in_place(&self) -> Result<(), LogError> {
         let old = sibling(&self.place, "old")?;
         remove(&old)?;
         if is_vacant(&self.place)? {
             // Not every system renames onto an empty folder.
             if self.place.exists() {
-                fs::remove_dir(&self.place).map_err(Error::io(&self.place))?;
+                fs::remove_dir(&self.place).map_err(LogError::io(&self.place))?;
             }
         } else if self.overwrite {
-            fs::rename(&self.place, &old).map_err(Error::io(&self.place))?;
+            fs::rename(&self.place, &old).map_err(LogError::io(&self.place))?;
         } else {
-            return Err(Error::NotEmpty { path: self.place.clone() });
+            return Err(LogError::NotEmpty { path: self.place.clone() });
         }
-        fs::rename(&self.partial, &self.place).map_err(Error::io(&self.place))?;
+        fs::rename(&self.partial, &self.place).map_err(LogError::io(&self.place))?;
         if let Some(parent) = self.partial.parent() {
             sync_folder(parent)?;
         }
@@ -190,8 +190,8 @@ fn camera_folder(log: &Path, camera: &str) -> PathBuf {
 }
 
 /// `.<name>.<suffix>` beside a place.
-fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, Error> {
-    let name = place.file_name().ok_or_else(|| Error::defect(place, "this is no name for a log's folder"))?;
+fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, LogError> {
+    let name = place.file_name().ok_or_else(|| LogError::defect(place, "this is no name for a log's folder"))?;
     let mut hidden = std::ffi::OsString::from(".");
     hidden.push(name);
     hidden.push(format!(".{suffix}"));
@@ -199,15 +199,15 @@ fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, Error> {
 }
 
 /// Whether nothing, or an empty folder, is there.
-fn is_vacant(place: &Path) -> Result<bool, Error> {
+fn is_vacant(place: &Path) -> Result<bool, LogError> {
     match fs::read_dir(place) {
         Ok(mut entries) => Ok(entries.next().is_none()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(true),
-        Err(reason) => Err(Error::Io { path: place.to_path_buf(), reason }),
+        Err(reason) => Err(LogError::Io { path: place.to_path_buf(), reason }),
     }
 }
 
-fn remove(folder: &Path) -> Result<(), Error> {
+fn remove(folder: &Path) -> Result<(), LogError> {
     let mut removed = fs::remove_dir_all(folder);
     // The ffmpeg of a writer that was killed may just have begun its file; it begins but one.
     if removed.as_ref().is_err_and(|reason| reason.kind() == std::io::ErrorKind::DirectoryNotEmpty) {
@@ -215,25 +215,25 @@ fn remove(folder: &Path) -> Result<(), Error> {
     }
     match removed {
         Err(reason) if reason.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::Io { path: folder.to_path_buf(), reason })
+            Err(LogError::Io { path: folder.to_path_buf(), reason })
         }
         _ => Ok(()),
     }
 }
 
-fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), LogError> {
     let write = || {
         let mut file = fs::File::create(path)?;
         std::io::Write::write_all(&mut file, bytes)?;
         file.sync_all()
     };
-    write().map_err(Error::io(path))
+    write().map_err(LogError::io(path))
 }
 
-fn sync_folder(folder: &Path) -> Result<(), Error> {
+fn sync_folder(folder: &Path) -> Result<(), LogError> {
     // Only Unix can open a folder to sync it.
     if cfg!(unix) {
-        fs::File::open(folder).and_then(|f| f.sync_all()).map_err(Error::io(folder))?;
+        fs::File::open(folder).and_then(|f| f.sync_all()).map_err(LogError::io(folder))?;
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
 use image::RgbImage;
-use mvt_feelsight::{Log, PartialFrame, PartialFrames, Sensor, TouchPart};
+use mvt_feelsight::{Log, LogSensor, PartialFrame, PartialFrames, TouchPart};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_render::depth_noise;
@@ -40,7 +40,7 @@ pub struct LogSource {
     object_from_log: Isometry<Object, Object>,
     /// Whether the pictures of a frame, by its number, are wanted.
     wants_pictures: fn(u64) -> bool,
-    told: HashSet<(Option<Sensor>, Discriminant<Amiss>)>,
+    told: HashSet<(Option<LogSensor>, Discriminant<Amiss>)>,
     warnings: Vec<String>,
 }
 
@@ -160,16 +160,16 @@ impl LogSource {
     }
 
     /// Keeps a warning unless there was one of the kind from this sensor.
-    fn warn(&mut self, sensor: Option<Sensor>, amiss: &Amiss, text: impl FnOnce() -> String) {
+    fn warn(&mut self, sensor: Option<LogSensor>, amiss: &Amiss, text: impl FnOnce() -> String) {
         if self.told.insert((sensor, std::mem::discriminant(amiss))) {
             self.warnings.push(text());
         }
     }
 
-    fn name(&self, sensor: Sensor) -> mvt_robot::observation::Sensor {
+    fn name(&self, sensor: LogSensor) -> mvt_robot::observation::Sensor {
         match sensor {
-            Sensor::Touch(finger) => mvt_robot::observation::Sensor::Touch(finger),
-            Sensor::Camera(k) => mvt_robot::observation::Sensor::Camera(
+            LogSensor::Touch(finger) => mvt_robot::observation::Sensor::Touch(finger),
+            LogSensor::Camera(k) => mvt_robot::observation::Sensor::Camera(
                 self.log().cameras().get(k).map_or_else(String::new, |c| c.name.clone()),
             ),
         }
@@ -217,7 +217,7 @@ impl LogSource {
             let wrong = depth_m.iter().filter(|z| !z.is_finite()).count();
             if wrong > 0 {
                 let name = self.cameras[k].name.clone();
-                self.warn(Some(Sensor::Camera(k)), &Amiss::NoNumbers, || {
+                self.warn(Some(LogSensor::Camera(k)), &Amiss::NoNumbers, || {
                     format!(
                         "frame {number}: {wrong} depths of camera {name} are no numbers; they count as not measured"
                     )

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use super::Value;
+use super::PickleValue;
 use crate::array::{Array, Kind};
 
 /// Pickles a value so that Python 3 with NumPy 1 or 2 loads it.
-pub fn to_bytes(value: &Value) -> Vec<u8> {
+pub fn to_bytes(value: &PickleValue) -> Vec<u8> {
     let mut encoder = Encoder { out: b"\x80\x04".to_vec(), memo: HashMap::new() };
     encoder.value(value);
     encoder.out.push(b'.');
@@ -27,28 +27,28 @@ struct Encoder {
 }
 
 impl Encoder {
-    fn value(&mut self, value: &Value) {
+    fn value(&mut self, value: &PickleValue) {
         match value {
-            Value::None => self.out.push(b'N'),
-            Value::Bool(b) => self.out.push(if *b { 0x88 } else { 0x89 }),
-            Value::Int(i) => self.int(*i),
-            Value::Float(x) => {
+            PickleValue::None => self.out.push(b'N'),
+            PickleValue::Bool(b) => self.out.push(if *b { 0x88 } else { 0x89 }),
+            PickleValue::Int(i) => self.int(*i),
+            PickleValue::Float(x) => {
                 self.out.push(b'G');
                 self.out.extend(x.to_be_bytes());
             }
-            Value::Str(s) => self.counted(0x8d, s.as_bytes()),
-            Value::Bytes(bytes) => self.counted(0x8e, bytes),
-            Value::List(items) => {
+            PickleValue::Str(s) => self.counted(0x8d, s.as_bytes()),
+            PickleValue::Bytes(bytes) => self.counted(0x8e, bytes),
+            PickleValue::List(items) => {
                 self.out.extend(b"](");
                 items.iter().for_each(|item| self.value(item));
                 self.out.push(b'e');
             }
-            Value::Tuple(items) => {
+            PickleValue::Tuple(items) => {
                 self.out.push(b'(');
                 items.iter().for_each(|item| self.value(item));
                 self.out.push(b't');
             }
-            Value::Dict(items) => {
+            PickleValue::Dict(items) => {
                 self.out.extend(b"}(");
                 for (key, value) in items {
                     self.value(key);
@@ -56,7 +56,7 @@ impl Encoder {
                 }
                 self.out.push(b'u');
             }
-            Value::Array(array) => self.array(array),
+            PickleValue::Array(array) => self.array(array),
         }
     }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, Scene, SceneObject};
+use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SceneFile, SceneObject};
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
 use mvt_frames::{Isometry, MeshFile, Object, Point, World};
@@ -30,7 +30,7 @@ pub fn object_from_file() -> Isometry<MeshFile, Object> {
 }
 
 pub fn meta(cameras: Vec<PosedCamera>) -> LogMeta {
-    let scene = Scene {
+    let scene = SceneFile {
         format_version: FORMAT_VERSION,
         program_version: "0.1.0".into(),
         object: SceneObject {
