@@ -7,15 +7,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use glam::{Vec3, Vec3A};
-use mvt_field::field;
 use mvt_field::shape::Shape;
 use mvt_field::surface::outer_surface;
 use mvt_frames::{Isometry, Model, World};
 use mvt_robot::hand::solid::{HandSamples, Occupied};
-use mvt_slam::State;
 use mvt_slam::map;
 use mvt_slam::map::Map;
 use mvt_slam::scan::{Scan, View};
+use mvt_field::field;
+use mvt_slam::State;
 use nalgebra as na;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;

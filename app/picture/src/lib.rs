@@ -1,3 +1,4 @@
 //! Pictures on the CPU.
 
+pub mod contact_sheet;
 pub mod lettering;

@@ -1,4 +1,4 @@
-//! Checks everything that a log claims.
+//! Check of a whole log.
 
 use std::fmt;
 use std::path::Path;
@@ -10,17 +10,19 @@ use mvt_robot::hand::{Finger, PerFinger, world_from_digit_camera};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::frame::finger_poses;
-use super::reader::npz_error;
-use super::{Log, LogError, npz};
+use crate::error::LogError;
+use crate::frame::finger_poses;
+use crate::npz;
+use crate::reader::Log;
 
-/// How far a recorded DIGIT pose may be from forward kinematics: metres, and elements of the rotation.
+/// Greatest difference between a recorded DIGIT pose and forward kinematics: metres, and elements of the rotation.
 const KINEMATICS_TOLERANCE: f64 = 1e-6;
-/// Of how many pixels in contact one is held against the mesh.
+/// Every Nth pixel in contact is compared with the surface.
 const CONTACT_STRIDE: usize = 17;
 
-/// What a log holds, found by reading all of it.
+/// Summary of a log, from all of its files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct LogSummary {
     /// Name of the object.
     pub object: String,
@@ -30,27 +32,28 @@ pub struct LogSummary {
     pub duration_s: f64,
     /// Mean frames per second.
     pub rate_hz: f64,
-    /// Whether the episode lasted as long as it was meant to; `None` without scene.json.
+    /// Whether the episode lasted for its planned time; `None` without scene.json.
     pub complete: Option<bool>,
-    /// Why the episode ended; `None` without scene.json.
+    /// Reason of the episode's end; `None` without scene.json.
     pub reason: Option<String>,
-    /// Each camera.
+    /// Cameras.
     pub cameras: Vec<CameraSummary>,
     /// Fraction of frames in which each pad has contact, index to thumb; `None` without labels.
     pub contact_fraction: Option<[f64; 4]>,
     /// Fraction of frames in which any pad has contact; `None` without labels.
     pub any_contact_fraction: Option<f64>,
-    /// Largest element by which a recorded DIGIT pose differs from forward kinematics; `None` without recorded poses. In logs
-    /// without scene.json it is information only: what they recorded is not documented.
+    /// Largest difference between an element of a recorded DIGIT pose and forward kinematics; `None` without recorded poses. In logs
+    /// without scene.json it is only informative, since their recorded poses are not documented.
     pub kinematics_deviation: Option<f64>,
     /// Distance of points in contact from the surface of the object; `None` without labels, contact or a surface.
     pub contact_distance: Option<ContactDistance>,
-    /// What was put up with in a log of another program.
+    /// Defects that were tolerated in a log of another program.
     pub notes: Vec<String>,
 }
 
-/// One camera of a log.
+/// Camera of a log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct CameraSummary {
     /// Name.
     pub name: String,
@@ -64,8 +67,9 @@ pub struct CameraSummary {
     pub object_pixels: Option<f64>,
 }
 
-/// How far points that touch lie from the surface that they touch, metres.
+/// Distances of points in contact from the surface of the object, metres.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct ContactDistance {
     /// Number of points.
     pub points: usize,
@@ -75,23 +79,23 @@ pub struct ContactDistance {
     pub p95_m: f64,
 }
 
-/// What is learnt from the images of one frame.
+/// Facts from the images of one frame.
 struct FrameFacts {
     contact: Option<PerFinger<bool>>,
     object_pixels: Option<Vec<usize>>,
     distances: Vec<f64>,
 }
 
-/// Reads a whole log and checks every claim: counts, sizes, levels, poses, times, checksums, kinematics.
+/// Reads a whole log and checks counts, sizes, levels, poses, times, checksums and kinematics.
 ///
 /// # Errors
-/// The first defect found, with its file.
+/// The first defect, with its file.
 pub fn inspect(folder: &Path) -> Result<LogSummary, LogError> {
     inspect_surface(folder, None)
 }
 
-/// As [`inspect`], and holds the pixels in contact against the object: `distance_m` gives the signed distance of a point from
-/// its surface. A mixed-up finger or joint shows as centimetres.
+/// Does the same as [`inspect`], and compares the pixels in contact with the object: `distance_m` returns the signed distance of a point
+/// from its surface. Swapped fingers or joints lead to distances of centimetres.
 ///
 /// # Errors
 /// As [`inspect`]; distances are reported, not judged.
@@ -148,7 +152,7 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
     })
 }
 
-/// The largest deviation of recorded DIGIT poses from forward kinematics.
+/// Returns the largest deviation of recorded DIGIT poses from forward kinematics.
 fn kinematics(log: &Log) -> Result<Option<f64>, LogError> {
     let Some(recorded) = log.finger_poses() else { return Ok(None) };
     let mut largest = 0.0f64;
@@ -200,7 +204,7 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
     })
 }
 
-/// Reads all depths of a camera up to the checksum.
+/// Reads all depths of a camera, and so checks their checksum.
 fn depth_fraction(log: &Log, camera: usize) -> Result<f64, LogError> {
     let path = log.folder().join("realsense").join(&log.cameras()[camera].name).join("depth.npz");
     let read = || {
@@ -215,7 +219,7 @@ fn depth_fraction(log: &Log, camera: usize) -> Result<f64, LogError> {
         }
         Ok(valid as f64 / pixels.max(1) as f64)
     };
-    read().map_err(|reason| npz_error(&path, reason))
+    read().map_err(LogError::npz(&path))
 }
 
 fn contact_distance(mut distances: Vec<f64>) -> Option<ContactDistance> {

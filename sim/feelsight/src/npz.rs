@@ -1,11 +1,11 @@
 //! depth.npz: the depth images of a camera, written and read one frame at a time.
 //!
-//! The file is what `numpy.savez_compressed(depth=..., depth_scale=...)` writes: a zip archive of two .npy files. Thirty seconds
-//! of 640 x 480 are 1.1 GB before compression, so neither side ever holds more than a frame.
+//! The file has the format of `numpy.savez_compressed(depth=..., depth_scale=...)`: a zip archive of two .npy files. Thirty seconds
+//! of 640 x 480 are 1.1 GB before compression, so neither writer nor reader holds more than one frame.
 //!
-//! Frames are deflated apart from one another ([`DeflatedFrame`], on any thread), end on a byte boundary, and are joined to
-//! one stream; their checksums are combined. So the bytes depend neither on the number of threads nor on timing. The number
-//! of frames stands before them, in the .npy header; that header is a block without compression, which is patched at the end.
+//! Each frame is deflated alone ([`DeflatedFrame`], on any thread) and ends on a byte boundary. The frames are joined to one stream, and
+//! their checksums are combined, so the bytes depend neither on the number of threads nor on timing. The .npy header stands before the
+//! frames and holds their number. It is a block without compression, which is overwritten at the end.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -27,8 +27,9 @@ const STORED_BLOCK: [u8; 5] = [0, NPY_HEADER as u8, 0, !(NPY_HEADER as u8), 0xff
 /// An empty last block with fixed codes.
 const LAST_BLOCK: [u8; 2] = [3, 0];
 
-/// Why a depth.npz was refused.
+/// Reason why a depth.npz is refused.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum NpzError {
     /// Reading failed, or the compressed data are damaged.
     #[error("{0}")]
@@ -36,12 +37,12 @@ pub enum NpzError {
     /// The archive is damaged.
     #[error("not a readable zip archive: {0}")]
     Zip(#[from] zip::result::ZipError),
-    /// The contents are not what they should be.
+    /// The contents have the wrong type, shape or size.
     #[error("{0}")]
     Defect(String),
 }
 
-/// A part of a deflate stream that ends on a byte boundary and refers to nothing before it.
+/// Part of a deflate stream that ends on a byte boundary and does not refer to earlier bytes.
 #[derive(Debug, Clone)]
 pub struct DeflatedFrame {
     data: Vec<u8>,
@@ -50,10 +51,10 @@ pub struct DeflatedFrame {
 }
 
 impl DeflatedFrame {
-    /// Compresses an image. Fast rather than small: depth is mostly noise to a compressor.
+    /// Compresses an image, fast rather than small: most of a depth image is noise to a compressor.
     ///
     /// # Errors
-    /// None in practice: those of the compressor, which gets no invalid parameter.
+    /// Those of the compressor, which do not occur in practice, since its parameters are valid.
     pub fn new(values: impl ExactSizeIterator<Item = f32>) -> io::Result<Self> {
         let mut plain = Vec::with_capacity(4 * values.len());
         values.for_each(|value| plain.extend_from_slice(&value.to_le_bytes()));
@@ -64,7 +65,7 @@ impl DeflatedFrame {
         let mut data = Vec::with_capacity(plain.len() / 2 + 1024);
         loop {
             let rest = &plain[compressor.total_in() as usize..];
-            // A flush, not the end: other frames follow. It is complete when room is left over.
+            // This flushes and does not end the stream: other frames follow. The flush is complete if room is left.
             compressor.compress_vec(rest, &mut data, FlushCompress::Sync)?;
             if data.len() < data.capacity() {
                 break;
@@ -75,7 +76,7 @@ impl DeflatedFrame {
     }
 }
 
-/// Writes depth.npz.
+/// Writer of depth.npz.
 pub struct NpzWriter {
     file: BufWriter<File>,
     height: usize,
@@ -89,7 +90,7 @@ impl NpzWriter {
     /// Creates the file for images of this size.
     ///
     /// # Errors
-    /// As the file system's.
+    /// Those of the file system.
     pub fn create(path: &Path, height: usize, width: usize) -> io::Result<Self> {
         let mut file = BufWriter::with_capacity(1 << 20, File::options().write(true).create_new(true).open(path)?);
         file.write_all(&local_header(DEPTH, Method::Deflated, Sizes::default()))?;
@@ -102,7 +103,7 @@ impl NpzWriter {
     /// Appends an image.
     ///
     /// # Errors
-    /// As the file system's, and `InvalidInput` for an image of another size.
+    /// Those of the file system, and `InvalidInput` for an image of another size.
     pub fn push(&mut self, frame: &DeflatedFrame) -> io::Result<()> {
         if frame.values != self.height * self.width {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "a depth image of another size"));
@@ -114,10 +115,10 @@ impl NpzWriter {
         Ok(())
     }
 
-    /// Writes what is only known now, and syncs the file to its disk.
+    /// Writes the headers, whose numbers are known only now, and syncs the file to its disk.
     ///
     /// # Errors
-    /// As the file system's.
+    /// Those of the file system.
     pub fn finish(mut self, depth_scale: f64) -> io::Result<()> {
         self.file.write_all(&LAST_BLOCK)?;
         let header = npy_header("<f4", &format!("({}, {}, {})", self.frames, self.height, self.width));
@@ -167,7 +168,7 @@ struct Sizes {
     plain: u64,
 }
 
-/// What local header and directory entry share: version, flags, method, date (1 January 1980) and checksum.
+/// Returns the common part of local header and directory entry: version, flags, method, date (1 January 1980) and checksum.
 fn common(method: Method, checksum: u32) -> Vec<u8> {
     let mut out = Vec::new();
     // 4.5 is the first version with ZIP64.
@@ -218,7 +219,7 @@ fn end_of_directory(entries: u64, directory_at: u64, end_at: u64) -> Vec<u8> {
     for number in [entries, entries, end_at - directory_at, directory_at] {
         out.extend(number.to_le_bytes());
     }
-    // Where the record above is, and the record of old that says to look there.
+    // The locator of the record above, and the record of old readers, which points to the locator.
     out.extend(b"PK\x06\x07\0\0\0\0");
     out.extend(end_at.to_le_bytes());
     out.extend(1u32.to_le_bytes());
@@ -228,7 +229,7 @@ fn end_of_directory(entries: u64, directory_at: u64, end_at: u64) -> Vec<u8> {
     out
 }
 
-/// A header of format 1.0, padded with spaces to its fixed length.
+/// Returns a header of format 1.0, padded with spaces to its fixed length.
 fn npy_header(descr: &str, shape: &str) -> [u8; NPY_HEADER] {
     let mut out = [b' '; NPY_HEADER];
     out[..8].copy_from_slice(b"\x93NUMPY\x01\x00");
@@ -241,7 +242,7 @@ fn npy_header(descr: &str, shape: &str) -> [u8; NPY_HEADER] {
     out
 }
 
-/// What a .npy header says.
+/// Contents of a .npy header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct NpyHeader {
     kind: Kind,
@@ -251,7 +252,7 @@ struct NpyHeader {
 }
 
 impl NpyHeader {
-    /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Also gives the header's length.
+    /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Returns the header and its length.
     fn read(mut from: impl Read) -> Result<(Self, u64), NpzError> {
         let defect = || NpzError::Defect("an array in it is not in NumPy's format".into());
         let mut start = [0; 8];
@@ -264,7 +265,7 @@ impl NpyHeader {
         let mut length = [0; 4];
         from.read_exact(&mut length[..width])?;
         let length = u32::from_le_bytes(length);
-        // NumPy itself refuses longer ones.
+        // NumPy refuses longer headers, too.
         if length > 10_000 {
             return Err(defect());
         }
@@ -277,7 +278,7 @@ impl NpyHeader {
         Ok((header, 8 + width as u64 + u64::from(length)))
     }
 
-    /// The header is a Python dictionary with exactly these three keys.
+    /// Parses a header: a Python dictionary with exactly three keys.
     fn parse(text: &str) -> Option<Self> {
         let after = |key: &str| {
             let (_, rest) = text.split_once(&format!("'{key}'"))?;
@@ -299,7 +300,7 @@ impl NpyHeader {
     }
 }
 
-/// A member of the archive, decompressed as it is read.
+/// Member of the archive, decompressed while it is read.
 struct Member {
     data: Box<dyn Read + Send>,
     size: u64,
@@ -310,7 +311,7 @@ fn member(path: &Path, name: &str) -> Result<Member, NpzError> {
     let mut archive = zip::ZipArchive::new(BufReader::new(File::open(path)?))?;
     let index = archive
         .index_for_name(name)
-        .ok_or_else(|| NpzError::Defect(format!("it holds no array {:?}", name.trim_end_matches(".npy"))))?;
+        .ok_or_else(|| NpzError::Defect(format!("it has no array {:?}", name.trim_end_matches(".npy"))))?;
     let entry = archive.by_index_raw(index)?;
     let (compressed, size, checksum) = (entry.compressed_size(), entry.size(), entry.crc32());
     let method = entry.compression();
@@ -327,7 +328,7 @@ fn member(path: &Path, name: &str) -> Result<Member, NpzError> {
     Ok(Member { data, size, checksum })
 }
 
-/// Reads the images of depth.npz in order.
+/// Reader of the images of depth.npz, in order.
 pub struct NpzReader {
     data: Box<dyn Read + Send>,
     header: NpyHeader,
@@ -340,13 +341,13 @@ pub struct NpzReader {
 }
 
 impl NpzReader {
-    /// Largest width and height that are believed.
+    /// Greatest width and height, pixels: larger sizes are refused before memory is allocated.
     pub const MAX_SIDE: usize = 4096;
 
     /// Opens the file and reads everything but the images.
     ///
     /// # Errors
-    /// [`NpzError`] if it holds no array `depth` of three axes with the bytes that belong to its shape.
+    /// [`NpzError`] if it has no array `depth` of three axes, or the number of bytes does not match the shape.
     pub fn open(path: &Path) -> Result<Self, NpzError> {
         let scale = depth_scale(path)?;
         let Member { mut data, size, checksum: expected_checksum } = member(path, DEPTH)?;
@@ -371,18 +372,18 @@ impl NpzReader {
         Ok(Self { data, header, scale, next: 0, raw: vec![0; bytes], checksum, expected_checksum })
     }
 
-    /// Number of images, height and width.
+    /// Returns the number of images, their height and their width.
     pub fn shape(&self) -> [usize; 3] {
         [self.header.shape[0], self.header.shape[1], self.header.shape[2]]
     }
 
-    /// What every value is to be multiplied by, metres. Its sign means nothing.
+    /// Returns the factor of all values, metres. Its sign has no meaning.
     pub fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// The next image, row by row, as stored times the scale; `None` after the last one. The
-    /// last image comes only if the checksum of all of them is right.
+    /// Reads the next image, row by row, and multiplies it by the scale; `None` after the last one. The last image is returned only if the
+    /// checksum of all images is right.
     ///
     /// # Errors
     /// [`NpzError`] if the data are damaged or end early.
@@ -395,7 +396,7 @@ impl NpzReader {
             self.raw.chunks_exact_mut(kind.size()).for_each(<[u8]>::reverse);
         }
         Ok(Some(match kind {
-            // Most common, and exact where the scale is 1.
+            // The most common type, and exact if the scale is 1.
             Kind::F32 => {
                 let (values, _) = self.raw.as_chunks();
                 values.iter().map(|&bytes| (f64::from(f32::from_le_bytes(bytes)) * self.scale) as f32).collect()
@@ -404,7 +405,7 @@ impl NpzReader {
         }))
     }
 
-    /// Passes over the next image.
+    /// Skips the next image.
     ///
     /// # Errors
     /// As [`NpzReader::read`].
@@ -430,7 +431,7 @@ impl NpzReader {
     }
 }
 
-/// The number `depth_scale`; 1 where there is none.
+/// Reads the number `depth_scale`; 1 if the archive does not have it.
 fn depth_scale(path: &Path) -> Result<f64, NpzError> {
     let mut data = match member(path, SCALE) {
         Ok(Member { data, .. }) => data,
@@ -449,7 +450,7 @@ fn depth_scale(path: &Path) -> Result<f64, NpzError> {
     array.to_f64().next().filter(|scale| scale.is_finite() && *scale != 0.0).ok_or_else(defect)
 }
 
-/// Keeps a copy of what is read.
+/// Reader that keeps a copy of the bytes.
 struct Tee<'a, R> {
     from: R,
     seen: &'a mut Vec<u8>,
@@ -469,7 +470,7 @@ mod tests {
 
     #[test]
     fn images_of_real_size_come_back_in_order() {
-        // Hard to compress, so that every buffer on the way overflows.
+        // Hard to compress, so that every buffer overflows.
         let image =
             |seed: u32| (0..480 * 640u32).map(move |i| ((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / -3e7);
         let folder = tempfile::tempdir().unwrap();

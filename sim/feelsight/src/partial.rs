@@ -1,4 +1,4 @@
-//! Frames of a log of which parts may be missing or damaged.
+//! Frames of a log with missing or damaged parts.
 
 use std::path::PathBuf;
 
@@ -8,9 +8,11 @@ use mvt_robot::hand::{Finger, JointAngles, PerFinger};
 use mvt_robot::observation::TouchTruth;
 use ndarray::Array2;
 
-use super::{Log, LogError, npz};
+use crate::error::LogError;
+use crate::npz;
+use crate::reader::Log;
 
-/// A sensor of a log.
+/// Sensor of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum LogSensor {
     /// Camera by its index in the log.
@@ -19,7 +21,7 @@ pub enum LogSensor {
     Touch(Finger),
 }
 
-/// What is read of the DIGITs.
+/// Part of the DIGITs' files that is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TouchPart {
     /// Nothing.
@@ -30,22 +32,22 @@ pub enum TouchPart {
     Images,
 }
 
-/// What was measured at one instant, as far as it can be read. Colours of cameras are not.
+/// Measurements of one instant that can be read, without the colours of cameras.
 #[derive(Debug)]
 pub struct PartialFrame {
     /// Seconds.
     pub time_s: f64,
     /// Joint angles.
     pub joints: JointAngles,
-    /// Pose of the object, where the log has one.
+    /// Pose of the object; `None` if the log has no pose.
     pub object_pose: Option<Isometry<Object, World>>,
-    /// Depth of each camera that was asked for, metres, indexed (row, column); NaN and infinite where the log has that.
+    /// Depth of each requested camera, metres, indexed (row, column); NaN or infinite where the log is.
     pub cameras: Vec<Option<Array2<f32>>>,
-    /// True depth and contact of each DIGIT, if they were asked for.
+    /// True depth and contact of each DIGIT, with [`TouchPart::Truth`].
     pub touch_truth: PerFinger<Option<TouchTruth>>,
-    /// What each DIGIT shows, if that was asked for.
+    /// Image of each DIGIT, with [`TouchPart::Images`].
     pub touch_images: PerFinger<Option<RgbImage>>,
-    /// Why something is missing. A camera whose file is damaged says so once and is silent from there on.
+    /// Reasons for missing parts. A damaged file of a camera is reported once.
     pub defects: Vec<(LogSensor, LogError)>,
 }
 
@@ -56,12 +58,12 @@ pub struct PartialFrames {
     /// Index of each camera and its depths; none once they are damaged.
     cameras: Vec<(usize, Option<(PathBuf, npz::NpzReader)>)>,
     touch: TouchPart,
-    /// Found on opening; told with the first frame.
+    /// Found on opening; reported with the first frame.
     defects: Vec<(LogSensor, LogError)>,
 }
 
 impl Log {
-    /// The frames of the log as far as they can be read: depths of these cameras, by index, and this of the DIGITs.
+    /// Iterates over the readable parts of the frames: the depths of these cameras, by index, and this part of the DIGITs' files.
     pub fn into_partial_frames(self, cameras: &[usize], touch: TouchPart) -> PartialFrames {
         let mut defects = Vec::new();
         let mut open = |&camera: &usize| match self.depths(camera) {
@@ -77,12 +79,12 @@ impl Log {
 }
 
 impl PartialFrames {
-    /// The log.
+    /// Returns the log.
     pub fn log(&self) -> &Log {
         &self.log
     }
 
-    /// Whether any sensor may still deliver anything.
+    /// Returns whether any sensor may still deliver data.
     pub fn has_sensor(&self) -> bool {
         self.cameras.iter().any(|(_, depths)| depths.is_some())
             || Finger::ALL.into_iter().any(|finger| match self.touch {
@@ -92,7 +94,7 @@ impl PartialFrames {
             })
     }
 
-    /// What was found on opening, before the first frame was read.
+    /// Returns the defects that were found on opening, before the first frame is read.
     pub fn defects(&self) -> &[(LogSensor, LogError)] {
         &self.defects
     }

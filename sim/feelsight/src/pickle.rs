@@ -1,8 +1,8 @@
-//! Python pickles that hold plain data, read and written without Python.
+//! Python pickles of plain data, read and written without Python.
 //!
 //! [`from_bytes`] is a restricted decoder: it knows numbers, strings, lists, tuples, dictionaries and NumPy arrays in every
-//! protocol from 0 to 5, and refuses every other global by name. A pickle is a program; this decoder never calls anything it
-//! names, and limits operations, depth and memory, so that a hostile file can do nothing but be refused.
+//! protocol from 0 to 5, and refuses every other global by name. A pickle is a program, but this decoder never calls a function that it
+//! names. It also limits operations, depth and memory, so a hostile file does no harm.
 
 mod decode;
 mod encode;
@@ -12,7 +12,7 @@ pub use encode::to_bytes;
 
 use super::array::Array;
 
-/// A Python value.
+/// Python value.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PickleValue {
     /// `None`
@@ -31,31 +31,30 @@ pub enum PickleValue {
     List(Vec<PickleValue>),
     /// `tuple`
     Tuple(Vec<PickleValue>),
-    /// `dict`, in order. A key that was set twice is there twice; the last one counts.
+    /// `dict`, in order. A key that is set twice occurs twice; the last one counts.
     Dict(Vec<(PickleValue, PickleValue)>),
     /// `numpy.ndarray` of numbers
     Array(Array),
 }
 
 impl PickleValue {
-    /// A dictionary with string keys.
+    /// Creates a dictionary with string keys.
     pub fn dict<const N: usize>(items: [(&str, PickleValue); N]) -> Self {
         Self::Dict(items.into_iter().map(|(key, value)| (key.into(), value)).collect())
     }
 
-    /// The value under a string key of a dictionary.
+    /// Returns the value of a string key of a dictionary.
     pub fn get(&self, key: &str) -> Option<&PickleValue> {
         let PickleValue::Dict(items) = self else { return None };
         items.iter().rev().find(|(k, _)| matches!(k, PickleValue::Str(s) if s == key)).map(|(_, value)| value)
     }
 
-    /// The string, if it is one.
+    /// Returns the text of a `str`.
     pub fn as_str(&self) -> Option<&str> {
         if let PickleValue::Str(s) = self { Some(s) } else { None }
     }
 
-    /// Numbers, however nested: a number, an array, or lists and tuples of equally shaped ones. Gives the shape and the
-    /// elements in C order.
+    /// Returns the shape and the elements, in C order, of a number, an array, or nested lists and tuples of equal shapes.
     pub fn to_tensor(&self) -> Option<(Vec<usize>, Vec<f64>)> {
         match self {
             PickleValue::Bool(b) => Some((vec![], vec![f64::from(u8::from(*b))])),
@@ -80,7 +79,7 @@ impl PickleValue {
         }
     }
 
-    /// A single number, also one in an array of one element.
+    /// Returns a single number, also from an array of one element.
     pub fn to_number(&self) -> Option<f64> {
         let (_, elements) = self.to_tensor()?;
         if let [number] = elements[..] { Some(number) } else { None }
@@ -105,32 +104,33 @@ impl From<Array> for PickleValue {
     }
 }
 
-/// Why a pickle was refused.
+/// Reason why a pickle is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PickleError {
-    /// The data end before the pickle does.
+    /// The data end before the pickle ends.
     #[error("the pickle is cut off at byte {0}")]
     Truncated(usize),
-    /// It names something other than plain data and NumPy arrays.
+    /// The pickle refers to a global that is neither plain data nor a NumPy array.
     #[error("it refers to {0}, which is neither plain data nor a NumPy array; nothing was executed")]
     Refused(String),
-    /// An opcode that plain data never needs, or none at all.
+    /// An opcode is unknown or not needed for plain data.
     #[error("opcode 0x{opcode:02x} at byte {at} does not belong to plain data")]
     Opcode {
         /// The opcode.
         opcode: u8,
-        /// Where it is.
+        /// Offset of the opcode, bytes.
         at: usize,
     },
-    /// Something is malformed.
+    /// A part of the pickle is malformed.
     #[error("{defect} (at byte {at})")]
     Malformed {
-        /// What is wrong.
+        /// The defect.
         defect: String,
-        /// Where.
+        /// Offset, bytes.
         at: usize,
     },
-    /// More than a log could need.
+    /// The pickle is larger than that of any log.
     #[error("{0}: no log needs as much")]
     TooLarge(&'static str),
 }

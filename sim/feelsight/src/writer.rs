@@ -1,4 +1,4 @@
-//! Writes a log, frame by frame.
+//! Writer of a log, frame by frame.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,22 +7,17 @@ use mvt_frames::camera::PosedCamera;
 use mvt_robot::hand::Finger;
 use mvt_robot::hand::world_from_base;
 
-use super::preview::Preview;
-use super::record::{CameraRecord, DigitInfo, Record, is_plain_name};
-use super::scene::{EpisodeEnd, SCENE_FILE, SceneFile};
-use super::{EncodedFrame, LogError, npz, pickle};
+use crate::error::LogError;
+use crate::frame::EncodedFrame;
+use crate::io::{sync_folder, write_synced};
+use crate::npz;
+use crate::pickle;
+use crate::preview::Preview;
+use crate::record::{CameraRecord, DigitInfo, Record, is_plain_name};
+use crate::scene::{EpisodeEnd, LogMeta, SCENE_FILE};
 
-/// What is known of a log before its first frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LogMeta {
-    /// Everything that goes into scene.json. `end` is what is written by [`LogWriter::finish`].
-    pub scene: SceneFile,
-    /// The cameras, in the order of the observations and of `scene.cameras`.
-    pub cameras: Vec<PosedCamera>,
-}
-
-/// Writes a log into `.<name>.partial` beside its place and renames it when it is complete: a folder of the final name is a
-/// complete log, whenever the process is killed. Dropped before [`LogWriter::finish`], it removes what it wrote.
+/// Writer of a log. It writes into `.<name>.partial` beside the final folder and renames that when the log is complete: a folder with the
+/// final name is a complete log even if the process is killed. If it is dropped before [`LogWriter::finish`], it removes its files.
 pub struct LogWriter {
     place: PathBuf,
     partial: PathBuf,
@@ -34,11 +29,11 @@ pub struct LogWriter {
 }
 
 impl LogWriter {
-    /// Begins a log at `place`.
+    /// Begins a log in the folder `place`.
     ///
     /// # Errors
-    /// [`LogError::NotEmpty`] if something is there and may not be overwritten; [`LogError::Defect`] for names that cannot be files;
-    /// [`LogError::Io`] if the folder cannot be made.
+    /// [`LogError::NotEmpty`] if the folder is not empty and `overwrite` is false; [`LogError::Defect`] for names that are no file names;
+    /// [`LogError::Io`] if the folder cannot be created.
     pub fn create(place: &Path, meta: LogMeta, overwrite: bool) -> Result<Self, LogError> {
         if !overwrite && !is_vacant(place)? {
             return Err(LogError::NotEmpty { path: place.to_path_buf() });
@@ -52,7 +47,7 @@ impl LogWriter {
             return Err(LogError::defect(place, "the cameras are not those of the scene"));
         }
         let partial = sibling(place, "partial")?;
-        // What a killed run left behind.
+        // A killed process leaves this folder behind.
         remove(&partial)?;
         let make = |folder: PathBuf| fs::create_dir_all(&folder).map_err(LogError::io(&folder));
         for finger in Finger::ALL {
@@ -90,7 +85,7 @@ impl LogWriter {
         Ok(Self { place: place.to_path_buf(), partial, overwrite, meta, record, depths, preview })
     }
 
-    /// What the log was begun with; [`EncodedFrame::encode`] wants it.
+    /// Returns the description of the log, for [`EncodedFrame::encode`].
     pub fn meta(&self) -> &LogMeta {
         &self.meta
     }
@@ -102,7 +97,8 @@ impl LogWriter {
     pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), LogError> {
         let EncodedFrame { time_s, .. } = *frame;
         if self.record.times_s.last().is_some_and(|&last| time_s <= last) || frame.cameras.len() != self.depths.len() {
-            let defect = "its time is not later than the last frame's, or it is of another log".into();
+            let defect =
+                "its time is not later than that of the last frame, or its cameras are those of another log".into();
             return Err(LogError::Frame { time_s, defect });
         }
         let name = format!("{}.jpg", self.record.times_s.len());
@@ -132,11 +128,11 @@ impl LogWriter {
         Ok(())
     }
 
-    /// Completes the log and moves it to its place. data.pkl, scene.json and the depths are on the disk before; the numbered
-    /// images are left to the operating system, which keeps them when the process dies, and is not asked for 12 000 syncs.
+    /// Completes the log and moves it to its final folder. data.pkl, scene.json and the depths are synced to the disk before. The numbered
+    /// images are not, which would take 12,000 syncs: the operating system keeps them if the process dies.
     ///
     /// # Errors
-    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the place was taken meanwhile, else [`LogError::Io`].
+    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty, else [`LogError::Io`].
     pub fn finish(mut self, end: EpisodeEnd) -> Result<(), LogError> {
         if self.record.times_s.is_empty() {
             return Err(LogError::defect(&self.place, "the episode ended before its first frame"));
@@ -160,7 +156,7 @@ impl LogWriter {
         let old = sibling(&self.place, "old")?;
         remove(&old)?;
         if is_vacant(&self.place)? {
-            // Not every system renames onto an empty folder.
+            // Some systems do not rename onto an empty folder.
             if self.place.exists() {
                 fs::remove_dir(&self.place).map_err(LogError::io(&self.place))?;
             }
@@ -179,7 +175,7 @@ impl LogWriter {
 
 impl Drop for LogWriter {
     fn drop(&mut self) {
-        // ffmpeg must let go of its file first.
+        // ffmpeg must close its file first.
         self.preview = Preview::Failed;
         let _ = fs::remove_dir_all(&self.partial);
     }
@@ -189,16 +185,16 @@ fn camera_folder(log: &Path, camera: &str) -> PathBuf {
     log.join("realsense").join(camera)
 }
 
-/// `.<name>.<suffix>` beside a place.
+/// Returns `.<name>.<suffix>` beside a place.
 fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, LogError> {
-    let name = place.file_name().ok_or_else(|| LogError::defect(place, "this is no name for a log's folder"))?;
+    let name = place.file_name().ok_or_else(|| LogError::defect(place, "the path does not end in a folder name"))?;
     let mut hidden = std::ffi::OsString::from(".");
     hidden.push(name);
     hidden.push(format!(".{suffix}"));
     Ok(place.with_file_name(hidden))
 }
 
-/// Whether nothing, or an empty folder, is there.
+/// Returns whether a path does not exist or is an empty folder.
 fn is_vacant(place: &Path) -> Result<bool, LogError> {
     match fs::read_dir(place) {
         Ok(mut entries) => Ok(entries.next().is_none()),
@@ -207,9 +203,10 @@ fn is_vacant(place: &Path) -> Result<bool, LogError> {
     }
 }
 
+/// Removes a folder if it exists.
 fn remove(folder: &Path) -> Result<(), LogError> {
     let mut removed = fs::remove_dir_all(folder);
-    // The ffmpeg of a writer that was killed may just have begun its file; it begins but one.
+    // The ffmpeg of a killed writer may create its only file during the removal.
     if removed.as_ref().is_err_and(|reason| reason.kind() == std::io::ErrorKind::DirectoryNotEmpty) {
         removed = fs::remove_dir_all(folder);
     }
@@ -219,21 +216,4 @@ fn remove(folder: &Path) -> Result<(), LogError> {
         }
         _ => Ok(()),
     }
-}
-
-fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), LogError> {
-    let write = || {
-        let mut file = fs::File::create(path)?;
-        std::io::Write::write_all(&mut file, bytes)?;
-        file.sync_all()
-    };
-    write().map_err(LogError::io(path))
-}
-
-fn sync_folder(folder: &Path) -> Result<(), LogError> {
-    // Only Unix can open a folder to sync it.
-    if cfg!(unix) {
-        fs::File::open(folder).and_then(|f| f.sync_all()).map_err(LogError::io(folder))?;
-    }
-    Ok(())
 }

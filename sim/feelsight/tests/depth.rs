@@ -1,5 +1,5 @@
-//! Depth archives that NumPy wrote, in every form that recorded data may have (see data/feelsight/write_depths.py).
-#![allow(clippy::unwrap_used, missing_docs)]
+//! Depth archives from NumPy, in every form of recorded data (see data/write_depths.py).
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::path::{Path, PathBuf};
 

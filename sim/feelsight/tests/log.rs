@@ -1,5 +1,5 @@
 //! Logs written and read back.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
 
@@ -20,7 +20,7 @@ fn cameras() -> Vec<mvt_frames::camera::PosedCamera> {
     vec![camera("front-left", 64, 48), camera("top-down", 40, 30)]
 }
 
-/// Every file of a folder with its bytes.
+/// Returns every file of a folder with its bytes.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_path_buf()];
@@ -38,7 +38,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 #[test]
-fn a_log_comes_back_as_it_went_in() {
+fn a_log_is_read_back_as_written() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("ball/00");
     write(&place, 5, &cameras());
@@ -95,7 +95,7 @@ fn loaders_find_contact_and_fingers_where_they_look() {
         assert!(bytes.starts_with(b"\x89PNG"), "exact in spite of its name");
         image::load_from_memory(&bytes).unwrap().into_luma8()
     };
-    // Loaders take level 0 for no contact, also at the rim, where the object presses in by less than half a level.
+    // Loaders take level 0 for no contact, even at the rim, where the indentation is less than half a level.
     let (levels, mask) = (gray("depth"), gray("mask"));
     let (_, truth) = frame(1, &cameras());
     let depth_m = &truth.touch[Finger::Index].depth_m;
@@ -147,7 +147,7 @@ fn bytes_do_not_depend_on_threads() {
         writer.finish(end()).unwrap();
         logs.push(files(&place));
     }
-    // The film is ffmpeg's.
+    // ffmpeg writes the film.
     logs.iter_mut().for_each(|log| log.retain(|path, _| path.extension().is_none_or(|e| e != "mp4")));
     assert!(logs[0] == logs[1] && logs[0] == logs[2]);
     assert_eq!(logs[0].len(), 6 * (4 * 3 + 2 * 2) + 2 + 2 + usize::from(logs[0].contains_key(Path::new("ball.gif"))));
@@ -164,7 +164,7 @@ fn an_interrupted_log_leaves_nothing() {
     drop(writer);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 
-    // Killed: the writer is never dropped. The next one starts afresh.
+    // Killed: the writer is never dropped. The next one starts anew.
     let mut writer = LogWriter::create(&place, meta(cameras()), false).unwrap();
     writer.push(&EncodedFrame::encode(&observation, &truth, writer.meta()).unwrap()).unwrap();
     std::mem::forget(writer);
@@ -176,7 +176,7 @@ fn an_interrupted_log_leaves_nothing() {
 }
 
 #[test]
-fn what_is_there_stays_unless_asked_and_until_the_new_log_is_complete() {
+fn an_old_log_stays_until_the_new_log_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
     write(&place, 2, &cameras());
@@ -303,7 +303,7 @@ fn a_recorded_log_without_labels_is_read_with_notes() {
     assert!(!log.notes().is_empty());
     let frame = log.frame(1).unwrap().unwrap();
     assert!(frame.truth.is_none() && log.object_poses()[1].is_some());
-    // Without scene.json poses are those of the mesh as it was published.
+    // Without scene.json poses are those of the published mesh.
     let expected = (common::object_pose(1) * common::object_from_file()).to_matrix();
     let read = log.object_poses()[1].unwrap().to_matrix();
     assert!(read.iter().flatten().zip(expected.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12));

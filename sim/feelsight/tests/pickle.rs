@@ -1,5 +1,5 @@
-//! Pickles: against Python's, against themselves, and against files that mean harm.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr, missing_docs)]
+//! Pickles: those of Python, round trips, and hostile files.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)]
 
 mod common;
 
@@ -15,7 +15,7 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-/// What write_pickles.py pickles.
+/// Checks the value that write_pickles.py pickles.
 fn check(value: &PickleValue) {
     let get = |key: &str| value.get(key).unwrap_or_else(|| panic!("{key}"));
     let tensor = |value: &PickleValue| value.to_tensor().expect("numbers");
@@ -70,7 +70,7 @@ fn every_protocol_of_python_is_read() {
     }
 }
 
-/// Whether there is a Python with NumPy; says so if not.
+/// Returns whether Python with NumPy is installed; prints a message if not.
 fn python() -> bool {
     let found = Command::new("python3").args(["-c", "import numpy"]).output().is_ok_and(|o| o.status.success());
     if !found {
@@ -126,7 +126,7 @@ fn nothing_is_executed() {
     ] {
         assert_eq!(refusal(pickle), PickleError::Refused(name.into()));
     }
-    // Named, never called: refused all the same. So are extension codes, persistent ids, sets, object arrays.
+    // Globals that are named and never called are refused, too. So are extension codes, persistent ids, sets and object arrays.
     for pickle in [&b"cnumpy\nndarray\n."[..], b"\x80\x02cnumpy\ndtype\n(X\x02\0\0\0O8K\0K\x01tR."] {
         assert!(matches!(refusal(pickle), PickleError::Refused(_)));
     }
@@ -137,7 +137,7 @@ fn nothing_is_executed() {
 
 #[test]
 fn greed_is_refused() {
-    // A list that holds itself; a list of lists of lists, each ten times the last: 10^30 values in 400 bytes.
+    // A list that contains itself; nested lists of ten items each: 10^30 values in 400 bytes.
     assert!(matches!(refusal(b"\x80\x02]q\0h\0a."), PickleError::TooLarge(_)));
     let mut laughs = b"\x80\x02]q\0".to_vec();
     for level in 0..30u8 {
@@ -158,7 +158,7 @@ fn greed_is_refused() {
     many.extend(b"h\x50".repeat(1000));
     many.extend(b"e.");
     assert!(matches!(refusal(&many), PickleError::TooLarge(_)));
-    // Lengths that are not there.
+    // Lengths beyond the end of the data.
     for pickle in
         [&b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\xff."[..], b"\x80\x02X\xff\xff\xff\xff.", b"\x80\x03B\0\0\0\x80"]
     {
@@ -168,7 +168,7 @@ fn greed_is_refused() {
     assert!(from_bytes(&vec![b'('; 5_000_000]).is_err());
 }
 
-fn value() -> impl Strategy<PickleValue = PickleValue> {
+fn value() -> impl Strategy<Value = PickleValue> {
     let kinds = [Kind::Bool, Kind::I8, Kind::I16, Kind::U32, Kind::I64, Kind::U64, Kind::F16, Kind::F32, Kind::F64];
     let array = (prop::sample::select(kinds.to_vec()), prop::collection::vec(0usize..4, 0..4)).prop_flat_map(
         |(kind, shape)| {

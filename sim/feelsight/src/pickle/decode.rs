@@ -9,11 +9,11 @@ use super::{PickleError, PickleValue};
 use crate::array::{Array, Kind};
 use calls::Global;
 
-/// Operations, and values of the result: some 40 times what a log of 30 s needs, in less than 300 MB at worst.
+/// Greatest number of operations, and of values in the result: 40 times those of a log of 30 s, in less than 300 MB of memory.
 const MAX_OPERATIONS: usize = 4_000_000;
-/// Bytes of arrays and strings that are made while decoding, and again in the result.
+/// Greatest number of bytes of arrays and strings that are allocated while decoding, and again in the result.
 const MAX_BYTES: usize = 256 << 20;
-/// Nesting of the result.
+/// Greatest nesting of the result.
 const MAX_DEPTH: usize = 64;
 
 /// Decodes a pickle of plain data.
@@ -44,7 +44,7 @@ enum Node<'a> {
     Float(f64),
     Str(Cow<'a, str>),
     Bytes(Cow<'a, [u8]>),
-    /// A `str` of Python 2: bytes or Latin-1 text, as its user decides.
+    /// A `str` of Python 2: bytes or Latin-1 text, depending on its use.
     Py2Str(Cow<'a, [u8]>),
     List(Vec<Id>),
     Tuple(Vec<Id>),
@@ -66,7 +66,7 @@ struct Machine<'a> {
     /// Heights of the stack at each open MARK.
     marks: Vec<usize>,
     memo: HashMap<u32, Id>,
-    /// Bytes that were made, not borrowed from the data.
+    /// Bytes that were allocated and not borrowed from the data.
     bytes: usize,
 }
 
@@ -96,19 +96,19 @@ impl<'a> Machine<'a> {
         Ok(taken)
     }
 
-    /// An unsigned little-endian number of up to eight bytes.
+    /// Reads an unsigned little-endian number of up to eight bytes.
     fn number(&mut self, size: usize) -> Result<usize, PickleError> {
         let n = self.take(size)?.iter().rev().fold(0u64, |n, &byte| n << 8 | u64::from(byte));
         usize::try_from(n).map_err(|_| PickleError::TooLarge("a length beyond the address space"))
     }
 
-    /// Bytes after their number, which takes `size` bytes.
+    /// Reads bytes after their number, which takes `size` bytes.
     fn counted(&mut self, size: usize) -> Result<&'a [u8], PickleError> {
         let n = self.number(size)?;
         self.take(n)
     }
 
-    /// Text up to a line feed.
+    /// Reads text up to a line feed.
     fn line(&mut self) -> Result<&'a str, PickleError> {
         let rest = &self.data[self.at..];
         let length = rest.iter().position(|&b| b == b'\n').ok_or(PickleError::Truncated(self.data.len()))?;
@@ -117,7 +117,7 @@ impl<'a> Machine<'a> {
     }
 
     fn utf8(&self, bytes: &'a [u8]) -> Result<Node<'a>, PickleError> {
-        // Lone surrogates, which Python lets pass, are refused.
+        // Lone surrogates, which Python accepts, are refused.
         let text = std::str::from_utf8(bytes).map_err(|_| self.malformed("a string is not UTF-8"))?;
         Ok(Node::Str(text.into()))
     }
@@ -147,7 +147,7 @@ impl<'a> Machine<'a> {
         Ok(id)
     }
 
-    /// Everything above the last MARK, and the MARK.
+    /// Pops the last MARK and everything above it.
     fn pop_mark(&mut self) -> Result<Vec<Id>, PickleError> {
         let height = self.marks.pop().ok_or_else(|| self.malformed("there is no mark"))?;
         Ok(self.stack.split_off(height.min(self.stack.len())))
@@ -158,7 +158,7 @@ impl<'a> Machine<'a> {
         &self.nodes[id as usize]
     }
 
-    /// Numbers, strings and constants.
+    /// Runs opcodes of numbers, strings and constants. Returns whether the opcode is one of them.
     fn atom(&mut self, opcode: u8) -> Result<bool, PickleError> {
         let node = match opcode {
             b'N' => Node::None,
@@ -186,7 +186,7 @@ impl<'a> Machine<'a> {
             }
             b'F' => {
                 let text = self.line()?.trim();
-                Node::Float(text.parse().map_err(|_| self.malformed(format!("{text:?} is no number")))?)
+                Node::Float(text.parse().map_err(|_| self.malformed(format!("{text:?} is not a number")))?)
             }
             b'G' => {
                 let bits = self.take(8)?.iter().fold(0u64, |n, &byte| n << 8 | u64::from(byte));
@@ -224,10 +224,10 @@ impl<'a> Machine<'a> {
     }
 
     fn decimal(&self, digits: &str) -> Result<Node<'a>, PickleError> {
-        digits.trim().parse().map(Node::Int).map_err(|_| self.malformed(format!("{digits:?} is no 64-bit integer")))
+        digits.trim().parse().map(Node::Int).map_err(|_| self.malformed(format!("{digits:?} is not a 64-bit integer")))
     }
 
-    /// Two's complement of any length, which must fit 64 bits.
+    /// Decodes two's complement of any length, which must fit 64 bits.
     fn long(&self, bytes: &[u8]) -> Result<Node<'a>, PickleError> {
         let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
         let fill = if negative { 0xff } else { 0 };
@@ -246,7 +246,7 @@ impl<'a> Machine<'a> {
         Ok(Node::Int(value))
     }
 
-    /// A line of Python's raw-unicode-escape: Latin-1 with `\uXXXX` and `\UXXXXXXXX`.
+    /// Reads a line of Python's raw-unicode-escape: Latin-1 with `\uXXXX` and `\UXXXXXXXX`.
     fn raw_unicode_escape(&mut self) -> Result<String, PickleError> {
         let rest = &self.data[self.at..];
         let length = rest.iter().position(|&b| b == b'\n').ok_or(PickleError::Truncated(self.data.len()))?;
@@ -272,7 +272,7 @@ impl<'a> Machine<'a> {
         Ok(text)
     }
 
-    /// A line holding `repr` of a Python 2 string.
+    /// Reads a line with the `repr` of a Python 2 string.
     fn quoted(&mut self) -> Result<Vec<u8>, PickleError> {
         let line = self.line()?.as_bytes();
         let inner = match line {
@@ -304,7 +304,7 @@ impl<'a> Machine<'a> {
         Ok(text)
     }
 
-    /// Lists, tuples, dictionaries.
+    /// Runs opcodes of lists, tuples and dictionaries. Returns whether the opcode is one of them.
     fn container(&mut self, opcode: u8) -> Result<bool, PickleError> {
         match opcode {
             b']' => self.push(Node::List(Vec::new())),
@@ -359,7 +359,7 @@ impl<'a> Machine<'a> {
             list.extend(items);
             return Ok(());
         }
-        Err(self.malformed("items for what is no list"))
+        Err(self.malformed("items for a value that is not a list"))
     }
 
     fn pairs(&self, items: &[Id]) -> Result<Vec<(Id, Id)>, PickleError> {
@@ -377,10 +377,10 @@ impl<'a> Machine<'a> {
             dict.extend(pairs);
             return Ok(());
         }
-        Err(self.malformed("items for what is no dictionary"))
+        Err(self.malformed("items for a value that is not a dictionary"))
     }
 
-    /// Stack, memo, globals and calls.
+    /// Runs opcodes of the stack, the memo, globals and calls. Returns whether the opcode is one of them.
     fn machinery(&mut self, opcode: u8) -> Result<bool, PickleError> {
         match opcode {
             0x80 => {
@@ -389,7 +389,7 @@ impl<'a> Machine<'a> {
                     return Err(self.malformed(format!("protocol {protocol} is unknown")));
                 }
             }
-            // FRAME and READONLY_BUFFER say nothing about the data.
+            // FRAME and READONLY_BUFFER do not change the data.
             0x95 => {
                 self.take(8)?;
             }
@@ -422,7 +422,7 @@ impl<'a> Machine<'a> {
                     _ => self.number(4)? as u32,
                 };
                 let id = self.memo.get(&index).copied();
-                self.stack.push(id.ok_or_else(|| self.malformed("a reference to nothing"))?);
+                self.stack.push(id.ok_or_else(|| self.malformed("a reference to an unknown value"))?);
             }
             b'c' => {
                 let (module, name) = (self.line()?, self.line()?);
@@ -435,7 +435,7 @@ impl<'a> Machine<'a> {
                         let (module, name) = (module.to_string(), name.to_string());
                         self.global(&module, &name)?;
                     }
-                    _ => return Err(self.malformed("the name of a global is no string")),
+                    _ => return Err(self.malformed("the name of a global is not a string")),
                 }
             }
             b'R' => {
@@ -465,7 +465,7 @@ fn latin1(bytes: &[u8]) -> String {
     bytes.iter().copied().map(char::from).collect()
 }
 
-/// Copies nodes to values. A node may be referred to often, so what is made here is counted again.
+/// Copies nodes to values. A node may be referred to often, so its values and bytes are counted again.
 struct Budget<'a> {
     nodes: &'a [Node<'a>],
     values: usize,
@@ -475,7 +475,7 @@ struct Budget<'a> {
 impl Budget<'_> {
     fn value(&mut self, id: Id, depth: usize) -> Result<PickleValue, PickleError> {
         self.values = self.values.checked_sub(1).ok_or(PickleError::TooLarge("more than four million values"))?;
-        // Also what ends a list that holds itself.
+        // This also ends a list that contains itself.
         if depth > MAX_DEPTH {
             return Err(PickleError::TooLarge("more than 64 levels of nesting"));
         }

@@ -1,4 +1,4 @@
-//! The globals that a pickle may name, and what stands for calling them.
+//! The globals that a pickle may name, and the results of their calls.
 
 use std::borrow::Cow;
 
@@ -6,7 +6,7 @@ use super::{Id, MAX_BYTES, Machine, Node, latin1};
 use crate::array::{Array, Kind};
 use crate::pickle::PickleError;
 
-/// The globals that plain data and NumPy arrays need.
+/// Global that plain data and NumPy arrays need.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Global {
     NdArray,
@@ -44,7 +44,7 @@ impl<'a> Machine<'a> {
         Ok(())
     }
 
-    /// Counts bytes that are made rather than borrowed.
+    /// Counts bytes that are allocated and not borrowed.
     pub(super) fn charge(&mut self, bytes: usize) -> Result<(), PickleError> {
         self.bytes = self.bytes.saturating_add(bytes);
         if self.bytes > MAX_BYTES { Err(PickleError::TooLarge("more than 256 MiB of data")) } else { Ok(()) }
@@ -94,7 +94,7 @@ impl<'a> Machine<'a> {
 
     pub(super) fn call(&mut self, callable: Id, arguments: Id) -> Result<Node<'a>, PickleError> {
         let Node::Global(callable) = *self.node(callable) else {
-            return Err(self.malformed("a call of what is no function"));
+            return Err(self.malformed("a call of a value that is not a function"));
         };
         let arguments = self.tuple(arguments)?.to_vec();
         match (callable, arguments.as_slice()) {
@@ -139,7 +139,8 @@ impl<'a> Machine<'a> {
                     Node::Bytes(bytes) if callable == Global::Bytes => Some(bytes.to_vec()),
                     _ => None,
                 };
-                let bytes: Vec<u8> = bytes.ok_or_else(|| self.malformed("bytes from what is no Latin-1 text"))?;
+                let bytes: Vec<u8> =
+                    bytes.ok_or_else(|| self.malformed("bytes from a value that is not Latin-1 text"))?;
                 self.charge(bytes.len())?;
                 Ok(Node::Bytes(bytes.into()))
             }
@@ -162,7 +163,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Gives the object on top of the stack its state.
+    /// Sets the state of the object on top of the stack.
     pub(super) fn build(&mut self, state: Id) -> Result<(), PickleError> {
         let object = self.top()?;
         let state = self.tuple(state)?.to_vec();
@@ -175,7 +176,7 @@ impl<'a> Machine<'a> {
                 let big_endian = self.text(order).is_some_and(|order| order == ">");
                 self.nodes[object as usize] = Node::Dtype { kind, big_endian };
             }
-            // (version, shape, data type, Fortran order, data); the version was added later.
+            // (version, shape, data type, Fortran order, data); the oldest pickles have no version.
             (Node::Array(_), &[_, shape, dtype, fortran, data] | &[shape, dtype, fortran, data]) => {
                 let Node::Dtype { kind, big_endian } = *self.node(dtype) else {
                     return Err(self.malformed("an array without its type"));
@@ -185,7 +186,7 @@ impl<'a> Machine<'a> {
                 let array = self.array(kind, big_endian, fortran, shape, data)?;
                 self.nodes[object as usize] = Node::Array(Some(array));
             }
-            _ => return Err(self.malformed("a state for what has none")),
+            _ => return Err(self.malformed("a state for a value without state")),
         }
         Ok(())
     }
