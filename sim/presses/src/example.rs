@@ -1,12 +1,11 @@
-//! Touch images with their truth.
+//! Touch images with their ground truth.
 //!
-//! Each image is a contact of its own, drawn from (seed, index): no two belong to one slide, so that a split by object is one by
-//! trajectory too. Half of them follow MidasTouch's protocol for YCB-Slide (the finger stands on a point of the surface within a few
-//! degrees of its normal), the others what happens in a hand (anywhere on the pad, tilted, deeper or lighter).
+//! Each image shows a press of its own, drawn from (seed, index). No two belong to one slide, so that a split by object is also one by
+//! trajectory. Half of the presses follow MidasTouch's protocol for YCB-Slide: the finger stands on a point of the surface within a few
+//! degrees of its normal. The others are like those in a hand: anywhere on the pad, tilted, deeper or lighter.
 
 use std::f64::consts::TAU;
 
-use anyhow::{Result, ensure};
 use image::RgbImage;
 use mvt_frames::{Gel, Isometry, Object};
 use mvt_render::touch::{NoiseKey, TouchFrame};
@@ -14,135 +13,50 @@ use mvt_robot::digit::{HEIGHT, WIDTH, gel};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
-use super::backdrop::disturb;
-use super::objects::{Split, Surface};
-use super::sensors::Sensor;
+use crate::backdrop::disturb;
+use crate::config::DataConfig;
+use crate::objects::PressedSurface;
+use crate::sensors::PressSensor;
 
-/// What training images are like.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct DataConfig {
-    /// What touches.
-    #[serde(skip_serializing_if = "Split::is_published")]
-    pub objects: Split,
-    /// Share of images in which nothing touches.
-    pub untouched: f64,
-    /// Share of the others that follow MidasTouch's protocol.
-    pub protocol: f64,
-    /// Share of contacts in which the finger is not drawn back where something is deeper than the press depth: an edge beside the
-    /// touched point may be as deep as the object allows.
-    pub deep: f64,
-    /// Press depth beyond the protocol, from and to, millimetres.
-    pub press_mm: [f64; 2],
-    /// Greatest tilt beyond the protocol, degrees.
-    pub tilt_deg: f64,
-    /// Share of sensors whose lights differ from those they were calibrated with.
-    pub disturbed_lights: f64,
-    /// How much they differ, in units of MidasTouch's distribution.
-    pub light_strength: f64,
-    /// Standard deviation of the image noise, from and to, grey levels.
-    pub noise: [f32; 2],
-    /// Greatest height of each shape of light that is added to a background, grey levels.
-    pub background: f32,
-    /// Share of images of sensors whose image without contact is known.
-    pub known_untouched: f64,
-    /// Sensors in use at a time; each step one of them is replaced by a new one.
-    pub sensors: usize,
-}
-
-impl Default for DataConfig {
-    fn default() -> Self {
-        Self {
-            objects: Split::default(),
-            untouched: 0.06,
-            protocol: 0.5,
-            deep: 0.04,
-            press_mm: [0.1, 2.0],
-            tilt_deg: 30.0,
-            disturbed_lights: 0.6,
-            light_strength: 1.0,
-            noise: [1.5, 3.0],
-            background: 12.0,
-            known_untouched: 0.75,
-            sensors: 24,
-        }
-    }
-}
-
-/// MidasTouch's press depth, from and to, millimetres, and shear, degrees.
+/// Least and greatest press depth of MidasTouch's protocol, millimetres.
 const PROTOCOL_PRESS_MM: [f64; 2] = [0.5, 1.0];
+/// Greatest tilt of MidasTouch's protocol (its "shear"), degrees.
 const PROTOCOL_SHEAR_DEG: f64 = 5.0;
-/// MidasTouch counts indentation over this share of the press depth as contact.
+/// Share of the press depth above which MidasTouch counts indentation as contact.
 const CONTACT_SHARE: f64 = 0.2;
-/// How much deeper than the press depth, as a share of it, anything else may be.
+/// Greatest excess of any other part of the object over the press depth, as a share of it.
 const SLACK: f64 = 0.5;
-/// A contact of a smaller share of the image is a sliver at its rim or the back of a wall; MidasTouch's reader drops such images, too.
+/// Least share of the image in contact. A smaller contact is a sliver at the rim or the back of a wall; MidasTouch's reader drops such
+/// images, too.
 const LEAST_AREA: f64 = 0.01;
-/// Contacts that are drawn before one is taken as it is.
+/// Contacts that are drawn before one is used without these checks.
 const TRIES: usize = 8;
-/// Indentation that a network is taught at most, millimetres: the gel is not much thicker.
+/// Greatest indentation in the ground truth, millimetres: the gel is not much thicker.
 const DEEPEST_MM: f32 = 4.0;
 
-impl DataConfig {
-    /// MidasTouch's protocol for YCB-Slide and nothing else, on sensors with the lights they were calibrated with.
-    pub fn protocol() -> Self {
-        Self {
-            untouched: 0.0,
-            protocol: 1.0,
-            deep: 0.0,
-            disturbed_lights: 0.0,
-            noise: [2.0, 2.0],
-            background: 0.0,
-            known_untouched: 1.0,
-            ..Self::default()
-        }
-    }
-
-    /// Checks that the numbers make sense.
-    pub fn check(&self) -> Result<()> {
-        self.objects.check()?;
-        let share = |value: f64| (0.0..=1.0).contains(&value);
-        ensure!(share(self.untouched), "data.untouched must lie between 0 and 1");
-        ensure!(share(self.protocol), "data.protocol must lie between 0 and 1");
-        ensure!(share(self.deep), "data.deep must lie between 0 and 1");
-        ensure!(share(self.disturbed_lights), "data.disturbed_lights must lie between 0 and 1");
-        ensure!((0.0..=10.0).contains(&self.light_strength), "data.light_strength must lie between 0 and 10");
-        let [least, most] = self.press_mm;
-        ensure!(0.0 < least && least < most && most <= 5.0, "data.press_mm must rise and lie between 0 and 5");
-        ensure!((0.0..=80.0).contains(&self.tilt_deg), "data.tilt_deg must lie between 0 and 80");
-        let [least, most] = self.noise;
-        ensure!(0.0 < least && least <= most && most <= 28.0, "data.noise must not fall and lie between 0 and 28");
-        ensure!((0.0..=100.0).contains(&self.background), "data.background must lie between 0 and 100");
-        ensure!(share(self.known_untouched), "data.known_untouched must lie between 0 and 1");
-        ensure!((1..=1000).contains(&self.sensors), "data.sensors must lie between 1 and 1000");
-        Ok(())
-    }
-}
-
-/// A touch image with what it shows, of 320 rows and 240 columns or a whole fraction of that.
+/// Touch image with its ground truth, of 320 rows and 240 columns or a whole fraction of that.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
     /// Rows and columns.
     pub size: [usize; 2],
     /// RGB of each pixel.
     pub levels: Vec<u8>,
-    /// The same of the sensor without contact, if that is known.
+    /// RGB of each pixel of the sensor's untouched image, if it is known.
     pub untouched: Option<Vec<u8>>,
-    /// Indentation over the empty gel, millimetres.
+    /// Indentation of each pixel, millimetres.
     pub indentation_mm: Vec<f32>,
-    /// How much of each pixel is in contact.
+    /// Share of each pixel that is in contact, 0 to 1.
     pub contact: Vec<f32>,
 }
 
 impl Example {
-    /// Its image.
+    /// Returns the image.
     pub fn image(&self) -> RgbImage {
         self.picture(&self.levels)
     }
 
-    /// The image of its sensor without contact, if that is known.
+    /// Returns the sensor's untouched image, if it is known.
     pub fn untouched(&self) -> Option<RgbImage> {
         self.untouched.as_ref().map(|levels| self.picture(levels))
     }
@@ -156,14 +70,14 @@ impl Example {
     }
 }
 
-/// How an object lies on the gel.
+/// Pose of an object on the gel.
 struct Contact {
     gel_from_object: Isometry<Object, Gel>,
     press_mm: f64,
 }
 
 impl Contact {
-    fn draw(surface: &Surface, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
+    fn draw(surface: &PressedSurface, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
         let follows_protocol = rng.random_bool(config.protocol);
         let ([least, most], tilt_deg, reach) = if follows_protocol {
             (PROTOCOL_PRESS_MM, PROTOCOL_SHEAR_DEG, 0.0)
@@ -172,7 +86,7 @@ impl Contact {
         };
         let press_mm = rng.random_range(least..most);
         let (point, normal) = surface.point(rng);
-        // Evenly over the cone's angle, so that small tilts are common; then any roll.
+        // Uniform in the cone's angle, so that small tilts are common; then any roll.
         let tilt = rng.random::<f64>() * tilt_deg.to_radians();
         let towards = rng.random::<f64>() * TAU;
         let facing = Vector3::new(-tilt.cos(), tilt.sin() * towards.cos(), tilt.sin() * towards.sin());
@@ -189,16 +103,19 @@ impl Contact {
         Self { gel_from_object: Isometry::new(pose), press_mm }
     }
 
-    /// The same, farther from the camera.
+    /// Returns the pose, withdrawn from the camera.
     fn withdrawn(&self, millimetres: f64) -> Isometry<Object, Gel> {
         Isometry::<Gel, Gel>::translation(millimetres * 1e-3, 0.0, 0.0) * self.gel_from_object
     }
 }
 
 /// Renders the `index`-th image of a seed with one of the sensors.
+///
+/// # Panics
+/// If there are no surfaces or no sensors.
 pub fn example(
-    surfaces: &[Surface],
-    sensors: &[&Sensor],
+    surfaces: &[PressedSurface],
+    sensors: &[&PressSensor],
     config: &DataConfig,
     (seed, index): (u64, u64),
     frame: &mut TouchFrame,
@@ -226,9 +143,9 @@ pub fn example(
             if may_be_deep || (excess < SLACK * press_mm && covers_enough(frame, press_mm)) {
                 break;
             }
-            // As MidasTouch does: where something else than the touched point is too deep, the finger is drawn back.
+            // As in MidasTouch, the finger is withdrawn if another part than the touched point is too deep.
             sensor.renderer.render(&surface.rays, contact.withdrawn(excess), noise, frame);
-            // Where a finger does not fit, in a cup say, something is still too deep.
+            // Where a finger does not fit, for example in a cup, another part may still be too deep.
             if sensor.deepest_mm(frame) < (1.0 + SLACK) * press_mm && covers_enough(frame, press_mm) {
                 break;
             }
@@ -247,7 +164,7 @@ pub fn example(
     Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), untouched, indentation_mm, contact }
 }
 
-/// From which indentation on a pixel is in contact: MidasTouch's share of the press depth, which is taken to be within the protocol's
+/// Returns the indentation above which a pixel is in contact: MidasTouch's share of the press depth, which is clamped to the protocol's
 /// range, so that the threshold lies between 0.1 and 0.2 mm.
 pub fn contact_threshold_mm(press_mm: f64) -> f64 {
     CONTACT_SHARE * press_mm.clamp(PROTOCOL_PRESS_MM[0], PROTOCOL_PRESS_MM[1])
@@ -255,9 +172,9 @@ pub fn contact_threshold_mm(press_mm: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::objects;
-    use super::super::sensors::Rack;
     use super::*;
+    use crate::objects;
+    use crate::sensors::Rack;
 
     #[test]
     fn images_depend_on_seed_and_index_alone() {
