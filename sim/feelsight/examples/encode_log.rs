@@ -2,8 +2,8 @@
 //!
 //! Usage: `cargo run --release -p mvt-feelsight --example encode_log -- FOLDER [FRAMES]`
 //!
-//! It writes the log into FOLDER, which it overwrites; FRAMES is 90 by default. The frames are synthetic and take as long as rendered
-//! ones: touch and colour images are noisy, depth is curved and noisy.
+//! It writes the log into FOLDER, which it overwrites; FRAMES is 90 by default. The frames are synthetic and take as
+//! long as rendered ones: touch and colour images are noisy, depth is curved and noisy.
 #![allow(clippy::print_stdout)]
 
 use std::collections::BTreeMap;

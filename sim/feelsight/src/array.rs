@@ -36,7 +36,8 @@ const KINDS: [(Kind, &str); 12] = [
 ];
 
 impl Kind {
-    /// Returns the type for NumPy's code without byte order, such as "f4"; `None` for strings, objects, records, complex numbers, dates.
+    /// Returns the type for NumPy's code without byte order, such as "f4"; `None` for strings, objects, records,
+    /// complex numbers, dates.
     pub fn from_code(code: &str) -> Option<Self> {
         KINDS.iter().find(|(_, c)| *c == code).map(|(kind, _)| *kind)
     }
@@ -56,7 +57,8 @@ impl Kind {
         }
     }
 
-    /// Decodes one little-endian element, rounded to `f64`. `bytes` must hold [`Kind::size`] bytes; missing ones count as zero.
+    /// Decodes one little-endian element, rounded to `f64`. `bytes` must hold [`Kind::size`] bytes; missing ones count
+    /// as zero.
     pub fn decode(self, bytes: &[u8]) -> f64 {
         let mut raw = [0; 8];
         for (to, from) in raw.iter_mut().zip(&bytes[..bytes.len().min(self.size())]) {

@@ -46,9 +46,9 @@ pub(super) struct EncodedCamera {
 impl EncodedFrame {
     /// Encodes the observation and the ground truth of one instant.
     ///
-    /// Touch depth is the height over the plane 22 mm from the camera, in steps of 0.03 mm, for the whole pad: object or untouched
-    /// gel. TACTO's height maps and the networks trained on them use the same encoding. Loaders multiply it by the contact mask and
-    /// take level 0 for no contact, so a pixel in contact has at least level 1.
+    /// Touch depth is the height over the plane 22 mm from the camera, in steps of 0.03 mm, for the whole pad: object
+    /// or untouched gel. TACTO's height maps and the networks trained on them use the same encoding. Loaders multiply
+    /// it by the contact mask and take level 0 for no contact, so a pixel in contact has at least level 1.
     ///
     /// # Errors
     /// [`LogError::Frame`] if the images, cameras or sizes differ from those of the log.

@@ -42,8 +42,8 @@ pub struct LogSummary {
     pub contact_fraction: Option<[f64; 4]>,
     /// Fraction of frames in which any pad has contact; `None` without labels.
     pub any_contact_fraction: Option<f64>,
-    /// Largest difference between an element of a recorded DIGIT pose and forward kinematics; `None` without recorded poses. In logs
-    /// without scene.json it is only informative, since their recorded poses are not documented.
+    /// Largest difference between an element of a recorded DIGIT pose and forward kinematics; `None` without recorded
+    /// poses. In logs without scene.json it is only informative, since their recorded poses are not documented.
     pub kinematics_deviation: Option<f64>,
     /// Distance of points in contact from the surface of the object; `None` without labels, contact or a surface.
     pub contact_distance: Option<ContactDistance>,
@@ -94,8 +94,8 @@ pub fn inspect(folder: &Path) -> Result<LogSummary, LogError> {
     inspect_surface(folder, None)
 }
 
-/// Does the same as [`inspect`], and compares the pixels in contact with the object: `distance_m` returns the signed distance of a point
-/// from its surface. Swapped fingers or joints lead to distances of centimetres.
+/// Does the same as [`inspect`], and compares the pixels in contact with the object: `distance_m` returns the signed
+/// distance of a point from its surface. Swapped fingers or joints lead to distances of centimetres.
 ///
 /// # Errors
 /// As [`inspect`]; distances are reported, not judged.

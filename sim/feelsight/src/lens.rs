@@ -8,8 +8,8 @@ use mvt_frames::camera::Intrinsics;
 pub(crate) struct Lens(Vec<Option<u32>>);
 
 impl Lens {
-    /// Builds the map of OpenCV's model with coefficients k1, k2, p1, p2, k3: nearest pixel, same intrinsics, as NeuralFeels' loaders
-    /// do. Returns `None` if all coefficients are 0.
+    /// Builds the map of OpenCV's model with coefficients k1, k2, p1, p2, k3: nearest pixel, same intrinsics, as
+    /// NeuralFeels' loaders do. Returns `None` if all coefficients are 0.
     pub fn new(intrinsics: &Intrinsics, [k1, k2, p1, p2, k3]: [f64; 5]) -> Option<Self> {
         if [k1, k2, p1, p2, k3] == [0.0; 5] {
             return None;

@@ -2,7 +2,8 @@
 
 use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
 
-/// Returns the level nearest to a grey that JPEG may have changed: `round(grey / 127.5)` of 0, 1, 2, as NeuralFeels' loaders do.
+/// Returns the level nearest to a grey that JPEG may have changed: `round(grey / 127.5)` of 0, 1, 2, as NeuralFeels'
+/// loaders do.
 pub(crate) fn nearest_level(grey: u8) -> u8 {
     match grey {
         0..64 => BACKGROUND,

@@ -1,24 +1,26 @@
-//! FeelSight logs, the format of NeuralFeels' data set: a writer whose logs NeuralFeels' own loaders read, a reader, and a check.
+//! FeelSight logs, the format of NeuralFeels' data set: a writer whose logs NeuralFeels' own loaders read, a reader,
+//! and a check.
 //!
-//! The crate reads logs of this workspace and of the published data set, whole ([`Log::open`]) or with missing and damaged parts
-//! ([`Log::open_tolerant`]). It writes logs frame by frame ([`LogWriter`]) and checks all files of a log ([`inspect`]). It needs neither
-//! Python nor NumPy, and never runs code of a pickle. It does not render, simulate or draw: pictures of a log, such as contact sheets,
-//! are made elsewhere.
+//! The crate reads logs of this workspace and of the published data set, whole ([`Log::open`]) or with missing and
+//! damaged parts ([`Log::open_tolerant`]). It writes logs frame by frame ([`LogWriter`]) and checks all files of a log
+//! ([`inspect`]). It needs neither Python nor NumPy, and never runs code of a pickle. It does not render, simulate or
+//! draw: pictures of a log, such as contact sheets, are made elsewhere.
 //!
 //! ```text
 //! <log>/
-//!   data.pkl                                   times, joints, poses, intrinsics (Python pickle)
-//!   scene.json                                 everything else about the episode; only in logs of this program
-//!   <object>.mp4 or .gif                       a preview
-//!   allegro/<finger>/image/<i>.jpg             DIGIT colours, 240 x 320
-//!   allegro/<finger>/depth/<i>.jpg             simulated only: height over the plane 22 mm from the camera, 0.03 mm per level
-//!   allegro/<finger>/mask/<i>.jpg              simulated only: 255 in contact
-//!   realsense/<camera>/image/<i>.jpg           colours
-//!   realsense/<camera>/seg/<i>.jpg             simulated only: 0 background, 127 hand, 255 object
-//!   realsense/<camera>/depth.npz               depth [N, H, W]: negative camera z, metres, 0 = not measured; depth_scale
+//!   data.pkl                               times, joints, poses, intrinsics (Python pickle)
+//!   scene.json                             everything else about the episode; only in logs of this program
+//!   <object>.mp4 or .gif                   a preview
+//!   allegro/<finger>/image/<i>.jpg         DIGIT colours, 240 x 320
+//!   allegro/<finger>/depth/<i>.jpg         simulated only: height over the plane 22 mm from the camera; 0.03 mm a level
+//!   allegro/<finger>/mask/<i>.jpg          simulated only: 255 in contact
+//!   realsense/<camera>/image/<i>.jpg       colours
+//!   realsense/<camera>/seg/<i>.jpg         simulated only: 0 background, 127 hand, 255 object
+//!   realsense/<camera>/depth.npz           depth [N, H, W]: negative camera z, metres, 0 = not measured; depth_scale
 //! ```
 //!
-//! Frames are numbered from 0 without padding. Masks, segmentations and touch depths are PNG images in spite of their names.
+//! Frames are numbered from 0 without padding. Masks, segmentations and touch depths are PNG images in spite of their
+//! names.
 //!
 //! Reading a log:
 //!

@@ -1,11 +1,12 @@
 //! depth.npz: the depth images of a camera, written and read one frame at a time.
 //!
-//! The file has the format of `numpy.savez_compressed(depth=..., depth_scale=...)`: a zip archive of two .npy files. Thirty seconds
-//! of 640 x 480 are 1.1 GB before compression, so neither writer nor reader holds more than one frame.
+//! The file has the format of `numpy.savez_compressed(depth=..., depth_scale=...)`: a zip archive of two .npy files.
+//! Thirty seconds of 640 x 480 are 1.1 GB before compression, so neither writer nor reader holds more than one frame.
 //!
-//! Each frame is deflated alone ([`DeflatedFrame`], on any thread) and ends on a byte boundary. The frames are joined to one stream, and
-//! their checksums are combined, so the bytes depend neither on the number of threads nor on timing. The .npy header stands before the
-//! frames and holds their number. It is a block without compression, which is overwritten at the end.
+//! Each frame is deflated alone ([`DeflatedFrame`], on any thread) and ends on a byte boundary. The frames are joined
+//! to one stream, and their checksums are combined, so the bytes depend neither on the number of threads nor on timing.
+//! The .npy header stands before the frames and holds their number. It is a block without compression, which is
+//! overwritten at the end.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -60,7 +61,8 @@ impl DeflatedFrame {
         values.for_each(|value| plain.extend_from_slice(&value.to_le_bytes()));
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(&plain);
-        // `write::DeflateEncoder::flush` loses data with this backend once its buffer is full, hence the bare compressor.
+        // `write::DeflateEncoder::flush` loses data with this backend once its buffer is full, hence the bare
+        // compressor.
         let mut compressor = Compress::new(Compression::fast(), false);
         let mut data = Vec::with_capacity(plain.len() / 2 + 1024);
         loop {
@@ -168,7 +170,8 @@ struct Sizes {
     plain: u64,
 }
 
-/// Returns the common part of local header and directory entry: version, flags, method, date (1 January 1980) and checksum.
+/// Returns the common part of local header and directory entry: version, flags, method, date (1 January 1980) and
+/// checksum.
 fn common(method: Method, checksum: u32) -> Vec<u8> {
     let mut out = Vec::new();
     // 4.5 is the first version with ZIP64.
@@ -382,8 +385,8 @@ impl NpzReader {
         self.scale
     }
 
-    /// Reads the next image, row by row, and multiplies it by the scale; `None` after the last one. The last image is returned only if the
-    /// checksum of all images is right.
+    /// Reads the next image, row by row, and multiplies it by the scale; `None` after the last one. The last image is
+    /// returned only if the checksum of all images is right.
     ///
     /// # Errors
     /// [`NpzError`] if the data are damaged or end early.

@@ -55,7 +55,7 @@ pub struct PartialFrame {
 pub struct PartialFrames {
     log: Log,
     next: usize,
-    /// Index of each camera and its depths; none once they are damaged.
+    /// Index of each camera and its depths; `None` once they are damaged.
     cameras: Vec<(usize, Option<(PathBuf, npz::NpzReader)>)>,
     touch: TouchPart,
     /// Found on opening; reported with the first frame.
@@ -63,7 +63,8 @@ pub struct PartialFrames {
 }
 
 impl Log {
-    /// Iterates over the readable parts of the frames: the depths of these cameras, by index, and this part of the DIGITs' files.
+    /// Iterates over the readable parts of the frames: the depths of these cameras, by index, and this part of the
+    /// DIGITs' files.
     pub fn into_partial_frames(self, cameras: &[usize], touch: TouchPart) -> PartialFrames {
         let mut defects = Vec::new();
         let mut open = |&camera: &usize| match self.depths(camera) {

@@ -1,8 +1,8 @@
 //! Python pickles of plain data, read and written without Python.
 //!
-//! [`from_bytes`] is a restricted decoder: it knows numbers, strings, lists, tuples, dictionaries and NumPy arrays in every
-//! protocol from 0 to 5, and refuses every other global by name. A pickle is a program, but this decoder never calls a function that it
-//! names. It also limits operations, depth and memory, so a hostile file does no harm.
+//! [`from_bytes`] is a restricted decoder: it knows numbers, strings, lists, tuples, dictionaries and NumPy arrays in
+//! every protocol from 0 to 5, and refuses every other global by name. A pickle is a program, but this decoder never
+//! calls a function that it names. It also limits operations, depth and memory, so a hostile file does no harm.
 
 mod decode;
 mod encode;
@@ -54,7 +54,8 @@ impl PickleValue {
         if let PickleValue::Str(s) = self { Some(s) } else { None }
     }
 
-    /// Returns the shape and the elements, in C order, of a number, an array, or nested lists and tuples of equal shapes.
+    /// Returns the shape and the elements, in C order, of a number, an array, or nested lists and tuples of equal
+    /// shapes.
     pub fn to_tensor(&self) -> Option<(Vec<usize>, Vec<f64>)> {
         match self {
             PickleValue::Bool(b) => Some((vec![], vec![f64::from(u8::from(*b))])),

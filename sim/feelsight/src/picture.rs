@@ -1,5 +1,5 @@
-//! Image files of a log. Colours are JPEG. Labels and touch depth are PNG, so that they stay exact, but also have names in .jpg: OpenCV
-//! recognises the format by the content.
+//! Image files of a log. Colours are JPEG. Labels and touch depth are PNG, so that they stay exact, but also have names
+//! in .jpg: OpenCV recognises the format by the content.
 
 use std::io::Cursor;
 use std::path::Path;

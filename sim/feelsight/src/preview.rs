@@ -20,7 +20,8 @@ const GIF_EVERY: usize = 5;
 /// Speed of the choice of colours, 1 (best) to 30 (fastest).
 const GIF_SPEED: i32 = 10;
 
-/// Returns a picture of the preview: the first camera on the left, index and middle finger above ring and thumb on the right.
+/// Returns a picture of the preview: the first camera on the left, index and middle finger above ring and thumb on the
+/// right.
 pub(super) fn tile(observation: &Observation) -> RgbImage {
     let mut tile = RgbImage::from_pixel(WIDTH, HEIGHT, Rgb([0; 3]));
     if let Some(camera) = observation.cameras.first() {
@@ -34,8 +35,8 @@ pub(super) fn tile(observation: &Observation) -> RgbImage {
     tile
 }
 
-/// Shrinks an image: each new pixel is the mean of the four pixels around its middle. This suffices at factors near 2, in a tenth of
-/// the time of a real filter.
+/// Shrinks an image: each new pixel is the mean of the four pixels around its middle. This suffices at factors near 2,
+/// in a tenth of the time of a real filter.
 fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
     let (from_width, from_height) = image.dimensions();
     if from_width < 2 || from_height < 2 {
@@ -58,8 +59,8 @@ fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
     small
 }
 
-/// Writer of `<object>.mp4` through ffmpeg, or of `<object>.gif` if ffmpeg is not installed. A failure is only a warning: the preview is
-/// not part of the data.
+/// Writer of `<object>.mp4` through ffmpeg, or of `<object>.gif` if ffmpeg is not installed. A failure is only a
+/// warning: the preview is not part of the data.
 pub(super) enum Preview {
     Film(Child),
     Animation { encoder: gif::Encoder<BufWriter<File>>, rate_hz: f64, frames: usize, path: PathBuf },

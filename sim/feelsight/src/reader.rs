@@ -18,8 +18,8 @@ use crate::scene::SceneFile;
 
 /// Open log. Images and depths are read on demand.
 ///
-/// All poses are in the world of [`mvt_robot::hand::world_from_base`], whatever the log's own world, and depths are positive. A log
-/// without scene.json counts as a recording of a left hand, and its object frame is that of the mesh.
+/// All poses are in the world of [`mvt_robot::hand::world_from_base`], whatever the log's own world, and depths are
+/// positive. A log without scene.json counts as a recording of a left hand, and its object frame is that of the mesh.
 #[derive(Debug)]
 pub struct Log {
     folder: PathBuf,
@@ -92,8 +92,8 @@ impl Log {
         &self.joints
     }
 
-    /// Returns the pose of the object in each frame, also in logs without other labels. In recorded data it is an estimate, and `None`
-    /// where the estimate is missing.
+    /// Returns the pose of the object in each frame, also in logs without other labels. In recorded data it is an
+    /// estimate, and `None` where the estimate is missing.
     pub fn object_poses(&self) -> &[Option<Isometry<Object, World>>] {
         &self.object_poses
     }

@@ -56,8 +56,8 @@ pub struct SceneObject {
     pub mesh: String,
     /// SHA-256 of that file, hexadecimal; `None` for a procedural shape.
     pub mesh_sha256: Option<String>,
-    /// Motion from the frame of the published mesh to that of the object, 4 x 4 row-major, metres. data.pkl holds poses of the published
-    /// mesh.
+    /// Motion from the frame of the published mesh to that of the object, 4 x 4 row-major, metres. data.pkl holds poses
+    /// of the published mesh.
     pub object_from_file: [[f64; 4]; 4],
     /// Mass before randomisation, kg.
     pub mass_kg: f64,

@@ -16,8 +16,9 @@ use crate::preview::Preview;
 use crate::record::{CameraRecord, DigitInfo, Record, is_plain_name};
 use crate::scene::{EpisodeEnd, LogMeta, SCENE_FILE};
 
-/// Writer of a log. It writes into `.<name>.partial` beside the final folder and renames that when the log is complete: a folder with the
-/// final name is a complete log even if the process is killed. If it is dropped before [`LogWriter::finish`], it removes its files.
+/// Writer of a log. It writes into `.<name>.partial` beside the final folder and renames that when the log is complete:
+/// a folder with the final name is a complete log even if the process is killed. If it is dropped before
+/// [`LogWriter::finish`], it removes its files.
 pub struct LogWriter {
     place: PathBuf,
     partial: PathBuf,
@@ -32,8 +33,8 @@ impl LogWriter {
     /// Begins a log in the folder `place`.
     ///
     /// # Errors
-    /// [`LogError::NotEmpty`] if the folder is not empty and `overwrite` is false; [`LogError::Defect`] for names that are no file names;
-    /// [`LogError::Io`] if the folder cannot be created.
+    /// [`LogError::NotEmpty`] if the folder is not empty and `overwrite` is false; [`LogError::Defect`] for names that
+    /// are no file names; [`LogError::Io`] if the folder cannot be created.
     pub fn create(place: &Path, meta: LogMeta, overwrite: bool) -> Result<Self, LogError> {
         if !overwrite && !is_vacant(place)? {
             return Err(LogError::NotEmpty { path: place.to_path_buf() });
@@ -128,11 +129,13 @@ impl LogWriter {
         Ok(())
     }
 
-    /// Completes the log and moves it to its final folder. data.pkl, scene.json and the depths are synced to the disk before. The numbered
-    /// images are not, which would take 12,000 syncs: the operating system keeps them if the process dies.
+    /// Completes the log and moves it to its final folder. data.pkl, scene.json and the depths are synced to the disk
+    /// before. The numbered images are not, which would take 12,000 syncs: the operating system keeps them if the
+    /// process dies.
     ///
     /// # Errors
-    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty, else [`LogError::Io`].
+    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty, else
+    /// [`LogError::Io`].
     pub fn finish(mut self, end: EpisodeEnd) -> Result<(), LogError> {
         if self.record.times_s.is_empty() {
             return Err(LogError::defect(&self.place, "the episode ended before its first frame"));

@@ -1,4 +1,5 @@
-//! Damaged logs. Whatever the damage to a file of a valid log, reading it soon returns a log or an error, and never panics.
+//! Damaged logs. Whatever the damage to a file of a valid log, reading it soon returns a log or an error, and never
+//! panics.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;

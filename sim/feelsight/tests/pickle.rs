@@ -126,7 +126,8 @@ fn nothing_is_executed() {
     ] {
         assert_eq!(refusal(pickle), PickleError::Refused(name.into()));
     }
-    // Globals that are named and never called are refused, too. So are extension codes, persistent ids, sets and object arrays.
+    // Globals that are named and never called are refused, too. So are extension codes, persistent ids, sets and object
+    // arrays.
     for pickle in [&b"cnumpy\nndarray\n."[..], b"\x80\x02cnumpy\ndtype\n(X\x02\0\0\0O8K\0K\x01tR."] {
         assert!(matches!(refusal(pickle), PickleError::Refused(_)));
     }

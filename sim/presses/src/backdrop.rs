@@ -1,4 +1,5 @@
-//! Backgrounds of training images: many more kinds than synthetic sensors have, so that a real one is no surprise to the network.
+//! Backgrounds of training images: many more kinds than synthetic sensors have, so that a real one is no surprise to
+//! the network.
 
 use std::f32::consts::TAU;
 
@@ -27,8 +28,8 @@ impl Shape {
         }
     }
 
-    /// Draws the shapes of an image, each with the share of the greatest height that it may have. A narrow shape is low, because a high one
-    /// looks like contact.
+    /// Draws the shapes of an image, each with the share of the greatest height that it may have. A narrow shape is
+    /// low, because a high one looks like contact.
     fn draw(rng: &mut ChaCha8Rng) -> Vec<(Self, f32)> {
         let mut shapes = Vec::new();
         let mut wave = |frequency: f32, rng: &mut ChaCha8Rng| {
@@ -63,8 +64,8 @@ impl Shape {
 /// Light is computed at every Nth pixel along both axes and interpolated.
 const SPACING: usize = 4;
 
-/// Disturbs the background of an image: several shapes change brightness and colour by up to about `height` grey levels each, and specks
-/// are added.
+/// Disturbs the background of an image: several shapes change brightness and colour by up to about `height` grey levels
+/// each, and specks are added.
 pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
     let color = |height: f32, rng: &mut ChaCha8Rng| -> [f32; 3] {
         std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0))

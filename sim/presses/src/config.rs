@@ -16,8 +16,8 @@ pub struct DataConfig {
     pub untouched: f64,
     /// Share of the images with contact that follow MidasTouch's protocol.
     pub protocol: f64,
-    /// Share of contacts in which the finger is not withdrawn if another part of the object is deeper than the press depth: an edge
-    /// beside the touched point may be as deep as the object allows.
+    /// Share of contacts in which the finger is not withdrawn if another part of the object is deeper than the press
+    /// depth: an edge beside the touched point may be as deep as the object allows.
     pub deep: f64,
     /// Least and greatest press depth beyond the protocol, millimetres.
     pub press_mm: [f64; 2],

@@ -1,8 +1,9 @@
 //! Touch images with their ground truth.
 //!
-//! Each image shows a press of its own, drawn from (seed, index). No two belong to one slide, so that a split by object is also one by
-//! trajectory. Half of the presses follow MidasTouch's protocol for YCB-Slide: the finger stands on a point of the surface within a few
-//! degrees of its normal. The others are like those in a hand: anywhere on the pad, tilted, deeper or lighter.
+//! Each image shows a press of its own, drawn from (seed, index). No two belong to one slide, so that a split by object
+//! is also one by trajectory. Half of the presses follow MidasTouch's protocol for YCB-Slide: the finger stands on a
+//! point of the surface within a few degrees of its normal. The others are like those in a hand: anywhere on the pad,
+//! tilted, deeper or lighter.
 
 use std::f64::consts::TAU;
 
@@ -27,8 +28,8 @@ const PROTOCOL_SHEAR_DEG: f64 = 5.0;
 const CONTACT_SHARE: f64 = 0.2;
 /// Greatest excess of any other part of the object over the press depth, as a share of it.
 const SLACK: f64 = 0.5;
-/// Least share of the image in contact. A smaller contact is a sliver at the rim or the back of a wall; MidasTouch's reader drops such
-/// images, too.
+/// Least share of the image in contact. A smaller contact is a sliver at the rim or the back of a wall; MidasTouch's
+/// reader drops such images, too.
 const LEAST_AREA: f64 = 0.01;
 /// Contacts that are drawn before one is used without these checks.
 const TRIES: usize = 8;
@@ -164,8 +165,8 @@ pub fn example(
     Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), untouched, indentation_mm, contact }
 }
 
-/// Returns the indentation above which a pixel is in contact: MidasTouch's share of the press depth, which is clamped to the protocol's
-/// range, so that the threshold lies between 0.1 and 0.2 mm.
+/// Returns the indentation above which a pixel is in contact: MidasTouch's share of the press depth, which is clamped
+/// to the protocol's range, so that the threshold lies between 0.1 and 0.2 mm.
 pub fn contact_threshold_mm(press_mm: f64) -> f64 {
     CONTACT_SHARE * press_mm.clamp(PROTOCOL_PRESS_MM[0], PROTOCOL_PRESS_MM[1])
 }

@@ -1,8 +1,10 @@
-//! Rendered touch images of random presses, with their true indentation and contact: data for training and evaluation of touch networks.
+//! Rendered touch images of random presses, with their true indentation and contact: data for training and evaluation
+//! of touch networks.
 //!
-//! A press is drawn from a seed and an index alone: an object of the catalogue, a point of its surface, a pose of the finger, a DIGIT with
-//! its own lights, background and noise. Objects are split into sets for training, validation and test ([`objects`]). The crate neither
-//! trains networks nor simulates physics: each press is a single image of a rigid object.
+//! A press is drawn from a seed and an index alone: an object of the catalogue, a point of its surface, a pose of the
+//! finger, a DIGIT with its own lights, background and noise. Objects are split into sets for training, validation and
+//! test ([`objects`]). The crate neither trains networks nor simulates physics: each press is a single image of a rigid
+//! object.
 //!
 //! ```
 //! use mvt_presses::{DataConfig, Rack, example, objects};

@@ -29,7 +29,8 @@ pub const TEST: [&str; 14] = [
     "soup_can",
 ];
 
-/// Objects of the validation set, which no network is trained on. A training keeps the weights with the best result on them.
+/// Objects of the validation set, which no network is trained on. A training keeps the weights with the best result on
+/// them.
 pub const VALIDATION: [&str; 8] = [
     "010_potted_meat_can",
     "014_lemon",

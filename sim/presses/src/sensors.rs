@@ -25,8 +25,8 @@ pub struct PressSensor {
 }
 
 impl PressSensor {
-    /// Draws a sensor. As in MidasTouch, the gel under undisturbed lights (`calibration`) is subtracted from its images, so disturbed lights
-    /// are visible everywhere.
+    /// Draws a sensor. As in MidasTouch, the gel under undisturbed lights (`calibration`) is subtracted from its
+    /// images, so disturbed lights are visible everywhere.
     fn draw(config: &DataConfig, seed: u64, calibration: &RgbImage) -> Result<Self, PressError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut options = TouchOptions::new(TouchConfig::Fork);

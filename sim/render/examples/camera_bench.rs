@@ -2,8 +2,8 @@
 //!
 //! Usage: `cargo run --release -p mvt-render --example camera_bench -- [FOLDER]`
 //!
-//! It renders 640 x 480 frames of a turning object. Other programs disturb CPU time less than wall time. With FOLDER it also writes the
-//! view of each named camera into that folder.
+//! It renders 640 x 480 frames of a turning object. Other programs disturb CPU time less than wall time. With FOLDER it
+//! also writes the view of each named camera into that folder.
 #![allow(clippy::print_stdout)]
 
 use std::path::Path;

@@ -2,9 +2,9 @@
 //!
 //! Usage: `cargo run --release -p mvt-render --example ray_bench -- [--dump] [--mesh FILE.stl] [--set N] FOLDER`
 //!
-//! It prints one line per view: name, rays, hits, CPU seconds of the fastest repetition. `--dump` writes triangles and rays to
-//! FOLDER/<view>.bin, which `benches/embree` reads. `--mesh FILE.stl` takes that mesh as the object in place of a procedural one.
-//! `--set N` takes the Nth instruction set of this machine, from 0 (portable).
+//! It prints one line per view: name, rays, hits, CPU seconds of the fastest repetition. `--dump` writes triangles and
+//! rays to FOLDER/<view>.bin, which `benches/embree` reads. `--mesh FILE.stl` takes that mesh as the object in place of
+//! a procedural one. `--set N` takes the Nth instruction set of this machine, from 0 (portable).
 #![allow(clippy::print_stdout)]
 
 use std::fs::File;
@@ -114,9 +114,9 @@ fn cpu_seconds() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// Writes a view, little-endian: number of instances; of each 12 floats (rows of the 3 x 4 pose), numbers of vertices and faces,
-/// vertices, faces; width, height, origin, then for each ray its direction (as long as one unit of depth) and our
-/// depth.
+/// Writes a view, little-endian: number of instances; of each 12 floats (rows of the 3 x 4 pose), numbers of vertices
+/// and faces, vertices, faces; width, height, origin, then for each ray its direction (as long as one unit of depth)
+/// and our depth.
 fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, depth: &[f32]) -> anyhow::Result<()> {
     let mut out = BufWriter::new(File::create(path).with_context(|| path.display().to_string())?);
     let mut word = |bytes: [u8; 4]| out.write_all(&bytes);

@@ -2,9 +2,9 @@
 //!
 //! Usage: `cargo run --release -p mvt-render --example touch_bench -- MESH POSE.json BACKGROUND.png FRAMES PREFIX`
 //!
-//! It renders the mesh, in its own coordinates, at the 4 x 4 row-major pose `T_sensor_object` of POSE.json in TACTO 0.0.3's
-//! configuration. It prints one JSON object with the CPU time per frame, noise and blur included. It writes PREFIX_raw.png and
-//! PREFIX_calibrated.png, both without noise, and PREFIX_depth.f32.
+//! It renders the mesh, in its own coordinates, at the 4 x 4 row-major pose `T_sensor_object` of POSE.json in TACTO
+//! 0.0.3's configuration. It prints one JSON object with the CPU time per frame, noise and blur included. It writes
+//! PREFIX_raw.png and PREFIX_calibrated.png, both without noise, and PREFIX_depth.f32.
 #![allow(clippy::print_stdout)]
 
 use std::path::Path;

@@ -84,8 +84,8 @@ impl Renderer {
         view
     }
 
-    /// Returns the share of the object's pixels that the hand covers. `segmentation` holds the labels of hand and object at that
-    /// pose. Returns `None` if the object is out of view.
+    /// Returns the share of the object's pixels that the hand covers. `segmentation` holds the labels of hand and
+    /// object at that pose. Returns `None` if the object is out of view.
     pub fn hidden_share(
         &self,
         camera: &PosedCamera,
@@ -201,8 +201,8 @@ fn background(row: usize, height: usize) -> u8 {
     (205 - 70 * row / height.max(1)) as u8
 }
 
-/// Solid texture in the object's own coordinates, which makes rotations visible: two colours in soft cells of some centimetres, with
-/// finer mottling. Colours and offsets follow from the object's name.
+/// Solid texture in the object's own coordinates, which makes rotations visible: two colours in soft cells of some
+/// centimetres, with finer mottling. Colours and offsets follow from the object's name.
 #[derive(Debug, Clone, Copy)]
 struct Texture {
     colors: [Vec3; 2],

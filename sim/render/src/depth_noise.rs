@@ -1,10 +1,10 @@
 //! Noise of a consumer depth camera, after the Redwood noise model (Choi, Zhou and Koltun, "Robust Reconstruction of
 //! Indoor Scenes", 2015; the disparity step is that of Barron and Malik, 2013), with NeuralFeels' multiplier.
 //!
-//! Three things happen to each pixel. It shows the depth of a pixel nearby, which frays edges. That depth is read from a grid of half
-//! the resolution, as a stereo matcher has it. And its disparity is disturbed and rounded to an eighth of a pixel, so that errors
-//! grow with the square of the distance. The model's table of lens distortion was measured on one camera and has a licence of its
-//! own: its factor is 1 here.
+//! Three things happen to each pixel. It shows the depth of a pixel nearby, which frays edges. That depth is read from
+//! a grid of half the resolution, as a stereo matcher has it. And its disparity is disturbed and rounded to an eighth
+//! of a pixel, so that errors grow with the square of the distance. The model's table of lens distortion was measured
+//! on one camera and has a licence of its own: its factor is 1 here.
 //!
 //! The constants of the model are those of `simdepth.py`, the script of the Redwood data set, which Habitat-Sim (class
 //! `RedwoodDepthNoiseModel`) and NeuralFeels use.
@@ -15,8 +15,8 @@ use ndarray::Array2;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Focal length times baseline of the modelled camera, pixels times metres (`simdepth.py`): disparity in pixels is this over the depth
-/// in metres.
+/// Focal length times baseline of the modelled camera, pixels times metres (`simdepth.py`): disparity in pixels is this
+/// over the depth in metres.
 const DISPARITY_M: f64 = 35.130;
 /// Steps of disparity per pixel (`simdepth.py`): the stereo matcher interpolates to an eighth of a pixel.
 const STEPS: f64 = 8.0;
@@ -24,8 +24,8 @@ const STEPS: f64 = 8.0;
 const JITTER_PX: f64 = 0.25;
 /// Standard deviation of the disparity for multiplier 1, pixels (`simdepth.py`): 1/36.
 const DISPARITY_NOISE_PX: f64 = 0.027_778;
-/// Words of the random stream that belong to each pixel: two normal numbers for the displacement, two for the disparity, of which one
-/// is dropped.
+/// Words of the random stream that belong to each pixel: two normal numbers for the displacement, two for the
+/// disparity, of which one is dropped.
 const WORDS: u128 = 4;
 /// Depth at and above which the camera measures nothing, metres (`simdepth.py`).
 const FARTHEST_M: f32 = 10.0;
@@ -41,8 +41,9 @@ pub struct FrameId {
     pub frame: u32,
 }
 
-/// Returns the measured version of a true depth image: metres, rows by columns, 0 where nothing is measured. `multiplier` scales the
-/// noise (NeuralFeels simulates with 5); with 0 the half-resolution lookup and the rounding of the disparity remain.
+/// Returns the measured version of a true depth image: metres, rows by columns, 0 where nothing is measured.
+/// `multiplier` scales the noise (NeuralFeels simulates with 5); with 0 the half-resolution lookup and the rounding of
+/// the disparity remain.
 pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f32> {
     let mut random = ChaCha8Rng::seed_from_u64(id.seed);
     random.set_stream(u64::from(id.camera) << 32 | u64::from(id.frame));

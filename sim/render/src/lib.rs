@@ -1,9 +1,10 @@
 //! Images of simulated sensors: pinhole cameras with depth noise, and DIGIT touch sensors that render like TACTO.
 //!
-//! The crate traces rays over rigid triangle meshes ([`rays`]), renders colour, depth and labels of a hand with an object ([`camera`]),
-//! renders touch images with their true depth and contact ([`touch`]), and does both for all sensors of a hand ([`observer`]). It needs
-//! no GPU and no physics: poses and joint angles come from the caller. Nothing deforms except, on request, the gel. The same input gives
-//! the same bits on every machine and for any number of threads.
+//! The crate traces rays over rigid triangle meshes ([`rays`]), renders colour, depth and labels of a hand with an
+//! object ([`camera`]), renders touch images with their true depth and contact ([`touch`]), and does both for all
+//! sensors of a hand ([`observer`]). It needs no GPU and no physics: poses and joint angles come from the caller.
+//! Nothing deforms except, on request, the gel. The same input gives the same bits on every machine and for any number
+//! of threads.
 //!
 //! A ball of 10 mm radius that is pressed 1 mm deep into the middle of the gel:
 //!

@@ -23,14 +23,15 @@ pub struct ObserverOptions {
     pub touch: PerFinger<TouchOptions>,
     /// Whether touch images have noise.
     pub touch_noise: bool,
-    /// Redwood-style noise on camera depth, as a multiple of its level (see [`depth_noise::disturb`]); `None` for true depth.
+    /// Redwood-style noise on camera depth, as a multiple of its level (see [`depth_noise::disturb`]); `None` for true
+    /// depth.
     pub camera_depth_noise: Option<f64>,
     /// Seed of all noise.
     pub seed: u64,
 }
 
-/// Renderer of all sensors of a hand. It is immutable, so that all threads share one; its images depend on the state and the number of
-/// the frame alone.
+/// Renderer of all sensors of a hand. It is immutable, so that all threads share one; its images depend on the state
+/// and the number of the frame alone.
 pub struct Observer {
     options: ObserverOptions,
     object: RayMesh,
@@ -94,8 +95,8 @@ impl Observer {
         (observation, GroundTruth { object_pose: state.object_pose, touch: touch_truth, segmentation })
     }
 
-    /// Returns the share of the object that the hand hides from the first camera in the state that `truth` describes (see
-    /// [`camera::Renderer::hidden_share`]). Returns `None` if there are no cameras, too.
+    /// Returns the share of the object that the hand hides from the first camera in the state that `truth` describes
+    /// (see [`camera::Renderer::hidden_share`]). Returns `None` if there are no cameras, too.
     pub fn hidden_share(&self, truth: &GroundTruth, scratch: &mut ObserverScratch) -> Option<f64> {
         let (camera, segmentation) = self.options.cameras.first().zip(truth.segmentation.first())?;
         self.camera.hidden_share(camera, truth.object_pose, segmentation, &mut scratch.camera)

@@ -2,10 +2,10 @@
 //!
 //! All rays of an image share an origin, which makes them cheap: a [`Caster`] sends tiles of 8 x 8 pixels through the
 //! trees of the meshes. The frustum of a tile selects the nodes, edge functions at the corners of its 4 x 4 blocks
-//! select the blocks that a triangle can cover, and only then are single rays tested, as many at once as the machine has
-//! lanes ([`RayInstructions`]). Every lane does the same operations in the same order, without fused multiply-add, so all
-//! instruction sets agree to the bit. Edge functions are exactly opposite for the two triangles of an edge, so a closed mesh has no
-//! pin holes.
+//! select the blocks that a triangle can cover, and only then are single rays tested, as many at once as the machine
+//! has lanes ([`RayInstructions`]). Every lane does the same operations in the same order, without fused multiply-add,
+//! so all instruction sets agree to the bit. Edge functions are exactly opposite for the two triangles of an edge, so a
+//! closed mesh has no pin holes.
 //!
 //! The distance of a hit is its depth along the optical axis, not along the ray.
 
@@ -133,7 +133,8 @@ impl Hits {
         &self.instance
     }
 
-    /// Returns the weights of the triangle's second and third corner at the hit; undefined where the triangle is [`MISS`].
+    /// Returns the weights of the triangle's second and third corner at the hit; undefined where the triangle is
+    /// [`MISS`].
     pub fn barycentric(&self) -> (&[f32], &[f32]) {
         (&self.u, &self.v)
     }

@@ -46,7 +46,8 @@ fn cuboid(centre: na::Vector3<f64>, half: na::Vector3<f64>) -> Mesh {
     mesh
 }
 
-/// Returns a unit sphere around z, cut at the equator and drawn apart by `half_length` to either side, then moved by `place`.
+/// Returns a unit sphere around z, cut at the equator and drawn apart by `half_length` to either side, then moved by
+/// `place`.
 fn globe(segments: usize, half_length: f64, place: impl Fn(na::Vector3<f64>) -> na::Vector3<f64>) -> Mesh {
     let half_turn = segments / 2;
     // Vertices lie a little outside the sphere, and the middles of the faces as much inside.

@@ -1,11 +1,13 @@
 //! DIGIT images of an object that is pressed into the gel: colour, depth and contact, as TACTO renders them.
 //!
-//! TACTO draws the gel and the rigid object that pokes through it; nothing deforms. Each pixel shows the nearer surface,
-//! shaded by three LEDs. All of this has a closed form, and only pixels in contact differ from the untouched gel, which is rendered
-//! once in [`TouchRenderer::new`]. With a background, the change from the untouched gel is halved, blurred and added to the image of
-//! a real sensor. [`TouchOptions`] go beyond TACTO; their defaults reproduce it. The [front page](crate) has an example.
+//! TACTO draws the gel and the rigid object that pokes through it; nothing deforms. Each pixel shows the nearer
+//! surface, shaded by three LEDs. All of this has a closed form, and only pixels in contact differ from the untouched
+//! gel, which is rendered once in [`TouchRenderer::new`]. With a background, the change from the untouched gel is
+//! halved, blurred and added to the image of a real sensor. [`TouchOptions`] go beyond TACTO; their defaults reproduce
+//! it. The [front page](crate) has an example.
 //!
-//! Constants that are named after TACTO come from its `config_digit.yml` (version 0.0.3); those of its fork from the fork's own.
+//! Constants that are named after TACTO come from its `config_digit.yml` (version 0.0.3); those of its fork from the
+//! fork's own.
 
 mod background;
 mod calibrate;
@@ -100,8 +102,8 @@ pub enum Background {
     Image(RgbImage),
 }
 
-/// Default contact threshold, metres: 0.2 times the least press depth of MidasTouch's protocol (0.5 mm), the share that MidasTouch
-/// counts as contact.
+/// Default contact threshold, metres: 0.2 times the least press depth of MidasTouch's protocol (0.5 mm), the share that
+/// MidasTouch counts as contact.
 const CONTACT_THRESHOLD_M: f32 = 1e-4;
 
 /// Options of a [`TouchRenderer`].
@@ -111,7 +113,8 @@ pub struct TouchOptions {
     pub lights: Lights,
     /// The untouched image. Default: the rendered gel.
     pub background: Background,
-    /// Standard deviation of the noise in grey levels, 0 to 28, for frames that ask for noise. Default: that of the configuration.
+    /// Standard deviation of the noise in grey levels, 0 to 28, for frames that ask for noise. Default: that of the
+    /// configuration.
     pub noise_sigma: f32,
     /// Indentation above which a pixel counts as contact, metres, compared with the unrounded depth. Default: 0.1 mm.
     pub contact_threshold_m: f32,
@@ -198,7 +201,8 @@ impl TouchFrame {
         &self.raw
     }
 
-    /// Returns the image that the sensor would record: on its background, and with noise if the rendering got a noise key.
+    /// Returns the image that the sensor would record: on its background, and with noise if the rendering got a noise
+    /// key.
     pub fn calibrated(&self) -> &RgbImage {
         &self.calibrated
     }
@@ -213,7 +217,8 @@ impl TouchFrame {
         &self.contact
     }
 
-    /// Moves the calibrated image, the depth and the contact out of the frame, without a copy. They are empty until the next rendering.
+    /// Moves the calibrated image, the depth and the contact out of the frame, without a copy. They are empty until the
+    /// next rendering.
     pub fn take(&mut self) -> (RgbImage, TouchTruth) {
         let truth = TouchTruth { depth_m: take(&mut self.depth_m), contact: take(&mut self.contact) };
         (take(&mut self.calibrated), truth)

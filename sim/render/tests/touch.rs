@@ -119,7 +119,8 @@ fn taken_images_are_those_of_the_frame_and_do_not_change_the_next_one() {
     }
 }
 
-/// TACTO truncates twice: the mean falls by half a grey level, and the spread is that of the Gaussian and of the rounding.
+/// TACTO truncates twice: the mean falls by half a grey level, and the spread is that of the Gaussian and of the
+/// rounding.
 #[test]
 fn noise_has_tactos_bias_and_spread() {
     let pose = Isometry::translation(0.0315, 0.0, 0.0);

@@ -9,7 +9,8 @@ use super::{PickleError, PickleValue};
 use crate::array::{Array, Kind};
 use calls::Global;
 
-/// Greatest number of operations, and of values in the result: 40 times those of a log of 30 s, in less than 300 MB of memory.
+/// Greatest number of operations, and of values in the result: 40 times those of a log of 30 s, in less than 300 MB of
+/// memory.
 const MAX_OPERATIONS: usize = 4_000_000;
 /// Greatest number of bytes of arrays and strings that are allocated while decoding, and again in the result.
 const MAX_BYTES: usize = 256 << 20;

@@ -77,7 +77,8 @@ impl Encoder {
         }
     }
 
-    /// Writes an array like `ndarray.__reduce__`: `_reconstruct(ndarray, (0,), b"b")`, then the state (1, shape, dtype, False, data).
+    /// Writes an array like `ndarray.__reduce__`: `_reconstruct(ndarray, (0,), b"b")`, then the state (1, shape, dtype,
+    /// False, data).
     fn array(&mut self, array: &Array) {
         // NumPy 2 keeps this name for the pickles of NumPy 1.
         self.shared(Shared::Reconstruct, |e| e.out.extend(b"cnumpy.core.multiarray\n_reconstruct\n"));

@@ -21,7 +21,8 @@ const MAX_PICKLE: u64 = 256 << 20;
 const MAX_SCENE: u64 = 1 << 20;
 
 impl Log {
-    /// Opens a log and checks everything but the images: data.pkl, scene.json, the number of files, the shape of depths.
+    /// Opens a log and checks everything but the images: data.pkl, scene.json, the number of files, the shape of
+    /// depths.
     ///
     /// # Errors
     /// [`LogError`] that names the file and its defect.
@@ -29,8 +30,8 @@ impl Log {
         Self::open_as(folder, false)
     }
 
-    /// Opens a log with missing or damaged parts, for [`Log::into_partial_frames`]. Defects of single sensors and of the order of time
-    /// become [`notes`](Log::notes).
+    /// Opens a log with missing or damaged parts, for [`Log::into_partial_frames`]. Defects of single sensors and of
+    /// the order of time become [`notes`](Log::notes).
     ///
     /// # Errors
     /// [`LogError`] if data.pkl or scene.json is invalid, or the log has no frame.

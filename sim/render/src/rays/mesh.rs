@@ -19,7 +19,8 @@ pub struct RayMesh {
     corner_normals: Vec<[Vec3A; 3]>,
 }
 
-/// Triangle in the layout of the kernel: lanes 0 to 2 are the corners, lane 3 is the normal (as long as twice the area).
+/// Triangle in the layout of the kernel: lanes 0 to 2 are the corners, lane 3 is the normal (as long as twice the
+/// area).
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Triangle {
@@ -97,8 +98,8 @@ impl RayMesh {
         self.triangles[triangle as usize].normal().normalize_or_zero()
     }
 
-    /// Returns the unit normals at the corners of a triangle. The normal at a corner is the mean of the normals of its faces, weighted
-    /// by their angles there, as in trimesh.
+    /// Returns the unit normals at the corners of a triangle. The normal at a corner is the mean of the normals of its
+    /// faces, weighted by their angles there, as in trimesh.
     pub fn corner_normals(&self, triangle: u32) -> [Vec3A; 3] {
         self.corner_normals[triangle as usize]
     }
@@ -108,8 +109,8 @@ impl RayMesh {
         self.triangles[triangle as usize].corners()
     }
 
-    /// Finds every triangle that may reach into the intersection of half-spaces, each given by its inward normal and offset: p is
-    /// inside where normal . p + offset >= 0. `stack` is working memory; `found` is cleared first.
+    /// Finds every triangle that may reach into the intersection of half-spaces, each given by its inward normal and
+    /// offset: p is inside where normal . p + offset >= 0. `stack` is working memory; `found` is cleared first.
     pub fn find_inside(&self, planes: &[Vec4], stack: &mut Vec<u32>, found: &mut Vec<u32>) {
         found.clear();
         stack.clear();
@@ -134,7 +135,8 @@ impl RayMesh {
         }
     }
 
-    /// Returns the unit normal at a point of a triangle, interpolated between those of its corners ([`RayMesh::corner_normals`]).
+    /// Returns the unit normal at a point of a triangle, interpolated between those of its corners
+    /// ([`RayMesh::corner_normals`]).
     pub fn smooth_normal(&self, triangle: u32, u: f32, v: f32) -> Vec3A {
         let [a, b, c] = self.corner_normals[triangle as usize];
         (a * (1.0 - u - v) + b * u + c * v).normalize_or_zero()
@@ -168,8 +170,8 @@ fn corners(mesh: &Mesh, face: &[u32; 3]) -> Option<[DVec3; 3]> {
     Some([corner(0)?, corner(1)?, corner(2)?])
 }
 
-/// Returns the unit normals of the vertices as trimesh computes them: the mean of the face normals, weighted by the faces' angles at
-/// the vertex; zero for a vertex without faces.
+/// Returns the unit normals of the vertices as trimesh computes them: the mean of the face normals, weighted by the
+/// faces' angles at the vertex; zero for a vertex without faces.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; mesh.vertices.len()];
     for face in &mesh.faces {

@@ -387,8 +387,8 @@ impl Tile {
         let (edge_x, edge_y, edge_z) = (sy * dz - sz * dy, sz * dx - sx * dz, sx * dy - sy * dx);
         let slack = -view.edge_slack * triangle.longest_edge;
 
-        // Rounding is monotonic and the operations are those of the pixels, so this never drops a block with a pixel that
-        // passes.
+        // Rounding is monotonic and the operations are those of the pixels, so this never drops a block with a pixel
+        // that passes.
         let nearest = -z.x.max(z.y).max(z.z) * (1.0 - 1e-5);
         let covers = self
             .greatest(edge_x.x, edge_y.x, edge_z.x)

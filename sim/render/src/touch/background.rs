@@ -13,8 +13,8 @@ struct Pool {
     radius: [f32; 2],
 }
 
-/// Light that all real sensors have in common: red enters from the left, green from the right, blue from below, and the far end of
-/// the gel is dim.
+/// Light that all real sensors have in common: red enters from the left, green from the right, blue from below, and the
+/// far end of the gel is dim.
 const POOLS: [Pool; 4] = [
     Pool { color: [172.0, 10.0, 16.0], centre: [0.14, 0.42], radius: [0.34, 0.27] },
     Pool { color: [14.0, 62.0, -14.0], centre: [0.80, 0.45], radius: [0.27, 0.26] },
@@ -30,8 +30,8 @@ const UNEVENNESS: f32 = 2.0;
 /// Size of a patch of paint, pixels.
 const PATCH: usize = 4;
 
-/// Returns an untouched image like that of a real DIGIT, 240 wide and 320 high. Each seed is another sensor: positions and brightness of
-/// the LEDs and the paint of the gel differ.
+/// Returns an untouched image like that of a real DIGIT, 240 wide and 320 high. Each seed is another sensor: positions
+/// and brightness of the LEDs and the paint of the gel differ.
 pub fn synthetic_background(seed: u64) -> RgbImage {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut around = |value: f32, spread: f32| value + spread * (2.0 * rng.random::<f32>() - 1.0);

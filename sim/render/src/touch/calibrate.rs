@@ -1,7 +1,8 @@
-//! TACTO's calibration: the change that contact makes in the rendered image is halved, blurred and added to a real sensor's image.
+//! TACTO's calibration: the change that contact makes in the rendered image is halved, blurred and added to a real
+//! sensor's image.
 //!
-//! OpenCV blurs with the fixed kernel [2, 7, 14, 18, 14, 7, 2] / 64 along both axes. All of it is a multiple of 2^-13, so integers
-//! give TACTO's floating-point result to the bit.
+//! OpenCV blurs with the fixed kernel [2, 7, 14, 18, 14, 7, 2] / 64 along both axes. All of it is a multiple of 2^-13,
+//! so integers give TACTO's floating-point result to the bit.
 
 use std::ops::Range;
 
@@ -27,8 +28,8 @@ impl Blur {
         Self { rows: vec![[0; ROW]; HEIGHT], padded: [0; ROW + 6 * REACH] }
     }
 
-    /// Overwrites the rows of `out` that differ from `background`: those within the kernel's reach of `changed`, the only rows in which
-    /// `raw` differs from `empty`. All are images of 240 x 320 RGB pixels.
+    /// Overwrites the rows of `out` that differ from `background`: those within the kernel's reach of `changed`, the
+    /// only rows in which `raw` differs from `empty`. All are images of 240 x 320 RGB pixels.
     #[inline(always)]
     pub fn overlay(&mut self, changed: Range<usize>, raw: &[u8], empty: &[u8], background: &[u8], out: &mut [u8]) {
         let [(raw, _), (empty, _), (background, _)] = [raw, empty, background].map(|image| image.as_chunks::<ROW>());

@@ -1,4 +1,5 @@
-//! The three LEDs that light the gel, at the places of TACTO's configurations, and their random perturbation for training.
+//! The three LEDs that light the gel, at the places of TACTO's configurations, and their random perturbation for
+//! training.
 
 use std::f64::consts::FRAC_PI_3;
 
@@ -7,7 +8,8 @@ use rand::{Rng, RngExt};
 
 use super::TouchConfig;
 
-/// pyrender reads TACTO's integer light colours as 8-bit values, so every light is dimmer than configured by this factor.
+/// pyrender reads TACTO's integer light colours as 8-bit values, so every light is dimmer than configured by this
+/// factor.
 const INTEGER_COLOUR: f64 = 255.0;
 /// Depth of the plane of the LEDs, metres (TACTO's `lights.origin`).
 const PLANE_X_M: f64 = 0.005;
@@ -55,8 +57,8 @@ impl Lights {
         Self::on_ring(config, Vector3::zeros(), [0.0; 3], [0.0; 3], [0.0; 3])
     }
 
-    /// Draws from MidasTouch's distribution of lights: the common origin moves by N(0, 1 mm) per axis, each LED's radius by
-    /// N(0, 1 mm), its angle by N(0, 5 degrees) and its intensity by N(0, 0.5), `strength` times as much.
+    /// Draws from MidasTouch's distribution of lights: the common origin moves by N(0, 1 mm) per axis, each LED's
+    /// radius by N(0, 1 mm), its angle by N(0, 5 degrees) and its intensity by N(0, 0.5), `strength` times as much.
     pub fn perturbed(config: TouchConfig, strength: f64, rng: &mut impl Rng) -> Self {
         let mut normal = |sigma: f64| strength * sigma * standard_normal(rng);
         let origin = Vector3::from_fn(|_, _| normal(1e-3));

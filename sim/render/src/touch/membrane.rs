@@ -1,8 +1,8 @@
 //! Gel that does not crease at the rim of a contact.
 //!
-//! The gel's surface is a membrane under tension on an elastic foundation, and the object is an obstacle that it cannot pass. With
-//! the object's indentation h >= 0 and a reach l, the gel's indentation u satisfies u >= h, and u - l^2 (u_xx + u_yy) = 0 off the
-//! object. Beside a long straight edge u decays as exp(-x / l).
+//! The gel's surface is a membrane under tension on an elastic foundation, and the object is an obstacle that it cannot
+//! pass. With the object's indentation h >= 0 and a reach l, the gel's indentation u satisfies u >= h, and u - l^2
+//! (u_xx + u_yy) = 0 off the object. Beside a long straight edge u decays as exp(-x / l).
 
 use std::ops::Range;
 
@@ -18,7 +18,8 @@ const UNTOUCHED_M: f32 = 1e-6;
 /// Deformation of the gel around the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Membrane {
-    /// Distance beyond the rim over which an indentation decays to 1/e, metres, up to 0.5 mm; 0.2 mm looks like a real DIGIT.
+    /// Distance beyond the rim over which an indentation decays to 1/e, metres, up to 0.5 mm; 0.2 mm looks like a real
+    /// DIGIT.
     pub reach_m: f32,
 }
 
@@ -30,8 +31,8 @@ pub(super) struct Scratch {
 }
 
 impl Membrane {
-    /// Lays the gel over the object: lowers `depth`, which holds the nearer of gel and object, to that of the membrane. Returns the
-    /// rows that may then differ from the untouched gel; `contact_rows` are those that differ before.
+    /// Lays the gel over the object: lowers `depth`, which holds the nearer of gel and object, to that of the membrane.
+    /// Returns the rows that may then differ from the untouched gel; `contact_rows` are those that differ before.
     #[inline(always)]
     pub(super) fn relax(
         &self,
@@ -84,8 +85,8 @@ fn sweep(weight: f32, obstacle: &[f32], from: &[f32], to: &mut [f32]) {
     }
 }
 
-/// Computes the normals of row `v` of a depth image at the columns where `free` holds, by central differences, one-sided at the image's
-/// border.
+/// Computes the normals of row `v` of a depth image at the columns where `free` holds, by central differences,
+/// one-sided at the image's border.
 #[inline(always)]
 pub(super) fn normals(v: usize, depth: &[f32], shader: &Shader, free: impl Fn(usize) -> bool, row: &mut Row) {
     let point = |u: usize, v: usize| {
@@ -104,8 +105,8 @@ pub(super) fn normals(v: usize, depth: &[f32], shader: &Shader, free: impl Fn(us
     }
 }
 
-/// Returns whether the membrane at `depth` lies nearer to the camera than `reference`. With the object as reference it is off the
-/// object, with the untouched gel it is indented.
+/// Returns whether the membrane at `depth` lies nearer to the camera than `reference`. With the object as reference it
+/// is off the object, with the untouched gel it is indented.
 #[inline(always)]
 pub(super) fn is_indented(reference: f32, depth: f32) -> bool {
     reference - depth > UNTOUCHED_M
@@ -115,8 +116,8 @@ pub(super) fn is_indented(reference: f32, depth: f32) -> bool {
 mod tests {
     use super::*;
 
-    /// A block with a long straight edge: beyond it the indentation decays as exp(-x / reach); the gel stays on the block, and
-    /// no part of it comes nearer to the camera than the object or moves away from it.
+    /// A block with a long straight edge: beyond it the indentation decays as exp(-x / reach); the gel stays on the
+    /// block, and no part of it comes nearer to the camera than the object or moves away from it.
     #[test]
     fn indentation_fades_exponentially_beyond_an_edge() {
         const EDGE: usize = 100;

@@ -13,8 +13,8 @@ pub struct NoiseKey {
 
 /// Gaussian noise on an 8-bit image by TACTO's formula: trunc(clip(c + N(0, sigma), 0, 255)).
 ///
-/// The colour c is an integer, so this is c plus the integer floor(N(0, sigma)), saturated. One table holds the distribution, whose
-/// mean is half a grey level below 0.
+/// The colour c is an integer, so this is c plus the integer floor(N(0, sigma)), saturated. One table holds the
+/// distribution, whose mean is half a grey level below 0.
 pub(super) struct Noise {
     /// floor(N(0, sigma)) at each of 2^16 equally likely quantiles.
     quantiles: Box<[i8; QUANTILES]>,
@@ -69,7 +69,8 @@ const BLOCK: usize = 256;
 /// Increment of SplitMix64: 2^64 over the golden ratio.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): a bijection whose every output bit depends on every input bit.
+/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): a bijection whose every output bit depends on every input
+/// bit.
 #[inline(always)]
 fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -77,8 +78,8 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Returns the distribution function of the standard normal to 1e-10, by the series and the continued fraction of the error function
-/// (Abramowitz and Stegun 7.1.6 and 7.1.14).
+/// Returns the distribution function of the standard normal to 1e-10, by the series and the continued fraction of the
+/// error function (Abramowitz and Stegun 7.1.6 and 7.1.14).
 fn normal_cdf(x: f64) -> f64 {
     let density = (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
     if x.abs() < 3.0 {

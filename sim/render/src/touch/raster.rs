@@ -1,8 +1,9 @@
 //! Triangles of the object drawn over the gel's depth: a pixel shows the object where it is nearer than the gel.
 //!
-//! A pixel's ray is (1, y, z) times depth in the gel frame. Three quantities of a triangle are linear in y and z: the edge functions,
-//! the inverse of the depth at which the ray meets its plane, and the interpolated normal up to its length. So no clipping is
-//! needed. Edge functions of the two triangles at an edge are exactly opposite: a closed mesh has no gaps.
+//! A pixel's ray is (1, y, z) times depth in the gel frame. Three quantities of a triangle are linear in y and z: the
+//! edge functions, the inverse of the depth at which the ray meets its plane, and the interpolated normal up to its
+//! length. So no clipping is needed. Edge functions of the two triangles at an edge are exactly opposite: a closed mesh
+//! has no gaps.
 
 use std::ops::Range;
 
@@ -12,7 +13,8 @@ use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 use super::shade::{Row, Shader};
 use crate::rays::{MISS, RayMesh};
 
-/// Least distance from the camera's plane at which corners are projected, metres: a nearer one may be anywhere in the image.
+/// Least distance from the camera's plane at which corners are projected, metres: a nearer one may be anywhere in the
+/// image.
 const NEAR_M: f32 = 1e-3;
 /// Margin around the projection of a triangle, pixels, against rounding.
 const MARGIN_PX: f32 = 0.01;
@@ -128,8 +130,8 @@ impl Raster {
         1.0 / self.inverse_depth[v * WIDTH + u]
     }
 
-    /// Fills in the object's interpolated vertex normals where it is visible in row `v`. Returns the columns from the first to the last
-    /// such pixel, or `None` if it is not visible.
+    /// Fills in the object's interpolated vertex normals where it is visible in row `v`. Returns the columns from the
+    /// first to the last such pixel, or `None` if it is not visible.
     #[inline(always)]
     pub fn normals(&self, v: usize, shader: &Shader, row: &mut Row) -> Option<Range<usize>> {
         let facets = self.facets(v);
@@ -156,7 +158,8 @@ impl Raster {
     }
 }
 
-/// Returns the planes, in the object's frame, around the space between camera and gel that is in view: inward normals and offsets.
+/// Returns the planes, in the object's frame, around the space between camera and gel that is in view: inward normals
+/// and offsets.
 fn view_volume(rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
     let camera = intrinsics();
     // To the borders of the outermost pixels, half a pixel beyond their centres.
@@ -172,7 +175,8 @@ fn view_volume(rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
     planes.map(|(normal, offset)| (to_object * normal).extend(normal.dot(translation) + offset))
 }
 
-/// Returns the columns and rows of the pixels that a triangle may cover; `None` if there are no such pixels or it lies behind the gel.
+/// Returns the columns and rows of the pixels that a triangle may cover; `None` if there are no such pixels or it lies
+/// behind the gel.
 #[inline(always)]
 fn bounds(p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
     let nearest = p[0].x.min(p[1].x).min(p[2].x);

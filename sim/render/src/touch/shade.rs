@@ -1,8 +1,8 @@
 //! pyrender's metallic-roughness shading of the gel, one image row at a time.
 //!
-//! TACTO strips every texture, so gel and objects share one material: the one that pyrender's `Mesh.from_trimesh` takes by default. For
-//! a light at distance r the radiance is n.l / r^2 times [(1 - F) c_d / pi + F G D / (4 n.l n.v + 0.001)] with Schlick's F, Smith's G
-//! and the GGX density D, as in pyrender's fragment shader `mesh.frag`.
+//! TACTO strips every texture, so gel and objects share one material: the one that pyrender's `Mesh.from_trimesh` takes
+//! by default. For a light at distance r the radiance is n.l / r^2 times [(1 - F) c_d / pi + F G D / (4 n.l n.v +
+//! 0.001)] with Schlick's F, Smith's G and the GGX density D, as in pyrender's fragment shader `mesh.frag`.
 
 use std::f32::consts::PI;
 
@@ -181,8 +181,8 @@ fn at_most(a: f32, high: f32) -> f32 {
     if a < high { a } else { high }
 }
 
-/// Table from radiance L to the 8-bit level round(255 L^(1/2.2)), over the leading bits of the float. With 10 bits of mantissa the
-/// edges between levels are right to 0.06 of a level.
+/// Table from radiance L to the 8-bit level round(255 L^(1/2.2)), over the leading bits of the float. With 10 bits of
+/// mantissa the edges between levels are right to 0.06 of a level.
 struct Gamma(Vec<u8>);
 
 impl Gamma {
