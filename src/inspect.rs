@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
-use mvt_feelsight::{ContactSheet, Frame, Log, Moment, Timeline, contact_sheet};
+use mvt_feelsight::{Log, LogFrame};
 use mvt_mesh::SignedDistance;
 use mvt_objects::distance::MeshDistance;
-use mvt_robot::hand::PerFinger;
+use mvt_picture::contact_sheet::{ContactSheet, ContactTimeline, SheetMoment, contact_sheet};
+use mvt_robot::hand::Finger;
+
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
 
@@ -48,26 +50,27 @@ const MOMENTS: usize = 6;
 /// Paints the picture: from each sixth of the log the moment at which most fingers touch.
 fn sheet(log: &Log) -> Result<image::RgbImage> {
     let stretch = log.len().div_ceil(MOMENTS).max(1);
-    let mut timeline = Timeline::default();
-    let mut moments: Vec<Moment> = Vec::new();
+    let mut timeline = ContactTimeline::default();
+    let mut moments: Vec<SheetMoment> = Vec::new();
     for (i, frame) in log.frames()?.enumerate() {
-        let Frame { observation, truth } = frame?;
+        let LogFrame { observation, truth, .. } = frame?;
         let touches = |finger| truth.as_ref().is_some_and(|t| t.touch[finger].contact.iter().any(|&level| level > 0));
-        let contact = PerFinger::from_fn(touches);
+        let contact = Finger::ALL.map(touches);
         timeline.times_s.push(observation.time_s);
         timeline.contact.push(contact);
-        let fingers = |contact: &PerFinger<bool>| contact.iter().filter(|(_, touches)| **touches).count();
+        let fingers = |contact: &[bool; 4]| contact.iter().filter(|touches| **touches).count();
         let is_first = i % stretch == 0;
         if is_first || moments.last().is_some_and(|best| fingers(&best.contact) < fingers(&contact)) {
             if !is_first {
                 moments.pop();
             }
             let camera = observation.cameras.into_iter().next_back().map(|rgbd| rgbd.color).unwrap_or_default();
-            moments.push(Moment { time_s: observation.time_s, camera, touch: observation.touch, contact });
+            moments.push(SheetMoment { time_s: observation.time_s, camera, touch: observation.touch.0, contact });
         }
     }
     let subtitle = log.scene().map_or(String::new(), |scene| format!("seed {}, {}", scene.seed, scene.end.reason));
-    Ok(contact_sheet(&ContactSheet { title: log.object_name().to_owned(), subtitle, moments, timeline }))
+    let (title, fingers) = (log.object_name().to_owned(), Finger::ALL.map(Finger::name));
+    Ok(contact_sheet(&ContactSheet { title, subtitle, fingers, moments, timeline }))
 }
 
 /// Returns the surface of the object if the log names one (in scene.json) that can be loaded.

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use glam::Vec3;
-use mvt_field::field::Field;
+use mvt_field::field::NeuralField;
 use mvt_field::shape::Shape as _;
 use mvt_recording::{Recording, Status};
 
@@ -95,7 +95,7 @@ fn images_and_shapes_of_version_1_are_read() {
 
 #[test]
 fn a_field_of_version_0_1_0_is_read() {
-    let field = Field::load(&golden("run/field.safetensors")).unwrap();
+    let field = NeuralField::load(&golden("run/field.safetensors")).unwrap();
     let points = [Vec3::ZERO, Vec3::new(0.03, -0.01, 0.02), Vec3::new(-0.05, 0.06, 0.07)];
     let mut distances = [0.0; 3];
     field.distances(&points, &mut distances);

@@ -5,7 +5,7 @@ use mvt_gaits::clock::FRAME_HZ;
 use mvt_gaits::gait;
 use mvt_objects::catalogue;
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
-use mvt_render::camera::{Renderer, Scratch};
+use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::depth_noise::{FrameId, disturb};
 use mvt_robot::hand::Side;
 use mvt_robot::hand::solid::HandSolid;
@@ -26,7 +26,7 @@ fn pixels_labelled_object_show_the_object() {
             randomisation: Randomisation::default(),
         };
         let mut episode = Episode::new(&object, &config).unwrap();
-        let (renderer, mut scratch) = (Renderer::new(side, &object), Scratch::default());
+        let (renderer, mut scratch) = (Renderer::new(side, &object), CameraScratch::default());
         let states = std::iter::from_fn(|| episode.next_frame()).step_by(FRAME_HZ as usize);
         for (frame, state) in (0..).zip(states) {
             let hand = HandSolid::new(side, &state.scene.joints);

@@ -1,4 +1,4 @@
-// Times Embree 3 on the triangles and rays that `ray-bench --dump` wrote, one thread, and compares depths. Prints:
+// Times Embree 3 on the triangles and rays that `ray_bench --dump` wrote, one thread, and compares depths. Prints:
 // view, rays, hits, CPU seconds with single rays, CPU seconds with packets of 8, worst difference of depth in mm among
 // all but the 0.1 % worst rays (those graze silhouettes).
 #include <embree3/rtcore.h>

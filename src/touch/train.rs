@@ -12,7 +12,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
-use mvt_presses::objects::Surface;
+use mvt_presses::objects::PressedSurface;
 use mvt_presses::{DataConfig, Example, Rack, example, objects};
 use mvt_products::Instructions;
 use mvt_render::touch::TouchFrame;
@@ -198,7 +198,7 @@ fn data_hash(data: &DataConfig) -> Result<String> {
 
 /// Draws the images of a step.
 fn draw_batch(
-    surfaces: &[Surface],
+    surfaces: &[PressedSurface],
     rack: &mut Rack,
     data: &DataConfig,
     training: &TrainingConfig,

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use mvt_feelsight::npz::{DeflatedFrame, Reader, Writer};
+use mvt_feelsight::npz::{DeflatedFrame, NpzReader, NpzWriter};
 use mvt_robot::hand::Finger;
 use serde_json::Value;
 
@@ -168,14 +168,14 @@ fn a_damaged_log_is_used_as_far_as_possible() {
     let depth = workplace.path(LOG).join("realsense/side/depth.npz");
     let whole = fs::read(&depth).unwrap();
 
-    // Depths that are NaN.
-    let mut reader = Reader::open(&depth).unwrap();
+    // Depths that are no numbers.
+    let mut reader = NpzReader::open(&depth).unwrap();
     let [frames, height, width] = reader.shape();
     let mut images: Vec<Vec<f32>> = (0..frames).map(|_| reader.read().unwrap().unwrap()).collect();
     images[3][..1000].fill(f32::NAN);
     images[5].fill(f32::NAN);
     fs::remove_file(&depth).unwrap();
-    let mut writer = Writer::create(&depth, height, width).unwrap();
+    let mut writer = NpzWriter::create(&depth, height, width).unwrap();
     for image in images {
         writer.push(&DeflatedFrame::new(image.into_iter()).unwrap()).unwrap();
     }

@@ -11,7 +11,7 @@ use mvt_gaits::directive::Directive;
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
-use mvt_render::observer::{Observer, ObserverOptions, Scratch};
+use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use mvt_robot::observation::Observation;
@@ -61,7 +61,7 @@ pub struct LiveSource {
     observer: Observer,
     /// The touch network; without it the true indentation is used.
     network: Option<TouchNetwork>,
-    scratch: Scratch,
+    scratch: ObserverScratch,
     frame: u32,
 }
 
@@ -103,7 +103,7 @@ impl LiveSource {
                 network.set_empty(finger, image)?;
             }
         }
-        Ok(Self { settings, episode, observer, network, scratch: Scratch::default(), frame: 0 })
+        Ok(Self { settings, episode, observer, network, scratch: ObserverScratch::default(), frame: 0 })
     }
 }
 

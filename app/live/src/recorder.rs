@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use indicatif::ProgressBar;
-use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SCENE_FILE, Scene, SceneObject};
+use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SCENE_FILE, SceneFile, SceneObject};
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
 use mvt_gaits::gait;
@@ -14,7 +14,7 @@ use mvt_gaits::gait::Gait;
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, EpisodeState, Randomisation};
-use mvt_render::observer::{Observer, ObserverOptions, Scratch};
+use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use rayon::prelude::*;
@@ -79,7 +79,7 @@ impl<'a> Recorder<'a> {
     /// Whether a folder holds the complete log that [`Recorder::record`] would make.
     pub fn made(&self, folder: &Path, seed: u64, cameras: &[PosedCamera]) -> bool {
         let text = fs::read(folder.join(SCENE_FILE)).unwrap_or_default();
-        serde_json::from_slice::<Scene>(&text)
+        serde_json::from_slice::<SceneFile>(&text)
             .is_ok_and(|scene| scene.config_sha256 == self.config_sha256(seed, cameras))
     }
 
@@ -144,14 +144,14 @@ impl<'a> Recorder<'a> {
         }
         let mut writer = LogWriter::create(folder, meta, overwrite)?;
         for (chunk, first) in snapshots.chunks(FRAMES_AT_ONCE).zip((0..).step_by(FRAMES_AT_ONCE)) {
-            let encode = |scratch: &mut Scratch, (i, state): (u32, &EpisodeState)| {
+            let encode = |scratch: &mut ObserverScratch, (i, state): (u32, &EpisodeState)| {
                 let (observation, truth) = observer.observe(first + i, &state.scene, scratch);
                 bar.inc(1);
                 EncodedFrame::encode(&observation, &truth, writer.meta())
             };
             let numbered: Vec<_> = (0..).zip(chunk).collect();
             let frames: Vec<EncodedFrame> =
-                numbered.into_par_iter().map_init(Scratch::default, encode).collect::<Result<_, _>>()?;
+                numbered.into_par_iter().map_init(ObserverScratch::default, encode).collect::<Result<_, _>>()?;
             for frame in &frames {
                 writer.push(frame)?;
             }
@@ -161,13 +161,13 @@ impl<'a> Recorder<'a> {
         Ok(end)
     }
 
-    fn scene(&self, seed: u64, cameras: &[PosedCamera], episode: &Episode) -> Scene {
+    fn scene(&self, seed: u64, cameras: &[PosedCamera], episode: &Episode) -> SceneFile {
         let EpisodeStart { physics, .. } = episode.start();
         let [cx, cy, cz] = physics.com_offset_m;
         let number = |name: &str, value: f64| (name.to_owned(), value);
         let Settings { noise, touch_config, .. } = self.settings;
         let touch_sigma = if noise.touch { f64::from(touch_config.noise_sigma()) } else { 0.0 };
-        Scene {
+        SceneFile {
             format_version: FORMAT_VERSION,
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             object: self.scene_object.clone(),

@@ -22,6 +22,7 @@
 //! ```
 
 pub mod chart;
+pub mod contact_sheet;
 pub mod draw;
 pub mod film;
 pub mod palette;

@@ -355,7 +355,7 @@ mod tests {
     use super::*;
     use mvt_frames::camera::look_at;
     use mvt_frames::{Camera, Isometry, Object, World};
-    use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
+    use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
     use mvt_render::tessellation::tessellate;
     use mvt_robot::hand::Primitive;
     use nalgebra::Vector3;
@@ -397,7 +397,7 @@ mod tests {
             raster.finish(1.0);
             let meshes = shapes.each_ref().map(RayMesh::new);
             let instances = meshes.each_ref().map(|mesh| Instance::new(mesh, pose));
-            let mut hits = Hits::new(Window::whole(&camera));
+            let mut hits = Hits::new(PixelWindow::whole(&camera));
             Caster::default().cast(&instances, &camera, Faces::Both, &mut hits);
             let (mut seen, mut differ) = (0, 0);
             for (pixel, (&triangle, &depth_m)) in hits.triangle().iter().zip(hits.depth()).enumerate() {

@@ -277,7 +277,7 @@ pub enum RecordingError {
     },
     /// A raw log cannot be read.
     #[error(transparent)]
-    Log(#[from] mvt_feelsight::Error),
+    Log(#[from] mvt_feelsight::LogError),
 }
 
 impl RecordingError {

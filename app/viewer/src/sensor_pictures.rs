@@ -4,7 +4,7 @@ use image::{GrayImage, Rgb, RgbImage};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::OBJECT;
 use mvt_frames::{Isometry, Object, World};
-use mvt_render::rays::{Caster, Faces, Hits, Instance, RayMesh, Window};
+use mvt_render::rays::{Caster, Faces, Hits, Instance, PixelWindow, RayMesh};
 use mvt_robot::digit;
 use ndarray::Array2;
 
@@ -33,7 +33,7 @@ pub fn rendered_depth(
     images: &CameraImages,
 ) -> RgbImage {
     let k = &camera.intrinsics;
-    let mut hits = Hits::new(Window::whole(k));
+    let mut hits = Hits::new(PixelWindow::whole(k));
     Caster::default().cast(&[Instance::new(mesh, camera.pose.inverse() * pose)], k, Faces::Both, &mut hits);
     let metres = hits.depth().iter().map(|z| if z.is_finite() { *z } else { 0.0 }).collect();
     let depth_m = Array2::from_shape_vec((k.height, k.width), metres).unwrap_or_default();
@@ -149,7 +149,7 @@ mod tests {
         let mesh = RayMesh::new(&mvt_render::tessellation::tessellate(&ball, 32));
         let pose = Isometry::translation(-0.0475, 0.0, 0.05);
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
-        let mut hits = Hits::new(Window::whole(&camera.intrinsics));
+        let mut hits = Hits::new(PixelWindow::whole(&camera.intrinsics));
         let instance = Instance::new(&mesh, camera.pose.inverse() * pose);
         Caster::default().cast(&[instance], &camera.intrinsics, Faces::Both, &mut hits);
         let metres: Vec<f32> = hits.depth().iter().map(|z| if z.is_finite() { *z } else { 0.0 }).collect();

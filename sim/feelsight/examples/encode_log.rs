@@ -1,7 +1,10 @@
-//! How fast frames become a FeelSight log: `cargo run --release -p sim --example encode_log -- OUT [FRAMES]`.
+//! Times the writing and the check of a FeelSight log.
 //!
-//! The frames are synthetic, but cost what rendered ones do: noise on touch and colour images, curved and noisy depth.
-#![allow(clippy::print_stdout, missing_docs)]
+//! Usage: `cargo run --release -p mvt-feelsight --example encode_log -- FOLDER [FRAMES]`
+//!
+//! It writes the log into FOLDER, which it overwrites; FRAMES is 90 by default. The frames are synthetic and take as
+//! long as rendered ones: touch and colour images are noisy, depth is curved and noisy.
+#![allow(clippy::print_stdout)]
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -10,7 +13,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, Scene, SceneObject, inspect};
+use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SceneFile, SceneObject, inspect};
 use mvt_frames::Isometry;
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use mvt_robot::digit;
@@ -22,7 +25,7 @@ use rand_chacha::ChaCha8Rng;
 
 fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);
-    let out = PathBuf::from(arguments.next().context("usage: encode_log OUT [FRAMES]")?);
+    let out = PathBuf::from(arguments.next().context("usage: encode_log FOLDER [FRAMES]")?);
     let frames: usize = arguments.next().map_or(Ok(90), |n| n.parse())?;
     let camera = PosedCamera {
         name: "front-left".into(),
@@ -54,7 +57,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Seconds that this thread has computed, on Linux; elsewhere seconds that went by.
+/// Returns the CPU time of this thread in seconds, on Linux; elsewhere the wall time.
 fn cpu_s() -> f64 {
     static START: LazyLock<Instant> = LazyLock::new(Instant::now);
     let computed = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
@@ -62,8 +65,8 @@ fn cpu_s() -> f64 {
     computed.map_or_else(|| START.elapsed().as_secs_f64(), |ns| 1e-9 * ns)
 }
 
-fn scene() -> Scene {
-    Scene {
+fn scene() -> SceneFile {
+    SceneFile {
         format_version: FORMAT_VERSION,
         program_version: env!("CARGO_PKG_VERSION").into(),
         object: SceneObject {
@@ -88,7 +91,7 @@ fn scene() -> Scene {
     }
 }
 
-/// A grey with noise of a few levels.
+/// Returns a grey with noise of a few levels.
 fn noisy(level: u32, rng: &mut ChaCha8Rng) -> u8 {
     (level.min(240) + (rng.next_u32() & 7)) as u8
 }
@@ -106,7 +109,7 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
             Rgb([100 + x / 4, 110 + y / 5, 90 + (x + y) / 8].map(|level| noisy(level, rng)))
         })
     });
-    // The hand and the ball before an empty background, as the ray-caster gives them.
+    // The hand and the ball in front of an empty background.
     let radius2 = |row: usize, column: usize| (row as f64 - 240.0).powi(2) + (column as f64 - 320.0).powi(2);
     let depth = |(row, column): (usize, usize)| {
         let r2 = radius2(row, column);

@@ -1,4 +1,4 @@
-//! Numeric arrays as pickles and npz files hold them.
+//! Numeric arrays of pickles and npz files.
 
 use half::f16;
 
@@ -36,17 +36,18 @@ const KINDS: [(Kind, &str); 12] = [
 ];
 
 impl Kind {
-    /// From NumPy's code without byte order, such as "f4"; `None` for strings, objects, records, complex numbers, dates.
+    /// Returns the type for NumPy's code without byte order, such as "f4"; `None` for strings, objects, records,
+    /// complex numbers, dates.
     pub fn from_code(code: &str) -> Option<Self> {
         KINDS.iter().find(|(_, c)| *c == code).map(|(kind, _)| *kind)
     }
 
-    /// NumPy's code without byte order.
+    /// Returns NumPy's code without byte order.
     pub fn code(self) -> &'static str {
         KINDS[self as usize].1
     }
 
-    /// Bytes per element.
+    /// Returns the bytes per element.
     pub fn size(self) -> usize {
         match self {
             Kind::Bool | Kind::I8 | Kind::U8 => 1,
@@ -56,7 +57,8 @@ impl Kind {
         }
     }
 
-    /// One little-endian element, rounded to `f64`. `bytes` must hold [`Kind::size`] bytes; missing ones count as zero.
+    /// Decodes one little-endian element, rounded to `f64`. `bytes` must hold [`Kind::size`] bytes; missing ones count
+    /// as zero.
     pub fn decode(self, bytes: &[u8]) -> f64 {
         let mut raw = [0; 8];
         for (to, from) in raw.iter_mut().zip(&bytes[..bytes.len().min(self.size())]) {
@@ -80,7 +82,7 @@ impl Kind {
     }
 }
 
-/// An array in C order with little-endian elements.
+/// Array in C order with little-endian elements.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Array {
     kind: Kind,
@@ -89,10 +91,10 @@ pub struct Array {
 }
 
 impl Array {
-    /// From elements as another program laid them out.
+    /// Creates an array from elements in either byte order and in C or Fortran order.
     ///
     /// # Errors
-    /// A sentence that says so if `data` does not hold exactly the elements of `shape`, or there are more than 32 axes.
+    /// A sentence if `data` does not hold exactly the elements of `shape`, or there are more than 32 axes.
     pub fn from_raw(
         kind: Kind,
         big_endian: bool,
@@ -115,35 +117,35 @@ impl Array {
         Ok(Self { kind, shape, data })
     }
 
-    /// An array of `f64`. The shape's product must be the number of values.
+    /// Creates an array of `f64`. The shape's product must be the number of values.
     pub fn from_f64(shape: Vec<usize>, values: impl IntoIterator<Item = f64>) -> Self {
         let data: Vec<u8> = values.into_iter().flat_map(f64::to_le_bytes).collect();
         debug_assert_eq!(data.len(), 8 * shape.iter().product::<usize>());
         Self { kind: Kind::F64, shape, data }
     }
 
-    /// Type of the elements.
+    /// Returns the type of the elements.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// Length of each axis; empty for a scalar.
+    /// Returns the length of each axis; empty for a scalar.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }
 
-    /// The elements in C order, little-endian.
+    /// Returns the elements in C order, little-endian.
     pub fn bytes(&self) -> &[u8] {
         &self.data
     }
 
-    /// The elements in C order, rounded to `f64`.
+    /// Iterates over the elements in C order, rounded to `f64`.
     pub fn to_f64(&self) -> impl Iterator<Item = f64> {
         self.data.chunks_exact(self.kind.size()).map(|bytes| self.kind.decode(bytes))
     }
 }
 
-/// Elements with the first axis fastest, reordered so that the last one is.
+/// Reorders elements from Fortran order (first axis fastest) to C order (last axis fastest).
 fn to_c_order(data: &[u8], size: usize, shape: &[usize]) -> Vec<u8> {
     let strides: Vec<usize> = shape
         .iter()

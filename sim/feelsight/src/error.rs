@@ -1,43 +1,45 @@
-//! What can be wrong with a log. Messages hold their reasons, so that one line says all; there is no chain of sources.
+//! Defects of a log. Each message holds its reason, so there is no chain of sources.
 
 use std::path::{Path, PathBuf};
 
-use super::{npz, pickle};
+use crate::npz::NpzError;
+use crate::pickle::PickleError;
 
-/// Why a log could not be written or read. Every message names the file.
+/// Reason why a log was not written or read. Every message names the file.
 #[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The operating system refused: disk full, read-only, missing.
+#[non_exhaustive]
+pub enum LogError {
+    /// The operating system refused: the disk is full, a file is missing or read-only.
     #[error("{}: {reason}", path.display())]
     Io {
         /// File or folder.
         path: PathBuf,
-        /// Its reason.
+        /// Reason of the operating system.
         reason: std::io::Error,
     },
-    /// The folder for a new log holds something.
+    /// The folder for a new log is not empty.
     #[error("{}: the folder is not empty; choose another or ask to overwrite it", path.display())]
     NotEmpty {
         /// The folder.
         path: PathBuf,
     },
-    /// data.pkl is no pickle of plain data.
+    /// data.pkl is not a pickle of plain data.
     #[error("{}: {reason}", path.display())]
     Pickle {
         /// data.pkl
         path: PathBuf,
         /// The defect.
-        reason: pickle::Error,
+        reason: PickleError,
     },
-    /// depth.npz is broken.
+    /// depth.npz is damaged.
     #[error("{}: {reason}", path.display())]
     Npz {
         /// depth.npz
         path: PathBuf,
         /// The defect.
-        reason: npz::Error,
+        reason: NpzError,
     },
-    /// An image is broken.
+    /// An image is damaged.
     #[error("{}: {reason}", path.display())]
     Image {
         /// The image.
@@ -45,7 +47,7 @@ pub enum Error {
         /// The defect.
         reason: image::ImageError,
     },
-    /// scene.json is broken.
+    /// scene.json is damaged.
     #[error("{}: {reason}", path.display())]
     Json {
         /// scene.json
@@ -53,7 +55,7 @@ pub enum Error {
         /// The defect.
         reason: serde_json::Error,
     },
-    /// The contents contradict the format or one another.
+    /// The contents contradict the format or each other.
     #[error("{}: {defect}", path.display())]
     Defect {
         /// File or folder.
@@ -61,7 +63,7 @@ pub enum Error {
         /// A sentence.
         defect: String,
     },
-    /// A frame that was to be written does not fit the log.
+    /// A frame does not fit the log to which it was pushed.
     #[error("the frame at {time_s:.3} s does not fit the log: {defect}")]
     Frame {
         /// Time of the frame.
@@ -71,11 +73,19 @@ pub enum Error {
     },
 }
 
-impl Error {
+impl LogError {
+    /// Describes a defect of a file or folder.
     pub(super) fn defect(path: impl Into<PathBuf>, defect: impl Into<String>) -> Self {
         Self::Defect { path: path.into(), defect: defect.into() }
     }
 
+    /// Names the file of an error of depth.npz.
+    pub(super) fn npz(path: impl Into<PathBuf>) -> impl FnOnce(NpzError) -> Self {
+        let path = path.into();
+        move |reason| Self::Npz { path, reason }
+    }
+
+    /// Names the file of an error of the operating system.
     pub(super) fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.as_ref().to_path_buf();
         move |reason| Self::Io { path, reason }

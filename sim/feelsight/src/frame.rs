@@ -1,4 +1,4 @@
-//! One frame, encoded. Everything that costs time, and nothing that needs an order: call it on as many threads as there are.
+//! Encoding of one frame. It takes most of the time and needs no order, so that frames can be encoded on all threads.
 
 use image::{GrayImage, RgbImage};
 use mvt_frames::{Isometry, MeshFile, Object};
@@ -7,12 +7,14 @@ use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_digit_cam
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
 use ndarray::Array2;
 
-use super::npz::DeflatedFrame;
-use super::picture::{encode_color, encode_exact};
-use super::record::Matrix;
-use super::{DigitInfo, Error, LogMeta, preview};
+use crate::error::LogError;
+use crate::npz::DeflatedFrame;
+use crate::picture::{encode_color, encode_exact};
+use crate::preview;
+use crate::record::{DigitInfo, Matrix};
+use crate::scene::LogMeta;
 
-/// A frame as it goes into a log. The bytes depend on the frame alone.
+/// Encoded frame of a log. Its bytes depend on the frame alone.
 #[derive(Debug, Clone)]
 pub struct EncodedFrame {
     pub(super) time_s: f64,
@@ -25,7 +27,7 @@ pub struct EncodedFrame {
     pub(super) preview: RgbImage,
 }
 
-/// The files of one finger.
+/// Files of one finger.
 #[derive(Debug, Clone)]
 pub(super) struct EncodedTouch {
     pub image: Vec<u8>,
@@ -33,7 +35,7 @@ pub(super) struct EncodedTouch {
     pub mask: Vec<u8>,
 }
 
-/// The files of one camera, and its part of depth.npz.
+/// Files of one camera, and its part of depth.npz.
 #[derive(Debug, Clone)]
 pub(super) struct EncodedCamera {
     pub image: Vec<u8>,
@@ -42,17 +44,17 @@ pub(super) struct EncodedCamera {
 }
 
 impl EncodedFrame {
-    /// Encodes what was observed and what is true at one instant.
+    /// Encodes the observation and the ground truth of one instant.
     ///
-    /// Touch depth is the height over the plane 22 mm from the camera in steps of 0.03 mm for the whole pad, object or empty
-    /// gel, as TACTO's height maps and the networks trained on them have it; loaders multiply it by the contact mask. Level
-    /// 0 means no contact to them, so a pixel in contact has at least level 1.
+    /// Touch depth is the height over the plane 22 mm from the camera, in steps of 0.03 mm, for the whole pad: object
+    /// or untouched gel. TACTO's height maps and the networks trained on them use the same encoding. Loaders multiply
+    /// it by the contact mask and take level 0 for no contact, so a pixel in contact has at least level 1.
     ///
     /// # Errors
-    /// [`Error::Frame`] if images, cameras or sizes are not those of the log.
-    pub fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Result<Self, Error> {
+    /// [`LogError::Frame`] if the images, cameras or sizes differ from those of the log.
+    pub fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Result<Self, LogError> {
         let time_s = observation.time_s;
-        encode(observation, truth, meta).map_err(|defect| Error::Frame { time_s, defect })
+        encode(observation, truth, meta).map_err(|defect| LogError::Frame { time_s, defect })
     }
 }
 
@@ -86,7 +88,7 @@ fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Res
     })
 }
 
-/// Poses of the four DIGIT cameras in the world.
+/// Returns the poses of the four DIGIT cameras in the world.
 pub(super) fn finger_poses(side: Side, joints: &JointAngles) -> [Matrix; 4] {
     Finger::ALL.map(|finger| world_from_digit_camera(side, finger, joints).to_matrix())
 }
@@ -127,7 +129,7 @@ fn encode_camera(rgbd: &Rgbd, segmentation: &GrayImage, size: (usize, usize)) ->
     })
 }
 
-/// Camera z: negative in front of the camera, 0 where nothing was measured.
+/// Returns the camera's z: negative in front of the camera, 0 where nothing was measured.
 fn signed_depth(depth_m: &Array2<f32>) -> impl ExactSizeIterator<Item = f32> {
     depth_m.iter().map(|&depth| if depth > 0.0 { -depth } else { 0.0 })
 }

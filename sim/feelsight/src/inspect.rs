@@ -1,4 +1,4 @@
-//! Checks everything that a log claims.
+//! Check of a whole log.
 
 use std::fmt;
 use std::path::Path;
@@ -10,18 +10,20 @@ use mvt_robot::hand::{Finger, PerFinger, world_from_digit_camera};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::frame::finger_poses;
-use super::reader::npz_error;
-use super::{Error, Log, npz};
+use crate::error::LogError;
+use crate::frame::finger_poses;
+use crate::npz;
+use crate::reader::Log;
 
-/// How far a recorded DIGIT pose may be from forward kinematics: metres, and elements of the rotation.
+/// Greatest difference between a recorded DIGIT pose and forward kinematics: metres, and elements of the rotation.
 const KINEMATICS_TOLERANCE: f64 = 1e-6;
-/// Of how many pixels in contact one is held against the mesh.
+/// Every Nth pixel in contact is compared with the surface.
 const CONTACT_STRIDE: usize = 17;
 
-/// What a log holds, found by reading all of it.
+/// Summary of a log, from all of its files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Summary {
+#[non_exhaustive]
+pub struct LogSummary {
     /// Name of the object.
     pub object: String,
     /// Number of frames.
@@ -30,27 +32,28 @@ pub struct Summary {
     pub duration_s: f64,
     /// Mean frames per second.
     pub rate_hz: f64,
-    /// Whether the episode lasted as long as it was meant to; `None` without scene.json.
+    /// Whether the episode lasted for its planned time; `None` without scene.json.
     pub complete: Option<bool>,
-    /// Why the episode ended; `None` without scene.json.
+    /// Reason of the episode's end; `None` without scene.json.
     pub reason: Option<String>,
-    /// Each camera.
+    /// Cameras.
     pub cameras: Vec<CameraSummary>,
     /// Fraction of frames in which each pad has contact, index to thumb; `None` without labels.
     pub contact_fraction: Option<[f64; 4]>,
     /// Fraction of frames in which any pad has contact; `None` without labels.
     pub any_contact_fraction: Option<f64>,
-    /// Largest element by which a recorded DIGIT pose differs from forward kinematics; `None` without recorded poses. In logs
-    /// without scene.json it is information only: what they recorded is not documented.
+    /// Largest difference between an element of a recorded DIGIT pose and forward kinematics; `None` without recorded
+    /// poses. In logs without scene.json it is only informative, since their recorded poses are not documented.
     pub kinematics_deviation: Option<f64>,
     /// Distance of points in contact from the surface of the object; `None` without labels, contact or a surface.
     pub contact_distance: Option<ContactDistance>,
-    /// What was put up with in a log of another program.
+    /// Defects that were tolerated in a log of another program.
     pub notes: Vec<String>,
 }
 
-/// One camera of a log.
+/// Camera of a log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct CameraSummary {
     /// Name.
     pub name: String,
@@ -64,8 +67,9 @@ pub struct CameraSummary {
     pub object_pixels: Option<f64>,
 }
 
-/// How far points that touch lie from the surface that they touch, metres.
+/// Distances of points in contact from the surface of the object, metres.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct ContactDistance {
     /// Number of points.
     pub points: usize,
@@ -75,33 +79,36 @@ pub struct ContactDistance {
     pub p95_m: f64,
 }
 
-/// What is learnt from the images of one frame.
+/// Facts from the images of one frame.
 struct FrameFacts {
     contact: Option<PerFinger<bool>>,
     object_pixels: Option<Vec<usize>>,
     distances: Vec<f64>,
 }
 
-/// Reads a whole log and checks every claim: counts, sizes, levels, poses, times, checksums, kinematics.
+/// Reads a whole log and checks counts, sizes, levels, poses, times, checksums and kinematics.
 ///
 /// # Errors
-/// The first defect found, with its file.
-pub fn inspect(folder: &Path) -> Result<Summary, Error> {
+/// The first defect, with its file.
+pub fn inspect(folder: &Path) -> Result<LogSummary, LogError> {
     inspect_surface(folder, None)
 }
 
-/// As [`inspect`], and holds the pixels in contact against the object: `distance_m` gives the signed distance of a point from
-/// its surface. A mixed-up finger or joint shows as centimetres.
+/// Does the same as [`inspect`], and compares the pixels in contact with the object: `distance_m` returns the signed
+/// distance of a point from its surface. Swapped fingers or joints lead to distances of centimetres.
 ///
 /// # Errors
 /// As [`inspect`]; distances are reported, not judged.
-pub fn inspect_against(folder: &Path, distance_m: &(dyn Fn(Point<Object>) -> f64 + Sync)) -> Result<Summary, Error> {
+pub fn inspect_against(
+    folder: &Path,
+    distance_m: &(dyn Fn(Point<Object>) -> f64 + Sync),
+) -> Result<LogSummary, LogError> {
     inspect_surface(folder, Some(distance_m))
 }
 
 type Surface<'a> = &'a (dyn Fn(Point<Object>) -> f64 + Sync);
 
-fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<Summary, Error> {
+fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSummary, LogError> {
     let log = Log::open(folder)?;
     let kinematics_deviation = kinematics(&log)?;
     let facts = (0..log.len()).into_par_iter().map(|i| frame_facts(&log, i, surface)).collect::<Result<Vec<_>, _>>()?;
@@ -129,7 +136,7 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<Summar
         _ => None,
     };
     let duration_s = log.times_s().last().copied().unwrap_or_default();
-    Ok(Summary {
+    Ok(LogSummary {
         object: log.object_name().to_owned(),
         frames: log.len(),
         duration_s,
@@ -145,8 +152,8 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<Summar
     })
 }
 
-/// The largest deviation of recorded DIGIT poses from forward kinematics.
-fn kinematics(log: &Log) -> Result<Option<f64>, Error> {
+/// Returns the largest deviation of recorded DIGIT poses from forward kinematics.
+fn kinematics(log: &Log) -> Result<Option<f64>, LogError> {
     let Some(recorded) = log.finger_poses() else { return Ok(None) };
     let mut largest = 0.0f64;
     for (i, (recorded, joints)) in recorded.iter().zip(log.joints()).enumerate() {
@@ -167,14 +174,14 @@ fn kinematics(log: &Log) -> Result<Option<f64>, Error> {
                     "allegro.finger_poses of frame {i}, {}: {deviation:.2e} from forward kinematics",
                     finger.name()
                 );
-                return Err(Error::defect(log.folder().join("data.pkl"), defect));
+                return Err(LogError::defect(log.folder().join("data.pkl"), defect));
             }
         }
     }
     Ok(Some(largest))
 }
 
-fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<FrameFacts, Error> {
+fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<FrameFacts, LogError> {
     let images = log.images(i)?;
     let mut distances = Vec::new();
     if let (Some(truth), Some(distance_m), Some(object_pose)) = (&images.touch_truth, surface, log.object_poses()[i]) {
@@ -197,22 +204,22 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
     })
 }
 
-/// Reads all depths of a camera up to the checksum.
-fn depth_fraction(log: &Log, camera: usize) -> Result<f64, Error> {
+/// Reads all depths of a camera, and so checks their checksum.
+fn depth_fraction(log: &Log, camera: usize) -> Result<f64, LogError> {
     let path = log.folder().join("realsense").join(&log.cameras()[camera].name).join("depth.npz");
     let read = || {
-        let mut reader = npz::Reader::open(&path)?;
+        let mut reader = npz::NpzReader::open(&path)?;
         let (mut valid, mut pixels) = (0usize, 0usize);
         while let Some(values) = reader.read()? {
             if log.scene().is_some() && !values.iter().all(|&z| z <= 0.0 && z.is_finite()) {
-                return Err(npz::Error::Defect("a depth is positive or not finite".into()));
+                return Err(npz::NpzError::Defect("a depth is positive or not finite".into()));
             }
             valid += values.iter().filter(|&&z| z != 0.0 && z.is_finite()).count();
             pixels += values.len();
         }
         Ok(valid as f64 / pixels.max(1) as f64)
     };
-    read().map_err(|reason| npz_error(&path, reason))
+    read().map_err(LogError::npz(&path))
 }
 
 fn contact_distance(mut distances: Vec<f64>) -> Option<ContactDistance> {
@@ -223,7 +230,7 @@ fn contact_distance(mut distances: Vec<f64>) -> Option<ContactDistance> {
     Some(ContactDistance { points, mean_m: distances.iter().sum::<f64>() / points as f64, p95_m })
 }
 
-impl fmt::Display for Summary {
+impl fmt::Display for LogSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "object    {}", self.object)?;
         writeln!(f, "frames    {} in {:.2} s, {:.2} per second", self.frames, self.duration_s, self.rate_hz)?;

@@ -1,11 +1,12 @@
 //! depth.npz: the depth images of a camera, written and read one frame at a time.
 //!
-//! The file is what `numpy.savez_compressed(depth=..., depth_scale=...)` writes: a zip archive of two .npy files. Thirty seconds
-//! of 640 x 480 are 1.1 GB before compression, so neither side ever holds more than a frame.
+//! The file has the format of `numpy.savez_compressed(depth=..., depth_scale=...)`: a zip archive of two .npy files.
+//! Thirty seconds of 640 x 480 are 1.1 GB before compression, so neither writer nor reader holds more than one frame.
 //!
-//! Frames are deflated apart from one another ([`DeflatedFrame`], on any thread), end on a byte boundary, and are joined to
-//! one stream; their checksums are combined. So the bytes depend neither on the number of threads nor on timing. The number
-//! of frames stands before them, in the .npy header; that header is a block without compression, which is patched at the end.
+//! Each frame is deflated alone ([`DeflatedFrame`], on any thread) and ends on a byte boundary. The frames are joined
+//! to one stream, and their checksums are combined, so the bytes depend neither on the number of threads nor on timing.
+//! The .npy header stands before the frames and holds their number. It is a block without compression, which is
+//! overwritten at the end.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -27,21 +28,22 @@ const STORED_BLOCK: [u8; 5] = [0, NPY_HEADER as u8, 0, !(NPY_HEADER as u8), 0xff
 /// An empty last block with fixed codes.
 const LAST_BLOCK: [u8; 2] = [3, 0];
 
-/// Why a depth.npz was refused.
+/// Reason why a depth.npz is refused.
 #[derive(Debug, thiserror::Error)]
-pub enum Error {
+#[non_exhaustive]
+pub enum NpzError {
     /// Reading failed, or the compressed data are damaged.
     #[error("{0}")]
     Io(#[from] io::Error),
     /// The archive is damaged.
     #[error("not a readable zip archive: {0}")]
     Zip(#[from] zip::result::ZipError),
-    /// The contents are not what they should be.
+    /// The contents have the wrong type, shape or size.
     #[error("{0}")]
     Defect(String),
 }
 
-/// A part of a deflate stream that ends on a byte boundary and refers to nothing before it.
+/// Part of a deflate stream that ends on a byte boundary and does not refer to earlier bytes.
 #[derive(Debug, Clone)]
 pub struct DeflatedFrame {
     data: Vec<u8>,
@@ -50,21 +52,22 @@ pub struct DeflatedFrame {
 }
 
 impl DeflatedFrame {
-    /// Compresses an image. Fast rather than small: depth is mostly noise to a compressor.
+    /// Compresses an image, fast rather than small: most of a depth image is noise to a compressor.
     ///
     /// # Errors
-    /// None in practice: those of the compressor, which gets no invalid parameter.
+    /// Those of the compressor, which do not occur in practice, since its parameters are valid.
     pub fn new(values: impl ExactSizeIterator<Item = f32>) -> io::Result<Self> {
         let mut plain = Vec::with_capacity(4 * values.len());
         values.for_each(|value| plain.extend_from_slice(&value.to_le_bytes()));
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(&plain);
-        // `write::DeflateEncoder::flush` loses data with this backend once its buffer is full, hence the bare compressor.
+        // `write::DeflateEncoder::flush` loses data with this backend once its buffer is full, hence the bare
+        // compressor.
         let mut compressor = Compress::new(Compression::fast(), false);
         let mut data = Vec::with_capacity(plain.len() / 2 + 1024);
         loop {
             let rest = &plain[compressor.total_in() as usize..];
-            // A flush, not the end: other frames follow. It is complete when room is left over.
+            // This flushes and does not end the stream: other frames follow. The flush is complete if room is left.
             compressor.compress_vec(rest, &mut data, FlushCompress::Sync)?;
             if data.len() < data.capacity() {
                 break;
@@ -75,8 +78,8 @@ impl DeflatedFrame {
     }
 }
 
-/// Writes depth.npz.
-pub struct Writer {
+/// Writer of depth.npz.
+pub struct NpzWriter {
     file: BufWriter<File>,
     height: usize,
     width: usize,
@@ -85,11 +88,11 @@ pub struct Writer {
     compressed: u64,
 }
 
-impl Writer {
+impl NpzWriter {
     /// Creates the file for images of this size.
     ///
     /// # Errors
-    /// As the file system's.
+    /// Those of the file system.
     pub fn create(path: &Path, height: usize, width: usize) -> io::Result<Self> {
         let mut file = BufWriter::with_capacity(1 << 20, File::options().write(true).create_new(true).open(path)?);
         file.write_all(&local_header(DEPTH, Method::Deflated, Sizes::default()))?;
@@ -102,7 +105,7 @@ impl Writer {
     /// Appends an image.
     ///
     /// # Errors
-    /// As the file system's, and `InvalidInput` for an image of another size.
+    /// Those of the file system, and `InvalidInput` for an image of another size.
     pub fn push(&mut self, frame: &DeflatedFrame) -> io::Result<()> {
         if frame.values != self.height * self.width {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "a depth image of another size"));
@@ -114,10 +117,10 @@ impl Writer {
         Ok(())
     }
 
-    /// Writes what is only known now, and syncs the file to its disk.
+    /// Writes the headers, whose numbers are known only now, and syncs the file to its disk.
     ///
     /// # Errors
-    /// As the file system's.
+    /// Those of the file system.
     pub fn finish(mut self, depth_scale: f64) -> io::Result<()> {
         self.file.write_all(&LAST_BLOCK)?;
         let header = npy_header("<f4", &format!("({}, {}, {})", self.frames, self.height, self.width));
@@ -167,7 +170,8 @@ struct Sizes {
     plain: u64,
 }
 
-/// What local header and directory entry share: version, flags, method, date (1 January 1980) and checksum.
+/// Returns the common part of local header and directory entry: version, flags, method, date (1 January 1980) and
+/// checksum.
 fn common(method: Method, checksum: u32) -> Vec<u8> {
     let mut out = Vec::new();
     // 4.5 is the first version with ZIP64.
@@ -218,7 +222,7 @@ fn end_of_directory(entries: u64, directory_at: u64, end_at: u64) -> Vec<u8> {
     for number in [entries, entries, end_at - directory_at, directory_at] {
         out.extend(number.to_le_bytes());
     }
-    // Where the record above is, and the record of old that says to look there.
+    // The locator of the record above, and the record of old readers, which points to the locator.
     out.extend(b"PK\x06\x07\0\0\0\0");
     out.extend(end_at.to_le_bytes());
     out.extend(1u32.to_le_bytes());
@@ -228,7 +232,7 @@ fn end_of_directory(entries: u64, directory_at: u64, end_at: u64) -> Vec<u8> {
     out
 }
 
-/// A header of format 1.0, padded with spaces to its fixed length.
+/// Returns a header of format 1.0, padded with spaces to its fixed length.
 fn npy_header(descr: &str, shape: &str) -> [u8; NPY_HEADER] {
     let mut out = [b' '; NPY_HEADER];
     out[..8].copy_from_slice(b"\x93NUMPY\x01\x00");
@@ -241,7 +245,7 @@ fn npy_header(descr: &str, shape: &str) -> [u8; NPY_HEADER] {
     out
 }
 
-/// What a .npy header says.
+/// Contents of a .npy header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct NpyHeader {
     kind: Kind,
@@ -251,9 +255,9 @@ struct NpyHeader {
 }
 
 impl NpyHeader {
-    /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Also gives the header's length.
-    fn read(mut from: impl Read) -> Result<(Self, u64), Error> {
-        let defect = || Error::Defect("an array in it is not in NumPy's format".into());
+    /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Returns the header and its length.
+    fn read(mut from: impl Read) -> Result<(Self, u64), NpzError> {
+        let defect = || NpzError::Defect("an array in it is not in NumPy's format".into());
         let mut start = [0; 8];
         from.read_exact(&mut start)?;
         let width = match start {
@@ -264,19 +268,20 @@ impl NpyHeader {
         let mut length = [0; 4];
         from.read_exact(&mut length[..width])?;
         let length = u32::from_le_bytes(length);
-        // NumPy itself refuses longer ones.
+        // NumPy refuses longer headers, too.
         if length > 10_000 {
             return Err(defect());
         }
         let mut text = vec![0; length as usize];
         from.read_exact(&mut text)?;
         let text = String::from_utf8(text).map_err(|_| defect())?;
-        let header = Self::parse(&text)
-            .ok_or_else(|| Error::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug())))?;
+        let header = Self::parse(&text).ok_or_else(|| {
+            NpzError::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug()))
+        })?;
         Ok((header, 8 + width as u64 + u64::from(length)))
     }
 
-    /// The header is a Python dictionary with exactly these three keys.
+    /// Parses a header: a Python dictionary with exactly three keys.
     fn parse(text: &str) -> Option<Self> {
         let after = |key: &str| {
             let (_, rest) = text.split_once(&format!("'{key}'"))?;
@@ -298,36 +303,36 @@ impl NpyHeader {
     }
 }
 
-/// A member of the archive, decompressed as it is read.
+/// Member of the archive, decompressed while it is read.
 struct Member {
     data: Box<dyn Read + Send>,
     size: u64,
     checksum: u32,
 }
 
-fn member(path: &Path, name: &str) -> Result<Member, Error> {
+fn member(path: &Path, name: &str) -> Result<Member, NpzError> {
     let mut archive = zip::ZipArchive::new(BufReader::new(File::open(path)?))?;
     let index = archive
         .index_for_name(name)
-        .ok_or_else(|| Error::Defect(format!("it holds no array {:?}", name.trim_end_matches(".npy"))))?;
+        .ok_or_else(|| NpzError::Defect(format!("it has no array {:?}", name.trim_end_matches(".npy"))))?;
     let entry = archive.by_index_raw(index)?;
     let (compressed, size, checksum) = (entry.compressed_size(), entry.size(), entry.crc32());
     let method = entry.compression();
     let start = entry.data_start();
     drop(entry);
     let mut file = archive.into_inner();
-    file.seek(SeekFrom::Start(start.ok_or_else(|| Error::Defect("a member without data".into()))?))?;
+    file.seek(SeekFrom::Start(start.ok_or_else(|| NpzError::Defect("a member without data".into()))?))?;
     let raw = file.take(compressed);
     let data: Box<dyn Read + Send> = match method {
         zip::CompressionMethod::Stored => Box::new(raw),
         zip::CompressionMethod::DEFLATE => Box::new(DeflateDecoder::new(raw)),
-        other => return Err(Error::Defect(format!("it is compressed by {other}, which NumPy does not use"))),
+        other => return Err(NpzError::Defect(format!("it is compressed by {other}, which NumPy does not use"))),
     };
     Ok(Member { data, size, checksum })
 }
 
-/// Reads the images of depth.npz in order.
-pub struct Reader {
+/// Reader of the images of depth.npz, in order.
+pub struct NpzReader {
     data: Box<dyn Read + Send>,
     header: NpyHeader,
     scale: f64,
@@ -338,54 +343,54 @@ pub struct Reader {
     expected_checksum: u32,
 }
 
-impl Reader {
-    /// Largest width and height that are believed.
+impl NpzReader {
+    /// Greatest width and height, pixels: larger sizes are refused before memory is allocated.
     pub const MAX_SIDE: usize = 4096;
 
     /// Opens the file and reads everything but the images.
     ///
     /// # Errors
-    /// [`Error`] if it holds no array `depth` of three axes with the bytes that belong to its shape.
-    pub fn open(path: &Path) -> Result<Self, Error> {
+    /// [`NpzError`] if it has no array `depth` of three axes, or the number of bytes does not match the shape.
+    pub fn open(path: &Path) -> Result<Self, NpzError> {
         let scale = depth_scale(path)?;
         let Member { mut data, size, checksum: expected_checksum } = member(path, DEPTH)?;
         let mut start = Vec::new();
         let (header, length) = NpyHeader::read(Tee { from: &mut data, seen: &mut start })?;
         let &[frames, height, width] = header.shape.as_slice() else {
-            return Err(Error::Defect(format!("depth has the shape {:?} and not three axes", header.shape)));
+            return Err(NpzError::Defect(format!("depth has the shape {:?} and not three axes", header.shape)));
         };
         if header.fortran_order {
-            return Err(Error::Defect("depth is in Fortran order; save it with numpy.ascontiguousarray".into()));
+            return Err(NpzError::Defect("depth is in Fortran order; save it with numpy.ascontiguousarray".into()));
         }
         if height.max(width) > Self::MAX_SIDE {
-            return Err(Error::Defect(format!("depth images of {width} x {height} pixels are too large")));
+            return Err(NpzError::Defect(format!("depth images of {width} x {height} pixels are too large")));
         }
         let bytes = height * width * header.kind.size();
         let expected = (bytes as u64).checked_mul(frames as u64).and_then(|images| images.checked_add(length));
         if expected != Some(size) {
-            return Err(Error::Defect(format!("depth is {size} bytes long, which does not fit {:?}", header.shape)));
+            return Err(NpzError::Defect(format!("depth is {size} bytes long, which does not fit {:?}", header.shape)));
         }
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(&start);
         Ok(Self { data, header, scale, next: 0, raw: vec![0; bytes], checksum, expected_checksum })
     }
 
-    /// Number of images, height and width.
+    /// Returns the number of images, their height and their width.
     pub fn shape(&self) -> [usize; 3] {
         [self.header.shape[0], self.header.shape[1], self.header.shape[2]]
     }
 
-    /// What every value is to be multiplied by, metres. Its sign means nothing.
+    /// Returns the factor of all values, metres. Its sign has no meaning.
     pub fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// The next image, row by row, as stored times the scale; `None` after the last one. The
-    /// last image comes only if the checksum of all of them is right.
+    /// Reads the next image, row by row, and multiplies it by the scale; `None` after the last one. The last image is
+    /// returned only if the checksum of all images is right.
     ///
     /// # Errors
-    /// [`Error`] if the data are damaged or end early.
-    pub fn read(&mut self) -> Result<Option<Vec<f32>>, Error> {
+    /// [`NpzError`] if the data are damaged or end early.
+    pub fn read(&mut self) -> Result<Option<Vec<f32>>, NpzError> {
         if !self.advance()? {
             return Ok(None);
         }
@@ -394,7 +399,7 @@ impl Reader {
             self.raw.chunks_exact_mut(kind.size()).for_each(<[u8]>::reverse);
         }
         Ok(Some(match kind {
-            // Most common, and exact where the scale is 1.
+            // The most common type, and exact if the scale is 1.
             Kind::F32 => {
                 let (values, _) = self.raw.as_chunks();
                 values.iter().map(|&bytes| (f64::from(f32::from_le_bytes(bytes)) * self.scale) as f32).collect()
@@ -403,15 +408,15 @@ impl Reader {
         }))
     }
 
-    /// Passes over the next image.
+    /// Skips the next image.
     ///
     /// # Errors
-    /// As [`Reader::read`].
-    pub fn skip(&mut self) -> Result<(), Error> {
+    /// As [`NpzReader::read`].
+    pub fn skip(&mut self) -> Result<(), NpzError> {
         self.advance().map(|_| ())
     }
 
-    fn advance(&mut self) -> Result<bool, Error> {
+    fn advance(&mut self) -> Result<bool, NpzError> {
         let frames = self.header.shape[0];
         if self.next == frames {
             return Ok(false);
@@ -422,33 +427,33 @@ impl Reader {
         if self.next == frames {
             let surplus = io::copy(&mut self.data.by_ref().take(1), &mut io::sink())?;
             if surplus != 0 || self.checksum.clone().finalize() != self.expected_checksum {
-                return Err(Error::Defect("the checksum of depth is wrong".into()));
+                return Err(NpzError::Defect("the checksum of depth is wrong".into()));
             }
         }
         Ok(true)
     }
 }
 
-/// The number `depth_scale`; 1 where there is none.
-fn depth_scale(path: &Path) -> Result<f64, Error> {
+/// Reads the number `depth_scale`; 1 if the archive does not have it.
+fn depth_scale(path: &Path) -> Result<f64, NpzError> {
     let mut data = match member(path, SCALE) {
         Ok(Member { data, .. }) => data,
-        Err(Error::Defect(_)) => return Ok(1.0),
+        Err(NpzError::Defect(_)) => return Ok(1.0),
         Err(other) => return Err(other),
     };
     let (header, _) = NpyHeader::read(&mut data)?;
     let size = header.kind.size();
-    let defect = || Error::Defect("depth_scale is not one finite number".into());
+    let defect = || NpzError::Defect("depth_scale is not one finite number".into());
     if header.shape.iter().product::<usize>() != 1 {
         return Err(defect());
     }
     let mut raw = vec![0; size];
     data.read_exact(&mut raw)?;
-    let array = Array::from_raw(header.kind, header.big_endian, false, vec![], &raw).map_err(Error::Defect)?;
+    let array = Array::from_raw(header.kind, header.big_endian, false, vec![], &raw).map_err(NpzError::Defect)?;
     array.to_f64().next().filter(|scale| scale.is_finite() && *scale != 0.0).ok_or_else(defect)
 }
 
-/// Keeps a copy of what is read.
+/// Reader that keeps a copy of the bytes.
 struct Tee<'a, R> {
     from: R,
     seen: &'a mut Vec<u8>,
@@ -468,16 +473,16 @@ mod tests {
 
     #[test]
     fn images_of_real_size_come_back_in_order() {
-        // Hard to compress, so that every buffer on the way overflows.
+        // Hard to compress, so that every buffer overflows.
         let image =
             |seed: u32| (0..480 * 640u32).map(move |i| ((i.wrapping_mul(2_654_435_761) ^ seed) >> 8) as f32 / -3e7);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.npz");
-        let mut writer = Writer::create(&path, 480, 640).unwrap();
+        let mut writer = NpzWriter::create(&path, 480, 640).unwrap();
         (0..4).for_each(|seed| writer.push(&DeflatedFrame::new(image(seed)).unwrap()).unwrap());
         assert!(writer.push(&DeflatedFrame::new([0.0].into_iter()).unwrap()).is_err());
         writer.finish(1.0).unwrap();
-        let mut reader = Reader::open(&path).unwrap();
+        let mut reader = NpzReader::open(&path).unwrap();
         assert_eq!((reader.shape(), reader.scale()), ([4, 480, 640], 1.0));
         for seed in 0..4 {
             assert!(reader.read().unwrap().unwrap().into_iter().eq(image(seed)), "{seed}");

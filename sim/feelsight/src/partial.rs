@@ -1,4 +1,4 @@
-//! Frames of a log of which parts may be missing or damaged.
+//! Frames of a log with missing or damaged parts.
 
 use std::path::PathBuf;
 
@@ -8,18 +8,20 @@ use mvt_robot::hand::{Finger, JointAngles, PerFinger};
 use mvt_robot::observation::TouchTruth;
 use ndarray::Array2;
 
-use super::{Error, Log, npz};
+use crate::error::LogError;
+use crate::npz;
+use crate::reader::Log;
 
-/// A sensor of a log.
+/// Sensor of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Sensor {
+pub enum LogSensor {
     /// Camera by its index in the log.
     Camera(usize),
     /// The DIGIT of a finger.
     Touch(Finger),
 }
 
-/// What is read of the DIGITs.
+/// Part of the DIGITs' files that is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TouchPart {
     /// Nothing.
@@ -30,44 +32,45 @@ pub enum TouchPart {
     Images,
 }
 
-/// What was measured at one instant, as far as it can be read. Colours of cameras are not.
+/// Measurements of one instant that can be read, without the colours of cameras.
 #[derive(Debug)]
 pub struct PartialFrame {
     /// Seconds.
     pub time_s: f64,
     /// Joint angles.
     pub joints: JointAngles,
-    /// Pose of the object, where the log has one.
+    /// Pose of the object; `None` if the log has no pose.
     pub object_pose: Option<Isometry<Object, World>>,
-    /// Depth of each camera that was asked for, metres, indexed (row, column); NaN and infinite where the log has that.
+    /// Depth of each requested camera, metres, indexed (row, column); NaN or infinite where the log is.
     pub cameras: Vec<Option<Array2<f32>>>,
-    /// True depth and contact of each DIGIT, if they were asked for.
+    /// True depth and contact of each DIGIT, with [`TouchPart::Truth`].
     pub touch_truth: PerFinger<Option<TouchTruth>>,
-    /// What each DIGIT shows, if that was asked for.
+    /// Image of each DIGIT, with [`TouchPart::Images`].
     pub touch_images: PerFinger<Option<RgbImage>>,
-    /// Why something is missing. A camera whose file is damaged says so once and is silent from there on.
-    pub defects: Vec<(Sensor, Error)>,
+    /// Reasons for missing parts. A damaged file of a camera is reported once.
+    pub defects: Vec<(LogSensor, LogError)>,
 }
 
 /// Iterator over what can be read of a log's frames.
 pub struct PartialFrames {
     log: Log,
     next: usize,
-    /// Index of each camera and its depths; none once they are damaged.
-    cameras: Vec<(usize, Option<(PathBuf, npz::Reader)>)>,
+    /// Index of each camera and its depths; `None` once they are damaged.
+    cameras: Vec<(usize, Option<(PathBuf, npz::NpzReader)>)>,
     touch: TouchPart,
-    /// Found on opening; told with the first frame.
-    defects: Vec<(Sensor, Error)>,
+    /// Found on opening; reported with the first frame.
+    defects: Vec<(LogSensor, LogError)>,
 }
 
 impl Log {
-    /// The frames of the log as far as they can be read: depths of these cameras, by index, and this of the DIGITs.
+    /// Iterates over the readable parts of the frames: the depths of these cameras, by index, and this part of the
+    /// DIGITs' files.
     pub fn into_partial_frames(self, cameras: &[usize], touch: TouchPart) -> PartialFrames {
         let mut defects = Vec::new();
         let mut open = |&camera: &usize| match self.depths(camera) {
             Ok(depths) => (camera, Some(depths)),
             Err(error) => {
-                defects.push((Sensor::Camera(camera), error));
+                defects.push((LogSensor::Camera(camera), error));
                 (camera, None)
             }
         };
@@ -77,12 +80,12 @@ impl Log {
 }
 
 impl PartialFrames {
-    /// The log.
+    /// Returns the log.
     pub fn log(&self) -> &Log {
         &self.log
     }
 
-    /// Whether any sensor may still deliver anything.
+    /// Returns whether any sensor may still deliver data.
     pub fn has_sensor(&self) -> bool {
         self.cameras.iter().any(|(_, depths)| depths.is_some())
             || Finger::ALL.into_iter().any(|finger| match self.touch {
@@ -92,8 +95,8 @@ impl PartialFrames {
             })
     }
 
-    /// What was found on opening, before the first frame was read.
-    pub fn defects(&self) -> &[(Sensor, Error)] {
+    /// Returns the defects that were found on opening, before the first frame is read.
+    pub fn defects(&self) -> &[(LogSensor, LogError)] {
         &self.defects
     }
 }
@@ -110,7 +113,7 @@ impl Iterator for PartialFrames {
         let cameras = cameras.iter_mut().map(|(camera, depths)| match log.next_depth(*camera, depths.as_mut()?) {
             Ok(depth_m) => Some(depth_m),
             Err(error) => {
-                defects.push((Sensor::Camera(*camera), error));
+                defects.push((LogSensor::Camera(*camera), error));
                 *depths = None;
                 None
             }
@@ -123,7 +126,7 @@ impl Iterator for PartialFrames {
                 TouchPart::Truth => log.touch_truth(finger, i).map(|truth| touch_truth[finger] = Some(truth)),
                 TouchPart::Images => log.touch_image(finger, i).map(|image| touch_images[finger] = Some(image)),
             };
-            defects.extend(read.err().map(|error| (Sensor::Touch(finger), error)));
+            defects.extend(read.err().map(|error| (LogSensor::Touch(finger), error)));
         }
         let object_pose = log.object_poses().get(i).copied().flatten();
         Some(PartialFrame { time_s, joints, object_pose, cameras, touch_truth, touch_images, defects })

@@ -1,8 +1,8 @@
-//! Python pickles that hold plain data, read and written without Python.
+//! Python pickles of plain data, read and written without Python.
 //!
-//! [`from_bytes`] is a restricted decoder: it knows numbers, strings, lists, tuples, dictionaries and NumPy arrays in every
-//! protocol from 0 to 5, and refuses every other global by name. A pickle is a program; this decoder never calls anything it
-//! names, and limits operations, depth and memory, so that a hostile file can do nothing but be refused.
+//! [`from_bytes`] is a restricted decoder: it knows numbers, strings, lists, tuples, dictionaries and NumPy arrays in
+//! every protocol from 0 to 5, and refuses every other global by name. A pickle is a program, but this decoder never
+//! calls a function that it names. It also limits operations, depth and memory, so a hostile file does no harm.
 
 mod decode;
 mod encode;
@@ -12,9 +12,9 @@ pub use encode::to_bytes;
 
 use super::array::Array;
 
-/// A Python value.
+/// Python value.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Value {
+pub enum PickleValue {
     /// `None`
     None,
     /// `bool`
@@ -28,41 +28,41 @@ pub enum Value {
     /// `bytes` or `bytearray`
     Bytes(Vec<u8>),
     /// `list`
-    List(Vec<Value>),
+    List(Vec<PickleValue>),
     /// `tuple`
-    Tuple(Vec<Value>),
-    /// `dict`, in order. A key that was set twice is there twice; the last one counts.
-    Dict(Vec<(Value, Value)>),
+    Tuple(Vec<PickleValue>),
+    /// `dict`, in order. A key that is set twice occurs twice; the last one counts.
+    Dict(Vec<(PickleValue, PickleValue)>),
     /// `numpy.ndarray` of numbers
     Array(Array),
 }
 
-impl Value {
-    /// A dictionary with string keys.
-    pub fn dict<const N: usize>(items: [(&str, Value); N]) -> Self {
+impl PickleValue {
+    /// Creates a dictionary with string keys.
+    pub fn dict<const N: usize>(items: [(&str, PickleValue); N]) -> Self {
         Self::Dict(items.into_iter().map(|(key, value)| (key.into(), value)).collect())
     }
 
-    /// The value under a string key of a dictionary.
-    pub fn get(&self, key: &str) -> Option<&Value> {
-        let Value::Dict(items) = self else { return None };
-        items.iter().rev().find(|(k, _)| matches!(k, Value::Str(s) if s == key)).map(|(_, value)| value)
+    /// Returns the value of a string key of a dictionary.
+    pub fn get(&self, key: &str) -> Option<&PickleValue> {
+        let PickleValue::Dict(items) = self else { return None };
+        items.iter().rev().find(|(k, _)| matches!(k, PickleValue::Str(s) if s == key)).map(|(_, value)| value)
     }
 
-    /// The string, if it is one.
+    /// Returns the text of a `str`.
     pub fn as_str(&self) -> Option<&str> {
-        if let Value::Str(s) = self { Some(s) } else { None }
+        if let PickleValue::Str(s) = self { Some(s) } else { None }
     }
 
-    /// Numbers, however nested: a number, an array, or lists and tuples of equally shaped ones. Gives the shape and the
-    /// elements in C order.
+    /// Returns the shape and the elements, in C order, of a number, an array, or nested lists and tuples of equal
+    /// shapes.
     pub fn to_tensor(&self) -> Option<(Vec<usize>, Vec<f64>)> {
         match self {
-            Value::Bool(b) => Some((vec![], vec![f64::from(u8::from(*b))])),
-            Value::Int(i) => Some((vec![], vec![*i as f64])),
-            Value::Float(x) => Some((vec![], vec![*x])),
-            Value::Array(array) => Some((array.shape().to_vec(), array.to_f64().collect())),
-            Value::List(items) | Value::Tuple(items) => {
+            PickleValue::Bool(b) => Some((vec![], vec![f64::from(u8::from(*b))])),
+            PickleValue::Int(i) => Some((vec![], vec![*i as f64])),
+            PickleValue::Float(x) => Some((vec![], vec![*x])),
+            PickleValue::Array(array) => Some((array.shape().to_vec(), array.to_f64().collect())),
+            PickleValue::List(items) | PickleValue::Tuple(items) => {
                 let mut inner: Option<Vec<usize>> = None;
                 let mut elements = Vec::new();
                 for item in items {
@@ -80,57 +80,58 @@ impl Value {
         }
     }
 
-    /// A single number, also one in an array of one element.
+    /// Returns a single number, also from an array of one element.
     pub fn to_number(&self) -> Option<f64> {
         let (_, elements) = self.to_tensor()?;
         if let [number] = elements[..] { Some(number) } else { None }
     }
 }
 
-impl From<&str> for Value {
+impl From<&str> for PickleValue {
     fn from(s: &str) -> Self {
         Self::Str(s.to_owned())
     }
 }
 
-impl From<f64> for Value {
+impl From<f64> for PickleValue {
     fn from(x: f64) -> Self {
         Self::Float(x)
     }
 }
 
-impl From<Array> for Value {
+impl From<Array> for PickleValue {
     fn from(array: Array) -> Self {
         Self::Array(array)
     }
 }
 
-/// Why a pickle was refused.
+/// Reason why a pickle is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Error {
-    /// The data end before the pickle does.
+#[non_exhaustive]
+pub enum PickleError {
+    /// The data end before the pickle ends.
     #[error("the pickle is cut off at byte {0}")]
     Truncated(usize),
-    /// It names something other than plain data and NumPy arrays.
+    /// The pickle refers to a global that is neither plain data nor a NumPy array.
     #[error("it refers to {0}, which is neither plain data nor a NumPy array; nothing was executed")]
     Refused(String),
-    /// An opcode that plain data never needs, or none at all.
+    /// An opcode is unknown or not needed for plain data.
     #[error("opcode 0x{opcode:02x} at byte {at} does not belong to plain data")]
     Opcode {
         /// The opcode.
         opcode: u8,
-        /// Where it is.
+        /// Offset of the opcode, bytes.
         at: usize,
     },
-    /// Something is malformed.
+    /// A part of the pickle is malformed.
     #[error("{defect} (at byte {at})")]
     Malformed {
-        /// What is wrong.
+        /// The defect.
         defect: String,
-        /// Where.
+        /// Offset, bytes.
         at: usize,
     },
-    /// More than a log could need.
+    /// The pickle is larger than that of any log.
     #[error("{0}: no log needs as much")]
     TooLarge(&'static str),
 }

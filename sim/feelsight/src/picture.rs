@@ -1,5 +1,5 @@
-//! Images of a log. Colours are JPEG; labels and touch depth are PNG under the same .jpg names, which OpenCV reads by content, so
-//! that masks, levels and depths stay exact.
+//! Image files of a log. Colours are JPEG. Labels and touch depth are PNG, so that they stay exact, but also have names
+//! in .jpg: OpenCV recognises the format by the content.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -7,13 +7,13 @@ use std::path::Path;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, GrayImage, ImageDecoder, ImageEncoder, ImageReader, RgbImage};
 
-use super::Error;
-use super::reader::read_at_most;
+use crate::error::LogError;
+use crate::io::read_at_most;
 
-/// Quality at which JPEG's error is about one grey on a DIGIT image.
+/// JPEG quality, 1 to 100: at 95 the error is about one grey level on a DIGIT image.
 const QUALITY: u8 = 95;
 
-/// Encodes colours as JPEG without subsampling: a DIGIT image tells slopes by its colours.
+/// Encodes colours as JPEG without subsampling, since the colours of a DIGIT image show slopes.
 pub(super) fn encode_color(image: &RgbImage) -> Result<Vec<u8>, String> {
     let size = |n| u16::try_from(n).map_err(|_| format!("an image of {} x {}", image.width(), image.height()));
     let mut out = Vec::with_capacity(image.len() / 4);
@@ -35,29 +35,29 @@ pub(super) fn encode_exact(image: &GrayImage) -> Result<Vec<u8>, String> {
     Ok(out)
 }
 
-/// An image that is larger than any camera's is not read.
+/// Greatest size of an image file, bytes: larger than that of any camera.
 const MAX_FILE: u64 = 64 << 20;
 
-fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, Error> {
+fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, LogError> {
     let bytes = read_at_most(path, MAX_FILE)?;
-    let image_error = |reason| Error::Image { path: path.to_path_buf(), reason };
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(path))?;
+    let image_error = |reason| LogError::Image { path: path.to_path_buf(), reason };
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(LogError::io(path))?;
     let decoder = reader.into_decoder().map_err(image_error)?;
-    // Before anything of that size is allocated.
+    // Checked before memory of that size is allocated.
     let (width, height) = decoder.dimensions();
     if (width as usize, height as usize) != size {
         let defect = format!("the image is {width} x {height} and not {} x {}", size.0, size.1);
-        return Err(Error::defect(path, defect));
+        return Err(LogError::defect(path, defect));
     }
     DynamicImage::from_decoder(decoder).map_err(image_error)
 }
 
 /// Reads a colour image, whatever its format, of this width and height.
-pub(super) fn read_color(path: &Path, size: (usize, usize)) -> Result<RgbImage, Error> {
+pub(super) fn read_color(path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
     decode(path, size).map(DynamicImage::into_rgb8)
 }
 
 /// Reads a grey image, whatever its format, of this width and height.
-pub(super) fn read_gray(path: &Path, size: (usize, usize)) -> Result<GrayImage, Error> {
+pub(super) fn read_gray(path: &Path, size: (usize, usize)) -> Result<GrayImage, LogError> {
     decode(path, size).map(DynamicImage::into_luma8)
 }

@@ -1,4 +1,4 @@
-//! A film of a log to look at: camera and touch side by side.
+//! Preview film of a log: camera and touch side by side.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -15,12 +15,13 @@ pub(super) const WIDTH: u32 = CAMERA.0 + 2 * TOUCH.0;
 pub(super) const HEIGHT: u32 = CAMERA.1;
 const CAMERA: (u32, u32) = (320, 240);
 const TOUCH: (u32, u32) = (90, 120);
-/// A GIF holds one frame of these many, at half the size: it has no compression between frames worth the name.
+/// A GIF holds every Nth frame, at half the size: it hardly compresses between frames.
 const GIF_EVERY: usize = 5;
-/// Speed of the choice of colours, 1 (best) to 30.
+/// Speed of the choice of colours, 1 (best) to 30 (fastest).
 const GIF_SPEED: i32 = 10;
 
-/// The first camera on the left; index and middle finger over ring and thumb on the right.
+/// Returns a picture of the preview: the first camera on the left, index and middle finger above ring and thumb on the
+/// right.
 pub(super) fn tile(observation: &Observation) -> RgbImage {
     let mut tile = RgbImage::from_pixel(WIDTH, HEIGHT, Rgb([0; 3]));
     if let Some(camera) = observation.cameras.first() {
@@ -34,7 +35,8 @@ pub(super) fn tile(observation: &Observation) -> RgbImage {
     tile
 }
 
-/// The mean of the four pixels around the middle of each new one: enough at factors near 2, at a tenth of a real filter's time.
+/// Shrinks an image: each new pixel is the mean of the four pixels around its middle. This suffices at factors near 2,
+/// in a tenth of the time of a real filter.
 fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
     let (from_width, from_height) = image.dimensions();
     if from_width < 2 || from_height < 2 {
@@ -57,8 +59,8 @@ fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
     small
 }
 
-/// Writes `<object>.mp4` through ffmpeg where it is installed, and `<object>.gif` where it is not. A preview that fails is a
-/// warning: it is no part of the data.
+/// Writer of `<object>.mp4` through ffmpeg, or of `<object>.gif` if ffmpeg is not installed. A failure is only a
+/// warning: the preview is not part of the data.
 pub(super) enum Preview {
     Film(Child),
     Animation { encoder: gif::Encoder<BufWriter<File>>, rate_hz: f64, frames: usize, path: PathBuf },
@@ -97,13 +99,13 @@ impl Preview {
         Self::Failed
     }
 
-    /// Appends a tile.
+    /// Appends a picture.
     pub fn push(&mut self, tile: &RgbImage) {
         match self {
             Self::Film(child) => {
                 let written = child.stdin.as_mut().map_or(Ok(()), |pipe| pipe.write_all(tile));
                 if let Err(error) = written {
-                    // ffmpeg has ended; collect it.
+                    // ffmpeg has ended; reap the process.
                     let _ = child.wait();
                     *self = Self::failed(Path::new("ffmpeg"), &error.to_string());
                 }

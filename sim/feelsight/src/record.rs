@@ -1,19 +1,20 @@
-//! data.pkl: what a log holds besides images.
+//! data.pkl: everything in a log besides images.
 
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit;
 use mvt_robot::hand::{JOINTS, JointAngles};
 
-use super::array::Array;
-use super::pickle::Value;
+use crate::array::Array;
+use crate::npz::NpzReader;
+use crate::pickle::PickleValue;
 
-/// A pose as 4 x 4 row-major matrix.
+/// Pose as a 4 x 4 row-major matrix.
 pub(super) type Matrix = [[f64; 4]; 4];
 
-/// How the grey levels of touch depth become metres, the same for all fingers.
+/// Encoding of touch depth as grey levels, the same for all fingers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DigitInfo {
-    /// Intrinsics that the log states. Published logs round the principal point to (120, 160).
+    /// Intrinsics in the log. Published logs round the principal point to (120, 160).
     pub intrinsics: Intrinsics,
     /// Camera z of level 0, metres: the plane of the gel's apex, negative.
     pub cam_dist_m: f64,
@@ -22,37 +23,37 @@ pub struct DigitInfo {
 }
 
 impl DigitInfo {
-    /// What the published logs state.
+    /// Returns the values of the published logs.
     pub fn published() -> Self {
         let intrinsics =
             Intrinsics { fx: 277.128_129_2, fy: 277.128_129_2, cx: 120.0, cy: 160.0, ..digit::intrinsics() };
         Self { intrinsics, cam_dist_m: -0.022, depth_scale: 33_333.333_34 }
     }
 
-    /// The level of a depth along the camera's axis, metres; beyond the apex plane it is 0.
+    /// Returns the level of a depth along the camera's axis, metres; 0 beyond the apex plane.
     pub fn level(&self, depth_m: f32) -> u8 {
         // `as` saturates.
         ((-f64::from(depth_m) - self.cam_dist_m) * self.depth_scale).round() as u8
     }
 
-    /// The depth along the camera's axis that a level stands for, metres.
+    /// Returns the depth along the camera's axis of a level, metres.
     pub fn depth_m(&self, level: u8) -> f32 {
         -(f64::from(level) / self.depth_scale + self.cam_dist_m) as f32
     }
 }
 
-/// A camera as data.pkl describes it.
+/// Camera in data.pkl.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CameraRecord {
     pub name: String,
     /// Camera to world, OpenGL axes.
     pub pose: Matrix,
     pub intrinsics: Intrinsics,
-    /// k1, k2, p1, p2, k3 of OpenCV's model; `None` where the log has none.
+    /// k1, k2, p1, p2, k3 of OpenCV's model; `None` if the log has no such keys.
     pub distortion: Option<[f64; 5]>,
 }
 
-/// The contents of data.pkl.
+/// Contents of data.pkl.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Record {
     pub times_s: Vec<f64>,
@@ -63,7 +64,7 @@ pub(super) struct Record {
     /// Hand base to world.
     pub base_pose: Matrix,
     pub joints: Vec<JointAngles>,
-    /// DIGIT cameras to world, index to thumb, for checks by others.
+    /// DIGIT cameras to world, index to thumb, for checks by other programs.
     pub finger_poses: Option<Vec<[Matrix; 4]>>,
     pub digit: DigitInfo,
     pub cameras: Vec<CameraRecord>,
@@ -72,9 +73,9 @@ pub(super) struct Record {
 const DISTORTION: [&str; 5] = ["k1", "k2", "p1", "p2", "k3"];
 
 impl Record {
-    /// As loaders expect it.
-    pub fn to_value(&self) -> Value {
-        let matrix = |m: &Matrix| Value::Array(Array::from_f64(vec![4, 4], m.iter().flatten().copied()));
+    /// Returns the dictionary that loaders expect.
+    pub fn to_value(&self) -> PickleValue {
+        let matrix = |m: &Matrix| PickleValue::Array(Array::from_f64(vec![4, 4], m.iter().flatten().copied()));
         let frames = self.times_s.len();
         let mut allegro = vec![
             ("base_pose".into(), matrix(&self.base_pose)),
@@ -83,53 +84,53 @@ impl Record {
         if let Some(poses) = &self.finger_poses {
             let fingers =
                 |four: &[Matrix; 4]| Array::from_f64(vec![4, 4, 4], four.iter().flatten().flatten().copied()).into();
-            allegro.push(("finger_poses".into(), Value::List(poses.iter().map(fingers).collect())));
+            allegro.push(("finger_poses".into(), PickleValue::List(poses.iter().map(fingers).collect())));
         }
         let camera = |camera: &CameraRecord| {
-            let description = Value::dict([
+            let description = PickleValue::dict([
                 ("pose", matrix(&camera.pose)),
                 ("intrinsics", intrinsics_to_value(&camera.intrinsics, camera.distortion)),
                 ("depth_scale", 1.0.into()),
             ]);
             (camera.name.as_str().into(), description)
         };
-        Value::dict([
+        PickleValue::dict([
             ("time", Array::from_f64(vec![frames], self.times_s.iter().copied()).into()),
             (
                 "object",
-                Value::dict([
+                PickleValue::dict([
                     ("name", self.object_name.as_str().into()),
                     ("mesh", self.object_mesh.as_str().into()),
-                    ("pose", Value::List(self.object_poses.iter().map(matrix).collect())),
+                    ("pose", PickleValue::List(self.object_poses.iter().map(matrix).collect())),
                 ]),
             ),
-            ("allegro", Value::Dict(allegro)),
+            ("allegro", PickleValue::Dict(allegro)),
             (
                 "digit_info",
-                Value::dict([
+                PickleValue::dict([
                     ("intrinsics", intrinsics_to_value(&self.digit.intrinsics, None)),
                     ("cam_dist", self.digit.cam_dist_m.into()),
                     ("depth_scale", self.digit.depth_scale.into()),
                 ]),
             ),
-            ("realsense", Value::Dict(self.cameras.iter().map(camera).collect())),
+            ("realsense", PickleValue::Dict(self.cameras.iter().map(camera).collect())),
         ])
     }
 
-    /// From what a log holds.
+    /// Reads the dictionary of a log.
     ///
     /// # Errors
-    /// A sentence that names the key and what is wrong with it.
-    pub fn from_value(value: &Value) -> Result<Self, String> {
+    /// A sentence that names the key and its defect.
+    pub fn from_value(value: &PickleValue) -> Result<Self, String> {
         let object = get(value, "object")?;
         let allegro = get(value, "allegro")?;
-        let text = |key| object.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
+        let text = |key| object.get(key).and_then(PickleValue::as_str).unwrap_or_default().to_owned();
         let finger_poses = match allegro.get("finger_poses") {
-            None | Some(Value::None) => None,
+            None | Some(PickleValue::None) => None,
             Some(poses) => Some(matrices(poses, &[4], "allegro.finger_poses")?.as_chunks::<4>().0.to_vec()),
         };
         let joints = elements(get(allegro, "joint_state")?, &[JOINTS], "allegro.joint_state")?;
-        let Some(Value::Dict(cameras)) = value.get("realsense") else {
+        let Some(PickleValue::Dict(cameras)) = value.get("realsense") else {
             return Err("realsense is missing".into());
         };
         Ok(Self {
@@ -146,25 +147,25 @@ impl Record {
     }
 }
 
-fn intrinsics_to_value(intrinsics: &Intrinsics, distortion: Option<[f64; 5]>) -> Value {
+fn intrinsics_to_value(intrinsics: &Intrinsics, distortion: Option<[f64; 5]>) -> PickleValue {
     let &Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
-    let size = [("w", width), ("h", height)].map(|(key, n)| (key.into(), Value::Int(n as i64)));
+    let size = [("w", width), ("h", height)].map(|(key, n)| (key.into(), PickleValue::Int(n as i64)));
     let focal = [("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy)].map(|(key, x)| (key.into(), x.into()));
     let bent = distortion.iter().flat_map(|d| DISTORTION.into_iter().zip(d).map(|(key, x)| (key.into(), (*x).into())));
-    Value::Dict(size.into_iter().chain(focal).chain(bent).collect())
+    PickleValue::Dict(size.into_iter().chain(focal).chain(bent).collect())
 }
 
-fn get<'a>(value: &'a Value, key: &str) -> Result<&'a Value, String> {
+fn get<'a>(value: &'a PickleValue, key: &str) -> Result<&'a PickleValue, String> {
     value.get(key).ok_or_else(|| format!("{key} is missing"))
 }
 
-fn number(value: &Value, key: &str) -> Result<f64, String> {
+fn number(value: &PickleValue, key: &str) -> Result<f64, String> {
     let number = get(value, key)?.to_number().filter(|x| x.is_finite());
     number.ok_or_else(|| format!("{key} is not a finite number"))
 }
 
-/// The numbers of an array of shape [N, axes...].
-fn elements(value: &Value, axes: &[usize], key: &str) -> Result<Vec<f64>, String> {
+/// Returns the numbers of an array of shape [N, axes...].
+fn elements(value: &PickleValue, axes: &[usize], key: &str) -> Result<Vec<f64>, String> {
     let (shape, numbers) = value.to_tensor().ok_or_else(|| format!("{key} is not an array of numbers"))?;
     if shape.len() != axes.len() + 1 || &shape[1..] != axes {
         return Err(format!("{key} has the shape {shape:?} and not [N, {axes:?}]"));
@@ -175,28 +176,28 @@ fn elements(value: &Value, axes: &[usize], key: &str) -> Result<Vec<f64>, String
     Ok(numbers)
 }
 
-/// The matrices of an array of shape [N, axes..., 4, 4].
-fn matrices(value: &Value, axes: &[usize], key: &str) -> Result<Vec<Matrix>, String> {
+/// Returns the matrices of an array of shape [N, axes..., 4, 4].
+fn matrices(value: &PickleValue, axes: &[usize], key: &str) -> Result<Vec<Matrix>, String> {
     let numbers = elements(value, &[axes, &[4, 4]].concat(), key)?;
     let (rows, _) = numbers.as_chunks::<4>();
     Ok(rows.as_chunks::<4>().0.to_vec())
 }
 
-/// A matrix; of several, as the poses of a camera at rest in simulated logs, the first.
-fn matrix(value: &Value, key: &str) -> Result<Matrix, String> {
+/// Returns a matrix, or the first of several: simulated logs repeat the pose of a camera at rest.
+fn matrix(value: &PickleValue, key: &str) -> Result<Matrix, String> {
     let one = match value.to_tensor() {
-        Some((shape, _)) if shape.len() == 2 => matrices(&Value::List(vec![value.clone()]), &[], key)?,
+        Some((shape, _)) if shape.len() == 2 => matrices(&PickleValue::List(vec![value.clone()]), &[], key)?,
         _ => matrices(value, &[], key)?,
     };
     one.first().copied().ok_or_else(|| format!("{key} holds no pose"))
 }
 
-fn intrinsics_from_value(value: &Value, key: &str) -> Result<Intrinsics, String> {
+fn intrinsics_from_value(value: &PickleValue, key: &str) -> Result<Intrinsics, String> {
     let value = get(value, "intrinsics").map_err(|e| format!("{key}.{e}"))?;
     let number = |name| number(value, name).map_err(|e| format!("{key}.intrinsics: {e}"));
     let side = |name| {
         let n = number(name)?;
-        let fits = n.fract() == 0.0 && (1.0..=super::npz::Reader::MAX_SIDE as f64).contains(&n);
+        let fits = n.fract() == 0.0 && (1.0..=NpzReader::MAX_SIDE as f64).contains(&n);
         if fits { Ok(n as usize) } else { Err(format!("{key}.intrinsics: {name} is {n}")) }
     };
     let intrinsics = Intrinsics {
@@ -213,7 +214,7 @@ fn intrinsics_from_value(value: &Value, key: &str) -> Result<Intrinsics, String>
     Ok(intrinsics)
 }
 
-fn digit_from_value(value: &Value) -> Result<DigitInfo, String> {
+fn digit_from_value(value: &PickleValue) -> Result<DigitInfo, String> {
     let intrinsics = intrinsics_from_value(value, "digit_info")?;
     let number = |name| number(value, name).map_err(|e| format!("digit_info: {e}"));
     let digit = DigitInfo { intrinsics, cam_dist_m: number("cam_dist")?, depth_scale: number("depth_scale")? };
@@ -226,13 +227,15 @@ fn digit_from_value(value: &Value) -> Result<DigitInfo, String> {
     Ok(digit)
 }
 
-fn camera_from_value(name: &Value, camera: &Value) -> Result<CameraRecord, String> {
-    let name =
-        name.as_str().filter(|name| is_plain_name(name)).ok_or("realsense: the name of a camera is no plain name")?;
+fn camera_from_value(name: &PickleValue, camera: &PickleValue) -> Result<CameraRecord, String> {
+    let name = name
+        .as_str()
+        .filter(|name| is_plain_name(name))
+        .ok_or("realsense: the name of a camera is not a valid file name")?;
     let key = format!("realsense.{name}");
     let bends = get(camera, "intrinsics").map_err(|e| format!("{key}.{e}"))?;
-    // Loaders take the coefficients that are there, in this order; a missing one is zero.
-    let distortion = DISTORTION.map(|k| bends.get(k).and_then(Value::to_number).filter(|x| x.is_finite()));
+    // Loaders read the coefficients in this order; a missing one is zero.
+    let distortion = DISTORTION.map(|k| bends.get(k).and_then(PickleValue::to_number).filter(|x| x.is_finite()));
     Ok(CameraRecord {
         name: name.to_owned(),
         pose: matrix(get(camera, "pose").map_err(|e| format!("{key}.{e}"))?, &format!("{key}.pose"))?,
@@ -241,7 +244,7 @@ fn camera_from_value(name: &Value, camera: &Value) -> Result<CameraRecord, Strin
     })
 }
 
-/// Whether a name can be a folder or file on every system, and no path.
+/// Returns whether a name is a valid folder or file name on every system, and not a path.
 pub(super) fn is_plain_name(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     !name.is_empty() && name.len() <= 100 && !name.starts_with('.') && name.chars().all(plain)

@@ -1,26 +1,27 @@
-//! scene.json: what data.pkl cannot say.
+//! scene.json: everything about an episode that data.pkl has no key for.
 
 use std::collections::BTreeMap;
 
+use mvt_frames::camera::PosedCamera;
 use mvt_robot::hand::Side;
 use serde::{Deserialize, Serialize};
 
-/// Name of the file beside data.pkl.
+/// Name of this file, which lies beside data.pkl.
 pub const SCENE_FILE: &str = "scene.json";
 
-/// Version of scene.json that this program writes.
+/// Version of scene.json that [`LogWriter`](crate::LogWriter) writes.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// How an episode was made. Written as scene.json beside data.pkl; other people's loaders pass it over.
+/// Contents of scene.json: how an episode was made. Loaders of other programs ignore the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Scene {
-    /// [`FORMAT_VERSION`] of the program that wrote it.
+pub struct SceneFile {
+    /// [`FORMAT_VERSION`] of the program that wrote the file.
     pub format_version: u32,
     /// Version of the program that made the log.
     pub program_version: String,
-    /// What was turned.
+    /// Object in the hand.
     pub object: SceneObject,
-    /// Which hand turned it.
+    /// Side of the hand.
     pub hand: Side,
     /// Seed of everything random in the episode.
     pub seed: u64,
@@ -36,17 +37,17 @@ pub struct Scene {
     pub control_rate_hz: f64,
     /// Steps of the physics per second.
     pub physics_rate_hz: f64,
-    /// Settings of the sensors' noise, by name; empty where there is none.
+    /// Settings of the sensors' noise, by name; empty without noise.
     pub noise: BTreeMap<String, f64>,
-    /// Parameters that the seed chose: friction, mass, gains, start, each by name with its unit.
+    /// Parameters that were drawn from the seed: friction, mass, gains, start, each by name with its unit.
     pub randomised: BTreeMap<String, f64>,
     /// SHA-256 of the whole configuration, hexadecimal.
     pub config_sha256: String,
-    /// How the episode ended.
+    /// End of the episode.
     pub end: EpisodeEnd,
 }
 
-/// The object of an episode.
+/// Object of an episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SceneObject {
     /// Name in the catalogue, or the file stem of a user's mesh.
@@ -55,18 +56,27 @@ pub struct SceneObject {
     pub mesh: String,
     /// SHA-256 of that file, hexadecimal; `None` for a procedural shape.
     pub mesh_sha256: Option<String>,
-    /// Takes the coordinates of the published mesh to the object's frame, 4 x 4 row-major, metres. data.pkl holds poses of the
-    /// published mesh.
+    /// Motion from the frame of the published mesh to that of the object, 4 x 4 row-major, metres. data.pkl holds poses
+    /// of the published mesh.
     pub object_from_file: [[f64; 4]; 4],
-    /// Mass, kg, before it was randomised.
+    /// Mass before randomisation, kg.
     pub mass_kg: f64,
 }
 
-/// How an episode ended.
+/// End of an episode.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EpisodeEnd {
-    /// Whether it lasted as long as it was meant to.
+    /// Whether the episode lasted for its planned time.
     pub complete: bool,
-    /// Why it ended, in words: "time is up", "the object was dropped".
+    /// Reason of the end, in words: "time is up", "the object was dropped".
     pub reason: String,
+}
+
+/// Description of a log before its first frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogMeta {
+    /// Contents of scene.json. [`LogWriter::finish`](crate::LogWriter::finish) sets `end`.
+    pub scene: SceneFile,
+    /// The cameras, in the order of the observations and of `scene.cameras`.
+    pub cameras: Vec<PosedCamera>,
 }

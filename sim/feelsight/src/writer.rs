@@ -1,4 +1,4 @@
-//! Writes a log, frame by frame.
+//! Writer of a log, frame by frame.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,54 +7,50 @@ use mvt_frames::camera::PosedCamera;
 use mvt_robot::hand::Finger;
 use mvt_robot::hand::world_from_base;
 
-use super::preview::Preview;
-use super::record::{CameraRecord, DigitInfo, Record, is_plain_name};
-use super::scene::{EpisodeEnd, SCENE_FILE, Scene};
-use super::{EncodedFrame, Error, npz, pickle};
+use crate::error::LogError;
+use crate::frame::EncodedFrame;
+use crate::io::{sync_folder, write_synced};
+use crate::npz;
+use crate::pickle;
+use crate::preview::Preview;
+use crate::record::{CameraRecord, DigitInfo, Record, is_plain_name};
+use crate::scene::{EpisodeEnd, LogMeta, SCENE_FILE};
 
-/// What is known of a log before its first frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LogMeta {
-    /// Everything that goes into scene.json. `end` is what is written by [`LogWriter::finish`].
-    pub scene: Scene,
-    /// The cameras, in the order of the observations and of `scene.cameras`.
-    pub cameras: Vec<PosedCamera>,
-}
-
-/// Writes a log into `.<name>.partial` beside its place and renames it when it is complete: a folder of the final name is a
-/// complete log, whenever the process is killed. Dropped before [`LogWriter::finish`], it removes what it wrote.
+/// Writer of a log. It writes into `.<name>.partial` beside the final folder and renames that when the log is complete:
+/// a folder with the final name is a complete log even if the process is killed. If it is dropped before
+/// [`LogWriter::finish`], it removes its files.
 pub struct LogWriter {
     place: PathBuf,
     partial: PathBuf,
     overwrite: bool,
     meta: LogMeta,
     record: Record,
-    depths: Vec<npz::Writer>,
+    depths: Vec<npz::NpzWriter>,
     preview: Preview,
 }
 
 impl LogWriter {
-    /// Begins a log at `place`.
+    /// Begins a log in the folder `place`.
     ///
     /// # Errors
-    /// [`Error::NotEmpty`] if something is there and may not be overwritten; [`Error::Defect`] for names that cannot be files;
-    /// [`Error::Io`] if the folder cannot be made.
-    pub fn create(place: &Path, meta: LogMeta, overwrite: bool) -> Result<Self, Error> {
+    /// [`LogError::NotEmpty`] if the folder is not empty and `overwrite` is false; [`LogError::Defect`] for names that
+    /// are no file names; [`LogError::Io`] if the folder cannot be created.
+    pub fn create(place: &Path, meta: LogMeta, overwrite: bool) -> Result<Self, LogError> {
         if !overwrite && !is_vacant(place)? {
-            return Err(Error::NotEmpty { path: place.to_path_buf() });
+            return Err(LogError::NotEmpty { path: place.to_path_buf() });
         }
         let object = &meta.scene.object.name;
         let names = std::iter::once(object).chain(&meta.scene.cameras);
         if let Some(name) = names.into_iter().find(|name| !is_plain_name(name)) {
-            return Err(Error::defect(place, format!("{name:?} cannot be the name of a file")));
+            return Err(LogError::defect(place, format!("{name:?} cannot be the name of a file")));
         }
         if !meta.cameras.iter().map(|camera| &camera.name).eq(&meta.scene.cameras) {
-            return Err(Error::defect(place, "the cameras are not those of the scene"));
+            return Err(LogError::defect(place, "the cameras are not those of the scene"));
         }
         let partial = sibling(place, "partial")?;
-        // What a killed run left behind.
+        // A killed process leaves this folder behind.
         remove(&partial)?;
-        let make = |folder: PathBuf| fs::create_dir_all(&folder).map_err(Error::io(&folder));
+        let make = |folder: PathBuf| fs::create_dir_all(&folder).map_err(LogError::io(&folder));
         for finger in Finger::ALL {
             for kind in ["image", "depth", "mask"] {
                 make(partial.join("allegro").join(finger.name()).join(kind))?;
@@ -67,7 +63,7 @@ impl LogWriter {
             make(folder.join("seg"))?;
             let path = folder.join("depth.npz");
             let (height, width) = (camera.intrinsics.height, camera.intrinsics.width);
-            depths.push(npz::Writer::create(&path, height, width).map_err(Error::io(path))?);
+            depths.push(npz::NpzWriter::create(&path, height, width).map_err(LogError::io(path))?);
         }
         let camera = |camera: &PosedCamera| CameraRecord {
             name: camera.name.clone(),
@@ -90,7 +86,7 @@ impl LogWriter {
         Ok(Self { place: place.to_path_buf(), partial, overwrite, meta, record, depths, preview })
     }
 
-    /// What the log was begun with; [`EncodedFrame::encode`] wants it.
+    /// Returns the description of the log, for [`EncodedFrame::encode`].
     pub fn meta(&self) -> &LogMeta {
         &self.meta
     }
@@ -98,17 +94,18 @@ impl LogWriter {
     /// Appends a frame.
     ///
     /// # Errors
-    /// [`Error::Frame`] if its time is not later than the last frame's, [`Error::Io`] if it cannot be written.
-    pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), Error> {
+    /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written.
+    pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), LogError> {
         let EncodedFrame { time_s, .. } = *frame;
         if self.record.times_s.last().is_some_and(|&last| time_s <= last) || frame.cameras.len() != self.depths.len() {
-            let defect = "its time is not later than the last frame's, or it is of another log".into();
-            return Err(Error::Frame { time_s, defect });
+            let defect =
+                "its time is not later than that of the last frame, or its cameras are those of another log".into();
+            return Err(LogError::Frame { time_s, defect });
         }
         let name = format!("{}.jpg", self.record.times_s.len());
         let write = |folder: PathBuf, bytes: &[u8]| {
             let path = folder.join(&name);
-            fs::write(&path, bytes).map_err(Error::io(path))
+            fs::write(&path, bytes).map_err(LogError::io(path))
         };
         for (finger, touch) in frame.touch.iter() {
             let folder = self.partial.join("allegro").join(finger.name());
@@ -122,7 +119,7 @@ impl LogWriter {
             let folder = camera_folder(&self.partial, name);
             write(folder.join("image"), &camera.image)?;
             write(folder.join("seg"), &camera.segmentation)?;
-            depth.push(&camera.depth).map_err(Error::io(folder.join("depth.npz")))?;
+            depth.push(&camera.depth).map_err(LogError::io(folder.join("depth.npz")))?;
         }
         self.preview.push(&frame.preview);
         self.record.times_s.push(time_s);
@@ -132,44 +129,46 @@ impl LogWriter {
         Ok(())
     }
 
-    /// Completes the log and moves it to its place. data.pkl, scene.json and the depths are on the disk before; the numbered
-    /// images are left to the operating system, which keeps them when the process dies, and is not asked for 12 000 syncs.
+    /// Completes the log and moves it to its final folder. data.pkl, scene.json and the depths are synced to the disk
+    /// before. The numbered images are not, which would take 12,000 syncs: the operating system keeps them if the
+    /// process dies.
     ///
     /// # Errors
-    /// [`Error::Defect`] if no frame was pushed, [`Error::NotEmpty`] if the place was taken meanwhile, else [`Error::Io`].
-    pub fn finish(mut self, end: EpisodeEnd) -> Result<(), Error> {
+    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty, else
+    /// [`LogError::Io`].
+    pub fn finish(mut self, end: EpisodeEnd) -> Result<(), LogError> {
         if self.record.times_s.is_empty() {
-            return Err(Error::defect(&self.place, "the episode ended before its first frame"));
+            return Err(LogError::defect(&self.place, "the episode ended before its first frame"));
         }
         for (depth, camera) in self.depths.drain(..).zip(&self.meta.cameras) {
             let path = camera_folder(&self.partial, &camera.name).join("depth.npz");
-            depth.finish(1.0).map_err(Error::io(path))?;
+            depth.finish(1.0).map_err(LogError::io(path))?;
         }
         std::mem::replace(&mut self.preview, Preview::Failed).finish();
         write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
         self.meta.scene.end = end;
         let path = self.partial.join(SCENE_FILE);
-        let scene =
-            serde_json::to_vec_pretty(&self.meta.scene).map_err(|reason| Error::Json { path: path.clone(), reason })?;
+        let scene = serde_json::to_vec_pretty(&self.meta.scene)
+            .map_err(|reason| LogError::Json { path: path.clone(), reason })?;
         write_synced(&path, &scene)?;
         sync_folder(&self.partial)?;
         self.put_in_place()
     }
 
-    fn put_in_place(&self) -> Result<(), Error> {
+    fn put_in_place(&self) -> Result<(), LogError> {
         let old = sibling(&self.place, "old")?;
         remove(&old)?;
         if is_vacant(&self.place)? {
-            // Not every system renames onto an empty folder.
+            // Some systems do not rename onto an empty folder.
             if self.place.exists() {
-                fs::remove_dir(&self.place).map_err(Error::io(&self.place))?;
+                fs::remove_dir(&self.place).map_err(LogError::io(&self.place))?;
             }
         } else if self.overwrite {
-            fs::rename(&self.place, &old).map_err(Error::io(&self.place))?;
+            fs::rename(&self.place, &old).map_err(LogError::io(&self.place))?;
         } else {
-            return Err(Error::NotEmpty { path: self.place.clone() });
+            return Err(LogError::NotEmpty { path: self.place.clone() });
         }
-        fs::rename(&self.partial, &self.place).map_err(Error::io(&self.place))?;
+        fs::rename(&self.partial, &self.place).map_err(LogError::io(&self.place))?;
         if let Some(parent) = self.partial.parent() {
             sync_folder(parent)?;
         }
@@ -179,7 +178,7 @@ impl LogWriter {
 
 impl Drop for LogWriter {
     fn drop(&mut self) {
-        // ffmpeg must let go of its file first.
+        // ffmpeg must close its file first.
         self.preview = Preview::Failed;
         let _ = fs::remove_dir_all(&self.partial);
     }
@@ -189,51 +188,35 @@ fn camera_folder(log: &Path, camera: &str) -> PathBuf {
     log.join("realsense").join(camera)
 }
 
-/// `.<name>.<suffix>` beside a place.
-fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, Error> {
-    let name = place.file_name().ok_or_else(|| Error::defect(place, "this is no name for a log's folder"))?;
+/// Returns `.<name>.<suffix>` beside a place.
+fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, LogError> {
+    let name = place.file_name().ok_or_else(|| LogError::defect(place, "the path does not end in a folder name"))?;
     let mut hidden = std::ffi::OsString::from(".");
     hidden.push(name);
     hidden.push(format!(".{suffix}"));
     Ok(place.with_file_name(hidden))
 }
 
-/// Whether nothing, or an empty folder, is there.
-fn is_vacant(place: &Path) -> Result<bool, Error> {
+/// Returns whether a path does not exist or is an empty folder.
+fn is_vacant(place: &Path) -> Result<bool, LogError> {
     match fs::read_dir(place) {
         Ok(mut entries) => Ok(entries.next().is_none()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(true),
-        Err(reason) => Err(Error::Io { path: place.to_path_buf(), reason }),
+        Err(reason) => Err(LogError::Io { path: place.to_path_buf(), reason }),
     }
 }
 
-fn remove(folder: &Path) -> Result<(), Error> {
+/// Removes a folder if it exists.
+fn remove(folder: &Path) -> Result<(), LogError> {
     let mut removed = fs::remove_dir_all(folder);
-    // The ffmpeg of a writer that was killed may just have begun its file; it begins but one.
+    // The ffmpeg of a killed writer may create its only file during the removal.
     if removed.as_ref().is_err_and(|reason| reason.kind() == std::io::ErrorKind::DirectoryNotEmpty) {
         removed = fs::remove_dir_all(folder);
     }
     match removed {
         Err(reason) if reason.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::Io { path: folder.to_path_buf(), reason })
+            Err(LogError::Io { path: folder.to_path_buf(), reason })
         }
         _ => Ok(()),
     }
-}
-
-fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let write = || {
-        let mut file = fs::File::create(path)?;
-        std::io::Write::write_all(&mut file, bytes)?;
-        file.sync_all()
-    };
-    write().map_err(Error::io(path))
-}
-
-fn sync_folder(folder: &Path) -> Result<(), Error> {
-    // Only Unix can open a folder to sync it.
-    if cfg!(unix) {
-        fs::File::open(folder).and_then(|f| f.sync_all()).map_err(Error::io(folder))?;
-    }
-    Ok(())
 }

@@ -1,5 +1,6 @@
-//! Damaged logs. Whatever happens to a file of a good log, reading it gives a log or an error, soon, and never a panic.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+//! Damaged logs. Whatever the damage to a file of a valid log, reading it soon returns a log or an error, and never
+//! panics.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
 
@@ -56,7 +57,7 @@ impl Case {
         Self { _folder: folder, place, rng: ChaCha8Rng::seed_from_u64(seed) }
     }
 
-    /// Mutates one file many times. Gives the number of times that the damage was noticed.
+    /// Mutates one file many times. Returns how many damages were noticed.
     fn run(&mut self, path: &str, cases: usize, read: impl Fn(&Path) -> bool) -> usize {
         let path = self.place.join(path);
         let good = fs::read(&path).unwrap();
@@ -92,7 +93,7 @@ fn depths() {
     let mut case = Case::new(2);
     let read = |place: &Path| Log::open(place).is_ok_and(|log| log.frames().is_ok_and(|mut f| f.all(|f| f.is_ok())));
     let noticed = case.run("realsense/front-left/depth.npz", 3000, read);
-    // Dates, flags and such in the archive are of no consequence; everything else has a checksum.
+    // Dates and flags in the archive are ignored; everything else has a checksum.
     assert!(noticed > 1000, "{noticed}");
 }
 

@@ -1,5 +1,5 @@
 //! Logs written and read back.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod common;
 
@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use mvt_feelsight::array::Array;
 use mvt_feelsight::pickle;
-use mvt_feelsight::pickle::Value;
-use mvt_feelsight::{EncodedFrame, Error, Log, LogWriter, inspect, inspect_against};
+use mvt_feelsight::pickle::PickleValue;
+use mvt_feelsight::{EncodedFrame, Log, LogError, LogWriter, inspect, inspect_against};
 use mvt_robot::hand::{Finger, Side};
 use rayon::prelude::*;
 
@@ -20,7 +20,7 @@ fn cameras() -> Vec<mvt_frames::camera::PosedCamera> {
     vec![camera("front-left", 64, 48), camera("top-down", 40, 30)]
 }
 
-/// Every file of a folder with its bytes.
+/// Returns every file of a folder with its bytes.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_path_buf()];
@@ -38,7 +38,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 #[test]
-fn a_log_comes_back_as_it_went_in() {
+fn a_log_is_read_back_as_written() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("ball/00");
     write(&place, 5, &cameras());
@@ -95,7 +95,7 @@ fn loaders_find_contact_and_fingers_where_they_look() {
         assert!(bytes.starts_with(b"\x89PNG"), "exact in spite of its name");
         image::load_from_memory(&bytes).unwrap().into_luma8()
     };
-    // Loaders take level 0 for no contact, also at the rim, where the object presses in by less than half a level.
+    // Loaders take level 0 for no contact, even at the rim, where the indentation is less than half a level.
     let (levels, mask) = (gray("depth"), gray("mask"));
     let (_, truth) = frame(1, &cameras());
     let depth_m = &truth.touch[Finger::Index].depth_m;
@@ -147,7 +147,7 @@ fn bytes_do_not_depend_on_threads() {
         writer.finish(end()).unwrap();
         logs.push(files(&place));
     }
-    // The film is ffmpeg's.
+    // ffmpeg writes the film.
     logs.iter_mut().for_each(|log| log.retain(|path, _| path.extension().is_none_or(|e| e != "mp4")));
     assert!(logs[0] == logs[1] && logs[0] == logs[2]);
     assert_eq!(logs[0].len(), 6 * (4 * 3 + 2 * 2) + 2 + 2 + usize::from(logs[0].contains_key(Path::new("ball.gif"))));
@@ -164,7 +164,7 @@ fn an_interrupted_log_leaves_nothing() {
     drop(writer);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 
-    // Killed: the writer is never dropped. The next one starts afresh.
+    // Killed: the writer is never dropped. The next one starts anew.
     let mut writer = LogWriter::create(&place, meta(cameras()), false).unwrap();
     writer.push(&EncodedFrame::encode(&observation, &truth, writer.meta()).unwrap()).unwrap();
     std::mem::forget(writer);
@@ -176,12 +176,12 @@ fn an_interrupted_log_leaves_nothing() {
 }
 
 #[test]
-fn what_is_there_stays_unless_asked_and_until_the_new_log_is_complete() {
+fn an_old_log_stays_until_the_new_log_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("00");
     write(&place, 2, &cameras());
     let refused = LogWriter::create(&place, meta(cameras()), false).err().unwrap();
-    assert!(matches!(refused, Error::NotEmpty { .. }) && refused.to_string().contains("00"), "{refused}");
+    assert!(matches!(refused, LogError::NotEmpty { .. }) && refused.to_string().contains("00"), "{refused}");
 
     let mut writer = LogWriter::create(&place, meta(cameras()), true).unwrap();
     assert_eq!(Log::open(&place).unwrap().len(), 2);
@@ -214,7 +214,7 @@ fn unfitting_frames_and_names_are_refused() {
     let mut writer = LogWriter::create(&place, meta.clone(), false).unwrap();
     let encoded = EncodedFrame::encode(&observation, &truth, &meta).unwrap();
     writer.push(&encoded).unwrap();
-    assert!(matches!(writer.push(&encoded), Err(Error::Frame { .. })), "time stands still");
+    assert!(matches!(writer.push(&encoded), Err(LogError::Frame { .. })), "time stands still");
     drop(writer);
     let empty = LogWriter::create(&place, meta.clone(), false).unwrap();
     assert!(empty.finish(end()).unwrap_err().to_string().contains("first frame"));
@@ -303,7 +303,7 @@ fn a_recorded_log_without_labels_is_read_with_notes() {
     assert!(!log.notes().is_empty());
     let frame = log.frame(1).unwrap().unwrap();
     assert!(frame.truth.is_none() && log.object_poses()[1].is_some());
-    // Without scene.json poses are those of the mesh as it was published.
+    // Without scene.json poses are those of the published mesh.
     let expected = (common::object_pose(1) * common::object_from_file()).to_matrix();
     let read = log.object_poses()[1].unwrap().to_matrix();
     assert!(read.iter().flatten().zip(expected.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12));
@@ -312,17 +312,17 @@ fn a_recorded_log_without_labels_is_read_with_notes() {
 }
 
 /// Multiplies every matrix of a value from the left.
-fn moved(value: &Value, by: &nalgebra::Matrix4<f64>) -> Value {
-    if let Value::List(matrices) = value {
-        return Value::List(matrices.iter().map(|matrix| moved(matrix, by)).collect());
+fn moved(value: &PickleValue, by: &nalgebra::Matrix4<f64>) -> PickleValue {
+    if let PickleValue::List(matrices) = value {
+        return PickleValue::List(matrices.iter().map(|matrix| moved(matrix, by)).collect());
     }
     let (shape, elements) = value.to_tensor().unwrap();
     let product = by * nalgebra::Matrix4::from_row_slice(&elements);
     Array::from_f64(shape, product.transpose().iter().copied()).into()
 }
 
-fn entry<'a>(value: &'a mut Value, key: &str) -> &'a mut Value {
-    let Value::Dict(items) = value else { panic!("{key}") };
+fn entry<'a>(value: &'a mut PickleValue, key: &str) -> &'a mut PickleValue {
+    let PickleValue::Dict(items) = value else { panic!("{key}") };
     &mut items.iter_mut().find(|(k, _)| k.as_str() == Some(key)).unwrap().1
 }
 
@@ -344,10 +344,10 @@ fn a_log_in_another_world_is_brought_into_ours() {
     let object = entry(entry(&mut data, "object"), "pose");
     *object = moved(object, &by);
     let fingers = entry(entry(&mut data, "allegro"), "finger_poses");
-    *fingers = Value::None;
+    *fingers = PickleValue::None;
     for camera in cameras() {
         let pose = entry(entry(entry(&mut data, "realsense"), &camera.name), "pose");
-        *pose = Value::List(vec![moved(pose, &by), moved(pose, &by)]);
+        *pose = PickleValue::List(vec![moved(pose, &by), moved(pose, &by)]);
     }
     fs::write(&pkl, pickle::to_bytes(&data)).unwrap();
 
@@ -371,7 +371,7 @@ fn wrong_kinematics_and_times_are_found() {
     write(&place, 2, &cameras());
     let pkl = place.join("data.pkl");
     let good = pickle::from_bytes(&fs::read(&pkl).unwrap()).unwrap();
-    let with = |change: &dyn Fn(&mut Value)| {
+    let with = |change: &dyn Fn(&mut PickleValue)| {
         let mut data = good.clone();
         change(&mut data);
         fs::write(&pkl, pickle::to_bytes(&data)).unwrap();
@@ -392,7 +392,7 @@ fn wrong_kinematics_and_times_are_found() {
         *poses = moved(poses, &nalgebra::Matrix4::from_diagonal(&[1.0, 1.0, -1.0, 1.0].into()));
     });
     assert!(mirror.contains("object.pose of frame 0 is not a rigid motion"), "{mirror}");
-    let missing = with(&|data| *entry(data, "allegro") = Value::dict([]));
+    let missing = with(&|data| *entry(data, "allegro") = PickleValue::dict([]));
     assert!(missing.contains("joint_state is missing"), "{missing}");
     let short = with(&|data| *entry(data, "time") = Array::from_f64(vec![1], [0.0]).into());
     assert!(short.contains("2 joint states for 1 frames"), "{short}");

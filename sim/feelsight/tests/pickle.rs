@@ -1,5 +1,5 @@
-//! Pickles: against Python's, against themselves, and against files that mean harm.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+//! Pickles: those of Python, round trips, and hostile files.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)]
 
 mod common;
 
@@ -8,38 +8,47 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use mvt_feelsight::array::{Array, Kind};
-use mvt_feelsight::pickle::{Error, Value, from_bytes, to_bytes};
+use mvt_feelsight::pickle::{PickleError, PickleValue, from_bytes, to_bytes};
 use proptest::prelude::*;
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
-/// What write_pickles.py pickles.
-fn check(value: &Value) {
+/// Checks the value that write_pickles.py pickles.
+fn check(value: &PickleValue) {
     let get = |key: &str| value.get(key).unwrap_or_else(|| panic!("{key}"));
-    let tensor = |value: &Value| value.to_tensor().expect("numbers");
-    assert_eq!(get("none"), &Value::None);
-    assert_eq!(get("bools"), &Value::List(vec![Value::Bool(true), Value::Bool(false)]));
+    let tensor = |value: &PickleValue| value.to_tensor().expect("numbers");
+    assert_eq!(get("none"), &PickleValue::None);
+    assert_eq!(get("bools"), &PickleValue::List(vec![PickleValue::Bool(true), PickleValue::Bool(false)]));
     let ints = [0, 255, 65535, -1, (1 << 31) - 1, -(1 << 31), 1 << 40, i64::MIN, i64::MAX];
-    assert_eq!(get("ints"), &Value::List(ints.map(Value::Int).to_vec()));
-    assert_eq!(get("floats"), &Value::List([0.0, -1.5, 1e300, f64::INFINITY, 0.1].map(Value::Float).to_vec()));
+    assert_eq!(get("ints"), &PickleValue::List(ints.map(PickleValue::Int).to_vec()));
+    assert_eq!(
+        get("floats"),
+        &PickleValue::List([0.0, -1.5, 1e300, f64::INFINITY, 0.1].map(PickleValue::Float).to_vec())
+    );
     assert_eq!(get("text").as_str(), Some("gü€😀 \\u0041 'quoted'\n"));
-    assert_eq!(get("bytes"), &Value::Bytes((0..=255).collect()));
-    let empty =
-        [Value::List(vec![]), Value::Tuple(vec![]), Value::Dict(vec![]), "".into(), Value::Bytes(vec![])].to_vec();
-    assert_eq!(get("empty"), &Value::List(empty));
-    let Value::Tuple(tuples) = get("tuples") else { panic!("tuples") };
-    assert_eq!((tuples.len(), &tuples[1]), (4, &Value::Tuple(vec![Value::Int(2), Value::Int(3)])));
-    assert_eq!(get("ordered").get("a"), Some(&Value::Int(2)));
+    assert_eq!(get("bytes"), &PickleValue::Bytes((0..=255).collect()));
+    let empty = [
+        PickleValue::List(vec![]),
+        PickleValue::Tuple(vec![]),
+        PickleValue::Dict(vec![]),
+        "".into(),
+        PickleValue::Bytes(vec![]),
+    ]
+    .to_vec();
+    assert_eq!(get("empty"), &PickleValue::List(empty));
+    let PickleValue::Tuple(tuples) = get("tuples") else { panic!("tuples") };
+    assert_eq!((tuples.len(), &tuples[1]), (4, &PickleValue::Tuple(vec![PickleValue::Int(2), PickleValue::Int(3)])));
+    assert_eq!(get("ordered").get("a"), Some(&PickleValue::Int(2)));
     let quarters = vec![0.0, 0.25, 0.5, 0.75, 1.0, 1.25];
     for key in ["matrix", "fortran", "big"] {
         assert_eq!(tensor(get(key)), (vec![2, 3], quarters.clone()), "{key}");
     }
-    let Value::List(kinds) = get("kinds") else { panic!("kinds") };
+    let PickleValue::List(kinds) = get("kinds") else { panic!("kinds") };
     assert_eq!(kinds.len(), 12);
     assert!(kinds.iter().all(|kind| tensor(kind) == (vec![3], vec![1.0, 0.0, 1.0])));
-    let Value::List(scalars) = get("scalars") else { panic!("scalars") };
+    let PickleValue::List(scalars) = get("scalars") else { panic!("scalars") };
     let scalars: Vec<_> = scalars.iter().map(|scalar| scalar.to_number().unwrap()).collect();
     assert_eq!(scalars, [0.25, 0.5, -7.0, 200.0, 1.0]);
     assert_eq!(tensor(get("zero")), (vec![], vec![2.5]));
@@ -110,7 +119,7 @@ fn this_machines_python_reads_a_log() {
     run("check_log.py", &[place.to_str().unwrap(), &pose.join(" ")]);
 }
 
-fn refusal(pickle: &[u8]) -> Error {
+fn refusal(pickle: &[u8]) -> PickleError {
     from_bytes(pickle).unwrap_err()
 }
 
@@ -125,21 +134,22 @@ fn nothing_is_executed() {
         (b"\x80\x02cnumpy\nload\n.", "numpy.load"),
         (b"\x80\x02cdill._dill\n_create_type\n.", "dill._dill._create_type"),
     ] {
-        assert_eq!(refusal(pickle), Error::Refused(name.into()));
+        assert_eq!(refusal(pickle), PickleError::Refused(name.into()));
     }
-    // Named, never called: refused all the same. So are extension codes, persistent ids, sets, object arrays.
+    // Globals that are named and never called are refused, too. So are extension codes, persistent ids, sets and object
+    // arrays.
     for pickle in [&b"cnumpy\nndarray\n."[..], b"\x80\x02cnumpy\ndtype\n(X\x02\0\0\0O8K\0K\x01tR."] {
-        assert!(matches!(refusal(pickle), Error::Refused(_)));
+        assert!(matches!(refusal(pickle), PickleError::Refused(_)));
     }
     for pickle in [&b"\x80\x02\x82\x01."[..], b"Pid\n.", b"\x80\x04\x8f."] {
-        assert!(matches!(refusal(pickle), Error::Opcode { .. }));
+        assert!(matches!(refusal(pickle), PickleError::Opcode { .. }));
     }
 }
 
 #[test]
 fn greed_is_refused() {
-    // A list that holds itself; a list of lists of lists, each ten times the last: 10^30 values in 400 bytes.
-    assert!(matches!(refusal(b"\x80\x02]q\0h\0a."), Error::TooLarge(_)));
+    // A list that contains itself; nested lists of ten items each: 10^30 values in 400 bytes.
+    assert!(matches!(refusal(b"\x80\x02]q\0h\0a."), PickleError::TooLarge(_)));
     let mut laughs = b"\x80\x02]q\0".to_vec();
     for level in 0..30u8 {
         laughs.push(b'(');
@@ -147,29 +157,29 @@ fn greed_is_refused() {
         laughs.extend([b'l', b'q', level + 1]);
     }
     laughs.push(b'.');
-    assert!(matches!(refusal(&laughs), Error::TooLarge(_)));
+    assert!(matches!(refusal(&laughs), PickleError::TooLarge(_)));
     // Nesting deeper than any stack.
     let deep = [vec![b']'; 3_000_000], vec![b'a'; 2_999_999], b".".to_vec()].concat();
-    assert!(matches!(refusal(&deep), Error::TooLarge(_)));
+    assert!(matches!(refusal(&deep), PickleError::TooLarge(_)));
     // An array that is referred to a thousand times, of a megabyte each.
     let array = Array::from_f64(vec![1 << 17], std::iter::repeat_n(1.0, 1 << 17));
-    let mut many = to_bytes(&Value::List(vec![array.into()]));
+    let mut many = to_bytes(&PickleValue::List(vec![array.into()]));
     many.truncate(many.len() - 2);
     many.extend(b"q\x50");
     many.extend(b"h\x50".repeat(1000));
     many.extend(b"e.");
-    assert!(matches!(refusal(&many), Error::TooLarge(_)));
-    // Lengths that are not there.
+    assert!(matches!(refusal(&many), PickleError::TooLarge(_)));
+    // Lengths beyond the end of the data.
     for pickle in
         [&b"\x80\x04\x8e\xff\xff\xff\xff\xff\xff\xff\xff."[..], b"\x80\x02X\xff\xff\xff\xff.", b"\x80\x03B\0\0\0\x80"]
     {
-        assert!(matches!(refusal(pickle), Error::Truncated(_)));
+        assert!(matches!(refusal(pickle), PickleError::Truncated(_)));
     }
     assert!(from_bytes(&vec![b'N'; 5_000_000]).is_err());
     assert!(from_bytes(&vec![b'('; 5_000_000]).is_err());
 }
 
-fn value() -> impl Strategy<Value = Value> {
+fn value() -> impl Strategy<Value = PickleValue> {
     let kinds = [Kind::Bool, Kind::I8, Kind::I16, Kind::U32, Kind::I64, Kind::U64, Kind::F16, Kind::F32, Kind::F64];
     let array = (prop::sample::select(kinds.to_vec()), prop::collection::vec(0usize..4, 0..4)).prop_flat_map(
         |(kind, shape)| {
@@ -179,20 +189,21 @@ fn value() -> impl Strategy<Value = Value> {
         },
     );
     let leaf = prop_oneof![
-        Just(Value::None),
-        any::<bool>().prop_map(Value::Bool),
-        any::<i64>().prop_map(Value::Int),
-        (-1000i64..1000).prop_map(Value::Int),
-        prop::num::f64::NORMAL.prop_map(Value::Float),
-        any::<String>().prop_map(Value::Str),
-        prop::collection::vec(any::<u8>(), 0..300).prop_map(Value::Bytes),
-        array.prop_map(Value::Array),
+        Just(PickleValue::None),
+        any::<bool>().prop_map(PickleValue::Bool),
+        any::<i64>().prop_map(PickleValue::Int),
+        (-1000i64..1000).prop_map(PickleValue::Int),
+        prop::num::f64::NORMAL.prop_map(PickleValue::Float),
+        any::<String>().prop_map(PickleValue::Str),
+        prop::collection::vec(any::<u8>(), 0..300).prop_map(PickleValue::Bytes),
+        array.prop_map(PickleValue::Array),
     ];
     leaf.prop_recursive(4, 60, 8, |inner| {
         prop_oneof![
-            prop::collection::vec(inner.clone(), 0..8).prop_map(Value::List),
-            prop::collection::vec(inner.clone(), 0..8).prop_map(Value::Tuple),
-            prop::collection::vec((any::<String>().prop_map(Value::Str), inner), 0..8).prop_map(Value::Dict),
+            prop::collection::vec(inner.clone(), 0..8).prop_map(PickleValue::List),
+            prop::collection::vec(inner.clone(), 0..8).prop_map(PickleValue::Tuple),
+            prop::collection::vec((any::<String>().prop_map(PickleValue::Str), inner), 0..8)
+                .prop_map(PickleValue::Dict),
         ]
     })
 }

@@ -8,7 +8,7 @@ use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
 use mvt_mesh::Mesh;
 use mvt_objects::object::Object;
-use mvt_render::camera::{Renderer, Scratch};
+use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::tessellation::tessellate;
 use mvt_robot::hand;
 use mvt_robot::hand::{JointAngles, Primitive, Side};
@@ -95,7 +95,7 @@ fn depth_is_that_of_mujocos_rangefinder() {
             let k = camera.intrinsics;
             let expected = rangefinder(side, &camera, &object.mesh).unwrap();
             assert_eq!(expected.len(), k.width * k.height);
-            let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut Scratch::default());
+            let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut CameraScratch::default());
             let found = frame.rgbd.depth_m.as_slice().unwrap();
             let (mut worst, mut compared, mut rim) = (0.0f64, 0, 0);
             for v in 1..k.height - 1 {
@@ -137,7 +137,7 @@ fn the_hand_hides_what_is_behind_it() {
     let camera = small(PLACEMENTS[2].camera(Side::Left));
     let hidden = |height_m: f64| {
         let pose = Isometry::translation(-0.0475, 0.0, height_m);
-        let mut scratch = Scratch::default();
+        let mut scratch = CameraScratch::default();
         let frame = renderer.render(&camera, &[0.0; hand::JOINTS], pose, &mut scratch);
         renderer.hidden_share(&camera, pose, &frame.segmentation, &mut scratch)
     };
@@ -148,11 +148,11 @@ fn the_hand_hides_what_is_behind_it() {
 }
 
 #[test]
-fn images_show_hand_and_object_and_do_not_depend_on_threads() {
+fn images_show_hand_and_object() {
     let object = object();
     let renderer = Renderer::new(Side::Left, &object);
     let camera = small(PLACEMENTS[3].camera(Side::Left));
-    let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut Scratch::default());
+    let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut CameraScratch::default());
     for level in [BACKGROUND, HAND, OBJECT] {
         assert!(frame.segmentation.pixels().filter(|p| p.0 == [level]).count() > 2_000, "{level}");
     }
@@ -165,12 +165,4 @@ fn images_show_hand_and_object_and_do_not_depend_on_threads() {
     let (u, v) = (u.round() as usize, v.round() as usize);
     assert_eq!(frame.segmentation.get_pixel(u as u32, v as u32).0, [OBJECT]);
     assert!(f64::from(frame.rgbd.depth_m[(v, u)]) < -centre.coords().z - 0.02);
-
-    for threads in [1, 2, 3] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        assert!(
-            pool.install(|| renderer.render_parallel(&camera, &JOINTS, object_pose())) == frame,
-            "{threads} threads"
-        );
-    }
 }

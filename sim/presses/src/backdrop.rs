@@ -1,5 +1,5 @@
-//! What lies under the contacts of training images: far more kinds of backgrounds than synthetic sensors have, so that a real one is but
-//! one more.
+//! Backgrounds of training images: many more kinds than synthetic sensors have, so that a real one is no surprise to
+//! the network.
 
 use std::f32::consts::TAU;
 
@@ -8,7 +8,7 @@ use mvt_robot::digit::{HEIGHT, WIDTH};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-/// A shape of light on the gel. Places are shares of the image's width and height.
+/// Shape of light on the gel. Places are shares of the image's width and height.
 enum Shape {
     /// Frequency along both axes, phase.
     Wave([f32; 2], f32),
@@ -19,7 +19,7 @@ enum Shape {
 }
 
 impl Shape {
-    /// How much of its height a place has, -1 to 1.
+    /// Returns the share of its height at a place, -1 to 1.
     fn share(&self, [x, y]: [f32; 2]) -> f32 {
         match self {
             Self::Wave([fx, fy], phase) => (TAU * (fx * x + fy * y) + phase).cos(),
@@ -28,7 +28,8 @@ impl Shape {
         }
     }
 
-    /// Draws the shapes of an image, each with how high it may be at most. What is narrow is low, or it would look like contact.
+    /// Draws the shapes of an image, each with the share of the greatest height that it may have. A narrow shape is
+    /// low, because a high one looks like contact.
     fn draw(rng: &mut ChaCha8Rng) -> Vec<(Self, f32)> {
         let mut shapes = Vec::new();
         let mut wave = |frequency: f32, rng: &mut ChaCha8Rng| {
@@ -60,11 +61,11 @@ impl Shape {
     }
 }
 
-/// Light is drawn at every so many pixels and interpolated.
+/// Light is computed at every Nth pixel along both axes and interpolated.
 const SPACING: usize = 4;
 
-/// Changes what lies under an image's contact: brightness and colour by up to about `height` grey levels for each of several shapes,
-/// and specks.
+/// Disturbs the background of an image: several shapes change brightness and colour by up to about `height` grey levels
+/// each, and specks are added.
 pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
     let color = |height: f32, rng: &mut ChaCha8Rng| -> [f32; 3] {
         std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0))
@@ -104,7 +105,7 @@ pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
     }
 }
 
-/// A grain of dust or a scratch's end: a small round spot, darker or lighter.
+/// Adds a grain of dust or the end of a scratch: a small round spot, darker or lighter.
 fn speck(image: &mut RgbImage, rng: &mut ChaCha8Rng) {
     let (x, y) = (rng.random_range(0..WIDTH) as f32, rng.random_range(0..HEIGHT) as f32);
     let radius = rng.random_range(1.0..4.0_f32);
@@ -120,8 +121,8 @@ fn speck(image: &mut RgbImage, rng: &mut ChaCha8Rng) {
     }
 }
 
-/// What saving it as a JPEG leaves of an image, as TACTO's backgrounds are.
-pub fn through_jpeg(image: &RgbImage, quality: u8) -> anyhow::Result<RgbImage> {
+/// Encodes and decodes an image as JPEG, since TACTO's backgrounds are JPEG files.
+pub fn through_jpeg(image: &RgbImage, quality: u8) -> image::ImageResult<RgbImage> {
     let mut file = Vec::new();
     image::codecs::jpeg::JpegEncoder::new_with_quality(&mut file, quality).encode_image(image)?;
     Ok(image::load_from_memory_with_format(&file, image::ImageFormat::Jpeg)?.into_rgb8())

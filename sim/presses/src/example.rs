@@ -1,8 +1,9 @@
-//! Touch images with their truth.
+//! Touch images with their ground truth.
 //!
-//! Each image is a contact of its own, drawn from (seed, index): no two belong to one slide, so that a split by object is one by
-//! trajectory too. Half of them follow MidasTouch's protocol for YCB-Slide (the finger stands on a point of the surface within a few
-//! degrees of its normal), the others what happens in a hand (anywhere on the pad, tilted, deeper or lighter).
+//! Each image shows a press of its own, drawn from (seed, index). No two belong to one slide, so that a split by object
+//! is also one by trajectory. Half of the presses follow MidasTouch's protocol for YCB-Slide: the finger stands on a
+//! point of the surface within a few degrees of its normal. The others are like those in a hand: anywhere on the pad,
+//! tilted, deeper or lighter.
 
 use std::f64::consts::TAU;
 
@@ -10,114 +11,53 @@ use image::RgbImage;
 use mvt_frames::{Gel, Isometry, Object};
 use mvt_render::touch::{NoiseKey, TouchFrame};
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
-use mvt_settings::{SettingError, Unlimited, settings};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::backdrop::disturb;
-use super::objects::{Split, Surface};
-use super::sensors::Sensor;
+use crate::backdrop::disturb;
+use crate::config::DataConfig;
+use crate::objects::PressedSurface;
+use crate::sensors::PressSensor;
 
-settings! {
-    /// Distributions of training images. Check [`Split::check`] as well: [`DataConfig::validate`] does not look up the objects.
-    pub struct DataConfig {
-        /// Objects that are pressed.
-        #[serde(skip_serializing_if = "Split::is_published")]
-        pub objects: Split;
-        /// Share of images without contact.
-        pub untouched: f64 = 0.06, 0.0..=1.0;
-        /// Share of the images with contact that follow MidasTouch's protocol.
-        pub protocol: f64 = 0.5, 0.0..=1.0;
-        /// Share of contacts in which the finger is not withdrawn if another part of the object is deeper than the press depth: an edge
-        /// beside the touched point may be as deep as the object allows.
-        pub deep: f64 = 0.04, 0.0..=1.0;
-        /// Least and greatest press depth beyond the protocol, millimetres.
-        pub press_mm: [f64; 2] = [0.1, 2.0], 1e-6..=5.0;
-        /// Greatest tilt beyond the protocol, degrees.
-        pub tilt_deg: f64 = 30.0, 0.0..=80.0;
-        /// Share of sensors whose lights differ from their calibration.
-        pub disturbed_lights: f64 = 0.6, 0.0..=1.0;
-        /// Size of that difference, in units of MidasTouch's distribution.
-        pub light_strength: f64 = 1.0, 0.0..=10.0;
-        /// Least and greatest standard deviation of the image noise, grey levels.
-        pub noise: [f32; 2] = [1.5, 3.0], 1e-6..=28.0;
-        /// Greatest height of each shape of light that is added to a background, grey levels.
-        pub background: f32 = 12.0, 0.0..=100.0;
-        /// Share of images of sensors whose untouched image is known.
-        pub known_untouched: f64 = 0.75, 0.0..=1.0;
-        /// Sensors in use at a time. Each step replaces one of them.
-        pub sensors: usize = 24, 1..=1000;
-    }
-    rule = ranges_rise;
-}
-
-fn ranges_rise(config: &DataConfig) -> Result<(), SettingError> {
-    let ([least_mm, most_mm], [quiet, loud]) = (config.press_mm, config.noise);
-    // Press depths are drawn below the greatest, so that the two must differ.
-    if least_mm >= most_mm {
-        return Err(SettingError::new("press_mm", format!("[{least_mm}, {most_mm}]"), "a least and a greater value"));
-    }
-    if quiet > loud {
-        return Err(SettingError::new("noise", format!("[{quiet}, {loud}]"), "a least and a greatest value"));
-    }
-    Ok(())
-}
-
-impl Unlimited for Split {}
-
-/// MidasTouch's press depth, from and to, millimetres, and shear, degrees.
+/// Least and greatest press depth of MidasTouch's protocol, millimetres.
 const PROTOCOL_PRESS_MM: [f64; 2] = [0.5, 1.0];
+/// Greatest tilt of MidasTouch's protocol (its "shear"), degrees.
 const PROTOCOL_SHEAR_DEG: f64 = 5.0;
-/// MidasTouch counts indentation over this share of the press depth as contact.
+/// Share of the press depth above which MidasTouch counts indentation as contact.
 const CONTACT_SHARE: f64 = 0.2;
-/// How much deeper than the press depth, as a share of it, anything else may be.
+/// Greatest excess of any other part of the object over the press depth, as a share of it.
 const SLACK: f64 = 0.5;
-/// A contact of a smaller share of the image is a sliver at its rim or the back of a wall; MidasTouch's reader drops such images, too.
+/// Least share of the image in contact. A smaller contact is a sliver at the rim or the back of a wall; MidasTouch's
+/// reader drops such images, too.
 const LEAST_AREA: f64 = 0.01;
-/// Contacts that are drawn before one is taken as it is.
+/// Contacts that are drawn before one is used without these checks.
 const TRIES: usize = 8;
-/// Indentation that a network is taught at most, millimetres: the gel is not much thicker.
+/// Greatest indentation in the ground truth, millimetres: the gel is not much thicker.
 const DEEPEST_MM: f32 = 4.0;
 
-impl DataConfig {
-    /// MidasTouch's protocol for YCB-Slide and nothing else, on sensors with the lights they were calibrated with.
-    pub fn protocol() -> Self {
-        Self {
-            untouched: 0.0,
-            protocol: 1.0,
-            deep: 0.0,
-            disturbed_lights: 0.0,
-            noise: [2.0, 2.0],
-            background: 0.0,
-            known_untouched: 1.0,
-            ..Self::default()
-        }
-    }
-}
-
-/// A touch image with what it shows, of 320 rows and 240 columns or a whole fraction of that.
+/// Touch image with its ground truth, of 320 rows and 240 columns or a whole fraction of that.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
     /// Rows and columns.
     pub size: [usize; 2],
     /// RGB of each pixel.
     pub levels: Vec<u8>,
-    /// The same of the sensor without contact, if that is known.
+    /// RGB of each pixel of the sensor's untouched image, if it is known.
     pub untouched: Option<Vec<u8>>,
-    /// Indentation over the empty gel, millimetres.
+    /// Indentation of each pixel, millimetres.
     pub indentation_mm: Vec<f32>,
-    /// How much of each pixel is in contact.
+    /// Share of each pixel that is in contact, 0 to 1.
     pub contact: Vec<f32>,
 }
 
 impl Example {
-    /// Its image.
+    /// Returns the image.
     pub fn image(&self) -> RgbImage {
         self.picture(&self.levels)
     }
 
-    /// The image of its sensor without contact, if that is known.
+    /// Returns the sensor's untouched image, if it is known.
     pub fn untouched(&self) -> Option<RgbImage> {
         self.untouched.as_ref().map(|levels| self.picture(levels))
     }
@@ -131,14 +71,14 @@ impl Example {
     }
 }
 
-/// How an object lies on the gel.
+/// Pose of an object on the gel.
 struct Contact {
     gel_from_object: Isometry<Object, Gel>,
     press_mm: f64,
 }
 
 impl Contact {
-    fn draw(surface: &Surface, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
+    fn draw(surface: &PressedSurface, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
         let follows_protocol = rng.random_bool(config.protocol);
         let ([least, most], tilt_deg, reach) = if follows_protocol {
             (PROTOCOL_PRESS_MM, PROTOCOL_SHEAR_DEG, 0.0)
@@ -147,7 +87,7 @@ impl Contact {
         };
         let press_mm = rng.random_range(least..most);
         let (point, normal) = surface.point(rng);
-        // Evenly over the cone's angle, so that small tilts are common; then any roll.
+        // Uniform in the cone's angle, so that small tilts are common; then any roll.
         let tilt = rng.random::<f64>() * tilt_deg.to_radians();
         let towards = rng.random::<f64>() * TAU;
         let facing = Vector3::new(-tilt.cos(), tilt.sin() * towards.cos(), tilt.sin() * towards.sin());
@@ -164,16 +104,19 @@ impl Contact {
         Self { gel_from_object: Isometry::new(pose), press_mm }
     }
 
-    /// The same, farther from the camera.
+    /// Returns the pose, withdrawn from the camera.
     fn withdrawn(&self, millimetres: f64) -> Isometry<Object, Gel> {
         Isometry::<Gel, Gel>::translation(millimetres * 1e-3, 0.0, 0.0) * self.gel_from_object
     }
 }
 
 /// Renders the `index`-th image of a seed with one of the sensors.
+///
+/// # Panics
+/// If there are no surfaces or no sensors.
 pub fn example(
-    surfaces: &[Surface],
-    sensors: &[&Sensor],
+    surfaces: &[PressedSurface],
+    sensors: &[&PressSensor],
     config: &DataConfig,
     (seed, index): (u64, u64),
     frame: &mut TouchFrame,
@@ -201,9 +144,9 @@ pub fn example(
             if may_be_deep || (excess < SLACK * press_mm && covers_enough(frame, press_mm)) {
                 break;
             }
-            // As MidasTouch does: where something else than the touched point is too deep, the finger is drawn back.
+            // As in MidasTouch, the finger is withdrawn if another part than the touched point is too deep.
             sensor.renderer.render(&surface.rays, contact.withdrawn(excess), noise, frame);
-            // Where a finger does not fit, in a cup say, something is still too deep.
+            // Where a finger does not fit, for example in a cup, another part may still be too deep.
             if sensor.deepest_mm(frame) < (1.0 + SLACK) * press_mm && covers_enough(frame, press_mm) {
                 break;
             }
@@ -222,17 +165,17 @@ pub fn example(
     Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), untouched, indentation_mm, contact }
 }
 
-/// From which indentation on a pixel is in contact: MidasTouch's share of the press depth, which is taken to be within the protocol's
-/// range, so that the threshold lies between 0.1 and 0.2 mm.
+/// Returns the indentation above which a pixel is in contact: MidasTouch's share of the press depth, which is clamped
+/// to the protocol's range, so that the threshold lies between 0.1 and 0.2 mm.
 pub fn contact_threshold_mm(press_mm: f64) -> f64 {
     CONTACT_SHARE * press_mm.clamp(PROTOCOL_PRESS_MM[0], PROTOCOL_PRESS_MM[1])
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::objects;
-    use super::super::sensors::Rack;
     use super::*;
+    use crate::objects;
+    use crate::sensors::Rack;
 
     #[test]
     fn images_depend_on_seed_and_index_alone() {

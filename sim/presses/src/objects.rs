@@ -1,6 +1,5 @@
-//! Which objects a network is trained on, which it is watched on, and which it never sees before it is judged.
+//! Objects for training, validation and test of a network.
 
-use anyhow::{Context as _, Result, bail, ensure};
 use glam::Vec3;
 use mvt_mesh::Mesh;
 use mvt_objects::catalogue;
@@ -10,7 +9,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Never trained on: the ten objects of YCB-Slide, and four of the procedural ones.
+use crate::error::PressError;
+
+/// Objects of the test set, which no network is trained or chosen by: the ten of YCB-Slide, and four procedural ones.
 pub const TEST: [&str; 14] = [
     "004_sugar_box",
     "005_tomato_soup_can",
@@ -28,7 +29,8 @@ pub const TEST: [&str; 14] = [
     "soup_can",
 ];
 
-/// Never trained on; the best weights of a training are those that do best on these.
+/// Objects of the validation set, which no network is trained on. A training keeps the weights with the best result on
+/// them.
 pub const VALIDATION: [&str; 8] = [
     "010_potted_meat_can",
     "014_lemon",
@@ -40,13 +42,13 @@ pub const VALIDATION: [&str; 8] = [
     "pear",
 ];
 
-/// Names of objects.
+/// Names of the objects for training and validation.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Split {
-    /// Those to train on; left out, everything in the catalogue that is neither in [`VALIDATION`] nor in [`TEST`].
+    /// Objects for training. Default: all in the catalogue that are neither in [`VALIDATION`] nor in [`TEST`].
     pub train: Vec<String>,
-    /// Those to be watched on; left out, [`VALIDATION`].
+    /// Objects for validation. Default: [`VALIDATION`].
     pub validate: Vec<String>,
 }
 
@@ -59,38 +61,42 @@ impl Default for Split {
 }
 
 impl Split {
-    /// Whether it is the published one.
+    /// Returns whether this is the default split.
     pub fn is_published(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Checks that there is something to train on and to be watched on, and that no object is in two sets.
-    pub fn check(&self) -> Result<()> {
-        ensure!(!self.train.is_empty() && !self.validate.is_empty(), "data.objects must name some of each");
+    /// Checks that neither set is empty, that the catalogue has all objects, and that no object is in two sets.
+    ///
+    /// # Errors
+    /// [`PressError`] that names the object.
+    pub fn check(&self) -> Result<(), PressError> {
+        if self.train.is_empty() || self.validate.is_empty() {
+            return Err(PressError::EmptySet);
+        }
         for name in self.train.iter().chain(&self.validate) {
-            catalogue::find(name).context("data.objects")?;
+            catalogue::find(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
             if TEST.contains(&name.as_str()) {
-                bail!("data.objects: {name} is kept for tests, no network is trained or chosen by it");
+                return Err(PressError::KeptForTests(name.clone()));
             }
-            ensure!(
-                !(self.train.contains(name) && self.validate.contains(name)),
-                "data.objects: {name} is both trained and validated on"
-            );
+            if self.train.contains(name) && self.validate.contains(name) {
+                return Err(PressError::InBothSets(name.clone()));
+            }
         }
         Ok(())
     }
 }
 
-/// An object that can be touched anywhere.
-pub struct Surface {
-    /// As the renderer wants it.
-    pub rays: RayMesh,
+/// Surface of an object, for presses anywhere on it.
+pub struct PressedSurface {
+    /// The mesh, prepared for the renderer.
+    pub(crate) rays: RayMesh,
     mesh: Mesh,
-    /// Area of all faces up to each, square metres.
+    /// Sum of the areas of all faces up to each one, square metres.
     areas: Vec<f64>,
 }
 
-impl Surface {
+impl PressedSurface {
     fn new(mesh: Mesh) -> Self {
         let areas = mesh.triangles().scan(0.0, |sum, [a, b, c]| {
             *sum += 0.5 * f64::from((b - a).cross(c - a).length());
@@ -99,8 +105,8 @@ impl Surface {
         Self { rays: RayMesh::new(&mesh), areas: areas.collect(), mesh }
     }
 
-    /// A point, evenly over the surface, and the outward normal there.
-    pub fn point(&self, rng: &mut ChaCha8Rng) -> (Vec3, Vec3) {
+    /// Draws a point, uniformly over the surface, and its outward normal.
+    pub(crate) fn point(&self, rng: &mut ChaCha8Rng) -> (Vec3, Vec3) {
         let area = rng.random::<f64>() * self.areas.last().copied().unwrap_or(0.0);
         let face = self.areas.partition_point(|&sum| sum <= area);
         let face = self.mesh.faces.get(face).copied().unwrap_or_default();
@@ -113,7 +119,7 @@ impl Surface {
     }
 }
 
-/// Names, with those of a published set in place of its name.
+/// Replaces the names of the sets `train`, `validation` and `test` by the names of their objects.
 pub fn resolve(names: &[String]) -> Vec<String> {
     let published = |name: &String| match name.as_str() {
         "train" => Split::default().train,
@@ -124,12 +130,18 @@ pub fn resolve(names: &[String]) -> Vec<String> {
     names.iter().flat_map(published).collect()
 }
 
-/// Loads objects of the catalogue. Their order is that of the names.
-pub fn load(names: &[impl AsRef<str> + Sync]) -> Result<Vec<Surface>> {
+/// Loads objects of the catalogue, in the order of the names.
+///
+/// # Errors
+/// [`PressError`] if the catalogue does not have an object, or its mesh cannot be loaded.
+pub fn load(names: &[impl AsRef<str> + Sync]) -> Result<Vec<PressedSurface>, PressError> {
     let surface = |name: &_| {
         let name = AsRef::<str>::as_ref(name);
-        let mesh = catalogue::find(name)?.mesh(&mut Vec::new()).with_context(|| format!("cannot load {name}"))?;
-        Ok(Surface::new(mesh))
+        let entry = catalogue::find(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
+        let mesh = entry
+            .mesh(&mut Vec::new())
+            .map_err(|reason| PressError::Load { name: name.to_owned(), reason: Box::new(reason) })?;
+        Ok(PressedSurface::new(mesh))
     };
     names.par_iter().map(surface).collect()
 }
@@ -143,7 +155,7 @@ mod tests {
         let published = Split::default();
         published.check().unwrap();
         let count = published.train.len() + TEST.len() + VALIDATION.len();
-        assert_eq!(count, catalogue::entries().count(), "a name that is no object");
+        assert_eq!(count, catalogue::entries().count(), "a name is not in the catalogue");
         let split = |train: &[&str], validate: &[&str]| {
             let names = |names: &[&str]| names.iter().copied().map(str::to_owned).collect();
             Split { train: names(train), validate: names(validate) }.check().err().map(|error| format!("{error:#}"))

@@ -1,6 +1,9 @@
-//! Renders 640 x 480 frames of a turning object on one and two threads and prints frames per second of wall time and of
-//! CPU time, which other programs on the machine disturb less; with an argument, writes the view of each named camera
-//! into that folder.
+//! Times the camera renderer: frames per second of wall time, and CPU time, on one and two threads.
+//!
+//! Usage: `cargo run --release -p mvt-render --example camera_bench -- [FOLDER]`
+//!
+//! It renders 640 x 480 frames of a turning object. Other programs disturb CPU time less than wall time. With FOLDER it
+//! also writes the view of each named camera into that folder.
 #![allow(clippy::print_stdout)]
 
 use std::path::Path;
@@ -9,7 +12,7 @@ use std::time::Instant;
 use anyhow::Context;
 use mvt_frames::{Isometry, Object as ObjectFrame, World};
 use mvt_objects::object::Object;
-use mvt_render::camera::{Renderer, Scratch};
+use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::tessellation::tessellate;
 use mvt_robot::hand::{Primitive, Side};
 use mvt_robot::rig::PLACEMENTS;
@@ -22,7 +25,7 @@ fn pose(frame: usize) -> Isometry<ObjectFrame, World> {
     Isometry::from_parts([-0.0375, 0.005, 0.05], [half_turn.cos(), 0.0, 0.0, half_turn.sin()])
 }
 
-/// CPU time of all threads.
+/// Returns the CPU time of all threads, seconds.
 fn cpu_seconds() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
@@ -42,7 +45,7 @@ fn main() -> anyhow::Result<()> {
     let renderer = Renderer::new(Side::Left, &object);
     if let Some(dir) = std::env::args().nth(1) {
         for placement in PLACEMENTS {
-            let frame = renderer.render(&placement.camera(Side::Left), &joints, pose(4), &mut Scratch::default());
+            let frame = renderer.render(&placement.camera(Side::Left), &joints, pose(4), &mut CameraScratch::default());
             let path = |suffix| Path::new(&dir).join(format!("{}{suffix}.png", placement.name));
             frame.rgbd.color.save(path("")).with_context(|| dir.clone())?;
             frame.segmentation.save(path("-segmentation"))?;
@@ -55,7 +58,7 @@ fn main() -> anyhow::Result<()> {
         let pixels: usize = pool.install(|| {
             (0..FRAMES)
                 .into_par_iter()
-                .map_init(Scratch::default, |scratch, k| renderer.render(&camera, &joints, pose(k), scratch))
+                .map_init(CameraScratch::default, |scratch, k| renderer.render(&camera, &joints, pose(k), scratch))
                 .map(|frame| frame.rgbd.depth_m.iter().filter(|&&d| d > 0.0).count())
                 .sum()
         });

@@ -1,9 +1,10 @@
-//! Casts the rays of a DIGIT close-up and of a camera view, and, on request, writes triangles and rays for another ray
-//! caster.
+//! Times the ray caster on one thread for the rays of a DIGIT close-up and of a camera view.
 //!
-//! `ray-bench DIR` times the casts on one thread and prints one line per view: name, rays, hits, CPU seconds of the
-//! fastest repetition. With `--dump`, DIR/<view>.bin holds what benches/embree reads. `--mesh FILE.stl` takes that mesh
-//! as the object instead of a procedural one, `--level N` an instruction set (0 = portable).
+//! Usage: `cargo run --release -p mvt-render --example ray_bench -- [--dump] [--mesh FILE.stl] [--set N] FOLDER`
+//!
+//! It prints one line per view: name, rays, hits, CPU seconds of the fastest repetition. `--dump` writes triangles and
+//! rays to FOLDER/<view>.bin, which `benches/embree` reads. `--mesh FILE.stl` takes that mesh as the object in place of
+//! a procedural one. `--set N` takes the Nth instruction set of this machine, from 0 (portable).
 #![allow(clippy::print_stdout)]
 
 use std::fs::File;
@@ -16,7 +17,7 @@ use glam::Vec3;
 use mvt_frames::camera::{Intrinsics, look_at};
 use mvt_frames::{Camera, Isometry, Object, World};
 use mvt_mesh::Mesh;
-use mvt_render::rays::{Caster, Faces, Hits, Instance, Level, MISS, RayMesh, Window};
+use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayInstructions, RayMesh};
 use mvt_render::tessellation::tessellate;
 use mvt_robot::digit;
 use mvt_robot::hand;
@@ -27,25 +28,27 @@ struct View {
     name: &'static str,
     eye: Isometry<Camera, World>,
     intrinsics: Intrinsics,
-    /// Number of leading instances that are in the scene.
+    /// Number of instances in the view, counted from the first.
     instances: usize,
 }
 
 fn main() -> anyhow::Result<()> {
-    let (mut dump, mut mesh, mut level, mut dir) = (false, None, Level::best(), None);
+    let (mut dump, mut mesh, mut instructions, mut dir) = (false, None, RayInstructions::best(), None);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--dump" => dump = true,
-            "--mesh" => mesh = Some(arguments.next().context("--mesh wants a file")?),
-            "--level" => {
-                let k: usize = arguments.next().context("--level wants a number")?.parse()?;
-                level = *Level::available().get(k).context("this machine has no such level")?;
+            "--mesh" => mesh = Some(arguments.next().context("--mesh needs a file")?),
+            "--set" => {
+                let k: usize = arguments.next().context("--set needs a number")?.parse()?;
+                let sets = RayInstructions::available();
+                instructions =
+                    *sets.get(k).with_context(|| format!("this machine has the sets 0 to {}", sets.len() - 1))?;
             }
             _ => dir = Some(argument),
         }
     }
-    let dir = dir.context("usage: ray-bench [--dump] [--mesh FILE.stl] [--level N] DIR")?;
+    let dir = dir.context("usage: ray_bench [--dump] [--mesh FILE.stl] [--set N] FOLDER")?;
     let object = match mesh {
         Some(path) => read_stl(Path::new(&path))?,
         None => blob(),
@@ -80,19 +83,19 @@ fn main() -> anyhow::Result<()> {
             instances: scene.len(),
         },
     ];
-    let mut caster = Caster::new(level);
+    let mut caster = Caster::new(instructions);
     for view in &views {
         let instances: Vec<Instance<'_>> = meshes[..view.instances]
             .iter()
             .zip(&scene)
             .map(|(mesh, (_, pose))| Instance::new(mesh, view.eye.inverse() * *pose))
             .collect();
-        let mut hits = Hits::new(Window::whole(&view.intrinsics));
+        let mut hits = Hits::new(PixelWindow::whole(&view.intrinsics));
         let mut fastest = f64::INFINITY;
         let started = Instant::now();
         while started.elapsed().as_secs_f64() < 0.7 {
             let start = cpu_seconds();
-            hits.reset(Window::whole(&view.intrinsics));
+            hits.reset(PixelWindow::whole(&view.intrinsics));
             caster.cast(&instances, &view.intrinsics, Faces::Both, &mut hits);
             fastest = fastest.min(cpu_seconds() - start);
         }
@@ -105,15 +108,15 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// CPU time of this thread: other programs on the machine hardly change it.
+/// Returns the CPU time of this thread, seconds: other programs on the machine hardly change it.
 fn cpu_seconds() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// Little-endian: number of instances; of each 12 floats (rows of the 3 x 4 pose), numbers of vertices and faces,
-/// vertices, faces; width, height, origin, then for each ray its direction (as long as one unit of depth) and our
-/// depth.
+/// Writes a view, little-endian: number of instances; of each 12 floats (rows of the 3 x 4 pose), numbers of vertices
+/// and faces, vertices, faces; width, height, origin, then for each ray its direction (as long as one unit of depth)
+/// and our depth.
 fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, depth: &[f32]) -> anyhow::Result<()> {
     let mut out = BufWriter::new(File::create(path).with_context(|| path.display().to_string())?);
     let mut word = |bytes: [u8; 4]| out.write_all(&bytes);
@@ -147,7 +150,7 @@ fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, de
     Ok(())
 }
 
-/// A bumpy body of 16,000 triangles, 75 mm across.
+/// Returns a bumpy body of 16,000 triangles, 75 mm across.
 fn blob() -> Mesh {
     let mut mesh = tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.032; 3] }, 128);
     for p in &mut mesh.vertices {
@@ -157,7 +160,7 @@ fn blob() -> Mesh {
     mesh
 }
 
-/// A binary STL with equal vertices merged, centred on its bounding box.
+/// Reads a binary STL with equal vertices merged, centred on its bounding box.
 fn read_stl(path: &Path) -> anyhow::Result<Mesh> {
     let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
     let (mut mesh, mut known) = (Mesh::default(), std::collections::HashMap::new());

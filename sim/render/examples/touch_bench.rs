@@ -1,8 +1,11 @@
-//! Times touch rendering on one thread and writes one image for comparison: our side of `benches/tacto/run.sh`.
+//! Times touch rendering on one thread and writes one image for a comparison with TACTO (see `benches/tacto/run.sh`).
 //!
-//! `touch-bench MESH POSE.json BACKGROUND.png FRAMES PREFIX` renders the mesh, in its own coordinates, at the 4 x 4 row-major pose
-//! T_sensor_object of POSE.json in TACTO 0.0.3's configuration. It prints one JSON object with the CPU time per frame, noise
-//! and blur included, and writes PREFIX_raw.png and PREFIX_calibrated.png without noise and PREFIX_depth.f32.
+//! Usage: `cargo run --release -p mvt-render --example touch_bench -- MESH POSE.json BACKGROUND.png FRAMES PREFIX`
+//!
+//! It renders the mesh, in its own coordinates, at the 4 x 4 row-major pose `T_sensor_object` of POSE.json in TACTO
+//! 0.0.3's configuration. It prints one JSON object with the CPU time per frame, noise and blur included. It writes
+//! PREFIX_raw.png and PREFIX_calibrated.png, both without noise, and PREFIX_depth.f32.
+#![allow(clippy::print_stdout)]
 
 use std::path::Path;
 use std::time::Instant;
@@ -12,11 +15,10 @@ use mvt_frames::{Gel, Isometry, Object};
 use mvt_render::rays::RayMesh;
 use mvt_render::touch::{Background, NoiseKey, TouchConfig, TouchFrame, TouchOptions, TouchRenderer};
 
-#[expect(clippy::print_stdout, reason = "the result of the program")]
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [mesh, pose, background, frames, prefix] = arguments.as_slice() else {
-        anyhow::bail!("usage: touch-bench MESH POSE.json BACKGROUND.png FRAMES PREFIX");
+        anyhow::bail!("usage: touch_bench MESH POSE.json BACKGROUND.png FRAMES PREFIX");
     };
     let frames: u32 = frames.parse().context("FRAMES is not a number")?;
     let rows: [[f64; 4]; 4] =
@@ -29,7 +31,7 @@ fn main() -> anyhow::Result<()> {
 
     let mut frame = TouchFrame::default();
     let mut render = |noise| renderer.render(&object, gel_from_object, noise, &mut frame);
-    // The first frames pay for memory.
+    // The first frames allocate memory.
     (0..10).for_each(|_| render(None));
     let (wall, cpu) = (Instant::now(), cpu_ns()?);
     for k in 0..frames {
@@ -47,7 +49,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Nanoseconds that this thread has run on a processor. Other load on the machine does not count, unlike in wall time.
+/// Returns the CPU time of this thread, nanoseconds: other programs on the machine hardly change it.
 fn cpu_ns() -> anyhow::Result<f64> {
     let file = "/proc/thread-self/schedstat";
     let text = std::fs::read_to_string(file).with_context(|| format!("{file} cannot be read; this needs Linux"))?;

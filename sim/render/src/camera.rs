@@ -1,4 +1,4 @@
-//! Colour, depth and segmentation of hand and object as a camera sees them, all from one cast.
+//! Colour, depth and segmentation images of a hand and an object, all from one cast of rays.
 
 use glam::{Vec3, Vec3A};
 use image::{GrayImage, RgbImage};
@@ -12,49 +12,48 @@ use mvt_robot::observation::Rgbd;
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
+use crate::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use crate::tessellation::tessellate;
 
-/// Segments of the hand's rounded parts: their meshes stray less than 0.01 mm from them.
+/// Segments around the hand's rounded parts: enough that their meshes deviate by less than 0.01 mm.
 const SEGMENTS: usize = 96;
-/// Rows that one thread renders at a time; a whole number of tiles, so that the cut does not show in the bits.
-const BAND_ROWS: usize = 48;
 
-/// Renders one hand and one object.
+/// Renderer of one hand and one object.
 #[derive(Debug)]
 pub struct Renderer {
     side: Side,
-    /// The parts of the hand, each with the index of its shape's mesh: fingers are alike, so many share one.
+    /// The parts of the hand, each with the index of its shape's mesh. Parts of the same shape share a mesh.
     parts: Vec<(Part, usize)>,
     shapes: Vec<RayMesh>,
     object: RayMesh,
     texture: Texture,
 }
 
-/// What a camera sees, and what only a simulator can tell about it.
+/// Images of one camera, with the labels that only a simulator knows.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
+#[non_exhaustive]
+pub struct RenderedView {
     /// Colour and true depth.
     pub rgbd: Rgbd,
-    /// What each pixel shows: [`BACKGROUND`], [`HAND`] or [`OBJECT`].
+    /// Label of each pixel: [`BACKGROUND`], [`HAND`] or [`OBJECT`].
     pub segmentation: GrayImage,
 }
 
-/// The working memory of one thread.
+/// Working memory of one thread: reuse it from view to view.
 #[derive(Debug, Clone)]
-pub struct Scratch {
+pub struct CameraScratch {
     caster: Caster,
     hits: Hits,
 }
 
-impl Default for Scratch {
+impl Default for CameraScratch {
     fn default() -> Self {
-        Self { caster: Caster::default(), hits: Hits::new(Window { columns: 0..0, rows: 0..0 }) }
+        Self { caster: Caster::default(), hits: Hits::new(PixelWindow { columns: 0..0, rows: 0..0 }) }
     }
 }
 
 impl Renderer {
-    /// Prepares the meshes, which takes some tenths of a second of CPU time.
+    /// Prepares the meshes in some tenths of a second of CPU time.
     pub fn new(side: Side, object: &Object) -> Self {
         let mut shapes = Vec::new();
         let parts = hand::parts(side)
@@ -72,47 +71,30 @@ impl Renderer {
         Self { side, parts, shapes, object: RayMesh::new(&object.mesh), texture: Texture::new(&object.name) }
     }
 
-    /// Renders a frame on the calling thread.
+    /// Renders the view of a camera on the calling thread.
     pub fn render(
         &self,
         camera: &PosedCamera,
         joints: &JointAngles,
         object_pose: Isometry<ObjectFrame, World>,
-        scratch: &mut Scratch,
-    ) -> Frame {
-        let scene = self.pose(camera, joints, object_pose);
-        let mut frame = Frame::new(camera);
-        for mut band in frame.bands(camera.intrinsics.height) {
-            scene.render(&mut band, scratch);
-        }
-        frame
+        scratch: &mut CameraScratch,
+    ) -> RenderedView {
+        let mut view = RenderedView::new(camera);
+        self.pose(camera, joints, object_pose).render(&mut view, scratch);
+        view
     }
 
-    /// Renders a frame on all threads of the current rayon pool; the same bits as [`Renderer::render`].
-    pub fn render_parallel(
-        &self,
-        camera: &PosedCamera,
-        joints: &JointAngles,
-        object_pose: Isometry<ObjectFrame, World>,
-    ) -> Frame {
-        let scene = self.pose(camera, joints, object_pose);
-        let mut frame = Frame::new(camera);
-        let mut bands: Vec<Band<'_>> = frame.bands(BAND_ROWS).collect();
-        bands.par_iter_mut().for_each_init(Scratch::default, |scratch, band| scene.render(band, scratch));
-        frame
-    }
-
-    /// Share of the pixels that the object alone would fill in which something stands before it: `segmentation` is what the camera
-    /// sees of hand and object at that pose. None where the object is out of view.
+    /// Returns the share of the object's pixels that the hand covers. `segmentation` holds the labels of hand and
+    /// object at that pose. Returns `None` if the object is out of view.
     pub fn hidden_share(
         &self,
         camera: &PosedCamera,
         object_pose: Isometry<ObjectFrame, World>,
         segmentation: &GrayImage,
-        Scratch { caster, hits }: &mut Scratch,
+        CameraScratch { caster, hits }: &mut CameraScratch,
     ) -> Option<f64> {
         let k = &camera.intrinsics;
-        hits.reset(Window { columns: 0..k.width, rows: 0..k.height });
+        hits.reset(PixelWindow::whole(k));
         caster.cast(&[Instance::new(&self.object, camera.pose.inverse() * object_pose)], k, Faces::Both, hits);
         let alone = hits.triangle().iter().filter(|&&triangle| triangle != MISS).count();
         let seen = segmentation.pixels().filter(|pixel| pixel.0 == [OBJECT]).count();
@@ -137,18 +119,10 @@ impl Renderer {
     }
 }
 
-/// Where the key light stands, as a direction in the world: over the fingers, to the left.
+/// Direction towards the key light in the world: above the fingers, to the left.
 const KEY_LIGHT: Vec3A = Vec3A::new(0.5, 0.35, 0.8);
 
-/// A rendered band of rows.
-struct Band<'a> {
-    first_row: usize,
-    color: &'a mut [u8],
-    depth: &'a mut [f32],
-    segmentation: &'a mut [u8],
-}
-
-impl Frame {
+impl RenderedView {
     fn new(camera: &PosedCamera) -> Self {
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
         Self {
@@ -156,20 +130,9 @@ impl Frame {
             segmentation: GrayImage::from_pixel(width as u32, height as u32, image::Luma([BACKGROUND])),
         }
     }
-
-    fn bands(&mut self, rows: usize) -> impl Iterator<Item = Band<'_>> {
-        let area = (rows * self.segmentation.width() as usize).max(1);
-        let depth = self.rgbd.depth_m.as_slice_mut().unwrap_or_default().chunks_mut(area);
-        let color = self.rgbd.color.chunks_mut(3 * area);
-        color
-            .zip(depth)
-            .zip(self.segmentation.chunks_mut(area))
-            .enumerate()
-            .map(move |(k, ((color, depth), segmentation))| Band { first_row: k * rows, color, depth, segmentation })
-    }
 }
 
-/// A hand and an object before a camera. Instance 0 is the object, the others are the parts of the hand.
+/// Hand and object in front of a camera. Instance 0 is the object, the others are the parts of the hand.
 struct PosedScene<'a> {
     renderer: &'a Renderer,
     camera: &'a PosedCamera,
@@ -179,22 +142,24 @@ struct PosedScene<'a> {
 }
 
 impl PosedScene<'_> {
-    fn render(&self, band: &mut Band<'_>, Scratch { caster, hits }: &mut Scratch) {
+    /// Renders into a view that has the camera's size, is black and shows the background everywhere.
+    fn render(&self, view: &mut RenderedView, CameraScratch { caster, hits }: &mut CameraScratch) {
         let k = &self.camera.intrinsics;
-        let rows = band.first_row..band.first_row + band.depth.len() / k.width.max(1);
-        hits.reset(Window { columns: 0..k.width, rows });
+        let RenderedView { rgbd, segmentation } = view;
+        let (depth, segmentation): (_, &mut [u8]) = (rgbd.depth_m.as_slice_mut().unwrap_or_default(), segmentation);
+        hits.reset(PixelWindow::whole(k));
         caster.cast(&self.instances, k, Faces::Both, hits);
         let (u, v) = hits.barycentric();
-        for (pixel, color) in band.color.chunks_exact_mut(3).enumerate() {
-            let row = band.first_row + pixel / k.width;
+        for (pixel, color) in rgbd.color.chunks_exact_mut(3).enumerate() {
+            let row = pixel / k.width;
             let triangle = hits.triangle()[pixel];
             if triangle == MISS {
                 color.fill(background(row, k.height));
                 continue;
             }
             let instance = hits.instance()[pixel] as usize;
-            band.depth[pixel] = hits.depth()[pixel];
-            band.segmentation[pixel] = if instance == 0 { OBJECT } else { HAND };
+            depth[pixel] = hits.depth()[pixel];
+            segmentation[pixel] = if instance == 0 { OBJECT } else { HAND };
             let placed = &self.instances[instance];
             let mesh = placed.mesh();
             let albedo = match instance.checked_sub(1) {
@@ -213,16 +178,16 @@ impl PosedScene<'_> {
     }
 }
 
-/// Key light, a weaker light at the camera, and light from everywhere; then the display's gamma.
+/// Adds the key light, a weaker light at the camera and ambient light, and takes the square root as gamma.
 fn shade(albedo: Vec3, normal: Vec3A, light: Vec3A, towards_camera: Vec3A) -> [u8; 3] {
     let facing = normal.dot(towards_camera);
-    // A surface seen from behind (an open mesh) is lit as its front would be.
+    // The back of a surface, visible where a mesh is open, is lit like its front.
     let normal = if facing < 0.0 { -normal } else { normal };
     let brightness = 0.22 + 0.55 * normal.dot(light).max(0.0) + 0.28 * facing.abs();
     (albedo * brightness).to_array().map(|c| (c.clamp(0.0, 1.0).sqrt() * 255.0).round() as u8)
 }
 
-/// Linear albedo of the hand's materials.
+/// Returns the linear albedo of a material of the hand: black links, grey DIGITs, orange gels.
 fn surface_albedo(surface: PartSurface) -> Vec3 {
     match surface {
         PartSurface::Link => Vec3::new(0.05, 0.05, 0.055),
@@ -231,12 +196,12 @@ fn surface_albedo(surface: PartSurface) -> Vec3 {
     }
 }
 
-/// A neutral wall that darkens towards the bottom.
+/// Returns the grey level of a neutral wall that darkens towards the bottom.
 fn background(row: usize, height: usize) -> u8 {
     (205 - 70 * row / height.max(1)) as u8
 }
 
-/// A solid texture in the object's own coordinates, so that turning can be seen: two colours in soft cells of some
+/// Solid texture in the object's own coordinates, which makes rotations visible: two colours in soft cells of some
 /// centimetres, with finer mottling. Colours and offsets follow from the object's name.
 #[derive(Debug, Clone, Copy)]
 struct Texture {
@@ -245,12 +210,13 @@ struct Texture {
 }
 
 impl Texture {
-    /// Cells per metre.
+    /// Frequency of the cells, half periods per metre.
     const COARSE: f32 = 40.0;
+    /// Frequency of the mottling, half periods per metre.
     const FINE: f32 = 130.0;
 
     fn new(name: &str) -> Self {
-        // FNV-1a: a few independent bytes from a name, the same everywhere.
+        // FNV-1a: a few independent bytes from a name, the same on every machine.
         let hash =
             name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
         let byte = |k: u32| f32::from((hash >> (8 * k)) as u8) / 256.0;
@@ -267,13 +233,13 @@ impl Texture {
     }
 }
 
-/// Product of three triangle waves of period 2, between -1 and 1.
+/// Returns the product of three triangle waves of period 2, between -1 and 1.
 fn wave(p: Vec3A) -> f32 {
     let t = ((p * 0.5).fract_gl() - 0.5).abs() * 4.0 - 1.0;
     t.x * t.y * t.z
 }
 
-/// A saturated colour; hue counts full circles.
+/// Returns a saturated colour; its hue is given in full turns.
 fn hue(turns: f32) -> Vec3 {
     let channel = |shift: f32| (((turns + shift).fract() * 6.0 - 3.0).abs() - 1.0).clamp(0.08, 1.0);
     Vec3::new(channel(0.0), channel(2.0 / 3.0), channel(1.0 / 3.0))

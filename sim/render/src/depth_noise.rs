@@ -1,10 +1,13 @@
 //! Noise of a consumer depth camera, after the Redwood noise model (Choi, Zhou and Koltun, "Robust Reconstruction of
 //! Indoor Scenes", 2015; the disparity step is that of Barron and Malik, 2013), with NeuralFeels' multiplier.
 //!
-//! Three things happen to each pixel: it shows the depth of a pixel nearby (edges fray), read from a grid of half the
-//! resolution (a stereo matcher's), and its disparity is disturbed and rounded to an eighth of a pixel, so that errors
-//! grow with the square of the distance. The model's table of lens distortion was measured on one camera and is not
-//! ours to copy: its factor is 1 here.
+//! Three things happen to each pixel. It shows the depth of a pixel nearby, which frays edges. That depth is read from
+//! a grid of half the resolution, as a stereo matcher has it. And its disparity is disturbed and rounded to an eighth
+//! of a pixel, so that errors grow with the square of the distance. The model's table of lens distortion was measured
+//! on one camera and has a licence of its own: its factor is 1 here.
+//!
+//! The constants of the model are those of `simdepth.py`, the script of the Redwood data set, which Habitat-Sim (class
+//! `RedwoodDepthNoiseModel`) and NeuralFeels use.
 
 use std::ops::Range;
 
@@ -12,20 +15,22 @@ use ndarray::Array2;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Focal length times baseline of the modelled camera: disparity in pixels is this over the depth in metres.
+/// Focal length times baseline of the modelled camera, pixels times metres (`simdepth.py`): disparity in pixels is this
+/// over the depth in metres.
 const DISPARITY_M: f64 = 35.130;
-/// Steps of disparity per pixel.
+/// Steps of disparity per pixel (`simdepth.py`): the stereo matcher interpolates to an eighth of a pixel.
 const STEPS: f64 = 8.0;
-/// Standard deviation of a pixel's displacement for multiplier 1, pixels.
+/// Standard deviation of a pixel's displacement for multiplier 1, pixels (`simdepth.py`).
 const JITTER_PX: f64 = 0.25;
-/// Standard deviation of the disparity for multiplier 1, pixels.
+/// Standard deviation of the disparity for multiplier 1, pixels (`simdepth.py`): 1/36.
 const DISPARITY_NOISE_PX: f64 = 0.027_778;
-/// Words of the random stream that belong to each pixel.
+/// Words of the random stream that belong to each pixel: two normal numbers for the displacement, two for the
+/// disparity, of which one is dropped.
 const WORDS: u128 = 4;
-/// From this depth on nothing is measured, metres.
+/// Depth at and above which the camera measures nothing, metres (`simdepth.py`).
 const FARTHEST_M: f32 = 10.0;
 
-/// Which frame is disturbed: the noise of a frame depends on these alone, not on the order in which frames are made.
+/// Identity of a frame. Its noise depends on these numbers alone, not on the order in which frames are rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameId {
     /// Seed of the episode.
@@ -36,8 +41,9 @@ pub struct FrameId {
     pub frame: u32,
 }
 
-/// A measured version of a true depth image: metres, rows by columns, 0 where there is nothing. `multiplier` scales the
-/// noise (NeuralFeels simulates with 5); with 0 the half-resolution lookup and the rounding of the disparity remain.
+/// Returns the measured version of a true depth image: metres, rows by columns, 0 where nothing is measured.
+/// `multiplier` scales the noise (NeuralFeels simulates with 5); with 0 the half-resolution lookup and the rounding of
+/// the disparity remain.
 pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f32> {
     let mut random = ChaCha8Rng::seed_from_u64(id.seed);
     random.set_stream(u64::from(id.camera) << 32 | u64::from(id.frame));
@@ -46,7 +52,7 @@ pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f3
     let mut noisy = Array2::zeros((height, width));
     for (v, mut row) in noisy.rows_mut().into_iter().enumerate() {
         for columns in near.columns(v, width) {
-            // Where the stream would be if all pixels before had been worked out.
+            // The position of the stream after all pixels before this one.
             random.set_word_pos(WORDS * (v * width + columns.start) as u128);
             for u in columns {
                 row[u] = measure(depth_m, multiplier, [v, u], &mut random);
@@ -56,7 +62,7 @@ pub fn disturb(depth_m: &Array2<f32>, multiplier: f64, id: FrameId) -> Array2<f3
     noisy
 }
 
-/// What a pixel shows, from the next [`WORDS`] of the stream.
+/// Returns the measured depth of a pixel, and uses the next [`WORDS`] of the stream.
 fn measure(depth_m: &Array2<f32>, multiplier: f64, [v, u]: [usize; 2], random: &mut ChaCha8Rng) -> f32 {
     let (height, width) = depth_m.dim();
     let [jitter_v, jitter_u] = normals(random);
@@ -73,12 +79,12 @@ fn measure(depth_m: &Array2<f32>, multiplier: f64, [v, u]: [usize; 2], random: &
     if steps > 0.0 { (DISPARITY_M * STEPS / steps) as f32 } else { 0.0 }
 }
 
-/// Whether anything is measured at a depth.
+/// Returns whether the camera measures anything at a depth.
 fn is_measured(depth_m: f32) -> bool {
     depth_m > 0.0 && depth_m < FARTHEST_M
 }
 
-/// Where pixels may show a measured depth: most of an image shows nothing, and its noise is nothing either.
+/// Blocks of pixels that may show a measured depth. Most of an image is empty, and noise leaves empty pixels empty.
 struct Near {
     blocks: Array2<bool>,
 }
@@ -88,7 +94,7 @@ impl Near {
     const BLOCK: usize = 16;
 
     fn new(depth_m: &Array2<f32>, multiplier: f64) -> Self {
-        /// Largest number that [`normals`] can draw: sqrt(2 ln 2^32).
+        /// Largest number that [`normals`] draws: sqrt(2 ln 2^32).
         const LARGEST_NORMAL: f64 = 6.661;
         // One pixel for rounding, one for the grid of half the resolution.
         let reach_px = LARGEST_NORMAL * JITTER_PX * multiplier.abs() + 2.0;
@@ -104,7 +110,7 @@ impl Near {
         Self { blocks: Array2::from_shape_fn((rows, columns), any) }
     }
 
-    /// The columns of a row to which the noise may take a measured depth, from left to right.
+    /// Returns the columns of a row to which the noise may move a measured depth, from left to right.
     fn columns(&self, v: usize, width: usize) -> impl Iterator<Item = Range<usize>> {
         let blocks = self.blocks.row(v / Self::BLOCK);
         let mut next = 0;
@@ -117,13 +123,13 @@ impl Near {
     }
 }
 
-/// The pixel that is read instead of pixel `at` of `count`.
+/// Returns the pixel that is read in place of pixel `at` of `count`.
 fn moved(at: usize, jitter: f64, multiplier: f64, count: usize) -> usize {
     let position = (at as f64 + JITTER_PX * multiplier * jitter).clamp(0.0, count as f64 - 1.0);
     (position + 0.5) as usize
 }
 
-/// Two standard normal numbers from two uniform ones (Box and Muller).
+/// Draws two standard normal numbers from two uniform ones (Box and Muller).
 fn normals(random: &mut impl Rng) -> [f64; 2] {
     // In (0, 1]: the logarithm is finite.
     let mut uniform = || (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0;
@@ -165,7 +171,7 @@ mod tests {
 
     #[test]
     fn pixels_move_by_a_quarter_times_the_multiplier() {
-        // Depth that tells the column: what a pixel shows says where it was read.
+        // A ramp: the depth of a pixel is that of one column alone.
         let columns = 512;
         let ramp = Array2::from_shape_fn((300, columns), |(_, u)| (DISPARITY_M / (100.0 + u as f64)) as f32);
         let noisy = disturb(&ramp, 5.0, ID);
@@ -174,8 +180,8 @@ mod tests {
             .filter(|((_, u), _)| (20..columns - 20).contains(u))
             .map(|((_, u), &d)| DISPARITY_M / f64::from(d) - 100.0 - u as f64);
         let (mean, deviation) = spread(shift);
-        // The lookup rounds the column down to an even one: half a pixel on average, variance 1/4; rounding to a pixel
-        // adds 1/12, the disparity its own noise.
+        // The lookup rounds the column down to an even one: half a pixel on average, variance 1/4. Rounding to a pixel
+        // adds 1/12, and the disparity adds its own noise.
         let expected = ((0.25f64 * 5.0).powi(2) + 0.25 + 1.0 / 12.0 + (DISPARITY_NOISE_PX * 5.0).powi(2)).sqrt();
         assert!((mean + 0.5).abs() < 0.02, "{mean}");
         assert!((deviation / expected - 1.0).abs() < 0.02, "{deviation} instead of {expected}");
@@ -193,7 +199,7 @@ mod tests {
 
     #[test]
     fn empty_space_changes_nothing_elsewhere() {
-        // The same noise with depth everywhere, where no pixel is passed over: what is seen must agree wherever both see the patch.
+        // With depth everywhere no pixel is skipped. Both images must agree wherever they show the patch.
         let patch = |v: usize, u: usize| (60..90).contains(&v) && (101..140).contains(&u);
         for multiplier in [0.0, 1.0, 5.0, 20.0] {
             let full = Array2::from_shape_fn((200, 240), |(v, u)| if patch(v, u) { 0.4f32 } else { 5.0 });
@@ -216,7 +222,7 @@ mod tests {
             let same = first.iter().zip(&other).filter(|(a, b)| a == b).count();
             assert!(same < 48 * 64 / 2, "{same} equal pixels");
         }
-        // Holes stay holes, far walls become holes, and an empty image is an image.
+        // Holes stay holes, far walls become holes, and an image without pixels is valid.
         for depth in [0.0, 10.0, f32::INFINITY, f32::NAN, -1.0] {
             assert!(disturb(&Array2::from_elem((4, 4), depth), 5.0, ID).iter().all(|&d| d == 0.0), "{depth}");
         }

@@ -1,4 +1,4 @@
-//! What the robot records of a state: rendered touch and camera images, and the ground truth beside them.
+//! Rendered touch and camera images of a state of the scene, with the ground truth.
 
 use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
@@ -12,24 +12,26 @@ use crate::depth_noise::{self, FrameId};
 use crate::rays::RayMesh;
 use crate::touch::{NoiseKey, TouchError, TouchFrame, TouchOptions, TouchRenderer};
 
-/// How states are turned into images.
+/// Options of an [`Observer`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObserverOptions {
     /// Which hand.
     pub side: Side,
     /// The cameras, in the order of the observations.
     pub cameras: Vec<PosedCamera>,
-    /// Each DIGIT.
+    /// Options of each DIGIT.
     pub touch: PerFinger<TouchOptions>,
     /// Whether touch images have noise.
     pub touch_noise: bool,
-    /// Redwood-style noise on camera depth, as a multiple of its level (see [`depth_noise::disturb`]); `None` for true depth.
+    /// Redwood-style noise on camera depth, as a multiple of its level (see [`depth_noise::disturb`]); `None` for true
+    /// depth.
     pub camera_depth_noise: Option<f64>,
     /// Seed of all noise.
     pub seed: u64,
 }
 
-/// Renders states. Immutable, so that one serves all threads; what it gives depends on the state and the frame's number alone.
+/// Renderer of all sensors of a hand. It is immutable, so that all threads share one; its images depend on the state
+/// and the number of the frame alone.
 pub struct Observer {
     options: ObserverOptions,
     object: RayMesh,
@@ -37,11 +39,11 @@ pub struct Observer {
     camera: camera::Renderer,
 }
 
-/// The memory that rendering a frame needs: reuse it from frame to frame.
+/// Working memory of an [`Observer`]: reuse it from frame to frame, one per thread.
 #[derive(Default)]
-pub struct Scratch {
+pub struct ObserverScratch {
     touch: TouchFrame,
-    camera: camera::Scratch,
+    camera: camera::CameraScratch,
 }
 
 impl Observer {
@@ -59,13 +61,13 @@ impl Observer {
         })
     }
 
-    /// What each DIGIT shows when it touches nothing, without noise.
+    /// Returns the untouched image of each DIGIT, without noise.
     pub fn empty_touch(&self) -> PerFinger<RgbImage> {
         PerFinger::from_fn(|finger| self.touch[finger].empty())
     }
 
-    /// What is recorded of a state as frame number `frame`.
-    pub fn observe(&self, frame: u32, state: &SceneState, scratch: &mut Scratch) -> (Observation, GroundTruth) {
+    /// Renders a state as frame number `frame`.
+    pub fn observe(&self, frame: u32, state: &SceneState, scratch: &mut ObserverScratch) -> (Observation, GroundTruth) {
         let mut touch_truth = PerFinger::from_fn(|_| TouchTruth::default());
         let touch = PerFinger::from_fn(|finger| {
             let world_from_gel = world_from_tip(self.options.side, finger, &state.joints) * digit::tip_from_gel();
@@ -73,9 +75,9 @@ impl Observer {
             let key = NoiseKey { seed: self.options.seed, finger: finger as u32, frame };
             let noise = self.options.touch_noise.then_some(key);
             self.touch[finger].render(&self.object, gel_from_object, noise, &mut scratch.touch);
-            touch_truth[finger] =
-                TouchTruth { depth_m: scratch.touch.depth_m().clone(), contact: scratch.touch.contact().clone() };
-            scratch.touch.calibrated().clone()
+            let (image, truth) = scratch.touch.take();
+            touch_truth[finger] = truth;
+            image
         });
         let (cameras, segmentation) = (0..)
             .zip(&self.options.cameras)
@@ -93,9 +95,9 @@ impl Observer {
         (observation, GroundTruth { object_pose: state.object_pose, touch: touch_truth, segmentation })
     }
 
-    /// Share of the object that the hand hides from the first camera in a state of which this is the truth, as
-    /// [`camera::Renderer::hidden_share`] tells it. None without cameras, too.
-    pub fn hidden_share(&self, truth: &GroundTruth, scratch: &mut Scratch) -> Option<f64> {
+    /// Returns the share of the object that the hand hides from the first camera in the state that `truth` describes
+    /// (see [`camera::Renderer::hidden_share`]). Returns `None` if there are no cameras, too.
+    pub fn hidden_share(&self, truth: &GroundTruth, scratch: &mut ObserverScratch) -> Option<f64> {
         let (camera, segmentation) = self.options.cameras.first().zip(truth.segmentation.first())?;
         self.camera.hidden_share(camera, truth.object_pose, segmentation, &mut scratch.camera)
     }

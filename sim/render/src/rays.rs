@@ -1,11 +1,11 @@
 //! Ray casting of pinhole images over rigid triangle meshes.
 //!
 //! All rays of an image share an origin, which makes them cheap: a [`Caster`] sends tiles of 8 x 8 pixels through the
-//! meshes' trees. A tile's frustum decides which nodes are visited, edge functions at the corners of its 4 x 4 blocks
-//! decide which blocks a triangle can cover, and only then are single rays tested, as many at once as the machine has
-//! lanes ([`Level`]). Every lane does the same operations in the same order, without fused multiply-add, so all levels
-//! agree to the bit. Edge functions are exactly opposite for the two triangles of an edge, so a closed mesh has no pin
-//! holes.
+//! trees of the meshes. The frustum of a tile selects the nodes, edge functions at the corners of its 4 x 4 blocks
+//! select the blocks that a triangle can cover, and only then are single rays tested, as many at once as the machine
+//! has lanes ([`RayInstructions`]). Every lane does the same operations in the same order, without fused multiply-add,
+//! so all instruction sets agree to the bit. Edge functions are exactly opposite for the two triangles of an edge, so a
+//! closed mesh has no pin holes.
 //!
 //! The distance of a hit is its depth along the optical axis, not along the ray.
 
@@ -19,22 +19,22 @@ use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Frame, Isometry};
 use pulp::Simd;
 
-pub use mesh::{RayHit, RayMesh};
+pub use mesh::RayMesh;
 use tile::{Job, View};
 
-/// Marks a pixel of [`Hits`] whose ray hit nothing.
+/// Triangle of a pixel of [`Hits`] whose ray missed.
 pub const MISS: u32 = u32::MAX;
 
-/// Which sides of a triangle stop a ray.
+/// Sides of a triangle that stop a ray.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Faces {
-    /// Only sides seen counter-clockwise: the outside of a mesh.
+    /// The side whose corners run counter-clockwise: the outside of a mesh.
     Front,
     /// Both sides.
     Both,
 }
 
-/// A mesh at a place.
+/// Mesh at a pose.
 #[derive(Debug, Clone, Copy)]
 pub struct Instance<'a> {
     mesh: &'a RayMesh,
@@ -42,47 +42,47 @@ pub struct Instance<'a> {
 }
 
 impl<'a> Instance<'a> {
-    /// A mesh whose coordinates `camera_from_mesh` takes to those of the camera that looks at it.
+    /// Places a mesh; `camera_from_mesh` takes its coordinates to those of the camera.
     pub fn new<F: Frame>(mesh: &'a RayMesh, camera_from_mesh: Isometry<F, Camera>) -> Self {
         Self { mesh, mesh_from_camera: camera_from_mesh.inverse().to_f32() }
     }
 
-    /// The mesh.
+    /// Returns the mesh.
     pub fn mesh(&self) -> &'a RayMesh {
         self.mesh
     }
 
-    /// Rotation that takes directions of the camera to directions of the mesh.
+    /// Returns the rotation that takes directions of the camera to directions of the mesh.
     pub fn mesh_from_camera(&self) -> Mat3A {
         self.mesh_from_camera.0
     }
 }
 
-/// A rectangle of pixels.
+/// Rectangle of pixels.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Window {
+pub struct PixelWindow {
     /// Columns.
     pub columns: Range<usize>,
     /// Rows.
     pub rows: Range<usize>,
 }
 
-impl Window {
-    /// The whole image.
+impl PixelWindow {
+    /// Returns the window of the whole image.
     pub fn whole(intrinsics: &Intrinsics) -> Self {
         Self { columns: 0..intrinsics.width, rows: 0..intrinsics.height }
     }
 
-    /// Number of pixels.
+    /// Returns the number of pixels.
     pub fn area(&self) -> usize {
         self.columns.len() * self.rows.len()
     }
 }
 
-/// What the rays of a window of an image hit. All slices are row-major over the window.
+/// Hits and misses of the rays through a window of an image. All slices are row-major over the window.
 #[derive(Debug, Clone)]
 pub struct Hits {
-    window: Window,
+    window: PixelWindow,
     depth: Vec<f32>,
     instance: Vec<u32>,
     triangle: Vec<u32>,
@@ -91,62 +91,58 @@ pub struct Hits {
 }
 
 impl Hits {
-    /// No hits yet in a window.
-    pub fn new(window: Window) -> Self {
+    /// Creates a window without hits.
+    pub fn new(window: PixelWindow) -> Self {
         let mut hits =
             Self { window: window.clone(), depth: vec![], instance: vec![], triangle: vec![], u: vec![], v: vec![] };
         hits.reset(window);
         hits
     }
 
-    /// Forgets all hits and takes another window. Allocates only where the window is larger than any before.
-    pub fn reset(&mut self, window: Window) {
+    /// Drops all hits and sets another window. Allocates only if the window is larger than all before.
+    pub fn reset(&mut self, window: PixelWindow) {
         let area = window.area();
         self.window = window;
         self.depth.clear();
         self.depth.resize(area, f32::INFINITY);
         self.triangle.clear();
         self.triangle.resize(area, MISS);
-        // Undefined where nothing is hit: need not be cleared.
+        // Undefined where a ray missed, so no need to clear them.
         self.instance.resize(area, MISS);
         self.u.resize(area, 0.0);
         self.v.resize(area, 0.0);
     }
 
-    /// The window.
-    pub fn window(&self) -> &Window {
+    /// Returns the window.
+    pub fn window(&self) -> &PixelWindow {
         &self.window
     }
 
-    /// Depth along the optical axis, metres; where nothing was hit the limit, which is infinite unless set.
+    /// Returns the depth along the optical axis, metres; infinite where the ray missed.
     pub fn depth(&self) -> &[f32] {
         &self.depth
     }
 
-    /// For each pixel the depth in metres from which on hits do not count.
-    pub fn limit_mut(&mut self) -> &mut [f32] {
-        &mut self.depth
-    }
-
-    /// Triangle of the mesh that was hit, or [`MISS`].
+    /// Returns the index of the triangle that was hit, or [`MISS`].
     pub fn triangle(&self) -> &[u32] {
         &self.triangle
     }
 
-    /// Index of the instance that was hit; undefined where the triangle is [`MISS`].
+    /// Returns the index of the instance that was hit; undefined where the triangle is [`MISS`].
     pub fn instance(&self) -> &[u32] {
         &self.instance
     }
 
-    /// Weights of the triangle's second and third corner at the hit; undefined where the triangle is [`MISS`].
+    /// Returns the weights of the triangle's second and third corner at the hit; undefined where the triangle is
+    /// [`MISS`].
     pub fn barycentric(&self) -> (&[f32], &[f32]) {
         (&self.u, &self.v)
     }
 }
 
-/// An instruction set that the kernel can run on.
+/// Instruction set for the kernel of a [`Caster`].
 #[derive(Debug, Clone, Copy)]
-pub struct Level(Set);
+pub struct RayInstructions(Set);
 
 #[derive(Debug, Clone, Copy)]
 enum Set {
@@ -157,24 +153,24 @@ enum Set {
     Avx512(pulp::x86::V4),
 }
 
-impl Level {
-    /// All levels that this machine has, slowest first.
+impl RayInstructions {
+    /// Returns all instruction sets of this machine, slowest first.
     pub fn available() -> Vec<Self> {
-        let mut levels = vec![Set::Portable];
+        let mut sets = vec![Set::Portable];
         #[cfg(target_arch = "x86_64")]
         {
-            levels.extend(pulp::x86::V3::try_new().map(Set::Avx2));
-            levels.extend(pulp::x86::V4::try_new().map(Set::Avx512));
+            sets.extend(pulp::x86::V3::try_new().map(Set::Avx2));
+            sets.extend(pulp::x86::V4::try_new().map(Set::Avx512));
         }
-        levels.into_iter().map(Self).collect()
+        sets.into_iter().map(Self).collect()
     }
 
-    /// The fastest level that this machine has.
+    /// Returns the fastest instruction set of this machine.
     pub fn best() -> Self {
         Self::available().pop().unwrap_or(Self(Set::Portable))
     }
 
-    /// Name for messages.
+    /// Returns the name for messages.
     pub fn name(self) -> &'static str {
         match self.0 {
             Set::Portable => "portable, 4 lanes",
@@ -186,34 +182,33 @@ impl Level {
     }
 }
 
-/// Casts the rays of pinhole images. Holds the scratch memory of one thread.
+/// Ray caster for pinhole images, with the working memory of one thread.
 #[derive(Debug, Clone)]
 pub struct Caster {
-    level: Level,
+    instructions: RayInstructions,
     scratch: tile::Scratch,
 }
 
 impl Default for Caster {
     fn default() -> Self {
-        Self::new(Level::best())
+        Self::new(RayInstructions::best())
     }
 }
 
 impl Caster {
-    /// A caster that uses a certain instruction set.
-    pub fn new(level: Level) -> Self {
-        Self { level, scratch: tile::Scratch::default() }
+    /// Creates a caster that uses this instruction set.
+    pub fn new(instructions: RayInstructions) -> Self {
+        Self { instructions, scratch: tile::Scratch::default() }
     }
 
-    /// Casts a ray through each pixel of the window of `hits`, whose limits it respects: hits replace what lies behind
-    /// them.
+    /// Casts a ray through each pixel of the window of `hits`. A hit replaces an earlier one only if it is nearer.
     ///
-    /// Of equally near hits that on the triangle with the smaller index wins.
+    /// Of two hits at the same depth, the triangle with the smaller index wins.
     pub fn cast(&mut self, instances: &[Instance<'_>], intrinsics: &Intrinsics, faces: Faces, hits: &mut Hits) {
         let scratch = &mut self.scratch;
         scratch.prepare(instances.iter().enumerate().filter_map(|(k, i)| View::new(i, k)), intrinsics, &hits.window);
         let job = Job { instances, faces, hits, scratch };
-        match self.level.0 {
+        match self.instructions.0 {
             Set::Portable => pulp::Scalar128b.vectorize(job),
             #[cfg(target_arch = "x86_64")]
             Set::Avx2(simd) => Simd::vectorize(simd, job),

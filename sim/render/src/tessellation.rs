@@ -1,4 +1,4 @@
-//! Triangle meshes of the primitives that the hand is made of.
+//! Triangle meshes of the primitives of the hand.
 
 use std::f64::consts::{PI, TAU};
 
@@ -6,8 +6,8 @@ use mvt_mesh::Mesh;
 use mvt_robot::hand::Primitive;
 use nalgebra as na;
 
-/// The surface of a primitive, with `segments` (rounded up to an even number, at least 8) around capsules and
-/// ellipsoids; it strays from the true surface by (pi / segments)^2 / 2 of the radius to either side. Boxes keep hard
+/// Returns the surface of a primitive, with `segments` (rounded up to an even number, at least 8) around capsules and
+/// ellipsoids. It deviates from the true surface by (pi / segments)^2 / 2 of the radius to either side. Boxes keep hard
 /// edges: their faces share no vertices.
 pub fn tessellate(shape: &Primitive, segments: usize) -> Mesh {
     let segments = segments.max(8).next_multiple_of(2);
@@ -33,7 +33,7 @@ fn cuboid(centre: na::Vector3<f64>, half: na::Vector3<f64>) -> Mesh {
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
             let first = mesh.vertices.len() as u32;
-            // The other two axes in the order that keeps the corners counter-clockwise seen from outside.
+            // This order of the other two axes keeps the corners counter-clockwise from outside.
             let (a, b) = if sign > 0.0 { ((axis + 1) % 3, (axis + 2) % 3) } else { ((axis + 2) % 3, (axis + 1) % 3) };
             for (s, t) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
                 let mut corner = half;
@@ -46,10 +46,11 @@ fn cuboid(centre: na::Vector3<f64>, half: na::Vector3<f64>) -> Mesh {
     mesh
 }
 
-/// A unit sphere around z, cut at the equator and drawn apart by `half_length` to either side, then moved by `place`.
+/// Returns a unit sphere around z, cut at the equator and drawn apart by `half_length` to either side, then moved by
+/// `place`.
 fn globe(segments: usize, half_length: f64, place: impl Fn(na::Vector3<f64>) -> na::Vector3<f64>) -> Mesh {
     let half_turn = segments / 2;
-    // Vertices lie a little outside of the sphere, and the middles of the faces as much inside of it.
+    // Vertices lie a little outside the sphere, and the middles of the faces as much inside.
     let radius = 1.0 / (PI / segments as f64).cos();
     let mut mesh = Mesh::default();
     // Polar angle and shift along the axis of each ring of vertices; a capsule has two at its equator.
@@ -88,7 +89,7 @@ fn push(mesh: &mut Mesh, p: na::Vector3<f64>) {
 mod tests {
     use super::*;
 
-    /// Six times the enclosed volume, each edge met once in either direction.
+    /// Returns the enclosed volume. Each edge must occur once in either direction.
     fn closed_volume(mesh: &Mesh) -> f64 {
         let mut edges = std::collections::HashMap::new();
         let mut volume = 0.0;

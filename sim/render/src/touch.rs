@@ -1,21 +1,13 @@
-//! What a DIGIT would record: colour, depth and contact of an object pressed into the gel, as TACTO renders them.
+//! DIGIT images of an object that is pressed into the gel: colour, depth and contact, as TACTO renders them.
 //!
-//! TACTO draws the gel and the rigid object that pokes through it; nothing deforms. At each pixel the nearer surface shows,
-//! shaded by three LEDs. All of that is closed-form, and only pixels in contact differ from the empty gel, which is rendered once
-//! in [`TouchRenderer::new`]. With a background, the change over the empty gel is halved, blurred and laid over a real sensor's
-//! image. [`TouchOptions`] go beyond TACTO; their defaults reproduce it.
+//! TACTO draws the gel and the rigid object that pokes through it; nothing deforms. Each pixel shows the nearer
+//! surface, shaded by three LEDs. All of this has a closed form, and only pixels in contact differ from the untouched
+//! gel, which is rendered once in [`TouchRenderer::new`]. With a background, the change from the untouched gel is
+//! halved, blurred and added to the image of a real sensor. [`TouchOptions`] go beyond TACTO; their defaults reproduce
+//! it. The [front page](crate) has an example.
 //!
-//! ```
-//! use mvt_frames::Isometry;
-//! use sim::rays::RayMesh;
-//! use sim::touch::{TouchConfig, TouchFrame, TouchOptions, TouchRenderer};
-//! # let mesh = mvt_mesh::Mesh::default();
-//! let renderer = TouchRenderer::new(&TouchOptions::new(TouchConfig::Fork))?;
-//! let (object, mut frame) = (RayMesh::new(&mesh), TouchFrame::default());
-//! renderer.render(&object, Isometry::translation(0.041, 0.0, 0.0), None, &mut frame);
-//! assert_eq!(frame.raw().dimensions(), (240, 320));
-//! # Ok::<(), sim::touch::TouchError>(())
-//! ```
+//! Constants that are named after TACTO come from its `config_digit.yml` (version 0.0.3); those of its fork from the
+//! fork's own.
 
 mod background;
 mod calibrate;
@@ -25,12 +17,14 @@ mod noise;
 mod raster;
 mod shade;
 
+use std::mem::take;
 use std::ops::Range;
 
 use image::{GrayImage, RgbImage};
 use mvt_frames::{Gel, Isometry, NotRigid, Object};
 use mvt_mesh::Mesh;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_robot::observation::TouchTruth;
 use ndarray::{Array2, Array3};
 
 use crate::rays::{MISS, RayMesh};
@@ -43,9 +37,10 @@ use noise::{Noise, SIGMA_MAX};
 use raster::Raster;
 use shade::{Row, Shader};
 
-/// Which of TACTO's DIGIT configurations lights the gel.
+/// DIGIT configuration of TACTO: lights, noise and sensor frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum TouchConfig {
     /// The fork of TACTO behind YCB-Slide and FeelSight: green, red and blue spot lights, noise of 2 grey.
     Fork,
@@ -54,10 +49,10 @@ pub enum TouchConfig {
 }
 
 impl TouchConfig {
-    /// Both, in the order of their names on the command line.
+    /// All configurations, in alphabetical order.
     pub const ALL: [Self; 2] = [Self::Fork, Self::Tacto];
 
-    /// Name on the command line.
+    /// Returns the name, which [`str::parse`] reads.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fork => "fork",
@@ -65,9 +60,10 @@ impl TouchConfig {
         }
     }
 
-    /// Pose of the configuration's sensor frame: TACTO 0.0.3 has the camera at z = 15 mm, its fork at the origin.
+    /// Returns the pose of the configuration's sensor frame in the gel frame. TACTO 0.0.3 has the camera at z = 15 mm
+    /// (`camera.position`), its fork at the origin.
     ///
-    /// A pose T_sensor_object given in the sensor's frame becomes the object's pose in the gel frame by this.
+    /// It takes TACTO's `T_sensor_object`, a pose in the sensor frame, to the object's pose in the gel frame.
     pub fn gel_from_sensor(self) -> Isometry<Gel, Gel> {
         match self {
             Self::Fork => Isometry::identity(),
@@ -75,7 +71,7 @@ impl TouchConfig {
         }
     }
 
-    /// Standard deviation of the configuration's image noise, grey levels.
+    /// Returns the standard deviation of the configuration's image noise, grey levels (`noise.color.std`).
     pub fn noise_sigma(self) -> f32 {
         match self {
             Self::Fork => 2.0,
@@ -92,53 +88,58 @@ impl std::str::FromStr for TouchConfig {
     }
 }
 
-/// What the calibrated image is laid over.
+/// Untouched image to which the change by a press is added.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Background {
-    /// The rendered empty gel.
+    /// The rendered gel.
     Rendered,
-    /// An image like a real DIGIT's, see [`synthetic_background`].
+    /// An image like that of a real DIGIT, see [`synthetic_background`].
     Synthetic {
-        /// Which one.
+        /// Seed of the image.
         seed: u64,
     },
-    /// The image of a real sensor that touches nothing, 240 wide and 320 high.
+    /// The untouched image of a real sensor, 240 wide and 320 high.
     Image(RgbImage),
 }
 
-/// How to render touch.
+/// Default contact threshold, metres: 0.2 times the least press depth of MidasTouch's protocol (0.5 mm), the share that
+/// MidasTouch counts as contact.
+const CONTACT_THRESHOLD_M: f32 = 1e-4;
+
+/// Options of a [`TouchRenderer`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchOptions {
-    /// The LEDs. TACTO's by default; [`Lights::perturbed`] draws others for training.
+    /// The LEDs. Default: those of the configuration; [`Lights::perturbed`] draws others for training.
     pub lights: Lights,
-    /// What the calibrated image is laid over. The rendered empty gel by default.
+    /// The untouched image. Default: the rendered gel.
     pub background: Background,
-    /// Standard deviation of the noise in grey levels, 0 to 28, where a frame asks for noise. The configuration's by default.
+    /// Standard deviation of the noise in grey levels, 0 to 28, for frames that ask for noise. Default: that of the
+    /// configuration.
     pub noise_sigma: f32,
-    /// Indentation from which on a pixel counts as contact, metres, judged on the unrounded depth. By default 0.1 mm, which is
-    /// MidasTouch's 0.2 times the press depth at the lighter end of its range (0.5 mm).
+    /// Indentation above which a pixel counts as contact, metres, compared with the unrounded depth. Default: 0.1 mm.
     pub contact_threshold_m: f32,
-    /// How the gel gives way around the object. `None`, the default, is TACTO's gel, which does not.
+    /// Deformation of the gel around the object. Default: `None`, as in TACTO, whose gel does not deform.
     pub membrane: Option<Membrane>,
 }
 
 impl TouchOptions {
-    /// Exactly what TACTO does in this configuration.
+    /// Returns the options with which the renderer reproduces TACTO in this configuration.
     pub fn new(config: TouchConfig) -> Self {
         Self {
             lights: Lights::of(config),
             background: Background::Rendered,
             noise_sigma: config.noise_sigma(),
-            contact_threshold_m: 1e-4,
+            contact_threshold_m: CONTACT_THRESHOLD_M,
             membrane: None,
         }
     }
 }
 
-/// Why options cannot be used.
+/// Reason why options or a pose are refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum TouchError {
-    /// No such configuration.
+    /// The name of a configuration is unknown.
     #[error("unknown touch configuration {0:?}: choose fork or tacto")]
     UnknownConfig(String),
     /// A pose is not a rigid motion.
@@ -166,7 +167,7 @@ pub enum TouchError {
     },
 }
 
-/// One image of a DIGIT with its ground truth, and the memory that rendering needs: reuse it from frame to frame.
+/// One image of a DIGIT with its ground truth, and the working memory of the renderer: reuse it from frame to frame.
 pub struct TouchFrame {
     raw: RgbImage,
     calibrated: RgbImage,
@@ -195,34 +196,51 @@ impl Default for TouchFrame {
 }
 
 impl TouchFrame {
-    /// Straight from the shader: no background, no noise.
+    /// Returns the image as the shader renders it: no background, no noise.
     pub fn raw(&self) -> &RgbImage {
         &self.raw
     }
 
-    /// What the sensor would record: laid over the background, with noise where it was asked for.
+    /// Returns the image that the sensor would record: on its background, and with noise if the rendering got a noise
+    /// key.
     pub fn calibrated(&self) -> &RgbImage {
         &self.calibrated
     }
 
-    /// Depth along the camera's axis to the nearer of gel and object, metres, 320 rows by 240 columns.
+    /// Returns the depth along the camera's axis to the nearer of gel and object, metres, 320 rows by 240 columns.
     pub fn depth_m(&self) -> &Array2<f32> {
         &self.depth_m
     }
 
-    /// 255 where the object presses into the gel by more than the threshold, else 0.
+    /// Returns the contact: 255 where the object presses into the gel by more than the threshold, else 0.
     pub fn contact(&self) -> &GrayImage {
         &self.contact
     }
+
+    /// Moves the calibrated image, the depth and the contact out of the frame, without a copy. They are empty until the
+    /// next rendering.
+    pub fn take(&mut self) -> (RgbImage, TouchTruth) {
+        let truth = TouchTruth { depth_m: take(&mut self.depth_m), contact: take(&mut self.contact) };
+        (take(&mut self.calibrated), truth)
+    }
+
+    /// Replaces the images that were taken.
+    fn complete(&mut self) {
+        if self.calibrated.is_empty() {
+            self.calibrated = RgbImage::new(WIDTH as u32, HEIGHT as u32);
+            self.contact = GrayImage::new(WIDTH as u32, HEIGHT as u32);
+            self.depth_m = Array2::zeros((HEIGHT, WIDTH));
+        }
+    }
 }
 
-/// Renders what a DIGIT records. Immutable, so that one serves all threads; each thread brings its [`TouchFrame`].
+/// Renderer of DIGIT images. It is immutable, so that all threads share one; each thread brings its own [`TouchFrame`].
 pub struct TouchRenderer {
     shader: Shader,
     noise: Option<Noise>,
     contact_threshold_m: f32,
     membrane: Option<Membrane>,
-    /// Depth of the empty gel and its inverse, its colours, and the background, all of 320 rows by 240 columns.
+    /// Depth of the untouched gel and its inverse, its colours, and the background, each of 320 rows by 240 columns.
     gel_depth: Vec<f32>,
     gel_inverse_depth: Vec<f32>,
     empty: Vec<u8>,
@@ -230,7 +248,7 @@ pub struct TouchRenderer {
 }
 
 impl TouchRenderer {
-    /// Renders the empty gel.
+    /// Renders the untouched gel.
     ///
     /// # Errors
     /// [`TouchError`] if the background has another size than a DIGIT's image or a number is out of range.
@@ -263,20 +281,20 @@ impl TouchRenderer {
         })
     }
 
-    /// What the sensor shows when it touches nothing, without noise.
+    /// Returns the untouched image, without noise.
     pub fn empty(&self) -> RgbImage {
         // The buffer has the image's size.
         RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, self.background.clone()).unwrap_or_default()
     }
 
-    /// Depth of the gel that touches nothing, metres, 320 rows by 240 columns.
+    /// Returns the depth of the untouched gel, metres, 320 rows by 240 columns.
     pub fn gel_depth_m(&self) -> Array2<f32> {
         Array2::from_shape_fn((HEIGHT, WIDTH), |(v, u)| self.gel_depth[v * WIDTH + u])
     }
 
     /// Renders an object at a pose into `frame`, with noise on the calibrated image if a key is given.
     ///
-    /// Only the outside of the object is seen; a camera inside it sees the gel.
+    /// Only the outside of the object is visible; a camera inside the object sees the gel.
     pub fn render(
         &self,
         object: &RayMesh,
@@ -284,11 +302,12 @@ impl TouchRenderer {
         noise: Option<NoiseKey>,
         frame: &mut TouchFrame,
     ) {
+        frame.complete();
         pulp::Arch::new().dispatch(Rendering { renderer: self, object, gel_from_object, noise, frame });
     }
 }
 
-/// Rendering of one frame. Compiled once per instruction set: its loops become SIMD of the widest kind that the machine has.
+/// Rendering of one frame. It is compiled once per instruction set: its loops use the widest vectors of the machine.
 struct Rendering<'a> {
     renderer: &'a TouchRenderer,
     object: &'a RayMesh,
@@ -344,12 +363,12 @@ impl pulp::WithSimd for Rendering<'_> {
     }
 }
 
-/// Where row `v` lies in an image of one value per pixel.
+/// Returns the range of row `v` in an image of one value per pixel.
 fn pixels(v: usize) -> Range<usize> {
     v * WIDTH..(v + 1) * WIDTH
 }
 
-/// Depth and colours of the gel that touches nothing.
+/// Returns depth and colours of the untouched gel.
 fn render_empty(shader: &Shader) -> (Vec<f32>, Vec<u8>) {
     let (mut depth, mut rgb) = (vec![0.0; WIDTH * HEIGHT], vec![0; 3 * WIDTH * HEIGHT]);
     let mut row = Row::new();
@@ -368,19 +387,20 @@ fn render_empty(shader: &Shader) -> (Vec<f32>, Vec<u8>) {
     (depth, rgb)
 }
 
-/// One contact as arrays, shaped as TACTO returns it: 320 rows by 240 columns.
+/// Images of one press as arrays in TACTO's shape: 320 rows by 240 columns.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct ContactArrays {
-    /// Straight from the shader: rows, columns, RGB.
+    /// Without background: rows, columns, RGB.
     pub raw: Array3<u8>,
-    /// Laid over the background: rows, columns, RGB.
+    /// On the background: rows, columns, RGB.
     pub calibrated: Array3<u8>,
     /// Depth along the camera's axis, metres: rows, columns.
     pub depth_m: Array2<f32>,
 }
 
-/// Renders one contact of a mesh in its own coordinates, with smooth vertex normals and without noise.
-/// `sensor_from_object` is TACTO's T_sensor_object, 4 x 4 and row-major, in the sensor frame of the configuration.
+/// Renders one press of a mesh in its own coordinates, with smooth vertex normals and without noise.
+/// `sensor_from_object` is TACTO's `T_sensor_object`, 4 x 4 and row-major, in the sensor frame of the configuration.
 ///
 /// # Errors
 /// [`TouchError`] if the matrix is not a rigid motion or the background has another size than a DIGIT's image.
@@ -401,7 +421,7 @@ pub fn render_contact(
 }
 
 fn in_range(option: &'static str, value: f32, low: f32, high: f32) -> Result<(), TouchError> {
-    // A comparison that NaN fails.
+    // NaN fails this comparison.
     if (low..=high).contains(&value) { Ok(()) } else { Err(TouchError::OutOfRange { option, value, low, high }) }
 }
 

@@ -1,20 +1,26 @@
 //! The ray caster against analytic shapes, single rays in double precision, and itself on other instruction sets.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use glam::{Vec3, Vec3A};
+use glam::{DVec3, Vec3, Vec3A};
 use mvt_frames::camera::{Intrinsics, look_at};
 use mvt_frames::{Camera, Isometry, Object, World};
 use mvt_mesh::Mesh;
-use mvt_render::rays::{Caster, Faces, Hits, Instance, Level, MISS, RayMesh, Window};
+use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayInstructions, RayMesh};
 use mvt_render::tessellation::tessellate;
 use mvt_robot::hand::Primitive;
 use nalgebra as na;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::{Boundable, BvhBuildParams};
 use proptest::prelude::*;
 
 fn ellipsoid(semi: [f64; 3]) -> Mesh {
     tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi }, 64)
 }
 
-/// A closed shape with bumps and hollows, like the things that hands turn.
+/// A closed shape with bumps and hollows, like objects that hands turn.
 fn blob() -> Mesh {
     let mut mesh = ellipsoid([0.03, 0.03, 0.03]);
     for p in &mut mesh.vertices {
@@ -22,6 +28,66 @@ fn blob() -> Mesh {
         *p *= 1.0 + 0.15 * (7.0 * d.x).sin() * (5.0 * d.y + 1.0).cos() + 0.1 * (9.0 * d.z).sin();
     }
     mesh
+}
+
+/// Single rays in double precision over a tree of their own: slow, and the oracle for the caster.
+struct SingleRays {
+    tree: Bvh2,
+    triangles: Vec<[Vec3A; 3]>,
+}
+
+/// Box of a triangle with a margin that covers the rounding of box tests.
+struct Bounds(Aabb);
+
+impl Boundable for Bounds {
+    fn aabb(&self) -> Aabb {
+        self.0
+    }
+}
+
+impl SingleRays {
+    fn new(mesh: &RayMesh) -> Self {
+        let triangles: Vec<[Vec3A; 3]> = (0..mesh.len() as u32).map(|k| mesh.corners(k)).collect();
+        let reach = triangles.iter().flatten().fold(0.0f32, |reach, p| reach.max(p.abs().max_element()));
+        let margin = Vec3A::splat(1e-6 * reach);
+        let bounds = |corners: &[Vec3A; 3]| {
+            let Aabb { min, max } = Aabb::from_points(corners);
+            Bounds(Aabb::new(min - margin, max + margin))
+        };
+        let bounds: Vec<Bounds> = triangles.iter().map(bounds).collect();
+        let tree = build_bvh2(&bounds, BvhBuildParams::medium_build(), &mut std::time::Duration::default());
+        Self { tree, triangles }
+    }
+
+    /// Distance of the nearest hit at t > 0, on either side of the triangles, in lengths of the direction.
+    fn cast(&self, origin: Vec3A, direction: Vec3A) -> Option<f32> {
+        if self.triangles.is_empty() {
+            return None;
+        }
+        let mut nearest = f32::INFINITY;
+        self.tree.ray_traverse(Ray::new_inf(origin, direction), &mut RayHit::none(), |_, k| {
+            let triangle = self.triangles[self.tree.primitive_indices[k] as usize];
+            let t = intersect(triangle.map(Vec3A::as_dvec3), origin.as_dvec3(), direction.as_dvec3());
+            let t = t.map_or(f32::INFINITY, |t| t as f32);
+            nearest = nearest.min(t);
+            t
+        });
+        nearest.is_finite().then_some(nearest)
+    }
+}
+
+/// Moeller and Trumbore's test: the distance of the hit.
+fn intersect([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
+    let (ab, ac) = (b - a, c - a);
+    let p = direction.cross(ac);
+    let determinant = ab.dot(p);
+    let s = origin - a;
+    let u = s.dot(p) / determinant;
+    let q = s.cross(ab);
+    let v = direction.dot(q) / determinant;
+    let t = ac.dot(q) / determinant;
+    // The margin of 1e-9 closes gaps at edges. If the determinant vanishes, NaN and infinities fail.
+    (u >= -1e-9 && v >= -1e-9 && u + v <= 1.0 + 1e-9 && t > 0.0).then_some(t)
 }
 
 fn camera(eye: [f64; 3], target: [f64; 3]) -> Isometry<Camera, World> {
@@ -33,14 +99,14 @@ fn image(width: usize, height: usize) -> Intrinsics {
 }
 
 fn cast(
-    level: Level,
+    instructions: RayInstructions,
     meshes: &[(&RayMesh, Isometry<Object, World>)],
     eye: Isometry<Camera, World>,
     k: &Intrinsics,
 ) -> Hits {
     let instances: Vec<_> = meshes.iter().map(|&(mesh, pose)| Instance::new(mesh, eye.inverse() * pose)).collect();
-    let mut hits = Hits::new(Window::whole(k));
-    Caster::new(level).cast(&instances, k, Faces::Both, &mut hits);
+    let mut hits = Hits::new(PixelWindow::whole(k));
+    Caster::new(instructions).cast(&instances, k, Faces::Both, &mut hits);
     hits
 }
 
@@ -55,14 +121,15 @@ fn all_instruction_sets_agree_to_the_bit() {
     let (blob, box_, pose) = scene();
     let k = image(333, 251);
     let eye = camera([0.1, -0.05, 0.08], [0.0; 3]);
-    let render = |level| cast(level, &[(&blob, Isometry::identity()), (&box_, pose), (&blob, pose)], eye, &k);
+    let render =
+        |instructions| cast(instructions, &[(&blob, Isometry::identity()), (&box_, pose), (&blob, pose)], eye, &k);
     let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-    let levels = Level::available();
-    let first = render(levels[0]);
+    let sets = RayInstructions::available();
+    let first = render(sets[0]);
     assert!(first.triangle().iter().filter(|&&t| t != MISS).count() > 10_000);
-    for &level in &levels[1..] {
-        let other = render(level);
-        assert_eq!(bits(first.depth()), bits(other.depth()), "{}", level.name());
+    for &set in &sets[1..] {
+        let other = render(set);
+        assert_eq!(bits(first.depth()), bits(other.depth()), "{}", set.name());
         assert_eq!(first.triangle(), other.triangle());
         assert_eq!(first.instance(), other.instance());
         assert_eq!(bits(first.barycentric().0), bits(other.barycentric().0));
@@ -75,17 +142,17 @@ fn tiles_agree_with_single_rays() {
     let (blob, box_, pose) = scene();
     let k = image(301, 203);
     let eye = camera([0.09, -0.05, 0.08], [0.0; 3]);
-    let hits = cast(Level::best(), &[(&blob, Isometry::identity()), (&box_, pose)], eye, &k);
+    let hits = cast(RayInstructions::best(), &[(&blob, Isometry::identity()), (&box_, pose)], eye, &k);
+    let singles = [&blob, &box_].map(SingleRays::new);
     let (mut different, mut worst) = (0, 0.0f64);
     for (pixel, &depth) in hits.depth().iter().enumerate() {
         let direction = k.unproject((pixel % k.width) as f64, (pixel / k.width) as f64, 1.0).coords();
-        let single = [(&blob, Isometry::identity()), (&box_, pose)].map(|(mesh, pose)| {
+        let single = [(&singles[0], Isometry::identity()), (&singles[1], pose)].map(|(mesh, pose)| {
             let to_mesh = (pose.inverse() * eye).untyped();
             let vector = |v: na::Vector3<f64>| Vec3A::new(v.x as f32, v.y as f32, v.z as f32);
-            let hit = mesh.cast_ray(vector(to_mesh.translation.vector), vector(to_mesh.rotation * direction))?;
-            Some((hit.t, hit))
+            mesh.cast(vector(to_mesh.translation.vector), vector(to_mesh.rotation * direction))
         });
-        let nearest = single.iter().flatten().map(|(t, _)| *t).fold(f32::INFINITY, f32::min);
+        let nearest = single.into_iter().flatten().fold(f32::INFINITY, f32::min);
         if nearest.is_infinite() && depth.is_infinite() {
             continue;
         }
@@ -123,7 +190,7 @@ fn sphere_box_and_cylinder_have_their_analytic_depth() {
     let eye = camera([0.2, 0.15, 0.1], [0.0; 3]);
     for (which, shape) in shapes.iter().enumerate() {
         let mesh = RayMesh::new(&tessellate(shape, 160));
-        let hits = cast(Level::best(), &[(&mesh, Isometry::identity())], eye, &k);
+        let hits = cast(RayInstructions::best(), &[(&mesh, Isometry::identity())], eye, &k);
         let exact = |u: usize, v: usize| {
             let o = eye.origin().coords();
             let d = eye.untyped().rotation * k.unproject(u as f64, v as f64, 1.0).coords();
@@ -179,7 +246,7 @@ fn closed_meshes_have_no_pin_holes() {
             let k = Intrinsics::from_fov_y(801, 601, 100f64.to_radians());
             let eye = if n % 2 == 0 { [0.0; 3] } else { [0.003, -0.002, 0.001] };
             let eye = look_at(eye.into(), target.into(), na::Vector3::z());
-            let hits = cast(Level::best(), &[(&mesh, Isometry::identity())], eye, &k);
+            let hits = cast(RayInstructions::best(), &[(&mesh, Isometry::identity())], eye, &k);
             assert_eq!(hits.triangle().iter().filter(|&&t| t == MISS).count(), 0, "towards {target:?}");
             rays += hits.triangle().len();
         }
@@ -188,20 +255,20 @@ fn closed_meshes_have_no_pin_holes() {
 }
 
 #[test]
-fn windows_limits_and_sides() {
-    let (mesh, ..) = scene();
+fn windows_repeated_casts_and_sides() {
+    let (mesh, box_, _) = scene();
     let k = image(160, 120);
     let eye = camera([0.12, 0.0, 0.03], [0.0; 3]);
-    let whole = cast(Level::best(), &[(&mesh, Isometry::identity())], eye, &k);
+    let whole = cast(RayInstructions::best(), &[(&mesh, Isometry::identity())], eye, &k);
     let instance = [Instance::new(&mesh, eye.inverse() * Isometry::<Object, World>::identity())];
     let mut caster = Caster::default();
 
-    // Any window gives the same as that part of the whole image.
-    let mut part = Hits::new(Window { columns: 13..14, rows: 0..1 });
+    // A window equals that part of the whole image.
+    let mut part = Hits::new(PixelWindow { columns: 13..14, rows: 0..1 });
     for window in [
-        Window { columns: 50..111, rows: 33..90 },
-        Window { columns: 77..78, rows: 60..61 },
-        Window { columns: 3..3, rows: 0..9 },
+        PixelWindow { columns: 50..111, rows: 33..90 },
+        PixelWindow { columns: 77..78, rows: 60..61 },
+        PixelWindow { columns: 3..3, rows: 0..9 },
     ] {
         part.reset(window.clone());
         caster.cast(&instance, &k, Faces::Both, &mut part);
@@ -217,23 +284,23 @@ fn windows_limits_and_sides() {
         assert_eq!(part.depth().len(), expected.len());
     }
 
-    // Only what is nearer than the limit counts.
-    let limit = 0.1;
-    let mut limited = Hits::new(Window::whole(&k));
-    limited.limit_mut().fill(limit);
-    caster.cast(&instance, &k, Faces::Front, &mut limited);
-    for (pixel, &depth) in whole.depth().iter().enumerate() {
-        assert_eq!(limited.triangle()[pixel] != MISS, depth < limit);
-        assert_eq!(limited.depth()[pixel], depth.min(limit));
-    }
-    assert!(limited.triangle().iter().any(|&t| t != MISS) && limited.triangle().contains(&MISS));
+    // A later cast replaces only the hits that lie behind its own.
+    let near: Isometry<Object, World> = Isometry::translation(0.06, 0.0, 0.0);
+    let both = cast(RayInstructions::best(), &[(&mesh, Isometry::identity()), (&box_, near)], eye, &k);
+    let mut hits = Hits::new(PixelWindow::whole(&k));
+    caster.cast(&[Instance::new(&box_, eye.inverse() * near)], &k, Faces::Both, &mut hits);
+    let in_front = hits.triangle().iter().filter(|&&t| t != MISS).count();
+    caster.cast(&instance, &k, Faces::Front, &mut hits);
+    assert_eq!(hits.depth(), both.depth());
+    assert!(in_front > 0 && hits.triangle().iter().filter(|&&t| t != MISS).count() > in_front);
+    assert!(hits.triangle().contains(&MISS));
 
-    // From inside only back faces can be seen.
+    // From inside only back faces are in view.
     let inside = look_at(na::Vector3::zeros(), na::Vector3::x(), na::Vector3::z());
     let instance = [Instance::new(&mesh, inside.inverse() * Isometry::<Object, World>::identity())];
-    limited.reset(Window::whole(&k));
-    caster.cast(&instance, &k, Faces::Front, &mut limited);
-    assert!(limited.triangle().iter().all(|&t| t == MISS));
+    hits.reset(PixelWindow::whole(&k));
+    caster.cast(&instance, &k, Faces::Front, &mut hits);
+    assert!(hits.triangle().iter().all(|&t| t == MISS));
 }
 
 #[test]
@@ -246,10 +313,11 @@ fn nothing_to_hit_is_not_an_error() {
     let mesh = RayMesh::new(&broken);
     assert_eq!((mesh.len(), mesh.face(0)), (1, 4), "one face is sound");
     let empty = RayMesh::new(&Mesh::default());
-    assert!(empty.is_empty() && empty.cast_ray(Vec3A::ZERO, Vec3A::X).is_none());
+    assert!(empty.is_empty());
     let behind = Isometry::translation(0.0, 0.0, 5.0);
     let k = image(16, 16);
-    let hits = cast(Level::best(), &[(&empty, Isometry::identity()), (&mesh, behind)], Isometry::identity(), &k);
+    let hits =
+        cast(RayInstructions::best(), &[(&empty, Isometry::identity()), (&mesh, behind)], Isometry::identity(), &k);
     assert!(hits.depth().iter().all(|d| d.is_infinite()));
 }
 
@@ -290,13 +358,14 @@ proptest! {
         let mesh = RayMesh::new(&Mesh { vertices, faces });
         let k = image(40, 30);
         let eye = camera(eye, [0.01, 0.02, 0.03]);
-        let hits = cast(Level::best(), &[(&mesh, Isometry::identity())], eye, &k);
+        let hits = cast(RayInstructions::best(), &[(&mesh, Isometry::identity())], eye, &k);
         let (axes, origin) = eye.to_f32();
+        let singles = SingleRays::new(&mesh);
         let mut different = 0;
         for (pixel, &depth) in hits.depth().iter().enumerate() {
             let d = k.unproject((pixel % k.width) as f64, (pixel / k.width) as f64, 1.0).coords();
-            let single = mesh.cast_ray(origin, axes * Vec3A::new(d.x as f32, d.y as f32, -1.0));
-            let expected = single.map_or(f32::INFINITY, |hit| hit.t);
+            let single = singles.cast(origin, axes * Vec3A::new(d.x as f32, d.y as f32, -1.0));
+            let expected = single.unwrap_or(f32::INFINITY);
             let agree = if expected.is_finite() {
                 (depth - expected).abs() <= 1e-4 * expected.max(0.01)
             } else {

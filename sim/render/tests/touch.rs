@@ -1,5 +1,5 @@
-//! Behaviour of the touch renderer beyond what TACTO's images show.
-#![expect(clippy::unwrap_used, reason = "a failed assumption here is a failed test")]
+//! Behaviour of the touch renderer that TACTO's images do not show.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use glam::Vec3;
 use mvt_frames::{Gel, Isometry, Object};
@@ -43,7 +43,7 @@ fn rendered(options: &TouchOptions, mesh: &Mesh, pose: Isometry<Object, Gel>, no
     frame
 }
 
-/// A large tilted face reaches behind the camera; where it is in view its depth is that of its plane.
+/// A large tilted face reaches behind the camera; in view its depth is that of its plane.
 #[test]
 fn a_face_that_reaches_behind_the_camera_is_an_exact_plane() {
     let tilt = 0.5;
@@ -68,7 +68,7 @@ fn a_face_that_reaches_behind_the_camera_is_an_exact_plane() {
 }
 
 #[test]
-fn what_is_behind_the_gel_or_nowhere_leaves_no_trace() {
+fn an_object_behind_the_gel_or_without_a_place_leaves_no_trace() {
     let options = TouchOptions::new(TouchConfig::Fork);
     let cube = slab(Vec3::splat(0.01));
     let away = Isometry::translation(0.0321, 0.0, 0.0);
@@ -101,7 +101,26 @@ fn a_reused_frame_holds_nothing_of_the_last_one() {
     }
 }
 
-/// TACTO's two truncations: half a grey is lost on average, and the spread is that of the Gaussian and of the rounding.
+#[test]
+fn taken_images_are_those_of_the_frame_and_do_not_change_the_next_one() {
+    let renderer = renderer(&TouchOptions::new(TouchConfig::Fork));
+    let (object, mut frame) = (RayMesh::new(&slab(Vec3::splat(0.01))), TouchFrame::default());
+    let render = |y, frame: &mut TouchFrame| {
+        let key = NoiseKey { seed: 3, finger: 1, frame: 9 };
+        renderer.render(&object, Isometry::translation(0.0315, y, 0.0), Some(key), frame);
+    };
+    for y in [0.0, 0.004] {
+        let mut fresh = TouchFrame::default();
+        render(y, &mut fresh);
+        render(y, &mut frame);
+        let (image, truth) = frame.take();
+        assert_eq!((&image, &truth.depth_m, &truth.contact), (fresh.calibrated(), fresh.depth_m(), fresh.contact()));
+        assert!(frame.calibrated().is_empty() && frame.depth_m().is_empty() && frame.contact().is_empty());
+    }
+}
+
+/// TACTO truncates twice: the mean falls by half a grey level, and the spread is that of the Gaussian and of the
+/// rounding.
 #[test]
 fn noise_has_tactos_bias_and_spread() {
     let pose = Isometry::translation(0.0315, 0.0, 0.0);
@@ -124,7 +143,7 @@ fn noise_has_tactos_bias_and_spread() {
 }
 
 #[test]
-fn a_membrane_rounds_the_rim_and_nothing_far_from_it() {
+fn a_membrane_rounds_the_rim_alone() {
     let cube = slab(Vec3::splat(0.004));
     let pose = Isometry::translation(0.025, 0.0, 0.0);
     let stiff = rendered(&TouchOptions::new(TouchConfig::Fork), &cube, pose, None);
@@ -170,7 +189,7 @@ fn lights_move_with_the_generator_and_only_with_it() {
 }
 
 #[test]
-fn options_that_make_no_sense_are_refused() {
+fn options_out_of_range_are_refused() {
     let options = TouchOptions::new(TouchConfig::Fork);
     let refused = |options: TouchOptions| TouchRenderer::new(&options).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refused(TouchOptions { noise_sigma: f32::NAN, ..options.clone() }).contains("sigma is NaN"));

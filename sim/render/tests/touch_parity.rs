@@ -1,5 +1,5 @@
 //! Our touch images against TACTO's own, for the scenes in data/tacto (see the README there).
-#![expect(clippy::unwrap_used, clippy::panic, reason = "a failed assumption here is a failed test")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)]
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ struct Scene {
     mesh: Option<String>,
 }
 
-/// The images that TACTO rendered.
+/// Images that TACTO rendered.
 struct Reference {
     raw: RgbImage,
     calibrated: Option<RgbImage>,
@@ -57,7 +57,7 @@ impl Scene {
 
     fn reference(&self) -> Reference {
         let open = |kind: &str| image::open(data(&format!("{}_{kind}.png", self.name)));
-        // Both configurations see the same empty gel.
+        // Both configurations have the same untouched gel.
         let depth = open("depth").or_else(|_| image::open(data("fork_empty_depth.png"))).unwrap().into_luma16();
         let depth_m = depth.as_raw().iter().map(|&q| (0.018 + f64::from(q) * 1e-7) as f32).collect();
         Reference {
@@ -67,7 +67,7 @@ impl Scene {
         }
     }
 
-    /// The object and its pose; `None` for the empty gel, and where the mesh is not on this machine.
+    /// The object and its pose; `None` for the untouched gel, and with a message if the mesh is not on this machine.
     fn object(&self) -> Option<(RayMesh, Isometry<Object, Gel>)> {
         let sensor_from_object = Isometry::<Object, Gel>::from_matrix(&self.sensor_from_object?).unwrap();
         let mesh = match (self.sphere_radius_m, &self.mesh) {

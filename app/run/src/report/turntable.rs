@@ -14,7 +14,7 @@ use mvt_objects::object::Object as TrueObject;
 use mvt_picture::film::GifWriter;
 use mvt_picture::palette::{self, ERROR_SCALE_M, Theme};
 use mvt_picture::text;
-use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
+use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -119,7 +119,7 @@ fn picture(
 ) {
     let side = (SIDE * RAYS) as usize;
     let intrinsics = Intrinsics::from_fov_y(side, side, FOV_RAD);
-    let mut hits = Hits::new(Window::whole(&intrinsics));
+    let mut hits = Hits::new(PixelWindow::whole(&intrinsics));
     let instance = Instance::new(mesh, camera_from_mesh);
     // Estimated surfaces may be open.
     Caster::default().cast(&[instance], &intrinsics, Faces::Both, &mut hits);

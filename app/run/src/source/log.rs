@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
 use image::RgbImage;
-use mvt_feelsight::{Log, PartialFrame, PartialFrames, Sensor, TouchPart};
+use mvt_feelsight::{Log, LogSensor, PartialFrame, PartialFrames, TouchPart};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_render::depth_noise;
@@ -41,7 +41,7 @@ pub struct LogSource {
     object_from_log: Isometry<Object, Object>,
     /// Whether the pictures of a frame, by its number, are wanted.
     wants_pictures: fn(u64) -> bool,
-    told: HashSet<(Option<Sensor>, Discriminant<FrameDefect>)>,
+    told: HashSet<(Option<LogSensor>, Discriminant<FrameDefect>)>,
     warnings: Vec<String>,
 }
 
@@ -163,16 +163,16 @@ impl LogSource {
     }
 
     /// Keeps a warning unless there was one of the kind from this sensor.
-    fn warn(&mut self, sensor: Option<Sensor>, defect: &FrameDefect, text: impl FnOnce() -> String) {
+    fn warn(&mut self, sensor: Option<LogSensor>, defect: &FrameDefect, text: impl FnOnce() -> String) {
         if self.told.insert((sensor, std::mem::discriminant(defect))) {
             self.warnings.push(text());
         }
     }
 
-    fn name(&self, sensor: Sensor) -> SensorName {
+    fn name(&self, sensor: LogSensor) -> SensorName {
         match sensor {
-            Sensor::Touch(finger) => SensorName::Touch(finger),
-            Sensor::Camera(k) => {
+            LogSensor::Touch(finger) => SensorName::Touch(finger),
+            LogSensor::Camera(k) => {
                 SensorName::Camera(self.log().cameras().get(k).map_or_else(String::new, |c| c.name.clone()))
             }
         }
@@ -220,7 +220,7 @@ impl LogSource {
             let wrong = depth_m.iter().filter(|z| !z.is_finite()).count();
             if wrong > 0 {
                 let name = self.cameras[k].name.clone();
-                self.warn(Some(Sensor::Camera(k)), &FrameDefect::NoNumbers, || {
+                self.warn(Some(LogSensor::Camera(k)), &FrameDefect::NoNumbers, || {
                     format!("frame {number}: {wrong} depths of camera {name} are not numbers and count as not measured")
                 });
             }

@@ -10,7 +10,7 @@ use mvt_frames::camera::{Intrinsics, look_at};
 use mvt_frames::{Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_objects::catalogue::Entry;
-use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
+use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use nalgebra::Vector3;
 
 /// Side of a picture, pixels.
@@ -81,7 +81,7 @@ fn picture(mesh: &Mesh) -> Option<ColorImage> {
     let rays = RayMesh::new(mesh);
     let instance = Instance::new(&rays, camera_from_mesh);
     let intrinsics = Intrinsics::from_fov_y(SIDE, SIDE, FOV_RAD);
-    let mut hits = Hits::new(Window::whole(&intrinsics));
+    let mut hits = Hits::new(PixelWindow::whole(&intrinsics));
     Caster::default().cast(&[instance], &intrinsics, Faces::Both, &mut hits);
     let light = instance.mesh_from_camera() * Vec3A::new(-0.35, 0.6, 0.75).normalize();
     let colour = |&triangle: &u32| {

@@ -5,22 +5,23 @@ mod calls;
 use std::borrow::Cow;
 use std::collections::HashMap;
 
-use super::{Error, Value};
+use super::{PickleError, PickleValue};
 use crate::array::{Array, Kind};
 use calls::Global;
 
-/// Operations, and values of the result: some 40 times what a log of 30 s needs, in less than 300 MB at worst.
+/// Greatest number of operations, and of values in the result: 40 times those of a log of 30 s, in less than 300 MB of
+/// memory.
 const MAX_OPERATIONS: usize = 4_000_000;
-/// Bytes of arrays and strings that are made while decoding, and again in the result.
+/// Greatest number of bytes of arrays and strings that are allocated while decoding, and again in the result.
 const MAX_BYTES: usize = 256 << 20;
-/// Nesting of the result.
+/// Greatest nesting of the result.
 const MAX_DEPTH: usize = 64;
 
 /// Decodes a pickle of plain data.
 ///
 /// # Errors
-/// [`Error`] for everything else; see the [module](super).
-pub fn from_bytes(data: &[u8]) -> Result<Value, Error> {
+/// [`PickleError`] for everything else; see the [module](super).
+pub fn from_bytes(data: &[u8]) -> Result<PickleValue, PickleError> {
     let mut machine = Machine {
         data,
         at: 0,
@@ -44,7 +45,7 @@ enum Node<'a> {
     Float(f64),
     Str(Cow<'a, str>),
     Bytes(Cow<'a, [u8]>),
-    /// A `str` of Python 2: bytes or Latin-1 text, as its user decides.
+    /// A `str` of Python 2: bytes or Latin-1 text, depending on its use.
     Py2Str(Cow<'a, [u8]>),
     List(Vec<Id>),
     Tuple(Vec<Id>),
@@ -66,12 +67,12 @@ struct Machine<'a> {
     /// Heights of the stack at each open MARK.
     marks: Vec<usize>,
     memo: HashMap<u32, Id>,
-    /// Bytes that were made, not borrowed from the data.
+    /// Bytes that were allocated and not borrowed from the data.
     bytes: usize,
 }
 
 impl<'a> Machine<'a> {
-    fn run(&mut self) -> Result<Id, Error> {
+    fn run(&mut self) -> Result<Id, PickleError> {
         for _ in 0..MAX_OPERATIONS {
             let at = self.at;
             let opcode = self.take(1)?[0];
@@ -79,45 +80,45 @@ impl<'a> Machine<'a> {
                 return self.pop();
             }
             if !(self.atom(opcode)? || self.container(opcode)? || self.machinery(opcode)?) {
-                return Err(Error::Opcode { opcode, at });
+                return Err(PickleError::Opcode { opcode, at });
             }
         }
-        Err(Error::TooLarge("more than four million operations"))
+        Err(PickleError::TooLarge("more than four million operations"))
     }
 
-    fn malformed(&self, defect: impl Into<String>) -> Error {
-        Error::Malformed { defect: defect.into(), at: self.at }
+    fn malformed(&self, defect: impl Into<String>) -> PickleError {
+        PickleError::Malformed { defect: defect.into(), at: self.at }
     }
 
-    fn take(&mut self, n: usize) -> Result<&'a [u8], Error> {
+    fn take(&mut self, n: usize) -> Result<&'a [u8], PickleError> {
         let end = self.at.checked_add(n).filter(|&end| end <= self.data.len());
-        let taken = &self.data[self.at..end.ok_or(Error::Truncated(self.data.len()))?];
+        let taken = &self.data[self.at..end.ok_or(PickleError::Truncated(self.data.len()))?];
         self.at += n;
         Ok(taken)
     }
 
-    /// An unsigned little-endian number of up to eight bytes.
-    fn number(&mut self, size: usize) -> Result<usize, Error> {
+    /// Reads an unsigned little-endian number of up to eight bytes.
+    fn number(&mut self, size: usize) -> Result<usize, PickleError> {
         let n = self.take(size)?.iter().rev().fold(0u64, |n, &byte| n << 8 | u64::from(byte));
-        usize::try_from(n).map_err(|_| Error::TooLarge("a length beyond the address space"))
+        usize::try_from(n).map_err(|_| PickleError::TooLarge("a length beyond the address space"))
     }
 
-    /// Bytes after their number, which takes `size` bytes.
-    fn counted(&mut self, size: usize) -> Result<&'a [u8], Error> {
+    /// Reads bytes after their number, which takes `size` bytes.
+    fn counted(&mut self, size: usize) -> Result<&'a [u8], PickleError> {
         let n = self.number(size)?;
         self.take(n)
     }
 
-    /// Text up to a line feed.
-    fn line(&mut self) -> Result<&'a str, Error> {
+    /// Reads text up to a line feed.
+    fn line(&mut self) -> Result<&'a str, PickleError> {
         let rest = &self.data[self.at..];
-        let length = rest.iter().position(|&b| b == b'\n').ok_or(Error::Truncated(self.data.len()))?;
+        let length = rest.iter().position(|&b| b == b'\n').ok_or(PickleError::Truncated(self.data.len()))?;
         self.at += length + 1;
         std::str::from_utf8(&rest[..length]).map_err(|_| self.malformed("a line is not text"))
     }
 
-    fn utf8(&self, bytes: &'a [u8]) -> Result<Node<'a>, Error> {
-        // Lone surrogates, which Python lets pass, are refused.
+    fn utf8(&self, bytes: &'a [u8]) -> Result<Node<'a>, PickleError> {
+        // Lone surrogates, which Python accepts, are refused.
         let text = std::str::from_utf8(bytes).map_err(|_| self.malformed("a string is not UTF-8"))?;
         Ok(Node::Str(text.into()))
     }
@@ -132,7 +133,7 @@ impl<'a> Machine<'a> {
         self.stack.push(id);
     }
 
-    fn pop(&mut self) -> Result<Id, Error> {
+    fn pop(&mut self) -> Result<Id, PickleError> {
         // A MARK hides what lies below it.
         let floor = self.marks.last().copied().unwrap_or(0);
         if self.stack.len() <= floor {
@@ -141,14 +142,14 @@ impl<'a> Machine<'a> {
         self.stack.pop().ok_or_else(|| self.malformed("the stack is empty"))
     }
 
-    fn top(&mut self) -> Result<Id, Error> {
+    fn top(&mut self) -> Result<Id, PickleError> {
         let id = self.pop()?;
         self.stack.push(id);
         Ok(id)
     }
 
-    /// Everything above the last MARK, and the MARK.
-    fn pop_mark(&mut self) -> Result<Vec<Id>, Error> {
+    /// Pops the last MARK and everything above it.
+    fn pop_mark(&mut self) -> Result<Vec<Id>, PickleError> {
         let height = self.marks.pop().ok_or_else(|| self.malformed("there is no mark"))?;
         Ok(self.stack.split_off(height.min(self.stack.len())))
     }
@@ -158,8 +159,8 @@ impl<'a> Machine<'a> {
         &self.nodes[id as usize]
     }
 
-    /// Numbers, strings and constants.
-    fn atom(&mut self, opcode: u8) -> Result<bool, Error> {
+    /// Runs opcodes of numbers, strings and constants. Returns whether the opcode is one of them.
+    fn atom(&mut self, opcode: u8) -> Result<bool, PickleError> {
         let node = match opcode {
             b'N' => Node::None,
             0x88 => Node::Bool(true),
@@ -186,7 +187,7 @@ impl<'a> Machine<'a> {
             }
             b'F' => {
                 let text = self.line()?.trim();
-                Node::Float(text.parse().map_err(|_| self.malformed(format!("{text:?} is no number")))?)
+                Node::Float(text.parse().map_err(|_| self.malformed(format!("{text:?} is not a number")))?)
             }
             b'G' => {
                 let bits = self.take(8)?.iter().fold(0u64, |n, &byte| n << 8 | u64::from(byte));
@@ -223,12 +224,12 @@ impl<'a> Machine<'a> {
         Ok(true)
     }
 
-    fn decimal(&self, digits: &str) -> Result<Node<'a>, Error> {
-        digits.trim().parse().map(Node::Int).map_err(|_| self.malformed(format!("{digits:?} is no 64-bit integer")))
+    fn decimal(&self, digits: &str) -> Result<Node<'a>, PickleError> {
+        digits.trim().parse().map(Node::Int).map_err(|_| self.malformed(format!("{digits:?} is not a 64-bit integer")))
     }
 
-    /// Two's complement of any length, which must fit 64 bits.
-    fn long(&self, bytes: &[u8]) -> Result<Node<'a>, Error> {
+    /// Decodes two's complement of any length, which must fit 64 bits.
+    fn long(&self, bytes: &[u8]) -> Result<Node<'a>, PickleError> {
         let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
         let fill = if negative { 0xff } else { 0 };
         let mut raw = [fill; 8];
@@ -246,10 +247,10 @@ impl<'a> Machine<'a> {
         Ok(Node::Int(value))
     }
 
-    /// A line of Python's raw-unicode-escape: Latin-1 with `\uXXXX` and `\UXXXXXXXX`.
-    fn raw_unicode_escape(&mut self) -> Result<String, Error> {
+    /// Reads a line of Python's raw-unicode-escape: Latin-1 with `\uXXXX` and `\UXXXXXXXX`.
+    fn raw_unicode_escape(&mut self) -> Result<String, PickleError> {
         let rest = &self.data[self.at..];
-        let length = rest.iter().position(|&b| b == b'\n').ok_or(Error::Truncated(self.data.len()))?;
+        let length = rest.iter().position(|&b| b == b'\n').ok_or(PickleError::Truncated(self.data.len()))?;
         self.at += length + 1;
         let mut text = String::with_capacity(length);
         let mut line = &rest[..length];
@@ -272,8 +273,8 @@ impl<'a> Machine<'a> {
         Ok(text)
     }
 
-    /// A line holding `repr` of a Python 2 string.
-    fn quoted(&mut self) -> Result<Vec<u8>, Error> {
+    /// Reads a line with the `repr` of a Python 2 string.
+    fn quoted(&mut self) -> Result<Vec<u8>, PickleError> {
         let line = self.line()?.as_bytes();
         let inner = match line {
             [b'\'', inner @ .., b'\''] | [b'"', inner @ .., b'"'] => inner,
@@ -304,8 +305,8 @@ impl<'a> Machine<'a> {
         Ok(text)
     }
 
-    /// Lists, tuples, dictionaries.
-    fn container(&mut self, opcode: u8) -> Result<bool, Error> {
+    /// Runs opcodes of lists, tuples and dictionaries. Returns whether the opcode is one of them.
+    fn container(&mut self, opcode: u8) -> Result<bool, PickleError> {
         match opcode {
             b']' => self.push(Node::List(Vec::new())),
             b'l' => {
@@ -353,16 +354,16 @@ impl<'a> Machine<'a> {
         Ok(true)
     }
 
-    fn extend_list(&mut self, items: &[Id]) -> Result<(), Error> {
+    fn extend_list(&mut self, items: &[Id]) -> Result<(), PickleError> {
         let list = self.top()?;
         if let Node::List(list) = &mut self.nodes[list as usize] {
             list.extend(items);
             return Ok(());
         }
-        Err(self.malformed("items for what is no list"))
+        Err(self.malformed("items for a value that is not a list"))
     }
 
-    fn pairs(&self, items: &[Id]) -> Result<Vec<(Id, Id)>, Error> {
+    fn pairs(&self, items: &[Id]) -> Result<Vec<(Id, Id)>, PickleError> {
         let (pairs, rest) = items.as_chunks::<2>();
         if !rest.is_empty() {
             return Err(self.malformed("a key without a value"));
@@ -370,18 +371,18 @@ impl<'a> Machine<'a> {
         Ok(pairs.iter().map(|&[key, value]| (key, value)).collect())
     }
 
-    fn extend_dict(&mut self, items: &[Id]) -> Result<(), Error> {
+    fn extend_dict(&mut self, items: &[Id]) -> Result<(), PickleError> {
         let pairs = self.pairs(items)?;
         let dict = self.top()?;
         if let Node::Dict(dict) = &mut self.nodes[dict as usize] {
             dict.extend(pairs);
             return Ok(());
         }
-        Err(self.malformed("items for what is no dictionary"))
+        Err(self.malformed("items for a value that is not a dictionary"))
     }
 
-    /// Stack, memo, globals and calls.
-    fn machinery(&mut self, opcode: u8) -> Result<bool, Error> {
+    /// Runs opcodes of the stack, the memo, globals and calls. Returns whether the opcode is one of them.
+    fn machinery(&mut self, opcode: u8) -> Result<bool, PickleError> {
         match opcode {
             0x80 => {
                 let protocol = self.number(1)?;
@@ -389,7 +390,7 @@ impl<'a> Machine<'a> {
                     return Err(self.malformed(format!("protocol {protocol} is unknown")));
                 }
             }
-            // FRAME and READONLY_BUFFER say nothing about the data.
+            // FRAME and READONLY_BUFFER do not change the data.
             0x95 => {
                 self.take(8)?;
             }
@@ -422,7 +423,7 @@ impl<'a> Machine<'a> {
                     _ => self.number(4)? as u32,
                 };
                 let id = self.memo.get(&index).copied();
-                self.stack.push(id.ok_or_else(|| self.malformed("a reference to nothing"))?);
+                self.stack.push(id.ok_or_else(|| self.malformed("a reference to an unknown value"))?);
             }
             b'c' => {
                 let (module, name) = (self.line()?, self.line()?);
@@ -435,7 +436,7 @@ impl<'a> Machine<'a> {
                         let (module, name) = (module.to_string(), name.to_string());
                         self.global(&module, &name)?;
                     }
-                    _ => return Err(self.malformed("the name of a global is no string")),
+                    _ => return Err(self.malformed("the name of a global is not a string")),
                 }
             }
             b'R' => {
@@ -449,14 +450,14 @@ impl<'a> Machine<'a> {
             }
             b'i' => {
                 let (module, name) = (self.line()?, self.line()?);
-                return Err(Error::Refused(format!("{module}.{name}")));
+                return Err(PickleError::Refused(format!("{module}.{name}")));
             }
             _ => return Ok(false),
         }
         Ok(true)
     }
 
-    fn line_index(&mut self) -> Result<u32, Error> {
+    fn line_index(&mut self) -> Result<u32, PickleError> {
         self.line()?.parse().map_err(|_| self.malformed("a bad memo index"))
     }
 }
@@ -465,7 +466,7 @@ fn latin1(bytes: &[u8]) -> String {
     bytes.iter().copied().map(char::from).collect()
 }
 
-/// Copies nodes to values. A node may be referred to often, so what is made here is counted again.
+/// Copies nodes to values. A node may be referred to often, so its values and bytes are counted again.
 struct Budget<'a> {
     nodes: &'a [Node<'a>],
     values: usize,
@@ -473,50 +474,50 @@ struct Budget<'a> {
 }
 
 impl Budget<'_> {
-    fn value(&mut self, id: Id, depth: usize) -> Result<Value, Error> {
-        self.values = self.values.checked_sub(1).ok_or(Error::TooLarge("more than four million values"))?;
-        // Also what ends a list that holds itself.
+    fn value(&mut self, id: Id, depth: usize) -> Result<PickleValue, PickleError> {
+        self.values = self.values.checked_sub(1).ok_or(PickleError::TooLarge("more than four million values"))?;
+        // This also ends a list that contains itself.
         if depth > MAX_DEPTH {
-            return Err(Error::TooLarge("more than 64 levels of nesting"));
+            return Err(PickleError::TooLarge("more than 64 levels of nesting"));
         }
         let mut charge = |bytes: usize| {
-            self.bytes = self.bytes.checked_sub(bytes).ok_or(Error::TooLarge("more than 256 MiB of data"))?;
+            self.bytes = self.bytes.checked_sub(bytes).ok_or(PickleError::TooLarge("more than 256 MiB of data"))?;
             Ok(())
         };
         Ok(match &self.nodes[id as usize] {
-            Node::None => Value::None,
-            Node::Bool(b) => Value::Bool(*b),
-            Node::Int(i) => Value::Int(*i),
-            Node::Float(x) => Value::Float(*x),
+            Node::None => PickleValue::None,
+            Node::Bool(b) => PickleValue::Bool(*b),
+            Node::Int(i) => PickleValue::Int(*i),
+            Node::Float(x) => PickleValue::Float(*x),
             Node::Str(text) => {
                 charge(text.len())?;
-                Value::Str(text.to_string())
+                PickleValue::Str(text.to_string())
             }
             Node::Py2Str(bytes) => {
                 charge(2 * bytes.len())?;
-                Value::Str(latin1(bytes))
+                PickleValue::Str(latin1(bytes))
             }
             Node::Bytes(bytes) => {
                 charge(bytes.len())?;
-                Value::Bytes(bytes.to_vec())
+                PickleValue::Bytes(bytes.to_vec())
             }
             Node::Array(Some(array)) => {
                 charge(array.bytes().len())?;
-                Value::Array(array.clone())
+                PickleValue::Array(array.clone())
             }
             Node::List(items) => {
-                Value::List(items.iter().map(|&item| self.value(item, depth + 1)).collect::<Result<_, _>>()?)
+                PickleValue::List(items.iter().map(|&item| self.value(item, depth + 1)).collect::<Result<_, _>>()?)
             }
             Node::Tuple(items) => {
-                Value::Tuple(items.iter().map(|&item| self.value(item, depth + 1)).collect::<Result<_, _>>()?)
+                PickleValue::Tuple(items.iter().map(|&item| self.value(item, depth + 1)).collect::<Result<_, _>>()?)
             }
             Node::Dict(items) => {
                 let mut pair =
                     |&(key, value): &(Id, Id)| Ok((self.value(key, depth + 1)?, self.value(value, depth + 1)?));
-                Value::Dict(items.iter().map(&mut pair).collect::<Result<_, Error>>()?)
+                PickleValue::Dict(items.iter().map(&mut pair).collect::<Result<_, PickleError>>()?)
             }
             Node::Global(_) | Node::Dtype { .. } | Node::Array(None) => {
-                return Err(Error::Refused("a function or type as a value".into()));
+                return Err(PickleError::Refused("a function or type as a value".into()));
             }
         })
     }

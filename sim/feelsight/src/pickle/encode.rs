@@ -1,19 +1,19 @@
-//! Writes protocol 4, which every Python since 3.4 reads.
+//! Encoder of protocol 4, which every Python since 3.4 reads.
 
 use std::collections::HashMap;
 
-use super::Value;
+use super::PickleValue;
 use crate::array::{Array, Kind};
 
-/// Pickles a value so that Python 3 with NumPy 1 or 2 loads it.
-pub fn to_bytes(value: &Value) -> Vec<u8> {
+/// Pickles a value for Python 3 with NumPy 1 or 2.
+pub fn to_bytes(value: &PickleValue) -> Vec<u8> {
     let mut encoder = Encoder { out: b"\x80\x04".to_vec(), memo: HashMap::new() };
     encoder.value(value);
     encoder.out.push(b'.');
     encoder.out
 }
 
-/// What repeats in a pickle and is written once.
+/// Part that repeats in a pickle and is written once.
 #[derive(PartialEq, Eq, Hash)]
 enum Shared {
     Reconstruct,
@@ -27,28 +27,28 @@ struct Encoder {
 }
 
 impl Encoder {
-    fn value(&mut self, value: &Value) {
+    fn value(&mut self, value: &PickleValue) {
         match value {
-            Value::None => self.out.push(b'N'),
-            Value::Bool(b) => self.out.push(if *b { 0x88 } else { 0x89 }),
-            Value::Int(i) => self.int(*i),
-            Value::Float(x) => {
+            PickleValue::None => self.out.push(b'N'),
+            PickleValue::Bool(b) => self.out.push(if *b { 0x88 } else { 0x89 }),
+            PickleValue::Int(i) => self.int(*i),
+            PickleValue::Float(x) => {
                 self.out.push(b'G');
                 self.out.extend(x.to_be_bytes());
             }
-            Value::Str(s) => self.counted(0x8d, s.as_bytes()),
-            Value::Bytes(bytes) => self.counted(0x8e, bytes),
-            Value::List(items) => {
+            PickleValue::Str(s) => self.counted(0x8d, s.as_bytes()),
+            PickleValue::Bytes(bytes) => self.counted(0x8e, bytes),
+            PickleValue::List(items) => {
                 self.out.extend(b"](");
                 items.iter().for_each(|item| self.value(item));
                 self.out.push(b'e');
             }
-            Value::Tuple(items) => {
+            PickleValue::Tuple(items) => {
                 self.out.push(b'(');
                 items.iter().for_each(|item| self.value(item));
                 self.out.push(b't');
             }
-            Value::Dict(items) => {
+            PickleValue::Dict(items) => {
                 self.out.extend(b"}(");
                 for (key, value) in items {
                     self.value(key);
@@ -56,11 +56,11 @@ impl Encoder {
                 }
                 self.out.push(b'u');
             }
-            Value::Array(array) => self.array(array),
+            PickleValue::Array(array) => self.array(array),
         }
     }
 
-    /// BINUNICODE8 or BINBYTES8.
+    /// Writes BINUNICODE8 or BINBYTES8.
     fn counted(&mut self, opcode: u8, bytes: &[u8]) {
         self.out.push(opcode);
         self.out.extend((bytes.len() as u64).to_le_bytes());
@@ -77,9 +77,10 @@ impl Encoder {
         }
     }
 
-    /// As `ndarray.__reduce__` does: `_reconstruct(ndarray, (0,), b"b")`, then the state (1, shape, dtype, False, data).
+    /// Writes an array like `ndarray.__reduce__`: `_reconstruct(ndarray, (0,), b"b")`, then the state (1, shape, dtype,
+    /// False, data).
     fn array(&mut self, array: &Array) {
-        // The name that NumPy 2 keeps for the pickles of NumPy 1.
+        // NumPy 2 keeps this name for the pickles of NumPy 1.
         self.shared(Shared::Reconstruct, |e| e.out.extend(b"cnumpy.core.multiarray\n_reconstruct\n"));
         self.out.push(b'(');
         self.shared(Shared::NdArray, |e| e.out.extend(b"cnumpy\nndarray\n"));
@@ -100,7 +101,7 @@ impl Encoder {
         self.out.extend(b"tb");
     }
 
-    /// Writes something the first time, and refers to it from then on.
+    /// Writes a part the first time, and a reference to it later.
     fn shared(&mut self, key: Shared, write: impl FnOnce(&mut Self)) {
         if let Some(index) = self.memo.get(&key) {
             self.out.push(b'j');

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, Scene, SceneObject};
+use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SceneFile, SceneObject};
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
 use mvt_frames::{Isometry, MeshFile, Object, Point, World};
@@ -30,7 +30,7 @@ pub fn object_from_file() -> Isometry<MeshFile, Object> {
 }
 
 pub fn meta(cameras: Vec<PosedCamera>) -> LogMeta {
-    let scene = Scene {
+    let scene = SceneFile {
         format_version: FORMAT_VERSION,
         program_version: "0.1.0".into(),
         object: SceneObject {
@@ -64,10 +64,10 @@ pub fn joints(i: usize) -> JointAngles {
     std::array::from_fn(|j| 0.2 + 0.03 * j as f64 + 0.02 * i as f64)
 }
 
-/// A ball whose centre lies before the index finger's gel, and drifts with the frames.
+/// A ball whose centre lies in front of the index finger's gel and drifts with the frames.
 pub fn object_pose(i: usize) -> Isometry<Object, World> {
     let camera = world_from_digit_camera(Side::Left, Finger::Index, &joints(i));
-    // 21 mm to the surface, 1 mm before the gel's apex plane.
+    // 21 mm to the surface, 1 mm in front of the gel's apex plane.
     let centre = (camera * Point::new(0.0, 0.0, -0.021 - RADIUS_M)).coords();
     let turn = Isometry::<Object, World>::from_parts([0.0; 3], [1.0, 0.1 * i as f64, 0.2, 0.3]).untyped().rotation;
     Isometry::new(nalgebra::Isometry3::from_parts(centre.into(), turn))

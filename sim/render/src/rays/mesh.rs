@@ -7,12 +7,11 @@ use mvt_mesh::Mesh;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
-use obvhs::ray::Ray;
 use obvhs::{Boundable, BvhBuildParams};
 
-/// A triangle mesh prepared for ray casting: its tree, its triangles in the tree's order, and normals.
+/// Triangle mesh prepared for ray casting: its tree, its triangles in the tree's order, and normals.
 ///
-/// Faces that no ray can hit (of no area, or with corners that are missing or not finite) are left out.
+/// Faces that no ray can hit are dropped: those without area, and those with a corner that is missing or not finite.
 #[derive(Clone)]
 pub struct RayMesh {
     pub(super) tree: Bvh2,
@@ -20,7 +19,8 @@ pub struct RayMesh {
     corner_normals: Vec<[Vec3A; 3]>,
 }
 
-/// A triangle as the kernel reads it: lanes 0 to 2 are the corners, lane 3 is the normal (as long as twice the area).
+/// Triangle in the layout of the kernel: lanes 0 to 2 are the corners, lane 3 is the normal (as long as twice the
+/// area).
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Triangle {
@@ -29,21 +29,8 @@ pub(super) struct Triangle {
     pub z: Vec4,
     /// Longest edge, metres.
     pub longest_edge: f32,
-    /// Index of the face in the mesh that it was made from.
+    /// Index of its face in the mesh.
     face: u32,
-}
-
-/// Where a single ray hits a mesh.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RayHit {
-    /// Distance in lengths of the ray's direction.
-    pub t: f32,
-    /// Triangle of the [`RayMesh`].
-    pub triangle: u32,
-    /// Weight of the second corner.
-    pub u: f32,
-    /// Weight of the third corner.
-    pub v: f32,
 }
 
 struct Bounds(Aabb);
@@ -54,11 +41,11 @@ impl Boundable for Bounds {
     }
 }
 
-/// Node boxes grow by this share of the mesh's largest coordinate, which covers the rounding of box tests.
+/// Share of the mesh's largest coordinate by which node boxes grow. It covers the rounding of box tests.
 const PADDING: f32 = 1e-6;
 
 impl RayMesh {
-    /// Builds the tree; some ten milliseconds for 16,000 triangles.
+    /// Builds the tree in some ten milliseconds for 16,000 triangles.
     pub fn new(mesh: &Mesh) -> Self {
         let normals = vertex_normals(mesh);
         let faces: Vec<(Triangle, [Vec3A; 3])> = (0u32..)
@@ -84,46 +71,46 @@ impl RayMesh {
                 Bounds(Aabb::new(tight.min - padding, tight.max + padding))
             })
             .collect();
-        // Built once and cast millions of times: the best tree is worth its time.
+        // A tree is built once and used for millions of rays, so the best one pays.
         let parameters = BvhBuildParams { max_prims_per_leaf: 4, ..BvhBuildParams::very_slow_build() };
         let tree = build_bvh2(&bounds, parameters, &mut Duration::default());
         let (triangles, corner_normals) = tree.primitive_indices.iter().map(|&k| faces[k as usize]).unzip();
         Self { tree, triangles, corner_normals }
     }
 
-    /// Number of triangles.
+    /// Returns the number of triangles.
     pub fn len(&self) -> usize {
         self.triangles.len()
     }
 
-    /// Whether no ray can hit this mesh.
+    /// Returns whether no ray can hit this mesh.
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
-    /// Index of a triangle's face in the mesh that this was made from.
+    /// Returns the index of a triangle's face in the mesh that was passed to [`RayMesh::new`].
     pub fn face(&self, triangle: u32) -> u32 {
         self.triangles[triangle as usize].face
     }
 
-    /// Unit outward normal of a triangle.
+    /// Returns the unit outward normal of a triangle.
     pub fn flat_normal(&self, triangle: u32) -> Vec3A {
         self.triangles[triangle as usize].normal().normalize_or_zero()
     }
 
-    /// Unit normals at the corners of a triangle: the means of the normals of the faces around them weighted by the faces'
-    /// angles there, as trimesh has them.
+    /// Returns the unit normals at the corners of a triangle. The normal at a corner is the mean of the normals of its
+    /// faces, weighted by their angles there, as in trimesh.
     pub fn corner_normals(&self, triangle: u32) -> [Vec3A; 3] {
         self.corner_normals[triangle as usize]
     }
 
-    /// Corners of a triangle.
+    /// Returns the corners of a triangle.
     pub fn corners(&self, triangle: u32) -> [Vec3A; 3] {
         self.triangles[triangle as usize].corners()
     }
 
-    /// Finds every triangle that may reach into the intersection of half-spaces, each given by its inward normal and offset: p is
-    /// inside where normal . p + offset >= 0. `stack` is scratch memory; what `found` held is dropped.
+    /// Finds every triangle that may reach into the intersection of half-spaces, each given by its inward normal and
+    /// offset: p is inside where normal . p + offset >= 0. `stack` is working memory; `found` is cleared first.
     pub fn find_inside(&self, planes: &[Vec4], stack: &mut Vec<u32>, found: &mut Vec<u32>) {
         found.clear();
         stack.clear();
@@ -148,34 +135,17 @@ impl RayMesh {
         }
     }
 
-    /// Unit normal at a point of a triangle, interpolated between those of the corners, which are the means of the normals of the
-    /// faces around them weighted by the faces' angles there, as trimesh has them.
+    /// Returns the unit normal at a point of a triangle, interpolated between those of its corners
+    /// ([`RayMesh::corner_normals`]).
     pub fn smooth_normal(&self, triangle: u32, u: f32, v: f32) -> Vec3A {
         let [a, b, c] = self.corner_normals[triangle as usize];
         (a * (1.0 - u - v) + b * u + c * v).normalize_or_zero()
     }
 
-    /// The point of a triangle at which the second and third corner have weights `u` and `v`.
+    /// Returns the point of a triangle at which the second and third corner have weights `u` and `v`.
     pub fn point(&self, triangle: u32, u: f32, v: f32) -> Vec3A {
         let [a, b, c] = self.triangles[triangle as usize].corners();
         a * (1.0 - u - v) + b * u + c * v
-    }
-
-    /// The nearest hit of a single ray at t > 0, on either side of the triangles. Slow and precise: the check on [`super::Caster`].
-    pub fn cast_ray(&self, origin: Vec3A, direction: Vec3A) -> Option<RayHit> {
-        if self.is_empty() {
-            return None;
-        }
-        let mut best: Option<RayHit> = None;
-        let mut nearest = obvhs::ray::RayHit::none();
-        self.tree.ray_traverse(Ray::new_inf(origin, direction), &mut nearest, |_, k| {
-            let hit = self.triangles[k].intersect(origin.as_dvec3(), direction.as_dvec3());
-            if let Some((t, u, v)) = hit.filter(|h| best.is_none_or(|best| (h.0 as f32) < best.t)) {
-                best = Some(RayHit { t: t as f32, triangle: k as u32, u: u as f32, v: v as f32 });
-            }
-            hit.map_or(f32::INFINITY, |h| h.0 as f32)
-        });
-        best
     }
 }
 
@@ -193,21 +163,6 @@ impl Triangle {
     fn normal(&self) -> Vec3A {
         Vec3A::new(self.x.w, self.y.w, self.z.w)
     }
-
-    /// Moeller and Trumbore's test: distance and the weights of the second and third corner.
-    fn intersect(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
-        let [a, b, c] = self.corners().map(Vec3A::as_dvec3);
-        let (ab, ac) = (b - a, c - a);
-        let p = direction.cross(ac);
-        let determinant = ab.dot(p);
-        let s = origin - a;
-        let u = s.dot(p) / determinant;
-        let q = s.cross(ab);
-        let v = direction.dot(q) / determinant;
-        let t = ac.dot(q) / determinant;
-        // Wider than needed by 1e-9, so that edges have no gaps; a vanishing determinant gives NaN or infinities, which fail.
-        (u >= -1e-9 && v >= -1e-9 && u + v <= 1.0 + 1e-9 && t > 0.0).then_some((t, u, v))
-    }
 }
 
 fn corners(mesh: &Mesh, face: &[u32; 3]) -> Option<[DVec3; 3]> {
@@ -215,8 +170,8 @@ fn corners(mesh: &Mesh, face: &[u32; 3]) -> Option<[DVec3; 3]> {
     Some([corner(0)?, corner(1)?, corner(2)?])
 }
 
-/// Unit normals of the vertices as trimesh computes them: the face normals weighted by the faces' angles at the vertex, zero
-/// where there are none.
+/// Returns the unit normals of the vertices as trimesh computes them: the mean of the face normals, weighted by the
+/// faces' angles at the vertex; zero for a vertex without faces.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; mesh.vertices.len()];
     for face in &mesh.faces {

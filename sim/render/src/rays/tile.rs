@@ -10,7 +10,7 @@ use mvt_frames::camera::Intrinsics;
 use pulp::{Simd, WithSimd};
 
 use super::mesh::{RayMesh, Triangle};
-use super::{Faces, Hits, Instance, MISS, Window};
+use super::{Faces, Hits, Instance, MISS, PixelWindow};
 
 /// Pixels along the side of a tile.
 const TILE: usize = 8;
@@ -20,13 +20,13 @@ const BLOCK: usize = 4;
 const BLOCK_AREA: usize = BLOCK * BLOCK;
 /// Pixels of a tile.
 const TILE_AREA: usize = TILE * TILE;
-/// Widens the triangles by about a rounding error of the edge functions: neighbours agree about the side of their
+/// Widens the triangles by about a rounding error of the edge functions. Neighbours agree about the side of their
 /// common edge whatever the rounding, but around a corner all edges might err to the same side.
 const EDGE_SLACK: f32 = 1e-6;
 /// Widens frusta by this share of the distance: more than all rounding errors of the test.
 const FRUSTUM_SLACK: f32 = 1e-6;
 
-/// What stays allocated from frame to frame.
+/// Working memory that stays allocated from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch {
     views: Vec<View>,
@@ -37,7 +37,7 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    pub(super) fn prepare(&mut self, views: impl Iterator<Item = View>, intrinsics: &Intrinsics, window: &Window) {
+    pub(super) fn prepare(&mut self, views: impl Iterator<Item = View>, intrinsics: &Intrinsics, window: &PixelWindow) {
         self.views.clear();
         self.views.extend(views);
         // Nearest first, so that they hide the others.
@@ -49,13 +49,13 @@ impl Scratch {
     }
 }
 
-/// An instance as the camera sees it.
+/// An instance in the camera's frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     instance: u32,
-    /// The camera in the mesh.
+    /// Position of the camera in the mesh's frame.
     origin: Vec3A,
-    /// Columns are the camera's axes in the mesh.
+    /// Columns are the camera's axes in the mesh's frame.
     axes: Mat3A,
     /// Least depth of any part, metres.
     nearest: f32,
@@ -73,7 +73,7 @@ struct Rectangle {
 }
 
 impl View {
-    /// `None` if the mesh is empty or lies behind the camera.
+    /// Returns `None` if the mesh is empty or lies behind the camera.
     pub(super) fn new(instance: &Instance<'_>, index: usize) -> Option<Self> {
         let (axes, origin) = instance.mesh_from_camera;
         let bounds = instance.mesh.tree.nodes.first()?.aabb();
@@ -108,7 +108,7 @@ impl View {
     }
 }
 
-/// The planes through the camera that bound a tile, in a mesh's coordinates relative to the camera.
+/// Planes through the camera that bound a tile, in a mesh's coordinates relative to the camera.
 struct Frustum {
     x: Vec4,
     y: Vec4,
@@ -127,7 +127,7 @@ impl Frustum {
         Self { x: plane(0), y: plane(1), z: plane(2), forward: -back, origin: view.origin, slack: -view.frustum_slack }
     }
 
-    /// Least depth of a box inside the frustum; infinite if it lies outside.
+    /// Returns the least depth of a box inside the frustum; infinite if the box lies outside.
     #[inline(always)]
     fn enter(&self, bounds: &obvhs::aabb::Aabb) -> f32 {
         let (low, high) = (bounds.min - self.origin, bounds.max - self.origin);
@@ -142,7 +142,7 @@ impl Frustum {
     }
 }
 
-/// The rays of a tile and their nearest hits. Pixels are ordered by blocks, row by row inside each.
+/// Rays of a tile and their nearest hits. Pixels are ordered by blocks, row by row inside each.
 #[repr(C, align(64))]
 struct Tile {
     x: [f32; TILE_AREA],
@@ -157,17 +157,17 @@ struct Tile {
     x_high: Vec4,
     y_low: Vec4,
     y_high: Vec4,
-    /// Greatest depth at which a hit would still count, for each block.
+    /// Greatest depth at which a hit still counts, for each block.
     farthest: Vec4,
 }
 
-/// Index in a tile of the first of four pixels in row `row`, columns from `4 * half`.
+/// Returns the index in a tile of the first of four pixels in row `row`, columns from `4 * half`.
 #[inline(always)]
 fn quad(row: usize, half: usize) -> usize {
     ((row / BLOCK) * (TILE / BLOCK) + half) * BLOCK_AREA + (row % BLOCK) * BLOCK
 }
 
-/// Coordinates along an axis of points given by coordinate, four at a time.
+/// Returns the coordinates of four points along an axis.
 #[inline(always)]
 fn seen_along(x: Vec4, y: Vec4, z: Vec4, axis: Vec3A) -> Vec4 {
     x * axis.x + y * axis.y + z * axis.z
@@ -175,7 +175,7 @@ fn seen_along(x: Vec4, y: Vec4, z: Vec4, axis: Vec3A) -> Vec4 {
 
 /// The dot product of ray directions (x, y, -1) with a vector.
 ///
-/// No closures or adapters of vectors here and where this is used: one that is not inlined is compiled without the
+/// No closures or adapters of vectors stand here and in its callers: one that is not inlined is compiled without the
 /// vector instructions.
 #[derive(Clone, Copy)]
 struct Plane<S: Simd> {
@@ -260,10 +260,10 @@ impl Tile {
         }
     }
 
-    /// Takes over the rays and limits of a tile; `limits` starts at its first pixel, with `stride` to the next row.
+    /// Loads the rays and limits of a tile; `limits` starts at its first pixel, with `stride` to the next row.
     #[inline(always)]
     fn load(&mut self, xs: &[f32], ys: &[f32], limits: &[f32], stride: usize) {
-        // Pixels beyond the window repeat the last column and row, and no hit is near enough for them.
+        // Pixels beyond the window repeat the last column and row; their limit of minus infinity excludes every hit.
         let x: [f32; TILE] = std::array::from_fn(|c| xs[c.min(xs.len() - 1)]);
         let y: [f32; TILE] = std::array::from_fn(|r| ys[r.min(ys.len() - 1)]);
         self.depth = [f32::NEG_INFINITY; TILE_AREA];
@@ -353,7 +353,7 @@ impl Tile {
         }
     }
 
-    /// The greatest value of a function linear in x and y, in each block: it is at one of the block's corners.
+    /// Returns the greatest value in each block of a function linear in x and y: it lies at one of the block's corners.
     #[inline(always)]
     fn greatest(&self, x: f32, y: f32, z: f32) -> Vec4 {
         (self.x_low * x).max(self.x_high * x) + (self.y_low * y).max(self.y_high * y) - z
@@ -387,8 +387,8 @@ impl Tile {
         let (edge_x, edge_y, edge_z) = (sy * dz - sz * dy, sz * dx - sx * dz, sx * dy - sy * dx);
         let slack = -view.edge_slack * triangle.longest_edge;
 
-        // Rounding is monotonic and the operations are those of the pixels, so this never drops a block that a pixel
-        // passes.
+        // Rounding is monotonic and the operations are those of the pixels, so this never drops a block with a pixel
+        // that passes.
         let nearest = -z.x.max(z.y).max(z.z) * (1.0 - 1e-5);
         let covers = self
             .greatest(edge_x.x, edge_y.x, edge_z.x)

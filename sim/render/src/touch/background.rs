@@ -1,36 +1,37 @@
-//! An image like that of a real DIGIT that touches nothing.
+//! Synthetic untouched images like those of a real DIGIT.
 
 use image::RgbImage;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A pool of one LED's light on the gel, in shares of the image's width and height.
+/// Pool of one LED's light on the gel, in shares of the image's width and height.
 struct Pool {
-    /// Grey levels it adds to red, green and blue at its centre.
+    /// Grey levels that it adds to red, green and blue at its centre.
     color: [f32; 3],
     centre: [f32; 2],
     radius: [f32; 2],
 }
 
-/// What every sensor has in common: red light enters from the left, green from the right, blue from below, and the far end of
-/// the gel is dim.
+/// Light that all real sensors have in common: red enters from the left, green from the right, blue from below, and the
+/// far end of the gel is dim.
 const POOLS: [Pool; 4] = [
     Pool { color: [172.0, 10.0, 16.0], centre: [0.14, 0.42], radius: [0.34, 0.27] },
     Pool { color: [14.0, 62.0, -14.0], centre: [0.80, 0.45], radius: [0.27, 0.26] },
     Pool { color: [6.0, 4.0, 62.0], centre: [0.40, 0.80], radius: [0.36, 0.27] },
     Pool { color: [22.0, 22.0, 32.0], centre: [0.40, 0.02], radius: [0.45, 0.16] },
 ];
-/// Light that falls everywhere, grey levels.
+/// Ambient light, grey levels.
 const AMBIENT: [f32; 3] = [24.0, 74.0, 58.0];
-/// Mean colour of a DIGIT's image, grey levels.
+/// Mean colour of an untouched image, grey levels.
 const MEAN: [f32; 3] = [93.0, 98.0, 92.0];
-/// The gel's paint is uneven by this much, grey levels from the mean, over patches of [`PATCH`] pixels.
+/// Unevenness of the gel's paint, grey levels from the mean, over patches of [`PATCH`] pixels.
 const UNEVENNESS: f32 = 2.0;
+/// Size of a patch of paint, pixels.
 const PATCH: usize = 4;
 
-/// An image like that of a real DIGIT that touches nothing, 240 wide and 320 high. Each seed is another sensor: LEDs sit
-/// elsewhere, shine more or less, and the paint of the gel differs.
+/// Returns an untouched image like that of a real DIGIT, 240 wide and 320 high. Each seed is another sensor: positions
+/// and brightness of the LEDs and the paint of the gel differ.
 pub fn synthetic_background(seed: u64) -> RgbImage {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut around = |value: f32, spread: f32| value + spread * (2.0 * rng.random::<f32>() - 1.0);

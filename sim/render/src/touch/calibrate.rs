@@ -1,7 +1,8 @@
-//! TACTO's calibration: what contact changes in the rendered image, halved and blurred, is laid over a real sensor's image.
+//! TACTO's calibration: the change that contact makes in the rendered image is halved, blurred and added to a real
+//! sensor's image.
 //!
-//! OpenCV blurs with the fixed kernel [2, 7, 14, 18, 14, 7, 2] / 64 along both axes. All of it is a multiple of 2^-13, so integers
-//! give TACTO's floating-point result to the bit.
+//! OpenCV blurs with the fixed kernel [2, 7, 14, 18, 14, 7, 2] / 64 along both axes. All of it is a multiple of 2^-13,
+//! so integers give TACTO's floating-point result to the bit.
 
 use std::ops::Range;
 
@@ -16,7 +17,7 @@ const ROW: usize = 3 * WIDTH;
 /// The two passes scale by 64 each, the factor 0.5 by another 2.
 const SHIFT: u32 = 13;
 
-/// The rows of an image as they lie after the horizontal pass.
+/// Rows of an image after the horizontal pass.
 pub(super) struct Blur {
     rows: Vec<[i16; ROW]>,
     padded: [i16; ROW + 6 * REACH],
@@ -27,8 +28,8 @@ impl Blur {
         Self { rows: vec![[0; ROW]; HEIGHT], padded: [0; ROW + 6 * REACH] }
     }
 
-    /// Overwrites those rows of `out` that differ from `background`: the rows within the kernel's reach of `changed`, in which
-    /// alone `raw` differs from `empty`. All are images of 240 x 320 RGB pixels.
+    /// Overwrites the rows of `out` that differ from `background`: those within the kernel's reach of `changed`, the
+    /// only rows in which `raw` differs from `empty`. All are images of 240 x 320 RGB pixels.
     #[inline(always)]
     pub fn overlay(&mut self, changed: Range<usize>, raw: &[u8], empty: &[u8], background: &[u8], out: &mut [u8]) {
         let [(raw, _), (empty, _), (background, _)] = [raw, empty, background].map(|image| image.as_chunks::<ROW>());
@@ -76,7 +77,8 @@ impl Blur {
     }
 }
 
-/// OpenCV's default border: the image is mirrored at its outermost pixels (`BORDER_REFLECT_101`).
+/// Returns the row or column for an index beyond the border. OpenCV's default mirrors the image at its outermost pixels
+/// (`BORDER_REFLECT_101`).
 fn mirrored(i: isize, size: usize) -> usize {
     let last = size as isize - 1;
     (last - (last - i.abs()).abs()) as usize

@@ -1,8 +1,8 @@
-//! A gel that does not crease at the rim of a contact.
+//! Gel that does not crease at the rim of a contact.
 //!
-//! The gel's surface is a membrane under tension on an elastic foundation, and the object an obstacle that it cannot pass: with
-//! the object's indentation h >= 0 and a reach l, the gel's indentation u satisfies u >= h, and u - l^2 (u_xx + u_yy) = 0 wherever
-//! it is off the object. Away from a long straight edge that decays as exp(-x / l).
+//! The gel's surface is a membrane under tension on an elastic foundation, and the object is an obstacle that it cannot
+//! pass. With the object's indentation h >= 0 and a reach l, the gel's indentation u satisfies u >= h, and u - l^2
+//! (u_xx + u_yy) = 0 off the object. Beside a long straight edge u decays as exp(-x / l).
 
 use std::ops::Range;
 
@@ -10,19 +10,20 @@ use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 
 use super::shade::{Row, Shader};
 
-/// Greatest reach, metres.
+/// Greatest reach, metres: the number of sweeps grows with its square.
 pub(super) const REACH_MAX_M: f32 = 5e-4;
-/// Indentation below which the gel counts as untouched, metres; it changes no colour by a whole level.
+/// Indentation below which the gel counts as untouched, metres: it changes no colour by a whole level.
 const UNTOUCHED_M: f32 = 1e-6;
 
-/// How the gel gives way around the object.
+/// Deformation of the gel around the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Membrane {
-    /// Distance over which an indentation fades by 1/e beyond the rim, metres, up to 0.5 mm; 0.2 mm looks like a real DIGIT.
+    /// Distance beyond the rim over which an indentation decays to 1/e, metres, up to 0.5 mm; 0.2 mm looks like a real
+    /// DIGIT.
     pub reach_m: f32,
 }
 
-/// Two fields of indentation, metres, that the sweeps go back and forth between, and the obstacle.
+/// Two fields of indentation, metres, between which the sweeps alternate, and the obstacle.
 #[derive(Default)]
 pub(super) struct Scratch {
     fields: [Vec<f32>; 2],
@@ -30,8 +31,8 @@ pub(super) struct Scratch {
 }
 
 impl Membrane {
-    /// Lays the gel over the object: lowers `depth`, which holds the nearer of gel and object, to the membrane's. Returns the
-    /// rows that may differ from the empty gel, given those that did.
+    /// Lays the gel over the object: lowers `depth`, which holds the nearer of gel and object, to that of the membrane.
+    /// Returns the rows that may then differ from the untouched gel; `contact_rows` are those that differ before.
     #[inline(always)]
     pub(super) fn relax(
         &self,
@@ -43,7 +44,7 @@ impl Membrane {
         // Lateral size of a pixel at the apex; nearer parts of the gel are up to 13 % finer.
         let reach = f64::from(self.reach_m) / (gel::APEX_M / intrinsics().fx);
         let weight = (reach * reach / (1.0 + 4.0 * reach * reach)) as f32;
-        // Each sweep carries a change one pixel on; like diffusion, n sweeps spread it over about sqrt(n) pixels.
+        // Each sweep carries a change by one pixel; as in diffusion, n sweeps spread it over about sqrt(n) pixels.
         let sweeps = (8.0 * reach * reach).ceil() as usize;
         let margin = (6.0 * reach).ceil() as usize;
         let rows = contact_rows.start.saturating_sub(margin)..(contact_rows.end + margin).min(HEIGHT);
@@ -65,7 +66,7 @@ impl Membrane {
     }
 }
 
-/// One Jacobi sweep. At the border of the window the membrane is level.
+/// Does one Jacobi sweep. At the border of the window the membrane is level.
 #[inline(always)]
 fn sweep(weight: f32, obstacle: &[f32], from: &[f32], to: &mut [f32]) {
     let last = from.len() / WIDTH - 1;
@@ -84,8 +85,8 @@ fn sweep(weight: f32, obstacle: &[f32], from: &[f32], to: &mut [f32]) {
     }
 }
 
-/// Normals of row `v` of a depth image, by central differences, at the columns where `free` holds; one-sided at the image's
-/// border.
+/// Computes the normals of row `v` of a depth image at the columns where `free` holds, by central differences,
+/// one-sided at the image's border.
 #[inline(always)]
 pub(super) fn normals(v: usize, depth: &[f32], shader: &Shader, free: impl Fn(usize) -> bool, row: &mut Row) {
     let point = |u: usize, v: usize| {
@@ -104,7 +105,8 @@ pub(super) fn normals(v: usize, depth: &[f32], shader: &Shader, free: impl Fn(us
     }
 }
 
-/// Whether the membrane lies nearer to the camera than what it is compared with: it is off the object, or not the empty gel.
+/// Returns whether the membrane at `depth` lies nearer to the camera than `reference`. With the object as reference it
+/// is off the object, with the untouched gel it is indented.
 #[inline(always)]
 pub(super) fn is_indented(reference: f32, depth: f32) -> bool {
     reference - depth > UNTOUCHED_M
@@ -114,8 +116,8 @@ pub(super) fn is_indented(reference: f32, depth: f32) -> bool {
 mod tests {
     use super::*;
 
-    /// A block with a long straight edge: beyond it the indentation fades as exp(-x / reach); the gel stays on the block, and
-    /// no part of it comes nearer to the camera than the object or moves out of its way.
+    /// A block with a long straight edge: beyond it the indentation decays as exp(-x / reach); the gel stays on the
+    /// block, and no part of it comes nearer to the camera than the object or moves away from it.
     #[test]
     fn indentation_fades_exponentially_beyond_an_edge() {
         const EDGE: usize = 100;

@@ -1,32 +1,33 @@
 //! TACTO's image noise.
 
-/// Names the noise of one image: the same key gives the same noise on every machine, in whatever order images are rendered.
+/// Key of the noise of one image. The same key gives the same noise on every machine, in any order of rendering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct NoiseKey {
     /// Seed of the episode.
     pub seed: u64,
-    /// Which sensor.
+    /// Number of the sensor.
     pub finger: u32,
-    /// Which frame.
+    /// Number of the frame.
     pub frame: u32,
 }
 
-/// Gaussian noise on an 8-bit image, drawn as TACTO draws it: trunc(clip(c + N(0, sigma), 0, 255)).
+/// Gaussian noise on an 8-bit image by TACTO's formula: trunc(clip(c + N(0, sigma), 0, 255)).
 ///
-/// The colour c is an integer, so this is c plus the integer floor(N(0, sigma)), saturated: the distribution has one table,
-/// and its mean is half a grey below 0.
+/// The colour c is an integer, so this is c plus the integer floor(N(0, sigma)), saturated. One table holds the
+/// distribution, whose mean is half a grey level below 0.
 pub(super) struct Noise {
     /// floor(N(0, sigma)) at each of 2^16 equally likely quantiles.
     quantiles: Box<[i8; QUANTILES]>,
 }
 
-/// Sigma up to which every quantile fits the table.
+/// Greatest sigma, grey levels: every quantile fits the table's `i8`.
 pub(super) const SIGMA_MAX: f32 = 28.0;
 
+/// Entries of the table: one for each value of 16 random bits.
 const QUANTILES: usize = 1 << 16;
 
 impl Noise {
-    /// `sigma` in grey levels, more than 0 and at most [`SIGMA_MAX`].
+    /// Builds the table for `sigma` in grey levels, more than 0 and at most [`SIGMA_MAX`].
     pub fn new(sigma: f32) -> Self {
         let sigma = f64::from(sigma);
         let mut quantiles = Box::new([i8::MAX; QUANTILES]);
@@ -40,11 +41,11 @@ impl Noise {
         Self { quantiles }
     }
 
-    /// Adds noise to every byte of an image, of which there must be a multiple of [`BLOCK`].
+    /// Adds noise to every byte of an image. Their number must be a multiple of [`BLOCK`].
     #[inline(always)]
     pub fn add(&self, key: NoiseKey, image: &mut [u8]) {
         let stream = mix(mix(key.seed) ^ (u64::from(key.finger) << 32 | u64::from(key.frame)));
-        // One 64-bit hash gives four draws. Hashes and sums are SIMD where they stand in loops of their own.
+        // One 64-bit hash gives four draws. Hashes and sums become SIMD in loops of their own.
         for (block, bytes) in image.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
             let mut hashes = [0; BLOCK / 4];
             for (k, hash) in hashes.iter_mut().enumerate() {
@@ -62,13 +63,14 @@ impl Noise {
     }
 }
 
-/// Bytes that get their noise together; divides the size of a DIGIT's image.
+/// Bytes that get their noise together; it divides the size of a DIGIT's image.
 const BLOCK: usize = 256;
 
 /// Increment of SplitMix64: 2^64 over the golden ratio.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): a bijection whose every output bit depends on every input bit.
+/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): a bijection whose every output bit depends on every input
+/// bit.
 #[inline(always)]
 fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -76,8 +78,8 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Distribution function of the standard normal, by the series and the continued fraction of the error function (Abramowitz
-/// and Stegun 7.1.6 and 7.1.14), to 1e-10.
+/// Returns the distribution function of the standard normal to 1e-10, by the series and the continued fraction of the
+/// error function (Abramowitz and Stegun 7.1.6 and 7.1.14).
 fn normal_cdf(x: f64) -> f64 {
     let density = (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
     if x.abs() < 3.0 {

@@ -1,8 +1,9 @@
-//! Where the object is nearer than the gel: triangles drawn over the gel's depth.
+//! Triangles of the object drawn over the gel's depth: a pixel shows the object where it is nearer than the gel.
 //!
-//! A pixel's ray is (1, y, z) times depth in the gel frame. The functions that say on which side of an edge it passes, the inverse
-//! of the depth at which it meets the triangle's plane, and the interpolated normal up to its length are all linear in y and z, so
-//! that no clipping is needed. Edge functions of the two triangles at an edge are exactly opposite: a closed mesh has no gaps.
+//! A pixel's ray is (1, y, z) times depth in the gel frame. Three quantities of a triangle are linear in y and z: the
+//! edge functions, the inverse of the depth at which the ray meets its plane, and the interpolated normal up to its
+//! length. So no clipping is needed. Edge functions of the two triangles at an edge are exactly opposite: a closed mesh
+//! has no gaps.
 
 use std::ops::Range;
 
@@ -12,29 +13,30 @@ use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 use super::shade::{Row, Shader};
 use crate::rays::{MISS, RayMesh};
 
-/// Corners nearer to the camera's plane than this cannot be projected, metres.
+/// Least distance from the camera's plane at which corners are projected, metres: a nearer one may be anywhere in the
+/// image.
 const NEAR_M: f32 = 1e-3;
-/// Triangles cover the pixels of their projection and this share of a pixel around it, against rounding.
+/// Margin around the projection of a triangle, pixels, against rounding.
 const MARGIN_PX: f32 = 0.01;
 
-/// What shows at each pixel, and the memory to find out.
+/// Nearest surface at each pixel, and working memory.
 pub(super) struct Raster {
     /// Inverse of the depth, 1/m.
     inverse_depth: Vec<f32>,
     /// Index of the facet, or [`MISS`] for the gel.
     facet: Vec<u32>,
-    /// For each triangle that shows the matrix m that makes its smooth normal, of any length, from a ray: m (1, y, z).
+    /// For each visible triangle the matrix m that gives its smooth normal, of any length, on a ray: m (1, y, z).
     facets: Vec<Mat3A>,
     candidates: Vec<u32>,
     stack: Vec<u32>,
 }
 
-/// A function that is linear in a ray.
+/// Linear function of a ray.
 #[derive(Clone, Copy)]
 struct Linear(Vec3A);
 
 impl Linear {
-    /// Its value at y = 0 in a row, and its growth with y.
+    /// Returns its value at y = 0 in a row, and its slope in y.
     #[inline(always)]
     fn along_row(self, z_slope: f32) -> (f32, f32) {
         (self.0.x + self.0.z * z_slope, self.0.y)
@@ -53,7 +55,7 @@ impl Raster {
         }
     }
 
-    /// Draws the outside of an object over the gel. Returns the rows in which it may show.
+    /// Draws the outside of an object over the gel. Returns the rows in which the object may be visible.
     #[inline(always)]
     pub fn draw(
         &mut self,
@@ -72,7 +74,7 @@ impl Raster {
             let p = object.corners(triangle).map(|corner| rotation * corner + translation);
             let normal = (p[1] - p[0]).cross(p[2] - p[0]);
             let height = normal.dot(p[0]);
-            // Faces away from the camera, or is not a number.
+            // The triangle faces away from the camera, or is not finite.
             if height >= 0.0 || height.is_nan() {
                 continue;
             }
@@ -108,7 +110,7 @@ impl Raster {
         first.min(end)..end
     }
 
-    /// Index of the facet at each pixel of row `v`, [`MISS`] for the gel.
+    /// Returns the index of the facet at each pixel of row `v`, [`MISS`] for the gel.
     pub fn facets(&self, v: usize) -> &[u32] {
         &self.facet[v * WIDTH..(v + 1) * WIDTH]
     }
@@ -122,21 +124,21 @@ impl Raster {
         }
     }
 
-    /// Depth at column `u` of row `v`, metres.
+    /// Returns the depth at column `u` of row `v`, metres.
     #[inline(always)]
     pub fn depth_at(&self, u: usize, v: usize) -> f32 {
         1.0 / self.inverse_depth[v * WIDTH + u]
     }
 
-    /// Fills in the object's interpolated vertex normals where row `v` shows it. Returns the columns from the first to the last
-    /// such pixel, `None` without any.
+    /// Fills in the object's interpolated vertex normals where it is visible in row `v`. Returns the columns from the
+    /// first to the last such pixel, or `None` if it is not visible.
     #[inline(always)]
     pub fn normals(&self, v: usize, shader: &Shader, row: &mut Row) -> Option<Range<usize>> {
         let facets = self.facets(v);
         let start = facets.iter().position(|&f| f != MISS)?;
         let end = facets.iter().rposition(|&f| f != MISS)? + 1;
         let mut u = start;
-        // Neighbours mostly show the same facet.
+        // Neighbours mostly show the same facet, so work on runs of it.
         while u < end {
             let name = facets[u];
             let run = u..u + facets[u..end].iter().take_while(|&&f| f == name).count();
@@ -156,7 +158,8 @@ impl Raster {
     }
 }
 
-/// The planes, in the object's frame, around what the camera can see in front of the gel: normals inwards and offsets.
+/// Returns the planes, in the object's frame, around the space between camera and gel that is in view: inward normals
+/// and offsets.
 fn view_volume(rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
     let camera = intrinsics();
     // To the borders of the outermost pixels, half a pixel beyond their centres.
@@ -172,7 +175,8 @@ fn view_volume(rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
     planes.map(|(normal, offset)| (to_object * normal).extend(normal.dot(translation) + offset))
 }
 
-/// Columns and rows of the pixels that a triangle may cover; `None` if there are none or it lies behind the gel.
+/// Returns the columns and rows of the pixels that a triangle may cover; `None` if there are no such pixels or it lies
+/// behind the gel.
 #[inline(always)]
 fn bounds(p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
     let nearest = p[0].x.min(p[1].x).min(p[2].x);

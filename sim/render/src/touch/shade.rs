@@ -1,7 +1,8 @@
 //! pyrender's metallic-roughness shading of the gel, one image row at a time.
 //!
-//! TACTO strips every texture, so gel and objects share one material. For a light at distance r the radiance is
-//! n.l / r^2 times [(1 - F) c_d / pi + F G D / (4 n.l n.v + 0.001)] with Schlick's F, Smith's G and the GGX density D.
+//! TACTO strips every texture, so gel and objects share one material: the one that pyrender's `Mesh.from_trimesh` takes
+//! by default. For a light at distance r the radiance is n.l / r^2 times [(1 - F) c_d / pi + F G D / (4 n.l n.v +
+//! 0.001)] with Schlick's F, Smith's G and the GGX density D, as in pyrender's fragment shader `mesh.frag`.
 
 use std::f32::consts::PI;
 
@@ -10,11 +11,11 @@ use nalgebra::Vector3;
 
 use super::light::{Light, Lights};
 
-/// Base colour of the material, the same in all channels.
+/// Base colour of the material, the same in all channels (`baseColorFactor`).
 const BASE: f32 = 0.3;
-/// Metallic factor.
+/// Metallic factor (`metallicFactor`).
 const METALLIC: f32 = 0.2;
-/// Roughness factor.
+/// Roughness factor (`roughnessFactor`).
 const ROUGHNESS: f32 = 0.8;
 /// Diffuse colour over pi.
 const DIFFUSE: f32 = BASE * 0.96 * (1.0 - METALLIC) / PI;
@@ -40,7 +41,7 @@ impl Row {
     }
 }
 
-/// What the shader needs of a light.
+/// Light in the layout of the shader.
 struct Lamp {
     position: [f32; 3],
     radiant: [f32; 3],
@@ -65,7 +66,7 @@ impl From<&Light> for Lamp {
     }
 }
 
-/// Shades rows of a DIGIT image.
+/// Shader of the rows of a DIGIT image.
 pub(super) struct Shader {
     lamps: [Lamp; 3],
     gamma: Gamma,
@@ -169,7 +170,7 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// `max` as one instruction: f32::max pays for NaN, which does not occur here.
+/// Returns the maximum in one instruction: `f32::max` also handles NaN, which does not occur here.
 #[inline(always)]
 fn at_least(a: f32, low: f32) -> f32 {
     if a > low { a } else { low }
@@ -180,8 +181,8 @@ fn at_most(a: f32, high: f32) -> f32 {
     if a < high { a } else { high }
 }
 
-/// Radiance to 8-bit level, round(255 L^(1/2.2)), by a table over the leading bits of the float: 10 bits of mantissa put the
-/// edges between levels right to 0.06 of a level.
+/// Table from radiance L to the 8-bit level round(255 L^(1/2.2)), over the leading bits of the float. With 10 bits of
+/// mantissa the edges between levels are right to 0.06 of a level.
 struct Gamma(Vec<u8>);
 
 impl Gamma {
@@ -194,14 +195,14 @@ impl Gamma {
             let middle = f32::from_bits(Self::FIRST + (i << Self::DROPPED_BITS) + (1 << (Self::DROPPED_BITS - 1)));
             (255.0 * f64::from(middle).powf(1.0 / 2.2)).round() as u8
         };
-        // The last entry is 1.0 and whatever is brighter.
+        // The last entry is for 1.0 and more.
         Self((0..20 << 10).map(level).chain([255]).collect())
     }
 
     #[inline(always)]
     fn encode(&self, radiance: f32) -> u8 {
         let i = radiance.to_bits().saturating_sub(Self::FIRST) >> Self::DROPPED_BITS;
-        // Negative or NaN has large bits; neither occurs, and both would show as white.
+        // Negative numbers and NaN have large bits and would be white; neither occurs.
         self.0[(i as usize).min(self.0.len() - 1)]
     }
 }

@@ -11,7 +11,7 @@ use mvt_frames::{Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_metrics::AddS;
 use mvt_objects::catalogue;
-use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, RayMesh, Window};
+use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use mvt_robot::digit;
 use mvt_robot::digit::gel;
 use mvt_robot::hand::{Finger, JOINTS, PerFinger, Side};
@@ -162,7 +162,7 @@ fn seen(
     camera_from_cube: Isometry<Object, mvt_frames::Camera>,
     cube: &RayMesh,
 ) -> (Array2<f32>, RgbImage) {
-    let mut hits = Hits::new(Window::whole(intrinsics));
+    let mut hits = Hits::new(PixelWindow::whole(intrinsics));
     Caster::default().cast(&[Instance::new(cube, camera_from_cube)], intrinsics, Faces::Front, &mut hits);
     let at = |x: usize, y: usize| y * intrinsics.width + x;
     let is_hit = |k: usize| hits.triangle()[k] != MISS;

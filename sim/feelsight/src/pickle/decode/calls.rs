@@ -1,12 +1,12 @@
-//! The globals that a pickle may name, and what stands for calling them.
+//! The globals that a pickle may name, and the results of their calls.
 
 use std::borrow::Cow;
 
 use super::{Id, MAX_BYTES, Machine, Node, latin1};
 use crate::array::{Array, Kind};
-use crate::pickle::Error;
+use crate::pickle::PickleError;
 
-/// The globals that plain data and NumPy arrays need.
+/// Global that plain data and NumPy arrays need.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Global {
     NdArray,
@@ -36,21 +36,21 @@ impl Global {
 }
 
 impl<'a> Machine<'a> {
-    pub(super) fn global(&mut self, module: &str, name: &str) -> Result<(), Error> {
+    pub(super) fn global(&mut self, module: &str, name: &str) -> Result<(), PickleError> {
         let printable = |s: &str| s.chars().take(80).collect::<String>().escape_debug().to_string();
         let global = Global::from_name(module, name)
-            .ok_or_else(|| Error::Refused(format!("{}.{}", printable(module), printable(name))))?;
+            .ok_or_else(|| PickleError::Refused(format!("{}.{}", printable(module), printable(name))))?;
         self.push(Node::Global(global));
         Ok(())
     }
 
-    /// Counts bytes that are made rather than borrowed.
-    pub(super) fn charge(&mut self, bytes: usize) -> Result<(), Error> {
+    /// Counts bytes that are allocated and not borrowed.
+    pub(super) fn charge(&mut self, bytes: usize) -> Result<(), PickleError> {
         self.bytes = self.bytes.saturating_add(bytes);
-        if self.bytes > MAX_BYTES { Err(Error::TooLarge("more than 256 MiB of data")) } else { Ok(()) }
+        if self.bytes > MAX_BYTES { Err(PickleError::TooLarge("more than 256 MiB of data")) } else { Ok(()) }
     }
 
-    fn tuple(&self, id: Id) -> Result<&[Id], Error> {
+    fn tuple(&self, id: Id) -> Result<&[Id], PickleError> {
         if let Node::Tuple(items) = self.node(id) { Ok(items) } else { Err(self.malformed("a tuple is missing")) }
     }
 
@@ -62,7 +62,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    fn shape(&self, id: Id) -> Result<Vec<usize>, Error> {
+    fn shape(&self, id: Id) -> Result<Vec<usize>, PickleError> {
         self.tuple(id)?
             .iter()
             .map(|&n| match self.node(n) {
@@ -80,7 +80,7 @@ impl<'a> Machine<'a> {
         fortran: bool,
         shape: Vec<usize>,
         data: Id,
-    ) -> Result<Array, Error> {
+    ) -> Result<Array, PickleError> {
         let length = match self.node(data) {
             Node::Bytes(bytes) | Node::Py2Str(bytes) => bytes.len(),
             _ => return Err(self.malformed("the data of an array are not bytes")),
@@ -92,9 +92,9 @@ impl<'a> Machine<'a> {
         Array::from_raw(kind, big_endian, fortran, shape, bytes).map_err(|defect| self.malformed(defect))
     }
 
-    pub(super) fn call(&mut self, callable: Id, arguments: Id) -> Result<Node<'a>, Error> {
+    pub(super) fn call(&mut self, callable: Id, arguments: Id) -> Result<Node<'a>, PickleError> {
         let Node::Global(callable) = *self.node(callable) else {
-            return Err(self.malformed("a call of what is no function"));
+            return Err(self.malformed("a call of a value that is not a function"));
         };
         let arguments = self.tuple(arguments)?.to_vec();
         match (callable, arguments.as_slice()) {
@@ -109,7 +109,7 @@ impl<'a> Machine<'a> {
                     _ => (false, &*code),
                 };
                 let kind = Kind::from_code(plain)
-                    .ok_or_else(|| Error::Refused(format!("an array of type {}", code.escape_debug())))?;
+                    .ok_or_else(|| PickleError::Refused(format!("an array of type {}", code.escape_debug())))?;
                 Ok(Node::Dtype { kind, big_endian })
             }
             (Global::Scalar, &[dtype, data]) => {
@@ -139,7 +139,8 @@ impl<'a> Machine<'a> {
                     Node::Bytes(bytes) if callable == Global::Bytes => Some(bytes.to_vec()),
                     _ => None,
                 };
-                let bytes: Vec<u8> = bytes.ok_or_else(|| self.malformed("bytes from what is no Latin-1 text"))?;
+                let bytes: Vec<u8> =
+                    bytes.ok_or_else(|| self.malformed("bytes from a value that is not Latin-1 text"))?;
                 self.charge(bytes.len())?;
                 Ok(Node::Bytes(bytes.into()))
             }
@@ -162,20 +163,20 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Gives the object on top of the stack its state.
-    pub(super) fn build(&mut self, state: Id) -> Result<(), Error> {
+    /// Sets the state of the object on top of the stack.
+    pub(super) fn build(&mut self, state: Id) -> Result<(), PickleError> {
         let object = self.top()?;
         let state = self.tuple(state)?.to_vec();
         match (self.node(object), state.as_slice()) {
             // (version, byte order, subtype, names, fields, size, alignment, flags)
             (&Node::Dtype { kind, .. }, &[_, order, subtype, names, fields, ..]) => {
                 if [subtype, names, fields].iter().any(|&id| !matches!(self.node(id), Node::None)) {
-                    return Err(Error::Refused("an array of records".into()));
+                    return Err(PickleError::Refused("an array of records".into()));
                 }
                 let big_endian = self.text(order).is_some_and(|order| order == ">");
                 self.nodes[object as usize] = Node::Dtype { kind, big_endian };
             }
-            // (version, shape, data type, Fortran order, data); the version was added later.
+            // (version, shape, data type, Fortran order, data); the oldest pickles have no version.
             (Node::Array(_), &[_, shape, dtype, fortran, data] | &[shape, dtype, fortran, data]) => {
                 let Node::Dtype { kind, big_endian } = *self.node(dtype) else {
                     return Err(self.malformed("an array without its type"));
@@ -185,7 +186,7 @@ impl<'a> Machine<'a> {
                 let array = self.array(kind, big_endian, fortran, shape, data)?;
                 self.nodes[object as usize] = Node::Array(Some(array));
             }
-            _ => return Err(self.malformed("a state for what has none")),
+            _ => return Err(self.malformed("a state for a value without state")),
         }
         Ok(())
     }

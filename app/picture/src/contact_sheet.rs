@@ -1,52 +1,56 @@
-//! A contact sheet: one PNG that shows what an episode looked like and when each finger touched.
+//! Contact sheet: one image of an episode, with a few moments and the times at which each finger touched.
 
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
-use mvt_robot::hand::{Finger, PerFinger};
 
-use mvt_picture::{draw, text};
+use crate::{draw, text};
 
-/// What a contact sheet shows.
+/// Number of fingers.
+const COUNT: usize = 4;
+
+/// Contents of a contact sheet.
 #[derive(Debug, Clone)]
 pub struct ContactSheet {
     /// Headline.
     pub title: String,
-    /// A line below it: seed, gait, outcome.
+    /// Line below the headline: seed, gait, outcome.
     pub subtitle: String,
+    /// Names of the fingers.
+    pub fingers: [&'static str; COUNT],
     /// A few moments, early to late; six fit best.
-    pub moments: Vec<Moment>,
-    /// When each finger touched.
-    pub timeline: Timeline,
+    pub moments: Vec<SheetMoment>,
+    /// Times at which each finger touched.
+    pub timeline: ContactTimeline,
 }
 
-/// One column of a contact sheet.
+/// Column of a contact sheet.
 #[derive(Debug, Clone)]
-pub struct Moment {
+pub struct SheetMoment {
     /// Seconds since the start of the episode.
     pub time_s: f64,
     /// The camera's image.
     pub camera: RgbImage,
     /// The four touch images.
-    pub touch: PerFinger<RgbImage>,
-    /// Which fingers touched.
-    pub contact: PerFinger<bool>,
+    pub touch: [RgbImage; COUNT],
+    /// Whether each finger touched.
+    pub contact: [bool; COUNT],
 }
 
-/// When each finger touched, frame by frame.
+/// Contact of each finger, frame by frame.
 #[derive(Debug, Clone, Default)]
-pub struct Timeline {
+pub struct ContactTimeline {
     /// Times of the frames, seconds, increasing.
     pub times_s: Vec<f64>,
-    /// For each frame which fingers touched; as many as times.
-    pub contact: Vec<PerFinger<bool>>,
+    /// For each frame whether each finger touched; as many as times.
+    pub contact: Vec<[bool; COUNT]>,
 }
 
 const PAPER: Rgb<u8> = Rgb([250, 250, 248]);
 const INK: Rgb<u8> = Rgb([34, 38, 46]);
 const FAINT: Rgb<u8> = Rgb([125, 131, 141]);
 const TRACK: Rgb<u8> = Rgb([232, 233, 231]);
-/// One colour per finger, told apart also by people who see red and green alike (Okabe and Ito).
-const FINGERS: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([230, 159, 0]), Rgb([0, 158, 115]), Rgb([204, 121, 167])];
+/// One colour per finger, also distinct to people who cannot distinguish red and green (Okabe and Ito).
+const FINGERS: [Rgb<u8>; COUNT] = [Rgb([0, 114, 178]), Rgb([230, 159, 0]), Rgb([0, 158, 115]), Rgb([204, 121, 167])];
 
 const MARGIN: u32 = 36;
 const GAP: u32 = 14;
@@ -75,10 +79,10 @@ pub fn contact_sheet(sheet: &ContactSheet) -> RgbImage {
     page.text(MARGIN, MARGIN, 34.0, INK, &sheet.title);
     page.text(MARGIN, MARGIN + 46, 19.0, FAINT, &sheet.subtitle);
     for (i, moment) in (0..).zip(&sheet.moments) {
-        page.moment(MARGIN + i * (COLUMN + GAP), MARGIN + HEADER, moment);
+        page.moment(MARGIN + i * (COLUMN + GAP), MARGIN + HEADER, moment, &sheet.fingers);
     }
     let marks: Vec<f64> = sheet.moments.iter().map(|moment| moment.time_s).collect();
-    page.timeline(timeline_top, &sheet.timeline, &marks);
+    page.timeline(timeline_top, sheet, &marks);
     page.image
 }
 
@@ -87,41 +91,41 @@ struct Page {
 }
 
 impl Page {
-    fn moment(&mut self, x: u32, y: u32, moment: &Moment) {
+    fn moment(&mut self, x: u32, y: u32, moment: &SheetMoment, names: &[&str; COUNT]) {
         self.text(x, y, 18.0, INK, &format!("{:.1} s", moment.time_s));
         let mut top = y + MOMENT_LABEL;
         self.picture(x, top, (COLUMN, CAMERA_HEIGHT), &moment.camera);
         top += CAMERA_HEIGHT + 8;
-        for (finger, image) in moment.touch.iter() {
+        for (finger, image) in moment.touch.iter().enumerate() {
             let (row, column) = (finger as u32 / 2, finger as u32 % 2);
             let (x, y) = (x + column * (TOUCH.0 + 6), top + row * (TOUCH_LABEL + TOUCH.1 + 4));
             let touches = moment.contact[finger];
-            let color = FINGERS[finger as usize];
-            // The colour of the finger's bar marks a finger that touches.
+            let color = FINGERS[finger];
+            // A finger that touches is marked in the colour of its bar.
             self.disc(x + 6, y + 9, 5.0, if touches { color } else { TRACK });
-            self.text(x + 16, y, 15.0, if touches { INK } else { FAINT }, finger.name());
+            self.text(x + 16, y, 15.0, if touches { INK } else { FAINT }, names[finger]);
             self.picture(x, y + TOUCH_LABEL, TOUCH, image);
         }
     }
 
-    fn timeline(&mut self, top: u32, timeline: &Timeline, marks: &[f64]) {
+    fn timeline(&mut self, top: u32, ContactSheet { fingers, timeline, .. }: &ContactSheet, marks: &[f64]) {
         self.text(MARGIN, top, 20.0, INK, "Contact");
         let left = MARGIN + NAME_WIDTH;
         let right = self.image.width() - MARGIN - PERCENT_WIDTH;
         let bars = top + 40;
         let frames = timeline.contact.len().min(timeline.times_s.len());
         let start = timeline.times_s.first().copied().unwrap_or(0.0);
-        // The last frame lasts as long as the mean one.
+        // The last frame gets the mean duration of the others.
         let last = if frames > 0 { timeline.times_s[frames - 1] } else { 1.0 };
         let span = (last - start) * frames as f64 / (frames.max(2) - 1) as f64;
         let span = if span > 0.0 { span } else { 1.0 };
         let at = |time: f64| {
             left + ((time - start) / span * f64::from(right - left)).round().clamp(0.0, f64::from(right - left)) as u32
         };
-        for finger in Finger::ALL {
+        for (finger, name) in fingers.iter().enumerate() {
             let y = bars + finger as u32 * BAR_STEP;
-            let color = FINGERS[finger as usize];
-            self.text(MARGIN, y + 2, 17.0, INK, finger.name());
+            let color = FINGERS[finger];
+            self.text(MARGIN, y + 2, 17.0, INK, name);
             self.fill(left, y, right - left, BAR, TRACK);
             for i in (0..frames).filter(|&i| timeline.contact[i][finger]) {
                 let from = at(timeline.times_s[i]);
@@ -186,7 +190,7 @@ impl Page {
     }
 }
 
-/// Seconds between ticks: 1, 2 or 5 times a power of ten, at most some twelve ticks.
+/// Returns the seconds between ticks: 1, 2 or 5 times a power of ten, for at most some twelve ticks.
 fn tick_step(span_s: f64) -> f64 {
     let decade = 10f64.powf((span_s / 12.0).log10().floor()).max(1.0);
     [1.0, 2.0, 5.0, 10.0].map(|m| m * decade).into_iter().find(|step| span_s / step <= 12.0).unwrap_or(10.0 * decade)
@@ -197,27 +201,28 @@ mod tests {
     use super::*;
 
     fn sheet(frames: usize, moments: usize) -> ContactSheet {
-        let touch = PerFinger::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([100, 120, 140])));
-        let moment = |i: usize| Moment {
+        let touch = std::array::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([100, 120, 140])));
+        let moment = |i: usize| SheetMoment {
             time_s: i as f64,
             camera: RgbImage::from_pixel(640, 480, Rgb([60, 80, 70])),
             touch: touch.clone(),
-            contact: PerFinger([true, false, true, false]),
+            contact: [true, false, true, false],
         };
         ContactSheet {
             title: "077_rubiks_cube".into(),
             subtitle: "seed 0".into(),
+            fingers: ["index", "middle", "ring", "thumb"],
             moments: (0..moments).map(moment).collect(),
-            timeline: Timeline {
+            timeline: ContactTimeline {
                 times_s: (0..frames).map(|i| i as f64 / 30.0).collect(),
-                contact: (0..frames).map(|i| PerFinger([true, false, i % 2 == 0, i > frames / 2])).collect(),
+                contact: (0..frames).map(|i| [true, false, i % 2 == 0, i > frames / 2]).collect(),
             },
         }
     }
 
     /// Fraction of the timeline's middle row of a finger that has its colour.
-    fn colored(image: &RgbImage, finger: Finger) -> f64 {
-        let color = FINGERS[finger as usize];
+    fn colored(image: &RgbImage, finger: usize) -> f64 {
+        let color = FINGERS[finger];
         let bar = image.width() - 2 * MARGIN - NAME_WIDTH - PERCENT_WIDTH;
         let bottom = image.height() - MARGIN - 44;
         let y = bottom - (4 - finger as u32) * BAR_STEP + BAR / 2;
@@ -227,8 +232,8 @@ mod tests {
     #[test]
     fn bars_are_as_long_as_contacts() {
         let image = contact_sheet(&sheet(600, 0));
-        for (finger, fraction) in Finger::ALL.into_iter().zip([1.0, 0.0, 0.5, 0.5]) {
-            assert!((colored(&image, finger) - fraction).abs() < 0.01, "{finger:?} {}", colored(&image, finger));
+        for (finger, fraction) in [1.0, 0.0, 0.5, 0.5].into_iter().enumerate() {
+            assert!((colored(&image, finger) - fraction).abs() < 0.01, "{finger} {}", colored(&image, finger));
         }
     }
 

@@ -1,0 +1,213 @@
+//! Opening of a log: data.pkl, scene.json, the number of frames, and the defects that are tolerated.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mvt_frames::camera::PosedCamera;
+use mvt_frames::{Camera, HandBase, Isometry, MeshFile, Object, World};
+use mvt_robot::hand::{Finger, world_from_base};
+
+use super::Log;
+use crate::error::LogError;
+use crate::io::read_at_most;
+use crate::lens::Lens;
+use crate::pickle;
+use crate::record::{Matrix, Record};
+use crate::scene::{FORMAT_VERSION, SCENE_FILE, SceneFile};
+
+/// Greatest size of data.pkl, bytes: ten times that of a log of thirty minutes.
+const MAX_PICKLE: u64 = 256 << 20;
+/// Greatest size of scene.json, bytes: some thousand times its usual size.
+const MAX_SCENE: u64 = 1 << 20;
+
+impl Log {
+    /// Opens a log and checks everything but the images: data.pkl, scene.json, the number of files, the shape of
+    /// depths.
+    ///
+    /// # Errors
+    /// [`LogError`] that names the file and its defect.
+    pub fn open(folder: &Path) -> Result<Self, LogError> {
+        Self::open_as(folder, false)
+    }
+
+    /// Opens a log with missing or damaged parts, for [`Log::into_partial_frames`]. Defects of single sensors and of
+    /// the order of time become [`notes`](Log::notes).
+    ///
+    /// # Errors
+    /// [`LogError`] if data.pkl or scene.json is invalid, or the log has no frame.
+    pub fn open_tolerant(folder: &Path) -> Result<Self, LogError> {
+        Self::open_as(folder, true)
+    }
+
+    fn open_as(folder: &Path, tolerant: bool) -> Result<Self, LogError> {
+        let path = folder.join("data.pkl");
+        let bytes = read_at_most(&path, MAX_PICKLE)?;
+        let value = pickle::from_bytes(&bytes).map_err(|reason| LogError::Pickle { path: path.clone(), reason })?;
+        let record = Record::from_value(&value).map_err(|defect| LogError::defect(&path, defect))?;
+        let scene = read_scene(&folder.join(SCENE_FILE))?;
+        let defect = |defect: String| LogError::defect(&path, defect);
+
+        let base = Isometry::<HandBase, World>::from_matrix(&record.base_pose);
+        let base = base.map_err(|e| defect(format!("allegro.base_pose is {e}")))?;
+        let world = world_from_base() * base.inverse();
+        let object_from_file = match &scene {
+            Some(scene) => Isometry::<MeshFile, Object>::from_matrix(&scene.object.object_from_file)
+                .map_err(|e| LogError::defect(folder.join(SCENE_FILE), format!("object_from_file is {e}")))?,
+            None => Isometry::identity(),
+        };
+        let object_pose = |(i, matrix): (usize, &Matrix)| {
+            if matrix.iter().flatten().all(|&x| x == 0.0) {
+                return Ok(None);
+            }
+            let pose = Isometry::<MeshFile, World>::from_matrix(matrix);
+            let pose = pose.map_err(|e| defect(format!("object.pose of frame {i} is {e}")))?;
+            Ok(Some(world * pose * object_from_file.inverse()))
+        };
+        let object_poses = record.object_poses.iter().enumerate().map(object_pose).collect::<Result<_, LogError>>()?;
+        let mut cameras = Vec::new();
+        for camera in &record.cameras {
+            let pose = Isometry::<Camera, World>::from_matrix(&camera.pose);
+            let pose = pose.map_err(|e| defect(format!("realsense.{}.pose is {e}", camera.name)))?;
+            cameras.push(PosedCamera { name: camera.name.clone(), intrinsics: camera.intrinsics, pose: world * pose });
+        }
+        if scene.as_ref().is_some_and(|s| !s.cameras.iter().eq(cameras.iter().map(|camera| &camera.name))) {
+            return Err(defect("the cameras are not those of scene.json".into()));
+        }
+        let lenses = record.cameras.iter().map(|c| c.distortion.and_then(|k| Lens::new(&c.intrinsics, k))).collect();
+        let mut log = Self {
+            folder: folder.to_path_buf(),
+            scene,
+            object_name: record.object_name,
+            times_s: record.times_s,
+            joints: record.joints,
+            object_poses,
+            finger_poses: record.finger_poses,
+            world,
+            digit: record.digit,
+            cameras,
+            lenses,
+            touch_labels: false,
+            segmentation: false,
+            tolerant,
+            notes: Vec::new(),
+        };
+        log.count()?;
+        Ok(log)
+    }
+
+    /// Determines the number of frames and the labels of the log.
+    fn count(&mut self) -> Result<(), LogError> {
+        let pkl = self.folder.join("data.pkl");
+        let mut counts = vec![
+            (pkl.clone(), "times", self.times_s.len()),
+            (pkl.clone(), "joint states", self.joints.len()),
+            (pkl.clone(), "object poses", self.object_poses.len()),
+        ];
+        if let Some(poses) = &self.finger_poses {
+            counts.push((pkl.clone(), "finger poses", poses.len()));
+        }
+        for finger in Finger::ALL {
+            let folder = self.touch_folder(finger).join("image");
+            counts.push((folder.clone(), "images", count_files(&folder)?.unwrap_or(0)));
+        }
+        for (i, camera) in self.cameras.iter().enumerate() {
+            let folder = self.camera_folder(&camera.name);
+            counts.push((folder.join("image"), "images", count_files(&folder.join("image"))?.unwrap_or(0)));
+            match self.depths(i) {
+                Ok((path, reader)) => counts.push((path, "depth images", reader.shape()[0])),
+                // Reported when the depths are read.
+                Err(_) if self.tolerant => {}
+                Err(error) => return Err(error),
+            }
+        }
+        let fewest = counts.iter().map(|&(.., n)| n).min().unwrap_or(0);
+        let frames = match (&self.scene, self.tolerant) {
+            (_, true) => self.times_s.len().min(self.joints.len()),
+            (Some(_), false) => self.times_s.len(),
+            (None, false) => fewest,
+        };
+        for (path, what, n) in counts {
+            if n != frames {
+                let defect = format!("{n} {what} for {frames} frames");
+                self.tolerate(path, defect)?;
+            }
+        }
+        if frames == 0 {
+            return Err(LogError::defect(&self.folder, "the log has no frames"));
+        }
+        self.times_s.truncate(frames);
+        self.joints.truncate(frames);
+        self.object_poses.truncate(frames);
+        let ours = self.scene.is_some();
+        if self.times_s.windows(2).any(|t| t[1] < t[0] || (ours && t[1] == t[0])) {
+            let defect = LogError::defect(pkl, "time does not increase");
+            if !self.tolerant {
+                return Err(defect);
+            }
+            self.notes.push(defect.to_string());
+        }
+        let touch = ["depth", "mask"].iter().flat_map(|kind| Finger::ALL.map(|f| self.touch_folder(f).join(kind)));
+        self.touch_labels = self.has_all(touch.collect())?;
+        let segmentation = self.cameras.iter().map(|camera| self.camera_folder(&camera.name).join("seg"));
+        self.segmentation = self.has_all(segmentation.collect())?;
+        Ok(())
+    }
+
+    /// Returns whether every frame has its label in each folder.
+    fn has_all(&mut self, folders: Vec<PathBuf>) -> Result<bool, LogError> {
+        let mut complete = true;
+        let mut missing = 0;
+        let number = folders.len();
+        for folder in folders {
+            let found = count_files(&folder)?.unwrap_or(0);
+            if found != self.len() {
+                complete = false;
+                missing += usize::from(found == 0);
+                if found > 0 || self.scene.is_some() {
+                    let defect = format!("{found} labels for {} frames", self.len());
+                    self.tolerate(folder, defect)?;
+                }
+            }
+        }
+        if !complete && missing < number {
+            self.notes.push("incomplete labels are skipped".into());
+        }
+        Ok(complete)
+    }
+
+    /// Refuses a defect in a log of this program, and notes it in a log of another program.
+    fn tolerate(&mut self, path: PathBuf, defect: String) -> Result<(), LogError> {
+        if self.scene.is_some() && !self.tolerant {
+            return Err(LogError::Defect { path, defect });
+        }
+        self.notes.push(format!("{}: {defect}", path.display()));
+        Ok(())
+    }
+}
+
+/// Reads scene.json; `None` if the file does not exist.
+fn read_scene(path: &Path) -> Result<Option<SceneFile>, LogError> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let bytes = read_at_most(path, MAX_SCENE)?;
+    let scene: SceneFile =
+        serde_json::from_slice(&bytes).map_err(|reason| LogError::Json { path: path.to_path_buf(), reason })?;
+    if scene.format_version > FORMAT_VERSION {
+        let defect = format!(
+            "its format {} is newer than format {FORMAT_VERSION}, the newest that this version reads: update the program",
+            scene.format_version
+        );
+        return Err(LogError::defect(path, defect));
+    }
+    Ok(Some(scene))
+}
+
+/// Returns the number of files in a folder, by which loaders count frames; `None` if the folder does not exist.
+fn count_files(folder: &Path) -> Result<Option<usize>, LogError> {
+    match fs::read_dir(folder) {
+        Ok(entries) => Ok(Some(entries.count())),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(reason) => Err(LogError::Io { path: folder.to_path_buf(), reason }),
+    }
+}

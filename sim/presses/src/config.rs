@@ -1,0 +1,68 @@
+//! Settings of random presses.
+
+use mvt_settings::{SettingError, Unlimited, settings};
+
+use crate::objects::Split;
+
+settings! {
+    /// Distributions of training images. Check [`Split::check`] as well: [`DataConfig::validate`] does not look up the objects.
+    pub struct DataConfig {
+        /// Objects that are pressed.
+        #[serde(skip_serializing_if = "Split::is_published")]
+        pub objects: Split;
+        /// Share of images without contact.
+        pub untouched: f64 = 0.06, 0.0..=1.0;
+        /// Share of the images with contact that follow MidasTouch's protocol.
+        pub protocol: f64 = 0.5, 0.0..=1.0;
+        /// Share of contacts in which the finger is not withdrawn if another part of the object is deeper than the press depth: an edge
+        /// beside the touched point may be as deep as the object allows.
+        pub deep: f64 = 0.04, 0.0..=1.0;
+        /// Least and greatest press depth beyond the protocol, millimetres.
+        pub press_mm: [f64; 2] = [0.1, 2.0], 1e-6..=5.0;
+        /// Greatest tilt beyond the protocol, degrees.
+        pub tilt_deg: f64 = 30.0, 0.0..=80.0;
+        /// Share of sensors whose lights differ from their calibration.
+        pub disturbed_lights: f64 = 0.6, 0.0..=1.0;
+        /// Size of that difference, in units of MidasTouch's distribution.
+        pub light_strength: f64 = 1.0, 0.0..=10.0;
+        /// Least and greatest standard deviation of the image noise, grey levels.
+        pub noise: [f32; 2] = [1.5, 3.0], 1e-6..=28.0;
+        /// Greatest height of each shape of light that is added to a background, grey levels.
+        pub background: f32 = 12.0, 0.0..=100.0;
+        /// Share of images of sensors whose untouched image is known.
+        pub known_untouched: f64 = 0.75, 0.0..=1.0;
+        /// Sensors in use at a time. Each step replaces one of them.
+        pub sensors: usize = 24, 1..=1000;
+    }
+    rule = ranges_rise;
+}
+
+fn ranges_rise(config: &DataConfig) -> Result<(), SettingError> {
+    let ([least_mm, most_mm], [quiet, loud]) = (config.press_mm, config.noise);
+    // Press depths are drawn below the greatest, so that the two must differ.
+    if least_mm >= most_mm {
+        return Err(SettingError::new("press_mm", format!("[{least_mm}, {most_mm}]"), "a least and a greater value"));
+    }
+    if quiet > loud {
+        return Err(SettingError::new("noise", format!("[{quiet}, {loud}]"), "a least and a greatest value"));
+    }
+    Ok(())
+}
+
+impl Unlimited for Split {}
+
+impl DataConfig {
+    /// Returns MidasTouch's protocol for YCB-Slide alone, on sensors with the lights of their calibration.
+    pub fn protocol() -> Self {
+        Self {
+            untouched: 0.0,
+            protocol: 1.0,
+            deep: 0.0,
+            disturbed_lights: 0.0,
+            noise: [2.0, 2.0],
+            background: 0.0,
+            known_untouched: 1.0,
+            ..Self::default()
+        }
+    }
+}
