@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
-use mvt_touch::network::{Architecture, Cost, Layer};
+use mvt_touch::network::{Architecture, Cost, NetworkLayer};
 use serde::{Deserialize, Serialize};
 
 use mvt_run::io::print_line;
@@ -122,7 +122,7 @@ pub fn run(command: &Command) -> Result<()> {
     print_line(&if *json { serde_json::to_string_pretty(&description)? } else { in_words(&description)? })
 }
 
-fn part(layer: &Layer) -> &str {
+fn part(layer: &NetworkLayer) -> &str {
     layer.name.split('.').next().unwrap_or_default()
 }
 

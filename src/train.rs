@@ -18,7 +18,7 @@ use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::{Architecture, Precision, Weights};
-use mvt_touch::train::{Batch, Device, Stage, Targets, Trainer, TrainingConfig};
+use mvt_touch::train::{Device, Stage, Targets, TouchTrainer, TrainingBatch, TrainingConfig};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -119,13 +119,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     );
     let checkpoint = arguments.out.join("checkpoint.safetensors");
     let trainer = if arguments.resume {
-        Trainer::resume(&checkpoint, architecture.clone(), training.clone())?
+        TouchTrainer::resume(&checkpoint, architecture.clone(), training.clone())?
     } else {
         if checkpoint.exists() {
             bail!("{} holds a training; go on with --resume, or choose another folder", arguments.out.display());
         }
         let start = arguments.from.as_deref().map(Weights::read).transpose()?;
-        Trainer::new(architecture.clone(), training.clone(), start.as_ref())?
+        TouchTrainer::new(architecture.clone(), training.clone(), start.as_ref())?
     };
     let mut trainer = trainer.on(device);
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
@@ -193,7 +193,7 @@ fn draw_batch(
     data: &DataConfig,
     training: &TrainingConfig,
     step: u64,
-) -> Result<Batch> {
+) -> Result<TrainingBatch> {
     let stage = training.stage(step).context("there is no stage")?;
     let sensors = rack.of_step(step)?;
     let first = step << 16;
@@ -204,9 +204,9 @@ fn draw_batch(
 }
 
 /// Images of one size, put together.
-fn batch(examples: &[Example]) -> Batch {
+fn batch(examples: &[Example]) -> TrainingBatch {
     let [rows, columns] = examples.first().map_or([0, 0], |example| example.size);
-    let mut batch = Batch { shape: [examples.len(), rows, columns], ..Batch::default() };
+    let mut batch = TrainingBatch { shape: [examples.len(), rows, columns], ..TrainingBatch::default() };
     let mut targets = Targets::default();
     for example in examples {
         batch.levels.extend(&example.levels);
@@ -259,7 +259,7 @@ impl Validation {
 /// The example as a network sees it: without the untouched image of its sensor, where that is known.
 fn subtracted(mut example: Example) -> Example {
     if let Some(untouched) = example.untouched.take() {
-        mvt_touch::untouched::take_off(&untouched, &mut example.levels);
+        mvt_touch::untouched::subtract_untouched(&untouched, &mut example.levels);
     }
     example
 }

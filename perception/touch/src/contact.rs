@@ -11,7 +11,7 @@ use rayon::iter::{
 use serde::{Deserialize, Serialize};
 
 use crate::engine::{Engine, Prediction};
-use crate::untouched::{Squares, differences, squares, take_off};
+use crate::untouched::{Squares, differences, squares, subtract_untouched};
 use mvt_robot::observation::{Sensor, SensorError, TouchImages, check_size};
 
 /// How predictions become depth and contact.
@@ -128,7 +128,7 @@ impl State {
             None => image,
             Some(untouched) => {
                 self.seen.copy_from_slice(image);
-                take_off(untouched, &mut self.seen);
+                subtract_untouched(untouched, &mut self.seen);
                 &self.seen
             }
         };

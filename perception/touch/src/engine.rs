@@ -129,27 +129,27 @@ impl Engine {
 /// A network's forward pass.
 trait Forward {
     /// What it works with.
-    type Scratch;
+    type Buffers;
 
     /// Room for inputs of a size, rows and columns.
-    fn scratch(&self, size: [usize; 2]) -> Self::Scratch;
+    fn buffers(&self, size: [usize; 2]) -> Self::Buffers;
 
     /// From an image to a prediction of its size; `words` is room for matrix products.
-    fn forward(&self, image: &RgbImage, scratch: &mut Self::Scratch, words: &mut Vec<u32>, to: &mut Prediction);
+    fn forward(&self, image: &RgbImage, buffers: &mut Self::Buffers, words: &mut Vec<u32>, to: &mut Prediction);
 }
 
 /// A network with the memory of passes that are not under way.
 #[derive(Debug)]
 struct Runner<N: Forward> {
     network: N,
-    idle: Mutex<Vec<Workspace<N::Scratch>>>,
+    idle: Mutex<Vec<Workspace<N::Buffers>>>,
 }
 
 /// What a pass works with.
 #[derive(Debug)]
 struct Workspace<S> {
     size: [usize; 2],
-    scratch: S,
+    buffers: S,
     words: Vec<u32>,
 }
 
@@ -163,8 +163,8 @@ impl<N: Forward> Runner<N> {
         // Passes for another size than the last one are not expected to return.
         let known = idle().pop().filter(|workspace| workspace.size == size);
         let mut workspace =
-            known.unwrap_or_else(|| Workspace { size, scratch: self.network.scratch(size), words: Vec::new() });
-        self.network.forward(image, &mut workspace.scratch, &mut workspace.words, prediction);
+            known.unwrap_or_else(|| Workspace { size, buffers: self.network.buffers(size), words: Vec::new() });
+        self.network.forward(image, &mut workspace.buffers, &mut workspace.words, prediction);
         idle().push(workspace);
     }
 }

@@ -24,7 +24,7 @@
 //! - **Resampling** of a map to `[h, w]`: bilinear with the corners of both images aligned.
 //! - **Residual unit** of a map (`conv1`, `conv2`): `x + conv2(relu(conv1(relu(x))))`.
 //! - **Mamba** (`in_proj`, `conv1d`, `x_proj`, `dt_proj`, `A_log`, `D`, `out_proj`, names and shapes of mamba_ssm 1, `conv1d.weight`
-//!   without its middle axis of 1), over the tokens `u_t` in the order of a [`Scan`]; with E = expand width, N = state,
+//!   without its middle axis of 1), over the tokens `u_t` in the order of a [`ScanOrder`]; with E = expand width, N = state,
 //!   R = ceil(width / 16):
 //!   `[x, z] = in_proj u` (E each, no bias); `x_t = silu(conv1d.bias + sum over k < K of conv1d.weight[:, k] x_(t - K + 1 + k))`, zeros
 //!   before the start; `[d, B, C] = x_proj x` (R, N, N, no bias); `Delta = softplus(dt_proj d)`, with bias;
@@ -67,9 +67,9 @@ mod cost;
 mod layer;
 mod weights;
 
-pub use architecture::{Architecture, Mamba, Pyramid, RobustMamba, Scan, UnknownNetwork, Vit};
+pub use architecture::{Architecture, Mamba, Pyramid, RobustMamba, ScanOrder, UnknownNetwork, Vit};
 pub use cost::Cost;
-pub use layer::{Grid, LAYER_NORM_EPS, Layer, Op};
-pub use weights::{Precision, Provenance, Tensor, Weights, WeightsError};
+pub use layer::{Grid, LAYER_NORM_EPS, NetworkLayer, Op};
+pub use weights::{Precision, Provenance, WeightTensor, Weights, WeightsError};
 #[cfg(feature = "train")]
 pub(crate) use weights::{Stored, write_whole};

@@ -12,7 +12,7 @@ use crate::engine::{Engine, ImageSizeError, Prediction};
 pub const EVEN: u8 = 96;
 
 /// What an image shows beyond that of the same sensor without contact, over [`EVEN`] grey. Both hold levels in the same order.
-pub fn take_off(untouched: &[u8], image: &mut [u8]) {
+pub fn subtract_untouched(untouched: &[u8], image: &mut [u8]) {
     for (level, &empty) in image.iter_mut().zip(untouched) {
         *level = (i16::from(*level) - i16::from(empty) + i16::from(EVEN)).clamp(0, 255) as u8;
     }
@@ -46,7 +46,7 @@ pub fn estimate(engine: &Engine, images: &[RgbImage]) -> Result<Option<RgbImage>
         let mut touches: Vec<Array2<bool>> = Vec::with_capacity(images.len());
         for batch in images.chunks(BATCH) {
             let mut seen = batch.to_vec();
-            seen.iter_mut().for_each(|image| take_off(&untouched, image));
+            seen.iter_mut().for_each(|image| subtract_untouched(&untouched, image));
             engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
             touches.extend(predictions.iter().map(touched));
         }
@@ -147,7 +147,7 @@ mod tests {
         fn what_is_left_is_what_was_added(empty in 0..200_u8, added in -90..50_i16) {
             let mut image = [(i16::from(empty) + added).clamp(0, 255) as u8];
             let added = i16::from(image[0]) - i16::from(empty);
-            take_off(&[empty], &mut image);
+            subtract_untouched(&[empty], &mut image);
             prop_assert_eq!(i16::from(image[0]) - i16::from(EVEN), added);
         }
     }

@@ -9,12 +9,12 @@ use mvt_products::Instructions;
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::{Architecture, Weights};
 
-/// The system's allocator, counted.
+/// Allocator of the system, with a count.
 struct Counting;
 
 static COUNT: AtomicUsize = AtomicUsize::new(0);
 
-// SAFETY: everything is left to the system's allocator.
+// SAFETY: all calls go to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         COUNT.fetch_add(1, Ordering::Relaxed);

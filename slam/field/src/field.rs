@@ -2,7 +2,7 @@
 //!
 //! [`Field`] holds the parameters and answers queries as a [`Shape`]; a clone of it is a snapshot of some 2 MB that can be meshed
 //! elsewhere. [`Trainer`] holds a field and what its optimiser remembers. Everything runs on the calling thread with the
-//! fastest [`Instructions`] of the machine, and gives the same bits for the same input on the same instructions.
+//! fastest [`FieldInstructions`] of the machine, and gives the same bits for the same input on the same instructions.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ mod train;
 
 pub use config::Config;
 pub use grid::FEATURES;
-pub use instructions::Instructions;
+pub use instructions::FieldInstructions;
 pub use train::{Sample, Trainer};
 
 use grid::{CHUNK, Cells, Level, Row, Slopes};
@@ -57,7 +57,7 @@ pub enum FieldError {
 #[derive(Debug, Clone)]
 pub struct Field {
     config: Config,
-    instructions: Instructions,
+    instructions: FieldInstructions,
     levels: Vec<Level>,
     layout: Layout,
     parameters: Parameters,
@@ -100,7 +100,7 @@ impl Field {
         let (levels, entries) = grid::levels(config);
         let layout = Layout::new(config);
         let parameters = Parameters::zeros(entries, layout);
-        Ok(Self { config: config.clone(), instructions: Instructions::best(), levels, layout, parameters })
+        Ok(Self { config: config.clone(), instructions: FieldInstructions::best(), levels, layout, parameters })
     }
 
     /// What it is made of.
@@ -113,10 +113,10 @@ impl Field {
         size_of_val(self.parameters.table.as_slice()) + size_of_val(self.parameters.network.as_slice())
     }
 
-    /// The same field, computed with other instructions; with [`Instructions::Scalar`] if the machine has them not. For tests and
+    /// The same field, computed with other instructions; with [`FieldInstructions::Scalar`] if the machine has them not. For tests and
     /// comparisons: the fastest are chosen in any case.
     #[must_use]
-    pub fn with_instructions(mut self, instructions: Instructions) -> Self {
+    pub fn with_instructions(mut self, instructions: FieldInstructions) -> Self {
         self.instructions = instructions;
         self
     }

@@ -4,7 +4,7 @@ use image::RgbImage;
 use pulp::{Simd, WithSimd};
 
 use super::Prediction;
-use super::map::Map;
+use super::map::FeatureMap;
 use mvt_products::Instructions;
 use mvt_products::math::multiply_add;
 
@@ -28,7 +28,7 @@ fn between(place: f32, count: usize) -> Between {
 
 /// Puts an image into a map as networks want it, resized to the map's size: levels from -1 to 1 and, if the map has room for them, the
 /// two coordinates.
-pub(super) fn load(image: &RgbImage, map: &mut Map) {
+pub(super) fn load(image: &RgbImage, map: &mut FeatureMap) {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_same = [height, width] == [map.height, map.width];
     let bytes: &[u8] = image;
@@ -64,7 +64,7 @@ pub(super) fn load(image: &RgbImage, map: &mut Map) {
 }
 
 /// Writes the two channels that depth to space by `FACTOR` makes of a map, resized to the prediction's size.
-pub(super) fn store<const FACTOR: usize>(map: &Map, to: &mut Prediction) {
+pub(super) fn store<const FACTOR: usize>(map: &FeatureMap, to: &mut Prediction) {
     let Prediction { indentation_mm, contact_logit } = to;
     let (height, width) = (map.height * FACTOR, map.width * FACTOR);
     let value = |row: usize, column: usize| {
@@ -92,14 +92,14 @@ pub(super) fn store<const FACTOR: usize>(map: &Map, to: &mut Prediction) {
 }
 
 /// Resizes a map to the size of another, the corners of both in the same places. The result is stored or added.
-pub(super) fn resample(instructions: Instructions, from: &Map, is_added: bool, to: &mut Map) {
+pub(super) fn resample(instructions: Instructions, from: &FeatureMap, is_added: bool, to: &mut FeatureMap) {
     instructions.run(Resample { from, is_added, to });
 }
 
 struct Resample<'a> {
-    from: &'a Map,
+    from: &'a FeatureMap,
     is_added: bool,
-    to: &'a mut Map,
+    to: &'a mut FeatureMap,
 }
 
 impl WithSimd for Resample<'_> {

@@ -3,7 +3,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::map::Map;
+use super::map::FeatureMap;
 use crate::network::{LAYER_NORM_EPS, Weights};
 use mvt_products::Instructions;
 use mvt_products::math::multiply_add;
@@ -40,7 +40,7 @@ impl Linear {
     }
 
     /// From the pixels of a map to those of another of the same size.
-    pub(super) fn apply(&self, from: &Map, then: Then, words: &mut Vec<u32>, to: &mut Map) {
+    pub(super) fn apply(&self, from: &FeatureMap, then: Then, words: &mut Vec<u32>, to: &mut FeatureMap) {
         let (from_windows, to_windows) = (from.pixels(), to.pixels());
         // Tokens lie in one row, a framed map has its own rows.
         let is_alike = from_windows.columns == to_windows.columns;
@@ -75,7 +75,7 @@ impl<'a> Matrix<'a> {
 }
 
 /// Where windows of a map are written.
-fn place(to: &mut Map, windows: Windows, then: Then) -> Target<'_> {
+fn place(to: &mut FeatureMap, windows: Windows, then: Then) -> Target<'_> {
     Target { data: &mut to.data, first: windows.first, step: windows.step, pitch: windows.pitch, then }
 }
 
@@ -105,7 +105,14 @@ impl Convolution {
     }
 
     /// From a framed map to another whose sides are those over the stride, rounded up.
-    pub(super) fn apply(&self, from: &Map, rectified: bool, then: Then, words: &mut Vec<u32>, to: &mut Map) {
+    pub(super) fn apply(
+        &self,
+        from: &FeatureMap,
+        rectified: bool,
+        then: Then,
+        words: &mut Vec<u32>,
+        to: &mut FeatureMap,
+    ) {
         let left = Left { data: &from.data, windows: from.neighbourhoods(self.stride), rectified };
         let target = to.rows();
         multiply(&self.packed, left, words, place(to, target, then));
@@ -126,7 +133,7 @@ impl Unit {
     }
 
     /// In place; `between` is of the same size.
-    pub(super) fn apply(&self, words: &mut Vec<u32>, between: &mut Map, x: &mut Map) {
+    pub(super) fn apply(&self, words: &mut Vec<u32>, between: &mut FeatureMap, x: &mut FeatureMap) {
         self.conv1.apply(x, true, Then::Relu, words, between);
         self.conv2.apply(between, false, Then::Add, words, x);
     }
@@ -149,7 +156,7 @@ impl Up {
     }
 
     /// From a map to one with `factor` times its rows and columns.
-    pub(super) fn apply(&self, from: &Map, then: Then, words: &mut Vec<u32>, to: &mut Map) {
+    pub(super) fn apply(&self, from: &FeatureMap, then: Then, words: &mut Vec<u32>, to: &mut FeatureMap) {
         let (step, pitch) = (self.factor * to.channels, self.factor * to.pitch());
         for (k, part) in self.parts.iter().enumerate() {
             let first = to.at(k / self.factor, k % self.factor);
@@ -179,13 +186,13 @@ impl Norm {
     }
 
     /// From tokens to as many others.
-    pub(super) fn apply(&self, from: &Map, to: &mut Map) {
+    pub(super) fn apply(&self, from: &FeatureMap, to: &mut FeatureMap) {
         to.data.copy_from_slice(&from.data);
         self.apply_in_place(to);
     }
 
     /// In the place of the tokens.
-    pub(super) fn apply_in_place(&self, tokens: &mut Map) {
+    pub(super) fn apply_in_place(&self, tokens: &mut FeatureMap) {
         self.instructions.run(Normalise { norm: self, tokens: &mut tokens.data });
     }
 }

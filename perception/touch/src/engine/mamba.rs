@@ -4,7 +4,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::layers::{Linear, Matrix};
-use super::map::Map;
+use super::map::FeatureMap;
 use crate::network::Weights;
 use mvt_products::Instructions;
 use mvt_products::math::{exp2, multiply_add, silu};
@@ -37,16 +37,16 @@ pub(super) struct Mamba {
 
 /// What a layer works with.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Scratch {
+pub(super) struct MambaBuffers {
     /// Results of `in_proj`: x and z.
-    xz: Map,
+    xz: FeatureMap,
     /// x after the convolution.
-    x: Map,
+    x: FeatureMap,
     /// Results of `x_proj`: what the step sizes are made of, B and C.
-    dbc: Map,
-    delta: Map,
+    dbc: FeatureMap,
+    delta: FeatureMap,
     /// What `out_proj` reads.
-    y: Map,
+    y: FeatureMap,
 }
 
 impl Mamba {
@@ -96,9 +96,9 @@ impl Mamba {
     }
 
     /// Room for tokens like those of `like`.
-    pub(super) fn scratch(&self, like: &Map) -> Scratch {
-        let tokens = |channels| Map::tokens([1, like.count()], 0, channels);
-        Scratch {
+    pub(super) fn buffers(&self, like: &FeatureMap) -> MambaBuffers {
+        let tokens = |channels| FeatureMap::tokens([1, like.count()], 0, channels);
+        MambaBuffers {
             xz: tokens(2 * self.inner),
             x: tokens(self.inner),
             dbc: tokens(self.inputs + 2 * self.state),
@@ -110,26 +110,32 @@ impl Mamba {
     /// The layer's result, stored or added. `order` says which token comes k-th.
     pub(super) fn apply(
         &self,
-        from: &Map,
+        from: &FeatureMap,
         order: &[u32],
         then: Then,
-        scratch: &mut Scratch,
+        buffers: &mut MambaBuffers,
         words: &mut Vec<u32>,
-        to: &mut Map,
+        to: &mut FeatureMap,
     ) {
-        self.scan(from, order, scratch, words);
-        self.project(then, scratch, words, to);
+        self.scan(from, order, buffers, words);
+        self.project(then, buffers, words, to);
     }
 
     /// The layer's result in place of what it is made of.
-    pub(super) fn apply_in_place(&self, x: &mut Map, order: &[u32], scratch: &mut Scratch, words: &mut Vec<u32>) {
-        self.scan(x, order, scratch, words);
-        self.project(Then::Store, scratch, words, x);
+    pub(super) fn apply_in_place(
+        &self,
+        x: &mut FeatureMap,
+        order: &[u32],
+        buffers: &mut MambaBuffers,
+        words: &mut Vec<u32>,
+    ) {
+        self.scan(x, order, buffers, words);
+        self.project(Then::Store, buffers, words, x);
     }
 
     /// Everything up to the last linear map.
-    fn scan(&self, from: &Map, order: &[u32], scratch: &mut Scratch, words: &mut Vec<u32>) {
-        let Scratch { xz, x, dbc, delta, y } = scratch;
+    fn scan(&self, from: &FeatureMap, order: &[u32], buffers: &mut MambaBuffers, words: &mut Vec<u32>) {
+        let MambaBuffers { xz, x, dbc, delta, y } = buffers;
         assert_eq!((order.len(), xz.count()), (from.count(), from.count()), "an order for other tokens");
         assert!(order.iter().all(|&token| (token as usize) < from.count()), "an order of other tokens");
         self.in_proj.apply(from, Then::Store, words, xz);
@@ -137,14 +143,14 @@ impl Mamba {
         self.x_proj.apply(x, Then::Store, words, dbc);
         self.dt_proj.apply(dbc, Then::Softplus, words, delta);
         let (xz, x, delta, y_data) = (&xz.data, &x.data, &delta.data, &mut y.data);
-        self.instructions.run(Scan { layer: self, order, xz, x, dbc, delta, y: y_data });
+        self.instructions.run(SelectiveScan { layer: self, order, xz, x, dbc, delta, y: y_data });
     }
 
     /// The last linear map.
-    fn project(&self, then: Then, scratch: &Scratch, words: &mut Vec<u32>, to: &mut Map) {
+    fn project(&self, then: Then, buffers: &MambaBuffers, words: &mut Vec<u32>, to: &mut FeatureMap) {
         let target = to.pixels();
         let target = Target { data: &mut to.data, first: target.first, step: target.step, pitch: 0, then };
-        self.out_proj.run(Left { data: &scratch.y.data, windows: scratch.y.pixels(), rectified: false }, words, target);
+        self.out_proj.run(Left { data: &buffers.y.data, windows: buffers.y.pixels(), rectified: false }, words, target);
     }
 }
 
@@ -182,17 +188,17 @@ impl WithSimd for Convolve<'_> {
 }
 
 /// The selective scan with its skip and gate.
-struct Scan<'a> {
+struct SelectiveScan<'a> {
     layer: &'a Mamba,
     order: &'a [u32],
     xz: &'a [f32],
     x: &'a [f32],
-    dbc: &'a Map,
+    dbc: &'a FeatureMap,
     delta: &'a [f32],
     y: &'a mut [f32],
 }
 
-impl WithSimd for Scan<'_> {
+impl WithSimd for SelectiveScan<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -237,7 +243,7 @@ impl WithSimd for Scan<'_> {
 }
 
 /// The order of a scan through the tokens of a map, those that belong to no patch last.
-pub(super) fn order(scan: crate::network::Scan, tokens: &Map) -> Vec<u32> {
+pub(super) fn order(scan: crate::network::ScanOrder, tokens: &FeatureMap) -> Vec<u32> {
     let patches = scan.order(tokens.height, tokens.width);
     patches.into_iter().chain(tokens.height * tokens.width..tokens.count()).map(|token| token as u32).collect()
 }

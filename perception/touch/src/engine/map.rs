@@ -5,7 +5,7 @@ use mvt_products::multiply::{LANES, Windows};
 /// Pixels row by row with their channels side by side, in a frame of zeros if convolutions are to read it; or tokens, one per patch,
 /// and after them those that belong to no patch. Channels beyond the network's are zero.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Map {
+pub(super) struct FeatureMap {
     pub(super) height: usize,
     pub(super) width: usize,
     /// Numbers of a pixel.
@@ -17,7 +17,7 @@ pub(super) struct Map {
     pub(super) data: Vec<f32>,
 }
 
-impl Map {
+impl FeatureMap {
     /// Zeros, with a frame for convolutions.
     pub(super) fn framed([height, width]: [usize; 2], channels: usize) -> Self {
         Self::new(height, width, channels.next_multiple_of(LANES), 1, 0)

@@ -70,7 +70,7 @@ pub struct Mamba {
     /// Taps of the causal convolution.
     pub taps: usize,
     /// Orders of the scans, which the blocks take in turn.
-    pub scans: Vec<Scan>,
+    pub scans: Vec<ScanOrder>,
     /// Rows and columns of the learned positions.
     pub positions: [usize; 2],
     /// Blocks whose results the decoder sees, from 0, shallow first; as many as it has levels, one to four.
@@ -88,7 +88,7 @@ impl Default for Mamba {
             state: 16,
             expand: 2,
             taps: 4,
-            scans: vec![Scan::Rows],
+            scans: vec![ScanOrder::Rows],
             positions: [20, 15],
             hooks: vec![2, 5, 8, 11],
             channels: 128,
@@ -115,7 +115,7 @@ pub struct RobustMamba {
     /// Hidden channels of an MLP, in widths.
     pub mlp: usize,
     /// Orders of the scans, which the blocks take in turn.
-    pub scans: Vec<Scan>,
+    pub scans: Vec<ScanOrder>,
     /// Blocks whose results the decoder sees, from 0, shallow first; as many as it has levels, one to four.
     pub hooks: Vec<usize>,
     /// Channels of the decoder.
@@ -132,7 +132,7 @@ impl Default for RobustMamba {
             expand: 2,
             taps: 4,
             mlp: 4,
-            scans: vec![Scan::Rows],
+            scans: vec![ScanOrder::Rows],
             hooks: vec![2, 5, 8, 11],
             channels: 128,
         }
@@ -154,19 +154,19 @@ pub struct Pyramid {
     /// Taps of the causal convolution.
     pub taps: usize,
     /// Orders of the scans, which the blocks take in turn.
-    pub scans: Vec<Scan>,
+    pub scans: Vec<ScanOrder>,
 }
 
 impl Default for Pyramid {
     fn default() -> Self {
-        Self { widths: [16, 32, 64, 128], depth: 6, state: 16, expand: 2, taps: 4, scans: Scan::ALL.to_vec() }
+        Self { widths: [16, 32, 64, 128], depth: 6, state: 16, expand: 2, taps: 4, scans: ScanOrder::ALL.to_vec() }
     }
 }
 
 /// The order in which a Mamba block goes through the tokens of an image. Tokens that belong to no pixel come last in each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Scan {
+pub enum ScanOrder {
     /// Row by row from the upper left.
     Rows,
     /// The same backwards, from the lower right.
@@ -177,7 +177,7 @@ pub enum Scan {
     ColumnsReversed,
 }
 
-impl Scan {
+impl ScanOrder {
     /// All, in the order in which `default` takes them.
     pub const ALL: [Self; 4] = [Self::Rows, Self::RowsReversed, Self::Columns, Self::ColumnsReversed];
 
@@ -375,9 +375,9 @@ mod tests {
 
     #[test]
     fn scans_visit_every_token_once() {
-        assert_eq!(Scan::Columns.order(2, 3), [0, 3, 1, 4, 2, 5]);
-        assert_eq!(Scan::ColumnsReversed.order(2, 3), [5, 2, 4, 1, 3, 0]);
-        for scan in Scan::ALL {
+        assert_eq!(ScanOrder::Columns.order(2, 3), [0, 3, 1, 4, 2, 5]);
+        assert_eq!(ScanOrder::ColumnsReversed.order(2, 3), [5, 2, 4, 1, 3, 0]);
+        for scan in ScanOrder::ALL {
             let mut order = scan.order(5, 7);
             order.sort_unstable();
             assert!(order.into_iter().eq(0..35));

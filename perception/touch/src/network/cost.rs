@@ -3,7 +3,7 @@
 use std::iter::Sum;
 
 use super::architecture::Architecture;
-use super::layer::{Layer, Op};
+use super::layer::{NetworkLayer, Op};
 
 /// Counts of a network, or a layer of it, for one image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -25,7 +25,7 @@ impl Architecture {
     }
 }
 
-impl Layer {
+impl NetworkLayer {
     /// Counts for an input of `[height, width]` of the network that it is a layer of.
     pub fn cost(&self, size: [usize; 2]) -> Cost {
         let count = self.grid.count(size) as u64;
@@ -43,12 +43,12 @@ impl Sum for Cost {
     }
 }
 
-fn parameters(layer: &Layer) -> u64 {
+fn parameters(layer: &NetworkLayer) -> u64 {
     layer.tensors().iter().map(|(_, shape)| shape.iter().product::<usize>() as u64).sum()
 }
 
 /// Of the layer, at `count` places.
-fn macs(layer: &Layer, count: u64) -> u64 {
+fn macs(layer: &NetworkLayer, count: u64) -> u64 {
     let each = match layer.op {
         Op::Linear { inputs, outputs } => inputs * outputs,
         Op::Convolution { inputs, outputs } => 9 * inputs * outputs,
@@ -64,7 +64,7 @@ fn macs(layer: &Layer, count: u64) -> u64 {
 }
 
 /// Channels of the layer's results, a Mamba block's inner ones among them.
-fn results(layer: &Layer) -> u64 {
+fn results(layer: &NetworkLayer) -> u64 {
     let channels = match layer.op {
         Op::Linear { outputs, .. } | Op::Convolution { outputs, .. } => outputs,
         Op::Norm { width } | Op::Attention { width } => width,
@@ -84,9 +84,9 @@ mod tests {
     fn vit_small_counts_as_published() {
         let vit = Architecture::Vit(Vit { positions: [14, 14], ..Vit::default() });
         let encoder =
-            |layer: &&Layer| ["patch", "positions", "class", "blocks"].iter().any(|p| layer.name.starts_with(p));
+            |layer: &&NetworkLayer| ["patch", "positions", "class", "blocks"].iter().any(|p| layer.name.starts_with(p));
         let layers = vit.layers();
-        let encoder: Vec<&Layer> = layers.iter().filter(encoder).collect();
+        let encoder: Vec<&NetworkLayer> = layers.iter().filter(encoder).collect();
         let count: u64 = encoder.iter().map(|layer| parameters(layer)).sum();
         // The class token has no position of its own here, 384 numbers.
         assert_eq!(count + 384, 21_664_896);

@@ -9,7 +9,7 @@ const INPUTS: usize = 5;
 
 /// One layer.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Layer {
+pub struct NetworkLayer {
     /// What the names of its tensors start with.
     pub name: String,
     /// What it does.
@@ -89,7 +89,7 @@ impl Grid {
     }
 }
 
-impl Layer {
+impl NetworkLayer {
     /// Names and shapes of its tensors.
     pub fn tensors(&self) -> Vec<(String, Vec<usize>)> {
         let named = |part: &str, shape: &[usize]| (format!("{}.{part}", self.name), shape.to_vec());
@@ -118,11 +118,11 @@ impl Layer {
 
 /// Collects layers.
 #[derive(Default)]
-struct List(Vec<Layer>);
+struct List(Vec<NetworkLayer>);
 
 impl List {
     fn push(&mut self, name: impl Into<String>, op: Op, grid: Grid) {
-        self.0.push(Layer { name: name.into(), op, grid });
+        self.0.push(NetworkLayer { name: name.into(), op, grid });
     }
 
     fn linear(&mut self, name: impl Into<String>, inputs: usize, outputs: usize, grid: Grid) {
@@ -209,7 +209,7 @@ impl List {
 
 impl Architecture {
     /// Its layers in the order in which they run.
-    pub fn layers(&self) -> Vec<Layer> {
+    pub fn layers(&self) -> Vec<NetworkLayer> {
         let mut list = List::default();
         match self {
             Self::Default(pyramid) => list.pyramid(pyramid),
@@ -254,6 +254,6 @@ impl Architecture {
 
     /// Names and shapes of all tensors of its weights, in the order of the layers.
     pub fn tensors(&self) -> Vec<(String, Vec<usize>)> {
-        self.layers().iter().flat_map(Layer::tensors).collect()
+        self.layers().iter().flat_map(NetworkLayer::tensors).collect()
     }
 }
