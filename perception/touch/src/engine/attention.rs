@@ -18,11 +18,11 @@ pub(super) struct Attention {
     heads: usize,
     /// Channels of a head.
     size: usize,
-    /// The same with those that fill the last vector.
+    /// Channels of a head with those that fill the last vector.
     stored: usize,
 }
 
-/// What attention works with.
+/// Memory of attention.
 #[derive(Debug, Clone)]
 pub(super) struct AttentionBuffers {
     /// Queries, keys and values, each head by head.
@@ -51,7 +51,7 @@ impl Attention {
         }
     }
 
-    /// Room for `count` tokens.
+    /// Returns memory for `count` tokens.
     pub(super) fn buffers(&self, count: usize) -> AttentionBuffers {
         let packed =
             |length, outputs: usize| Packed::new(self.instructions, 1, length, &vec![0.0; outputs], |_, _| 0.0);
@@ -95,7 +95,7 @@ impl Attention {
     }
 }
 
-/// The softmax of the first `count` numbers of each row; the others become next to nothing.
+/// Softmax of the first `count` numbers of each row; the others become nearly zero.
 struct Softmax<'a> {
     count: usize,
     scores: &'a mut FeatureMap,

@@ -1,4 +1,4 @@
-//! The decoder of DPT: tokens of some blocks become maps, which are joined from the coarsest to the finest, and two heads.
+//! Decoder of DPT: tokens of some blocks become maps, which are joined from the coarsest to the finest, and two heads.
 
 use super::image::resample;
 use super::layers::{Convolution, Linear, Matrix, Unit, Up};
@@ -7,12 +7,13 @@ use crate::network::Weights;
 use mvt_products::Instructions;
 use mvt_products::multiply::{LANES, Then};
 
-/// A decoder with packed weights.
+/// Decoder with packed weights.
 #[derive(Debug)]
 pub(super) struct Dpt {
     instructions: Instructions,
-    /// Channels of a token, and the same with those that fill the last vector.
+    /// Channels of a token.
     width: usize,
+    /// Channels of a token with those that fill the last vector.
     stored: usize,
     channels: usize,
     patch: usize,
@@ -30,7 +31,7 @@ struct Level {
     units: [Unit; 2],
 }
 
-/// How a map of one pixel per patch gets its size.
+/// Resizing of a map with one pixel per patch.
 #[derive(Debug)]
 enum Resize {
     Up(Up),
@@ -42,12 +43,12 @@ enum Resize {
 struct Head {
     conv1: Convolution,
     conv2: Convolution,
-    /// Its result is the head's own channel of two.
+    /// Writes one of the two channels of the output.
     out: Linear,
     channels: [usize; 2],
 }
 
-/// What the decoder works with.
+/// Memory of the decoder.
 #[derive(Debug)]
 pub(super) struct DecoderBuffers {
     /// Every token with the class token beside it.
@@ -59,7 +60,7 @@ pub(super) struct DecoderBuffers {
     between: Vec<FeatureMap>,
     /// Twice the size of the finest level.
     fused: FeatureMap,
-    /// Of a head, at that size and at the input's.
+    /// Maps of a head, at that size and at the size of the input.
     narrow: FeatureMap,
     wide: FeatureMap,
     features: FeatureMap,
@@ -119,7 +120,7 @@ impl Dpt {
         }
     }
 
-    /// Room for an input of a size and its tokens.
+    /// Returns memory for an input of some rows and columns and its tokens.
     pub(super) fn buffers(&self, size: [usize; 2], tokens: &FeatureMap) -> DecoderBuffers {
         let grid = [tokens.height, tokens.width];
         let level = |k: usize| {
@@ -127,7 +128,7 @@ impl Dpt {
             FeatureMap::framed(grid.map(side), self.channels)
         };
         let levels: Vec<FeatureMap> = (0..self.levels.len()).map(level).collect();
-        // The finest level has a pixel for each fourth part of a patch's side.
+        // The finest level has four pixels per side of a patch.
         let fused = size.map(|side| side / self.patch * 8);
         let [narrow, features] = self.heads[0].channels;
         DecoderBuffers {
@@ -144,7 +145,7 @@ impl Dpt {
         }
     }
 
-    /// The map of a level from the tokens of its block.
+    /// Computes the map of a level from the tokens of its block.
     pub(super) fn reassemble(
         &self,
         level: usize,
@@ -176,7 +177,7 @@ impl Dpt {
         }
     }
 
-    /// From the maps of all levels to the output.
+    /// Computes the output from the maps of all levels.
     pub(super) fn forward(&self, buffers: &mut DecoderBuffers, words: &mut Vec<u32>) {
         let DecoderBuffers { levels, between, fused, narrow, wide, features, output, .. } = buffers;
         for k in (0..self.levels.len()).rev() {

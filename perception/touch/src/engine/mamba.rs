@@ -1,5 +1,5 @@
-//! The Mamba layer: its causal convolution and its scan go through tokens in any order; what they need of a token is read where it
-//! lies, so that no order costs more than another.
+//! Mamba layer. Its causal convolution and its scan visit tokens in any order and read each token in place, so that all orders cost the
+//! same.
 
 use pulp::{Simd, WithSimd};
 
@@ -10,10 +10,10 @@ use mvt_products::Instructions;
 use mvt_products::math::{exp2, multiply_add, silu};
 use mvt_products::multiply::{LANES, Left, Target, Then};
 
-/// States that are carried along together: with what belongs to them they fit in the registers of AVX2.
+/// States that a scan carries together: with their rates and inputs they fit in the registers of AVX2.
 const STATES: usize = 8;
 
-/// A Mamba layer with packed weights.
+/// Mamba layer with packed weights.
 #[derive(Debug)]
 pub(super) struct Mamba {
     instructions: Instructions,
@@ -25,9 +25,9 @@ pub(super) struct Mamba {
     inner: usize,
     /// States, with those that fill the last group.
     state: usize,
-    /// Where B and C begin among the results of `x_proj`.
+    /// Index of B and C among the results of `x_proj`.
     inputs: usize,
-    /// `[taps][inner]`, the oldest token's first.
+    /// `[taps][inner]`, first the taps of the oldest token.
     taps: Vec<f32>,
     tap_bias: Vec<f32>,
     /// log2(e) A, `[inner / LANES][state][LANES]`.
@@ -35,17 +35,17 @@ pub(super) struct Mamba {
     skip: Vec<f32>,
 }
 
-/// What a layer works with.
+/// Memory of a layer.
 #[derive(Debug, Clone, Default)]
 pub(super) struct MambaBuffers {
     /// Results of `in_proj`: x and z.
     xz: FeatureMap,
     /// x after the convolution.
     x: FeatureMap,
-    /// Results of `x_proj`: what the step sizes are made of, B and C.
+    /// Results of `x_proj`: sources of the step sizes, B and C.
     dbc: FeatureMap,
     delta: FeatureMap,
-    /// What `out_proj` reads.
+    /// Input of `out_proj`.
     y: FeatureMap,
 }
 
@@ -95,7 +95,7 @@ impl Mamba {
         }
     }
 
-    /// Room for tokens like those of `like`.
+    /// Returns memory for as many tokens as `like` has.
     pub(super) fn buffers(&self, like: &FeatureMap) -> MambaBuffers {
         let tokens = |channels| FeatureMap::tokens([1, like.count()], 0, channels);
         MambaBuffers {
@@ -107,7 +107,7 @@ impl Mamba {
         }
     }
 
-    /// The layer's result, stored or added. `order` says which token comes k-th.
+    /// Stores the layer's result in `to` or adds it. `order` lists the tokens in the order of the scan.
     pub(super) fn apply(
         &self,
         from: &FeatureMap,
@@ -121,7 +121,7 @@ impl Mamba {
         self.project(then, buffers, words, to);
     }
 
-    /// The layer's result in place of what it is made of.
+    /// Replaces the tokens by the layer's result.
     pub(super) fn apply_in_place(
         &self,
         x: &mut FeatureMap,
@@ -133,7 +133,7 @@ impl Mamba {
         self.project(Then::Store, buffers, words, x);
     }
 
-    /// Everything up to the last linear map.
+    /// Computes everything up to the last linear map.
     fn scan(&self, from: &FeatureMap, order: &[u32], buffers: &mut MambaBuffers, words: &mut Vec<u32>) {
         let MambaBuffers { xz, x, dbc, delta, y } = buffers;
         assert_eq!((order.len(), xz.count()), (from.count(), from.count()), "an order for other tokens");
@@ -146,7 +146,7 @@ impl Mamba {
         self.instructions.run(SelectiveScan { layer: self, order, xz, x, dbc, delta, y: y_data });
     }
 
-    /// The last linear map.
+    /// Computes the last linear map.
     fn project(&self, then: Then, buffers: &MambaBuffers, words: &mut Vec<u32>, to: &mut FeatureMap) {
         let target = to.pixels();
         let target = Target { data: &mut to.data, first: target.first, step: target.step, pitch: 0, then };
@@ -187,7 +187,7 @@ impl WithSimd for Convolve<'_> {
     }
 }
 
-/// The selective scan with its skip and gate.
+/// Selective scan with its skip and gate.
 struct SelectiveScan<'a> {
     layer: &'a Mamba,
     order: &'a [u32],
@@ -242,7 +242,7 @@ impl WithSimd for SelectiveScan<'_> {
     }
 }
 
-/// The order of a scan through the tokens of a map, those that belong to no patch last.
+/// Returns the order of a scan over the tokens of a map; tokens without a patch come last.
 pub(super) fn order(scan: crate::network::ScanOrder, tokens: &FeatureMap) -> Vec<u32> {
     let patches = scan.order(tokens.height, tokens.width);
     patches.into_iter().chain(tokens.height * tokens.width..tokens.count()).map(|token| token as u32).collect()

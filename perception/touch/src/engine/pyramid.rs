@@ -1,4 +1,4 @@
-//! The forward pass of `default`.
+//! Forward pass of `default`.
 
 use ::image::RgbImage;
 
@@ -6,7 +6,7 @@ use super::image::{load, store};
 use super::layers::{Convolution, Norm, Unit, Up};
 use super::mamba::{self, Mamba, MambaBuffers};
 use super::map::FeatureMap;
-use super::{Forward, Prediction};
+use super::pass::{Forward, Prediction};
 use crate::network::{self, ScanOrder, Weights};
 use mvt_products::Instructions;
 use mvt_products::multiply::{LANES, Then};
@@ -29,19 +29,20 @@ pub(super) struct Pyramid {
     head: Convolution,
 }
 
-/// What the forward pass works with.
+/// Memory of the forward pass.
 #[derive(Debug, Clone)]
 pub(super) struct PyramidBuffers {
     input: FeatureMap,
-    /// At 1/2, 1/4 and 1/8, with what residual units want besides.
+    /// Maps at 1/2, 1/4 and 1/8.
     maps: [FeatureMap; 3],
+    /// Intermediate results of residual units at these sizes.
     between: [FeatureMap; 3],
     tokens: FeatureMap,
     normed: FeatureMap,
     mamba: MambaBuffers,
     /// One per block.
     orders: Vec<Vec<u32>>,
-    /// What depth to space by 2 makes two channels of the input's size.
+    /// Output before depth to space by 2.
     output: FeatureMap,
 }
 

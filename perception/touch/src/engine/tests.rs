@@ -15,7 +15,7 @@ fn weights(name: &str) -> Weights {
     Weights::read(&path).unwrap()
 }
 
-/// Tokens of the expectations, `[count, width]`.
+/// Returns expected tokens, `[count, width]`.
 fn tokens(name: &str) -> (Vec<f32>, usize) {
     let bytes = include_bytes!("../../tests/fixtures/expected.safetensors");
     let file = SafeTensors::deserialize(bytes).unwrap();
@@ -79,7 +79,7 @@ fn a_vit_block_is_that_of_pytorch() {
     }
 }
 
-/// A scan does not care where its tokens lie: the order of columns is that of rows on the transposed image.
+/// The order of columns on an image equals the order of rows on the transposed image.
 #[test]
 fn orders_are_permutations_and_nothing_else() {
     let weights = weights("default");
@@ -106,7 +106,7 @@ fn orders_are_permutations_and_nothing_else() {
     }
 }
 
-/// Images of other sizes: what PyTorch's `interpolate` without aligned corners gives, worked out by hand.
+/// Images of other sizes are resized like PyTorch's `interpolate` without aligned corners, computed by hand.
 #[test]
 fn images_are_resized_with_half_pixel_centres() {
     let image = RgbImage::from_fn(2, 1, |u, _| ::image::Rgb([if u == 0 { 0 } else { 255 }, 0, 0]));
@@ -121,7 +121,7 @@ fn images_are_resized_with_half_pixel_centres() {
 }
 
 #[test]
-fn predictions_do_not_depend_on_threads_or_on_what_was_before() {
+fn predictions_do_not_depend_on_threads_or_earlier_images() {
     let engine = Engine::new(&weights("mamba"), Instructions::best());
     let image =
         |seed: u32| RgbImage::from_fn(24, 40, |u, v| ::image::Rgb([(u * seed) as u8, (v * 3) as u8, seed as u8]));
@@ -142,7 +142,7 @@ fn predictions_do_not_depend_on_threads_or_on_what_was_before() {
 }
 
 #[test]
-fn any_size_is_taken_and_given_back() {
+fn predictions_have_the_size_of_any_image() {
     for name in Architecture::NAMES {
         let engine = Engine::new(&weights(name), Instructions::best());
         let mut prediction = Prediction::default();

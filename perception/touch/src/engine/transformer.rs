@@ -1,4 +1,4 @@
-//! The forward passes of `vit`, `mamba` and `robust_mamba`: patches as tokens, blocks, and the decoder that they share.
+//! Forward passes of `vit`, `mamba` and `robust_mamba`: patches as tokens, blocks, and their common decoder.
 
 use ::image::RgbImage;
 
@@ -8,12 +8,12 @@ use super::image::{half_pixel, load, store};
 use super::layers::{Linear, Matrix, Norm};
 use super::mamba::{self, Mamba, MambaBuffers};
 use super::map::FeatureMap;
-use super::{Forward, Prediction};
+use super::pass::{Forward, Prediction};
 use crate::network::{self, Architecture, ScanOrder, Weights};
 use mvt_products::Instructions;
 use mvt_products::multiply::{Left, Packed, Target, Then, multiply};
 
-/// A network of tokens with packed weights.
+/// Network of tokens with packed weights.
 #[derive(Debug)]
 pub(super) struct Transformer {
     patch: usize,
@@ -27,10 +27,10 @@ pub(super) struct Transformer {
     decoder: Dpt,
 }
 
-/// What is added to tokens for where they are.
+/// Numbers that tell a token its position.
 #[derive(Debug)]
 enum Positions {
-    /// Learned on a grid of so many rows and columns.
+    /// Learned on a grid of `size` rows and columns.
     Learned { size: [usize; 2], values: Vec<f32> },
     /// Sines and cosines of row and column.
     Fixed,
@@ -65,11 +65,11 @@ impl Mlp {
     }
 }
 
-/// What the forward pass works with.
+/// Memory of the forward pass.
 #[derive(Debug)]
 pub(super) struct TransformerBuffers {
     input: FeatureMap,
-    /// What tokens start with before the patches are added: positions, and the class token.
+    /// Initial tokens, to which patches are added: positions, and the class token.
     start: FeatureMap,
     tokens: FeatureMap,
     normed: FeatureMap,
@@ -82,7 +82,7 @@ pub(super) struct TransformerBuffers {
 }
 
 impl Transformer {
-    /// For any architecture but `default`.
+    /// Packs any architecture but `default`.
     pub(super) fn new(instructions: Instructions, architecture: &Architecture, weights: &Weights) -> Self {
         let norm = |name: String| Norm::new(instructions, weights, &name);
         let mamba = |name: String| Mamba::new(instructions, weights, &name);
@@ -139,7 +139,7 @@ impl Transformer {
         }
     }
 
-    /// Positions, and the class token behind them.
+    /// Fills in positions, and the class token behind them.
     fn start(&self, mut tokens: FeatureMap) -> FeatureMap {
         let Self { width, positions, class, .. } = self;
         let [height, columns] = [tokens.height, tokens.width];
@@ -174,7 +174,7 @@ impl Transformer {
     }
 }
 
-/// An image of colours alone.
+/// Returns an input of three colours.
 fn image(size: [usize; 2]) -> FeatureMap {
     FeatureMap::image(size, 4, 0)
 }
@@ -245,7 +245,7 @@ impl Forward for Transformer {
                 Block::RobustMamba { norm1, mamba, norm2, mlp, .. } => {
                     norm1.apply(tokens, normed);
                     let order = orders.next().map_or(&[][..], Vec::as_slice);
-                    // Its result takes the place of what it was made of, which nobody reads any more.
+                    // The result replaces the input of the block, which is not read again.
                     mamba.apply_in_place(normed, order, inner, words);
                     norm2.apply_in_place(normed);
                     mlp.apply(normed, hidden, words, tokens);
