@@ -266,43 +266,29 @@ impl Architecture {
     /// [`UnknownNetwork::Parameter`] names the first invalid one.
     pub fn check(&self) -> Result<(), UnknownNetwork> {
         let parameter = |problem: String| Err(UnknownNetwork::Parameter { network: self.name(), problem });
-        let positive: &[(&str, usize)] = match self {
-            Self::Vit(v) => &[
-                ("width", v.width),
-                ("heads", v.heads),
-                ("mlp", v.mlp),
-                ("channels", v.channels),
-                ("positions", v.positions[0].min(v.positions[1])),
-                ("positions", v.positions[0].max(v.positions[1])),
-            ],
-            Self::Mamba(m) => &[
-                ("width", m.width),
-                ("state", m.state),
-                ("expand", m.expand),
-                ("taps", m.taps),
-                ("channels", m.channels),
-                ("positions", m.positions[0].min(m.positions[1])),
-                ("positions", m.positions[0].max(m.positions[1])),
-            ],
-            Self::RobustMamba(m) => &[
-                ("width", m.width),
-                ("state", m.state),
-                ("expand", m.expand),
-                ("taps", m.taps),
-                ("mlp", m.mlp),
-                ("channels", m.channels),
-            ],
-            Self::Default(p) => &[
-                ("widths", p.widths[0]),
-                ("widths", p.widths[1]),
-                ("widths", p.widths[2]),
-                ("widths", p.widths[3]),
-                ("state", p.state),
-                ("expand", p.expand),
-                ("taps", p.taps),
-            ],
+        let invalid = |names: &[&'static str], values: &[usize]| {
+            let mut sizes = names.iter().copied().zip(values.iter().copied());
+            sizes.find(|(_, value)| !(1..=LARGEST).contains(value))
         };
-        if let Some((name, value)) = positive.iter().find(|(_, value)| !(1..=LARGEST).contains(value)) {
+        let invalid = match *self {
+            Self::Vit(Vit { width, heads, mlp, channels, positions: [rows, columns], .. }) => invalid(
+                &["width", "heads", "mlp", "channels", "positions", "positions"],
+                &[width, heads, mlp, channels, rows.min(columns), rows.max(columns)],
+            ),
+            Self::Mamba(Mamba { width, state, expand, taps, channels, positions: [rows, columns], .. }) => invalid(
+                &["width", "state", "expand", "taps", "channels", "positions", "positions"],
+                &[width, state, expand, taps, channels, rows.min(columns), rows.max(columns)],
+            ),
+            Self::RobustMamba(RobustMamba { width, state, expand, taps, mlp, channels, .. }) => invalid(
+                &["width", "state", "expand", "taps", "mlp", "channels"],
+                &[width, state, expand, taps, mlp, channels],
+            ),
+            Self::Default(Pyramid { widths: [a, b, c, d], state, expand, taps, .. }) => invalid(
+                &["widths", "widths", "widths", "widths", "state", "expand", "taps"],
+                &[a, b, c, d, state, expand, taps],
+            ),
+        };
+        if let Some((name, value)) = invalid {
             return parameter(format!("{name} is {value}; it must lie between 1 and {LARGEST}"));
         }
         if let Self::Vit(Vit { width, heads, .. }) = self

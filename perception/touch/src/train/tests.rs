@@ -18,7 +18,7 @@ use super::scan::Selective;
 use super::tape::{Kernel, Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
 use super::*;
-use crate::network::{Architecture, Mamba, Precision, Pyramid, RobustMamba, ScanOrder, Vit, WeightTensor};
+use crate::network::{Architecture, Precision, Pyramid, ScanOrder, WeightTensor};
 use mvt_products::Instructions;
 
 /// Numbers between -1 and 1.
@@ -407,36 +407,13 @@ fn two_hundred_steps_teach_discs() {
 /// The networks with a DPT decoder, small enough for tests.
 fn with_decoder() -> [Architecture; 3] {
     [
-        Architecture::Vit(Vit {
-            patch: 8,
-            width: 16,
-            depth: 4,
-            heads: 2,
-            mlp: 2,
-            positions: [3, 5],
-            hooks: vec![0, 1, 2, 3],
-            channels: 8,
-        }),
-        Architecture::Mamba(Mamba {
-            patch: 8,
-            width: 16,
-            depth: 2,
-            state: 4,
-            hooks: vec![0, 1],
-            channels: 8,
-            ..Mamba::default()
-        }),
-        Architecture::RobustMamba(RobustMamba {
-            patch: 8,
-            width: 16,
-            depth: 3,
-            state: 4,
-            mlp: 2,
-            hooks: vec![0, 1, 2],
-            channels: 8,
-            ..RobustMamba::default()
-        }),
+        r#"{"name": "vit", "patch": 8, "width": 16, "depth": 4, "heads": 2, "mlp": 2, "positions": [3, 5],
+            "hooks": [0, 1, 2, 3], "channels": 8}"#,
+        r#"{"name": "mamba", "patch": 8, "width": 16, "depth": 2, "state": 4, "hooks": [0, 1], "channels": 8}"#,
+        r#"{"name": "robust_mamba", "patch": 8, "width": 16, "depth": 3, "state": 4, "mlp": 2, "hooks": [0, 1, 2],
+            "channels": 8}"#,
     ]
+    .map(|network| serde_json::from_str(network).unwrap())
 }
 
 /// Every network learns, from images whose sides are not multiples of twice its patch.
