@@ -12,7 +12,7 @@ use image::{Rgb, RgbImage};
 use mvt_products::Instructions;
 use mvt_run::io::print_line;
 use mvt_touch::engine::{Engine, Prediction};
-use mvt_touch::network::{Architecture, Cost, Provenance, Tensor, Weights};
+use mvt_touch::network::{Architecture, Cost, Provenance, WeightTensor, Weights};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -131,7 +131,7 @@ fn random_weights(architecture: &Architecture) -> Result<Weights> {
         let count: usize = shape.iter().product();
         let scale = (shape.first().map_or(1.0, |&outputs| outputs as f32) / count.max(1) as f32).sqrt();
         let values = (0..count).map(|_| scale * rng.random_range(-1.0..1.0)).collect();
-        (name, Tensor { shape, values })
+        (name, WeightTensor { shape, values })
     });
     Ok(Weights::new(architecture.clone(), Provenance::default(), tensors.collect(), Path::new("random weights"))?)
 }

@@ -85,7 +85,7 @@ fn images_and_shapes_of_version_1_are_read() {
     near(&[sum], &[5623.6572], 1e-3);
     assert!(images.touch.iter().all(|(_, finger)| finger.is_some()));
 
-    let truth = recording.truth().unwrap();
+    let truth = recording.true_mesh().unwrap();
     assert_eq!((truth.vertices.len(), truth.faces.len()), (7778, 15_552));
     near(&truth.vertices[0].to_array().map(f64::from), &[0.025_250_932, -0.025_250_932, -0.025_250_932], 1e-8);
     let shape = recording.shape(8).unwrap().unwrap();

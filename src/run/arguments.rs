@@ -135,22 +135,22 @@ impl RunArguments {
 #[cfg(test)]
 mod tests {
     use clap::{Args as _, Command, FromArgMatches as _};
-    use mvt_viewer::window::launch::Choices;
+    use mvt_viewer::window::launch::RunChoices;
 
     use super::*;
 
     #[test]
     fn every_choice_of_the_window_makes_a_command_that_run_understands() {
         let gaits = mvt_gaits::gait::shipped().keys().map(String::as_str).chain(["auto"]);
-        for (mode, _) in Choices::modes() {
-            for (modality, meaning) in Choices::modalities() {
+        for (mode, _) in RunChoices::modes() {
+            for (modality, meaning) in RunChoices::modalities() {
                 assert!(!meaning.is_empty());
                 for gait in gaits.clone() {
-                    let choices = Choices {
+                    let choices = RunChoices {
                         mode: mode.to_owned(),
                         modality: modality.to_owned(),
                         gait: gait.to_owned(),
-                        ..Choices::default()
+                        ..RunChoices::default()
                     };
                     let arguments = choices.arguments(Path::new("some where"));
                     let matches =

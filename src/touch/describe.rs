@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use mvt_run::io::print_line;
 use mvt_run::settings;
-use mvt_touch::network::{Architecture, Cost, Layer};
+use mvt_touch::network::{Architecture, Cost, NetworkLayer};
 use serde::{Deserialize, Serialize};
 
 use crate::image_size::ImageSize;
@@ -82,7 +82,7 @@ pub fn run(arguments: &TouchDescribeArguments) -> Result<()> {
     print_line(&if *json { serde_json::to_string_pretty(&description)? } else { in_words(&description)? })
 }
 
-fn part(layer: &Layer) -> &str {
+fn part(layer: &NetworkLayer) -> &str {
     layer.name.split('.').next().unwrap_or_default()
 }
 

@@ -14,7 +14,7 @@ use mvt_run::io::print_line;
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::Weights;
-use mvt_touch::untouched::{estimate, is_of_same_sensor, take_off};
+use mvt_touch::untouched::{estimate, is_of_same_sensor, subtract_untouched};
 use ndarray::Array2;
 use ndarray_npy::read_npy;
 use serde::Serialize;
@@ -96,11 +96,11 @@ pub fn run(arguments: &TouchEvaluateArguments) -> Result<()> {
         let own = if arguments.no_subtraction { None } else { triple.untouched.take() };
         match (own, &common) {
             (Some(own), _) => {
-                take_off(&own, &mut triple.image);
+                subtract_untouched(&own, &mut triple.image);
                 untouched.file += 1;
             }
             (None, Some(common)) => {
-                take_off(common, &mut triple.image);
+                subtract_untouched(common, &mut triple.image);
                 untouched.images += 1;
             }
             (None, None) => untouched.unknown += 1,

@@ -21,7 +21,7 @@ use mvt_run::{progress, settings};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::{Architecture, Precision, Weights};
-use mvt_touch::train::{Batch, Device, Stage, Targets, Trainer, TrainingConfig};
+use mvt_touch::train::{Device, Stage, Targets, TouchTrainer, TrainingBatch, TrainingConfig};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -125,7 +125,7 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     );
     let checkpoint = arguments.out.join("checkpoint.safetensors");
     let trainer = if arguments.resume {
-        Trainer::resume(&checkpoint, architecture.clone(), training.clone())?
+        TouchTrainer::resume(&checkpoint, architecture.clone(), training.clone())?
     } else {
         if checkpoint.exists() {
             bail!(
@@ -134,7 +134,7 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
             );
         }
         let start = arguments.from.as_deref().map(Weights::read).transpose()?;
-        Trainer::new(architecture.clone(), training.clone(), start.as_ref())?
+        TouchTrainer::new(architecture.clone(), training.clone(), start.as_ref())?
     };
     let mut trainer = trainer.on(device);
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
@@ -203,8 +203,8 @@ fn draw_batch(
     data: &DataConfig,
     training: &TrainingConfig,
     step: u64,
-) -> Result<Batch> {
-    let stage = training.stage(step).context("training.stages is empty")?;
+) -> Result<TrainingBatch> {
+    let stage = training.stage(step).context("there is no stage")?;
     let sensors = rack.of_step(step)?;
     let first = step << 16;
     let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
@@ -213,10 +213,10 @@ fn draw_batch(
     Ok(batch(&images.collect::<Vec<_>>()))
 }
 
-/// Joins images of one size.
-fn batch(examples: &[Example]) -> Batch {
+/// Images of one size, put together.
+fn batch(examples: &[Example]) -> TrainingBatch {
     let [rows, columns] = examples.first().map_or([0, 0], |example| example.size);
-    let mut batch = Batch { shape: [examples.len(), rows, columns], ..Batch::default() };
+    let mut batch = TrainingBatch { shape: [examples.len(), rows, columns], ..TrainingBatch::default() };
     let mut targets = Targets::default();
     for example in examples {
         batch.levels.extend(&example.levels);
@@ -269,7 +269,7 @@ impl Validation {
 /// Subtracts the untouched image of the example's sensor where it is known, as is done before every inference.
 fn subtracted(mut example: Example) -> Example {
     if let Some(untouched) = example.untouched.take() {
-        mvt_touch::untouched::take_off(&untouched, &mut example.levels);
+        mvt_touch::untouched::subtract_untouched(&untouched, &mut example.levels);
     }
     example
 }

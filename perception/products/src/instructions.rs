@@ -1,12 +1,16 @@
-//! Which vector instructions the kernels run with.
+//! Vector instructions that the kernels run with.
 
 use pulp::{Scalar128b, Simd, WithSimd};
+
+#[cfg(target_arch = "x86_64")]
+use crate::detect::{has_amx, has_bf16, is_intel};
 
 /// Instruction sets that the kernels are compiled for.
 ///
 /// The first two round the operands of matrix products to bf16 and add in f32; everything else is f32 on every path. Paths sum in
-/// different orders, so that their results differ in the last bits, and those of the first two by what bf16 rounds away.
+/// different orders, so their results differ in the last bits; on the first two they also differ by the rounding to bf16.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Instructions {
     /// bf16 products in tiles of 16 x 16 (Intel's AMX), the rest as in `Avx512`.
     Amx,
@@ -16,27 +20,27 @@ pub enum Instructions {
     Avx512,
     /// 8 lanes, fused multiply-add.
     Avx2,
-    /// What every processor of the architecture has.
+    /// The basic instructions of the architecture, without fused multiply-add.
     Scalar,
 }
 
 impl Instructions {
-    /// All of them, those with more lanes first.
+    /// All instruction sets, those with more lanes first.
     pub const ALL: [Self; 5] = [Self::Amx, Self::Avx512Bf16, Self::Avx512, Self::Avx2, Self::Scalar];
 
-    /// The instruction sets of this machine. The last is always `Scalar`.
+    /// Returns the instruction sets of this machine. The last is always `Scalar`.
     pub fn available() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|set| set.is_available())
     }
 
-    /// The fastest instruction set of this machine.
+    /// Returns the fastest instruction set of this machine.
     pub fn best() -> Self {
-        // Intel's cores start one product of bf16 pairs per cycle where they start two of f32; those of AMD start as many.
+        // Intel's cores start one product of bf16 pairs per cycle but two of f32; AMD's cores start as many of both.
         let is_slower = |set: &Self| *set == Self::Avx512Bf16 && is_intel();
         Self::available().find(|set| !is_slower(set)).unwrap_or(Self::Scalar)
     }
 
-    /// Name on the command line and in results.
+    /// Returns the name in lower case, such as `avx2`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Amx => "amx",
@@ -47,13 +51,13 @@ impl Instructions {
         }
     }
 
-    /// Whether this machine has it.
+    /// Returns whether this machine has the instruction set.
     pub fn is_available(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
-            Self::Amx => super::multiply::has_amx() && Self::Avx512Bf16.is_available(),
+            Self::Amx => has_amx() && has_bf16(),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512Bf16 => super::multiply::has_bf16(),
+            Self::Avx512Bf16 => has_bf16(),
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => pulp::x86::V4::try_new().is_some(),
             #[cfg(target_arch = "x86_64")]
@@ -64,18 +68,18 @@ impl Instructions {
         }
     }
 
-    /// Whether matrix products take their operands as bf16.
+    /// Returns whether matrix products round their operands to bf16.
     pub fn is_bf16(self) -> bool {
         matches!(self, Self::Amx | Self::Avx512Bf16)
     }
 
-    /// The same without bf16.
-
+    /// Returns the same instruction set without bf16.
+    #[must_use]
     pub fn exact(self) -> Self {
         if self.is_bf16() { Self::Avx512 } else { self }
     }
 
-    /// Runs an f32 kernel; as `Scalar` if the machine does not have the instruction set.
+    /// Runs an f32 kernel. Runs it as `Scalar` if the machine does not have the instruction set.
     pub fn run<K: WithSimd>(self, kernel: K) -> K::Output {
         #[cfg(target_arch = "x86_64")]
         match self {
@@ -91,18 +95,12 @@ impl Instructions {
             }
             Self::Scalar => {}
         }
-        // Four lanes that the compiler is free to put into a register of whatever machine this is.
+        // Four lanes, which the compiler may keep in a register of any machine.
         Simd::vectorize(Scalar128b, kernel)
     }
 }
 
-/// Whether Intel made the processor.
-#[cfg(target_arch = "x86_64")]
-fn is_intel() -> bool {
-    let leaf = std::arch::x86_64::__cpuid(0);
-    [leaf.ebx, leaf.edx, leaf.ecx].map(u32::to_le_bytes).as_flattened() == b"GenuineIntel"
-}
-
+/// Returns false: the question matters on x86-64 only.
 #[cfg(not(target_arch = "x86_64"))]
 fn is_intel() -> bool {
     false

@@ -1,15 +1,15 @@
-//! Exponentials and what is made of them, lane by lane.
+//! Exponentials and the activations that use them, lane by lane.
 
 use pulp::Simd;
 
-/// a b + c, rounded once where the machine does that in one instruction.
+/// Returns a b + c, rounded once where the machine has an instruction for it.
 #[inline(always)]
 pub fn multiply_add<S: Simd>(simd: S, a: S::f32s, b: S::f32s, c: S::f32s) -> S::f32s {
-    // The four lanes of `Instructions::Scalar` would call a function of the C library for each.
+    // With the four lanes of `Instructions::Scalar`, a fused operation would be a call of the C library per lane.
     if S::F32_LANES == 4 { simd.add_f32s(simd.mul_f32s(a, b), c) } else { simd.mul_add_e_f32s(a, b, c) }
 }
 
-/// 2^x to a relative error of 4e-7, for any `x` up to 127; below -126 it is 2^-126, which stands for zero.
+/// Returns 2^x to a relative error of 4e-7, for any `x` up to 127; below -126 the result is 2^-126, which stands for zero.
 #[inline(always)]
 pub fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     // Adding 1.5 * 2^23 leaves no bits for a fraction: the sum's low bits are the nearest whole number.
@@ -27,28 +27,28 @@ pub fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(p), exponent))
 }
 
-/// e^x; see [`exp2`].
+/// Returns e^x; see [`exp2`] for the error and the range.
 #[inline(always)]
 pub fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     exp2(simd, simd.mul_f32s(x, simd.splat_f32s(std::f32::consts::LOG2_E)))
 }
 
-/// 1 / (1 + e^-x).
+/// Returns 1 / (1 + e^-x).
 #[inline(always)]
 pub fn sigmoid<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let one = simd.splat_f32s(1.0);
-    // e^88 is the greatest power that has a float.
+    // e^88 is the greatest whole power that fits in an f32.
     let power = exp(simd, simd.min_f32s(simd.neg_f32s(x), simd.splat_f32s(87.0)));
     simd.div_f32s(one, simd.add_f32s(one, power))
 }
 
-/// x sigmoid(x).
+/// Returns x sigmoid(x).
 #[inline(always)]
 pub fn silu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     simd.mul_f32s(x, sigmoid(simd, x))
 }
 
-/// ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|), the logarithm by the series of 2 artanh.
+/// Returns ln(1 + e^x) = max(x, 0) + ln(1 + e^-|x|); the series of 2 artanh gives the logarithm.
 #[inline(always)]
 pub fn softplus<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let splat = |x| simd.splat_f32s(x);
@@ -62,7 +62,8 @@ pub fn softplus<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     multiply_add(simd, p, t, simd.max_f32s(x, splat(0.0)))
 }
 
-/// x Phi(x) with the normal distribution's Phi, its error function by Abramowitz and Stegun, 7.1.26 (absolute error 1.5e-7).
+/// Returns x Phi(x) with the normal distribution's Phi. The error function is that of Abramowitz and Stegun, 7.1.26 (absolute error
+/// 1.5e-7).
 #[inline(always)]
 pub fn gelu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let splat = |x| simd.splat_f32s(x);
@@ -87,7 +88,7 @@ mod tests {
 
     struct Map<'a, F>(F, &'a mut [f32]);
 
-    /// What a function does to a vector; closures cannot be generic.
+    /// Function of a vector; closures cannot be generic.
     trait Function {
         fn call<S: Simd>(&self, simd: S, x: S::f32s) -> S::f32s;
     }

@@ -1,11 +1,12 @@
-//! How far predicted touch is from the truth.
+//! Errors of predicted touch.
 
 use serde::Serialize;
 
 use crate::engine::Prediction;
 
-/// Errors over a set of images. Depth and indentation have the same errors, since the empty gel is known.
+/// Errors over a set of images. Depth and indentation have the same errors, since the undeformed gel is known.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Scores {
     /// Images.
     pub images: usize,
@@ -17,15 +18,15 @@ pub struct Scores {
     pub contact_mae_mm: f64,
     /// Root mean square error over the pixels that are in contact, millimetres.
     pub contact_rmse_mm: f64,
-    /// Pixels of contact that truth and prediction share, over those that either has: the mean over images with contact.
+    /// Pixels of contact in truth and prediction, over pixels of contact in either: the mean over images with contact.
     pub iou: f64,
-    /// Images in which something is in contact.
+    /// Images with contact.
     pub contact_images: usize,
-    /// Share of the pixels of the other images that are taken for contact.
+    /// Share of the pixels of the other images with predicted contact.
     pub false_contact: f64,
 }
 
-/// Errors as they come in, image by image.
+/// Running sums of errors, image by image.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Accuracy {
     all: Sums,
@@ -61,17 +62,17 @@ impl Sums {
     }
 }
 
-/// A pixel as the network or the truth has it.
+/// Pixel of a prediction or of the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pixel {
-    /// Indentation over the empty gel, or depth: the same on both sides, millimetres.
+    /// Indentation, or depth in both prediction and truth, millimetres.
     pub millimetres: f32,
-    /// Whether it is in contact.
+    /// Whether the pixel is in contact.
     pub contact: bool,
 }
 
 impl Pixel {
-    /// The pixels of a prediction, row by row; in contact where that is likelier than not.
+    /// Returns the pixels of a prediction, row by row; a pixel is in contact if the probability exceeds one half.
     pub fn all(prediction: &Prediction) -> impl Iterator<Item = Self> {
         let pixels = prediction.indentation_mm.iter().zip(&prediction.contact_logit);
         pixels.map(|(&millimetres, &logit)| Self { millimetres, contact: logit > 0.0 })
@@ -79,7 +80,7 @@ impl Pixel {
 }
 
 impl Accuracy {
-    /// Counts an image, given as pairs of prediction and truth.
+    /// Adds an image: pairs of prediction and truth.
     pub fn add(&mut self, pixels: impl Iterator<Item = (Pixel, Pixel)>) {
         let (mut shared, mut either, mut count, mut touched) = (0_usize, 0_usize, 0_usize, false);
         for (predicted, truth) in pixels {
@@ -103,7 +104,7 @@ impl Accuracy {
         }
     }
 
-    /// Errors over all images so far.
+    /// Returns the errors over all images so far.
     pub fn scores(&self) -> Scores {
         Scores {
             images: self.images,

@@ -11,7 +11,7 @@ use rayon::iter::{
 };
 
 use crate::engine::{Engine, Prediction};
-use crate::untouched::{Squares, differences, squares, take_off};
+use crate::untouched::{Squares, differences, squares, subtract_untouched};
 use mvt_robot::observation::{Press, SensorError, SensorName, check_size};
 
 settings! {
@@ -92,7 +92,7 @@ impl State {
             None => image,
             Some(untouched) => {
                 self.seen.copy_from_slice(image);
-                take_off(untouched, &mut self.seen);
+                subtract_untouched(untouched, &mut self.seen);
                 &self.seen
             }
         };

@@ -1,20 +1,17 @@
-//! Inference on the CPU: a network's forward pass for one image on one thread, with kernels chosen for the machine's instructions.
+//! Inference on the CPU: the forward pass of a network for one image on one thread, with kernels for the machine's instructions.
 //!
-//! [`Engine::new`] packs the weights for the kernels once. [`Engine::infer`] takes the memory that a pass works with from a store and
-//! returns it, so that after the first images of a size nothing is allocated.
+//! [`Engine::new`] packs the weights for the kernels once. [`Engine::infer`] borrows the memory of a pass from a store and returns it, so
+//! that no pass allocates memory after the first images of a size.
 
 mod attention;
 mod dpt;
 mod image;
-
 mod layers;
 mod mamba;
 mod map;
-
+mod pass;
 mod pyramid;
 mod transformer;
-
-use std::sync::{Mutex, PoisonError};
 
 use ::image::RgbImage;
 use ndarray::Array2;
@@ -23,26 +20,18 @@ use rayon::iter::{
 };
 
 use crate::network::{Architecture, Weights};
+pub use mvt_products::Instructions;
+pub use pass::Prediction;
+use pass::Runner;
 use pyramid::Pyramid;
 use transformer::Transformer;
-
-pub use mvt_products::Instructions;
-pub(crate) use mvt_products::multiply;
 
 /// Longest side of an image, pixels.
 const LARGEST: u32 = 2048;
 
-/// What a network makes of an image. Arrays have the image's rows and columns.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Prediction {
-    /// How far the gel is indented over the empty gel, millimetres, at least 0.
-    pub indentation_mm: Array2<f32>,
-    /// Logit of the probability that the object presses into the gel.
-    pub contact_logit: Array2<f32>,
-}
-
-/// An image that no network takes.
+/// Image whose size is out of range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 #[error("the touch image is {width} x {height} pixels; its sides must be 1 to {LARGEST}, 240 x 320 is a DIGIT's size")]
 pub struct ImageSizeError {
     /// Width, pixels.
@@ -51,7 +40,7 @@ pub struct ImageSizeError {
     pub height: u32,
 }
 
-/// A network with packed weights. It serves any number of threads.
+/// Network with packed weights. It serves any number of threads.
 #[derive(Debug)]
 pub struct Engine {
     architecture: Architecture,
@@ -66,8 +55,8 @@ enum Network {
 }
 
 impl Engine {
-    /// Packs weights for an instruction set; for the fastest one of the machine, [`Instructions::best`]. If the machine does not
-    /// have it, the next one that it has takes its place.
+    /// Packs weights for an instruction set, such as [`Instructions::best`]. If the machine does not have it, the next one that the
+    /// machine has replaces it.
     pub fn new(weights: &Weights, instructions: Instructions) -> Self {
         let wanted = Instructions::ALL.into_iter().skip_while(|&set| set != instructions);
         let instructions = wanted.into_iter().find(|set| set.is_available()).unwrap_or(Instructions::Scalar);
@@ -81,18 +70,18 @@ impl Engine {
         Self { architecture, instructions, network }
     }
 
-    /// The network.
+    /// Returns the architecture.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
     }
 
-    /// The instruction set that it runs with.
+    /// Returns the instruction set that the engine uses.
     pub fn instructions(&self) -> Instructions {
         self.instructions
     }
 
-    /// What the network makes of an image. An image whose sides are no multiples of the network's stride is resized to the next ones,
-    /// and the result back.
+    /// Predicts indentation and contact from an image. An image whose sides are not multiples of the network's stride is resized to the
+    /// next multiples, and the prediction is resized back.
     ///
     /// # Errors
     /// [`ImageSizeError`] if the image is empty or has a side of more than 2048 pixels.
@@ -116,56 +105,13 @@ impl Engine {
         Ok(())
     }
 
-    /// [`Engine::infer`] for each of several images, one image per thread of the current pool.
+    /// Runs [`Engine::infer`] for several images, one image per thread of the current pool.
     ///
     /// # Errors
-    /// As for [`Engine::infer`]; the other images may have been done or not.
+    /// As for [`Engine::infer`]; predictions of the other images may then be incomplete.
     pub fn infer_each(&self, images: &[&RgbImage], predictions: &mut Vec<Prediction>) -> Result<(), ImageSizeError> {
         predictions.resize_with(images.len(), Prediction::default);
         images.par_iter().zip(predictions.par_iter_mut()).try_for_each(|(image, to)| self.infer(image, to))
-    }
-}
-
-/// A network's forward pass.
-trait Forward {
-    /// What it works with.
-    type Scratch;
-
-    /// Room for inputs of a size, rows and columns.
-    fn scratch(&self, size: [usize; 2]) -> Self::Scratch;
-
-    /// From an image to a prediction of its size; `words` is room for matrix products.
-    fn forward(&self, image: &RgbImage, scratch: &mut Self::Scratch, words: &mut Vec<u32>, to: &mut Prediction);
-}
-
-/// A network with the memory of passes that are not under way.
-#[derive(Debug)]
-struct Runner<N: Forward> {
-    network: N,
-    idle: Mutex<Vec<Workspace<N::Scratch>>>,
-}
-
-/// What a pass works with.
-#[derive(Debug)]
-struct Workspace<S> {
-    size: [usize; 2],
-    scratch: S,
-    words: Vec<u32>,
-}
-
-impl<N: Forward> Runner<N> {
-    fn new(network: N) -> Self {
-        Self { network, idle: Mutex::new(Vec::new()) }
-    }
-
-    fn run(&self, image: &RgbImage, size: [usize; 2], prediction: &mut Prediction) {
-        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
-        // Passes for another size than the last one are not expected to return.
-        let known = idle().pop().filter(|workspace| workspace.size == size);
-        let mut workspace =
-            known.unwrap_or_else(|| Workspace { size, scratch: self.network.scratch(size), words: Vec::new() });
-        self.network.forward(image, &mut workspace.scratch, &mut workspace.words, prediction);
-        idle().push(workspace);
     }
 }
 

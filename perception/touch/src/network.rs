@@ -1,15 +1,15 @@
-//! Networks that turn the image of a DIGIT into indentation and contact: what they are made of, what they cost, their weights.
+//! Descriptions of the networks that turn the image of a DIGIT into indentation and contact: layers, costs and weights.
 //!
 //! Four architectures share their ops, so that training and the engine need few kinds. [`Architecture::layers`] lists a network's
-//! layers; tensors, counts and the check of a weights file all come from that list. What follows is the meaning of the layers, to
-//! which training and engine adhere.
+//! layers; tensors, counts and the check of a weights file all come from that list. The following definitions of the layers bind
+//! training and engine.
 //!
 //! # Input and output
 //! An RGB image `[height, width, 3]`, both sides multiples of [`Architecture::stride`]; others are first resized to the next
 //! multiples ([`Architecture::fit`]), bilinearly with half-pixel centres and clamped edges. Level `v` of 0 to 255 enters as
 //! `v / 127.5 - 1`. `default` has two more channels, `x = 2 (u + 0.5) / width - 1` and `y = 2 (v + 0.5) / height - 1` of column `u`
-//! and row `v`, since a DIGIT's LEDs are where they are. The output is `[height, width, 2]`: indentation over the empty gel in
-//! millimetres, of which a user takes `max(0, .)`, and the logit of contact.
+//! and row `v`, since the places of a DIGIT's LEDs are fixed. The output is `[height, width, 2]`: indentation in millimetres, of which
+//! users take `max(0, .)`, and the logit of contact.
 //!
 //! # Layout
 //! Maps are `[row, column, channel]`, tokens `[row * columns + column, channel]`: the same memory. All numbers are 32-bit floats.
@@ -24,7 +24,7 @@
 //! - **Resampling** of a map to `[h, w]`: bilinear with the corners of both images aligned.
 //! - **Residual unit** of a map (`conv1`, `conv2`): `x + conv2(relu(conv1(relu(x))))`.
 //! - **Mamba** (`in_proj`, `conv1d`, `x_proj`, `dt_proj`, `A_log`, `D`, `out_proj`, names and shapes of mamba_ssm 1, `conv1d.weight`
-//!   without its middle axis of 1), over the tokens `u_t` in the order of a [`Scan`]; with E = expand width, N = state,
+//!   without its middle axis of 1), over the tokens `u_t` in the order of a [`ScanOrder`]; with E = expand width, N = state,
 //!   R = ceil(width / 16):
 //!   `[x, z] = in_proj u` (E each, no bias); `x_t = silu(conv1d.bias + sum over k < K of conv1d.weight[:, k] x_(t - K + 1 + k))`, zeros
 //!   before the start; `[d, B, C] = x_proj x` (R, N, N, no bias); `Delta = softplus(dt_proj d)`, with bias;
@@ -40,7 +40,7 @@
 //! `head(relu(b0))`. Downs, stem and head are convolutions, ups are linear. There are no positions but the two channels.
 //!
 //! # `vit`, `mamba` and `robust_mamba`
-//! Tokens are `patch` (linear over space to depth by the patch's side) plus positions; after them comes one more, `class`. Blocks:
+//! Tokens are `patch` (linear over space to depth by the side of a patch) plus positions; one more token, `class`, follows. Blocks:
 //! - `vit`: `x = x + attn.proj(attention(attn.qkv(norm1(x))))`, `x = x + mlp.fc2(gelu(mlp.fc1(norm2(x))))`; qkv has the rows of
 //!   queries, keys, values in that order, each split into heads of width / heads; scores are divided by the root of that; gelu is
 //!   the exact one.
@@ -58,18 +58,18 @@
 //! is resampled to twice its size. Each of the heads `depth` and `contact` is `out(relu(conv2(resampled(conv1(f)))))`, where the
 //! resampling leads to the input's size and `out` is linear to one channel.
 //!
-//! What differs from the published code: the class token comes last, where a causal scan lets it see the image, and hooks tap the
-//! stream; the level at 1/32 is a padded convolution, so that odd grids work; the output is indentation without a sigmoid, and
-//! contact a single logit.
+//! Differences from the published code: the class token comes last, where a causal scan lets it see the image; hooks tap the stream;
+//! the level at 1/32 is a padded convolution, so that odd grids work; the output is indentation without a sigmoid, and contact a
+//! single logit.
 
 mod architecture;
 mod cost;
 mod layer;
 mod weights;
 
-pub use architecture::{Architecture, Mamba, Pyramid, RobustMamba, Scan, UnknownNetwork, Vit};
+pub use architecture::{Architecture, Mamba, Pyramid, RobustMamba, ScanOrder, UnknownNetwork, Vit};
 pub use cost::Cost;
-pub use layer::{Grid, LAYER_NORM_EPS, Layer, Op};
-pub use weights::{Precision, Provenance, Tensor, Weights, WeightsError};
+pub use layer::{Grid, LAYER_NORM_EPS, NetworkLayer, Op};
+pub use weights::{Precision, Provenance, WeightTensor, Weights, WeightsError};
 #[cfg(feature = "train")]
 pub(crate) use weights::{Stored, write_whole};

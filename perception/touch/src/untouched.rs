@@ -1,36 +1,37 @@
-//! What a sensor shows while it touches nothing, and touch images without it.
+//! Untouched images of a sensor, and their subtraction from touch images.
 //!
-//! No two DIGITs look alike: LEDs, paint and camera differ. What they share is what a contact adds, so that a network that sees only this
-//! need not know the sensor.
+//! No two DIGITs look alike: LEDs, paint and camera differ. A contact changes the images of all DIGITs in the same way. A network that
+//! sees only the change therefore works for any of them.
 
 use image::RgbImage;
 use ndarray::{Array2, Axis, s};
 
 use crate::engine::{Engine, ImageSizeError, Prediction};
 
-/// Grey that a network sees where nothing touches: about the mean of a DIGIT's image, so that hardly anything is cut off.
+/// Grey level that a network sees where nothing touches: about the mean of a DIGIT's image, so that few differences are cut off.
 pub const EVEN: u8 = 96;
 
-/// What an image shows beyond that of the same sensor without contact, over [`EVEN`] grey. Both hold levels in the same order.
-pub fn take_off(untouched: &[u8], image: &mut [u8]) {
+/// Subtracts the untouched image of the same sensor from an image and adds [`EVEN`]. Both hold levels in the same order.
+pub fn subtract_untouched(untouched: &[u8], image: &mut [u8]) {
     for (level, &empty) in image.iter_mut().zip(untouched) {
         *level = (i16::from(*level) - i16::from(empty) + i16::from(EVEN)).clamp(0, 255) as u8;
     }
 }
 
-/// Rounds in which contacts are found and left out.
+/// Rounds of finding contacts and leaving them out.
 const ROUNDS: usize = 3;
-/// A pixel within this of one that touches is left out, too: the gel bends around a contact, pixels.
+/// Distance from a contact within which pixels are left out, too, pixels: the gel bends around a contact.
 const MARGIN: usize = 8;
-/// A pixel that fewer images show without contact stays as the round before had it.
+/// A pixel that fewer images show without contact keeps the colour of the round before.
 const LEAST_IMAGES: usize = 4;
-/// Images that a network sees at a time: enough for all cores, and little memory.
+/// Images of a call of the network: enough for all cores, and little memory.
 const BATCH: usize = 32;
 
-/// What the sensor of some images shows without contact: the median of each pixel and colour, first over all images, then over those in
-/// which a network finds no contact there after what was found so far is taken off. None without images, or if their sizes differ.
+/// Estimates the untouched image of a sensor from its images: the median of each pixel and colour, first over all images, then over
+/// those without contact at the pixel. A network finds the contacts after the estimate of the round before is subtracted. Returns `None`
+/// without images, or if their sizes differ.
 ///
-/// Right if contacts are at different places: most images may touch a pixel, but some must not.
+/// Contacts must lie at different places: a pixel may be in contact in most images, but not in all.
 ///
 /// # Errors
 /// [`ImageSizeError`] if the network cannot work with images of that size.
@@ -46,7 +47,7 @@ pub fn estimate(engine: &Engine, images: &[RgbImage]) -> Result<Option<RgbImage>
         let mut touches: Vec<Array2<bool>> = Vec::with_capacity(images.len());
         for batch in images.chunks(BATCH) {
             let mut seen = batch.to_vec();
-            seen.iter_mut().for_each(|image| take_off(&untouched, image));
+            seen.iter_mut().for_each(|image| subtract_untouched(&untouched, image));
             engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
             touches.extend(predictions.iter().map(touched));
         }
@@ -55,8 +56,8 @@ pub fn estimate(engine: &Engine, images: &[RgbImage]) -> Result<Option<RgbImage>
     Ok(Some(untouched))
 }
 
-/// The median of each pixel and colour over the images that show it, by their number, row and column; where too few do, what was there
-/// stays.
+/// Writes the median of each pixel and colour over the images that show it; `shows` takes the image's number, row and column. Where too
+/// few images do, the colour in `to` stays.
 fn median(images: &[RgbImage], shows: impl Fn(usize, [usize; 2]) -> bool, to: &mut RgbImage) {
     let mut colors = Vec::new();
     for (column, row, median) in to.enumerate_pixels_mut() {
@@ -75,10 +76,10 @@ fn median(images: &[RgbImage], shows: impl Fn(usize, [usize; 2]) -> bool, to: &m
     }
 }
 
-/// Where a prediction has contact, and around it.
+/// Returns the pixels in and around predicted contact.
 fn touched(prediction: &Prediction) -> Array2<bool> {
     let touches = prediction.contact_logit.mapv(|logit| logit > 0.0);
-    // A square around each is a stretch along rows and then along columns.
+    // A square around a pixel is a stretch along rows and then along columns.
     [Axis(1), Axis(0)].into_iter().fold(touches, |from, axis| {
         let mut to = from.clone();
         for (line, mut wide) in from.lanes(axis).into_iter().zip(to.lanes_mut(axis)) {
@@ -91,11 +92,10 @@ fn touched(prediction: &Prediction) -> Array2<bool> {
     })
 }
 
-/// Where a sensor touches nothing, mean colours over squares of its image differ from those without contact by less than this, grey levels.
+/// Greatest difference between mean colours over squares without contact and those of the untouched image, grey levels.
 const SAME_SENSOR: f32 = 1.5;
 
-/// Whether an image is one of the sensor of which another is known without contact, as far as can be told: if they agree in a quarter of
-/// the image.
+/// Returns whether an image seems to come from the sensor of an untouched image: the two agree in a quarter of the image.
 pub fn is_of_same_sensor(image: &RgbImage, untouched: &RgbImage) -> bool {
     image.dimensions() == untouched.dimensions() && differences(&squares(image), &squares(untouched)).1 < SAME_SENSOR
 }
@@ -106,7 +106,7 @@ const SQUARE: usize = 16;
 /// Mean colours of the squares of an image, row by row.
 pub(crate) type Squares = Vec<[f32; 3]>;
 
-/// Mean colours of squares.
+/// Returns the mean colours of squares.
 pub(crate) fn squares(image: &RgbImage) -> Squares {
     let columns = image.width() as usize / SQUARE;
     let rows = image.as_chunks::<3>().0.chunks_exact(image.width() as usize * SQUARE);
@@ -126,8 +126,8 @@ pub(crate) fn squares(image: &RgbImage) -> Squares {
     .collect()
 }
 
-/// The greatest difference of a colour's mean; and of each square's greatest the lower quartile, which lies where nothing touches unless
-/// three quarters of the image do.
+/// Returns the greatest difference of a mean colour, and the lower quartile of the greatest differences of the squares. The quartile lies
+/// outside contact unless contact covers three quarters of the image.
 pub(crate) fn differences(a: &Squares, b: &Squares) -> (f32, f32) {
     let greatest = |(a, b): (&[f32; 3], &[f32; 3])| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     let mut of_squares: Vec<f32> = a.iter().zip(b).map(greatest).collect();
@@ -144,10 +144,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_left_is_what_was_added(empty in 0..200_u8, added in -90..50_i16) {
+        fn subtraction_keeps_the_change(empty in 0..200_u8, added in -90..50_i16) {
             let mut image = [(i16::from(empty) + added).clamp(0, 255) as u8];
             let added = i16::from(image[0]) - i16::from(empty);
-            take_off(&[empty], &mut image);
+            subtract_untouched(&[empty], &mut image);
             prop_assert_eq!(i16::from(image[0]) - i16::from(EVEN), added);
         }
     }
@@ -161,7 +161,7 @@ mod tests {
         let mut untouched = RgbImage::new(10, 6);
         median(&images, |_, _| true, &mut untouched);
         assert_eq!(untouched, RgbImage::from_fn(10, 6, empty));
-        // Most images touch the first column; what is left of them counts, unless it is too little.
+        // Most images touch the first column; the others determine the median, unless they are too few.
         let images: Vec<RgbImage> = (0..9)
             .map(|k| RgbImage::from_fn(10, 6, |u, v| if u == 0 && k < 5 { Rgb([255; 3]) } else { empty(u, v) }))
             .collect();

@@ -1,4 +1,4 @@
-//! The engine beside PyTorch: fixtures/make.py has made weights, images and what they lead to.
+//! Comparison of the engine with PyTorch: fixtures/make.py wrote weights, images and predictions.
 
 #![allow(clippy::unwrap_used, reason = "a failed assumption in a test is a failed test")]
 
@@ -15,7 +15,7 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(format!("{name}.safetensors"))
 }
 
-/// The bytes and sides of a tensor of the expectations.
+/// Returns the bytes and sides of an expected tensor.
 fn expected(name: &str) -> (Vec<u8>, Vec<usize>) {
     let bytes = std::fs::read(fixture("expected")).unwrap();
     let file = SafeTensors::deserialize(&bytes).unwrap();
@@ -34,14 +34,14 @@ fn plane(name: &str) -> Array2<f32> {
     Array2::from_shape_vec((shape[0], shape[1]), values).unwrap()
 }
 
-/// Root mean square and greatest absolute difference.
+/// Returns root mean square and greatest absolute difference.
 fn difference(a: &Array2<f32>, b: &Array2<f32>) -> (f32, f32) {
     assert_eq!(a.dim(), b.dim());
     let difference = a - b;
     ((difference.mapv(|d| d * d).mean().unwrap()).sqrt(), difference.fold(0.0, |most, d| d.abs().max(most)))
 }
 
-/// Outputs are of the order of 1 to 3. In f32 what differs is the order of sums; bf16 keeps 8 bits of each factor.
+/// Outputs are of the order of 1 to 3. In f32 only the order of sums differs; bf16 keeps 8 bits of each factor.
 #[test]
 fn every_network_predicts_what_pytorch_does_on_every_path() {
     for name in Architecture::NAMES {
@@ -51,10 +51,7 @@ fn every_network_predicts_what_pytorch_does_on_every_path() {
         for set in Instructions::available() {
             let mut prediction = Prediction::default();
             Engine::new(&weights, set).infer(&image, &mut prediction).unwrap();
-            let bound = match set {
-                Instructions::Amx | Instructions::Avx512Bf16 => [0.03, 0.2],
-                Instructions::Avx512 | Instructions::Avx2 | Instructions::Scalar => [1e-5, 1e-4],
-            };
+            let bound = if set.is_bf16() { [0.03, 0.2] } else { [1e-5, 1e-4] };
             for (found, exact) in [(&prediction.indentation_mm, &depth), (&prediction.contact_logit, &contact)] {
                 let (rms, most) = difference(found, exact);
                 println!("{name} {}: rms {rms:.1e}, greatest {most:.1e}", set.name());
@@ -64,7 +61,7 @@ fn every_network_predicts_what_pytorch_does_on_every_path() {
     }
 }
 
-/// What is trained is what the engine runs.
+/// Training and the engine predict the same.
 #[cfg(feature = "train")]
 #[test]
 fn training_sees_what_the_engine_sees() {
@@ -76,7 +73,7 @@ fn training_sees_what_the_engine_sees() {
         let mut prediction = Prediction::default();
         for set in Instructions::available() {
             Engine::new(&weights, set).infer(&image, &mut prediction).unwrap();
-            let bound = if matches!(set, Instructions::Amx | Instructions::Avx512Bf16) { 0.2 } else { 1e-4 };
+            let bound = if set.is_bf16() { 0.2 } else { 1e-4 };
             let pixels = prediction.indentation_mm.iter().zip(&prediction.contact_logit).zip(&trained);
             for ((mm, logit), exact) in pixels {
                 let error = (mm - exact[0].max(0.0)).abs().max((logit - exact[1]).abs());
@@ -86,7 +83,7 @@ fn training_sees_what_the_engine_sees() {
     }
 }
 
-/// A file of another architecture's tensors names what does not fit; a network that nobody knows names those there are.
+/// The error for tensors of another architecture names the misfit; the error for an unknown network lists the known ones.
 #[test]
 fn weights_of_another_network_are_refused() {
     let bytes = std::fs::read(fixture("mamba")).unwrap();
@@ -102,7 +99,7 @@ fn weights_of_another_network_are_refused() {
     assert!(Architecture::NAMES.iter().all(|name| error.contains(name)), "{error}");
 }
 
-/// Whatever becomes of a file's bytes, reading it ends in weights or an error, and weights that are read can be used.
+/// Any damage to a file leads to weights or an error, and the engine can run weights that were read.
 #[test]
 fn damaged_weights_never_panic() {
     let mut random = 0x2545_f491_u32;
@@ -119,7 +116,7 @@ fn damaged_weights_never_panic() {
         for _ in 0..400 {
             let mut bytes = whole.clone();
             for _ in 0..=next(3) {
-                // Mostly the header, where the meaning is.
+                // Mostly in the header, which is parsed.
                 let at = if next(4) > 0 { next(header) } else { next(bytes.len()) };
                 match next(5) {
                     0 => bytes[at] ^= 1 << next(8),

@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use glam::Vec3;
-use mvt_field::field::{FieldConfig, FieldTrainer, Instructions, NeuralField, Sample};
+use mvt_field::field::{FieldConfig, FieldInstructions, FieldTrainer, NeuralField, Sample};
 use mvt_field::shape::{Distance, Shape};
 use mvt_field::surface::outer_surface;
 use rand::{RngExt, SeedableRng};
@@ -73,7 +73,7 @@ fn main() -> anyhow::Result<()> {
 
     println!("{config:?}\nmillions per second on one thread; batches of {batch}, queries of {points}\n");
     println!("{:12} {:>16} {:>16} {:>16} {:>16}", "", "trained samples", "SDF + gradient", "SDF", "mesh, ms");
-    for instructions in Instructions::available() {
+    for instructions in FieldInstructions::available() {
         let mut trainer = FieldTrainer::new(NeuralField::new(&config, 0)?.with_instructions(instructions));
         let trained = rate(64 * batch, || {
             for batch in &batches {

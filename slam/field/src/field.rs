@@ -2,7 +2,7 @@
 //!
 //! [`NeuralField`] holds the parameters and answers queries as a [`Shape`]; a clone of it is a snapshot of some 2 MB that can be meshed
 //! elsewhere. [`FieldTrainer`] holds a field and what its optimiser remembers. Everything runs on the calling thread with the
-//! fastest [`Instructions`] of the machine, and gives the same bits for the same input on the same instructions.
+//! fastest [`FieldInstructions`] of the machine, and gives the same bits for the same input on the same instructions.
 
 use std::path::Path;
 
@@ -24,7 +24,7 @@ mod train;
 
 pub use config::FieldConfig;
 pub use grid::FEATURES;
-pub use instructions::Instructions;
+pub use instructions::FieldInstructions;
 pub use train::{FieldTrainer, Sample};
 
 use grid::{CHUNK, Cells, Level, Row, Slopes};
@@ -50,7 +50,7 @@ pub enum FieldError {
 #[derive(Debug, Clone)]
 pub struct NeuralField {
     config: FieldConfig,
-    instructions: Instructions,
+    instructions: FieldInstructions,
     levels: Vec<Level>,
     layout: Layout,
     parameters: Parameters,
@@ -93,7 +93,7 @@ impl NeuralField {
         let (levels, entries) = grid::levels(config);
         let layout = Layout::new(config);
         let parameters = Parameters::zeros(entries, layout);
-        Ok(Self { config: config.clone(), instructions: Instructions::best(), levels, layout, parameters })
+        Ok(Self { config: config.clone(), instructions: FieldInstructions::best(), levels, layout, parameters })
     }
 
     /// Its settings.
@@ -106,10 +106,10 @@ impl NeuralField {
         size_of_val(self.parameters.table.as_slice()) + size_of_val(self.parameters.network.as_slice())
     }
 
-    /// The same field, computed with other instructions; with [`Instructions::Scalar`] if the machine has them not. For tests and
+    /// The same field, computed with other instructions; with [`FieldInstructions::Scalar`] if the machine has them not. For tests and
     /// comparisons: the fastest are chosen in any case.
     #[must_use]
-    pub fn with_instructions(mut self, instructions: Instructions) -> Self {
+    pub fn with_instructions(mut self, instructions: FieldInstructions) -> Self {
         self.instructions = instructions;
         self
     }

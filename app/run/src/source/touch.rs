@@ -1,6 +1,6 @@
 //! Indentation of the touch sensors: from a network that sees their images, or the true one.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
@@ -36,9 +36,6 @@ pub struct TouchArguments {
     weights: Option<PathBuf>,
 }
 
-/// The weights that are shipped.
-const SHIPPED: &[u8] = include_bytes!("../../../../perception/touch/weights/default.safetensors");
-
 impl TouchDepth {
     fn name(self) -> &'static str {
         match self {
@@ -64,9 +61,7 @@ impl TouchArguments {
             (TouchDepth::Truth, None) => Ok(None),
             (TouchDepth::Truth, Some(_)) => bail!("--weights is for --touch-depth network"),
             (TouchDepth::Network, Some(path)) => Ok(Some(Weights::read(path)?)),
-            (TouchDepth::Network, None) => {
-                Ok(Some(Weights::from_bytes(SHIPPED, Path::new("the weights that are shipped"))?))
-            }
+            (TouchDepth::Network, None) => Ok(Some(Weights::shipped()?)),
         }
     }
 }

@@ -1,17 +1,18 @@
 //! Products of a few windows with one panel, summed in registers, for every instruction set but AMX.
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
-use super::{Product, WIDTH};
+use super::packed::WIDTH;
+use super::product::Product;
 use crate::math::multiply_add;
 
-/// Windows whose panels' products are formed before going on, so that they stay in the cache from panel to panel.
+/// Windows that are multiplied by all panels before the next ones, so that they stay in the cache.
 const BLOCK: usize = 96;
 
-/// How one instruction set multiplies words.
+/// Multiplication of words by one instruction set.
 pub(super) trait Dot: Copy {
     type S: Simd;
-    /// Most windows whose sums fit in the registers beside the operands.
+    /// Greatest number of windows whose sums fit in the registers beside the operands.
     const ROWS: usize;
 
     fn simd(self) -> Self::S;
@@ -20,7 +21,7 @@ pub(super) trait Dot: Copy {
     fn dot(self, sum: <Self::S as Simd>::f32s, left: u32, right: <Self::S as Simd>::u32s) -> <Self::S as Simd>::f32s;
 }
 
-/// Words are numbers.
+/// Multiplication of f32 words.
 #[derive(Clone, Copy)]
 pub(super) struct Float<S>(pub(super) S);
 
@@ -48,22 +49,11 @@ mod bf16 {
 
     use pulp::{NullaryFnOnce, f32x16, u32x16, x86::V4};
 
-    use super::super::pair;
+    use super::super::packed::pair;
     use super::{Dot, Product, run};
+    use crate::detect::Bf16Features;
 
-    pulp::simd_type! {
-        /// Proof that the machine multiplies bf16.
-        struct Features {
-            avx512f: "avx512f",
-            avx512bw: "avx512bw",
-            avx512cd: "avx512cd",
-            avx512dq: "avx512dq",
-            avx512vl: "avx512vl",
-            avx512bf16: "avx512bf16",
-        }
-    }
-
-    /// Words are pairs of bf16.
+    /// Multiplication of words of two bf16 numbers.
     #[derive(Clone, Copy)]
     struct Bf16(V4);
 
@@ -78,7 +68,7 @@ mod bf16 {
 
         #[inline(always)]
         fn dot(self, sum: f32x16, left: u32, right: u32x16) -> f32x16 {
-            // SAFETY: a `Bf16` is made only in `run_bf16`, within its features; vectors of a size may be reinterpreted.
+            // SAFETY: only `run_bf16` creates a `Bf16`, on a machine with the features; vectors of one size may be reinterpreted.
             unsafe {
                 let sum = std::mem::transmute::<f32x16, __m512>(sum);
                 let left = std::mem::transmute::<__m512i, __m512bh>(_mm512_set1_epi32(left.cast_signed()));
@@ -86,11 +76,6 @@ mod bf16 {
                 std::mem::transmute::<__m512, f32x16>(_mm512_dpbf16_ps(sum, left, right))
             }
         }
-    }
-
-    /// Whether the machine multiplies bf16.
-    pub(in super::super::super) fn has_bf16() -> bool {
-        Features::try_new().is_some() && V4::try_new().is_some()
     }
 
     struct Round<'a> {
@@ -108,7 +93,7 @@ mod bf16 {
             let (numbers, rest) = self.numbers.as_chunks::<32>();
             let (words, words_of_rest) = self.words.split_at_mut(16 * numbers.len());
             for (to, numbers) in words.as_chunks_mut::<16>().0.iter_mut().zip(numbers) {
-                // SAFETY: called within the features that are needed; vectors of a size may be reinterpreted.
+                // SAFETY: `round` calls this with the features that it needs; vectors of one size may be reinterpreted.
                 *to = unsafe {
                     let [low, high] = std::mem::transmute::<[f32; 32], [__m512; 2]>(*numbers)
                         .map(|x| _mm512_max_ps(x, _mm512_set1_ps(least)));
@@ -123,7 +108,7 @@ mod bf16 {
 
     /// Rounds numbers to bf16, two to a word; negative ones to zero if `rectified`.
     pub(in super::super) fn round(numbers: &[f32], words: &mut [u32], rectified: bool) {
-        if let Some(features) = Features::try_new() {
+        if let Some(features) = Bf16Features::try_new() {
             features.vectorize(Round { numbers, words, rectified });
         }
     }
@@ -139,17 +124,24 @@ mod bf16 {
         }
     }
 
-    /// Multiplies words of bf16; nothing on a machine without them, for which nothing is packed.
+    /// Multiplies words of bf16. Does nothing on a machine without bf16, where no matrix is packed for it.
     pub(in super::super) fn run_bf16(product: Product<'_>) {
-        if let (Some(features), Some(simd)) = (Features::try_new(), V4::try_new()) {
+        if let (Some(features), Some(simd)) = (Bf16Features::try_new(), V4::try_new()) {
             features.vectorize(Job(simd, product));
         }
     }
 }
 #[cfg(target_arch = "x86_64")]
-pub(in super::super) use bf16::has_bf16;
-#[cfg(target_arch = "x86_64")]
 pub(super) use bf16::{round, run_bf16};
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        run(Float(simd), self);
+    }
+}
 
 /// Forms all products.
 #[inline(always)]
@@ -170,7 +162,7 @@ pub(super) fn run<D: Dot>(dot: D, mut product: Product<'_>) {
     }
 }
 
-/// The products of some windows of a row with a panel.
+/// Forms the products of some windows of a row with a panel.
 #[inline(always)]
 fn strip<D: Dot, const VECTORS: usize>(
     dot: D,
@@ -194,7 +186,7 @@ fn strip<D: Dot, const VECTORS: usize>(
     }
 }
 
-/// The products of `ROWS` windows with a panel of `VECTORS` vectors. Returns `ROWS`.
+/// Forms the products of `ROWS` windows with a panel of `VECTORS` vectors. Returns `ROWS`.
 #[inline(always)]
 fn tile<D: Dot, const ROWS: usize, const VECTORS: usize>(
     dot: D,
@@ -208,7 +200,8 @@ fn tile<D: Dot, const ROWS: usize, const VECTORS: usize>(
     let (left, windows) = (product.left, product.windows);
     let (segments, length) = (product.weights.segments, product.weights.words_of_segment());
     let left = &left[windows.first + row * windows.pitch + column * windows.step..];
-    assert!((ROWS - 1) * windows.step + (segments - 1) * windows.segment_pitch + length <= left.len());
+    let reach = (ROWS - 1).saturating_mul(windows.step).saturating_add((segments - 1) * windows.segment_pitch + length);
+    assert!(reach <= left.len());
     let panel = &product.weights.words[segments * length * output..];
     assert!(segments * length * VECTORS * D::S::F32_LANES <= panel.len());
 
@@ -217,7 +210,7 @@ fn tile<D: Dot, const ROWS: usize, const VECTORS: usize>(
     for segment in 0..segments {
         let left = left[segment * windows.segment_pitch..].as_ptr();
         for word in 0..length {
-            // SAFETY: both reads lie within what was asserted above; vectors of u32 may lie at any address that a u32 may.
+            // SAFETY: the assertions above bound both reads; vectors of u32 may lie at any address where a u32 may lie.
             unsafe {
                 let vectors: [_; VECTORS] = std::array::from_fn(|v| right.add(v).read_unaligned());
                 right = right.add(VECTORS);

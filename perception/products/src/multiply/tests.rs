@@ -54,7 +54,7 @@ proptest! {
             let packed = Packed::new(set, segments, length, &bias, |k, n| right[k * outputs + n]);
             let wide = packed.outputs;
             let mut out = vec![0.5; 7 + rows * columns * wide];
-            // What an earlier product has left there must not matter.
+            // Words of an earlier product must not matter.
             let mut words = vec![0x7fc0_7fc0; 10_000];
             let target = Target { data: &mut out, first: 7, step: wide, pitch: columns * wide, then };
             multiply(&packed, Left { data: &left, windows, rectified }, &mut words, target);
@@ -105,7 +105,7 @@ fn shared_operands_begin_anywhere() {
     let left: Vec<f32> = (0..columns * step + 9).map(|k| (k % 7) as f32 - 3.0).collect();
     let right: Vec<f32> = (0..length * outputs).map(|k| (k % 5) as f32 - 2.0).collect();
     for set in Instructions::available() {
-        let mut shared = Shared::default();
+        let mut shared = SharedLeft::default();
         shared.load(set, &numbers(1, 40_000), step);
         shared.load(set, &left, step);
         let packed = Packed::of_rows(set, &right, length, outputs);

@@ -4,7 +4,7 @@ use std::path::Path;
 use image::Rgb;
 
 use super::*;
-use crate::network::{Architecture, Provenance, Pyramid, Tensor, Weights};
+use crate::network::{Architecture, Provenance, Pyramid, WeightTensor, Weights};
 use crate::untouched::EVEN;
 use mvt_products::Instructions;
 
@@ -22,7 +22,7 @@ fn engine() -> Engine {
             "head.bias" => (0..8).filter(|out| out % 2 == 1).for_each(|out| values[out] = -10.0),
             _ => {}
         }
-        (name, Tensor { shape, values })
+        (name, WeightTensor { shape, values })
     });
     let tensors: BTreeMap<_, _> = tensors.collect();
     Engine::new(

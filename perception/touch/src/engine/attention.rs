@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::layers::{Linear, Matrix};
-use super::map::Map;
+use super::map::FeatureMap;
 use crate::network::Weights;
 use mvt_products::Instructions;
 use mvt_products::math::exp;
@@ -18,21 +18,21 @@ pub(super) struct Attention {
     heads: usize,
     /// Channels of a head.
     size: usize,
-    /// The same with those that fill the last vector.
+    /// Channels of a head with those that fill the last vector.
     stored: usize,
 }
 
-/// What attention works with.
+/// Memory of attention.
 #[derive(Debug, Clone)]
-pub(super) struct Scratch {
+pub(super) struct AttentionBuffers {
     /// Queries, keys and values, each head by head.
-    qkv: Map,
+    qkv: FeatureMap,
     /// Keys of a head as columns.
     keys: Packed,
     values: Packed,
     /// Scores of a head, then weights.
-    scores: Map,
-    result: Map,
+    scores: FeatureMap,
+    result: FeatureMap,
 }
 
 impl Attention {
@@ -51,22 +51,28 @@ impl Attention {
         }
     }
 
-    /// Room for `count` tokens.
-    pub(super) fn scratch(&self, count: usize) -> Scratch {
+    /// Returns memory for `count` tokens.
+    pub(super) fn buffers(&self, count: usize) -> AttentionBuffers {
         let packed =
             |length, outputs: usize| Packed::new(self.instructions, 1, length, &vec![0.0; outputs], |_, _| 0.0);
-        Scratch {
-            qkv: Map::tokens([1, count], 0, 3 * self.heads * self.stored),
+        AttentionBuffers {
+            qkv: FeatureMap::tokens([1, count], 0, 3 * self.heads * self.stored),
             keys: packed(self.stored, count),
             values: packed(count, self.stored),
-            scores: Map::tokens([1, count], 0, count),
-            result: Map::tokens([1, count], 0, self.heads * self.stored),
+            scores: FeatureMap::tokens([1, count], 0, count),
+            result: FeatureMap::tokens([1, count], 0, self.heads * self.stored),
         }
     }
 
     /// Adds the result to `to`.
-    pub(super) fn apply(&self, from: &Map, scratch: &mut Scratch, words: &mut Vec<u32>, to: &mut Map) {
-        let Scratch { qkv, keys, values, scores, result } = scratch;
+    pub(super) fn apply(
+        &self,
+        from: &FeatureMap,
+        buffers: &mut AttentionBuffers,
+        words: &mut Vec<u32>,
+        to: &mut FeatureMap,
+    ) {
+        let AttentionBuffers { qkv, keys, values, scores, result } = buffers;
         let &Self { heads, size, stored, .. } = self;
         self.qkv.apply(from, Then::Store, words, qkv);
         let count = from.count();
@@ -89,10 +95,10 @@ impl Attention {
     }
 }
 
-/// The softmax of the first `count` numbers of each row; the others become next to nothing.
+/// Softmax of the first `count` numbers of each row; the others become nearly zero.
 struct Softmax<'a> {
     count: usize,
-    scores: &'a mut Map,
+    scores: &'a mut FeatureMap,
 }
 
 impl WithSimd for Softmax<'_> {

@@ -1,18 +1,19 @@
-//! The decoder of DPT: tokens of some blocks become maps, which are joined from the coarsest to the finest, and two heads.
+//! Decoder of DPT: tokens of some blocks become maps, which are joined from the coarsest to the finest, and two heads.
 
 use super::image::resample;
 use super::layers::{Convolution, Linear, Matrix, Unit, Up};
-use super::map::Map;
+use super::map::FeatureMap;
 use crate::network::Weights;
 use mvt_products::Instructions;
 use mvt_products::multiply::{LANES, Then};
 
-/// A decoder with packed weights.
+/// Decoder with packed weights.
 #[derive(Debug)]
 pub(super) struct Dpt {
     instructions: Instructions,
-    /// Channels of a token, and the same with those that fill the last vector.
+    /// Channels of a token.
     width: usize,
+    /// Channels of a token with those that fill the last vector.
     stored: usize,
     channels: usize,
     patch: usize,
@@ -30,7 +31,7 @@ struct Level {
     units: [Unit; 2],
 }
 
-/// How a map of one pixel per patch gets its size.
+/// Resizing of a map with one pixel per patch.
 #[derive(Debug)]
 enum Resize {
     Up(Up),
@@ -42,29 +43,29 @@ enum Resize {
 struct Head {
     conv1: Convolution,
     conv2: Convolution,
-    /// Its result is the head's own channel of two.
+    /// Writes one of the two channels of the output.
     out: Linear,
     channels: [usize; 2],
 }
 
-/// What the decoder works with.
+/// Memory of the decoder.
 #[derive(Debug)]
-pub(super) struct Scratch {
+pub(super) struct DecoderBuffers {
     /// Every token with the class token beside it.
-    pairs: Map,
-    read: Map,
+    pairs: FeatureMap,
+    read: FeatureMap,
     /// One pixel per patch, framed.
-    projected: Map,
-    levels: Vec<Map>,
-    between: Vec<Map>,
+    projected: FeatureMap,
+    levels: Vec<FeatureMap>,
+    between: Vec<FeatureMap>,
     /// Twice the size of the finest level.
-    fused: Map,
-    /// Of a head, at that size and at the input's.
-    narrow: Map,
-    wide: Map,
-    features: Map,
+    fused: FeatureMap,
+    /// Maps of a head, at that size and at the size of the input.
+    narrow: FeatureMap,
+    wide: FeatureMap,
+    features: FeatureMap,
     /// Indentation and contact at the input's size.
-    pub(super) output: Map,
+    pub(super) output: FeatureMap,
 }
 
 impl Dpt {
@@ -119,34 +120,40 @@ impl Dpt {
         }
     }
 
-    /// Room for an input of a size and its tokens.
-    pub(super) fn scratch(&self, size: [usize; 2], tokens: &Map) -> Scratch {
+    /// Returns memory for an input of some rows and columns and its tokens.
+    pub(super) fn buffers(&self, size: [usize; 2], tokens: &FeatureMap) -> DecoderBuffers {
         let grid = [tokens.height, tokens.width];
         let level = |k: usize| {
             let side = |side: usize| if k == 3 { side.div_ceil(2) } else { side << (2 - k) };
-            Map::framed(grid.map(side), self.channels)
+            FeatureMap::framed(grid.map(side), self.channels)
         };
-        let levels: Vec<Map> = (0..self.levels.len()).map(level).collect();
-        // The finest level has a pixel for each fourth part of a patch's side.
+        let levels: Vec<FeatureMap> = (0..self.levels.len()).map(level).collect();
+        // The finest level has four pixels per side of a patch.
         let fused = size.map(|side| side / self.patch * 8);
         let [narrow, features] = self.heads[0].channels;
-        Scratch {
-            pairs: Map::tokens(grid, 0, 2 * self.stored),
-            read: Map::tokens(grid, 0, self.width),
-            projected: Map::framed(grid, self.channels),
+        DecoderBuffers {
+            pairs: FeatureMap::tokens(grid, 0, 2 * self.stored),
+            read: FeatureMap::tokens(grid, 0, self.width),
+            projected: FeatureMap::framed(grid, self.channels),
             between: levels.clone(),
             levels,
-            fused: Map::framed(fused, self.channels),
-            narrow: Map::framed(fused, narrow),
-            wide: Map::framed(size, narrow),
-            features: Map::tokens(size, 0, features),
-            output: Map::tokens(size, 0, 2),
+            fused: FeatureMap::framed(fused, self.channels),
+            narrow: FeatureMap::framed(fused, narrow),
+            wide: FeatureMap::framed(size, narrow),
+            features: FeatureMap::tokens(size, 0, features),
+            output: FeatureMap::tokens(size, 0, 2),
         }
     }
 
-    /// The map of a level from the tokens of its block.
-    pub(super) fn reassemble(&self, level: usize, tokens: &Map, scratch: &mut Scratch, words: &mut Vec<u32>) {
-        let Scratch { pairs, read, projected, levels, .. } = scratch;
+    /// Computes the map of a level from the tokens of its block.
+    pub(super) fn reassemble(
+        &self,
+        level: usize,
+        tokens: &FeatureMap,
+        buffers: &mut DecoderBuffers,
+        words: &mut Vec<u32>,
+    ) {
+        let DecoderBuffers { pairs, read, projected, levels, .. } = buffers;
         let (Some(layers), Some(map)) = (self.levels.get(level), levels.get_mut(level)) else { return };
         let mut all = tokens.data.chunks_exact(self.stored);
         if let Some(class) = all.next_back() {
@@ -170,9 +177,9 @@ impl Dpt {
         }
     }
 
-    /// From the maps of all levels to the output.
-    pub(super) fn forward(&self, scratch: &mut Scratch, words: &mut Vec<u32>) {
-        let Scratch { levels, between, fused, narrow, wide, features, output, .. } = scratch;
+    /// Computes the output from the maps of all levels.
+    pub(super) fn forward(&self, buffers: &mut DecoderBuffers, words: &mut Vec<u32>) {
+        let DecoderBuffers { levels, between, fused, narrow, wide, features, output, .. } = buffers;
         for k in (0..self.levels.len()).rev() {
             let [unit1, unit2] = &self.levels[k].units;
             let (finer, coarser) = levels.split_at_mut(k + 1);

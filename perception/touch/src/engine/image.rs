@@ -1,22 +1,22 @@
-//! From a sensor's image to a network's input, between sizes, and from a network's output to images.
+//! Conversion of a sensor's image to a network's input, resizing of maps, and conversion of a network's output to planes.
 
 use image::RgbImage;
 use pulp::{Simd, WithSimd};
 
-use super::Prediction;
-use super::map::Map;
+use super::map::FeatureMap;
+use super::pass::Prediction;
 use mvt_products::Instructions;
 use mvt_products::math::multiply_add;
 
-/// Two neighbours of a place between them, and how near it is to the second.
+/// Two neighbours of a place between them, and the share of the second.
 type Between = (usize, usize, f32);
 
-/// Where pixel `at` of `to` lies among `from` pixels, their centres half a pixel inside the image, which ends where the last one does.
+/// Returns the place of pixel `at` of `to` among `from` pixels if both images span the same square: centres lie half a pixel inside.
 pub(super) fn half_pixel(at: usize, from: usize, to: usize) -> Between {
     between(((at as f32 + 0.5) * from as f32 / to as f32 - 0.5).max(0.0), from)
 }
 
-/// Where pixel `at` of `to` lies among `from` pixels, the first and last of both in the same places.
+/// Returns the place of pixel `at` of `to` among `from` pixels if the first and the last pixels of both coincide.
 fn aligned(at: usize, from: usize, to: usize) -> Between {
     between(at as f32 * (from - 1) as f32 / (to - 1).max(1) as f32, from)
 }
@@ -26,9 +26,9 @@ fn between(place: f32, count: usize) -> Between {
     (first, (first + 1).min(count - 1), (place - first as f32).clamp(0.0, 1.0))
 }
 
-/// Puts an image into a map as networks want it, resized to the map's size: levels from -1 to 1 and, if the map has room for them, the
+/// Writes an image to the input map of a network, resized to the map's size: levels from -1 to 1 and, if the map has the channels, the
 /// two coordinates.
-pub(super) fn load(image: &RgbImage, map: &mut Map) {
+pub(super) fn load(image: &RgbImage, map: &mut FeatureMap) {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_same = [height, width] == [map.height, map.width];
     let bytes: &[u8] = image;
@@ -63,8 +63,8 @@ pub(super) fn load(image: &RgbImage, map: &mut Map) {
     }
 }
 
-/// Writes the two channels that depth to space by `FACTOR` makes of a map, resized to the prediction's size.
-pub(super) fn store<const FACTOR: usize>(map: &Map, to: &mut Prediction) {
+/// Writes the two channels of a map after depth to space by `FACTOR`, resized to the prediction's size.
+pub(super) fn store<const FACTOR: usize>(map: &FeatureMap, to: &mut Prediction) {
     let Prediction { indentation_mm, contact_logit } = to;
     let (height, width) = (map.height * FACTOR, map.width * FACTOR);
     let value = |row: usize, column: usize| {
@@ -92,14 +92,14 @@ pub(super) fn store<const FACTOR: usize>(map: &Map, to: &mut Prediction) {
 }
 
 /// Resizes a map to the size of another, the corners of both in the same places. The result is stored or added.
-pub(super) fn resample(instructions: Instructions, from: &Map, is_added: bool, to: &mut Map) {
+pub(super) fn resample(instructions: Instructions, from: &FeatureMap, is_added: bool, to: &mut FeatureMap) {
     instructions.run(Resample { from, is_added, to });
 }
 
 struct Resample<'a> {
-    from: &'a Map,
+    from: &'a FeatureMap,
     is_added: bool,
-    to: &'a mut Map,
+    to: &'a mut FeatureMap,
 }
 
 impl WithSimd for Resample<'_> {

@@ -1,27 +1,27 @@
-//! The layers of [`crate::network`] with packed weights. Results are stored with channels that fill whole vectors; where a layer's
-//! channels do not, those beyond are zero.
+//! Layers of [`crate::network`] with packed weights. Results have channels that fill whole vectors; channels beyond those of the layer
+//! are zero.
 
 use pulp::{Simd, WithSimd};
 
-use super::map::Map;
+use super::map::FeatureMap;
 use crate::network::{LAYER_NORM_EPS, Weights};
 use mvt_products::Instructions;
 use mvt_products::math::multiply_add;
-use mvt_products::multiply::{Left, Packed, Target, Then, Windows, multiply};
+use mvt_products::multiply::{LANES, Left, Packed, Target, Then, Windows, multiply};
 
 /// Linear map of each pixel or token.
 #[derive(Debug)]
 pub(super) struct Linear(Packed);
 
 impl Linear {
-    /// `name.weight [outputs, inputs]` and, if there is one, `name.bias`.
+    /// Packs `name.weight [outputs, inputs]` and, if it exists, `name.bias`.
     pub(super) fn new(instructions: Instructions, weights: &Weights, name: &str) -> Self {
         let matrix = Matrix::of(weights, name);
         Self::spread(instructions, &matrix, matrix.outputs, Some, matrix.inputs, Some)
     }
 
-    /// A layer some of whose columns are elsewhere: `output` says which output belongs into a column of `columns`, `input` which
-    /// input is read from a channel of `channels`, if any.
+    /// Packs a layer with rearranged columns: `output` returns the output of a column of `columns`, `input` the input of a channel of
+    /// `channels`; `None` means zero.
     pub(super) fn spread(
         instructions: Instructions,
         matrix: &Matrix<'_>,
@@ -39,8 +39,8 @@ impl Linear {
         Self(Packed::new(instructions, 1, channels, &bias, weight))
     }
 
-    /// From the pixels of a map to those of another of the same size.
-    pub(super) fn apply(&self, from: &Map, then: Then, words: &mut Vec<u32>, to: &mut Map) {
+    /// Maps the pixels of a map to those of another of the same size.
+    pub(super) fn apply(&self, from: &FeatureMap, then: Then, words: &mut Vec<u32>, to: &mut FeatureMap) {
         let (from_windows, to_windows) = (from.pixels(), to.pixels());
         // Tokens lie in one row, a framed map has its own rows.
         let is_alike = from_windows.columns == to_windows.columns;
@@ -48,23 +48,23 @@ impl Linear {
         self.run(Left { data: &from.data, windows, rectified: false }, words, place(to, target, then));
     }
 
-    /// From whatever windows.
+    /// Maps windows to a target.
     pub(super) fn run(&self, left: Left<'_>, words: &mut Vec<u32>, target: Target<'_>) {
         multiply(&self.0, left, words, target);
     }
 }
 
-/// A weight and bias as they are in the file.
+/// Weight and bias of the file.
 pub(super) struct Matrix<'a> {
     pub(super) weight: &'a [f32],
-    /// Empty if there is none.
+    /// Empty without a bias.
     pub(super) bias: &'a [f32],
     pub(super) outputs: usize,
     pub(super) inputs: usize,
 }
 
 impl<'a> Matrix<'a> {
-    /// `name.weight`, its last axes together, and `name.bias`.
+    /// Returns `name.weight`, its last axes joined, and `name.bias`.
     pub(super) fn of(weights: &'a Weights, name: &str) -> Self {
         let weight = weights.tensors().get(&format!("{name}.weight"));
         let (shape, values) = weight.map_or((&[][..], &[][..]), |tensor| (&tensor.shape, &tensor.values));
@@ -74,8 +74,8 @@ impl<'a> Matrix<'a> {
     }
 }
 
-/// Where windows of a map are written.
-fn place(to: &mut Map, windows: Windows, then: Then) -> Target<'_> {
+/// Returns the target of products that replace windows of a map.
+fn place(to: &mut FeatureMap, windows: Windows, then: Then) -> Target<'_> {
     Target { data: &mut to.data, first: windows.first, step: windows.step, pitch: windows.pitch, then }
 }
 
@@ -87,7 +87,7 @@ pub(super) struct Convolution {
 }
 
 impl Convolution {
-    /// `name.weight [outputs, inputs, 3, 3]` and `name.bias`, for maps with `channels` numbers per pixel.
+    /// Packs `name.weight [outputs, inputs, 3, 3]` and `name.bias` for maps with `channels` numbers per pixel.
     pub(super) fn new(
         instructions: Instructions,
         weights: &Weights,
@@ -104,8 +104,15 @@ impl Convolution {
         Self { packed: Packed::new(instructions, 3, 3 * channels, bias, entry), stride }
     }
 
-    /// From a framed map to another whose sides are those over the stride, rounded up.
-    pub(super) fn apply(&self, from: &Map, rectified: bool, then: Then, words: &mut Vec<u32>, to: &mut Map) {
+    /// Maps a framed map to another, whose sides are divided by the stride and rounded up.
+    pub(super) fn apply(
+        &self,
+        from: &FeatureMap,
+        rectified: bool,
+        then: Then,
+        words: &mut Vec<u32>,
+        to: &mut FeatureMap,
+    ) {
         let left = Left { data: &from.data, windows: from.neighbourhoods(self.stride), rectified };
         let target = to.rows();
         multiply(&self.packed, left, words, place(to, target, then));
@@ -125,14 +132,14 @@ impl Unit {
         Self { conv1: convolution("conv1"), conv2: convolution("conv2") }
     }
 
-    /// In place; `between` is of the same size.
-    pub(super) fn apply(&self, words: &mut Vec<u32>, between: &mut Map, x: &mut Map) {
+    /// Changes `x` in place; `between` is a map of the same size.
+    pub(super) fn apply(&self, words: &mut Vec<u32>, between: &mut FeatureMap, x: &mut FeatureMap) {
         self.conv1.apply(x, true, Then::Relu, words, between);
         self.conv2.apply(between, false, Then::Add, words, x);
     }
 }
 
-/// Linear map to `factor * factor` times as many channels, which depth to space makes pixels: one product for each of them.
+/// Linear map to `factor * factor` times as many channels, and depth to space: one product per pixel of a square.
 #[derive(Debug)]
 pub(super) struct Up {
     parts: Vec<Linear>,
@@ -148,8 +155,8 @@ impl Up {
         Self { parts: (0..factor * factor).map(part).collect(), factor }
     }
 
-    /// From a map to one with `factor` times its rows and columns.
-    pub(super) fn apply(&self, from: &Map, then: Then, words: &mut Vec<u32>, to: &mut Map) {
+    /// Maps a map to one with `factor` times its rows and columns.
+    pub(super) fn apply(&self, from: &FeatureMap, then: Then, words: &mut Vec<u32>, to: &mut FeatureMap) {
         let (step, pitch) = (self.factor * to.channels, self.factor * to.pitch());
         for (k, part) in self.parts.iter().enumerate() {
             let first = to.at(k / self.factor, k % self.factor);
@@ -172,20 +179,20 @@ impl Norm {
     pub(super) fn new(instructions: Instructions, weights: &Weights, name: &str) -> Self {
         let [weight, bias] = ["weight", "bias"].map(|part| {
             let mut values = weights.values(&format!("{name}.{part}")).to_vec();
-            values.resize(values.len().next_multiple_of(super::multiply::LANES), 0.0);
+            values.resize(values.len().next_multiple_of(LANES), 0.0);
             values
         });
         Self { instructions, width: weights.values(&format!("{name}.bias")).len(), weight, bias }
     }
 
-    /// From tokens to as many others.
-    pub(super) fn apply(&self, from: &Map, to: &mut Map) {
+    /// Normalises tokens into `to`.
+    pub(super) fn apply(&self, from: &FeatureMap, to: &mut FeatureMap) {
         to.data.copy_from_slice(&from.data);
         self.apply_in_place(to);
     }
 
-    /// In the place of the tokens.
-    pub(super) fn apply_in_place(&self, tokens: &mut Map) {
+    /// Normalises tokens in place.
+    pub(super) fn apply_in_place(&self, tokens: &mut FeatureMap) {
         self.instructions.run(Normalise { norm: self, tokens: &mut tokens.data });
     }
 }
@@ -213,7 +220,7 @@ impl WithSimd for Normalise<'_> {
                 let d = simd.sub_f32s(x, centre);
                 multiply_add(simd, d, d, sum)
             });
-            // Channels beyond the width are zero, and their distance from the mean does not count.
+            // Channels beyond the width are zero; their distance from the mean is subtracted again.
             let variance = (simd.reduce_sum_f32s(squares) - padding * mean * mean).max(0.0) / *width as f32;
             let scale = simd.splat_f32s(1.0 / (variance + LAYER_NORM_EPS).sqrt());
             for ((x, &weight), &bias) in token.iter_mut().zip(weight).zip(bias) {

@@ -1,19 +1,19 @@
-//! The Mamba layer: its causal convolution and its scan go through tokens in any order; what they need of a token is read where it
-//! lies, so that no order costs more than another.
+//! Mamba layer. Its causal convolution and its scan visit tokens in any order and read each token in place, so that all orders cost the
+//! same.
 
 use pulp::{Simd, WithSimd};
 
 use super::layers::{Linear, Matrix};
-use super::map::Map;
+use super::map::FeatureMap;
 use crate::network::Weights;
 use mvt_products::Instructions;
 use mvt_products::math::{exp2, multiply_add, silu};
 use mvt_products::multiply::{LANES, Left, Target, Then};
 
-/// States that are carried along together: with what belongs to them they fit in the registers of AVX2.
+/// States that a scan carries together: with their rates and inputs they fit in the registers of AVX2.
 const STATES: usize = 8;
 
-/// A Mamba layer with packed weights.
+/// Mamba layer with packed weights.
 #[derive(Debug)]
 pub(super) struct Mamba {
     instructions: Instructions,
@@ -25,9 +25,9 @@ pub(super) struct Mamba {
     inner: usize,
     /// States, with those that fill the last group.
     state: usize,
-    /// Where B and C begin among the results of `x_proj`.
+    /// Index of B and C among the results of `x_proj`.
     inputs: usize,
-    /// `[taps][inner]`, the oldest token's first.
+    /// `[taps][inner]`, first the taps of the oldest token.
     taps: Vec<f32>,
     tap_bias: Vec<f32>,
     /// log2(e) A, `[inner / LANES][state][LANES]`.
@@ -35,18 +35,18 @@ pub(super) struct Mamba {
     skip: Vec<f32>,
 }
 
-/// What a layer works with.
+/// Memory of a layer.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Scratch {
+pub(super) struct MambaBuffers {
     /// Results of `in_proj`: x and z.
-    xz: Map,
+    xz: FeatureMap,
     /// x after the convolution.
-    x: Map,
-    /// Results of `x_proj`: what the step sizes are made of, B and C.
-    dbc: Map,
-    delta: Map,
-    /// What `out_proj` reads.
-    y: Map,
+    x: FeatureMap,
+    /// Results of `x_proj`: sources of the step sizes, B and C.
+    dbc: FeatureMap,
+    delta: FeatureMap,
+    /// Input of `out_proj`.
+    y: FeatureMap,
 }
 
 impl Mamba {
@@ -95,10 +95,10 @@ impl Mamba {
         }
     }
 
-    /// Room for tokens like those of `like`.
-    pub(super) fn scratch(&self, like: &Map) -> Scratch {
-        let tokens = |channels| Map::tokens([1, like.count()], 0, channels);
-        Scratch {
+    /// Returns memory for as many tokens as `like` has.
+    pub(super) fn buffers(&self, like: &FeatureMap) -> MambaBuffers {
+        let tokens = |channels| FeatureMap::tokens([1, like.count()], 0, channels);
+        MambaBuffers {
             xz: tokens(2 * self.inner),
             x: tokens(self.inner),
             dbc: tokens(self.inputs + 2 * self.state),
@@ -107,29 +107,35 @@ impl Mamba {
         }
     }
 
-    /// The layer's result, stored or added. `order` says which token comes k-th.
+    /// Stores the layer's result in `to` or adds it. `order` lists the tokens in the order of the scan.
     pub(super) fn apply(
         &self,
-        from: &Map,
+        from: &FeatureMap,
         order: &[u32],
         then: Then,
-        scratch: &mut Scratch,
+        buffers: &mut MambaBuffers,
         words: &mut Vec<u32>,
-        to: &mut Map,
+        to: &mut FeatureMap,
     ) {
-        self.scan(from, order, scratch, words);
-        self.project(then, scratch, words, to);
+        self.scan(from, order, buffers, words);
+        self.project(then, buffers, words, to);
     }
 
-    /// The layer's result in place of what it is made of.
-    pub(super) fn apply_in_place(&self, x: &mut Map, order: &[u32], scratch: &mut Scratch, words: &mut Vec<u32>) {
-        self.scan(x, order, scratch, words);
-        self.project(Then::Store, scratch, words, x);
+    /// Replaces the tokens by the layer's result.
+    pub(super) fn apply_in_place(
+        &self,
+        x: &mut FeatureMap,
+        order: &[u32],
+        buffers: &mut MambaBuffers,
+        words: &mut Vec<u32>,
+    ) {
+        self.scan(x, order, buffers, words);
+        self.project(Then::Store, buffers, words, x);
     }
 
-    /// Everything up to the last linear map.
-    fn scan(&self, from: &Map, order: &[u32], scratch: &mut Scratch, words: &mut Vec<u32>) {
-        let Scratch { xz, x, dbc, delta, y } = scratch;
+    /// Computes everything up to the last linear map.
+    fn scan(&self, from: &FeatureMap, order: &[u32], buffers: &mut MambaBuffers, words: &mut Vec<u32>) {
+        let MambaBuffers { xz, x, dbc, delta, y } = buffers;
         assert_eq!((order.len(), xz.count()), (from.count(), from.count()), "an order for other tokens");
         assert!(order.iter().all(|&token| (token as usize) < from.count()), "an order of other tokens");
         self.in_proj.apply(from, Then::Store, words, xz);
@@ -137,14 +143,14 @@ impl Mamba {
         self.x_proj.apply(x, Then::Store, words, dbc);
         self.dt_proj.apply(dbc, Then::Softplus, words, delta);
         let (xz, x, delta, y_data) = (&xz.data, &x.data, &delta.data, &mut y.data);
-        self.instructions.run(Scan { layer: self, order, xz, x, dbc, delta, y: y_data });
+        self.instructions.run(SelectiveScan { layer: self, order, xz, x, dbc, delta, y: y_data });
     }
 
-    /// The last linear map.
-    fn project(&self, then: Then, scratch: &Scratch, words: &mut Vec<u32>, to: &mut Map) {
+    /// Computes the last linear map.
+    fn project(&self, then: Then, buffers: &MambaBuffers, words: &mut Vec<u32>, to: &mut FeatureMap) {
         let target = to.pixels();
         let target = Target { data: &mut to.data, first: target.first, step: target.step, pitch: 0, then };
-        self.out_proj.run(Left { data: &scratch.y.data, windows: scratch.y.pixels(), rectified: false }, words, target);
+        self.out_proj.run(Left { data: &buffers.y.data, windows: buffers.y.pixels(), rectified: false }, words, target);
     }
 }
 
@@ -181,18 +187,18 @@ impl WithSimd for Convolve<'_> {
     }
 }
 
-/// The selective scan with its skip and gate.
-struct Scan<'a> {
+/// Selective scan with its skip and gate.
+struct SelectiveScan<'a> {
     layer: &'a Mamba,
     order: &'a [u32],
     xz: &'a [f32],
     x: &'a [f32],
-    dbc: &'a Map,
+    dbc: &'a FeatureMap,
     delta: &'a [f32],
     y: &'a mut [f32],
 }
 
-impl WithSimd for Scan<'_> {
+impl WithSimd for SelectiveScan<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -236,8 +242,8 @@ impl WithSimd for Scan<'_> {
     }
 }
 
-/// The order of a scan through the tokens of a map, those that belong to no patch last.
-pub(super) fn order(scan: crate::network::Scan, tokens: &Map) -> Vec<u32> {
+/// Returns the order of a scan over the tokens of a map; tokens without a patch come last.
+pub(super) fn order(scan: crate::network::ScanOrder, tokens: &FeatureMap) -> Vec<u32> {
     let patches = scan.order(tokens.height, tokens.width);
     patches.into_iter().chain(tokens.height * tokens.width..tokens.count()).map(|token| token as u32).collect()
 }

@@ -1,11 +1,11 @@
-//! Images of channels in memory.
+//! Maps and tokens in memory.
 
 use mvt_products::multiply::{LANES, Windows};
 
-/// Pixels row by row with their channels side by side, in a frame of zeros if convolutions are to read it; or tokens, one per patch,
-/// and after them those that belong to no patch. Channels beyond the network's are zero.
+/// Pixels row by row with their channels side by side, in a frame of zeros if convolutions read it; or tokens, first one per patch, then
+/// those without a patch. Channels beyond those of the network are zero.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Map {
+pub(super) struct FeatureMap {
     pub(super) height: usize,
     pub(super) width: usize,
     /// Numbers of a pixel.
@@ -17,18 +17,18 @@ pub(super) struct Map {
     pub(super) data: Vec<f32>,
 }
 
-impl Map {
-    /// Zeros, with a frame for convolutions.
+impl FeatureMap {
+    /// Returns zeros with a frame for convolutions.
     pub(super) fn framed([height, width]: [usize; 2], channels: usize) -> Self {
         Self::new(height, width, channels.next_multiple_of(LANES), 1, 0)
     }
 
-    /// Zeros, without a frame, and `extra` tokens more than `height * width`.
+    /// Returns zeros without a frame: `height * width` tokens and `extra` more.
     pub(super) fn tokens([height, width]: [usize; 2], extra: usize, channels: usize) -> Self {
         Self::new(height, width, channels.next_multiple_of(LANES), 0, extra)
     }
 
-    /// Zeros for an image of the sensor, whose few channels are not worth a whole vector.
+    /// Returns zeros for an image of the sensor. Its few channels are not padded to a whole vector.
     pub(super) fn image([height, width]: [usize; 2], channels: usize, halo: usize) -> Self {
         Self::new(height, width, channels.next_multiple_of(2), halo, 0)
     }
@@ -38,40 +38,33 @@ impl Map {
         Self { height, width, channels, halo, extra, data: vec![0.0; pixels * channels] }
     }
 
-    /// Numbers from a row to the next.
+    /// Returns the distance from a row to the next, in numbers.
     pub(super) fn pitch(&self) -> usize {
         (self.width + 2 * self.halo) * self.channels
     }
 
-    /// Where a pixel is.
+    /// Returns the index of a pixel.
     pub(super) fn at(&self, row: usize, column: usize) -> usize {
         (row + self.halo) * self.pitch() + (column + self.halo) * self.channels
     }
 
-    /// Tokens with those that belong to no patch.
+    /// Returns the number of tokens, those without a patch included.
     pub(super) fn count(&self) -> usize {
         self.height * self.width + self.extra
     }
 
-    /// Each pixel by itself; of tokens all, in one row.
+    /// Returns each pixel by itself; tokens lie in one row, those without a patch included.
     pub(super) fn pixels(&self) -> Windows {
         let (columns, rows) = if self.halo == 0 { (self.count(), 1) } else { (self.width, self.height) };
         Windows { first: self.at(0, 0), step: self.channels, pitch: self.pitch(), columns, rows, segment_pitch: 0 }
     }
 
-    /// Each pixel by itself, row by row, without the tokens that belong to none.
+    /// Returns each pixel by itself, row by row, without the tokens that have no patch.
     pub(super) fn rows(&self) -> Windows {
-        Windows {
-            first: self.at(0, 0),
-            step: self.channels,
-            pitch: self.pitch(),
-            columns: self.width,
-            rows: self.height,
-            segment_pitch: 0,
-        }
+        Windows { columns: self.width, rows: self.height, ..self.pixels() }
     }
 
-    /// Squares of `side` pixels without overlap, a segment per row of theirs.
+    /// Returns squares of `side` pixels without overlap, one segment per row of a square.
     pub(super) fn patches(&self, side: usize) -> Windows {
         Windows {
             first: self.at(0, 0),
@@ -83,7 +76,7 @@ impl Map {
         }
     }
 
-    /// Squares of 3 x 3 pixels around every pixel, or every second in every second row.
+    /// Returns squares of 3 x 3 pixels around every pixel, or around every second pixel of every second row.
     pub(super) fn neighbourhoods(&self, stride: usize) -> Windows {
         debug_assert_eq!(self.halo, 1, "a convolution reads the frame");
         Windows {

@@ -1,13 +1,13 @@
-//! The forward pass of `default`.
+//! Forward pass of `default`.
 
 use ::image::RgbImage;
 
 use super::image::{load, store};
 use super::layers::{Convolution, Norm, Unit, Up};
-use super::mamba::{self, Mamba};
-use super::map::Map;
-use super::{Forward, Prediction};
-use crate::network::{self, Scan, Weights};
+use super::mamba::{self, Mamba, MambaBuffers};
+use super::map::FeatureMap;
+use super::pass::{Forward, Prediction};
+use crate::network::{self, ScanOrder, Weights};
 use mvt_products::Instructions;
 use mvt_products::multiply::{LANES, Then};
 
@@ -23,26 +23,27 @@ pub(super) struct Pyramid {
     units: [Unit; 2],
     blocks: Vec<(Norm, Mamba)>,
     /// One per block.
-    scans: Vec<Scan>,
+    scans: Vec<ScanOrder>,
     norm: Norm,
     ups: [(Up, Unit); 3],
     head: Convolution,
 }
 
-/// What the forward pass works with.
+/// Memory of the forward pass.
 #[derive(Debug, Clone)]
-pub(super) struct Scratch {
-    input: Map,
-    /// At 1/2, 1/4 and 1/8, with what residual units want besides.
-    maps: [Map; 3],
-    between: [Map; 3],
-    tokens: Map,
-    normed: Map,
-    mamba: mamba::Scratch,
+pub(super) struct PyramidBuffers {
+    input: FeatureMap,
+    /// Maps at 1/2, 1/4 and 1/8.
+    maps: [FeatureMap; 3],
+    /// Intermediate results of residual units at these sizes.
+    between: [FeatureMap; 3],
+    tokens: FeatureMap,
+    normed: FeatureMap,
+    mamba: MambaBuffers,
     /// One per block.
     orders: Vec<Vec<u32>>,
-    /// What depth to space by 2 makes two channels of the input's size.
-    output: Map,
+    /// Output before depth to space by 2.
+    output: FeatureMap,
 }
 
 impl Pyramid {
@@ -58,7 +59,7 @@ impl Pyramid {
         };
         Self {
             widths: *widths,
-            stem: convolution("stem", Map::image([0, 0], INPUTS, 1).channels, 2),
+            stem: convolution("stem", FeatureMap::image([0, 0], INPUTS, 1).channels, 2),
             downs: [0, 1, 2].map(|k| convolution(&format!("encoder.{k}.down"), stored[k], 2)),
             units: [0, 1].map(|k| unit(&format!("encoder.{k}.unit"), stored[k + 1])),
             blocks: (0..*depth).map(block).collect(),
@@ -74,26 +75,27 @@ impl Pyramid {
 }
 
 impl Forward for Pyramid {
-    type Scratch = Scratch;
+    type Buffers = PyramidBuffers;
 
-    fn scratch(&self, [height, width]: [usize; 2]) -> Scratch {
+    fn buffers(&self, [height, width]: [usize; 2]) -> PyramidBuffers {
         let at = |level: usize| [height >> (level + 1), width >> (level + 1)];
-        let framed = [0, 1, 2].map(|level| Map::framed(at(level), self.widths[level]));
-        let tokens = Map::tokens(at(3), 0, self.widths[3]);
-        Scratch {
-            input: Map::image([height, width], INPUTS, 1),
+        let framed = [0, 1, 2].map(|level| FeatureMap::framed(at(level), self.widths[level]));
+        let tokens = FeatureMap::tokens(at(3), 0, self.widths[3]);
+        PyramidBuffers {
+            input: FeatureMap::image([height, width], INPUTS, 1),
             between: framed.clone(),
             maps: framed,
             normed: tokens.clone(),
-            mamba: self.blocks.first().map(|(_, mamba)| mamba.scratch(&tokens)).unwrap_or_default(),
+            mamba: self.blocks.first().map(|(_, mamba)| mamba.buffers(&tokens)).unwrap_or_default(),
             orders: self.scans.iter().map(|&scan| mamba::order(scan, &tokens)).collect(),
             tokens,
-            output: Map::tokens(at(0), 0, 8),
+            output: FeatureMap::tokens(at(0), 0, 8),
         }
     }
 
-    fn forward(&self, image: &RgbImage, scratch: &mut Scratch, words: &mut Vec<u32>, to: &mut Prediction) {
-        let Scratch { input, maps: [half, quarter, eighth], between, tokens, normed, mamba, orders, output } = scratch;
+    fn forward(&self, image: &RgbImage, buffers: &mut PyramidBuffers, words: &mut Vec<u32>, to: &mut Prediction) {
+        let PyramidBuffers { input, maps: [half, quarter, eighth], between, tokens, normed, mamba, orders, output } =
+            buffers;
         load(image, input);
         self.stem.apply(input, false, Then::Relu, words, half);
         self.downs[0].apply(half, false, Then::Store, words, quarter);

@@ -5,9 +5,9 @@ use safetensors::SafeTensors;
 use super::attention::Attention;
 use super::layers::{Linear, Norm};
 use super::mamba::{self, Mamba};
-use super::map::Map;
+use super::map::FeatureMap;
 use super::*;
-use crate::network::{Scan, Weights};
+use crate::network::{ScanOrder, Weights};
 use mvt_products::multiply::Then;
 
 fn weights(name: &str) -> Weights {
@@ -15,7 +15,7 @@ fn weights(name: &str) -> Weights {
     Weights::read(&path).unwrap()
 }
 
-/// Tokens of the expectations, `[count, width]`.
+/// Returns expected tokens, `[count, width]`.
 fn tokens(name: &str) -> (Vec<f32>, usize) {
     let bytes = include_bytes!("../../tests/fixtures/expected.safetensors");
     let file = SafeTensors::deserialize(bytes).unwrap();
@@ -23,8 +23,8 @@ fn tokens(name: &str) -> (Vec<f32>, usize) {
     (tensor.data().as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect(), tensor.shape()[1])
 }
 
-fn stored(values: &[f32], width: usize, [height, columns]: [usize; 2], extra: usize) -> Map {
-    let mut map = Map::tokens([height, columns], extra, width);
+fn stored(values: &[f32], width: usize, [height, columns]: [usize; 2], extra: usize) -> FeatureMap {
+    let mut map = FeatureMap::tokens([height, columns], extra, width);
     let channels = map.channels;
     for (to, from) in map.data.chunks_exact_mut(channels).zip(values.chunks_exact(width)) {
         to[..width].copy_from_slice(from);
@@ -33,7 +33,7 @@ fn stored(values: &[f32], width: usize, [height, columns]: [usize; 2], extra: us
 }
 
 /// Tokens are of the order of 1.
-fn assert_alike(map: &Map, exact: &[f32], width: usize, set: Instructions) {
+fn assert_alike(map: &FeatureMap, exact: &[f32], width: usize, set: Instructions) {
     let bound = if set.is_bf16() { 0.05 } else { 2e-5 };
     for (found, exact) in map.data.chunks_exact(map.channels).zip(exact.chunks_exact(width)) {
         for (found, exact) in found.iter().zip(exact) {
@@ -51,10 +51,10 @@ fn a_mamba_block_is_that_of_pytorch() {
         let norm = Norm::new(set, &weights, "blocks.2.norm");
         let layer = Mamba::new(set, &weights, "blocks.2.mamba");
         let mut x = stored(&before, width, [3, 2], 0);
-        let (mut normed, mut scratch) = (x.clone(), layer.scratch(&x));
+        let (mut normed, mut buffers) = (x.clone(), layer.buffers(&x));
         norm.apply(&x, &mut normed);
-        let order = mamba::order(Scan::Columns, &x);
-        layer.apply(&normed, &order, Then::Add, &mut scratch, &mut Vec::new(), &mut x);
+        let order = mamba::order(ScanOrder::Columns, &x);
+        layer.apply(&normed, &order, Then::Add, &mut buffers, &mut Vec::new(), &mut x);
         assert_alike(&x, &after, width, set);
     }
 }
@@ -70,24 +70,24 @@ fn a_vit_block_is_that_of_pytorch() {
         let mut x = stored(&before, width, [3, 4], 1);
         let (mut normed, mut words) = (x.clone(), Vec::new());
         norm1.apply(&x, &mut normed);
-        attention.apply(&normed, &mut attention.scratch(x.count()), &mut words, &mut x);
+        attention.apply(&normed, &mut attention.buffers(x.count()), &mut words, &mut x);
         norm2.apply(&x, &mut normed);
-        let mut hidden = Map::tokens([3, 4], 1, 2 * width);
+        let mut hidden = FeatureMap::tokens([3, 4], 1, 2 * width);
         linear("fc1").apply(&normed, Then::Gelu, &mut words, &mut hidden);
         linear("fc2").apply(&hidden, Then::Add, &mut words, &mut x);
         assert_alike(&x, &after, width, set);
     }
 }
 
-/// A scan does not care where its tokens lie: the order of columns is that of rows on the transposed image.
+/// The order of columns on an image equals the order of rows on the transposed image.
 #[test]
 fn orders_are_permutations_and_nothing_else() {
     let weights = weights("default");
     let (values, width) = tokens("default.block.before");
     let layer = Mamba::new(Instructions::best(), &weights, "blocks.0.mamba");
-    let result = |map: &Map, scan| {
-        let (mut to, mut scratch) = (map.clone(), layer.scratch(map));
-        layer.apply(map, &mamba::order(scan, map), Then::Store, &mut scratch, &mut Vec::new(), &mut to);
+    let result = |map: &FeatureMap, scan| {
+        let (mut to, mut buffers) = (map.clone(), layer.buffers(map));
+        layer.apply(map, &mamba::order(scan, map), Then::Store, &mut buffers, &mut Vec::new(), &mut to);
         to
     };
     let upright = stored(&values, width, [3, 2], 0);
@@ -98,7 +98,7 @@ fn orders_are_permutations_and_nothing_else() {
             lying.data[to..][..width].copy_from_slice(&upright.data[from..][..width]);
         }
     }
-    let (a, b) = (result(&upright, Scan::ColumnsReversed), result(&lying, Scan::RowsReversed));
+    let (a, b) = (result(&upright, ScanOrder::ColumnsReversed), result(&lying, ScanOrder::RowsReversed));
     for row in 0..3 {
         for column in 0..2 {
             assert_eq!(a.data[a.at(row, column)..][..width], b.data[b.at(column, row)..][..width]);
@@ -106,11 +106,11 @@ fn orders_are_permutations_and_nothing_else() {
     }
 }
 
-/// Images of other sizes: what PyTorch's `interpolate` without aligned corners gives, worked out by hand.
+/// Images of other sizes are resized like PyTorch's `interpolate` without aligned corners, computed by hand.
 #[test]
 fn images_are_resized_with_half_pixel_centres() {
     let image = RgbImage::from_fn(2, 1, |u, _| ::image::Rgb([if u == 0 { 0 } else { 255 }, 0, 0]));
-    let mut map = Map::image([2, 4], 5, 1);
+    let mut map = FeatureMap::image([2, 4], 5, 1);
     super::image::load(&image, &mut map);
     for row in 0..2 {
         let red: Vec<f32> = (0..4).map(|column| map.data[map.at(row, column)]).collect();
@@ -121,7 +121,7 @@ fn images_are_resized_with_half_pixel_centres() {
 }
 
 #[test]
-fn predictions_do_not_depend_on_threads_or_on_what_was_before() {
+fn predictions_do_not_depend_on_threads_or_earlier_images() {
     let engine = Engine::new(&weights("mamba"), Instructions::best());
     let image =
         |seed: u32| RgbImage::from_fn(24, 40, |u, v| ::image::Rgb([(u * seed) as u8, (v * 3) as u8, seed as u8]));
@@ -142,7 +142,7 @@ fn predictions_do_not_depend_on_threads_or_on_what_was_before() {
 }
 
 #[test]
-fn any_size_is_taken_and_given_back() {
+fn predictions_have_the_size_of_any_image() {
     for name in Architecture::NAMES {
         let engine = Engine::new(&weights(name), Instructions::best());
         let mut prediction = Prediction::default();

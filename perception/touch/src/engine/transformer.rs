@@ -1,19 +1,19 @@
-//! The forward passes of `vit`, `mamba` and `robust_mamba`: patches as tokens, blocks, and the decoder that they share.
+//! Forward passes of `vit`, `mamba` and `robust_mamba`: patches as tokens, blocks, and their common decoder.
 
 use ::image::RgbImage;
 
-use super::attention::{self, Attention};
-use super::dpt::{self, Dpt};
+use super::attention::{Attention, AttentionBuffers};
+use super::dpt::{DecoderBuffers, Dpt};
 use super::image::{half_pixel, load, store};
 use super::layers::{Linear, Matrix, Norm};
-use super::mamba::{self, Mamba};
-use super::map::Map;
-use super::{Forward, Prediction};
-use crate::network::{self, Architecture, Scan, Weights};
+use super::mamba::{self, Mamba, MambaBuffers};
+use super::map::FeatureMap;
+use super::pass::{Forward, Prediction};
+use crate::network::{self, Architecture, ScanOrder, Weights};
 use mvt_products::Instructions;
 use mvt_products::multiply::{Left, Packed, Target, Then, multiply};
 
-/// A network of tokens with packed weights.
+/// Network of tokens with packed weights.
 #[derive(Debug)]
 pub(super) struct Transformer {
     patch: usize,
@@ -27,10 +27,10 @@ pub(super) struct Transformer {
     decoder: Dpt,
 }
 
-/// What is added to tokens for where they are.
+/// Numbers that tell a token its position.
 #[derive(Debug)]
 enum Positions {
-    /// Learned on a grid of so many rows and columns.
+    /// Learned on a grid of `size` rows and columns.
     Learned { size: [usize; 2], values: Vec<f32> },
     /// Sines and cosines of row and column.
     Fixed,
@@ -39,8 +39,8 @@ enum Positions {
 #[derive(Debug)]
 enum Block {
     Vit { norm1: Norm, attention: Attention, norm2: Norm, mlp: Mlp },
-    Mamba { norm: Norm, mamba: Mamba, scan: Scan },
-    RobustMamba { norm1: Norm, mamba: Box<Mamba>, scan: Scan, norm2: Norm, mlp: Mlp },
+    Mamba { norm: Norm, mamba: Mamba, scan: ScanOrder },
+    RobustMamba { norm1: Norm, mamba: Box<Mamba>, scan: ScanOrder, norm2: Norm, mlp: Mlp },
 }
 
 /// Two linear maps with a GELU between them.
@@ -59,36 +59,37 @@ impl Mlp {
     }
 
     /// Adds the result to `to`.
-    fn apply(&self, from: &Map, hidden: &mut Map, words: &mut Vec<u32>, to: &mut Map) {
+    fn apply(&self, from: &FeatureMap, hidden: &mut FeatureMap, words: &mut Vec<u32>, to: &mut FeatureMap) {
         self.fc1.apply(from, Then::Gelu, words, hidden);
         self.fc2.apply(hidden, Then::Add, words, to);
     }
 }
 
-/// What the forward pass works with.
+/// Memory of the forward pass.
 #[derive(Debug)]
-pub(super) struct Scratch {
-    input: Map,
-    /// What tokens start with before the patches are added: positions, and the class token.
-    start: Map,
-    tokens: Map,
-    normed: Map,
-    hidden: Map,
-    attention: Option<attention::Scratch>,
-    mamba: mamba::Scratch,
+pub(super) struct TransformerBuffers {
+    input: FeatureMap,
+    /// Initial tokens, to which patches are added: positions, and the class token.
+    start: FeatureMap,
+    tokens: FeatureMap,
+    normed: FeatureMap,
+    hidden: FeatureMap,
+    attention: Option<AttentionBuffers>,
+    mamba: MambaBuffers,
     /// One per block that scans.
     orders: Vec<Vec<u32>>,
-    decoder: dpt::Scratch,
+    decoder: DecoderBuffers,
 }
 
 impl Transformer {
-    /// For any architecture but `default`.
+    /// Packs any architecture but `default`.
     pub(super) fn new(instructions: Instructions, architecture: &Architecture, weights: &Weights) -> Self {
         let norm = |name: String| Norm::new(instructions, weights, &name);
         let mamba = |name: String| Mamba::new(instructions, weights, &name);
         let mlp = |name: String| Mlp::new(instructions, weights, &name);
         let learned = |size| Positions::Learned { size, values: weights.values("positions").to_vec() };
-        let turn = |scans: &[Scan], k: usize| scans.get(k % scans.len().max(1)).copied().unwrap_or(Scan::Rows);
+        let turn =
+            |scans: &[ScanOrder], k: usize| scans.get(k % scans.len().max(1)).copied().unwrap_or(ScanOrder::Rows);
         let (positions, blocks, hooks) = match architecture {
             Architecture::Vit(network::Vit { depth, heads, positions, hooks, .. }) => {
                 let block = |k| Block::Vit {
@@ -138,8 +139,8 @@ impl Transformer {
         }
     }
 
-    /// Positions, and the class token behind them.
-    fn start(&self, mut tokens: Map) -> Map {
+    /// Fills in positions, and the class token behind them.
+    fn start(&self, mut tokens: FeatureMap) -> FeatureMap {
         let Self { width, positions, class, .. } = self;
         let [height, columns] = [tokens.height, tokens.width];
         for row in 0..height {
@@ -173,51 +174,52 @@ impl Transformer {
     }
 }
 
-/// An image of colours alone.
-fn image(size: [usize; 2]) -> Map {
-    Map::image(size, 4, 0)
+/// Returns an input of three colours.
+fn image(size: [usize; 2]) -> FeatureMap {
+    FeatureMap::image(size, 4, 0)
 }
 
 impl Forward for Transformer {
-    type Scratch = Scratch;
+    type Buffers = TransformerBuffers;
 
-    fn scratch(&self, size: [usize; 2]) -> Scratch {
-        let tokens = Map::tokens(size.map(|side| side / self.patch), 1, self.width);
-        let mut scratch = Scratch {
+    fn buffers(&self, size: [usize; 2]) -> TransformerBuffers {
+        let tokens = FeatureMap::tokens(size.map(|side| side / self.patch), 1, self.width);
+        let mut buffers = TransformerBuffers {
             input: image(size),
             start: self.start(tokens.clone()),
             normed: tokens.clone(),
-            hidden: Map::default(),
+            hidden: FeatureMap::default(),
             attention: None,
-            mamba: mamba::Scratch::default(),
+            mamba: MambaBuffers::default(),
             orders: Vec::new(),
-            decoder: self.decoder.scratch(size, &tokens),
+            decoder: self.decoder.buffers(size, &tokens),
             tokens,
         };
-        let tokens = &scratch.tokens;
-        let hidden = |mlp: &Mlp| Map::tokens([tokens.height, tokens.width], 1, mlp.hidden);
+        let tokens = &buffers.tokens;
+        let hidden = |mlp: &Mlp| FeatureMap::tokens([tokens.height, tokens.width], 1, mlp.hidden);
         for block in &self.blocks {
             match block {
                 Block::Vit { attention, mlp, .. } => {
-                    scratch.attention.get_or_insert_with(|| attention.scratch(tokens.count()));
-                    scratch.hidden = hidden(mlp);
+                    buffers.attention.get_or_insert_with(|| attention.buffers(tokens.count()));
+                    buffers.hidden = hidden(mlp);
                 }
                 Block::Mamba { mamba, scan, .. } => {
-                    scratch.mamba = mamba.scratch(tokens);
-                    scratch.orders.push(mamba::order(*scan, tokens));
+                    buffers.mamba = mamba.buffers(tokens);
+                    buffers.orders.push(mamba::order(*scan, tokens));
                 }
                 Block::RobustMamba { mamba, scan, mlp, .. } => {
-                    scratch.mamba = mamba.scratch(tokens);
-                    scratch.orders.push(mamba::order(*scan, tokens));
-                    scratch.hidden = hidden(mlp);
+                    buffers.mamba = mamba.buffers(tokens);
+                    buffers.orders.push(mamba::order(*scan, tokens));
+                    buffers.hidden = hidden(mlp);
                 }
             }
         }
-        scratch
+        buffers
     }
 
-    fn forward(&self, image: &RgbImage, scratch: &mut Scratch, words: &mut Vec<u32>, to: &mut Prediction) {
-        let Scratch { input, start, tokens, normed, hidden, attention, mamba: inner, orders, decoder } = scratch;
+    fn forward(&self, image: &RgbImage, buffers: &mut TransformerBuffers, words: &mut Vec<u32>, to: &mut Prediction) {
+        let TransformerBuffers { input, start, tokens, normed, hidden, attention, mamba: inner, orders, decoder } =
+            buffers;
         load(image, input);
         tokens.data.copy_from_slice(&start.data);
         let (left, at) =
@@ -230,8 +232,8 @@ impl Forward for Transformer {
             match block {
                 Block::Vit { norm1, attention: layer, norm2, mlp } => {
                     norm1.apply(tokens, normed);
-                    if let Some(scratch) = attention {
-                        layer.apply(normed, scratch, words, tokens);
+                    if let Some(buffers) = attention {
+                        layer.apply(normed, buffers, words, tokens);
                     }
                     norm2.apply(tokens, normed);
                     mlp.apply(normed, hidden, words, tokens);
@@ -243,7 +245,7 @@ impl Forward for Transformer {
                 Block::RobustMamba { norm1, mamba, norm2, mlp, .. } => {
                     norm1.apply(tokens, normed);
                     let order = orders.next().map_or(&[][..], Vec::as_slice);
-                    // Its result takes the place of what it was made of, which nobody reads any more.
+                    // The result replaces the input of the block, which is not read again.
                     mamba.apply_in_place(normed, order, inner, words);
                     norm2.apply_in_place(normed);
                     mlp.apply(normed, hidden, words, tokens);

@@ -1,22 +1,23 @@
-//! The four architectures with their hyper-parameters.
+//! Four architectures with their hyper-parameters.
 
 use serde::{Deserialize, Serialize};
 
-/// A network with all its hyper-parameters. In a configuration `name` says which, and what is left out has the preset's value.
+/// Network with all its hyper-parameters. In a configuration `name` selects the network; missing hyper-parameters have the values of the
+/// preset.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "name", rename_all = "snake_case")]
 pub enum Architecture {
     /// Vision transformer with a DPT decoder: the original tactile transformer.
     Vit(Vit),
-    /// Mamba blocks in its place.
+    /// Mamba blocks with a DPT decoder.
     Mamba(Mamba),
     /// Mamba blocks with an MLP each, and fixed positions.
     RobustMamba(RobustMamba),
-    /// Convolutions, with Mamba blocks where the map is coarsest: made for a CPU.
+    /// Convolutions, with Mamba blocks where the map is coarsest: designed for a CPU.
     Default(Pyramid),
 }
 
-/// Hyper-parameters of `vit`. The preset is ViT-S/16 with the decoder that the paper configures.
+/// Hyper-parameters of `vit`. The preset is ViT-S/16 with the decoder of the paper.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Vit {
@@ -70,7 +71,7 @@ pub struct Mamba {
     /// Taps of the causal convolution.
     pub taps: usize,
     /// Orders of the scans, which the blocks take in turn.
-    pub scans: Vec<Scan>,
+    pub scans: Vec<ScanOrder>,
     /// Rows and columns of the learned positions.
     pub positions: [usize; 2],
     /// Blocks whose results the decoder sees, from 0, shallow first; as many as it has levels, one to four.
@@ -88,7 +89,7 @@ impl Default for Mamba {
             state: 16,
             expand: 2,
             taps: 4,
-            scans: vec![Scan::Rows],
+            scans: vec![ScanOrder::Rows],
             positions: [20, 15],
             hooks: vec![2, 5, 8, 11],
             channels: 128,
@@ -115,7 +116,7 @@ pub struct RobustMamba {
     /// Hidden channels of an MLP, in widths.
     pub mlp: usize,
     /// Orders of the scans, which the blocks take in turn.
-    pub scans: Vec<Scan>,
+    pub scans: Vec<ScanOrder>,
     /// Blocks whose results the decoder sees, from 0, shallow first; as many as it has levels, one to four.
     pub hooks: Vec<usize>,
     /// Channels of the decoder.
@@ -132,7 +133,7 @@ impl Default for RobustMamba {
             expand: 2,
             taps: 4,
             mlp: 4,
-            scans: vec![Scan::Rows],
+            scans: vec![ScanOrder::Rows],
             hooks: vec![2, 5, 8, 11],
             channels: 128,
         }
@@ -154,34 +155,34 @@ pub struct Pyramid {
     /// Taps of the causal convolution.
     pub taps: usize,
     /// Orders of the scans, which the blocks take in turn.
-    pub scans: Vec<Scan>,
+    pub scans: Vec<ScanOrder>,
 }
 
 impl Default for Pyramid {
     fn default() -> Self {
-        Self { widths: [16, 32, 64, 128], depth: 6, state: 16, expand: 2, taps: 4, scans: Scan::ALL.to_vec() }
+        Self { widths: [16, 32, 64, 128], depth: 6, state: 16, expand: 2, taps: 4, scans: ScanOrder::ALL.to_vec() }
     }
 }
 
-/// The order in which a Mamba block goes through the tokens of an image. Tokens that belong to no pixel come last in each.
+/// Order in which a Mamba block visits the tokens of an image. Tokens without a patch come last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Scan {
+pub enum ScanOrder {
     /// Row by row from the upper left.
     Rows,
-    /// The same backwards, from the lower right.
+    /// `Rows` backwards, from the lower right.
     RowsReversed,
     /// Column by column from the upper left.
     Columns,
-    /// The same backwards, from the lower right.
+    /// `Columns` backwards, from the lower right.
     ColumnsReversed,
 }
 
-impl Scan {
-    /// All, in the order in which `default` takes them.
+impl ScanOrder {
+    /// All orders, in the sequence of the preset `default`.
     pub const ALL: [Self; 4] = [Self::Rows, Self::RowsReversed, Self::Columns, Self::ColumnsReversed];
 
-    /// Which token comes k-th, for a grid of `rows` by `columns` tokens numbered row by row.
+    /// Returns the indices of `rows` by `columns` tokens, numbered row by row, in this order.
     pub fn order(self, rows: usize, columns: usize) -> Vec<usize> {
         let mut order: Vec<usize> = match self {
             Self::Rows | Self::RowsReversed => (0..rows * columns).collect(),
@@ -196,33 +197,34 @@ impl Scan {
     }
 }
 
-/// Why an architecture cannot be built or does not exist.
+/// Reason that an architecture cannot be built or does not exist.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum UnknownNetwork {
     /// No preset has this name.
     #[error("unknown network {0:?}: choose vit, mamba, robust_mamba or default")]
     Name(String),
-    /// A hyper-parameter has no meaning.
+    /// A hyper-parameter is invalid.
     #[error("network {network}: {problem}")]
     Parameter {
         /// Name of the network.
         network: &'static str,
-        /// Which, and what would be right.
+        /// Hyper-parameter, fault and range.
         problem: String,
     },
 }
 
-/// Largest value of a hyper-parameter: what is larger is a damaged file.
+/// Largest value of a hyper-parameter: a larger one means a damaged file.
 const LARGEST: usize = 1 << 14;
 
 impl Architecture {
-    /// The names of the presets.
+    /// Names of the presets.
     pub const NAMES: [&'static str; 4] = ["vit", "mamba", "robust_mamba", "default"];
 
-    /// The preset of a name.
+    /// Returns the preset of a name.
     ///
     /// # Errors
-    /// [`UnknownNetwork::Name`] if there is none; it lists those there are.
+    /// [`UnknownNetwork::Name`] if no preset has the name; it lists the names.
     pub fn preset(name: &str) -> Result<Self, UnknownNetwork> {
         match name {
             "vit" => Ok(Self::Vit(Vit::default())),
@@ -233,7 +235,7 @@ impl Architecture {
         }
     }
 
-    /// The name of the kind of network.
+    /// Returns the name of the kind of network.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Vit(_) => "vit",
@@ -243,7 +245,7 @@ impl Architecture {
         }
     }
 
-    /// Sides of an input must be multiples of this many pixels.
+    /// Returns the stride, pixels: the sides of an input are multiples of it.
     pub fn stride(&self) -> usize {
         match self {
             Self::Vit(vit) => vit.patch,
@@ -253,54 +255,40 @@ impl Architecture {
         }
     }
 
-    /// The size to which an image of `[height, width]` is resized before it enters: the next multiples of the stride.
+    /// Returns the size to which an image of `[height, width]` is resized before it enters: the next multiples of the stride.
     pub fn fit(&self, size: [usize; 2]) -> [usize; 2] {
         size.map(|side| side.next_multiple_of(self.stride()).max(self.stride()))
     }
 
-    /// Checks that the hyper-parameters make sense together.
+    /// Checks that the hyper-parameters lie in their ranges and fit together.
     ///
     /// # Errors
-    /// [`UnknownNetwork::Parameter`] names the first that does not.
+    /// [`UnknownNetwork::Parameter`] names the first invalid one.
     pub fn check(&self) -> Result<(), UnknownNetwork> {
         let parameter = |problem: String| Err(UnknownNetwork::Parameter { network: self.name(), problem });
-        let positive: &[(&str, usize)] = match self {
-            Self::Vit(v) => &[
-                ("width", v.width),
-                ("heads", v.heads),
-                ("mlp", v.mlp),
-                ("channels", v.channels),
-                ("positions", v.positions[0].min(v.positions[1])),
-                ("positions", v.positions[0].max(v.positions[1])),
-            ],
-            Self::Mamba(m) => &[
-                ("width", m.width),
-                ("state", m.state),
-                ("expand", m.expand),
-                ("taps", m.taps),
-                ("channels", m.channels),
-                ("positions", m.positions[0].min(m.positions[1])),
-                ("positions", m.positions[0].max(m.positions[1])),
-            ],
-            Self::RobustMamba(m) => &[
-                ("width", m.width),
-                ("state", m.state),
-                ("expand", m.expand),
-                ("taps", m.taps),
-                ("mlp", m.mlp),
-                ("channels", m.channels),
-            ],
-            Self::Default(p) => &[
-                ("widths", p.widths[0]),
-                ("widths", p.widths[1]),
-                ("widths", p.widths[2]),
-                ("widths", p.widths[3]),
-                ("state", p.state),
-                ("expand", p.expand),
-                ("taps", p.taps),
-            ],
+        let invalid = |names: &[&'static str], values: &[usize]| {
+            let mut sizes = names.iter().copied().zip(values.iter().copied());
+            sizes.find(|(_, value)| !(1..=LARGEST).contains(value))
         };
-        if let Some((name, value)) = positive.iter().find(|(_, value)| !(1..=LARGEST).contains(value)) {
+        let invalid = match *self {
+            Self::Vit(Vit { width, heads, mlp, channels, positions: [rows, columns], .. }) => invalid(
+                &["width", "heads", "mlp", "channels", "positions", "positions"],
+                &[width, heads, mlp, channels, rows.min(columns), rows.max(columns)],
+            ),
+            Self::Mamba(Mamba { width, state, expand, taps, channels, positions: [rows, columns], .. }) => invalid(
+                &["width", "state", "expand", "taps", "channels", "positions", "positions"],
+                &[width, state, expand, taps, channels, rows.min(columns), rows.max(columns)],
+            ),
+            Self::RobustMamba(RobustMamba { width, state, expand, taps, mlp, channels, .. }) => invalid(
+                &["width", "state", "expand", "taps", "mlp", "channels"],
+                &[width, state, expand, taps, mlp, channels],
+            ),
+            Self::Default(Pyramid { widths: [a, b, c, d], state, expand, taps, .. }) => invalid(
+                &["widths", "widths", "widths", "widths", "state", "expand", "taps"],
+                &[a, b, c, d, state, expand, taps],
+            ),
+        };
+        if let Some((name, value)) = invalid {
             return parameter(format!("{name} is {value}; it must lie between 1 and {LARGEST}"));
         }
         if let Self::Vit(Vit { width, heads, .. }) = self
@@ -333,7 +321,7 @@ impl Architecture {
             return parameter(format!("its patch is {patch}; choose 8, 16 or 32"));
         }
         if !(1..=4).contains(&hooks.len()) || !hooks.is_sorted() || hooks.last().is_none_or(|&last| last + 1 != depth) {
-            // Blocks behind the last hook would cost time and change nothing.
+            // Blocks behind the last hook would cost time without effect.
             return parameter(format!(
                 "hooks {hooks:?} must be one to four of the {depth} blocks from 0, shallow first, the last of them block {}",
                 depth.saturating_sub(1)
@@ -375,9 +363,9 @@ mod tests {
 
     #[test]
     fn scans_visit_every_token_once() {
-        assert_eq!(Scan::Columns.order(2, 3), [0, 3, 1, 4, 2, 5]);
-        assert_eq!(Scan::ColumnsReversed.order(2, 3), [5, 2, 4, 1, 3, 0]);
-        for scan in Scan::ALL {
+        assert_eq!(ScanOrder::Columns.order(2, 3), [0, 3, 1, 4, 2, 5]);
+        assert_eq!(ScanOrder::ColumnsReversed.order(2, 3), [5, 2, 4, 1, 3, 0]);
+        for scan in ScanOrder::ALL {
             let mut order = scan.order(5, 7);
             order.sort_unstable();
             assert!(order.into_iter().eq(0..35));

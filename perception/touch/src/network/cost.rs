@@ -1,32 +1,32 @@
-//! What a network costs.
+//! Costs of a network.
 
 use std::iter::Sum;
 
 use super::architecture::Architecture;
-use super::layer::{Layer, Op};
+use super::layer::{NetworkLayer, Op};
 
-/// Counts of a network, or a layer of it, for one image.
+/// Costs of a network, or a layer of it, for one image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Cost {
     /// Numbers in its weights.
     pub parameters: u64,
-    /// Multiplications with addition of matrix products and convolutions, and of a scan's recurrence and readout. Norms,
-    /// activations, residuals and resampling are left out, as is usual.
+    /// Multiplications with addition of matrix products and convolutions, and of a scan's recurrence and readout. As usual, the count
+    /// omits norms, activations, residuals and resampling.
     pub macs: u64,
-    /// Bytes of all layers' results in 32-bit floats: what training keeps of an image, up to activations that are kept twice.
+    /// Bytes of the results of all layers in 32-bit floats. Training keeps about as many per image; it keeps some activations twice.
     pub activation_bytes: u64,
 }
 
 impl Architecture {
-    /// Counts for an input of `[height, width]`, which is resized if need be ([`Architecture::fit`]).
+    /// Returns the costs for an input of `[height, width]`, resized by [`Architecture::fit`].
     pub fn cost(&self, size: [usize; 2]) -> Cost {
         let size = self.fit(size);
         self.layers().iter().map(|layer| layer.cost(size)).sum()
     }
 }
 
-impl Layer {
-    /// Counts for an input of `[height, width]` of the network that it is a layer of.
+impl NetworkLayer {
+    /// Returns the costs of the layer if the input of the network is `[height, width]`.
     pub fn cost(&self, size: [usize; 2]) -> Cost {
         let count = self.grid.count(size) as u64;
         Cost { parameters: parameters(self), macs: macs(self, count), activation_bytes: 4 * count * results(self) }
@@ -43,12 +43,12 @@ impl Sum for Cost {
     }
 }
 
-fn parameters(layer: &Layer) -> u64 {
+fn parameters(layer: &NetworkLayer) -> u64 {
     layer.tensors().iter().map(|(_, shape)| shape.iter().product::<usize>() as u64).sum()
 }
 
-/// Of the layer, at `count` places.
-fn macs(layer: &Layer, count: u64) -> u64 {
+/// Returns the MACs of the layer at `count` places.
+fn macs(layer: &NetworkLayer, count: u64) -> u64 {
     let each = match layer.op {
         Op::Linear { inputs, outputs } => inputs * outputs,
         Op::Convolution { inputs, outputs } => 9 * inputs * outputs,
@@ -63,8 +63,8 @@ fn macs(layer: &Layer, count: u64) -> u64 {
     count * each as u64
 }
 
-/// Channels of the layer's results, a Mamba block's inner ones among them.
-fn results(layer: &Layer) -> u64 {
+/// Returns the channels of the layer's results, the inner ones of a Mamba block included.
+fn results(layer: &NetworkLayer) -> u64 {
     let channels = match layer.op {
         Op::Linear { outputs, .. } | Op::Convolution { outputs, .. } => outputs,
         Op::Norm { width } | Op::Attention { width } => width,
@@ -79,16 +79,16 @@ mod tests {
     use super::*;
     use crate::network::Vit;
 
-    /// The published figures of ViT-S/16 at 224: 21.67 M parameters in the encoder without its final norm, 4.6 GMAC.
+    /// Published figures of ViT-S/16 at 224: 21.67 M parameters in the encoder without its final norm, 4.6 GMAC.
     #[test]
     fn vit_small_counts_as_published() {
         let vit = Architecture::Vit(Vit { positions: [14, 14], ..Vit::default() });
         let encoder =
-            |layer: &&Layer| ["patch", "positions", "class", "blocks"].iter().any(|p| layer.name.starts_with(p));
+            |layer: &&NetworkLayer| ["patch", "positions", "class", "blocks"].iter().any(|p| layer.name.starts_with(p));
         let layers = vit.layers();
-        let encoder: Vec<&Layer> = layers.iter().filter(encoder).collect();
+        let encoder: Vec<&NetworkLayer> = layers.iter().filter(encoder).collect();
         let count: u64 = encoder.iter().map(|layer| parameters(layer)).sum();
-        // The class token has no position of its own here, 384 numbers.
+        // The published class token has a position of its own, 384 numbers.
         assert_eq!(count + 384, 21_664_896);
         let macs: u64 = encoder.iter().map(|layer| macs(layer, layer.grid.count([224, 224]) as u64)).sum();
         assert!((macs as f64 / 1e9 - 4.6).abs() < 0.05, "{macs}");

@@ -1,4 +1,4 @@
-//! A network as a list of layers, from which tensors and counts are derived.
+//! Networks as lists of layers, from which tensors and counts follow.
 
 use super::architecture::{Architecture, Mamba, Pyramid, RobustMamba, Vit};
 
@@ -7,18 +7,18 @@ pub const LAYER_NORM_EPS: f32 = 1e-5;
 /// Channels of `default`'s input: red, green, blue, x, y.
 const INPUTS: usize = 5;
 
-/// One layer.
+/// Layer of a network.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Layer {
-    /// What the names of its tensors start with.
+pub struct NetworkLayer {
+    /// Prefix of the names of its tensors.
     pub name: String,
-    /// What it does.
+    /// Operation.
     pub op: Op,
-    /// Where its results are.
+    /// Places of its results.
     pub grid: Grid,
 }
 
-/// What a layer does; see the module's description.
+/// Operation of a layer; see the description of the module.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Op {
     /// Linear map of each pixel or token.
@@ -46,11 +46,11 @@ pub enum Op {
         width: usize,
         /// Channels of the scan.
         inner: usize,
-        /// States of each of them.
+        /// States of each of those channels.
         state: usize,
         /// Taps of the causal convolution.
         taps: usize,
-        /// Channels from which the step sizes are made.
+        /// Channels that lead to the step sizes.
         rank: usize,
     },
     /// Attention without its linear maps.
@@ -60,26 +60,26 @@ pub enum Op {
     },
     /// Learned numbers that are added to tokens or are tokens.
     Table {
-        /// How many.
+        /// Rows.
         rows: usize,
         /// Channels.
         width: usize,
     },
 }
 
-/// Where a layer's results are.
+/// Places of a layer's results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Grid {
-    /// A map whose sides are the input's divided by this, rounded up.
+    /// Map with the sides of the input divided by this number, rounded up.
     Map(usize),
-    /// A token per patch of this side, and one for the whole image.
+    /// One token per patch of this side, and one for the whole image.
     Tokens(usize),
-    /// Nowhere: numbers that are the same for every image.
+    /// No place: numbers that are the same for every image.
     Once,
 }
 
 impl Grid {
-    /// Pixels or tokens for an input of `[height, width]`.
+    /// Returns the number of pixels or tokens for an input of `[height, width]`.
     pub fn count(self, [height, width]: [usize; 2]) -> usize {
         match self {
             Self::Map(divisor) => height.div_ceil(divisor) * width.div_ceil(divisor),
@@ -89,8 +89,8 @@ impl Grid {
     }
 }
 
-impl Layer {
-    /// Names and shapes of its tensors.
+impl NetworkLayer {
+    /// Returns names and shapes of the layer's tensors.
     pub fn tensors(&self) -> Vec<(String, Vec<usize>)> {
         let named = |part: &str, shape: &[usize]| (format!("{}.{part}", self.name), shape.to_vec());
         match self.op {
@@ -118,11 +118,11 @@ impl Layer {
 
 /// Collects layers.
 #[derive(Default)]
-struct List(Vec<Layer>);
+struct List(Vec<NetworkLayer>);
 
 impl List {
     fn push(&mut self, name: impl Into<String>, op: Op, grid: Grid) {
-        self.0.push(Layer { name: name.into(), op, grid });
+        self.0.push(NetworkLayer { name: name.into(), op, grid });
     }
 
     fn linear(&mut self, name: impl Into<String>, inputs: usize, outputs: usize, grid: Grid) {
@@ -174,12 +174,23 @@ impl List {
         self.convolution("head", widths[0], 8, at(0));
     }
 
-    fn embedding(&mut self, patch: usize, width: usize, positions: Option<[usize; 2]>) {
+    /// A network of tokens; `block` adds the layers of a block.
+    fn tokens(
+        &mut self,
+        [patch, width, depth, channels]: [usize; 4],
+        positions: Option<[usize; 2]>,
+        hooks: &[usize],
+        block: impl Fn(&mut Self, &str, Grid),
+    ) {
         self.linear("patch", 3 * patch * patch, width, Grid::Map(patch));
         if let Some([rows, columns]) = positions {
             self.push("positions", Op::Table { rows: rows * columns, width }, Grid::Once);
         }
         self.push("class", Op::Table { rows: 1, width }, Grid::Once);
+        for k in 0..depth {
+            block(self, &format!("blocks.{k}"), Grid::Tokens(patch));
+        }
+        self.dpt(patch, width, hooks.len(), channels);
     }
 
     fn dpt(&mut self, patch: usize, width: usize, levels: usize, channels: usize) {
@@ -208,52 +219,54 @@ impl List {
 }
 
 impl Architecture {
-    /// Its layers in the order in which they run.
-    pub fn layers(&self) -> Vec<Layer> {
+    /// Returns the layers in the order in which they run.
+    pub fn layers(&self) -> Vec<NetworkLayer> {
         let mut list = List::default();
         match self {
             Self::Default(pyramid) => list.pyramid(pyramid),
-            Self::Vit(Vit { patch, width, depth, mlp, positions, hooks, channels, .. }) => {
-                list.embedding(*patch, *width, Some(*positions));
-                let grid = Grid::Tokens(*patch);
-                for k in 0..*depth {
-                    list.norm(format!("blocks.{k}.norm1"), *width, grid);
-                    list.linear(format!("blocks.{k}.attn.qkv"), *width, 3 * width, grid);
-                    list.push(format!("blocks.{k}.attn"), Op::Attention { width: *width }, grid);
-                    list.linear(format!("blocks.{k}.attn.proj"), *width, *width, grid);
-                    list.norm(format!("blocks.{k}.norm2"), *width, grid);
-                    list.mlp(&format!("blocks.{k}.mlp"), *width, mlp * width, grid);
-                }
-                list.dpt(*patch, *width, hooks.len(), *channels);
+            &Self::Vit(Vit { patch, width, depth, mlp, positions, ref hooks, channels, .. }) => {
+                let table = Some(positions);
+                list.tokens([patch, width, depth, channels], table, hooks, |list, block, grid| {
+                    list.norm(format!("{block}.norm1"), width, grid);
+                    list.linear(format!("{block}.attn.qkv"), width, 3 * width, grid);
+                    list.push(format!("{block}.attn"), Op::Attention { width }, grid);
+                    list.linear(format!("{block}.attn.proj"), width, width, grid);
+                    list.norm(format!("{block}.norm2"), width, grid);
+                    list.mlp(&format!("{block}.mlp"), width, mlp * width, grid);
+                });
             }
-            Self::Mamba(Mamba { patch, width, depth, state, expand, taps, positions, hooks, channels, .. }) => {
-                list.embedding(*patch, *width, Some(*positions));
-                let grid = Grid::Tokens(*patch);
-                for k in 0..*depth {
-                    list.norm(format!("blocks.{k}.norm"), *width, grid);
-                    list.mamba(format!("blocks.{k}.mamba"), [*width, *expand, *state, *taps], grid);
-                }
-                list.dpt(*patch, *width, hooks.len(), *channels);
-            }
-            Self::RobustMamba(RobustMamba {
-                patch, width, depth, state, expand, taps, mlp, hooks, channels, ..
+            &Self::Mamba(Mamba {
+                patch, width, depth, state, expand, taps, positions, ref hooks, channels, ..
             }) => {
-                list.embedding(*patch, *width, None);
-                let grid = Grid::Tokens(*patch);
-                for k in 0..*depth {
-                    list.norm(format!("blocks.{k}.norm1"), *width, grid);
-                    list.mamba(format!("blocks.{k}.mamba"), [*width, *expand, *state, *taps], grid);
-                    list.norm(format!("blocks.{k}.norm2"), *width, grid);
-                    list.mlp(&format!("blocks.{k}.mlp"), *width, mlp * width, grid);
-                }
-                list.dpt(*patch, *width, hooks.len(), *channels);
+                let table = Some(positions);
+                list.tokens([patch, width, depth, channels], table, hooks, |list, block, grid| {
+                    list.norm(format!("{block}.norm"), width, grid);
+                    list.mamba(format!("{block}.mamba"), [width, expand, state, taps], grid);
+                });
             }
+            &Self::RobustMamba(RobustMamba {
+                patch,
+                width,
+                depth,
+                state,
+                expand,
+                taps,
+                mlp,
+                ref hooks,
+                channels,
+                ..
+            }) => list.tokens([patch, width, depth, channels], None, hooks, |list, block, grid| {
+                list.norm(format!("{block}.norm1"), width, grid);
+                list.mamba(format!("{block}.mamba"), [width, expand, state, taps], grid);
+                list.norm(format!("{block}.norm2"), width, grid);
+                list.mlp(&format!("{block}.mlp"), width, mlp * width, grid);
+            }),
         }
         list.0
     }
 
-    /// Names and shapes of all tensors of its weights, in the order of the layers.
+    /// Returns names and shapes of all tensors of the weights, in the order of the layers.
     pub fn tensors(&self) -> Vec<(String, Vec<usize>)> {
-        self.layers().iter().flat_map(Layer::tensors).collect()
+        self.layers().iter().flat_map(NetworkLayer::tensors).collect()
     }
 }

@@ -1,4 +1,4 @@
-//! Weights on disk: safetensors, with the architecture and how the weights came about as JSON in the metadata.
+//! Weights on disk: safetensors, with the architecture and the provenance as JSON in the metadata.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -10,26 +10,36 @@ use serde::{Deserialize, Serialize};
 
 use super::architecture::Architecture;
 
-/// Largest file that is read: the largest network is far below.
+/// Largest file that is read, bytes; the largest network is far smaller.
 const MAX_BYTES: u64 = 4 << 30;
-/// Key of the metadata under which the header is.
+/// Shipped weights of `default`, trained on images of simulated DIGITs.
+const SHIPPED: &[u8] = include_bytes!("../../weights/default.safetensors");
+/// Key of the header in the metadata.
 const KEY: &str = "mambavitact";
 
 /// Numbers with a shape, row-major.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tensor {
-    /// Its sides.
+pub struct WeightTensor {
+    /// Sides.
     pub shape: Vec<usize>,
     /// As many numbers as the product of the sides.
     pub values: Vec<f32>,
 }
 
-/// How weights came about.
+#[cfg(feature = "train")]
+impl WeightTensor {
+    /// Returns zeros of the same shape.
+    pub(crate) fn zeros(&self) -> Self {
+        Self { shape: self.shape.clone(), values: vec![0.0; self.values.len()] }
+    }
+}
+
+/// Origin of weights.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Provenance {
     /// Seed of the training.
     pub seed: u64,
-    /// Optimiser's steps done.
+    /// Completed steps of the optimiser.
     pub step: u64,
     /// SHA-256 of the description of the data, hexadecimal.
     pub data: String,
@@ -37,25 +47,25 @@ pub struct Provenance {
     pub training: serde_json::Value,
 }
 
-/// A network's weights: one tensor for each that the architecture asks for, all finite.
+/// Weights of a network: all tensors of its architecture, with finite numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
     architecture: Architecture,
     provenance: Provenance,
-    tensors: BTreeMap<String, Tensor>,
+    tensors: BTreeMap<String, WeightTensor>,
 }
 
-/// How numbers are stored.
+/// Number format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Precision {
     /// 32 bits.
     F32,
-    /// The upper 16 of them, rounded.
+    /// The upper 16 bits of those, rounded.
     Bf16,
 }
 
-/// Why weights cannot be used or stored.
+/// Reason that weights cannot be used or stored.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WeightsError {
@@ -64,32 +74,32 @@ pub enum WeightsError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// The file is none of ours, cut off, or its header makes no sense.
-    #[error("{}: no weights of a touch network: {message}", path.display())]
+    /// The file does not hold weights of a touch network, is cut off, or has an invalid header.
+    #[error("{}: not the weights of a touch network: {message}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault.
         message: String,
     },
-    /// A tensor does not fit the architecture, or holds what is no number.
+    /// A tensor does not fit the architecture, or a number is not finite.
     #[error("{}: tensor {tensor} of network {network}: {message}", path.display())]
     Tensor {
-        /// The file, or what else the weights came from.
+        /// The file or another source of the weights.
         path: PathBuf,
         /// Name of the architecture.
         network: &'static str,
         /// Name of the tensor.
         tensor: String,
-        /// What is wrong, and what was expected.
+        /// Fault and expectation.
         message: String,
     },
 }
 
-/// What the metadata holds.
+/// Header in the metadata.
 #[derive(Serialize, Deserialize)]
 struct Header {
     architecture: Architecture,
@@ -97,14 +107,22 @@ struct Header {
 }
 
 impl Weights {
-    /// Weights from tensors by name; `source` is what they came from, for messages.
+    /// Returns the weights that the crate ships: those of `default`, for images of a DIGIT (240 x 320 pixels).
     ///
     /// # Errors
-    /// [`WeightsError`] if the architecture makes no sense, or a tensor is missing, surplus, of the wrong shape or not finite.
+    /// None in practice: a test reads the shipped file.
+    pub fn shipped() -> Result<Self, WeightsError> {
+        Self::from_bytes(SHIPPED, Path::new("the shipped weights"))
+    }
+
+    /// Builds weights from tensors by name; errors name `source`.
+    ///
+    /// # Errors
+    /// [`WeightsError`] if the architecture is invalid, or a tensor is missing, surplus, of the wrong shape or not finite.
     pub fn new(
         architecture: Architecture,
         provenance: Provenance,
-        tensors: BTreeMap<String, Tensor>,
+        tensors: BTreeMap<String, WeightTensor>,
         source: &Path,
     ) -> Result<Self, WeightsError> {
         let path = || source.to_owned();
@@ -116,7 +134,7 @@ impl Weights {
         for (name, shape) in &expected {
             let tensor = tensors.get(name).ok_or_else(|| wrong(name, format!("is missing; its shape is {shape:?}")))?;
             if tensor.shape != *shape || tensor.values.len() != shape.iter().product::<usize>() {
-                let message = format!("is {:?}; the architecture asks for {shape:?}", tensor.shape);
+                let message = format!("is {:?}; the architecture needs {shape:?}", tensor.shape);
                 return Err(wrong(name, message));
             }
             if let Some(index) = tensor.values.iter().position(|value| !value.is_finite()) {
@@ -130,21 +148,21 @@ impl Weights {
         Ok(Self { architecture, provenance, tensors })
     }
 
-    /// Reads weights.
+    /// Reads weights from a file.
     ///
     /// # Errors
-    /// [`WeightsError`] if the file cannot be read, is none of ours, or its tensors do not fit its architecture.
+    /// [`WeightsError`] if the file cannot be read, does not hold weights, or its tensors do not fit its architecture.
     pub fn read(path: &Path) -> Result<Self, WeightsError> {
         let io = |source| WeightsError::Io { path: path.to_owned(), source };
         let size = std::fs::metadata(path).map_err(io)?.len();
         if size > MAX_BYTES {
-            let message = format!("{size} bytes are more than any network has");
+            let message = format!("{size} bytes are more than the limit of {MAX_BYTES}");
             return Err(WeightsError::File { path: path.to_owned(), message });
         }
         Self::from_bytes(&std::fs::read(path).map_err(io)?, path)
     }
 
-    /// Weights from the bytes of a file; `source` is its name, for messages.
+    /// Reads weights from the bytes of a file; errors name `source`.
     ///
     /// # Errors
     /// As for [`Weights::read`].
@@ -169,15 +187,15 @@ impl Weights {
                     return Err(WeightsError::Tensor { path: source.to_owned(), network, tensor: name, message });
                 }
             };
-            tensors.insert(name, Tensor { shape: view.shape().to_vec(), values });
+            tensors.insert(name, WeightTensor { shape: view.shape().to_vec(), values });
         }
         Self::new(architecture, provenance, tensors, source)
     }
 
-    /// Writes the weights, so that the file appears whole or not at all.
+    /// Writes the weights. The file appears whole or not at all.
     ///
     /// # Errors
-    /// [`WeightsError::Io`] if it cannot be written.
+    /// [`WeightsError::Io`] if the file cannot be written.
     pub fn write(&self, path: &Path, precision: Precision) -> Result<(), WeightsError> {
         let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
         let header = Header { architecture: self.architecture.clone(), provenance: self.provenance.clone() };
@@ -188,22 +206,22 @@ impl Weights {
         write_whole(path, &bytes)
     }
 
-    /// The network they are for.
+    /// Returns the network of the weights.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
     }
 
-    /// How they came about.
+    /// Returns the origin of the weights.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
     }
 
-    /// All tensors by name, as [`Architecture::tensors`] lists them.
-    pub fn tensors(&self) -> &BTreeMap<String, Tensor> {
+    /// Returns all tensors by name, as [`Architecture::tensors`] lists them.
+    pub fn tensors(&self) -> &BTreeMap<String, WeightTensor> {
         &self.tensors
     }
 
-    /// The values of a tensor; none if the architecture has no such tensor.
+    /// Returns the values of a tensor; an empty slice if the architecture has no such tensor.
     pub fn values(&self, name: &str) -> &[f32] {
         self.tensors.get(name).map_or(&[], |tensor| &tensor.values)
     }
@@ -218,9 +236,9 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WeightsError>
     std::fs::rename(&partial, path).map_err(io)
 }
 
-/// A tensor as it goes to the file.
+/// Tensor in the precision of the file.
 pub(crate) struct Stored<'a> {
-    pub tensor: &'a Tensor,
+    pub tensor: &'a WeightTensor,
     pub precision: Precision,
 }
 
@@ -261,7 +279,7 @@ mod tests {
         let tensors = architecture.tensors().into_iter().map(|(name, shape)| {
             next += 0.37;
             let values = vec![next; shape.iter().product()];
-            (name, Tensor { shape, values })
+            (name, WeightTensor { shape, values })
         });
         let provenance = Provenance { seed: 3, step: 7, data: "ab".to_owned(), training: serde_json::json!({"lr": 1}) };
         let tensors = tensors.collect();
@@ -286,9 +304,9 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_named() {
+    fn misfits_are_named() {
         let weights = weights();
-        let error = |change: &dyn Fn(&mut BTreeMap<String, Tensor>)| {
+        let error = |change: &dyn Fn(&mut BTreeMap<String, WeightTensor>)| {
             let mut tensors = weights.tensors.clone();
             change(&mut tensors);
             let made = Weights::new(weights.architecture.clone(), Provenance::default(), tensors, Path::new("f.st"));
@@ -296,7 +314,7 @@ mod tests {
         };
         let text = error(&|t| drop(t.remove("stem.bias")));
         assert!(text.contains("stem.bias") && text.contains("[2]") && text.contains("missing"), "{text}");
-        let text = error(&|t| drop(t.insert("extra".into(), Tensor { shape: vec![1], values: vec![0.0] })));
+        let text = error(&|t| drop(t.insert("extra".into(), WeightTensor { shape: vec![1], values: vec![0.0] })));
         assert!(text.contains("extra") && text.contains("does not belong"), "{text}");
         let text = error(&|t| t.get_mut("norm.bias").unwrap().shape = vec![8, 2]);
         assert!(text.contains("[8, 2]") && text.contains("[16]"), "{text}");

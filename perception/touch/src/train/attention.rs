@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::lanes::{LANES, each, exp, load, store};
 use super::linear::{add_product, matrix, matrix_mut};
-use super::tape::{Kernel, View};
-use crate::network::Tensor;
+use super::tape::{Inputs, Kernel, Slopes, TensorView};
+use crate::network::WeightTensor;
 
 /// Softmax attention of `heads` heads; input queries, keys and values `[images, tokens, 3 width]`, output `[images, tokens, width]`.
 #[derive(Debug, Clone, Copy)]
@@ -24,20 +24,20 @@ struct Sizes {
 }
 
 impl Attention {
-    fn sizes(self, qkv: View<'_>) -> Sizes {
+    fn sizes(self, qkv: TensorView<'_>) -> Sizes {
         let width = qkv.shape[2] / 3;
         Sizes { tokens: qkv.shape[1], width, head: width / self.heads }
     }
 }
 
 impl Sizes {
-    /// Queries (0), keys (1) or values (2) of a head: `[tokens, head]`.
+    /// Returns queries (0), keys (1) or values (2) of a head: `[tokens, head]`.
     fn part(self, qkv: &[f32], part: usize, head: usize) -> ArrayView2<'_, f32> {
         let start = part * self.width + head * self.head;
         matrix(&qkv[start..], [self.tokens, self.head], [3 * self.width, 1])
     }
 
-    /// How much each token (row) looks at each.
+    /// Returns the weight of each token (column) for each token (row).
     fn probabilities(self, qkv: &[f32], head: usize) -> Vec<f32> {
         let mut scores = vec![0.0; self.tokens * self.tokens];
         let keys = self.part(qkv, 1, head).reversed_axes();
@@ -59,7 +59,7 @@ impl Sizes {
 impl Kernel<1> for Attention {
     type Kept = ();
 
-    fn forward(&self, [qkv]: [View<'_>; 1]) -> (Tensor, ()) {
+    fn forward(&self, [qkv]: Inputs<'_, 1>) -> (WeightTensor, ()) {
         let sizes = self.sizes(qkv);
         let Sizes { tokens, width, head: size } = sizes;
         let mut values = vec![0.0; qkv.values.len() / 3];
@@ -75,17 +75,17 @@ impl Kernel<1> for Attention {
                 }
             }
         });
-        (Tensor { shape: vec![qkv.shape[0], tokens, width], values }, ())
+        (WeightTensor { shape: vec![qkv.shape[0], tokens, width], values }, ())
     }
 
-    fn backward(&self, [qkv]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
+    fn backward(&self, [qkv]: Inputs<'_, 1>, (): &(), gradient: &[f32], _: [bool; 1]) -> Slopes<1> {
         let sizes = self.sizes(qkv);
         let Sizes { tokens, width, head: size } = sizes;
         let scale = 1.0 / (size as f32).sqrt();
         let mut values = vec![0.0; qkv.values.len()];
         let image = tokens * width;
         let images = values.par_chunks_mut(3 * image).zip(qkv.values.par_chunks(3 * image));
-        images.zip(gradient.values.par_chunks(image)).for_each(|((out, qkv), gradient)| {
+        images.zip(gradient.par_chunks(image)).for_each(|((out, qkv), gradient)| {
             for head in 0..self.heads {
                 let shares = sizes.probabilities(qkv, head);
                 let g = matrix(&gradient[head * size..], [tokens, size], [width, 1]);
@@ -112,6 +112,6 @@ impl Kernel<1> for Attention {
                 }
             }
         });
-        [Some(Tensor { shape: qkv.shape.to_vec(), values })]
+        [Some(qkv.like(values))]
     }
 }

@@ -1,4 +1,4 @@
-//! The networks on burn's tensors: for GPUs, and to hold our gradients against those of somebody else.
+//! Networks on burn's tensors: for GPUs, and to compare the gradients of the tape with burn's.
 
 use std::sync::Arc;
 
@@ -8,16 +8,16 @@ use burn_tensor::module::conv2d;
 use burn_tensor::ops::{ConvOptions, FloatTensor};
 use burn_tensor::{Int, Shape, Tensor as Array, TensorData, TensorMetadata as _, TensorPrimitive};
 
-use super::linear::add_to;
+use super::batch::{TrainError, TrainingBatch};
+use super::lanes::add_to;
 use super::loss::{LossConfig, Penalty};
 use super::model::Model;
 use super::ops::Ops;
 use super::optimiser::Tensors;
 use super::resample::Resample;
-use super::trainer::{Batch, TrainError};
-use crate::network::{Architecture, LAYER_NORM_EPS, Tensor};
+use crate::network::{Architecture, LAYER_NORM_EPS, WeightTensor};
 
-/// Loss of a batch and its gradients by all weights. About so many pixels are on the device at a time.
+/// Returns the loss of a batch and its gradients by all weights. A pass has about `pixels` pixels.
 ///
 /// # Errors
 /// [`TrainError::Gpu`] if the device fails.
@@ -26,14 +26,14 @@ pub fn gradients<B: AutodiffBackend>(
     architecture: &Architecture,
     weights: &Tensors,
     config: LossConfig,
-    batch: &Batch,
+    batch: &TrainingBatch,
     pixels: usize,
 ) -> Result<(f32, Tensors), TrainError> {
     let ops = Burn::<B> { device: device.clone() };
-    let parameter = |tensor: &Tensor| Value::<B>(B::float_set_require_grad(ops.constant(tensor.clone()).0, true));
+    let parameter =
+        |tensor: &WeightTensor| BurnValue::<B>(B::float_set_require_grad(ops.constant(tensor.clone()).0, true));
     let variables = weights.iter().map(|(name, tensor)| (name.as_str(), parameter(tensor))).collect();
-    let zeros = |tensor: &Tensor| Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
-    let mut gradients: Tensors = weights.iter().map(|(name, tensor)| (name.clone(), zeros(tensor))).collect();
+    let mut gradients: Tensors = weights.iter().map(|(name, tensor)| (name.clone(), tensor.zeros())).collect();
     let mut sum = 0.0;
     for (first, images) in batch.shares(pixels) {
         let output = Model { architecture, ops: &ops, variables: &variables }.forward(images);
@@ -49,25 +49,25 @@ pub fn gradients<B: AutodiffBackend>(
     Ok((sum, gradients))
 }
 
-/// The numbers of a tensor of any rank.
+/// Returns the numbers of a tensor of any rank.
 fn read<B: Backend>(tensor: FloatTensor<B>) -> Result<Vec<f32>, TrainError> {
     let count = tensor.shape().num_elements();
-    let flat: Array<B, 1> = Value(B::float_reshape(tensor, Shape::new([count]))).array();
+    let flat: Array<B, 1> = BurnValue(B::float_reshape(tensor, Shape::new([count]))).array();
     let data = flat.try_into_data().map_err(|error| TrainError::Gpu(error.to_string()))?;
     Ok(data.iter::<f32>().collect())
 }
 
-/// A tensor of any rank.
+/// Tensor of any rank.
 #[derive(Debug, Clone)]
-pub struct Value<B: Backend>(FloatTensor<B>);
+pub struct BurnValue<B: Backend>(FloatTensor<B>);
 
-impl<B: Backend> Value<B> {
-    /// The same as an array of D axes, which it has.
+impl<B: Backend> BurnValue<B> {
+    /// Returns the tensor as an array of its D axes.
     fn array<const D: usize>(self) -> Array<B, D> {
         Array::from_primitive(TensorPrimitive::Float(self.0))
     }
 
-    /// The same as rows of the last axis.
+    /// Returns the tensor as rows of its last axis.
     fn rows(self) -> Array<B, 2> {
         let shape = self.0.shape();
         let width = shape.iter().last().copied().unwrap_or(1);
@@ -76,13 +76,13 @@ impl<B: Backend> Value<B> {
     }
 }
 
-impl<B: Backend, const D: usize> From<Array<B, D>> for Value<B> {
+impl<B: Backend, const D: usize> From<Array<B, D>> for BurnValue<B> {
     fn from(array: Array<B, D>) -> Self {
         Self(array.into_primitive().tensor())
     }
 }
 
-/// Operations by burn.
+/// Operations of burn.
 struct Burn<B: Backend> {
     device: B::Device,
 }
@@ -98,8 +98,8 @@ impl<B: Backend> Burn<B> {
         Array::from_data(TensorData::new(indices, [count]), &self.device)
     }
 
-    /// The share of a batch's loss that its pixels from `first` on have, as [`LossConfig`] describes it.
-    fn loss(&self, output: Value<B>, config: LossConfig, batch: &Batch, first: usize) -> Array<B, 1> {
+    /// Returns the part of a batch's loss, as [`LossConfig`] defines it, that belongs to the pixels from `first` on.
+    fn loss(&self, output: BurnValue<B>, config: LossConfig, batch: &TrainingBatch, first: usize) -> Array<B, 1> {
         let LossConfig { penalty, huber_mm, contact_weight, segmentation } = config;
         let output = output.rows();
         let [count, _] = output.dims();
@@ -126,38 +126,38 @@ fn softplus<B: Backend, const D: usize>(x: Array<B, D>) -> Array<B, D> {
 }
 
 impl<B: Backend> Ops for Burn<B> {
-    type Value = Value<B>;
+    type Value = BurnValue<B>;
 
-    fn constant(&self, Tensor { shape, values }: Tensor) -> Value<B> {
-        Value(B::float_from_data(TensorData::new(values, shape), &self.device))
+    fn constant(&self, WeightTensor { shape, values }: WeightTensor) -> BurnValue<B> {
+        BurnValue(B::float_from_data(TensorData::new(values, shape), &self.device))
     }
 
-    fn shape(&self, x: &Value<B>) -> Vec<usize> {
+    fn shape(&self, x: &BurnValue<B>) -> Vec<usize> {
         x.0.shape().to_vec()
     }
 
-    fn add(&self, a: Value<B>, b: Value<B>) -> Value<B> {
-        Value(B::float_add(a.0, b.0))
+    fn add(&self, a: BurnValue<B>, b: BurnValue<B>) -> BurnValue<B> {
+        BurnValue(B::float_add(a.0, b.0))
     }
 
-    fn reshape(&self, x: Value<B>, shape: &[usize]) -> Value<B> {
-        Value(B::float_reshape(x.0, Shape::from(shape)))
+    fn reshape(&self, x: BurnValue<B>, shape: &[usize]) -> BurnValue<B> {
+        BurnValue(B::float_reshape(x.0, Shape::from(shape)))
     }
 
-    fn product(&self, x: Value<B>, weight: Value<B>) -> Value<B> {
+    fn product(&self, x: BurnValue<B>, weight: BurnValue<B>) -> BurnValue<B> {
         let (mut shape, weight) = (self.shape(&x), weight.array::<2>());
         shape.pop();
         shape.push(weight.dims()[0]);
         self.reshape(x.rows().matmul(weight.transpose()).into(), &shape)
     }
 
-    fn linear(&self, x: Value<B>, [weight, bias]: [Value<B>; 2]) -> Value<B> {
+    fn linear(&self, x: BurnValue<B>, [weight, bias]: [BurnValue<B>; 2]) -> BurnValue<B> {
         let y = self.product(x, weight);
         let shape = self.shape(&y);
         self.reshape((y.rows() + bias.array::<1>().unsqueeze()).into(), &shape)
     }
 
-    fn norm(&self, x: Value<B>, [weight, bias]: [Value<B>; 2]) -> Value<B> {
+    fn norm(&self, x: BurnValue<B>, [weight, bias]: [BurnValue<B>; 2]) -> BurnValue<B> {
         let (shape, x) = (self.shape(&x), x.rows());
         let centred = x.clone() - x.mean_dim(1);
         let variance = (centred.clone() * centred.clone()).mean_dim(1);
@@ -165,7 +165,13 @@ impl<B: Backend> Ops for Burn<B> {
         self.reshape((unit * weight.array::<1>().unsqueeze() + bias.array::<1>().unsqueeze()).into(), &shape)
     }
 
-    fn convolution(&self, x: Value<B>, [weight, bias]: [Value<B>; 2], stride: usize, is_rectified: bool) -> Value<B> {
+    fn convolution(
+        &self,
+        x: BurnValue<B>,
+        [weight, bias]: [BurnValue<B>; 2],
+        stride: usize,
+        is_rectified: bool,
+    ) -> BurnValue<B> {
         let x = x.array::<4>().permute([0, 3, 1, 2]);
         let x = if is_rectified { relu(x) } else { x };
         let options = ConvOptions::new([stride; 2], [1; 2], [1; 2], 1);
@@ -175,8 +181,8 @@ impl<B: Backend> Ops for Burn<B> {
     fn selective(
         &self,
         order: &Arc<[usize]>,
-        [xz, taps, bias, projection, step, step_bias, a_log, skip]: [Value<B>; 8],
-    ) -> Value<B> {
+        [xz, taps, bias, projection, step, step_bias, a_log, skip]: [BurnValue<B>; 8],
+    ) -> BurnValue<B> {
         let mut inverse: Vec<usize> = (0..order.len()).collect();
         inverse.sort_by_key(|&k| order[k]);
         let (taps, a_log) = (taps.array::<2>(), a_log.array::<2>());
@@ -200,7 +206,7 @@ impl<B: Backend> Ops for Burn<B> {
         (y * silu(z)).select(1, self.indices(inverse.into_iter())).into()
     }
 
-    fn attention(&self, qkv: Value<B>, heads: usize) -> Value<B> {
+    fn attention(&self, qkv: BurnValue<B>, heads: usize) -> BurnValue<B> {
         let qkv = qkv.array::<3>();
         let [images, tokens, triple] = qkv.dims();
         let (width, head) = (triple / 3, triple / 3 / heads);
@@ -211,19 +217,19 @@ impl<B: Backend> Ops for Burn<B> {
         softmax(scores, 3).matmul(values).permute([0, 2, 1, 3]).reshape([images, tokens, width]).into()
     }
 
-    fn relu(&self, x: Value<B>) -> Value<B> {
-        Value(B::relu(x.0))
+    fn relu(&self, x: BurnValue<B>) -> BurnValue<B> {
+        BurnValue(B::relu(x.0))
     }
 
-    fn gelu(&self, x: Value<B>) -> Value<B> {
-        // burn's own goes back by an approximation.
+    fn gelu(&self, x: BurnValue<B>) -> BurnValue<B> {
+        // The backward pass of burn's own GELU is an approximation.
         let (shape, x) = (self.shape(&x), x.rows());
         let below = ((x.clone() * std::f32::consts::FRAC_1_SQRT_2).erf() + 1.0) * 0.5;
         self.reshape((x * below).into(), &shape)
     }
 
-    fn resample(&self, x: Value<B>, resample: Resample) -> Value<B> {
-        // Two products, since burn's own cannot go back on a GPU.
+    fn resample(&self, x: BurnValue<B>, resample: Resample) -> BurnValue<B> {
+        // Two products, since burn's own resampling has no backward pass on a GPU.
         let x = x.array::<4>();
         let [images, rows, columns, channels] = x.dims();
         let [down, across] = [(rows, resample.size[0]), (columns, resample.size[1])]
@@ -233,7 +239,7 @@ impl<B: Backend> Ops for Burn<B> {
         x.reshape([images, resample.size[0], resample.size[1], channels]).into()
     }
 
-    fn depth_to_space(&self, x: Value<B>, factor: usize) -> Value<B> {
+    fn depth_to_space(&self, x: BurnValue<B>, factor: usize) -> BurnValue<B> {
         let x = x.array::<4>();
         let [images, rows, columns, deep] = x.dims();
         let channels = deep / (factor * factor);
@@ -241,35 +247,35 @@ impl<B: Backend> Ops for Burn<B> {
         x.reshape([images, rows * factor, columns * factor, channels]).into()
     }
 
-    fn add_table(&self, x: Value<B>, table: Value<B>) -> Value<B> {
+    fn add_table(&self, x: BurnValue<B>, table: BurnValue<B>) -> BurnValue<B> {
         (x.array::<3>() + table.array::<2>().unsqueeze()).into()
     }
 
-    fn append(&self, x: Value<B>, last: Value<B>) -> Value<B> {
+    fn append(&self, x: BurnValue<B>, last: BurnValue<B>) -> BurnValue<B> {
         let x = x.array::<3>();
         let [images, _, width] = x.dims();
         let last = last.array::<2>().unsqueeze::<3>().expand([images, 1, width]);
         Array::cat(vec![x, last], 1).into()
     }
 
-    fn with_last(&self, x: Value<B>) -> Value<B> {
+    fn with_last(&self, x: BurnValue<B>) -> BurnValue<B> {
         let x = x.array::<3>();
         let [images, tokens, width] = x.dims();
         let last = x.clone().narrow(1, tokens - 1, 1).expand([images, tokens - 1, width]);
         Array::cat(vec![x.narrow(1, 0, tokens - 1), last], 2).into()
     }
 
-    fn pair(&self, a: Value<B>, b: Value<B>) -> Value<B> {
+    fn pair(&self, a: BurnValue<B>, b: BurnValue<B>) -> BurnValue<B> {
         Array::cat(vec![a.array::<4>(), b.array::<4>()], 3).into()
     }
 }
 
-/// The recurrence `h = exp(delta A) h + delta x B`, read as `h C` after each token: of delta and x `[images, tokens, E]`, B and C
-/// `[images, tokens, N]`, and A `[E, N]`.
+/// Computes the recurrence `h = exp(delta A) h + delta x B`, read as `h C` after each token: delta and x are `[images, tokens, E]`, B
+/// and C `[images, tokens, N]`, A is `[E, N]`.
 ///
-/// Chunks of tokens start from nothing side by side; then each hands on to the next what it leaves and what it lets through, and what
-/// reached a token from earlier chunks is added. With as many chunks as a chunk has tokens, both loops take the root of the number of
-/// tokens, which suits a GPU. No factor exceeds one. Four numbers per token, channel and state are kept for the way back.
+/// Chunks of tokens start from zero side by side. Then each chunk passes its final state and its decay to the next one, and the states
+/// of earlier chunks are added to each token. With as many chunks as a chunk has tokens, both loops take the root of the number of
+/// tokens, which suits a GPU. No factor exceeds one. Four numbers per token, channel and state are kept for the backward pass.
 fn scan<B: Backend>(
     delta: &Array<B, 3>,
     x: &Array<B, 3>,

@@ -1,13 +1,14 @@
 //! 3 x 3 convolutions as matrix products over shifted rows.
 //!
-//! A row of three pixels' channels is contiguous in a padded map, so that each row of the window is one product, whose left matrix
-//! is the map itself read with overlapping rows.
+//! The channels of three pixels in a row are contiguous in a padded map. Each row of the window is therefore one product, and its left
+//! matrix is the map itself, read with overlapping rows.
 
 use rayon::prelude::*;
 
-use super::linear::{Scratch, add_to, for_length, rows_of, total, with_scratch};
-use super::tape::{Kernel, View};
-use crate::network::Tensor;
+use super::lanes::{add_to, total};
+use super::linear::{ProductBuffers, for_length, with_buffers};
+use super::tape::{Inputs, Kernel, Slopes, TensorView};
+use crate::network::WeightTensor;
 use mvt_products::Instructions;
 use mvt_products::multiply::{Left, Packed, Windows};
 
@@ -18,7 +19,7 @@ pub struct Convolution {
     pub stride: usize,
     /// Whether negative inputs count as zero.
     pub relu: bool,
-    /// With which products are formed.
+    /// Instructions of the products.
     pub instructions: Instructions,
 }
 
@@ -31,25 +32,26 @@ struct Map {
 }
 
 impl Map {
-    fn new(shape: &[usize]) -> Self {
-        Self { rows: shape[1], columns: shape[2], channels: shape[3] }
+    fn new(x: TensorView<'_>) -> Self {
+        let [_, rows, columns, channels] = x.sides();
+        Self { rows, columns, channels }
     }
 
     fn len(self) -> usize {
         self.rows * self.columns * self.channels
     }
 
-    /// Channels of a padded pixel: bf16 numbers are multiplied in pairs.
+    /// Returns the channels of a padded pixel: bf16 numbers are multiplied in pairs.
     fn step(self) -> usize {
         self.channels.next_multiple_of(2)
     }
 
-    /// Length of a padded row.
+    /// Returns the length of a padded row.
     fn pitch(self) -> usize {
         (self.columns + 2) * self.step()
     }
 
-    /// The map with a ring of zeros, and room for the last window to overlap, in `padded`.
+    /// Writes the map with a ring of zeros, and room for the last window to overlap, to `padded`.
     fn pad(self, values: &[f32], relu: bool, padded: &mut Vec<f32>) {
         let (step, pitch) = (self.step(), self.pitch());
         padded.clear();
@@ -74,7 +76,7 @@ impl Map {
         Self { rows: self.rows.div_ceil(stride), columns: self.columns.div_ceil(stride), channels }
     }
 
-    /// The windows of a padded map, `stride` apart.
+    /// Returns the windows of a padded map, `stride` apart.
     fn windows(self, padded: &[f32], stride: usize) -> Left<'_> {
         let Self { rows, columns, .. } = self.strided(stride, self.channels);
         let (step, pitch) = (stride * self.step(), stride * self.pitch());
@@ -83,14 +85,14 @@ impl Map {
     }
 }
 
-/// A padded map channel by channel, the pixels of each in `stride` x `stride` planes: those whose rows and columns leave the same
-/// rests. In a plane, the pixels under one place of all windows lie as the windows do, so that their products with the outputs'
-/// gradients are rows of numbers.
+/// Padded map channel by channel. The pixels of a channel lie in `stride` x `stride` planes; the rows and columns of a plane leave the
+/// same remainder when divided by `stride`. In a plane, the pixels under one place of all windows lie in the order of the windows, so
+/// that their products with the gradients of the outputs are rows of numbers.
 struct Planes {
     stride: usize,
-    /// From a row of a plane to the next; even, since bf16 numbers are multiplied in pairs.
+    /// Distance from a row of a plane to the next; even, since bf16 numbers are multiplied in pairs.
     pitch: usize,
-    /// From a plane to the next.
+    /// Distance from a plane to the next.
     len: usize,
 }
 
@@ -101,7 +103,7 @@ impl Planes {
         Self { stride, pitch, len: ((out.rows + more) * pitch + more).next_multiple_of(2) }
     }
 
-    /// Lays a map out: all channels of the plane of even rows and even columns, then of those that follow.
+    /// Writes a map plane by plane, all channels of a plane together; the plane of even rows and even columns comes first.
     fn fill(&self, map: Map, x: &[f32], relu: bool, planes: &mut Vec<f32>) {
         let &Self { stride, pitch, len } = self;
         planes.clear();
@@ -124,8 +126,8 @@ impl Planes {
 }
 
 impl Convolution {
-    /// Weights by place in the window and input; filling channels have none.
-    fn pack(self, weight: View<'_>, bias: &[f32]) -> Packed {
+    /// Packs weights by place in the window and input; the weights of filling channels are zero.
+    fn pack(self, weight: TensorView<'_>, bias: &[f32]) -> Packed {
         let inputs = weight.shape[1];
         let step = inputs.next_multiple_of(2);
         Packed::new(self.instructions, 3, 3 * step, bias, |row, o| {
@@ -134,9 +136,8 @@ impl Convolution {
         })
     }
 
-    /// The same with inputs and outputs swapped and the window turned by 180 degrees, which makes a convolution of stride 1 its own
-    /// transpose.
-    fn pack_flipped(self, weight: View<'_>) -> Packed {
+    /// Packs weights with inputs and outputs swapped and the window turned by 180 degrees: the transpose of a convolution of stride 1.
+    fn pack_flipped(self, weight: TensorView<'_>) -> Packed {
         let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
         let step = outputs.next_multiple_of(2);
         Packed::new(self.instructions, 3, 3 * step, &vec![0.0; inputs], |row, i| {
@@ -145,8 +146,8 @@ impl Convolution {
         })
     }
 
-    /// Weights by output; all places in the window side by side.
-    fn pack_transposed(self, weight: View<'_>) -> Packed {
+    /// Packs weights by output, all places in the window side by side.
+    fn pack_transposed(self, weight: TensorView<'_>) -> Packed {
         let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
         let instructions = for_length(self.instructions, outputs);
         Packed::new(instructions, 1, outputs, &vec![0.0; 9 * inputs], |o, column| {
@@ -158,32 +159,27 @@ impl Convolution {
 impl Kernel<3> for Convolution {
     type Kept = ();
 
-    fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> (Tensor, ()) {
-        let map = Map::new(x.shape);
+    fn forward(&self, [x, weight, bias]: Inputs<'_, 3>) -> (WeightTensor, ()) {
+        let map = Map::new(x);
         let out = map.strided(self.stride, weight.shape[0]);
         let packed = weight.forwards(|| self.pack(weight, bias.values));
         let mut values = vec![0.0; x.shape[0] * out.len()];
         let images = values.par_chunks_mut(out.len()).zip(x.values.par_chunks(map.len()));
         images.for_each(|(y, x)| {
-            with_scratch(|scratch| {
-                let mut padded = std::mem::take(&mut scratch.padded);
+            with_buffers(|buffers| {
+                let mut padded = std::mem::take(&mut buffers.padded);
                 map.pad(x, self.relu, &mut padded);
-                scratch.multiply(map.windows(&padded, self.stride), packed, out.channels, y);
-                scratch.padded = padded;
+                buffers.multiply(map.windows(&padded, self.stride), packed, out.channels, y);
+                buffers.padded = padded;
             });
         });
-        (Tensor { shape: vec![x.shape[0], out.rows, out.columns, out.channels], values }, ())
+        (WeightTensor { shape: vec![x.shape[0], out.rows, out.columns, out.channels], values }, ())
     }
 
-    fn backward(
-        &self,
-        [x, weight, bias]: [View<'_>; 3],
-        (): &(),
-        gradient: View<'_>,
-        [x_wanted, ..]: [bool; 3],
-    ) -> [Option<Tensor>; 3] {
-        let (map, out) = (Map::new(x.shape), Map::new(gradient.shape));
-        let by_x = x_wanted.then(|| {
+    fn backward(&self, [x, weight, bias]: Inputs<'_, 3>, (): &(), gradient: &[f32], wanted: [bool; 3]) -> Slopes<3> {
+        let map = Map::new(x);
+        let out = map.strided(self.stride, weight.shape[0]);
+        let by_x = wanted[0].then(|| {
             let packed = weight.backwards(|| match self.stride {
                 1 => self.pack_flipped(weight),
                 _ => self.pack_transposed(weight),
@@ -192,15 +188,15 @@ impl Kernel<3> for Convolution {
             let images = values
                 .par_chunks_mut(map.len())
                 .zip(x.values.par_chunks(map.len()))
-                .zip(gradient.values.par_chunks(out.len()));
+                .zip(gradient.par_chunks(out.len()));
             images.for_each(|((by_x, x), g)| {
-                with_scratch(|scratch| {
-                    let mut padded = std::mem::take(&mut scratch.padded);
+                with_buffers(|buffers| {
+                    let mut padded = std::mem::take(&mut buffers.padded);
                     if self.stride == 1 {
                         out.pad(g, false, &mut padded);
-                        scratch.multiply(out.windows(&padded, 1), packed, map.channels, by_x);
+                        buffers.multiply(out.windows(&padded, 1), packed, map.channels, by_x);
                     } else {
-                        spread(map, out, packed, g, &mut padded, scratch);
+                        spread(map, out, packed, g, &mut padded, buffers);
                         let row = map.columns * map.channels;
                         let from =
                             padded[(map.columns + 2) * map.channels..].chunks_exact((map.columns + 2) * map.channels);
@@ -208,19 +204,19 @@ impl Kernel<3> for Convolution {
                             to.copy_from_slice(&from[map.channels..map.channels + row]);
                         }
                     }
-                    scratch.padded = padded;
+                    buffers.padded = padded;
                 });
                 self.mask(x, by_x);
             });
-            Tensor { shape: x.shape.to_vec(), values }
+            x.like(values)
         });
         let size = 9 * map.channels * out.channels;
-        let images = x.values.par_chunks(map.len()).zip(gradient.values.par_chunks(out.len()));
+        let images = x.values.par_chunks(map.len()).zip(gradient.par_chunks(out.len()));
         let parts = images.map(|(x, g)| {
             let mut sums = vec![0.0; size + out.channels];
             let (by_weight, by_bias) = sums.split_at_mut(size);
             g.chunks_exact(out.channels).for_each(|pixel| add_to(by_bias, pixel));
-            with_scratch(|scratch| self.by_weight(map, x, out, g, by_weight, scratch));
+            with_buffers(|buffers| self.by_weight(map, x, out, g, by_weight, buffers));
             sums
         });
         let mut sums = total(parts.collect(), size + out.channels);
@@ -232,20 +228,16 @@ impl Kernel<3> for Convolution {
                 by_weight[(o * map.channels + i) * 9 + tap] = *value;
             }
         }
-        [
-            by_x,
-            Some(Tensor { shape: weight.shape.to_vec(), values: by_weight }),
-            Some(Tensor { shape: bias.shape.to_vec(), values: by_bias }),
-        ]
+        [by_x, Some(weight.like(by_weight)), Some(bias.like(by_bias))]
     }
 }
 
 impl Convolution {
-    /// The gradient of an image by the weights, `[place in the window, input, output]`.
-    fn by_weight(self, map: Map, x: &[f32], out: Map, g: &[f32], by_weight: &mut [f32], scratch: &mut Scratch) {
+    /// Computes the gradient of an image by the weights, `[place in the window, input, output]`.
+    fn by_weight(self, map: Map, x: &[f32], out: Map, g: &[f32], by_weight: &mut [f32], buffers: &mut ProductBuffers) {
         let planes = Planes::new(out, self.stride);
-        planes.fill(map, x, self.relu, &mut scratch.padded);
-        scratch.shared.load(self.instructions, &scratch.padded, planes.len);
+        planes.fill(map, x, self.relu, &mut buffers.padded);
+        buffers.shared.load(self.instructions, &buffers.padded, planes.len);
         let mut spaced = vec![0.0; out.rows * planes.pitch * out.channels];
         let row = out.columns * out.channels;
         for (to, from) in spaced.chunks_exact_mut(planes.pitch * out.channels).zip(g.chunks_exact(row)) {
@@ -256,11 +248,11 @@ impl Convolution {
             let (dy, dx) = (tap / 3, tap % 3);
             let plane = (dy % self.stride * self.stride + dx % self.stride) * map.channels * planes.len;
             let first = plane + dy / self.stride * planes.pitch + dx / self.stride;
-            scratch.multiply_shared(&packed, first, planes.len, map.channels, out.channels, by_weight);
+            buffers.multiply_shared(&packed, first, planes.len, map.channels, out.channels, by_weight);
         }
     }
 
-    /// No gradient reaches what counted as zero.
+    /// Sets the gradients by rectified inputs to zero.
     fn mask(self, x: &[f32], by_x: &mut [f32]) {
         if self.relu {
             by_x.iter_mut().zip(x).filter(|(_, x)| **x <= 0.0).for_each(|(by_x, _)| *by_x = 0.0);
@@ -268,14 +260,14 @@ impl Convolution {
     }
 }
 
-/// The gradient by a padded map at stride 2: each output's gradient goes to its window.
-fn spread(map: Map, out: Map, packed: &Packed, g: &[f32], padded: &mut Vec<f32>, scratch: &mut Scratch) {
+/// Computes the gradient by a padded map at stride 2: the gradient of each output is added to its window.
+fn spread(map: Map, out: Map, packed: &Packed, g: &[f32], padded: &mut Vec<f32>, buffers: &mut ProductBuffers) {
     let (pitch, window) = ((map.columns + 2) * map.channels, 3 * map.channels);
     padded.clear();
     padded.resize((map.rows + 2) * pitch, 0.0);
     let mut row = vec![0.0; out.columns * 3 * window];
     for (i, g) in g.chunks_exact(out.columns * out.channels).enumerate() {
-        scratch.multiply(rows_of(g, out.channels), packed, 3 * window, &mut row);
+        buffers.multiply(Left::rows(g, out.channels), packed, 3 * window, &mut row);
         for (j, windows) in row.chunks_exact(3 * window).enumerate() {
             for (dy, part) in windows.chunks_exact(window).enumerate() {
                 add_to(&mut padded[(2 * i + dy) * pitch + 2 * j * map.channels..][..window], part);

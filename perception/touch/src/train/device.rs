@@ -1,4 +1,4 @@
-//! Where a network is trained.
+//! Devices on which networks are trained.
 
 use std::fmt;
 
@@ -10,11 +10,13 @@ use burn_cuda::{Cuda, CudaDevice};
 use cudarc::{driver, nvrtc};
 
 #[cfg(feature = "cuda")]
-use super::{LossConfig, TrainError, burn, optimiser::Tensors, trainer::Batch};
+use super::batch::{TrainError, TrainingBatch};
+#[cfg(feature = "cuda")]
+use super::{burn, loss::LossConfig, optimiser::Tensors};
 #[cfg(feature = "cuda")]
 use crate::network::Architecture;
 
-/// What computes gradients in training.
+/// Device that computes gradients in training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Device {
@@ -26,17 +28,17 @@ pub enum Device {
     Cuda,
 }
 
-/// Why there is no GPU to train on.
+/// Reason that no GPU is available for training.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoGpu {
     /// The program was built without the feature `cuda`.
     #[error("this program was built without CUDA; build it with --features cuda, or train on the CPU")]
     NotBuilt,
-    /// A library that CUDA consists of is not there.
+    /// A library of CUDA is missing.
     #[error("{0} cannot be loaded; install it, or train on the CPU")]
     Library(&'static str),
-    /// The driver has no device for us.
+    /// The driver offers no device.
     #[error("NVIDIA's driver offers no device ({0}); check it with nvidia-smi, or train on the CPU")]
     Device(String),
 }
@@ -52,22 +54,22 @@ impl fmt::Display for Device {
 }
 
 impl Device {
-    /// The first CUDA device.
+    /// Returns the first CUDA device.
     ///
     /// # Errors
-    /// [`NoGpu`] says what is missing.
+    /// [`NoGpu`] names the missing part.
     #[cfg(not(feature = "cuda"))]
     pub fn gpu() -> Result<Self, NoGpu> {
         Err(NoGpu::NotBuilt)
     }
 
-    /// The first CUDA device.
+    /// Returns the first CUDA device.
     ///
     /// # Errors
-    /// [`NoGpu`] says what is missing.
+    /// [`NoGpu`] names the missing part.
     #[cfg(feature = "cuda")]
     pub fn gpu() -> Result<Self, NoGpu> {
-        // Asked first, since what calls a library that is missing panics.
+        // First, since calls of a missing library panic.
         // SAFETY: loading NVIDIA's libraries runs nothing but their initialisers, which have no preconditions.
         let [driver, compiler] = unsafe { [driver::sys::is_culib_present(), nvrtc::sys::is_culib_present()] };
         if !driver {
@@ -78,24 +80,23 @@ impl Device {
         }
         match driver::CudaContext::device_count() {
             Ok(1..) => Ok(Self::Cuda),
-            Ok(_) => Err(NoGpu::Device("it counts none".to_owned())),
+            Ok(_) => Err(NoGpu::Device("it counts 0".to_owned())),
             Err(error) => Err(NoGpu::Device(error.to_string())),
         }
     }
 }
 
-/// Pixels of a batch that are on a GPU at a time: eight images of a DIGIT. They bound its memory, of which the scans of the preset
-/// `mamba` then take about 6 GB.
+/// Pixels of a pass on a GPU: eight images of a DIGIT. They bound the memory; the scans of the preset `mamba` then take about 6 GB.
 #[cfg(feature = "cuda")]
 const PASS: usize = 8 * 320 * 240;
 
-/// Loss of a batch and its gradients by all weights, on the first CUDA device.
+/// Returns the loss of a batch and its gradients by all weights, computed on the first CUDA device.
 #[cfg(feature = "cuda")]
 pub(super) fn gradients(
     architecture: &Architecture,
     weights: &Tensors,
     config: LossConfig,
-    batch: &Batch,
+    batch: &TrainingBatch,
 ) -> Result<(f32, Tensors), TrainError> {
     burn::gradients::<Autodiff<Cuda>>(&CudaDevice::default(), architecture, weights, config, batch, PASS)
 }
@@ -105,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_machine_without_a_gpu_is_told_what_is_missing() {
+    fn a_missing_gpu_is_reported_with_the_missing_part() {
         match Device::gpu() {
             Ok(device) => assert_ne!(device, Device::Cpu),
             Err(error) => assert!(error.to_string().ends_with("or train on the CPU"), "{error}"),

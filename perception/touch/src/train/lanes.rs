@@ -1,12 +1,28 @@
-//! Sixteen channels side by side. Written as plain loops, which become vector instructions where the caller is compiled for them.
+//! Sixteen channels side by side, and sums of slices. Plain loops, which become vector instructions where the caller is compiled for
+//! them.
 
 /// Channels that are computed together.
 pub const LANES: usize = 16;
 
-/// One number of each channel.
+/// One number per channel.
 pub type Lanes = [f32; LANES];
 
-/// Lanes from `row[at..]`, zeros past its end.
+/// Adds a slice to another.
+pub fn add_to(sum: &mut [f32], terms: &[f32]) {
+    for (sum, term) in sum.iter_mut().zip(terms) {
+        *sum += term;
+    }
+}
+
+/// Returns the sum of the parts, added in their order.
+pub fn total(parts: Vec<Vec<f32>>, len: usize) -> Vec<f32> {
+    parts.into_iter().fold(vec![0.0; len], |mut sum, part| {
+        add_to(&mut sum, &part);
+        sum
+    })
+}
+
+/// Returns the lanes of `row[at..]`, zeros past its end.
 #[inline(always)]
 pub fn load(row: &[f32], at: usize) -> Lanes {
     match row[at..].first_chunk() {
@@ -15,7 +31,7 @@ pub fn load(row: &[f32], at: usize) -> Lanes {
     }
 }
 
-/// Puts lanes to `row[at..]`, as many as there is room for.
+/// Writes lanes to `row[at..]`, up to its end.
 #[inline(always)]
 pub fn store(row: &mut [f32], at: usize, lanes: Lanes) {
     match row[at..].first_chunk_mut() {
@@ -24,7 +40,7 @@ pub fn store(row: &mut [f32], at: usize, lanes: Lanes) {
     }
 }
 
-/// Lane by lane.
+/// Computes lane by lane.
 #[inline(always)]
 pub fn each(f: impl Fn(usize) -> f32) -> Lanes {
     let mut lanes = [0.0; LANES];
@@ -34,10 +50,10 @@ pub fn each(f: impl Fn(usize) -> f32) -> Lanes {
     lanes
 }
 
-/// e to the power of each lane, to 3e-7 + 1e-7 |x| of the result; what would be below 2e-38 is that.
+/// Returns e to the power of each lane, to 3e-7 + 1e-7 |x| of the result; the result is never less than 2e-38.
 #[inline(always)]
 pub fn exp(x: Lanes) -> Lanes {
-    // Adding this rounds to a whole number, which then is in the low bits.
+    // Adding this rounds to a whole number, which is then in the low bits.
     const ROUND: f32 = 12_582_912.0;
     each(|j| {
         let x = (x[j] * std::f32::consts::LOG2_E).clamp(-125.4, 127.0);
@@ -51,14 +67,14 @@ pub fn exp(x: Lanes) -> Lanes {
     })
 }
 
-/// 1 / (1 + e^-x) of each lane.
+/// Returns 1 / (1 + e^-x) of each lane.
 #[inline(always)]
 pub fn sigmoid(x: Lanes) -> Lanes {
     let e = exp(each(|j| -x[j]));
     each(|j| 1.0 / (1.0 + e[j]))
 }
 
-/// ln(1 + e^x) of each lane, to 1e-6 + 1e-7 |x| of the result.
+/// Returns ln(1 + e^x) of each lane, to 1e-6 + 1e-7 |x| of the result.
 #[inline(always)]
 pub fn softplus(x: Lanes) -> Lanes {
     let e = exp(each(|j| -x[j].abs()));

@@ -6,19 +6,20 @@ use ndarray::linalg::general_mat_mul;
 use ndarray::{ArrayView2, ArrayViewMut2, ShapeBuilder as _};
 use rayon::prelude::*;
 
-use super::tape::{Kernel, View};
-use crate::network::Tensor;
+use super::lanes::{add_to, total};
+use super::tape::{Inputs, Kernel, Slopes};
+use crate::network::WeightTensor;
 use mvt_products::Instructions;
-use mvt_products::multiply::{LANES, Left, Packed, Shared, Target, Then, Windows, multiply};
+use mvt_products::multiply::{LANES, Left, Packed, SharedLeft, Target, Then, Windows, multiply};
 
-/// Rows that are multiplied together. Sums over rows are made per block and then in the blocks' order, so that the result does not
-/// depend on the number of threads.
+/// Rows that are multiplied together. Rows are summed per block and then in the order of the blocks, so that the result does not depend
+/// on the number of threads.
 const BLOCK: usize = 1024;
 
-/// A matrix over a slice: `rows` by `columns` with the given strides, which may overlap.
+/// Returns a matrix over a slice: `rows` by `columns` with the given strides, which may overlap.
 ///
 /// # Panics
-/// If the slice is too short: a mistake in the caller.
+/// If the slice is too short. Kernels compute sizes from shapes that the architecture fixes, so this is a mistake in a kernel.
 pub(super) fn matrix(values: &[f32], [rows, columns]: [usize; 2], strides: [usize; 2]) -> ArrayView2<'_, f32> {
     match ArrayView2::from_shape((rows, columns).strides((strides[0], strides[1])), values) {
         Ok(view) => view,
@@ -26,7 +27,10 @@ pub(super) fn matrix(values: &[f32], [rows, columns]: [usize; 2], strides: [usiz
     }
 }
 
-/// A row-major matrix over all of a slice.
+/// Returns a row-major matrix over all of a slice.
+///
+/// # Panics
+/// If `columns` does not divide the length of the slice: a mistake in a kernel.
 pub(super) fn matrix_mut(values: &mut [f32], columns: usize) -> ArrayViewMut2<'_, f32> {
     let (rows, len) = (values.len() / columns, values.len());
     match ArrayViewMut2::from_shape((rows, columns), values) {
@@ -41,44 +45,30 @@ pub(super) fn add_product(a: ArrayView2<'_, f32>, b: ArrayView2<'_, f32>, c: &mu
     general_mat_mul(1.0, &a, &b, 1.0, c);
 }
 
-/// Adds a slice to another.
-pub(super) fn add_to(sum: &mut [f32], terms: &[f32]) {
-    for (sum, term) in sum.iter_mut().zip(terms) {
-        *sum += term;
-    }
-}
-
-/// Sums of what each element gives, in the order of the elements.
-pub(super) fn total(parts: Vec<Vec<f32>>, len: usize) -> Vec<f32> {
-    parts.into_iter().fold(vec![0.0; len], |mut sum, part| {
-        add_to(&mut sum, &part);
-        sum
-    })
-}
-
-/// A thread's room for operands and results in other forms.
+/// Room of a thread for operands and results in other forms.
 #[derive(Default)]
-pub(super) struct Scratch {
+pub(super) struct ProductBuffers {
     pub(super) padded: Vec<f32>,
-    pub(super) shared: Shared,
+    pub(super) shared: SharedLeft,
     words: Vec<u32>,
     block: Vec<f32>,
 }
 
-/// Runs something that needs room; it must leave the other threads' work alone, of which one might need the same room.
-pub(super) fn with_scratch<R>(run: impl FnOnce(&mut Scratch) -> R) -> R {
-    thread_local!(static SCRATCH: RefCell<Scratch> = RefCell::default());
-    SCRATCH.with_borrow_mut(run)
+/// Runs a function that needs room. The function must not call rayon: work stolen by this thread might need the same room.
+pub(super) fn with_buffers<R>(run: impl FnOnce(&mut ProductBuffers) -> R) -> R {
+    thread_local!(static BUFFERS: RefCell<ProductBuffers> = RefCell::default());
+    BUFFERS.with_borrow_mut(run)
 }
 
-impl Scratch {
-    /// Products of the windows of `left`, row by row, with a packed matrix of `columns` columns, into `out`.
+impl ProductBuffers {
+    /// Multiplies the windows of `left`, row by row, by a packed matrix of `columns` columns and writes the products to `out`.
     pub(super) fn multiply(&mut self, left: Left<'_>, packed: &Packed, columns: usize, out: &mut [f32]) {
         let words = &mut self.words;
         into_columns(left.windows, columns, out, &mut self.block, |target| multiply(packed, left, words, target));
     }
 
-    /// Products of `rows` rows of what `shared` holds, `step` apart from `first` on, with a packed matrix of `columns` columns.
+    /// Multiplies `rows` rows of `shared`, `step` apart from `first` on, by a packed matrix of `columns` columns and writes the products
+    /// to `out`.
     pub(super) fn multiply_shared(
         &mut self,
         packed: &Packed,
@@ -96,7 +86,7 @@ impl Scratch {
     }
 }
 
-/// Has products put into `out`, a row of `columns` numbers per window; by way of `block` where those do not fill vectors.
+/// Lets `multiply` write products, a row of `columns` numbers per window, to `out`; first to `block` where rows do not fill vectors.
 fn into_columns(
     windows: Windows,
     columns: usize,
@@ -116,28 +106,22 @@ fn into_columns(
     }
 }
 
-/// The instructions for rows of this length, two of which bf16 instructions could not take apart if it is odd.
+/// Returns the instructions for rows of this length. An odd length rules out bf16, since a pair of numbers would span two rows.
 pub(super) fn for_length(instructions: Instructions, length: usize) -> Instructions {
     if length.is_multiple_of(2) { instructions } else { instructions.exact() }
-}
-
-/// Rows that lie behind each other.
-pub(super) fn rows_of(data: &[f32], length: usize) -> Left<'_> {
-    let windows = Windows { first: 0, step: length, pitch: 0, columns: data.len() / length, rows: 1, segment_pitch: 0 };
-    Left { data, windows, rectified: false }
 }
 
 /// `y = W x + b` over the last axis; inputs x, W `[out, in]`, b `[out]`.
 #[derive(Debug, Clone)]
 pub struct Linear {
-    /// With which products are formed.
+    /// Instructions of the products.
     pub instructions: Instructions,
 }
 
 impl Kernel<3> for Linear {
     type Kept = ();
 
-    fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> (Tensor, ()) {
+    fn forward(&self, [x, weight, bias]: Inputs<'_, 3>) -> (WeightTensor, ()) {
         let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
         let mut shape = x.shape.to_vec();
         shape.pop();
@@ -149,57 +133,47 @@ impl Kernel<3> for Linear {
         });
         let blocks = values.par_chunks_mut(BLOCK * outputs).zip(x.values.par_chunks(BLOCK * inputs));
         blocks.for_each(|(y, x)| {
-            with_scratch(|scratch| scratch.multiply(rows_of(x, inputs), packed, outputs, y));
+            with_buffers(|buffers| buffers.multiply(Left::rows(x, inputs), packed, outputs, y));
         });
-        (Tensor { shape, values }, ())
+        (WeightTensor { shape, values }, ())
     }
 
-    fn backward(
-        &self,
-        [x, weight, bias]: [View<'_>; 3],
-        (): &(),
-        gradient: View<'_>,
-        [x_wanted, ..]: [bool; 3],
-    ) -> [Option<Tensor>; 3] {
+    fn backward(&self, [x, weight, bias]: Inputs<'_, 3>, (): &(), gradient: &[f32], wanted: [bool; 3]) -> Slopes<3> {
         let (outputs, inputs) = (weight.shape[0], weight.shape[1]);
-        let by_x = x_wanted.then(|| {
+        let by_x = wanted[0].then(|| {
             let mut values = vec![0.0; x.values.len()];
             let packed = weight.backwards(|| {
                 let instructions = for_length(self.instructions, outputs);
                 Packed::new(instructions, 1, outputs, &vec![0.0; inputs], |o, i| weight.values[o * inputs + i])
             });
-            let blocks = values.par_chunks_mut(BLOCK * inputs).zip(gradient.values.par_chunks(BLOCK * outputs));
+            let blocks = values.par_chunks_mut(BLOCK * inputs).zip(gradient.par_chunks(BLOCK * outputs));
             blocks.for_each(|(by_x, g)| {
-                with_scratch(|scratch| scratch.multiply(rows_of(g, outputs), packed, inputs, by_x));
+                with_buffers(|buffers| buffers.multiply(Left::rows(g, outputs), packed, inputs, by_x));
             });
-            Tensor { shape: x.shape.to_vec(), values }
+            x.like(values)
         });
-        let blocks = gradient.values.par_chunks(BLOCK * outputs).zip(x.values.par_chunks(BLOCK * inputs));
+        let blocks = gradient.par_chunks(BLOCK * outputs).zip(x.values.par_chunks(BLOCK * inputs));
         let parts = blocks.map(|(g, x)| {
             let rows = x.len() / inputs;
             let mut sums = vec![0.0; outputs * (inputs + 1)];
             let (by_weight, by_bias) = sums.split_at_mut(outputs * inputs);
             let packed = Packed::of_rows(self.instructions, x, rows, inputs);
             let step = rows.next_multiple_of(2);
-            with_scratch(|scratch| {
+            with_buffers(|buffers| {
                 // Output by output.
-                scratch.padded.clear();
-                scratch.padded.resize(outputs * step, 0.0);
-                for (o, to) in scratch.padded.chunks_exact_mut(step).enumerate() {
+                buffers.padded.clear();
+                buffers.padded.resize(outputs * step, 0.0);
+                for (o, to) in buffers.padded.chunks_exact_mut(step).enumerate() {
                     to.iter_mut().zip(g[o..].iter().step_by(outputs)).for_each(|(to, from)| *to = *from);
                 }
-                scratch.shared.load(self.instructions, &scratch.padded, step);
-                scratch.multiply_shared(&packed, 0, step, outputs, inputs, by_weight);
+                buffers.shared.load(self.instructions, &buffers.padded, step);
+                buffers.multiply_shared(&packed, 0, step, outputs, inputs, by_weight);
             });
             g.chunks_exact(outputs).for_each(|row| add_to(by_bias, row));
             sums
         });
         let mut sums = total(parts.collect(), outputs * (inputs + 1));
         let by_bias = sums.split_off(outputs * inputs);
-        [
-            by_x,
-            Some(Tensor { shape: weight.shape.to_vec(), values: sums }),
-            Some(Tensor { shape: bias.shape.to_vec(), values: by_bias }),
-        ]
+        [by_x, Some(weight.like(sums)), Some(bias.like(by_bias))]
     }
 }

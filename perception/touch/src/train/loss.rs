@@ -1,4 +1,4 @@
-//! What training makes small.
+//! Loss that training minimises.
 
 use std::sync::Arc;
 
@@ -7,18 +7,18 @@ use pulp::WithSimd;
 use serde::{Deserialize, Serialize};
 
 use super::lanes::{LANES, each, load, sigmoid, softplus};
-use super::tape::{Kernel, View};
-use crate::network::Tensor;
+use super::tape::{Inputs, Kernel, Slopes};
+use crate::network::WeightTensor;
 
-/// What an error in indentation costs.
+/// Cost of an error in indentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Penalty {
-    /// Its square.
+    /// Square of the error.
     Mse,
-    /// Its size. Of targets that are mostly zero it learns the median, which is zero: give contact more weight.
+    /// Size of the error. From targets that are mostly zero it learns the median, zero; give contact more weight then.
     L1,
-    /// Its size, but the square near zero.
+    /// Size of the error, but its square near zero.
     Huber,
 }
 
@@ -39,23 +39,23 @@ settings! {
     }
 }
 
-/// What a batch should have been.
+/// Correct answers for a batch.
 #[derive(Debug, Clone, Default)]
 pub struct Targets {
     /// Indentation of each pixel, millimetres.
     pub indentation_mm: Vec<f32>,
-    /// How much of each pixel is in contact, 0 to 1.
+    /// Share of each pixel that is in contact, 0 to 1.
     pub contact: Vec<f32>,
 }
 
-/// The loss as an op of the network's output; its result is one number.
+/// Loss as an op of the network's output; its result is one number.
 #[derive(Debug, Clone)]
-pub struct Loss {
-    /// Which loss.
+pub struct TouchLoss {
+    /// Settings.
     pub config: LossConfig,
-    /// What the batch should have been.
+    /// Correct answers for the batch.
     pub targets: Arc<Targets>,
-    /// Which of the batch's pixels the output has, from this one on; the mean is over all.
+    /// First pixel of the batch that the output has; the mean is over all pixels of the batch.
     pub first: usize,
 }
 
@@ -104,11 +104,11 @@ impl WithSimd for Pixels<'_> {
     }
 }
 
-impl Kernel<1> for Loss {
+impl Kernel<1> for TouchLoss {
     /// Slopes by the output.
     type Kept = Vec<f32>;
 
-    fn forward(&self, [output]: [View<'_>; 1]) -> (Tensor, Vec<f32>) {
+    fn forward(&self, [output]: Inputs<'_, 1>) -> (WeightTensor, Vec<f32>) {
         let Targets { indentation_mm, contact } = &*self.targets;
         let pixels = contact.len() as f32;
         let (indentation_mm, contact) = (&indentation_mm[self.first..], &contact[self.first..]);
@@ -116,18 +116,12 @@ impl Kernel<1> for Loss {
         let (config, output) = (self.config, output.values);
         let sum = pulp::Arch::new().dispatch(Pixels { config, output, indentation_mm, contact, slopes: &mut slopes });
         slopes.iter_mut().for_each(|slope| *slope /= pixels);
-        (Tensor { shape: vec![1], values: vec![(sum / f64::from(pixels)) as f32] }, slopes)
+        (WeightTensor { shape: vec![1], values: vec![(sum / f64::from(pixels)) as f32] }, slopes)
     }
 
-    fn backward(
-        &self,
-        [output]: [View<'_>; 1],
-        slopes: &Vec<f32>,
-        gradient: View<'_>,
-        _: [bool; 1],
-    ) -> [Option<Tensor>; 1] {
-        let scale: f32 = gradient.values.iter().sum();
+    fn backward(&self, [output]: Inputs<'_, 1>, slopes: &Vec<f32>, gradient: &[f32], _: [bool; 1]) -> Slopes<1> {
+        let scale: f32 = gradient.iter().sum();
         let values = slopes.iter().map(|slope| slope * scale).collect();
-        [Some(Tensor { shape: output.shape.to_vec(), values })]
+        [Some(output.like(values))]
     }
 }

@@ -1,4 +1,4 @@
-//! The forward pass of each network.
+//! Forward pass of each network.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -6,35 +6,27 @@ use std::sync::Arc;
 use rand::{Rng, RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
+use super::batch::TrainingImages;
 use super::ops::Ops;
 use super::resample::Resample;
 use super::tokens::space_to_depth;
-use crate::network::{Architecture, Layer, Mamba, Op, Pyramid, RobustMamba, Scan, Tensor, Vit};
+use crate::network::{Architecture, Mamba, NetworkLayer, Op, Pyramid, RobustMamba, ScanOrder, Vit, WeightTensor};
 
-/// Images that are put into a network together.
-#[derive(Debug, Clone, Copy)]
-pub struct Images<'a> {
-    /// RGB of each pixel, image by image and row by row.
-    pub levels: &'a [u8],
-    /// Images, rows and columns.
-    pub shape: [usize; 3],
-}
-
-/// A network whose tensors are values.
+/// Network whose tensors are values.
 pub struct Model<'a, O: Ops> {
-    /// Which network.
+    /// Architecture.
     pub architecture: &'a Architecture,
-    /// What computes it.
+    /// Operations.
     pub ops: &'a O,
-    /// Its tensors by name.
+    /// Tensors by name; all those of the architecture.
     pub variables: &'a BTreeMap<&'a str, O::Value>,
 }
 
 impl<O: Ops> Model<'_, O> {
-    /// Indentation in millimetres, which may be negative, and logit of contact, `[images, rows, columns, 2]`, of RGB images
+    /// Predicts indentation in millimetres, which may be negative, and the logit of contact, `[images, rows, columns, 2]`, for RGB images
     /// `[images, rows, columns, 3]` whose sides are multiples of the stride.
-    pub fn forward(&self, images: Images<'_>) -> O::Value {
-        let Images { levels, shape, .. } = images;
+    pub fn forward(&self, images: TrainingImages<'_>) -> O::Value {
+        let TrainingImages { levels, shape, .. } = images;
         match self.architecture {
             Architecture::Default(pyramid) => self.pyramid(pyramid, self.ops.constant(with_coordinates(images)), shape),
             Architecture::Vit(vit) => self.vit(vit, levels, shape),
@@ -43,7 +35,7 @@ impl<O: Ops> Model<'_, O> {
         }
     }
 
-    /// A tensor. The table of tensors comes from the same architecture.
+    /// Returns a tensor. Callers take the variables from the tensors of the same architecture, so every name is there.
     fn get(&self, name: &str) -> O::Value {
         match self.variables.get(name) {
             Some(variable) => variable.clone(),
@@ -67,13 +59,13 @@ impl<O: Ops> Model<'_, O> {
         self.ops.convolution(x, self.weight_and_bias(name), stride, relu)
     }
 
-    /// `x + conv2(relu(conv1(relu(x))))`.
+    /// Computes `x + conv2(relu(conv1(relu(x))))`.
     fn unit(&self, name: &str, x: O::Value) -> O::Value {
         let inner = self.convolution(&format!("{name}.conv1"), x.clone(), 1, true);
         self.ops.add(x, self.convolution(&format!("{name}.conv2"), inner, 1, true))
     }
 
-    /// A Mamba block without norm and residual, of tokens `[images, tokens, channels]`.
+    /// Computes a Mamba block without norm and residual, of tokens `[images, tokens, channels]`.
     fn mamba(&self, name: &str, x: O::Value, order: &Arc<[usize]>) -> O::Value {
         let xz = self.ops.product(x, self.get(&format!("{name}.in_proj.weight")));
         let parts = ["conv1d.weight", "conv1d.bias", "x_proj.weight", "dt_proj.weight", "dt_proj.bias", "A_log", "D"];
@@ -157,7 +149,7 @@ impl<O: Ops> Model<'_, O> {
         self.linear(&format!("{block}.mlp.fc2"), hidden)
     }
 
-    /// Learned positions on the image's grid, `[tokens, width]`.
+    /// Returns the learned positions on the grid of the image, `[tokens, width]`.
     fn learned_positions(&self, [rows, columns]: [usize; 2], patch: usize, shape: [usize; 3]) -> O::Value {
         let table = self.get("positions");
         let (size, width) = (grid(shape, patch), self.ops.shape(&table)[1]);
@@ -166,23 +158,23 @@ impl<O: Ops> Model<'_, O> {
         self.ops.reshape(map, &[size[0] * size[1], width])
     }
 
-    /// Patches as tokens with positions, and the class token behind them.
+    /// Returns patches as tokens with positions, and the class token behind them.
     fn embed(&self, patch: usize, positions: O::Value, levels: &[u8], [images, rows, columns]: [usize; 3]) -> O::Value {
-        let values = levels.iter().map(|level| f32::from(*level) / 127.5 - 1.0).collect();
-        let patches = space_to_depth(&Tensor { shape: vec![images, rows, columns, 3], values }, patch);
+        let values: Vec<f32> = levels.iter().map(|level| f32::from(*level) / 127.5 - 1.0).collect();
+        let patches = space_to_depth(&values, [images, rows, columns, 3], patch);
         let map = self.linear("patch", self.ops.constant(patches));
-        let &[count, width] = &*self.ops.shape(&positions) else { unreachable!("a table has two axes") };
-        let tokens = self.ops.add_table(self.ops.reshape(map, &[images, count, width]), positions);
+        let table = self.ops.shape(&positions);
+        let tokens = self.ops.add_table(self.ops.reshape(map, &[images, table[0], table[1]]), positions);
         self.ops.append(tokens, self.get("class"))
     }
 
-    /// Rows and columns of a map.
+    /// Returns rows and columns of a map.
     fn size(&self, map: &O::Value) -> [usize; 2] {
         let shape = self.ops.shape(map);
         [shape[1], shape[2]]
     }
 
-    /// DPT's decoder of the hooked tokens, shallow first.
+    /// Computes the decoder of DPT from the hooked tokens, shallow first.
     fn decode(&self, patch: usize, hooked: Vec<O::Value>, shape: [usize; 3]) -> O::Value {
         let [images, rows, columns] = shape;
         let grid = grid(shape, patch);
@@ -212,6 +204,7 @@ impl<O: Ops> Model<'_, O> {
             }
             fused = Some(self.unit(&format!("fusion.{k}.unit2"), sum));
         }
+        // `Architecture::check` refuses networks without hooks.
         let Some(fused) = fused else { unreachable!("a network without hooks is refused") };
         let double = self.size(&fused).map(|side| 2 * side);
         let fine = resampled(fused, double);
@@ -224,19 +217,19 @@ impl<O: Ops> Model<'_, O> {
     }
 }
 
-/// Rows and columns of patches.
+/// Returns rows and columns of patches.
 fn grid([_, rows, columns]: [usize; 3], patch: usize) -> [usize; 2] {
     [rows / patch, columns / patch]
 }
 
-/// The orders of scans over a grid; `extra` tokens come last in each.
-fn orders(scans: &[Scan], [rows, columns]: [usize; 2], extra: usize) -> Vec<Arc<[usize]>> {
+/// Returns the orders of scans over a grid; `extra` tokens come last in each.
+fn orders(scans: &[ScanOrder], [rows, columns]: [usize; 2], extra: usize) -> Vec<Arc<[usize]>> {
     let last = rows * columns..rows * columns + extra;
     scans.iter().map(|scan| scan.order(rows, columns).into_iter().chain(last.clone()).collect()).collect()
 }
 
-/// Fixed positions: sines and cosines of row and column, a quarter of the width each.
-fn waves([rows, columns]: [usize; 2], width: usize) -> Tensor {
+/// Returns fixed positions: sines and cosines of row and column, a quarter of the width each.
+fn waves([rows, columns]: [usize; 2], width: usize) -> WeightTensor {
     let quarter = width / 4;
     let value = |k: usize| {
         let (token, channel) = (k / width, k % width);
@@ -245,29 +238,29 @@ fn waves([rows, columns]: [usize; 2], width: usize) -> Tensor {
         let angle = place as f32 * frequency;
         if (channel / quarter).is_multiple_of(2) { angle.sin() } else { angle.cos() }
     };
-    Tensor { shape: vec![rows * columns, width], values: (0..rows * columns * width).map(value).collect() }
+    WeightTensor { shape: vec![rows * columns, width], values: (0..rows * columns * width).map(value).collect() }
 }
 
-/// Levels as numbers from -1 to 1, with the pixels' places as two more channels.
-fn with_coordinates(Images { levels, shape: [images, rows, columns] }: Images<'_>) -> Tensor {
+/// Returns levels as numbers from -1 to 1, with the coordinates of the pixels as two more channels.
+fn with_coordinates(TrainingImages { levels, shape: [images, rows, columns] }: TrainingImages<'_>) -> WeightTensor {
     let place = |i: usize, count: usize| 2.0 * (i as f32 + 0.5) / count as f32 - 1.0;
     let mut values = Vec::with_capacity(levels.len() / 3 * 5);
     for (k, pixel) in levels.as_chunks::<3>().0.iter().enumerate() {
         values.extend(pixel.map(|level| f32::from(level) / 127.5 - 1.0));
         values.extend([place(k % columns, columns), place(k / columns % rows, rows)]);
     }
-    Tensor { shape: vec![images, rows, columns, 5], values }
+    WeightTensor { shape: vec![images, rows, columns, 5], values }
 }
 
-/// Tensors to start training from, drawn from a seed.
-pub fn initial(architecture: &Architecture, seed: u64) -> BTreeMap<String, Tensor> {
+/// Returns random tensors from which a training starts.
+pub fn initial(architecture: &Architecture, seed: u64) -> BTreeMap<String, WeightTensor> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let layers = architecture.layers();
     let blocks = layers.iter().filter(|layer| matches!(layer.op, Op::Mamba { .. } | Op::Attention { .. })).count();
     layers.iter().flat_map(|layer| initial_layer(layer, blocks, &mut rng)).collect()
 }
 
-fn initial_layer(layer: &Layer, blocks: usize, rng: &mut ChaCha8Rng) -> Vec<(String, Tensor)> {
+fn initial_layer(layer: &NetworkLayer, blocks: usize, rng: &mut ChaCha8Rng) -> Vec<(String, WeightTensor)> {
     let mut draw = |name: &str, shape: &[usize]| -> Vec<f32> {
         let count = shape.iter().product();
         let fan_in: usize = shape.iter().skip(1).product();
@@ -286,13 +279,13 @@ fn initial_layer(layer: &Layer, blocks: usize, rng: &mut ChaCha8Rng) -> Vec<(Str
                 .collect(),
             (Op::Mamba { .. }, ".out_proj.weight") => normal((1.0 / (fan_in * blocks) as f32).sqrt()),
             (Op::Linear { .. }, ".bias") if layer.name == "contact.out" => vec![-2.0; count],
-            // Logits start where most pixels are: without contact.
+            // Logits start at no contact, where most pixels are.
             (Op::Convolution { .. }, ".bias") if layer.name == "head" => {
                 (0..count).map(|i| if i % 2 == 1 { -2.0 } else { 0.0 }).collect()
             }
             (_, bias) if bias.ends_with("bias") => vec![0.0; count],
             (Op::Convolution { .. }, _) if layer.name == "head" => normal(0.1 * (1.0 / fan_in as f32).sqrt()),
-            // Residual units start close to doing nothing.
+            // Residual units start close to the identity.
             (Op::Convolution { .. }, _) if layer.name.ends_with("conv2") => normal(0.3 * (2.0 / fan_in as f32).sqrt()),
             (Op::Convolution { .. }, _) => normal((2.0 / fan_in as f32).sqrt()),
             _ => normal((1.0 / fan_in as f32).sqrt()),
@@ -303,12 +296,12 @@ fn initial_layer(layer: &Layer, blocks: usize, rng: &mut ChaCha8Rng) -> Vec<(Str
         .into_iter()
         .map(|(name, shape)| {
             let values = draw(&name, &shape);
-            (name, Tensor { shape, values })
+            (name, WeightTensor { shape, values })
         })
         .collect()
 }
 
-/// A standard normal number (Box and Muller).
+/// Returns a standard normal number (Box and Muller).
 fn standard_normal(rng: &mut impl Rng) -> f32 {
     let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
     radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()

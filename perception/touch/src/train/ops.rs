@@ -1,4 +1,4 @@
-//! The operations that networks consist of, and how the tape computes them.
+//! Operations of the networks, and their computation on the tape.
 
 use std::sync::Arc;
 
@@ -10,81 +10,81 @@ use super::resample::Resample;
 use super::scan::Selective;
 use super::tape::{Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast};
-use crate::network::Tensor;
+use crate::network::WeightTensor;
 use mvt_products::Instructions;
 
-/// Something that computes networks. Values are row-major; maps are `[images, rows, columns, channels]`, tokens
+/// Computes the operations of networks. Values are row-major; maps are `[images, rows, columns, channels]`, tokens
 /// `[images, tokens, channels]`.
 pub trait Ops {
-    /// A value that remembers what it was computed from; a copy is the same value.
+    /// Value that remembers its origin; a copy is the same value.
     type Value: Clone;
 
-    /// A value without a gradient.
-    fn constant(&self, tensor: Tensor) -> Self::Value;
+    /// Returns a value without a gradient.
+    fn constant(&self, tensor: WeightTensor) -> Self::Value;
 
-    /// The sides of a value.
+    /// Returns the sides of a value.
     fn shape(&self, x: &Self::Value) -> Vec<usize>;
 
-    /// The sum of two values of one shape.
+    /// Returns the sum of two values of one shape.
     fn add(&self, a: Self::Value, b: Self::Value) -> Self::Value;
 
-    /// The same numbers with other sides.
+    /// Returns the same numbers with other sides.
     fn reshape(&self, x: Self::Value, shape: &[usize]) -> Self::Value;
 
-    /// `W x` over the last axis, with W `[out, in]`.
+    /// Computes `W x` over the last axis, with W `[out, in]`.
     fn product(&self, x: Self::Value, weight: Self::Value) -> Self::Value;
 
-    /// `W x + b` over the last axis, with W `[out, in]` and b `[out]`.
+    /// Computes `W x + b` over the last axis, with W `[out, in]` and b `[out]`.
     fn linear(&self, x: Self::Value, parameters: [Self::Value; 2]) -> Self::Value;
 
-    /// Layer norm over the last axis, with weight and bias.
+    /// Computes a layer norm over the last axis, with weight and bias.
     fn norm(&self, x: Self::Value, parameters: [Self::Value; 2]) -> Self::Value;
 
-    /// 3 x 3 convolution of a map, as [`Convolution`] has it, with weight and bias.
+    /// Computes the [`Convolution`] of a map, with weight and bias.
     fn convolution(&self, x: Self::Value, parameters: [Self::Value; 2], stride: usize, relu: bool) -> Self::Value;
 
-    /// The inside of a Mamba block, as [`Selective`] has it.
+    /// Computes the inside of a Mamba block, see [`Selective`].
     fn selective(&self, order: &Arc<[usize]>, inputs: [Self::Value; 8]) -> Self::Value;
 
-    /// Attention of `heads` heads over queries, keys and values, as [`Attention`] has it.
+    /// Computes the [`Attention`] of `heads` heads over queries, keys and values.
     fn attention(&self, qkv: Self::Value, heads: usize) -> Self::Value;
 
-    /// The greater of each number and zero.
+    /// Returns the greater of each number and zero.
     fn relu(&self, x: Self::Value) -> Self::Value;
 
-    /// Each number times the normal distribution function of it.
+    /// Multiplies each number by the normal distribution function of it.
     fn gelu(&self, x: Self::Value) -> Self::Value;
 
-    /// A map of another size.
+    /// Resizes a map.
     fn resample(&self, x: Self::Value, resample: Resample) -> Self::Value;
 
-    /// Depth to space, as [`DepthToSpace`] has it.
+    /// Computes [`DepthToSpace`].
     fn depth_to_space(&self, x: Self::Value, factor: usize) -> Self::Value;
 
     /// Adds a table `[tokens, width]` to the tokens of every image.
     fn add_table(&self, x: Self::Value, table: Self::Value) -> Self::Value;
 
-    /// Puts one more token `[1, width]` behind those of every image.
+    /// Appends a token `[1, width]` to the tokens of every image.
     fn append(&self, x: Self::Value, last: Self::Value) -> Self::Value;
 
-    /// Each token with the last one of its image beside it; the last one itself goes.
+    /// Pairs each token but the last one of its image with the last one.
     fn with_last(&self, x: Self::Value) -> Self::Value;
 
-    /// Two maps of one channel as a map of two.
+    /// Joins two maps of one channel to a map of two.
     fn pair(&self, a: Self::Value, b: Self::Value) -> Self::Value;
 }
 
-/// The tape: kernels on the CPU.
+/// Operations on the tape: kernels on the CPU.
 #[derive(Debug, Clone, Copy)]
 pub struct Cpu {
-    /// With which products are formed.
+    /// Instructions of the products.
     pub instructions: Instructions,
 }
 
 impl Ops for Cpu {
     type Value = Var;
 
-    fn constant(&self, tensor: Tensor) -> Var {
+    fn constant(&self, tensor: WeightTensor) -> Var {
         Var::constant(tensor)
     }
 
@@ -102,7 +102,7 @@ impl Ops for Cpu {
 
     fn product(&self, x: Var, weight: Var) -> Var {
         let outputs = weight.shape()[0];
-        let bias = Var::constant(Tensor { shape: vec![outputs], values: vec![0.0; outputs] });
+        let bias = Var::constant(WeightTensor { shape: vec![outputs], values: vec![0.0; outputs] });
         self.linear(x, [weight, bias])
     }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use mvt_settings::settings;
 
-use crate::network::Tensor;
+use crate::network::WeightTensor;
 
 settings! {
     /// Step sizes and averages of the optimiser.
@@ -31,16 +31,16 @@ settings! {
 const EPS: f32 = 1e-8;
 
 /// Tensors by name.
-pub type Tensors = BTreeMap<String, Tensor>;
+pub type Tensors = BTreeMap<String, WeightTensor>;
 
-/// Weights in training with all that the next step depends on.
+/// Weights in training with the memory of the optimiser.
 #[derive(Debug, Clone, PartialEq)]
-pub struct State {
-    /// Steps done.
+pub struct OptimiserState {
+    /// Completed steps.
     pub step: u64,
-    /// The weights.
+    /// Weights.
     pub weights: Tensors,
-    /// Their moving average.
+    /// Moving average of the weights.
     pub average: Tensors,
     /// Mean gradients.
     pub mean: Tensors,
@@ -48,17 +48,14 @@ pub struct State {
     pub square: Tensors,
 }
 
-impl State {
-    /// At the start of training.
+impl OptimiserState {
+    /// Returns the state at the start of training.
     pub fn new(weights: Tensors) -> Self {
-        let zeros: Tensors = weights
-            .iter()
-            .map(|(name, t)| (name.clone(), Tensor { shape: t.shape.clone(), values: vec![0.0; t.values.len()] }))
-            .collect();
+        let zeros: Tensors = weights.iter().map(|(name, tensor)| (name.clone(), tensor.zeros())).collect();
         Self { step: 0, average: weights.clone(), mean: zeros.clone(), square: zeros, weights }
     }
 
-    /// Does a step of `steps`. Returns the length of the gradient before clipping; a length that is no finite number changes nothing.
+    /// Does one of `steps` steps. Returns the length of the gradient before clipping; if it is not finite, nothing changes.
     pub fn advance(&mut self, gradients: &Tensors, config: &OptimiserConfig, steps: u64) -> f32 {
         let squares = gradients.values().flat_map(|tensor| &tensor.values).map(|&g| f64::from(g) * f64::from(g));
         let length = squares.sum::<f64>().sqrt() as f32;
@@ -71,7 +68,7 @@ impl State {
         let [b1, b2] = config.betas;
         let unbiased = |beta: f32| 1.0 - f64::from(beta).powf(self.step as f64) as f32;
         let (first, second) = (unbiased(b1), unbiased(b2));
-        // The average of the first steps is that of all, so that the drawn weights are soon forgotten.
+        // The average of the first steps has equal weights, so that the initial weights are soon forgotten.
         let keep = config.average.min((1 + self.step) as f32 / (10 + self.step) as f32);
         let states = self.mean.values_mut().zip(self.square.values_mut());
         for (((name, weight), average), (mean, square)) in
@@ -94,7 +91,7 @@ impl State {
 }
 
 impl OptimiserConfig {
-    /// Step size after `step` of `steps` steps.
+    /// Returns the step size after `step` of `steps` steps.
     pub fn rate(&self, step: u64, steps: u64) -> f32 {
         let warm_up = ((step + 1) as f32 / self.warm_up.max(1) as f32).min(1.0);
         let done = (step as f32 / steps.max(1) as f32).min(1.0);
@@ -108,13 +105,13 @@ mod tests {
     use super::*;
 
     fn tensors(values: [f32; 2]) -> Tensors {
-        Tensors::from([("w".to_owned(), Tensor { shape: vec![1, 2], values: values.to_vec() })])
+        Tensors::from([("w".to_owned(), WeightTensor { shape: vec![1, 2], values: values.to_vec() })])
     }
 
     #[test]
     fn finds_the_bottom_of_a_parabola() {
         let config = OptimiserConfig { learning_rate: 0.05, weight_decay: 0.0, warm_up: 5, ..Default::default() };
-        let mut state = State::new(tensors([3.0, -2.0]));
+        let mut state = OptimiserState::new(tensors([3.0, -2.0]));
         for _ in 0..600 {
             let w = &state.weights["w"].values;
             let gradients = tensors([2.0 * (w[0] - 1.0), 20.0 * (w[1] - 0.5)]);
@@ -134,7 +131,7 @@ mod tests {
             clip: 1e9,
             ..OptimiserConfig::default()
         };
-        let mut state = State::new(tensors([1.0, 1.0]));
+        let mut state = OptimiserState::new(tensors([1.0, 1.0]));
         let length = state.advance(&tensors([3.0, -4.0]), &config, 1_000_000);
         let w = &state.weights["w"].values;
         assert!((length - 5.0).abs() < 1e-6);
@@ -149,8 +146,8 @@ mod tests {
     }
 
     #[test]
-    fn a_gradient_that_is_no_number_changes_nothing() {
-        let mut state = State::new(tensors([1.0, 2.0]));
+    fn a_gradient_that_is_not_finite_changes_nothing() {
+        let mut state = OptimiserState::new(tensors([1.0, 2.0]));
         let before = state.clone();
         assert!(state.advance(&tensors([f32::NAN, 0.0]), &OptimiserConfig::default(), 10).is_nan());
         assert_eq!(state, before);

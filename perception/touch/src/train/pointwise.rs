@@ -2,18 +2,18 @@
 
 use rayon::prelude::*;
 
-use super::linear::total;
-use super::tape::{Kernel, View};
-use crate::network::{LAYER_NORM_EPS, Tensor};
+use super::lanes::total;
+use super::tape::{Inputs, Kernel, Slopes};
+use crate::network::{LAYER_NORM_EPS, WeightTensor};
 
-/// Rows that are normalised together; sums over rows are made per block, in a fixed order.
+/// Rows that are normalised together; rows are summed per block, in a fixed order.
 const BLOCK: usize = 512;
 
 /// Layer norm over the last axis; inputs x, weight, bias.
 #[derive(Debug, Clone)]
 pub struct Norm;
 
-/// Mean and reciprocal standard deviation of a row.
+/// Returns mean and reciprocal standard deviation of a row.
 fn moments(row: &[f32]) -> (f32, f32) {
     let count = row.len() as f32;
     let mean = row.iter().sum::<f32>() / count;
@@ -24,7 +24,7 @@ fn moments(row: &[f32]) -> (f32, f32) {
 impl Kernel<3> for Norm {
     type Kept = ();
 
-    fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> (Tensor, ()) {
+    fn forward(&self, [x, weight, bias]: Inputs<'_, 3>) -> (WeightTensor, ()) {
         let width = weight.values.len();
         let mut values = vec![0.0; x.values.len()];
         values.par_chunks_mut(BLOCK * width).zip(x.values.par_chunks(BLOCK * width)).for_each(|(y, x)| {
@@ -35,20 +35,14 @@ impl Kernel<3> for Norm {
                 }
             }
         });
-        (Tensor { shape: x.shape.to_vec(), values }, ())
+        (x.like(values), ())
     }
 
-    fn backward(
-        &self,
-        [x, weight, bias]: [View<'_>; 3],
-        (): &(),
-        gradient: View<'_>,
-        _: [bool; 3],
-    ) -> [Option<Tensor>; 3] {
+    fn backward(&self, [x, weight, bias]: Inputs<'_, 3>, (): &(), gradient: &[f32], _: [bool; 3]) -> Slopes<3> {
         let width = weight.values.len();
         let mut values = vec![0.0; x.values.len()];
         let size = BLOCK * width;
-        let blocks = values.par_chunks_mut(size).zip(x.values.par_chunks(size)).zip(gradient.values.par_chunks(size));
+        let blocks = values.par_chunks_mut(size).zip(x.values.par_chunks(size)).zip(gradient.par_chunks(size));
         let parts = blocks.map(|((by_x, x), g)| {
             let mut sums = vec![0.0; 2 * width];
             let (by_weight, by_bias) = sums.split_at_mut(width);
@@ -73,29 +67,25 @@ impl Kernel<3> for Norm {
         });
         let mut sums = total(parts.collect(), 2 * width);
         let by_bias = sums.split_off(width);
-        [
-            Some(Tensor { shape: x.shape.to_vec(), values }),
-            Some(Tensor { shape: weight.shape.to_vec(), values: sums }),
-            Some(Tensor { shape: bias.shape.to_vec(), values: by_bias }),
-        ]
+        [Some(x.like(values)), Some(weight.like(sums)), Some(bias.like(by_bias))]
     }
 }
 
-/// The greater of a number and zero.
+/// Greater of a number and zero.
 #[derive(Debug, Clone)]
 pub struct Relu;
 
 impl Kernel<1> for Relu {
     type Kept = ();
 
-    fn forward(&self, [x]: [View<'_>; 1]) -> (Tensor, ()) {
+    fn forward(&self, [x]: Inputs<'_, 1>) -> (WeightTensor, ()) {
         let values = x.values.iter().map(|x| x.max(0.0)).collect();
-        (Tensor { shape: x.shape.to_vec(), values }, ())
+        (x.like(values), ())
     }
 
-    fn backward(&self, [x]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
-        let values = x.values.iter().zip(gradient.values).map(|(x, g)| if *x > 0.0 { *g } else { 0.0 }).collect();
-        [Some(Tensor { shape: x.shape.to_vec(), values })]
+    fn backward(&self, [x]: Inputs<'_, 1>, (): &(), gradient: &[f32], _: [bool; 1]) -> Slopes<1> {
+        let values = x.values.iter().zip(gradient).map(|(x, g)| if *x > 0.0 { *g } else { 0.0 }).collect();
+        [Some(x.like(values))]
     }
 }
 
@@ -104,7 +94,7 @@ impl Kernel<1> for Relu {
 pub struct DepthToSpace(pub usize);
 
 impl DepthToSpace {
-    /// Goes through the runs of channels that stay together: where they are in the coarse map, and where in the fine one.
+    /// Returns the runs of channels that stay together: the index in the coarse map and the index in the fine map.
     fn runs([rows, columns]: [usize; 2], factor: usize, channels: usize) -> impl Iterator<Item = (usize, usize)> {
         (0..rows * factor).flat_map(move |y| {
             (0..columns * factor).map(move |x| {
@@ -119,8 +109,8 @@ impl DepthToSpace {
 impl Kernel<1> for DepthToSpace {
     type Kept = ();
 
-    fn forward(&self, [x]: [View<'_>; 1]) -> (Tensor, ()) {
-        let &[images, rows, columns, deep] = x.shape else { unreachable!("a map has four axes") };
+    fn forward(&self, [x]: Inputs<'_, 1>) -> (WeightTensor, ()) {
+        let [images, rows, columns, deep] = x.sides();
         let channels = deep / (self.0 * self.0);
         let mut values = vec![0.0; x.values.len()];
         let image = rows * columns * deep;
@@ -129,19 +119,19 @@ impl Kernel<1> for DepthToSpace {
                 y[fine..fine + channels].copy_from_slice(&x[coarse..coarse + channels]);
             }
         });
-        (Tensor { shape: vec![images, rows * self.0, columns * self.0, channels], values }, ())
+        (WeightTensor { shape: vec![images, rows * self.0, columns * self.0, channels], values }, ())
     }
 
-    fn backward(&self, [x]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
-        let &[_, rows, columns, deep] = x.shape else { unreachable!("a map has four axes") };
+    fn backward(&self, [x]: Inputs<'_, 1>, (): &(), gradient: &[f32], _: [bool; 1]) -> Slopes<1> {
+        let [_, rows, columns, deep] = x.sides();
         let channels = deep / (self.0 * self.0);
         let mut values = vec![0.0; x.values.len()];
         let image = rows * columns * deep;
-        values.par_chunks_mut(image).zip(gradient.values.par_chunks(image)).for_each(|(by_x, g)| {
+        values.par_chunks_mut(image).zip(gradient.par_chunks(image)).for_each(|(by_x, g)| {
             for (coarse, fine) in Self::runs([rows, columns], self.0, channels) {
                 by_x[coarse..coarse + channels].copy_from_slice(&g[fine..fine + channels]);
             }
         });
-        [Some(Tensor { shape: x.shape.to_vec(), values })]
+        [Some(x.like(values))]
     }
 }

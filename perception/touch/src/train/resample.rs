@@ -2,23 +2,23 @@
 
 use rayon::prelude::*;
 
-use super::tape::{Kernel, View};
-use crate::network::Tensor;
+use super::tape::{Inputs, Kernel, Slopes};
+use crate::network::WeightTensor;
 
 /// Resamples `[images, rows, columns, channels]` to another size.
 #[derive(Debug, Clone, Copy)]
 pub struct Resample {
     /// Rows and columns of the result.
     pub size: [usize; 2],
-    /// Whether the centres of the corners' pixels meet; otherwise the corners do, and edges are clamped.
+    /// Whether the centres of the corner pixels coincide; otherwise the corners of the images do, and edges are clamped.
     pub aligned: bool,
 }
 
-/// Two neighbours on an axis and the second's share.
+/// Two neighbours on an axis and the share of the second.
 type Tap = (usize, usize, f32);
 
 impl Resample {
-    /// Where each of `to` places lies among `from`.
+    /// Returns the neighbours among `from` pixels for each of `to` pixels.
     fn taps(self, from: usize, to: usize) -> Vec<Tap> {
         let last = from.saturating_sub(1);
         let place = |i: usize| {
@@ -33,7 +33,7 @@ impl Resample {
         (0..to).map(place).collect()
     }
 
-    /// An axis' resampling as a row-major matrix of `to` rows.
+    /// Returns the resampling along an axis as a row-major matrix of `to` rows.
     #[cfg(any(test, feature = "cuda"))]
     pub(super) fn matrix(self, from: usize, to: usize) -> Vec<f32> {
         let mut matrix = vec![0.0; to * from];
@@ -44,7 +44,7 @@ impl Resample {
         matrix
     }
 
-    /// Calls `each` with output pixel, input pixel and the input's share in the output.
+    /// Calls `each` with output pixel, input pixel and the share of the input in the output.
     fn pairs(self, [rows, columns]: [usize; 2], mut each: impl FnMut(usize, usize, f32)) {
         let [down, across] = [self.taps(rows, self.size[0]), self.taps(columns, self.size[1])];
         for (i, &(top, bottom, s)) in down.iter().enumerate() {
@@ -63,8 +63,8 @@ impl Resample {
 impl Kernel<1> for Resample {
     type Kept = ();
 
-    fn forward(&self, [x]: [View<'_>; 1]) -> (Tensor, ()) {
-        let &[images, rows, columns, channels] = x.shape else { unreachable!("a map has four axes") };
+    fn forward(&self, [x]: Inputs<'_, 1>) -> (WeightTensor, ()) {
+        let [images, rows, columns, channels] = x.sides();
         let pixels = self.size[0] * self.size[1];
         let mut values = vec![0.0; images * pixels * channels];
         let images_of = values.par_chunks_mut(pixels * channels).zip(x.values.par_chunks(rows * columns * channels));
@@ -74,21 +74,21 @@ impl Kernel<1> for Resample {
                 y[to * channels..][..channels].iter_mut().zip(from).for_each(|(y, x)| *y += share * x);
             });
         });
-        (Tensor { shape: vec![images, self.size[0], self.size[1], channels], values }, ())
+        (WeightTensor { shape: vec![images, self.size[0], self.size[1], channels], values }, ())
     }
 
-    fn backward(&self, [x]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
-        let &[_, rows, columns, channels] = x.shape else { unreachable!("a map has four axes") };
+    fn backward(&self, [x]: Inputs<'_, 1>, (): &(), gradient: &[f32], _: [bool; 1]) -> Slopes<1> {
+        let [_, rows, columns, channels] = x.sides();
         let pixels = self.size[0] * self.size[1];
         let mut values = vec![0.0; x.values.len()];
         let image = rows * columns * channels;
-        let images = values.par_chunks_mut(image).zip(gradient.values.par_chunks(pixels * channels));
+        let images = values.par_chunks_mut(image).zip(gradient.par_chunks(pixels * channels));
         images.for_each(|(by_x, g)| {
             self.pairs([rows, columns], |to, from, share| {
                 let g = &g[to * channels..][..channels];
                 by_x[from * channels..][..channels].iter_mut().zip(g).for_each(|(by, g)| *by += share * g);
             });
         });
-        [Some(Tensor { shape: x.shape.to_vec(), values })]
+        [Some(x.like(values))]
     }
 }

@@ -1,7 +1,7 @@
 //! The inside of a Mamba block as one op: from the input projection to the gate.
 //!
-//! What the forward pass makes besides its result is small and kept; the hidden states are many and computed again on the way back,
-//! sixteen channels at a time.
+//! The forward pass keeps its small intermediate results. The hidden states are many; the backward pass computes them again, sixteen
+//! channels at a time.
 
 use std::sync::Arc;
 
@@ -9,16 +9,16 @@ use ndarray::ArrayView2;
 use pulp::WithSimd;
 use rayon::prelude::*;
 
-use super::lanes::{LANES, Lanes, each, exp, load, sigmoid, softplus, store};
-use super::linear::{add_product, add_to, matrix, matrix_mut, total};
-use super::tape::{Kernel, View};
-use crate::network::Tensor;
+use super::lanes::{LANES, Lanes, add_to, each, exp, load, sigmoid, softplus, store, total};
+use super::linear::{add_product, matrix, matrix_mut};
+use super::tape::{Inputs, Kernel, Slopes, TensorView};
+use crate::network::WeightTensor;
 
-/// Everything between a Mamba block's outer projections, see [`crate::network`]. Inputs: `in_proj`'s result `[images, tokens, 2 E]`,
+/// Everything between the outer projections of a Mamba block, see [`crate::network`]. Inputs: `in_proj`'s result `[images, tokens, 2 E]`,
 /// `conv1d.weight`, `conv1d.bias`, `x_proj.weight`, `dt_proj.weight`, `dt_proj.bias`, `A_log`, `D`; output `[images, tokens, E]`.
 #[derive(Debug, Clone)]
 pub struct Selective {
-    /// Which token comes k-th.
+    /// Index of the k-th token.
     pub order: Arc<[usize]>,
 }
 
@@ -27,7 +27,7 @@ pub struct Selective {
 pub struct Kept {
     /// Sum of the causal convolution.
     convolved: Vec<f32>,
-    /// What is scanned: its SiLU.
+    /// SiLU of that sum, the input of the scan.
     scanned: Vec<f32>,
     /// Source of the step sizes, B and C.
     projected: Vec<f32>,
@@ -47,7 +47,7 @@ struct Sizes {
     rank: usize,
 }
 
-/// The parameters, as slices.
+/// Parameters as slices.
 #[derive(Clone, Copy)]
 struct Parameters<'a> {
     taps: &'a [f32],
@@ -59,7 +59,7 @@ struct Parameters<'a> {
 }
 
 impl Sizes {
-    fn new(order: &[usize], inputs: &[View<'_>; 8]) -> Self {
+    fn new(order: &[usize], inputs: &[TensorView<'_>; 8]) -> Self {
         Self {
             tokens: order.len(),
             inner: inputs[1].shape[0],
@@ -69,19 +69,19 @@ impl Sizes {
         }
     }
 
-    /// Columns of the projection from which step sizes, B and C are made.
+    /// Returns the columns of the projection: sources of the step sizes, B and C.
     fn projected(self) -> usize {
         self.rank + 2 * self.state
     }
 }
 
-/// `-exp(A_log)` by state, sixteen channels from `at` on.
+/// Returns `-exp(A_log)` by state, sixteen channels from `at` on.
 fn decay(a_log: &[f32], Sizes { inner, state, .. }: Sizes, at: usize) -> Vec<Lanes> {
     let a = |n: usize, e: usize| if e < inner { -a_log[e * state + n].exp() } else { 0.0 };
     (0..state).map(|n| std::array::from_fn(|j| a(n, at + j))).collect()
 }
 
-/// The forward pass of one image.
+/// Forward pass of one image.
 struct Forward<'a> {
     sizes: Sizes,
     order: &'a [usize],
@@ -153,24 +153,24 @@ impl WithSimd for Forward<'_> {
     }
 }
 
-/// Weight of tap `k` of sixteen channels from `at` on.
+/// Returns the weights of tap `k` of sixteen channels from `at` on.
 #[inline(always)]
 fn tap(weights: &[f32], Sizes { inner, taps, .. }: Sizes, at: usize, k: usize) -> Lanes {
     each(|j| if at + j < inner { weights[(at + j) * taps + k] } else { 0.0 })
 }
 
-/// A row-major matrix over all of a slice.
+/// Returns a row-major matrix over all of a slice.
 fn rows(values: &[f32], columns: usize) -> ArrayView2<'_, f32> {
     matrix(values, [values.len() / columns, columns], [columns, 1])
 }
 
-/// The loss' gradients by an image's input and, summed over its tokens, by the parameters.
+/// Gradients of the loss by the input of an image and, summed over its tokens, by the parameters.
 struct Gradients {
     xz: Vec<f32>,
     parameters: [Vec<f32>; 7],
 }
 
-/// The backward pass of one image.
+/// Backward pass of one image.
 struct Reverse<'a> {
     sizes: Sizes,
     order: &'a [usize],
@@ -192,7 +192,7 @@ impl WithSimd for Reverse<'_> {
         let mut by_xz = vec![0.0; xz.len()];
         let (mut by_scanned, mut by_delta) = (vec![0.0; tokens * inner], vec![0.0; tokens * inner]);
         let (mut by_a, mut by_skip) = (vec![0.0; inner * state], vec![0.0; inner]);
-        // Per token and state: the hidden states from the start on, how much of each is kept, and lane by lane the sums for B and C.
+        // Per token and state: the hidden states from the start on, the share of each that is kept, and lane by lane the sums for B, C.
         let mut hidden = vec![[0.0; LANES]; (tokens + 1) * state];
         let mut fractions = vec![[0.0; LANES]; tokens * state];
         let (mut by_b, mut by_c) = (vec![[0.0; LANES]; tokens * state], vec![[0.0; LANES]; tokens * state]);
@@ -251,7 +251,7 @@ impl WithSimd for Reverse<'_> {
             for j in 0..LANES.min(inner - at) {
                 by_skip[at + j] = skip_sum[j];
                 for n in 0..state {
-                    // A = -exp(A_log) is its own slope.
+                    // The slope of A = -exp(A_log) is A itself.
                     by_a[(at + j) * state + n] = by_decay[n][j] * decay[n][j];
                 }
             }
@@ -316,7 +316,7 @@ impl WithSimd for Reverse<'_> {
 }
 
 impl Selective {
-    fn prepare<'a>(&self, inputs: &[View<'a>; 8]) -> (Sizes, Parameters<'a>, Vec<Vec<Lanes>>) {
+    fn prepare<'a>(&self, inputs: &[TensorView<'a>; 8]) -> (Sizes, Parameters<'a>, Vec<Vec<Lanes>>) {
         let sizes = Sizes::new(&self.order, inputs);
         let [_, taps, bias, projection, step, step_bias, a_log, skip] = inputs.map(|input| input.values);
         let decays = (0..sizes.inner).step_by(LANES).map(|at| decay(a_log, sizes, at)).collect();
@@ -327,7 +327,7 @@ impl Selective {
 impl Kernel<8> for Selective {
     type Kept = Vec<Kept>;
 
-    fn forward(&self, inputs: [View<'_>; 8]) -> (Tensor, Vec<Kept>) {
+    fn forward(&self, inputs: Inputs<'_, 8>) -> (WeightTensor, Vec<Kept>) {
         let (sizes, parameters, decays) = self.prepare(&inputs);
         let xz = inputs[0];
         let size = sizes.tokens * sizes.inner;
@@ -338,19 +338,13 @@ impl Kernel<8> for Selective {
             pulp::Arch::new().dispatch(Forward { sizes, order, parameters, decays, xz, out })
         });
         let kept = kept.collect();
-        (Tensor { shape: vec![xz.shape[0], sizes.tokens, sizes.inner], values }, kept)
+        (WeightTensor { shape: vec![xz.shape[0], sizes.tokens, sizes.inner], values }, kept)
     }
 
-    fn backward(
-        &self,
-        inputs: [View<'_>; 8],
-        kept: &Vec<Kept>,
-        gradient: View<'_>,
-        _: [bool; 8],
-    ) -> [Option<Tensor>; 8] {
+    fn backward(&self, inputs: Inputs<'_, 8>, kept: &Vec<Kept>, gradient: &[f32], _: [bool; 8]) -> Slopes<8> {
         let (sizes, parameters, decays) = self.prepare(&inputs);
         let size = sizes.tokens * sizes.inner;
-        let images = inputs[0].values.par_chunks(2 * size).zip(kept).zip(gradient.values.par_chunks(size));
+        let images = inputs[0].values.par_chunks(2 * size).zip(kept).zip(gradient.par_chunks(size));
         let images = images.map(|((xz, kept), gradient)| {
             let (order, decays) = (&*self.order, &*decays);
             pulp::Arch::new().dispatch(Reverse { sizes, order, parameters, decays, xz, kept, gradient })
@@ -364,12 +358,12 @@ impl Kernel<8> for Selective {
         }
         let mut sums = parts.into_iter();
         std::array::from_fn(|i| {
-            let View { shape, values, .. } = inputs[i];
+            let TensorView { shape, values, .. } = inputs[i];
             let sum = match i {
                 0 => std::mem::take(&mut by_xz),
                 _ => total(sums.next()?, values.len()),
             };
-            Some(Tensor { shape: shape.to_vec(), values: sum })
+            Some(WeightTensor { shape: shape.to_vec(), values: sum })
         })
     }
 }

@@ -1,4 +1,4 @@
-//! Values that remember what they were computed from, and the way back from the loss to the parameters.
+//! Values that remember their origin, and the backward pass from the loss to the parameters.
 //!
 //! A tape belongs to one thread and holds a share of a batch; shares run side by side. Each op is a [`Kernel`], plain loops over
 //! slices in both directions.
@@ -9,49 +9,49 @@ use std::fmt;
 use std::rc::Rc;
 use std::sync::{Arc, OnceLock};
 
-use super::linear::add_to;
-use crate::network::Tensor;
+use super::lanes::add_to;
+use crate::network::WeightTensor;
 use mvt_products::multiply::Packed;
 
-/// A value on the tape.
+/// Value on the tape.
 #[derive(Debug, Clone)]
 pub struct Var(Rc<Node>);
 
 #[derive(Debug)]
 struct Node {
-    /// Greater than those of all values from which it was computed.
+    /// Greater than the numbers of all values that led to this one.
     number: u64,
-    value: Arc<Value>,
+    value: Arc<TapeValue>,
     origin: Origin,
 }
 
-/// A tensor, and what kernels have packed of it: weights are packed once for all shares of a batch.
+/// Tensor with its packed forms: weights are packed once for all shares of a batch.
 #[derive(Debug)]
-pub struct Value {
-    tensor: Tensor,
+pub struct TapeValue {
+    tensor: WeightTensor,
     packed: [OnceLock<Packed>; 2],
 }
 
-impl From<Tensor> for Value {
-    fn from(tensor: Tensor) -> Self {
+impl From<WeightTensor> for TapeValue {
+    fn from(tensor: WeightTensor) -> Self {
         Self { tensor, packed: Default::default() }
     }
 }
 
-impl From<Tensor> for Arc<Value> {
-    fn from(tensor: Tensor) -> Self {
+impl From<WeightTensor> for Arc<TapeValue> {
+    fn from(tensor: WeightTensor) -> Self {
         Self::new(tensor.into())
     }
 }
 
-impl Value {
-    fn view(&self) -> View<'_> {
-        let Tensor { shape, values } = &self.tensor;
-        View { shape, values, packed: &self.packed }
+impl TapeValue {
+    fn view(&self) -> TensorView<'_> {
+        let WeightTensor { shape, values } = &self.tensor;
+        TensorView { shape, values, packed: &self.packed }
     }
 }
 
-/// Where a value comes from.
+/// Origin of a value.
 enum Origin {
     Constant,
     Parameter,
@@ -68,75 +68,84 @@ impl fmt::Debug for Origin {
     }
 }
 
-/// Numbers with a shape, row-major, of somebody else.
+/// Borrowed numbers with a shape, row-major.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
-    /// Its sides.
+pub struct TensorView<'a> {
+    /// Sides.
     pub shape: &'a [usize],
     /// As many numbers as the product of the sides.
     pub values: &'a [f32],
     packed: &'a [OnceLock<Packed>; 2],
 }
 
-impl<'a> View<'a> {
-    /// Packed for the way forward; by `pack`, the first time.
+impl<'a> TensorView<'a> {
+    /// Returns the packed form for the forward pass; the first call packs.
     pub fn forwards(self, pack: impl FnOnce() -> Packed) -> &'a Packed {
         self.packed[0].get_or_init(pack)
     }
 
-    /// Packed for the way back; by `pack`, the first time.
+    /// Returns the packed form for the backward pass; the first call packs.
     pub fn backwards(self, pack: impl FnOnce() -> Packed) -> &'a Packed {
         self.packed[1].get_or_init(pack)
     }
+
+    /// Returns a tensor of the same shape.
+    pub fn like(self, values: Vec<f32>) -> WeightTensor {
+        WeightTensor { shape: self.shape.to_vec(), values }
+    }
+
+    /// Returns the first N sides; a side that is missing counts as 1.
+    pub fn sides<const N: usize>(self) -> [usize; N] {
+        std::array::from_fn(|axis| self.shape.get(axis).copied().unwrap_or(1))
+    }
 }
+
+/// Inputs of an op.
+pub type Inputs<'a, const N: usize> = [TensorView<'a>; N];
+/// Gradients of the loss by the inputs of an op.
+pub type Slopes<const N: usize> = [Option<WeightTensor>; N];
 
 /// An op with N inputs and one output. Inputs and output are row-major.
 pub trait Kernel<const N: usize>: 'static {
-    /// What the forward pass keeps for the backward pass, beside the inputs.
+    /// Intermediate results that the forward pass keeps for the backward pass, beside the inputs.
     type Kept: 'static;
 
-    /// The output.
-    fn forward(&self, inputs: [View<'_>; N]) -> (Tensor, Self::Kept);
+    /// Computes the output.
+    fn forward(&self, inputs: Inputs<'_, N>) -> (WeightTensor, Self::Kept);
 
-    /// The loss' gradients by the inputs, of those that are wanted, from its gradient by the output.
-    fn backward(
-        &self,
-        inputs: [View<'_>; N],
-        kept: &Self::Kept,
-        gradient: View<'_>,
-        wanted: [bool; N],
-    ) -> [Option<Tensor>; N];
+    /// Computes the gradients of the loss by the wanted inputs from its gradient by the output.
+    fn backward(&self, inputs: Inputs<'_, N>, kept: &Self::Kept, gradient: &[f32], wanted: [bool; N]) -> Slopes<N>;
 }
 
-/// How a value was computed.
+/// Computation of a value.
 trait Step {
-    /// Hands the loss' gradients by what the value was computed from to `give`.
-    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor));
+    /// Passes the gradients of the loss by the inputs to `give`.
+    fn back(&self, gradient: WeightTensor, give: &mut dyn FnMut(&Var, WeightTensor));
 }
 
-/// The loss' gradients by all parameters.
-pub struct Slopes(HashMap<u64, Tensor>);
+/// Gradients of the loss by all parameters.
+pub struct ParameterSlopes(HashMap<u64, WeightTensor>);
 
 impl Var {
-    fn new(value: Arc<Value>, origin: Origin) -> Self {
+    fn new(value: Arc<TapeValue>, origin: Origin) -> Self {
         thread_local!(static NEXT: Cell<u64> = const { Cell::new(0) });
         let number = NEXT.replace(NEXT.get() + 1);
         Self(Rc::new(Node { number, value, origin }))
     }
 
-    /// A value that was computed from others, of which none may need a gradient.
-    fn computed<const N: usize>(tensor: Tensor, inputs: &[Self; N], step: impl Step + 'static) -> Self {
+    /// Returns a computed value; it is a constant if no input needs a gradient.
+    fn computed<const N: usize>(tensor: WeightTensor, inputs: &[Self; N], step: impl Step + 'static) -> Self {
         let is_tracked = inputs.iter().any(Self::is_tracked);
         Self::new(Arc::new(tensor.into()), if is_tracked { Origin::Computed(Box::new(step)) } else { Origin::Constant })
     }
 
-    /// A value without a gradient.
-    pub fn constant(value: impl Into<Arc<Value>>) -> Self {
+    /// Returns a value without a gradient.
+    pub fn constant(value: impl Into<Arc<TapeValue>>) -> Self {
         Self::new(value.into(), Origin::Constant)
     }
 
-    /// A value whose gradient is wanted.
-    pub fn parameter(value: impl Into<Arc<Value>>) -> Self {
+    /// Returns a value with a gradient.
+    pub fn parameter(value: impl Into<Arc<TapeValue>>) -> Self {
         Self::new(value.into(), Origin::Parameter)
     }
 
@@ -144,40 +153,40 @@ impl Var {
         !matches!(self.0.origin, Origin::Constant)
     }
 
-    fn view(&self) -> View<'_> {
+    fn view(&self) -> TensorView<'_> {
         self.0.value.view()
     }
 
-    /// Its numbers.
-    pub fn tensor(&self) -> &Tensor {
+    /// Returns the numbers.
+    pub fn tensor(&self) -> &WeightTensor {
         &self.0.value.tensor
     }
 
-    /// Its sides.
+    /// Returns the sides.
     pub fn shape(&self) -> &[usize] {
         &self.tensor().shape
     }
 
-    /// The sum of two values of one shape.
+    /// Returns the sum of two values of one shape.
     pub fn add(self, other: Self) -> Self {
         let values = self.tensor().values.iter().zip(&other.tensor().values).map(|(a, b)| a + b).collect();
-        let tensor = Tensor { shape: self.shape().to_vec(), values };
+        let tensor = WeightTensor { shape: self.shape().to_vec(), values };
         let inputs = [self, other];
         Self::computed(tensor, &inputs.clone(), Sum(inputs))
     }
 
-    /// The same numbers with other sides.
+    /// Returns the same numbers with other sides.
     pub fn reshape(self, shape: &[usize]) -> Self {
-        let tensor = Tensor { shape: shape.to_vec(), values: self.tensor().values.clone() };
+        let tensor = WeightTensor { shape: shape.to_vec(), values: self.tensor().values.clone() };
         let inputs = [self];
         Self::computed(tensor, &inputs.clone(), Reshaped(inputs))
     }
 
-    /// Goes back from this value, the loss.
-    pub fn backward(self) -> Slopes {
-        let ones = Tensor { shape: self.shape().to_vec(), values: vec![1.0; self.tensor().values.len()] };
+    /// Computes the gradients of this value, the loss, by all parameters.
+    pub fn backward(self) -> ParameterSlopes {
+        let ones = WeightTensor { shape: self.shape().to_vec(), values: vec![1.0; self.tensor().values.len()] };
         let mut slopes = HashMap::new();
-        // A value's gradient is whole when no value with a greater number waits.
+        // The gradient of a value is complete when no value with a greater number waits.
         let mut waiting = BTreeMap::from([(self.0.number, (self, ones))]);
         while let Some((number, (Var(node), gradient))) = waiting.pop_last() {
             match &node.origin {
@@ -197,22 +206,22 @@ impl Var {
                 }),
             }
         }
-        Slopes(slopes)
+        ParameterSlopes(slopes)
     }
 }
 
-impl Slopes {
-    /// Takes the gradient by a parameter; `None` if it had no part in the loss.
-    pub fn take(&mut self, parameter: &Var) -> Option<Tensor> {
+impl ParameterSlopes {
+    /// Removes and returns the gradient by a parameter; `None` if the loss does not depend on it.
+    pub fn take(&mut self, parameter: &Var) -> Option<WeightTensor> {
         self.0.remove(&parameter.0.number)
     }
 }
 
-/// A sum of two values.
+/// Sum of two values.
 struct Sum([Var; 2]);
 
 impl Step for Sum {
-    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor)) {
+    fn back(&self, gradient: WeightTensor, give: &mut dyn FnMut(&Var, WeightTensor)) {
         let Self([first, second]) = self;
         if first.is_tracked() {
             give(first, gradient.clone());
@@ -223,17 +232,17 @@ impl Step for Sum {
     }
 }
 
-/// A value with other sides.
+/// Value with other sides.
 struct Reshaped([Var; 1]);
 
 impl Step for Reshaped {
-    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor)) {
+    fn back(&self, gradient: WeightTensor, give: &mut dyn FnMut(&Var, WeightTensor)) {
         let Self([input]) = self;
-        give(input, Tensor { shape: input.shape().to_vec(), values: gradient.values });
+        give(input, WeightTensor { shape: input.shape().to_vec(), values: gradient.values });
     }
 }
 
-/// The result of a kernel.
+/// Result of a kernel.
 struct Applied<K: Kernel<N>, const N: usize> {
     kernel: K,
     inputs: [Var; N],
@@ -241,11 +250,10 @@ struct Applied<K: Kernel<N>, const N: usize> {
 }
 
 impl<K: Kernel<N>, const N: usize> Step for Applied<K, N> {
-    fn back(&self, gradient: Tensor, give: &mut dyn FnMut(&Var, Tensor)) {
+    fn back(&self, gradient: WeightTensor, give: &mut dyn FnMut(&Var, WeightTensor)) {
         let Self { kernel, inputs, kept } = self;
         let wanted = inputs.each_ref().map(Var::is_tracked);
-        let gradient = Value::from(gradient);
-        let slopes = kernel.backward(inputs.each_ref().map(Var::view), kept, gradient.view(), wanted);
+        let slopes = kernel.backward(inputs.each_ref().map(Var::view), kept, &gradient.values, wanted);
         for ((input, slope), is_wanted) in inputs.iter().zip(slopes).zip(wanted) {
             if let Some(slope) = slope.filter(|_| is_wanted) {
                 give(input, slope);

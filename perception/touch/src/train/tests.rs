@@ -1,4 +1,4 @@
-//! Each op against a plain version in 64-bit numbers, its gradients against finite differences of that; then training as a whole.
+//! Comparison of each op with a plain version in 64-bit numbers and of its gradients with finite differences; then training as a whole.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,38 +11,42 @@ use rand_chacha::ChaCha8Rng;
 use super::attention::Attention;
 use super::convolution::Convolution;
 use super::linear::Linear;
-use super::loss::Loss;
+use super::loss::TouchLoss;
 use super::pointwise::{DepthToSpace, Norm, Relu};
 use super::resample::Resample;
 use super::scan::Selective;
 use super::tape::{Kernel, Var, apply};
 use super::tokens::{AddTable, Append, Gelu, Pair, WithLast, space_to_depth};
 use super::*;
-use crate::network::{Architecture, Mamba, Precision, Pyramid, RobustMamba, Scan, Tensor, Vit};
+use crate::network::{Architecture, Precision, Pyramid, ScanOrder, WeightTensor};
 use mvt_products::Instructions;
 
 /// Numbers between -1 and 1.
-fn random(shape: &[usize], seed: u64) -> Tensor {
+fn random(shape: &[usize], seed: u64) -> WeightTensor {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let count = shape.iter().product();
-    Tensor { shape: shape.to_vec(), values: (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() }
+    WeightTensor { shape: shape.to_vec(), values: (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() }
 }
 
-/// Odd sixteenths between -1 and 1, which bf16 holds exactly, so that its products are as exact as any. None is zero, where a
-/// rectifier has no slope.
-fn sixteenths(shape: &[usize], seed: u64) -> Tensor {
+/// Odd sixteenths between -1 and 1, which bf16 holds exactly, so that its products are exact, too. No number is zero, where a rectifier
+/// has no slope.
+fn sixteenths(shape: &[usize], seed: u64) -> WeightTensor {
     let mut tensor = random(shape, seed);
     tensor.values.iter_mut().for_each(|x| *x = ((*x * 8.0).floor() + 0.5) / 8.0);
     tensor
 }
 
-fn doubles<const N: usize>(inputs: &[Tensor; N]) -> [Vec<f64>; N] {
+fn doubles<const N: usize>(inputs: &[WeightTensor; N]) -> [Vec<f64>; N] {
     std::array::from_fn(|i| inputs[i].values.iter().map(|&x| f64::from(x)).collect())
 }
 
-/// Holds an op's result against `plain`'s, and its gradients by all inputs against central differences of `plain`.
+/// Compares an op's result with that of `plain`, and its gradients by all inputs with central differences of `plain`.
 #[expect(clippy::needless_pass_by_value, reason = "inputs are made in the call")]
-fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: impl Fn(&[Vec<f64>; N]) -> Vec<f64>) {
+fn check<K: Kernel<N>, const N: usize>(
+    kernel: K,
+    inputs: [WeightTensor; N],
+    plain: impl Fn(&[Vec<f64>; N]) -> Vec<f64>,
+) {
     let variables: [Var; N] = std::array::from_fn(|i| Var::parameter(inputs[i].clone()));
     let output = apply(kernel, variables.clone());
     let exact = plain(&doubles(&inputs));
@@ -51,7 +55,7 @@ fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: im
     for (i, (a, b)) in result.values.iter().zip(&exact).enumerate() {
         assert!((f64::from(*a) - b).abs() < 2e-5 * (1.0 + b.abs()), "result {i}: {a} for {b}");
     }
-    // The loss is the result's product with fixed numbers, which any wrong place would change.
+    // The loss is the product of the result with fixed numbers, which any wrong place would change.
     let weights = sixteenths(&[1, exact.len()], 99);
     let score = |inputs: &[Vec<f64>; N]| -> f64 {
         plain(inputs).iter().zip(&weights.values).map(|(y, w)| y * f64::from(*w)).sum()
@@ -61,7 +65,7 @@ fn check<K: Kernel<N>, const N: usize>(kernel: K, inputs: [Tensor; N], plain: im
         [
             output.reshape(&[1, exact.len()]),
             Var::constant(weights.clone()),
-            Var::constant(Tensor { shape: vec![1], values: vec![0.0] }),
+            Var::constant(WeightTensor { shape: vec![1], values: vec![0.0] }),
         ],
     );
     let mut slopes = product.backward();
@@ -266,13 +270,13 @@ fn gelu() {
 
 #[test]
 fn patches_hold_their_pixels_in_order() {
-    let x = Tensor { shape: vec![1, 4, 4, 1], values: (0..16).map(|i| i as f32).collect() };
-    let patches = space_to_depth(&x, 2);
+    let x: Vec<f32> = (0..16).map(|i| i as f32).collect();
+    let patches = space_to_depth(&x, [1, 4, 4, 1], 2);
     assert_eq!(patches.shape, [1, 2, 2, 4]);
     assert_eq!(patches.values[..8], [0.0, 1.0, 4.0, 5.0, 2.0, 3.0, 6.0, 7.0]);
 }
 
-/// A Mamba block's inside as the module's description has it, token by token.
+/// The inside of a Mamba block as the module's description defines it, token by token.
 fn plain_scan(order: &[usize], [inner, state, taps, rank]: [usize; 4], inputs: &[Vec<f64>; 8]) -> Vec<f64> {
     let [xz, conv, conv_bias, projection, step, step_bias, a_log, skip] = inputs;
     let (tokens, columns) = (order.len(), rank + 2 * state);
@@ -309,7 +313,7 @@ fn plain_scan(order: &[usize], [inner, state, taps, rank]: [usize; 4], inputs: &
 #[test]
 fn selective_scan() {
     // More channels than lanes, and a rest; all four orders.
-    for (scan, inner) in Scan::ALL.into_iter().zip([5, 16, 19, 7]) {
+    for (scan, inner) in ScanOrder::ALL.into_iter().zip([5, 16, 19, 7]) {
         let ([rows, columns], [state, taps, rank]) = ([3, 4], [3, 4, 2]);
         let order = scan.order(rows, columns);
         let inputs = [
@@ -334,7 +338,7 @@ fn loss() {
         let contact = vec![0.0, 1.0, 0.25, 1.0, 0.0, 0.0];
         let indentation_mm = vec![0.0, 0.5, 0.1, 1.5, 0.0, 0.02];
         let targets = Targets { indentation_mm: indentation_mm.clone(), contact: contact.clone() };
-        check(Loss { config, targets: Arc::new(targets), first: 0 }, [random(&[1, 2, 3, 2], 30)], |[output]| {
+        check(TouchLoss { config, targets: Arc::new(targets), first: 0 }, [random(&[1, 2, 3, 2], 30)], |[output]| {
             let pixels = output.as_chunks::<2>().0.iter().zip(indentation_mm.iter().zip(&contact));
             let sum: f64 = pixels
                 .map(|([mm, logit], (target, contact))| {
@@ -373,8 +377,8 @@ fn config(steps: u64) -> TrainingConfig {
     }
 }
 
-/// Four images of 32 x 32 with a bright disc each, whose brightness is its depth.
-fn discs(seed: u64) -> Batch {
+/// Four images of 32 x 32 pixels with a bright disc each, whose brightness is its depth.
+fn discs(seed: u64) -> TrainingBatch {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut levels, mut targets) = (Vec::new(), Targets::default());
     for _ in 0..4 {
@@ -388,74 +392,51 @@ fn discs(seed: u64) -> Batch {
             targets.contact.push(f32::from(u8::from(depth > 0.1)));
         }
     }
-    Batch { shape: [4, 32, 32], levels, targets: Arc::new(targets) }
+    TrainingBatch { shape: [4, 32, 32], levels, targets: Arc::new(targets) }
 }
 
 #[test]
 fn two_hundred_steps_teach_discs() {
-    let mut trainer = Trainer::new(small(), config(200), None).unwrap();
+    let mut trainer = TouchTrainer::new(small(), config(200), None).unwrap();
     let losses: Vec<f32> = (0..200).map(|k| trainer.advance(&discs(k)).unwrap().loss).collect();
     let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
     let (first, last) = (mean(&losses[..5]), mean(&losses[195..]));
     assert!(last < 0.05 && last < first / 5.0, "loss went from {first} to {last}");
 }
 
-/// The networks that a DPT decoder ends, small enough for tests.
+/// The networks with a DPT decoder, small enough for tests.
 fn with_decoder() -> [Architecture; 3] {
     [
-        Architecture::Vit(Vit {
-            patch: 8,
-            width: 16,
-            depth: 4,
-            heads: 2,
-            mlp: 2,
-            positions: [3, 5],
-            hooks: vec![0, 1, 2, 3],
-            channels: 8,
-        }),
-        Architecture::Mamba(Mamba {
-            patch: 8,
-            width: 16,
-            depth: 2,
-            state: 4,
-            hooks: vec![0, 1],
-            channels: 8,
-            ..Mamba::default()
-        }),
-        Architecture::RobustMamba(RobustMamba {
-            patch: 8,
-            width: 16,
-            depth: 3,
-            state: 4,
-            mlp: 2,
-            hooks: vec![0, 1, 2],
-            channels: 8,
-            ..RobustMamba::default()
-        }),
+        r#"{"name": "vit", "patch": 8, "width": 16, "depth": 4, "heads": 2, "mlp": 2, "positions": [3, 5],
+            "hooks": [0, 1, 2, 3], "channels": 8}"#,
+        r#"{"name": "mamba", "patch": 8, "width": 16, "depth": 2, "state": 4, "hooks": [0, 1], "channels": 8}"#,
+        r#"{"name": "robust_mamba", "patch": 8, "width": 16, "depth": 3, "state": 4, "mlp": 2, "hooks": [0, 1, 2],
+            "channels": 8}"#,
     ]
+    .map(|network| serde_json::from_str(network).unwrap())
 }
 
-/// Every network learns, on images whose sides are no multiples of twice its patch.
+/// Every network learns, from images whose sides are not multiples of twice its patch.
 #[test]
 fn every_network_learns() {
     for network in with_decoder() {
         let name = network.name();
-        let mut trainer = Trainer::new(network, config(120), None).unwrap();
+        let mut trainer = TouchTrainer::new(network, config(120), None).unwrap();
         let losses: Vec<f32> = (0..120).map(|k| trainer.advance(&discs(k)).unwrap().loss).collect();
         let (first, last) = (losses[..5].iter().sum::<f32>(), losses[115..].iter().sum::<f32>());
         assert!(last < first / 2.5, "{name}: loss went from {first} to {last}");
     }
 }
 
-/// Loss and gradients of the tape are those of burn's tensors and its way back, for whole networks; and so is their sum over passes.
+/// For whole networks, loss and gradients of the tape equal those of burn, also if burn sums over passes.
 #[test]
 fn gradients_are_those_of_burn() {
-    let batch = Batch { shape: [2, 64, 32], ..discs(0) };
+    let batch = TrainingBatch { shape: [2, 64, 32], ..discs(0) };
     let penalties = [Penalty::Mse, Penalty::L1, Penalty::Huber, Penalty::Huber];
     for (network, penalty) in with_decoder().into_iter().chain([small()]).zip(penalties) {
         let name = network.name();
         let loss = LossConfig { penalty, huber_mm: 0.2, ..LossConfig::default() };
-        // As drawn, biases are zero and steps small.
+        // Initial biases are zero and initial steps small.
         let mut weights = model::initial(&network, 3);
         for (k, tensor) in weights.values_mut().enumerate() {
             let noise = random(&tensor.shape, 100 + k as u64);
@@ -478,38 +459,38 @@ fn gradients_are_those_of_burn() {
     }
 }
 
-/// A run that is broken off and resumed has the same weights, bit for bit, as one that is not; and so has one with fewer threads.
+/// A training that is interrupted and resumed, or that has fewer threads, leads to the same weights to the bit.
 #[test]
 fn resumes_exactly_and_does_not_depend_on_threads() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("checkpoint.safetensors");
-    let run = |trainer: &mut Trainer, to: u64| {
+    let run = |trainer: &mut TouchTrainer, to: u64| {
         while trainer.step() < to {
             let batch = discs(trainer.step());
             trainer.advance(&batch).unwrap();
         }
     };
-    let mut whole = Trainer::new(small(), config(12), None).unwrap();
+    let mut whole = TouchTrainer::new(small(), config(12), None).unwrap();
     run(&mut whole, 12);
-    let mut first = Trainer::new(small(), config(12), None).unwrap();
+    let mut first = TouchTrainer::new(small(), config(12), None).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| run(&mut first, 7));
     first.save(&path).unwrap();
     drop(first);
-    let mut second = Trainer::resume(&path, small(), config(12)).unwrap();
+    let mut second = TouchTrainer::resume(&path, small(), config(12)).unwrap();
     run(&mut second, 12);
     assert_eq!(whole.weights(String::new()).unwrap(), second.weights(String::new()).unwrap());
 
     let other = TrainingConfig { seed: 6, ..config(12) };
-    assert!(Trainer::resume(&path, small(), other).err().unwrap().to_string().contains("configuration differs"));
+    assert!(TouchTrainer::resume(&path, small(), other).err().unwrap().to_string().contains("configuration differs"));
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() - 4]).unwrap();
-    assert!(Trainer::resume(&path, small(), config(12)).is_err(), "a checkpoint that is cut off");
+    assert!(TouchTrainer::resume(&path, small(), config(12)).is_err(), "a checkpoint that is cut off");
 }
 
 #[test]
-fn a_loss_that_is_no_number_stops_and_changes_nothing() {
-    let mut trainer = Trainer::new(small(), config(10), None).unwrap();
+fn a_loss_that_is_not_finite_stops_and_changes_nothing() {
+    let mut trainer = TouchTrainer::new(small(), config(10), None).unwrap();
     let before = trainer.weights(String::new()).unwrap();
     let mut batch = discs(0);
     Arc::make_mut(&mut batch.targets).indentation_mm[17] = f32::NAN;
@@ -518,19 +499,19 @@ fn a_loss_that_is_no_number_stops_and_changes_nothing() {
     assert_eq!(trainer.weights(String::new()).unwrap(), before);
 }
 
-/// The failure of the paper: with L1 and targets that are mostly zero, zero everywhere is where a network goes that cannot tell pixels
-/// apart yet, since the median of the targets is zero. Weight on contact moves the median.
+/// The failure of the paper: with L1 and targets that are mostly zero, a network that cannot yet distinguish pixels learns zero, the
+/// median of the targets. Weight on contact moves the median.
 #[test]
 fn l1_of_masked_targets_predicts_black_and_weight_on_contact_cures_it() {
     let learnt = |loss: LossConfig| {
-        // Images that show nothing, and in which one pixel in five is in contact, others each time: all that can be learnt is one number.
+        // Grey images in which one random pixel in five is in contact: a network can learn only one number.
         let mut rng = ChaCha8Rng::seed_from_u64(8);
         let (shape, levels) = ([2, 32, 32], vec![128; 2 * 32 * 32 * 3]);
-        let mut trainer = Trainer::new(small(), TrainingConfig { loss, ..config(150) }, None).unwrap();
+        let mut trainer = TouchTrainer::new(small(), TrainingConfig { loss, ..config(150) }, None).unwrap();
         for _ in 0..150 {
             let contact: Vec<f32> = (0..2 * 32 * 32).map(|_| f32::from(u8::from(rng.random_bool(0.2)))).collect();
             let targets = Targets { indentation_mm: contact.iter().map(|c| 0.6 * c).collect(), contact };
-            trainer.advance(&Batch { shape, levels: levels.clone(), targets: Arc::new(targets) }).unwrap();
+            trainer.advance(&TrainingBatch { shape, levels: levels.clone(), targets: Arc::new(targets) }).unwrap();
         }
         let weights = trainer.weights(String::new()).unwrap();
         let predicted = predict(&weights, &levels, shape).unwrap();
@@ -556,12 +537,14 @@ fn senseless_configurations_are_named() {
     assert!(error(&|c| c.optimiser.learning_rate = f32::NAN).contains("learning_rate"));
     assert!(error(&|c| c.optimiser.betas[1] = 1.0).contains("betas"));
     let odd = TrainingConfig { stages: vec![Stage { size: [32, 40], batch: 1, steps: 1 }], ..config(1) };
-    assert!(Trainer::new(small(), odd, None).err().unwrap().to_string().contains("stride"));
-    let mut trainer = Trainer::new(small(), config(1), None).unwrap();
-    let short = Batch { shape: [5, 32, 32], ..discs(0) };
+    assert!(TouchTrainer::new(small(), odd, None).err().unwrap().to_string().contains("stride"));
+    let mut trainer = TouchTrainer::new(small(), config(1), None).unwrap();
+    let short = TrainingBatch { shape: [5, 32, 32], ..discs(0) };
     assert!(trainer.advance(&short).unwrap_err().to_string().contains("5 RGB images of 32 x 32"));
-    let start = Trainer::new(small(), config(1), None).unwrap().weights(String::new()).unwrap();
+    let start = TouchTrainer::new(small(), config(1), None).unwrap().weights(String::new()).unwrap();
     let other = Architecture::preset("default").unwrap();
-    assert!(Trainer::new(other, config(1), Some(&start)).is_err(), "weights of another network");
-    assert!(Trainer::resume(Path::new("nowhere"), small(), config(1)).err().unwrap().to_string().contains("nowhere"));
+    assert!(TouchTrainer::new(other, config(1), Some(&start)).is_err(), "weights of another network");
+    assert!(
+        TouchTrainer::resume(Path::new("nowhere"), small(), config(1)).err().unwrap().to_string().contains("nowhere")
+    );
 }

@@ -1,8 +1,8 @@
-//! Ops that put tokens together, and the activation of the token networks.
+//! Ops that combine tokens, and the activation of the token networks.
 
-use super::linear::{add_to, total};
-use super::tape::{Kernel, View};
-use crate::network::Tensor;
+use super::lanes::{add_to, total};
+use super::tape::{Inputs, Kernel, Slopes};
+use crate::network::WeightTensor;
 
 /// Adds a table `[tokens, width]` to the tokens of every image `[images, tokens, width]`.
 #[derive(Debug, Clone)]
@@ -11,67 +11,61 @@ pub struct AddTable;
 impl Kernel<2> for AddTable {
     type Kept = ();
 
-    fn forward(&self, [x, table]: [View<'_>; 2]) -> (Tensor, ()) {
+    fn forward(&self, [x, table]: Inputs<'_, 2>) -> (WeightTensor, ()) {
         let values = x.values.iter().zip(table.values.iter().cycle()).map(|(x, t)| x + t).collect();
-        (Tensor { shape: x.shape.to_vec(), values }, ())
+        (x.like(values), ())
     }
 
-    fn backward(&self, [x, table]: [View<'_>; 2], (): &(), gradient: View<'_>, _: [bool; 2]) -> [Option<Tensor>; 2] {
+    fn backward(&self, [x, table]: Inputs<'_, 2>, (): &(), gradient: &[f32], _: [bool; 2]) -> Slopes<2> {
         let mut sum = vec![0.0; table.values.len()];
-        gradient.values.chunks_exact(sum.len()).for_each(|image| add_to(&mut sum, image));
-        [
-            Some(Tensor { shape: x.shape.to_vec(), values: gradient.values.to_vec() }),
-            Some(Tensor { shape: table.shape.to_vec(), values: sum }),
-        ]
+        gradient.chunks_exact(sum.len()).for_each(|image| add_to(&mut sum, image));
+        [Some(x.like(gradient.to_vec())), Some(table.like(sum))]
     }
 }
 
-/// Puts one more token `[1, width]` behind those of every image.
+/// Appends a token `[1, width]` to the tokens of every image.
 #[derive(Debug, Clone)]
 pub struct Append;
 
 impl Kernel<2> for Append {
     type Kept = ();
 
-    fn forward(&self, [x, last]: [View<'_>; 2]) -> (Tensor, ()) {
-        let &[images, tokens, width] = x.shape else { unreachable!("tokens have three axes") };
+    fn forward(&self, [x, last]: Inputs<'_, 2>) -> (WeightTensor, ()) {
+        let [images, tokens, width] = x.sides();
         let values = x.values.chunks_exact(tokens * width).flat_map(|image| image.iter().chain(last.values)).copied();
-        (Tensor { shape: vec![images, tokens + 1, width], values: values.collect() }, ())
+        (WeightTensor { shape: vec![images, tokens + 1, width], values: values.collect() }, ())
     }
 
-    fn backward(&self, [x, last]: [View<'_>; 2], (): &(), gradient: View<'_>, _: [bool; 2]) -> [Option<Tensor>; 2] {
+    fn backward(&self, [x, last]: Inputs<'_, 2>, (): &(), gradient: &[f32], _: [bool; 2]) -> Slopes<2> {
         let (tokens, width) = (x.shape[1], x.shape[2]);
-        let images = gradient.values.chunks_exact((tokens + 1) * width);
+        let images = gradient.chunks_exact((tokens + 1) * width);
         let (by_x, by_last): (Vec<_>, Vec<_>) =
             images.map(|g| (&g[..tokens * width], g[tokens * width..].to_vec())).unzip();
-        [
-            Some(Tensor { shape: x.shape.to_vec(), values: by_x.concat() }),
-            Some(Tensor { shape: last.shape.to_vec(), values: total(by_last, width) }),
-        ]
+        [Some(x.like(by_x.concat())), Some(last.like(total(by_last, width)))]
     }
 }
 
-/// Each token with the last one of its image beside it: `[images, tokens + 1, width]` to `[images, tokens, 2 width]`.
+/// Pairs each token with the last one of its image: `[images, tokens + 1, width]` to `[images, tokens, 2 width]`.
 #[derive(Debug, Clone)]
 pub struct WithLast;
 
 impl Kernel<1> for WithLast {
     type Kept = ();
 
-    fn forward(&self, [x]: [View<'_>; 1]) -> (Tensor, ()) {
-        let &[images, tokens, width] = x.shape else { unreachable!("tokens have three axes") };
+    fn forward(&self, [x]: Inputs<'_, 1>) -> (WeightTensor, ()) {
+        let [images, tokens, width] = x.sides();
         let mut values = Vec::with_capacity(2 * x.values.len());
         for image in x.values.chunks_exact(tokens * width) {
             let (tokens, last) = image.split_at((tokens - 1) * width);
             tokens.chunks_exact(width).for_each(|token| values.extend(token.iter().chain(last)));
         }
-        (Tensor { shape: vec![images, tokens - 1, 2 * width], values }, ())
+        (WeightTensor { shape: vec![images, tokens - 1, 2 * width], values }, ())
     }
 
-    fn backward(&self, [x]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
+    fn backward(&self, [x]: Inputs<'_, 1>, (): &(), gradient: &[f32], _: [bool; 1]) -> Slopes<1> {
         let (tokens, width) = (x.shape[1], x.shape[2]);
         let mut values = Vec::with_capacity(x.values.len());
-        for image in gradient.values.chunks_exact((tokens - 1) * 2 * width) {
+        for image in gradient.chunks_exact((tokens - 1) * 2 * width) {
             let mut by_last = vec![0.0; width];
             for pair in image.chunks_exact(2 * width) {
                 values.extend(&pair[..width]);
@@ -79,50 +73,50 @@ impl Kernel<1> for WithLast {
             }
             values.extend(by_last);
         }
-        [Some(Tensor { shape: x.shape.to_vec(), values })]
+        [Some(x.like(values))]
     }
 }
 
-/// Squares of `factor` x `factor` pixels as tokens: `[images, rows, columns, channels]` to
-/// `[images, rows / factor, columns / factor, factor * factor * channels]`, pixel by pixel. Of an input only: it has no gradient.
-pub fn space_to_depth(x: &Tensor, factor: usize) -> Tensor {
-    let &[images, rows, columns, channels] = x.shape.as_slice() else { unreachable!("a map has four axes") };
-    let mut values = Vec::with_capacity(x.values.len());
+/// Turns squares of `factor` x `factor` pixels into tokens: a map `[images, rows, columns, channels]`, whose sides are `shape`, into
+/// `[images, rows / factor, columns / factor, factor * factor * channels]`, pixel by pixel. For inputs only: there is no gradient.
+pub fn space_to_depth(x: &[f32], shape: [usize; 4], factor: usize) -> WeightTensor {
+    let [images, rows, columns, channels] = shape;
+    let mut values = Vec::with_capacity(x.len());
     for top in (0..images * rows).step_by(factor) {
         for left in (0..columns).step_by(factor) {
             for row in top..top + factor {
-                values.extend(&x.values[(row * columns + left) * channels..][..factor * channels]);
+                values.extend(&x[(row * columns + left) * channels..][..factor * channels]);
             }
         }
     }
-    Tensor { shape: vec![images, rows / factor, columns / factor, factor * factor * channels], values }
+    WeightTensor { shape: vec![images, rows / factor, columns / factor, factor * factor * channels], values }
 }
 
-/// Two maps of one channel as a map of two.
+/// Joins two maps of one channel to a map of two.
 #[derive(Debug, Clone)]
 pub struct Pair;
 
 impl Kernel<2> for Pair {
     type Kept = ();
 
-    fn forward(&self, [a, b]: [View<'_>; 2]) -> (Tensor, ()) {
+    fn forward(&self, [a, b]: Inputs<'_, 2>) -> (WeightTensor, ()) {
         let mut shape = a.shape.to_vec();
         shape.pop();
         shape.push(2);
-        (Tensor { shape, values: a.values.iter().zip(b.values).flat_map(|(a, b)| [*a, *b]).collect() }, ())
+        (WeightTensor { shape, values: a.values.iter().zip(b.values).flat_map(|(a, b)| [*a, *b]).collect() }, ())
     }
 
-    fn backward(&self, [a, b]: [View<'_>; 2], (): &(), gradient: View<'_>, _: [bool; 2]) -> [Option<Tensor>; 2] {
-        let (by_a, by_b) = gradient.values.as_chunks::<2>().0.iter().map(|[a, b]| (*a, *b)).unzip();
-        [Some(Tensor { shape: a.shape.to_vec(), values: by_a }), Some(Tensor { shape: b.shape.to_vec(), values: by_b })]
+    fn backward(&self, [a, b]: Inputs<'_, 2>, (): &(), gradient: &[f32], _: [bool; 2]) -> Slopes<2> {
+        let (by_a, by_b) = gradient.as_chunks::<2>().0.iter().map(|[a, b]| (*a, *b)).unzip();
+        [Some(a.like(by_a)), Some(b.like(by_b))]
     }
 }
 
-/// `x` times the normal distribution function of x.
+/// Multiplies `x` by the normal distribution function of x.
 #[derive(Debug, Clone)]
 pub struct Gelu;
 
-/// The normal distribution function by Abramowitz and Stegun 7.1.26, to 1e-7, and its density.
+/// Returns the normal distribution function by Abramowitz and Stegun 7.1.26, to 1e-7, and its density.
 fn normal(x: f32) -> (f32, f32) {
     let size = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * size);
@@ -137,16 +131,16 @@ fn normal(x: f32) -> (f32, f32) {
 impl Kernel<1> for Gelu {
     type Kept = ();
 
-    fn forward(&self, [x]: [View<'_>; 1]) -> (Tensor, ()) {
-        (Tensor { shape: x.shape.to_vec(), values: x.values.iter().map(|&x| x * normal(x).0).collect() }, ())
+    fn forward(&self, [x]: Inputs<'_, 1>) -> (WeightTensor, ()) {
+        (x.like(x.values.iter().map(|&x| x * normal(x).0).collect()), ())
     }
 
-    fn backward(&self, [x]: [View<'_>; 1], (): &(), gradient: View<'_>, _: [bool; 1]) -> [Option<Tensor>; 1] {
+    fn backward(&self, [x]: Inputs<'_, 1>, (): &(), gradient: &[f32], _: [bool; 1]) -> Slopes<1> {
         let slope = |(&x, g): (&f32, &f32)| {
             let (below, density) = normal(x);
             g * (below + x * density)
         };
-        let values = x.values.iter().zip(gradient.values).map(slope).collect();
-        [Some(Tensor { shape: x.shape.to_vec(), values })]
+        let values = x.values.iter().zip(gradient).map(slope).collect();
+        [Some(x.like(values))]
     }
 }

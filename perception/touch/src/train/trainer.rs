@@ -1,21 +1,22 @@
-//! Training step by step, and its state on disk.
+//! Training step by step, and checkpoints on disk.
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
+use super::batch::{TrainError, TrainingBatch, TrainingImages, check_shape};
 use super::device::Device;
-use super::linear::add_to;
-use super::loss::{Loss, LossConfig, Targets};
-use super::model::{Images, Model, initial};
+use super::lanes::add_to;
+use super::loss::{LossConfig, Targets, TouchLoss};
+use super::model::{Model, initial};
 use super::ops::Cpu;
-use super::optimiser::{OptimiserConfig, State, Tensors};
-use super::tape::{Value, Var, apply};
-use crate::network::{Architecture, Precision, Provenance, Stored, Tensor, UnknownNetwork, Weights, WeightsError};
+use super::optimiser::{OptimiserConfig, OptimiserState, Tensors};
+use super::tape::{TapeValue, Var, apply};
+use crate::network::{Architecture, Precision, Provenance, Stored, WeightTensor, Weights, WeightsError};
 use mvt_products::Instructions;
 use mvt_settings::{Limit as _, Nested, SettingError};
 
@@ -23,7 +24,7 @@ use mvt_settings::{Limit as _, Nested, SettingError};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingConfig {
-    /// Seed of the initial weights and of everything that is drawn.
+    /// Seed of all random numbers, those of the initial weights included.
     pub seed: u64,
     /// Stages, one after the other.
     pub stages: Vec<Stage>,
@@ -36,7 +37,7 @@ pub struct TrainingConfig {
     /// Precision of the operands of matrix products on CPUs that are faster with bf16. All else, and everything on a GPU, is f32.
     #[serde(default = "bf16")]
     pub precision: Precision,
-    /// Steps from one validation, and from one checkpoint, to the next.
+    /// Validations and checkpoints follow every so many steps.
     pub validate_every: u64,
     /// Images of a validation.
     pub validation_images: usize,
@@ -46,11 +47,11 @@ fn bf16() -> Precision {
     Precision::Bf16
 }
 
-/// A part of the training.
+/// Part of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
-    /// Rows and columns of the images, multiples of the network's stride. What is learnt from small images costs less.
+    /// Rows and columns of the images, multiples of the network's stride. Steps with small images cost less.
     pub size: [usize; 2],
     /// Images of a step.
     pub batch: usize,
@@ -62,12 +63,12 @@ pub struct Stage {
 const MOST_STEPS: u64 = 1_000_000_000_000;
 
 impl TrainingConfig {
-    /// Steps of all stages.
+    /// Returns the number of steps of all stages.
     pub fn steps(&self) -> u64 {
         self.stages.iter().map(|stage| stage.steps).sum()
     }
 
-    /// The stage of a step, the last if all are done; `None` if there is none.
+    /// Returns the stage of a step, or the last stage if all are done; `None` without stages.
     pub fn stage(&self, step: u64) -> Option<Stage> {
         let mut end = 0;
         let current = self.stages.iter().find(|stage| {
@@ -97,38 +98,14 @@ impl TrainingConfig {
     }
 }
 
-/// Images with what they show.
-#[derive(Debug, Clone, Default)]
-pub struct Batch {
-    /// Images, rows and columns.
-    pub shape: [usize; 3],
-    /// RGB of each pixel, image by image and row by row.
-    pub levels: Vec<u8>,
-    /// What the network should say of each pixel.
-    pub targets: Arc<Targets>,
-}
-
-/// Pixels of a batch that one thread goes through at a time: what a network makes of them fits its cache, mostly.
+/// Pixels of a share, which one thread computes: most intermediate results then fit the cache.
 const SHARE: usize = 320 * 240;
 
-impl Batch {
-    /// Its images in shares of about so many pixels, each with the index of its first pixel.
-    pub(super) fn shares(&self, pixels: usize) -> Vec<(usize, Images<'_>)> {
-        let [_, rows, columns] = self.shape;
-        let count = (pixels / (rows * columns)).max(1);
-        let shares = self.levels.chunks(3 * count * rows * columns).enumerate();
-        let shares = shares.map(|(k, levels)| {
-            let shape = [levels.len() / (3 * rows * columns), rows, columns];
-            (k * count * rows * columns, Images { levels, shape })
-        });
-        shares.collect()
-    }
-}
-
-/// What a step did.
+/// Result of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Progress {
-    /// The batch's loss before the step.
+#[non_exhaustive]
+pub struct TrainingProgress {
+    /// Loss of the batch before the step.
     pub loss: f32,
     /// Length of the gradient before clipping.
     pub gradient: f32,
@@ -136,65 +113,15 @@ pub struct Progress {
     pub rate: f32,
 }
 
-/// Why training cannot go on.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum TrainError {
-    /// The architecture makes no sense.
-    #[error(transparent)]
-    Network(#[from] UnknownNetwork),
-    /// A file of weights or a checkpoint cannot be used.
-    #[error(transparent)]
-    Weights(#[from] WeightsError),
-    /// A setting is out of range.
-    #[error("training configuration: {0}")]
-    Setting(#[from] SettingError),
-    /// The loss or its gradient is no number. Weights are those of before the step.
-    #[error(
-        "the loss of step {step} is {loss} and its gradient's length {gradient}: training diverged; resume from the last \
-         checkpoint with a smaller optimiser.learning_rate, a longer warm_up or a smaller clip"
-    )]
-    NotFinite {
-        /// The step.
-        step: u64,
-        /// Its loss.
-        loss: f32,
-        /// Length of the loss' gradient.
-        gradient: f32,
-    },
-    /// Images do not have the shape that they should.
-    #[error("{levels} levels are no {} RGB images of {} x {} pixels whose sides the network divides", shape[0], shape[2], shape[1])]
-    Batch {
-        /// Images, rows and columns.
-        shape: [usize; 3],
-        /// Bytes given.
-        levels: usize,
-    },
-    /// The GPU failed. Weights are those of before the step.
-    #[error("the GPU failed: {0}; resume from the last checkpoint, on the CPU if it fails again")]
-    Gpu(String),
-    /// Weights to start from are those of another network.
-    #[error("the weights to start from belong to a network with other hyper-parameters")]
-    OtherStart,
-    /// A checkpoint belongs to another training.
-    #[error("{}: its {what} differs from the configuration's; resume with the configuration it was begun with", path.display())]
-    OtherTraining {
-        /// The checkpoint.
-        path: PathBuf,
-        /// What differs.
-        what: &'static str,
-    },
-}
-
-/// A network in training.
-pub struct Trainer {
+/// Network in training.
+pub struct TouchTrainer {
     architecture: Architecture,
     config: TrainingConfig,
     device: Device,
-    state: State,
+    state: OptimiserState,
 }
 
-/// What a checkpoint's metadata holds.
+/// Metadata of a checkpoint.
 #[derive(Serialize, Deserialize)]
 struct Header {
     architecture: Architecture,
@@ -202,16 +129,16 @@ struct Header {
     step: u64,
 }
 
-/// Key of a checkpoint's metadata.
+/// Key of the metadata.
 const KEY: &str = "checkpoint";
-/// What the names of a checkpoint's tensors start with.
+/// Prefixes of the names of a checkpoint's tensors.
 const PARTS: [&str; 4] = ["weights.", "average.", "mean.", "square."];
 
-impl Trainer {
-    /// Training from given weights or, without any, from drawn ones.
+impl TouchTrainer {
+    /// Prepares a training that starts from given weights or, without any, from random ones.
     ///
     /// # Errors
-    /// [`TrainError`] if architecture or configuration make no sense, or the weights belong to another architecture.
+    /// [`TrainError`] if architecture or configuration is invalid, or if the weights belong to another architecture.
     pub fn new(
         architecture: Architecture,
         config: TrainingConfig,
@@ -228,16 +155,16 @@ impl Trainer {
             Some(_) => return Err(TrainError::OtherStart),
             None => initial(&architecture, config.seed),
         };
-        Ok(Self { architecture, config, device: Device::Cpu, state: State::new(weights) })
+        Ok(Self { architecture, config, device: Device::Cpu, state: OptimiserState::new(weights) })
     }
 
-    /// The same training on another device; at first it is the CPU. A checkpoint may be resumed on any.
+    /// Moves the training to another device; it begins on the CPU. A checkpoint may be resumed on any device.
     #[must_use]
     pub fn on(self, device: Device) -> Self {
         Self { device, ..self }
     }
 
-    /// Steps done.
+    /// Returns the number of completed steps.
     pub fn step(&self) -> u64 {
         self.state.step
     }
@@ -245,9 +172,9 @@ impl Trainer {
     /// Does a step.
     ///
     /// # Errors
-    /// [`TrainError::NotFinite`] if loss or gradient are no numbers, [`TrainError::Batch`] if images or targets do not have the batch's
-    /// shape, [`TrainError::Gpu`] if the device fails; nothing has changed then.
-    pub fn advance(&mut self, batch: &Batch) -> Result<Progress, TrainError> {
+    /// [`TrainError::NotFinite`] if loss or gradient are not finite, [`TrainError::Batch`] if images or targets do not have the batch's
+    /// shape, [`TrainError::Gpu`] if the device fails. The training is unchanged after an error.
+    pub fn advance(&mut self, batch: &TrainingBatch) -> Result<TrainingProgress, TrainError> {
         check_shape(&self.architecture, batch.levels.len(), batch.shape)?;
         let Targets { indentation_mm, contact } = &*batch.targets;
         if 3 * indentation_mm.len() != batch.levels.len() || indentation_mm.len() != contact.len() {
@@ -261,20 +188,20 @@ impl Trainer {
             f32::NAN
         };
         if gradient.is_finite() {
-            Ok(Progress { loss, gradient, rate })
+            Ok(TrainingProgress { loss, gradient, rate })
         } else {
             Err(TrainError::NotFinite { step, loss, gradient })
         }
     }
 
-    /// With which products are formed.
+    /// Returns the instructions of the products.
     fn instructions(&self) -> Instructions {
         let best = Instructions::best();
         if self.config.precision == Precision::Bf16 { best } else { best.exact() }
     }
 
-    /// Loss of a batch and its gradients by all weights.
-    fn gradients(&self, batch: &Batch) -> Result<(f32, Tensors), TrainError> {
+    /// Returns the loss of a batch and its gradients by all weights.
+    fn gradients(&self, batch: &TrainingBatch) -> Result<(f32, Tensors), TrainError> {
         let (architecture, weights, config) = (&self.architecture, &self.state.weights, self.config.loss);
         match self.device {
             Device::Cpu => Ok(gradients(self.instructions(), architecture, weights, config, batch)),
@@ -283,23 +210,23 @@ impl Trainer {
         }
     }
 
-    /// The averaged weights.
+    /// Returns the averaged weights; `data` is the SHA-256 of the description of the data.
     ///
     /// # Errors
-    /// [`WeightsError`] if one is no number.
+    /// [`WeightsError`] if a weight is not finite.
     pub fn weights(&self, data: String) -> Result<Weights, WeightsError> {
         let training = serde_json::to_value(&self.config).unwrap_or_default();
         let provenance = Provenance { seed: self.config.seed, step: self.state.step, data, training };
         Weights::new(self.architecture.clone(), provenance, self.state.average.clone(), Path::new("training"))
     }
 
-    /// Writes all that a later run needs to go on as if there had been no break; the file appears whole or not at all.
+    /// Writes a checkpoint, from which a later run continues with the same results. The file appears whole or not at all.
     ///
     /// # Errors
-    /// [`WeightsError`] if it cannot be written.
+    /// [`WeightsError`] if the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), WeightsError> {
         let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
-        let State { step, weights, average, mean, square } = &self.state;
+        let OptimiserState { step, weights, average, mean, square } = &self.state;
         let header = Header { architecture: self.architecture.clone(), config: self.config.clone(), step: *step };
         let header = serde_json::to_string(&header).map_err(|error| damaged(error.to_string()))?;
         let parts = PARTS.into_iter().zip([weights, average, mean, square]);
@@ -312,17 +239,17 @@ impl Trainer {
         crate::network::write_whole(path, &bytes)
     }
 
-    /// Goes on where a checkpoint was written.
+    /// Resumes a training from a checkpoint.
     ///
     /// # Errors
-    /// [`TrainError`] if it cannot be read, is damaged, or was begun with another architecture or configuration.
+    /// [`TrainError`] if the file cannot be read, is damaged, or belongs to another architecture or configuration.
     pub fn resume(path: &Path, architecture: Architecture, config: TrainingConfig) -> Result<Self, TrainError> {
         let io = |source| WeightsError::Io { path: path.to_owned(), source };
         let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
         let bytes = std::fs::read(path).map_err(io)?;
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(error.to_string()))?;
         let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
-        let header = header.ok_or_else(|| damaged("it is no checkpoint".to_owned()))?;
+        let header = header.ok_or_else(|| damaged("it is not a checkpoint".to_owned()))?;
         let header: Header = serde_json::from_str(header).map_err(|error| damaged(error.to_string()))?;
         let other = |what| TrainError::OtherTraining { path: path.to_owned(), what };
         if header.architecture != architecture {
@@ -334,7 +261,7 @@ impl Trainer {
         let mut trainer = Self::new(architecture, config, None)?;
         trainer.state.step = header.step;
         let file = SafeTensors::deserialize(&bytes).map_err(|error| damaged(error.to_string()))?;
-        let State { weights, average, mean, square, .. } = &mut trainer.state;
+        let OptimiserState { weights, average, mean, square, .. } = &mut trainer.state;
         for (prefix, tensors) in PARTS.into_iter().zip([weights, average, mean, square]) {
             for (name, tensor) in tensors {
                 let name = format!("{prefix}{name}");
@@ -353,29 +280,29 @@ impl Trainer {
     }
 }
 
-/// Loss of a batch and its gradients by all weights, on the CPU.
+/// Returns the loss of a batch and its gradients by all weights, computed on the CPU.
 pub(super) fn gradients(
     instructions: Instructions,
     architecture: &Architecture,
     weights: &Tensors,
     config: LossConfig,
-    batch: &Batch,
+    batch: &TrainingBatch,
 ) -> (f32, Tensors) {
     let values = shared(weights);
     let share = |(first, images)| {
         let variables = values.iter().map(|(&name, value)| (name, Var::parameter(value.clone()))).collect();
         let model = Model { architecture, ops: &Cpu { instructions }, variables: &variables };
-        let loss = apply(Loss { config, targets: batch.targets.clone(), first }, [model.forward(images)]);
+        let loss = apply(TouchLoss { config, targets: batch.targets.clone(), first }, [model.forward(images)]);
         let value: f32 = loss.tensor().values.iter().sum();
         let mut slopes = loss.backward();
         let gradients: Vec<_> = variables.values().map(|variable| slopes.take(variable)).collect();
         (value, gradients)
     };
-    let (losses, shares): (Vec<f32>, Vec<Vec<Option<Tensor>>>) =
+    let (losses, shares): (Vec<f32>, Vec<Vec<Option<WeightTensor>>>) =
         batch.shares(SHARE).into_par_iter().map(share).collect();
-    // In the order of the shares, whichever was done first.
-    let sum = |(k, (name, tensor)): (usize, (&String, &Tensor))| {
-        let mut sum = Tensor { shape: tensor.shape.clone(), values: vec![0.0; tensor.values.len()] };
+    // The order of the shares, not of their completion.
+    let sum = |(k, (name, tensor)): (usize, (&String, &WeightTensor))| {
+        let mut sum = tensor.zeros();
         shares.iter().filter_map(|share| share[k].as_ref()).for_each(|part| add_to(&mut sum.values, &part.values));
         (name.clone(), sum)
     };
@@ -383,33 +310,23 @@ pub(super) fn gradients(
     (losses.iter().sum(), named.into_par_iter().map(sum).collect())
 }
 
-/// What training's forward pass makes of RGB images `[images, rows, columns]` whose sides are multiples of the network's stride: per
-/// pixel indentation in millimetres, at least 0, and the logit of contact. [`crate::engine`] is faster and takes any size.
+/// Predicts with the forward pass of training, for RGB images `[images, rows, columns]` whose sides are multiples of the network's
+/// stride: per pixel indentation in millimetres, at least 0, and the logit of contact. [`crate::engine`] is faster and takes any size.
 ///
 /// # Errors
-/// [`TrainError::Batch`] if there are fewer or more levels than the shape has, or its sides are no multiples of the stride.
+/// [`TrainError::Batch`] if the number of levels does not fit the shape, or its sides are not multiples of the stride.
 pub fn predict(weights: &Weights, levels: &[u8], shape: [usize; 3]) -> Result<Vec<[f32; 2]>, TrainError> {
     check_shape(weights.architecture(), levels.len(), shape)?;
     let values = shared(weights.tensors());
     let variables = values.into_iter().map(|(name, value)| (name, Var::constant(value))).collect();
     let ops = Cpu { instructions: Instructions::best().exact() };
     let model = Model { architecture: weights.architecture(), ops: &ops, variables: &variables };
-    let output = model.forward(Images { levels, shape });
+    let output = model.forward(TrainingImages { levels, shape });
     let pixels = output.tensor().values.as_chunks::<2>().0;
     Ok(pixels.iter().map(|&[indentation, logit]| [indentation.max(0.0), logit]).collect())
 }
 
-/// Tensors that several threads may read.
-fn shared(tensors: &Tensors) -> BTreeMap<&str, Arc<Value>> {
+/// Returns tensors that several threads may read.
+fn shared(tensors: &Tensors) -> BTreeMap<&str, Arc<TapeValue>> {
     tensors.iter().map(|(name, tensor)| (name.as_str(), tensor.clone().into())).collect()
-}
-
-/// Whether images of this shape can enter a network.
-fn check_shape(architecture: &Architecture, levels: usize, shape: [usize; 3]) -> Result<(), TrainError> {
-    let size = [shape[1], shape[2]];
-    if levels == 3 * shape.iter().product::<usize>() && levels > 0 && architecture.fit(size) == size {
-        Ok(())
-    } else {
-        Err(TrainError::Batch { shape, levels })
-    }
 }

@@ -74,7 +74,7 @@ fn samples(seed: u64, count: usize, config: &FieldConfig, distance: impl Fn(Vec3
 fn values_are_those_of_the_definition() {
     for field in [rough(1), hashed(1)] {
         let reference = Reference::new(&field);
-        for set in Instructions::available() {
+        for set in FieldInstructions::available() {
             // More than the cube, and not a whole number of chunks.
             let points = points(2, 333, 0.6);
             let field = field.clone().with_instructions(set);
@@ -99,7 +99,7 @@ fn slope(reference: &Reference, point: DVec3, axis: usize, step: f64) -> f64 {
 fn spatial_gradients_are_those_of_differences() {
     for field in [rough(3), hashed(3)] {
         let reference = Reference::new(&field);
-        for set in Instructions::available() {
+        for set in FieldInstructions::available() {
             let points = points(4, 300, 0.499);
             for (p, distance) in points.iter().zip(distances(&field.clone().with_instructions(set), &points)) {
                 for axis in 0..3 {
@@ -158,7 +158,7 @@ fn outside_of_the_cube_is_the_nearest_point_and_no_gradient_along_the_axes_outsi
 }
 
 /// The loss and its gradient, without a step.
-fn differentiate(field: &NeuralField, set: Instructions, samples: &[Sample]) -> (f32, Parameters) {
+fn differentiate(field: &NeuralField, set: FieldInstructions, samples: &[Sample]) -> (f32, Parameters) {
     struct Run<'a>(&'a mut FieldTrainer, &'a [Sample]);
     impl WithSimd for Run<'_> {
         type Output = f32;
@@ -185,7 +185,7 @@ fn parameter_gradients_are_those_of_differences() {
             }
             let reference = Reference::new(&field);
             let loss = reference.loss(&samples);
-            for set in Instructions::available() {
+            for set in FieldInstructions::available() {
                 let (found, gradient) = differentiate(&field, set, &samples);
                 assert!((f64::from(found) / loss - 1.0).abs() < 1e-5, "{set:?}: loss {found} {loss}");
                 let check = |found: &[f32], parameters: fn(&mut Reference) -> &mut Vec<f64>, choose: usize| {
@@ -244,7 +244,7 @@ fn steps_are_those_of_lazy_adam() {
     for step in 1..=5 {
         // Few samples, so that each step leaves other parameters alone.
         let samples = samples(step, 40, &trainer.field.config, |p| p.length() - 0.3);
-        let (_, gradient) = differentiate(&trainer.field, Instructions::best(), &samples);
+        let (_, gradient) = differentiate(&trainer.field, FieldInstructions::best(), &samples);
         let table = trainer.field.parameters.table.len() * FEATURES;
         let flat = |p: &Parameters| [p.table.as_flattened(), &p.network[..layout.parameters()]].concat();
         let before = flat(&trainer.field.parameters);
@@ -275,7 +275,12 @@ fn error(field: &NeuralField, surface: &[Vec3]) -> [f32; 2] {
     [largest, values.iter().map(|v| v.abs()).sum::<f32>() / values.len() as f32]
 }
 
-fn train(config: &FieldConfig, steps: u64, set: Instructions, distance: impl Fn(Vec3) -> f32 + Copy) -> NeuralField {
+fn train(
+    config: &FieldConfig,
+    steps: u64,
+    set: FieldInstructions,
+    distance: impl Fn(Vec3) -> f32 + Copy,
+) -> NeuralField {
     let mut trainer = FieldTrainer::new(NeuralField::new(config, 1).unwrap().with_instructions(set));
     for step in 0..steps {
         trainer.step(&samples(step, 2048, config, distance));
@@ -299,7 +304,7 @@ fn a_sphere_is_learnt() {
     let dense = FieldConfig::default();
     let hashed = FieldConfig { levels: vec![8, 20, 48], table_log2: 14, ..dense.clone() };
     for (config, bound) in [(&dense, 3e-4), (&hashed, 6e-4)] {
-        let field = train(config, 250, Instructions::best(), sphere);
+        let field = train(config, 250, FieldInstructions::best(), sphere);
         let [largest, mean] = error(&field, &surface);
         assert!(largest < bound && mean < 0.3 * bound, "largest {largest} mean {mean}");
         for (d, p) in distances(&field, &surface).iter().zip(&surface) {
@@ -319,7 +324,7 @@ fn a_box_is_learnt() {
         })
         .collect();
     assert!(surface.iter().all(|&p| block(p).abs() < 1e-6));
-    let field = train(&FieldConfig::default(), 200, Instructions::best(), block);
+    let field = train(&FieldConfig::default(), 200, FieldInstructions::best(), block);
     let [largest, mean] = error(&field, &surface);
     // The finest cells are 3.2 mm wide: edges are rounded.
     assert!(mean < 1e-4 && largest < 1.2e-3, "largest {largest} mean {mean}");
@@ -329,7 +334,7 @@ fn a_box_is_learnt() {
 fn instruction_sets_agree() {
     let surface: Vec<Vec3> = points(15, 500, 1.0).iter().map(|p| p.normalize() * 0.035).collect();
     let fields: Vec<NeuralField> =
-        Instructions::available().map(|set| train(&FieldConfig::default(), 10, set, sphere)).collect();
+        FieldInstructions::available().map(|set| train(&FieldConfig::default(), 10, set, sphere)).collect();
     for field in &fields[1..] {
         for (a, b) in distances(field, &surface).iter().zip(distances(&fields[0], &surface)) {
             assert!((a.value_m - b.value_m).abs() < 2e-6, "{a:?} {b:?}");
@@ -340,7 +345,7 @@ fn instruction_sets_agree() {
 
 #[test]
 fn the_same_input_gives_the_same_bits() {
-    let train = || train(&FieldConfig::default(), 5, Instructions::best(), sphere);
+    let train = || train(&FieldConfig::default(), 5, FieldInstructions::best(), sphere);
     assert_eq!(train().parameters, train().parameters);
     assert_ne!(
         NeuralField::new(&FieldConfig::default(), 1).unwrap().parameters,
