@@ -59,6 +59,8 @@ pub struct ChartPanel {
     pub title: String,
     /// Ends of the horizontal axis.
     pub span: Range<f64>,
+    /// Unit of the horizontal axis.
+    pub unit: String,
     /// Vertical axis of the lines.
     pub scale: ChartScale,
     /// Lines; later ones are drawn over earlier ones.
@@ -71,8 +73,10 @@ pub struct ChartPanel {
     pub cursor: Option<f64>,
 }
 
-/// Height of a title and height of its letters, pixels.
+/// Height of a title, of its letters and of small letters, pixels.
 const TITLE: f32 = 16.0;
+/// More room below the title of an SVG, for the uppermost mark, pixels.
+const ABOVE: f32 = 6.0;
 const LETTERS: f32 = 13.0;
 const SMALL: f32 = 11.0;
 /// Width of the names of lanes, pixels.
@@ -178,7 +182,7 @@ impl ChartPanel {
             (false, true) => 0.0,
             (_, false) => NAMES,
         };
-        let upper = (top + TITLE).min(bottom);
+        let upper = (top + TITLE + if has_axes { ABOVE } else { 0.0 }).min(bottom);
         let lower = if has_axes { (bottom - BOTTOM).max(upper) } else { bottom };
         let from = if has_axes { left + axis } else { left };
         canvas.rectangle([from, upper, right, lower], theme.panel, 1.0);
@@ -193,7 +197,11 @@ impl ChartPanel {
             canvas.rectangle([column(shaded.start), upper, column(shaded.end), lower], LOST_SPAN, 0.25);
         }
         if has_axes {
-            for (x, label) in labelled_marks(self.span.start, self.span.end) {
+            let mut marks = labelled_marks(self.span.start, self.span.end);
+            if let Some((_, last)) = marks.last_mut() {
+                *last = format!("{last} {}", self.unit);
+            }
+            for (x, label) in marks {
                 canvas.rectangle([column(x), upper, column(x) + 1.0, lower], theme.ink, 0.12);
                 canvas.text((column(x), lower + 4.0), Anchor::Middle, LETTERS, theme.ink, &label);
             }
@@ -246,6 +254,7 @@ mod tests {
         ChartPanel {
             title: "loss & <error>".into(),
             span: 0.0..1.0,
+            unit: "s".into(),
             scale: ChartScale::Linear { top: 1.0 },
             lines: vec![ChartLine { name: "loss".into(), colour: Rgb([255; 3]), points }],
             lanes: Vec::new(),

@@ -241,7 +241,7 @@ impl<W: Write> GifWriter<W> {
     /// # Errors
     /// [`FilmError`] if the end cannot be written.
     pub fn finish(self) -> Result<W, FilmError> {
-        let mut writer = self.encoder.into_inner().map_err(gif::EncodingError::from)?;
+        let mut writer = self.encoder.into_inner()?;
         writer.flush().map_err(gif::EncodingError::from)?;
         Ok(writer)
     }

@@ -30,6 +30,7 @@ fn panels(recording: &Recording, moment: usize, theme: &Theme) -> Vec<ChartPanel
     let panel = |title: String| ChartPanel {
         title,
         span: begin_s..end_s,
+        unit: "s".to_owned(),
         scale: ChartScale::Linear { top: 1.0 },
         lines: Vec::new(),
         lanes: Vec::new(),

@@ -115,6 +115,7 @@ fn svg(rows: &[Row]) -> String {
         ChartPanel {
             title: name.to_owned(),
             span: 0.0..end,
+            unit: "steps".to_owned(),
             scale: ChartScale::Log { bottom, top },
             lines: vec![ChartLine { name: String::new(), colour: CURVES[0], points }],
             lanes: Vec::new(),

@@ -36,6 +36,7 @@ pub fn curves(run: &RunRecord) -> String {
         ChartPanel {
             title,
             span: begin..end,
+            unit: "s".to_owned(),
             scale: ChartScale::Linear { top: values.fold(1.0, f64::max) * 1.05 },
             lines: lines
                 .into_iter()

@@ -150,7 +150,7 @@ impl RecordingPage {
             KeyCommand::Layer(layer) => layer.toggle(&mut preferences.layers),
             KeyCommand::Look(preset) => self.scene.eye.look_from(preset),
             KeyCommand::Orbit([right, up]) => {
-                self.scene.eye.orbit(f64::from(right) * ORBIT_RAD, f64::from(up) * ORBIT_RAD)
+                self.scene.eye.orbit(f64::from(right) * ORBIT_RAD, f64::from(up) * ORBIT_RAD);
             }
             KeyCommand::Near(steps) => self.scene.eye.zoom(0.9_f64.powi(steps.into())),
             KeyCommand::Reset => self.scene.reset(),
