@@ -60,7 +60,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         modality: arguments.modality,
         side,
         cameras,
-        frames: source.len(),
+        frames: source.frame_count(),
         process: std::process::id(),
     };
     let true_mesh = object.as_ref().map(|object| &object.mesh);

@@ -19,6 +19,7 @@
 //!     cameras: Vec::new(),
 //!     camera_noise: 5.0,
 //!     modality: Modality::Tac,
+//!     segmentation: Default::default(),
 //!     hidden_every: None,
 //!     fault: Fault::default(),
 //! };

@@ -146,7 +146,7 @@ impl Source for LiveSource {
         Ok(self.episode.direct(directive)?)
     }
 
-    fn len(&self) -> usize {
+    fn frame_count(&self) -> usize {
         (self.settings.duration_s * f64::from(FRAME_HZ)).ceil() as usize
     }
 

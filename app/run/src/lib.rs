@@ -9,10 +9,13 @@
 //!
 //! use mvt_run::pipeline::{Entry, Init, Meshing, Mode, Pipeline, Progress};
 //! use mvt_run::source::{LogSource, Modality};
+//! use mvt_segmentation::SegmentationConfig;
+//! use mvt_slam::SlamConfig;
 //!
 //! // Tracks and maps the object of a FeelSight log with its first camera.
-//! let mut source = LogSource::open("data/077_rubiks_cube/00".as_ref(), None, Modality::Vi, 5.0, None)?;
-//! let config = mvt_slam::SlamConfig::default();
+//! let log = "data/077_rubiks_cube/00".as_ref();
+//! let mut source = LogSource::open(log, None, Modality::Vi, 5.0, SegmentationConfig::default(), None)?;
+//! let config = SlamConfig::default();
 //! let entry = Entry { config: &config, mode: Mode::Slam, modality: Modality::Vi, init: Init::Near, seed: 0, map: None };
 //! let pipeline = Pipeline {
 //!     entries: vec![entry],

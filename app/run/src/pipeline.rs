@@ -232,7 +232,7 @@ impl Pipeline<'_> {
         let (object, truth, cell_m) = (self.object, self.truth, self.meshing.cell_m);
         let runners =
             self.entries.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
-        listener(Progress::Started { frames: source.len() });
+        listener(Progress::Started { frames: source.frame_count() });
         let mut finished = thread::scope(|scope| {
             let (feed, mesher) = if self.single_threaded {
                 (
@@ -381,7 +381,7 @@ struct Runner<'a> {
 
 /// The first frame, with the true pose where it is known, makes an estimator of an entry.
 enum RunnerState<'a> {
-    Waiting(Option<(Entry<'a>, Option<Given>)>),
+    Waiting(Option<Box<(Entry<'a>, Option<Given>)>>),
     Started(Box<Estimator>, &'a mvt_slam::scan::ScanConfig, u64),
 }
 
@@ -396,7 +396,7 @@ impl<'a> Runner<'a> {
         };
         let scorer = Scorer::new(truth, entry.mode != Mode::Slam);
         let (mode, modality) = (entry.mode, entry.modality);
-        Ok(Self { state: RunnerState::Waiting(Some((entry, given))), mode, modality, scorer, last: None })
+        Ok(Self { state: RunnerState::Waiting(Some(Box::new((entry, given)))), mode, modality, scorer, last: None })
     }
 
     fn estimator(&self) -> Option<&Estimator> {
@@ -425,8 +425,9 @@ impl<'a> Runner<'a> {
             "the true pose at the first frame is unknown: use --mode slam, or --init search with --mode pose";
         let truth = sensed.truth;
         if let RunnerState::Waiting(waiting) = &mut self.state
-            && let Some((Entry { config, init, seed, map, .. }, given)) = waiting.take()
+            && let Some(waiting) = waiting.take()
         {
+            let (Entry { config, init, seed, map, .. }, given) = *waiting;
             let estimator = match (given, map) {
                 (Some(given), _) => {
                     let start = match init {

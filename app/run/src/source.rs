@@ -62,8 +62,8 @@ pub trait Source: Send {
         Ok(())
     }
 
-    /// How many frames there will be at most.
-    fn len(&self) -> usize;
+    /// The number of frames that there will be at most.
+    fn frame_count(&self) -> usize;
 
     /// Why the source ended, in words, and whether it ended as intended.
     fn end(&self) -> (String, bool);

@@ -3,6 +3,8 @@
 //! FOLDER holds `000000_depth.png` (16-bit, millimetres) and `000000_mask.png` (white where the object is), numbered from 0, of a
 //! RealSense-like camera. Poses go to standard output, the mesh to FOLDER/mesh.obj.
 
+#![expect(clippy::print_stdout, reason = "a program that prints")]
+
 use std::fmt::Write as _;
 use std::path::PathBuf;
 

@@ -214,7 +214,7 @@ impl SlamBuilder {
                 (Knowledge::Growing(Box::new(map)), TrackState::Waiting, Isometry::identity())
             }
             Prior::Map(map) => {
-                let pose = map.keyframes().last().map_or_else(Isometry::identity, |last| last.pose());
+                let pose = map.keyframes().last().map_or_else(Isometry::identity, crate::map::Keyframe::pose);
                 // A map without keyframes is begun, not continued.
                 let state = if map.keyframes().is_empty() { TrackState::Waiting } else { TrackState::Lost };
                 (Knowledge::Growing(map), state, pose)

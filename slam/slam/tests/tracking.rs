@@ -1,5 +1,7 @@
 //! Shape and pose from synthetic frames of solids that are known by formula.
 
+#![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
+
 mod synthetic;
 
 use mvt_field::exact::KnownShape;

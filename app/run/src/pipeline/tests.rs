@@ -38,7 +38,7 @@ impl Source for Witness {
         Ok(())
     }
 
-    fn len(&self) -> usize {
+    fn frame_count(&self) -> usize {
         FRAMES as usize
     }
 

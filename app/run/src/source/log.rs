@@ -270,7 +270,7 @@ impl Source for LogSource {
         Ok(None)
     }
 
-    fn len(&self) -> usize {
+    fn frame_count(&self) -> usize {
         self.log().times_s().iter().filter(|&&time_s| time_s < self.until_s).count()
     }
 

@@ -59,7 +59,7 @@ impl Map {
         });
         let tensors = [
             Tensor::new("time_s", vec![count], keyframes.iter().map(|k| k.scan().time_s)),
-            Tensor::new("layout", vec![1], [LAYOUT].into_iter()),
+            Tensor::new("layout", vec![1], [LAYOUT]),
             Tensor::new("obstacle", vec![count, bodies, 7], obstacles),
             Tensor::new("pose", vec![count, 7], poses),
             Tensor::new("view", vec![rows, 5], table.flatten()),
@@ -121,8 +121,11 @@ fn numbers_of(pose: &na::Isometry3<f64>) -> [f64; 7] {
     [t.x, t.y, t.z, w, x, y, z]
 }
 
-/// The keyframes in a file: scans, with the poses of the object.
-pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<(Scan, Isometry<Field, World>)>, FileError> {
+/// A scan, with the pose of the object at its time.
+type PosedScan = (Scan, Isometry<Field, World>);
+
+/// The keyframes in a file.
+pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileError> {
     let file = Contents::read(path)?;
     if file.has("joints") && !file.has("layout") {
         return Err(file.damaged(
