@@ -10,12 +10,15 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args as _, Command, FromArgMatches as _};
 use indicatif::ProgressBar;
 use mvt_recording::About;
+use mvt_run::config::RunConfig;
+use mvt_run::estimator::Mode;
 use mvt_run::input::map_obstacles;
 use mvt_run::io::{print_line, write_file};
-use mvt_run::pipeline::{Entry, Meshing, Mode, Pipeline, RunConfig, Truth};
+use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline};
 use mvt_run::progress_recorder::ProgressRecorder;
 use mvt_run::report::RunRecord;
 use mvt_run::source::TouchNetwork;
+use mvt_run::truth::Truth;
 use mvt_run::{progress, settings};
 use mvt_slam::map::Map;
 
@@ -73,7 +76,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     }
     let truth = object.clone().map(Truth::new);
     let pipeline = Pipeline {
-        entries: vec![Entry {
+        estimators: vec![EstimatorSetup {
             config: &config.slam,
             mode: arguments.mode,
             modality: arguments.modality,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use mvt_run::arguments::{Manner, duration};
-use mvt_run::pipeline::{Init, Mode};
+use mvt_run::estimator::{Init, Mode};
 use mvt_run::source::{Modality, TouchArguments};
 use mvt_run::supervisor::Goal;
 

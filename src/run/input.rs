@@ -9,8 +9,9 @@ use mvt_live::{Fault, LiveSettings, LiveSource};
 use mvt_objects::object::Object;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
+use mvt_run::config::RunConfig;
+use mvt_run::estimator::Mode;
 use mvt_run::object::load_object;
-use mvt_run::pipeline::{Mode, RunConfig};
 use mvt_run::source::{LogSource, Source, TouchNetwork};
 use mvt_run::supervisor::Supervisor;
 

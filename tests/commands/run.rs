@@ -181,7 +181,10 @@ fn a_damaged_log_is_used_as_far_as_possible() {
     }
     writer.finish(1.0).unwrap();
     let said = run("").warned();
-    assert!(said.contains("frame 3: 1000 depths of camera side are no numbers") && said.lines().count() == 1, "{said}");
+    assert!(
+        said.contains("frame 3: 1000 depths of camera side are not numbers") && said.lines().count() == 1,
+        "{said}"
+    );
     assert_eq!(summary(&workplace, "out")["frames"], 20);
 
     // A finger that fails and one that is missing from the start lead to one warning each.

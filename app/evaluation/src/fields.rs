@@ -20,12 +20,15 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::tsdf::{Tsdf, VOXEL_M};
-use super::{Episode, EvaluateArguments, Key, Keyed, SIDE, Tell, entry, follow, key, live};
+use super::{Episode, EvaluateArguments, Key, Keyed, SIDE, Tell, follow, key, live, setup};
 use mvt_live::Fault;
+use mvt_run::config::RunConfig;
+use mvt_run::estimator::Mode;
 use mvt_run::input::map_obstacles;
-use mvt_run::pipeline::{FrameResult, Mode, RunConfig, Truth};
+use mvt_run::pipeline::FrameResult;
 use mvt_run::report::ShapeScores;
 use mvt_run::source::Modality;
+use mvt_run::truth::Truth;
 
 /// The compared shapes: the map of the run that tracks, which refines the poses of its keyframes and closes loops; the same field,
 /// taught with the poses as they were tracked; one with hashed levels; and a grid of truncated distances.
@@ -114,29 +117,32 @@ pub fn comparisons(
     let mut source = live(episode, arguments.duration, config, Fault::default())?;
     let (mut frames, mut learnt) = (0, 0);
     let mut last = None;
-    let entries = vec![entry(config, Mode::Slam, Modality::Vitac, seed)];
-    let mut finished = follow(&mut source, episode.object, None, entries, config.mesh_cell_mm, |results, sensed| {
-        let Some(FrameResult { estimate, scan, .. }) = results.first().and_then(Option::as_ref) else { return Ok(()) };
-        let truth = sensed.truth.context("a live episode without truth")?;
-        last = Some(truth.inverse() * estimate.pose);
-        frames += 1;
-        if !estimate.state.is_tracking() || estimate.confidence < slam.trust.learn_above {
-            return Ok(());
-        }
-        learnt += 1;
-        let rng = || {
-            let mut rng = ChaCha8Rng::seed_from_u64(seed ^ TEACHING);
-            rng.set_stream(estimate.frame as u64);
-            rng
-        };
-        // Of the others the model and the field are one: they refine no poses.
-        let pose = Isometry::new(estimate.pose.untyped());
-        spent[0] += estimate.spent.map;
-        spent[1] += time(|| dense.learn(scan, pose, &mut rng()));
-        spent[2] += time(|| hashed.learn(scan, pose, &mut rng()));
-        spent[3] += time(|| integrate(&mut tsdf, &hand, scan, pose));
-        Ok(())
-    })?;
+    let estimators = vec![setup(config, Mode::Slam, Modality::Vitac, seed)];
+    let mut finished =
+        follow(&mut source, episode.object, None, estimators, config.mesh_cell_mm, |results, sensed| {
+            let Some(FrameResult { estimate, scan, .. }) = results.first().and_then(Option::as_ref) else {
+                return Ok(());
+            };
+            let truth = sensed.truth.context("a live episode without truth")?;
+            last = Some(truth.inverse() * estimate.pose);
+            frames += 1;
+            if !estimate.state.is_tracking() || estimate.confidence < slam.trust.learn_above {
+                return Ok(());
+            }
+            learnt += 1;
+            let rng = || {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed ^ TEACHING);
+                rng.set_stream(estimate.frame as u64);
+                rng
+            };
+            // Of the others the model and the field are one: they refine no poses.
+            let pose = Isometry::new(estimate.pose.untyped());
+            spent[0] += estimate.spent.map;
+            spent[1] += time(|| dense.learn(scan, pose, &mut rng()));
+            spent[2] += time(|| hashed.learn(scan, pose, &mut rng()));
+            spent[3] += time(|| integrate(&mut tsdf, &hand, scan, pose));
+            Ok(())
+        })?;
     let estimator = finished.estimators.pop().flatten().context("there was no frame")?.estimator;
     let object_from_model = last.context("there was no frame")?;
     let refined = estimator.map().context("a run without a map")?;

@@ -28,12 +28,15 @@ use serde::{Deserialize, Serialize};
 
 use mvt_live::{Fault, LiveSettings, LiveSource};
 use mvt_run::arguments::duration;
+use mvt_run::config::RunConfig;
+use mvt_run::estimator::{Init, Mode};
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
-use mvt_run::pipeline::{Entry, Finished, FrameResult, Init, Meshing, Mode, Pipeline, Progress, RunConfig, Truth};
+use mvt_run::pipeline::{EstimatorSetup, Finished, FrameResult, Meshing, Pipeline, Progress};
 use mvt_run::report;
 use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
 use mvt_run::source::{Modality, Sensed, TouchArguments, TouchNetwork};
+use mvt_run::truth::Truth;
 use mvt_run::{progress, settings};
 
 /// Run many episodes and print tables of their scores
@@ -421,8 +424,8 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
 }
 
 /// An estimator on the frames of an episode.
-fn entry(config: &RunConfig, mode: Mode, modality: Modality, seed: u64) -> Entry<'_> {
-    Entry { config: &config.slam, mode, modality, init: Init::Near, seed, map: None }
+fn setup(config: &RunConfig, mode: Mode, modality: Modality, seed: u64) -> EstimatorSetup<'_> {
+    EstimatorSetup { config: &config.slam, mode, modality, init: Init::Near, seed, map: None }
 }
 
 /// Runs estimators on the frames of a source, on the calling thread: episodes, not frames, are what runs in parallel here.
@@ -430,12 +433,12 @@ fn follow<'a>(
     source: &mut LiveSource,
     object: &'a Object,
     truth: Option<&'a Truth>,
-    entries: Vec<Entry<'a>>,
+    estimators: Vec<EstimatorSetup<'a>>,
     cell_mm: f64,
     mut frame: impl FnMut(&[Option<FrameResult>], &Sensed) -> Result<()>,
 ) -> Result<Finished> {
     let pipeline = Pipeline {
-        entries,
+        estimators,
         meshing: Meshing { cell_m: (cell_mm * 1e-3) as f32, every: None },
         side: SIDE,
         object: Some(object),
@@ -463,17 +466,19 @@ const HIDDEN_EVERY: u64 = 30;
 fn whole(arguments: &EvaluateArguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
     let mut source = live(episode, arguments.duration, &first.config, Fault::default())?;
-    let entries = trials.iter().map(|trial| entry(&trial.config, trial.mode, trial.modality, episode.seed)).collect();
+    let estimators =
+        trials.iter().map(|trial| setup(&trial.config, trial.mode, trial.modality, episode.seed)).collect();
     let mut rows: Vec<Vec<FrameRow>> = trials.iter().map(|_| Vec::new()).collect();
     let mut hidden = Vec::new();
     // Errors are computed at the end, with all points.
-    let finished = follow(&mut source, episode.object, None, entries, first.config.mesh_cell_mm, |results, sensed| {
-        for (rows, result) in rows.iter_mut().zip(results) {
-            rows.extend(result.as_ref().map(|result| result.row));
-        }
-        hidden.extend(sensed.hidden);
-        Ok(())
-    })?;
+    let finished =
+        follow(&mut source, episode.object, None, estimators, first.config.mesh_cell_mm, |results, sensed| {
+            for (rows, result) in rows.iter_mut().zip(results) {
+                rows.extend(result.as_ref().map(|result| result.row));
+            }
+            hidden.extend(sensed.hidden);
+            Ok(())
+        })?;
     let hidden = (!hidden.is_empty()).then(|| hidden.iter().sum::<f64>() / hidden.len() as f64);
     let truth = Truth::new(episode.object.clone());
     for ((trial, rows), estimated) in trials.iter().zip(rows).zip(&finished.estimators) {

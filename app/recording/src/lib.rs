@@ -20,10 +20,8 @@
 //! a run that is killed leaves a valid recording. Lines hold the checksums of their blocks.
 //!
 //! ```
-//! use mvt_recording::mvt_frames::Isometry;
-//! use mvt_recording::mvt_robot::{hand::{JOINTS, PerFinger, Side}, observation::DepthFrame};
-//! use mvt_recording::mvt_run::{pipeline::Progress, source::{Pictures, Sensed}};
-//! use mvt_recording::mvt_run::report::{FrameRow, StageMs, TrackState};
+//! use mvt_recording::mvt_robot::hand::Side;
+//! use mvt_recording::mvt_run::{estimator::Mode, pipeline::Progress, source::Modality};
 //! use mvt_recording::{About, Recording, RecordingWriter, Status, VERSION};
 //!
 //! let folder = std::env::temp_dir().join("mvt-recording-example");
@@ -31,35 +29,20 @@
 //!     version: VERSION,
 //!     object: "duck".into(),
 //!     seed: 0,
-//!     mode: "slam".into(),
-//!     modality: "vitac".into(),
+//!     mode: Some(Mode::Slam),
+//!     modality: Modality::Vitac,
 //!     side: Side::Left,
 //!     cameras: vec![],
 //!     frames: 2,
 //!     process: std::process::id(),
 //! };
 //! let writer = RecordingWriter::create(&folder, &about, None)?;
-//! for frame in 0..2 {
-//!     let time_s = frame as f64 / 30.0;
-//!     let depth = DepthFrame { time_s, joints: [0.0; JOINTS], cameras: vec![], touch: PerFinger::default() };
-//!     let pictures = Pictures::default();
-//!     let sensed = Sensed { frame, depth, truth: None, pictures, sense_ms: 0.0, warnings: vec![] };
-//!     let row = FrameRow {
-//!         frame,
-//!         time_s,
-//!         state: TrackState::Tracking,
-//!         confidence: 0.9,
-//!         estimate: Isometry::translation(0.0, 0.0, 0.05),
-//!         truth: None,
-//!         add_s: None,
-//!         stage_ms: StageMs::default(),
-//!     };
-//!     writer.receive(Progress::Frame { row: &row, is_keyframe: false, sensed: Box::new(sensed) });
-//! }
+//! // A listener of a pipeline passes on all progress: frames, shapes, warnings and events.
+//! writer.receive(Progress::Warning("no touch sensor touches the object"));
 //! writer.finish(true)?;
 //!
 //! let recording = Recording::open(&folder)?;
-//! assert_eq!((recording.moments().len(), recording.status()), (2, Status::Finished));
+//! assert_eq!((recording.moments().len(), recording.status()), (0, Status::Finished));
 //! # std::fs::remove_dir_all(&folder)?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -90,7 +73,7 @@ pub use shape::RecordedShape;
 pub use writer::RecordingWriter;
 pub use {glam, image, mvt_frames, mvt_mesh, mvt_robot, mvt_run, ndarray};
 
-use mvt_run::pipeline::Mode;
+use mvt_run::estimator::Mode;
 use mvt_run::report::{FrameRow, ShapePoint};
 use mvt_run::source::Modality;
 

@@ -7,7 +7,7 @@ use mvt_robot::hand::{JOINTS, PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
 use super::{About, BlockPlace, RecordedMoment, Touching};
-use mvt_run::pipeline::Mode;
+use mvt_run::estimator::Mode;
 use mvt_run::report::{FrameRow, ShapePoint, StageMs, TrackState};
 use mvt_run::source::Modality;
 

@@ -13,7 +13,8 @@ use mvt_robot::rig::PLACEMENTS;
 use proptest::prelude::*;
 
 use super::*;
-use mvt_run::pipeline::{MeshedShape, Mode, Progress};
+use mvt_run::estimator::Mode;
+use mvt_run::pipeline::{MeshedShape, Progress};
 use mvt_run::report::{Event, StageMs, TrackState};
 use mvt_run::sdf_grid::SdfGrid;
 use mvt_run::source::{Modality, Pictures, Sensed};

@@ -7,7 +7,8 @@
 //! ```no_run
 //! use std::sync::atomic::AtomicBool;
 //!
-//! use mvt_run::pipeline::{Entry, Init, Meshing, Mode, Pipeline, Progress};
+//! use mvt_run::estimator::{Init, Mode};
+//! use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline, Progress};
 //! use mvt_run::source::{LogSource, Modality};
 //! use mvt_segmentation::SegmentationConfig;
 //! use mvt_slam::SlamConfig;
@@ -16,9 +17,9 @@
 //! let log = "data/077_rubiks_cube/00".as_ref();
 //! let mut source = LogSource::open(log, None, Modality::Vi, 5.0, SegmentationConfig::default(), None)?;
 //! let config = SlamConfig::default();
-//! let entry = Entry { config: &config, mode: Mode::Slam, modality: Modality::Vi, init: Init::Near, seed: 0, map: None };
+//! let setup = EstimatorSetup { config: &config, mode: Mode::Slam, modality: Modality::Vi, init: Init::Near, seed: 0, map: None };
 //! let pipeline = Pipeline {
-//!     entries: vec![entry],
+//!     estimators: vec![setup],
 //!     meshing: Meshing { cell_m: 0.0015, every: None },
 //!     side: source.side(),
 //!     object: None,
@@ -37,6 +38,7 @@
 
 pub mod arguments;
 pub mod config;
+pub mod estimator;
 pub mod input;
 pub mod io;
 pub mod object;
@@ -48,5 +50,6 @@ pub mod sdf_grid;
 pub mod settings;
 pub mod source;
 pub mod supervisor;
+pub mod truth;
 
 pub use {mvt_slam, ndarray};

@@ -3,9 +3,7 @@
 //! The source runs one frame ahead on a thread of its own. What is directed after frame k reaches the episode before it senses frame
 //! k + 2, whatever the machine's speed and its number of threads, so that the result is always the same.
 
-mod estimator;
 mod scorer;
-mod truth;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -24,15 +22,14 @@ use mvt_slam::Estimate;
 use mvt_slam::map::Map;
 use mvt_slam::scan::Scan;
 
-pub use estimator::{Estimator, Given, Init, Mode, random_motion};
 pub use scorer::{MeshedShape, Scorer, ShapeSnapshot};
-pub use truth::Truth;
 
-pub use crate::config::RunConfig;
+use crate::estimator::{Estimator, Given, Init, Mode};
 use crate::input::Input;
 use crate::report::{Event, FrameRow, TrackState};
 use crate::source::{Modality, Sensed, Source};
 use crate::supervisor::Supervisor;
+use crate::truth::Truth;
 
 /// Progress of a run, for listeners.
 pub enum Progress<'a> {
@@ -66,8 +63,8 @@ pub struct FrameResult {
     pub scan: Arc<Scan>,
 }
 
-/// An estimator of a run.
-pub struct Entry<'a> {
+/// How an estimator of a run is set up.
+pub struct EstimatorSetup<'a> {
     /// Settings.
     pub config: &'a mvt_slam::SlamConfig,
     /// What is estimated.
@@ -94,7 +91,7 @@ pub struct Meshing {
 /// One loop for every run: a source, any number of estimators on its frames, and a supervisor that acts on the first of them.
 pub struct Pipeline<'a> {
     /// The estimators.
-    pub entries: Vec<Entry<'a>>,
+    pub estimators: Vec<EstimatorSetup<'a>>,
     /// When shapes are meshed.
     pub meshing: Meshing,
     /// Which hand.
@@ -231,7 +228,7 @@ impl Pipeline<'_> {
     ) -> Result<Finished> {
         let (object, truth, cell_m) = (self.object, self.truth, self.meshing.cell_m);
         let runners =
-            self.entries.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
+            self.estimators.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
         listener(Progress::Started { frames: source.frame_count() });
         let mut finished = thread::scope(|scope| {
             let (feed, mesher) = if self.single_threaded {
@@ -381,7 +378,7 @@ struct Runner<'a> {
 
 /// The first frame, with the true pose where it is known, makes an estimator of an entry.
 enum RunnerState<'a> {
-    Waiting(Option<Box<(Entry<'a>, Option<Given>)>>),
+    Waiting(Option<Box<(EstimatorSetup<'a>, Option<Given>)>>),
     Started(Box<Estimator>, &'a mvt_slam::scan::ScanConfig, u64),
 }
 
@@ -389,7 +386,7 @@ enum RunnerState<'a> {
 type Shared<'a> = ((&'a mvt_slam::scan::ScanConfig, u64, usize, Modality), Arc<Scan>);
 
 impl<'a> Runner<'a> {
-    fn new(entry: Entry<'a>, object: Option<&TrueObject>, truth: Option<&'a Truth>) -> Result<Self> {
+    fn new(entry: EstimatorSetup<'a>, object: Option<&TrueObject>, truth: Option<&'a Truth>) -> Result<Self> {
         let given = match entry.mode {
             Mode::Pose => Some(Given::new(object.context("--mode pose needs the object: give --object")?)?),
             Mode::Slam | Mode::Map => None,
@@ -427,7 +424,7 @@ impl<'a> Runner<'a> {
         if let RunnerState::Waiting(waiting) = &mut self.state
             && let Some(waiting) = waiting.take()
         {
-            let (Entry { config, init, seed, map, .. }, given) = *waiting;
+            let (EstimatorSetup { config, init, seed, map, .. }, given) = *waiting;
             let estimator = match (given, map) {
                 (Some(given), _) => {
                     let start = match init {

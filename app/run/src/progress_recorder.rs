@@ -7,9 +7,10 @@ use anyhow::Result;
 use indicatif::ProgressBar;
 use mvt_mesh::Mesh;
 
-use crate::pipeline::{Finished, FrameResult, Progress, Truth};
+use crate::pipeline::{Finished, FrameResult, Progress};
 use crate::report;
 use crate::report::{RunRecord, Summary};
+use crate::truth::Truth;
 
 /// Time between two writes of the partial results: a killed run loses at most this much.
 const WRITE_INTERVAL: Duration = Duration::from_secs(1);

@@ -12,9 +12,10 @@ use mvt_metrics::{AddS, TrueSurface};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::estimator::Mode;
 use crate::io::write_file;
-use crate::pipeline::{Mode, Truth};
 use crate::source::Modality;
+use crate::truth::Truth;
 pub use mvt_slam::TrackState;
 
 mod curves;

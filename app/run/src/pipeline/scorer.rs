@@ -12,9 +12,9 @@ use mvt_metrics::{POINTS, THRESHOLDS_M, sample_surface};
 use mvt_slam::Estimate;
 use mvt_slam::map::Map;
 
-use super::Truth;
 use crate::report::{FrameRow, ShapePoint, StageMs, TrackState};
 use crate::sdf_grid::SdfGrid;
+use crate::truth::Truth;
 
 /// Rows of a run's record, one by one.
 pub struct Scorer<'a> {

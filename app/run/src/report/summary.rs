@@ -7,8 +7,9 @@ use mvt_mesh::Mesh;
 use mvt_metrics::{FINE_POINTS, FScore, POINTS, PoseStatistics, ShapeScore, THRESHOLDS_M, TrueSurface, sample_surface};
 use serde::Serialize;
 
-use crate::pipeline::{Mode, Truth};
+use crate::estimator::Mode;
 use crate::source::Modality;
+use crate::truth::Truth;
 
 use super::{Event, FrameRow, RunRecord, StageMs, TrackState};
 

@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use clap::ValueEnum as _;
 use serde::{Deserialize, Serialize};
 
-use mvt_run::pipeline::Mode;
+use mvt_run::estimator::Mode;
 use mvt_run::source::Modality;
 
 /// Choices for a run.

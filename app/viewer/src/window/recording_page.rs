@@ -189,7 +189,7 @@ impl RecordingPage {
             mvt_robot::hand::Side::Right => "right hand",
         };
         ui.strong(&about.object).on_hover_text(self.source.folder().display().to_string());
-        let mode = about.mode.map_or("log", mvt_run::pipeline::Mode::name);
+        let mode = about.mode.map_or("log", mvt_run::estimator::Mode::name);
         ui.label(format!("mode {mode}   sensors {}   seed {}   {side}", about.modality, about.seed));
         let ctx = ui.ctx().clone();
         ui.menu_button("File", |ui| {

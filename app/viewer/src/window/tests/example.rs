@@ -21,7 +21,8 @@ use nalgebra::{Isometry3, Vector3};
 use ndarray::Array2;
 
 use mvt_recording::{About, FOLDER, RecordingWriter, VERSION};
-use mvt_run::pipeline::{MeshedShape, Mode, Progress};
+use mvt_run::estimator::Mode;
+use mvt_run::pipeline::{MeshedShape, Progress};
 use mvt_run::report::{Event, FrameRow, ShapePoint, StageMs, TrackState};
 use mvt_run::sdf_grid::SdfGrid;
 use mvt_run::source::{Modality, Pictures, Sensed};

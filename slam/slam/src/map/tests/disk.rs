@@ -54,7 +54,7 @@ fn what_is_missing_is_named() {
     let map = learnt();
     map.save(folder.path()).unwrap();
     fs::copy(folder.path().join(Map::FILES[0]), folder.path().join(Map::FILES[1])).unwrap();
-    assert!(message().contains("keyframes.safetensors: tensor time_s"), "{}", message());
+    assert!(message().contains("keyframes.safetensors: tensor layout"), "{}", message());
 }
 
 proptest! {
