@@ -135,7 +135,7 @@ fn numbers(pose: Isometry<Object, World>) -> [f64; 7] {
 /// confidence 1 and the stages took no time.
 ///
 /// # Errors
-/// [`TrajectoryError`] names the line and what is wrong with it.
+/// The error names the line and what is wrong with it.
 pub fn read_trajectory(text: &str) -> Result<Vec<FrameRow>, TrajectoryError> {
     let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
     let Some((first, header)) = lines.next() else {
