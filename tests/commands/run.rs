@@ -195,14 +195,14 @@ fn a_damaged_log_is_used_as_far_as_possible() {
     fs::remove_dir_all(workplace.path(LOG).join(format!("allegro/{}/mask", Finger::Thumb.name()))).unwrap();
     let said = run("").warned();
     let told = |part: &str| said.lines().filter(|line| line.contains(part)).count();
-    assert!(told("nothing from the DIGIT of the index finger") == 1 && told("frame 10: ") == 1, "{said}");
-    assert!(told("nothing from the DIGIT of the thumb finger") == 1, "{said}");
+    assert!(told("the DIGIT of the index finger is missing") == 1 && told("frame 10: ") == 1, "{said}");
+    assert!(told("the DIGIT of the thumb finger is missing") == 1, "{said}");
     assert_eq!(summary(&workplace, "out")["frames"], 20);
 
     // Without the camera, whose file ends early, touch is used.
     fs::write(&depth, &whole[..whole.len() / 2]).unwrap();
     let said = run("").warned();
-    assert!(said.contains("depth.npz") && said.contains("nothing from camera side"), "{said}");
+    assert!(said.contains("depth.npz") && said.contains("camera side is missing"), "{said}");
     let said = run("--modality vi").error();
     assert!(said.contains("depth.npz") && said.contains("--modality vi"), "{said}");
 
