@@ -1,5 +1,5 @@
-//! From touch images to depth and contact by a network: what an untouched sensor would give is taken off, contact is decided with a
-//! memory of the frame before, and images that no such sensor makes are told.
+//! From touch images to depth and contact by a network: the prediction for the untouched sensor is subtracted, contact depends on the
+//! frame before, and images that no such sensor makes are reported.
 
 use image::RgbImage;
 use mvt_robot::digit;

@@ -42,7 +42,7 @@ pub struct SceneState {
     pub object_pose: Isometry<Object, World>,
 }
 
-/// What only a simulator knows. Deliberately not a part of [`Observation`]: perception and tracking never receive it.
+/// The truth that only a simulator knows. Deliberately not a part of [`Observation`]: perception and tracking never receive it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroundTruth {
     /// Pose of the object.

@@ -256,7 +256,7 @@ fn the_frame_of_the_field_is_that_of_the_first_keyframe() {
     assert!(map.field_from_model().untyped().translation.vector.norm() < 1e-12);
     let moved = map.keyframes[0].pose().untyped() * na::Isometry3::translation(0.001, 0.0, 0.0);
     map.keyframes[0].set_pose(Isometry::new(moved));
-    // A point of the model lies in the world where the first pose put it, whichever frame it is told in.
+    // A point of the model lies in the world where the first pose put it, in whichever frame it is expressed.
     let p = Vec3::new(0.01, 0.02, 0.03);
     let through_field = apply(&moved, apply(&map.field_from_model().untyped(), p));
     let first = apply(&pose([0.0; 3], [0.0; 3]).untyped(), p);

@@ -34,7 +34,8 @@ const LOST: std::ops::Range<u64> = 14..20;
 /// Frames in which the index finger touches.
 const TOUCHING: std::ops::Range<u64> = 6..27;
 
-/// Records the first `frames` frames into the folder of a run; the run goes on until the writer is told how it ends, or is dropped.
+/// Records the first `frames` frames into the folder of a run; the run goes on until `finish` of the writer
+/// is called, or the writer is dropped.
 pub fn record(folder: &Path, frames: u64) -> RecordingWriter {
     let cube = catalogue::find("cube70").unwrap().mesh_without_download().unwrap();
     let placement = PLACEMENTS.into_iter().find(|placement| placement.name == "side").unwrap();
