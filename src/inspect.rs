@@ -54,7 +54,7 @@ fn sheet(log: &Log) -> Result<image::RgbImage> {
     let mut moments: Vec<SheetMoment> = Vec::new();
     for (i, frame) in log.frames()?.enumerate() {
         let LogFrame { observation, truth, .. } = frame?;
-        let touches = |finger| truth.as_ref().is_some_and(|t| t.touch[finger].contact.iter().any(|&level| level > 0));
+        let touches = |finger| truth.as_ref().is_some_and(|t| t.touch[finger].contact.iter().any(|&touches| touches));
         let contact = Finger::ALL.map(touches);
         timeline.times_s.push(observation.time_s);
         timeline.contact.push(contact);

@@ -16,7 +16,10 @@ use std::io::{ErrorKind, IsTerminal as _};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Estimate shape and pose of an object in a robot hand, from touch and depth images
 ///
@@ -70,20 +73,28 @@ enum Command {
 
 /// Messages that are shown by default: warnings, except those of the window's libraries, whose failures `view` reports
 /// itself.
-const DEFAULT_FILTER: &str = "warn,eframe=off,winit=off";
+fn default_filter() -> Targets {
+    let off = ["eframe", "winit"].map(|library| (library, LevelFilter::OFF));
+    Targets::new().with_default(LevelFilter::WARN).with_targets(off)
+}
 
 fn main() -> ExitCode {
     // Messages go to standard error; results go to standard output.
-    let filter = EnvFilter::try_from_env("MAMBAVITACT_LOG").unwrap_or_else(|_| EnvFilter::new(DEFAULT_FILTER));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let wanted = std::env::var("MAMBAVITACT_LOG").unwrap_or_default();
+    let filter = wanted.parse().ok().filter(|_| !wanted.is_empty());
+    let is_invalid = filter.is_none() && !wanted.is_empty();
+    let filter = filter.unwrap_or_else(default_filter);
+    let words = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()
         // Errors of the log itself would go to standard error as well, and panic if it is closed.
-        .log_internal_errors(false)
-        .init();
+        .log_internal_errors(false);
+    tracing_subscriber::registry().with(words.with_filter(filter)).init();
+    if is_invalid {
+        tracing::warn!("MAMBAVITACT_LOG={wanted} is ignored: give error, warn, info, debug or trace");
+    }
     let result = match Cli::parse().command {
         None => run::main_job(),
         Some(Command::Run(arguments)) => run::run(&arguments),

@@ -1,6 +1,6 @@
 //! Compares the labels of the segmentation with those of the renderer, under camera noise of NeuralFeels' level.
 
-use mvt_frames::depth::{Label, OBJECT};
+use mvt_frames::depth::Label;
 use mvt_gaits::clock::FRAME_HZ;
 use mvt_gaits::gait;
 use mvt_objects::catalogue;
@@ -35,11 +35,11 @@ fn pixels_labelled_object_show_the_object() {
                 let truth = renderer.render(&camera, &state.scene.joints, state.scene.object_pose, &mut scratch);
                 let depth = disturb(&truth.rgbd.depth_m, 5.0, FrameId { seed: 3, camera: index, frame });
                 let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
-                for (found, truth) in found.iter().zip(truth.segmentation.iter()) {
+                for (found, truth) in found.iter().zip(&truth.labels) {
                     claimed += u32::from(*found == Label::Object);
-                    drawn += u32::from(*truth == OBJECT);
-                    right += u32::from(*found == Label::Object && *truth == OBJECT);
-                    missed += u32::from(*found == Label::Background && *truth == OBJECT);
+                    drawn += u32::from(*truth == Label::Object);
+                    right += u32::from(*found == Label::Object && *truth == Label::Object);
+                    missed += u32::from(*found == Label::Background && *truth == Label::Object);
                 }
             }
         }

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use image::{GrayImage, ImageBuffer};
+use mvt_feelsight::array::Array;
+use mvt_feelsight::npy;
 use mvt_render::touch::TouchFrame;
 use mvt_robot::digit::{HEIGHT, WIDTH};
-use ndarray_npy::write_npy;
 use rayon::prelude::*;
 use serde::Deserialize;
 
@@ -79,7 +80,8 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
 fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Result<()> {
     let path = |what: &str| folder.join(format!("{index:05}_{what}"));
     let failed = |what: &str| format!("cannot write {}", path(what).display());
-    write_npy(path("depth_m.npy"), frame.depth_m()).with_context(|| failed("depth_m.npy"))?;
+    let depth_m = Array::from_f32(vec![HEIGHT, WIDTH], frame.depth_m().iter().copied());
+    npy::write(&path("depth_m.npy"), &depth_m).with_context(|| failed("depth_m.npy"))?;
     let mask = example.contact.iter().map(|&contact| if contact > 0.5 { u8::MAX } else { 0 }).collect();
     let mask: GrayImage = ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask)
         .context("the mask does not have the size of its image")?;

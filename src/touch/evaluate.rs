@@ -4,10 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use clap::Args;
 use image::imageops::{FilterType::Triangle, resize};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
+use mvt_feelsight::npy;
 use mvt_products::Instructions;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
 use mvt_run::io::print_line;
@@ -16,7 +17,6 @@ use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::Weights;
 use mvt_touch::untouched::{estimate, is_of_same_sensor, subtract_untouched};
 use ndarray::Array2;
-use ndarray_npy::read_npy;
 use serde::Serialize;
 
 use crate::image_size::ImageSize;
@@ -197,8 +197,11 @@ impl Triple {
             false => None,
         };
         let depth_path = path("depth_m.npy");
-        let depth_m: Array2<f32> = read_npy(&depth_path)
-            .with_context(|| format!("{} is not an array of 32-bit floats", depth_path.display()))?;
+        let depth_m = npy::read(&depth_path).with_context(|| format!("cannot read {}", depth_path.display()))?;
+        let &[rows, columns] = depth_m.shape() else {
+            bail!("{} has the shape {:?} and not two axes", depth_path.display(), depth_m.shape());
+        };
+        let depth_m = Array2::from_shape_vec((rows, columns), depth_m.to_f64().map(|z| z as f32).collect())?;
         let depth_size = (depth_m.ncols() as u32, depth_m.nrows() as u32);
         let mut sizes = vec![(image.dimensions(), IMAGE), (mask.dimensions(), MASK), (depth_size, "depth_m.npy")];
         sizes.extend(untouched.as_ref().map(|image| (image.dimensions(), UNTOUCHED)));

@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::Args;
+use mvt_feelsight::array::Array;
+use mvt_feelsight::npy;
 use mvt_render::touch::{Background, TouchConfig, render_contact};
 use mvt_run::io::read_image;
-use ndarray_npy::{WritableElement, write_npy};
+use ndarray::{Array2, Array3};
 
 /// Render one touch image of a mesh that a DIGIT touches at a given pose, without noise
 ///
@@ -50,21 +52,19 @@ pub fn run(arguments: &TouchRenderArguments) -> Result<()> {
     };
     let arrays = render_contact(&mesh, &pose, arguments.config, background)
         .with_context(|| format!("cannot render the pose in {}", pose_path.display()))?;
-    write(&arguments.out, "rgb_raw", &arrays.raw)?;
-    write(&arguments.out, "rgb_cal", &arrays.calibrated)?;
-    write(&arguments.out, "depth", &arrays.depth_m)
+    let image = |image: &Array3<u8>| Array::from_u8(image.shape().to_vec(), image.iter().copied().collect());
+    let depth = |depth: &Array2<f32>| Array::from_f32(depth.shape().to_vec(), depth.iter().copied());
+    write(&arguments.out, "rgb_raw", &image(&arrays.raw))?;
+    write(&arguments.out, "rgb_cal", &image(&arrays.calibrated))?;
+    write(&arguments.out, "depth", &depth(&arrays.depth_m))
 }
 
-fn write<T: WritableElement, D: ndarray::Dimension>(
-    prefix: &Path,
-    name: &str,
-    array: &ndarray::Array<T, D>,
-) -> Result<()> {
+fn write(prefix: &Path, name: &str, array: &Array) -> Result<()> {
     let mut path = prefix.as_os_str().to_owned();
     path.push(format!("_{name}.npy"));
     let path = PathBuf::from(path);
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
-    write_npy(&path, array).with_context(|| format!("cannot write {}", path.display()))
+    npy::write(&path, array).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use image::GrayImage;
 use mvt_feelsight::{Log, TouchPart};
 use mvt_frames::Isometry;
 use mvt_frames::camera::PosedCamera;
@@ -18,12 +17,13 @@ use mvt_robot::observation::TouchTruth;
 use mvt_run::object::load_object;
 use mvt_run::report::{FrameRow, StageMs, TrackState};
 use mvt_segmentation::{SegmentationConfig, segment};
+use ndarray::Array2;
 
 use super::{
     About, CameraImages, FingerImages, FrameImages, RecordedMoment, RecordingError, Touching, VERSION, images,
 };
 
-/// FrameImages of a log. A background thread reads the contacts and the camera depths, which lie in one compressed file;
+/// Images of a log. A background thread reads the contacts and the camera depths, which lie in one compressed file;
 /// other images are read on request.
 pub struct LogImages {
     log: Log,
@@ -127,7 +127,7 @@ impl LogImages {
                     return;
                 }
                 let depths = frame.cameras.into_iter().zip(&thinning).map(|(depth_m, &stride)| {
-                    let depth_m = images::thinned_depth(&depth_m?, stride);
+                    let depth_m = images::thinned_array(&depth_m?, stride);
                     images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
                 });
                 let depths = depths.collect();
@@ -183,13 +183,13 @@ impl LogImages {
             let colour = self.log.colour(k, frame).map(|colour| images::thinned(&colour, stride)).unwrap_or_default();
             let packed = depths.get(k).and_then(Option::as_ref);
             let depth_m = packed.and_then(|packed| images::unpack_depth(packed).ok()).unwrap_or_default();
-            let segmentation = if depth_m.is_empty() {
-                GrayImage::default()
+            let labels = if depth_m.is_empty() {
+                Array2::default((0, 0))
             } else {
                 let intrinsics = images::shrunk(&camera.intrinsics);
-                images::levels_of(&segment(&depth_m, &intrinsics, camera.pose, &hand, &SegmentationConfig::default()))
+                segment(&depth_m, &intrinsics, camera.pose, &hand, &SegmentationConfig::default())
             };
-            Some(CameraImages { colour, depth_m, segmentation })
+            Some(CameraImages { colour, depth_m, labels })
         };
         let cameras = self.log.cameras().iter().zip(&self.strides).enumerate().map(camera).collect();
         let touch = PerFinger::from_fn(|finger| {

@@ -3,15 +3,14 @@
 //! The images of a frame are one block: for each image its kind and sensor (one byte each), its length (u32) and its
 //! bytes. Numbers are little-endian.
 
-use mvt_frames::depth::{BACKGROUND, HAND, Label, OBJECT, UNSURE};
+use mvt_frames::depth::Label;
 use std::io::{Cursor, Read as _, Write as _};
 
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
-use image::{GrayImage, ImageReader, RgbImage};
+use image::{ImageReader, RgbImage};
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::digit;
 use mvt_robot::digit::gel;
 use mvt_robot::hand::{Finger, PerFinger};
 use ndarray::Array2;
@@ -73,36 +72,8 @@ pub fn thinned(image: &RgbImage, stride: usize) -> RgbImage {
 }
 
 /// Returns every `stride`-th row and column.
-pub fn thinned_gray(image: &GrayImage, stride: usize) -> GrayImage {
-    let step = stride as u32;
-    let (width, height) = (image.width().div_ceil(step), image.height().div_ceil(step));
-    GrayImage::from_fn(width, height, |x, y| *image.get_pixel(x * step, y * step))
-}
-
-/// Returns every `stride`-th row and column.
-pub fn thinned_depth(depth_m: &Array2<f32>, stride: usize) -> Array2<f32> {
-    depth_m.slice(ndarray::s![..;stride, ..;stride]).to_owned()
-}
-
-/// A label as a grey level of FeelSight's segmentations.
-pub fn levels_of(labels: &Array2<Label>) -> GrayImage {
-    image_of(labels, |label| match label {
-        Label::Background => BACKGROUND,
-        Label::Hand => HAND,
-        Label::Object => OBJECT,
-        Label::Unsure => UNSURE,
-    })
-}
-
-/// A mask as an image: 255 where it holds.
-pub fn mask_of(mask: &Array2<bool>) -> GrayImage {
-    image_of(mask, |&holds| if holds { u8::MAX } else { 0 })
-}
-
-fn image_of<T>(array: &Array2<T>, level: impl Fn(&T) -> u8) -> GrayImage {
-    let (height, width) = array.dim();
-    // The buffer has the image's size.
-    GrayImage::from_raw(width as u32, height as u32, array.iter().map(level).collect()).unwrap_or_default()
+pub fn thinned_array<T: Clone>(array: &Array2<T>, stride: usize) -> Array2<T> {
+    array.slice(ndarray::s![..;stride, ..;stride]).to_owned()
 }
 
 /// Whether a DIGIT's depth is that of the untouched gel.
@@ -120,12 +91,12 @@ pub fn encode(images: &FrameImages) -> Result<Vec<u8>, String> {
         block.extend_from_slice(bytes);
     };
     for (k, camera) in images.cameras.iter().enumerate() {
-        let Some(CameraImages { colour, depth_m, segmentation }) = camera else { continue };
+        let Some(CameraImages { colour, depth_m, labels }) = camera else { continue };
         if !colour.is_empty() {
             put(Kind::Colour, k, &jpeg(colour)?);
         }
         put(Kind::Depth, k, &pack_depth(depth_m)?);
-        put(Kind::Segmentation, k, &pack_levels(segmentation)?);
+        put(Kind::Segmentation, k, &pack_levels(labels, |label| label.grey())?);
     }
     for (finger, touch) in images.touch.iter() {
         let Some(FingerImages { image, depth_m, contact, true_depth_m }) = touch else { continue };
@@ -134,9 +105,9 @@ pub fn encode(images: &FrameImages) -> Result<Vec<u8>, String> {
             put(Kind::Touch, k, &jpeg(image)?);
         }
         // A DIGIT without contact has the depth of the untouched gel, which is not recorded.
-        if image.is_empty() || contact.contains(&255) || !is_gel(depth_m) {
+        if image.is_empty() || contact.iter().any(|&touches| touches) || !is_gel(depth_m) {
             put(Kind::TouchDepth, k, &pack_touch(depth_m)?);
-            put(Kind::Contact, k, &pack_levels(contact)?);
+            put(Kind::Contact, k, &pack_levels(contact, grey_of_mask)?);
         }
         if let Some(depth_m) = true_depth_m {
             put(Kind::TrueDepth, k, &pack_touch(depth_m)?);
@@ -158,16 +129,16 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<FrameImages,
         let kind = *kind.ok_or_else(|| format!("unknown kind of image {}", head[0]))?;
         match kind {
             Kind::Colour => camera(&mut images, sensor)?.colour = unjpeg(bytes)?,
-            Kind::Segmentation => camera(&mut images, sensor)?.segmentation = unpack_levels(bytes)?,
+            Kind::Segmentation => camera(&mut images, sensor)?.labels = unpack_levels(bytes, label)?,
             Kind::Depth => camera(&mut images, sensor)?.depth_m = unpack_depth(bytes)?,
             Kind::Touch => {
                 let finger = finger(&mut images, sensor)?;
                 finger.image = unjpeg(bytes)?;
                 finger.depth_m = gel::depth_m().clone();
-                finger.contact = GrayImage::new(digit::WIDTH as u32, digit::HEIGHT as u32);
+                finger.contact = Array2::default(gel::depth_m().dim());
             }
             Kind::TouchDepth => finger(&mut images, sensor)?.depth_m = unpack_touch(bytes)?,
-            Kind::Contact => finger(&mut images, sensor)?.contact = unpack_levels(bytes)?,
+            Kind::Contact => finger(&mut images, sensor)?.contact = unpack_levels(bytes, |grey| Ok(grey > 127))?,
             Kind::TrueDepth => finger(&mut images, sensor)?.true_depth_m = Some(unpack_touch(bytes)?),
         }
     }
@@ -206,11 +177,11 @@ fn unjpeg(bytes: &[u8]) -> Result<RgbImage, String> {
 /// Columns and rows.
 type Size = [usize; 2];
 
-fn size(depth_m: &Array2<f32>) -> Size {
-    [depth_m.ncols(), depth_m.nrows()]
+fn size<T>(array: &Array2<T>) -> Size {
+    [array.ncols(), array.nrows()]
 }
 
-fn array(values: Vec<f32>, [columns, rows]: Size) -> Result<Array2<f32>, String> {
+fn array<T>(values: Vec<T>, [columns, rows]: Size) -> Result<Array2<T>, String> {
     Array2::from_shape_vec((rows, columns), values).map_err(|error| error.to_string())
 }
 
@@ -278,14 +249,26 @@ fn unpack_touch(bytes: &[u8]) -> Result<Array2<f32>, String> {
     array(steps.iter().zip(gel).map(metres).collect(), shape)
 }
 
-fn pack_levels(image: &GrayImage) -> Result<Vec<u8>, String> {
-    deflate(image, [image.width() as usize, image.height() as usize])
+/// Packs an array of grey levels.
+fn pack_levels<T>(array: &Array2<T>, grey: impl Fn(&T) -> u8) -> Result<Vec<u8>, String> {
+    let levels: Vec<u8> = array.iter().map(grey).collect();
+    deflate(&levels, size(array))
 }
 
-fn unpack_levels(bytes: &[u8]) -> Result<GrayImage, String> {
-    let (bytes, [width, height]) = inflate(bytes, 1)?;
-    GrayImage::from_raw(width as u32, height as u32, bytes)
-        .ok_or_else(|| "the size of an image differs from its head".to_owned())
+/// Unpacks an array of grey levels.
+fn unpack_levels<T>(bytes: &[u8], value: impl Fn(u8) -> Result<T, String>) -> Result<Array2<T>, String> {
+    let (levels, shape) = inflate(bytes, 1)?;
+    array(levels.into_iter().map(value).collect::<Result<_, _>>()?, shape)
+}
+
+/// Grey level of a pixel of a mask.
+fn grey_of_mask(&touches: &bool) -> u8 {
+    if touches { u8::MAX } else { 0 }
+}
+
+/// Label of a grey level.
+fn label(grey: u8) -> Result<Label, String> {
+    Label::from_grey(grey).ok_or_else(|| format!("no label has the grey level {grey}"))
 }
 
 /// Returns width and height (u16), then the deflated bytes.
@@ -320,12 +303,12 @@ mod tests {
         let camera = CameraImages {
             colour: RgbImage::from_fn(32, 24, |x, y| image::Rgb([4 * x as u8, 8 * y as u8, 90])),
             depth_m: Array2::from_shape_fn((24, 32), |(r, c)| if r < 3 { 0.0 } else { 0.3 + 0.001 * (r * c) as f32 }),
-            segmentation: GrayImage::from_fn(32, 24, |x, _| image::Luma([if x > 9 { 255 } else { 127 }])),
+            labels: Array2::from_shape_fn((24, 32), |(_, c)| if c > 9 { Label::Object } else { Label::Hand }),
         };
         let pressed = gel::depth_m().mapv(|z| if z > 0.0219 { z - 0.0007 } else { z });
         let touch = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
-            contact: GrayImage::from_pixel(240, 320, image::Luma([255])),
+            contact: pressed.mapv(|_| true),
             depth_m: pressed.clone(),
             true_depth_m: Some(pressed.mapv(|z| if z > 0.02195 { 0.0 } else { z })),
         };
@@ -341,7 +324,7 @@ mod tests {
         let read = decode(&block, 7, 2).unwrap();
         let [before, after] = [&images, &read].map(|images| images.cameras[1].clone().unwrap());
         assert!(read.cameras[0].is_none() && read.touch[Finger::Thumb].is_none());
-        assert_eq!(before.segmentation, after.segmentation);
+        assert_eq!(before.labels, after.labels);
         let close = |a: &Array2<f32>, b: &Array2<f32>, step: f32| {
             assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.51 * step && (*a == 0.0) == (*b == 0.0)));
         };
@@ -359,7 +342,7 @@ mod tests {
         let untouched = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
             depth_m: gel::depth_m().clone(),
-            contact: GrayImage::new(240, 320),
+            contact: Array2::default((320, 240)),
             true_depth_m: None,
         };
         let mut images = FrameImages { frame: 0, cameras: vec![], touch: PerFinger::default() };
@@ -368,7 +351,7 @@ mod tests {
         images.touch[Finger::Index] = Some(untouched);
         let block = encode(&images).unwrap();
         let read = decode(&block, 0, 0).unwrap().touch[Finger::Index].clone().unwrap();
-        assert_eq!((&read.depth_m, read.contact.contains(&255)), (gel::depth_m(), false));
+        assert_eq!((&read.depth_m, read.contact.iter().any(|&touches| touches)), (gel::depth_m(), false));
         assert_eq!(block.len(), 6 + jpeg(&read.image).unwrap().len());
     }
 
@@ -380,8 +363,8 @@ mod tests {
         let (point, again) = (whole.unproject(300.0, 123.0, 0.4), small.unproject(100.0, 41.0, 0.4));
         assert!((point.coords() - again.coords()).norm() < 1e-12);
         let depth_m = Array2::from_shape_fn((480, 641), |(r, c)| (1000 * r + c) as f32);
-        assert_eq!(thinned_depth(&depth_m, 3)[(41, 100)], depth_m[(123, 300)]);
-        assert_eq!(thinned_depth(&depth_m, 3).dim(), (160, 214));
+        assert_eq!(thinned_array(&depth_m, 3)[(41, 100)], depth_m[(123, 300)]);
+        assert_eq!(thinned_array(&depth_m, 3).dim(), (160, 214));
     }
 
     proptest! {

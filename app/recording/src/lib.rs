@@ -59,8 +59,9 @@ mod writer;
 
 use std::path::PathBuf;
 
-use image::{GrayImage, RgbImage};
+use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
+use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, World};
 use mvt_robot::digit::{self, gel};
 use mvt_robot::hand::{JointAngles, PerFinger, Side};
@@ -161,7 +162,7 @@ impl RecordedMoment {
     }
 }
 
-/// BlockPlace of a block in images.bin or shapes.bin.
+/// Place of a block in images.bin or shapes.bin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 struct BlockPlace {
     at: u64,
@@ -169,26 +170,26 @@ struct BlockPlace {
     crc32: u32,
 }
 
-/// FrameImages of a camera at one frame. Each may be empty.
+/// Images of a camera at one frame. Each may be empty.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CameraImages {
     /// Colours.
     pub colour: RgbImage,
     /// Depth along the optical axis, metres; 0 where nothing was measured. Indexed (row, column).
     pub depth_m: Array2<f32>,
-    /// Levels of [`mvt_robot::observation`].
-    pub segmentation: GrayImage,
+    /// What each pixel shows.
+    pub labels: Array2<Label>,
 }
 
-/// FrameImages of a DIGIT at one frame. Each may be empty.
+/// Images of a DIGIT at one frame. Each may be empty.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FingerImages {
     /// Colours.
     pub image: RgbImage,
     /// Depth that the tracker received, metres. Indexed (row, column).
     pub depth_m: Array2<f32>,
-    /// 255 in contact.
-    pub contact: GrayImage,
+    /// Where the object touches.
+    pub contact: Array2<bool>,
     /// True depth, metres, where it is known and not what the tracker received.
     pub true_depth_m: Option<Array2<f32>>,
 }

@@ -282,8 +282,8 @@ fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize
         let CameraDepth { depth_m, labels, .. } = camera?;
         Some(CameraImages {
             colour: images::thinned(&colour, stride),
-            depth_m: images::thinned_depth(&depth_m, stride),
-            segmentation: images::thinned_gray(&images::levels_of(&labels), stride),
+            depth_m: images::thinned_array(&depth_m, stride),
+            labels: images::thinned_array(&labels, stride),
         })
     };
     let cameras = percept.cameras.into_iter().zip(strides).map(camera).collect();
@@ -291,7 +291,7 @@ fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize
     let touch = PerFinger::from_fn(|finger| {
         let press = felt[finger].take()?;
         let depth_m = gel::depth_of(&press.indentation_mm)?;
-        let contact = images::mask_of(&press.contact);
+        let contact = press.contact;
         let image = std::mem::take(&mut seen[finger]);
         Some(FingerImages { image, depth_m, contact, true_depth_m: true_touch_m[finger].take() })
     });

@@ -6,7 +6,7 @@ use std::collections::{BTreeSet, HashMap};
 use glam::{IVec3, Mat3A, Vec3A};
 use image::Rgb;
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::depth::OBJECT;
+use mvt_frames::depth::Label;
 use mvt_frames::{Camera, Isometry, Object};
 use mvt_robot::digit;
 use mvt_robot::hand::world_from_digit_camera;
@@ -120,7 +120,7 @@ impl SeenPoints {
         for (camera, seen) in recording.about().cameras.iter().zip(&images.cameras) {
             let Some(seen) = seen else { continue };
             let object_from_camera = object_from_world * camera.pose;
-            let is_object = |x: u32, y: u32| seen.segmentation.get_pixel_checked(x, y).is_some_and(|p| p.0 == [OBJECT]);
+            let is_object = |row, column| seen.labels.get((row, column)) == Some(&Label::Object);
             for (point, (x, y)) in
                 points(&seen.depth_m, &camera.intrinsics, object_from_camera, CAMERA_STRIDE, is_object)
             {
@@ -143,7 +143,7 @@ impl SeenPoints {
             let Some(felt) = felt else { continue };
             let world_from_camera = world_from_digit_camera(recording.about().side, finger, &moment.joints);
             let object_from_camera = Isometry::new(object_from_world * world_from_camera.untyped());
-            let touches = |x: u32, y: u32| felt.contact.get_pixel_checked(x, y).is_some_and(|p| p.0[0] > 127);
+            let touches = |row, column| felt.contact.get((row, column)) == Some(&true);
             for (point, _) in points(&felt.depth_m, &digit::intrinsics(), object_from_camera, TOUCH_STRIDE, touches) {
                 self.put(index, point, None);
             }
@@ -227,7 +227,7 @@ fn points(
     camera: &Intrinsics,
     object_from_camera: Isometry<Camera, Object>,
     stride: usize,
-    is_wanted: impl Fn(u32, u32) -> bool,
+    is_wanted: impl Fn(usize, usize) -> bool,
 ) -> Vec<(Vec3A, (u32, u32))> {
     let (rotation, translation): (Mat3A, Vec3A) = object_from_camera.to_f32();
     let (rows, columns) = depth_m.dim();
@@ -235,11 +235,10 @@ fn points(
     for row in (0..rows).step_by(stride) {
         for column in (0..columns).step_by(stride) {
             let z = depth_m[(row, column)];
-            let pixel = (column as u32, row as u32);
-            if z > 0.0 && is_wanted(pixel.0, pixel.1) {
+            if z > 0.0 && is_wanted(row, column) {
                 let p = camera.unproject(column as f64, row as f64, f64::from(z)).coords();
                 let point = Vec3A::new(p.x as f32, p.y as f32, p.z as f32);
-                found.push((rotation * point + translation, pixel));
+                found.push((rotation * point + translation, (column as u32, row as u32)));
             }
         }
     }

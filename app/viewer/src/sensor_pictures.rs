@@ -1,8 +1,8 @@
 //! Pictures of the sensors' images in false colours.
 
-use image::{GrayImage, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::depth::OBJECT;
+use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, World};
 use mvt_render::rays::{Caster, Faces, Hits, Instance, PixelWindow, RayMesh};
 use mvt_robot::digit;
@@ -19,9 +19,9 @@ const OUTLINE: Rgb<u8> = Rgb([240, 228, 66]);
 
 /// Paints the depth of a camera, near is light, with the outline of the pixels that are labelled as object.
 pub fn depth(camera: &CameraImages) -> RgbImage {
-    let bounds = bounds_m(&camera.depth_m, &camera.segmentation);
+    let bounds = bounds_m(&camera.depth_m, &camera.labels);
     let mut picture = of_depth(&camera.depth_m, bounds);
-    outline(&mut picture, &camera.segmentation, OBJECT);
+    outline(&mut picture, &camera.labels, &Label::Object);
     picture
 }
 
@@ -37,20 +37,20 @@ pub fn rendered_depth(
     Caster::default().cast(&[Instance::new(mesh, camera.pose.inverse() * pose)], k, Faces::Both, &mut hits);
     let metres = hits.depth().iter().map(|z| if z.is_finite() { *z } else { 0.0 }).collect();
     let depth_m = Array2::from_shape_vec((k.height, k.width), metres).unwrap_or_default();
-    let mut picture = of_depth(&depth_m, bounds_m(&images.depth_m, &images.segmentation));
-    outline(&mut picture, &images.segmentation, OBJECT);
+    let mut picture = of_depth(&depth_m, bounds_m(&images.depth_m, &images.labels));
+    outline(&mut picture, &images.labels, &Label::Object);
     picture
 }
 
 /// Paints the labels object, hand, unsure and background.
 pub fn segmentation(camera: &CameraImages) -> RgbImage {
-    of_levels(&camera.segmentation)
+    of_array(&camera.labels, colour_of_label)
 }
 
 /// Paints the measured indentation of a DIGIT with the outline of contact.
 pub fn indentation(finger: &FingerImages) -> RgbImage {
     let mut picture = of_indentation(&finger.depth_m);
-    outline(&mut picture, &finger.contact, 255);
+    outline(&mut picture, &finger.contact, &true);
     picture
 }
 
@@ -61,35 +61,32 @@ pub fn true_indentation(finger: &FingerImages) -> Option<RgbImage> {
 
 /// Paints the contact of a DIGIT.
 pub fn contact(finger: &FingerImages) -> RgbImage {
-    let touch = palette::TOUCH;
-    of(finger.contact.width(), finger.contact.height(), |x, y| {
-        if finger.contact.get_pixel(x, y).0[0] > 127 { touch } else { Rgb([24, 24, 28]) }
-    })
+    of_array(&finger.contact, |touches| if touches { palette::TOUCH } else { Rgb([24, 24, 28]) })
 }
 
-fn of(width: u32, height: u32, colour: impl Fn(u32, u32) -> Rgb<u8>) -> RgbImage {
-    RgbImage::from_fn(width, height, colour)
+fn of_array<T: Copy>(array: &Array2<T>, colour: impl Fn(T) -> Rgb<u8>) -> RgbImage {
+    let (rows, columns) = array.dim();
+    RgbImage::from_fn(columns as u32, rows as u32, |x, y| colour(array[(y as usize, x as usize)]))
 }
 
 fn of_depth(depth_m: &Array2<f32>, bounds_m: [f32; 2]) -> RgbImage {
-    let (rows, columns) = depth_m.dim();
-    of(columns as u32, rows as u32, |x, y| palette::depth(depth_m[(y as usize, x as usize)], bounds_m))
+    of_array(depth_m, |z| palette::depth(z, bounds_m))
 }
 
-fn of_levels(levels: &GrayImage) -> RgbImage {
-    of(levels.width(), levels.height(), |x, y| match levels.get_pixel(x, y).0[0] {
-        OBJECT => Rgb([86, 180, 233]),
-        mvt_frames::depth::HAND => Rgb([150, 110, 80]),
-        mvt_frames::depth::UNSURE => Rgb([100, 100, 104]),
-        _ => Rgb([40, 42, 46]),
-    })
+fn colour_of_label(label: Label) -> Rgb<u8> {
+    match label {
+        Label::Object => Rgb([86, 180, 233]),
+        Label::Hand => Rgb([150, 110, 80]),
+        Label::Unsure => Rgb([100, 100, 104]),
+        Label::Background => Rgb([40, 42, 46]),
+    }
 }
 
 fn of_indentation(depth_m: &Array2<f32>) -> RgbImage {
     let gel = gel::depth_m();
     let (rows, columns) = depth_m.dim();
     let is_digit = (rows, columns) == (digit::HEIGHT, digit::WIDTH);
-    of(columns as u32, rows as u32, |x, y| {
+    RgbImage::from_fn(columns as u32, rows as u32, |x, y| {
         let at = (y as usize, x as usize);
         let pressed_m = if is_digit && depth_m[at] > 0.0 { gel[at] - depth_m[at] } else { 0.0 };
         palette::indentation(pressed_m * 1e3, MOST_MM)
@@ -98,9 +95,9 @@ fn of_indentation(depth_m: &Array2<f32>) -> RgbImage {
 
 /// Returns the nearest and farthest depth of the object, or of the whole image if no pixel is labelled as object,
 /// metres.
-fn bounds_m(depth_m: &Array2<f32>, segmentation: &GrayImage) -> [f32; 2] {
-    let is_object = |&(_, level): &(&f32, &u8)| *level == OBJECT;
-    let of_object = depth_m.iter().zip(segmentation.iter()).filter(is_object).map(|(z, _)| *z);
+fn bounds_m(depth_m: &Array2<f32>, labels: &Array2<Label>) -> [f32; 2] {
+    let is_object = |&(_, label): &(&f32, &Label)| *label == Label::Object;
+    let of_object = depth_m.iter().zip(labels).filter(is_object).map(|(z, _)| *z);
     let range = |depths: &mut dyn Iterator<Item = f32>| {
         let valid = depths.filter(|z| *z > 0.0);
         valid.fold([f32::INFINITY, 0.0f32], |[low, high], z| [low.min(z), high.max(z)])
@@ -112,11 +109,11 @@ fn bounds_m(depth_m: &Array2<f32>, segmentation: &GrayImage) -> [f32; 2] {
     if bounds[1] > bounds[0] { [bounds[0] - 0.01, bounds[1] + 0.01] } else { [0.2, 0.5] }
 }
 
-/// Draws the inner edge of the pixels that have a level in a mask.
-fn outline(picture: &mut RgbImage, mask: &GrayImage, level: u8) {
+/// Draws the inner edge of the pixels that have a value.
+fn outline<T: PartialEq>(picture: &mut RgbImage, array: &Array2<T>, value: &T) {
     let is_in = |x: i64, y: i64| {
-        let pixel = u32::try_from(x).ok().zip(u32::try_from(y).ok());
-        pixel.and_then(|(x, y)| mask.get_pixel_checked(x, y)).is_some_and(|pixel| pixel.0 == [level])
+        let at = usize::try_from(y).ok().zip(usize::try_from(x).ok());
+        at.and_then(|at| array.get(at)) == Some(value)
     };
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
         let (x, y) = (i64::from(x), i64::from(y));
@@ -130,14 +127,12 @@ fn outline(picture: &mut RgbImage, mask: &GrayImage, level: u8) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::Luma;
 
     #[test]
     fn an_outline_is_one_pixel_wide() {
-        let mask =
-            GrayImage::from_fn(9, 7, |x, y| Luma([if (2..6).contains(&x) && (1..5).contains(&y) { 255 } else { 0 }]));
+        let mask = Array2::from_shape_fn((7, 9), |(y, x)| (2..6).contains(&x) && (1..5).contains(&y));
         let mut picture = RgbImage::new(9, 7);
-        outline(&mut picture, &mask, 255);
+        outline(&mut picture, &mask, &true);
         assert_eq!(picture.pixels().filter(|pixel| **pixel == OUTLINE).count(), 12);
         assert_eq!(picture.get_pixel(3, 2).0, [0; 3]);
     }
@@ -153,11 +148,11 @@ mod tests {
         let instance = Instance::new(&mesh, camera.pose.inverse() * pose);
         Caster::default().cast(&[instance], &camera.intrinsics, Faces::Both, &mut hits);
         let metres: Vec<f32> = hits.depth().iter().map(|z| if z.is_finite() { *z } else { 0.0 }).collect();
-        let levels = metres.iter().map(|z| if *z > 0.0 { OBJECT } else { 0 }).collect();
+        let depth_m = Array2::from_shape_vec((height, width), metres).unwrap();
         let images = CameraImages {
             colour: RgbImage::default(),
-            depth_m: Array2::from_shape_vec((height, width), metres).unwrap(),
-            segmentation: GrayImage::from_raw(width as u32, height as u32, levels).unwrap(),
+            labels: depth_m.mapv(|z| if z > 0.0 { Label::Object } else { Label::Background }),
+            depth_m,
         };
         assert_eq!(depth(&images), rendered_depth(&mesh, pose, &camera, &images));
     }

@@ -19,6 +19,29 @@ pub enum Label {
     Unsure,
 }
 
+impl Label {
+    /// Returns the grey level that stands for the label in an image: 0, 127 and 255 as in FeelSight, and 64 for [`Label::Unsure`].
+    pub const fn grey(self) -> u8 {
+        match self {
+            Self::Background => 0,
+            Self::Hand => 127,
+            Self::Object => 255,
+            Self::Unsure => 64,
+        }
+    }
+
+    /// Returns the label that a grey level stands for; `None` if it stands for none.
+    pub const fn from_grey(grey: u8) -> Option<Self> {
+        match grey {
+            0 => Some(Self::Background),
+            127 => Some(Self::Hand),
+            255 => Some(Self::Object),
+            64 => Some(Self::Unsure),
+            _ => None,
+        }
+    }
+}
+
 /// Depth of one camera with what each pixel shows. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraDepth {
@@ -48,12 +71,3 @@ pub struct TouchDepth {
     /// Standard deviation of the depth where the object touches, metres.
     pub sigma_m: f32,
 }
-
-/// Segmentation level of the background.
-pub const BACKGROUND: u8 = 0;
-/// Segmentation level of the hand (FeelSight's middle level).
-pub const HAND: u8 = 127;
-/// Segmentation level of the object.
-pub const OBJECT: u8 = 255;
-/// Segmentation level of pixels that may show the object or not.
-pub const UNSURE: u8 = 64;

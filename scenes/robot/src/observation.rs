@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use image::{GrayImage, RgbImage};
-use mvt_frames::depth::CameraDepth;
+use image::RgbImage;
+use mvt_frames::depth::{CameraDepth, Label};
 use ndarray::Array2;
 
 use crate::hand::{Finger, JointAngles, PerFinger};
@@ -49,8 +49,8 @@ pub struct GroundTruth {
     pub object_pose: Isometry<Object, World>,
     /// True depth and contact of each DIGIT.
     pub touch: PerFinger<TouchTruth>,
-    /// What every pixel of each camera shows, as a level of [`mvt_frames::depth`].
-    pub segmentation: Vec<GrayImage>,
+    /// What every pixel of each camera shows, in the order of [`Observation::cameras`]; never [`Label::Unsure`].
+    pub labels: Vec<Array2<Label>>,
 }
 
 /// What a perfect DIGIT would measure. Arrays are 320 rows by 240 columns.
@@ -58,8 +58,8 @@ pub struct GroundTruth {
 pub struct TouchTruth {
     /// Depth along the DIGIT camera's axis to the nearer of gel and object, metres.
     pub depth_m: Array2<f32>,
-    /// 255 where the object presses into the gel, else 0.
-    pub contact: GrayImage,
+    /// Where the object presses into the gel.
+    pub contact: Array2<bool>,
 }
 
 /// How an object presses into the gel of a DIGIT. Arrays are 320 rows by 240 columns.

@@ -12,10 +12,11 @@ use std::sync::LazyLock;
 use std::time::Instant;
 
 use anyhow::Context;
-use image::{GrayImage, Luma, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SceneFile, SceneObject, inspect};
 use mvt_frames::Isometry;
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
+use mvt_frames::depth::Label;
 use mvt_robot::digit;
 use mvt_robot::hand::{PerFinger, Side};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
@@ -102,8 +103,7 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
         let (x, y) = (column as f64 - 120.0 + 30.0 * phase.sin(), row as f64 - 160.0);
         (0.022 - 1e-3 * (1.0 - (x * x + y * y) / 3600.0).max(-0.5)) as f32
     });
-    let contact =
-        GrayImage::from_fn(240, 320, |x, y| Luma([255 * u8::from(depth_m[(y as usize, x as usize)] < 0.0217)]));
+    let contact = depth_m.mapv(|z| z < 0.0217);
     let touch = PerFinger::from_fn(|_| {
         RgbImage::from_fn(240, 320, |x, y| {
             Rgb([100 + x / 4, 110 + y / 5, 90 + (x + y) / 8].map(|level| noisy(level, rng)))
@@ -124,18 +124,16 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
         depth_m: Array2::from_shape_fn((480, 640), depth),
         color: RgbImage::from_fn(640, 480, |x, y| Rgb([noisy(x / 3, rng), noisy(y / 2, rng), 80])),
     };
-    let segmentation = GrayImage::from_fn(640, 480, |x, y| {
-        Luma([match radius2(y as usize, x as usize) {
-            r2 if r2 < 6400.0 => 255,
-            r2 if r2 < 40_000.0 => 127,
-            _ => 0,
-        }])
+    let labels = Array2::from_shape_fn((480, 640), |(row, column)| match radius2(row, column) {
+        r2 if r2 < 6400.0 => Label::Object,
+        r2 if r2 < 40_000.0 => Label::Hand,
+        _ => Label::Background,
     });
     let observation = Observation { time_s: phase, joints: [0.4; 16], touch, cameras: vec![camera] };
     let truth = GroundTruth {
         object_pose: Isometry::translation(0.0, 0.0, 0.05),
         touch: PerFinger::from_fn(|_| TouchTruth { depth_m: depth_m.clone(), contact: contact.clone() }),
-        segmentation: vec![segmentation],
+        labels: vec![labels],
     };
     (observation, truth)
 }

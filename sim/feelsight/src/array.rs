@@ -1,4 +1,4 @@
-//! Numeric arrays of pickles and npz files.
+//! Numeric arrays of pickles, npz files and npy files.
 
 use half::f16;
 
@@ -122,6 +122,19 @@ impl Array {
         let data: Vec<u8> = values.into_iter().flat_map(f64::to_le_bytes).collect();
         debug_assert_eq!(data.len(), 8 * shape.iter().product::<usize>());
         Self { kind: Kind::F64, shape, data }
+    }
+
+    /// Creates an array of `f32`. The shape's product must be the number of values.
+    pub fn from_f32(shape: Vec<usize>, values: impl IntoIterator<Item = f32>) -> Self {
+        let data: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
+        debug_assert_eq!(data.len(), 4 * shape.iter().product::<usize>());
+        Self { kind: Kind::F32, shape, data }
+    }
+
+    /// Creates an array of bytes. The shape's product must be their number.
+    pub fn from_u8(shape: Vec<usize>, data: Vec<u8>) -> Self {
+        debug_assert_eq!(data.len(), shape.iter().product::<usize>());
+        Self { kind: Kind::U8, shape, data }
     }
 
     /// Returns the type of the elements.

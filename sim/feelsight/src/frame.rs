@@ -1,6 +1,7 @@
 //! Encoding of one frame. It takes most of the time and needs no order, so that frames can be encoded on all threads.
 
 use image::{GrayImage, RgbImage};
+use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_digit_camera};
@@ -8,6 +9,7 @@ use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
 use ndarray::Array2;
 
 use crate::error::LogError;
+use crate::levels;
 use crate::npz::DeflatedFrame;
 use crate::picture::{encode_color, encode_exact};
 use crate::preview;
@@ -65,17 +67,17 @@ fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Res
         return Err("its time or a joint angle is not finite".into());
     }
     let cameras = meta.cameras.len();
-    if observation.cameras.len() != cameras || truth.segmentation.len() != cameras {
+    if observation.cameras.len() != cameras || truth.labels.len() != cameras {
         return Err(format!("it has {} cameras and the log {cameras}", observation.cameras.len()));
     }
     let touch = |finger: Finger| {
         encode_touch(&observation.touch[finger], &truth.touch[finger]).map_err(|e| format!("{}: {e}", finger.name()))
     };
     let [index, middle, ring, thumb] = Finger::ALL.map(touch);
-    let encoded = observation.cameras.iter().zip(&truth.segmentation).zip(&meta.cameras);
-    let encoded = encoded.map(|((rgbd, segmentation), camera)| {
+    let encoded = observation.cameras.iter().zip(&truth.labels).zip(&meta.cameras);
+    let encoded = encoded.map(|((rgbd, labels), camera)| {
         let size = (camera.intrinsics.width, camera.intrinsics.height);
-        encode_camera(rgbd, segmentation, size).map_err(|e| format!("{}: {e}", camera.name))
+        encode_camera(rgbd, labels, size).map_err(|e| format!("{}: {e}", camera.name))
     });
     Ok(EncodedFrame {
         time_s: observation.time_s,
@@ -107,24 +109,30 @@ fn image_size(dimensions: (u32, u32)) -> (usize, usize) {
 fn encode_touch(image: &RgbImage, truth: &TouchTruth) -> Result<EncodedTouch, String> {
     let size = (digit::WIDTH, digit::HEIGHT);
     check("the image", image_size(image.dimensions()), size)?;
-    check("the contact mask", image_size(truth.contact.dimensions()), size)?;
+    let (rows, columns) = truth.contact.dim();
+    check("the contact mask", (columns, rows), size)?;
     let (rows, columns) = truth.depth_m.dim();
     check("the depth", (columns, rows), size)?;
     let info = DigitInfo::published();
-    let level = |(&depth, &contact): (&f32, &u8)| info.level(depth).max(u8::from(contact > 0));
-    let levels = truth.depth_m.iter().zip(truth.contact.as_raw()).map(level).collect();
+    let level = |(&depth, &touches): (&f32, &bool)| info.level(depth).max(u8::from(touches));
+    let levels = truth.depth_m.iter().zip(&truth.contact).map(level).collect();
     let levels = GrayImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, levels).ok_or("the depth has holes")?;
-    Ok(EncodedTouch { image: encode_color(image)?, depth: encode_exact(&levels)?, mask: encode_exact(&truth.contact)? })
+    Ok(EncodedTouch {
+        image: encode_color(image)?,
+        depth: encode_exact(&levels)?,
+        mask: encode_exact(&levels::image_of(&truth.contact, |&touches| if touches { 255 } else { 0 }))?,
+    })
 }
 
-fn encode_camera(rgbd: &Rgbd, segmentation: &GrayImage, size: (usize, usize)) -> Result<EncodedCamera, String> {
+fn encode_camera(rgbd: &Rgbd, labels: &Array2<Label>, size: (usize, usize)) -> Result<EncodedCamera, String> {
     check("the image", image_size(rgbd.color.dimensions()), size)?;
-    check("the segmentation", image_size(segmentation.dimensions()), size)?;
+    let (rows, columns) = labels.dim();
+    check("the segmentation", (columns, rows), size)?;
     let (rows, columns) = rgbd.depth_m.dim();
     check("the depth", (columns, rows), size)?;
     Ok(EncodedCamera {
         image: encode_color(&rgbd.color)?,
-        segmentation: encode_exact(segmentation)?,
+        segmentation: encode_exact(&levels::image_of(labels, |label| label.grey()))?,
         depth: DeflatedFrame::new(signed_depth(&rgbd.depth_m)).map_err(|e| e.to_string())?,
     })
 }

@@ -3,10 +3,11 @@
 use std::fmt;
 use std::path::Path;
 
-use mvt_frames::depth::OBJECT;
+use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, Point};
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, PerFinger, world_from_digit_camera};
+use ndarray::Array2;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -189,17 +190,17 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
         for (finger, touch) in truth.iter() {
             let camera = world_from_digit_camera(log.side(), finger, &log.joints()[i]);
             let object_from_camera = object_pose.inverse() * camera;
-            let pixels = touch.contact.enumerate_pixels().filter(|(.., contact)| contact.0[0] > 0);
-            distances.extend(pixels.step_by(CONTACT_STRIDE).map(|(u, v, _)| {
-                let depth_m = touch.depth_m[(v as usize, u as usize)];
-                distance_m(object_from_camera * intrinsics.unproject(f64::from(u), f64::from(v), f64::from(depth_m)))
+            let pixels = touch.contact.indexed_iter().filter(|(_, touches)| **touches);
+            distances.extend(pixels.step_by(CONTACT_STRIDE).map(|((v, u), _)| {
+                let depth_m = touch.depth_m[(v, u)];
+                distance_m(object_from_camera * intrinsics.unproject(u as f64, v as f64, f64::from(depth_m)))
             }));
         }
     }
-    let object_pixels = |s: &image::GrayImage| s.iter().filter(|&&level| level == OBJECT).count();
+    let object_pixels = |labels: &Array2<Label>| labels.iter().filter(|&&label| label == Label::Object).count();
     Ok(FrameFacts {
-        contact: images.touch_truth.map(|truth| PerFinger(truth.0.map(|t| t.contact.iter().any(|&c| c > 0)))),
-        object_pixels: images.segmentation.map(|cameras| cameras.iter().map(object_pixels).collect()),
+        contact: images.touch_truth.map(|truth| PerFinger(truth.0.map(|t| t.contact.iter().any(|&touches| touches)))),
+        object_pixels: images.labels.map(|cameras| cameras.iter().map(object_pixels).collect()),
         distances,
     })
 }

@@ -61,6 +61,7 @@ mod inspect;
 mod io;
 mod lens;
 mod levels;
+pub mod npy;
 pub mod npz;
 mod partial;
 pub mod pickle;

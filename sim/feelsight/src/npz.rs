@@ -15,16 +15,15 @@ use std::path::Path;
 use flate2::read::DeflateDecoder;
 use flate2::{Compress, Compression, FlushCompress};
 
-use super::array::{Array, Kind};
+use crate::array::{Array, Kind};
+use crate::npy;
 
 const DEPTH: &str = "depth.npy";
 const SCALE: &str = "depth_scale.npy";
-/// Length of a .npy header here: NumPy pads to multiples of 64.
-const NPY_HEADER: usize = 128;
 /// Offsets of the compressed and the plain size in a local header's ZIP64 field, which follows the name.
 const LOCAL_HEADER: usize = 30;
 /// A block without compression: its type, its length and the complement of the length.
-const STORED_BLOCK: [u8; 5] = [0, NPY_HEADER as u8, 0, !(NPY_HEADER as u8), 0xff];
+const STORED_BLOCK: [u8; 5] = [0, npy::HEADER_LENGTH as u8, 0, !(npy::HEADER_LENGTH as u8), 0xff];
 /// An empty last block with fixed codes.
 const LAST_BLOCK: [u8; 2] = [3, 0];
 
@@ -97,8 +96,8 @@ impl NpzWriter {
         let mut file = BufWriter::with_capacity(1 << 20, File::options().write(true).create_new(true).open(path)?);
         file.write_all(&local_header(DEPTH, Method::Deflated, Sizes::default()))?;
         file.write_all(&STORED_BLOCK)?;
-        file.write_all(&[0; NPY_HEADER])?;
-        let compressed = (STORED_BLOCK.len() + NPY_HEADER) as u64;
+        file.write_all(&[0; npy::HEADER_LENGTH])?;
+        let compressed = (STORED_BLOCK.len() + npy::HEADER_LENGTH) as u64;
         Ok(Self { file, height, width, frames: 0, checksum: crc32fast::Hasher::new(), compressed })
     }
 
@@ -123,17 +122,17 @@ impl NpzWriter {
     /// Those of the file system.
     pub fn finish(mut self, depth_scale: f64) -> io::Result<()> {
         self.file.write_all(&LAST_BLOCK)?;
-        let header = npy_header("<f4", &format!("({}, {}, {})", self.frames, self.height, self.width));
+        let header = npy::header("<f4", &format!("({}, {}, {})", self.frames, self.height, self.width));
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(&header);
         checksum.combine(&self.checksum);
         let depth = Sizes {
             checksum: checksum.finalize(),
             compressed: self.compressed + LAST_BLOCK.len() as u64,
-            plain: (NPY_HEADER + 4 * self.frames * self.height * self.width) as u64,
+            plain: (npy::HEADER_LENGTH + 4 * self.frames * self.height * self.width) as u64,
         };
 
-        let mut scale = npy_header("<f8", "()").to_vec();
+        let mut scale = npy::header("<f8", "()").to_vec();
         scale.extend(depth_scale.to_le_bytes());
         let size = scale.len() as u64;
         let sizes = Sizes { checksum: crc32fast::hash(&scale), compressed: size, plain: size };
@@ -232,77 +231,6 @@ fn end_of_directory(entries: u64, directory_at: u64, end_at: u64) -> Vec<u8> {
     out
 }
 
-/// Returns a header of format 1.0, padded with spaces to its fixed length.
-fn npy_header(descr: &str, shape: &str) -> [u8; NPY_HEADER] {
-    let mut out = [b' '; NPY_HEADER];
-    out[..8].copy_from_slice(b"\x93NUMPY\x01\x00");
-    out[8..10].copy_from_slice(&(NPY_HEADER as u16 - 10).to_le_bytes());
-    let dict = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}");
-    // Three numbers of at most 20 digits leave room.
-    let end = (10 + dict.len()).min(NPY_HEADER - 1);
-    out[10..end].copy_from_slice(&dict.as_bytes()[..end - 10]);
-    out[NPY_HEADER - 1] = b'\n';
-    out
-}
-
-/// Contents of a .npy header.
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct NpyHeader {
-    kind: Kind,
-    big_endian: bool,
-    fortran_order: bool,
-    shape: Vec<usize>,
-}
-
-impl NpyHeader {
-    /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Returns the header and its length.
-    fn read(mut from: impl Read) -> Result<(Self, u64), NpzError> {
-        let defect = || NpzError::Defect("an array in it is not in NumPy's format".into());
-        let mut start = [0; 8];
-        from.read_exact(&mut start)?;
-        let width = match start {
-            [0x93, b'N', b'U', b'M', b'P', b'Y', 1, _] => 2,
-            [0x93, b'N', b'U', b'M', b'P', b'Y', 2 | 3, _] => 4,
-            _ => return Err(defect()),
-        };
-        let mut length = [0; 4];
-        from.read_exact(&mut length[..width])?;
-        let length = u32::from_le_bytes(length);
-        // NumPy refuses longer headers, too.
-        if length > 10_000 {
-            return Err(defect());
-        }
-        let mut text = vec![0; length as usize];
-        from.read_exact(&mut text)?;
-        let text = String::from_utf8(text).map_err(|_| defect())?;
-        let header = Self::parse(&text).ok_or_else(|| {
-            NpzError::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug()))
-        })?;
-        Ok((header, 8 + width as u64 + u64::from(length)))
-    }
-
-    /// Parses a header: a Python dictionary with exactly three keys.
-    fn parse(text: &str) -> Option<Self> {
-        let after = |key: &str| {
-            let (_, rest) = text.split_once(&format!("'{key}'"))?;
-            Some(rest.trim_start().strip_prefix(':')?.trim_start())
-        };
-        let (code, _) = after("descr")?.strip_prefix('\'')?.split_once('\'')?;
-        let big_endian = code.starts_with('>');
-        let kind = Kind::from_code(code.trim_start_matches(['<', '>', '|', '=']))?;
-        let fortran_order = match after("fortran_order")? {
-            rest if rest.starts_with("True") => true,
-            rest if rest.starts_with("False") => false,
-            _ => return None,
-        };
-        let (shape, _) = after("shape")?.strip_prefix('(')?.split_once(')')?;
-        // Python 2 wrote lengths as 3L.
-        let axes = shape.split(',').map(|n| n.trim().trim_end_matches('L')).filter(|n| !n.is_empty());
-        let shape = axes.map(str::parse).collect::<Result<_, _>>().ok()?;
-        Some(Self { kind, big_endian, fortran_order, shape })
-    }
-}
-
 /// Member of the archive, decompressed while it is read.
 struct Member {
     data: Box<dyn Read + Send>,
@@ -334,7 +262,7 @@ fn member(path: &Path, name: &str) -> Result<Member, NpzError> {
 /// Reader of the images of depth.npz, in order.
 pub struct NpzReader {
     data: Box<dyn Read + Send>,
-    header: NpyHeader,
+    header: npy::Header,
     scale: f64,
     next: usize,
     /// Raw bytes of one image.
@@ -355,7 +283,7 @@ impl NpzReader {
         let scale = depth_scale(path)?;
         let Member { mut data, size, checksum: expected_checksum } = member(path, DEPTH)?;
         let mut start = Vec::new();
-        let (header, length) = NpyHeader::read(Tee { from: &mut data, seen: &mut start })?;
+        let (header, length) = npy::Header::read(Tee { from: &mut data, seen: &mut start })?;
         let &[frames, height, width] = header.shape.as_slice() else {
             return Err(NpzError::Defect(format!("depth has the shape {:?} and not three axes", header.shape)));
         };
@@ -394,7 +322,7 @@ impl NpzReader {
         if !self.advance()? {
             return Ok(None);
         }
-        let NpyHeader { kind, big_endian, .. } = self.header;
+        let npy::Header { kind, big_endian, .. } = self.header;
         if big_endian {
             self.raw.chunks_exact_mut(kind.size()).for_each(<[u8]>::reverse);
         }
@@ -441,7 +369,7 @@ fn depth_scale(path: &Path) -> Result<f64, NpzError> {
         Err(NpzError::Defect(_)) => return Ok(1.0),
         Err(other) => return Err(other),
     };
-    let (header, _) = NpyHeader::read(&mut data)?;
+    let (header, _) = npy::Header::read(&mut data)?;
     let size = header.kind.size();
     let defect = || NpzError::Defect("depth_scale is not one finite number".into());
     if header.shape.iter().product::<usize>() != 1 {
@@ -488,21 +416,5 @@ mod tests {
             assert!(reader.read().unwrap().unwrap().into_iter().eq(image(seed)), "{seed}");
         }
         assert!(reader.read().unwrap().is_none());
-    }
-
-    #[test]
-    fn headers_of_numpy() {
-        let parse = |text| NpyHeader::parse(text).map(|h| (h.kind, h.big_endian, h.fortran_order, h.shape));
-        assert_eq!(
-            parse("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 480, 640), }  \n"),
-            Some((Kind::F32, false, false, vec![3, 480, 640]))
-        );
-        assert_eq!(
-            parse("{'descr': '>u2', 'fortran_order': True, 'shape': (7L,), }"),
-            Some((Kind::U16, true, true, vec![7]))
-        );
-        assert_eq!(parse("{'descr': '|O', 'fortran_order': False, 'shape': (), }"), None);
-        assert_eq!(parse("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (), }"), None);
-        assert_eq!(parse("{'descr': '<f4', 'shape': (1,)}"), None);
     }
 }

@@ -174,10 +174,8 @@ impl LogFrames<'_> {
             depth_m.mapv_inplace(|z| if z.is_finite() { z } else { 0.0 });
             cameras.push(Rgbd { color, depth_m });
         }
-        let truth = match (images.touch_truth, images.segmentation, log.object_poses[i]) {
-            (Some(touch), Some(segmentation), Some(object_pose)) => {
-                Some(GroundTruth { object_pose, touch, segmentation })
-            }
+        let truth = match (images.touch_truth, images.labels, log.object_poses[i]) {
+            (Some(touch), Some(labels), Some(object_pose)) => Some(GroundTruth { object_pose, touch, labels }),
             _ => None,
         };
         let observation = Observation { time_s: log.times_s[i], joints: log.joints[i], touch: images.touch, cameras };

@@ -62,13 +62,13 @@ fn a_log_is_read_back_as_written() {
             let error = a.color.iter().zip(b.color.iter()).map(|(a, b)| a.abs_diff(*b)).max();
             assert!(error.unwrap() <= 12, "JPEG: {error:?}");
         }
-        assert_eq!(read_truth.segmentation, truth.segmentation);
+        assert_eq!(read_truth.labels, truth.labels);
         for finger in Finger::ALL {
             let (a, b) = (&read_truth.touch[finger], &truth.touch[finger]);
             assert_eq!(a.contact, b.contact);
             for ((a, b), contact) in a.depth_m.iter().zip(&b.depth_m).zip(a.contact.iter()) {
                 // Half a level, and a whole one where contact may not be level 0.
-                let tolerance = if *contact > 0 { 3.001e-5 } else { 1.5001e-5 };
+                let tolerance = if *contact { 3.001e-5 } else { 1.5001e-5 };
                 assert!((a - b).abs() <= tolerance, "{a} {b}");
             }
             let sum = |image: &image::RgbImage| image.iter().map(|&c| f64::from(c)).sum::<f64>() / image.len() as f64;

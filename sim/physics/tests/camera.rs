@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use mujoco_rs::prelude::*;
 use mvt_frames::Isometry;
 use mvt_frames::camera::{Intrinsics, PosedCamera};
-use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
+use mvt_frames::depth::Label;
 use mvt_mesh::Mesh;
 use mvt_objects::object::Object;
 use mvt_render::camera::{CameraScratch, Renderer};
@@ -139,7 +139,7 @@ fn the_hand_hides_what_is_behind_it() {
         let pose = Isometry::translation(-0.0475, 0.0, height_m);
         let mut scratch = CameraScratch::default();
         let frame = renderer.render(&camera, &[0.0; hand::JOINTS], pose, &mut scratch);
-        renderer.hidden_share(&camera, pose, &frame.segmentation, &mut scratch)
+        renderer.hidden_share(&camera, pose, &frame.labels, &mut scratch)
     };
     // From above: above the open hand, below the palm, and behind the camera.
     assert_eq!(hidden(0.15), Some(0.0));
@@ -153,16 +153,16 @@ fn images_show_hand_and_object() {
     let renderer = Renderer::new(Side::Left, &object);
     let camera = small(PLACEMENTS[3].camera(Side::Left));
     let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut CameraScratch::default());
-    for level in [BACKGROUND, HAND, OBJECT] {
-        assert!(frame.segmentation.pixels().filter(|p| p.0 == [level]).count() > 2_000, "{level}");
+    for label in [Label::Background, Label::Hand, Label::Object] {
+        assert!(frame.labels.iter().filter(|&&found| found == label).count() > 2_000, "{label:?}");
     }
-    for (depth, level) in frame.rgbd.depth_m.iter().zip(frame.segmentation.pixels()) {
-        assert_eq!(*depth == 0.0, level.0 == [BACKGROUND]);
+    for (depth, label) in frame.rgbd.depth_m.iter().zip(&frame.labels) {
+        assert_eq!(*depth == 0.0, *label == Label::Background);
     }
     // The pixel of the object's centre shows the object, nearer than the centre.
     let centre = camera.pose.inverse() * object_pose().origin();
     let (u, v) = camera.intrinsics.project(centre).unwrap();
     let (u, v) = (u.round() as usize, v.round() as usize);
-    assert_eq!(frame.segmentation.get_pixel(u as u32, v as u32).0, [OBJECT]);
+    assert_eq!(frame.labels[(v, u)], Label::Object);
     assert!(f64::from(frame.rgbd.depth_m[(v, u)]) < -centre.coords().z - 0.02);
 }

@@ -10,6 +10,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context;
+use image::GrayImage;
 use mvt_frames::{Isometry, Object as ObjectFrame, World};
 use mvt_objects::object::Object;
 use mvt_render::camera::{CameraScratch, Renderer};
@@ -48,7 +49,10 @@ fn main() -> anyhow::Result<()> {
             let frame = renderer.render(&placement.camera(Side::Left), &joints, pose(4), &mut CameraScratch::default());
             let path = |suffix| Path::new(&dir).join(format!("{}{suffix}.png", placement.name));
             frame.rgbd.color.save(path("")).with_context(|| dir.clone())?;
-            frame.segmentation.save(path("-segmentation"))?;
+            let (height, width) = frame.labels.dim();
+            let levels = frame.labels.iter().map(|label| label.grey()).collect();
+            let image = GrayImage::from_raw(width as u32, height as u32, levels).context("labels")?;
+            image.save(path("-segmentation"))?;
         }
     }
     let camera = PLACEMENTS[3].camera(Side::Left);

@@ -1,9 +1,9 @@
 //! Colour, depth and segmentation images of a hand and an object, all from one cast of rays.
 
 use glam::{Vec3, Vec3A};
-use image::{GrayImage, RgbImage};
+use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
+use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object as ObjectFrame, World};
 use mvt_objects::object::Object;
 use mvt_robot::hand;
@@ -35,8 +35,8 @@ pub struct Renderer {
 pub struct RenderedView {
     /// Colour and true depth.
     pub rgbd: Rgbd,
-    /// Label of each pixel: [`BACKGROUND`], [`HAND`] or [`OBJECT`].
-    pub segmentation: GrayImage,
+    /// What each pixel shows; never [`Label::Unsure`]. As large as the depth.
+    pub labels: Array2<Label>,
 }
 
 /// Working memory of one thread: reuse it from view to view.
@@ -84,20 +84,20 @@ impl Renderer {
         view
     }
 
-    /// Returns the share of the object's pixels that the hand covers. `segmentation` holds the labels of hand and
-    /// object at that pose. Returns `None` if the object is out of view.
+    /// Returns the share of the object's pixels that the hand covers. `labels` are those of the
+    /// view at that pose. Returns `None` if the object is out of view.
     pub fn hidden_share(
         &self,
         camera: &PosedCamera,
         object_pose: Isometry<ObjectFrame, World>,
-        segmentation: &GrayImage,
+        labels: &Array2<Label>,
         CameraScratch { caster, hits }: &mut CameraScratch,
     ) -> Option<f64> {
         let k = &camera.intrinsics;
         hits.reset(PixelWindow::whole(k));
         caster.cast(&[Instance::new(&self.object, camera.pose.inverse() * object_pose)], k, Faces::Both, hits);
         let alone = hits.triangle().iter().filter(|&&triangle| triangle != MISS).count();
-        let seen = segmentation.pixels().filter(|pixel| pixel.0 == [OBJECT]).count();
+        let seen = labels.iter().filter(|&&label| label == Label::Object).count();
         (alone > 0).then(|| 1.0 - seen as f64 / alone as f64)
     }
 
@@ -127,7 +127,7 @@ impl RenderedView {
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
         Self {
             rgbd: Rgbd { color: RgbImage::new(width as u32, height as u32), depth_m: Array2::zeros((height, width)) },
-            segmentation: GrayImage::from_pixel(width as u32, height as u32, image::Luma([BACKGROUND])),
+            labels: Array2::default((height, width)),
         }
     }
 }
@@ -145,8 +145,9 @@ impl PosedScene<'_> {
     /// Renders into a view that has the camera's size, is black and shows the background everywhere.
     fn render(&self, view: &mut RenderedView, CameraScratch { caster, hits }: &mut CameraScratch) {
         let k = &self.camera.intrinsics;
-        let RenderedView { rgbd, segmentation } = view;
-        let (depth, segmentation): (_, &mut [u8]) = (rgbd.depth_m.as_slice_mut().unwrap_or_default(), segmentation);
+        let RenderedView { rgbd, labels } = view;
+        let depth = rgbd.depth_m.as_slice_mut().unwrap_or_default();
+        let labels = labels.as_slice_mut().unwrap_or_default();
         hits.reset(PixelWindow::whole(k));
         caster.cast(&self.instances, k, Faces::Both, hits);
         let (u, v) = hits.barycentric();
@@ -159,7 +160,7 @@ impl PosedScene<'_> {
             }
             let instance = hits.instance()[pixel] as usize;
             depth[pixel] = hits.depth()[pixel];
-            segmentation[pixel] = if instance == 0 { OBJECT } else { HAND };
+            labels[pixel] = if instance == 0 { Label::Object } else { Label::Hand };
             let placed = &self.instances[instance];
             let mesh = placed.mesh();
             let albedo = match instance.checked_sub(1) {

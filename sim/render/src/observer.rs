@@ -79,7 +79,7 @@ impl Observer {
             touch_truth[finger] = truth;
             image
         });
-        let (cameras, segmentation) = (0..)
+        let (cameras, labels) = (0..)
             .zip(&self.options.cameras)
             .map(|(i, camera)| {
                 let rendered = self.camera.render(camera, &state.joints, state.object_pose, &mut scratch.camera);
@@ -88,17 +88,17 @@ impl Observer {
                     let id = FrameId { seed: self.options.seed, camera: i, frame };
                     rgbd.depth_m = depth_noise::disturb(&rgbd.depth_m, multiplier, id);
                 }
-                (rgbd, rendered.segmentation)
+                (rgbd, rendered.labels)
             })
             .unzip();
         let observation = Observation { time_s: state.time_s, joints: state.joints, touch, cameras };
-        (observation, GroundTruth { object_pose: state.object_pose, touch: touch_truth, segmentation })
+        (observation, GroundTruth { object_pose: state.object_pose, touch: touch_truth, labels })
     }
 
     /// Returns the share of the object that the hand hides from the first camera in the state that `truth` describes
     /// (see [`camera::Renderer::hidden_share`]). Returns `None` if there are no cameras, too.
     pub fn hidden_share(&self, truth: &GroundTruth, scratch: &mut ObserverScratch) -> Option<f64> {
-        let (camera, segmentation) = self.options.cameras.first().zip(truth.segmentation.first())?;
-        self.camera.hidden_share(camera, truth.object_pose, segmentation, &mut scratch.camera)
+        let (camera, labels) = self.options.cameras.first().zip(truth.labels.first())?;
+        self.camera.hidden_share(camera, truth.object_pose, labels, &mut scratch.camera)
     }
 }

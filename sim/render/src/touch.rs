@@ -20,7 +20,7 @@ mod shade;
 use std::mem::take;
 use std::ops::Range;
 
-use image::{GrayImage, RgbImage};
+use image::RgbImage;
 use mvt_frames::{Gel, Isometry, NotRigid, Object};
 use mvt_mesh::Mesh;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
@@ -172,7 +172,7 @@ pub struct TouchFrame {
     raw: RgbImage,
     calibrated: RgbImage,
     depth_m: Array2<f32>,
-    contact: GrayImage,
+    contact: Array2<bool>,
     raster: Raster,
     row: Row,
     blur: Blur,
@@ -186,7 +186,7 @@ impl Default for TouchFrame {
             raw: image(),
             calibrated: image(),
             depth_m: Array2::zeros((HEIGHT, WIDTH)),
-            contact: GrayImage::new(WIDTH as u32, HEIGHT as u32),
+            contact: Array2::default((HEIGHT, WIDTH)),
             raster: Raster::new(),
             row: Row::new(),
             blur: Blur::new(),
@@ -212,8 +212,8 @@ impl TouchFrame {
         &self.depth_m
     }
 
-    /// Returns the contact: 255 where the object presses into the gel by more than the threshold, else 0.
-    pub fn contact(&self) -> &GrayImage {
+    /// Returns where the object presses into the gel by more than the threshold.
+    pub fn contact(&self) -> &Array2<bool> {
         &self.contact
     }
 
@@ -228,7 +228,7 @@ impl TouchFrame {
     fn complete(&mut self) {
         if self.calibrated.is_empty() {
             self.calibrated = RgbImage::new(WIDTH as u32, HEIGHT as u32);
-            self.contact = GrayImage::new(WIDTH as u32, HEIGHT as u32);
+            self.contact = Array2::default((HEIGHT, WIDTH));
             self.depth_m = Array2::zeros((HEIGHT, WIDTH));
         }
     }
@@ -324,10 +324,11 @@ impl pulp::WithSimd for Rendering<'_> {
         let Self { renderer, object, gel_from_object, noise, frame } = self;
         let TouchRenderer { shader, membrane, gel_depth, gel_inverse_depth, empty, background, .. } = renderer;
         let TouchFrame { raw, calibrated, depth_m, contact, raster, row, blur, smoothing } = frame;
-        let (raw, calibrated, contact): (&mut [u8], &mut [u8], &mut [u8]) = (raw, calibrated, contact);
+        let (raw, calibrated): (&mut [u8], &mut [u8]) = (raw, calibrated);
+        let contact = contact.as_slice_mut().unwrap_or_default();
         raw.copy_from_slice(empty);
         calibrated.copy_from_slice(background);
-        contact.fill(0);
+        contact.fill(false);
         let depth_m = depth_m.as_slice_mut().unwrap_or_default();
         depth_m.copy_from_slice(gel_depth);
 
@@ -351,8 +352,8 @@ impl pulp::WithSimd for Rendering<'_> {
                 } else if let Some(columns) = columns {
                     shader.shade(v, columns, row, |u| facets[u] != MISS, rgb);
                 }
-                for ((mask, gel), depth) in contact[pixels(v)].iter_mut().zip(gel).zip(depth) {
-                    *mask = if gel - depth > renderer.contact_threshold_m { 255 } else { 0 };
+                for ((touches, gel), depth) in contact[pixels(v)].iter_mut().zip(gel).zip(depth) {
+                    *touches = gel - depth > renderer.contact_threshold_m;
                 }
             }
             blur.overlay(rows, raw, empty, background, calibrated);
@@ -453,7 +454,7 @@ mod tests {
             let gel_from_object = pose;
             let job = Rendering { renderer: &renderer, object: &object, gel_from_object, noise, frame: &mut plain };
             pulp::Scalar128b.vectorize(job);
-            assert!(best.contact().pixels().any(|p| p.0[0] == 255), "the object must be in view");
+            assert!(best.contact().iter().any(|&touches| touches), "the object must be in view");
             assert_eq!(best.calibrated(), plain.calibrated());
             assert_eq!(best.depth_m().map(|d| d.to_bits()), plain.depth_m().map(|d| d.to_bits()));
         }

@@ -14,7 +14,7 @@ use mvt_touch::contact::{ContactConfig, Feeler};
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
 use mvt_touch::untouched::estimate;
-use ndarray::{Array2, Zip};
+use ndarray::Zip;
 
 /// Where touch depth comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -72,8 +72,10 @@ const TRUTH_SIGMA_MM: f32 = 0.05;
 /// True touch as a press. Pixels without a valid depth are no contact. `None` without images of a DIGIT's size.
 pub fn true_press(truth: &TouchTruth) -> Option<Press> {
     let mut indentation_mm = gel::indentation_of(&truth.depth_m)?;
-    let mut contact =
-        Array2::from_shape_vec(truth.depth_m.dim(), truth.contact.iter().map(|&c| c > 127).collect()).ok()?;
+    if truth.contact.dim() != truth.depth_m.dim() {
+        return None;
+    }
+    let mut contact = truth.contact.clone();
     Zip::from(&truth.depth_m).and(&mut indentation_mm).and(&mut contact).for_each(
         |&depth_m, indentation_mm, touches| {
             if !(depth_m.is_finite() && depth_m > 0.0) {

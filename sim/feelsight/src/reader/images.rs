@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use image::{GrayImage, ImageBuffer, Luma, Pixel, RgbImage};
+use image::{ImageBuffer, Pixel, RgbImage};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
+use mvt_frames::depth::Label;
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, PerFinger};
 use mvt_robot::observation::TouchTruth;
@@ -12,7 +13,7 @@ use ndarray::Array2;
 use super::Log;
 use crate::error::LogError;
 use crate::lens::Lens;
-use crate::levels::{is_level, nearest_level};
+use crate::levels::{is_level, labels_of};
 use crate::npz;
 use crate::picture::{read_color, read_gray};
 
@@ -21,7 +22,7 @@ pub(crate) struct Images {
     pub touch: PerFinger<RgbImage>,
     pub color: Vec<RgbImage>,
     pub touch_truth: Option<PerFinger<TouchTruth>>,
-    pub segmentation: Option<Vec<GrayImage>>,
+    pub labels: Option<Vec<Array2<Label>>>,
 }
 
 impl Log {
@@ -77,19 +78,18 @@ impl Log {
             }
         }
         let mut color = Vec::new();
-        let mut segmentation = Vec::new();
+        let mut labels = Vec::new();
         for (camera, lens) in self.cameras.iter().zip(&self.lenses) {
             let folder = self.camera_folder(&camera.name);
             let size = (camera.intrinsics.width, camera.intrinsics.height);
             color.push(straightened(lens.as_ref(), read_color(&folder.join("image").join(&name), size)?));
             if self.segmentation {
                 let path = folder.join("seg").join(&name);
-                let mut levels = read_gray(&path, size)?;
+                let levels = read_gray(&path, size)?;
                 if self.scene.is_some() && !levels.iter().all(|&level| is_level(level)) {
                     return Err(LogError::defect(path, "a segmentation holds other levels than 0, 127 and 255"));
                 }
-                levels.iter_mut().for_each(|level| *level = nearest_level(*level));
-                segmentation.push(straightened(lens.as_ref(), levels));
+                labels.push(labels_of(&straightened(lens.as_ref(), levels)));
             }
         }
         let four = |images: Vec<RgbImage>| <[RgbImage; 4]>::try_from(images).map(PerFinger);
@@ -97,7 +97,7 @@ impl Log {
             touch: four(touch).map_err(|_| LogError::defect(&self.folder, "a finger is missing"))?,
             color,
             touch_truth: <[TouchTruth; 4]>::try_from(touch_truth).ok().map(PerFinger),
-            segmentation: self.segmentation.then_some(segmentation),
+            labels: self.segmentation.then_some(labels),
         })
     }
 
@@ -141,8 +141,8 @@ impl Log {
         Ok(TouchTruth {
             depth_m: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| depth(row, column)),
             // A JPEG mask has every level; loaders use this threshold, too.
-            contact: GrayImage::from_fn(mask.width(), mask.height(), |x, y| {
-                Luma([if mask.get_pixel(x, y).0[0] > 127 { 255 } else { 0 }])
+            contact: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| {
+                mask.get_pixel(column as u32, row as u32).0[0] > 127
             }),
         })
     }

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use image::{GrayImage, Luma, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SceneFile, SceneObject};
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
-use mvt_frames::depth::{BACKGROUND, HAND, OBJECT};
+use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, MeshFile, Object, Point, World};
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_digit_camera};
@@ -94,12 +94,11 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
             let ball = (finger == Finger::Index).then(|| ball_depth(column as f64, row as f64)).flatten();
             ball.unwrap_or(0.022).min(0.022) as f32
         });
-        let contact =
-            GrayImage::from_fn(w, h, |x, y| Luma([255 * u8::from(depth_m[(y as usize, x as usize)] < 0.022)]));
+        let contact = depth_m.mapv(|z| z < 0.022);
         TouchTruth { depth_m, contact }
     });
     let mut rgbds = Vec::new();
-    let mut segmentation = Vec::new();
+    let mut labels = Vec::new();
     for camera in cameras {
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
         rgbds.push(Rgbd {
@@ -108,18 +107,14 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
                 if row < 10 { 0.0 } else { 0.3 + 1e-4 * (row * 7 % 11) as f32 + 1e-5 * (column + i) as f32 }
             }),
         });
-        segmentation.push(GrayImage::from_fn(width as u32, height as u32, |x, y| {
-            Luma([if y < 10 {
-                BACKGROUND
-            } else if x < 20 {
-                HAND
-            } else {
-                OBJECT
-            }])
+        labels.push(Array2::from_shape_fn((height, width), |(row, column)| match (row, column) {
+            (..10, _) => Label::Background,
+            (_, ..20) => Label::Hand,
+            _ => Label::Object,
         }));
     }
     let observation = Observation { time_s: i as f64 / 30.0, joints: joints(i), touch, cameras: rgbds };
-    (observation, GroundTruth { object_pose: object_pose(i), touch: touch_truth, segmentation })
+    (observation, GroundTruth { object_pose: object_pose(i), touch: touch_truth, labels })
 }
 
 /// Writes a log of a few frames.
