@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum, value_parser};
+use mvt_files::folder::{ClaimedFolder, Earlier, MARK};
 use mvt_frames::camera::PosedCamera;
 use mvt_live::recorder::{Noise, Recorder, Settings};
 use mvt_objects::catalogue;
@@ -109,6 +110,8 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     }
     let jobs = jobs(arguments, settings.side)?;
     check_vacant(&arguments.out, arguments.overwrite)?;
+    // That the folder contains only logs was just checked, also for data sets of version 0.1.0, which have no mark.
+    let _claimed = ClaimedFolder::claim(&arguments.out, "generate", Earlier::Keep, true)?;
     let mut ended_early = 0;
     for name in &names {
         let object = load_object(name)?;
@@ -167,7 +170,7 @@ fn check_vacant(out: &Path, overwrite: bool) -> Result<()> {
     };
     // A killed run leaves files whose names start with a dot.
     let unfinished = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-    for object in entries(out)? {
+    for object in entries(out)?.into_iter().filter(|path| !path.ends_with(MARK)) {
         let only_logs = object.is_dir()
             && entries(&object)?.iter().all(|log| unfinished(log) || log.join(mvt_feelsight::SCENE_FILE).is_file());
         if !only_logs {

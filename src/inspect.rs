@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use clap::Args;
 use mvt_feelsight::{Log, LogFrame};
 use mvt_mesh::SignedDistance;
@@ -11,7 +11,7 @@ use mvt_objects::distance::MeshDistance;
 use mvt_picture::contact_sheet::{ContactSheet, ContactTimeline, SheetMoment, contact_sheet};
 use mvt_robot::hand::Finger;
 
-use mvt_run::io::print_line;
+use mvt_run::io::{check_named, png, print_line, write_named};
 use mvt_run::object::load_object;
 
 /// Check a FeelSight log and print a summary
@@ -30,16 +30,22 @@ pub struct InspectArguments {
     /// finger touched
     #[arg(long, value_name = "PNG")]
     sheet: Option<PathBuf>,
+    /// Replace an existing picture
+    #[arg(long, requires = "sheet")]
+    overwrite: bool,
 }
 
 /// Runs the command.
 pub fn run(arguments: &InspectArguments) -> Result<()> {
+    if let Some(path) = &arguments.sheet {
+        check_named(path, arguments.overwrite)?;
+    }
     let summary = match known_surface(&arguments.log)? {
         Some(surface) => mvt_feelsight::inspect_against(&arguments.log, &|p| surface.distance_m(p))?,
         None => mvt_feelsight::inspect(&arguments.log)?,
     };
     if let Some(path) = &arguments.sheet {
-        sheet(&Log::open(&arguments.log)?)?.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+        write_named(path, &png(&sheet(&Log::open(&arguments.log)?)?)?, arguments.overwrite)?;
     }
     if arguments.json { print_line(&serde_json::to_string(&summary)?) } else { print_line(&summary.to_string()) }
 }

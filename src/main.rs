@@ -8,6 +8,7 @@ mod inspect;
 mod mesh;
 mod run;
 mod score;
+mod signals;
 mod simulate;
 mod touch;
 mod view;

@@ -3,7 +3,7 @@
 mod arguments;
 mod folder;
 mod input;
-mod signals;
+
 mod words;
 
 use anyhow::{Context as _, Result, bail};
@@ -25,6 +25,7 @@ use mvt_slam::map::Map;
 pub use arguments::RunArguments;
 use input::RunInput;
 
+use crate::signals::stop_on_signals;
 use crate::view;
 
 /// Runs the command without arguments, which is what the program does without a command.
@@ -39,19 +40,19 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     arguments.check()?;
     let weights = arguments.touch.weights()?.filter(|_| arguments.modality.has_touch());
     let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch));
-    folder::check_vacant(&arguments.out, arguments.overwrite)?;
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
-    let stop = signals::stop_on_signals()?;
+    let stop = stop_on_signals()?;
     let RunInput { mut source, side, seed, name, object, supervisor, cameras } =
         RunInput::new(arguments, &config, network)?;
-    // Read before any file is removed, because --resume and --out may be the same folder.
+    // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(side))?),
         None => None,
     };
-    folder::prepare(&arguments.out)?;
+    // Held until the last file is written.
+    let _claimed = folder::claim(&arguments.out, arguments.overwrite)?;
     let settings = format!("# {}\n{}", arguments.repeat(&name, seed), settings::to_toml(&config)?);
     write_file(&arguments.out, folder::CONFIG, settings.as_bytes())?;
 

@@ -1,12 +1,12 @@
 //! `score`: comparison of estimated shapes and poses with the truth.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args};
 use glam::Vec3;
+use mvt_files::input;
 use mvt_frames::{Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_metrics::{FINE_POINTS, ORIGINAL_THRESHOLDS_M, POINTS, ShapeScore, TrueSurface, sample_surface};
@@ -15,8 +15,11 @@ use mvt_objects::catalogue::CatalogueWarning;
 use mvt_objects::object::Object as TrueObject;
 use mvt_run::io::print_line;
 use mvt_run::report;
-use mvt_run::report::{ErrorStatistics, FrameRow};
+use mvt_run::report::{Coordinates, ErrorStatistics, FrameRow};
 use serde::{Deserialize, Serialize};
+
+/// Largest file of poses or summary that is read, bytes: hours of poses.
+const LARGEST_FILE: u64 = 256 << 20;
 
 /// Score an estimated mesh and estimated poses against the true object
 ///
@@ -55,21 +58,12 @@ pub struct ScoreArguments {
     /// True poses (CSV) [default: the columns true_* of the estimated poses]
     #[arg(long, value_name = "FILE", requires = "pose")]
     truth_pose: Option<PathBuf>,
-    /// Coordinates of the object in which mesh and poses are given
-    #[arg(long, value_enum, default_value_t = FrameChoice::File)]
-    frame: FrameChoice,
+    /// Coordinates of the object in which mesh and poses are given [default: as the files state, else file]
+    #[arg(long, value_enum)]
+    frame: Option<Coordinates>,
     /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
-}
-
-/// Coordinates of an object on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum FrameChoice {
-    /// Coordinates of the file of the true object's mesh, as in FeelSight logs
-    File,
-    /// Coordinates of this program's runs: centred and upright
-    Object,
 }
 
 /// The printed result. Lengths are millimetres; null means that no mesh or no poses were given, or infinity.
@@ -144,7 +138,7 @@ type Results = (TrueObject, Option<Mesh>, Option<Vec<FrameRow>>);
 
 fn of_run(folder: &Path) -> Result<Results> {
     let path = folder.join(report::file::SUMMARY);
-    let text = fs::read_to_string(&path).with_context(|| {
+    let text = input::read_text(&path, LARGEST_FILE).with_context(|| {
         format!("--run {} is not the folder of a run: it contains no readable summary.json", folder.display())
     })?;
     let RunSummary { object } = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
@@ -159,7 +153,7 @@ fn of_run(folder: &Path) -> Result<Results> {
 
 fn of_files(arguments: &ScoreArguments, truth: &str) -> Result<Results> {
     let mut truth = load_truth(truth)?;
-    if arguments.frame == FrameChoice::File {
+    if coordinates(arguments)? == Coordinates::File {
         // Scores do not depend on coordinates, so the truth is moved to those of the results.
         let (rotation, translation) = truth.object_from_file.inverse().to_f32();
         for vertex in &mut truth.mesh.vertices {
@@ -179,6 +173,38 @@ fn of_files(arguments: &ScoreArguments, truth: &str) -> Result<Results> {
         }
     };
     Ok((truth, estimate, rows))
+}
+
+/// Returns the coordinates of the results: those on the command line, or else those that the files state.
+fn coordinates(arguments: &ScoreArguments) -> Result<Coordinates> {
+    let of_mesh = arguments.mesh.as_deref().and_then(|path| Some((path, Coordinates::of_mesh_file(path)?)));
+    let of_poses = |path: &Path| -> Result<_> { Ok(report::stated_coordinates(&read_text(path)?)) };
+    let of_poses = match &arguments.pose {
+        Some(path) => of_poses(path)?.map(|coordinates| (path.as_path(), coordinates)),
+        None => None,
+    };
+    if let (Some((mesh, a)), Some((poses, b))) = (of_mesh, of_poses)
+        && a != b
+    {
+        bail!(
+            "{} states coordinates {:?}, but {} states {:?}: write both in the same coordinates",
+            mesh.display(),
+            a.name(),
+            poses.display(),
+            b.name()
+        );
+    }
+    let stated = of_mesh.or(of_poses);
+    match (arguments.frame, stated) {
+        (Some(given), Some((path, stated))) if given != stated => {
+            bail!("--frame {}, but {} states coordinates {:?}", given.name(), path.display(), stated.name())
+        }
+        (None, Some((path, Coordinates::Field))) => bail!(
+            "{} is in the coordinates of a field, which cannot be compared with the truth; write it again with `mambavitact mesh --run DIR`",
+            path.display()
+        ),
+        (given, stated) => Ok(given.or(stated.map(|(_, stated)| stated)).unwrap_or(Coordinates::File)),
+    }
 }
 
 /// Loads the true object, without the warning about its mass, which scores do not use.
@@ -205,9 +231,12 @@ fn load_estimate(path: &Path) -> Result<Mesh> {
     Ok(mesh)
 }
 
+fn read_text(path: &Path) -> Result<String> {
+    input::read_text(path, LARGEST_FILE).with_context(|| format!("cannot read {}", path.display()))
+}
+
 fn load_rows(path: &Path) -> Result<Vec<FrameRow>> {
-    let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    report::read_trajectory(&text).with_context(|| path.display().to_string())
+    report::read_trajectory(&read_text(path)?).with_context(|| path.display().to_string())
 }
 
 /// Returns the rows with a true pose, of which there must be at least one.

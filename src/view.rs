@@ -3,18 +3,21 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::str::FromStr;
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum};
 use mvt_picture::film::{Film, FilmFormat};
 use mvt_picture::palette::Theme;
 use mvt_recording::Recording;
-use mvt_run::io::print_line;
+use mvt_run::io::{check_named, png, print_line, write_named};
 use mvt_run::progress;
 use mvt_viewer::eye::DISTANCE_M;
 use mvt_viewer::window;
 use mvt_viewer::window::RecordingSource;
 use mvt_viewer::{Clouds, Colouring, Dashboard, DashboardLayout, Eye, Keyframes, Layers, Preset};
+
+use crate::signals::stop_on_signals;
 
 /// Show a run or a log in a window, or write a picture or film of it
 ///
@@ -33,6 +36,9 @@ pub struct ViewArguments {
     /// Write a picture (.png) or a film (.gif, or .mp4 if ffmpeg is installed) instead of opening a window
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Replace an existing picture or film
+    #[arg(long, requires = "record")]
+    overwrite: bool,
     #[command(flatten)]
     recorded: RecordArguments,
 }
@@ -165,7 +171,10 @@ pub fn run(arguments: &ViewArguments) -> Result<()> {
             Some(RecordingSource::Log(folder)) => without_window("log", folder),
             None => without_window("run", Path::new("DIR")),
         }),
-        (Some(file), Some(place)) => record(&mut place.open()?, file, &arguments.recorded),
+        (Some(file), Some(place)) => {
+            check_named(file, arguments.overwrite)?;
+            record(&mut place.open()?, file, arguments.overwrite, &arguments.recorded)
+        }
         (Some(_), None) => bail!("--record needs --run DIR or --log LOGDIR"),
     }
 }
@@ -189,7 +198,7 @@ pub fn watch(run: &Path) -> Result<()> {
 }
 
 /// Makes a picture or a film.
-fn record(recording: &mut Recording, file: &Path, recorded: &RecordArguments) -> Result<()> {
+fn record(recording: &mut Recording, file: &Path, overwrite: bool, recorded: &RecordArguments) -> Result<()> {
     let format = FilmFormat::of(file)?;
     for warning in recording.warnings() {
         tracing::warn!("{warning}");
@@ -211,8 +220,8 @@ fn record(recording: &mut Recording, file: &Path, recorded: &RecordArguments) ->
         if moment > last {
             bail!("--frame {moment}: the last one is {last}");
         }
-        let picture = page.paint(recording, moment, &eye);
-        return picture.save(file).with_context(|| format!("cannot write {}", file.display()));
+        write_named(file, &png(&page.paint(recording, moment, &eye))?, overwrite)?;
+        return print_line(&format!("frame {moment} in {}", file.display()));
     }
     if recorded.frame.is_some() {
         bail!("--frame is for a picture; give --record a name that ends in .png, or leave --frame out");
@@ -230,9 +239,13 @@ fn record(recording: &mut Recording, file: &Path, recorded: &RecordArguments) ->
         FilmFormat::Gif => [0, 1, 3].map(|share| page.paint(recording, last * share / 3, &eye)).to_vec(),
         _ => Vec::new(),
     };
-    let mut film = Film::create(file, format, size, rate_hz, &samples)?;
+    let stop = stop_on_signals()?;
+    let mut film = Film::create(file, format, size, rate_hz, &samples, overwrite)?;
     let bar = progress::bar(shown.len() as u64, "film");
     for moment in shown {
+        if stop.load(Ordering::Relaxed) {
+            bail!("the film was interrupted, and {} was not written", file.display());
+        }
         film.push(&page.paint(recording, moment, &eye))?;
         bar.inc(1);
     }

@@ -62,10 +62,10 @@ pub struct RunArguments {
     /// Override a setting (repeatable), for example slam.tracker.touch_weight=0.5; config.toml of a run lists all
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Folder for the results; an earlier run in it is replaced
+    /// Folder for the results; an earlier run in it is moved to DIR.1, DIR.2 and so on
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
-    /// Allow a folder that contains other files than those of a run
+    /// Replace an earlier run instead of moving it, and allow a folder that contains other files
     #[arg(long)]
     pub overwrite: bool,
     /// Number of threads; it does not change the result [default: one per core]

@@ -3,11 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use image::{GrayImage, ImageBuffer};
 use mvt_feelsight::array::Array;
 use mvt_feelsight::npy;
+use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_render::touch::TouchFrame;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use rayon::prelude::*;
@@ -39,7 +40,7 @@ pub struct TouchDataArguments {
     /// Training configuration (.toml) whose table `data` replaces the protocol of MidasTouch
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Folder for the images; it must be empty or new
+    /// Folder for the images; earlier images in it are moved to DIR.1, DIR.2 and so on
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
@@ -60,10 +61,11 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
     config.objects.check()?;
     config.validate().map_err(|error| error.within("data"))?;
     let out = &arguments.out;
-    if fs::read_dir(out).is_ok_and(|mut files| files.next().is_some()) {
-        bail!("--out {} is not empty; choose another folder", out.display());
+    ensure!(arguments.images > 0, "--images 0: give at least 1");
+    let claimed = ClaimedFolder::claim(out, "touch data", Earlier::Move, false)?;
+    if let Some(moved) = claimed.moved() {
+        tracing::warn!("{} contained earlier images, which are now in {}", out.display(), moved.display());
     }
-    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let surfaces = objects::load(&objects::resolve(&arguments.objects))?;
     let mut rack = Rack::new(&config, arguments.seed)?;
     let sensors = rack.of_step(0)?;
@@ -81,7 +83,7 @@ fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Re
     let path = |what: &str| folder.join(format!("{index:05}_{what}"));
     let failed = |what: &str| format!("cannot write {}", path(what).display());
     let depth_m = Array::from_f32(vec![HEIGHT, WIDTH], frame.depth_m().iter().copied());
-    npy::write(&path("depth_m.npy"), &depth_m).with_context(|| failed("depth_m.npy"))?;
+    fs::write(path("depth_m.npy"), npy::to_bytes(&depth_m)).with_context(|| failed("depth_m.npy"))?;
     let mask = example.contact.iter().map(|&contact| if contact > 0.5 { u8::MAX } else { 0 }).collect();
     let mask: GrayImage = ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask)
         .context("the mask does not have the size of its image")?;

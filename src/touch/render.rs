@@ -7,9 +7,13 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use mvt_feelsight::array::Array;
 use mvt_feelsight::npy;
+use mvt_files::input;
 use mvt_render::touch::{Background, TouchConfig, render_contact};
-use mvt_run::io::read_image;
+use mvt_run::io::{check_named, read_image, write_named};
 use ndarray::{Array2, Array3};
+
+/// Largest file of a pose that is read, bytes.
+const LARGEST_POSE: u64 = 1 << 20;
 
 /// Render one touch image of a mesh that a DIGIT touches at a given pose, without noise
 ///
@@ -33,6 +37,9 @@ pub struct TouchRenderArguments {
     /// Start of the paths of the written files
     #[arg(long, value_name = "PREFIX")]
     out: PathBuf,
+    /// Replace existing files
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// Runs the command.
@@ -43,7 +50,8 @@ pub fn run(arguments: &TouchRenderArguments) -> Result<()> {
     for warning in warnings {
         tracing::warn!("{warning}");
     }
-    let text = fs::read_to_string(pose_path).with_context(|| format!("cannot read {}", pose_path.display()))?;
+    let text =
+        input::read_text(pose_path, LARGEST_POSE).with_context(|| format!("cannot read {}", pose_path.display()))?;
     let pose: [[f64; 4]; 4] = serde_json::from_str(&text)
         .with_context(|| format!("--pose {} does not contain a 4 x 4 matrix of numbers", pose_path.display()))?;
     let background = match &arguments.background {
@@ -54,17 +62,26 @@ pub fn run(arguments: &TouchRenderArguments) -> Result<()> {
         .with_context(|| format!("cannot render the pose in {}", pose_path.display()))?;
     let image = |image: &Array3<u8>| Array::from_u8(image.shape().to_vec(), image.iter().copied().collect());
     let depth = |depth: &Array2<f32>| Array::from_f32(depth.shape().to_vec(), depth.iter().copied());
-    write(&arguments.out, "rgb_raw", &image(&arrays.raw))?;
-    write(&arguments.out, "rgb_cal", &image(&arrays.calibrated))?;
-    write(&arguments.out, "depth", &depth(&arrays.depth_m))
+    let arrays =
+        [("rgb_raw", image(&arrays.raw)), ("rgb_cal", image(&arrays.calibrated)), ("depth", depth(&arrays.depth_m))];
+    for (name, _) in &arrays {
+        check_named(&path(&arguments.out, name), arguments.overwrite)?;
+    }
+    for (name, array) in &arrays {
+        write(&path(&arguments.out, name), array, arguments.overwrite)?;
+    }
+    Ok(())
 }
 
-fn write(prefix: &Path, name: &str, array: &Array) -> Result<()> {
+fn path(prefix: &Path, name: &str) -> PathBuf {
     let mut path = prefix.as_os_str().to_owned();
     path.push(format!("_{name}.npy"));
-    let path = PathBuf::from(path);
+    PathBuf::from(path)
+}
+
+fn write(path: &Path, array: &Array, overwrite: bool) -> Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
-    npy::write(&path, array).with_context(|| format!("cannot write {}", path.display()))
+    write_named(path, &npy::to_bytes(array), overwrite)
 }

@@ -4,7 +4,6 @@ mod curve;
 mod panels;
 mod resize;
 
-use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -12,6 +11,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
+use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_presses::objects::PressedSurface;
 use mvt_presses::{DataConfig, Example, Rack, example, objects};
 use mvt_products::Instructions;
@@ -137,7 +137,9 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
         TouchTrainer::new(architecture.clone(), training.clone(), start.as_ref())?
     };
     let mut trainer = trainer.on(device);
-    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
+    let earlier = if arguments.resume { Earlier::Keep } else { Earlier::Move };
+    // Trainings of version 0.1.0 have no mark.
+    let _claimed = ClaimedFolder::claim(&arguments.out, "touch train", earlier, arguments.resume)?;
     let hash = data_hash(&data)?;
     let surfaces = objects::load(&data.objects.train)?;
     let watched = Validation::new(&data, &training)?;

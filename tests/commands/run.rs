@@ -70,10 +70,12 @@ fn a_closed_loop_reconstructs_and_tracks() {
         again["pose"]["add_s_mm"]["mean"].as_f64().unwrap() - summary["add_s_mm"]["mean"].as_f64().unwrap();
     assert!(difference.abs() < 1e-6, "{again}");
 
-    // A run with its settings may replace it.
+    // A run with its settings moves it away.
     fs::copy(workplace.path("out/config.toml"), workplace.path("settings.toml")).unwrap();
     let line = "run --object rubiks_cube_small --duration 0.2 --config settings.toml --set slam.map.batch=512 --json";
-    let text = workplace.run(line).good();
+    let again = workplace.run(line);
+    let text = again.stdout.clone();
+    assert!(again.warned().contains("out.1"));
     assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["frames"], 6, "{text}");
     assert!(fs::read_to_string(workplace.path("out/config.toml")).unwrap().contains("batch = 512"));
 }
@@ -127,7 +129,7 @@ fn wrong_arguments_are_refused_before_anything_runs() {
 fn a_log_serves_all_modes() {
     let workplace = with_log();
     for (mode, limit_mm) in [("slam", 3.0), ("pose", 3.0), ("pose --init truth", 2.0), ("map", 2.0)] {
-        workplace.run(&format!("run --log {LOG} --mode {mode} --quiet")).good();
+        workplace.run(&format!("run --log {LOG} --mode {mode} --overwrite --quiet")).good();
         let summary = summary(&workplace, "out");
         assert_eq!(summary["frames"], 20, "{mode}: {summary}");
         assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < limit_mm, "{mode}: {summary}");

@@ -22,7 +22,7 @@ fn film(workplace: &Workplace, name: &str) -> Vec<RgbImage> {
 }
 
 fn picture(workplace: &Workplace, arguments: &str) -> RgbImage {
-    workplace.run(&format!("view {arguments} --record picture.png")).good();
+    workplace.run(&format!("view {arguments} --record picture.png --overwrite")).good();
     image::open(workplace.path("picture.png")).unwrap().into_rgb8()
 }
 

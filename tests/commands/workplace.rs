@@ -125,6 +125,10 @@ pub fn skip(reason: &str) {
 fn collect(root: &Path, folder: &Path, files: &mut Files) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
+        // It holds the number of a process.
+        if path.ends_with(".mambavitact") {
+            continue;
+        }
         if path.is_dir() {
             collect(root, &path, files);
         } else {

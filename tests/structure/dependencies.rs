@@ -48,7 +48,11 @@ pub fn packages() -> &'static BTreeMap<String, Package> {
     static PACKAGES: OnceLock<BTreeMap<String, Package>> = OnceLock::new();
     PACKAGES.get_or_init(|| {
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-        let arguments = ["metadata", "--format-version", "1", "--offline", "--locked"];
+        // For this platform alone: the packages of others are not on a machine that has only built the program.
+        let version = Command::new("rustc").arg("-vV").output().unwrap();
+        let version = String::from_utf8(version.stdout).unwrap();
+        let host = version.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
+        let arguments = ["metadata", "--format-version", "1", "--offline", "--locked", "--filter-platform", host];
         let output = Command::new(cargo).args(arguments).current_dir(root()).output().unwrap();
         assert!(output.status.success(), "cargo metadata: {}", String::from_utf8_lossy(&output.stderr));
         read_metadata(&serde_json::from_slice(&output.stdout).unwrap())

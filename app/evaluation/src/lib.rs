@@ -7,14 +7,16 @@ mod tsdf;
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs::{self, File, OpenOptions};
-use std::io::Write as _;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::{Context as _, Result, anyhow, bail};
 use clap::{Args, value_parser};
+use mvt_files::folder::{ClaimedFolder, Earlier};
+use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::gait;
 use mvt_mesh::Mesh;
@@ -72,9 +74,12 @@ pub struct EvaluateArguments {
     duration: f64,
     #[command(flatten)]
     touch: TouchArguments,
-    /// Folder for the results
+    /// Folder for the results; the results of an earlier `evaluate` in it are kept and not repeated
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Allow a folder that contains other files
+    #[arg(long)]
+    overwrite: bool,
     /// Also run without each factor of the tracker and of the map in turn
     #[arg(long)]
     ablate: bool,
@@ -232,9 +237,13 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
         Placement::parse_list(cameras)?;
     }
     let weights = arguments.touch.weights()?;
+    check_repeated("--objects", &arguments.objects)?;
+    check_repeated("--cameras", &arguments.cameras)?;
+    check_repeated("--modes", &arguments.modes)?;
+    check_repeated("--modalities", &arguments.modalities)?;
     let objects: Vec<(&str, Object)> =
         arguments.objects.iter().map(|name| Ok((name.as_str(), load_object(name)?))).collect::<Result<_>>()?;
-    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
+    let _claimed = ClaimedFolder::claim(&arguments.out, "evaluate", Earlier::Keep, arguments.overwrite)?;
     let episodes: Vec<Episode<'_>> = objects
         .iter()
         .flat_map(|(name, object)| {
@@ -270,6 +279,14 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     print_line(&text)
 }
 
+/// Checks that a list names nothing twice, because the same run would be counted twice.
+fn check_repeated<T: PartialEq + std::fmt::Debug>(option: &str, list: &[T]) -> Result<()> {
+    match list.iter().enumerate().find(|(k, item)| list[..*k].contains(item)) {
+        Some((_, item)) => bail!("{option} names {item:?} twice"),
+        None => Ok(()),
+    }
+}
+
 /// A line of results that tells which run it is of.
 trait Keyed {
     fn key(&self) -> &Key;
@@ -293,7 +310,7 @@ fn all<L: Keyed + Clone + Serialize + DeserializeOwned + Send>(
 ) -> Result<Vec<L>> {
     let before: Vec<L> = read_lines(path)?;
     let done: HashSet<Key> = before.iter().map(|line| line.key().clone()).collect();
-    let file = OpenOptions::new().create(true).append(true).open(path);
+    let file = OpenOptions::new().create(true).append(true).open(path).and_then(|file| end_last_line(file, path));
     let file = file.with_context(|| path.display().to_string())?;
     let written = Mutex::new((file, before));
     let wanted = Mutex::new(HashSet::new());
@@ -333,17 +350,24 @@ fn poisoned() -> anyhow::Error {
 
 /// The lines of an earlier run; the last may have been cut off.
 fn read_lines<L: DeserializeOwned>(path: &Path) -> Result<Vec<L>> {
-    match fs::read_to_string(path) {
+    match input::read_text(path, u64::MAX) {
         Ok(text) => Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
         Err(error) => Err(error).with_context(|| path.display().to_string()),
     }
 }
 
-/// The line break comes first: a line that was cut off then spoils no other.
+/// Ends a last line that was cut off when a process was killed, so that it spoils no other line.
+fn end_last_line(mut file: File, path: &Path) -> io::Result<File> {
+    if fs::read(path)?.last().is_some_and(|&byte| byte != b'\n') {
+        file.write_all(b"\n")?;
+    }
+    Ok(file)
+}
+
 fn append(file: &mut File, path: &Path, line: &impl Serialize) -> Result<()> {
     let text = serde_json::to_string(line)?;
-    file.write_all(format!("\n{text}").as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+    file.write_all(format!("{text}\n").as_bytes()).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// The settings of each variant by its name: those asked for, and each with a factor at 0.

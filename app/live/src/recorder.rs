@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result};
 use indicatif::ProgressBar;
 use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SCENE_FILE, SceneFile, SceneObject};
+use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
 use mvt_gaits::gait;
@@ -61,6 +62,9 @@ pub struct Recorder<'a> {
     background: Option<image::RgbImage>,
 }
 
+/// Largest scene.json that is read, bytes.
+const LARGEST_SCENE_FILE: u64 = 1 << 20;
+
 impl<'a> Recorder<'a> {
     /// Prepares for an object that was loaded by `name`.
     pub fn new(object: &'a Object, name: &str, settings: &'a Settings) -> Result<Self> {
@@ -78,7 +82,7 @@ impl<'a> Recorder<'a> {
 
     /// Whether a folder holds the complete log that [`Recorder::record`] would make.
     pub fn made(&self, folder: &Path, seed: u64, cameras: &[PosedCamera]) -> bool {
-        let text = fs::read(folder.join(SCENE_FILE)).unwrap_or_default();
+        let text = input::read(&folder.join(SCENE_FILE), LARGEST_SCENE_FILE).unwrap_or_default();
         serde_json::from_slice::<SceneFile>(&text)
             .is_ok_and(|scene| scene.config_sha256 == self.config_sha256(seed, cameras))
     }

@@ -7,6 +7,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 
 use color_quant::NeuQuant;
 use image::RgbImage;
+use mvt_files::output::PartialFile;
 use rayon::prelude::*;
 
 /// Colours of a GIF; the last of 256 indices marks pixels that do not change.
@@ -97,17 +98,22 @@ impl FilmFormat {
     }
 }
 
-/// Film that is being written to a file. A GIF appears under its name only when it is complete.
-pub struct Film(Kind);
+/// Film that is being written to a file, which appears under its name only when it is complete.
+pub struct Film {
+    kind: Kind,
+    path: PathBuf,
+    place: PartialFile,
+    overwrite: bool,
+}
 
 enum Kind {
-    Gif { path: PathBuf, partial: PathBuf, writer: Box<GifWriter<BufWriter<File>>> },
+    Gif(Box<GifWriter<BufWriter<File>>>),
     Mp4(Mp4Writer),
 }
 
 impl Film {
     /// Begins a film of this width and height in pixels. The colours of a GIF are chosen from `samples`, which an MP4
-    /// does not need.
+    /// does not need. An existing file is replaced only with `overwrite`.
     ///
     /// # Errors
     /// [`FilmError`] if the file cannot be created, or if an MP4 is wanted and ffmpeg is not installed.
@@ -117,17 +123,19 @@ impl Film {
         size: [u32; 2],
         rate_hz: f64,
         samples: &[RgbImage],
+        overwrite: bool,
     ) -> Result<Self, FilmError> {
-        match format {
+        let io = |error| FilmError::Io { path: path.to_path_buf(), error };
+        let mut place = PartialFile::create(path).map_err(io)?;
+        let kind = match format {
             FilmFormat::Gif => {
-                let partial = path.with_extension("gif.partial");
-                let file = File::create(&partial).map_err(|error| FilmError::Io { path: partial.clone(), error })?;
-                let writer = Box::new(GifWriter::new(BufWriter::new(file), size, rate_hz, samples)?);
-                Ok(Self(Kind::Gif { path: path.to_path_buf(), partial, writer }))
+                let file = place.file().try_clone().map_err(io)?;
+                Kind::Gif(Box::new(GifWriter::new(BufWriter::new(file), size, rate_hz, samples)?))
             }
-            FilmFormat::Mp4 => Ok(Self(Kind::Mp4(Mp4Writer::create(path, size, rate_hz)?))),
-            FilmFormat::Png => Err(FilmError::NotAFilm(path.to_path_buf())),
-        }
+            FilmFormat::Mp4 => Kind::Mp4(Mp4Writer::create(place.partial_path(), size, rate_hz)?),
+            FilmFormat::Png => return Err(FilmError::NotAFilm(path.to_path_buf())),
+        };
+        Ok(Self { kind, path: path.to_path_buf(), place, overwrite })
     }
 
     /// Appends a picture.
@@ -135,8 +143,8 @@ impl Film {
     /// # Errors
     /// [`FilmError`] if the picture has another size or cannot be written.
     pub fn push(&mut self, picture: &RgbImage) -> Result<(), FilmError> {
-        match &mut self.0 {
-            Kind::Gif { writer, .. } => writer.push(picture),
+        match &mut self.kind {
+            Kind::Gif(writer) => writer.push(picture),
             Kind::Mp4(writer) => writer.push(picture),
         }
     }
@@ -146,13 +154,12 @@ impl Film {
     /// # Errors
     /// [`FilmError`] if the rest of the film cannot be written.
     pub fn finish(self) -> Result<(), FilmError> {
-        match self.0 {
-            Kind::Gif { path, partial, writer } => {
-                writer.finish()?;
-                std::fs::rename(&partial, &path).map_err(|error| FilmError::Io { path, error })
-            }
-            Kind::Mp4(writer) => writer.finish(),
+        match self.kind {
+            Kind::Gif(writer) => writer.finish().map(drop)?,
+            Kind::Mp4(writer) => writer.finish()?,
         }
+        let placed = if self.overwrite { self.place.replace() } else { self.place.finish() };
+        placed.map_err(|error| FilmError::Io { path: self.path, error })
     }
 }
 
@@ -265,7 +272,7 @@ impl Mp4Writer {
         let ffmpeg = Command::new("ffmpeg")
             .args(["-nostdin", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-s", &format!("{width}x{height}"), "-r", &rate_hz.to_string(), "-i", "-"])
-            .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-y"])
+            .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "-y"])
             .arg(path)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
@@ -332,8 +339,11 @@ mod tests {
             })
         };
         let pictures: Vec<RgbImage> = [12, 36, 36, 120].map(picture).to_vec();
-        assert!(matches!(Film::create(&path, FilmFormat::Gif, [160, 120], 10.0, &[]), Err(FilmError::NoSamples)));
-        let mut film = Film::create(&path, FilmFormat::Gif, [160, 120], 10.0, &pictures[..2]).unwrap();
+        assert!(matches!(
+            Film::create(&path, FilmFormat::Gif, [160, 120], 10.0, &[], false),
+            Err(FilmError::NoSamples)
+        ));
+        let mut film = Film::create(&path, FilmFormat::Gif, [160, 120], 10.0, &pictures[..2], false).unwrap();
         pictures.iter().for_each(|picture| film.push(picture).unwrap());
         assert!(!path.exists(), "it appears when it is complete");
         assert!(film.push(&RgbImage::new(3, 3)).is_err());

@@ -1,11 +1,12 @@
 //! Reads recordings, including those that still grow.
 
 use std::collections::VecDeque;
-use std::fs::{self, File, TryLockError};
+use std::fs::TryLockError;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use mvt_files::input;
 use mvt_frames::{Isometry, World};
 use mvt_mesh::Mesh;
 use mvt_run::report::Event;
@@ -67,7 +68,7 @@ impl Recording {
     pub fn open(folder: &Path) -> Result<Self, RecordingError> {
         let inner = folder.join(FOLDER);
         let path = inner.join(file_names::ABOUT);
-        let text = match fs::read(&path) {
+        let text = match input::read(&path, LARGEST_TEXT) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Err(RecordingError::NoRecording(folder.to_path_buf()));
@@ -147,8 +148,8 @@ impl Recording {
                 return Ok(has_news);
             }
         };
-        let now =
-            fs::read(folder.join(file_names::ABOUT)).map_err(RecordingError::io(folder.join(file_names::ABOUT)))?;
+        let now = input::read(&folder.join(file_names::ABOUT), LARGEST_TEXT)
+            .map_err(RecordingError::io(folder.join(file_names::ABOUT)))?;
         if now != *about {
             *self = Self { revision: self.revision + 1, ..Self::open(&self.folder)? };
             return Ok(true);
@@ -317,13 +318,13 @@ impl Recording {
 
 /// Reads the status of a run.
 fn status(folder: &Path) -> Status {
-    if let Ok(text) = fs::read(folder.join(file_names::END)) {
+    if let Ok(text) = input::read(&folder.join(file_names::END), LARGEST_TEXT) {
         return match serde_json::from_slice(&text) {
             Ok(EndFile { complete: true }) => Status::Finished,
             _ => Status::Interrupted,
         };
     }
-    match File::open(folder.join(file_names::RUNNING)).map(|file| file.try_lock_shared()) {
+    match input::open(&folder.join(file_names::RUNNING)).map(|file| file.try_lock_shared()) {
         Ok(Err(TryLockError::WouldBlock)) => Status::Running,
         // The run may have ended since the first check.
         _ if folder.join(file_names::END).exists() => Status::Finished,
@@ -336,7 +337,7 @@ fn block(path: &Path, BlockPlace { at, bytes, crc32 }: BlockPlace) -> Result<Vec
     if bytes > LARGEST_BLOCK {
         return Err(RecordingError::damaged(path, format_args!("a block of {bytes} bytes is too large")));
     }
-    let mut file = File::open(path).map_err(RecordingError::io(path))?;
+    let mut file = input::open(path).map_err(RecordingError::io(path))?;
     file.seek(SeekFrom::Start(at)).map_err(RecordingError::io(path))?;
     let mut block = Vec::new();
     file.take(bytes).read_to_end(&mut block).map_err(RecordingError::io(path))?;
@@ -366,7 +367,7 @@ struct Lines {
 impl Lines {
     /// Returns the new complete lines.
     fn read<T: DeserializeOwned>(&mut self, warnings: &mut Vec<String>) -> Result<Vec<T>, RecordingError> {
-        let mut file = File::open(&self.path).map_err(RecordingError::io(&self.path))?;
+        let mut file = input::open(&self.path).map_err(RecordingError::io(&self.path))?;
         file.seek(SeekFrom::Start(self.read)).map_err(RecordingError::io(&self.path))?;
         let mut text = Vec::new();
         file.take(LARGEST_TEXT).read_to_end(&mut text).map_err(RecordingError::io(&self.path))?;

@@ -85,7 +85,7 @@ fn sensed(frame: u64) -> Box<Sensed> {
 
 fn shape(frame: u64) -> MeshedShape {
     let sdf = SdfGrid { low: Vec3::splat(-0.03), cell_m: 0.01, counts: [7; 3], values: vec![-4; 343] };
-    MeshedShape { frame, mesh: ball(), sdf, point: None, mesh_ms: 1.0 }
+    MeshedShape { frame, mesh: ball(), sdf, point: None, object_from_field: Isometry::identity(), mesh_ms: 1.0 }
 }
 
 fn frames(writer: &RecordingWriter, range: std::ops::Range<u64>) {

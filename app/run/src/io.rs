@@ -1,10 +1,14 @@
 //! Lines to standard output, and files that appear whole.
 
-use std::fs;
+use std::io::{Cursor, ErrorKind};
 use std::path::Path;
 
-use anyhow::{Context as _, Result};
-use image::RgbImage;
+use anyhow::{Context as _, Result, bail};
+use image::{ImageFormat, RgbImage};
+use mvt_files::{input, output};
+
+/// Largest image that is read, bytes.
+const LARGEST_IMAGE: u64 = 256 << 20;
 
 /// Writes a result to standard output; a reader that has gone away is an error, not a panic.
 pub fn print_line(text: &str) -> Result<()> {
@@ -15,11 +19,45 @@ pub fn print_line(text: &str) -> Result<()> {
 
 /// Puts a file in its place, whole: an earlier one of that name is there until the new one is.
 pub fn write_file(folder: &Path, name: &str, bytes: &[u8]) -> Result<()> {
-    let partial = folder.join(format!(".{name}.partial"));
     let path = folder.join(name);
-    fs::write(&partial, bytes)
-        .and_then(|()| fs::rename(&partial, &path))
-        .with_context(|| format!("cannot write {}", path.display()))
+    output::replace(&path, bytes).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes a file whose path a person gave. An existing file is replaced only with `overwrite`.
+///
+/// # Errors
+/// If there is a file of that name, or it cannot be written.
+pub fn write_named(path: &Path, bytes: &[u8], overwrite: bool) -> Result<()> {
+    let written = if overwrite { output::replace(path, bytes) } else { output::create(path, bytes) };
+    match written {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => bail!(already_exists(path)),
+        written => written.with_context(|| format!("cannot write {}", path.display())),
+    }
+}
+
+/// Returns an error if a file whose path a person gave exists and `overwrite` is false. For commands that work long before they write.
+///
+/// # Errors
+/// If there is a file of that name.
+pub fn check_named(path: &Path, overwrite: bool) -> Result<()> {
+    if !overwrite && output::refuse_existing(path).is_err() {
+        bail!(already_exists(path));
+    }
+    Ok(())
+}
+
+fn already_exists(path: &Path) -> String {
+    format!("{} already exists; choose another name or give --overwrite", path.display())
+}
+
+/// Encodes a picture as PNG.
+///
+/// # Errors
+/// Those of the encoder.
+pub fn png(picture: &RgbImage) -> Result<Vec<u8>> {
+    let mut bytes = Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, ImageFormat::Png)?;
+    Ok(bytes.into_inner())
 }
 
 /// Reads an image as RGB.
@@ -27,7 +65,7 @@ pub fn write_file(folder: &Path, name: &str, bytes: &[u8]) -> Result<()> {
 /// # Errors
 /// If the file cannot be read or is not an image.
 pub fn read_image(path: &Path) -> Result<RgbImage> {
-    let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes = input::read(path, LARGEST_IMAGE).with_context(|| format!("cannot read {}", path.display()))?;
     let image =
         image::load_from_memory(&bytes).with_context(|| format!("{} is not a readable image", path.display()))?;
     Ok(image.to_rgb8())

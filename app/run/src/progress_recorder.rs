@@ -57,6 +57,7 @@ impl<'a> ProgressRecorder<'a> {
             Progress::Shape(_, shape) => {
                 self.record.shape.extend(shape.point);
                 // A shape is meshed while later frames are estimated, so its time belongs to an earlier row.
+                self.record.object_from_field = Some(shape.object_from_field);
                 if let Some(row) = self.record.frames.iter_mut().rev().find(|row| row.frame == shape.frame) {
                     row.stage_ms.mesh += shape.mesh_ms;
                 }

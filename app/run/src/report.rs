@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Result;
-use mvt_frames::{Isometry, Object, World};
+use mvt_frames::{Field, Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_metrics::{AddS, TrueSurface};
 use rayon::prelude::*;
@@ -18,6 +18,7 @@ use crate::source::Modality;
 use crate::truth::Truth;
 pub use mvt_slam::TrackState;
 
+mod coordinates;
 mod curves;
 pub mod mesh_file;
 mod summary;
@@ -26,8 +27,9 @@ mod tests;
 mod trajectory;
 mod turntable;
 
+pub use coordinates::Coordinates;
 pub use summary::{ErrorStatistics, ShapeScores, Summary};
-pub use trajectory::{read_trajectory, write_trajectory};
+pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
 
 /// Names of the files in a run's folder.
 pub mod file {
@@ -62,6 +64,8 @@ pub struct RunRecord {
     pub shape: Vec<ShapePoint>,
     /// Events, in order of time.
     pub events: Vec<Event>,
+    /// Takes the coordinates of the field to those of the mesh in the end; `None` before anything was seen.
+    pub object_from_field: Option<Isometry<Field, Object>>,
     /// Wall time, seconds.
     pub wall_s: f64,
     /// Time of the episode or log, seconds.
@@ -170,10 +174,10 @@ pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&Tru
     let shape = truth.map(|(truth, motion)| ShapeScores::new(estimate, truth, motion)).unwrap_or_default();
     let summary = Summary::new(run, shape);
     write_tables(folder, run, &summary)?;
-    write_file(folder, file::OBJ, mesh_file::obj(estimate).as_bytes())?;
+    write_file(folder, file::OBJ, mesh_file::obj(estimate, Coordinates::Object).as_bytes())?;
     write_file(folder, file::CURVES, curves::curves(run).as_bytes())?;
     let errors_m = truth.map(|(truth, motion)| turntable::vertex_errors_m(estimate, motion, truth.object()));
-    write_file(folder, file::PLY, &mesh_file::ply(estimate, errors_m.as_deref()))?;
+    write_file(folder, file::PLY, &mesh_file::ply(estimate, Coordinates::Object, errors_m.as_deref()))?;
     if let Some(((truth, object_from_estimate), errors_m)) = truth.zip(errors_m.as_deref()) {
         let turntable = turntable::Turntable { estimate, errors_m, object_from_estimate, truth: truth.mesh() };
         write_file(folder, file::TURNTABLE, &turntable.gif()?)?;

@@ -5,11 +5,14 @@
 
 use std::path::{Path, PathBuf};
 
+use mvt_files::input;
 use mvt_settings::{SettingError, SettingGroup, SettingInfo};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
+/// Largest settings file that is read, bytes.
+const LARGEST_FILE: u64 = 1 << 20;
 /// Keys of version 0.1.0 that held two numbers, each with the keys that hold them now.
 const RENAMED: [(&str, [&str; 2]); 5] = [
     ("slam.tracker.velocity_sigma", ["slam.tracker.velocity_sigma_m", "slam.tracker.velocity_sigma_rad"]),
@@ -112,7 +115,8 @@ where
 /// # Errors
 /// [`LoadSettingsError`] with the line if the file cannot be read or is invalid.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, LoadSettingsError> {
-    let text = std::fs::read_to_string(path).map_err(|reason| LoadSettingsError::Io { path: path.into(), reason })?;
+    let text =
+        input::read_text(path, LARGEST_FILE).map_err(|reason| LoadSettingsError::Io { path: path.into(), reason })?;
     toml::from_str(&text).map_err(|error| {
         let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
         let line = before.matches('\n').count() + 1;

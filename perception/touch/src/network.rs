@@ -72,4 +72,4 @@ pub use cost::Cost;
 pub use layer::{Grid, LAYER_NORM_EPS, NetworkLayer, Op};
 pub use weights::{Precision, Provenance, WeightTensor, Weights, WeightsError};
 #[cfg(feature = "train")]
-pub(crate) use weights::{Stored, write_whole};
+pub(crate) use weights::{Stored, write_sealed};

@@ -1,6 +1,5 @@
 //! Reads a file with the reader of its format.
 
-use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 
@@ -43,8 +42,8 @@ pub fn read(path: &Path) -> Result<Mesh, MeshError> {
     let inner = || -> Result<Mesh, Defect> {
         let format = Format::from_path(path).ok_or(Defect::UnknownFormat)?;
         let mut bytes = Vec::new();
-        // Limits the bytes that are read, because a pipe or /dev/zero has no length.
-        File::open(path)?.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes)?;
+        // Limits the bytes that are read, because the file may grow meanwhile.
+        mvt_files::input::open(path)?.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes)?;
         parse(&bytes, format)
     };
     inner().map_err(|defect| defect.of(&name))

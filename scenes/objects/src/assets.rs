@@ -5,7 +5,7 @@
 //! fetches nor deletes.
 
 use std::collections::HashSet;
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -201,7 +201,7 @@ impl Library {
 
     fn read_pinned(&self, file: PinnedMesh) -> Result<Vec<u8>, AssetsError> {
         let path = self.path(file.name);
-        let bytes = match fs::read(&path) {
+        let bytes = match mvt_files::input::read(&path, MAX_MESH_BYTES) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(AssetsError::Missing { path }),
             other => other.map_err(io_error(&path))?,
         };
@@ -279,7 +279,7 @@ impl Library {
         unpacked: &mut dyn FnMut(usize, usize),
     ) -> Result<(), AssetsError> {
         let bad = |reason: String| AssetsError::BadArchive { path: archive.to_owned(), reason };
-        let file = File::open(archive).map_err(io_error(archive))?;
+        let file = mvt_files::input::open(archive).map_err(io_error(archive))?;
         let mut tar = tar::Archive::new(GzDecoder::new(file));
         let mut missing: HashSet<&str> = self.files.iter().map(|file| file.name).collect();
         for entry in tar.entries().map_err(|error| bad(error.to_string()))? {

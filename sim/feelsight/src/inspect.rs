@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
+use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, Point};
 use mvt_robot::digit;
@@ -18,6 +19,13 @@ use crate::reader::Log;
 
 /// Greatest difference between a recorded DIGIT pose and forward kinematics: metres, and elements of the rotation.
 const KINEMATICS_TOLERANCE: f64 = 1e-6;
+/// Number of frames in which camera depth is compared with the surface.
+const CAMERA_FRAMES: usize = 12;
+/// Every Nth pixel that shows the object is compared with the surface.
+const CAMERA_STRIDE: usize = 37;
+/// Median distance from the true surface above which a camera's pose is doubted, metres. Exact depth lies within 0.1 mm of it, and depth
+/// with five times Redwood's noise within 2 mm.
+const CAMERA_FIT_M: f64 = 0.004;
 /// Every Nth pixel in contact is compared with the surface.
 const CONTACT_STRIDE: usize = 17;
 
@@ -47,7 +55,7 @@ pub struct LogSummary {
     /// poses. In logs without scene.json it is only informative, since their recorded poses are not documented.
     pub kinematics_deviation: Option<f64>,
     /// Distance of points in contact from the surface of the object; `None` without labels, contact or a surface.
-    pub contact_distance: Option<ContactDistance>,
+    pub contact_distance: Option<SurfaceDistance>,
     /// Defects that were tolerated in a log of another program.
     pub notes: Vec<String>,
 }
@@ -66,16 +74,21 @@ pub struct CameraSummary {
     pub depth_fraction: f64,
     /// Mean number of pixels that show the object; `None` without segmentation.
     pub object_pixels: Option<f64>,
+    /// Distance of the measured points of the object from its surface at the true pose; `None` without segmentation, pose or surface. A
+    /// camera that is not where the log says leads to millimetres and more.
+    pub surface_distance: Option<SurfaceDistance>,
 }
 
-/// Distances of points in contact from the surface of the object, metres.
+/// Distances of measured points from the surface of the object, metres.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
-pub struct ContactDistance {
+pub struct SurfaceDistance {
     /// Number of points.
     pub points: usize,
     /// Mean of the absolute distances.
     pub mean_m: f64,
+    /// Median of the absolute distances.
+    pub median_m: f64,
     /// 95th percentile of the absolute distances.
     pub p95_m: f64,
 }
@@ -113,17 +126,28 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
     let log = Log::open(folder)?;
     let kinematics_deviation = kinematics(&log)?;
     let facts = (0..log.len()).into_par_iter().map(|i| frame_facts(&log, i, surface)).collect::<Result<Vec<_>, _>>()?;
-    let depths = (0..log.cameras().len()).into_par_iter().map(|camera| depth_fraction(&log, camera));
+    let depths = (0..log.cameras().len()).into_par_iter().map(|camera| depth_facts(&log, camera, surface));
     let depths = depths.collect::<Result<Vec<_>, _>>()?;
+    let mut notes = log.notes().to_vec();
+    for (camera, DepthFacts { distances, .. }) in log.cameras().iter().zip(&depths) {
+        if let Some(median_m) = surface_distance(distances.clone()).map(|d| d.median_m).filter(|&m| m > CAMERA_FIT_M) {
+            notes.push(format!(
+                "camera {} sees the object {:.1} mm (median) beside its true surface: its pose or that of the object is wrong",
+                camera.name,
+                1e3 * median_m
+            ));
+        }
+    }
 
     let frames = log.len() as f64;
-    let camera = |(i, camera): (usize, &mvt_frames::camera::PosedCamera)| {
+    let camera = |(i, camera): (usize, &PosedCamera)| {
         let object = facts.iter().map(|f| f.object_pixels.as_ref().and_then(|pixels| pixels.get(i).copied()));
         CameraSummary {
             name: camera.name.clone(),
             width: camera.intrinsics.width,
             height: camera.intrinsics.height,
-            depth_fraction: depths[i],
+            depth_fraction: depths[i].fraction,
+            surface_distance: surface_distance(depths[i].distances.clone()),
             object_pixels: object.sum::<Option<usize>>().map(|pixels| pixels as f64 / frames),
         }
     };
@@ -148,8 +172,8 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
         contact_fraction,
         any_contact_fraction: fraction(&|contact| contact.0.contains(&true)),
         kinematics_deviation,
-        contact_distance: contact_distance(facts.iter().flat_map(|f| f.distances.iter().copied()).collect()),
-        notes: log.notes().to_vec(),
+        contact_distance: surface_distance(facts.iter().flat_map(|f| f.distances.iter().copied()).collect()),
+        notes,
     })
 }
 
@@ -205,30 +229,74 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
     })
 }
 
+/// Facts from the depths of one camera.
+struct DepthFacts {
+    /// Fraction of pixels with a depth.
+    fraction: f64,
+    /// Signed distances of some points of the object from its surface, metres.
+    distances: Vec<f64>,
+}
+
 /// Reads all depths of a camera, and so checks their checksum.
-fn depth_fraction(log: &Log, camera: usize) -> Result<f64, LogError> {
+fn depth_facts(log: &Log, camera: usize, surface: Option<Surface<'_>>) -> Result<DepthFacts, LogError> {
     let path = log.folder().join("realsense").join(&log.cameras()[camera].name).join("depth.npz");
-    let read = || {
+    let every = log.len().div_ceil(CAMERA_FRAMES);
+    let mut sampled = Vec::new();
+    let mut read = || {
         let mut reader = npz::NpzReader::open(&path)?;
         let (mut valid, mut pixels) = (0usize, 0usize);
-        while let Some(values) = reader.read()? {
+        for frame in 0.. {
+            let Some(values) = reader.read()? else { break };
             if log.scene().is_some() && !values.iter().all(|&z| z <= 0.0 && z.is_finite()) {
                 return Err(npz::NpzError::Defect("a depth is positive or not finite".into()));
             }
             valid += values.iter().filter(|&&z| z != 0.0 && z.is_finite()).count();
             pixels += values.len();
+            if surface.is_some() && frame < log.len() && frame % every == 0 {
+                sampled.push((frame, values));
+            }
         }
         Ok(valid as f64 / pixels.max(1) as f64)
     };
-    read().map_err(LogError::npz(&path))
+    let fraction = read().map_err(LogError::npz(&path))?;
+    let mut distances = Vec::new();
+    if let Some(distance_m) = surface {
+        for (frame, values) in sampled {
+            distances.extend(object_distances(log, camera, frame, &values, distance_m)?);
+        }
+    }
+    Ok(DepthFacts { fraction, distances })
 }
 
-fn contact_distance(mut distances: Vec<f64>) -> Option<ContactDistance> {
+/// Returns the signed distances of some pixels that show the object from its surface at the true pose, metres. `values` are the depths of
+/// the camera in the frame, row by row.
+fn object_distances(
+    log: &Log,
+    camera: usize,
+    frame: usize,
+    values: &[f32],
+    distance_m: Surface<'_>,
+) -> Result<Vec<f64>, LogError> {
+    let labels = log.images(frame)?.labels.and_then(|mut labels| labels.get_mut(camera).map(std::mem::take));
+    let (Some(labels), Some(object_pose)) = (labels, log.object_poses()[frame]) else { return Ok(Vec::new()) };
+    let PosedCamera { intrinsics, pose, .. } = &log.cameras()[camera];
+    let object_from_camera = object_pose.inverse() * *pose;
+    let pixels = labels.indexed_iter().zip(values);
+    let measured = pixels.filter(|((_, label), z)| **label == Label::Object && **z != 0.0 && z.is_finite());
+    let distance = |(((v, u), _), &z): (((usize, usize), &Label), &f32)| {
+        // Logs hold the camera's z, which is negative in front of it.
+        distance_m(object_from_camera * intrinsics.unproject(u as f64, v as f64, f64::from(z.abs())))
+    };
+    Ok(measured.step_by(CAMERA_STRIDE).map(distance).collect())
+}
+
+fn surface_distance(mut distances: Vec<f64>) -> Option<SurfaceDistance> {
     distances.iter_mut().for_each(|d| *d = d.abs());
     distances.sort_by(f64::total_cmp);
     let points = distances.len();
     let p95_m = *distances.get((points * 95 / 100).min(points.checked_sub(1)?))?;
-    Some(ContactDistance { points, mean_m: distances.iter().sum::<f64>() / points as f64, p95_m })
+    let median_m = *distances.get(points / 2)?;
+    Some(SurfaceDistance { points, mean_m: distances.iter().sum::<f64>() / points as f64, median_m, p95_m })
 }
 
 impl fmt::Display for LogSummary {
@@ -245,6 +313,13 @@ impl fmt::Display for LogSummary {
                 Some(pixels) => writeln!(f, ", object on {pixels:.0} pixels")?,
                 None => writeln!(f, ", no segmentation")?,
             }
+            if let Some(SurfaceDistance { points, median_m, p95_m, .. }) = &camera.surface_distance {
+                let (median, p95) = (1e3 * median_m, 1e3 * p95_m);
+                writeln!(
+                    f,
+                    "          {points} points lie {median:.2} mm (median; 95 %: {p95:.2} mm) from the true surface"
+                )?;
+            }
         }
         match (self.contact_fraction, self.any_contact_fraction) {
             (Some(fingers), Some(any)) => {
@@ -260,7 +335,7 @@ impl fmt::Display for LogSummary {
             Some(deviation) => writeln!(f, "joints    recorded DIGIT poses differ by {deviation:.1e} from kinematics")?,
             None => writeln!(f, "joints    no recorded DIGIT poses to check against")?,
         }
-        if let Some(ContactDistance { points, mean_m, p95_m }) = self.contact_distance {
+        if let Some(SurfaceDistance { points, mean_m, p95_m, .. }) = self.contact_distance {
             let (mean, p95) = (1e3 * mean_m, 1e3 * p95_m);
             writeln!(f, "surface   {points} points in contact, {mean:.3} mm off on average, 95 % within {p95:.3} mm")?;
         }

@@ -9,7 +9,7 @@ use crate::LogError;
 /// Returns the bytes of a file, which must not be larger than `limit`.
 pub(crate) fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>, LogError> {
     let mut bytes = Vec::new();
-    let file = fs::File::open(path).map_err(LogError::io(path))?;
+    let file = mvt_files::input::open(path).map_err(LogError::io(path))?;
     file.take(limit + 1).read_to_end(&mut bytes).map_err(LogError::io(path))?;
     if bytes.len() as u64 > limit {
         return Err(LogError::defect(path, format!("the file is larger than {} MiB", limit >> 20)));

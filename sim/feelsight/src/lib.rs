@@ -74,7 +74,7 @@ mod writer;
 
 pub use error::LogError;
 pub use frame::EncodedFrame;
-pub use inspect::{CameraSummary, ContactDistance, LogSummary, inspect, inspect_against};
+pub use inspect::{CameraSummary, LogSummary, SurfaceDistance, inspect, inspect_against};
 pub use partial::{LogSensor, PartialFrame, PartialFrames, TouchPart};
 pub use reader::{Log, LogFrame, LogFrames};
 pub use record::DigitInfo;

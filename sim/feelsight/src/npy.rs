@@ -1,41 +1,46 @@
 //! .npy files: one numeric array each, in NumPy's format.
 
-use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 
 use crate::array::{Array, Kind};
-use crate::npz::NpzError;
 
 /// Length of the headers that are written: NumPy pads to multiples of 64.
 pub(crate) const HEADER_LENGTH: usize = 128;
 
-/// Writes an array of at most three axes.
-///
-/// # Errors
-/// Those of the operating system.
-pub fn write(path: &Path, array: &Array) -> io::Result<()> {
+/// Reason why an array is refused.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NpyError {
+    /// Reading failed.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// The header is not in NumPy's format, or the number of bytes does not fit it.
+    #[error("{0}")]
+    Defect(String),
+}
+
+/// Returns the contents of the file of an array with at most three axes.
+pub fn to_bytes(array: &Array) -> Vec<u8> {
     let axes: String = array.shape().iter().map(|n| format!("{n}, ")).collect();
     // A byte has no order.
     let order = if array.kind().size() == 1 { '|' } else { '<' };
-    let mut file = BufWriter::new(File::create(path)?);
-    file.write_all(&header(&format!("{order}{}", array.kind().code()), &format!("({})", axes.trim_end())))?;
-    file.write_all(array.bytes())?;
-    file.flush()
+    let header = header(&format!("{order}{}", array.kind().code()), &format!("({})", axes.trim_end()));
+    [&header, array.bytes()].concat()
 }
 
 /// Reads an array.
 ///
 /// # Errors
-/// [`NpzError`] if the file cannot be read, its header is not in NumPy's format, or the number of bytes does not fit the shape.
-pub fn read(path: &Path) -> Result<Array, NpzError> {
-    let mut file = BufReader::new(File::open(path)?);
+/// [`NpyError`] if the file cannot be read, its header is not in NumPy's format, or the number of bytes does not fit the shape.
+pub fn read(path: &Path) -> Result<Array, NpyError> {
+    let mut file = BufReader::new(mvt_files::input::open(path)?);
     let (Header { kind, big_endian, fortran_order, shape }, _) = Header::read(&mut file)?;
     let bytes = shape.iter().try_fold(kind.size() as u64, |bytes, &n| bytes.checked_mul(n as u64));
     let mut data = Vec::new();
     // One byte more than expected shows that the file is too long.
     file.take(bytes.unwrap_or(0).saturating_add(1)).read_to_end(&mut data)?;
-    Array::from_raw(kind, big_endian, fortran_order, shape, &data).map_err(NpzError::Defect)
+    Array::from_raw(kind, big_endian, fortran_order, shape, &data).map_err(NpyError::Defect)
 }
 
 /// Returns a header of format 1.0, padded with spaces to its fixed length.
@@ -62,8 +67,8 @@ pub(crate) struct Header {
 
 impl Header {
     /// Reads a header of format 1.0 to 3.0 and leaves the reader at the data. Returns the header and its length.
-    pub fn read(mut from: impl Read) -> Result<(Self, u64), NpzError> {
-        let defect = || NpzError::Defect("the array is not in NumPy's format".into());
+    pub fn read(mut from: impl Read) -> Result<(Self, u64), NpyError> {
+        let defect = || NpyError::Defect("the array is not in NumPy's format".into());
         let mut start = [0; 8];
         from.read_exact(&mut start)?;
         let width = match start {
@@ -82,7 +87,7 @@ impl Header {
         from.read_exact(&mut text)?;
         let text = String::from_utf8(text).map_err(|_| defect())?;
         let header = Self::parse(&text).ok_or_else(|| {
-            NpzError::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug()))
+            NpyError::Defect(format!("an array of an unknown type: {}", text.trim_end().escape_debug()))
         })?;
         Ok((header, 8 + width as u64 + u64::from(length)))
     }
@@ -139,7 +144,7 @@ mod tests {
             Array::from_f64(vec![2], [1.0, 2.0]),
             Array::from_f64(vec![], [1.0]),
         ] {
-            write(&path, &array).unwrap();
+            std::fs::write(&path, to_bytes(&array)).unwrap();
             assert_eq!(read(&path).unwrap(), array);
         }
     }

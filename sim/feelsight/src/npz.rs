@@ -37,6 +37,9 @@ pub enum NpzError {
     /// The archive is damaged.
     #[error("not a readable zip archive: {0}")]
     Zip(#[from] zip::result::ZipError),
+    /// An array in it is refused.
+    #[error("{0}")]
+    Npy(#[from] npy::NpyError),
     /// The contents have the wrong type, shape or size.
     #[error("{0}")]
     Defect(String),
@@ -239,7 +242,7 @@ struct Member {
 }
 
 fn member(path: &Path, name: &str) -> Result<Member, NpzError> {
-    let mut archive = zip::ZipArchive::new(BufReader::new(File::open(path)?))?;
+    let mut archive = zip::ZipArchive::new(BufReader::new(mvt_files::input::open(path)?))?;
     let index = archive
         .index_for_name(name)
         .ok_or_else(|| NpzError::Defect(format!("it has no array {:?}", name.trim_end_matches(".npy"))))?;

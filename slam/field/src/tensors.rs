@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use mvt_files::{input, output, seal};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 /// Largest file that is read; the largest that is written is far below.
@@ -100,10 +101,7 @@ pub fn write(path: &Path, text: Option<(&str, String)>, tensors: &[Tensor]) -> R
     let header = text.map(|(key, text)| HashMap::from([(key.to_owned(), text)]));
     let bytes = safetensors::serialize(views, header).map_err(|error| damaged(error.to_string()))?;
     let io = |source| FileError::Io { path: path.to_owned(), source };
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    std::fs::write(&partial, bytes).map_err(io)?;
-    std::fs::rename(&partial, path).map_err(io)
+    output::replace(path, &seal::seal(bytes)).map_err(io)
 }
 
 /// A file that was read and whose header makes sense.
@@ -120,12 +118,9 @@ impl Contents {
     /// If it cannot be read or is not a safetensors file.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let io = |source| FileError::Io { path: path.to_owned(), source };
-        let size = std::fs::metadata(path).map_err(io)?.len();
         let damaged = |message: String| FileError::Damaged { path: path.to_owned(), message };
-        if size > MAX_BYTES {
-            return Err(damaged(format!("{size} bytes are more than any such file has")));
-        }
-        let bytes = std::fs::read(path).map_err(io)?;
+        let bytes = input::read(path, MAX_BYTES).map_err(io)?;
+        seal::check(&bytes).map_err(|broken| damaged(broken.to_string()))?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(error.to_string()))?;
         let header = header.metadata().clone().unwrap_or_default();
         // Checked once here, so that tensors are read from a whole file.

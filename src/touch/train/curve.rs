@@ -1,11 +1,14 @@
 //! `curve.csv` and `curve.svg`: errors over the steps of a training.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
+use mvt_files::{input, output};
 use mvt_picture::chart::{self, ChartLine, ChartPanel, ChartScale};
 use mvt_picture::palette::{CURVES, Theme};
+
+/// Largest curve.csv that is read, bytes.
+const LARGEST_FILE: u64 = 64 << 20;
 
 /// Result of one validation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,7 +67,8 @@ impl Curve {
         let path = folder.join("curve.csv");
         let mut rows = Vec::new();
         if step > 0 {
-            let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            let text =
+                input::read_text(&path, LARGEST_FILE).with_context(|| format!("cannot read {}", path.display()))?;
             for line in text.lines().skip(1) {
                 let row = Row::from_csv(line)
                     .with_context(|| format!("{}: {line:?} is not a row of a curve", path.display()))?;
@@ -87,10 +91,7 @@ impl Curve {
         let csv = format!("{HEADER}\n{}", lines.collect::<String>());
         for (name, text) in [("curve.csv", csv), ("curve.svg", svg(&self.rows))] {
             let path = self.folder.join(name);
-            let partial = self.folder.join(format!("{name}.part"));
-            fs::write(&partial, text)
-                .and_then(|()| fs::rename(&partial, &path))
-                .with_context(|| format!("cannot write {}", path.display()))?;
+            output::replace(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())
     }

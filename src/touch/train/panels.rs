@@ -1,12 +1,13 @@
 //! `panels.png`: predictions for some validation images beside the truth.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, Result};
-use image::{ImageFormat, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
+use mvt_files::output;
 use mvt_presses::Example;
 use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_run::io::png;
 use mvt_touch::engine::Prediction;
 
 /// Indentation that is drawn white, and error that is drawn in full red or blue, millimetres.
@@ -41,9 +42,5 @@ pub fn write<'a>(path: &Path, examples: impl ExactSizeIterator<Item = (&'a Examp
             }
         }
     }
-    let partial = path.with_extension("png.part");
-    image
-        .save_with_format(&partial, ImageFormat::Png)
-        .and_then(|()| Ok(fs::rename(&partial, path)?))
-        .with_context(|| format!("cannot write {}", path.display()))
+    output::replace(path, &png(&image)?).with_context(|| format!("cannot write {}", path.display()))
 }

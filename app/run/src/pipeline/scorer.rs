@@ -92,6 +92,8 @@ pub struct MeshedShape {
     pub sdf: SdfGrid,
     /// Its scores, where the truth is known.
     pub point: Option<ShapePoint>,
+    /// Takes the coordinates of the field to those of the mesh.
+    pub object_from_field: Isometry<Field, Object>,
     /// Wall time, milliseconds.
     pub mesh_ms: f64,
 }
@@ -131,7 +133,7 @@ impl ShapeSnapshot {
         });
         let mesh_ms = begun.elapsed().as_secs_f64() * 1e3;
         let sdf = self.distances(mesh.bounds_m());
-        MeshedShape { frame: self.frame, mesh, sdf, point, mesh_ms }
+        MeshedShape { frame: self.frame, mesh, sdf, point, object_from_field: self.object_from_field, mesh_ms }
     }
 
     /// Signed distances in and around a box, coarsely.

@@ -5,14 +5,17 @@ use std::fmt::Write as _;
 use mvt_mesh::Mesh;
 use mvt_picture::palette;
 
-/// Encodes a binary PLY, little-endian, metres. With one error (metres) per vertex, the vertices have colours from pale
+use super::Coordinates;
+
+/// Encodes a binary PLY, little-endian, metres. A comment states the coordinates. With one error (metres) per vertex, the vertices have colours from pale
 /// (no error) to dark red (5 mm and more).
-pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
+pub fn ply(mesh: &Mesh, coordinates: Coordinates, errors_m: Option<&[f32]>) -> Vec<u8> {
     let colours =
         if errors_m.is_some() { "property uchar red\nproperty uchar green\nproperty uchar blue\n" } else { "" };
     let header = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment metres\nelement vertex {}\nproperty float x\nproperty float y\n\
+        "ply\nformat binary_little_endian 1.0\ncomment metres\ncomment coordinates {}\nelement vertex {}\nproperty float x\nproperty float y\n\
          property float z\n{colours}element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+        coordinates.name(),
         mesh.vertices.len(),
         mesh.faces.len()
     );
@@ -30,9 +33,9 @@ pub fn ply(mesh: &Mesh, errors_m: Option<&[f32]>) -> Vec<u8> {
     bytes
 }
 
-/// Encodes a Wavefront OBJ, metres.
-pub fn obj(mesh: &Mesh) -> String {
-    let mut text = String::from("# metres\n");
+/// Encodes a Wavefront OBJ, metres. A comment states the coordinates.
+pub fn obj(mesh: &Mesh, coordinates: Coordinates) -> String {
+    let mut text = format!("# metres\n# coordinates {}\n", coordinates.name());
     for v in &mesh.vertices {
         let _ = writeln!(text, "v {} {} {}", v.x, v.y, v.z);
     }
@@ -56,11 +59,21 @@ mod tests {
             faces: vec![[0, 1, 2], [0, 2, 3]],
         };
         for (bytes, format) in [
-            (ply(&mesh, Some(&[0.0, 0.001, f32::NAN, 1.0])), Format::Ply),
-            (ply(&mesh, None), Format::Ply),
-            (obj(&mesh).into_bytes(), Format::Obj),
+            (ply(&mesh, Coordinates::Object, Some(&[0.0, 0.001, f32::NAN, 1.0])), Format::Ply),
+            (ply(&mesh, Coordinates::Field, None), Format::Ply),
+            (obj(&mesh, Coordinates::Object).into_bytes(), Format::Obj),
         ] {
             assert_eq!(read_bytes(&bytes, format, "mesh").unwrap(), mesh);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mesh");
+        for (bytes, stated) in [
+            (ply(&mesh, Coordinates::Field, None), Some(Coordinates::Field)),
+            (obj(&mesh, Coordinates::Object).into_bytes(), Some(Coordinates::Object)),
+            (b"ply\ncomment made by hand\nend_header\ncomment coordinates file\n".to_vec(), None),
+        ] {
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(Coordinates::of_mesh_file(&path), stated);
         }
     }
 }

@@ -11,6 +11,7 @@ use crate::estimator::Mode;
 use crate::source::Modality;
 use crate::truth::Truth;
 
+use super::trajectory::pose_numbers;
 use super::{Event, FrameRow, RunRecord, StageMs, TrackState};
 
 /// The content of `summary.json`. Lengths are millimetres, shares run from 0 to 1. A number is null where there is no truth to hold
@@ -52,6 +53,9 @@ pub struct Summary {
     pub lost_frames: usize,
     /// How often it found it again.
     pub recovered: usize,
+    /// Takes the coordinates of the field to those of the mesh: x, y, z in metres, then the quaternion w, x, y, z. Null if nothing was
+    /// seen.
+    pub object_from_field: Option<[f64; 7]>,
     /// Events.
     pub events: Vec<Event>,
 }
@@ -158,6 +162,7 @@ impl Summary {
             failed: add_s_mm.map(|e| e.last > mvt_metrics::FAILURE_M * 1e3),
             lost_frames: count(TrackState::Lost),
             recovered: count(TrackState::Relocalised),
+            object_from_field: run.object_from_field.map(pose_numbers),
             events: run.events.clone(),
         }
     }

@@ -56,6 +56,7 @@ fn run() -> RunRecord {
         frames: (0..600).map(frame).collect(),
         shape: (0..60).map(point).collect(),
         events: vec![Event { time_s: 10.0, text: "lost the object".into() }],
+        object_from_field: None,
         wall_s: 25.0,
         simulated_s: 20.0,
         peak_memory_mb: peak_memory_mb(),

@@ -2,17 +2,18 @@
 
 use std::fmt::Write as _;
 
-use mvt_frames::{Isometry, Object, World};
+use mvt_frames::{Frame, Isometry, Object, World};
 use mvt_metrics::AddS;
 
-use super::{FrameRow, StageMs, TrackState};
+use super::{Coordinates, FrameRow, StageMs, TrackState};
 
 /// The columns, in the order in which they are written. Lengths are metres but where the name says mm, quaternions are (w, x, y, z).
-const COLUMNS: [&str; 24] = [
+const COLUMNS: [&str; 25] = [
     "frame",
     "time_s",
     "state",
     "confidence",
+    "coordinates",
     "x_m",
     "y_m",
     "z_m",
@@ -37,10 +38,11 @@ const COLUMNS: [&str; 24] = [
 const TIME: usize = 1;
 const STATE: usize = 2;
 const CONFIDENCE: usize = 3;
-const ESTIMATE: usize = 4;
-const TRUTH: usize = 11;
-const ADD_S: usize = 18;
-const STAGES: usize = 20;
+const COORDINATES: usize = 4;
+const ESTIMATE: usize = 5;
+const TRUTH: usize = 12;
+const ADD_S: usize = 19;
+const STAGES: usize = 21;
 
 /// Why a trajectory could not be read. Lines count from 1.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -104,11 +106,12 @@ pub fn write_trajectory(rows: &[FrameRow]) -> String {
             TrackState::Lost | TrackState::Waiting => "lost",
             TrackState::Relocalised => "relocalised",
         };
-        let _ = write!(text, "{},{},{state},{}", row.frame, row.time_s, row.confidence);
+        let coordinates = Coordinates::Object.name();
+        let _ = write!(text, "{},{},{state},{},{coordinates}", row.frame, row.time_s, row.confidence);
         let add_s = row.add_s.map(|e| [e.one_directional_m * 1e3, e.symmetric_m * 1e3]);
         let StageMs { sense, track, map, mesh } = row.stage_ms;
-        append(&mut text, Some(numbers(row.estimate)));
-        append(&mut text, row.truth.map(numbers));
+        append(&mut text, Some(pose_numbers(row.estimate)));
+        append(&mut text, row.truth.map(pose_numbers));
         append(&mut text, add_s);
         append(&mut text, Some([sense, track, map, mesh]));
         text.push('\n');
@@ -125,7 +128,8 @@ fn append<const N: usize>(text: &mut String, values: Option<[f64; N]>) {
     }
 }
 
-fn numbers(pose: Isometry<Object, World>) -> [f64; 7] {
+/// Returns a pose as x, y, z and the quaternion w, x, y, z.
+pub fn pose_numbers<A: Frame, B: Frame>(pose: Isometry<A, B>) -> [f64; 7] {
     let ([x, y, z], [qw, qx, qy, qz]) = (pose.origin().coords().into(), pose.quaternion_wxyz());
     [x, y, z, qw, qx, qy, qz]
 }
@@ -157,6 +161,14 @@ pub fn read_trajectory(text: &str) -> Result<Vec<FrameRow>, TrajectoryError> {
         rows.push(row);
     }
     if rows.is_empty() { Err(TrajectoryError { line: first, defect: TrajectoryDefect::Empty }) } else { Ok(rows) }
+}
+
+/// Returns the coordinates that the poses of a file take to the world, as its column `coordinates` states them; `None` if it does not.
+pub fn stated_coordinates(text: &str) -> Option<Coordinates> {
+    let mut lines = text.lines().filter(|line| !line.trim().is_empty());
+    let (places, _) = places(lines.next()?).ok()?;
+    let first: Vec<&str> = lines.next()?.split(',').map(str::trim).collect();
+    Coordinates::from_name(first.get(places[COORDINATES]?)?)
 }
 
 /// Where each of our columns stands in a file, and how many the file has.

@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result, bail};
 use eframe::egui::{ColorImage, Context};
 
 use mvt_recording::RecordedShape;
-use mvt_run::report::mesh_file;
+use mvt_run::report::{Coordinates, mesh_file};
 
 /// Files that are being written.
 #[derive(Default)]
@@ -90,7 +90,7 @@ fn write_mesh(name: &str, shape: &RecordedShape) -> Result<PathBuf> {
     let write = |path: &Path, bytes: &[u8]| {
         std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
     };
-    write(&path, &mesh_file::ply(&shape.mesh, None))?;
-    write(&path.with_extension("obj"), mesh_file::obj(&shape.mesh).as_bytes())?;
+    write(&path, &mesh_file::ply(&shape.mesh, Coordinates::Object, None))?;
+    write(&path.with_extension("obj"), mesh_file::obj(&shape.mesh, Coordinates::Object).as_bytes())?;
     Ok(path)
 }

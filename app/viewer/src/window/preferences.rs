@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use mvt_files::input;
 use mvt_run::io::write_file;
 use mvt_run::settings;
 use serde::{Deserialize, Serialize};
@@ -13,6 +14,8 @@ use super::style::Appearance;
 use crate::layers::Layers;
 
 const FILE: &str = "viewer.toml";
+/// Largest file that is read, bytes.
+const LARGEST_FILE: u64 = 1 << 20;
 /// Number of recent runs.
 const RECENT: usize = 12;
 
@@ -91,7 +94,7 @@ impl Preferences {
     /// Reads the preferences in a folder. Returns the defaults and the problem if the file cannot be used.
     pub fn load(folder: &Path) -> (Self, Option<String>) {
         let path = folder.join(FILE);
-        let (mut preferences, problem) = match fs::read_to_string(&path) {
+        let (mut preferences, problem) = match input::read_text(&path, LARGEST_FILE) {
             Ok(text) => match toml::from_str::<Self>(&text) {
                 Ok(preferences) => (preferences, None),
                 Err(error) => (Self::default(), Some(format!("{}: {}", path.display(), error.message()))),

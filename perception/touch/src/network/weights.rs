@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use half::bf16;
+use mvt_files::{input, output, seal};
 use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
 
@@ -154,12 +155,7 @@ impl Weights {
     /// [`WeightsError`] if the file cannot be read, does not hold weights, or its tensors do not fit its architecture.
     pub fn read(path: &Path) -> Result<Self, WeightsError> {
         let io = |source| WeightsError::Io { path: path.to_owned(), source };
-        let size = std::fs::metadata(path).map_err(io)?.len();
-        if size > MAX_BYTES {
-            let message = format!("{size} bytes are more than the limit of {MAX_BYTES}");
-            return Err(WeightsError::File { path: path.to_owned(), message });
-        }
-        Self::from_bytes(&std::fs::read(path).map_err(io)?, path)
+        Self::from_bytes(&input::read(path, MAX_BYTES).map_err(io)?, path)
     }
 
     /// Reads weights from the bytes of a file; errors name `source`.
@@ -168,6 +164,7 @@ impl Weights {
     /// As for [`Weights::read`].
     pub fn from_bytes(bytes: &[u8], source: &Path) -> Result<Self, WeightsError> {
         let damaged = |message: String| WeightsError::File { path: source.to_owned(), message };
+        seal::check(bytes).map_err(|broken| damaged(broken.to_string()))?;
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| damaged(error.to_string()))?;
         let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
         let header = header.ok_or_else(|| damaged(format!("there is no {KEY} in its metadata")))?;
@@ -203,7 +200,7 @@ impl Weights {
         let tensors = self.tensors.iter().map(|(name, tensor)| (name, Stored { tensor, precision }));
         let metadata = HashMap::from([(KEY.to_owned(), header)]);
         let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|error| damaged(error.to_string()))?;
-        write_whole(path, &bytes)
+        write_sealed(path, bytes)
     }
 
     /// Returns the network of the weights.
@@ -227,13 +224,9 @@ impl Weights {
     }
 }
 
-/// Writes a file under another name and renames it, so that it appears whole or not at all.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WeightsError> {
-    let io = |source| WeightsError::Io { path: path.to_owned(), source };
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".part");
-    std::fs::write(&partial, bytes).map_err(io)?;
-    std::fs::rename(&partial, path).map_err(io)
+/// Writes a safetensors file with its checksum. It appears whole or not at all.
+pub(crate) fn write_sealed(path: &Path, bytes: Vec<u8>) -> Result<(), WeightsError> {
+    output::replace(path, &seal::seal(bytes)).map_err(|source| WeightsError::Io { path: path.to_owned(), source })
 }
 
 /// Tensor in the precision of the file.

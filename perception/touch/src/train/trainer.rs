@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
+use mvt_files::{input, seal};
 use rayon::prelude::*;
 use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,9 @@ use super::tape::{TapeValue, Var, apply};
 use crate::network::{Architecture, Precision, Provenance, Stored, WeightTensor, Weights, WeightsError};
 use mvt_products::Instructions;
 use mvt_settings::{Limit as _, Nested, SettingError};
+
+/// Largest checkpoint that is read, bytes: four times the largest weights.
+const LARGEST_CHECKPOINT: u64 = 16 << 30;
 
 /// Stages, optimiser and loss of a training. The data is configured elsewhere.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -236,7 +240,7 @@ impl TouchTrainer {
         });
         let bytes = safetensors::serialize(tensors, Some(HashMap::from([(KEY.to_owned(), header)])))
             .map_err(|error| damaged(error.to_string()))?;
-        crate::network::write_whole(path, &bytes)
+        crate::network::write_sealed(path, bytes)
     }
 
     /// Resumes a training from a checkpoint.
@@ -246,7 +250,8 @@ impl TouchTrainer {
     pub fn resume(path: &Path, architecture: Architecture, config: TrainingConfig) -> Result<Self, TrainError> {
         let io = |source| WeightsError::Io { path: path.to_owned(), source };
         let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
-        let bytes = std::fs::read(path).map_err(io)?;
+        let bytes = input::read(path, LARGEST_CHECKPOINT).map_err(io)?;
+        seal::check(&bytes).map_err(|broken| damaged(broken.to_string()))?;
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(error.to_string()))?;
         let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
         let header = header.ok_or_else(|| damaged("it is not a checkpoint".to_owned()))?;

@@ -10,6 +10,34 @@ use parry3d::transformation::try_convex_hull;
 #[error("no convex hull: {0}; the mesh is flat or damaged")]
 pub struct NoHull(String);
 
+/// Number of points above which a hull is computed from the outermost ones: the time of parry3d grows with the square of the number of
+/// points on the hull, and takes minutes for a million.
+const MANY_POINTS: usize = 100_000;
+/// Number of directions, 9 degrees apart: a ball of 100 mm loses 0.2 mm of its diameter.
+const DIRECTIONS: usize = 512;
+
+/// Returns the outermost point in each of [`DIRECTIONS`] directions, without repetitions.
+fn outermost_points(points: &[Vec3]) -> Vec<Vec3> {
+    // Fibonacci's lattice on the sphere: each direction is turned by the golden angle.
+    let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
+    let direction = |k: usize| {
+        let z = 1.0 - (2 * k + 1) as f32 / DIRECTIONS as f32;
+        let (sin, cos) = (golden * k as f32).sin_cos();
+        let radius = (1.0 - z * z).sqrt();
+        Vec3::new(radius * cos, radius * sin, z)
+    };
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
+    let mut kept: Vec<Vec3> = Vec::new();
+    for direction in (0..DIRECTIONS).map(direction).chain(axes) {
+        let farther = |best: Vec3, point: &Vec3| if point.dot(direction) > best.dot(direction) { *point } else { best };
+        let outermost = points.iter().fold(points[0], farther);
+        if !kept.contains(&outermost) {
+            kept.push(outermost);
+        }
+    }
+    kept
+}
+
 /// Convex polyhedron.
 #[derive(Debug, Clone)]
 pub(super) struct Hull {
@@ -17,8 +45,15 @@ pub(super) struct Hull {
 }
 
 impl Hull {
-    /// Computes the convex hull of points.
+    /// Computes the convex hull of points; of very many, the hull of the outermost in [`DIRECTIONS`] directions.
     pub(super) fn of(points: &[Vec3]) -> Result<Self, NoHull> {
+        let outermost;
+        let points = if points.len() > MANY_POINTS {
+            outermost = outermost_points(points);
+            &outermost
+        } else {
+            points
+        };
         let points: Vec<Vector> = points.iter().map(|p| Vector::from_array(p.to_array())).collect();
         let (vertices, faces) = try_convex_hull(&points).map_err(|error| NoHull(error.to_string()))?;
         Ok(Self { mesh: Mesh { vertices: vertices.iter().map(|v| Vec3::from_array(v.to_array())).collect(), faces } })

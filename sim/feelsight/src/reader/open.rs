@@ -19,6 +19,12 @@ use crate::scene::{FORMAT_VERSION, SCENE_FILE, SceneFile};
 const MAX_PICKLE: u64 = 256 << 20;
 /// Greatest size of scene.json, bytes: some thousand times its usual size.
 const MAX_SCENE: u64 = 1 << 20;
+/// Greatest distance of a camera or the object from the hand, metres: more than any room has.
+const FARTHEST_M: f64 = 100.0;
+/// Greatest absolute joint angle, radians. No joint of the hand reaches half of it.
+const LARGEST_ANGLE_RAD: f64 = std::f64::consts::TAU;
+/// Longest time between two frames, seconds: a log in milliseconds or nanoseconds has more.
+const LONGEST_GAP_S: f64 = 3600.0;
 
 impl Log {
     /// Opens a log and checks everything but the images: data.pkl, scene.json, the number of files, the shape of
@@ -92,7 +98,37 @@ impl Log {
             notes: Vec::new(),
         };
         log.count()?;
+        log.check_range().map_err(|message| LogError::defect(&path, message))?;
         Ok(log)
+    }
+
+    /// Checks that lengths, angles and times are those of a hand and its cameras. Their message names the value.
+    fn check_range(&self) -> Result<(), String> {
+        let far = |what: &dyn std::fmt::Display, metres: f64| match metres <= FARTHEST_M {
+            true => Ok(()),
+            false => Err(format!("{what} is {metres:.3e} m from the hand; more than {FARTHEST_M} m cannot be")),
+        };
+        for camera in &self.cameras {
+            far(&format_args!("camera {}", camera.name), camera.pose.origin().coords().norm())?;
+        }
+        for (i, pose) in self.object_poses.iter().enumerate() {
+            if let Some(pose) = pose {
+                far(&format_args!("the object in frame {i}"), pose.origin().coords().norm())?;
+            }
+        }
+        for (i, joints) in self.joints.iter().enumerate() {
+            let is_possible = |angle: &f64| (-LARGEST_ANGLE_RAD..=LARGEST_ANGLE_RAD).contains(angle);
+            if let Some(angle) = joints.iter().find(|angle| !is_possible(angle)) {
+                return Err(format!("a joint angle of frame {i} is {angle:.3e} rad; a finger turns by at most a few"));
+            }
+        }
+        let gaps = self.times_s.windows(2).map(|t| t[1] - t[0]).enumerate();
+        match gaps.into_iter().find(|(_, gap)| gap.is_nan() || *gap > LONGEST_GAP_S) {
+            Some((i, gap)) => {
+                Err(format!("{gap:.3e} s lie between the frames {i} and {}; times are in seconds", i + 1))
+            }
+            None => Ok(()),
+        }
     }
 
     /// Determines the number of frames and the labels of the log.

@@ -199,5 +199,5 @@ fn shape(cube: &Mesh, frame: u64) -> MeshedShape {
         recall5: share,
     };
     let sdf = SdfGrid { low, cell_m, counts: [nodes; 3], values: values.collect() };
-    MeshedShape { frame, mesh, sdf, point: Some(point), mesh_ms: 20.0 }
+    MeshedShape { frame, mesh, sdf, point: Some(point), object_from_field: Isometry::identity(), mesh_ms: 20.0 }
 }

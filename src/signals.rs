@@ -1,4 +1,4 @@
-//! Signals that end a run.
+//! Signals that end a command.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

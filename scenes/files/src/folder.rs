@@ -1,0 +1,309 @@
+//! Folders that one process writes.
+//!
+//! A claimed folder holds the file [`MARK`] with the name of the command that made it and the number of its process. The process holds a
+//! lock on that file, which the operating system takes back even from a process that is killed.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read as _, Seek as _, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Name of the file that marks a folder as written by this program.
+pub const MARK: &str = ".mambavitact";
+/// Claims of a folder that other processes move at the same time.
+const TRIES: usize = 8;
+/// Longest mark that is read, bytes.
+const LONGEST_MARK: u64 = 256;
+
+/// What becomes of the files that the same command left in the folder earlier.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Earlier {
+    /// The folder is moved to another name, with all that is in it.
+    Move,
+    /// They stay, and the command continues with them.
+    Keep,
+}
+
+/// Reason why a folder cannot be claimed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClaimError {
+    /// Another process writes into the folder.
+    #[error("{}: another mambavitact{process} writes into this folder; wait for it or choose another folder", path.display())]
+    InUse {
+        /// The folder.
+        path: PathBuf,
+        /// The number of the process in words, where it is known.
+        process: String,
+    },
+    /// The folder contains files that the command did not write.
+    #[error("{}: the folder contains {found}; choose another folder or give --overwrite", path.display())]
+    Foreign {
+        /// The folder.
+        path: PathBuf,
+        /// What it contains.
+        found: String,
+    },
+    /// The path is not a folder, or the folder cannot be read or made.
+    #[error("{}: {reason}", path.display())]
+    Io {
+        /// The folder.
+        path: PathBuf,
+        /// Reason of the operating system.
+        reason: io::Error,
+    },
+}
+
+/// Folder that this process writes, until the value is dropped.
+#[derive(Debug)]
+pub struct ClaimedFolder {
+    moved: Option<PathBuf>,
+    _lock: File,
+}
+
+/// Contents of a mark.
+struct Mark {
+    command: String,
+    process: String,
+}
+
+impl ClaimedFolder {
+    /// Makes or claims a folder for a command. With `overwrite` a folder with any contents is claimed, and nothing is moved.
+    ///
+    /// # Errors
+    /// [`ClaimError::Foreign`] if the folder holds files and has no mark of the command; [`ClaimError::InUse`] if another process has it;
+    /// [`ClaimError::Io`] for all else.
+    pub fn claim(path: &Path, command: &str, earlier: Earlier, overwrite: bool) -> Result<Self, ClaimError> {
+        let mut moved = None;
+        for _ in 0..TRIES {
+            fs::create_dir_all(path).map_err(io_error(path))?;
+            let mark = path.join(MARK);
+            let is_marked = mark.symlink_metadata().is_ok();
+            let foreign = if is_marked { None } else { first_entry(path)? };
+            if let Some(name) = foreign.as_ref().filter(|_| !overwrite) {
+                return Err(foreign_error(path, name, command));
+            }
+            let Some(mut lock) = lock(path, &mark)? else { continue };
+            let old = read_mark(&mut lock);
+            // A process that was killed before it wrote its mark.
+            let foreign = if old.is_none() { first_entry(path)? } else { foreign };
+            if let Some(name) = foreign.as_ref().filter(|_| !overwrite) {
+                return Err(foreign_error(path, name, command));
+            }
+            if let Some(old) = old.filter(|_| is_marked && !overwrite) {
+                if old.command != command {
+                    let found = match old.command.as_str() {
+                        "" => "other files than results".to_owned(),
+                        other => format!("the results of `{other}`"),
+                    };
+                    return Err(ClaimError::Foreign { path: path.to_path_buf(), found });
+                }
+                if earlier == Earlier::Move {
+                    moved = Some(move_aside(path)?);
+                    continue;
+                }
+            }
+            // A folder with files of somebody else is never taken for one of the command.
+            let owner = if foreign.is_some() { "" } else { command };
+            write_mark(&mut lock, owner).map_err(io_error(&mark))?;
+            return Ok(Self { moved, _lock: lock });
+        }
+        Err(ClaimError::InUse { path: path.to_path_buf(), process: String::new() })
+    }
+
+    /// Returns the folder into which the earlier results were moved.
+    pub fn moved(&self) -> Option<&Path> {
+        self.moved.as_deref()
+    }
+}
+
+fn io_error(path: &Path) -> impl FnOnce(io::Error) -> ClaimError {
+    let path = path.to_path_buf();
+    |reason| ClaimError::Io { path, reason }
+}
+
+fn foreign_error(path: &Path, name: &str, command: &str) -> ClaimError {
+    let found = format!("{name}, and nothing says that `{command}` wrote it");
+    ClaimError::Foreign { path: path.to_path_buf(), found }
+}
+
+/// Returns the name of a file or folder in a folder; `None` if it is empty.
+fn first_entry(path: &Path) -> Result<Option<String>, ClaimError> {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(path).map_err(io_error(path))? {
+        names.push(entry.map_err(io_error(path))?.file_name().to_string_lossy().into_owned());
+    }
+    // Another process may have made the mark in the meantime.
+    names.retain(|name| name != MARK);
+    Ok(names.into_iter().min())
+}
+
+/// Opens and locks the mark of a folder; `None` if the folder was moved meanwhile.
+fn lock(path: &Path, mark: &Path) -> Result<Option<File>, ClaimError> {
+    if mark.symlink_metadata().is_ok_and(|kind| !kind.is_file()) {
+        let reason = io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file; remove it");
+        return Err(ClaimError::Io { path: mark.to_path_buf(), reason });
+    }
+    let file = match OpenOptions::new().read(true).write(true).create(true).truncate(false).open(mark) {
+        Ok(file) => file,
+        // The folder was moved.
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(io_error(mark)(error)),
+    };
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => {
+            let process =
+                crate::input::open(mark).ok().and_then(|mut file| read_mark(&mut file)).map(|mark| mark.process);
+            let process = process.filter(|process| !process.is_empty());
+            let process = process.map_or_else(String::new, |process| format!(" (process {process})"));
+            return Err(ClaimError::InUse { path: path.to_path_buf(), process });
+        }
+        // A file system without locks: two processes are not kept apart there.
+        Err(TryLockError::Error(_)) => {}
+    }
+    Ok(is_at(&file, mark).then_some(file))
+}
+
+/// Returns whether an open file is the one at a path.
+#[cfg(unix)]
+fn is_at(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    let number = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
+    file.metadata().map(number).ok() == path.symlink_metadata().map(number).ok()
+}
+
+/// Returns whether an open file is the one at a path. An open file cannot be moved on this system.
+#[cfg(not(unix))]
+fn is_at(_: &File, _: &Path) -> bool {
+    true
+}
+
+fn read_mark(file: &mut File) -> Option<Mark> {
+    let mut text = String::new();
+    file.take(LONGEST_MARK).read_to_string(&mut text).ok()?;
+    let mut lines = text.lines().map(str::to_owned);
+    // An empty mark is that of a process which is about to write it.
+    Some(Mark { command: lines.next()?, process: lines.next().unwrap_or_default() })
+}
+
+fn write_mark(file: &mut File, command: &str) -> io::Result<()> {
+    file.set_len(0)?;
+    file.rewind()?;
+    writeln!(file, "{command}\n{}\nThis file shows which command of mambavitact wrote this folder.", std::process::id())
+}
+
+/// Moves a folder to the first free of `NAME.1`, `NAME.2` and so on.
+fn move_aside(path: &Path) -> Result<PathBuf, ClaimError> {
+    // Such as `.` or `/`.
+    let Some(name) = path.file_name() else {
+        let reason = io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "it holds earlier results, and a folder without a name is not moved",
+        );
+        return Err(io_error(path)(reason));
+    };
+    for number in 1u32.. {
+        let mut other = name.to_owned();
+        other.push(format!(".{number}"));
+        let other = path.with_file_name(other);
+        if other.symlink_metadata().is_err() {
+            fs::rename(path, &other).map_err(io_error(path))?;
+            return Ok(other);
+        }
+    }
+    Err(io_error(path)(io::ErrorKind::AlreadyExists.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn claim(path: &Path, command: &str, overwrite: bool) -> Result<ClaimedFolder, ClaimError> {
+        ClaimedFolder::claim(path, command, Earlier::Move, overwrite)
+    }
+
+    #[test]
+    fn a_folder_of_somebody_else_is_refused_and_left_as_it_is() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("p");
+        fs::create_dir(&path).unwrap();
+        fs::write(path.join("mesh.obj"), "mine").unwrap();
+        let error = claim(&path, "run", false).unwrap_err().to_string();
+        assert!(error.contains("contains mesh.obj") && error.contains("--overwrite"), "{error}");
+        assert!(!path.join(MARK).exists());
+        // With leave it is claimed, but it does not become a folder of runs, which the next one would move.
+        drop(claim(&path, "run", true).unwrap());
+        assert!(matches!(claim(&path, "run", false), Err(ClaimError::Foreign { .. })));
+        assert_eq!(fs::read(path.join("mesh.obj")).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn earlier_results_are_moved_or_kept() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("out");
+        for number in 0..3 {
+            let claimed = claim(&path, "run", false).unwrap();
+            let moved = (number > 0).then(|| home.path().join(format!("out.{number}")));
+            assert_eq!(claimed.moved(), moved.as_deref());
+            fs::write(path.join("a"), [number]).unwrap();
+        }
+        assert_eq!(fs::read(home.path().join("out.2/a")).unwrap(), [1]);
+        let claimed = ClaimedFolder::claim(&path, "run", Earlier::Keep, false).unwrap();
+        assert_eq!(fs::read(path.join("a")).unwrap(), [2]);
+        assert_eq!(claimed.moved(), None);
+        drop(claimed);
+        let error = claim(&path, "generate", false).unwrap_err().to_string();
+        assert!(error.contains("the results of `run`"), "{error}");
+    }
+
+    #[test]
+    fn two_claims_exclude_each_other() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("out");
+        let first = claim(&path, "run", false).unwrap();
+        for overwrite in [false, true] {
+            let error = claim(&path, "run", overwrite).unwrap_err().to_string();
+            assert!(error.contains(&format!("(process {})", std::process::id())), "{error}");
+        }
+        drop(first);
+        claim(&path, "run", false).unwrap();
+    }
+
+    #[test]
+    fn of_many_claims_at_once_each_has_a_folder_of_its_own() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("out");
+        let wins: usize = std::thread::scope(|scope| {
+            let one = |k: u8| {
+                let mut wins = 0;
+                for _ in 0..50 {
+                    if let Ok(claimed) = claim(&path, "run", false) {
+                        // Nobody else writes here meanwhile.
+                        assert!(!path.join("owner").exists());
+                        fs::write(path.join("owner"), [k]).unwrap();
+                        std::thread::yield_now();
+                        assert_eq!(fs::read(path.join("owner")).unwrap(), [k]);
+                        wins += 1;
+                        drop(claimed);
+                    }
+                }
+                wins
+            };
+            let threads: Vec<_> = (0..4).map(|k| scope.spawn(move || one(k))).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).sum()
+        });
+        assert!(wins >= 4, "{wins}");
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), wins);
+    }
+
+    #[test]
+    fn what_is_no_folder_is_refused() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("file");
+        fs::write(&path, "").unwrap();
+        assert!(matches!(claim(&path, "run", true), Err(ClaimError::Io { .. })));
+        let odd = home.path().join("odd");
+        fs::create_dir_all(odd.join(MARK)).unwrap();
+        assert!(matches!(claim(&odd, "run", true), Err(ClaimError::Io { .. })));
+    }
+}

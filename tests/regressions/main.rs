@@ -1,0 +1,25 @@
+//! One file for each bug that was found: its test was red before the bug was fixed. They need no network.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
+#[path = "../commands/workplace.rs"]
+#[allow(dead_code, reason = "the tests of commands use more of it")]
+mod workplace;
+
+mod concurrent_writers;
+mod duplicates_counted_twice;
+mod empty_first_line;
+mod fifo_in_a_log;
+mod flipped_bits;
+mod implausible_log;
+mod mesh_in_another_frame;
+mod mesh_of_millions_of_triangles;
+mod named_file_replaced;
+mod run_replaced;
+mod users_file_replaced;
