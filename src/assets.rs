@@ -42,9 +42,12 @@ fn needs_fetch(error: &AssetsError) -> bool {
 
 /// Runs the command.
 pub fn run(command: &AssetsCommand) -> Result<()> {
+    if let AssetsCommand::List = command {
+        return list(catalogue::ycb_library().ok().as_ref());
+    }
     let library = catalogue::ycb_library()?;
     match command {
-        AssetsCommand::List => list(&library),
+        AssetsCommand::List => list(Some(&library)),
         AssetsCommand::Fetch => {
             fetch(&library)?;
             print_line(&format!("{} YCB meshes are ready in {}", library.list().len(), library.folder().display()))
@@ -68,8 +71,9 @@ fn fetch(library: &Library) -> Result<()> {
     Ok(())
 }
 
-fn list(library: &Library) -> Result<()> {
-    let present = library.list();
+/// Lists all objects. Without a library, because there is no cache folder, nothing is downloaded.
+fn list(library: Option<&Library>) -> Result<()> {
+    let present = library.map(Library::list).unwrap_or_default();
     for entry in catalogue::entries() {
         let source = if entry.is_procedural() {
             "procedural"

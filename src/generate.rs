@@ -13,6 +13,7 @@ use mvt_render::touch::TouchConfig;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_run::arguments::{Manner, duration};
+use mvt_run::io::print_line;
 use mvt_run::object::load_object;
 use mvt_run::progress;
 
@@ -113,11 +114,13 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     // That the folder contains only logs was just checked, also for data sets of version 0.1.0, which have no mark.
     let _claimed = ClaimedFolder::claim(&arguments.out, "generate", Earlier::Keep, true)?;
     let mut ended_early = 0;
+    let mut first = None;
     for name in &names {
         let object = load_object(name)?;
         let recorder = Recorder::new(&object, name, &settings)?;
         for (index, job) in jobs.iter().enumerate() {
             let folder = arguments.out.join(&object.name).join(format!("{index:02}"));
+            first.get_or_insert_with(|| folder.clone());
             if !arguments.overwrite && folder.exists() {
                 if recorder.made(&folder, job.seed, &job.cameras) {
                     tracing::info!("{} is complete", folder.display());
@@ -137,7 +140,9 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     if ended_early > 0 {
         tracing::warn!("{ended_early} logs are shorter than --duration; their scene.json gives the reason");
     }
-    Ok(())
+    let logs = names.len() * jobs.len();
+    print_line(&format!("{logs} log{} in {}", if logs == 1 { "" } else { "s" }, arguments.out.display()))?;
+    print_line(&format!("next: check one with `mambavitact inspect {}`", first.unwrap_or_default().display()))
 }
 
 /// One log to write.

@@ -8,6 +8,7 @@ mod inspect;
 mod mesh;
 mod run;
 mod score;
+mod shell;
 mod signals;
 mod simulate;
 mod touch;
@@ -16,7 +17,7 @@ mod view;
 use std::io::{ErrorKind, IsTerminal as _};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use tracing_subscriber::Layer as _;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt as _;
@@ -59,6 +60,8 @@ enum Command {
     Assets(assets::AssetsCommand),
     #[command(subcommand)]
     Bench(bench::BenchCommand),
+    Completions(shell::CompletionsArguments),
+    Man(shell::ManArguments),
     // Names of version 0.1.0, which scripts use.
     #[command(hide = true)]
     Train(touch::TouchTrainArguments),
@@ -79,6 +82,47 @@ fn default_filter() -> Targets {
     Targets::new().with_default(LevelFilter::WARN).with_targets(off)
 }
 
+/// Returns the command line. A number may be negative, so that its range is named and not an "unexpected argument '-1'".
+fn command() -> clap::Command {
+    fn with_negative_numbers(command: clap::Command) -> clap::Command {
+        let command = command.mut_args(|argument| {
+            let takes_values = argument.get_action().takes_values();
+            if takes_values { argument.allow_negative_numbers(true) } else { argument }
+        });
+        command.mut_subcommands(with_negative_numbers)
+    }
+    with_negative_numbers(Cli::command())
+}
+
+fn parse() -> Cli {
+    Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit())
+}
+
+/// Returns the whole chain of causes on one line, each cause once and without numbers of the operating system.
+fn in_words(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain() {
+        let cause = without_numbers(&cause.to_string());
+        // Many errors already contain their cause.
+        if !text.ends_with(&cause) {
+            let separator = if text.is_empty() { "" } else { ": " };
+            text = format!("{text}{separator}{cause}");
+        }
+    }
+    text
+}
+
+/// Removes the numbers that the standard library appends to errors of the operating system, such as " (os error 2)".
+fn without_numbers(text: &str) -> String {
+    let mut words = String::new();
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once(" (os error ") {
+        words += before;
+        rest = after.split_once(')').map_or("", |(_, behind)| behind);
+    }
+    words + rest
+}
+
 fn main() -> ExitCode {
     // Messages go to standard error; results go to standard output.
     let wanted = std::env::var("MAMBAVITACT_LOG").unwrap_or_default();
@@ -96,7 +140,7 @@ fn main() -> ExitCode {
     if is_invalid {
         tracing::warn!("MAMBAVITACT_LOG={wanted} is ignored: give error, warn, info, debug or trace");
     }
-    let result = match Cli::parse().command {
+    let result = match parse().command {
         None => run::main_job(),
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::View(arguments)) => view::run(&arguments),
@@ -110,6 +154,8 @@ fn main() -> ExitCode {
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Bench(command)) => bench::run(&command),
         Some(Command::Train(arguments)) => touch::train(&arguments),
+        Some(Command::Completions(arguments)) => shell::completions(&arguments, command()),
+        Some(Command::Man(arguments)) => shell::man(&arguments, command()),
         Some(Command::Contacts(arguments)) => touch::data(&arguments),
         Some(Command::EvalTouch(arguments)) => touch::evaluate(&arguments),
         Some(Command::RenderTouch(arguments)) => touch::render(&arguments),
@@ -122,8 +168,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(error) => {
-            // The whole chain of causes on one line.
-            tracing::error!("{error:#}{}", assets::remedy(&error));
+            tracing::error!("{}{}", in_words(&error), assets::remedy(&error));
             ExitCode::FAILURE
         }
     }

@@ -2,7 +2,7 @@
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use std::{env, fs, io};
+use std::{env, fs, io, process};
 
 use mvt_pinned::{Archive, DownloadProgress};
 
@@ -62,7 +62,11 @@ fn library_dir() -> Result<PathBuf, Box<dyn Error>> {
             format!("no wheel is pinned for {os} on {arch}; set MUJOCO_LIB_DIR to a folder with {LIBRARY}")
         })?;
     let archive = wheel.fetch(DownloadProgress::Hidden)?;
-    let dir = PathBuf::from(env::var("OUT_DIR")?).join("lib");
+    // In the cache, because an installed program still needs the library when the target folder is gone.
+    let dir = match mvt_pinned::cache_dir(wheel.cache) {
+        Ok(cache) => cache.join(format!("mujoco-{}-{arch}", wheel.version)),
+        Err(_) => PathBuf::from(env::var("OUT_DIR")?).join("lib"),
+    };
     unpack(&archive, &dir)?;
     Ok(dir)
 }
@@ -73,7 +77,8 @@ fn unpack(archive: &Path, dir: &Path) -> Result<(), Box<dyn Error>> {
     fs::create_dir_all(dir)?;
     let mut zip = zip::ZipArchive::new(fs::File::open(archive)?)?;
     let mut member = zip.by_name(&format!("mujoco/{LIBRARY}"))?;
-    let partial = dir.join("library.partial");
+    // Several builds may do this at once.
+    let partial = dir.join(format!(".{LIBRARY}.{}.partial", process::id()));
     io::copy(&mut member, &mut fs::File::create(&partial)?)?;
     fs::rename(partial, dir.join(LIBRARY))?;
     Ok(())

@@ -1,10 +1,11 @@
-//! Sets the run-time search path of libmujoco: the folder of the program, then the target folder of the build.
+//! Sets the run-time search path of libmujoco: the folder of the program, the folder `lib` beside it, then the folder from which the build
+//! has linked it: the user's cache, or MUJOCO_LIB_DIR.
 
 #![expect(clippy::print_stdout, reason = "Cargo reads the output of a build script")]
 
 fn main() {
     println!("cargo::rerun-if-changed=search_path.rs");
     if let Ok(dir) = std::env::var("DEP_MUJOCO_LIBDIR") {
-        println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN:{dir}");
+        println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN:$ORIGIN/../lib:{dir}");
     }
 }

@@ -70,7 +70,7 @@ fn turn(arguments: &BenchViewArguments) -> Result<()> {
         raster.surface(
             &surface,
             |k| Vec3A::splat((k % 256) as f32),
-            MeshPlacement { camera_from_mesh, is_glass: false },
+            MeshPlacement { camera_from_mesh, is_glass: false, shine: 0.0 },
         );
         raster.finish(0.5);
         begun.elapsed().as_secs_f64() * 1e3

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use mvt_presses::{DataConfig, Example, Rack, example, objects};
+use mvt_run::io::print_line;
 use mvt_run::{progress, settings};
 
 /// Render touch images of random presses, with depth and contact mask, for `touch evaluate`
@@ -76,7 +77,12 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
         write(out, index, &example, frame)
     })?;
     bar.finish_and_clear();
-    Ok(())
+    let images = arguments.images;
+    print_line(&format!("{images} image{} in {}", if images == 1 { "" } else { "s" }, out.display()))?;
+    print_line(&format!(
+        "next: score a network with `mambavitact touch evaluate --weights FILE --data {}`",
+        out.display()
+    ))
 }
 
 fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Result<()> {

@@ -11,7 +11,7 @@ use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use mvt_feelsight::npy;
 use mvt_products::Instructions;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
-use mvt_run::io::print_line;
+use mvt_run::io::{print_line, read_any_image};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::Weights;
@@ -184,8 +184,7 @@ fn path(folder: &Path, id: &str, rest: &str) -> PathBuf {
 }
 
 fn open(folder: &Path, id: &str, rest: &str) -> Result<DynamicImage> {
-    let path = path(folder, id, rest);
-    image::open(&path).with_context(|| format!("{} is not a readable image", path.display()))
+    read_any_image(&path(folder, id, rest))
 }
 
 impl Triple {

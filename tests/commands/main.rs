@@ -17,6 +17,7 @@ mod mesh_files;
 mod old_names;
 mod run;
 mod score;
+mod shell;
 mod simulate;
 mod touch;
 mod touch_render;

@@ -151,8 +151,8 @@ fn meshes_beyond_repair_are_refused() {
         ("empty.ply", String::new(), "empty.ply"),
         ("cut.ply", ply_box(HALF_M)[..400].to_owned(), "cut.ply"),
         ("cut.stl", stl_box(HALF_M)[..400].to_owned(), "cut.stl"),
-        ("tiny.obj", obj_box(0.0001, 0.0, 1), "outside 5 to 600 mm"),
-        ("huge.obj", obj_box(800.0, 0.0, 1), "outside 5 to 600 mm"),
+        ("tiny.obj", obj_box(0.0001, 0.0, 1), "must be from 5 to 600 mm"),
+        ("huge.obj", obj_box(800.0, 0.0, 1), "must be from 5 to 600 mm"),
         ("picture.obj", "\u{89}PNG\r\n".to_owned(), "picture.obj"),
     ] {
         workplace.write(file, text);

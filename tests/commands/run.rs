@@ -249,7 +249,12 @@ fn an_evaluation_continues_where_it_stopped() {
     let line = |seeds: u32| {
         format!("evaluate --objects cube70 --seeds {seeds} --modes pose --modalities vitac,tac --duration 0.3 --out e")
     };
-    let one = workplace.run(&line(1)).good();
+    let table = |line: &str| {
+        let said = workplace.run(line).good();
+        assert!(said.contains("side pose vitac") && said.contains("next: open e/table.md"), "{said}");
+        fs::read_to_string(workplace.path("e/table.md")).unwrap()
+    };
+    let one = table(&line(1));
     assert!(
         one.contains("| side | pose | vitac | full | 1 |") && one.contains("| side | pose | tac | full | 1 |"),
         "{one}"
@@ -259,10 +264,10 @@ fn an_evaluation_continues_where_it_stopped() {
     let hidden =
         serde_json::from_str::<Value>(before.trim().lines().next().unwrap()).unwrap()["hidden"].as_f64().unwrap();
     assert!((0.0..0.5).contains(&hidden), "{before}");
-    let two = workplace.run(&line(2)).good();
+    let two = table(&line(2));
     assert!(two.contains("| side | pose | vitac | full | 2 |"), "{two}");
     assert!(lines().starts_with(&before) && lines().trim().lines().count() == 4, "{}", lines());
-    assert_eq!(workplace.run(&line(1)).good(), one);
+    assert_eq!(table(&line(1)), one);
 }
 
 #[test]

@@ -23,3 +23,4 @@ mod mesh_of_millions_of_triangles;
 mod named_file_replaced;
 mod run_replaced;
 mod users_file_replaced;
+mod words;

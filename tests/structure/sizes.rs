@@ -67,6 +67,34 @@ fn library_code_does_not_panic() {
     nothing_offends("library code outside tests may not panic", &offenders);
 }
 
+/// Calls that read a file without regard to what it is; `mvt_files::input` refuses FIFOs and devices.
+const READS: [&str; 4] = ["fs::read(", "fs::read_to_string(", "File::open(", "image::open("];
+/// Files that read only what this program or the operating system wrote.
+const READERS: [&str; 6] = [
+    "scenes/files/src/input.rs",
+    "scenes/pinned/src/lib.rs",
+    "sim/feelsight/src/io.rs",
+    "app/run/src/report.rs",
+    "src/bench.rs",
+    "results/",
+];
+
+#[test]
+fn files_that_people_name_are_never_waited_for() {
+    let mut offenders = Vec::new();
+    for file in members().flat_map(|(_, package)| rust_files(&Path::new(&package.folder).join("src"))) {
+        let path = file.display().to_string();
+        if READERS.iter().any(|reader| path.starts_with(reader)) {
+            continue;
+        }
+        for (number, line) in code(&file).lines().enumerate() {
+            let reads = READS.iter().filter(|call| line.contains(*call));
+            offenders.extend(reads.map(|call| format!("{path}:{}: {call} instead of mvt_files::input", number + 1)));
+        }
+    }
+    nothing_offends("files are opened by mvt_files::input", &offenders);
+}
+
 #[test]
 fn no_file_names_a_package_registry() {
     let mut offenders = Vec::new();

@@ -6,7 +6,7 @@ mod table;
 mod tsdf;
 
 use std::collections::{BTreeMap, HashSet};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -252,18 +252,21 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
         })
         .map(|(name, object, seed, cameras)| Episode { name, object, seed, cameras, weights: weights.as_ref() })
         .collect();
-    let text = if arguments.faults {
+    // Faults and fields have narrow tables, which are printed whole.
+    let (text, summary) = if arguments.faults {
         let path = arguments.out.join("faults.jsonl");
         let lines = all(arguments, &episodes, &path, |episode, done, tell| {
             faults::trials(arguments, episode, &variants[0].1, done, tell)
         })?;
-        faults::table(&lines)
+        let text = faults::table(&lines);
+        (text.clone(), text)
     } else if arguments.fields {
         let path = arguments.out.join("fields.jsonl");
         let lines = all(arguments, &episodes, &path, |episode, done, tell| {
             fields::comparisons(arguments, episode, &variants[0].1, done, tell)
         })?;
-        fields::table(&lines)
+        let text = fields::table(&lines);
+        (text.clone(), text)
     } else {
         let path = arguments.out.join("runs.jsonl");
         let lines = all(arguments, &episodes, &path, |episode, done, tell| {
@@ -273,10 +276,11 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             whole(arguments, episode, &trials, tell)?;
             Ok(keys)
         })?;
-        table::tables(&lines)
+        (table::tables(&lines), table::summary(&lines))
     };
     mvt_run::io::write_file(&arguments.out, "table.md", text.as_bytes())?;
-    print_line(&text)
+    print_line(&summary)?;
+    print_line(&format!("next: open {}", arguments.out.join("table.md").display()))
 }
 
 /// Checks that a list names nothing twice, because the same run would be counted twice.
@@ -359,7 +363,7 @@ fn read_lines<L: DeserializeOwned>(path: &Path) -> Result<Vec<L>> {
 
 /// Ends a last line that was cut off when a process was killed, so that it spoils no other line.
 fn end_last_line(mut file: File, path: &Path) -> io::Result<File> {
-    if fs::read(path)?.last().is_some_and(|&byte| byte != b'\n') {
+    if input::read(path, u64::MAX)?.last().is_some_and(|&byte| byte != b'\n') {
         file.write_all(b"\n")?;
     }
     Ok(file)

@@ -46,6 +46,40 @@ pub fn tables(lines: &[Line]) -> String {
     text
 }
 
+/// The means of each kind of run in columns that fit a terminal.
+pub fn summary(lines: &[Line]) -> String {
+    let mut groups: Vec<Group<'_>> = lines.iter().map(group).collect();
+    groups.sort_unstable();
+    groups.dedup();
+    let name = |(cameras, mode, modality, variant): Group<'_>| match variant {
+        FULL => format!("{cameras} {mode} {modality}"),
+        variant => format!("{cameras} {mode} {modality}, {variant} = 0"),
+    };
+    let width = groups.iter().map(|&of| name(of).chars().count()).max().unwrap_or(0).max(4);
+    let mut text = format!("{:width$}  runs  F@2 mm  F@5 mm  ADD-S, mm  lost frames  frames/s", "runs of");
+    for &of in &groups {
+        let kind: Vec<&Line> = lines.iter().filter(|line| group(line) == of).collect();
+        let mean = |value: &dyn Fn(&Line) -> Option<f64>| {
+            let values: Option<Vec<f64>> = kind.iter().map(|line| value(line)).collect();
+            values.map(|values| values.iter().sum::<f64>() / values.len().max(1) as f64)
+        };
+        let shown =
+            |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
+        let _ = write!(
+            text,
+            "\n{:width$}  {:4}  {:>6}  {:>6}  {:>9}  {:>11}  {:>8}",
+            name(of),
+            kind.len(),
+            shown(mean(&|line| line.f_score.get(&2).copied()), 3),
+            shown(mean(&|line| line.f_score.get(&5).copied()), 3),
+            shown(mean(&|line| line.add_s_mm.map(|errors| errors.mean)), 2),
+            shown(mean(&|line| Some(line.lost_frames as f64)), 1),
+            shown(mean(&|line| Some(line.frames_per_second)), 1),
+        );
+    }
+    text
+}
+
 fn group(line: &Line) -> Group<'_> {
     (&line.key.cameras, line.key.mode.name(), line.key.modality.name(), &line.key.variant)
 }

@@ -25,6 +25,7 @@ pub mod chart;
 pub mod contact_sheet;
 pub mod draw;
 pub mod film;
+pub mod occlusion;
 pub mod palette;
 pub mod raster;
 pub mod text;

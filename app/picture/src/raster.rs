@@ -10,6 +10,8 @@ use mvt_frames::camera::Intrinsics;
 use mvt_mesh::Mesh;
 use rayon::prelude::*;
 
+use crate::occlusion::DepthBuffer;
+
 /// Rows of a band.
 const BAND: usize = 24;
 /// Distance of the near plane, metres. Geometry in front of it is cut off.
@@ -17,6 +19,11 @@ const NEAR_M: f32 = 0.005;
 /// Lines and points hide surfaces that are nearer by less than this share of their distance, because they often lie on
 /// a surface.
 const LINE_BIAS: f32 = 0.004;
+
+/// Share of the nearness of a block's nearest pixel above which another pixel shows the same surface.
+const SAME_SURFACE: f32 = 0.97;
+/// Width of highlights: the power of the cosine between the normal and the middle of light and eye.
+const GLOSS: i32 = 24;
 
 /// Colour of three numbers from 0 to 255.
 pub type Colour = Vec3A;
@@ -133,6 +140,8 @@ pub struct MeshPlacement {
     pub camera_from_mesh: (Mat3A, Vec3A),
     /// Whether surfaces behind it shine through.
     pub is_glass: bool,
+    /// Brightness of its highlights, 0 (chalk) to 1 (polished).
+    pub shine: f32,
 }
 
 impl Rasteriser {
@@ -160,7 +169,7 @@ impl Rasteriser {
         let first = batch.corners.len() as u32;
         let corner = |(k, (&vertex, &normal)): (usize, (&Vec3A, &Vec3A))| {
             let point = rotation * vertex + translation;
-            pinhole.corner(point, lit(colours(k), rotation * normal, point))
+            pinhole.corner(point, lit(colours(k), placement.shine, rotation * normal, point))
         };
         let vertices = surface.vertices.par_iter().with_min_len(4096).zip(&surface.normals).enumerate();
         batch.corners.par_extend(vertices.map(corner));
@@ -263,6 +272,41 @@ impl Rasteriser {
         &self.image
     }
 
+    /// Darkens the finished picture where surfaces hide the sky from one another (see [`crate::occlusion`]). Each block of `block` x
+    /// `block` pixels is lit by its nearest pixel, so that a picture that will be shrunk by that factor takes no longer.
+    pub fn occlude(&mut self, block: usize) -> &RgbImage {
+        let (Some(pinhole), block, width) = (self.pinhole, block.max(1), self.image.width() as usize) else {
+            return &self.image;
+        };
+        if width == 0 {
+            return &self.image;
+        }
+        let nearness = self.nearness.as_slice();
+        let depths = DepthBuffer { nearness, width, focal: pinhole.focal.x };
+        self.image.par_chunks_mut(3 * width * block).enumerate().for_each(|(band, rows)| {
+            let (top, height) = (band * block, rows.len() / (3 * width));
+            for left in (0..width).step_by(block) {
+                let block = || {
+                    let columns = left..(left + block).min(width);
+                    (0..height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
+                };
+                let near = |(x, y): (usize, usize)| nearness[x + (top + y) * width];
+                let Some((x, y)) = block().max_by(|&a, &b| near(a).total_cmp(&near(b))) else { continue };
+                let nearest = near((x, y));
+                let sky = depths.sky(x, top + y);
+                if sky >= 1.0 {
+                    continue;
+                }
+                // What lies behind an outline keeps its light.
+                for (x, y) in block().filter(|&pixel| near(pixel) > SAME_SURFACE * nearest) {
+                    let at = 3 * (x + y * width);
+                    rows[at..at + 3].iter_mut().for_each(|c| *c = (f32::from(*c) * sky + 0.5) as u8);
+                }
+            }
+        });
+        &self.image
+    }
+
     /// Returns the depth at a pixel (column, row), metres along the optical axis; `None` for the background.
     #[cfg(test)]
     fn depth_m(&self, x: usize, y: usize) -> Option<f32> {
@@ -279,12 +323,17 @@ impl Pinhole {
     }
 }
 
-/// Lights a colour: ambient light, most light from over the left shoulder, and some from the eye.
-fn lit(colour: Colour, normal: Vec3A, point: Vec3A) -> Colour {
+/// Lights a colour: ambient light, most light from over the left shoulder, and some from the eye. Highlights are white (Blinn 1977).
+fn lit(colour: Colour, shine: f32, normal: Vec3A, point: Vec3A) -> Colour {
     const LIGHT: Vec3A = Vec3A::new(-0.35, 0.55, 0.76);
     let normal = if normal.dot(point) > 0.0 { -normal } else { normal };
     let brightness = 0.42 + 0.43 * normal.dot(LIGHT).max(0.0) + 0.17 * normal.z.abs();
-    (colour * brightness).min(Vec3A::splat(255.0))
+    let mut shone = colour * brightness;
+    if shine > 0.0 {
+        let middle = (LIGHT.normalize_or_zero() - point.normalize_or_zero()).normalize_or_zero();
+        shone += Vec3A::splat(255.0 * shine * normal.dot(middle).max(0.0).powi(GLOSS));
+    }
+    shone.min(Vec3A::splat(255.0))
 }
 
 /// Adds the part of a triangle beyond the near plane.
@@ -372,7 +421,7 @@ mod tests {
     }
 
     fn solid(camera_from_mesh: (Mat3A, Vec3A)) -> MeshPlacement {
-        MeshPlacement { camera_from_mesh, is_glass: false }
+        MeshPlacement { camera_from_mesh, is_glass: false, shine: 0.0 }
     }
 
     fn shapes() -> [Mesh; 3] {
@@ -480,8 +529,11 @@ mod tests {
                 raster.begin(&camera(), PAPER);
                 for (k, mesh) in shapes().iter().enumerate() {
                     let tint = Vec3A::new(90.0, 60.0 * k as f32, 200.0);
-                    let placement =
-                        MeshPlacement { camera_from_mesh: placed([0.2, 0.1, 0.2]).to_f32(), is_glass: k == 2 };
+                    let placement = MeshPlacement {
+                        camera_from_mesh: placed([0.2, 0.1, 0.2]).to_f32(),
+                        is_glass: k == 2,
+                        shine: 0.5,
+                    };
                     raster.surface(&LitMesh::new(mesh), |_| tint, placement);
                 }
                 raster.finish(0.4).clone()

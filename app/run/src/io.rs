@@ -4,7 +4,7 @@ use std::io::{Cursor, ErrorKind};
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use image::{ImageFormat, RgbImage};
+use image::{DynamicImage, ImageFormat, RgbImage};
 use mvt_files::{input, output};
 
 /// Largest image that is read, bytes.
@@ -65,8 +65,14 @@ pub fn png(picture: &RgbImage) -> Result<Vec<u8>> {
 /// # Errors
 /// If the file cannot be read or is not an image.
 pub fn read_image(path: &Path) -> Result<RgbImage> {
+    Ok(read_any_image(path)?.into_rgb8())
+}
+
+/// Reads an image with the pixels of its file.
+///
+/// # Errors
+/// If the file cannot be read or is not an image.
+pub fn read_any_image(path: &Path) -> Result<DynamicImage> {
     let bytes = input::read(path, LARGEST_IMAGE).with_context(|| format!("cannot read {}", path.display()))?;
-    let image =
-        image::load_from_memory(&bytes).with_context(|| format!("{} is not a readable image", path.display()))?;
-    Ok(image.to_rgb8())
+    image::load_from_memory(&bytes).with_context(|| format!("{} is not a readable image", path.display()))
 }

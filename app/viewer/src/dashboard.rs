@@ -47,8 +47,6 @@ const GAP: u32 = 6;
 const TITLE: u32 = 15;
 const LETTERS: f32 = 15.0;
 const SMALL: f32 = 12.0;
-/// The scene is painted with this many samples along each side of a pixel.
-const SAMPLES: u32 = 2;
 
 impl Dashboard {
     /// Returns a painter of dashboards of this width and height in pixels.
@@ -95,9 +93,9 @@ impl Dashboard {
     }
 
     fn scene(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize, eye: &Eye) {
-        let size = [area.width, area.height].map(|side| (side * SAMPLES) as usize);
-        let fine = self.scene.paint(recording, moment, &self.layers, eye, &self.theme, size);
-        imageops::replace(page, &draw::shrink(fine, SAMPLES), i64::from(area.x), i64::from(area.y));
+        let size = [area.width, area.height].map(|side| side as usize);
+        let fine = self.scene.paint_fine(recording, moment, &self.layers, eye, &self.theme, size);
+        imageops::replace(page, &fine, i64::from(area.x), i64::from(area.y));
         if let Some(legend) = Legend::of(&self.layers, recording) {
             let strip = strip(&legend, &self.theme);
             let (x, y) = (area.x + GAP, (area.y + area.height).saturating_sub(strip.height() + GAP));

@@ -16,7 +16,7 @@ const ALIGNMENT: usize = 8;
 
 /// The checksum of a file is wrong: the file was damaged after it was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the checksum is wrong: the file was damaged after it was written")]
+#[error("the checksum is wrong")]
 pub struct BrokenSeal;
 
 /// Returns a safetensors file with its checksum. Bytes that are no such file are returned as they are.

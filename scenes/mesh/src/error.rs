@@ -63,8 +63,8 @@ pub enum Defect {
     NotOrientable,
     /// The size is out of range for a hand, also after the conversion from millimetres.
     #[error(
-        "its largest side is {:.1} mm, outside {:.0} to {:.0} mm; scale it (units are metres, or millimetres if the largest side \
-         is above {MILLIMETRES_ABOVE_M})",
+        "its largest side is {:.3} mm, but it must be from {:.0} to {:.0} mm; scale it (units are metres, or millimetres if the \
+         largest side is above {MILLIMETRES_ABOVE_M})",
         extent_m * 1e3,
         MIN_EXTENT_M * 1e3,
         MAX_EXTENT_M * 1e3

@@ -233,6 +233,9 @@ pub enum CatalogueError {
     /// The mesh is unusable.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+    /// The path is that of a folder.
+    #[error("{0} is a folder; give the path of an .obj, .stl or .ply file in it")]
+    Folder(String),
     /// The mesh has no convex hull.
     #[error(transparent)]
     Hull(#[from] NoHull),
@@ -250,6 +253,9 @@ pub fn is_path(name_or_path: &str) -> bool {
 /// # Errors
 /// [`CatalogueError`], which names the object or file.
 pub fn load(name_or_path: &str, warnings: &mut Vec<CatalogueWarning>) -> Result<Object, CatalogueError> {
+    if Path::new(name_or_path).is_dir() && entries().all(|entry| entry.name != name_or_path) {
+        return Err(CatalogueError::Folder(name_or_path.to_owned()));
+    }
     if is_path(name_or_path) {
         load_file(Path::new(name_or_path), warnings)
     } else {
@@ -265,8 +271,16 @@ fn load_file(path: &Path, warnings: &mut Vec<CatalogueWarning>) -> Result<Object
     let collision = decompose::pieces(&mesh)?;
     let mass_kg = estimated_mass_kg(decompose::hull_volume_m3(&mesh)?);
     warnings.push(CatalogueWarning::EstimatedMass { file, mass_kg });
-    let name = path.file_stem().map_or_else(|| "object".into(), |stem| stem.to_string_lossy().into_owned());
+    let name = path.file_stem().map_or_else(|| "object".into(), |stem| plain_name(&stem.to_string_lossy()));
     Ok(Object { name, mesh, exact: None, object_from_file, collision, mass_kg })
+}
+
+/// Returns a name that can be that of a folder on every system: other characters than ASCII letters, digits, `-`, `_` and `.` become `_`.
+fn plain_name(stem: &str) -> String {
+    const LONGEST: usize = 100;
+    let plain = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
+    let name: String = stem.chars().take(LONGEST).map(plain).collect();
+    if name.starts_with('.') || name.is_empty() { format!("_{}", name.trim_start_matches('.')) } else { name }
 }
 
 /// Estimates the mass of a user's mesh, kg: half the density of water in its hull, which is typical of YCB, limited to

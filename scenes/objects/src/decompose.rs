@@ -16,6 +16,8 @@ pub use hull::NoHull;
 pub const MAX_POINTS: usize = 64;
 /// Limit for the pieces of one object.
 pub const MAX_PIECES: usize = 64;
+/// Ratio of the hull's volume to the cube of the diagonal below which a mesh is flat. A sheet of paper is just above.
+const FLAT_RATIO: f64 = 1e-6;
 /// Ratio of hull to mesh volume up to which the hull replaces the mesh. Cans with recessed lids and fruit with dimples
 /// are below; a banana (1.55), duplo (1.4) and all hollow objects are above.
 pub const CONVEX_RATIO: f64 = 1.25;
@@ -31,6 +33,10 @@ const FILLED_RATIO: f64 = 1.3;
 /// [`NoHull`] if the mesh is flat.
 pub fn pieces(mesh: &Mesh) -> Result<Vec<Vec<Vec3>>, NoHull> {
     let hull = Hull::of(&mesh.vertices)?;
+    let [low, high] = mesh.bounds_m();
+    if hull.volume_m3() < FLAT_RATIO * f64::from((high - low).length()).powi(3) {
+        return Err(NoHull::flat());
+    }
     let solid_m3 = mesh.volume_m3();
     // An open mesh has no volume to compare with.
     if !mesh.edges().watertight() || hull.volume_m3() <= CONVEX_RATIO * solid_m3 {

@@ -9,8 +9,12 @@ use std::process::{Child, Command, Stdio};
 use clap::ValueEnum as _;
 use serde::{Deserialize, Serialize};
 
+use mvt_files::input;
 use mvt_run::estimator::Mode;
 use mvt_run::source::Modality;
+
+/// Largest file of messages that is read, bytes.
+const LARGEST_ERRORS: u64 = 1 << 20;
 
 /// Choices for a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -131,7 +135,7 @@ impl StartedRun {
             }
             return Some(Ok(()));
         }
-        let text = fs::read(&self.errors).unwrap_or_default();
+        let text = input::read(&self.errors, LARGEST_ERRORS).unwrap_or_default();
         let text = String::from_utf8_lossy(&text);
         let last: Vec<&str> = text.lines().rev().filter(|line| !line.trim().is_empty()).take(4).collect();
         let words = last.into_iter().rev().collect::<Vec<_>>().join("\n");

@@ -34,11 +34,14 @@ struct SceneRequest {
     eye: Eye,
     theme: Theme,
     size: [usize; 2],
+    /// Without jagged edges and with ambient occlusion.
+    is_fine: bool,
 }
 
 /// Picture with the time that it took.
 struct Painted {
     image: ColorImage,
+    is_fine: bool,
     spent: Duration,
     warning: Option<String>,
 }
@@ -60,12 +63,15 @@ impl Work for Painter {
         // A thread that always paints is never idle.
         self.idle();
         let recording = self.shared.read();
-        let image =
-            self.scene.paint(&recording, request.moment, &request.layers, &request.eye, &request.theme, request.size);
-        let image = ColorImage::from_rgb(request.size, image);
+        let SceneRequest { moment, layers, eye, theme, size, is_fine, .. } = &request;
+        let image = if *is_fine {
+            ColorImage::from_rgb(*size, &self.scene.paint_fine(&recording, *moment, layers, eye, theme, *size))
+        } else {
+            ColorImage::from_rgb(*size, self.scene.paint(&recording, *moment, layers, eye, theme, *size))
+        };
         self.spent = begun.elapsed();
         tracing::trace!("moment {} at {:?} painted in {:?}", request.moment, request.size, self.spent);
-        Painted { image, spent: self.spent, warning: self.scene.warning().map(str::to_owned) }
+        Painted { image, is_fine: request.is_fine, spent: self.spent, warning: self.scene.warning().map(str::to_owned) }
     }
 
     /// Checks from time to time whether the recording has grown, and wakes the window if it has.
@@ -88,6 +94,8 @@ pub struct SceneWidget {
     worker: LatestWorker<Painter>,
     texture: Option<TextureHandle>,
     spent: Duration,
+    /// What the last frame of the window showed.
+    last: Option<SceneRequest>,
     /// Problem of the last picture.
     warning: Option<String>,
     /// Position of the object when it was last followed, metres.
@@ -103,7 +111,15 @@ impl SceneWidget {
             looked: Instant::now(),
             spent: Duration::ZERO,
         });
-        Self { eye: Eye::default(), worker, texture: None, spent: Duration::ZERO, warning: None, followed: None }
+        Self {
+            eye: Eye::default(),
+            worker,
+            texture: None,
+            spent: Duration::ZERO,
+            last: None,
+            warning: None,
+            followed: None,
+        }
     }
 
     /// Resets the camera.
@@ -131,19 +147,25 @@ impl SceneWidget {
         let is_moving = self.turn(ui, rect, &response);
         let scale = if is_moving && self.spent > SLOW { 0.5 } else { 1.0 };
         let pixels = |points: f32| ((points * ui.pixels_per_point() * scale) as usize).clamp(16, 4096);
-        self.worker.request(SceneRequest {
+        let mut request = SceneRequest {
             moment,
             revision: recording.revision(),
             layers,
             eye: self.eye,
             theme: style::theme(ui.ctx()),
             size: [pixels(rect.width()), pixels(rect.height())],
-        });
+            is_fine: false,
+        };
+        // A picture that stays is painted again, finely. The first one is shown at once.
+        let is_still = !is_moving && self.texture.is_some() && self.last.as_ref() == Some(&request);
+        self.last = Some(request.clone());
+        request.is_fine = is_still;
+        self.worker.request(request);
         if let Some(painted) = self.worker.take() {
             self.warning = painted.warning;
             // A mean over full pictures without the first, which prepares the meshes: one slow picture does not make
             // all others coarse.
-            if self.texture.is_some() && scale == 1.0 {
+            if self.texture.is_some() && scale == 1.0 && !painted.is_fine {
                 self.spent = (self.spent + painted.spent) / 2;
             }
             match &mut self.texture {

@@ -10,6 +10,13 @@ use parry3d::transformation::try_convex_hull;
 #[error("no convex hull: {0}; the mesh is flat or damaged")]
 pub struct NoHull(String);
 
+impl NoHull {
+    /// The error of a mesh without a volume.
+    pub(super) fn flat() -> Self {
+        Self("it encloses no volume".to_owned())
+    }
+}
+
 /// Number of points above which a hull is computed from the outermost ones: the time of parry3d grows with the square of the number of
 /// points on the hull, and takes minutes for a million.
 const MANY_POINTS: usize = 100_000;

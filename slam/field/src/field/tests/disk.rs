@@ -73,8 +73,15 @@ fn start_of(bytes: &[u8], name: &str) -> usize {
 
 #[test]
 fn damage_is_named() {
-    let bytes = saved(&NeuralField::new(&small(), 1).unwrap());
+    let sealed = saved(&NeuralField::new(&small(), 1).unwrap());
     let message = |bytes: &[u8]| loaded(bytes).unwrap_err().to_string();
+    let mut broken = sealed.clone();
+    *broken.last_mut().unwrap() ^= 1;
+    assert!(message(&broken).contains("checksum"), "{}", message(&broken));
+    // Without its checksum, as version 0.1.0 wrote it, so that other damage is found by what it damages.
+    let mut bytes = sealed;
+    let key = bytes.windows(10).position(|window| window == b"\"checksum\"").unwrap();
+    bytes[key..key + 10].copy_from_slice(b"\"unsealed\"");
     for tensor in ["grid", "hidden.weight", "hidden.bias", "output.weight", "output.bias"] {
         let mut broken = bytes.clone();
         let at = start_of(&bytes, tensor);
