@@ -44,6 +44,9 @@ pub struct TouchDataArguments {
     /// Folder for the images; earlier images in it are moved to DIR.1, DIR.2 and so on
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Write into a folder that contains other files; images of the same numbers are replaced
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// The table of a training configuration that is read.
@@ -63,7 +66,7 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
     config.validate().map_err(|error| error.within("data"))?;
     let out = &arguments.out;
     ensure!(arguments.images > 0, "--images 0: give at least 1");
-    let claimed = ClaimedFolder::claim(out, "touch data", Earlier::Move, false)?;
+    let claimed = ClaimedFolder::claim(out, "touch data", Earlier::Move, arguments.overwrite)?;
     if let Some(moved) = claimed.moved() {
         tracing::warn!("{} contained earlier images, which are now in {}", out.display(), moved.display());
     }

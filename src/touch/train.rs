@@ -49,6 +49,9 @@ pub struct TouchTrainArguments {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Allow a folder that contains other files
+    #[arg(long)]
+    overwrite: bool,
     /// Continue the training in DIR
     #[arg(long)]
     resume: bool,
@@ -139,7 +142,8 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     let mut trainer = trainer.on(device);
     let earlier = if arguments.resume { Earlier::Keep } else { Earlier::Move };
     // Trainings of version 0.1.0 have no mark.
-    let _claimed = ClaimedFolder::claim(&arguments.out, "touch train", earlier, arguments.resume)?;
+    let overwrite = arguments.resume || arguments.overwrite;
+    let _claimed = ClaimedFolder::claim(&arguments.out, "touch train", earlier, overwrite)?;
     let hash = data_hash(&data)?;
     let surfaces = objects::load(&data.objects.train)?;
     let watched = Validation::new(&data, &training)?;

@@ -3,6 +3,7 @@
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
+use crate::palette::FINGERS;
 use crate::{draw, text};
 
 /// Number of fingers.
@@ -49,8 +50,6 @@ const PAPER: Rgb<u8> = Rgb([250, 250, 248]);
 const INK: Rgb<u8> = Rgb([34, 38, 46]);
 const FAINT: Rgb<u8> = Rgb([125, 131, 141]);
 const TRACK: Rgb<u8> = Rgb([232, 233, 231]);
-/// One colour per finger, also distinct to people who cannot distinguish red and green (Okabe and Ito).
-const FINGERS: [Rgb<u8>; COUNT] = [Rgb([0, 114, 178]), Rgb([230, 159, 0]), Rgb([0, 158, 115]), Rgb([204, 121, 167])];
 
 const MARGIN: u32 = 36;
 const GAP: u32 = 14;

@@ -309,6 +309,14 @@ impl Recording {
         self.truth.as_ref()
     }
 
+    /// Whether the contacts of a moment are known: those of a log are read in the background.
+    pub fn is_read(&self, moment: usize) -> bool {
+        match &self.source {
+            Source::Run { .. } => true,
+            Source::Log(log) => log.is_read(moment),
+        }
+    }
+
     /// Returns the pose of the object at a moment: the estimated one, or in a log the true one.
     pub fn pose(&self, moment: usize) -> Option<Isometry<mvt_frames::Object, World>> {
         let moment = self.moments.get(moment)?;

@@ -52,7 +52,9 @@ fn paint_legend(painter: &Painter, corner: Pos2, legend: &Legend, theme: &Theme,
             let left = title.right() + MARGIN;
             let bar = Rect::from_x_y_ranges(left..=left + WIDTH, bottom - 26.0..=bottom - 16.0);
             for x in 0..WIDTH as u32 {
-                let column = Rect::from_x_y_ranges(left + x as f32..=left + x as f32 + 1.0, bar.y_range());
+                // Columns overlap, because at some sizes of text a point is no whole number of pixels.
+                let right = (left + x as f32 + 2.0).min(bar.right());
+                let column = Rect::from_x_y_ranges(left + x as f32..=right, bar.y_range());
                 painter.rect_filled(column, 0.0, colour(of_share(x as f32 / (WIDTH - 1.0))));
             }
             (0u8..).zip(labels).fold(title.union(bar), |used, (k, label)| {

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use eframe::egui::{self, Id, Ui, Vec2b};
 use egui_plot::{AxisHints, GridMark, Line, Plot, PlotPoint, PlotPoints, Points, VLine};
 use mvt_picture::chart;
-use mvt_picture::palette::{CURVES, Theme};
+use mvt_picture::palette::{CURVES, FINGERS, Theme};
 use mvt_recording::Recording;
 use mvt_robot::hand::Finger;
 use mvt_run::report::{FrameRow, StageMs};
@@ -180,11 +180,17 @@ impl PlotFrame {
             .include_x(self.end_s)
             .set_margin_fraction(egui::vec2(0.0, 0.08))
             .show_crosshair(false)
+            .label_formatter(|hover| match hover {
+                egui_plot::HoverPosition::NearDataPoint { position, .. } => {
+                    Some(format!("{:.2} s\n{}", position.x, three_digits(position.y)))
+                }
+                egui_plot::HoverPosition::Elsewhere { .. } => None,
+            })
             .grid_spacing(LABELS)
             .x_grid_spacer(|input| round_marks(input.bounds))
             .y_grid_spacer(|input| round_marks(input.bounds))
             .grid_color(colour(self.theme.faint).gamma_multiply(0.4))
-            .custom_x_axes(vec![AxisHints::new_x().label_spacing(LABELS).formatter(label)])
+            .custom_x_axes(vec![AxisHints::new_x().label_spacing(LABELS).formatter(time_label)])
             .custom_y_axes(vec![AxisHints::new_y().label_spacing(LABELS).formatter(label).min_thickness(26.0)])
     }
 
@@ -195,7 +201,7 @@ impl PlotFrame {
             plot.set_plot_bounds_y(0.0..=top);
             for &(curve, k) in curves {
                 let line = Line::new("", PlotPoints::Borrowed(curve)).color(colour(CURVES[k % CURVES.len()]));
-                plot.line(line.width(1.5).allow_hover(false));
+                plot.line(line.width(1.5));
             }
             self.cursor(plot)
         });
@@ -221,7 +227,7 @@ impl PlotFrame {
         let response = plot.y_axis_min_width(44.0).show(ui, |plot| {
             for (k, curve) in contacts.iter().enumerate() {
                 let points = Points::new("", PlotPoints::Borrowed(curve)).radius(2.0);
-                plot.points(points.color(colour(CURVES[k % CURVES.len()])).allow_hover(false));
+                plot.points(points.color(colour(FINGERS[k % FINGERS.len()])).allow_hover(false));
             }
             self.cursor(plot)
         });
@@ -236,6 +242,20 @@ const LABELS: egui::Rangef = egui::Rangef { min: 4.0, max: 8.0 };
 fn round_marks((low, high): (f64, f64)) -> Vec<GridMark> {
     let (marks, step_size) = chart::round_marks(low, high);
     marks.into_iter().map(|value| GridMark { value, step_size }).collect()
+}
+
+/// Label of a time. None stands at 0, where the label of the other axis stands.
+fn time_label(mark: GridMark, range: &RangeInclusive<f64>) -> String {
+    if mark.value == 0.0 { String::new() } else { label(mark, range) + " s" }
+}
+
+/// Writes a number with about three digits.
+fn three_digits(value: f64) -> String {
+    match value.abs() {
+        0.0..10.0 => format!("{value:.2}"),
+        10.0..100.0 => format!("{value:.1}"),
+        _ => format!("{value:.0}"),
+    }
 }
 
 fn label(mark: GridMark, _: &RangeInclusive<f64>) -> String {

@@ -94,6 +94,9 @@ pub struct SceneWidget {
     worker: LatestWorker<Painter>,
     texture: Option<TextureHandle>,
     spent: Duration,
+    /// Whether the shown picture is a fine one.
+    #[cfg(test)]
+    is_fine: bool,
     /// What the last frame of the window showed.
     last: Option<SceneRequest>,
     /// Problem of the last picture.
@@ -116,6 +119,8 @@ impl SceneWidget {
             worker,
             texture: None,
             spent: Duration::ZERO,
+            #[cfg(test)]
+            is_fine: false,
             last: None,
             warning: None,
             followed: None,
@@ -127,10 +132,10 @@ impl SceneWidget {
         self.eye = Eye::new(Preset::Oblique);
     }
 
-    /// Whether a picture is being painted.
+    /// Whether a picture is being painted, or the fine one is still to come.
     #[cfg(test)]
     pub fn is_busy(&self) -> bool {
-        self.worker.is_busy()
+        self.worker.is_busy() || !self.is_fine
     }
 
     /// Draws the scene into the rest of `ui`.
@@ -163,6 +168,10 @@ impl SceneWidget {
         self.worker.request(request);
         if let Some(painted) = self.worker.take() {
             self.warning = painted.warning;
+            #[cfg(test)]
+            {
+                self.is_fine = painted.is_fine;
+            }
             // A mean over full pictures without the first, which prepares the meshes: one slow picture does not make
             // all others coarse.
             if self.texture.is_some() && scale == 1.0 && !painted.is_fine {

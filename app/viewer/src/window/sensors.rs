@@ -144,7 +144,8 @@ impl SensorPanel {
                     let touching = now.and_then(|moment| moment.fingers[finger]);
                     ui.horizontal(|ui| {
                         ui.strong(finger.name());
-                        ui.weak(touching.map_or_else(|| "touches nothing".to_owned(), touch_text));
+                        let nothing = if recording.is_read(moment) { "touches nothing" } else { "is being read" };
+                        ui.weak(touching.map_or_else(|| nothing.to_owned(), touch_text));
                     });
                     grid(ui, pictures, 4, finger.name());
                 }

@@ -194,8 +194,10 @@ impl StartPage {
         }
         let mut forgotten = None;
         for (k, folder) in preferences.recent.iter().enumerate() {
-            let name =
-                folder.file_name().map_or_else(|| folder.display().to_string(), |n| n.to_string_lossy().into_owned());
+            // With the folder above, because most runs are called "out".
+            let parts: Vec<_> =
+                folder.components().rev().take(2).map(|part| part.as_os_str().to_string_lossy()).collect();
+            let name = parts.into_iter().rev().collect::<Vec<_>>().join("/");
             ui.horizontal(|ui| {
                 if ui.link(&name).on_hover_text(folder.display().to_string()).clicked() {
                     request = Some(StartRequest::Open(folder.clone()));

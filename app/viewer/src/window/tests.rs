@@ -334,8 +334,8 @@ fn a_run_is_chosen_on_the_start_page() {
     bench.harness.get_by_role_and_label(egui::accesskit::Role::TextInput, "Object").type_text("pear");
     bench.settle();
     assert!(bench.shows("016_pear") && !bench.shows("025_mug"));
-    let name = run.path().file_name().unwrap().to_string_lossy().into_owned();
-    bench.click(&name);
+    let parts: Vec<_> = run.path().iter().rev().take(2).map(|part| part.to_string_lossy()).collect();
+    bench.click(&format!("{}/{}", parts[1], parts[0]));
     assert_eq!(bench.frame(), 36);
     bench.click("Start page");
     assert!(bench.shows("Recent runs"));
