@@ -2,6 +2,8 @@
 
 mod assets;
 mod bench;
+mod calibrate;
+mod disturb;
 mod generate;
 mod image_size;
 mod inspect;
@@ -53,6 +55,8 @@ enum Command {
     Evaluate(mvt_evaluation::EvaluateArguments),
     Generate(generate::GenerateArguments),
     Inspect(inspect::InspectArguments),
+    Calibrate(calibrate::CalibrateArguments),
+    Disturb(disturb::DisturbArguments),
     Simulate(simulate::SimulateArguments),
     #[command(subcommand)]
     Touch(touch::TouchCommand),
@@ -149,6 +153,8 @@ fn main() -> ExitCode {
         Some(Command::Evaluate(arguments)) => mvt_evaluation::run(&arguments),
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
+        Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
+        Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Touch(command)) => touch::run(&command),
         Some(Command::Assets(command)) => assets::run(&command),

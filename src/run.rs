@@ -22,7 +22,7 @@ use mvt_run::truth::Truth;
 use mvt_run::{progress, settings};
 use mvt_slam::map::Map;
 
-pub use arguments::RunArguments;
+pub use arguments::{CalibrationChoice, RunArguments};
 use input::RunInput;
 
 use crate::signals::stop_on_signals;
@@ -36,7 +36,10 @@ pub fn main_job() -> Result<()> {
 
 /// Runs the command.
 pub fn run(arguments: &RunArguments) -> Result<()> {
-    let config: RunConfig = settings::load(arguments.config.as_deref(), &arguments.set)?;
+    let mut config: RunConfig = settings::load(arguments.config.as_deref(), &arguments.set)?;
+    if let Some(choice) = arguments.calibration {
+        config.calibration.refine = choice == CalibrationChoice::Refine;
+    }
     arguments.check()?;
     let weights = arguments.touch.weights()?.filter(|_| arguments.modality.has_touch());
     let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch));
@@ -110,6 +113,9 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let summary = recorder.finish(&finished, estimated.mesh.as_ref(), truth.as_ref())?;
     if let Some(map) = estimated.estimator.map() {
         map.save(&arguments.out)?;
+    }
+    if let Some(calibration) = &summary.calibration {
+        calibration.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));
     }
     if arguments.json {
         print_line(&serde_json::to_string_pretty(&summary)?)?;

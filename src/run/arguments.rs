@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use clap::{Args, value_parser};
+use clap::{Args, ValueEnum, value_parser};
 use mvt_run::arguments::{Manner, duration};
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::source::{Modality, TouchArguments};
@@ -40,6 +40,12 @@ pub struct RunArguments {
     /// degrees such as 330/35 [default: side]. With --log, cameras of the log [default: its first one]
     #[arg(long)]
     pub cameras: Option<String>,
+    /// Poses of the cameras and joint angles [default: refine, or what the settings say]
+    #[arg(long, value_enum)]
+    pub calibration: Option<CalibrationChoice>,
+    /// Start from this calibration, which `calibrate` wrote
+    #[arg(long, value_name = "FILE")]
+    pub calibration_file: Option<PathBuf>,
     /// Longest duration in seconds, at most 3600 [default: 30, or the whole log]
     #[arg(long, value_name = "SECONDS", value_parser = duration)]
     pub duration: Option<f64>,
@@ -84,6 +90,15 @@ pub struct RunArguments {
     pub manner: Manner,
 }
 
+/// Calibration on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CalibrationChoice {
+    /// Refine the given calibration by what the cameras see of the hand
+    Refine,
+    /// Take the given calibration as it is
+    Given,
+}
+
 impl RunArguments {
     /// Checks that the arguments fit the mode.
     pub fn check(&self) -> Result<()> {
@@ -120,6 +135,7 @@ impl RunArguments {
             add(key, value);
         }
         add("cameras", self.cameras.clone());
+        add("calibration-file", self.calibration_file.as_deref().map(path));
         add("duration", self.duration.map(|seconds| seconds.to_string()));
         add("init", self.init.map(|init| init.name().to_owned()));
         add("resume", self.resume.as_deref().map(path));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::gait;
 use mvt_live::{Fault, LiveSettings, LiveSource};
@@ -16,6 +16,7 @@ use mvt_run::source::{LogSource, Source, TouchNetwork};
 use mvt_run::supervisor::Supervisor;
 
 use super::RunArguments;
+use crate::calibrate;
 
 /// The object of a run without --object.
 const OBJECT: &str = "077_rubiks_cube";
@@ -55,8 +56,15 @@ fn from_log(
     network: Option<TouchNetwork>,
 ) -> Result<RunInput> {
     let cameras = arguments.cameras.as_deref();
-    let mut source =
-        LogSource::open(folder, cameras, arguments.modality, config.camera_noise, config.segmentation, network)?;
+    let mut source = LogSource::open(
+        folder,
+        cameras,
+        arguments.modality,
+        config.camera_noise,
+        config.segmentation,
+        network,
+        config.calibration,
+    )?;
     let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
     let object = match load_object(&name) {
         Ok(object) => Some(object),
@@ -67,6 +75,9 @@ fn from_log(
         }
     };
     source.limit_pictures(mvt_recording::has_images);
+    if let Some(path) = &arguments.calibration_file {
+        source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
+    }
     if let Some(object) = &object {
         source.set_object_from_file(object.object_from_file);
     }
@@ -95,6 +106,7 @@ fn live(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwo
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
         camera_noise: config.camera_noise,
         segmentation: config.segmentation,
+        calibration: config.calibration,
         modality: arguments.modality,
         hidden_every: None,
         fault: Fault::default(),
@@ -103,7 +115,10 @@ fn live(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwo
     let gaits: Vec<&'static str> = std::iter::once(gait_name).chain(others).collect();
     let supervisor = Supervisor::new(arguments.goal, &gaits, config.supervisor);
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
-    let source = Box::new(LiveSource::new(&object, settings, network)?);
+    let mut source = Box::new(LiveSource::new(&object, settings, network)?);
+    if let Some(path) = &arguments.calibration_file {
+        source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
+    }
     Ok(RunInput { source, side, seed, name, object: Some(object), supervisor: Some(supervisor), cameras })
 }
 

@@ -443,6 +443,7 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
         cameras,
         camera_noise: config.camera_noise,
         segmentation: config.segmentation,
+        calibration: config.calibration,
         modality: Modality::Vitac,
         hidden_every: Some(HIDDEN_EVERY),
         fault,

@@ -20,6 +20,7 @@
 //!     camera_noise: 5.0,
 //!     modality: Modality::Tac,
 //!     segmentation: Default::default(),
+//!     calibration: Default::default(),
 //!     hidden_every: None,
 //!     fault: Fault::default(),
 //! };

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use anyhow::Result;
+use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, World};
 use mvt_gaits::clock::FRAME_HZ;
@@ -37,6 +38,8 @@ pub struct LiveSettings {
     pub camera_noise: f64,
     /// Settings of the segmentation of camera depth.
     pub segmentation: SegmentationConfig,
+    /// Whether the poses of the cameras and the joint angles are refined, as for a real hand.
+    pub calibration: CalibrationConfig,
     /// Which sensors are used.
     pub modality: Modality,
     /// At every Nth frame the share of the object that the hand hides is computed; `None` for never. Some milliseconds each.
@@ -62,6 +65,7 @@ pub struct LiveSource {
     /// The touch network; without it the true indentation is used.
     network: Option<TouchNetwork>,
     scratch: ObserverScratch,
+    calibrator: Calibrator,
     frame: u32,
 }
 
@@ -103,7 +107,16 @@ impl LiveSource {
                 network.set_empty(finger, image)?;
             }
         }
-        Ok(Self { settings, episode, observer, network, scratch: ObserverScratch::default(), frame: 0 })
+        let calibrator = Calibrator::new(settings.calibration, side, settings.cameras.clone());
+        Ok(Self { settings, episode, observer, network, scratch: ObserverScratch::default(), calibrator, frame: 0 })
+    }
+
+    /// Starts from a calibration that was measured before, in place of the given one.
+    ///
+    /// # Errors
+    /// If a number of it is invalid.
+    pub fn start_from(&mut self, calibration: &Calibration) -> Result<(), CalibrationError> {
+        self.calibrator.start_from(calibration)
     }
 }
 
@@ -117,7 +130,7 @@ impl Source for LiveSource {
         let Some(state) = self.episode.next_frame() else { return Ok(None) };
         let (observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
         self.frame += 1;
-        let LiveSettings { side, cameras, modality, segmentation, hidden_every, fault, .. } = &self.settings;
+        let LiveSettings { side, modality, segmentation, hidden_every, fault, .. } = &self.settings;
         let mut warnings = Vec::new();
         let touch = match &mut self.network {
             _ if !modality.has_touch() => PerFinger::default(),
@@ -128,7 +141,8 @@ impl Source for LiveSource {
         let (colours, depths_m): (Vec<_>, Vec<_>) =
             seen.into_iter().map(|camera| (camera.color, Some(camera.depth_m))).unzip();
         let depths_m = if fault.blank.contains(&frame) { Vec::new() } else { depths_m };
-        let percept = percept(time_s, joints, depths_m, touch, cameras, *side, segmentation)?;
+        let Calibrated { joints, cameras } = self.calibrator.observe(time_s, &joints, None, &depths_m);
+        let percept = percept(time_s, joints, depths_m, touch, &cameras, *side, segmentation)?;
         let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
         let is_felt = self.network.is_some() && modality.has_touch();
@@ -158,5 +172,9 @@ impl Source for LiveSource {
             }
             None => ("it goes on".to_owned(), false),
         }
+    }
+
+    fn calibration(&self) -> Option<Calibration> {
+        self.calibrator.refined()
     }
 }

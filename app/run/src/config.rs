@@ -1,5 +1,6 @@
 //! Settings of a run.
 
+use mvt_calibration::CalibrationConfig;
 use mvt_segmentation::SegmentationConfig;
 use mvt_settings::settings;
 use mvt_slam::SlamConfig;
@@ -20,6 +21,8 @@ settings! {
         pub score_every: u64 = 30, 1..=1_000_000;
         /// Contact from a touch network's predictions.
         pub touch: ContactConfig, Nested;
+        /// Refinement of camera poses and joint angles.
+        pub calibration: CalibrationConfig, Nested;
         /// Labels of camera pixels.
         pub segmentation: SegmentationConfig, Nested;
         /// The estimator.

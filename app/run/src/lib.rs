@@ -15,7 +15,7 @@
 //!
 //! // Tracks and maps the object of a FeelSight log with its first camera.
 //! let log = "data/077_rubiks_cube/00".as_ref();
-//! let mut source = LogSource::open(log, None, Modality::Vi, 5.0, SegmentationConfig::default(), None)?;
+//! let mut source = LogSource::open(log, None, Modality::Vi, 5.0, SegmentationConfig::default(), None, Default::default())?;
 //! let config = SlamConfig::default();
 //! let setup = EstimatorSetup { config: &config, mode: Mode::Slam, modality: Modality::Vi, init: Init::Near, seed: 0, map: None };
 //! let pipeline = Pipeline {

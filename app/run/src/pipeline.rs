@@ -13,6 +13,7 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use mvt_calibration::Calibration;
 use mvt_frames::{Isometry, Model};
 use mvt_gaits::directive::Directive;
 use mvt_mesh::Mesh;
@@ -116,6 +117,8 @@ pub struct Finished {
     pub complete: bool,
     /// Why the source ended, in words; empty if it did not.
     pub end: String,
+    /// The refined calibration; `None` if it was taken as given.
+    pub calibration: Option<Calibration>,
 }
 
 /// An estimator at the end of a run.
@@ -265,7 +268,7 @@ impl Pipeline<'_> {
             }
         }
         let Followed { estimators, wall_s, complete, end, .. } = finished;
-        Ok(Finished { estimators, wall_s, complete, end })
+        Ok(Finished { estimators, wall_s, complete, end, calibration: source.calibration() })
     }
 
     fn follow(

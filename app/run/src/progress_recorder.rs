@@ -88,6 +88,7 @@ impl<'a> ProgressRecorder<'a> {
         let record = &mut self.record;
         record.wall_s = finished.wall_s;
         record.complete = finished.complete;
+        record.calibration = finished.calibration.clone();
         record.peak_memory_mb = report::peak_memory_mb();
         if !finished.complete {
             // A user who interrupts a run may not wait for the scores.

@@ -6,6 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Result;
+use mvt_calibration::Calibration;
 use mvt_frames::{Field, Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_metrics::{AddS, TrueSurface};
@@ -72,6 +73,8 @@ pub struct RunRecord {
     pub simulated_s: f64,
     /// See [`peak_memory_mb`].
     pub peak_memory_mb: Option<f64>,
+    /// The refined calibration; `None` before the end, and if it was taken as given.
+    pub calibration: Option<Calibration>,
     /// Whether the run came to its end.
     pub complete: bool,
 }

@@ -6,6 +6,7 @@ mod touch;
 use anyhow::Result;
 use clap::ValueEnum;
 use image::RgbImage;
+use mvt_calibration::Calibration;
 use mvt_frames::{Isometry, Object, World};
 use mvt_gaits::directive::Directive;
 use mvt_robot::hand::PerFinger;
@@ -67,6 +68,9 @@ pub trait Source: Send {
 
     /// Why the source ended, in words, and whether it ended as intended.
     fn end(&self) -> (String, bool);
+
+    /// The calibration known so far; `None` if it is taken as given.
+    fn calibration(&self) -> Option<Calibration>;
 }
 
 /// Which sensors are used.

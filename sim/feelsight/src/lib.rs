@@ -55,6 +55,7 @@
 //! ```
 
 pub mod array;
+mod disturb;
 mod error;
 mod frame;
 mod inspect;
@@ -72,6 +73,7 @@ mod record;
 mod scene;
 mod writer;
 
+pub use disturb::{DISTURBANCE_FILE, Disturbance, Disturbed, disturb};
 pub use error::LogError;
 pub use frame::EncodedFrame;
 pub use inspect::{CameraSummary, LogSummary, SurfaceDistance, inspect, inspect_against};

@@ -1,12 +1,19 @@
 //! data.pkl: everything in a log besides images.
 
+use std::path::Path;
+
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit;
 use mvt_robot::hand::{JOINTS, JointAngles};
 
 use crate::array::Array;
+use crate::error::LogError;
+use crate::io::read_at_most;
 use crate::npz::NpzReader;
-use crate::pickle::PickleValue;
+use crate::pickle::{self, PickleValue};
+
+/// Greatest size of data.pkl, bytes: ten times that of a log of thirty minutes.
+const LARGEST_FILE: u64 = 256 << 20;
 
 /// Pose as a 4 x 4 row-major matrix.
 pub(super) type Matrix = [[f64; 4]; 4];
@@ -115,6 +122,16 @@ impl Record {
             ),
             ("realsense", PickleValue::Dict(self.cameras.iter().map(camera).collect())),
         ])
+    }
+
+    /// Reads the file data.pkl of a log.
+    ///
+    /// # Errors
+    /// [`LogError`] that names the file and its defect.
+    pub fn read(path: &Path) -> Result<Self, LogError> {
+        let bytes = read_at_most(path, LARGEST_FILE)?;
+        let value = pickle::from_bytes(&bytes).map_err(|reason| LogError::Pickle { path: path.into(), reason })?;
+        Self::from_value(&value).map_err(|defect| LogError::defect(path, defect))
     }
 
     /// Reads the dictionary of a log.

@@ -189,7 +189,7 @@ fn camera_folder(log: &Path, camera: &str) -> PathBuf {
 }
 
 /// Returns `.<name>.<suffix>` beside a place.
-fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, LogError> {
+pub(super) fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, LogError> {
     let name = place.file_name().ok_or_else(|| LogError::defect(place, "the path does not end in a folder name"))?;
     let mut hidden = std::ffi::OsString::from(".");
     hidden.push(name);
@@ -198,7 +198,7 @@ fn sibling(place: &Path, suffix: &str) -> Result<PathBuf, LogError> {
 }
 
 /// Returns whether a path does not exist or is an empty folder.
-fn is_vacant(place: &Path) -> Result<bool, LogError> {
+pub(super) fn is_vacant(place: &Path) -> Result<bool, LogError> {
     match fs::read_dir(place) {
         Ok(mut entries) => Ok(entries.next().is_none()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(true),
@@ -207,7 +207,7 @@ fn is_vacant(place: &Path) -> Result<bool, LogError> {
 }
 
 /// Removes a folder if it exists.
-fn remove(folder: &Path) -> Result<(), LogError> {
+pub(super) fn remove(folder: &Path) -> Result<(), LogError> {
     let mut removed = fs::remove_dir_all(folder);
     // The ffmpeg of a killed writer may create its only file during the removal.
     if removed.as_ref().is_err_and(|reason| reason.kind() == std::io::ErrorKind::DirectoryNotEmpty) {

@@ -45,6 +45,10 @@ impl Source for Witness {
     fn end(&self) -> (String, bool) {
         (String::new(), true)
     }
+
+    fn calibration(&self) -> Option<mvt_calibration::Calibration> {
+        None
+    }
 }
 
 /// A directive that tells after which frame it was given.

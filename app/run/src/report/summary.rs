@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use mvt_calibration::Calibration;
 use mvt_frames::{Frame, Isometry, Object};
 use mvt_mesh::Mesh;
 use mvt_metrics::{FINE_POINTS, FScore, POINTS, PoseStatistics, ShapeScore, THRESHOLDS_M, TrueSurface, sample_surface};
@@ -53,6 +54,8 @@ pub struct Summary {
     pub lost_frames: usize,
     /// How often it found it again.
     pub recovered: usize,
+    /// Refined calibration of cameras and joints; null if it was taken as given.
+    pub calibration: Option<Calibration>,
     /// Takes the coordinates of the field to those of the mesh: x, y, z in metres, then the quaternion w, x, y, z. Null if nothing was
     /// seen.
     pub object_from_field: Option<[f64; 7]>,
@@ -162,6 +165,7 @@ impl Summary {
             failed: add_s_mm.map(|e| e.last > mvt_metrics::FAILURE_M * 1e3),
             lost_frames: count(TrackState::Lost),
             recovered: count(TrackState::Relocalised),
+            calibration: run.calibration.clone(),
             object_from_field: run.object_from_field.map(pose_numbers),
             events: run.events.clone(),
         }

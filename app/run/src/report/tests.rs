@@ -60,6 +60,7 @@ fn run() -> RunRecord {
         wall_s: 25.0,
         simulated_s: 20.0,
         peak_memory_mb: peak_memory_mb(),
+        calibration: None,
         complete: true,
     }
 }

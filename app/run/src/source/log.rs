@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
 use image::RgbImage;
+use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
 use mvt_feelsight::{Log, LogSensor, PartialFrame, PartialFrames, TouchPart};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object};
@@ -30,6 +31,7 @@ pub struct LogSource {
     /// Frames from this time on are left out.
     until_s: f64,
     cameras: Vec<PosedCamera>,
+    calibrator: Calibrator,
     /// Their numbers in the log.
     chosen: Vec<usize>,
     /// Multiple of Redwood's noise that is added to true depth.
@@ -56,6 +58,7 @@ impl LogSource {
     /// Opens a log. `cameras` are names or directions; without any the first camera is taken. `camera_noise` (a multiple of Redwood's
     /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. `network` reads the log's touch
     /// images, from which each sensor's untouched image is subtracted; without it the log's true indentation is used.
+    /// `calibration` says whether the poses of the cameras and the joint angles are refined.
     ///
     /// # Errors
     /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
@@ -66,6 +69,7 @@ impl LogSource {
         camera_noise: f64,
         segmentation: SegmentationConfig,
         mut network: Option<TouchNetwork>,
+        calibration: CalibrationConfig,
     ) -> Result<Self> {
         let log = Log::open_tolerant(folder)?;
         let mut warnings: Vec<String> = log.notes().to_vec();
@@ -75,7 +79,7 @@ impl LogSource {
             None => vec![0],
             Some(list) => indices(folder, &names, list)?,
         };
-        let posed = chosen.iter().filter_map(|&k| log.cameras().get(k).cloned()).collect();
+        let posed: Vec<PosedCamera> = chosen.iter().filter_map(|&k| log.cameras().get(k).cloned()).collect();
         let is_simulated = Finger::ALL.into_iter().any(|finger| log.has_touch_truth(finger));
         let recorded_noise = match log.scene() {
             Some(scene) => scene.noise.get("camera_depth_multiple_of_redwood").copied().unwrap_or(0.0),
@@ -97,6 +101,7 @@ impl LogSource {
                 network.learn_empty(finger, &spread_images(&log, finger))?;
             }
         }
+        let calibrator = Calibrator::new(calibration, log.side(), posed.clone());
         let frames = log.into_partial_frames(&chosen, touch);
         if !frames.has_sensor() {
             let reason = match frames.defects().first() {
@@ -114,6 +119,7 @@ impl LogSource {
             last_s: None,
             until_s: f64::INFINITY,
             cameras: posed,
+            calibrator,
             chosen,
             network,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
@@ -128,6 +134,14 @@ impl LogSource {
     /// Reads pictures only of frames whose number satisfies `wanted`; without this call, of all.
     pub fn limit_pictures(&mut self, wanted: fn(u64) -> bool) {
         self.wants_pictures = wanted;
+    }
+
+    /// Starts from a calibration that was measured before, in place of the given one.
+    ///
+    /// # Errors
+    /// If a number of it is invalid.
+    pub fn start_from(&mut self, calibration: &Calibration) -> Result<(), CalibrationError> {
+        self.calibrator.start_from(calibration)
     }
 
     /// Ends after this time.
@@ -237,7 +251,10 @@ impl LogSource {
             None => PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?)),
             Some(network) => network.feel(u64::from(number), &images, &mut self.warnings)?,
         };
-        let percept = percept(frame.time_s, frame.joints, depths_m, touch, &self.cameras, side, &self.segmentation)
+        let after = number as usize + 1;
+        let next = self.log().times_s().get(after).copied().zip(self.log().joints().get(after).copied());
+        let Calibrated { joints, cameras } = self.calibrator.observe(frame.time_s, &frame.joints, next, &depths_m);
+        let percept = percept(frame.time_s, joints, depths_m, touch, &cameras, side, &self.segmentation)
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
@@ -276,6 +293,10 @@ impl Source for LogSource {
 
     fn end(&self) -> (String, bool) {
         ("the log ended".to_owned(), true)
+    }
+
+    fn calibration(&self) -> Option<Calibration> {
+        self.calibrator.refined()
     }
 }
 

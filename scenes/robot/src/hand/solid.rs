@@ -28,8 +28,20 @@ struct Limb {
 
 #[derive(Debug, Clone, Copy)]
 struct Member {
+    body: Body,
     bound: Sphere,
     shape: Shape,
+}
+
+/// Surface of the hand near a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// Signed distance to the surface, metres, negative inside the hand.
+    pub distance_m: f32,
+    /// Unit direction in which the distance grows, world frame.
+    pub normal: Vec3,
+    /// Body to which the surface belongs.
+    pub body: Body,
 }
 
 /// Primitive in the world. Matrices take world directions to the primitive's axes; the centre is that of the bounding
@@ -94,6 +106,25 @@ impl HandSolid {
             }
         }
         least
+    }
+
+    /// Returns the surface of the hand that is nearest to a point; `None` if it is not within `limit_m`.
+    pub fn nearest(&self, p: Vec3, limit_m: f32) -> Option<Nearest> {
+        let p = Vec3A::from(p);
+        let mut least = limit_m;
+        let mut nearest = None;
+        for limb in self.limbs.iter().filter(|limb| !limb.bound.is_beyond(p, limit_m)) {
+            for member in &limb.members {
+                if !member.bound.is_beyond(p, least) {
+                    let distance_m = member.distance(p);
+                    if distance_m < least {
+                        (least, nearest) = (distance_m, Some(member));
+                    }
+                }
+            }
+        }
+        let member = nearest?;
+        Some(Nearest { distance_m: least, normal: member.gradient(p).into(), body: member.body })
     }
 
     /// Returns whether [`HandSolid::distance`] is less than `margin`. Faster than the distance itself.
@@ -259,7 +290,7 @@ impl Member {
                 (centre.into(), longest, Shape::Ellipsoid { axes, inverse_semi: semi.recip(), longest })
             }
         };
-        Self { bound: Sphere { centre: place(centre), radius }, shape }
+        Self { body: part.body, bound: Sphere { centre: place(centre), radius }, shape }
     }
 
     fn distance(&self, p: Vec3A) -> f32 {
@@ -274,6 +305,33 @@ impl Member {
             }
             Shape::Ellipsoid { axes, inverse_semi, longest } => gauge(axes * p, inverse_semi, longest),
         }
+    }
+
+    /// Returns the unit direction in which the distance grows, world frame. Any such direction where there are several.
+    fn gradient(&self, p: Vec3A) -> Vec3A {
+        let p = p - self.bound.centre;
+        let direction = match self.shape {
+            Shape::Box { axes, half } => {
+                let local = axes * p;
+                let beyond = local.abs() - half;
+                let outside = beyond.max(Vec3A::ZERO);
+                let away = if outside != Vec3A::ZERO {
+                    outside
+                } else {
+                    // Inside, the nearest face.
+                    let most = beyond.max_element();
+                    let faces = beyond.cmpeq(Vec3A::splat(most));
+                    Vec3A::select(faces, Vec3A::ONE, Vec3A::ZERO)
+                };
+                axes.transpose() * (away * local.signum())
+            }
+            Shape::Capsule { half_axis, inverse_square, .. } => from_axis(p, half_axis, inverse_square),
+            Shape::Ellipsoid { axes, inverse_semi, .. } => {
+                let local = axes * p;
+                axes.transpose() * (local * inverse_semi * inverse_semi)
+            }
+        };
+        direction.normalize_or(Vec3A::Z)
     }
 }
 
@@ -379,6 +437,23 @@ mod tests {
                 let lacks = if with_gels { (growth * exact * exact).min(0.0075) } else { 0.0 };
                 prop_assert!(distance >= exact - lacks - 2e-6, "{distance} instead of {exact}");
                 prop_assert!(distance * exact >= 0.0 || exact.abs() < 1e-6, "sign of {distance} against {exact}");
+            }
+        }
+
+        #[test]
+        fn the_normal_is_the_gradient_of_the_distance(side in side(), joints in posture(), p in place()) {
+            const STEP_M: f32 = 2e-4;
+            let solid = without_gels(side, &joints);
+            let Some(nearest) = solid.nearest(p, 0.05) else {
+                prop_assert!(solid.distance(p) >= 0.05);
+                return Ok(());
+            };
+            prop_assert!((nearest.distance_m - solid.distance(p)).abs() < 1e-7);
+            // Of the nearest primitive alone: at its own creases, and where another is as near, there is no gradient.
+            let along = |axis: Vec3| (solid.distance(p + axis * STEP_M) - solid.distance(p - axis * STEP_M)) / (2.0 * STEP_M);
+            let gradient = Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z));
+            if (gradient.length() - 1.0).abs() < 1e-3 && nearest.distance_m.abs() > 1e-3 {
+                prop_assert!(gradient.angle_between(nearest.normal) < 0.03, "{gradient} {:?}", nearest);
             }
         }
 

@@ -11,12 +11,9 @@ use super::Log;
 use crate::error::LogError;
 use crate::io::read_at_most;
 use crate::lens::Lens;
-use crate::pickle;
 use crate::record::{Matrix, Record};
 use crate::scene::{FORMAT_VERSION, SCENE_FILE, SceneFile};
 
-/// Greatest size of data.pkl, bytes: ten times that of a log of thirty minutes.
-const MAX_PICKLE: u64 = 256 << 20;
 /// Greatest size of scene.json, bytes: some thousand times its usual size.
 const MAX_SCENE: u64 = 1 << 20;
 /// Greatest distance of a camera or the object from the hand, metres: more than any room has.
@@ -47,9 +44,7 @@ impl Log {
 
     fn open_as(folder: &Path, tolerant: bool) -> Result<Self, LogError> {
         let path = folder.join("data.pkl");
-        let bytes = read_at_most(&path, MAX_PICKLE)?;
-        let value = pickle::from_bytes(&bytes).map_err(|reason| LogError::Pickle { path: path.clone(), reason })?;
-        let record = Record::from_value(&value).map_err(|defect| LogError::defect(&path, defect))?;
+        let record = Record::read(&path)?;
         let scene = read_scene(&folder.join(SCENE_FILE))?;
         let defect = |defect: String| LogError::defect(&path, defect);
 

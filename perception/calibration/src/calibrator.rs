@@ -1,0 +1,282 @@
+//! The estimate that goes on while frames arrive.
+
+use mvt_frames::camera::PosedCamera;
+use mvt_frames::{Camera, Isometry, World};
+use mvt_robot::hand::solid::{HandSamples, HandSolid};
+use mvt_robot::hand::{JOINTS, JointAngles, Side};
+use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M};
+use mvt_settings::settings;
+use nalgebra as na;
+use ndarray::Array2;
+
+use crate::calibration::{Calibration, CalibrationError, CameraCalibration};
+use crate::evidence::{Instant, Motion, Reading, Sighted, sight};
+use crate::search::{Look, find};
+use crate::solver::{PER_CAMERA, Prior, State, Weighing, narrow, solve};
+
+settings! {
+    /// Whether and how the calibration is refined: its prior, and how much is measured.
+    #[derive(Copy)]
+    pub struct CalibrationConfig {
+        /// Whether the given calibration is refined.
+        pub refine: bool = true;
+        /// How far a camera's given position may be off, one standard deviation, metres.
+        pub camera_sigma_m: f64 = 0.02, 0.0..=1.0;
+        /// How far a camera's given orientation may be off, one standard deviation, degrees.
+        pub camera_sigma_deg: f64 = 5.0, 0.0..=90.0;
+        /// How far a joint's reading may be off all the time, one standard deviation, degrees. 0 takes joints as they are read.
+        pub joint_sigma_deg: f64 = 1.0, 0.0..=45.0;
+        /// How far joint readings may be late or early, one standard deviation, seconds. 0 takes them as simultaneous with the images.
+        pub lag_sigma_s: f64 = 0.03, 0.0..=1.0;
+        /// Points of the hand used per image.
+        pub points: usize = 400, 10..=100_000;
+        /// Instants that are solved together. They are spread over the time since the start.
+        pub instants: usize = 24, 2..=1000;
+        /// Points of an image with independent errors: neighbours share noise, and all share the errors of the hand's model.
+        pub independent: f64 = 100.0, 1.0..=1e6;
+    }
+}
+
+/// What a frame becomes with the calibration known so far.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibrated {
+    /// Joint angles at the time of the images, without their offsets, radians.
+    pub joints: JointAngles,
+    /// The cameras with their refined poses.
+    pub cameras: Vec<PosedCamera>,
+}
+
+/// Refines the poses of cameras, the offsets of joints and the lag between both, from depth images of the hand.
+#[derive(Debug, Clone)]
+pub struct Calibrator {
+    config: CalibrationConfig,
+    side: Side,
+    given: Vec<PosedCamera>,
+    prior: Prior,
+    state: State,
+    sigmas: na::DVector<f64>,
+    samples: HandSamples,
+    /// Which cameras have seen the hand.
+    found: Vec<bool>,
+    instants: Vec<Instant>,
+    /// Points of the frame before, if it is kept: they wait for the next reading, from which the motion of the joints is known.
+    waiting: Option<Vec<Vec<Sighted>>>,
+    /// The readings of the frame before, and of the one before that.
+    before: Option<Reading>,
+    older: Option<Reading>,
+    /// Every how many frames an instant is kept.
+    every: usize,
+    frame: usize,
+}
+
+/// Points farther from the middle of the grasp than this are not the hand's, metres: its length, and what a camera may be off.
+const REACH_M: f64 = 0.24;
+/// Once the hand is found, points farther from it than this are not kept, metres.
+const NEAR_M: f32 = 0.008;
+/// The gate of the solver once the hand is found, metres: three standard deviations of a point.
+const GATE_M: f64 = 0.004;
+/// The gate while offsets of joints are still unknown, metres: a degree at the length of a finger.
+const FIRST_GATE_M: f64 = 0.008;
+/// Every how many frames an instant is kept at first.
+const FIRST_EVERY: usize = 2;
+/// Steps of the solver per new instant: the state is near its optimum.
+const STEPS: usize = 3;
+const FIRST_STEPS: usize = 10;
+/// A fit of the search that is worse than this is not the hand.
+const GREATEST_MISFIT: f64 = 0.85;
+/// Spacing of the points that are tested for being seen through, metres.
+const SAMPLES_M: f64 = 0.008;
+
+impl Calibrator {
+    /// Starts from the poses that the cameras have, and from joints without errors.
+    pub fn new(config: CalibrationConfig, side: Side, cameras: Vec<PosedCamera>) -> Self {
+        let poses = cameras.iter().map(|camera| camera.pose.untyped()).collect();
+        let state = State { cameras: poses, joint_offsets_rad: [0.0; JOINTS], lag_s: 0.0 };
+        let mut sigmas = na::DVector::zeros(State::unknowns(cameras.len()));
+        for k in 0..cameras.len() {
+            sigmas.rows_mut(PER_CAMERA * k, 3).fill(config.camera_sigma_m);
+            sigmas.rows_mut(PER_CAMERA * k + 3, 3).fill(config.camera_sigma_deg.to_radians());
+        }
+        let first = PER_CAMERA * cameras.len();
+        sigmas.rows_mut(first, JOINTS).fill(config.joint_sigma_deg.to_radians());
+        sigmas[first + JOINTS] = config.lag_sigma_s;
+        Self {
+            config,
+            side,
+            given: cameras,
+            found: vec![false; state.cameras.len()],
+            prior: Prior { state: state.clone(), sigmas: sigmas.clone() },
+            state,
+            sigmas,
+            samples: HandSamples::new(side, SAMPLES_M, 0),
+            instants: Vec::new(),
+            waiting: None,
+            before: None,
+            older: None,
+            every: FIRST_EVERY,
+            frame: 0,
+        }
+    }
+
+    /// Starts from a calibration that was measured before. Its cameras replace those of the same name; others keep their pose.
+    ///
+    /// # Errors
+    /// If a pose is not rigid or a number not finite.
+    pub fn start_from(&mut self, start: &Calibration) -> Result<(), CalibrationError> {
+        for camera in &start.cameras {
+            let pose = Isometry::from_matrix(&camera.pose)
+                .map_err(|reason| CalibrationError::Pose { camera: camera.name.clone(), reason })?;
+            if let Some(given) = self.given.iter_mut().find(|given| given.name == camera.name) {
+                given.pose = pose;
+            }
+        }
+        let numbers = start.joint_offsets_deg.iter().chain([&start.lag_ms]);
+        if numbers.into_iter().any(|number| !number.is_finite()) {
+            return Err(CalibrationError::NotFinite);
+        }
+        self.state = State {
+            cameras: self.given.iter().map(|camera| camera.pose.untyped()).collect(),
+            joint_offsets_rad: start.joint_offsets_deg.map(f64::to_radians),
+            lag_s: start.lag_ms * 1e-3,
+        };
+        self.prior.state = self.state.clone();
+        Ok(())
+    }
+
+    /// Takes in a frame and returns it with the calibration known so far. `depths_m` are the images of the cameras, metres along the
+    /// optical axis, 0 where nothing was measured; `None` or an empty image from a camera that delivered nothing. `next` is the time and
+    /// joints of the next frame, if they are known, as in a log: with readings that are late, the joints are else extrapolated.
+    pub fn observe(
+        &mut self,
+        time_s: f64,
+        joints: &JointAngles,
+        next: Option<(f64, JointAngles)>,
+        depths_m: &[Option<Array2<f32>>],
+    ) -> Calibrated {
+        let now = (time_s, *joints);
+        if let (Some(sighted), Some(before)) = (self.waiting.take(), self.before) {
+            self.instants.push(Instant { motion: Motion::at_reading(self.older, before, Some(now)), sighted });
+            self.solve(None, STEPS);
+            self.thin_out();
+        }
+        let motion = Motion::at_reading(self.before, now, next);
+        if self.config.refine {
+            self.refine(&motion, depths_m);
+        }
+        self.older = self.before;
+        self.before = Some(now);
+        self.frame += 1;
+        Calibrated { joints: self.state.joints(&motion), cameras: self.cameras() }
+    }
+
+    /// Looks for the hand, and keeps the points of an instant now and then.
+    fn refine(&mut self, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
+        self.find_hand(motion, depths_m);
+        if self.frame.is_multiple_of(self.every) && self.found.contains(&true) {
+            let sighted = self.sighted(motion, depths_m);
+            if self.instants.is_empty() {
+                // The first images already tell most of the cameras and of the joints that are seen.
+                let instant = Instant { motion: *motion, sighted: sighted.clone() };
+                self.solve(Some((&instant, FIRST_GATE_M)), FIRST_STEPS);
+                self.solve(Some((&instant, GATE_M)), FIRST_STEPS);
+            }
+            self.waiting = Some(sighted);
+        }
+    }
+
+    /// The cameras with their refined poses.
+    pub fn cameras(&self) -> Vec<PosedCamera> {
+        let refined = |(given, pose): (&PosedCamera, &na::Isometry3<f64>)| PosedCamera {
+            pose: Isometry::new(*pose),
+            ..given.clone()
+        };
+        self.given.iter().zip(&self.state.cameras).map(refined).collect()
+    }
+
+    /// The calibration known so far; `None` if it is not refined or there is no camera.
+    pub fn refined(&self) -> Option<Calibration> {
+        (self.config.refine && !self.given.is_empty()).then(|| self.calibration())
+    }
+
+    /// The calibration known so far.
+    pub fn calibration(&self) -> Calibration {
+        let largest = |at: usize| self.sigmas.rows(at, 3).max();
+        let cameras = self.state.cameras.iter().zip(&self.given).enumerate().map(|(k, (refined, given))| {
+            let pose = given.pose.untyped();
+            CameraCalibration {
+                name: given.name.clone(),
+                pose: Isometry::<Camera, World>::new(*refined).to_matrix(),
+                turned_deg: (pose.rotation.inverse() * refined.rotation).angle().to_degrees(),
+                moved_mm: (pose.translation.vector - refined.translation.vector).norm() * 1e3,
+                sigma_deg: largest(PER_CAMERA * k + 3).to_degrees(),
+                sigma_mm: largest(PER_CAMERA * k) * 1e3,
+                hand_found: self.found[k],
+            }
+        });
+        let first = PER_CAMERA * self.given.len();
+        Calibration {
+            cameras: cameras.collect(),
+            joint_offsets_deg: self.state.joint_offsets_rad.map(f64::to_degrees),
+            joint_sigmas_deg: std::array::from_fn(|j| self.sigmas[first + j].to_degrees()),
+            lag_ms: self.state.lag_s * 1e3,
+            lag_sigma_ms: self.sigmas[first + JOINTS] * 1e3,
+        }
+    }
+
+    /// Looks for the hand in the images of cameras that have not seen it yet.
+    fn find_hand(&mut self, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
+        let joints = self.state.joints(motion);
+        for (k, depth_m) in depths_m.iter().enumerate().take(self.given.len()) {
+            let Some(depth_m) = depth_m.as_ref().filter(|_| !self.found[k]) else { continue };
+            let camera = &self.given[k];
+            let given = camera.pose.untyped();
+            let [x, y, z] = PALM_CENTRE_M;
+            let middle = na::Point3::new(x, y, z + GRASP_HEIGHT_M);
+            let is_near = |p: &na::Point3<f64>| (given * p - middle).norm() < REACH_M;
+            let sighted = sight(depth_m, &camera.intrinsics, self.config.points, self.frame, is_near);
+            if sighted.is_empty() {
+                continue;
+            }
+            let look = Look { depth_m, intrinsics: &camera.intrinsics, sighted: &sighted };
+            let (pose, misfit) = find(self.side, &look, given, &joints, &self.samples);
+            if misfit < GREATEST_MISFIT {
+                self.state.cameras[k] = pose;
+                self.found[k] = true;
+            }
+        }
+    }
+
+    /// Points of the hand in the images of the cameras that see it.
+    fn sighted(&self, motion: &Motion, depths_m: &[Option<Array2<f32>>]) -> Vec<Vec<Sighted>> {
+        let hand = HandSolid::new(self.side, &self.state.joints(motion));
+        let points = |k: usize, camera: &PosedCamera| {
+            let depth_m = depths_m.get(k)?.as_ref().filter(|_| self.found[k])?;
+            let pose = self.state.cameras[k];
+            let is_near = |p: &na::Point3<f64>| hand.is_within(narrow(&(pose * p).coords), NEAR_M);
+            Some(sight(depth_m, &camera.intrinsics, self.config.points, self.frame, is_near))
+        };
+        self.given.iter().enumerate().map(|(k, camera)| points(k, camera).unwrap_or_default()).collect()
+    }
+
+    /// Solves all instants that are kept together, or one alone with a gate.
+    fn solve(&mut self, alone: Option<(&Instant, f64)>, steps: usize) {
+        let (instants, gate_m): (Vec<&Instant>, f64) = match alone {
+            Some((instant, gate_m)) => (vec![instant], gate_m),
+            None => (self.instants.iter().collect(), GATE_M),
+        };
+        let weighing = Weighing { gate_m, independent: self.config.independent };
+        self.sigmas = solve(self.side, &mut self.state, &self.prior, &instants, weighing, steps);
+    }
+
+    /// Drops every other instant once there are too many, and keeps half as many from then on.
+    fn thin_out(&mut self) {
+        if self.instants.len() > self.config.instants {
+            let mut index = 0;
+            self.instants.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.every *= 2;
+        }
+    }
+}

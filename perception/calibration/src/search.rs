@@ -1,0 +1,120 @@
+//! Finding the hand in an image when the given pose of the camera may be off by centimetres.
+
+use mvt_frames::camera::Intrinsics;
+use mvt_frames::{Camera, Point};
+use mvt_robot::hand::solid::{HandSamples, HandSolid};
+use mvt_robot::hand::{JointAngles, Side};
+use nalgebra as na;
+use ndarray::Array2;
+
+use crate::evidence::{Instant, Motion, Sighted};
+use crate::solver::{Prior, State, Weighing, narrow, solve};
+
+/// A point of the hand's inside that an image sees through by more than this is a contradiction, metres.
+const THROUGH_M: f64 = 0.008;
+/// Points farther from the hand than this are not the hand's, when fits are compared, metres.
+const COMPARED_GATE_M: f32 = 0.006;
+/// Turns about each axis of the world and shifts along it from which the search starts, radians and metres: half the distance of two
+/// fingers, so that one of the starts is nearer to the right finger than to the next.
+const TURN_RAD: f64 = 0.06;
+const SHIFT_M: f64 = 0.02;
+/// Gates from coarse to fine, metres: from half the distance between two fingers to the noise of a point.
+const GATES_M: [f64; 4] = [0.03, 0.015, 0.008, 0.004];
+/// Points used by the search.
+const POINTS: usize = 300;
+/// Steps of the solver at each gate.
+const STEPS: usize = 8;
+
+/// One camera's image at an instant.
+pub(crate) struct Look<'a> {
+    pub depth_m: &'a Array2<f32>,
+    pub intrinsics: &'a Intrinsics,
+    pub sighted: &'a [Sighted],
+}
+
+/// How badly a pose of a camera explains its image: mean cost of a point from 0 to 1, plus the share of the hand that is seen through.
+pub(crate) fn misfit(
+    look: &Look<'_>,
+    world_from_camera: &na::Isometry3<f64>,
+    hand: &HandSolid,
+    inside: &[na::Point3<f64>],
+) -> f64 {
+    let cost = |sighted: &Sighted| {
+        let p = (world_from_camera * sighted.point).coords;
+        let distance = hand.nearest(narrow(&p), COMPARED_GATE_M).map_or(COMPARED_GATE_M, |near| near.distance_m.abs());
+        f64::from((distance / COMPARED_GATE_M).powi(2).min(1.0))
+    };
+    let cost = look.sighted.iter().map(cost).sum::<f64>() / look.sighted.len().max(1) as f64;
+    let (height, width) = look.depth_m.dim();
+    let camera_from_world = world_from_camera.inverse();
+    let (mut looked_at, mut through) = (0, 0);
+    for p in inside {
+        let p = camera_from_world * p;
+        let Some((u, v)) = look.intrinsics.project(Point::<Camera>::new(p.x, p.y, p.z)) else { continue };
+        let (u, v) = (u.round(), v.round());
+        if u < 0.0 || v < 0.0 || u >= width as f64 || v >= height as f64 {
+            continue;
+        }
+        let depth = f64::from(look.depth_m[(v as usize, u as usize)]);
+        looked_at += 1;
+        // Where nothing was measured, nothing is near.
+        through += usize::from(depth <= 0.0 || depth > -p.z + THROUGH_M);
+    }
+    cost + through as f64 / looked_at.max(1) as f64
+}
+
+/// Returns the pose of a camera that explains its image best, near `given`, and its misfit.
+pub(crate) fn find(
+    side: Side,
+    look: &Look<'_>,
+    given: na::Isometry3<f64>,
+    joints: &JointAngles,
+    samples: &HandSamples,
+) -> (na::Isometry3<f64>, f64) {
+    let hand = HandSolid::new(side, joints);
+    let inside: Vec<na::Point3<f64>> = samples
+        .posed(joints)
+        .map(|o| na::Point3::new(f64::from(o.point.x), f64::from(o.point.y), f64::from(o.point.z)))
+        .collect();
+    let every = look.sighted.len().div_ceil(POINTS).max(1);
+    let instant = Instant {
+        motion: Motion::still(*joints),
+        sighted: vec![look.sighted.iter().step_by(every).copied().collect()],
+    };
+    let state = |camera| State { cameras: vec![camera], joint_offsets_rad: [0.0; 16], lag_s: 0.0 };
+    // The camera alone is free.
+    let mut sigmas = na::DVector::zeros(State::unknowns(1));
+    sigmas.rows_mut(0, 6).fill(1.0);
+    let prior = Prior { state: state(given), sigmas };
+    let fitted = |start: na::Isometry3<f64>| {
+        let mut state = state(start);
+        for gate_m in GATES_M {
+            solve(side, &mut state, &prior, &[&instant], Weighing { gate_m, independent: f64::INFINITY }, STEPS);
+        }
+        let pose = state.cameras[0];
+        (pose, misfit(look, &pose, &hand, &inside))
+    };
+    let mut best = fitted(given);
+    for start in starts(given) {
+        let found = fitted(start);
+        if found.1 < best.1 {
+            best = found;
+        }
+    }
+    best
+}
+
+/// Poses around the given one.
+fn starts(given: na::Isometry3<f64>) -> impl Iterator<Item = na::Isometry3<f64>> {
+    (0..12).map(move |k| {
+        let mut v = na::Vector3::zeros();
+        v[k / 2 % 3] = if k % 2 == 0 { 1.0 } else { -1.0 };
+        if k < 6 {
+            // About the camera itself, as a bumped mount turns: this moves the image sideways.
+            let turn = na::UnitQuaternion::from_scaled_axis(v * TURN_RAD);
+            na::Isometry3::from_parts(given.translation, turn * given.rotation)
+        } else {
+            na::Translation3::from(v * SHIFT_M) * given
+        }
+    })
+}
