@@ -276,6 +276,12 @@ impl Reference for Map {
         }
     }
 
+    fn seen_empty(&self, points: &[Vec3], out: &mut [bool]) {
+        for (point, out) in points.iter().zip(out) {
+            *out = self.space.is_seen_empty(*point);
+        }
+    }
+
     fn sigma_m(&self) -> f32 {
         self.config.surface_sigma_m
     }

@@ -133,6 +133,11 @@ impl Space {
         }
     }
 
+    /// Whether a point was looked through, and no surface was seen near it.
+    pub fn is_seen_empty(&self, p: Vec3) -> bool {
+        self.index(p).is_some_and(|i| self.passes[i] >= EMPTY && self.hits[i] == 0 && !self.near_surface[i])
+    }
+
     /// Whether surface was seen at or beside a point.
     pub fn is_near_surface(&self, p: Vec3) -> bool {
         self.index(p).is_some_and(|i| self.near_surface[i])

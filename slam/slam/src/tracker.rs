@@ -25,6 +25,11 @@ pub trait Reference: Shape {
     /// Whether the surface near each point has been measured well enough to be tracked against.
     fn trusted(&self, points: &[Vec3], out: &mut [bool]);
 
+    /// Whether each point lies where no surface can be, because sensors looked through it. By default nothing is known of it.
+    fn seen_empty(&self, _points: &[Vec3], out: &mut [bool]) {
+        out.fill(false);
+    }
+
     /// Standard deviation of the surface itself, metres.
     fn sigma_m(&self) -> f32;
 }
@@ -419,7 +424,8 @@ impl Tracker {
         let robust = Loss::Cauchy(ROBUST_SIGMAS * scale);
         let index = |k: usize| k.checked_sub(held);
         for (k, instant) in self.window.iter().enumerate().skip(held) {
-            let (points, distances, trusted) = ask(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
+            let (points, distances, trusted) =
+                ask_measured(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
             for (i, m) in instant.measured.iter().enumerate().filter(|(i, _)| trusted[*i]) {
                 let weight = if m.is_touch { config.touch_weight } else { config.camera_weight };
                 let (r, j) = surface(points[i], distances[i]);
@@ -552,6 +558,19 @@ fn ask(
     shape.distances_and_gradients(&points, &mut distances);
     let mut trusted = vec![false; points.len()];
     shape.trusted(&points, &mut trusted);
+    (points, distances, trusted)
+}
+
+/// As [`ask`] for points that were measured on the surface: one where no surface can be speaks against the pose, too.
+fn ask_measured(
+    shape: &dyn Reference,
+    pose: &na::Isometry3<f64>,
+    points: impl Iterator<Item = Vec3>,
+) -> (Vec<Vec3>, Vec<Distance>, Vec<bool>) {
+    let (points, distances, mut trusted) = ask(shape, pose, points);
+    let mut empty = vec![false; points.len()];
+    shape.seen_empty(&points, &mut empty);
+    trusted.iter_mut().zip(empty).for_each(|(trusted, empty)| *trusted |= empty);
     (points, distances, trusted)
 }
 

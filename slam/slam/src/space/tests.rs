@@ -208,3 +208,12 @@ fn rays_through_a_cube() {
     assert!((enter - 0.2).abs() < 1e-6 && (leave - 0.4).abs() < 1e-6);
     assert_eq!(clip(Vec3::new(0.3, 0.2, 0.0), Vec3::NEG_X, 0.1), None);
 }
+
+#[test]
+fn what_was_looked_through_is_empty_and_what_was_not_is_unknown() {
+    let space = looked_at(Solid::Ball(0.03), &[0.0]);
+    assert!(space.is_seen_empty(to_camera() * 0.05), "between camera and ball");
+    assert!(!space.is_seen_empty(to_camera() * 0.03), "on the ball");
+    assert!(!space.is_seen_empty(-to_camera() * 0.05), "behind the ball");
+    assert!(!space.is_seen_empty(Vec3::splat(1.0)), "outside the box");
+}

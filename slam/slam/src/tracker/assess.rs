@@ -1,6 +1,6 @@
 //! Confidence of a pose.
 
-use super::{Tracker, ask, sigma};
+use super::{Tracker, ask, ask_measured, sigma};
 use crate::tracker::Reference;
 
 /// Evidence for a pose.
@@ -28,7 +28,7 @@ impl Tracker {
     pub fn assess(&self, shape: &dyn Reference) -> Assessment {
         let nothing = Assessment { confidence: 0.0, camera_inliers: None, touch_inliers: None, free: 1.0 };
         let Some(instant) = self.window.back() else { return nothing };
-        let (_, distances, trusted) = ask(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
+        let (_, distances, trusted) = ask_measured(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
         // Weighted points, and of these the inliers; camera first.
         let mut sums = [[0.0; 2]; 2];
         let mut count = 0;

@@ -6,7 +6,7 @@ use nalgebra as na;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Instant, Loss, Reference, System, Tracker, ask, sigma, surface, to_na, to_vec};
+use super::{Instant, Loss, Reference, System, Tracker, ask, ask_measured, sigma, surface, to_na, to_vec};
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
 
@@ -162,7 +162,7 @@ fn refine(
     let vacant = every(&instant.occupied, round.points);
     let build = |pose: &na::Isometry3<f64>| {
         let mut system = System::new(1);
-        let (points, distances, trusted) = ask(shape, pose, measured.clone().map(|m| m.point));
+        let (points, distances, trusted) = ask_measured(shape, pose, measured.clone().map(|m| m.point));
         // Four times the tracker's tolerance: candidates start far away.
         let loss = Loss::Cauchy(8.0);
         for (i, m) in measured.clone().enumerate() {

@@ -483,3 +483,59 @@ impl Reference for Block {
         0.0001
     }
 }
+
+/// A block of which only the top was seen, and the space around it that was looked through.
+struct TopOfBlock {
+    block: Block,
+    knows_empty_space: bool,
+}
+
+impl Shape for TopOfBlock {
+    fn distances(&self, points: &[Vec3], out: &mut [f32]) {
+        self.block.distances(points, out);
+    }
+
+    fn distances_and_gradients(&self, points: &[Vec3], out: &mut [Distance]) {
+        self.block.distances_and_gradients(points, out);
+    }
+}
+
+impl Reference for TopOfBlock {
+    fn trusted(&self, points: &[Vec3], out: &mut [bool]) {
+        let [x, y, z] = self.block.0.map(|half| half as f32);
+        let is_top = |p: &Vec3| p.x.abs() < x && p.y.abs() < y && (p.z - z).abs() < 0.003;
+        out.iter_mut().zip(points).for_each(|(out, p)| *out = is_top(p));
+    }
+
+    fn seen_empty(&self, points: &[Vec3], out: &mut [bool]) {
+        let mut distances = vec![0.0; points.len()];
+        self.distances(points, &mut distances);
+        out.iter_mut().zip(distances).for_each(|(out, distance)| *out = self.knows_empty_space && distance > 0.003);
+    }
+
+    fn sigma_m(&self) -> f32 {
+        0.0002
+    }
+}
+
+/// Points that slide off the known face lie where nothing can be: without that, a slide along the face costs nothing.
+#[test]
+fn a_known_face_does_not_slide_into_space_that_was_seen_empty() {
+    let half = [0.03, 0.025, 0.02];
+    let at = pose([0.0; 3], [0.0; 3]);
+    let place = na::Vector3::from(PLACE_M);
+    let (intrinsics, _) = camera();
+    let above = (intrinsics, look_at(place + na::Vector3::z() * 0.35, place, na::Vector3::x()));
+    let image = see(Solid::Block(half), at, above);
+    let scan = Arc::new(Scan::new(0, &frame(0.0, vec![Some(image)]).measured(), &scan::ScanConfig::default(), 1));
+    let slid = |knows_empty_space: bool| {
+        let shape = TopOfBlock { block: Block(half), knows_empty_space };
+        let mut tracker = Tracker::new(TrackerConfig { camera_weight: 1.0, window: 1, ..nothing() });
+        tracker.push(&shape, Arc::clone(&scan), pose([0.009, -0.004, 0.0], [0.0; 3]), std::iter::empty());
+        let found = tracker.solve(&shape).unwrap().pose().untyped();
+        (at.untyped().inverse() * found).translation.vector.norm()
+    };
+    let (free, held) = (slid(false), slid(true));
+    assert!(free > 0.008, "without empty space the face slid by {free} m");
+    assert!(held < 0.002, "with it by {held} m");
+}
