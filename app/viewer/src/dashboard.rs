@@ -96,12 +96,13 @@ impl Dashboard {
         let size = [area.width, area.height].map(|side| side as usize);
         let fine = self.scene.paint_fine(recording, moment, &self.layers, eye, &self.theme, size);
         imageops::replace(page, &fine, i64::from(area.x), i64::from(area.y));
-        if let Some(legend) = Legend::of(&self.layers, recording) {
+        let mut bottom = (area.y + area.height).saturating_sub(GAP);
+        for legend in Legend::of(&self.layers, recording, &self.theme) {
             let strip = strip(&legend, &self.theme);
-            let (x, y) = (area.x + GAP, (area.y + area.height).saturating_sub(strip.height() + GAP));
+            bottom = bottom.saturating_sub(strip.height());
             // The background of the strip is transparent.
             for (dx, dy, &pixel) in strip.enumerate_pixels().filter(|(_, _, pixel)| **pixel != self.theme.paper) {
-                draw::blend(page, x + dx, y + dy, pixel, 1.0);
+                draw::blend(page, area.x + GAP + dx, bottom + dy, pixel, 1.0);
             }
         }
         let length_m = scale_bar_m(eye, area.height as usize);
@@ -227,13 +228,17 @@ fn strip(legend: &Legend, theme: &Theme) -> RgbImage {
     const HEIGHT: u32 = 34;
     match legend {
         Legend::Ramp { title, labels, colour } => bar(BAR, HEIGHT, theme, title, *labels, colour),
-        Legend::Names(names) => {
-            let mut image = RgbImage::from_pixel(230, 18, theme.paper);
-            let mut x = 0;
-            for (by, name) in names {
-                fill(&mut image, Area { x, y: 4, width: 10, height: 10 }, by.colour());
-                text::write(&mut image, (x + 14, 1), SMALL + 1.0, theme.ink, name);
-                x += 28 + text::width(SMALL + 1.0, name);
+        Legend::Names { title, names } => {
+            const LETTERS: f32 = SMALL + 1.0;
+            let begin = if title.is_empty() { 0 } else { text::width(LETTERS, title) + 10 };
+            let width = names.iter().map(|(_, name)| 28 + text::width(LETTERS, name)).sum::<u32>();
+            let mut image = RgbImage::from_pixel(begin + width, 18, theme.paper);
+            text::write(&mut image, (0, 1), LETTERS, theme.ink, title);
+            let mut x = begin;
+            for (of_name, name) in names {
+                fill(&mut image, Area { x, y: 4, width: 10, height: 10 }, *of_name);
+                text::write(&mut image, (x + 14, 1), LETTERS, theme.ink, name);
+                x += 28 + text::width(LETTERS, name);
             }
             image
         }

@@ -3,7 +3,7 @@
 use image::{Rgb, RgbImage};
 use mvt_picture::chart::{self, ChartLane, ChartLine, ChartPanel, ChartScale, round_top};
 use mvt_picture::draw::Area;
-use mvt_picture::palette::{TOUCH, Theme};
+use mvt_picture::palette::{FINGERS, Theme};
 use mvt_recording::{RecordedMoment, Recording};
 use mvt_robot::hand::Finger;
 use mvt_run::report::FrameRow;
@@ -66,7 +66,7 @@ fn panels(recording: &Recording, moment: usize, theme: &Theme) -> Vec<ChartPanel
         let touching =
             moments.iter().zip(ends_s()).filter(|(m, _): &(&RecordedMoment, f64)| m.fingers[finger].is_some());
         let spans = touching.map(|(m, end_s)| m.row.time_s..end_s).collect();
-        ChartLane { name: finger.name().to_owned(), colour: TOUCH, spans }
+        ChartLane { name: finger.name().to_owned(), colour: FINGERS[finger as usize], spans }
     };
     panels.push(ChartPanel { lanes: Finger::ALL.map(lane).into(), ..panel("contact".to_owned()) });
     panels
