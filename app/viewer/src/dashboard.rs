@@ -3,7 +3,7 @@
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 use mvt_picture::draw::{self, Area, fill};
-use mvt_picture::palette::Theme;
+use mvt_picture::palette::{FINGERS, Theme};
 use mvt_picture::text;
 use mvt_recording::{FrameImages, Recording};
 use mvt_render::rays::RayMesh;
@@ -13,7 +13,7 @@ use crate::eye::Eye;
 use crate::layers::Layers;
 use crate::legend::{Legend, scale_bar_m};
 use crate::paint::ScenePainter;
-use crate::seen_points::SeenBy;
+use crate::tiling::{self, GAP, TITLE, Tiling};
 use crate::{captions, run_charts, sensor_pictures};
 
 /// Contents of a dashboard.
@@ -40,11 +40,13 @@ pub struct Dashboard {
     shape: Option<(usize, RayMesh)>,
 }
 
-/// Height of the head line and distance between pictures, pixels.
+/// Height of the head line, pixels.
 const HEAD: u32 = 26;
-const GAP: u32 = 6;
-/// Height of a title, pixels.
-const TITLE: u32 = 15;
+/// Pictures of a camera and of a finger: three each.
+const PER_SENSOR: u32 = 3;
+/// Width over height of the picture of a camera and of a DIGIT.
+const CAMERA_ASPECT: f64 = 4.0 / 3.0;
+const FINGER_ASPECT: f64 = 0.75;
 const LETTERS: f32 = 15.0;
 const SMALL: f32 = 12.0;
 
@@ -126,33 +128,29 @@ impl Dashboard {
         };
         let has_cameras = images.cameras.iter().any(Option::is_some);
         let has_touch = images.touch.iter().any(|(_, finger)| finger.is_some());
-        let rows = images.cameras.len() as u32;
-        // A row holds three pictures of 4 : 3.
-        let of_cameras = rows * (area.width / 3 * 3 / 4 + TITLE);
-        let above = match (has_cameras, has_touch) {
-            (true, true) => of_cameras.min(area.height / 2),
-            (true, false) => area.height,
-            (false, _) => 0,
+        let count = images.cameras.len() as u32;
+        let cameras = |area: Area| Tiling::best(area, count, PER_SENSOR, CAMERA_ASPECT);
+        let fingers = |area: Area| Tiling::best(area, Finger::ALL.len() as u32, PER_SENSOR, FINGER_ASPECT);
+        let [of_cameras, of_fingers] = match (has_cameras, has_touch) {
+            (true, true) => tiling::share(area, cameras, fingers),
+            _ => [cameras(area), fingers(area)],
         };
         if has_cameras {
-            self.cameras(page, Area { height: above.saturating_sub(GAP), ..area }, recording, &images);
+            self.cameras(page, &of_cameras, recording, &images);
         }
         if has_touch {
-            let below = Area { y: area.y + above, height: area.height - above, ..area };
-            self.fingers(page, below, recording, moment, &images);
+            self.fingers(page, &of_fingers, recording, &images);
         }
     }
 
-    /// Draws colour, measured depth and depth of the estimate, a row per camera.
-    fn cameras(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, images: &FrameImages) {
+    /// Draws colour, measured depth and depth of the estimate of each camera.
+    fn cameras(&mut self, page: &mut RgbImage, tiling: &Tiling, recording: &Recording, images: &FrameImages) {
         let index = recording.shape_at(images.frame);
         if let Some(index) = index.filter(|index| self.shape.as_ref().is_none_or(|(known, _)| known != index)) {
             self.shape = recording.shape(images.frame).ok().flatten().map(|shape| (index, RayMesh::new(&shape.mesh)));
         }
         let rendered = self.shape.as_ref().filter(|_| index.is_some()).zip(recording.pose(images.frame));
-        let cameras: Vec<_> = recording.about().cameras.iter().zip(&images.cameras).collect();
-        let rows = cameras.len() as u32;
-        for (k, (camera, seen)) in (0..).zip(cameras) {
+        for (k, (camera, seen)) in (0..).zip(recording.about().cameras.iter().zip(&images.cameras)) {
             let Some(seen) = seen else { continue };
             let estimate = rendered.map(|((_, mesh), pose)| sensor_pictures::rendered_depth(mesh, pose, camera, seen));
             let row = [
@@ -160,18 +158,18 @@ impl Dashboard {
                 ("depth", Some(sensor_pictures::depth(seen))),
                 ("depth of the estimate", estimate),
             ];
-            for (column, (title, picture)) in (0..).zip(row) {
-                self.tile(page, cell(area, [column, k], [3, rows]), title, picture.as_ref());
+            for (place, (title, picture)) in (0..).zip(row) {
+                self.tile(page, tiling.cell(k, place), title, picture.as_ref());
             }
         }
     }
 
-    /// Draws image, indentation and contact, or true indentation where it is known, a column per finger.
-    fn fingers(&self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize, images: &FrameImages) {
-        let touching = recording.moments().get(moment).map(|moment| moment.fingers);
+    /// Draws image, indentation and contact, or true indentation where it is known, of each finger.
+    fn fingers(&self, page: &mut RgbImage, tiling: &Tiling, recording: &Recording, images: &FrameImages) {
+        // Figures and pictures belong to the same frame.
+        let touching = recording.moments().get(images.frame).map(|moment| moment.fingers);
         for finger in Finger::ALL {
             let Some(seen) = &images.touch[finger] else { continue };
-            let column = finger as u32;
             let truth = sensor_pictures::true_indentation(seen);
             let third = match truth {
                 Some(truth) => ("true", truth),
@@ -180,7 +178,7 @@ impl Dashboard {
             let rows =
                 [(finger.name(), seen.image.clone()), ("indentation", sensor_pictures::indentation(seen)), third];
             for (row, (title, picture)) in (0..).zip(rows) {
-                let tile = cell(area, [column, row], [4, 3]);
+                let tile = tiling.cell(finger as u32, row);
                 let title = match touching.and_then(|touching| touching[finger]) {
                     Some(touch) if row == 0 => match touch.force_n {
                         Some(force_n) => format!("{title}  {force_n:.1} N"),
@@ -191,7 +189,7 @@ impl Dashboard {
                 self.tile(page, tile, &title, Some(&picture));
                 if row == 0 && touching.is_some_and(|touching| touching[finger].is_some()) {
                     let lamp = Area { x: tile.x + text::width(SMALL, &title) + 6, y: tile.y + 3, width: 8, height: 8 };
-                    fill(page, lamp, SeenBy::Touch.colour());
+                    fill(page, lamp, FINGERS[finger as usize]);
                 }
             }
         }
@@ -209,16 +207,6 @@ impl Dashboard {
             let picture = imageops::resize(picture, width, height, FilterType::Triangle);
             imageops::replace(page, &picture, i64::from(area.x), i64::from(area.y + TITLE));
         }
-    }
-}
-
-fn cell(area: Area, [column, row]: [u32; 2], [columns, rows]: [u32; 2]) -> Area {
-    let (width, height) = (area.width / columns.max(1), area.height / rows.max(1));
-    Area {
-        x: area.x + column * width,
-        y: area.y + row * height,
-        width: width.saturating_sub(GAP),
-        height: height.saturating_sub(GAP),
     }
 }
 

@@ -72,9 +72,7 @@ impl Legend {
                 let names = [(SeenBy::Vision, "camera"), (SeenBy::Touch, "touch"), (SeenBy::Nothing, "none")];
                 Self::Names { title: "seen by:", names: names.map(|(by, name)| (by.colour(), name)).into() }
             }
-            Colouring::TrueColour => {
-                Self::Names { title: "colours of the cameras;", names: vec![(theme.surface, "not seen by a camera")] }
-            }
+            Colouring::TrueColour => Self::Names { title: "camera colours;", names: vec![(theme.surface, "unseen")] },
             Colouring::Normals => {
                 const DIRECTIONS: [([f32; 3], &str); 6] = [
                     ([1.0, 0.0, 0.0], "+x"),

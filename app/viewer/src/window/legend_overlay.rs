@@ -25,8 +25,8 @@ pub fn paint(ui: &Ui, view: Rect, recording: &Recording, layers: &Layers, eye: &
         let bar = Rect::from_min_max(Pos2::new(end.x - length, end.y - 3.0), end);
         painter.rect_filled(bar, 0.0, colour(theme.ink));
         let words = format!("{:.0} mm", length_m * 1e3);
-        let middle = Pos2::new(bar.center().x, end.y - 5.0);
-        bar.union(painter.text(middle, Align2::CENTER_BOTTOM, words, font.clone(), colour(theme.ink)))
+        let above = Pos2::new(end.x, end.y - 5.0);
+        bar.union(painter.text(above, Align2::RIGHT_BOTTOM, words, font.clone(), colour(theme.ink)))
     });
     let mut corner = view.left_bottom();
     for legend in Legend::of(layers, recording, &theme) {

@@ -216,7 +216,7 @@ struct PlotFrame<'a> {
 }
 
 impl PlotFrame<'_> {
-    fn empty<'p>(&self, name: &str) -> Plot<'p> {
+    fn empty<'p>(&self, name: &str, room: egui::Vec2) -> Plot<'p> {
         Plot::new(name)
             .allow_drag(false)
             .allow_zoom(false)
@@ -234,8 +234,8 @@ impl PlotFrame<'_> {
                 egui_plot::HoverPosition::Elsewhere { .. } => None,
             })
             .grid_spacing(LABELS)
-            .x_grid_spacer(|input| round_marks(input.bounds))
-            .y_grid_spacer(|input| round_marks(input.bounds))
+            .x_grid_spacer(move |input| thinned(round_marks(input.bounds), input.bounds, room.x, MARK.x))
+            .y_grid_spacer(move |input| thinned(round_marks(input.bounds), input.bounds, room.y, MARK.y))
             .grid_color(colour(self.theme.faint).gamma_multiply(0.4))
             .custom_x_axes(vec![AxisHints::new_x().label_spacing(LABELS).formatter(time_label)])
             .custom_y_axes(vec![AxisHints::new_y().label_spacing(LABELS).formatter(label).min_thickness(26.0)])
@@ -245,7 +245,7 @@ impl PlotFrame<'_> {
     fn plot(&mut self, ui: &mut Ui, name: &str, curves: &[(&Curve, usize)]) -> Option<f64> {
         let [from_s, to_s] = self.zoomed_s.unwrap_or([0.0, self.end_s]);
         let top = top(curves, from_s..=to_s);
-        let response = self.empty(name).show(ui, |plot| {
+        let response = self.empty(name, ui.available_size()).show(ui, |plot| {
             plot.set_plot_bounds_y(0.0..=top);
             for &(curve, k) in curves {
                 let line = Line::new("", PlotPoints::Borrowed(curve)).color(colour(CURVES[k % CURVES.len()]));
@@ -285,7 +285,7 @@ impl PlotFrame<'_> {
         let finger =
             |value: f64| Finger::ALL.into_iter().find(|&finger| (3.0 - finger as usize as f64 - value).abs() < 0.1);
         let plot = self
-            .empty(name)
+            .empty(name, ui.available_size())
             .y_grid_spacer(|_| (0..4).map(|k| GridMark { value: f64::from(k), step_size: 1.0 }).collect())
             .y_axis_formatter(move |mark, _| finger(mark.value).map_or_else(String::new, |f| f.name().to_owned()));
         let response = plot.y_axis_min_width(44.0).show(ui, |plot| {
@@ -328,6 +328,18 @@ const LABELS: egui::Rangef = egui::Rangef { min: 4.0, max: 8.0 };
 fn round_marks((low, high): (f64, f64)) -> Vec<GridMark> {
     let (marks, step_size) = chart::round_marks(low, high);
     marks.into_iter().map(|value| GridMark { value, step_size }).collect()
+}
+
+/// Room that a mark with its label takes on both axes, points.
+const MARK: egui::Vec2 = egui::vec2(46.0, 17.0);
+
+/// Keeps as many marks as there is room for, at multiples of a larger step.
+fn thinned(marks: Vec<GridMark>, (low, high): (f64, f64), length: f32, each: f32) -> Vec<GridMark> {
+    let step = marks.first().map_or(1.0, |mark| mark.step_size);
+    let points = f64::from(length) * step / (high - low).max(1e-9);
+    let every = [1.0, 2.0, 5.0, 10.0].into_iter().find(|every| every * points >= f64::from(each)).unwrap_or(10.0);
+    let is_kept = |mark: &GridMark| ((mark.value / step).round() % every).abs() < 0.5;
+    marks.into_iter().filter(is_kept).map(|mark| GridMark { step_size: every * step, ..mark }).collect()
 }
 
 /// Label of a time. None stands at 0, where the label of the other axis stands.
@@ -398,6 +410,16 @@ mod tests {
         values.push(5000.0);
         assert!((10.0..20.0).contains(&top(&[(&curve(&values), 0)], 0.0..=1.0)));
     }
+    #[test]
+    fn a_small_plot_has_fewer_marks() {
+        let values = |length: f32| -> Vec<f64> {
+            thinned(round_marks((0.0, 12.0)), (0.0, 12.0), length, 20.0).iter().map(|mark| mark.value).collect()
+        };
+        assert_eq!(values(400.0), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0]);
+        assert_eq!(values(100.0), [0.0, 4.0, 8.0, 12.0]);
+        assert_eq!(values(0.0), [0.0]);
+    }
+
     #[test]
     fn a_zoom_stays_within_the_run() {
         let zoomed = zoom_about([0.0, 10.0], 2.0, 200.0, 10.0).unwrap();

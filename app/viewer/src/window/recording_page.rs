@@ -280,8 +280,7 @@ impl RecordingPage {
                         layers_panel::ui(ui, preferences, &mut self.view, &[&recording]);
                         ui.separator();
                     }
-                    ui.set_max_height(height);
-                    self.sensors.ui(ui, &recording, moment);
+                    self.sensors.ui(ui, &recording, moment, height);
                 });
             });
         }

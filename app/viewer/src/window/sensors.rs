@@ -123,8 +123,8 @@ impl SensorPanel {
         self.worker.is_busy()
     }
 
-    /// Draws the panel at a moment. A click on a picture shows it large.
-    pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, moment: usize) {
+    /// Draws the panel at a moment, if possible within a height in points. A click on a picture shows it large.
+    pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, moment: usize, height: f32) {
         let theme = style::theme(ui.ctx());
         self.worker.request(ImagesRequest { moment, revision: recording.revision() });
         match self.worker.take() {
@@ -135,7 +135,6 @@ impl SensorPanel {
             Some(Err(problem)) => self.problem = Some(problem),
             None => {}
         }
-        let height = ui.available_height();
         ui.heading("Sensors");
         if let Some(problem) = &self.problem {
             ui.colored_label(colour(theme.lost), problem);

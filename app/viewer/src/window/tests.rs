@@ -282,6 +282,15 @@ fn all_fingers_are_reached_without_scrolling() {
 }
 
 #[test]
+fn a_narrow_window_puts_the_layers_above_the_sensors() {
+    let run = finished();
+    let preferences = Preferences { zoom_percent: 200, ..dark() };
+    let bench = Bench::new(on_run(run.path()), &preferences, [1280.0, 800.0], false);
+    let rect = |label: &str| bench.harness.get_by_label(label).rect();
+    assert!(rect("Follow the object (F)").bottom() < rect("Sensors").top());
+}
+
+#[test]
 fn images_say_when_they_were_taken() {
     let run = finished();
     let mut bench = Bench::on(run.path());
