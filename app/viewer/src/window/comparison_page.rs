@@ -180,10 +180,12 @@ impl ComparisonPage {
             .exact_size(0.5 * ui.available_width())
             .frame(egui::Frame::NONE)
             .show(ui, |ui| {
+                ui.spacing_mut().item_spacing.y = 0.0;
                 heading(ui, names[0], tints[0], &of_a);
                 a.scene.ui(ui, &of_a, moment_at(of_a.moments(), now_s), view, preferences.follow);
             });
         egui::CentralPanel::no_frame().show(ui, |ui| {
+            ui.spacing_mut().item_spacing.y = 0.0;
             heading(ui, names[1], tints[1], &of_b);
             // Only the first run moves the camera with its object.
             b.scene.ui(ui, &of_b, moment_at(of_b.moments(), now_s), view, false);
@@ -203,10 +205,13 @@ fn longer<'a>([a, b]: [&'a Recording; 2]) -> &'a Recording {
 
 /// Draws the name of a run over its scene.
 fn heading(ui: &mut Ui, name: &str, tint: egui::Color32, recording: &Recording) {
-    ui.horizontal(|ui| {
-        ui.add_space(8.0);
-        plots::chip(ui, tint);
-        ui.strong(name);
-        ui.add(egui::Label::new(egui::RichText::new(captions::subject(recording)).weak()).truncate());
+    egui::Frame::NONE.fill(ui.visuals().panel_fill).inner_margin(egui::Margin::symmetric(8, 2)).show(ui, |ui| {
+        ui.horizontal(|ui| {
+            plots::chip(ui, tint);
+            ui.strong(name);
+            ui.add(egui::Label::new(egui::RichText::new(captions::subject(recording)).weak()).truncate());
+            // The frame is as wide as the scene.
+            ui.allocate_space(egui::vec2(ui.available_width(), 1.0));
+        });
     });
 }

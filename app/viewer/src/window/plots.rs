@@ -249,7 +249,7 @@ impl PlotFrame<'_> {
             plot.set_plot_bounds_y(0.0..=top);
             for &(curve, k) in curves {
                 let line = Line::new("", PlotPoints::Borrowed(curve)).color(colour(CURVES[k % CURVES.len()]));
-                plot.line(line.width(1.5));
+                plot.line(line.width(1.5).allow_band(false));
             }
             self.time(plot)
         });
