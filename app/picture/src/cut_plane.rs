@@ -2,7 +2,8 @@
 
 use glam::Vec3A;
 
-use crate::raster::Colour;
+/// Position and colour of a corner.
+type Corner = (Vec3A, Vec3A);
 
 /// Plane that cuts a mesh, in the coordinates of the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,7 +23,7 @@ impl CutPlane {
 
 /// Splits a triangle whose corners have a height, a position and a colour where the height is 0. Returns the polygons
 /// below and above; each is empty or convex.
-pub fn split(corners: [(f32, Vec3A, Colour); 3]) -> [Vec<(Vec3A, Colour)>; 2] {
+pub fn split(corners: [(f32, Vec3A, Vec3A); 3]) -> [Vec<Corner>; 2] {
     let [mut below, mut above] = [Vec::new(), Vec::new()];
     for k in 0..3 {
         let [(height, point, colour), (next_height, next, next_colour)] = [corners[k], corners[(k + 1) % 3]];
@@ -43,7 +44,7 @@ pub fn split(corners: [(f32, Vec3A, Colour); 3]) -> [Vec<(Vec3A, Colour)>; 2] {
 }
 
 /// Returns the triangles of a convex polygon.
-pub fn fan(corners: &[(Vec3A, Colour)]) -> impl Iterator<Item = [(Vec3A, Colour); 3]> {
+pub fn fan(corners: &[Corner]) -> impl Iterator<Item = [Corner; 3]> {
     let others = corners.get(1..).unwrap_or_default();
     corners.first().into_iter().flat_map(|&first| others.windows(2).map(move |pair| [first, pair[0], pair[1]]))
 }
@@ -59,7 +60,7 @@ mod tests {
         assert_eq!((below.len(), above.len()), (3, 4));
         assert_eq!(below.iter().filter(|corner| above.contains(corner)).count(), 2);
         assert_eq!((fan(&below).count(), fan(&above).count()), (1, 2));
-        let area = |polygon: &[(Vec3A, Colour)]| -> f32 {
+        let area = |polygon: &[Corner]| -> f32 {
             fan(polygon).map(|[a, b, c]| 0.5 * (b.0 - a.0).cross(c.0 - a.0).length()).sum()
         };
         assert!((area(&below) - 0.125).abs() < 1e-6 && (area(&above) - 0.375).abs() < 1e-6);

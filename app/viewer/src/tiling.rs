@@ -17,6 +17,7 @@ pub struct Tiling {
     is_row: bool,
     /// Columns and rows of pictures.
     counts: [u32; 2],
+    /// Width of a picture, pixels.
     picture_width: f64,
 }
 
@@ -35,11 +36,6 @@ impl Tiling {
         // Of equally good ones the first: groups below each other, each a row.
         all.reduce(|best, other| if other.picture_width > best.picture_width { other } else { best })
             .unwrap_or_else(|| arrangement(1, true))
-    }
-
-    /// Returns the width of a picture, pixels.
-    pub fn picture_width(&self) -> f64 {
-        self.picture_width
     }
 
     /// Returns the rectangle of a picture of a group, with its title.
@@ -88,14 +84,14 @@ mod tests {
         let area = Area { x: 6, y: 26, width: 1268, height: 688 };
         let [cameras, fingers] =
             share(area, |area| Tiling::best(area, 1, 3, 4.0 / 3.0), |area| Tiling::best(area, 4, 3, 0.75));
-        let covered = 3.0 * cameras.picture_width().powi(2) * 0.75 + 12.0 * fingers.picture_width().powi(2) / 0.75;
+        let covered = 3.0 * cameras.picture_width.powi(2) * 0.75 + 12.0 * fingers.picture_width.powi(2) / 0.75;
         let whole = f64::from(area.width * area.height);
         assert!(covered > 0.6 * whole, "{:.2} of the area", covered / whole);
         for (tiling, groups) in [(cameras, 1), (fingers, 4)] {
             for (group, picture) in (0..groups).flat_map(|group| (0..3).map(move |picture| (group, picture))) {
                 let cell = tiling.cell(group, picture);
                 assert!(cell.x + cell.width <= area.x + area.width && cell.y + cell.height <= area.y + area.height);
-                assert!(f64::from(cell.width) + 1.0 >= tiling.picture_width());
+                assert!(f64::from(cell.width) + 1.0 >= tiling.picture_width);
             }
         }
     }
@@ -103,6 +99,6 @@ mod tests {
     #[test]
     fn areas_without_pixels_do_no_harm() {
         let tiling = Tiling::best(Area { x: 0, y: 0, width: 0, height: 0 }, 0, 0, 1.0);
-        assert_eq!((tiling.picture_width(), tiling.cell(0, 0).width), (0.0, 0));
+        assert_eq!((tiling.picture_width, tiling.cell(0, 0).width), (0.0, 0));
     }
 }

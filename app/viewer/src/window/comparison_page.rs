@@ -27,7 +27,7 @@ use crate::captions;
 const ROOM_FOR_LAYERS: f32 = 800.0;
 const ROOM_FOR_PLOTS: f32 = 360.0;
 /// Width of the table, points.
-const TABLE: f32 = 270.0;
+const TABLE: f32 = 300.0;
 
 /// One of the two runs.
 struct ComparedRun {
@@ -198,7 +198,7 @@ impl ComparisonPage {
 }
 
 /// Returns the recording that ends later. Its frames are those of the timeline.
-fn longer<'a>([a, b]: [&'a Recording; 2]) -> &'a Recording {
+fn longer([a, b]: [&Recording; 2]) -> &Recording {
     let end_s = |recording: &Recording| recording.moments().last().map_or(0.0, |last| last.row.time_s);
     if end_s(b) > end_s(a) { b } else { a }
 }

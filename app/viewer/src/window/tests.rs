@@ -3,6 +3,7 @@
 mod comparison;
 mod example;
 mod pictures;
+mod sensor_images;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,6 +19,7 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 
 use super::recording_page::RecordingSource;
+use super::start_page::StartPage;
 use super::{Appearance, Page, Preferences, Window, WindowContents};
 use crate::dashboard::{Dashboard, DashboardLayout};
 use crate::eye::Eye;
@@ -67,7 +69,9 @@ impl Bench {
             let is_busy = match &self.window().page {
                 Page::Recording(page) => page.is_busy(),
                 Page::Comparison(page) => page.is_busy(),
-                Page::Start => self.waits_for_thumbnails && self.window().start.as_ref().is_some_and(|s| s.is_busy()),
+                Page::Start => {
+                    self.waits_for_thumbnails && self.window().start.as_ref().is_some_and(StartPage::is_busy)
+                }
                 Page::Starting(_) | Page::Problem(..) => false,
             };
             if !is_busy {
@@ -253,51 +257,12 @@ fn the_first_frame_claims_no_error_of_zero() {
 }
 
 #[test]
-fn a_sensor_image_is_enlarged_by_a_click() {
-    let run = finished();
-    let mut bench = Bench::on(run.path());
-    let small = bench.harness.get_by_label("side: depth").rect();
-    bench.click("side: depth");
-    let large = bench.harness.get_by_label("Camera side: depth, enlarged").rect();
-    assert!(large.width() > 3.0 * small.width(), "{small} {large}");
-    bench.press(Key::Escape);
-    assert!(!bench.shows("enlarged"));
-    bench.click("thumb: contact");
-    bench.click("thumb: contact, enlarged");
-    assert!(!bench.shows("enlarged"));
-}
-
-#[test]
-fn all_fingers_are_reached_without_scrolling() {
-    let run = finished();
-    for size in [[1280.0, 800.0], [1920.0, 1080.0]] {
-        let bench = Bench::new(on_run(run.path()), &dark(), size, false);
-        let rect = |label: &str| bench.harness.get_by_label(label).rect();
-        let bottom = figure(&bench, "Contact by finger").top();
-        for finger in ["index", "middle", "ring", "thumb"] {
-            let picture = rect(&format!("{finger}: contact"));
-            assert!(picture.bottom() < bottom && picture.right() < size[0] && picture.width() > 35.0, "{picture}");
-        }
-    }
-}
-
-#[test]
 fn a_narrow_window_puts_the_layers_above_the_sensors() {
     let run = finished();
     let preferences = Preferences { zoom_percent: 200, ..dark() };
     let bench = Bench::new(on_run(run.path()), &preferences, [1280.0, 800.0], false);
     let rect = |label: &str| bench.harness.get_by_label(label).rect();
     assert!(rect("Follow the object (F)").bottom() < rect("Sensors").top());
-}
-
-#[test]
-fn images_say_when_they_were_taken() {
-    let run = finished();
-    let mut bench = Bench::on(run.path());
-    bench.press(Key::Home);
-    assert!(bench.shows("Images of this frame"));
-    bench.press(Key::ArrowRight);
-    assert!(bench.shows("Images from 0.03 s before"));
 }
 
 #[test]

@@ -32,7 +32,7 @@ impl Thumbnails {
     pub fn look_again(&mut self, ctx: &Context, entries: &[Entry]) {
         self.update(ctx);
         let is_missing = |entry: &&Entry| self.done.get(entry.name).is_some_and(Option::is_none);
-        let missing: Vec<Entry> = entries.iter().filter(is_missing).cloned().collect();
+        let missing: Vec<Entry> = entries.iter().filter(is_missing).copied().collect();
         if self.done.len() == entries.len() && !missing.is_empty() {
             self.coming = draw(ctx, missing);
         }
