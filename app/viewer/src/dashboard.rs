@@ -189,7 +189,10 @@ impl Dashboard {
                 self.tile(page, tile, &title, Some(&picture));
                 if row == 0 && touching.is_some_and(|touching| touching[finger].is_some()) {
                     let lamp = Area { x: tile.x + text::width(SMALL, &title) + 6, y: tile.y + 3, width: 8, height: 8 };
-                    fill(page, lamp, FINGERS[finger as usize]);
+                    // A lamp that would stand in the next column is left out; the figure says the same.
+                    if lamp.x + lamp.width <= tile.x + tile.width {
+                        fill(page, lamp, FINGERS[finger as usize]);
+                    }
                 }
             }
         }

@@ -24,7 +24,7 @@ use super::timeline::{Playback, moment_at};
 use crate::captions;
 
 /// Least width and height with a panel of layers and with curves, points.
-const ROOM_FOR_LAYERS: f32 = 800.0;
+const ROOM_FOR_LAYERS: f32 = 600.0;
 const ROOM_FOR_PLOTS: f32 = 360.0;
 /// Width of the table, points.
 const TABLE: f32 = 300.0;

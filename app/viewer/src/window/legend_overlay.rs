@@ -28,9 +28,11 @@ pub fn paint(ui: &Ui, view: Rect, recording: &Recording, layers: &Layers, eye: &
         let above = Pos2::new(end.x, end.y - 5.0);
         bar.union(painter.text(above, Align2::RIGHT_BOTTOM, words, font.clone(), colour(theme.ink)))
     });
+    // A narrow view has room for a short colour map.
+    let length = (0.4 * view.width()).clamp(60.0, 150.0);
     let mut corner = view.left_bottom();
     for legend in Legend::of(layers, recording, &theme) {
-        let used = on_paper(&painter, &theme, |painter| paint_legend(painter, corner, &legend, &theme, &font));
+        let used = on_paper(&painter, &theme, |painter| paint_legend(painter, corner, length, &legend, &theme, &font));
         corner.y = used.top();
     }
 }
@@ -44,10 +46,8 @@ fn on_paper(painter: &Painter, theme: &Theme, add: impl FnOnce(&Painter) -> Rect
     used
 }
 
-/// Paints a legend above `corner` and returns the rectangle that it used.
-fn paint_legend(painter: &Painter, corner: Pos2, legend: &Legend, theme: &Theme, font: &FontId) -> Rect {
-    /// Width of a colour map, points.
-    const WIDTH: f32 = 150.0;
+/// Paints a legend above `corner`, with a colour map of this length in points. Returns the rectangle that it used.
+fn paint_legend(painter: &Painter, corner: Pos2, length: f32, legend: &Legend, theme: &Theme, font: &FontId) -> Rect {
     let ink = colour(theme.ink);
     let write = |at: Pos2, align: Align2, text: &str| painter.text(at, align, text, font.clone(), ink);
     let bottom = corner.y - MARGIN;
@@ -56,15 +56,15 @@ fn paint_legend(painter: &Painter, corner: Pos2, legend: &Legend, theme: &Theme,
         Legend::Ramp { title, labels, colour: of_share } => {
             let title = write(Pos2::new(left, bottom - 16.0), Align2::LEFT_BOTTOM, title);
             let left = title.right() + MARGIN;
-            let bar = Rect::from_x_y_ranges(left..=left + WIDTH, bottom - 26.0..=bottom - 16.0);
-            for x in 0..WIDTH as u32 {
+            let bar = Rect::from_x_y_ranges(left..=left + length, bottom - 26.0..=bottom - 16.0);
+            for x in 0..length as u32 {
                 // Columns overlap, because at some sizes of text a point is no whole number of pixels.
                 let right = (left + x as f32 + 2.0).min(bar.right());
                 let column = Rect::from_x_y_ranges(left + x as f32..=right, bar.y_range());
-                painter.rect_filled(column, 0.0, colour(of_share(x as f32 / (WIDTH - 1.0))));
+                painter.rect_filled(column, 0.0, colour(of_share(x as f32 / (length - 1.0))));
             }
             (0u8..).zip(labels).fold(title.union(bar), |used, (k, label)| {
-                let x = left + 0.5 * f32::from(k) * WIDTH;
+                let x = left + 0.5 * f32::from(k) * length;
                 used.union(write(Pos2::new(x, bottom), Align2::CENTER_BOTTOM, label))
             })
         }
