@@ -14,19 +14,22 @@ use mvt_run::io::{check_named, png, print_line, write_named};
 use mvt_run::progress;
 use mvt_viewer::eye::DISTANCE_M;
 use mvt_viewer::window;
-use mvt_viewer::window::RecordingSource;
+use mvt_viewer::window::{RecordingSource, WindowContents};
 use mvt_viewer::{Clouds, Colouring, Dashboard, DashboardLayout, Eye, Keyframes, Layers, Preset};
 
 use crate::signals::stop_on_signals;
 
 /// Show a run or a log in a window, or write a picture or film of it
 ///
-/// The run may be finished, still going, or have crashed. Without --run and --log the window opens on a page that
-/// starts runs.
+/// The run may be finished, still going, or have crashed. Two runs are compared side by side. Without a folder the
+/// window opens on a page that starts runs.
 ///
 /// The window needs a display with OpenGL; H shows its keys. --record needs neither a display nor a graphics card.
 #[derive(Debug, Args)]
 pub struct ViewArguments {
+    /// Folder of a run, or folders of two runs to compare
+    #[arg(value_name = "RUN", num_args = 0..=2, conflicts_with_all = ["run", "log"])]
+    runs: Vec<PathBuf>,
     /// Folder of a run
     #[arg(long, value_name = "DIR", conflicts_with = "log")]
     run: Option<PathBuf>,
@@ -125,8 +128,10 @@ enum Layer {
     Frusta,
     /// Points that cameras and touch sensors measured
     Clouds,
-    /// Cameras of the keyframes
+    /// Cameras of the newest five keyframes
     Keyframes,
+    /// Cameras of all keyframes
+    AllKeyframes,
     /// Slice through the signed distances
     Slice,
     /// Box around the estimated surface
@@ -145,7 +150,11 @@ impl RecordArguments {
             trail: has(Layer::Trail),
             frusta: has(Layer::Frusta),
             clouds: if has(Layer::Clouds) { Clouds::Both } else { Clouds::None },
-            keyframes: if has(Layer::Keyframes) { Keyframes::All } else { Keyframes::None },
+            keyframes: match (has(Layer::AllKeyframes), has(Layer::Keyframes)) {
+                (true, _) => Keyframes::All,
+                (false, true) => Keyframes::Latest,
+                (false, false) => Keyframes::None,
+            },
             slice: has(Layer::Slice),
             bounds: has(Layer::Bounds),
         }
@@ -160,22 +169,26 @@ impl RecordArguments {
 
 /// Runs the command.
 pub fn run(arguments: &ViewArguments) -> Result<()> {
-    let place = match (&arguments.run, &arguments.log) {
-        (Some(folder), _) => Some(RecordingSource::Run(folder.clone())),
-        (None, Some(folder)) => Some(RecordingSource::Log(folder.clone())),
-        (None, None) => None,
+    let run = |folder: &PathBuf| RecordingSource::Run(folder.clone());
+    let contents = match (arguments.runs.as_slice(), &arguments.run, &arguments.log) {
+        ([a, b, ..], ..) => WindowContents::Comparison([run(a), run(b)]),
+        ([folder], ..) | (_, Some(folder), _) => WindowContents::Recording(run(folder)),
+        (_, None, Some(folder)) => WindowContents::Recording(RecordingSource::Log(folder.clone())),
+        (_, None, None) => WindowContents::Start,
     };
-    match (&arguments.record, &place) {
-        (None, place) => window::open(place.as_ref()).with_context(|| match place {
-            Some(RecordingSource::Run(folder)) => without_window("run", folder),
-            Some(RecordingSource::Log(folder)) => without_window("log", folder),
-            None => without_window("run", Path::new("DIR")),
+    match (&arguments.record, &contents) {
+        (None, contents) => window::open(contents).with_context(|| match contents {
+            WindowContents::Recording(RecordingSource::Log(folder)) => without_window("log", folder),
+            WindowContents::Recording(RecordingSource::Run(folder)) => without_window("run", folder),
+            WindowContents::Comparison([first, _]) => without_window("run", first.folder()),
+            WindowContents::Start => without_window("run", Path::new("DIR")),
         }),
-        (Some(file), Some(place)) => {
+        (Some(file), WindowContents::Recording(source)) => {
             check_named(file, arguments.overwrite)?;
-            record(&mut place.open()?, file, arguments.overwrite, &arguments.recorded)
+            record(&mut source.open()?, file, arguments.overwrite, &arguments.recorded)
         }
-        (Some(_), None) => bail!("--record needs --run DIR or --log LOGDIR"),
+        (Some(_), WindowContents::Comparison(_)) => bail!("--record shows one run; give one folder"),
+        (Some(_), WindowContents::Start) => bail!("--record needs --run DIR or --log LOGDIR"),
     }
 }
 

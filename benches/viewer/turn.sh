@@ -2,14 +2,17 @@
 # Measures how many pictures per second a window shows while the pointer turns the fine mesh of a finished run; the CPU
 # draws the window.
 #
-#   benches/viewer/turn.sh [SECONDS]
+#   benches/viewer/turn.sh [SECONDS [PROGRAM]]
 #
-# The mesh turns for SECONDS (default: 10). Needs Rust, Python 3, Xvfb and xdotool.
+# The mesh turns for SECONDS (default: 10). Without PROGRAM a release build is made. Needs Rust, Python 3, Xvfb and xdotool.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 seconds=${1:-10}
-cargo build --release --quiet --bin mambavitact
-program="${CARGO_TARGET_DIR:-target}/release/mambavitact"
+program=${2:-}
+if [ -z "$program" ]; then
+    cargo build --release --quiet --bin mambavitact
+    program="${CARGO_TARGET_DIR:-target}/release/mambavitact"
+fi
 work=$(mktemp -d)
 server=
 viewer=

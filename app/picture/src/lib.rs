@@ -23,6 +23,7 @@
 
 pub mod chart;
 pub mod contact_sheet;
+pub mod cut_plane;
 pub mod draw;
 pub mod film;
 pub mod occlusion;

@@ -10,6 +10,7 @@ use mvt_frames::camera::Intrinsics;
 use mvt_mesh::Mesh;
 use rayon::prelude::*;
 
+use crate::cut_plane::{CutPlane, fan, split};
 use crate::occlusion::DepthBuffer;
 
 /// Rows of a band.
@@ -190,6 +191,33 @@ impl Rasteriser {
                 batch.faces.push(face.map(|corner| corner + first));
             } else {
                 cut(batch, pinhole, points, corners);
+            }
+        }
+    }
+
+    /// Adds the part of a mesh on one side of a plane, as [`Rasteriser::surface`] does. Both sides of its faces are drawn,
+    /// because one can look into it.
+    pub fn cut_surface(
+        &mut self,
+        surface: &LitMesh,
+        colours: impl Fn(usize) -> Colour + Sync,
+        placement: MeshPlacement,
+        plane: CutPlane,
+    ) {
+        let Some(pinhole) = self.pinhole else { return };
+        let (rotation, translation) = placement.camera_from_mesh;
+        let batch = if placement.is_glass { &mut self.glass } else { &mut self.solid };
+        let corner = |(k, (&vertex, &normal)): (usize, (&Vec3A, &Vec3A))| {
+            let point = rotation * vertex + translation;
+            (plane.above_m(vertex), point, lit(colours(k), placement.shine, rotation * normal, point))
+        };
+        let vertices = surface.vertices.par_iter().with_min_len(4096).zip(&surface.normals).enumerate();
+        let corners: Vec<(f32, Vec3A, Colour)> = vertices.map(corner).collect();
+        for face in &surface.faces {
+            let [a, b, c] = face.map(|corner| corners[corner as usize]);
+            let [below, _] = split([a, b, c]);
+            for triangle in fan(&below) {
+                cut(batch, pinhole, triangle.map(|corner| corner.0), triangle.map(|corner| corner.1));
             }
         }
     }
@@ -462,6 +490,26 @@ mod tests {
             // Rounding decides at outlines and edges alone.
             assert!(seen > 4000 && differ < seen / 200, "{differ} of {seen} pixels differ, seen from {eye:?}");
         }
+    }
+
+    #[test]
+    fn a_plane_cuts_off_the_part_of_a_mesh_beyond_it() {
+        let (camera, pose) = (camera(), placed([0.3, 0.1, 0.2]));
+        let ball = LitMesh::new(&shapes()[0]);
+        let drawn = |plane: Option<CutPlane>| {
+            let mut raster = Rasteriser::default();
+            raster.begin(&camera, PAPER);
+            match plane {
+                Some(plane) => raster.cut_surface(&ball, |_| Vec3A::ONE, solid(pose.to_f32()), plane),
+                None => raster.surface(&ball, |_| Vec3A::ONE, solid(pose.to_f32())),
+            }
+            raster.finish(1.0);
+            raster.nearness.iter().filter(|nearness| **nearness > 0.0).count()
+        };
+        let at = |offset_m: f32| drawn(Some(CutPlane { normal: Vec3A::Y, offset_m }));
+        let whole = drawn(None);
+        assert_eq!((at(1.0), at(-1.0)), (whole, 0));
+        assert!(at(0.01) > whole / 4 && at(0.01) < whole, "{} of {whole}", at(0.01));
     }
 
     #[test]

@@ -1,8 +1,12 @@
 //! A recording and its moments in words.
 
-use mvt_recording::{Recording, Status};
+use std::path::Path;
+
+use mvt_recording::{RecordedMoment, Recording, Status};
 use mvt_run::report::TrackState;
 
+/// Error below which the first pose counts as tied to the truth, metres: it is written as 0.0 mm.
+const TIED_M: f64 = 0.00005;
 /// Time for which an event is mentioned, seconds.
 const RECENT_S: f64 = 1.0;
 
@@ -13,6 +17,20 @@ pub fn subject(recording: &Recording) -> String {
         None => format!("{}, raw log", about.object),
         Some(mode) => format!("{}, {mode} {}, seed {}", about.object, about.modality, about.seed),
     }
+}
+
+/// Returns the name of a folder with the folder above it, because most runs are called "out".
+pub fn folder(folder: &Path) -> String {
+    let parts: Vec<_> = folder.components().rev().take(2).map(|part| part.as_os_str().to_string_lossy()).collect();
+    parts.into_iter().rev().collect::<Vec<_>>().join("/")
+}
+
+/// Whether the error is 0 at a moment only because the estimate is tied to the true object there: at the first estimate.
+pub fn begins_errors(recording: &Recording, moment: usize) -> bool {
+    let moments = recording.moments();
+    let is_scored = |moment: &RecordedMoment| moment.estimate().is_some() && moment.row.add_s.is_some();
+    moments.iter().position(is_scored) == Some(moment)
+        && moments.get(moment).and_then(|now| now.row.add_s).is_some_and(|error| error.one_directional_m < TIED_M)
 }
 
 /// Returns the status of the run.
@@ -54,7 +72,10 @@ pub fn moment(recording: &Recording, moment: usize) -> String {
         },
     };
     if let Some(error) = row.add_s.filter(|_| row.state != TrackState::Lost) {
-        sentence += &format!(", ADD-S {:.1} mm", error.one_directional_m * 1e3);
+        sentence += &match begins_errors(recording, moment) {
+            true => "; errors are measured from this frame on".to_owned(),
+            false => format!(", ADD-S {:.1} mm", error.one_directional_m * 1e3),
+        };
     }
     let touching = now.fingers.iter().filter(|(_, touching)| touching.is_some()).count();
     sentence += match touching {

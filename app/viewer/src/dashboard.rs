@@ -3,7 +3,7 @@
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 use mvt_picture::draw::{self, Area, fill};
-use mvt_picture::palette::Theme;
+use mvt_picture::palette::{FINGERS, Theme};
 use mvt_picture::text;
 use mvt_recording::{FrameImages, Recording};
 use mvt_render::rays::RayMesh;
@@ -13,7 +13,7 @@ use crate::eye::Eye;
 use crate::layers::Layers;
 use crate::legend::{Legend, scale_bar_m};
 use crate::paint::ScenePainter;
-use crate::seen_points::SeenBy;
+use crate::tiling::{self, GAP, TITLE, Tiling};
 use crate::{captions, run_charts, sensor_pictures};
 
 /// Contents of a dashboard.
@@ -40,11 +40,13 @@ pub struct Dashboard {
     shape: Option<(usize, RayMesh)>,
 }
 
-/// Height of the head line and distance between pictures, pixels.
+/// Height of the head line, pixels.
 const HEAD: u32 = 26;
-const GAP: u32 = 6;
-/// Height of a title, pixels.
-const TITLE: u32 = 15;
+/// Pictures of a camera and of a finger: three each.
+const PER_SENSOR: u32 = 3;
+/// Width over height of the picture of a camera and of a DIGIT.
+const CAMERA_ASPECT: f64 = 4.0 / 3.0;
+const FINGER_ASPECT: f64 = 0.75;
 const LETTERS: f32 = 15.0;
 const SMALL: f32 = 12.0;
 
@@ -96,12 +98,13 @@ impl Dashboard {
         let size = [area.width, area.height].map(|side| side as usize);
         let fine = self.scene.paint_fine(recording, moment, &self.layers, eye, &self.theme, size);
         imageops::replace(page, &fine, i64::from(area.x), i64::from(area.y));
-        if let Some(legend) = Legend::of(&self.layers, recording) {
+        let mut bottom = (area.y + area.height).saturating_sub(GAP);
+        for legend in Legend::of(&self.layers, recording, &self.theme) {
             let strip = strip(&legend, &self.theme);
-            let (x, y) = (area.x + GAP, (area.y + area.height).saturating_sub(strip.height() + GAP));
+            bottom = bottom.saturating_sub(strip.height());
             // The background of the strip is transparent.
             for (dx, dy, &pixel) in strip.enumerate_pixels().filter(|(_, _, pixel)| **pixel != self.theme.paper) {
-                draw::blend(page, x + dx, y + dy, pixel, 1.0);
+                draw::blend(page, area.x + GAP + dx, bottom + dy, pixel, 1.0);
             }
         }
         let length_m = scale_bar_m(eye, area.height as usize);
@@ -125,33 +128,29 @@ impl Dashboard {
         };
         let has_cameras = images.cameras.iter().any(Option::is_some);
         let has_touch = images.touch.iter().any(|(_, finger)| finger.is_some());
-        let rows = images.cameras.len() as u32;
-        // A row holds three pictures of 4 : 3.
-        let of_cameras = rows * (area.width / 3 * 3 / 4 + TITLE);
-        let above = match (has_cameras, has_touch) {
-            (true, true) => of_cameras.min(area.height / 2),
-            (true, false) => area.height,
-            (false, _) => 0,
+        let count = images.cameras.len() as u32;
+        let cameras = |area: Area| Tiling::best(area, count, PER_SENSOR, CAMERA_ASPECT);
+        let fingers = |area: Area| Tiling::best(area, Finger::ALL.len() as u32, PER_SENSOR, FINGER_ASPECT);
+        let [of_cameras, of_fingers] = match (has_cameras, has_touch) {
+            (true, true) => tiling::share(area, cameras, fingers),
+            _ => [cameras(area), fingers(area)],
         };
         if has_cameras {
-            self.cameras(page, Area { height: above.saturating_sub(GAP), ..area }, recording, &images);
+            self.cameras(page, &of_cameras, recording, &images);
         }
         if has_touch {
-            let below = Area { y: area.y + above, height: area.height - above, ..area };
-            self.fingers(page, below, recording, moment, &images);
+            self.fingers(page, &of_fingers, recording, &images);
         }
     }
 
-    /// Draws colour, measured depth and depth of the estimate, a row per camera.
-    fn cameras(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, images: &FrameImages) {
+    /// Draws colour, measured depth and depth of the estimate of each camera.
+    fn cameras(&mut self, page: &mut RgbImage, tiling: &Tiling, recording: &Recording, images: &FrameImages) {
         let index = recording.shape_at(images.frame);
         if let Some(index) = index.filter(|index| self.shape.as_ref().is_none_or(|(known, _)| known != index)) {
             self.shape = recording.shape(images.frame).ok().flatten().map(|shape| (index, RayMesh::new(&shape.mesh)));
         }
         let rendered = self.shape.as_ref().filter(|_| index.is_some()).zip(recording.pose(images.frame));
-        let cameras: Vec<_> = recording.about().cameras.iter().zip(&images.cameras).collect();
-        let rows = cameras.len() as u32;
-        for (k, (camera, seen)) in (0..).zip(cameras) {
+        for (k, (camera, seen)) in (0..).zip(recording.about().cameras.iter().zip(&images.cameras)) {
             let Some(seen) = seen else { continue };
             let estimate = rendered.map(|((_, mesh), pose)| sensor_pictures::rendered_depth(mesh, pose, camera, seen));
             let row = [
@@ -159,18 +158,18 @@ impl Dashboard {
                 ("depth", Some(sensor_pictures::depth(seen))),
                 ("depth of the estimate", estimate),
             ];
-            for (column, (title, picture)) in (0..).zip(row) {
-                self.tile(page, cell(area, [column, k], [3, rows]), title, picture.as_ref());
+            for (place, (title, picture)) in (0..).zip(row) {
+                self.tile(page, tiling.cell(k, place), title, picture.as_ref());
             }
         }
     }
 
-    /// Draws image, indentation and contact, or true indentation where it is known, a column per finger.
-    fn fingers(&self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize, images: &FrameImages) {
-        let touching = recording.moments().get(moment).map(|moment| moment.fingers);
+    /// Draws image, indentation and contact, or true indentation where it is known, of each finger.
+    fn fingers(&self, page: &mut RgbImage, tiling: &Tiling, recording: &Recording, images: &FrameImages) {
+        // Figures and pictures belong to the same frame.
+        let touching = recording.moments().get(images.frame).map(|moment| moment.fingers);
         for finger in Finger::ALL {
             let Some(seen) = &images.touch[finger] else { continue };
-            let column = finger as u32;
             let truth = sensor_pictures::true_indentation(seen);
             let third = match truth {
                 Some(truth) => ("true", truth),
@@ -179,7 +178,7 @@ impl Dashboard {
             let rows =
                 [(finger.name(), seen.image.clone()), ("indentation", sensor_pictures::indentation(seen)), third];
             for (row, (title, picture)) in (0..).zip(rows) {
-                let tile = cell(area, [column, row], [4, 3]);
+                let tile = tiling.cell(finger as u32, row);
                 let title = match touching.and_then(|touching| touching[finger]) {
                     Some(touch) if row == 0 => match touch.force_n {
                         Some(force_n) => format!("{title}  {force_n:.1} N"),
@@ -190,7 +189,10 @@ impl Dashboard {
                 self.tile(page, tile, &title, Some(&picture));
                 if row == 0 && touching.is_some_and(|touching| touching[finger].is_some()) {
                     let lamp = Area { x: tile.x + text::width(SMALL, &title) + 6, y: tile.y + 3, width: 8, height: 8 };
-                    fill(page, lamp, SeenBy::Touch.colour());
+                    // A lamp that would stand in the next column is left out; the figure says the same.
+                    if lamp.x + lamp.width <= tile.x + tile.width {
+                        fill(page, lamp, FINGERS[finger as usize]);
+                    }
                 }
             }
         }
@@ -211,29 +213,23 @@ impl Dashboard {
     }
 }
 
-fn cell(area: Area, [column, row]: [u32; 2], [columns, rows]: [u32; 2]) -> Area {
-    let (width, height) = (area.width / columns.max(1), area.height / rows.max(1));
-    Area {
-        x: area.x + column * width,
-        y: area.y + row * height,
-        width: width.saturating_sub(GAP),
-        height: height.saturating_sub(GAP),
-    }
-}
-
 /// Paints a legend as a strip.
 fn strip(legend: &Legend, theme: &Theme) -> RgbImage {
     const BAR: u32 = 150;
     const HEIGHT: u32 = 34;
     match legend {
         Legend::Ramp { title, labels, colour } => bar(BAR, HEIGHT, theme, title, *labels, colour),
-        Legend::Names(names) => {
-            let mut image = RgbImage::from_pixel(230, 18, theme.paper);
-            let mut x = 0;
-            for (by, name) in names {
-                fill(&mut image, Area { x, y: 4, width: 10, height: 10 }, by.colour());
-                text::write(&mut image, (x + 14, 1), SMALL + 1.0, theme.ink, name);
-                x += 28 + text::width(SMALL + 1.0, name);
+        Legend::Names { title, names } => {
+            const LETTERS: f32 = SMALL + 1.0;
+            let begin = if title.is_empty() { 0 } else { text::width(LETTERS, title) + 10 };
+            let width = names.iter().map(|(_, name)| 28 + text::width(LETTERS, name)).sum::<u32>();
+            let mut image = RgbImage::from_pixel(begin + width, 18, theme.paper);
+            text::write(&mut image, (0, 1), LETTERS, theme.ink, title);
+            let mut x = begin;
+            for (of_name, name) in names {
+                fill(&mut image, Area { x, y: 4, width: 10, height: 10 }, *of_name);
+                text::write(&mut image, (x + 14, 1), LETTERS, theme.ink, name);
+                x += 28 + text::width(LETTERS, name);
             }
             image
         }

@@ -42,8 +42,8 @@ const MIDDLE_M: [f64; 3] = [-0.01, 0.0, 0.025];
 pub const DISTANCE_M: f64 = 0.4;
 /// Vertical field of view, radians.
 const FOV_Y_RAD: f64 = 0.6;
-/// Nearest and farthest distance, metres.
-const DISTANCES_M: [f64; 2] = [0.03, 2.0];
+/// Nearest and farthest distance, metres. From the nearest, an object of 6 cm fills the height of the picture.
+const DISTANCES_M: [f64; 2] = [0.1, 2.0];
 /// Steepest pitch, radians. At a right angle the image would spin.
 const STEEPEST_RAD: f64 = 1.55;
 

@@ -23,8 +23,7 @@ pub enum Colouring {
 }
 
 /// Measured points that are shown.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Clouds {
     /// No points.
     #[default]
@@ -38,21 +37,19 @@ pub enum Clouds {
 }
 
 /// Keyframes that are shown.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Keyframes {
     /// No keyframes.
     #[default]
     None,
-    /// The newest keyframe.
+    /// The newest few keyframes.
     Latest,
     /// All keyframes so far.
     All,
 }
 
 /// Parts of the scene that are shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layers {
     /// The estimated surface.
     pub mesh: bool,
@@ -143,8 +140,17 @@ impl Keyframes {
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
-            Self::Latest => "latest",
+            Self::Latest => "the newest five",
             Self::All => "all",
+        }
+    }
+
+    /// Returns the number of keyframes that are shown at most.
+    pub(crate) fn most(self) -> usize {
+        match self {
+            Self::None => 0,
+            Self::Latest => 5,
+            Self::All => usize::MAX,
         }
     }
 }

@@ -1,15 +1,15 @@
-//! Legend of the colours of a scene, and its scale bar.
+//! Legends of the colours of a scene, and its scale bar.
 
 use image::Rgb;
 
-use mvt_picture::palette;
+use mvt_picture::palette::{self, Theme};
 use mvt_recording::Recording;
 
 use crate::eye::Eye;
-use crate::layers::{Colouring, Layers};
+use crate::layers::{Clouds, Colouring, Layers};
 use crate::seen_points::SeenBy;
 
-/// Meaning of the colours of a scene.
+/// Meaning of the colours of a part of the scene.
 pub enum Legend {
     /// A colour map of numbers.
     Ramp {
@@ -20,33 +20,71 @@ pub enum Legend {
         /// Colour at a share of the length, 0 to 1.
         colour: fn(f32) -> Rgb<u8>,
     },
-    /// Names of sensors.
-    Names([(SeenBy, &'static str); 3]),
+    /// Colours with their names.
+    Names {
+        /// What is coloured.
+        title: &'static str,
+        /// The colours.
+        names: Vec<(Rgb<u8>, &'static str)>,
+    },
 }
 
 impl Legend {
-    /// Returns the legend for these layers, or `None` where colours have no meaning that needs one.
-    pub fn of(layers: &Layers, recording: &Recording) -> Option<Self> {
-        if layers.slice {
+    /// Returns the legends for these layers, in the order from bottom to top: of the estimated surface, of the true
+    /// surface, of the slice and of the points.
+    pub fn of(layers: &Layers, recording: &Recording, theme: &Theme) -> Vec<Self> {
+        let has_estimate = recording.about().mode.is_some();
+        let mut legends = Vec::new();
+        if layers.mesh && has_estimate {
+            legends.push(Self::of_surface(layers.colouring, recording, theme));
+        }
+        if layers.truth && has_estimate && recording.true_mesh().is_some() {
+            legends.push(Self::Names { title: "", names: vec![(theme.truth, "true surface, translucent")] });
+        }
+        if layers.slice && has_estimate {
             let colour = |share: f32| palette::signed_distance((2.0 * share - 1.0) * palette::SLICE_SCALE_M);
-            return Some(Self::Ramp { title: "distance, mm", labels: ["-10", "0", "10"], colour });
+            legends.push(Self::Ramp { title: "slice: distance, mm", labels: ["-10 inside", "0", "10"], colour });
         }
-        let is_estimated = recording.moments().first().is_some_and(|moment| moment.estimate().is_some());
-        if !layers.mesh || !is_estimated {
-            return None;
+        let by = |by: SeenBy, name| (by.colour(), name);
+        let names = match layers.clouds {
+            Clouds::None => Vec::new(),
+            Clouds::Vision => vec![by(SeenBy::Vision, "camera")],
+            Clouds::Touch => vec![by(SeenBy::Touch, "touch")],
+            Clouds::Both => vec![by(SeenBy::Vision, "camera"), by(SeenBy::Touch, "touch")],
+        };
+        if !names.is_empty() {
+            legends.push(Self::Names { title: "points:", names });
         }
-        match layers.colouring {
+        legends
+    }
+
+    fn of_surface(colouring: Colouring, recording: &Recording, theme: &Theme) -> Self {
+        match colouring {
             Colouring::Error if recording.true_mesh().is_some() => {
                 let colour = |share: f32| palette::surface_error(share * palette::ERROR_SCALE_M);
-                Some(Self::Ramp { title: "error, mm", labels: ["0", "2.5", "5+"], colour })
+                Self::Ramp { title: "error, mm", labels: ["0", "2.5", "5+"], colour }
             }
+            Colouring::Error => Self::Names { title: "", names: vec![(theme.surface, "error unknown")] },
             Colouring::Confidence => {
-                Some(Self::Ramp { title: "seen", labels: ["never", "", "often"], colour: palette::confidence })
+                Self::Ramp { title: "seen", labels: ["never", "", "often"], colour: palette::confidence }
             }
             Colouring::Sensor => {
-                Some(Self::Names([(SeenBy::Vision, "camera"), (SeenBy::Touch, "touch"), (SeenBy::Nothing, "not seen")]))
+                let names = [(SeenBy::Vision, "camera"), (SeenBy::Touch, "touch"), (SeenBy::Nothing, "none")];
+                Self::Names { title: "seen by:", names: names.map(|(by, name)| (by.colour(), name)).into() }
             }
-            Colouring::Error | Colouring::TrueColour | Colouring::Normals => None,
+            Colouring::TrueColour => Self::Names { title: "camera colours;", names: vec![(theme.surface, "unseen")] },
+            Colouring::Normals => {
+                const DIRECTIONS: [([f32; 3], &str); 6] = [
+                    ([1.0, 0.0, 0.0], "+x"),
+                    ([-1.0, 0.0, 0.0], "-x"),
+                    ([0.0, 1.0, 0.0], "+y"),
+                    ([0.0, -1.0, 0.0], "-y"),
+                    ([0.0, 0.0, 1.0], "+z"),
+                    ([0.0, 0.0, -1.0], "-z"),
+                ];
+                let names = DIRECTIONS.map(|(direction, name)| (palette::normal(direction), name)).into();
+                Self::Names { title: "faces to", names }
+            }
         }
     }
 }

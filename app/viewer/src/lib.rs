@@ -24,6 +24,7 @@ pub mod paint;
 mod run_charts;
 mod seen_points;
 mod sensor_pictures;
+mod tiling;
 pub mod window;
 
 pub use dashboard::{Dashboard, DashboardLayout};

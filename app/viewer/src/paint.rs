@@ -8,6 +8,7 @@ use image::{Rgb, RgbImage};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Camera, Isometry, Object, Point, World};
 use mvt_objects::distance::MeshDistance;
+use mvt_picture::cut_plane::{self, CutPlane};
 use mvt_picture::draw;
 use mvt_picture::palette::{self, Theme};
 use mvt_picture::raster::{self, Colour, LitMesh, MeshPlacement, Rasteriser};
@@ -16,6 +17,7 @@ use mvt_render::tessellation::tessellate;
 use mvt_robot::digit;
 use mvt_robot::hand;
 use mvt_robot::hand::{JointAngles, Part, PartSurface as Material, Side, world_from_digit_camera};
+use mvt_run::sdf_grid::SdfGrid;
 use nalgebra as na;
 use rayon::prelude::*;
 
@@ -45,6 +47,10 @@ const KEYFRAME_M: f32 = 0.02;
 /// Nodes along each side of a slice, and frames in which it sweeps through the object and back.
 const SLICE_NODES: usize = 72;
 const SLICE_FRAMES: usize = 240;
+/// Share of the height of the shape at both ends that the slice does not reach.
+const SLICE_MARGIN: f32 = 0.08;
+/// Width of the line where the distance is 0, pixels.
+const ZERO_LINE_PX: f32 = 2.5;
 
 /// Painter of scenes. It keeps prepared meshes from one picture to the next.
 #[derive(Default)]
@@ -135,7 +141,8 @@ impl ScenePainter {
         self.raster.finish(GLASS_SHARE)
     }
 
-    /// Paints a moment as [`ScenePainter::paint`] does, without jagged edges and with ambient occlusion. Takes several times as long.
+    /// Paints a moment as [`ScenePainter::paint`] does, without jagged edges and with ambient occlusion. Takes several
+    /// times as long.
     pub fn paint_fine(
         &mut self,
         recording: &Recording,
@@ -245,13 +252,17 @@ impl ScenePainter {
             raster.surface(&truth.surface, |_| tint, placement);
         }
         let (Some(shown), Some(pose)) = (shown, view.pose) else { return };
+        let cut = layers.slice.then(|| cut_plane(&shown.shape, moment, view.camera_from_object(pose)));
         if layers.mesh {
             let plain = raster::colour(theme.surface);
             let colour = |k: usize| shown.colours.get(k).copied().unwrap_or(plain);
-            raster.surface(&shown.surface, colour, view.solid(pose));
+            match cut.filter(|_| shown.shape.sdf.is_some()) {
+                Some(plane) => raster.cut_surface(&shown.surface, colour, view.solid(pose), plane),
+                None => raster.surface(&shown.surface, colour, view.solid(pose)),
+            }
         }
-        if layers.slice {
-            slice(raster, &shown.shape, moment, view.camera_from_object(pose));
+        if let (Some(plane), Some(sdf)) = (cut, &shown.shape.sdf) {
+            slice(raster, sdf, plane, view.camera_from_object(pose), raster::colour(theme.ink));
         }
     }
 
@@ -381,23 +392,45 @@ fn vertex_colours(
     }
 }
 
-/// Draws a slice through the signed distances at a height that sweeps through the shape and back.
-fn slice(raster: &mut Rasteriser, shape: &RecordedShape, moment: usize, camera_from_object: (Mat3A, Vec3A)) {
-    let Some(sdf) = &shape.sdf else { return };
+/// Returns the plane of the slice, which sweeps through the shape and back. What lies towards the eye is cut off.
+fn cut_plane(shape: &RecordedShape, moment: usize, (rotation, translation): (Mat3A, Vec3A)) -> CutPlane {
+    let [low, high] = shape.mesh.bounds_m();
+    // Begins in the middle.
+    let phase = ((moment + SLICE_FRAMES / 4) % SLICE_FRAMES) as f32 / SLICE_FRAMES as f32;
+    let share = SLICE_MARGIN + (1.0 - 2.0 * SLICE_MARGIN) * (1.0 - (2.0 * phase - 1.0).abs());
+    let height_m = low.z + (high.z - low.z) * share;
+    let eye = rotation.transpose() * -translation;
+    let side = if eye.z > height_m { 1.0 } else { -1.0 };
+    CutPlane { normal: Vec3A::Z * side, offset_m: side * height_m }
+}
+
+/// Draws the signed distances in a plane: solid inside the shape, translucent outside, and a line at distance 0.
+fn slice(raster: &mut Rasteriser, sdf: &SdfGrid, plane: CutPlane, camera_from_object: (Mat3A, Vec3A), line: Colour) {
     let size = Vec3::from(sdf.counts.map(|count| count as f32 - 1.0)) * sdf.cell_m;
-    let phase = (moment % SLICE_FRAMES) as f32 / SLICE_FRAMES as f32;
-    let height = sdf.low.z + size.z * (1.0 - (2.0 * phase - 1.0).abs());
+    let height_m = plane.normal.z * plane.offset_m;
     let node = |x: usize, y: usize| {
         let share = Vec3::new(x as f32, y as f32, 0.0) / (SLICE_NODES - 1) as f32;
-        let point = (sdf.low + size * share).with_z(height).min(sdf.low + size);
-        let distance_m = sdf.distance_m(point).unwrap_or(f32::NAN);
-        (raster::place(camera_from_object, point), raster::colour(palette::signed_distance(distance_m)))
+        let point = (sdf.low + size * share).min(sdf.low + size).with_z(height_m);
+        let distance_m = sdf.distance_m(point)?;
+        let colour = raster::colour(palette::signed_distance(distance_m));
+        Some((distance_m, raster::place(camera_from_object, point), colour))
     };
     for y in 1..SLICE_NODES {
         for x in 1..SLICE_NODES {
-            let [a, b, c, d] = [node(x - 1, y - 1), node(x, y - 1), node(x, y), node(x - 1, y)];
-            for triangle in [[a, b, c], [a, c, d]] {
-                raster.flat(triangle.map(|corner| corner.0), triangle.map(|corner| corner.1), true);
+            let corners = [node(x - 1, y - 1), node(x, y - 1), node(x, y), node(x - 1, y)];
+            let [Some(a), Some(b), Some(c), Some(d)] = corners else { continue };
+            for corners in [[a, b, c], [a, c, d]] {
+                let [inside, outside] = cut_plane::split(corners);
+                for (polygon, is_glass) in [(&inside, false), (&outside, true)] {
+                    for triangle in cut_plane::fan(polygon) {
+                        raster.flat(triangle.map(|corner| corner.0), triangle.map(|corner| corner.1), is_glass);
+                    }
+                }
+                // Both polygons share the corners at distance 0.
+                let mut shared = inside.iter().filter(|corner| outside.contains(corner)).map(|corner| corner.0);
+                if let (Some(from), Some(to)) = (shared.next(), shared.next()) {
+                    raster.line([from, to], line, ZERO_LINE_PX);
+                }
             }
         }
     }
@@ -472,13 +505,8 @@ fn keyframes(
 ) {
     let moments = recording.moments();
     let kept = moments.get(..=moment).unwrap_or(moments).iter().rev().filter(|moment| moment.is_keyframe);
-    let most = match which {
-        Keyframes::None => 0,
-        Keyframes::Latest => 1,
-        Keyframes::All => usize::MAX,
-    };
     let about = recording.about();
-    for kept in kept.take(most) {
+    for kept in kept.take(which.most()) {
         let Some(pose) = kept.estimate() else { continue };
         let mut draw_sensor = |camera: &Intrinsics, world_from_camera: na::Isometry3<f64>, length_m: f32| {
             let object_from_sensor =

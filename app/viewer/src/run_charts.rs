@@ -3,10 +3,12 @@
 use image::{Rgb, RgbImage};
 use mvt_picture::chart::{self, ChartLane, ChartLine, ChartPanel, ChartScale, round_top};
 use mvt_picture::draw::Area;
-use mvt_picture::palette::{TOUCH, Theme};
+use mvt_picture::palette::{FINGERS, Theme};
 use mvt_recording::{RecordedMoment, Recording};
 use mvt_robot::hand::Finger;
 use mvt_run::report::FrameRow;
+
+use crate::captions;
 
 /// Distance between panels, pixels.
 const GAP: u32 = 8;
@@ -55,7 +57,11 @@ fn panels(recording: &Recording, moment: usize, theme: &Theme) -> Vec<ChartPanel
     if first.estimate().is_some() {
         let scores = recording.shapes().iter().filter_map(|shape| shape.point).map(|point| (point.time_s, point.f5));
         let errors_mm = per_frame(&|row| Some(row.add_s?.one_directional_m * 1e3));
-        panels.push(curve("ADD-S, mm", errors_mm, false, theme.estimate));
+        let errors = curve("ADD-S, mm", errors_mm, false, theme.estimate);
+        panels.push(match captions::begins_errors(recording, moment) {
+            true => ChartPanel { title: "ADD-S, mm: begins here".to_owned(), ..errors },
+            false => errors,
+        });
         panels.push(curve("F-score at 5 mm", scores.collect(), true, theme.truth));
         panels.push(curve("confidence", per_frame(&|row| Some(row.confidence)), true, theme.keyframe));
         panels.push(curve("ms per frame", per_frame(&|row| Some(row.stage_ms.total())), false, theme.faint));
@@ -66,7 +72,7 @@ fn panels(recording: &Recording, moment: usize, theme: &Theme) -> Vec<ChartPanel
         let touching =
             moments.iter().zip(ends_s()).filter(|(m, _): &(&RecordedMoment, f64)| m.fingers[finger].is_some());
         let spans = touching.map(|(m, end_s)| m.row.time_s..end_s).collect();
-        ChartLane { name: finger.name().to_owned(), colour: TOUCH, spans }
+        ChartLane { name: finger.name().to_owned(), colour: FINGERS[finger as usize], spans }
     };
     panels.push(ChartPanel { lanes: Finger::ALL.map(lane).into(), ..panel("contact".to_owned()) });
     panels

@@ -1,15 +1,19 @@
 //! The window: a start page, recordings, and messages about recordings that cannot be shown.
 
 mod backend;
+mod comparison_page;
+mod comparison_table;
 mod export;
 mod icons;
 mod latest_worker;
 pub mod launch;
 mod layers_panel;
 mod legend_overlay;
+mod notice;
 mod plots;
 mod preferences;
 mod recording_page;
+mod scene_view;
 mod scene_widget;
 mod sensors;
 mod shared_recording;
@@ -25,11 +29,12 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Context, Ui, ViewportBuilder};
-use mvt_recording::RecordingError;
+use mvt_recording::{Recording, RecordingError};
 
 pub use backend::WindowError;
 pub use recording_page::RecordingSource;
 
+use comparison_page::ComparisonPage;
 use launch::StartedRun;
 use preferences::Preferences;
 use recording_page::RecordingPage;
@@ -37,32 +42,46 @@ use shortcuts::KeyCommand;
 use start_page::{StartPage, StartRequest};
 use style::{Appearance, colour};
 
-/// Opens the window on a recording, or on the start page, and returns when it is closed.
+/// Contents with which the window opens.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum WindowContents {
+    /// The page that starts and opens runs.
+    Start,
+    /// A run or a log.
+    Recording(RecordingSource),
+    /// Two runs or logs side by side.
+    Comparison([RecordingSource; 2]),
+}
+
+/// Opens the window and returns when it is closed.
 ///
 /// # Errors
 /// [`WindowError`] if no window can be opened, or if it is lost.
-pub fn open(source: Option<&RecordingSource>) -> Result<(), WindowError> {
+pub fn open(contents: &WindowContents) -> Result<(), WindowError> {
     let viewport = ViewportBuilder::default()
         .with_title("MambaViTact")
         .with_app_id("mambavitact")
         .with_inner_size([1280.0, 800.0])
         .with_min_inner_size([480.0, 360.0]);
-    backend::open(&viewport, &|ctx| Box::new(Window::new(ctx, Preferences::folder(), source.cloned())))
+    backend::open(&viewport, &|ctx| Box::new(Window::new(ctx, Preferences::folder(), contents.clone())))
 }
 
 /// Page that fills the window.
 enum Page {
-    Start(Box<StartPage>),
+    Start,
     /// A run that was started and has not begun to record.
     Starting(StartedRun),
     Recording(Box<RecordingPage>),
-    /// A recording that cannot be shown, and the reason.
-    Problem(RecordingSource, String),
+    Comparison(Box<ComparisonPage>),
+    /// Contents that cannot be shown, and the reason.
+    Problem(WindowContents, String),
 }
 
 /// Contents of the window.
 struct Window {
     page: Page,
+    /// The start page, once it was shown. It is kept, because its pictures take a while.
+    start: Option<StartPage>,
     preferences: Preferences,
     saved: Preferences,
     /// When the preferences were last written.
@@ -75,39 +94,69 @@ struct Window {
 }
 
 impl Window {
-    /// Returns a window on a recording, or on the start page. The preferences lie in `folder`.
-    fn new(ctx: &Context, folder: Option<PathBuf>, source: Option<RecordingSource>) -> Self {
+    /// Returns a window with these contents. The preferences lie in `folder`.
+    fn new(ctx: &Context, folder: Option<PathBuf>, contents: WindowContents) -> Self {
         style::install(ctx);
         ctx.options_mut(|options| options.zoom_with_keyboard = false);
         let (preferences, problem) = folder.as_deref().map_or_else(Default::default, Preferences::load);
         // Before the first frame, which would flicker otherwise.
         preferences.appearance.apply(ctx);
         ctx.set_zoom_factor(preferences.zoom_percent as f32 / 100.0);
-        let page = Page::Start(Box::new(StartPage::new(ctx)));
         let saved = preferences.clone();
-        let mut window =
-            Self { page, preferences, saved, saved_at: Instant::now(), folder, is_help_open: false, problem };
-        if let Some(source) = source {
-            window.show(ctx, source);
+        let mut window = Self {
+            page: Page::Start,
+            start: None,
+            preferences,
+            saved,
+            saved_at: Instant::now(),
+            folder,
+            is_help_open: false,
+            problem,
+        };
+        match contents {
+            WindowContents::Start => window.go_to_start(ctx),
+            other => window.show(ctx, other),
         }
         window
     }
 
-    fn show(&mut self, ctx: &Context, source: RecordingSource) {
+    fn show(&mut self, ctx: &Context, contents: WindowContents) {
         self.problem = None;
-        self.page = match source.open() {
-            Ok(recording) => {
-                if let RecordingSource::Run(folder) = &source {
-                    self.preferences.remember(folder);
-                }
-                Page::Recording(Box::new(RecordingPage::new(ctx, source, recording, None)))
+        let page = match &contents {
+            WindowContents::Start => {
+                self.go_to_start(ctx);
+                return;
             }
-            Err(error) => Page::Problem(source, error.to_string()),
+            WindowContents::Recording(source) => self.open_recording(source).map(|recording| {
+                let page = RecordingPage::new(ctx, source.clone(), recording, None, &self.preferences);
+                Page::Recording(Box::new(page))
+            }),
+            WindowContents::Comparison([a, b]) => {
+                self.open_recording(a).and_then(|of_a| Ok((of_a, self.open_recording(b)?))).map(|(of_a, of_b)| {
+                    let runs = [(a.clone(), of_a), (b.clone(), of_b)];
+                    Page::Comparison(Box::new(ComparisonPage::new(ctx, runs, &self.preferences)))
+                })
+            }
         };
+        self.page = page.unwrap_or_else(|error| Page::Problem(contents, error.to_string()));
+    }
+
+    /// Opens a recording, and remembers it if it is a run.
+    fn open_recording(&mut self, source: &RecordingSource) -> Result<Recording, RecordingError> {
+        let recording = source.open()?;
+        if let RecordingSource::Run(folder) = source {
+            self.preferences.remember(folder);
+        }
+        Ok(recording)
     }
 
     fn go_to_start(&mut self, ctx: &Context) {
-        self.page = Page::Start(Box::new(StartPage::new(ctx)));
+        match &mut self.start {
+            // A run may have downloaded a mesh.
+            Some(start) => start.look_again(ctx),
+            None => self.start = Some(StartPage::new(ctx)),
+        }
+        self.page = Page::Start;
     }
 
     /// Checks whether a started run has begun to record or has failed.
@@ -119,17 +168,20 @@ impl Window {
         match (source.open(), ended) {
             (Ok(recording), _) => {
                 self.preferences.remember(source.folder());
-                let page = std::mem::replace(&mut self.page, Page::Problem(source.clone(), String::new()));
-                if let Page::Starting(run) = page {
-                    self.page = Page::Recording(Box::new(RecordingPage::new(ctx, source, recording, Some(run))));
+                if let Page::Starting(run) = std::mem::replace(&mut self.page, Page::Start) {
+                    let page = RecordingPage::new(ctx, source, recording, Some(run), &self.preferences);
+                    self.page = Page::Recording(Box::new(page));
                 }
             }
             (Err(RecordingError::NoRecording(_)), None) => ctx.request_repaint_after(AGAIN),
             (Err(_), Some(Err(message))) => {
-                self.problem = Some(format!("The run did not start. {message}"));
-                self.go_to_start(ctx);
+                run.clean_up();
+                self.problem = Some(format!("The run did not start: {message}"));
+                self.page = Page::Start;
             }
-            (Err(error), _) => self.page = Page::Problem(source, error.to_string()),
+            (Err(error), _) => {
+                self.page = Page::Problem(WindowContents::Recording(source), error.to_string());
+            }
         }
     }
 
@@ -143,11 +195,11 @@ impl Window {
                     egui::Theme::Light => Appearance::Dark,
                 };
             }
-            other => {
-                if let Page::Recording(page) = &mut self.page {
-                    page.command(ctx, other, &mut self.preferences);
-                }
-            }
+            other => match &mut self.page {
+                Page::Recording(page) => page.command(ctx, other, &mut self.preferences),
+                Page::Comparison(page) => page.command(ctx, other, &mut self.preferences),
+                Page::Start | Page::Starting(_) | Page::Problem(..) => {}
+            },
         }
     }
 
@@ -161,14 +213,18 @@ impl Window {
         ctx.set_zoom_factor(self.preferences.zoom_percent as f32 / 100.0);
         self.preferences.appearance.apply(&ctx);
         self.await_run(&ctx);
-        if let Page::Recording(page) = &mut self.page {
-            page.update(&ctx, self.preferences.speed);
+        match &mut self.page {
+            Page::Recording(page) => page.update(&ctx, self.preferences.speed),
+            Page::Comparison(page) => page.update(&ctx, self.preferences.speed),
+            Page::Start | Page::Starting(_) | Page::Problem(..) => {}
         }
         self.bar(ui);
         let problem = self.problem.clone();
         match &mut self.page {
             Page::Recording(page) => page.ui(ui, &mut self.preferences),
-            Page::Start(start) => {
+            Page::Comparison(page) => page.ui(ui, &mut self.preferences),
+            Page::Start => {
+                let start = self.start.get_or_insert_with(|| StartPage::new(&ctx));
                 let request = egui::CentralPanel::default()
                     .show(ui, |ui| start.ui(ui, &mut self.preferences, problem.as_deref()))
                     .inner;
@@ -185,9 +241,9 @@ impl Window {
                     });
                 });
             }
-            Page::Problem(source, problem) => {
-                let (source, problem) = (source.clone(), problem.clone());
-                egui::CentralPanel::default().show(ui, |ui| self.problem_page(ui, source, &problem));
+            Page::Problem(contents, problem) => {
+                let (contents, problem) = (contents.clone(), problem.clone());
+                egui::CentralPanel::default().show(ui, |ui| self.problem_page(ui, contents, &problem));
             }
         }
         if self.is_help_open {
@@ -197,16 +253,24 @@ impl Window {
     }
 
     fn bar(&mut self, ui: &mut Ui) {
+        let mut wanted = None;
         egui::Panel::top("bar").resizable(false).show(ui, |ui| {
             egui::MenuBar::new().ui(ui, |ui| {
-                let is_start = matches!(self.page, Page::Start(_));
+                let is_start = matches!(self.page, Page::Start);
                 if ui.add_enabled(!is_start, egui::Button::new("Start page")).clicked() {
                     self.problem = None;
                     self.go_to_start(ui.ctx());
                 }
                 match &mut self.page {
-                    Page::Recording(page) => page.title(ui, &mut self.preferences),
-                    _ => drop(ui.strong("MambaViTact")),
+                    Page::Recording(page) => {
+                        let other = page.menus(ui, &mut self.preferences);
+                        let other = other.map(|other| [page.source().clone(), RecordingSource::Run(other)]);
+                        wanted = other.map(WindowContents::Comparison);
+                    }
+                    Page::Comparison(page) => {
+                        wanted = page.menus(ui, &mut self.preferences).map(WindowContents::Recording);
+                    }
+                    Page::Start | Page::Starting(_) | Page::Problem(..) => {}
                 }
                 ui.menu_button("Settings", |ui| {
                     ui.label("Appearance");
@@ -223,15 +287,23 @@ impl Window {
                 if ui.button("Keys (H)").clicked() {
                     self.is_help_open = true;
                 }
+                // Last, because it is cut where there is no room.
+                match &self.page {
+                    Page::Recording(page) => page.title(ui),
+                    Page::Comparison(_) => drop(ui.strong("Comparison of two runs")),
+                    Page::Start | Page::Starting(_) | Page::Problem(..) => drop(ui.strong("MambaViTact")),
+                }
             });
         });
+        if let Some(contents) = wanted {
+            self.show(ui.ctx(), contents);
+        }
     }
 
     fn grant(&mut self, ctx: &Context, request: Option<StartRequest>) {
         match request {
             None => {}
-            Some(StartRequest::Open(folder)) => self.show(ctx, RecordingSource::Run(folder)),
-            Some(StartRequest::OpenLog(folder)) => self.show(ctx, RecordingSource::Log(folder)),
+            Some(StartRequest::Show(contents)) => self.show(ctx, contents),
             Some(StartRequest::Start) => match StartedRun::start(&self.preferences.choices) {
                 Ok(run) => {
                     self.problem = None;
@@ -242,16 +314,21 @@ impl Window {
         }
     }
 
-    fn problem_page(&mut self, ui: &mut Ui, source: RecordingSource, problem: &str) {
+    fn problem_page(&mut self, ui: &mut Ui, contents: WindowContents, problem: &str) {
+        let folders: Vec<String> = match &contents {
+            WindowContents::Start => Vec::new(),
+            WindowContents::Recording(source) => vec![source.folder().display().to_string()],
+            WindowContents::Comparison(both) => both.iter().map(|run| run.folder().display().to_string()).collect(),
+        };
         ui.vertical_centered(|ui| {
             ui.add_space(0.3 * ui.available_height());
             ui.heading("This cannot be shown");
             ui.add_space(6.0);
             ui.colored_label(colour(style::theme(ui.ctx()).lost), problem);
-            ui.weak(format!("Folder: {}", source.folder().display()));
+            ui.weak(format!("Folder: {}", folders.join(" and ")));
             ui.add_space(10.0);
             if ui.button("Try again").clicked() {
-                self.show(ui.ctx(), source);
+                self.show(ui.ctx(), contents);
             }
             if ui.button("Go to the start page").clicked() {
                 self.go_to_start(ui.ctx());

@@ -97,6 +97,8 @@ pub struct StartedRun {
     /// Folder of its results.
     pub folder: PathBuf,
     child: Child,
+    /// Folder of the runs, if this run has created it.
+    created: Option<PathBuf>,
     /// File of its standard error.
     errors: PathBuf,
 }
@@ -108,6 +110,7 @@ impl StartedRun {
     /// If the folder cannot be created or the process cannot be started.
     pub fn start(choices: &RunChoices) -> io::Result<Self> {
         let program = std::env::current_exe()?;
+        let created = (!choices.folder.exists()).then(|| choices.folder.clone());
         fs::create_dir_all(&choices.folder)?;
         let folder = choices.new_folder();
         // Beside the run's folder, which must be empty when the run begins.
@@ -118,7 +121,7 @@ impl StartedRun {
         // Ctrl-C in the window's terminal does not interrupt the run.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        Ok(Self { folder, child: command.spawn()?, errors })
+        Ok(Self { folder, child: command.spawn()?, created, errors })
     }
 
     /// Returns `None` while the run goes on, then its success or its last error messages.
@@ -137,9 +140,28 @@ impl StartedRun {
         }
         let text = input::read(&self.errors, LARGEST_ERRORS).unwrap_or_default();
         let text = String::from_utf8_lossy(&text);
-        let last: Vec<&str> = text.lines().rev().filter(|line| !line.trim().is_empty()).take(4).collect();
-        let words = last.into_iter().rev().collect::<Vec<_>>().join("\n");
-        Some(Err(if words.is_empty() { status.to_string() } else { words }))
+        Some(Err(reason(&text).unwrap_or_else(|| status.to_string())))
+    }
+
+    /// Removes the file of messages, and the folders that this run has created if they are empty. Call it after a run
+    /// that did not start.
+    pub fn clean_up(&self) {
+        // A folder that is not empty stays, and a file that is missing needs no removal.
+        let _ = fs::remove_file(&self.errors);
+        let _ = fs::remove_dir(&self.folder);
+        if let Some(folder) = &self.created {
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// Returns the last errors among the messages of a run without the word ERROR; without errors, the last line.
+fn reason(messages: &str) -> Option<String> {
+    let lines = || messages.lines().map(str::trim).filter(|line| !line.is_empty());
+    let errors: Vec<&str> = lines().filter_map(|line| line.strip_prefix("ERROR")).map(str::trim).collect();
+    match errors.as_slice() {
+        [] => lines().next_back().map(str::to_owned),
+        errors => Some(errors.join("; ")),
     }
 }
 
@@ -177,5 +199,28 @@ mod tests {
         assert_eq!(choices.new_folder(), folder.path().join("mug-001"));
         fs::create_dir(folder.path().join("mug-001")).unwrap();
         assert_eq!(choices.new_folder(), folder.path().join("mug-002"));
+    }
+
+    #[test]
+    fn a_failed_run_gives_its_reason_in_words() {
+        let messages = " WARN something else\n\nERROR unknown gait \"x\"; choose one of a, b\n";
+        assert_eq!(reason(messages).as_deref(), Some("unknown gait \"x\"; choose one of a, b"));
+        assert_eq!(reason("killed by a signal\n").as_deref(), Some("killed by a signal"));
+        assert_eq!(reason(" \n"), None);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_failed_run_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let choices = RunChoices { folder: folder.path().join("runs"), ..RunChoices::default() };
+        // This test program does not know the arguments of a run, and fails.
+        let mut run = StartedRun::start(&choices).unwrap();
+        while run.poll().is_none() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        assert!(choices.folder.exists());
+        run.clean_up();
+        assert!(!choices.folder.exists());
     }
 }

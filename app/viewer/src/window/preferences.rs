@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::launch::RunChoices;
 use super::plots::Threshold;
 use super::style::Appearance;
-use crate::layers::Layers;
+use crate::layers::Colouring;
 
 const FILE: &str = "viewer.toml";
 /// Largest file that is read, bytes.
@@ -37,8 +37,8 @@ pub struct Preferences {
     pub recent: Vec<PathBuf>,
     /// Open panels.
     pub panels: Panels,
-    /// Layers of the scene.
-    pub layers: Layers,
+    /// Meaning of the colours of the estimated surface.
+    pub colouring: Colouring,
     /// Choices for the last run.
     pub choices: RunChoices,
 }
@@ -71,7 +71,7 @@ impl Default for Preferences {
             threshold: Threshold::default(),
             recent: Vec::new(),
             panels: Panels::default(),
-            layers: Layers::default(),
+            colouring: Colouring::default(),
             choices: RunChoices::default(),
         }
     }
@@ -143,7 +143,7 @@ mod tests {
     fn saved_preferences_are_loaded() {
         let folder = tempfile::tempdir().unwrap();
         let mut preferences = Preferences { zoom_percent: 150, follow: true, speed: 2.0, ..Preferences::default() };
-        preferences.layers.slice = true;
+        preferences.colouring = Colouring::Sensor;
         preferences.remember(Path::new("/runs/a"));
         preferences.save(&folder.path().join("new")).unwrap();
         assert_eq!(Preferences::load(&folder.path().join("new")), (preferences, None));
@@ -153,7 +153,7 @@ mod tests {
     fn a_damaged_file_is_reported_and_does_no_harm() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Preferences::load(folder.path()), (Preferences::default(), None));
-        for text in ["zoom_percent = \"much\"", "= 3", "[layers]\nmesh = 7", "\u{0}"] {
+        for text in ["zoom_percent = \"much\"", "= 3", "[panels]\nplots = 7", "\u{0}"] {
             fs::write(folder.path().join(FILE), text).unwrap();
             let (preferences, problem) = Preferences::load(folder.path());
             assert_eq!(preferences, Preferences::default());

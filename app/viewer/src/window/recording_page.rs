@@ -11,14 +11,16 @@ use mvt_recording::{Recording, RecordingError, Status};
 use super::export::Exports;
 use super::launch::{self, StartedRun};
 use super::layers_panel;
+use super::notice::{self, Notice};
 use super::plots::PlotRow;
 use super::preferences::{Panels, Preferences};
+use super::scene_view::SceneView;
 use super::scene_widget::SceneWidget;
 use super::sensors::SensorPanel;
 use super::shared_recording::SharedRecording;
-use super::shortcuts::{KeyCommand, PanelSwitch};
+use super::shortcuts::KeyCommand;
 use super::style::{self, colour};
-use super::timeline::{Playback, SPEEDS};
+use super::timeline::Playback;
 use crate::captions;
 
 /// Folder that a recording is read from.
@@ -64,23 +66,32 @@ pub struct RecordingPage {
     run: Option<StartedRun>,
     timeline: Playback,
     scene: SceneWidget,
+    view: SceneView,
     sensors: SensorPanel,
     plots: PlotRow,
     exports: Exports,
-    /// A message, and until when it is shown, in seconds of the window.
-    notice: Option<(String, f64)>,
+    notice: Notice,
 }
 
-/// Time for which a message is shown, seconds.
-const NOTICE_S: f64 = 8.0;
-/// Angle by which a key orbits, radians.
-const ORBIT_RAD: f64 = std::f64::consts::PI / 12.0;
 /// Least width for two panels beside the scene, points.
 const ROOMY: f32 = 900.0;
+/// Width of the panel of layers, points.
+const LAYERS: f32 = 196.0;
+/// Least width of the panel of sensors, points, and its share of the window.
+const LEAST_SENSORS: f32 = 200.0;
+const SENSORS_SHARE: f32 = 0.27;
+/// Change of the width of the window after which the panel of sensors has its share again, points.
+const WINDOW_STEP: f32 = 160.0;
 
 impl RecordingPage {
     /// Returns the page of a recording. Threads of its own read and paint it.
-    pub fn new(ctx: &Context, source: RecordingSource, recording: Recording, run: Option<StartedRun>) -> Self {
+    pub fn new(
+        ctx: &Context,
+        source: RecordingSource,
+        recording: Recording,
+        run: Option<StartedRun>,
+        preferences: &Preferences,
+    ) -> Self {
         let timeline = Playback::new(&recording);
         let shared = Arc::new(SharedRecording::new(recording));
         Self {
@@ -89,7 +100,8 @@ impl RecordingPage {
             sensors: SensorPanel::new(ctx, Arc::clone(&shared)),
             plots: PlotRow::default(),
             exports: Exports::default(),
-            notice: None,
+            notice: Notice::default(),
+            view: SceneView::new(preferences.colouring),
             source,
             shared,
             run,
@@ -99,7 +111,13 @@ impl RecordingPage {
     /// Returns the camera of the scene.
     #[cfg(test)]
     pub fn eye(&self) -> crate::eye::Eye {
-        self.scene.eye
+        self.view.eye
+    }
+
+    /// Returns the span of time that the curves show, if it is not all.
+    #[cfg(test)]
+    pub fn zoomed_s(&self) -> Option<[f64; 2]> {
+        self.plots.zoomed_s()
     }
 
     /// Whether pictures are being painted.
@@ -112,7 +130,7 @@ impl RecordingPage {
     pub fn update(&mut self, ctx: &Context, speed: f64) {
         if let Some(Err(message)) = self.run.as_mut().and_then(StartedRun::poll) {
             self.run = None;
-            self.notify(ctx, message);
+            self.notice.show(ctx, message);
         }
         let recording = self.shared.read();
         let is_running = recording.status() == Status::Running;
@@ -122,16 +140,10 @@ impl RecordingPage {
         if self.timeline.is_playing {
             ctx.request_repaint_after(Duration::from_millis(16));
         }
-        let now_s = ctx.input(|input| input.time);
-        self.notice.take_if(|(_, until_s)| *until_s <= now_s);
+        self.notice.update(ctx);
         for news in self.exports.news() {
-            self.notify(ctx, news);
+            self.notice.show(ctx, news);
         }
-    }
-
-    fn notify(&mut self, ctx: &Context, text: String) {
-        self.notice = Some((text, ctx.input(|input| input.time) + NOTICE_S));
-        ctx.request_repaint_after(Duration::from_secs_f64(NOTICE_S));
     }
 
     /// Executes the command of a key.
@@ -142,31 +154,9 @@ impl RecordingPage {
                 let is_running = recording.status() == Status::Running;
                 self.timeline.key(key, is_far, recording.moments(), is_running);
             }
-            KeyCommand::Speed(by) => {
-                let current = SPEEDS.iter().position(|&speed| speed == preferences.speed).unwrap_or(3);
-                let next = current.saturating_add_signed(by as isize).min(SPEEDS.len() - 1);
-                preferences.speed = SPEEDS.get(next).copied().unwrap_or(1.0);
-            }
-            KeyCommand::Layer(layer) => layer.toggle(&mut preferences.layers),
-            KeyCommand::Look(preset) => self.scene.eye.look_from(preset),
-            KeyCommand::Orbit([right, up]) => {
-                self.scene.eye.orbit(f64::from(right) * ORBIT_RAD, f64::from(up) * ORBIT_RAD);
-            }
-            KeyCommand::Near(steps) => self.scene.eye.zoom(0.9_f64.powi(steps.into())),
-            KeyCommand::Reset => self.scene.reset(),
-            KeyCommand::Follow => preferences.follow = !preferences.follow,
-            KeyCommand::Panel(panel) => {
-                let panels = &mut preferences.panels;
-                let flag = match panel {
-                    PanelSwitch::Layers => &mut panels.layers,
-                    PanelSwitch::Sensors => &mut panels.sensors,
-                    PanelSwitch::Plots => &mut panels.plots,
-                };
-                *flag = !*flag;
-            }
             KeyCommand::Screenshot => self.exports.screenshot(ctx, &self.source.name()),
             KeyCommand::Export => self.export(ctx),
-            KeyCommand::Appearance | KeyCommand::Help | KeyCommand::Quit => {}
+            other => self.view.command(other, preferences),
         }
     }
 
@@ -176,21 +166,28 @@ impl RecordingPage {
         drop(recording);
         match shape {
             Ok(Some(shape)) => self.exports.mesh(&self.source.name(), &shape),
-            Ok(None) => self.notify(ctx, "there is no mesh yet".to_owned()),
-            Err(error) => self.notify(ctx, error.to_string()),
+            Ok(None) => self.notice.show(ctx, "there is no mesh yet".to_owned()),
+            Err(error) => self.notice.show(ctx, error.to_string()),
         }
     }
 
-    /// Adds the recording's part of the bar at the top.
-    pub fn title(&mut self, ui: &mut Ui, preferences: &mut Preferences) {
-        let about = self.shared.read().about().clone();
+    /// Adds the name and the settings of the run to the bar at the top.
+    pub fn title(&self, ui: &mut Ui) {
+        let recording = self.shared.read();
+        let about = recording.about();
         let side = match about.side {
             mvt_robot::hand::Side::Left => "left hand",
             mvt_robot::hand::Side::Right => "right hand",
         };
         ui.strong(&about.object).on_hover_text(self.source.folder().display().to_string());
         let mode = about.mode.map_or("log", mvt_run::estimator::Mode::name);
-        ui.label(format!("mode {mode}   sensors {}   seed {}   {side}", about.modality, about.seed));
+        let words = format!("mode {mode}   sensors {}   seed {}   {side}", about.modality, about.seed);
+        ui.add(egui::Label::new(&words).truncate()).on_hover_text(words);
+    }
+
+    /// Adds the page's menus to the bar at the top. Returns the run with which this one should be compared.
+    pub fn menus(&mut self, ui: &mut Ui, preferences: &mut Preferences) -> Option<PathBuf> {
+        let mut other = None;
         let ctx = ui.ctx().clone();
         ui.menu_button("File", |ui| {
             if ui.button("Screenshot (S)").clicked() {
@@ -208,12 +205,34 @@ impl RecordingPage {
             ui.checkbox(&mut panels.sensors, "Sensor images (I)");
             ui.checkbox(&mut panels.plots, "Curves (U)");
         });
+        if matches!(self.source, RecordingSource::Run(_)) {
+            ui.menu_button("Compare", |ui| {
+                let own = std::path::absolute(self.source.folder()).ok();
+                let others: Vec<&PathBuf> =
+                    preferences.recent.iter().filter(|run| Some(run.as_path()) != own.as_deref()).collect();
+                if others.is_empty() {
+                    ui.weak("Runs that you open appear here.");
+                }
+                for run in others {
+                    if ui.button(format!("with {}", captions::folder(run))).clicked() {
+                        other = Some(run.clone());
+                        ui.close();
+                    }
+                }
+            });
+        }
         if self.shared.is_running()
             && ui.button("Stop the run").on_hover_text("The run writes its results and ends").clicked()
-            && let Err(error) = launch::interrupt(about.process)
+            && let Err(error) = launch::interrupt(self.shared.read().about().process)
         {
-            self.notify(&ctx, format!("cannot stop the run: {error}"));
+            self.notice.show(&ctx, format!("cannot stop the run: {error}"));
         }
+        other
+    }
+
+    /// Returns the folder that the recording is read from.
+    pub fn source(&self) -> &RecordingSource {
+        &self.source
     }
 
     /// Draws everything below the bar.
@@ -231,35 +250,42 @@ impl RecordingPage {
         let now_s = moments.get(moment).map_or(0.0, |moment| moment.row.time_s);
         if panels.plots {
             let most = (0.5 * ui.available_height()).max(80.0);
-            egui::Panel::bottom("plots").resizable(true).default_size(150.0).size_range(80.0..=most).show(ui, |ui| {
-                let clicked = self.plots.ui(ui, &recording, now_s, &mut preferences.threshold);
+            let panel = egui::Panel::bottom("plots").resizable(true).default_size(most.min(150.0));
+            panel.size_range(80.0..=most).show(ui, |ui| {
+                let clicked = self.plots.ui(ui, &[&recording], now_s, &mut preferences.threshold);
                 if let Some(time_s) = clicked {
                     self.timeline.seek(recording.moments(), time_s);
                 }
             });
         }
-        if panels.layers {
-            egui::Panel::left("layers").resizable(false).exact_size(196.0).show(ui, |ui| {
+        // A narrow window puts the layers above the sensors.
+        let is_narrow = ui.available_width() < ROOMY;
+        if panels.layers && !(is_narrow && panels.sensors) {
+            egui::Panel::left("layers").resizable(false).exact_size(LAYERS).show(ui, |ui| {
                 egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                    let has_truth = recording.true_mesh().is_some();
-                    if layers_panel::ui(ui, preferences, &mut self.scene.eye, has_truth) {
-                        self.scene.reset();
-                    }
+                    layers_panel::ui(ui, preferences, &mut self.view, &[&recording]);
                 });
             });
         }
         if panels.sensors {
-            egui::Panel::right("sensors").resizable(true).default_size(300.0).size_range(200.0..=620.0).show(
-                ui,
-                |ui| {
-                    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                        self.sensors.ui(ui, &recording, moment);
-                    });
-                },
-            );
+            let width = ui.ctx().content_rect().width();
+            // The panel is a share of the window. A dragged width holds for windows of about the same size.
+            let panel = egui::Panel::right(("sensors", (width / WINDOW_STEP) as u32)).resizable(true);
+            let most = (0.6 * width).max(LEAST_SENSORS);
+            let default = (SENSORS_SHARE * width).max(LEAST_SENSORS);
+            panel.default_size(default).size_range(LEAST_SENSORS..=most).show(ui, |ui| {
+                let height = ui.available_height();
+                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                    if is_narrow && panels.layers {
+                        layers_panel::ui(ui, preferences, &mut self.view, &[&recording]);
+                        ui.separator();
+                    }
+                    self.sensors.ui(ui, &recording, moment, height);
+                });
+            });
         }
         egui::CentralPanel::no_frame().show(ui, |ui| {
-            self.scene.ui(ui, &recording, moment, preferences.layers, preferences.follow);
+            self.scene.ui(ui, &recording, moment, &mut self.view, preferences.follow);
         });
     }
 
@@ -276,15 +302,8 @@ impl RecordingPage {
                     Status::Running | Status::Finished => ui.weak(run),
                     Status::Interrupted | Status::Crashed => ui.colored_label(colour(theme.lost), run),
                 };
-                if let Some(problem) = self.shared.problem() {
-                    ui.colored_label(colour(theme.lost), problem);
-                } else if let Some(warning) = recording.warnings().last() {
-                    let all = recording.warnings().join("\n");
-                    ui.colored_label(colour(theme.lost), warning).on_hover_text(all);
-                }
-                if let Some((notice, _)) = &self.notice {
-                    ui.strong(notice);
-                }
+                notice::problem(ui, &self.shared, recording);
+                self.notice.ui(ui);
             });
         });
     }
@@ -292,8 +311,7 @@ impl RecordingPage {
 
 /// Closes the panels for which there is no room.
 fn room_for(mut panels: Panels, available: egui::Vec2) -> Panels {
-    panels.layers &= available.x >= ROOMY || !panels.sensors;
     panels.sensors &= available.x >= 480.0;
-    panels.plots &= available.y >= 420.0;
+    panels.plots &= available.y >= 340.0;
     panels
 }

@@ -10,9 +10,10 @@ use nalgebra::Vector3;
 
 use super::latest_worker::{LatestWorker, Work};
 use super::legend_overlay;
+use super::scene_view::SceneView;
 use super::shared_recording::SharedRecording;
 use super::style;
-use crate::eye::{Eye, Preset};
+use crate::eye::Eye;
 use crate::layers::Layers;
 use crate::paint::ScenePainter;
 
@@ -89,8 +90,6 @@ impl Work for Painter {
 
 /// Widget of the scene.
 pub struct SceneWidget {
-    /// Camera.
-    pub eye: Eye,
     worker: LatestWorker<Painter>,
     texture: Option<TextureHandle>,
     spent: Duration,
@@ -115,7 +114,6 @@ impl SceneWidget {
             spent: Duration::ZERO,
         });
         Self {
-            eye: Eye::default(),
             worker,
             texture: None,
             spent: Duration::ZERO,
@@ -127,36 +125,31 @@ impl SceneWidget {
         }
     }
 
-    /// Resets the camera.
-    pub fn reset(&mut self) {
-        self.eye = Eye::new(Preset::Oblique);
-    }
-
     /// Whether a picture is being painted, or the fine one is still to come.
     #[cfg(test)]
     pub fn is_busy(&self) -> bool {
         self.worker.is_busy() || !self.is_fine
     }
 
-    /// Draws the scene into the rest of `ui`.
-    pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, moment: usize, layers: Layers, follow: bool) {
+    /// Draws the scene into the rest of `ui`. The pointer turns the camera of `view`.
+    pub fn ui(&mut self, ui: &mut Ui, recording: &Recording, moment: usize, view: &mut SceneView, follow: bool) {
         let size = ui.available_size().max(egui::vec2(16.0, 16.0));
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
         let object = recording.pose(moment).map(|pose| pose.untyped().translation.vector);
-        self.follow(object.filter(|_| follow));
+        self.follow(&mut view.eye, object.filter(|_| follow));
         if response.double_clicked()
             && let Some(object) = object
         {
-            self.eye.follow(object);
+            view.eye.follow(object);
         }
-        let is_moving = self.turn(ui, rect, &response);
+        let is_moving = turn(&mut view.eye, ui, rect, &response);
         let scale = if is_moving && self.spent > SLOW { 0.5 } else { 1.0 };
         let pixels = |points: f32| ((points * ui.pixels_per_point() * scale) as usize).clamp(16, 4096);
         let mut request = SceneRequest {
             moment,
             revision: recording.revision(),
-            layers,
-            eye: self.eye,
+            layers: view.layers,
+            eye: view.eye,
             theme: style::theme(ui.ctx()),
             size: [pixels(rect.width()), pixels(rect.height())],
             is_fine: false,
@@ -186,7 +179,7 @@ impl SceneWidget {
             let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
             ui.painter().image(texture.id(), rect, whole, egui::Color32::WHITE);
         }
-        legend_overlay::paint(ui, rect, recording, &layers, &self.eye);
+        legend_overlay::paint(ui, rect, recording, &view.layers, &view.eye);
         if let Some(warning) = &self.warning {
             let colour = style::colour(style::theme(ui.ctx()).lost);
             let font = egui::TextStyle::Body.resolve(ui.style());
@@ -197,35 +190,38 @@ impl SceneWidget {
     }
 
     /// Moves the camera with the object.
-    fn follow(&mut self, object: Option<Vector3<f64>>) {
+    fn follow(&mut self, eye: &mut Eye, object: Option<Vector3<f64>>) {
         if let Some((now, before)) = object.zip(self.followed) {
-            self.eye.follow(self.eye.target + (now - before));
+            eye.follow(eye.target + (now - before));
         }
         self.followed = object;
     }
+}
 
-    /// Applies the pointer to the camera; returns whether the camera moves.
-    fn turn(&mut self, ui: &Ui, rect: Rect, response: &egui::Response) -> bool {
-        /// A drag across the height of the view is half a turn.
-        const RADIANS: f64 = std::f64::consts::PI;
-        let delta = response.drag_delta();
-        let (right, down) = (f64::from(delta.x), f64::from(delta.y));
-        let is_shift = ui.input(|input| input.modifiers.shift);
-        let is_pan = response.dragged_by(PointerButton::Secondary)
-            || response.dragged_by(PointerButton::Middle)
-            || (is_shift && response.dragged_by(PointerButton::Primary));
-        if is_pan {
-            self.eye.pan([right, down], rect.height() as usize);
-        } else if response.dragged() {
-            let radians = RADIANS / f64::from(rect.height().max(1.0));
-            self.eye.orbit(-right * radians, down * radians);
-        }
-        let mut scroll = 0.0;
-        if response.hovered() {
-            let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
-            scroll = f64::from(wheel);
-            self.eye.zoom((-scroll / 300.0).exp() / f64::from(pinch));
-        }
-        response.dragged() || scroll != 0.0
+/// Applies the pointer to the camera; returns whether the camera moves.
+fn turn(eye: &mut Eye, ui: &Ui, rect: Rect, response: &egui::Response) -> bool {
+    /// Points of the wheel that change the distance by a factor of e. A click is 40 to 60, so that five
+    /// clicks bring the eye nearer by a third.
+    const ZOOM_POINTS: f64 = 700.0;
+    /// A drag across the height of the view is half a turn.
+    const RADIANS: f64 = std::f64::consts::PI;
+    let delta = response.drag_delta();
+    let (right, down) = (f64::from(delta.x), f64::from(delta.y));
+    let is_shift = ui.input(|input| input.modifiers.shift);
+    let is_pan = response.dragged_by(PointerButton::Secondary)
+        || response.dragged_by(PointerButton::Middle)
+        || (is_shift && response.dragged_by(PointerButton::Primary));
+    if is_pan {
+        eye.pan([right, down], rect.height() as usize);
+    } else if response.dragged() {
+        let radians = RADIANS / f64::from(rect.height().max(1.0));
+        eye.orbit(-right * radians, down * radians);
     }
+    let mut scroll = 0.0;
+    if response.hovered() {
+        let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
+        scroll = f64::from(wheel);
+        eye.zoom((-scroll / ZOOM_POINTS).exp() / f64::from(pinch));
+    }
+    response.dragged() || scroll != 0.0
 }

@@ -6,21 +6,22 @@ use eframe::egui::{self, Align2, Context, FontId, Role, Sense, TextEdit, Ui, Wid
 use mvt_objects::catalogue;
 use mvt_objects::catalogue::Entry;
 
+use super::WindowContents;
 use super::launch::RunChoices;
 use super::layers_panel::choice;
 use super::preferences::Preferences;
+use super::recording_page::RecordingSource;
 use super::style::{self, colour};
 use super::thumbnails::Thumbnails;
+use crate::captions;
 
 /// Request of the user.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StartRequest {
     /// Start a run with the choices.
     Start,
-    /// Open the recording of a run.
-    Open(PathBuf),
-    /// Open a raw log.
-    OpenLog(PathBuf),
+    /// Show a run, a log or a comparison.
+    Show(WindowContents),
 }
 
 /// The start page.
@@ -30,6 +31,8 @@ pub struct StartPage {
     search: String,
     path: String,
     gaits: Vec<String>,
+    /// Recent runs that are ticked for a comparison.
+    compared: Vec<PathBuf>,
 }
 
 /// Size of a tile with its name, points.
@@ -43,7 +46,12 @@ impl StartPage {
         let entries: Vec<Entry> = made.into_iter().chain(fetched).collect();
         let gaits = std::iter::once("auto".to_owned()).chain(mvt_gaits::gait::shipped().keys().cloned()).collect();
         let thumbnails = Thumbnails::new(ctx, entries.clone());
-        Self { entries, thumbnails, search: String::new(), path: String::new(), gaits }
+        Self { entries, thumbnails, search: String::new(), path: String::new(), gaits, compared: Vec::new() }
+    }
+
+    /// Draws the pictures of objects whose meshes may have come since the page was last shown.
+    pub fn look_again(&mut self, ctx: &Context) {
+        self.thumbnails.look_again(ctx, &self.entries);
     }
 
     /// Whether pictures are missing.
@@ -192,28 +200,7 @@ impl StartPage {
         if preferences.recent.is_empty() {
             ui.weak("None yet.");
         }
-        let mut forgotten = None;
-        for (k, folder) in preferences.recent.iter().enumerate() {
-            // With the folder above, because most runs are called "out".
-            let parts: Vec<_> =
-                folder.components().rev().take(2).map(|part| part.as_os_str().to_string_lossy()).collect();
-            let name = parts.into_iter().rev().collect::<Vec<_>>().join("/");
-            ui.horizontal(|ui| {
-                if ui.link(&name).on_hover_text(folder.display().to_string()).clicked() {
-                    request = Some(StartRequest::Open(folder.clone()));
-                }
-                if ui
-                    .small_button("forget")
-                    .on_hover_text(format!("Removes {name} from this list; its files stay"))
-                    .clicked()
-                {
-                    forgotten = Some(k);
-                }
-            });
-        }
-        if let Some(k) = forgotten {
-            preferences.recent.remove(k);
-        }
+        request = self.recent(ui, preferences).map(StartRequest::Show).or(request);
         ui.separator();
         let label = ui.strong("Folder of a run or log");
         ui.add(TextEdit::singleline(&mut self.path).desired_width(f32::INFINITY)).labelled_by(label.id);
@@ -221,13 +208,57 @@ impl StartPage {
             let path = PathBuf::from(self.path.trim());
             let is_given = !path.as_os_str().is_empty();
             if ui.add_enabled(is_given, egui::Button::new("Open run")).clicked() {
-                request = Some(StartRequest::Open(path.clone()));
+                request = Some(StartRequest::Show(WindowContents::Recording(RecordingSource::Run(path.clone()))));
             }
             if ui.add_enabled(is_given, egui::Button::new("Open log")).clicked() {
-                request = Some(StartRequest::OpenLog(path));
+                request = Some(StartRequest::Show(WindowContents::Recording(RecordingSource::Log(path))));
             }
         });
         request
+    }
+}
+
+impl StartPage {
+    /// Draws the recent runs. Returns what should be shown.
+    fn recent(&mut self, ui: &mut Ui, preferences: &mut Preferences) -> Option<WindowContents> {
+        let run = |folder: &PathBuf| RecordingSource::Run(folder.clone());
+        let (mut shown, mut forgotten) = (None, None);
+        self.compared.retain(|folder| preferences.recent.contains(folder));
+        for (k, folder) in preferences.recent.iter().enumerate() {
+            let name = captions::folder(folder);
+            ui.horizontal(|ui| {
+                let mut is_compared = self.compared.contains(folder);
+                let tick = ui.checkbox(&mut is_compared, "").on_hover_text("Tick two runs to compare them");
+                tick.widget_info(|| WidgetInfo::selected(Role::CheckBox, true, is_compared, format!("compare {name}")));
+                if tick.changed() {
+                    self.compared.retain(|other| other != folder);
+                    if is_compared {
+                        self.compared.push(folder.clone());
+                    }
+                }
+                if ui.link(&name).on_hover_text(folder.display().to_string()).clicked() {
+                    shown = Some(WindowContents::Recording(run(folder)));
+                }
+                let forget = ui.small_button("forget");
+                if forget.on_hover_text(format!("Removes {name} from this list; its files stay")).clicked() {
+                    forgotten = Some(k);
+                }
+            });
+        }
+        if let Some(k) = forgotten {
+            preferences.recent.remove(k);
+        }
+        if preferences.recent.len() > 1 {
+            let both = match self.compared.as_slice() {
+                [a, b] => Some([run(a), run(b)]),
+                _ => None,
+            };
+            let button = ui.add_enabled(both.is_some(), egui::Button::new("Compare two runs"));
+            if button.on_disabled_hover_text("Tick two of the runs").clicked() {
+                shown = both.map(WindowContents::Comparison);
+            }
+        }
+        shown
     }
 }
 

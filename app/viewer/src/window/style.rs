@@ -63,6 +63,9 @@ fn visuals(mut visuals: Visuals, theme: &Theme) -> Visuals {
     visuals.extreme_bg_color = colour(theme.paper);
     visuals.selection.bg_fill = colour(theme.estimate).gamma_multiply(0.35);
     visuals.selection.stroke.color = colour(theme.ink);
+    // An empty check box has no other edge.
+    visuals.widgets.inactive.bg_fill = colour(theme.paper);
+    visuals.widgets.inactive.bg_stroke = egui::Stroke::new(1.0, colour(theme.faint));
     visuals.hyperlink_color = colour(theme.estimate);
     visuals
 }
@@ -78,4 +81,19 @@ pub fn theme(ctx: &Context) -> Theme {
 /// Converts a colour for egui.
 pub fn colour(Rgb([r, g, b]): Rgb<u8>) -> Color32 {
     Color32::from_rgb(r, g, b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_check_box_can_be_seen() {
+        for (visuals, theme) in [(Visuals::light(), Theme::LIGHT), (Visuals::dark(), Theme::DARK)] {
+            let visuals = super::visuals(visuals, &theme);
+            let grey = |colour: Color32| f32::from(colour.r()) + f32::from(colour.g()) + f32::from(colour.b());
+            let edge = visuals.widgets.inactive.bg_stroke;
+            assert!(edge.width >= 1.0 && (grey(edge.color) - grey(visuals.panel_fill)).abs() > 150.0);
+        }
+    }
 }

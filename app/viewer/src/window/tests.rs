@@ -1,6 +1,9 @@
 //! Tests of the window through its widgets, without a display.
 
+mod comparison;
 mod example;
+mod pictures;
+mod sensor_images;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,10 +19,12 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 
 use super::recording_page::RecordingSource;
-use super::{Appearance, Page, Preferences, Window};
+use super::start_page::StartPage;
+use super::{Appearance, Page, Preferences, Window, WindowContents};
 use crate::dashboard::{Dashboard, DashboardLayout};
 use crate::eye::Eye;
 use crate::layers::{Clouds, Colouring, Keyframes, Layers};
+use crate::legend::Legend;
 
 /// Window on a recording with preferences of its own.
 struct Bench {
@@ -30,7 +35,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(source: Option<RecordingSource>, preferences: &Preferences, size: [f32; 2], with_pictures: bool) -> Self {
+    fn new(contents: WindowContents, preferences: &Preferences, size: [f32; 2], with_pictures: bool) -> Self {
         let settings = tempfile::tempdir().unwrap();
         preferences.save(settings.path()).unwrap();
         let folder = settings.path().to_path_buf();
@@ -39,7 +44,7 @@ impl Bench {
             builder = builder.wgpu();
         }
         let app = move |ui: &mut egui::Ui, window: &mut Option<Window>| {
-            window.get_or_insert_with(|| Window::new(ui.ctx(), Some(folder.clone()), source.clone())).ui(ui);
+            window.get_or_insert_with(|| Window::new(ui.ctx(), Some(folder.clone()), contents.clone())).ui(ui);
         };
         let mut bench =
             Self { harness: builder.build_ui_state(app, None), settings, waits_for_thumbnails: with_pictures };
@@ -49,7 +54,7 @@ impl Bench {
 
     /// Returns a dark window on a run, without pictures.
     fn on(run: &Path) -> Self {
-        Self::new(Some(RecordingSource::Run(run.to_path_buf())), &dark(), [1280.0, 1000.0], false)
+        Self::new(on_run(run), &dark(), [1280.0, 1000.0], false)
     }
 
     fn window(&self) -> &Window {
@@ -63,7 +68,10 @@ impl Bench {
             self.harness.run_ok();
             let is_busy = match &self.window().page {
                 Page::Recording(page) => page.is_busy(),
-                Page::Start(start) => self.waits_for_thumbnails && start.is_busy(),
+                Page::Comparison(page) => page.is_busy(),
+                Page::Start => {
+                    self.waits_for_thumbnails && self.window().start.as_ref().is_some_and(StartPage::is_busy)
+                }
                 Page::Starting(_) | Page::Problem(..) => false,
             };
             if !is_busy {
@@ -107,6 +115,14 @@ impl Bench {
     }
 }
 
+fn on_run(run: &Path) -> WindowContents {
+    WindowContents::Recording(RecordingSource::Run(run.to_path_buf()))
+}
+
+fn both(a: &Path, b: &Path) -> WindowContents {
+    WindowContents::Comparison([a, b].map(|run| RecordingSource::Run(run.to_path_buf())))
+}
+
 fn dark() -> Preferences {
     Preferences { appearance: Appearance::Dark, ..Preferences::default() }
 }
@@ -116,6 +132,25 @@ fn finished() -> TempDir {
     let run = tempfile::tempdir().unwrap();
     example::record(run.path(), example::FRAMES).finish(true).unwrap();
     run
+}
+
+/// Returns the rectangle of a plot.
+fn figure(bench: &Bench, name: &str) -> egui::Rect {
+    bench.harness.get_by_role_and_label(egui::accesskit::Role::Figure, name).rect()
+}
+
+/// Turns the wheel by clicks over a point.
+fn wheel(bench: &mut Bench, at: egui::Pos2, clicks: f32) {
+    bench.harness.hover_at(at);
+    bench.harness.run_ok();
+    bench.harness.event(egui::Event::MouseWheel {
+        unit: egui::MouseWheelUnit::Line,
+        delta: egui::vec2(0.0, clicks),
+        phase: egui::TouchPhase::Move,
+        source: egui::MouseWheelSource::Wheel,
+        modifiers: Modifiers::NONE,
+    });
+    bench.settle();
 }
 
 /// Says that a test is skipped, and fails where every test must run. Written past the test harness, which hides what passing tests say.
@@ -200,6 +235,135 @@ fn keys_and_check_boxes_change_the_layers() {
 }
 
 #[test]
+fn a_log_has_no_layers_of_an_estimate() {
+    let run = tempfile::tempdir().unwrap();
+    example::record_as(run.path(), 6, None).finish(true).unwrap();
+    let bench = Bench::on(run.path());
+    for (label, shown) in [("Estimated mesh (M)", false), ("Slice (V)", false), ("Ground truth (G)", true)] {
+        let node = bench.harness.get_by_label(label);
+        let node = node.accesskit_node();
+        assert_eq!((node.toggled() == Some(Toggled::True), node.is_disabled()), (shown, true), "{label}");
+    }
+    assert!(!bench.shows("error, mm"));
+}
+
+#[test]
+fn the_first_frame_claims_no_error_of_zero() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    assert!(bench.shows("ADD-S 0.8 mm"));
+    bench.press(Key::Home);
+    assert!(bench.shows("errors are measured from this frame on") && !bench.shows("ADD-S 0.0 mm"));
+}
+
+#[test]
+fn a_narrow_window_puts_the_layers_above_the_sensors() {
+    let run = finished();
+    let preferences = Preferences { zoom_percent: 200, ..dark() };
+    let bench = Bench::new(on_run(run.path()), &preferences, [1280.0, 800.0], false);
+    let rect = |label: &str| bench.harness.get_by_label(label).rect();
+    assert!(rect("Follow the object (F)").bottom() < rect("Sensors").top());
+}
+
+#[test]
+fn curves_are_zoomed_with_the_wheel_and_reset_by_a_double_click() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    let zoomed = |bench: &Bench| match &bench.window().page {
+        Page::Recording(page) => page.zoomed_s(),
+        _ => panic!("no recording is shown"),
+    };
+    let plot = figure(&bench, "Confidence");
+    assert_eq!(zoomed(&bench), None);
+    wheel(&mut bench, plot.center(), 3.0);
+    let [from_s, to_s] = zoomed(&bench).unwrap();
+    assert!(to_s - from_s < 0.9 && from_s > 0.0, "{from_s} {to_s}");
+    for _ in 0..2 {
+        bench.harness.drag_at(plot.center());
+        bench.harness.step();
+        bench.harness.drop_at(plot.center());
+        bench.harness.step();
+    }
+    bench.settle();
+    assert_eq!(zoomed(&bench), None);
+}
+
+#[test]
+fn five_clicks_of_the_wheel_keep_the_hand_in_view() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    let distance_m = |bench: &Bench| match &bench.window().page {
+        Page::Recording(page) => page.eye().distance_m,
+        _ => panic!("no recording is shown"),
+    };
+    let before_m = distance_m(&bench);
+    let view = bench.harness.get_by_label("The scene in three dimensions").rect();
+    wheel(&mut bench, view.center(), 5.0);
+    let after_m = distance_m(&bench);
+    assert!((0.6..0.95).contains(&(after_m / before_m)), "{after_m}");
+    wheel(&mut bench, view.center(), 500.0);
+    assert!(distance_m(&bench) >= 0.1);
+}
+
+#[test]
+fn a_hidden_hand_is_shown_in_the_next_recording() {
+    let run = finished();
+    let mut bench = Bench::on(run.path());
+    let is_on =
+        |bench: &Bench| bench.harness.get_by_label("Hand (A)").accesskit_node().toggled() == Some(Toggled::True);
+    bench.press(Key::A);
+    assert!(!is_on(&bench));
+    bench.click("Start page");
+    let name = crate::captions::folder(run.path());
+    bench.click(&name);
+    assert!(is_on(&bench));
+}
+
+#[test]
+fn a_run_that_does_not_start_is_reported_in_words() {
+    let runs = tempfile::tempdir().unwrap();
+    let mut preferences = dark();
+    // This test program does not know the arguments of a run, and fails.
+    preferences.choices.folder = runs.path().join("runs");
+    let mut bench = Bench::new(WindowContents::Start, &preferences, [1280.0, 800.0], false);
+    bench.click("Start");
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !bench.shows("The run did not start") {
+        assert!(Instant::now() < deadline, "the failure is not noticed");
+        std::thread::sleep(Duration::from_millis(20));
+        bench.settle();
+    }
+    assert!(!preferences.choices.folder.exists() && !bench.shows("ERROR"));
+}
+
+#[test]
+fn every_colouring_has_a_legend() {
+    let run = finished();
+    let recording = Recording::open(run.path()).unwrap();
+    for colouring in Colouring::ALL {
+        let layers = Layers { colouring, ..Layers::default() };
+        assert_eq!(Legend::of(&layers, &recording, &Theme::LIGHT).len(), 1, "{colouring:?}");
+        let more = Layers { slice: true, truth: true, clouds: Clouds::Both, ..layers };
+        assert_eq!(Legend::of(&more, &recording, &Theme::LIGHT).len(), 4, "{colouring:?}");
+    }
+}
+
+#[test]
+fn the_slice_is_seen_inside_the_mesh() {
+    let run = finished();
+    let recording = Recording::open(run.path()).unwrap();
+    let deep = mvt_picture::palette::signed_distance(-1.0);
+    let pixels = |slice: bool| {
+        let layers = Layers { slice, hand: false, axes: false, trail: false, ..Layers::default() };
+        let mut painter = crate::ScenePainter::new();
+        let picture = painter.paint(&recording, 30, &layers, &Eye::default(), &Theme::LIGHT, [320, 240]);
+        picture.pixels().filter(|pixel| **pixel == deep).count()
+    };
+    assert_eq!(pixels(false), 0);
+    assert!(pixels(true) > 400, "{}", pixels(true));
+}
+
+#[test]
 fn the_view_turns_with_the_pointer() {
     let run = finished();
     let mut bench = Bench::on(run.path());
@@ -248,7 +412,7 @@ fn a_notice_disappears_after_some_seconds() {
 fn settings_are_remembered() {
     let run = finished();
     let mut bench = Bench::on(run.path());
-    bench.press(Key::V);
+    bench.press(Key::C);
     bench.press(Key::D);
     bench.harness.key_press_modifiers(Modifiers::COMMAND, Key::Plus);
     bench.settle();
@@ -256,7 +420,7 @@ fn settings_are_remembered() {
     bench.harness.state_mut().as_mut().unwrap().save();
     let (preferences, problem) = Preferences::load(bench.settings.path());
     assert_eq!(problem, None);
-    assert!(preferences.layers.slice);
+    assert_eq!(preferences.colouring, Colouring::Sensor);
     assert_eq!((preferences.appearance, preferences.zoom_percent), (Appearance::Light, 110));
     assert_eq!(preferences.recent, [run.path()]);
 }
@@ -325,7 +489,7 @@ fn a_run_is_chosen_on_the_start_page() {
     let mut preferences = dark();
     preferences.choices.folder = runs.path().to_path_buf();
     preferences.remember(run.path());
-    let mut bench = Bench::new(None, &preferences, [1280.0, 800.0], false);
+    let mut bench = Bench::new(WindowContents::Start, &preferences, [1280.0, 800.0], false);
     bench.click("duck");
     assert_eq!(bench.window().preferences.choices.object, "duck");
     let search = bench.harness.get_by_role_and_label(egui::accesskit::Role::TextInput, "Object");
@@ -344,59 +508,13 @@ fn a_run_is_chosen_on_the_start_page() {
 #[test]
 fn everything_fits_at_twice_the_size() {
     let run = finished();
-    let source = RecordingSource::Run(run.path().to_path_buf());
     let preferences = Preferences { zoom_percent: 200, ..dark() };
     // Contents that do not fit are scrolled, and small windows do not panic.
     for size in [[1280.0, 800.0], [480.0, 360.0], [200.0, 160.0]] {
-        for source in [None, Some(source.clone())] {
-            Bench::new(source, &preferences, size, false);
+        for contents in [WindowContents::Start, on_run(run.path()), both(run.path(), run.path())] {
+            Bench::new(contents, &preferences, size, false);
         }
     }
-}
-
-#[test]
-fn pictures_of_the_start_page() {
-    if !can_paint() {
-        return;
-    }
-    let mut results = SnapshotResults::new();
-    for (appearance, name) in [(Appearance::Light, "start_light"), (Appearance::Dark, "start_dark")] {
-        let mut preferences = Preferences { appearance, ..Preferences::default() };
-        preferences.choices.folder = PathBuf::from("runs");
-        let mut bench = Bench::new(None, &preferences, [1000.0, 620.0], true);
-        if let Page::Start(start) = &mut bench.harness.state_mut().as_mut().unwrap().page {
-            start.keep_procedural();
-        }
-        bench.settle();
-        bench.compare(name, &mut results);
-    }
-}
-
-#[test]
-fn pictures_of_a_frame() {
-    if !can_paint() {
-        return;
-    }
-    let run = finished();
-    let mut results = SnapshotResults::new();
-    for (appearance, name) in [(Appearance::Light, "frame_light"), (Appearance::Dark, "frame_dark")] {
-        let preferences = Preferences { appearance, ..Preferences::default() };
-        let mut bench =
-            Bench::new(Some(RecordingSource::Run(run.path().to_path_buf())), &preferences, [1280.0, 800.0], true);
-        bench.press(Key::Home);
-        bench.harness.key_press_modifiers(Modifiers::SHIFT, Key::ArrowRight);
-        bench.settle();
-        bench.compare(name, &mut results);
-    }
-}
-
-#[test]
-fn a_picture_of_a_recording_that_cannot_be_shown() {
-    if !can_paint() {
-        return;
-    }
-    let bench = Bench::new(Some(RecordingSource::Run(PathBuf::from("/nowhere"))), &dark(), [800.0, 480.0], true);
-    bench.compare("trouble", &mut SnapshotResults::new());
 }
 
 /// Reads a recording and paints two of its moments.

@@ -25,19 +25,17 @@ pub struct Thumbnails {
 impl Thumbnails {
     /// Starts the thread that draws.
     pub fn new(ctx: &Context, entries: Vec<Entry>) -> Self {
-        let (sender, coming) = mpsc::channel();
-        let ctx = ctx.clone();
-        thread::spawn(move || {
-            for entry in entries {
-                let picture = entry.mesh_without_download().as_ref().and_then(picture);
-                // Nobody waits for pictures any more.
-                if sender.send((entry.name, picture)).is_err() {
-                    return;
-                }
-                ctx.request_repaint();
-            }
-        });
-        Self { done: HashMap::new(), coming }
+        Self { done: HashMap::new(), coming: draw(ctx, entries) }
+    }
+
+    /// Draws the pictures that were missing, once the thread has finished.
+    pub fn look_again(&mut self, ctx: &Context, entries: &[Entry]) {
+        self.update(ctx);
+        let is_missing = |entry: &&Entry| self.done.get(entry.name).is_some_and(Option::is_none);
+        let missing: Vec<Entry> = entries.iter().filter(is_missing).copied().collect();
+        if self.done.len() == entries.len() && !missing.is_empty() {
+            self.coming = draw(ctx, missing);
+        }
     }
 
     /// Takes finished pictures.
@@ -63,6 +61,23 @@ impl Thumbnails {
     pub fn is_here(&self, name: &str) -> bool {
         self.done.get(name).is_none_or(Option::is_some)
     }
+}
+
+/// Starts a thread that draws pictures.
+fn draw(ctx: &Context, entries: Vec<Entry>) -> Receiver<(&'static str, Option<ColorImage>)> {
+    let (sender, coming) = mpsc::channel();
+    let ctx = ctx.clone();
+    thread::spawn(move || {
+        for entry in entries {
+            let picture = entry.mesh_without_download().as_ref().and_then(picture);
+            // Nobody waits for pictures any more.
+            if sender.send((entry.name, picture)).is_err() {
+                return;
+            }
+            ctx.request_repaint();
+        }
+    });
+    coming
 }
 
 /// Draws a mesh from obliquely above on a transparent background.

@@ -33,7 +33,7 @@ impl Playback {
         if self.is_live {
             return last;
         }
-        moments.partition_point(|moment| moment.row.time_s <= self.time_s).saturating_sub(1).min(last)
+        moment_at(moments, self.time_s)
     }
 
     /// Shows a moment. The last moment of a run that goes on starts to follow it.
@@ -48,8 +48,7 @@ impl Playback {
 
     /// Shows the moment at or before a time.
     pub fn seek(&mut self, moments: &[RecordedMoment], time_s: f64) {
-        let moment = moments.partition_point(|moment| moment.row.time_s <= time_s).saturating_sub(1);
-        self.show(moments, moment, false);
+        self.show(moments, moment_at(moments, time_s), false);
     }
 
     /// Steps forward or back by some moments.
@@ -128,11 +127,9 @@ impl Playback {
                 let time_s = row.map_or(0.0, |row| row.time_s);
                 let end_s = moments.last().map_or(0.0, |moment| moment.row.time_s);
                 ui.monospace(format!("{time_s:6.2} of {end_s:.2} s"));
-                ui.weak(format!(
-                    "frame {} of {}",
-                    (moment + 1).min(moments.len()),
-                    recording.about().frames.max(moments.len())
-                ));
+                let (number, count) = ((moment + 1).min(moments.len()), recording.about().frames.max(moments.len()));
+                let words = egui::RichText::new(format!("frame {number} of {count}")).weak();
+                ui.add(egui::Label::new(words).truncate());
             });
         });
     }
@@ -202,6 +199,11 @@ impl Playback {
 
 fn speed_text(speed: f64) -> String {
     format!("{speed} x")
+}
+
+/// Returns the index of the last moment at or before a time, or 0.
+pub fn moment_at(moments: &[RecordedMoment], time_s: f64) -> usize {
+    moments.partition_point(|moment| moment.row.time_s <= time_s).saturating_sub(1)
 }
 
 /// Returns the spans in which the object was lost, seconds.

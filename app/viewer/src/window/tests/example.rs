@@ -37,6 +37,11 @@ const TOUCHING: std::ops::Range<u64> = 6..27;
 /// Records the first `frames` frames into the folder of a run; the run goes on until `finish` of the writer
 /// is called, or the writer is dropped.
 pub fn record(folder: &Path, frames: u64) -> RecordingWriter {
+    record_as(folder, frames, Some(Mode::Slam))
+}
+
+/// Records as [`record`] does, in a mode; without one nothing is estimated, as in a log.
+pub fn record_as(folder: &Path, frames: u64, mode: Option<Mode>) -> RecordingWriter {
     let cube = catalogue::find("cube70").unwrap().mesh_without_download().unwrap();
     let placement = PLACEMENTS.into_iter().find(|placement| placement.name == "side").unwrap();
     let camera = placement.camera(Side::Left);
@@ -44,7 +49,7 @@ pub fn record(folder: &Path, frames: u64) -> RecordingWriter {
         version: VERSION,
         object: "cube70".to_owned(),
         seed: 7,
-        mode: Some(Mode::Slam),
+        mode,
         modality: Modality::Vitac,
         side: Side::Left,
         cameras: vec![camera.clone()],
@@ -90,7 +95,11 @@ fn pose(frame: u64, offset_m: f64) -> Isometry<Object, World> {
 
 fn row(frame: u64) -> FrameRow {
     let is_lost = LOST.contains(&frame);
-    let error_m = if is_lost { 0.012 } else { 0.0008 };
+    let error_m = match frame {
+        0 => 0.0,
+        _ if is_lost => 0.012,
+        _ => 0.0008,
+    };
     FrameRow {
         frame,
         time_s: frame as f64 / 30.0,
