@@ -4,11 +4,13 @@ use std::io::{Cursor, ErrorKind};
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use image::{DynamicImage, ImageFormat, RgbImage};
+use image::{DynamicImage, ImageFormat, ImageReader, RgbImage};
 use mvt_files::{input, output};
 
 /// Largest image that is read, bytes.
 const LARGEST_IMAGE: u64 = 256 << 20;
+/// Memory of its pixels, bytes: those of 20 million in three colours. A file of some kilobytes may promise more.
+const MOST_MEMORY: u64 = 64 << 20;
 
 /// Writes a result to standard output; a reader that has gone away is an error, not a panic.
 pub fn print_line(text: &str) -> Result<()> {
@@ -74,5 +76,10 @@ pub fn read_image(path: &Path) -> Result<RgbImage> {
 /// If the file cannot be read or is not an image.
 pub fn read_any_image(path: &Path) -> Result<DynamicImage> {
     let bytes = input::read(path, LARGEST_IMAGE).with_context(|| format!("cannot read {}", path.display()))?;
-    image::load_from_memory(&bytes).with_context(|| format!("{} is not a readable image", path.display()))
+    let unreadable = || format!("{} is not a readable image", path.display());
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().with_context(unreadable)?;
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(MOST_MEMORY);
+    reader.limits(limits);
+    reader.decode().with_context(unreadable)
 }
