@@ -46,21 +46,21 @@ pub fn with_and_without_seal(bytes: Vec<u8>) -> [Original; 2] {
 }
 
 /// Makes an archive with one array.
-pub fn npz(array: Vec<u8>) -> Vec<u8> {
+pub fn npz(array: &[u8]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
     archive.start_file("depth.npy", options).unwrap();
-    archive.write_all(&array).unwrap();
+    archive.write_all(array).unwrap();
     archive.finish().unwrap().into_inner()
 }
 
 /// Makes an archive with a small array of depths and the array as their scale.
-pub fn npz_scale(array: Vec<u8>) -> Vec<u8> {
+pub fn npz_scale(array: &[u8]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
-    for (name, bytes) in [("depth.npy", npy("(2, 12, 16, )", 2 * 12 * 16)), ("depth_scale.npy", array)] {
+    for (name, bytes) in [("depth.npy", npy("(2, 12, 16, )", 2 * 12 * 16).as_slice()), ("depth_scale.npy", array)] {
         archive.start_file(name, options).unwrap();
-        archive.write_all(&bytes).unwrap();
+        archive.write_all(bytes).unwrap();
     }
     archive.finish().unwrap().into_inner()
 }

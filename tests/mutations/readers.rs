@@ -117,8 +117,8 @@ fn npz_file() {
     let originals = [
         Original::new(written),
         // The archive around these is intact.
-        Original { bytes: originals::npy("(2, 12, 16, )", 2 * 12 * 16), finish: npz },
-        Original { bytes: originals::npy("()", 1), finish: originals::npz_scale },
+        Original { bytes: originals::npy("(2, 12, 16, )", 2 * 12 * 16), finish: |array| npz(&array) },
+        Original { bytes: originals::npy("()", 1), finish: |array| originals::npz_scale(&array) },
     ];
     let file = OneFile::new("depth.npz");
     check("npz_file", &originals, |_, bytes| {

@@ -12,16 +12,20 @@
 #[allow(dead_code, reason = "the tests of commands use more of it")]
 mod workplace;
 
+mod closed_pipe;
 mod concurrent_writers;
 mod duplicates_counted_twice;
 mod empty_first_line;
 mod fifo_in_a_log;
 mod flipped_bits;
+mod full_disk;
 mod implausible_log;
 mod keyframes_from_far_away;
+mod linked_folder;
 mod mesh_in_another_frame;
 mod mesh_of_millions_of_triangles;
 mod named_file_replaced;
+mod normal_of_a_countless_number;
 mod picture_of_countless_pixels;
 mod run_replaced;
 mod users_file_replaced;

@@ -19,8 +19,7 @@ fn png(side: u32) -> Vec<u8> {
 fn a_picture_is_refused_before_memory_is_taken() {
     let workplace = Workplace::new();
     workplace.write("background.png", png(12_000));
-    let said = workplace
-        .run("generate --object cube70 --logs 1 --duration 0.1 --background background.png --out set")
-        .error();
+    let said =
+        workplace.run("generate --object cube70 --logs 1 --duration 0.1 --background background.png --out set").error();
     assert!(said.contains("background.png is not a readable image: Memory limit exceeded"), "{said}");
 }

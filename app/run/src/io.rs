@@ -4,7 +4,7 @@ use std::io::{Cursor, ErrorKind};
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use image::{DynamicImage, ImageFormat, ImageReader, RgbImage};
+use image::{DynamicImage, ImageBuffer, ImageFormat, ImageReader, PixelWithColorType, RgbImage};
 use mvt_files::{input, output};
 
 /// Largest image that is read, bytes.
@@ -15,8 +15,17 @@ const MOST_MEMORY: u64 = 64 << 20;
 /// Writes a result to standard output; a reader that has gone away is an error, not a panic.
 pub fn print_line(text: &str) -> Result<()> {
     use std::io::Write as _;
-    writeln!(std::io::stdout(), "{text}")?;
-    Ok(())
+    writeln!(std::io::stdout(), "{text}").context("cannot write to standard output")
+}
+
+/// Returns a word as a shell needs it, such as the name of a folder in a command that the user may copy.
+pub fn shell_word(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-./,=:".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
 }
 
 /// Puts a file in its place, whole: an earlier one of that name is there until the new one is.
@@ -56,7 +65,10 @@ fn already_exists(path: &Path) -> String {
 ///
 /// # Errors
 /// Those of the encoder.
-pub fn png(picture: &RgbImage) -> Result<Vec<u8>> {
+pub fn png<P>(picture: &ImageBuffer<P, Vec<u8>>) -> Result<Vec<u8>>
+where
+    P: PixelWithColorType<Subpixel = u8>,
+{
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, ImageFormat::Png)?;
     Ok(bytes.into_inner())
