@@ -290,13 +290,14 @@ def main():
                 chance = random.Random(f"{arguments.seed} {kind} {number}")
                 trial = Trial(program, shared, command, earlier=chance.random() < 0.5)
                 row = results.setdefault((command, kind), {
-                    "command": command, "kind": kind, "trials": 0, "lost": 0, "corrupt": 0, "unclear": 0,
+                    "command": command, "kind": kind, "trials": 0, "lost": 0, "corrupt": 0, "unclear": 0, "faults": 0,
                 })
                 was_disturbed = disturb(trial, chance, durations[command])
                 done += was_disturbed
                 row["trials"] += was_disturbed
                 for fault, words in trial.faults:
                     row[fault] += 1
+                    row["faults"] += 1
                     is_wrong = True
                     print(f"{command}, {kind} {number}: {fault}: {words} ({trial.folder})", file=sys.stderr)
                 if not trial.faults:

@@ -19,7 +19,7 @@ fn a_mesh_is_refused_in_words() {
     workplace.write("large.obj", tetrahedron(0.60004));
     fs::create_dir(workplace.path("folder")).unwrap();
     for (object, parts) in [
-        ("flat.obj", &["no volume"][..]),
+        ("flat.obj", &["flat.obj: ", "no volume"][..]),
         ("large.obj", &["600.040 mm", "5 to 600 mm"]),
         ("folder", &["folder is a folder", ".obj"]),
         ("./folder", &["folder is a folder"]),
