@@ -60,11 +60,3 @@ pub fn of<T>(call: impl FnOnce() -> T) -> (T, usize) {
     let value = call();
     (value, PEAK.load(Ordering::Relaxed).saturating_sub(before))
 }
-
-#[test]
-fn the_peak_is_counted() {
-    // Other tests allocate at the same time.
-    let _alone = super::trial::alone();
-    let (length, peak) = of(|| std::hint::black_box(vec![1_u8; 50 << 20]).len());
-    assert!(length <= peak && peak < length + (50 << 20), "{peak}");
-}

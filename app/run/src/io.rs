@@ -95,3 +95,26 @@ pub fn read_any_image(path: &Path) -> Result<DynamicImage> {
     reader.limits(limits);
     reader.decode().with_context(unreadable)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file of some bytes could take memory for all the pixels that it promised.
+    #[test]
+    fn a_picture_of_countless_pixels_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("large.png");
+        let side = 12_000_u32.to_be_bytes();
+        let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
+        for (name, data) in [(b"IHDR", [&side[..], &side, &[8, 2, 0, 0, 0]].concat()), (b"IDAT", vec![])] {
+            let chunk = [name.as_slice(), &data].concat();
+            bytes.extend((data.len() as u32).to_be_bytes());
+            bytes.extend(&chunk);
+            bytes.extend(crc32fast::hash(&chunk).to_be_bytes());
+        }
+        std::fs::write(&path, bytes).unwrap();
+        let said = format!("{:#}", read_image(&path).unwrap_err());
+        assert!(said.contains("large.png is not a readable image: Memory limit exceeded"), "{said}");
+    }
+}
