@@ -13,7 +13,7 @@ use mvt_render::touch::TouchConfig;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_run::arguments::{Manner, duration};
-use mvt_run::io::print_line;
+use mvt_run::io::{print_line, shell_word};
 use mvt_run::object::load_object;
 use mvt_run::progress;
 
@@ -142,7 +142,8 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     }
     let logs = names.len() * jobs.len();
     print_line(&format!("{logs} log{} in {}", if logs == 1 { "" } else { "s" }, arguments.out.display()))?;
-    print_line(&format!("next: check one with `mambavitact inspect {}`", first.unwrap_or_default().display()))
+    let first = first.unwrap_or_default();
+    print_line(&format!("next: check one with `mambavitact inspect {}`", shell_word(&first.to_string_lossy())))
 }
 
 /// One log to write.

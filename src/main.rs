@@ -16,7 +16,7 @@ mod simulate;
 mod touch;
 mod view;
 
-use std::io::{ErrorKind, IsTerminal as _};
+use std::io::{ErrorKind, IsTerminal as _, Stderr, Write};
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
@@ -102,11 +102,11 @@ fn parse() -> Cli {
     Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit())
 }
 
-/// Returns the whole chain of causes on one line, each cause once and without numbers of the operating system.
+/// Returns the whole chain of causes on one line, each cause once.
 fn in_words(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
-        let cause = without_numbers(&cause.to_string());
+        let cause = cause.to_string();
         // Many errors already contain their cause.
         if !text.ends_with(&cause) {
             let separator = if text.is_empty() { "" } else { ": " };
@@ -127,6 +127,21 @@ fn without_numbers(text: &str) -> String {
     words + rest
 }
 
+/// Standard error without the numbers of the operating system's errors.
+struct Words(Stderr);
+
+impl Write for Words {
+    /// Writes a message, which comes whole.
+    fn write(&mut self, message: &[u8]) -> std::io::Result<usize> {
+        self.0.write_all(without_numbers(&String::from_utf8_lossy(message)).as_bytes())?;
+        Ok(message.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
+    }
+}
+
 fn main() -> ExitCode {
     // Messages go to standard error; results go to standard output.
     let wanted = std::env::var("MAMBAVITACT_LOG").unwrap_or_default();
@@ -134,7 +149,7 @@ fn main() -> ExitCode {
     let is_invalid = filter.is_none() && !wanted.is_empty();
     let filter = filter.unwrap_or_else(default_filter);
     let words = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
+        .with_writer(|| Words(std::io::stderr()))
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()

@@ -1,12 +1,13 @@
 //! `completions` and `man`: what shells and `man` know of the program.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, Command};
 use clap_complete::Shell;
-use mvt_run::io::print_line;
+use clap_mangen::Man;
+use mvt_run::io::{print_line, write_file};
 
 /// Print the completions of a shell
 ///
@@ -39,7 +40,18 @@ pub fn completions(arguments: &CompletionsArguments, mut command: Command) -> Re
 pub fn man(arguments: &ManArguments, command: Command) -> Result<()> {
     let out = &arguments.out;
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
-    let command = command.disable_help_subcommand(true);
-    clap_mangen::generate_to(command, out).with_context(|| format!("cannot write pages to {}", out.display()))?;
+    let mut command = command.disable_help_subcommand(true);
+    command.build();
+    write_pages(&command, out)?;
     print_line(&format!("next: man {}", out.join(concat!(env!("CARGO_PKG_NAME"), ".1")).display()))
+}
+
+/// Writes the page of a command and those of its commands.
+fn write_pages(command: &Command, out: &Path) -> Result<()> {
+    let page = Man::new(command.clone());
+    let mut text = Vec::new();
+    page.render(&mut text)?;
+    write_file(out, &page.get_filename(), &text)?;
+    let mut shown = command.get_subcommands().filter(|command| !command.is_hide_set());
+    shown.try_for_each(|command| write_pages(command, out))
 }

@@ -10,7 +10,7 @@ use clap::{Args, ValueEnum};
 use mvt_picture::film::{Film, FilmFormat};
 use mvt_picture::palette::Theme;
 use mvt_recording::Recording;
-use mvt_run::io::{check_named, png, print_line, write_named};
+use mvt_run::io::{check_named, png, print_line, shell_word, write_named};
 use mvt_run::progress;
 use mvt_viewer::eye::DISTANCE_M;
 use mvt_viewer::window;
@@ -194,7 +194,7 @@ pub fn run(arguments: &ViewArguments) -> Result<()> {
 
 /// Returns the command that needs no window.
 fn without_window(option: &str, folder: &Path) -> String {
-    format!("`mambavitact view --{option} {} --record out.gif` needs no window", folder.display())
+    format!("`mambavitact view --{option} {} --record out.gif` needs no window", shell_word(&folder.to_string_lossy()))
 }
 
 /// Opens a window on a run in a process of its own, so that neither waits for the other nor ends with it.

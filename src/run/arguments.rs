@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum, value_parser};
 use mvt_run::arguments::{Manner, duration};
 use mvt_run::estimator::{Init, Mode};
+use mvt_run::io::shell_word;
 use mvt_run::source::{Modality, TouchArguments};
 use mvt_run::supervisor::Goal;
 
@@ -116,14 +117,10 @@ impl RunArguments {
 
     /// Returns the command that repeats the run, for the first line of its config.toml.
     pub fn repeat(&self, object: &str, seed: u64) -> String {
-        let quoted = |text: &str| match text.contains(|c: char| !(c.is_ascii_alphanumeric() || "_-./,=:".contains(c))) {
-            true => format!("'{}'", text.replace('\'', "'\\''")),
-            false => text.to_owned(),
-        };
-        let mut command = format!("mambavitact run --object {}", quoted(object));
+        let mut command = format!("mambavitact run --object {}", shell_word(object));
         let mut add = |key: &str, value: Option<String>| {
             if let Some(value) = value {
-                command += &format!(" --{key} {}", quoted(&value));
+                command += &format!(" --{key} {}", shell_word(&value));
             }
         };
         let path = |path: &Path| path.display().to_string();

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use mvt_run::io::shell_word;
 use mvt_run::report::{Summary, file};
 
 /// Returns speed and scores of a run, the folder of its results, and what to look at next.
@@ -36,9 +37,10 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
     let path = |name: &str| out.join(name).display().to_string();
     if out.join(file::TURNTABLE).exists() {
         text += &format!("next: open {} and {},\n", path(file::TURNTABLE), path(file::CURVES));
-        text += &format!("      or look at the run with `mambavitact view --run {}`", out.display());
+        text +=
+            &format!("      or look at the run with `mambavitact view --run {}`", shell_word(&out.to_string_lossy()));
     } else {
-        text += &format!("next: look at the run with `mambavitact view --run {}`", out.display());
+        text += &format!("next: look at the run with `mambavitact view --run {}`", shell_word(&out.to_string_lossy()));
     }
     text
 }

@@ -1,6 +1,5 @@
 //! `touch data`: touch images of random presses with their true indentation and contact.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, ensure};
@@ -15,7 +14,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use mvt_presses::{DataConfig, Example, Rack, example, objects};
-use mvt_run::io::print_line;
+use mvt_run::io::{png, print_line, shell_word, write_file};
 use mvt_run::{progress, settings};
 
 /// Render touch images of random presses, with depth and contact mask, for `touch evaluate`
@@ -84,21 +83,21 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
     print_line(&format!("{images} image{} in {}", if images == 1 { "" } else { "s" }, out.display()))?;
     print_line(&format!(
         "next: score a network with `mambavitact touch evaluate --weights FILE --data {}`",
-        out.display()
+        shell_word(&out.to_string_lossy())
     ))
 }
 
+/// Writes the files of an image. The image itself is the last: without it, `touch evaluate` passes over the others.
 fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Result<()> {
-    let path = |what: &str| folder.join(format!("{index:05}_{what}"));
-    let failed = |what: &str| format!("cannot write {}", path(what).display());
+    let put = |what: &str, bytes: &[u8]| write_file(folder, &format!("{index:05}_{what}"), bytes);
     let depth_m = Array::from_f32(vec![HEIGHT, WIDTH], frame.depth_m().iter().copied());
-    fs::write(path("depth_m.npy"), npy::to_bytes(&depth_m)).with_context(|| failed("depth_m.npy"))?;
+    put("depth_m.npy", &npy::to_bytes(&depth_m))?;
     let mask = example.contact.iter().map(|&contact| if contact > 0.5 { u8::MAX } else { 0 }).collect();
     let mask: GrayImage = ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask)
         .context("the mask does not have the size of its image")?;
-    mask.save(path("mask.png")).with_context(|| failed("mask.png"))?;
+    put("mask.png", &png(&mask)?)?;
     if let Some(untouched) = example.untouched() {
-        untouched.save(path("untouched.png")).with_context(|| failed("untouched.png"))?;
+        put("untouched.png", &png(&untouched)?)?;
     }
-    example.image().save(path("img.png")).with_context(|| failed("img.png"))
+    put("img.png", &png(&example.image())?)
 }

@@ -2,9 +2,9 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 
-use crate::workplace::{Workplace, assert_same};
+use crate::workplace::{Workplace, assert_same, skip};
 
 /// Moment at which the process is killed.
 enum Moment {
@@ -94,4 +94,16 @@ fn a_log_that_is_being_replaced_stays_whole() {
     workplace.run(&format!("{} --overwrite", line(1))).good();
     workplace.run(&line(1).replace("set", "undisturbed")).good();
     assert_same(&workplace.files("undisturbed"), &workplace.files("set"));
+}
+
+/// The nightly script with a few disturbances of each command.
+#[test]
+fn nothing_is_lost_when_commands_are_killed_or_meet() {
+    let mut script = Command::new("python3");
+    script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/nightly/kills.py"));
+    script.args(["--program", env!("CARGO_BIN_EXE_mambavitact"), "--kills", "7", "--pairs", "7"]);
+    match script.output() {
+        Ok(output) => assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr)),
+        Err(error) => skip(&format!("python3 cannot be started: {error}")),
+    }
 }

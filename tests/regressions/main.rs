@@ -12,12 +12,15 @@
 #[allow(dead_code, reason = "the tests of commands use more of it")]
 mod workplace;
 
+mod closed_pipe;
 mod concurrent_writers;
 mod duplicates_counted_twice;
 mod empty_first_line;
 mod fifo_in_a_log;
 mod flipped_bits;
+mod full_disk;
 mod implausible_log;
+mod keyframes_from_far_away;
 mod mesh_in_another_frame;
 mod mesh_of_millions_of_triangles;
 mod named_file_replaced;

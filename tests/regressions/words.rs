@@ -19,7 +19,7 @@ fn a_mesh_is_refused_in_words() {
     workplace.write("large.obj", tetrahedron(0.60004));
     fs::create_dir(workplace.path("folder")).unwrap();
     for (object, parts) in [
-        ("flat.obj", &["no volume"][..]),
+        ("flat.obj", &["flat.obj: ", "no volume"][..]),
         ("large.obj", &["600.040 mm", "5 to 600 mm"]),
         ("folder", &["folder is a folder", ".obj"]),
         ("./folder", &["folder is a folder"]),
@@ -63,11 +63,14 @@ fn objects_are_listed_without_a_cache_folder() {
 fn a_file_name_with_spaces_and_umlauts_makes_a_log() {
     let workplace = Workplace::new();
     workplace.write("my cübe.obj", tetrahedron(0.08));
-    let mut command = workplace.command("generate --logs 1 --duration 0.2 --cameras side --out set --object");
-    command.arg("my cübe.obj");
+    let mut command = workplace.command("generate --logs 1 --duration 0.2 --cameras side");
+    command.args(["--object", "my cübe.obj", "--out", "my set"]);
     let said = crate::workplace::Ended::of(&mut command);
     assert_eq!(said.code, Some(0), "{said:?}");
-    assert_eq!(workplace.logs("set"), ["set/my_c_be/00"]);
+    assert_eq!(workplace.logs("my set"), ["my set/my_c_be/00"]);
+    // The command can be copied.
+    assert!(said.stdout.contains("`mambavitact inspect 'my set/my_c_be/00'`"), "{said:?}");
+    fs::rename(workplace.path("my set"), workplace.path("set")).unwrap();
     workplace.run("inspect set/my_c_be/00").warned();
 }
 

@@ -21,6 +21,8 @@ pub struct RecordedShape {
 
 /// Size of the head of a block: counts of vertices and faces, whether there is a grid, its counts, first node and cell.
 const HEAD_BYTES: usize = 4 * (3 + 3 + 4);
+/// Most nodes of a grid along an axis.
+const LARGEST_GRID: usize = 1024;
 
 /// Encodes a mesh and distances around it: head, vertices (f32), faces (u32), distances (i8). Little-endian.
 pub fn encode(mesh: &Mesh, sdf: Option<&SdfGrid>) -> Vec<u8> {
@@ -48,10 +50,13 @@ pub fn decode(block: &[u8]) -> Result<(Mesh, Option<SdfGrid>), &'static str> {
     let numbers: [f32; 4] = std::array::from_fn(|k| f32::from_le_bytes(words[6 + k]));
     let [vertices, faces, has_grid, columns, rows, layers] = counts;
     let grid = [columns, rows, layers].map(|count| count as usize);
-    // In u64 no product of these can overflow.
+    if grid.iter().any(|&count| count > LARGEST_GRID) {
+        return Err("the grid of a shape is too large");
+    }
+    // In u64 none of these can overflow.
     let nodes = grid.iter().map(|&count| count as u64).product::<u64>();
     let expected = 12 * (u64::from(vertices) + u64::from(faces)) + nodes;
-    if grid.iter().any(|&count| count > 1024) || expected != body.len() as u64 {
+    if expected != body.len() as u64 {
         return Err("the size of a shape differs from its head");
     }
     let (coordinates, body) = body.split_at(12 * vertices as usize);
@@ -112,6 +117,14 @@ mod tests {
         for outside in [Vec3::splat(-0.0011), Vec3::new(0.0, 0.0, 0.0011), Vec3::NAN, Vec3::INFINITY] {
             assert_eq!(sdf.distance_m(outside), None);
         }
+    }
+
+    #[test]
+    fn a_grid_with_countless_nodes_is_refused() {
+        let (mesh, sdf) = example();
+        let mut block = encode(&mesh, Some(&sdf));
+        block[12..24].fill(0xff);
+        assert_eq!(decode(&block), Err("the grid of a shape is too large"));
     }
 
     proptest! {

@@ -4,17 +4,28 @@ use std::io::{Cursor, ErrorKind};
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use image::{DynamicImage, ImageFormat, RgbImage};
+use image::{DynamicImage, ImageBuffer, ImageFormat, ImageReader, PixelWithColorType, RgbImage};
 use mvt_files::{input, output};
 
 /// Largest image that is read, bytes.
 const LARGEST_IMAGE: u64 = 256 << 20;
+/// Memory of its pixels, bytes: those of 20 million in three colours. A file of some kilobytes may promise more.
+const MOST_MEMORY: u64 = 64 << 20;
 
 /// Writes a result to standard output; a reader that has gone away is an error, not a panic.
 pub fn print_line(text: &str) -> Result<()> {
     use std::io::Write as _;
-    writeln!(std::io::stdout(), "{text}")?;
-    Ok(())
+    writeln!(std::io::stdout(), "{text}").context("cannot write to standard output")
+}
+
+/// Returns a word as a shell needs it, such as the name of a folder in a command that the user may copy.
+pub fn shell_word(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-./,=:".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
 }
 
 /// Puts a file in its place, whole: an earlier one of that name is there until the new one is.
@@ -54,7 +65,10 @@ fn already_exists(path: &Path) -> String {
 ///
 /// # Errors
 /// Those of the encoder.
-pub fn png(picture: &RgbImage) -> Result<Vec<u8>> {
+pub fn png<P>(picture: &ImageBuffer<P, Vec<u8>>) -> Result<Vec<u8>>
+where
+    P: PixelWithColorType<Subpixel = u8>,
+{
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, ImageFormat::Png)?;
     Ok(bytes.into_inner())
@@ -74,5 +88,33 @@ pub fn read_image(path: &Path) -> Result<RgbImage> {
 /// If the file cannot be read or is not an image.
 pub fn read_any_image(path: &Path) -> Result<DynamicImage> {
     let bytes = input::read(path, LARGEST_IMAGE).with_context(|| format!("cannot read {}", path.display()))?;
-    image::load_from_memory(&bytes).with_context(|| format!("{} is not a readable image", path.display()))
+    let unreadable = || format!("{} is not a readable image", path.display());
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().with_context(unreadable)?;
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(MOST_MEMORY);
+    reader.limits(limits);
+    reader.decode().with_context(unreadable)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file of some bytes could take memory for all the pixels that it promised.
+    #[test]
+    fn a_picture_of_countless_pixels_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("large.png");
+        let side = 12_000_u32.to_be_bytes();
+        let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
+        for (name, data) in [(b"IHDR", [&side[..], &side, &[8, 2, 0, 0, 0]].concat()), (b"IDAT", vec![])] {
+            let chunk = [name.as_slice(), &data].concat();
+            bytes.extend((data.len() as u32).to_be_bytes());
+            bytes.extend(&chunk);
+            bytes.extend(crc32fast::hash(&chunk).to_be_bytes());
+        }
+        std::fs::write(&path, bytes).unwrap();
+        let said = format!("{:#}", read_image(&path).unwrap_err());
+        assert!(said.contains("large.png is not a readable image: Memory limit exceeded"), "{said}");
+    }
 }

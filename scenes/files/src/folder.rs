@@ -73,6 +73,7 @@ impl ClaimedFolder {
     /// [`ClaimError::Foreign`] if the folder holds files and has no mark of the command; [`ClaimError::InUse`] if another process has it;
     /// [`ClaimError::Io`] for all else.
     pub fn claim(path: &Path, command: &str, earlier: Earlier, overwrite: bool) -> Result<Self, ClaimError> {
+        let path = &resolved(path)?;
         let mut moved = None;
         for _ in 0..TRIES {
             fs::create_dir_all(path).map_err(io_error(path))?;
@@ -119,6 +120,17 @@ impl ClaimedFolder {
 fn io_error(path: &Path) -> impl FnOnce(io::Error) -> ClaimError {
     let path = path.to_path_buf();
     |reason| ClaimError::Io { path, reason }
+}
+
+/// Returns where a link leads, or else the path. Earlier results are moved where they lie, and the link stays.
+fn resolved(path: &Path) -> Result<PathBuf, ClaimError> {
+    if !path.is_symlink() {
+        return Ok(path.to_path_buf());
+    }
+    fs::canonicalize(path).map_err(|reason| {
+        let nowhere = || io::Error::new(reason.kind(), "it is a link that leads nowhere; remove it");
+        io_error(path)(if reason.kind() == io::ErrorKind::NotFound { nowhere() } else { reason })
+    })
 }
 
 fn foreign_error(path: &Path, name: &str, command: &str) -> ClaimError {
@@ -220,6 +232,23 @@ mod tests {
 
     fn claim(path: &Path, command: &str, overwrite: bool) -> Result<ClaimedFolder, ClaimError> {
         ClaimedFolder::claim(path, command, Earlier::Move, overwrite)
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_and_the_folder_behind_it_is_moved() {
+        let home = tempfile::tempdir().unwrap();
+        let (link, real) = (home.path().join("link"), home.path().join("real"));
+        std::os::unix::fs::symlink("real", &link).unwrap();
+        let said = claim(&link, "run", false).unwrap_err().to_string();
+        assert!(said.ends_with("link: it is a link that leads nowhere; remove it"), "{said}");
+        fs::create_dir(&real).unwrap();
+        drop(claim(&link, "run", false).unwrap());
+        fs::write(link.join("mesh.ply"), "earlier").unwrap();
+        let moved = claim(&link, "run", false).unwrap().moved().unwrap().to_path_buf();
+        assert_eq!(moved, fs::canonicalize(home.path()).unwrap().join("real.1"));
+        assert_eq!(fs::read(moved.join("mesh.ply")).unwrap(), b"earlier");
+        assert!(link.is_symlink() && real.join(MARK).exists() && !link.join("mesh.ply").exists());
     }
 
     #[test]

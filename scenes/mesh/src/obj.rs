@@ -12,6 +12,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, Defect> {
     let no_materials = |_: &std::path::Path| Ok(Default::default());
     // Names of groups may have any encoding; all other text is ASCII.
     let text = String::from_utf8_lossy(bytes);
+    // tobj computes with the numbers of texture coordinates and normals before it checks them, and overflows; they are not needed.
+    let is_needed = |line: &&str| !line.trim_start().starts_with("vt") && !line.trim_start().starts_with("vn");
+    let text: String = text.split_inclusive('\n').filter(is_needed).collect();
     let (models, _) =
         tobj::load_obj_buf(&mut text.as_bytes(), &options, no_materials).map_err(|error| match error {
             tobj::LoadError::FaceVertexOutOfBounds => {

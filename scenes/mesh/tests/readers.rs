@@ -179,6 +179,14 @@ fn polygons_become_fans_and_negative_indices_count_back() {
     assert_eq!(read_bytes(ply.as_bytes(), Format::Ply, "p").unwrap().faces, [[0, 1, 2], [0, 2, 3]]);
 }
 
+/// tobj overflows at such numbers.
+#[test]
+fn numbers_of_normals_and_texture_coordinates_are_ignored() {
+    let far = "6148914691236517206";
+    let obj = format!("v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\n vn 0 0 1\nf 1/{far}/{far} 2/-9/{far} 3//{far}\n");
+    assert_eq!(read_bytes(obj.as_bytes(), Format::Obj, "o").unwrap().faces, [[0, 1, 2]]);
+}
+
 fn defect(bytes: &[u8], format: Format) -> Defect {
     let whole = read_bytes(bytes, format, "bad.file").and_then(|mesh| repair(&mesh, "bad.file"));
     let MeshError { file, defect } = whole.expect_err("a bad file was accepted");

@@ -49,7 +49,9 @@ impl Entry {
     /// [`CatalogueError`] if the mesh cannot be fetched or read.
     pub fn load(&self, warnings: &mut Vec<CatalogueWarning>) -> Result<Object, CatalogueError> {
         match self.source {
-            Source::Procedural(recipe) => Ok(procedural::build(self.name, self.mass_kg, recipe)?),
+            Source::Procedural(recipe) => {
+                procedural::build(self.name, self.mass_kg, recipe).map_err(no_hull(self.name))
+            }
             Source::Ycb(ycb) => {
                 let bytes = ycb.file()?;
                 if ycb.mass_source == MassSource::Placeholder {
@@ -114,7 +116,7 @@ impl Ycb {
 
     fn object(&self, stl: &[u8], warnings: &mut Vec<CatalogueWarning>) -> Result<Object, CatalogueError> {
         let (mesh, object_from_file) = self.mesh(stl, warnings)?;
-        let collision = decompose::pieces(&mesh)?;
+        let collision = decompose::pieces(&mesh).map_err(no_hull(self.name))?;
         Ok(Object { name: self.name.to_owned(), mesh, exact: None, object_from_file, collision, mass_kg: self.mass_kg })
     }
 }
@@ -237,8 +239,17 @@ pub enum CatalogueError {
     #[error("{0} is a folder; give the path of an .obj, .stl or .ply file in it")]
     Folder(String),
     /// The mesh has no convex hull.
-    #[error(transparent)]
-    Hull(#[from] NoHull),
+    #[error("{object}: {reason}")]
+    Hull {
+        /// The object's name or path.
+        object: String,
+        /// The defect.
+        reason: NoHull,
+    },
+}
+
+fn no_hull(object: &str) -> impl FnOnce(NoHull) -> CatalogueError {
+    |reason| CatalogueError::Hull { object: object.to_owned(), reason }
 }
 
 /// Returns whether a text is a path of a mesh file and not a name of the catalogue: it contains a path separator or has
@@ -268,8 +279,8 @@ fn load_file(path: &Path, warnings: &mut Vec<CatalogueWarning>) -> Result<Object
     let (clean, found) = mvt_mesh::repair(&mvt_mesh::read(path)?, &file)?;
     warnings.extend(found.into_iter().map(CatalogueWarning::Mesh));
     let (mesh, object_from_file) = stand(&clean, [0.0, 0.0, 1.0]);
-    let collision = decompose::pieces(&mesh)?;
-    let mass_kg = estimated_mass_kg(decompose::hull_volume_m3(&mesh)?);
+    let collision = decompose::pieces(&mesh).map_err(no_hull(&file))?;
+    let mass_kg = estimated_mass_kg(decompose::hull_volume_m3(&mesh).map_err(no_hull(&file))?);
     warnings.push(CatalogueWarning::EstimatedMass { file, mass_kg });
     let name = path.file_stem().map_or_else(|| "object".into(), |stem| plain_name(&stem.to_string_lossy()));
     Ok(Object { name, mesh, exact: None, object_from_file, collision, mass_kg })

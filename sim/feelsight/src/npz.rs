@@ -375,7 +375,7 @@ fn depth_scale(path: &Path) -> Result<f64, NpzError> {
     let (header, _) = npy::Header::read(&mut data)?;
     let size = header.kind.size();
     let defect = || NpzError::Defect("depth_scale is not one finite number".into());
-    if header.shape.iter().product::<usize>() != 1 {
+    if header.shape.iter().any(|&length| length != 1) {
         return Err(defect());
     }
     let mut raw = vec![0; size];
@@ -419,5 +419,20 @@ mod tests {
             assert!(reader.read().unwrap().unwrap().into_iter().eq(image(seed)), "{seed}");
         }
         assert!(reader.read().unwrap().is_none());
+    }
+
+    #[test]
+    fn a_scale_of_countless_numbers_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.npz");
+        for (shape, is_right) in [("()", true), ("(1, 1)", true), ("(9223372036854775808, 2)", false), ("(0,)", false)]
+        {
+            let mut archive = zip::ZipWriter::new(File::create(&path).unwrap());
+            archive.start_file(SCALE, zip::write::SimpleFileOptions::default()).unwrap();
+            archive.write_all(&npy::header("<f8", shape)).unwrap();
+            archive.write_all(&0.5_f64.to_le_bytes()).unwrap();
+            archive.finish().unwrap();
+            assert_eq!(depth_scale(&path).is_ok_and(|scale| scale == 0.5), is_right, "{shape}");
+        }
     }
 }

@@ -128,6 +128,11 @@ impl Contents {
         Ok(Self { path: path.to_owned(), bytes, header })
     }
 
+    /// Returns the size of the file, bytes.
+    pub fn size_bytes(&self) -> usize {
+        self.bytes.len()
+    }
+
     /// A text of the header.
     pub fn entry(&self, key: &str) -> Result<&str, FileError> {
         let missing = || self.damaged(format!("there is no {key} in the header"));

@@ -58,7 +58,7 @@ settings! {
         /// Weight of such samples deep inside. An unseen cavity there would be an error of the field; a pit in a face may reach less deep.
         pub core_weight: f32 = 1.0, 0.0..=1e6;
         /// Depth below the hull of the seen surface from which on core_weight counts, metres.
-        pub core_depth_m: f32 = 0.01, -1.0..=1.0;
+        pub core_depth_m: f32 = 0.01, 0.0..=1.0;
         /// Rotation of the object since the last keyframe that makes a keyframe, degrees.
         pub keyframe_turn_deg: f64 = 8.0, 0.0..=180.0;
         /// Translation since the last keyframe that makes a keyframe, metres.

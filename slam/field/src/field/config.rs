@@ -19,11 +19,11 @@ settings! {
         /// Neurons of the hidden layer.
         pub hidden: usize = 32, Multiple { of: 16, within: 16..=256 };
         /// Learning rate of the grid's features.
-        pub grid_rate: f32 = 5e-3, 0.0..=1.0;
+        pub grid_rate: f32 = 5e-3, 1e-6..=1.0;
         /// Learning rate of the network.
         pub mlp_rate: f32 = 2e-3, 0.0..=1.0;
-        /// Output of an untrained field, in units of the truncation.
-        pub initial_distance: f32 = 0.5, -1.0..=1.0;
+        /// Output of an untrained field, in units of the truncation. Below 0 all unseen space would be the inside.
+        pub initial_distance: f32 = 0.5, 0.0..=1.0;
         /// Weight of the loss that keeps gradients near the surface at length 1; the loss of distances has weight 1. 0 switches it off.
         pub eikonal_weight: f32 = 0.02, 0.0..=100.0;
     }

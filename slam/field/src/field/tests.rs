@@ -372,6 +372,8 @@ fn settings_out_of_range_are_named() {
         ("hidden", FieldConfig { hidden: 24, ..good.clone() }),
         ("hidden", FieldConfig { hidden: 0, ..good.clone() }),
         ("grid_rate", FieldConfig { grid_rate: -1.0, ..good.clone() }),
+        ("grid_rate", FieldConfig { grid_rate: 0.0, ..good.clone() }),
+        ("initial_distance", FieldConfig { initial_distance: -1.0, ..good.clone() }),
         ("mlp_rate", FieldConfig { mlp_rate: f32::INFINITY, ..good.clone() }),
         ("initial_distance", FieldConfig { initial_distance: 2.0, ..good.clone() }),
         ("eikonal_weight", FieldConfig { eikonal_weight: -0.1, ..good.clone() }),

@@ -23,6 +23,13 @@ const FIRST_TOUCH: u32 = 1000;
 /// Version of the keyframes' layout. Version 0.1.0 of the program wrote layout 1, without a number and with joint angles of a hand in place of
 /// obstacle poses.
 const LAYOUT: u32 = 2;
+/// Largest valid coordinate and length, metres. A ray from farther away would take for ever to follow through the box.
+const FARTHEST_M: f64 = 1000.0;
+/// Largest valid time, seconds: ten years.
+const LATEST_S: f64 = 3e8;
+/// Memory that the lookups of all cameras together may take: so many times the file, and so many bytes besides.
+const LOOKUPS_PER_FILE: usize = 3;
+const LOOKUPS_BESIDES: usize = 200 << 20;
 
 impl Map {
     /// The files that a saved map consists of.
@@ -139,10 +146,16 @@ pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileErr
     }
     let times: Vec<f64> = file.numbers("time_s", None, &[])?;
     let last_s = times.last().copied().unwrap_or(0.0);
+    if times.iter().any(|time_s| time_s.abs() > LATEST_S) {
+        return Err(file.wrong("time_s", format!("has a time beyond {LATEST_S} s")));
+    }
     let obstacles: Vec<f64> = file.numbers("obstacle", Some(times.len()), &[bodies, 7])?;
     let poses: Vec<f64> = file.numbers("pose", Some(times.len()), &[7])?;
     let mut keyframes = Vec::with_capacity(times.len());
     let rigid = |tensor: &str, row: usize, &[x, y, z, qw, qx, qy, qz]: &[f64; 7]| {
+        if [x, y, z].iter().any(|coordinate| coordinate.abs() > FARTHEST_M) {
+            return Err(file.wrong(tensor, format!("is more than {FARTHEST_M} m away in row {row}")));
+        }
         let rotation = na::UnitQuaternion::try_new(na::Quaternion::new(qw, qx, qy, qz), 1e-3)
             .ok_or_else(|| file.wrong(tensor, format!("has no rotation in row {row}")))?;
         Ok::<_, FileError>(na::Isometry3::from_parts(na::Translation3::new(x, y, z), rotation))
@@ -161,6 +174,13 @@ pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileErr
     let lenses: Vec<f32> = file.numbers("lens", Some(table.len()), &[15])?;
     let hits: Vec<f32> = file.numbers("hit", None, &[9])?;
     let misses: Vec<f32> = file.numbers("miss", None, &[4])?;
+    let is_far = |&number: &f32| f64::from(number.abs()) > FARTHEST_M;
+    for (name, numbers) in [("origin", &origins), ("hit", &hits), ("miss", &misses)] {
+        if let Some(at) = numbers.iter().position(is_far) {
+            return Err(file.wrong(name, format!("has {} at position {at}", numbers[at])));
+        }
+    }
+    let mut lookups = LOOKUPS_PER_FILE * file.size_bytes() + LOOKUPS_BESIDES;
     let mut hits = hits.as_chunks::<9>().0.iter().map(|&[dx, dy, dz, range_m, nx, ny, nz, cosine, sigma_m]| Hit {
         direction: Vec3::new(dx, dy, dz),
         range_m,
@@ -179,7 +199,12 @@ pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileErr
         let complete =
             [own.len(), outline.len(), passed.len()] == [hit_count, outline_count, miss_count].map(|n| n as usize);
         let detail = match sensor.checked_sub(FIRST_TOUCH) {
-            None => Detail::Camera { index: sensor as usize, lookup: lookup(lens, origin, &own), outline },
+            None => {
+                let lookup = lookup(lens, origin, &own, lookups)
+                    .map_err(|()| file.wrong("lens", "is that of a camera with too many pixels".to_owned()))?;
+                lookups -= lookup.as_ref().map_or(0, Lookup::size_bytes);
+                Detail::Camera { index: sensor as usize, lookup, outline }
+            }
             Some(index) => Detail::Touch { index: index as usize, pad: None },
         };
         let Some((scan, _)) = keyframes.get_mut(keyframe as usize).filter(|_| complete) else {
@@ -193,11 +218,19 @@ pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileErr
 /// Cameras have at most so many pixels along a side.
 const LARGEST_PX: f32 = 20_000.0;
 
-fn lookup(lens: &[f32; 15], origin: Vec3, hits: &[Hit]) -> Option<Lookup> {
+/// Returns the lookup of a camera, where the file has its lens; an error if it would take more than `most` bytes.
+fn lookup(lens: &[f32; 15], origin: Vec3, hits: &[Hit], most: usize) -> Result<Option<Lookup>, ()> {
     let [r @ .., cx, cy, fx, fy, width, height] = lens;
     let [width, height] = [*width, *height];
     let sensible = (1.0..=LARGEST_PX).contains(&width) && (1.0..=LARGEST_PX).contains(&height);
     let rotation = Mat3A::from_cols_array(r);
     let lens = Lens { rotation, origin, focal_px: 0.5 * (fx + fy), centre: [*cx, *cy], focal: [*fx, *fy] };
-    sensible.then(|| Lookup::new(lens, width as usize, height as usize, origin, hits))
+    if !sensible {
+        return Ok(None);
+    }
+    let (width, height) = (width as usize, height as usize);
+    if Lookup::bytes_of(width, height) > most {
+        return Err(());
+    }
+    Ok(Some(Lookup::new(lens, width, height, origin, hits)))
 }

@@ -97,6 +97,16 @@ impl Lookup {
         lookup
     }
 
+    /// Returns the memory of the lookup of a camera with so many pixels, bytes.
+    pub(crate) fn bytes_of(width: usize, height: usize) -> usize {
+        width.div_ceil(CELL_PX) * height.div_ceil(CELL_PX) * size_of::<u32>()
+    }
+
+    /// Returns its memory, bytes.
+    pub(crate) fn size_bytes(&self) -> usize {
+        size_of_val(self.cells.as_slice())
+    }
+
     pub(crate) fn lens(&self) -> &Lens {
         &self.lens
     }

@@ -1,0 +1,262 @@
+//! The readers: one test each.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mvt_feelsight::npz::NpzReader;
+use mvt_feelsight::{Log, TouchPart, inspect, npy, pickle};
+use mvt_field::field::NeuralField;
+use mvt_mesh::Format;
+use mvt_recording::Recording;
+use mvt_robot::hand::Side;
+use mvt_run::config::RunConfig;
+use mvt_run::input::map_obstacles;
+use mvt_run::{report, settings};
+use mvt_slam::map::Map;
+use mvt_touch::network::{Architecture, Weights};
+use tempfile::TempDir;
+
+use crate::originals::{self, copy_run, npz, of_run, pictures, png_with_checksums, with_and_without_seal};
+use crate::small_log;
+use crate::trial::{Original, check};
+
+/// Folder with one file that is written anew for each input.
+struct OneFile {
+    _folder: TempDir,
+    path: PathBuf,
+}
+
+impl OneFile {
+    fn new(name: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        Self { path: folder.path().join(name), _folder: folder }
+    }
+
+    fn with(&self, bytes: &[u8]) -> &Path {
+        fs::write(&self.path, bytes).unwrap();
+        &self.path
+    }
+}
+
+/// Files of a folder, one of which is mutated at a time.
+struct Files {
+    folder: PathBuf,
+    names: Vec<&'static str>,
+}
+
+impl Files {
+    fn originals(&self) -> Vec<Original> {
+        self.names.iter().map(|name| Original::new(fs::read(self.folder.join(name)).unwrap())).collect()
+    }
+
+    /// Reads the folder with other bytes in a file, and then puts the original back.
+    fn with(&self, number: usize, bytes: &[u8], read: impl FnOnce(&Path) -> bool) -> bool {
+        let path = self.folder.join(self.names[number]);
+        let original = fs::read(&path).unwrap();
+        fs::write(&path, bytes).unwrap();
+        // Also if the reader panics.
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| read(&self.folder)));
+        fs::write(&path, original).unwrap();
+        result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+fn write_log(folder: &Path) -> PathBuf {
+    let place = folder.join("00");
+    small_log::write(&place, 2, &[small_log::camera("front-left", 16, 12)]);
+    place
+}
+
+#[test]
+fn log() {
+    let folder = tempfile::tempdir().unwrap();
+    let names = vec![
+        "data.pkl",
+        "scene.json",
+        "realsense/front-left/depth.npz",
+        "realsense/front-left/image/0.jpg",
+        "realsense/front-left/seg/1.jpg",
+        "allegro/index/image/0.jpg",
+        "allegro/index/depth/1.jpg",
+        "allegro/index/mask/0.jpg",
+    ];
+    let files = Files { folder: write_log(folder.path()), names };
+    check("log", &files.originals(), |number, bytes| {
+        files.with(number, bytes, |place| {
+            if let Ok(log) = Log::open_tolerant(place) {
+                log.into_partial_frames(&[0], TouchPart::Images).for_each(drop);
+            }
+            inspect(place).is_ok()
+        })
+    });
+}
+
+#[test]
+fn scene_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = Files { folder: write_log(folder.path()), names: vec!["scene.json"] };
+    check("scene_json", &files.originals(), |number, bytes| {
+        files.with(number, bytes, |place| Log::open(place).is_ok_and(|log| log.len() == 2))
+    });
+}
+
+#[test]
+fn pickle_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut originals = vec![Original::new(fs::read(write_log(folder.path()).join("data.pkl")).unwrap())];
+    let samples = Path::new(env!("CARGO_MANIFEST_DIR")).join("sim/feelsight/tests/data");
+    let protocols = (0..6).map(|protocol| samples.join(format!("numpy2-{protocol}.pkl")));
+    originals.extend(protocols.map(|path| Original::new(fs::read(path).unwrap())));
+    check("pickle_file", &originals, |_, bytes| pickle::from_bytes(bytes).is_ok());
+}
+
+#[test]
+fn npz_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let written = fs::read(write_log(folder.path()).join("realsense/front-left/depth.npz")).unwrap();
+    let originals = [
+        Original::new(written),
+        // The archive around these is intact.
+        Original { bytes: originals::npy("(2, 12, 16, )", 2 * 12 * 16), finish: |array| npz(&array) },
+        Original { bytes: originals::npy("()", 1), finish: |array| originals::npz_scale(&array) },
+    ];
+    let file = OneFile::new("depth.npz");
+    check("npz_file", &originals, |_, bytes| {
+        let Ok(mut reader) = NpzReader::open(file.with(bytes)) else { return false };
+        loop {
+            match reader.read() {
+                Ok(Some(_)) => {}
+                other => return other.is_ok(),
+            }
+        }
+    });
+}
+
+#[test]
+fn npy_file() {
+    let originals = [Original::new(originals::npy("(12, 16, )", 12 * 16)), Original::new(originals::npy("()", 1))];
+    let file = OneFile::new("depth.npy");
+    check("npy_file", &originals, |_, bytes| npy::read(file.with(bytes)).is_ok());
+}
+
+#[test]
+fn png() {
+    let file = OneFile::new("a.png");
+    let finished = |bytes| Original { bytes, finish: png_with_checksums };
+    let originals = pictures(image::ImageFormat::Png).into_iter().flat_map(|b| [Original::new(b.clone()), finished(b)]);
+    let originals: Vec<Original> = originals.collect();
+    check("png", &originals, |_, bytes| mvt_run::io::read_image(file.with(bytes)).is_ok());
+}
+
+#[test]
+fn jpeg() {
+    let file = OneFile::new("a.jpg");
+    let originals: Vec<Original> = pictures(image::ImageFormat::Jpeg).into_iter().map(Original::new).collect();
+    check("jpeg", &originals, |_, bytes| mvt_run::io::read_image(file.with(bytes)).is_ok());
+}
+
+#[test]
+fn config() {
+    let file = OneFile::new("config.toml");
+    check("config", &[Original::new(of_run("config.toml"))], |_, bytes| {
+        settings::load::<RunConfig>(Some(file.with(bytes)), &[]).is_ok()
+    });
+}
+
+#[test]
+fn weights() {
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("perception/touch/tests/fixtures");
+    let read = |name: &str| fs::read(fixtures.join(format!("{name}.safetensors"))).unwrap();
+    let originals: Vec<Original> =
+        Architecture::NAMES.iter().flat_map(|name| with_and_without_seal(read(name))).collect();
+    check("weights", &originals, |_, bytes| Weights::from_bytes(bytes, Path::new("weights")).is_ok());
+}
+
+#[test]
+fn field() {
+    let file = OneFile::new("field.safetensors");
+    check("field", &with_and_without_seal(of_run("field.safetensors")), |_, bytes| {
+        NeuralField::load(file.with(bytes)).is_ok()
+    });
+}
+
+#[test]
+fn keyframes() {
+    let folder = tempfile::tempdir().unwrap();
+    copy_run(folder.path());
+    let files = Files { folder: folder.path().to_owned(), names: vec!["keyframes.safetensors"; 2] };
+    let config = RunConfig::default().slam.map;
+    check("keyframes", &with_and_without_seal(of_run("keyframes.safetensors")), |number, bytes| {
+        files.with(number, bytes, |place| Map::load(place, config.clone(), map_obstacles(Side::Left)).is_ok())
+    });
+}
+
+#[test]
+fn recording() {
+    let folder = tempfile::tempdir().unwrap();
+    copy_run(folder.path());
+    let names = vec!["about.json", "frames.jsonl", "shapes.jsonl", "end.json", "images.bin", "shapes.bin"];
+    let inner = folder.path().join("recording");
+    let files = Files { folder: inner.clone(), names };
+    let tables = ["about.json", "frames.jsonl", "shapes.jsonl"].map(|name| (name, fs::read(inner.join(name)).unwrap()));
+    check("recording", &files.originals(), |number, bytes| {
+        tables.iter().for_each(|(name, table)| fs::write(inner.join(name), table).unwrap());
+        files.with(number, bytes, |_| {
+            if files.names[number].ends_with(".bin") {
+                originals::seal_blocks(&inner);
+            }
+            read_recording(folder.path())
+        })
+    });
+}
+
+/// Opens a recording and reads everything in it; returns whether all of it could be read.
+fn read_recording(folder: &Path) -> bool {
+    let Ok(recording) = Recording::open(folder) else { return false };
+    let is_readable = |moment| recording.images(moment).is_ok() && recording.shape(moment).is_ok();
+    let unreadable = (0..recording.moments().len()).filter(|&moment| !is_readable(moment)).count();
+    unreadable == 0 && recording.warnings().is_empty() && !recording.moments().is_empty()
+}
+
+fn mesh(reader: &str, format: Format) {
+    let originals: Vec<Original> = originals::meshes(format).into_iter().map(Original::new).collect();
+    check(reader, &originals, |_, bytes| {
+        let Ok(mesh) = mvt_mesh::read_bytes(bytes, format, reader) else { return false };
+        // As `score` does, and every command that takes an object.
+        let is_sound = mvt_mesh::check(&mesh).is_ok() && mesh.area_m2() > 0.0;
+        mvt_mesh::repair(&mesh, reader).is_ok() && is_sound
+    });
+}
+
+#[test]
+fn obj() {
+    mesh("obj", Format::Obj);
+}
+
+#[test]
+fn stl() {
+    mesh("stl", Format::Stl);
+}
+
+#[test]
+fn ply() {
+    mesh("ply", Format::Ply);
+}
+
+#[test]
+fn poses() {
+    let least = b"time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n0.1,0,0.01,0,0.7,0.7,0,0\n";
+    let originals = [Original::new(of_run("trajectory.csv")), Original::new(least.to_vec())];
+    let surface = mvt_metrics::TrueSurface::new(&mesh_of_box(), 200, 0);
+    check("poses", &originals, |_, bytes| {
+        let text = String::from_utf8_lossy(bytes);
+        report::stated_coordinates(&text);
+        let Ok(rows) = report::read_trajectory(&text) else { return false };
+        report::ErrorStatistics::new(&report::scored(rows, &surface), |error| error.one_directional_m);
+        true
+    });
+}
+
+fn mesh_of_box() -> mvt_mesh::Mesh {
+    mvt_mesh::read_bytes(&originals::meshes(Format::Obj)[0], Format::Obj, "box").unwrap()
+}
