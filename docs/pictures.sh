@@ -1,0 +1,47 @@
+#!/usr/bin/env bash
+# Makes the pictures and films of README.md anew: docs/pictures.sh [PROGRAM]. Needs Xvfb and xdotool for the window; about 3 minutes.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+program=${1:-}
+if [ -z "$program" ]; then
+    cargo build --release --locked
+    program=target/release/mambavitact
+fi
+program=$(realpath "$program")
+docs=$PWD/docs
+work=$(mktemp -d)
+display=$((90 + RANDOM % 900))
+viewer= server=
+trap 'kill $viewer $server 2>/dev/null || true; rm -rf "$work"' EXIT
+# The settings of this machine's user are neither read nor changed.
+mkdir -m 700 "$work/runtime"
+export XDG_RUNTIME_DIR="$work/runtime" XDG_CONFIG_HOME="$work/config"
+unset WAYLAND_DISPLAY WAYLAND_SOCKET
+cd "$work"
+
+"$program" run --out run
+cp run/mesh.gif "$docs/rubiks_cube.gif"
+"$program" view --run run --record "$docs/view.gif" --overwrite --every 18 --rate 10 --size 800x450
+"$program" generate --object 077_rubiks_cube --logs 1 --duration 12 --out logs
+"$program" inspect logs/077_rubiks_cube/00 --sheet "$docs/contact_sheet.png" --overwrite
+
+Xvfb ":$display" -screen 0 1280x800x24 >xvfb.log 2>&1 &
+server=$!
+export DISPLAY=":$display"
+"$program" view --run run >view.log 2>&1 &
+viewer=$!
+for _ in $(seq 60); do
+    window=$(xdotool search --pid "$viewer" --name MambaViTact 2>/dev/null | tail -1) && [ -n "$window" ] && break
+    sleep 0.5
+done
+# Xvfb has no window manager to give the window the keyboard.
+xdotool windowfocus "$window"
+# To the middle of the time line; the window then needs a moment to paint without jagged edges.
+sleep 3
+xdotool mousemove 800 729 click 1 sleep 3 key --window "$window" s
+for _ in $(seq 60); do
+    picture=$(ls ./*.png 2>/dev/null | head -1) && [ -n "$picture" ] && break
+    sleep 0.5
+done
+sleep 1 # until the file is complete
+mv "$picture" "$docs/window.png"
