@@ -20,7 +20,7 @@ use mvt_mesh::Mesh;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::hand::Side;
 use mvt_slam::Estimate;
-use mvt_slam::map::Map;
+use mvt_slam::map::{BoxChange, Map};
 use mvt_slam::scan::Scan;
 
 pub use scorer::{MeshedShape, Scorer, ShapeSnapshot};
@@ -480,6 +480,11 @@ fn tell_changes(
     let mut tell = |text: &str| listener(Progress::Event(&Event { time_s: row.time_s, text: text.to_owned() }));
     if estimate.loop_closed {
         tell("closed a loop: the shape has come round");
+    }
+    match estimate.box_change {
+        Some(BoxChange::Grown(half_m)) => tell(&format!("the box around the object grew to {:.0} mm", 2e3 * half_m)),
+        Some(BoxChange::TooSmall) => tell("the object is larger than the largest box: what lies beyond is not mapped"),
+        None => {}
     }
     let before = before.map_or(TrackState::Tracking, |row| row.state);
     match (before, row.state) {

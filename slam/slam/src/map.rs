@@ -1,6 +1,7 @@
 //! The growing shape: keyframes, the space that they saw, and the field that learns from them.
 
 mod file;
+mod growth;
 mod keyframe;
 mod loops;
 mod refine;
@@ -21,6 +22,7 @@ use crate::obstacles::Obstacles;
 use crate::scan::Scan;
 use crate::space::{Space, Unseen};
 use crate::tracker::Reference;
+pub use growth::BoxChange;
 pub use keyframe::Keyframe;
 use mvt_field::field::{self, FieldTrainer, NeuralField, Sample};
 use mvt_field::shape::{Distance, Shape};
@@ -75,6 +77,9 @@ settings! {
         pub refine_sigma_rad: f64 = 0.01, 1e-6..=10.0;
         /// A keyframe that saw the object turned by less than this against an older one closes a loop, degrees. 0 closes no loops.
         pub loop_turn_deg: f64 = 12.0, 0.0..=180.0;
+        /// Largest half edge of the box around the object, metres. The box begins with slam.field.half_extent_m and grows when the object
+        /// reaches out of it.
+        pub largest_half_extent_m: f32 = 0.125, 0.005..=10.0;
         /// Standard deviation of the learnt surface, metres.
         pub surface_sigma_m: f32 = 0.0004, 1e-6..=0.1;
     }
@@ -106,6 +111,10 @@ pub struct Map {
     first_pose: Option<Isometry<Model, World>>,
     /// Whose turn it is to be refined.
     next_refined: usize,
+    /// Keyframes in a row that reach out of the box.
+    outside: usize,
+    /// Seed of fields.
+    seed: u64,
 }
 
 /// The result of learning from a frame.
@@ -115,6 +124,8 @@ pub struct Learnt {
     pub keyframe: bool,
     /// If it closed a loop: takes coordinates of the corrected field frame to those before.
     pub correction: Option<na::Isometry3<f64>>,
+    /// If the object reached out of the box.
+    pub box_change: Option<BoxChange>,
 }
 
 impl Map {
@@ -128,7 +139,8 @@ impl Map {
         obstacles: Obstacles,
         seed: u64,
     ) -> Result<Self, SettingError> {
-        Ok(Self::with(config, FieldTrainer::new(NeuralField::new(field, seed)?), obstacles))
+        let trainer = FieldTrainer::new(NeuralField::new(field, seed)?);
+        Ok(Self { seed, ..Self::with(config, trainer, obstacles) })
     }
 
     /// A map of nothing with a field that may have learnt something.
@@ -144,6 +156,8 @@ impl Map {
             samples: Vec::new(),
             first_pose: None,
             next_refined: 0,
+            outside: 0,
+            seed: 0,
         }
     }
 
@@ -203,8 +217,9 @@ impl Map {
             self.draw(&current, rng);
             self.trainer.step(&self.samples);
         }
-        let mut correction = None;
+        let (mut correction, mut box_change) = (None, None);
         if promoted {
+            box_change = self.follow(&current, rng);
             self.keyframes.push(current);
             if self.config.loop_turn_deg > 0.0 {
                 correction = self.close_loop();
@@ -214,7 +229,7 @@ impl Map {
         for _ in 0..self.config.refined {
             self.refine_one();
         }
-        Learnt { keyframe: promoted, correction }
+        Learnt { keyframe: promoted, correction, box_change }
     }
 
     fn half_extent_m(&self) -> f32 {

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::config::SlamConfig;
-use crate::map::{Learnt, Map};
+use crate::map::{BoxChange, Learnt, Map};
 use crate::obstacles::Obstacles;
 use crate::scan::{Measurement, Scan};
 use crate::tracker::assess::Assessment;
@@ -59,6 +59,8 @@ pub struct Estimate {
     pub keyframe: bool,
     /// Whether the frame closed a loop, so that all keyframes moved.
     pub loop_closed: bool,
+    /// If the object reached out of the box that is mapped.
+    pub box_change: Option<BoxChange>,
     /// Time spent on the pose and on the map.
     pub spent: Spent,
 }
@@ -333,9 +335,9 @@ impl Slam {
             Knowledge::Growing(map) => self.pose * map.field_from_model(),
             Knowledge::Known(_) => Isometry::new(self.pose.untyped()),
         };
-        let Learnt { keyframe, correction } = learnt;
+        let Learnt { keyframe, correction, box_change } = learnt;
         let loop_closed = correction.is_some();
-        Estimate { frame, time_s: scan.time_s, pose, confidence, state, keyframe, loop_closed, spent }
+        Estimate { frame, time_s: scan.time_s, pose, confidence, state, keyframe, loop_closed, box_change, spent }
     }
 
     fn push(&mut self, scan: &Arc<Scan>, start: Isometry<Field, World>) {

@@ -19,6 +19,13 @@ const HAND_DEPTH_M: f32 = 0.002;
 /// pixels before the hand, 2 mm at 0.35 m, and the object continues to where it lies on the hand. More grows slabs on hidden sides.
 const HULL_MARGIN_M: f32 = 0.002;
 
+/// Space that was looked through this far below the hull of the seen surface is a cavity, metres. Drift and noise reach half as deep.
+const CAVITY_DEPTH_M: f32 = 0.008;
+/// A cavity continues this far into what was not seen, metres: half the width of a cup.
+const CAVITY_REACH_M: f32 = 0.03;
+/// Cells that were looked through, so that a cavity counts: a cube of a centimetre.
+const LEAST_CAVITY: usize = 64;
+
 /// A cell that must be taken for the inside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unseen {
@@ -143,24 +150,64 @@ impl Space {
         self.index(p).is_some_and(|i| self.near_surface[i])
     }
 
-    /// The cells that count as the inside: no surface was seen near them, no ray passed through them, and they lie within the
-    /// hull of what was seen.
+    /// The cells that count as the inside: no surface was seen near them, no ray passed through them, they lie within the
+    /// hull of what was seen, and they do not continue a cavity.
     pub fn unseen_inside(&self) -> Vec<Unseen> {
         let mut inside = Vec::new();
+        let cavity = self.cavity();
         for z in 0..CELLS {
             for y in 0..CELLS {
                 for x in 0..CELLS {
                     let cell = UVec3::new(x, y, z);
                     let i = flatten(cell);
-                    if self.near_surface[i] || self.passes[i] >= EMPTY {
+                    if self.near_surface[i] || self.passes[i] >= EMPTY || cavity[i] {
                         continue;
                     }
-                    let centre = (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m;
+                    let centre = self.centre(cell);
                     inside.extend(self.depth_m(centre).map(|depth_m| Unseen { centre, depth_m }));
                 }
             }
         }
         inside
+    }
+
+    /// Unseen cells that continue what was looked into: an object that is empty deep inside its hull is hollow, and where a cavity that is
+    /// seen in part ends is not known.
+    fn cavity(&self) -> Vec<bool> {
+        let is_unknown = |i: usize| !self.near_surface[i] && self.passes[i] < EMPTY;
+        let mut cavity = vec![false; self.passes.len()];
+        let mut front: Vec<UVec3> = cells().filter(|&cell| self.is_seen_cavity(cell)).collect();
+        if front.len() < LEAST_CAVITY {
+            return cavity;
+        }
+        for _ in 0..(CAVITY_REACH_M / self.cell_m()) as usize {
+            let mut next = Vec::new();
+            for cell in front {
+                for neighbour in neighbours(cell) {
+                    let i = flatten(neighbour);
+                    if is_unknown(i) && !cavity[i] {
+                        cavity[i] = true;
+                        next.push(neighbour);
+                    }
+                }
+            }
+            front = next;
+        }
+        cavity
+    }
+
+    /// Whether a cell deep below the hull of what was seen was looked through.
+    fn is_seen_cavity(&self, cell: UVec3) -> bool {
+        let i = flatten(cell);
+        self.passes[i] >= EMPTY
+            && self.hits[i] == 0
+            && !self.near_surface[i]
+            && self.depth_m(self.centre(cell)).is_some_and(|depth_m| depth_m > CAVITY_DEPTH_M)
+    }
+
+    /// The middle of a cell.
+    fn centre(&self, cell: UVec3) -> Vec3 {
+        (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m
     }
 
     /// Whether a point lies within the hull of what was seen or little outside it.
@@ -195,6 +242,21 @@ impl Space {
         });
         1.0 - seen.count() as f64 / self.directions.len() as f64
     }
+}
+
+/// All cells.
+fn cells() -> impl Iterator<Item = UVec3> {
+    (0..CELLS).flat_map(|z| (0..CELLS).flat_map(move |y| (0..CELLS).map(move |x| UVec3::new(x, y, z))))
+}
+
+/// The cells that share a face with a cell.
+fn neighbours(cell: UVec3) -> impl Iterator<Item = UVec3> {
+    (0..6).filter_map(move |side| {
+        let mut neighbour = cell;
+        let along = &mut neighbour[side / 2];
+        *along = if side % 2 == 0 { along.checked_sub(1)? } else { *along + 1 };
+        (*along < CELLS).then_some(neighbour)
+    })
 }
 
 fn flatten(cell: UVec3) -> usize {

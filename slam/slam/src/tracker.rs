@@ -162,6 +162,9 @@ impl Solution {
     }
 }
 
+/// A point where nothing was seen before costs as much as one so far from the surface, metres: else poses that show new sides only, and
+/// slides along a face of which a part was seen, would cost nothing.
+const UNSEEN_COSTS_M: f64 = 0.002;
 /// Cost grows with the logarithm from this many standard deviations on.
 const ROBUST_SIGMAS: f64 = 2.0;
 /// Distance between the samples of a ray that passed, metres.
@@ -426,10 +429,14 @@ impl Tracker {
         for (k, instant) in self.window.iter().enumerate().skip(held) {
             let (points, distances, trusted) =
                 ask_measured(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
-            for (i, m) in instant.measured.iter().enumerate().filter(|(i, _)| trusted[*i]) {
+            for (i, m) in instant.measured.iter().enumerate() {
                 let weight = if m.is_touch { config.touch_weight } else { config.camera_weight };
-                let (r, j) = surface(points[i], distances[i]);
                 let s = 1.0 / f64::from(sigma(shape, m.sigma_m));
+                if !trusted[i] {
+                    system.cost += weight * m.share * robust.at(UNSEEN_COSTS_M * s).0;
+                    continue;
+                }
+                let (r, j) = surface(points[i], distances[i]);
                 system.add(r * s, &[(index(k), j * s)], weight * m.share, robust);
             }
             for (list, weight) in

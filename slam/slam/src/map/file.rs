@@ -8,7 +8,7 @@ use glam::{Mat3A, Vec3};
 use mvt_frames::{Field, Isometry, World};
 use nalgebra as na;
 
-use super::{Keyframe, Map, MapConfig};
+use super::{Map, MapConfig};
 use crate::obstacles::Obstacles;
 use crate::scan::{Detail, Hit, Lens, Lookup, Miss, Scan, Sensor, View};
 use mvt_field::field::{FieldError, FieldTrainer};
@@ -93,12 +93,7 @@ impl Map {
         let keyframes = read(&folder.join(KEYFRAMES), obstacles.len())?;
         let mut map = Self::with(config, trainer, obstacles);
         for (scan, pose) in keyframes {
-            let scan = Arc::new(scan);
-            let occupied = map.occupied(&scan);
-            let mut keyframe = Keyframe::new(Arc::clone(&scan), pose, occupied, map.half_extent_m());
-            map.add_to_space(&keyframe);
-            keyframe.thin_occupied();
-            map.keyframes.push(keyframe);
+            map.take_back(&Arc::new(scan), pose);
         }
         map.inside = map.space.unseen_inside();
         map.first_pose = map.keyframes.first().map(|first| Isometry::new(first.pose().untyped()));

@@ -42,6 +42,11 @@ impl Keyframe {
         &self.scan
     }
 
+    /// The measured rays, shared.
+    pub(super) fn shared_scan(&self) -> Arc<Scan> {
+        Arc::clone(&self.scan)
+    }
+
     /// The current estimate of the object's pose.
     pub fn pose(&self) -> Isometry<Field, World> {
         self.pose

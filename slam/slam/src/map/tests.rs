@@ -262,3 +262,28 @@ fn the_frame_of_the_field_is_that_of_the_first_keyframe() {
     let first = apply(&pose([0.0; 3], [0.0; 3]).untyped(), p);
     assert!((through_field - first).length() < 1e-6, "{through_field} {first}");
 }
+
+#[test]
+fn the_box_grows_until_the_object_fits_or_the_largest_box_is_reached() {
+    let tall = Solid::Block([0.02, 0.02, 0.09]);
+    let changes = |largest_m: f32| {
+        let config = MapConfig { largest_half_extent_m: largest_m, keyframe_turn_deg: 0.5, ..quick().0 };
+        let mut map = map(&config);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let learnt: Vec<Option<BoxChange>> = (0..8)
+            .map(|k| {
+                let at = pose([0.0; 3], [0.0, 0.0, 2.0 * k as f64]);
+                let scan = Arc::new(Scan::new(k, &seen(k, tall, at).measured(), &few(), 1));
+                map.learn(&scan, at, &mut rng).box_change
+            })
+            .collect();
+        assert_eq!(map.keyframes.len(), 8, "keyframes survive");
+        assert_eq!(map.space.bounds().is_some(), true);
+        (learnt.into_iter().flatten().collect::<Vec<_>>(), map)
+    };
+    let (grown, map) = changes(0.125);
+    let [BoxChange::Grown(half_m)] = grown[..] else { panic!("{grown:?}") };
+    assert!(half_m > 0.09 && half_m == map.half_extent_m(), "{half_m}");
+    assert!(map.space.is_near_surface(Vec3::new(0.0, 0.02, 0.085)), "what lay outside is known now");
+    assert_eq!(changes(0.075).0, [BoxChange::TooSmall], "said once");
+}

@@ -217,3 +217,25 @@ fn what_was_looked_through_is_empty_and_what_was_not_is_unknown() {
     assert!(!space.is_seen_empty(-to_camera() * 0.05), "behind the ball");
     assert!(!space.is_seen_empty(Vec3::splat(1.0)), "outside the box");
 }
+
+#[test]
+fn a_cavity_that_was_looked_into_continues_where_nothing_was_seen() {
+    // A cup of 40 mm by formula: floor and walls were seen, the upper half of its inside was looked through, the lower half was not seen.
+    let mut space = Space::new(HALF_M);
+    let steps = |k: i32| 0.002 * k as f32;
+    for (a, b) in (-10..=10).flat_map(|a| (-10..=10).map(move |b| (steps(a), steps(b)))) {
+        let walls = [[a, b, -0.02], [0.02, a, b], [-0.02, a, b], [a, 0.02, b], [a, -0.02, b]];
+        (0..SEEN).for_each(|_| walls.iter().for_each(|p| space.add_hit(Vec3::from_array(*p))));
+    }
+    let deep = Vec3::new(0.0, 0.0, -0.006);
+    let is_inside = |space: &Space| space.unseen_inside().iter().any(|cell| cell.centre.distance(deep) < 0.003);
+    assert!(is_inside(&space), "what was never looked into counts as solid");
+    for cell in cells() {
+        let p = space.centre(cell);
+        if p.x.abs() < 0.015 && p.y.abs() < 0.015 && p.z > 0.0 {
+            space.passes[flatten(cell)] = EMPTY;
+        }
+    }
+    assert!(space.is_seen_empty(Vec3::new(0.0, 0.0, 0.005)));
+    assert!(!is_inside(&space), "what continues a cavity does not");
+}

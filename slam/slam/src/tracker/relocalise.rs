@@ -6,7 +6,9 @@ use nalgebra as na;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Instant, Loss, Reference, System, Tracker, ask, ask_measured, sigma, surface, to_na, to_vec};
+use super::{
+    Instant, Loss, Reference, System, Tracker, UNSEEN_COSTS_M, ask, ask_measured, sigma, surface, to_na, to_vec,
+};
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
 
@@ -113,7 +115,7 @@ impl Tracker {
             let about = na::Translation3::from(seen + shift) * turn * na::Translation3::from(-seen);
             candidates.push(as_candidate(about * from));
         }
-        let near = (!instant.is_seen()).then_some(Near { pose: start, sigma: LOCAL_SIGMA });
+        let near = Some(Near { pose: start, sigma: LOCAL_SIGMA });
         for round in LOCAL_ROUNDS {
             for candidate in &mut candidates {
                 *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
@@ -135,9 +137,6 @@ impl Tracker {
         }
     }
 }
-
-/// A point where nothing was seen before costs as much as one so far from the surface, metres.
-const UNSEEN_COSTS_M: f64 = 0.002;
 
 /// Where the object was, and how far it may have gone since, one standard deviation, metres and radians.
 struct Near {
@@ -171,7 +170,6 @@ fn refine(
             if trusted[i] {
                 system.add(r * s, &[(Some(0), j * s)], m.share, loss);
             } else {
-                // Else poses that show new sides only would cost nothing.
                 system.cost += m.share * loss.at(UNSEEN_COSTS_M * s).0;
             }
         }
