@@ -278,7 +278,6 @@ fn the_box_grows_until_the_object_fits_or_the_largest_box_is_reached() {
             })
             .collect();
         assert_eq!(map.keyframes.len(), 8, "keyframes survive");
-        assert_eq!(map.space.bounds().is_some(), true);
         (learnt.into_iter().flatten().collect::<Vec<_>>(), map)
     };
     let (grown, map) = changes(0.125);
