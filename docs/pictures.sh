@@ -22,7 +22,7 @@ cd "$work"
 "$program" run --out run
 cp run/mesh.gif "$docs/rubiks_cube.gif"
 "$program" view --run run --record "$docs/view.gif" --overwrite --every 18 --rate 10 --size 800x450
-"$program" generate --object 077_rubiks_cube --logs 1 --duration 12 --out logs
+"$program" generate --object 077_rubiks_cube --logs 1 --duration 12 --noise none --out logs
 "$program" inspect logs/077_rubiks_cube/00 --sheet "$docs/contact_sheet.png" --overwrite
 
 Xvfb ":$display" -screen 0 1280x800x24 >xvfb.log 2>&1 &
@@ -30,14 +30,12 @@ server=$!
 export DISPLAY=":$display"
 "$program" view --run run >view.log 2>&1 &
 viewer=$!
-for _ in $(seq 60); do
-    window=$(xdotool search --pid "$viewer" --name MambaViTact 2>/dev/null | tail -1) && [ -n "$window" ] && break
-    sleep 0.5
-done
+sleep 10 # until the run is loaded
+window=$(xdotool search --pid "$viewer" --name MambaViTact | tail -1)
 # Xvfb has no window manager to give the window the keyboard.
 xdotool windowfocus "$window"
+sleep 2
 # To the middle of the time line; the window then needs a moment to paint without jagged edges.
-sleep 3
 xdotool mousemove 800 729 click 1 sleep 3 key --window "$window" s
 for _ in $(seq 60); do
     picture=$(ls ./*.png 2>/dev/null | head -1) && [ -n "$picture" ] && break
