@@ -84,7 +84,7 @@ fn list(library: Option<&Library>) -> Result<()> {
         };
         print_line(&format!("{:<28} {:>5.0} g  {source}", entry.name, entry.mass_kg * 1e3))?;
     }
-    Ok(())
+    print_line(&format!("{:<28} {:>5}    another object for every seed, such as random:17", "random:SEED", ""))
 }
 
 fn verify(library: &Library) -> Result<()> {

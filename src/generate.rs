@@ -26,8 +26,8 @@ use mvt_run::progress;
 /// and continues. Log k has the seed SEED + k; `simulate` with that seed plays the same episode.
 #[derive(Debug, Args)]
 pub struct GenerateArguments {
-    /// Object: a name that `assets list` shows, the path of a mesh in metres, or `all` for the whole catalogue
-    /// (repeatable)
+    /// Object: a name that `assets list` shows, random:SEED, the path of a mesh in metres, or `all` for the whole
+    /// catalogue (repeatable)
     #[arg(long = "object", required = true)]
     objects: Vec<String>,
     /// Number of logs per object
@@ -106,7 +106,7 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
         if catalogue::is_path(name) {
             fs::metadata(name).with_context(|| format!("cannot read {name}"))?;
         } else {
-            catalogue::find(name)?;
+            catalogue::check(name)?;
         }
     }
     let jobs = jobs(arguments, settings.side)?;

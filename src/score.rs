@@ -49,7 +49,7 @@ pub struct ScoreArguments {
     /// Estimated mesh in metres (OBJ, STL or PLY)
     #[arg(long, value_name = "FILE", requires = "truth")]
     mesh: Option<PathBuf>,
-    /// True object: a name that `assets list` shows, or the path of a mesh in metres
+    /// True object: a name that `assets list` shows, random:SEED, or the path of a mesh in metres
     #[arg(long, value_name = "OBJECT")]
     truth: Option<String>,
     /// Estimated poses (CSV)

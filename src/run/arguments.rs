@@ -22,8 +22,9 @@ use mvt_run::supervisor::Goal;
 /// trajectory are rewritten every second; after an interruption summary.json contains "complete": false.
 #[derive(Debug, Args)]
 pub struct RunArguments {
-    /// Object: a name that `assets list` shows, or the path of a mesh in metres [default: 077_rubiks_cube]. With --log,
-    /// the true object for the scores [default: the object that the log names]
+    /// Object: a name that `assets list` shows, random:SEED for a shape that the number decides, or the path of a mesh
+    /// in metres [default: 077_rubiks_cube]. With --log, the true object for the scores [default: the object that the
+    /// log names]
     #[arg(long)]
     pub object: Option<String>,
     /// Read this FeelSight log instead of simulating an episode

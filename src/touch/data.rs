@@ -27,8 +27,8 @@ use mvt_run::{progress, settings};
 /// normal, any roll, and image noise of 2 grey levels.
 #[derive(Debug, Args)]
 pub struct TouchDataArguments {
-    /// Objects, separated by commas: names that `assets list` shows, or one of the sets `train`, `validation` and
-    /// `test`
+    /// Objects, separated by commas: names that `assets list` shows, random:SEED, or one of the sets `train`,
+    /// `validation` and `test`
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "test")]
     objects: Vec<String>,
     /// Number of images

@@ -55,6 +55,20 @@ fn logs_are_laid_out_by_object_and_number() {
     assert_same(&workplace.files("set/cube70/02"), &workplace.files("third/cube70/00"));
 }
 
+/// The folder has a plain name, and the log names the true object.
+#[test]
+fn a_log_of_a_random_object_finds_its_object() {
+    let workplace = Workplace::new();
+    workplace.run(&format!("{SHORT} --object random:17 --out set")).good();
+    assert_eq!(workplace.logs("set"), ["set/random-17/00"]);
+    let scene = fs::read_to_string(workplace.path("set/random-17/00/scene.json")).unwrap();
+    assert!(scene.contains("\"random:17\"") && scene.contains("\"random-17\""), "{scene}");
+    let said = workplace.run("inspect set/random-17/00").good();
+    assert!(said.contains("random-17"), "{said}");
+    let error = workplace.run(&format!("{SHORT} --object random:x --out other")).stderr;
+    assert!(error.contains("no valid seed") && !workplace.path("other").exists(), "{error}");
+}
+
 #[test]
 fn existing_logs_are_replaced_only_on_demand() {
     let workplace = Workplace::new();

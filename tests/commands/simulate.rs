@@ -98,4 +98,5 @@ fn every_object_is_listed() {
     let list = Workplace::new().run("assets list").good();
     assert!(list.lines().filter(|line| line.contains("YCB")).count() == 78, "{list}");
     assert!(list.lines().filter(|line| line.ends_with("procedural")).count() >= 8, "{list}");
+    assert!(list.lines().any(|line| line.starts_with("random:SEED")), "{list}");
 }

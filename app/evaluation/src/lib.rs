@@ -50,7 +50,7 @@ use mvt_run::{progress, settings};
 /// finished runs and continues.
 #[derive(Debug, Args)]
 pub struct EvaluateArguments {
-    /// Objects, separated by commas: names that `assets list` shows, or paths of meshes in metres
+    /// Objects, separated by commas: names that `assets list` shows, random:SEED, or paths of meshes in metres
     #[arg(long, value_delimiter = ',', required = true)]
     objects: Vec<String>,
     /// Number of seeds per object

@@ -214,11 +214,11 @@ pub fn ended(end: &End) -> EpisodeEnd {
     EpisodeEnd { complete, reason }
 }
 
-/// SHA-256 of the file that a mesh came from; `None` for procedural objects.
+/// SHA-256 of the file that a mesh came from; `None` for procedural and random objects.
 fn mesh_sha256(name: &str) -> Result<Option<String>> {
     if catalogue::is_path(name) {
         return Ok(Some(mvt_pinned::sha256(Path::new(name))?));
     }
-    catalogue::find(name)?;
+    catalogue::check(name)?;
     Ok(catalogue::ycb_files().find(|file| file.name == name).map(|file| file.sha256.to_owned()))
 }

@@ -11,7 +11,8 @@ use mvt_robot::hand::Side;
 /// Object, hand and gait.
 #[derive(Debug, Clone, Args)]
 pub struct Subject {
-    /// Object: a name that `assets list` shows, or the path of a mesh in metres (OBJ, STL or PLY)
+    /// Object: a name that `assets list` shows, random:SEED for a shape that the number decides, or the path of a mesh in
+    /// metres (OBJ, STL or PLY)
     #[arg(long)]
     pub object: String,
     /// Hand and gait.

@@ -1,5 +1,5 @@
-//! Objects by name: the 78 of YCB and the procedural ones, which need no download. Also loads the user's mesh files by
-//! path.
+//! Objects by name: the 78 of YCB, and the procedural and random ones, which need no download. Also loads the user's
+//! mesh files by path.
 
 use std::fmt;
 use std::path::Path;
@@ -12,6 +12,7 @@ use crate::assets::{AssetsError, Library, PinnedMesh, YCB};
 use crate::decompose::{self, NoHull};
 use crate::object::Object;
 use crate::procedural;
+use crate::procedural::random::{InvalidSeed, RandomObject};
 use crate::stand::stand;
 
 mod ycb;
@@ -155,7 +156,7 @@ pub fn ycb_library() -> Result<Library, AssetsError> {
 /// Name that is not in the catalogue.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "unknown object \"{name}\"; choose a name (the nearest are {}) or a path to an .obj, .stl or .ply file",
+    "unknown object \"{name}\"; choose a name (the nearest are {}), random:SEED, or a path to an .obj, .stl or .ply file",
     nearest.join(", ")
 )]
 pub struct UnknownObject {
@@ -229,6 +230,9 @@ pub enum CatalogueError {
     /// The name is unknown.
     #[error(transparent)]
     Unknown(#[from] UnknownObject),
+    /// The seed of a random object is invalid.
+    #[error(transparent)]
+    Seed(#[from] InvalidSeed),
     /// The YCB meshes are missing and cannot be fetched, or are damaged.
     #[error(transparent)]
     Assets(#[from] AssetsError),
@@ -258,8 +262,31 @@ pub fn is_path(name_or_path: &str) -> bool {
     Format::from_path(Path::new(name_or_path)).is_some() || name_or_path.contains(std::path::is_separator)
 }
 
-/// Loads an object by its name in the catalogue, or a mesh file by its path (see [`is_path`]). Fetches the YCB meshes
-/// on first use. The z axis of a user's mesh file points up.
+/// Checks that a name, which is not a path, is that of an object. Loads nothing.
+///
+/// # Errors
+/// [`CatalogueError::Unknown`] or [`CatalogueError::Seed`].
+pub fn check(name: &str) -> Result<(), CatalogueError> {
+    match RandomObject::from_name(name) {
+        Some(random) => random.map(drop).map_err(CatalogueError::from),
+        None => find(name).map(drop).map_err(CatalogueError::from),
+    }
+}
+
+/// Loads only the mesh of an object by its name. Saves the decomposition into convex pieces, which takes most of the
+/// time of [`load`].
+///
+/// # Errors
+/// [`CatalogueError`], which names the object.
+pub fn load_mesh(name: &str, warnings: &mut Vec<CatalogueWarning>) -> Result<Mesh, CatalogueError> {
+    match RandomObject::from_name(name) {
+        Some(random) => Ok(random?.mesh()),
+        None => find(name)?.mesh(warnings),
+    }
+}
+
+/// Loads an object by its name: that of the catalogue, or `random:SEED`; or a mesh file by its path (see [`is_path`]).
+/// Fetches the YCB meshes on first use. The z axis of a user's mesh file points up.
 ///
 /// # Errors
 /// [`CatalogueError`], which names the object or file.
@@ -269,6 +296,8 @@ pub fn load(name_or_path: &str, warnings: &mut Vec<CatalogueWarning>) -> Result<
     }
     if is_path(name_or_path) {
         load_file(Path::new(name_or_path), warnings)
+    } else if let Some(random) = RandomObject::from_name(name_or_path) {
+        Ok(random?.load()?)
     } else {
         find(name_or_path)?.load(warnings)
     }

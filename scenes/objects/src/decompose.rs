@@ -25,13 +25,22 @@ pub const CONVEX_RATIO: f64 = 1.25;
 /// are thin.
 const FILLED_RATIO: f64 = 1.3;
 
-/// Returns the convex pieces of a mesh for collision, each as at most [`MAX_POINTS`] points whose hull it is. A mesh
-/// that nearly equals its hull is one piece. Other meshes are decomposed by parry3d's VHACD (Mamou 2016), and cups and
-/// bowls, which VHACD fills, by a decomposition around the vertical axis.
+/// Returns the convex pieces of a mesh for collision. A mesh whose hull has at most [`CONVEX_RATIO`] times its volume
+/// is one piece; see [`pieces_above`].
 ///
 /// # Errors
 /// [`NoHull`] if the mesh is flat.
 pub fn pieces(mesh: &Mesh) -> Result<Vec<Vec<Vec3>>, NoHull> {
+    pieces_above(mesh, CONVEX_RATIO)
+}
+
+/// Returns the convex pieces of a mesh for collision, each as at most [`MAX_POINTS`] points whose hull it is. A mesh
+/// whose hull has at most `convex_ratio` times its volume is one piece. Other meshes are decomposed by parry3d's VHACD (Mamou 2016), and cups and
+/// bowls, which VHACD fills, by a decomposition around the vertical axis.
+///
+/// # Errors
+/// [`NoHull`] if the mesh is flat.
+pub fn pieces_above(mesh: &Mesh, convex_ratio: f64) -> Result<Vec<Vec<Vec3>>, NoHull> {
     let hull = Hull::of(&mesh.vertices)?;
     let [low, high] = mesh.bounds_m();
     if hull.volume_m3() < FLAT_RATIO * f64::from((high - low).length()).powi(3) {
@@ -39,7 +48,7 @@ pub fn pieces(mesh: &Mesh) -> Result<Vec<Vec<Vec3>>, NoHull> {
     }
     let solid_m3 = mesh.volume_m3();
     // An open mesh has no volume to compare with.
-    if !mesh.edges().watertight() || hull.volume_m3() <= CONVEX_RATIO * solid_m3 {
+    if !mesh.edges().watertight() || hull.volume_m3() <= convex_ratio * solid_m3 {
         return Ok(vec![hull.reduced(MAX_POINTS)]);
     }
     let ratio = |hulls: &[Hull]| hulls.iter().map(Hull::volume_m3).sum::<f64>() / solid_m3;

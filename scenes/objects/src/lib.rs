@@ -1,5 +1,5 @@
-//! Objects that a hand can turn: the YCB catalogue, procedural shapes, the user's mesh files, exact distances and
-//! convex pieces.
+//! Objects that a hand can turn: the YCB catalogue, procedural shapes, random ones without end, the user's mesh files,
+//! exact distances and convex pieces.
 //!
 //! [`catalogue::load`] returns an [`Object`] by name or path. YCB meshes are downloaded once, through pip, and kept in
 //! the user's cache; procedural objects need no download. The crate simulates and renders nothing.
@@ -26,4 +26,5 @@ pub mod stand;
 
 pub use distance::MeshDistance;
 pub use object::Object;
+pub use procedural::random;
 pub use {glam, mvt_frames, mvt_mesh, mvt_pinned, nalgebra};

@@ -11,6 +11,7 @@ mod die;
 mod lathe;
 mod moulded;
 mod nets;
+pub mod random;
 mod rounded_box;
 mod shape;
 

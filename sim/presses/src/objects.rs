@@ -66,7 +66,7 @@ impl Split {
         *self == Self::default()
     }
 
-    /// Checks that neither set is empty, that the catalogue has all objects, and that no object is in two sets.
+    /// Checks that neither set is empty, that all objects are in the catalogue or random ones, and that no object is in two sets.
     ///
     /// # Errors
     /// [`PressError`] that names the object.
@@ -75,7 +75,7 @@ impl Split {
             return Err(PressError::EmptySet);
         }
         for name in self.train.iter().chain(&self.validate) {
-            catalogue::find(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
+            catalogue::check(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
             if TEST.contains(&name.as_str()) {
                 return Err(PressError::KeptForTests(name.clone()));
             }
@@ -130,16 +130,15 @@ pub fn resolve(names: &[String]) -> Vec<String> {
     names.iter().flat_map(published).collect()
 }
 
-/// Loads objects of the catalogue, in the order of the names.
+/// Loads objects of the catalogue and random ones, in the order of the names.
 ///
 /// # Errors
 /// [`PressError`] if the catalogue does not have an object, or its mesh cannot be loaded.
 pub fn load(names: &[impl AsRef<str> + Sync]) -> Result<Vec<PressedSurface>, PressError> {
     let surface = |name: &_| {
         let name = AsRef::<str>::as_ref(name);
-        let entry = catalogue::find(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
-        let mesh = entry
-            .mesh(&mut Vec::new())
+        catalogue::check(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
+        let mesh = catalogue::load_mesh(name, &mut Vec::new())
             .map_err(|reason| PressError::Load { name: name.to_owned(), reason: Box::new(reason) })?;
         Ok(PressedSurface::new(mesh))
     };
@@ -163,6 +162,8 @@ mod tests {
         assert_eq!(split(&["mug", "ball"], &["pear"]), None);
         assert!(split(&["mug", "pear"], &["pear"]).unwrap().contains("pear"));
         assert!(split(&["duck"], &["pear"]).unwrap().contains("duck is kept for tests"));
+        assert_eq!(split(&["random:7"], &["random:8"]), None);
+        assert!(split(&["random:7"], &["random:x"]).unwrap().contains("no valid seed"));
         assert!(split(&["mugg"], &["pear"]).unwrap().contains("mugg"));
         assert!(split(&[], &["pear"]).unwrap().contains("some of each"));
     }

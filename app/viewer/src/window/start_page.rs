@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use eframe::egui::{self, Align2, Context, FontId, Role, Sense, TextEdit, Ui, WidgetInfo};
 use mvt_objects::catalogue;
 use mvt_objects::catalogue::Entry;
+use mvt_objects::random::RandomObject;
 
 use super::WindowContents;
 use super::launch::RunChoices;
@@ -101,7 +102,7 @@ impl StartPage {
     fn objects(&mut self, ui: &mut Ui, choices: &mut RunChoices) {
         ui.horizontal(|ui| {
             let label = ui.strong("Object");
-            ui.add(TextEdit::singleline(&mut self.search).hint_text("search").desired_width(180.0))
+            ui.add(TextEdit::singleline(&mut self.search).hint_text("search, or random:SEED").desired_width(180.0))
                 .labelled_by(label.id);
             ui.label(&choices.object);
         });
@@ -110,6 +111,11 @@ impl StartPage {
         if found.is_empty() {
             ui.weak("No object in the catalogue has this name.");
             if catalogue::is_path(&self.search) && ui.button("Use it as the path of a mesh").clicked() {
+                choices.object.clone_from(&self.search);
+            }
+            if let Some(Ok(_)) = RandomObject::from_name(&self.search)
+                && ui.button("Use this random object").clicked()
+            {
                 choices.object.clone_from(&self.search);
             }
         }

@@ -68,7 +68,7 @@ fn pear_profile() -> Profile {
     ])
 }
 
-fn shape(profile: Profile, sectors: usize) -> Shape {
+pub(super) fn shape(profile: Profile, sectors: usize) -> Shape {
     Shape::new(profile.mesh(sectors), profile)
 }
 
@@ -138,8 +138,24 @@ impl Profile {
     /// Rounds the corners of a polygon of (distance from the axis, height) by the radius beside each, millimetres. The
     /// first and the last corner lie on the axis and are not rounded.
     pub(super) fn rounded(corners_mm: &[([f64; 2], f64)]) -> Self {
-        let corners: Vec<(Vector2<f64>, f64)> =
-            corners_mm.iter().map(|&(at, radius)| (Vector2::from(at) * 1e-3, radius * 1e-3)).collect();
+        let metres = |&(at, radius): &([f64; 2], f64)| (Vector2::from(at) * 1e-3, radius * 1e-3);
+        Self::of_corners(&corners_mm.iter().map(metres).collect::<Vec<_>>())
+    }
+
+    /// Rounds the corners of a polygon, both in metres, by the radius beside each, or by the largest that fits.
+    pub(super) fn fitted(corners_m: &[([f64; 2], f64)]) -> Self {
+        // Two neighbours leave a tenth of the line between them.
+        const SHARE: f64 = 0.45;
+        let mut corners: Vec<(Vector2<f64>, f64)> = corners_m.iter().map(|&(at, radius)| (at.into(), radius)).collect();
+        for k in 1..corners.len().saturating_sub(1) {
+            let (into, out) = (corners[k].0 - corners[k - 1].0, corners[k + 1].0 - corners[k].0);
+            let half_turn = 0.5 * into.angle(&out);
+            corners[k].1 = f64::min(corners[k].1, SHARE * f64::min(into.norm(), out.norm()) / half_turn.tan());
+        }
+        Self::of_corners(&corners)
+    }
+
+    fn of_corners(corners: &[(Vector2<f64>, f64)]) -> Self {
         let mut elements = Vec::new();
         let mut at = corners[0].0;
         for trio in corners.windows(3) {

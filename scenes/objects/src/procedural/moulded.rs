@@ -42,15 +42,7 @@ pub(super) fn mug() -> Shape {
         ([34.0, -37.0], 6.0),
         ([0.0, -37.0], 0.0),
     ]);
-    let field = |p: Vector3<f64>| {
-        // Half of a ring in the plane y = 0, its ends within the wall.
-        let ring = Vector2::new(p.x - 0.037, p.z);
-        let on_ring = if ring.x >= 0.0 { ring.normalize() * 0.025 } else { Vector2::new(0.0, 0.025 * ring.y.signum()) };
-        let handle = Vector2::new((ring - on_ring).norm(), p.y).norm() - 0.006;
-        // Only outside: the ends must not come through the wall.
-        let handle = smooth_max(handle, 0.037 - p.x.hypot(p.y), 0.002);
-        smooth_min(body.distance_m(p), handle, 0.004)
-    };
+    let field = |p: Vector3<f64>| smooth_min(body.distance_m(p), ring_handle(p, 0.037, 0.025, 0.006), 0.004);
     moulded(field, Vector3::new(0.075, 0.045, 0.048), 0.0024, None)
 }
 
@@ -140,17 +132,27 @@ fn capsule(p: Vector3<f64>, a: [f64; 3], b: [f64; 3], from: f64, to: f64) -> f64
     (offset - share * along).norm() - 1e-3 * (from + share * (to - from))
 }
 
+/// Returns the distance to the handle of a cup, metres: half of a ring in the plane y = 0, made of a tube, whose ends
+/// lie `end_m` from the axis within the wall of the cup.
+pub(super) fn ring_handle(p: Vector3<f64>, end_m: f64, ring_m: f64, tube_m: f64) -> f64 {
+    let ring = Vector2::new(p.x - end_m, p.z);
+    let on_ring = if ring.x >= 0.0 { ring.normalize() * ring_m } else { Vector2::new(0.0, ring_m * ring.y.signum()) };
+    let handle = Vector2::new((ring - on_ring).norm(), p.y).norm() - tube_m;
+    // Only outside: the ends must not come through the wall.
+    smooth_max(handle, end_m - p.x.hypot(p.y), 0.002)
+}
+
 /// Returns the minimum with a fillet of about `k` metres (Quilez, quadratic).
-fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
+pub(super) fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0);
     a.min(b) - h * h / (4.0 * k)
 }
 
-fn smooth_max(a: f64, b: f64, k: f64) -> f64 {
+pub(super) fn smooth_max(a: f64, b: f64, k: f64) -> f64 {
     -smooth_min(-a, -b, k)
 }
 
 /// Cuts a shape off below a height, so that it stands.
-fn on_table(field: f64, p: Vector3<f64>, height: f64) -> f64 {
+pub(super) fn on_table(field: f64, p: Vector3<f64>, height: f64) -> f64 {
     smooth_max(field, height * 1e-3 - p.z, 0.003)
 }

@@ -56,7 +56,7 @@ impl RoundedBox {
     }
 
     /// Returns a closed mesh whose six sides are grids over `lines`.
-    fn mesh(&self, lines: &[Line]) -> Mesh {
+    pub(super) fn mesh(&self, lines: &[Line]) -> Mesh {
         let (points, faces) = sides(lines, |inner, outward| self.point(inner, outward), |_| false);
         mvt_mesh::weld(&points, &faces)
     }
