@@ -297,7 +297,7 @@ pub fn load(name_or_path: &str, warnings: &mut Vec<CatalogueWarning>) -> Result<
     if is_path(name_or_path) {
         load_file(Path::new(name_or_path), warnings)
     } else if let Some(random) = RandomObject::from_name(name_or_path) {
-        Ok(random?.load()?)
+        random?.load().map_err(no_hull(name_or_path))
     } else {
         find(name_or_path)?.load(warnings)
     }
