@@ -1,6 +1,5 @@
 //! Random objects stay in the hand.
 
-#![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 
 use mvt_gaits::gait;
 use mvt_objects::random::RandomObject;
