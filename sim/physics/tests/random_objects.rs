@@ -1,6 +1,5 @@
 //! Random objects stay in the hand.
 
-
 use mvt_gaits::gait;
 use mvt_objects::random::RandomObject;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation, run};
