@@ -27,6 +27,7 @@ cp run/mesh.gif "$docs/rubiks_cube.gif"
 
 Xvfb ":$display" -screen 0 1280x800x24 >xvfb.log 2>&1 &
 server=$!
+sleep 2 # until the display is ready
 export DISPLAY=":$display"
 "$program" view --run run >view.log 2>&1 &
 viewer=$!
