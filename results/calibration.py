@@ -99,7 +99,7 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
     parser.add_argument("--objects", default=",".join(objects))
-    parser.add_argument("--seed", type=int, default=9100, help="seed of the first log")
+    parser.add_argument("--seed", type=int, default=9200, help="seed of the first log")
     parser.add_argument("--duration", type=float, default=8)
     parser.add_argument("--seeds", type=int, default=5, help="seeds of the estimator per log")
     arguments = parser.parse_args()
@@ -127,12 +127,13 @@ def main():
         row["vision_f5_lost"] = row["vision_f5"] - row["wrong_vision_f5"]
         row["refining_f5_lost"] = row["given_f5"] - refined["f5"]
         row["refining_add_s_gained_mm"] = refined["add_s_mm"] - row["given_add_s_mm"]
-        calibrations.append(row)
-        lines(arguments.out / "calibration.jsonl", calibrations)
         errors = [measurement.run(f"{key}-seed{s}", log, camera, "--seed", s)["add_s_mm"] for s in range(arguments.seeds)]
         median = sorted(errors)[len(errors) // 2] if errors else None
         seeds += [{"object": name, "camera": camera, "seed": s, "add_s_mm": error, "over_median": error / median,
                    "beyond_twice": int(error > 2 * median)} for s, error in enumerate(errors)]
+        row["worst_over_median"] = max(errors) / median if errors else None
+        calibrations.append(row)
+        lines(arguments.out / "calibration.jsonl", calibrations)
         lines(arguments.out / "seeds.jsonl", seeds)
         print(key, {name: round(value, 3) for name, value in row.items() if isinstance(value, float)}, flush=True)
 

@@ -3,14 +3,14 @@
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry, World};
 use mvt_robot::hand::solid::{HandSamples, HandSolid};
-use mvt_robot::hand::{JOINTS, JointAngles, Side};
+use mvt_robot::hand::{Body, JOINTS, JointAngles, Side};
 use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M};
 use mvt_settings::settings;
 use nalgebra as na;
 use ndarray::Array2;
 
 use crate::calibration::{Calibration, CalibrationError, CameraCalibration};
-use crate::evidence::{Instant, Motion, Reading, Sighted, sight};
+use crate::evidence::{Instant, Motion, Reading, Sighted, sight, spread};
 use crate::search::{Look, find};
 use crate::solver::{PER_CAMERA, Prior, State, Weighing, narrow, solve};
 
@@ -33,7 +33,7 @@ settings! {
         /// Instants that are solved together. They are spread over the time since the start.
         pub instants: usize = 24, 2..=1000;
         /// Points of an image with independent errors: neighbours share noise, and all share the errors of the hand's model.
-        pub independent: f64 = 100.0, 1.0..=1e6;
+        pub independent: f64 = 200.0, 1.0..=1e6;
     }
 }
 
@@ -252,8 +252,9 @@ impl Calibrator {
         let points = |k: usize, camera: &PosedCamera| {
             let depth_m = depths_m.get(k)?.as_ref().filter(|_| self.found[k])?;
             let pose = self.state.cameras[k];
-            let is_near = |p: &na::Point3<f64>| hand.is_within(narrow(&(pose * p).coords), NEAR_M);
-            Some(sight(depth_m, &camera.intrinsics, self.config.points, self.frame, is_near))
+            let body = |p: &na::Point3<f64>| Some(hand.nearest(narrow(&(pose * p).coords), NEAR_M)?.body);
+            let all = sight(depth_m, &camera.intrinsics, usize::MAX, self.frame, |p| body(p).is_some());
+            Some(shared_out(&all, self.config.points, |sighted| body(&sighted.point)))
         };
         self.given.iter().enumerate().map(|(k, camera)| points(k, camera).unwrap_or_default()).collect()
     }
@@ -279,4 +280,26 @@ impl Calibrator {
             self.every *= 2;
         }
     }
+}
+
+/// Chooses up to `count` points, as evenly among the bodies of the hand as they are seen: palm and links fill most of an image, and the
+/// last joints move the fingertips alone.
+fn shared_out(points: &[Sighted], count: usize, body: impl Fn(&Sighted) -> Option<Body>) -> Vec<Sighted> {
+    let mut groups: Vec<(Body, Vec<Sighted>)> = Vec::new();
+    for sighted in points {
+        let Some(body) = body(sighted) else { continue };
+        match groups.iter_mut().find(|(known, _)| *known == body) {
+            Some((_, group)) => group.push(*sighted),
+            None => groups.push((body, vec![*sighted])),
+        }
+    }
+    // The smallest first: what they leave goes to the others.
+    groups.sort_by_key(|(_, group)| group.len());
+    let (mut chosen, mut left) = (Vec::new(), groups.len());
+    for (_, group) in groups {
+        let share = (count.saturating_sub(chosen.len()) / left).min(group.len());
+        chosen.extend(spread(&group, share));
+        left -= 1;
+    }
+    chosen
 }

@@ -115,10 +115,12 @@ pub(crate) fn sight(
             }
         }
     }
-    // Every nth of a list in the order of the image is spread evenly over it.
-    let every = found.len() as f64 / count.max(1) as f64;
-    if every <= 1.0 {
-        return found;
-    }
-    (0..count).filter_map(|k| found.get((k as f64 * every) as usize).copied()).collect()
+    spread(&found, count)
+}
+
+/// Returns up to `count` points; every nth of a list in the order of the image is spread evenly over it.
+pub(crate) fn spread(points: &[Sighted], count: usize) -> Vec<Sighted> {
+    let count = count.min(points.len());
+    let every = points.len() as f64 / count.max(1) as f64;
+    (0..count).filter_map(|k| points.get((k as f64 * every) as usize).copied()).collect()
 }
