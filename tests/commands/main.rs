@@ -9,6 +9,7 @@
     reason = "a failed assumption in a test is a failed test"
 )]
 
+mod calibrate;
 mod faults;
 mod generate;
 mod inspect;
