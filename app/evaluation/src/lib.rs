@@ -2,6 +2,7 @@
 
 mod faults;
 mod fields;
+mod spread;
 mod table;
 mod tsdf;
 
@@ -59,6 +60,10 @@ pub struct EvaluateArguments {
     /// First seed
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Number of runs of each estimator on the same frames, each with another seed of the estimator; a table then shows
+    /// how far they part
+    #[arg(long, default_value_t = 1, value_parser = value_parser!(u64).range(1..=100), conflicts_with_all = ["faults", "fields"])]
+    estimator_seeds: u64,
     /// Quantities to estimate, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "slam,pose")]
     modes: Vec<Mode>,
@@ -151,6 +156,9 @@ pub struct Key {
     pub mode: Mode,
     /// Which sensors are used.
     pub modality: Modality,
+    /// Added to the seed, gives the seed of the estimator.
+    #[serde(default)]
+    pub estimator_seed: u64,
     /// The variant: `full`, the setting that is 0, a fault, or the representation of the shape.
     pub variant: String,
     /// SHA-256 of all settings, the duration and where the weights of a touch network come from, hexadecimal.
@@ -276,7 +284,8 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             whole(arguments, episode, &trials, tell)?;
             Ok(keys)
         })?;
-        (table::tables(&lines), table::summary(&lines))
+        let spread = spread::table(&lines);
+        (table::tables(&lines) + &spread, table::summary(&lines) + &spread)
     };
     mvt_run::io::write_file(&arguments.out, "table.md", text.as_bytes())?;
     print_line(&summary)?;
@@ -395,8 +404,11 @@ fn trials(arguments: &EvaluateArguments, episode: &Episode<'_>, variants: &[(&st
     for &mode in &arguments.modes {
         for &modality in &arguments.modalities {
             for (variant, config) in variants {
-                if *variant == FULL || matters(variant, mode, modality) {
-                    let key = key(arguments, episode, mode, modality, variant, config);
+                if *variant != FULL && !matters(variant, mode, modality) {
+                    continue;
+                }
+                for estimator_seed in 0..arguments.estimator_seeds {
+                    let key = Key { estimator_seed, ..key(arguments, episode, mode, modality, variant, config) };
                     trials.push(Trial { key, mode, modality, config: config.clone() });
                 }
             }
@@ -423,6 +435,7 @@ fn key(
         cameras: episode.cameras.to_owned(),
         mode,
         modality,
+        estimator_seed: 0,
         variant: variant.to_owned(),
         settings: mvt_pinned::sha256_of(settings.as_bytes()),
     }
@@ -495,8 +508,8 @@ const HIDDEN_EVERY: u64 = 30;
 fn whole(arguments: &EvaluateArguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
     let mut source = live(episode, arguments.duration, &first.config, Fault::default())?;
-    let estimators =
-        trials.iter().map(|trial| setup(&trial.config, trial.mode, trial.modality, episode.seed)).collect();
+    let seed = |trial: &Trial| episode.seed.wrapping_add(trial.key.estimator_seed);
+    let estimators = trials.iter().map(|trial| setup(&trial.config, trial.mode, trial.modality, seed(trial))).collect();
     let mut rows: Vec<Vec<FrameRow>> = trials.iter().map(|_| Vec::new()).collect();
     let mut hidden = Vec::new();
     // Errors are computed at the end, with all points.
