@@ -26,11 +26,11 @@ pub struct ReportArguments {
     /// File to write
     #[arg(long, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
-    /// Number of films, of the worst runs; each takes some 0.8 MB and a second. All films take at most 7 MB
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=100))]
+    /// Number of films, of the worst runs; each takes some 0.9 MB and a second. All films take at most 7 MB
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(0..=100))]
     films: u16,
     /// Number of shapes, of the worst runs and of the median run of each object; all shapes take at most 5 MB
-    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u16).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(0..=1000))]
     shapes: u16,
     /// Replace an existing file
     #[arg(long)]

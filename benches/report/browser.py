@@ -18,7 +18,7 @@ def find():
 
 
 class Browser:
-    """A page of Chromium. `errors` holds every error and warning of its console."""
+    """A page of Chromium. `errors` holds every error of its console and every exception."""
 
     def __init__(self, size=(1280, 900), arguments=()):
         self.folder = tempfile.mkdtemp(prefix="report-browser-")
@@ -28,6 +28,8 @@ class Browser:
             "bash", "-c", f'exec "$@" 3<&{from_us} 4>&{to_us}', "browser",
             find(), "--headless", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
             "--disable-background-networking", "--no-first-run", "--force-color-profile=srgb", "--mute-audio",
+            # WebGL without a graphics card, which Chromium otherwise warns about.
+            "--enable-unsafe-swiftshader",
             f"--user-data-dir={self.folder}", f"--window-size={size[0]},{size[1]}", *arguments, "about:blank",
         ]
         with open(os.path.join(self.folder, "log"), "wb") as log:
@@ -57,9 +59,9 @@ class Browser:
         if method == "Runtime.exceptionThrown":
             details = values["exceptionDetails"]
             self.errors.append(details.get("exception", {}).get("description") or details["text"])
-        elif method == "Runtime.consoleAPICalled" and values["type"] in ("error", "warning", "assert"):
+        elif method == "Runtime.consoleAPICalled" and values["type"] in ("error", "assert"):
             self.errors.append(" ".join(str(part.get("value")) for part in values["args"]))
-        elif method == "Log.entryAdded" and values["entry"]["level"] in ("error", "warning"):
+        elif method == "Log.entryAdded" and values["entry"]["level"] == "error":
             self.errors.append(values["entry"]["text"])
         if method:
             self.events.append(method)

@@ -104,7 +104,7 @@ const data = parsed("data");
 const [TRUE_COLOUR, PLAIN] = [[120, 178, 140], [200, 202, 200]];
 
 function nameOf([[sweep, object, seed, other, mode, modality, cameras, variant]]) {
-  const kind = [mode, modality, cameras, variant === "full" ? "" : variant].filter(Boolean).join(" · ");
+  const kind = [mode, modality, cameras, variant.replace(/^full ?/, "")].filter(Boolean).join(" · ");
   return `${data.two ? `${sweep}: ` : ""}${object}, seed ${seed}${other ? ` + ${other}` : ""}, ${kind}`;
 }
 
@@ -170,15 +170,15 @@ const order = { column: null, sign: 1, all: false };
 
 const heads = [
   ...kept.map((k) => made("th", names[k] || "estimator seed", k === 2 || k === 3 ? { class: "n" } : {})),
+  made("th", ""),
   ...filled.map((k) => made("th", data.columns[k][0], { class: "n" })),
   made("th", "end"),
-  made("th", ""),
 ];
 const headRow = made("tr");
 headRow.append(...heads);
 table.tHead.append(headRow);
 
-const valuesOf = (row) => [...kept.map((k) => row[0][k]), ...filled.map((k) => row[1][k]), row[2]];
+const valuesOf = (row) => [...kept.map((k) => row[0][k]), null, ...filled.map((k) => row[1][k]), row[2]];
 const entries = data.rows.map((row, number) => ({
   row, number, values: valuesOf(row), words: [...row[0], row[2], row[3] ? "undeclared failure" : "", row[4] ?? ""].join(" ").toLowerCase(),
 }));
@@ -186,6 +186,9 @@ const entries = data.rows.map((row, number) => ({
 function lineOf({ row, number }) {
   const line = made("tr");
   for (const k of kept) line.append(made("td", row[0][k], k === 2 || k === 3 ? { class: "n" } : {}));
+  const actions = made("td", undefined, { class: "buttons" });
+  actions.append(made("button", "film", { "data-film": number }), " ", made("button", "3-D", { "data-shapes": number }));
+  line.append(actions);
   for (const k of filled) {
     const value = row[1][k];
     line.append(made("td", value === null ? "-" : value.toFixed(data.columns[k][1]), { class: "n" }));
@@ -193,9 +196,6 @@ function lineOf({ row, number }) {
   const end = made("td", row[2]);
   if (row[3]) end.append(made("strong", `${row[2] ? "; " : ""}undeclared failure`));
   line.append(end);
-  const actions = made("td", undefined, { class: "buttons" });
-  actions.append(made("button", "film", { "data-film": number }), made("button", "3-D", { "data-shapes": number }));
-  line.append(actions);
   if (row[4]) line.title = [row[4], row[5], `mambavitact view --run ${row[4]}`].filter(Boolean).join("\n");
   connect(line);
   return line;
@@ -211,7 +211,7 @@ function showRuns() {
   one("#more").hidden = found.length <= count;
 }
 
-sortable(heads.slice(0, -1), (column, sign) => (Object.assign(order, { column, sign }), showRuns()));
+sortable(heads, (column, sign) => (Object.assign(order, { column, sign }), showRuns()));
 one("#all input").addEventListener("input", showRuns);
 one("#more").addEventListener("click", () => ((order.all = true), showRuns()));
 showRuns();

@@ -68,7 +68,7 @@ function rotationOf(yaw, pitch) {
 
 class GlPainter {
   static create(canvas) {
-    const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
+    const gl = canvas.getContext("webgl", { antialias: true });
     return gl && new GlPainter(gl);
   }
 

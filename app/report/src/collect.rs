@@ -330,7 +330,7 @@ mod tests {
         fs::write(at("a.jsonl"), line("ball", "1", "1") + &line("ball", "2", "2") + &line("ball", "2", "3")).unwrap();
         let found = RunCollection::read(&[home.path().to_path_buf()]).unwrap();
         let kinds: Vec<String> = found.kinds().keys().map(|kind| kind.name()).collect();
-        assert_eq!(kinds, ["slam · vitac · side · full #1", "slam · vitac · side · full #2"]);
+        assert_eq!(kinds, ["slam · vitac · side · #1", "slam · vitac · side · #2"]);
         assert!(found.warnings[0].starts_with("1 runs are left out"), "{:?}", found.warnings);
     }
 }

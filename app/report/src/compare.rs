@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use crate::collect::RunCollection;
 use crate::encode::escaped;
-use crate::metric::{ADD_S, HEADLINES, Metric};
+use crate::metric::{ADD_S, HEADLINES, Metric, SPEED};
 use crate::plot::{self, PlotRow, run_name};
 use crate::row::{ReportRow, RunIdentity, RunKind};
 use crate::statistics::{Estimate, mean, wilcoxon};
@@ -95,7 +95,8 @@ impl<'a> Comparison<'a> {
                  <th class=\"n\">p (Wilcoxon)</th><th class=\"n\">episodes</th><th class=\"n\">A better</th><th class=\"n\">B better</th>\
                  </tr></thead><tbody>";
         for (kind, pairs) in self.by_kind() {
-            for metric in &HEADLINES {
+            // Speeds depend on the machine, and on what else it did.
+            for metric in HEADLINES.iter().filter(|metric| metric.name != SPEED.name) {
                 if let Some(difference) = PairedDifference::new(metric, &pairs) {
                     html += &difference.row(&kind.name(), metric);
                 }
@@ -195,12 +196,13 @@ impl PairedDifference {
         let [better, worse] = if metric.larger_is_better == Some(true) { [larger, less] } else { [less, larger] };
         format!(
             "<tr><td>{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n {class}\">{:+.digits$}</td>\
-             <td class=\"n {class}\">{interval}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{better}</td><td class=\"n\">{worse}</td></tr>",
+             <td class=\"n {class}\">{interval}</td><td class=\"n\" data-value=\"{}\">{}</td><td class=\"n\">{}</td><td class=\"n\">{better}</td><td class=\"n\">{worse}</td></tr>",
             escaped(kind),
             metric.title(),
             metric.shown(*new),
             metric.shown(*old),
             difference.mean,
+            p.unwrap_or(1.0),
             p.map_or_else(|| "-".to_owned(), |p| if p < 1e-4 { "< 0.0001".to_owned() } else { format!("{p:.4}") }),
             difference.count,
         )

@@ -10,11 +10,11 @@ use serde_json::{Value, json};
 use crate::encode::base64;
 
 /// Pictures of a film.
-const PICTURES: usize = 24;
+const PICTURES: usize = 20;
 /// Width and height of a picture, pixels.
 const SIZE: [u32; 2] = [848, 480];
 /// Quality of the pictures of a film, 1 to 100: letters are readable.
-const QUALITY: u8 = 60;
+const QUALITY: u8 = 50;
 
 /// Film of a run.
 #[derive(Debug, Clone, PartialEq)]

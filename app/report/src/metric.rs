@@ -19,7 +19,7 @@ pub struct Metric {
 
 /// F-score at 5 mm.
 pub const F5: Metric = Metric {
-    name: "F-score at 5 mm",
+    name: "F@5 mm",
     unit: "",
     digits: 3,
     larger_is_better: Some(true),
@@ -30,10 +30,14 @@ pub const F5: Metric = Metric {
 pub const ADD_S: Metric =
     Metric { name: "ADD-S mean", unit: "mm", digits: 2, larger_is_better: Some(false), of: |row| row.add_s };
 
+/// Speed of tracking and mapping.
+pub const SPEED: Metric =
+    Metric { name: "frames/s", unit: "", digits: 1, larger_is_better: Some(true), of: |row| row.frames_per_second };
+
 /// Figures that have means with intervals.
 pub const HEADLINES: [Metric; 6] = [
     F5,
-    Metric { name: "F-score at 2 mm", of: |row| row.f_score.get(&2).copied(), ..F5 },
+    Metric { name: "F@2 mm", of: |row| row.f_score.get(&2).copied(), ..F5 },
     ADD_S,
     Metric { name: "ADD-S p95", of: |row| row.add_s_p95, ..ADD_S },
     Metric {
@@ -43,13 +47,7 @@ pub const HEADLINES: [Metric; 6] = [
         larger_is_better: Some(false),
         of: |row| row.lost_share().map(|share| 100.0 * share),
     },
-    Metric {
-        name: "frames/s",
-        unit: "",
-        digits: 1,
-        larger_is_better: Some(true),
-        of: |row| row.frames_per_second,
-    },
+    SPEED,
 ];
 
 /// Columns of the table of all runs, beside those that name the run.
@@ -63,7 +61,7 @@ pub const COLUMNS: [Metric; 9] = [
     },
     HEADLINES[0],
     HEADLINES[1],
-    Metric { name: "F-score at 1 mm, fine", of: |row| row.f_score_fine.get(&1).copied(), ..F5 },
+    Metric { name: "F@1 mm fine", of: |row| row.f_score_fine.get(&1).copied(), ..F5 },
     HEADLINES[2],
     HEADLINES[3],
     Metric { name: "ADD-S final", of: |row| row.add_s_final, ..ADD_S },

@@ -38,24 +38,27 @@ impl Page<'_> {
         let title = escaped(&self.title());
         let kinds = self.runs.kinds();
         let comparison = self.against.map(|old| Comparison::new(self.runs, old).html()).unwrap_or_default();
+        let worst = self.worst_section();
+        // A single kind needs no table of kinds, and its figures come first.
+        let sections = if kinds.len() > 1 {
+            [kind_table(&kinds), comparison, worst, SHAPES.to_owned(), side_by_side(&kinds), kind_sections(&kinds)]
+        } else {
+            [kind_sections(&kinds), comparison, worst, SHAPES.to_owned(), events(&self.runs.rows), String::new()]
+        };
         let script = SCRIPT.join("\n");
         // The policy forbids every request, whatever a name in a file contains.
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title>\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><meta name=\"color-scheme\" content=\"light dark\">\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\
-             <style>{STYLE}</style></head><body>\n<header><h1>{title}</h1>{}</header>\n<main>\n{}{}{comparison}{}{}{}{}{}</main>\n\
+             <style>{STYLE}</style></head><body>\n<header><h1>{title}</h1>{}</header>\n<main>\n{}{}{}</main>\n\
              <dialog id=\"film\"><p id=\"film-title\"></p><img alt=\"a moment of the run\"><div class=\"controls\"><button id=\"play\">play</button>\
              <input type=\"range\" min=\"0\" value=\"0\" aria-label=\"time\"><output></output><button id=\"close\">close</button></div></dialog>\n\
              <script type=\"application/json\" id=\"data\">{}</script>\n<script type=\"application/json\" id=\"media\">{}</script>\n<script>{script}</script>\n\
              </body></html>\n",
             self.subtitle(),
             self.warnings(),
-            kind_table(&kinds),
-            self.worst_section(),
-            SHAPES,
-            kind_sections(&kinds),
-            events(&self.runs.rows),
+            sections.concat(),
             self.all_runs(),
             json_in_script(&self.data()),
             json_in_script(&self.media.data()),
@@ -142,7 +145,7 @@ impl Page<'_> {
              <p><button id=\"more\" hidden>show all</button></p><noscript>The table of the {count} runs, the films and the shapes need JavaScript.</noscript>\
              </section>\n<section class=\"faint\"><h2>How to read this</h2><p>Intervals hold 95 %: percentiles of a bootstrap of the mean with {RESAMPLES} \
              resamples over episodes, an object with a seed. Below 5 episodes there is none. ADD-S is the mean distance of the object's points at the \
-             estimated pose to the nearest at the true pose. F-scores are from 10,000 points, fine ones from 100,000. A pose error above 10 mm at the end \
+             estimated pose to the nearest at the true pose. F@5 mm is the F-score at 5 mm from 10,000 points; fine ones are from 100,000. A pose error above 10 mm at the end \
              that the tracker did not declare is an undeclared failure. p-values are two-sided and not corrected for the number of rows.</p></section>\n"
         )
     }
@@ -182,7 +185,7 @@ fn counted(count: usize, noun: &str) -> String {
 
 fn figure(metric: &Metric, row: &ReportRow) -> String {
     let value = (metric.of)(row).map_or_else(|| "-".to_owned(), |value| metric.shown(value));
-    format!("<div><dt>{}</dt><dd>{value}</dd></div>", metric.title())
+    format!("<div><dt>{}</dt><dd>{value} {}</dd></div>", metric.name, metric.unit)
 }
 
 /// What else is to say of a run.
@@ -192,7 +195,7 @@ fn ending(row: &ReportRow) -> String {
         words.push("<strong>undeclared failure</strong>".to_owned());
     }
     if !row.end.is_empty() {
-        words.push(escaped(&row.end));
+        words.push(format!("<span class=\"faint\">{}</span>", escaped(&row.end)));
     }
     if row.recovered > 0 {
         words.push(format!("found again {}", counted(row.recovered, "time")));
@@ -257,29 +260,34 @@ const SHAPES: &str = "<section id=\"shapes\" hidden><h2>Shapes</h2><div class=\"
      aria-label=\"shapes in three dimensions; drag or use the arrow keys to turn them\"></canvas><div id=\"names\"></div></div>\
      <p class=\"scale\"><span>error</span><span>0</span><i></i><span>5 mm and more</span><b></b><span>20 mm</span></p></section>\n";
 
-/// Plots of all kinds side by side, and of each kind.
-fn kind_sections(kinds: &Kinds<'_>) -> String {
-    let mut html = String::new();
-    if kinds.len() > 1 {
-        html += "<section id=\"by-kind\"><h2>Cameras, sensors and modes</h2><div class=\"plots\">";
-        for metric in [&F5, &ADD_S] {
-            let rows: Vec<PlotRow> = kinds
-                .iter()
-                .take(MOST_KINDS)
-                .map(|(kind, rows)| plot_row(kind.name(), metric, rows))
-                .filter(|row| row.estimate.is_some())
-                .collect();
-            html += &plot::rows(&metric.title(), metric, &rows);
-        }
-        html += "</div>";
-        if kinds.len() > MOST_KINDS {
-            let _ = write!(html, "<p class=\"faint\">The plots show the first {MOST_KINDS} of {} kinds.</p>", kinds.len());
-        }
-        html += "</section>\n";
+/// Plots of all kinds side by side.
+fn side_by_side(kinds: &Kinds<'_>) -> String {
+    let mut html = String::from("<section id=\"by-kind\"><h2>Cameras, sensors and modes</h2><div class=\"plots\">");
+    for metric in [&F5, &ADD_S] {
+        let shown = kinds.iter().take(MOST_KINDS).map(|(kind, rows)| plot_row(kind.name(), metric, rows));
+        let rows: Vec<PlotRow> = shown.filter(|row| row.estimate.is_some()).collect();
+        html += &plot::rows(&metric.title(), metric, &rows);
     }
-    html += "<section id=\"detail\"><h2>One kind of run</h2><div class=\"controls\"><select id=\"kind\" aria-label=\"kind of run\">";
-    let most = kinds.values().map(Vec::len).max().unwrap_or(0);
-    let shown = kinds.values().position(|rows| rows.len() == most).unwrap_or(0);
+    html += "</div>";
+    if kinds.len() > MOST_KINDS {
+        let _ = write!(html, "<p class=\"faint\">The plots show the first {MOST_KINDS} of {} kinds.</p>", kinds.len());
+    }
+    html + "</section>\n"
+}
+
+/// Figures and plots of each kind.
+fn kind_sections(kinds: &Kinds<'_>) -> String {
+    let title = match kinds.len() {
+        1 => kinds.keys().map(|kind| escaped(&kind.name())).collect(),
+        _ => "One kind of run".to_owned(),
+    };
+    let mut html = format!(
+        "<section id=\"detail\"><h2>{title}</h2><div class=\"controls\"><select id=\"kind\" aria-label=\"kind of run\">"
+    );
+    // The kind with the most runs, of several that with the most to estimate from the most sensors.
+    let rank = |(kind, rows): (&&RunKind, &Vec<&ReportRow>)| (rows.len(), kind.mode == "slam", kind.modality == "vitac");
+    let most = kinds.iter().map(rank).max();
+    let shown = kinds.iter().position(|kind| Some(rank(kind)) == most).unwrap_or(0);
     for (k, kind) in kinds.keys().enumerate() {
         let selected = if k == shown { " selected" } else { "" };
         let _ = write!(html, "<option value=\"{k}\"{selected}>{}</option>", escaped(&kind.name()));
@@ -290,6 +298,12 @@ fn kind_sections(kinds: &Kinds<'_>) -> String {
         for metric in &HEADLINES {
             html += &card(metric, rows);
         }
+        let undeclared = rows.iter().filter(|row| row.is_undeclared).count();
+        let _ = write!(
+            html,
+            "<div class=\"card\"><p>undeclared failures</p><p class=\"big\">{undeclared}</p><p class=\"faint\">of {}</p></div>",
+            counted(rows.len(), "run")
+        );
         html += "</div><div class=\"plots\">";
         html += &plot::over_time(rows).unwrap_or_default();
         html += &plot::against_hidden(&ADD_S, rows).unwrap_or_default();

@@ -24,12 +24,12 @@ pub struct RunIdentity {
 /// How a run was made. Figures are averaged over the runs of one kind.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RunKind {
-    /// Names of the cameras with commas between; empty if they are unknown.
-    pub cameras: String,
     /// Estimated quantities.
     pub mode: String,
     /// Sensors in use.
     pub modality: String,
+    /// Names of the cameras with commas between; empty if they are unknown.
+    pub cameras: String,
     /// Name of the variant, `full` for all factors. Ends in a hash of the settings where several occur.
     pub variant: String,
 }
@@ -37,8 +37,9 @@ pub struct RunKind {
 impl RunKind {
     /// Returns the name that people read.
     pub fn name(&self) -> String {
-        let variant = if self.variant == FULL { "" } else { &self.variant };
-        let parts = [&self.mode, &self.modality, &self.cameras, variant];
+        // Factors are named only where some are missing.
+        let variant = self.variant.strip_prefix(FULL).unwrap_or(&self.variant).trim_start();
+        let parts = [self.mode.as_str(), &self.modality, &self.cameras, variant];
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" · ")
     }
 }

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use crate::encode::base64;
 
 /// Most vertices of a shape on the page.
-const MOST_VERTICES: usize = 2500;
+const MOST_VERTICES: usize = 3500;
 /// Error that has the darkest colour, metres.
 const ERROR_SCALE_M: f64 = 0.005;
 /// Steps of a quantised coordinate.
@@ -67,12 +67,14 @@ impl PageShapes {
     }
 }
 
-/// Merges the vertices of each cell of a grid, the finest that leaves few enough: the one nearest to their mean remains
-/// at its place, so that corners stay sharp.
+/// Merges the vertices of each cell of a grid, the finest that leaves few enough, if their normals have the same main
+/// axis: so the two sides of a thin wall stay apart. The vertex nearest to the mean remains at its place, so that corners
+/// stay sharp.
 fn thinned(mesh: &Mesh) -> Mesh {
     let mut cell_m = mesh.extents_m().max_element() / 250.0;
+    let sides = sides(mesh);
     loop {
-        let thin = with_cells(mesh, cell_m);
+        let thin = with_cells(mesh, &sides, cell_m);
         // Faces of a mesh whose vertices are spread out vanish at last.
         if thin.vertices.len() <= MOST_VERTICES || thin.faces.is_empty() {
             return thin;
@@ -81,38 +83,55 @@ fn thinned(mesh: &Mesh) -> Mesh {
     }
 }
 
-fn with_cells(mesh: &Mesh, cell_m: f32) -> Mesh {
+/// Returns the main axis of the normal of each vertex, 0 to 2 for x to z, 3 to 5 for the negative directions.
+fn sides(mesh: &Mesh) -> Vec<usize> {
+    let mut normals = vec![Vec3::ZERO; mesh.vertices.len()];
+    for (face, [a, b, c]) in mesh.faces.iter().zip(mesh.triangles()) {
+        for &corner in face {
+            if let Some(normal) = normals.get_mut(corner as usize) {
+                *normal += (b - a).cross(c - a);
+            }
+        }
+    }
+    let side = |normal: Vec3| {
+        let axis = normal.abs().max_position();
+        if normal.to_array()[axis] < 0.0 { axis + 3 } else { axis }
+    };
+    normals.into_iter().map(side).collect()
+}
+
+/// Merges vertices of one cell and side.
+fn with_cells(mesh: &Mesh, sides: &[usize], cell_m: f32) -> Mesh {
     let [low, _] = mesh.bounds_m();
     let cell = |v: Vec3| if cell_m > 0.0 { ((v - low) / cell_m).floor().as_ivec3() } else { IVec3::ZERO };
-    let mut sums = HashMap::<IVec3, (Vec3, f32)>::new();
-    for &v in &mesh.vertices {
-        let (sum, count) = sums.entry(cell(v)).or_default();
+    let keys: Vec<(IVec3, usize)> = mesh.vertices.iter().zip(sides).map(|(&v, &side)| (cell(v), side)).collect();
+    let mut sums = HashMap::<(IVec3, usize), (Vec3, f32)>::new();
+    for (&v, &key) in mesh.vertices.iter().zip(&keys) {
+        let (sum, count) = sums.entry(key).or_default();
         *sum += v;
         *count += 1.0;
     }
-    let distance = |v: Vec3| sums.get(&cell(v)).map_or(0.0, |(sum, count)| (*sum / *count).distance_squared(v));
-    let mut nearest = HashMap::<IVec3, Vec3>::new();
-    for &v in &mesh.vertices {
-        let kept = nearest.entry(cell(v)).or_insert(v);
-        if distance(v) < distance(*kept) {
-            *kept = v;
+    let mut nearest = HashMap::<(IVec3, usize), (f32, Vec3)>::new();
+    for (&v, &key) in mesh.vertices.iter().zip(&keys) {
+        let distance = sums.get(&key).map_or(0.0, |(sum, count)| (*sum / *count).distance_squared(v));
+        let kept = nearest.entry(key).or_insert((distance, v));
+        if distance < kept.0 {
+            *kept = (distance, v);
         }
     }
     let mut thin = Mesh::default();
-    let mut index = HashMap::<IVec3, u32>::new();
-    for corners in mesh.triangles() {
-        let cells = corners.map(cell);
-        let [a, b, c] = cells;
+    let mut index = HashMap::<(IVec3, usize), u32>::new();
+    for face in &mesh.faces {
+        let [Some(a), Some(b), Some(c)] = face.map(|corner| keys.get(corner as usize)) else { continue };
         if a == b || b == c || c == a {
             continue;
         }
-        let face = cells.map(|cell| {
-            *index.entry(cell).or_insert_with(|| {
-                thin.vertices.push(nearest.get(&cell).copied().unwrap_or_default());
+        thin.faces.push([*a, *b, *c].map(|key| {
+            *index.entry(key).or_insert_with(|| {
+                thin.vertices.push(nearest.get(&key).map_or(Vec3::ZERO, |(_, v)| *v));
                 thin.vertices.len() as u32 - 1
             })
-        });
-        thin.faces.push(face);
+        }));
     }
     thin
 }
