@@ -30,7 +30,7 @@ pub struct ReportArguments {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(0..=100))]
     films: u16,
     /// Number of shapes, of the worst runs and of the median run of each object; all shapes take at most 5 MB
-    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(0..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u16).range(0..=1000))]
     shapes: u16,
     /// Replace an existing file
     #[arg(long)]

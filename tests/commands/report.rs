@@ -24,7 +24,14 @@ fn runs_and_tables_are_one_page() {
     let said = workplace.run("report sweep --out a.html").good();
     assert!(said.starts_with("5 runs, ") && said.contains("next: open a.html"), "{said}");
     let html = page(&workplace, "a.html");
-    for expected in ["slam · vitac · side", "slam · vi · side", "cube70, seed 0", "<svg", "data:image/jpeg;base64,", "\"estimate\":"] {
+    for expected in [
+        "slam · vitac · side",
+        "slam · vi · side",
+        "cube70, seed 0",
+        "<svg",
+        "data:image/jpeg;base64,",
+        "\"estimate\":",
+    ] {
         assert!(html.contains(expected), "{expected}");
     }
     // Nothing is requested from elsewhere.
@@ -49,7 +56,9 @@ fn runs_and_tables_are_one_page() {
 fn what_is_no_run_is_named() {
     let workplace = Workplace::new();
     fs::create_dir(workplace.path("empty")).unwrap();
-    for (folder, words) in [("empty", "empty contains no run"), ("none", "cannot read none"), ("file", "cannot read file")] {
+    for (folder, words) in
+        [("empty", "empty contains no run"), ("none", "cannot read none"), ("file", "cannot read file")]
+    {
         workplace.write("file", "");
         let error = workplace.run(&format!("report {folder}")).error();
         assert!(error.contains(words), "{error}");
@@ -58,7 +67,14 @@ fn what_is_no_run_is_named() {
 
     // Runs that were cut off, damaged or never began, beside one that is whole.
     workplace.run("run --object cube70 --duration 0.3 --quiet --out all/whole").good();
-    let files = ["summary.json", "trajectory.csv", "mesh.ply", "recording/about.json", "recording/frames.jsonl", "recording/images.bin"];
+    let files = [
+        "summary.json",
+        "trajectory.csv",
+        "mesh.ply",
+        "recording/about.json",
+        "recording/frames.jsonl",
+        "recording/images.bin",
+    ];
     for (k, damaged) in files.into_iter().enumerate() {
         let folder = workplace.path(&format!("all/{k}"));
         fs::create_dir_all(folder.join("recording")).unwrap();
@@ -81,7 +97,15 @@ fn what_is_no_run_is_named() {
     }
     fs::create_dir_all(workplace.path("all/begun/recording")).unwrap();
     let warned = workplace.run("report all --films 9").warned();
-    for expected in ["all/0 is skipped: summary.json", "all/1/trajectory.csv", "its shape is left out", "its recording is left out", "all/nan is skipped", "all/begun is skipped", "did not come to their end"] {
+    for expected in [
+        "all/0 is skipped: summary.json",
+        "all/1/trajectory.csv",
+        "its shape is left out",
+        "its recording is left out",
+        "all/nan is skipped",
+        "all/begun is skipped",
+        "did not come to their end",
+    ] {
         assert!(warned.contains(expected), "{expected}: {warned}");
     }
     assert!(page(&workplace, "report.html").contains("interrupted"));

@@ -10,7 +10,7 @@ use mvt_run::report::{FrameRow, TrackState, file, read_trajectory};
 use rayon::prelude::*;
 
 use crate::ReportError;
-use crate::row::{ErrorCurve, ReportRow};
+use crate::row::{ErrorCurve, INFINITE_MM, ReportRow};
 
 /// Largest file of a run, and largest table, that is read, bytes.
 const LARGEST_FILE: u64 = 256 << 20;
@@ -19,6 +19,8 @@ const LARGEST_TABLE: u64 = 2 << 30;
 const DEEPEST: usize = 12;
 /// Most points of an error curve.
 const CURVE_POINTS: usize = 150;
+/// Times from here on are damaged, seconds.
+const LONGEST_S: f64 = 1e6;
 /// Name of the file with the settings of a run, whose first line is the command that repeats it.
 const CONFIG: &str = "config.toml";
 
@@ -84,7 +86,8 @@ impl RunCollection {
     fn merge(&mut self) {
         let order = |row: &ReportRow| (row.id.clone(), row.settings.clone(), row.folder.is_none(), row.folder.clone());
         self.rows.sort_by_cached_key(order);
-        let is_same = |a: &ReportRow, b: &ReportRow| a.frames == b.frames && a.add_s == b.add_s && a.f_score == b.f_score;
+        let is_same =
+            |a: &ReportRow, b: &ReportRow| a.frames == b.frames && a.add_s == b.add_s && a.f_score == b.f_score;
         let mut kept: Vec<ReportRow> = Vec::with_capacity(self.rows.len());
         let mut twice = 0;
         for row in std::mem::take(&mut self.rows) {
@@ -116,7 +119,8 @@ impl RunCollection {
         }
         let cut_off = self.rows.iter().filter(|row| !row.is_complete).count();
         if cut_off > 0 {
-            self.warnings.push(format!("{cut_off} runs did not come to their end; they are listed, but no figure counts them"));
+            self.warnings
+                .push(format!("{cut_off} runs did not come to their end; they are listed, but no figure counts them"));
         }
     }
 
@@ -202,7 +206,9 @@ fn run(folder: &Path) -> Result<(ReportRow, Vec<String>), String> {
     let mut warnings = Vec::new();
     let path = folder.join(file::SUMMARY);
     let text = input::read_text(&path, LARGEST_FILE).map_err(|error| match error.kind() {
-        std::io::ErrorKind::NotFound => "it has no summary.json, because its run ended before the first frame".to_owned(),
+        std::io::ErrorKind::NotFound => {
+            "it has no summary.json, because its run ended before the first frame".to_owned()
+        }
         _ => format!("summary.json: {error}"),
     })?;
     let mut row = ReportRow::of_summary(&text).map_err(|error| format!("summary.json: {error}"))?;
@@ -218,9 +224,10 @@ fn run(folder: &Path) -> Result<(ReportRow, Vec<String>), String> {
         row.settings = format!("{:08x}", crc32fast::hash((without_episode(first) + rest).as_bytes()));
     }
     let path = folder.join(file::TRAJECTORY);
-    match input::read_text(&path, LARGEST_FILE).map_err(|error| error.to_string()).and_then(|text| {
-        read_trajectory(&text).map_err(|error| error.to_string())
-    }) {
+    match input::read_text(&path, LARGEST_FILE)
+        .map_err(|error| error.to_string())
+        .and_then(|text| read_trajectory(&text).map_err(|error| error.to_string()))
+    {
         Ok(frames) => {
             row.curve = curve(&frames);
             row.is_undeclared &= frames.last().is_some_and(|frame| frame.state != TrackState::Lost);
@@ -249,10 +256,11 @@ fn curve(frames: &[FrameRow]) -> ErrorCurve {
     let errors: Vec<[f64; 2]> = frames
         .iter()
         .filter_map(|row| Some([row.time_s, 1e3 * row.add_s?.one_directional_m]))
-        .filter(|[_, error_mm]| error_mm.is_finite())
+        .filter(|[time_s, error_mm]| time_s.abs() < LONGEST_S && (0.0..INFINITE_MM).contains(error_mm))
         .collect();
     let stretch = errors.len().div_ceil(CURVE_POINTS).max(1);
-    let mean = |points: &[[f64; 2]]| [0, 1].map(|k| points.iter().map(|point| point[k]).sum::<f64>() / points.len() as f64);
+    let mean =
+        |points: &[[f64; 2]]| [0, 1].map(|k| points.iter().map(|point| point[k]).sum::<f64>() / points.len() as f64);
     let points = errors.chunks(stretch).map(mean).collect();
     let spans = frames.chunk_by(|a, b| (a.state == TrackState::Lost) == (b.state == TrackState::Lost));
     let lost = spans
@@ -294,7 +302,13 @@ mod tests {
         let objects: Vec<&str> = found.rows.iter().map(|row| row.id.object.as_str()).collect();
         assert_eq!(objects, ["ball", "can", "mug"]);
         let warned = found.warnings.join("\n");
-        for expected in ["runs.jsonl: 1 lines are skipped", "line 3: EOF", "faults.jsonl is skipped", "no summary.json", "trajectory.csv"] {
+        for expected in [
+            "runs.jsonl: 1 lines are skipped",
+            "line 3: EOF",
+            "faults.jsonl is skipped",
+            "no summary.json",
+            "trajectory.csv",
+        ] {
             assert!(warned.contains(expected), "{expected}: {warned}");
         }
         assert_eq!(found.warnings.len(), 4, "{warned}");

@@ -24,9 +24,12 @@ pub struct Comparison<'a> {
 
 #[derive(Debug, Clone, Copy)]
 struct Pair<'a> {
-    new: (usize, &'a ReportRow),
-    old: (usize, &'a ReportRow),
+    new: Numbered<'a>,
+    old: Numbered<'a>,
 }
+
+/// Run with its number on the page.
+type Numbered<'a> = (usize, &'a ReportRow);
 
 /// Difference of a figure between the runs of pairs.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,13 +47,29 @@ pub struct PairedDifference {
 impl<'a> Comparison<'a> {
     /// Pairs the complete runs of two collections. The rows of `old` follow those of `new` on the page.
     pub fn new(new: &'a RunCollection, old: &'a RunCollection) -> Self {
-        let complete = |collection: &'a RunCollection, first: usize| -> BTreeMap<&'a RunIdentity, (usize, &'a ReportRow)> {
+        let complete = |collection: &'a RunCollection, first: usize| {
             let rows = collection.rows.iter().enumerate().filter(|(_, row)| row.is_complete);
-            rows.map(|(k, row)| (&row.id, (first + k, row))).collect()
+            rows.map(|(k, row)| (first + k, row)).collect::<Vec<Numbered<'a>>>()
         };
         let (news, olds) = (complete(new, 0), complete(old, new.rows.len()));
-        let pairs: Vec<Pair<'_>> =
-            news.iter().filter_map(|(id, new)| Some(Pair { new: *new, old: *olds.get(id)? })).collect();
+        let by_identity = |rows: &[Numbered<'a>]| {
+            let mut runs = BTreeMap::<RunIdentity, Vec<Numbered<'a>>>::new();
+            for row in rows {
+                runs.entry(row.1.id.without_settings()).or_default().push(*row);
+            }
+            runs
+        };
+        let others = by_identity(&olds);
+        let partner = |row: &ReportRow, rivals: usize| match others.get(&row.id.without_settings())?.as_slice() {
+            // Sweeps are compared because their settings differ.
+            [only] if rivals == 1 => Some(*only),
+            several => several.iter().find(|(_, other)| other.settings == row.settings).copied(),
+        };
+        let pairs: Vec<Pair<'_>> = by_identity(&news)
+            .values()
+            .flat_map(|rows| rows.iter().map(|new| (new, rows.len())))
+            .filter_map(|(new, rivals)| Some(Pair { new: *new, old: partner(new.1, rivals)? }))
+            .collect();
         let alone = [news.len() - pairs.len(), olds.len() - pairs.len()];
         Self { pairs, alone }
     }
@@ -186,10 +205,9 @@ impl PairedDifference {
     fn row(&self, kind: &str, metric: &Metric) -> String {
         let Self { means: [new, old], difference, p, larger_less: [larger, less] } = self;
         let digits = metric.digits + 1;
-        let interval = difference.interval.map_or_else(
-            || "-".to_owned(),
-            |[low, high]| format!("{low:+.digits$} to {high:+.digits$}"),
-        );
+        let interval = difference
+            .interval
+            .map_or_else(|| "-".to_owned(), |[low, high]| format!("{low:+.digits$} to {high:+.digits$}"));
         // A colour only where the interval excludes 0.
         let is_clear = difference.interval.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
         let class = if is_clear { verdict(metric, difference.mean) } else { "" };
@@ -212,7 +230,13 @@ impl PairedDifference {
 /// Returns the class of the colour of a difference.
 fn verdict(metric: &Metric, difference: f64) -> &'static str {
     match metric.larger_is_better {
-        Some(larger) if difference != 0.0 => if (difference > 0.0) == larger { "better" } else { "worse" },
+        Some(larger) if difference != 0.0 => {
+            if (difference > 0.0) == larger {
+                "better"
+            } else {
+                "worse"
+            }
+        }
         _ => "",
     }
 }
@@ -252,6 +276,24 @@ mod tests {
         let same = Comparison::new(&new, &new);
         let difference = PairedDifference::new(&ADD_S, &same.pairs).unwrap();
         assert_eq!((difference.difference.mean, difference.p), (0.0, None));
+    }
+
+    #[test]
+    fn settings_decide_only_between_several_runs() {
+        let with = |settings: &str, mm: f64| ReportRow { settings: settings.to_owned(), ..row("can", 0, mm) };
+        let tagged = |settings: &str, mm: f64| {
+            let mut row = with(settings, mm);
+            row.id.kind.variant = format!("full #{settings}");
+            row
+        };
+        let pairs = |new: Vec<ReportRow>, old: Vec<ReportRow>| {
+            let (new, old) = (collection(new), collection(old));
+            Comparison::new(&new, &old).pairs.iter().map(|pair| (pair.new.0, pair.old.0)).collect::<Vec<_>>()
+        };
+        assert_eq!(pairs(vec![with("a", 1.0)], vec![with("b", 2.0)]), [(0, 1)]);
+        assert_eq!(pairs(vec![tagged("a", 1.0)], vec![with("b", 2.0)]), [(0, 1)]);
+        assert_eq!(pairs(vec![tagged("a", 1.0), tagged("b", 1.0)], vec![with("b", 2.0)]), [(1, 2)]);
+        assert_eq!(pairs(vec![with("c", 1.0)], vec![tagged("a", 2.0), tagged("b", 2.0)]), []);
     }
 
     #[test]

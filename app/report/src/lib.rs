@@ -14,7 +14,7 @@
 //! # std::fs::write(home.path().join("runs.jsonl"), line)?;
 //! # let folder = home.path().to_path_buf();
 //! let runs = RunCollection::read(&[folder])?;
-//! let (page, warnings) = html(&runs, None, MediaChoice { films: 4, shapes: 40 });
+//! let (page, warnings) = html(&runs, None, MediaChoice { films: 4, shapes: 24 });
 //! assert!(page.starts_with("<!DOCTYPE html>") && page.contains("slam · vitac · side"));
 //! assert!(warnings.is_empty());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -31,6 +31,7 @@ mod plot;
 mod row;
 mod shape;
 mod statistics;
+mod thin;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

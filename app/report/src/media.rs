@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use mvt_mesh::Mesh;
 use mvt_recording::Recording;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::film::PageFilm;
 use crate::row::ReportRow;
-use crate::shape::PageShapes;
+use crate::shape::{PageShapes, page_shape};
 
 /// Most bytes of films and of shapes on a page.
 const MOST_FILM_BYTES: usize = 7 << 20;
@@ -19,7 +20,7 @@ const MOST_SHAPE_BYTES: usize = 5 << 20;
 pub struct PageMedia {
     films: BTreeMap<usize, PageFilm>,
     shapes: BTreeMap<usize, (Value, Option<usize>)>,
-    truths: Vec<Value>,
+    truths: Vec<(Mesh, Value)>,
 }
 
 /// What a run gives to the page.
@@ -58,11 +59,14 @@ impl PageMedia {
             }
             if let Some(PageShapes { estimate, truth }) = shapes {
                 bytes[1] += estimate.to_string().len();
-                let truth = truth.map(|truth| {
-                    media.truths.iter().position(|known| *known == truth).unwrap_or_else(|| {
-                        bytes[1] += truth.to_string().len();
-                        media.truths.push(truth);
-                        media.truths.len() - 1
+                let truth = truth.and_then(|truth| {
+                    let known = media.truths.iter().position(|(known, _)| *known == truth);
+                    known.or_else(|| {
+                        // A true shape that cannot be shown is missing beside the estimate.
+                        let shape = page_shape(&truth, None).ok()?;
+                        bytes[1] += shape.to_string().len();
+                        media.truths.push((truth, shape));
+                        Some(media.truths.len() - 1)
                     })
                 });
                 if bytes[1] <= MOST_SHAPE_BYTES {
@@ -80,13 +84,15 @@ impl PageMedia {
 
     /// Returns all of it as the page reads it.
     pub fn data(&self) -> Value {
-        let films: BTreeMap<String, &Value> = self.films.iter().map(|(k, film)| (k.to_string(), &film.pictures)).collect();
+        let films: BTreeMap<String, &Value> =
+            self.films.iter().map(|(k, film)| (k.to_string(), &film.pictures)).collect();
         let shapes: BTreeMap<String, Value> = self
             .shapes
             .iter()
             .map(|(k, (estimate, truth))| (k.to_string(), json!({"estimate": estimate, "truth": truth})))
             .collect();
-        json!({"films": films, "shapes": shapes, "truths": self.truths})
+        let truths: Vec<&Value> = self.truths.iter().map(|(_, shape)| shape).collect();
+        json!({"films": films, "shapes": shapes, "truths": truths})
     }
 }
 

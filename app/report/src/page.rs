@@ -48,7 +48,7 @@ impl Page<'_> {
         let script = SCRIPT.join("\n");
         // The policy forbids every request, whatever a name in a file contains.
         format!(
-            "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title>\
+            "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title} - MambaViTact</title>\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><meta name=\"color-scheme\" content=\"light dark\">\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\
              <style>{STYLE}</style></head><body>\n<header><h1>{title}</h1>{}</header>\n<main>\n{}{}{}</main>\n\
@@ -102,7 +102,10 @@ impl Page<'_> {
             return String::new();
         }
         let items: String = warnings().map(|warning| format!("<li>{}</li>", escaped(warning))).collect();
-        format!("<details class=\"warnings\"><summary>{}</summary><ul>{items}</ul></details>\n", counted(count, "warning"))
+        format!(
+            "<details class=\"warnings\"><summary>{}</summary><ul>{items}</ul></details>\n",
+            counted(count, "warning")
+        )
     }
 
     /// The worst runs with their pictures.
@@ -165,7 +168,8 @@ impl Page<'_> {
                     .collect();
                 let RunKind { cameras, mode, modality, variant } = &row.id.kind;
                 let folder = row.folder.as_ref().map(|folder| folder.display().to_string());
-                let names = json!([sweep, row.id.object, row.id.seed, row.id.estimator_seed, mode, modality, cameras, variant]);
+                let names =
+                    json!([sweep, row.id.object, row.id.seed, row.id.estimator_seed, mode, modality, cameras, variant]);
                 json!([names, values, row.end, u8::from(row.is_undeclared), folder, row.command])
             })
             .collect();
@@ -184,8 +188,9 @@ fn counted(count: usize, noun: &str) -> String {
 }
 
 fn figure(metric: &Metric, row: &ReportRow) -> String {
-    let value = (metric.of)(row).map_or_else(|| "-".to_owned(), |value| metric.shown(value));
-    format!("<div><dt>{}</dt><dd>{value} {}</dd></div>", metric.name, metric.unit)
+    let value =
+        (metric.of)(row).map_or_else(|| "-".to_owned(), |value| format!("{} {}", metric.shown(value), metric.unit));
+    format!("<div><dt>{}</dt><dd>{value}</dd></div>", metric.name)
 }
 
 /// What else is to say of a run.
@@ -251,14 +256,18 @@ fn interval(metric: &Metric, estimate: &Estimate) -> String {
 /// States how many runs lack a figure, so that no mean hides them.
 fn missing(metric: &Metric, rows: &[&ReportRow]) -> String {
     let missing = rows.iter().filter(|row| (metric.of)(row).is_none()).count();
-    if missing == 0 { String::new() } else { format!("<small class=\"worse\">without {}</small>", counted(missing, "run")) }
+    if missing == 0 {
+        String::new()
+    } else {
+        format!("<small class=\"worse\">without {}</small>", counted(missing, "run"))
+    }
 }
 
 /// The viewer of shapes.
 const SHAPES: &str = "<section id=\"shapes\" hidden><h2>Shapes</h2><div class=\"controls\"><select aria-label=\"run\"></select>\
      <button id=\"turn\">turn</button><button id=\"colours\">plain</button></div><div id=\"stage\"><canvas tabindex=\"0\" \
      aria-label=\"shapes in three dimensions; drag or use the arrow keys to turn them\"></canvas><div id=\"names\"></div></div>\
-     <p class=\"scale\"><span>error</span><span>0</span><i></i><span>5 mm and more</span><b></b><span>20 mm</span></p></section>\n";
+     <p class=\"scale\"><span>error</span><span>0</span><i></i><span>5 mm and more</span><span class=\"bar\"><b></b>20 mm</span></p></section>\n";
 
 /// Plots of all kinds side by side.
 fn side_by_side(kinds: &Kinds<'_>) -> String {
@@ -285,7 +294,8 @@ fn kind_sections(kinds: &Kinds<'_>) -> String {
         "<section id=\"detail\"><h2>{title}</h2><div class=\"controls\"><select id=\"kind\" aria-label=\"kind of run\">"
     );
     // The kind with the most runs, of several that with the most to estimate from the most sensors.
-    let rank = |(kind, rows): (&&RunKind, &Vec<&ReportRow>)| (rows.len(), kind.mode == "slam", kind.modality == "vitac");
+    let rank =
+        |(kind, rows): (&&RunKind, &Vec<&ReportRow>)| (rows.len(), kind.mode == "slam", kind.modality == "vitac");
     let most = kinds.iter().map(rank).max();
     let shown = kinds.iter().position(|kind| Some(rank(kind)) == most).unwrap_or(0);
     for (k, kind) in kinds.keys().enumerate() {
@@ -338,7 +348,8 @@ fn card(metric: &Metric, rows: &[&ReportRow]) -> String {
     let Some(estimate) = Estimate::new(&metric.by_episode(rows)) else { return String::new() };
     let range = match estimate.interval {
         Some([low, high]) => format!("95 %: {} to {}", metric.shown(low), metric.shown(high)),
-        None => counted(estimate.count, "episode"),
+        None if rows.len() > 1 => counted(estimate.count, "episode"),
+        None => String::new(),
     };
     format!(
         "<div class=\"card\"><p>{}</p><p class=\"big\">{}<small>{}</small></p><p class=\"faint\">{range}</p>{}</div>",

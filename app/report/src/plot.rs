@@ -43,9 +43,9 @@ struct Axis {
 impl Axis {
     /// Returns an axis that holds all values.
     fn new(values: impl Iterator<Item = f64>) -> Self {
-        let (low, high) = values.filter(|value| value.is_finite()).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-            (low.min(v), high.max(v))
-        });
+        let (low, high) = values
+            .filter(|value| value.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         if low > high {
             return Self { low: 0.0, high: 1.0, is_log: false };
         }
@@ -54,6 +54,15 @@ impl Axis {
         }
         let room = if high > low { 0.05 * (high - low) } else { 0.05 * high.abs().max(1e-3) };
         Self { low: low - room, high: high + room, is_log: false }
+    }
+
+    /// Returns the axis, wide enough for differences that are shown.
+    fn at_least(self, span: f64) -> Self {
+        if self.is_log || self.high - self.low >= span {
+            return self;
+        }
+        let middle = 0.5 * (self.low + self.high);
+        Self { low: middle - 0.5 * span, high: middle + 0.5 * span, ..self }
     }
 
     /// Returns the place of a value from 0 to 1.
@@ -102,15 +111,18 @@ pub fn rows(title: &str, metric: &Metric, rows: &[PlotRow]) -> String {
     const ROW: f64 = 36.0;
     let ends = rows.iter().filter_map(|row| row.estimate).flat_map(|e| e.interval.unwrap_or([e.mean; 2]));
     let axis = Axis::new(rows.iter().flat_map(|row| row.values.iter().map(|(v, _)| *v)).chain(ends));
+    let axis = axis.at_least(4.0 * 10f64.powi(-(metric.digits as i32)));
     let (left, right) = (8.0, WIDTH - RIGHT);
     let x = |value: f64| left + (right - left) * axis.place(value);
     let bottom = ROW * rows.len() as f64;
     let mut body = String::new();
     for mark in axis.marks() {
         let at = x(mark);
+        let class = if mark == 0.0 { "grid zero" } else { "grid" };
+        let anchor = if at < 24.0 { "start" } else { "middle" };
         let _ = write!(
             body,
-            "<path class=\"grid\" d=\"M{at:.1} 0V{bottom:.0}\"/><text class=\"mark\" x=\"{at:.1}\" y=\"{:.0}\" text-anchor=\"middle\">{}</text>",
+            "<path class=\"{class}\" d=\"M{at:.1} 0V{bottom:.0}\"/><text class=\"mark\" x=\"{at:.1}\" y=\"{:.0}\" text-anchor=\"{anchor}\">{}</text>",
             bottom + 14.0,
             number(mark)
         );
@@ -122,14 +134,24 @@ pub fn rows(title: &str, metric: &Metric, rows: &[PlotRow]) -> String {
             // Apart from one another, in an order that looks random and is always the same.
             let y = middle + ((j * 7) % 11) as f64 - 5.0;
             let shown = metric.shown(*value);
-            let _ = write!(body, "<circle class=\"dot\" cx=\"{:.1}\" cy=\"{y:.1}\" r=\"2.4\"><title>{}: {shown} {}</title></circle>", x(*value), escaped(name), metric.unit);
+            let _ = write!(
+                body,
+                "<circle class=\"dot\" cx=\"{:.1}\" cy=\"{y:.1}\" r=\"2.4\"><title>{}: {shown} {}</title></circle>",
+                x(*value),
+                escaped(name),
+                metric.unit
+            );
         }
         let Some(Estimate { mean, interval, .. }) = row.estimate else { continue };
         if let Some([low, high]) = interval {
             let _ = write!(body, "<path class=\"interval\" d=\"M{:.1} {middle}H{:.1}\"/>", x(low), x(high));
         }
         let _ = write!(body, "<circle class=\"mean\" cx=\"{:.1}\" cy=\"{middle}\" r=\"4.5\"/>", x(mean));
-        let _ = write!(body, "<text class=\"value\" x=\"{right}\" y=\"{top:.0}\" text-anchor=\"end\">{}</text>", metric.shown(mean));
+        let _ = write!(
+            body,
+            "<text class=\"value\" x=\"{right}\" y=\"{top:.0}\" text-anchor=\"end\">{}</text>",
+            metric.shown(mean)
+        );
     }
     frame(title, bottom + 20.0, &body)
 }
@@ -183,8 +205,7 @@ impl Area {
     }
 
     fn line(&mut self, class: &str, points: impl Iterator<Item = (f64, f64)>) {
-        let path: Vec<String> =
-            points.map(|(x, y)| format!("{:.1} {:.1}", self.at_x(x), self.at_y(y))).collect();
+        let path: Vec<String> = points.map(|(x, y)| format!("{:.1} {:.1}", self.at_x(x), self.at_y(y))).collect();
         if path.len() > 1 {
             let _ = write!(self.body, "<path class=\"{class}\" d=\"M{}\"/>", path.join("L"));
         }
@@ -254,7 +275,12 @@ pub fn over_time(rows: &[&ReportRow]) -> Option<String> {
         if let [row] = known.as_slice() {
             for [from, to] in &row.curve.lost {
                 let (from, to) = (area.at_x(*from), area.at_x(*to));
-                let _ = write!(area.body, "<rect class=\"lost\" x=\"{from:.1}\" y=\"6\" width=\"{:.1}\" height=\"{:.0}\"><title>lost</title></rect>", (to - from).max(1.0), HEIGHT - 6.0);
+                let _ = write!(
+                    area.body,
+                    "<rect class=\"lost\" x=\"{from:.1}\" y=\"6\" width=\"{:.1}\" height=\"{:.0}\"><title>lost</title></rect>",
+                    (to - from).max(1.0),
+                    HEIGHT - 6.0
+                );
             }
         }
         for (k, row) in known.iter().enumerate() {

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
-/// Lengths from here on mean that the pose was not a number, millimetres.
-const INFINITE_MM: f64 = 1e6;
+/// Errors from here on mean that the pose was not a number, millimetres.
+pub const INFINITE_MM: f64 = 1e6;
 
 /// Identity of a run: runs of two sweeps with the same identity are compared.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -32,6 +32,14 @@ pub struct RunKind {
     pub cameras: String,
     /// Name of the variant, `full` for all factors. Ends in a hash of the settings where several occur.
     pub variant: String,
+}
+
+impl RunIdentity {
+    /// Returns the identity without the hash of the settings.
+    pub fn without_settings(&self) -> Self {
+        let variant = self.kind.variant.split(" #").next().unwrap_or_default().to_owned();
+        Self { kind: RunKind { variant, ..self.kind.clone() }, ..self.clone() }
+    }
 }
 
 impl RunKind {
@@ -179,8 +187,7 @@ impl ReportRow {
     /// If the line is no result of a run.
     pub fn of_line(line: &str) -> Result<Self, serde_json::Error> {
         let line: TableLine = serde_json::from_str(line)?;
-        let kind =
-            RunKind { cameras: line.cameras, mode: line.mode, modality: line.modality, variant: line.variant };
+        let kind = RunKind { cameras: line.cameras, mode: line.mode, modality: line.modality, variant: line.variant };
         let id = RunIdentity { kind, object: line.object, seed: line.seed, estimator_seed: line.estimator_seed };
         let row = Self {
             settings: line.settings,
@@ -202,12 +209,8 @@ impl ReportRow {
     /// If the text is no summary of a run.
     pub fn of_summary(text: &str) -> Result<Self, serde_json::Error> {
         let file: SummaryFile = serde_json::from_str(text)?;
-        let kind = RunKind {
-            cameras: String::new(),
-            mode: file.mode,
-            modality: file.modality,
-            variant: FULL.to_owned(),
-        };
+        let kind =
+            RunKind { cameras: String::new(), mode: file.mode, modality: file.modality, variant: FULL.to_owned() };
         let id = RunIdentity { kind, object: file.object, seed: file.seed, estimator_seed: 0 };
         let row = Self {
             end: if file.complete { "" } else { "interrupted" }.to_owned(),
@@ -248,9 +251,16 @@ impl ReportRow {
         }
     }
 
+    /// Fills in the errors, and leaves out numbers that no run has.
     fn with_errors(mut self, errors: Option<ErrorsFile>) -> Self {
+        let is_share = |share: &f64| (0.0..=1.0).contains(share);
+        self.f_score.retain(|_, share| is_share(share));
+        self.f_score_fine.retain(|_, share| is_share(share));
+        self.hidden = self.hidden.filter(is_share);
+        self.frames_per_second = self.frames_per_second.filter(|speed| (0.0..1e6).contains(speed));
+        self.events.retain(|(time_s, _)| time_s.is_finite());
         if let Some(ErrorsFile { mean, median, p95, last }) = errors {
-            let known = |mm: Option<f64>| mm.filter(|mm| mm.abs() < INFINITE_MM);
+            let known = |mm: Option<f64>| mm.filter(|mm| (0.0..INFINITE_MM).contains(mm));
             self.add_s = known(mean);
             self.add_s_median = known(median);
             self.add_s_p95 = known(p95);

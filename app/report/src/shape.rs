@@ -1,9 +1,8 @@
 //! Shapes of a run for the page: thinned out, quantised, with their errors.
 
-use std::collections::HashMap;
 use std::path::Path;
 
-use glam::{IVec3, Vec3, Vec3A};
+use glam::{Vec3, Vec3A};
 use mvt_frames::Point;
 use mvt_mesh::{Mesh, SignedDistance as _};
 use mvt_objects::distance::MeshDistance;
@@ -12,9 +11,12 @@ use mvt_run::report::file;
 use serde_json::{Value, json};
 
 use crate::encode::base64;
+use crate::thin::thinned;
 
 /// Most vertices of a shape on the page.
 const MOST_VERTICES: usize = 3500;
+/// Most vertices that 16-bit indices tell apart.
+const MOST_INDICES: usize = 1 << 16;
 /// Error that has the darkest colour, metres.
 const ERROR_SCALE_M: f64 = 0.005;
 /// Steps of a quantised coordinate.
@@ -25,8 +27,8 @@ const STEPS: f32 = 65535.0;
 pub struct PageShapes {
     /// The estimated shape, as the page reads it.
     pub estimate: Value,
-    /// The true shape.
-    pub truth: Option<Value>,
+    /// The true shape, whole.
+    pub truth: Option<Mesh>,
 }
 
 impl PageShapes {
@@ -43,97 +45,38 @@ impl PageShapes {
         mvt_mesh::check(&estimate).map_err(|defect| format!("{}: {defect}", path.display()))?;
         let truth = recording.and_then(Recording::true_mesh);
         let moments = recording.map(Recording::moments).unwrap_or_default();
-        let motion =
-            moments.iter().rev().find_map(|moment| Some(moment.row.truth?.inverse() * moment.estimate()?));
+        let motion = moments.iter().rev().find_map(|moment| Some(moment.row.truth?.inverse() * moment.estimate()?));
         let (Some(truth), Some(motion)) = (truth, motion) else {
-            return Ok(Some(Self { estimate: encoded(&thinned(&estimate), None), truth: None }));
+            return Ok(Some(Self { estimate: page_shape(&estimate, None)?, truth: None }));
         };
         let (rotation, translation) = motion.to_f32();
         for vertex in &mut estimate.vertices {
             *vertex = Vec3::from(rotation * Vec3A::from(*vertex) + translation);
         }
-        let estimate = thinned(&estimate);
-        let errors_m = MeshDistance::new(truth).map(|surface| {
-            let error = |v: &Vec3| {
-                let [x, y, z] = v.to_array().map(f64::from);
-                surface.distance_m(Point::new(x, y, z)).abs()
-            };
-            estimate.vertices.iter().map(error).collect::<Vec<f64>>()
-        });
         Ok(Some(Self {
-            estimate: encoded(&estimate, errors_m.as_deref()),
-            truth: Some(encoded(&thinned(truth), None)),
+            estimate: page_shape(&estimate, MeshDistance::new(truth).as_ref())?,
+            truth: Some(truth.clone()),
         }))
     }
 }
 
-/// Merges the vertices of each cell of a grid, the finest that leaves few enough, if their normals have the same main
-/// axis: so the two sides of a thin wall stay apart. The vertex nearest to the mean remains at its place, so that corners
-/// stay sharp.
-fn thinned(mesh: &Mesh) -> Mesh {
-    let mut cell_m = mesh.extents_m().max_element() / 250.0;
-    let sides = sides(mesh);
-    loop {
-        let thin = with_cells(mesh, &sides, cell_m);
-        // Faces of a mesh whose vertices are spread out vanish at last.
-        if thin.vertices.len() <= MOST_VERTICES || thin.faces.is_empty() {
-            return thin;
-        }
-        cell_m *= (thin.vertices.len() as f32 / MOST_VERTICES as f32).sqrt().max(1.03);
+/// Thins out a mesh and returns it as the page reads it, with the distances of its vertices from a surface.
+///
+/// # Errors
+/// If too many vertices remain.
+pub fn page_shape(mesh: &Mesh, truth: Option<&MeshDistance>) -> Result<Value, String> {
+    let thin = thinned(mesh, MOST_VERTICES);
+    if thin.vertices.len() > MOST_INDICES {
+        return Err(format!("{} vertices cannot be merged; weld the mesh", thin.vertices.len()));
     }
-}
-
-/// Returns the main axis of the normal of each vertex, 0 to 2 for x to z, 3 to 5 for the negative directions.
-fn sides(mesh: &Mesh) -> Vec<usize> {
-    let mut normals = vec![Vec3::ZERO; mesh.vertices.len()];
-    for (face, [a, b, c]) in mesh.faces.iter().zip(mesh.triangles()) {
-        for &corner in face {
-            if let Some(normal) = normals.get_mut(corner as usize) {
-                *normal += (b - a).cross(c - a);
-            }
-        }
-    }
-    let side = |normal: Vec3| {
-        let axis = normal.abs().max_position();
-        if normal.to_array()[axis] < 0.0 { axis + 3 } else { axis }
-    };
-    normals.into_iter().map(side).collect()
-}
-
-/// Merges vertices of one cell and side.
-fn with_cells(mesh: &Mesh, sides: &[usize], cell_m: f32) -> Mesh {
-    let [low, _] = mesh.bounds_m();
-    let cell = |v: Vec3| if cell_m > 0.0 { ((v - low) / cell_m).floor().as_ivec3() } else { IVec3::ZERO };
-    let keys: Vec<(IVec3, usize)> = mesh.vertices.iter().zip(sides).map(|(&v, &side)| (cell(v), side)).collect();
-    let mut sums = HashMap::<(IVec3, usize), (Vec3, f32)>::new();
-    for (&v, &key) in mesh.vertices.iter().zip(&keys) {
-        let (sum, count) = sums.entry(key).or_default();
-        *sum += v;
-        *count += 1.0;
-    }
-    let mut nearest = HashMap::<(IVec3, usize), (f32, Vec3)>::new();
-    for (&v, &key) in mesh.vertices.iter().zip(&keys) {
-        let distance = sums.get(&key).map_or(0.0, |(sum, count)| (*sum / *count).distance_squared(v));
-        let kept = nearest.entry(key).or_insert((distance, v));
-        if distance < kept.0 {
-            *kept = (distance, v);
-        }
-    }
-    let mut thin = Mesh::default();
-    let mut index = HashMap::<(IVec3, usize), u32>::new();
-    for face in &mesh.faces {
-        let [Some(a), Some(b), Some(c)] = face.map(|corner| keys.get(corner as usize)) else { continue };
-        if a == b || b == c || c == a {
-            continue;
-        }
-        thin.faces.push([*a, *b, *c].map(|key| {
-            *index.entry(key).or_insert_with(|| {
-                thin.vertices.push(nearest.get(&key).map_or(Vec3::ZERO, |(_, v)| *v));
-                thin.vertices.len() as u32 - 1
-            })
-        }));
-    }
-    thin
+    let errors_m: Option<Vec<f64>> = truth.map(|surface| {
+        let error = |v: &Vec3| {
+            let [x, y, z] = v.to_array().map(f64::from);
+            surface.distance_m(Point::new(x, y, z)).abs()
+        };
+        thin.vertices.iter().map(error).collect()
+    });
+    Ok(encoded(&thin, errors_m.as_deref()))
 }
 
 /// Encodes a mesh: coordinates as 16-bit steps from the lowest corner, errors as 8-bit steps to 5 mm, and faces.
@@ -163,38 +106,16 @@ fn encoded(mesh: &Mesh, errors_m: Option<&[f64]>) -> Value {
 mod tests {
     use super::*;
 
-    /// Points on a sphere of 30 mm, joined along meridians and parallels.
-    fn sphere(rows: u32) -> Mesh {
-        let columns = 2 * rows;
-        let point = |row: u32, column: u32| {
-            let (polar, around) =
-                (std::f32::consts::PI * row as f32 / rows as f32, std::f32::consts::TAU * column as f32 / columns as f32);
-            0.03 * Vec3::new(polar.sin() * around.cos(), polar.sin() * around.sin(), polar.cos())
-        };
-        let vertices = (0..=rows).flat_map(|row| (0..columns).map(move |column| point(row, column))).collect();
-        let at = |row: u32, column: u32| row * columns + column % columns;
-        let faces = (0..rows).flat_map(|row| {
-            (0..columns).flat_map(move |k| {
-                [[at(row, k), at(row + 1, k), at(row, k + 1)], [at(row, k + 1), at(row + 1, k), at(row + 1, k + 1)]]
-            })
-        });
-        Mesh { vertices, faces: faces.collect() }
-    }
-
     #[test]
-    fn thin_shapes_keep_their_place_and_size() {
-        let sphere = sphere(100);
-        let thin = thinned(&sphere);
-        assert!((1000..=MOST_VERTICES).contains(&thin.vertices.len()), "{}", thin.vertices.len());
-        assert!(thin.vertices.iter().all(|v| (v.length() - 0.03).abs() < 1e-6));
-        assert!((thin.volume_m3() / sphere.volume_m3() - 1.0).abs() < 0.02);
-        assert_eq!(thinned(&Mesh::default()), Mesh::default());
-    }
-
-    #[test]
-    fn a_shape_without_extent_has_no_faces() {
-        let point = Mesh { vertices: vec![Vec3::ONE; 5000], faces: vec![[0, 1, 2]; 10] };
-        assert!(thinned(&point).faces.is_empty());
+    fn shapes_with_more_vertices_than_indices_are_refused() {
+        let single = Mesh { vertices: vec![Vec3::ZERO, 0.01 * Vec3::X, 0.01 * Vec3::Y], faces: vec![[0, 1, 2]] };
+        let mut soup = Mesh::default();
+        for k in 0..22_000 {
+            soup.vertices.extend(single.vertices.iter().map(|v| *v + 1e-5 * k as f32 * Vec3::Z));
+            soup.faces.push([0, 1, 2].map(|corner| corner + 3 * k));
+        }
+        assert!(page_shape(&soup, None).is_err());
+        assert!(page_shape(&single, None).is_ok());
     }
 
     #[test]

@@ -120,8 +120,7 @@ mod tests {
     #[test]
     fn the_test_agrees_with_scipy() {
         // The example of scipy.stats.wilcoxon, Darwin's plants.
-        let plants =
-            [6.0, 8.0, 14.0, 16.0, 23.0, 24.0, 28.0, 29.0, 41.0, -48.0, 49.0, 56.0, 60.0, -67.0, 75.0];
+        let plants = [6.0, 8.0, 14.0, 16.0, 23.0, 24.0, 28.0, 29.0, 41.0, -48.0, 49.0, 56.0, 60.0, -67.0, 75.0];
         assert!((wilcoxon(&plants).unwrap() - 0.041_259_765_625).abs() < 1e-12);
         assert_eq!(wilcoxon(&[0.0, 0.0]), None);
         assert_eq!(wilcoxon(&[]), None);
