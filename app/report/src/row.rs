@@ -200,7 +200,7 @@ impl ReportRow {
             frames_per_second: line.frames_per_second,
             ..Self::empty(id, line.frames, line.lost_frames)
         };
-        Ok(row.with_errors(line.add_s_mm))
+        Ok(row.with_errors(line.add_s_mm.as_ref()))
     }
 
     /// Reads summary.json. Cameras, settings and what lies in other files remain empty.
@@ -223,7 +223,7 @@ impl ReportRow {
             events: file.events.into_iter().map(|event| (event.time_s, event.text)).collect(),
             ..Self::empty(id, file.frames, file.lost_frames)
         };
-        Ok(row.with_errors(file.add_s_mm))
+        Ok(row.with_errors(file.add_s_mm.as_ref()))
     }
 
     fn empty(id: RunIdentity, frames: usize, lost_frames: usize) -> Self {
@@ -252,14 +252,14 @@ impl ReportRow {
     }
 
     /// Fills in the errors, and leaves out numbers that no run has.
-    fn with_errors(mut self, errors: Option<ErrorsFile>) -> Self {
+    fn with_errors(mut self, errors: Option<&ErrorsFile>) -> Self {
         let is_share = |share: &f64| (0.0..=1.0).contains(share);
         self.f_score.retain(|_, share| is_share(share));
         self.f_score_fine.retain(|_, share| is_share(share));
         self.hidden = self.hidden.filter(is_share);
         self.frames_per_second = self.frames_per_second.filter(|speed| (0.0..1e6).contains(speed));
         self.events.retain(|(time_s, _)| time_s.is_finite());
-        if let Some(ErrorsFile { mean, median, p95, last }) = errors {
+        if let Some(&ErrorsFile { mean, median, p95, last }) = errors {
             let known = |mm: Option<f64>| mm.filter(|mm| (0.0..INFINITE_MM).contains(mm));
             self.add_s = known(mean);
             self.add_s_median = known(median);

@@ -127,17 +127,17 @@ mod tests {
         // One pair says nothing; five of one sign have 2 of 32 chances.
         assert_eq!(wilcoxon(&[0.3]), Some(1.0));
         assert!((wilcoxon(&[1.0, 2.0, 3.0, 4.0, 5.0]).unwrap() - 0.0625).abs() < 1e-12);
-        // With ties: the two sign patterns at the end of eight.
-        assert!((wilcoxon(&[2.0, 2.0, 2.0]).unwrap() - 0.25).abs() < 1e-12);
+        // With ties and zeros: a count over all 1,024 signs with SciPy's ranks.
+        let tied = [1.0, 1.0, 2.0, -2.0, 3.0, -1.0, 4.0, 5.0, -2.0, 2.0, 0.0, 0.0];
+        assert!((wilcoxon(&tied).unwrap() - 0.160_156_25).abs() < 1e-12);
     }
 
     #[test]
-    fn many_pairs_have_the_normal_value() {
+    fn many_pairs_agree_with_scipy() {
         let differences: Vec<f64> = (1..=101).map(|k| if k % 3 == 0 { -f64::from(k) } else { f64::from(k) }).collect();
-        // scipy.stats.wilcoxon(d, mode="approx", correction=False)
-        let all = wilcoxon(&differences).unwrap();
-        let exact = wilcoxon(&differences[..100]).unwrap();
-        assert!((all / exact - 1.0).abs() < 0.2, "{all} and {exact}");
+        // method="exact", then method="approx" without correction.
+        assert!((wilcoxon(&differences[..100]).unwrap() - 0.003_526_003_801_650_468).abs() < 1e-12);
+        assert!((wilcoxon(&differences).unwrap() - 0.002_498_973_103_418_4).abs() < 2e-7);
         assert!((2.0 * upper_tail(1.959_963_985) - 0.05).abs() < 1e-7);
     }
 
