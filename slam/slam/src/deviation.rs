@@ -122,16 +122,14 @@ mod tests {
     fn variances_add_up_until_the_object_shows_the_same_side_again() {
         let mut drift = Drift::default();
         drift.learn(turned(0.0), Variance::default());
-        let variance = |drift: &Drift, degrees: f64| drift.variance(turned(degrees), OWN).translation_m2;
         for k in 1..36 {
-            let degrees = 10.0 * f64::from(k);
-            drift.learn(turned(degrees), OWN);
-            let walked = drift.stations.last().unwrap().variance.translation_m2;
-            assert!(walked <= f64::from(k) * OWN.translation_m2 * 1.001, "pose {k}: {walked}");
+            drift.learn(turned(10.0 * f64::from(k)), OWN);
+            let walked = drift.stations.last().unwrap().variance.translation_m2 / OWN.translation_m2;
+            // The last pose of the turn shows the side of the first.
+            let steps = if k == 35 { 1.0 } else { f64::from(k) };
+            assert!((walked - steps).abs() < 1e-9, "pose {k}: {walked} steps");
         }
-        // Half a turn away no pose but the one before shows the same side.
-        assert!(variance(&drift, 180.0) > 10.0 * OWN.translation_m2);
-        assert!((variance(&drift, 360.0) - OWN.translation_m2).abs() < 1e-12);
+        assert!((drift.variance(turned(360.0), OWN).translation_m2 - OWN.translation_m2).abs() < 1e-12);
     }
 
     #[test]
