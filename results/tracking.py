@@ -11,6 +11,7 @@ their runs are done.
 
 import argparse
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -67,7 +68,7 @@ def reliability(frames):
         if len(pairs) >= 50:
             errors = sorted(e for _, e in pairs)
             points.append((2 * sum(d for d, _ in pairs) / len(pairs), errors[int(0.95 * (len(errors) - 1))], len(pairs)))
-    top = max([10, *(max(x, y) for x, y, _ in points)])
+    top = 2 * math.ceil(max([10, *(max(x, y) for x, y, _ in points)]) / 2)
     at = lambda x, y: (50 + 340 * x / top, 360 - 340 * y / top)
     (x0, y0), (x1, y1) = at(0, 0), at(top, top)
     marks = "".join(f'<circle cx="{at(x, y)[0]:.1f}" cy="{at(x, y)[1]:.1f}" r="4" fill="#0072b2"/>'
