@@ -41,8 +41,9 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         config.calibration.refine = choice == CalibrationChoice::Refine;
     }
     arguments.check()?;
+    let profile = arguments.touch.profile()?;
     let weights = arguments.touch.weights()?.filter(|_| arguments.modality.has_touch());
-    let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch));
+    let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch, &profile));
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
@@ -66,6 +67,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         mode: Some(arguments.mode),
         modality: arguments.modality,
         side,
+        touch_fov_y_deg: profile.fov_y_deg,
         cameras,
         frames: source.frame_count(),
         process: std::process::id(),

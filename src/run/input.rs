@@ -74,6 +74,7 @@ fn from_log(
             None
         }
     };
+    source.wear(&arguments.touch.profile()?);
     source.limit_pictures(mvt_recording::has_images);
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
@@ -100,6 +101,7 @@ fn live(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwo
     let (gait_name, gait) = gait::choose(&arguments.manner.gait, &object)?;
     let settings = LiveSettings {
         side,
+        touch: arguments.touch.profile()?,
         gait: gait.clone(),
         seed,
         duration_s: arguments.duration.unwrap_or(DURATION_S),

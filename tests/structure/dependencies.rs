@@ -11,7 +11,8 @@ use crate::nothing_offends;
 use crate::sources::{read, root};
 
 /// The crates that may link libmujoco.
-const LINKS_MUJOCO: [&str; 5] = ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-physics"];
+const LINKS_MUJOCO: [&str; 6] =
+    ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-physics", "mvt-sweep"];
 /// The crates that may import the downloader: for meshes of objects, in the build script that brings libmujoco, and for hashes of settings
 /// and files.
 const DOWNLOADS: [&str; 5] = ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-objects"];

@@ -15,6 +15,7 @@ use super::architecture::Architecture;
 const MAX_BYTES: u64 = 4 << 30;
 /// Shipped weights of `default`, trained on images of simulated DIGITs.
 const SHIPPED: &[u8] = include_bytes!("../../weights/default.safetensors");
+const SHIPPED_FOR_REAL: &[u8] = include_bytes!("../../weights/digit.safetensors");
 /// Key of the header in the metadata.
 const KEY: &str = "mambavitact";
 
@@ -114,6 +115,14 @@ impl Weights {
     /// None in practice: a test reads the shipped file.
     pub fn shipped() -> Result<Self, WeightsError> {
         Self::from_bytes(SHIPPED, Path::new("the shipped weights"))
+    }
+
+    /// Returns the weights for images of real DIGITs: those of `default`, trained on sensors that were drawn like real ones.
+    ///
+    /// # Errors
+    /// None in practice: a test reads the shipped file.
+    pub fn shipped_for_real() -> Result<Self, WeightsError> {
+        Self::from_bytes(SHIPPED_FOR_REAL, Path::new("the shipped weights for real sensors"))
     }
 
     /// Builds weights from tensors by name; errors name `source`.
