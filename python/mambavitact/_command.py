@@ -2,6 +2,8 @@
 
 import signal
 import sys
+import sysconfig
+from pathlib import Path
 
 from mambavitact import _native
 
@@ -10,4 +12,8 @@ def main() -> int:
     """Run the program with the arguments of this process."""
     # The program handles Ctrl-C itself; Python could do so only after its end.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    return _native.main(sys.argv)
+    program = Path(sys.argv[0])
+    if program.name != "mambavitact":
+        # Started as a module: the program starts itself again for the window, by the installed command.
+        program = Path(sysconfig.get_path("scripts")) / "mambavitact"
+    return _native.main([str(program), *sys.argv[1:]])

@@ -1,10 +1,34 @@
 # Types of the native module. Its documentation stands in the module itself: see help(mambavitact).
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Camera",
+    "Environments",
+    "Episode",
+    "EpisodeState",
+    "Estimate",
+    "Frame",
+    "Log",
+    "LogFrames",
+    "Recording",
+    "RecordingFrame",
+    "Slam",
+    "TouchNetwork",
+    "TouchPrediction",
+    "TouchRendering",
+    "main",
+    "record_log",
+    "render_touch",
+    "score",
+    "score_poses",
+    "version",
+]
 
 _Path = str | os.PathLike[str]
 _MeshLike = _Path | tuple[ArrayLike, ArrayLike]
@@ -189,7 +213,7 @@ class Log:
     def __getitem__(self, index: int, /) -> Frame: ...
     def __iter__(self) -> Iterator[Frame]: ...
     @property
-    def folder(self) -> os.PathLike[str]: ...
+    def folder(self) -> Path: ...
     @property
     def object(self) -> str: ...
     @property

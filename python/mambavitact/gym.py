@@ -58,7 +58,7 @@ def _make(
 
 
 def _observation_space(environments: Environments, observation: str | Sequence[str]) -> spaces.Space[Any]:
-    boxes = {
+    boxes: dict[str, spaces.Space[Any]] = {
         name: spaces.Box(low, high, tuple(shape), np.dtype(dtype).type)
         for name, shape, dtype, low, high in environments.spaces
     }
@@ -123,7 +123,7 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         )
         self._is_single = isinstance(observation, str)
         self.observation_space = _observation_space(self._environments, observation)
-        self.action_space = _action_space()
+        self.action_space: spaces.Space[Any] = _action_space()
         self.render_mode = render_mode
         self._screen: Any = None
 
@@ -238,7 +238,7 @@ class TurnInHandVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         names = (space[0] for space in self._environments.spaces)
         return dict(zip(names, arrays, strict=True))
 
-    def reset(  # type: ignore[override]
+    def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start all episodes anew."""

@@ -46,9 +46,12 @@ fn read<T: Element + Copy>(
             "{name}: expected an array of dtype {dtype} and shape {expected}, got dtype {found} and shape {came}"
         )));
     }
-    let array = array.call_method1("astype", (dtype,))?;
-    let array = array.cast_into::<PyArrayDyn<T>>()?;
-    Ok(array.readonly().as_array().to_owned())
+    let order = pyo3::types::PyDict::new(value.py());
+    order.set_item("order", "C")?;
+    order.set_item("copy", false)?;
+    let array = array.call_method("astype", (dtype,), Some(&order))?.cast_into::<PyArrayDyn<T>>()?;
+    // In the order of the indices, so that the numbers can be taken one after the other.
+    Ok(array.readonly().as_array().as_standard_layout().into_owned())
 }
 
 /// Reads finite numbers. `N` stands for any length of a side.
@@ -87,7 +90,7 @@ pub fn truths(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usize>]) -> 
 pub fn images(value: &Bound<'_, PyAny>, name: &str, count: Option<usize>, size: [usize; 2]) -> PyResult<Vec<RgbImage>> {
     let [height, width] = size;
     let array = bytes(value, name, &[count, Some(height), Some(width), Some(3)])?;
-    let pixels = array.iter().copied().collect::<Vec<u8>>();
+    let pixels = array.into_raw_vec_and_offset().0;
     let images = pixels.chunks_exact(3 * height * width);
     Ok(images.filter_map(|part| RgbImage::from_raw(width as u32, height as u32, part.to_vec())).collect())
 }

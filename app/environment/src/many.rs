@@ -145,13 +145,18 @@ impl Environments {
                 parts.push(part);
             }
         }
-        let work = self.places.par_iter_mut().zip(parts.par_iter_mut()).enumerate();
-        let results = work.map(|(k, (place, parts))| {
+        let work = |(k, (place, parts)): (usize, (&mut Place, &mut Vec<Part<'_>>))| {
             let result = act(k, place)?;
             place.environment.observe(parts)?;
             Ok(result)
-        });
-        let results = results.collect::<Result<Vec<T>, TaskError>>()?;
+        };
+        // To hand a single environment to another thread would only cost time.
+        let results = if count == 1 {
+            self.places.iter_mut().zip(&mut parts).enumerate().map(work).collect::<Result<Vec<T>, TaskError>>()?
+        } else {
+            let each = self.places.par_iter_mut().zip(parts.par_iter_mut()).enumerate();
+            each.map(work).collect::<Result<Vec<T>, TaskError>>()?
+        };
         Ok((observations, results))
     }
 }
