@@ -1,20 +1,24 @@
-"""Renders the corner of a box on a DIGIT, and reads the image with the shipped network."""
+"""Renders a ball on a DIGIT, and reads the image with the shipped network."""
 
 import numpy as np
 
 from mambavitact import TouchNetwork, render_touch
 
-corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * [0.02, 0.008, 0.008]
-faces = [
-    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
-]  # fmt: skip
-pose = np.eye(4)
-pose[:3, 3] = 0.0212, -0.004, -0.004  # 0.8 mm into the gel, which is 22 mm from the camera
+RADIUS_M, DEPTH_M, GEL_M = 0.008, 0.0008, 0.022
 
-pressed = render_touch((corners, faces), pose)
+# A ball of rings around the x axis, which points from the camera to the gel.
+polar, around = np.meshgrid(np.linspace(0, np.pi, 65), np.linspace(0, 2 * np.pi, 129)[:-1], indexing="ij")
+ball = RADIUS_M * np.stack([-np.cos(polar), np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around)], axis=-1)
+ring, step = (index.ravel() for index in np.meshgrid(np.arange(64), np.arange(128), indexing="ij"))
+a, b = ring * 128 + step, ring * 128 + (step + 1) % 128
+faces = np.concatenate([np.stack([a, b, a + 128], axis=-1), np.stack([b, b + 128, a + 128], axis=-1)])
+mesh = (ball.reshape(-1, 3), faces[:, ::-1])
+
+pose = np.eye(4)
+pose[0, 3] = GEL_M + RADIUS_M - DEPTH_M
+pressed = render_touch(mesh, pose)
 pose[0, 3] = 0.1
-untouched = render_touch((corners, faces), pose)
+untouched = render_touch(mesh, pose)
 true_mm = 1e3 * (untouched.depth_m - pressed.depth_m)
 
 found = TouchNetwork().predict(pressed.calibrated[None], untouched=untouched.calibrated)

@@ -137,7 +137,8 @@ def test_order_and_type_of_numbers_do_not_matter() -> None:
 
 
 def test_a_state_of_another_object_is_refused() -> None:
-    state = Episode("random:1").save()
-    episode = Episode("random:1", side="right")
-    # The models have the same size, so that this one continues; sizes that differ are refused.
-    episode.restore(state)
+    episode = Episode(OBJECT, seed=1)
+    for other in (Episode("random:1", seed=1), Episode(OBJECT, seed=2), Episode(OBJECT, seed=1, side="right")):
+        with pytest.raises(ArgumentError, match="another object, seed or configuration"):
+            episode.restore(other.save())
+    episode.restore(Episode(OBJECT, seed=1).save())

@@ -166,6 +166,8 @@ pub struct EpisodeConfig {
 /// State of a running episode. A restored episode continues bit for bit.
 #[derive(Debug, Clone)]
 pub struct EpisodeSnapshot {
+    /// Shows to which episode it belongs.
+    start: EpisodeStart,
     simulation: SimulationState,
     controller: DirectedController,
     target: JointAngles,
@@ -327,6 +329,7 @@ impl Episode {
     /// Returns the state for [`Episode::restore`].
     pub fn save(&self) -> EpisodeSnapshot {
         EpisodeSnapshot {
+            start: self.start.clone(),
             simulation: self.simulation.save(),
             controller: self.controller.clone(),
             target: self.target,
@@ -339,9 +342,13 @@ impl Episode {
     /// Sets the state to a saved one of an episode with the same object, configuration and seed.
     ///
     /// # Errors
-    /// [`SimulationError::State`] if the state belongs to another model.
+    /// [`SimulationError::State`] if the state belongs to an episode with another start.
     pub fn restore(&mut self, snapshot: &EpisodeSnapshot) -> Result<(), SimulationError> {
-        let EpisodeSnapshot { simulation, controller, target, tick, turned_rad, end } = snapshot.clone();
+        let EpisodeSnapshot { start, simulation, controller, target, tick, turned_rad, end } = snapshot.clone();
+        if start != self.start {
+            let reason = "it was saved in an episode with another object, seed or configuration".to_owned();
+            return Err(SimulationError::State(reason));
+        }
         self.simulation.restore(&simulation)?;
         (self.controller, self.target, self.tick) = (controller, target, tick);
         (self.turned_rad, self.end) = (turned_rad, end);
