@@ -42,9 +42,11 @@ fn read<T: Element + Copy>(
         found_shape.len() == shape.len() && shape.iter().zip(&found_shape).all(|(s, f)| s.is_none_or(|s| s == *f));
     if !fits || !kinds.contains(&kind) {
         let came = shape_text(&found_shape.iter().map(|&n| Some(n)).collect::<Vec<_>>());
-        return Err(Kind::Argument.error(format!(
-            "{name}: expected an array of dtype {dtype} and shape {expected}, got dtype {found} and shape {came}"
-        )));
+        return Err(Kind::Argument
+            .error(format!(
+                "{name}: expected an array of dtype {dtype} and shape {expected}, got dtype {found} and shape {came}"
+            ))
+            .into());
     }
     let order = pyo3::types::PyDict::new(value.py());
     order.set_item("order", "C")?;
@@ -72,8 +74,8 @@ fn finite(holds: bool, name: &str) -> PyResult<()> {
     if holds {
         return Ok(());
     }
-    Err(Kind::Argument
-        .error(format!("{name}: expected finite numbers, got NaN or infinity; write 0 where nothing was measured")))
+    let text = format!("{name}: expected finite numbers, got NaN or infinity; write 0 where nothing was measured");
+    Err(Kind::Argument.error(text).into())
 }
 
 /// Reads indices.
@@ -99,8 +101,8 @@ pub fn images(value: &Bound<'_, PyAny>, name: &str, count: Option<usize>, size: 
 pub fn image(value: &Bound<'_, PyAny>, name: &str, size: [Option<usize>; 2]) -> PyResult<RgbImage> {
     let array = bytes(value, name, &[size[0], size[1], Some(3)])?;
     let (height, width) = (array.shape()[0], array.shape()[1]);
-    let image = RgbImage::from_raw(width as u32, height as u32, array.iter().copied().collect());
-    image.ok_or_else(|| Kind::Argument.error(format!("{name}: the image is empty")))
+    let image = RgbImage::from_raw(width as u32, height as u32, array.into_raw_vec_and_offset().0);
+    Ok(image.ok_or_else(|| Kind::Argument.error(format!("{name}: the image is empty")))?)
 }
 
 /// Reads bytes: no other dtype is taken for colours.
@@ -113,14 +115,14 @@ fn bytes(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usize>]) -> PyRes
 /// Reads a plane of numbers in 32 bits.
 pub fn plane(value: &Bound<'_, PyAny>, name: &str, size: [Option<usize>; 2]) -> PyResult<Array2<f32>> {
     let array = singles(value, name, &size)?;
-    array.into_dimensionality().map_err(|error| Kind::Argument.error(format!("{name}: {error}")))
+    Ok(array.into_dimensionality().map_err(|error| Kind::Argument.error(format!("{name}: {error}")))?)
 }
 
 /// Reads a rigid motion as a 4 x 4 matrix.
 pub fn motion<A: Frame, B: Frame>(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Isometry<A, B>> {
     let array = numbers(value, name, &[Some(4), Some(4)])?;
     let rows: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| array[[i, j]]));
-    Isometry::from_matrix(&rows).map_err(|error| Kind::Argument.error(format!("{name} is {error}")))
+    Ok(Isometry::from_matrix(&rows).map_err(|error| Kind::Argument.error(format!("{name} is {error}")))?)
 }
 
 /// Returns a rigid motion as an array of shape (4, 4).

@@ -28,13 +28,15 @@ impl Camera {
         /// Longest side of an image, pixels.
         const LONGEST: usize = 16_384;
         if !(1..=LONGEST).contains(&width) || !(1..=LONGEST).contains(&height) {
-            return Err(Kind::Argument
-                .error(format!("width and height are {width} and {height}; expected 1 to {LONGEST} pixels")));
+            let text = format!("width and height are {width} and {height}; expected 1 to {LONGEST} pixels");
+            return Err(Kind::Argument.error(text).into());
         }
         let k = numbers(intrinsics, "intrinsics", &[Some(3), Some(3)])?;
         let intrinsics = Intrinsics { width, height, fx: k[[0, 0]], fy: k[[1, 1]], cx: k[[0, 2]], cy: k[[1, 2]] };
         if intrinsics.fx <= 0.0 || intrinsics.fy <= 0.0 {
-            return Err(Kind::Argument.error("intrinsics: the focal lengths [0, 0] and [1, 1] must be positive"));
+            return Err(Kind::Argument
+                .error("intrinsics: the focal lengths [0, 0] and [1, 1] must be positive")
+                .into());
         }
         Ok(Self(PosedCamera { name, intrinsics, pose: motion(pose, "pose")? }))
     }
@@ -93,7 +95,7 @@ pub fn read_side(side: &str) -> PyResult<Side> {
     match side {
         "left" => Ok(Side::Left),
         "right" => Ok(Side::Right),
-        other => Err(Kind::Argument.error(format!("side: expected left or right, got {other:?}"))),
+        other => Err(Kind::Argument.error(format!("side: expected left or right, got {other:?}")).into()),
     }
 }
 

@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, matrix, shaped};
 use crate::camera::{Camera, around, read_side, side_name};
-use crate::errors::{Kind, argument, detached, general};
+use crate::errors::{Failure, Kind, argument, detached, general};
 use crate::frame::{Frame, read_joints};
 
 /// State of an episode, which `Episode.restore` takes.
@@ -54,7 +54,7 @@ struct Running {
 }
 
 impl Running {
-    fn new(object: &Object, config: &EpisodeConfig) -> PyResult<Self> {
+    fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, Failure> {
         let episode = Simulated::new(object, config).map_err(general)?;
         Ok(Self { episode, seed: config.seed, frame: 0, observer: None, scratch: ObserverScratch::default() })
     }
@@ -65,7 +65,7 @@ impl Episode {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn observer(&self, seed: u64) -> PyResult<Observer> {
+    fn observer(&self, seed: u64) -> Result<Observer, Failure> {
         let touch = |finger: Finger| TouchOptions {
             background: Background::Synthetic { seed: finger as u64 },
             ..TouchOptions::new(TouchConfig::Fork)
@@ -101,12 +101,12 @@ impl Episode {
         let side = read_side(side)?;
         let cameras = around(cameras, side)?;
         if !(duration_s > 0.0 && duration_s <= 3600.0) {
-            return Err(
-                Kind::Argument.error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
-            );
+            return Err(Kind::Argument
+                .error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
+                .into());
         }
         if !(0.0..=100.0).contains(&camera_noise) {
-            return Err(Kind::Argument.error(format!("camera_noise: expected 0 to 100, got {camera_noise}")));
+            return Err(Kind::Argument.error(format!("camera_noise: expected 0 to 100, got {camera_noise}")).into());
         }
         detached(py, || {
             let object = load_object(object).map_err(argument)?;
@@ -134,11 +134,21 @@ impl Episode {
     #[pyo3(signature = (targets = None, steps = 12))]
     fn step(&self, py: Python<'_>, targets: Option<&Bound<'_, PyAny>>, steps: u32) -> PyResult<bool> {
         let targets = targets.map(|targets| read_joints(targets, "targets")).transpose()?;
-        detached(py, || {
-            let mut running = self.running();
-            running.episode.advance(steps, targets.as_ref());
-            Ok(running.episode.end().is_none())
-        })
+        /// Steps between two looks for Ctrl-C: about a tenth of a second.
+        const AT_ONCE: u32 = 3000;
+        let mut left = steps;
+        loop {
+            let now = left.min(AT_ONCE);
+            left -= now;
+            let goes_on = detached(py, || {
+                let mut running = self.running();
+                running.episode.advance(now, targets.as_ref());
+                Ok(running.episode.end().is_none())
+            })?;
+            if left == 0 || !goes_on {
+                return Ok(goes_on);
+            }
+        }
     }
 
     /// Renders all sensors now. The noise differs from call to call.

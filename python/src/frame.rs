@@ -68,7 +68,7 @@ impl Frame {
         object_pose: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         if !time_s.is_finite() {
-            return Err(Kind::Argument.error(format!("time_s: expected a finite number, got {time_s}")));
+            return Err(Kind::Argument.error(format!("time_s: expected a finite number, got {time_s}")).into());
         }
         let depths_m = depth_m.iter().enumerate().map(|(k, depth)| plane(depth, &format!("depth_m[{k}]"), [None; 2]));
         let colours = color.iter().enumerate().map(|(k, color)| image(color, &format!("color[{k}]"), [None; 2]));
@@ -93,7 +93,7 @@ impl Frame {
                 })
             }
             (None, None) => PerFinger::default(),
-            _ => return Err(Kind::Argument.error("give both indentation_mm and contact, or none of them")),
+            _ => return Err(Kind::Argument.error("give both indentation_mm and contact, or none of them").into()),
         };
         Ok(Self {
             time_s,

@@ -1,7 +1,7 @@
 //! The native part of the Python package `mambavitact`. Python's classes and their documentation stand in `mambavitact/_native.pyi`.
 //!
-//! Arguments are checked here, so that a wrong one is named ([`arrays`]). Long calls release the interpreter's lock, and a panic becomes an
-//! exception ([`errors::detached`]).
+//! Arguments are checked here, so that a wrong one is named. Long calls release the interpreter's lock, and a panic becomes an
+//! exception.
 
 use pyo3::prelude::*;
 

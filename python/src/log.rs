@@ -182,9 +182,9 @@ pub fn record_log(
     let side = read_side(side)?;
     let cameras = around(cameras, side)?;
     if !(duration_s > 0.0 && duration_s <= 3600.0) {
-        return Err(
-            Kind::Argument.error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
-        );
+        return Err(Kind::Argument
+            .error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
+            .into());
     }
     let settings = Settings {
         gait: gait.to_owned(),

@@ -16,7 +16,7 @@ pub type MeshArrays<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u
 /// Reads the path of an OBJ, STL or PLY file, or a pair of arrays.
 pub fn read(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Mesh> {
     if let Ok(path) = value.extract::<PathBuf>() {
-        return mvt_mesh::read(&path).map_err(file);
+        return Ok(mvt_mesh::read(&path).map_err(file)?);
     }
     let (vertices, faces): (Bound<'_, PyAny>, Bound<'_, PyAny>) = value
         .extract()
@@ -25,9 +25,9 @@ pub fn read(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Mesh> {
     let faces = indices(&faces, &format!("{name}[1], the faces"), &[None, Some(3)])?;
     let count = vertices.shape()[0];
     if let Some(wrong) = faces.iter().find(|&&corner| usize::try_from(corner).map_or(true, |corner| corner >= count)) {
-        return Err(
-            Kind::Argument.error(format!("{name}: a face has the corner {wrong}, but there are {count} vertices"))
-        );
+        return Err(Kind::Argument
+            .error(format!("{name}: a face has the corner {wrong}, but there are {count} vertices"))
+            .into());
     }
     let mesh = Mesh {
         vertices: vertices.rows().into_iter().map(|v| Vec3::new(v[0], v[1], v[2])).collect(),

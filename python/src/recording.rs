@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, pixels, shaped};
 use crate::camera::{Camera, side_name};
-use crate::errors::{Kind, detached, file};
+use crate::errors::{Failure, Kind, detached, file};
 use crate::mesh::{MeshArrays, arrays};
 use crate::slam::state_name;
 
@@ -191,7 +191,7 @@ impl Recording {
     }
 }
 
-fn check(index: usize, count: usize) -> PyResult<()> {
+fn check(index: usize, count: usize) -> Result<(), Failure> {
     if index < count {
         return Ok(());
     }

@@ -26,7 +26,7 @@ pub fn score<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let mesh = mesh::read(mesh, "mesh")?;
     if mesh.area_m2() <= 0.0 {
-        return Err(Kind::Argument.error("mesh: its surface has no area"));
+        return Err(Kind::Argument.error("mesh: its surface has no area").into());
     }
     let motion: Isometry<Object, Object> =
         object_from_mesh.map_or(Ok(Isometry::identity()), |value| motion(value, "object_from_mesh"))?;
@@ -68,7 +68,7 @@ fn read_poses<A: Frame, B: Frame>(
     let array = numbers(value, name, &[count, Some(4), Some(4)])?;
     let pose = |(k, pose): (usize, ndarray::ArrayViewD<'_, f64>)| {
         let rows: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| pose[[i, j]]));
-        Isometry::from_matrix(&rows).map_err(|error| Kind::Argument.error(format!("{name}[{k}] is {error}")))
+        Ok(Isometry::from_matrix(&rows).map_err(|error| Kind::Argument.error(format!("{name}[{k}] is {error}")))?)
     };
     array.outer_iter().enumerate().map(pose).collect()
 }

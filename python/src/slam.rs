@@ -147,7 +147,7 @@ impl Slam {
             None => Vec::new(),
         };
         if network.is_none() && !untouched.is_empty() {
-            return Err(Kind::Argument.error("untouched is for a network: give network, too"));
+            return Err(Kind::Argument.error("untouched is for a network: give network, too").into());
         }
         let weights = network.map(|network| network.weights.clone());
         detached(py, || {
@@ -172,7 +172,9 @@ impl Slam {
             let touch = match (network, &frame.touch) {
                 _ if !self.modality.has_touch() => PerFinger::default(),
                 (None, _) => frame.presses.clone(),
-                (Some(_), None) => return Err(Kind::Argument.error("frame: it has no touch images for the network")),
+                (Some(_), None) => {
+                    return Err(Kind::Argument.error("frame: it has no touch images for the network"));
+                }
                 (Some(network), Some(images)) => {
                     network.feel(estimator.frames() as u64, images, &mut warnings).map_err(Kind::Argument.of())?
                 }
@@ -198,7 +200,7 @@ impl Slam {
     #[pyo3(signature = (cell_mm = 1.5))]
     fn mesh<'py>(&self, py: Python<'py>, cell_mm: f32) -> PyResult<Option<MeshArrays<'py>>> {
         if !(0.2..=20.0).contains(&cell_mm) {
-            return Err(Kind::Argument.error(format!("cell_mm: expected 0.2 to 20, got {cell_mm}")));
+            return Err(Kind::Argument.error(format!("cell_mm: expected 0.2 to 20, got {cell_mm}")).into());
         }
         let mesh = detached(py, || {
             let running = self.running();

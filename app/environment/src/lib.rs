@@ -22,13 +22,15 @@
 // Its build script puts libmujoco on the link line.
 use mvt_mujoco_lib as _;
 
+mod error;
 mod many;
 mod scene;
 mod sense;
 mod turn;
 
+pub use error::TaskError;
 pub use many::{Environments, Outcome};
 pub use scene::{Scene, TaskSettings};
 pub use sense::{Readings, Sense};
-pub use turn::{Reward, TaskError};
+pub use turn::Reward;
 pub use {mvt_frames, mvt_objects, mvt_physics, mvt_robot};

@@ -7,9 +7,10 @@ use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use crate::error::TaskError;
 use crate::scene::Scene;
 use crate::sense::{Part, Readings};
-use crate::turn::{Environment, Reward, TaskError};
+use crate::turn::{Environment, Reward};
 
 /// Result of a step of all environments.
 #[derive(Debug, Clone, PartialEq)]

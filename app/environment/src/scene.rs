@@ -13,8 +13,8 @@ use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use mvt_robot::rig::PLACEMENTS;
 
+use crate::error::TaskError;
 use crate::sense::Sense;
-use crate::turn::TaskError;
 
 /// Settings of a task.
 #[derive(Debug, Clone)]

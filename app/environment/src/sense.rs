@@ -6,7 +6,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::hand::JOINTS;
 
-use crate::turn::TaskError;
+use crate::error::TaskError;
 
 /// Instants in the proprioception: the latest first.
 pub(crate) const HISTORY: usize = 3;

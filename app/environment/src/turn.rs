@@ -4,23 +4,21 @@ use std::array::from_fn;
 use std::sync::Arc;
 
 use mvt_gaits::clock::PHYSICS_HZ;
-use mvt_gaits::gait::UnknownGait;
 use mvt_physics::episode::{End, Episode, EpisodeConfig};
-use mvt_physics::simulation::SimulationError;
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::observer::ObserverScratch;
-use mvt_render::touch::TouchError;
 use mvt_robot::digit::gel;
 use mvt_robot::hand::{JOINTS, JointAngles, PerFinger, joint_ranges};
-use mvt_robot::observation::{GroundTruth, Observation, SensorError};
+use mvt_robot::observation::{GroundTruth, Observation};
 use mvt_robot::rig::{PALM_CENTRE_M, PLACEMENTS};
 use mvt_run::estimator::Estimator;
 use mvt_run::input::Input;
 use mvt_run::source::{Modality, true_press};
 use mvt_segmentation::{SegmentationConfig, percept};
-use mvt_slam::{Estimate, SettingError, SlamConfig, TrackState};
+use mvt_slam::{Estimate, SlamConfig, TrackState};
 use nalgebra as na;
 
+use crate::error::TaskError;
 use crate::scene::Scene;
 use crate::sense::{HISTORY, Part, Sense};
 
@@ -34,41 +32,6 @@ const POSTURE: f64 = -0.05;
 const TORQUE: f64 = -0.1;
 const WORK: f64 = -0.05;
 const DROP: f64 = -10.0;
-
-/// Why a task cannot be set up, reset or stepped.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum TaskError {
-    /// A setting is invalid.
-    #[error("{0}")]
-    Setting(String),
-    /// The actions have the wrong length.
-    #[error("actions has {found} numbers; {expected} expected, 16 for each environment")]
-    Count {
-        /// Numbers expected.
-        expected: usize,
-        /// Numbers given.
-        found: usize,
-    },
-    /// An action is NaN or infinite.
-    #[error("actions holds a number that is not finite")]
-    NotFinite,
-    /// MuJoCo refuses the object.
-    #[error(transparent)]
-    Simulation(#[from] SimulationError),
-    /// A touch sensor cannot be rendered.
-    #[error(transparent)]
-    Touch(#[from] TouchError),
-    /// The gait is unknown.
-    #[error(transparent)]
-    Gait(#[from] UnknownGait),
-    /// A setting of the estimator is out of range.
-    #[error(transparent)]
-    Estimator(#[from] SettingError),
-    /// The estimator cannot use an observation.
-    #[error(transparent)]
-    Sensor(#[from] SensorError),
-}
 
 /// Reward of a step and its parts.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
