@@ -8,6 +8,7 @@ mod generate;
 mod image_size;
 mod inspect;
 mod mesh;
+mod report;
 mod run;
 mod score;
 mod shell;
@@ -54,6 +55,7 @@ enum Command {
     Score(score::ScoreArguments),
     Mesh(mesh::MeshArguments),
     Evaluate(mvt_evaluation::EvaluateArguments),
+    Report(report::ReportArguments),
     Generate(generate::GenerateArguments),
     Inspect(inspect::InspectArguments),
     Calibrate(calibrate::CalibrateArguments),
@@ -170,6 +172,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Score(arguments)) => score::run(&arguments),
         Some(Command::Mesh(arguments)) => mesh::run(&arguments),
         Some(Command::Evaluate(arguments)) => mvt_evaluation::run(&arguments),
+        Some(Command::Report(arguments)) => report::run(&arguments),
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),

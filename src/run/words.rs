@@ -25,6 +25,15 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
         summary.stage_ms.map,
         summary.stage_ms.mesh
     );
+    match (summary.deviation_mm, summary.deviation_deg) {
+        (Some(mm), Some(deg)) => {
+            text += &format!(
+                "last pose: stated deviation {mm:.1} mm, {deg:.1} degrees; {:.0} % of the frames sure (at most 2.5 mm)\n",
+                100.0 * summary.sure_frames
+            );
+        }
+        _ => text += "last pose: lost\n",
+    }
     if let Some(e) = add_s {
         text += &format!(
             "pose error (ADD-S), mm: mean {:.2}, median {:.2}, p95 {:.2}, final {:.2}; \

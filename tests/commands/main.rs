@@ -16,6 +16,7 @@ mod inspect;
 mod kill;
 mod mesh_files;
 mod old_names;
+mod report;
 mod run;
 mod score;
 mod shell;

@@ -243,6 +243,32 @@ fn ply() {
     mesh("ply", Format::Ply);
 }
 
+/// Numbers that no run has must not reach the page.
+#[test]
+fn report_of_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    copy_run(&run);
+    let line = serde_json::json!({
+        "object": "a", "seed": 1, "cameras": "side", "mode": "slam", "modality": "vi", "variant": "full", "frames": 9, "hidden": 0.5,
+        "f_score": {"5": 0.9}, "add_s_mm": {"mean": 1.5, "median": 1.0, "p95": 2.0, "final": 1.0}, "lost_frames": 1,
+    });
+    fs::write(folder.path().join("runs.jsonl"), format!("{line}\n").repeat(2)).unwrap();
+    let names = vec!["runs.jsonl", "run/summary.json", "run/trajectory.csv", "run/config.toml", "run/mesh.ply"];
+    let files = Files { folder: folder.path().to_owned(), names };
+    check("report_of_runs", &files.originals(), |number, bytes| {
+        files.with(number, bytes, |place| {
+            let Ok(runs) = mvt_report::RunCollection::read(&[place.to_path_buf()]) else { return false };
+            let choice = mvt_report::MediaChoice { films: 0, shapes: 1 };
+            let (page, warnings) = mvt_report::html(&runs, Some(&runs), choice);
+            for wrong in ["NaN", "\"inf", " inf"] {
+                assert!(!page.contains(&format!("=\"{wrong}")) && !page.contains(&format!("L{wrong}")), "{wrong}");
+            }
+            runs.warnings.is_empty() && warnings.is_empty()
+        })
+    });
+}
+
 #[test]
 fn poses() {
     let least = b"time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n0.1,0,0.01,0,0.7,0.7,0,0\n";

@@ -59,6 +59,7 @@ COMMANDS = {
     "touch data": "touch data --objects mug --images 12 --out target",
     "touch train": "touch train --network default --config {config} --out target",
     "mesh": "mesh --run {run} --out target.ply",
+    "report": "report {run} --films 1 --out target.html",
     "view": "view --run {run} --record target.gif --every 1 --size 320x240",
 }
 

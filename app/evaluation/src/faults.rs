@@ -29,23 +29,32 @@ enum FaultKind {
     Blank,
     /// Both at once.
     Both,
+    /// The cameras are turned by 4 degrees and moved by 1 cm, in random directions, and stay there.
+    Bump,
+    /// The joint readings stand still for 2 s.
+    Frozen,
 }
 
 impl FaultKind {
-    const ALL: [FaultKind; 3] = [FaultKind::Teleport, FaultKind::Blank, FaultKind::Both];
+    const ALL: [FaultKind; 5] =
+        [FaultKind::Teleport, FaultKind::Blank, FaultKind::Both, FaultKind::Bump, FaultKind::Frozen];
 
     fn name(self) -> &'static str {
         match self {
             Self::Teleport => "teleport",
             Self::Blank => "blank",
             Self::Both => "both",
+            Self::Bump => "bump",
+            Self::Frozen => "frozen",
         }
     }
 }
 
 const DISTANCE_M: f64 = 0.03;
 const ANGLE_DEG: f64 = 40.0;
-const BLANK_FRAMES: usize = 2 * FRAME_HZ as usize;
+const BUMP_M: f64 = 0.01;
+const BUMP_DEG: f64 = 4.0;
+const FAULT_FRAMES: usize = 2 * FRAME_HZ as usize;
 /// When the fault comes, seconds, drawn from this range.
 const FAULT_S: std::ops::Range<f64> = 3.0..6.0;
 /// Frames that are scored after the fault.
@@ -108,11 +117,19 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
     rng.set_stream(fault as u64 + 1);
     let fault_frame = (rng.random_range(FAULT_S) * f64::from(FRAME_HZ)) as usize;
     let last = fault_frame + WATCHED;
-    let blank = if fault == FaultKind::Teleport { 0 } else { BLANK_FRAMES };
+    let moves = matches!(fault, FaultKind::Teleport | FaultKind::Both);
+    let length = match fault {
+        FaultKind::Teleport | FaultKind::Bump => 0,
+        FaultKind::Blank | FaultKind::Both | FaultKind::Frozen => FAULT_FRAMES,
+    };
+    let span = fault_frame as u64..(fault_frame + length) as u64;
     let motion = Isometry::new(random_motion(DISTANCE_M, ANGLE_DEG.to_radians(), &mut rng));
+    let bump = Isometry::new(random_motion(BUMP_M, BUMP_DEG.to_radians(), &mut rng));
     let trouble = Fault {
-        displacement: (fault != FaultKind::Blank).then_some((fault_frame as u64, motion)),
-        blank: fault_frame as u64..(fault_frame + blank) as u64,
+        displacement: moves.then_some((fault_frame as u64, motion)),
+        blank: if fault == FaultKind::Frozen { 0..0 } else { span.clone() },
+        bump: (fault == FaultKind::Bump).then_some((fault_frame as u64, bump)),
+        frozen: if fault == FaultKind::Frozen { span } else { 0..0 },
     };
     // Half a frame more, so that the last one is not lost to rounding.
     let mut source = live(episode, (last as f64 + 0.5) / f64::from(FRAME_HZ), config, trouble)?;
@@ -126,7 +143,7 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
         lost.push(row.state == TrackState::Lost);
         Ok(())
     })?;
-    let ended = fault_frame + blank;
+    let ended = fault_frame + length;
     let after = errors_m.get(fault_frame..).unwrap_or_default();
     let astray = after.iter().position(|&e| e > FAILURE_M).map(|k| fault_frame + k);
     let declared = astray.and_then(|_| lost.iter().skip(fault_frame).position(|&lost| lost)).map(|k| fault_frame + k);

@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::Result;
 use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::{Isometry, World};
+use mvt_frames::{Camera, Isometry, World};
 use mvt_gaits::clock::FRAME_HZ;
 use mvt_gaits::directive::Directive;
 use mvt_gaits::gait::Gait;
@@ -14,7 +14,7 @@ use mvt_objects::object::Object;
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
-use mvt_robot::hand::{Finger, PerFinger, Side};
+use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
 use mvt_robot::observation::Observation;
 use mvt_segmentation::{SegmentationConfig, percept};
 
@@ -55,6 +55,10 @@ pub struct Fault {
     pub displacement: Option<(u64, Isometry<World, World>)>,
     /// Frames in which the cameras deliver nothing.
     pub blank: Range<u64>,
+    /// Before this frame each camera is turned and moved so in its own frame, as by a bump.
+    pub bump: Option<(u64, Isometry<Camera, Camera>)>,
+    /// Frames in which the joint readings stay as they were.
+    pub frozen: Range<u64>,
 }
 
 /// A live episode.
@@ -66,6 +70,8 @@ pub struct LiveSource {
     network: Option<TouchNetwork>,
     scratch: ObserverScratch,
     calibrator: Calibrator,
+    /// The joint readings of the frame before.
+    last_joints: Option<JointAngles>,
     frame: u32,
 }
 
@@ -108,7 +114,16 @@ impl LiveSource {
             }
         }
         let calibrator = Calibrator::new(settings.calibration, side, settings.cameras.clone());
-        Ok(Self { settings, episode, observer, network, scratch: ObserverScratch::default(), calibrator, frame: 0 })
+        Ok(Self {
+            settings,
+            episode,
+            observer,
+            network,
+            scratch: ObserverScratch::default(),
+            calibrator,
+            last_joints: None,
+            frame: 0,
+        })
     }
 
     /// Starts from a calibration that was measured before, in place of the given one.
@@ -127,21 +142,34 @@ impl Source for LiveSource {
         if let Some((_, change)) = self.settings.fault.displacement.filter(|(at, _)| *at == frame) {
             self.episode.displace_object(change);
         }
+        if let Some((_, change)) = self.settings.fault.bump.filter(|(at, _)| *at == frame) {
+            self.observer.move_cameras(change);
+        }
         let Some(state) = self.episode.next_frame() else { return Ok(None) };
         let (observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
         self.frame += 1;
         let LiveSettings { side, modality, segmentation, hidden_every, fault, .. } = &self.settings;
         let mut warnings = Vec::new();
-        let touch = match &mut self.network {
+        let mut touch = match &mut self.network {
             _ if !modality.has_touch() => PerFinger::default(),
             None => PerFinger::from_fn(|finger| true_press(&truth.touch[finger])),
             Some(network) => network.feel(frame, &observation.touch, &mut warnings)?,
         };
-        let Observation { time_s, joints, touch: touch_images, cameras: seen } = observation;
+        let Observation { time_s, mut joints, touch: touch_images, cameras: seen } = observation;
+        if fault.frozen.contains(&frame) {
+            joints = self.last_joints.unwrap_or(joints);
+        }
+        self.last_joints = Some(joints);
         let (colours, depths_m): (Vec<_>, Vec<_>) =
             seen.into_iter().map(|camera| (camera.color, Some(camera.depth_m))).unzip();
-        let depths_m = if fault.blank.contains(&frame) { Vec::new() } else { depths_m };
-        let Calibrated { joints, cameras } = self.calibrator.observe(time_s, &joints, None, &depths_m);
+        let mut depths_m = if fault.blank.contains(&frame) { Vec::new() } else { depths_m };
+        let calibrated = self.calibrator.observe(time_s, &joints, None, &depths_m);
+        calibrated.skip(&mut depths_m);
+        if calibrated.is_frozen {
+            touch = PerFinger::default();
+        }
+        let Calibrated { joints, cameras, warnings: changes, .. } = calibrated;
+        warnings.extend(changes);
         let percept = percept(time_s, joints, depths_m, touch, &cameras, *side, segmentation)?;
         let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };

@@ -103,6 +103,7 @@ impl LogImages {
                     time_s: log.times_s()[k],
                     state: TrackState::Tracking,
                     confidence: 1.0,
+                    deviation: None,
                     estimate: truth.unwrap_or_else(Isometry::identity),
                     truth,
                     add_s: None,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{About, BlockPlace, RecordedMoment, Touching};
 use mvt_run::estimator::Mode;
-use mvt_run::report::{FrameRow, ShapePoint, StageMs, TrackState};
+use mvt_run::report::{Deviation, FrameRow, ShapePoint, StageMs, TrackState};
 use mvt_run::source::Modality;
 
 /// Largest valid coordinate, metres.
@@ -139,6 +139,9 @@ pub struct FrameLine {
     time_s: f64,
     state: State,
     confidence: f64,
+    /// Of surface and angle, metres and radians. Recordings of 0.1 have none.
+    #[serde(default)]
+    deviation: Option<[f64; 2]>,
     estimate: Pose,
     truth: Option<Pose>,
     add_s_m: Option<[f64; 2]>,
@@ -163,6 +166,7 @@ impl FrameLine {
                 TrackState::Relocalised => State::Relocalised,
             },
             confidence: row.confidence,
+            deviation: row.deviation.map(|d| [d.surface_m, d.angle_rad]),
             estimate: Pose::of(row.estimate),
             truth: row.truth.map(Pose::of),
             add_s_m: row.add_s.map(|error| [error.one_directional_m, error.symmetric_m]),
@@ -190,6 +194,7 @@ impl FrameLine {
                     State::Relocalised => TrackState::Relocalised,
                 },
                 confidence: self.confidence,
+                deviation: self.deviation.map(|[surface_m, angle_rad]| Deviation { surface_m, angle_rad }),
                 estimate: self.estimate.isometry()?,
                 truth: self.truth.map(Pose::isometry).transpose()?,
                 add_s: self.add_s_m.map(add_s),

@@ -67,21 +67,7 @@ impl Recording {
     /// [`RecordingError`] names the file and the problem.
     pub fn open(folder: &Path) -> Result<Self, RecordingError> {
         let inner = folder.join(FOLDER);
-        let path = inner.join(file_names::ABOUT);
-        let text = match input::read(&path, LARGEST_TEXT) {
-            Ok(text) => text,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return Err(RecordingError::NoRecording(folder.to_path_buf()));
-            }
-            Err(error) => return Err(RecordingError::io(path)(error)),
-        };
-        let damaged = |problem: &dyn std::fmt::Display| RecordingError::damaged(&path, problem);
-        let VersionFile { version, rest } = serde_json::from_slice(&text).map_err(|error| damaged(&error))?;
-        if version > VERSION {
-            return Err(RecordingError::NewerVersion { folder: folder.to_path_buf(), found: version });
-        }
-        let about: AboutFile = serde_json::from_value(rest).map_err(|error| damaged(&error))?;
-        let (about, truth) = about.about(version).map_err(|problem| damaged(&problem))?;
+        let (about, truth, text) = read_about(folder)?;
         let mut warnings = Vec::new();
         let meshes = inner.join(file_names::MESHES);
         let truth = truth.and_then(|place| match mesh(&meshes, place) {
@@ -321,6 +307,36 @@ impl Recording {
     pub fn pose(&self, moment: usize) -> Option<Isometry<mvt_frames::Object, World>> {
         let moment = self.moments.get(moment)?;
         moment.estimate().or(moment.row.truth)
+    }
+}
+
+/// Reads about.json of the recording in the folder of a run: its content, the place of the true shape, and its bytes.
+fn read_about(folder: &Path) -> Result<(About, Option<BlockPlace>, Vec<u8>), RecordingError> {
+    let path = folder.join(FOLDER).join(file_names::ABOUT);
+    let text = match input::read(&path, LARGEST_TEXT) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            return Err(RecordingError::NoRecording(folder.to_path_buf()));
+        }
+        Err(error) => return Err(RecordingError::io(path)(error)),
+    };
+    let damaged = |problem: &dyn std::fmt::Display| RecordingError::damaged(&path, problem);
+    let VersionFile { version, rest } = serde_json::from_slice(&text).map_err(|error| damaged(&error))?;
+    if version > VERSION {
+        return Err(RecordingError::NewerVersion { folder: folder.to_path_buf(), found: version });
+    }
+    let about: AboutFile = serde_json::from_value(rest).map_err(|error| damaged(&error))?;
+    let (about, truth) = about.about(version).map_err(|problem| damaged(&problem))?;
+    Ok((about, truth, text))
+}
+
+impl About {
+    /// Reads the description of the run in a folder, without its frames.
+    ///
+    /// # Errors
+    /// [`RecordingError`] names the file and the problem.
+    pub fn read(folder: &Path) -> Result<Self, RecordingError> {
+        read_about(folder).map(|(about, ..)| about)
     }
 }
 

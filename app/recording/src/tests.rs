@@ -50,6 +50,7 @@ fn row(frame: u64) -> FrameRow {
         time_s: frame as f64 / 32.0,
         state: if frame == 4 { TrackState::Relocalised } else { TrackState::Tracking },
         confidence: 0.75,
+        deviation: None,
         estimate: pose(-0.05),
         truth: (frame != 5).then(|| pose(-0.0475)),
         add_s: None,

@@ -220,6 +220,7 @@ impl Estimator {
             centre_m: [centre.x, centre.y],
             turned_rad: self.turned_rad,
             confidence: estimate.confidence,
+            deviation_m: estimate.deviation.map_or(f64::INFINITY, |deviation| deviation.surface_m),
             lost: !estimate.state.is_tracking(),
             unobserved: self.map().map_or(0.0, |map| map.space().unseen_fraction()),
         }

@@ -17,7 +17,7 @@ use crate::estimator::Mode;
 use crate::io::write_file;
 use crate::source::Modality;
 use crate::truth::Truth;
-pub use mvt_slam::TrackState;
+pub use mvt_slam::{Deviation, TrackState};
 
 mod coordinates;
 mod curves;
@@ -88,8 +88,10 @@ pub struct FrameRow {
     pub time_s: f64,
     /// Whether the tracker trusts the pose; lost before the object was seen.
     pub state: TrackState,
-    /// The tracker's confidence, 0 to 1.
+    /// Part of the measurements that agree with the pose, 0 to 1.
     pub confidence: f64,
+    /// How far the pose may be off; `None` while the object is lost, and where it was not recorded.
+    pub deviation: Option<Deviation>,
     /// Estimated pose: it takes the coordinates of the estimated surface to the world. With an unknown shape these are tied to the
     /// object's at the first frame, which is a choice of gauge and no knowledge of the tracker's.
     pub estimate: Isometry<Object, World>,

@@ -84,6 +84,8 @@ pub struct Belief {
     pub turned_rad: f64,
     /// Confidence in the pose, 0 to 1.
     pub confidence: f64,
+    /// Stated deviation of the pose, one standard deviation of the surface, metres; infinite while it is lost.
+    pub deviation_m: f64,
     /// The tracker has declared itself lost.
     pub lost: bool,
     /// Part of the directions around the object in which its surface has not been observed, 0 to 1.
@@ -97,6 +99,8 @@ settings! {
     pub struct SupervisorRules {
         /// Least confidence with which a goal counts as reached.
         pub confidence: f64 = 0.5, 0.0..=1.0;
+        /// Largest stated deviation of the pose with which a goal counts as reached, metres.
+        pub deviation_m: f64 = 0.005, 0.0..=1.0;
         /// If the object is lost for longer than this, the hand re-grasps, seconds.
         pub lost_s: f64 = 1.0, 0.0..=3600.0;
         /// Distance of the object from its start at which a push back begins, metres.
@@ -214,7 +218,7 @@ impl Supervisor {
             Goal::Coverage(part) => 1.0 - belief.unobserved >= part,
             Goal::Time => false,
         };
-        reached && belief.confidence >= self.rules.confidence
+        reached && belief.confidence >= self.rules.confidence && belief.deviation_m <= self.rules.deviation_m
     }
 
     /// Returns the directive, unless the hand still carries out the last one.
@@ -272,7 +276,7 @@ impl Supervisor {
 }
 
 fn is_finite(belief: &Belief) -> bool {
-    let Belief { time_s, pose, centre_m, turned_rad, confidence, lost: _, unobserved } = belief;
+    let Belief { time_s, pose, centre_m, turned_rad, confidence, deviation_m: _, lost: _, unobserved } = belief;
     let numbers = [*time_s, *turned_rad, *confidence, *unobserved, centre_m[0], centre_m[1]];
     numbers.iter().all(|v| v.is_finite()) && pose.to_matrix().iter().flatten().all(|v| v.is_finite())
 }
@@ -293,6 +297,7 @@ mod tests {
             centre_m: [-0.02, 0.01],
             turned_rad: yaw,
             confidence: 0.9,
+            deviation_m: 0.001,
             lost: false,
             unobserved: (-time_s / 20.0).exp(),
         }
@@ -342,6 +347,8 @@ mod tests {
         // A guess does not end the episode.
         let unsure = |time_s| Belief { confidence: 0.4, ..turning(time_s) };
         assert_eq!(watch(Goal::Turn(TAU), 20.0, unsure), []);
+        let drifted = |time_s| Belief { deviation_m: 0.006, ..turning(time_s) };
+        assert_eq!(watch(Goal::Turn(TAU), 20.0, drifted), []);
         let lost = |time_s| Belief { lost: time_s > 5.0, ..turning(time_s) };
         assert!(watch(Goal::Turn(TAU), 20.0, lost).iter().all(|(_, d)| *d == Directive::Regrasp));
     }

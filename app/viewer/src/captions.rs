@@ -7,6 +7,8 @@ use mvt_run::report::TrackState;
 
 /// Error below which the first pose counts as tied to the truth, metres: it is written as 0.0 mm.
 const TIED_M: f64 = 0.00005;
+/// From this stated deviation on, the pose is doubtful, metres.
+const DOUBTFUL_M: f64 = 0.005;
 /// Time for which an event is mentioned, seconds.
 const RECENT_S: f64 = 1.0;
 
@@ -66,8 +68,11 @@ pub fn moment(recording: &Recording, moment: usize) -> String {
             }
         }
         (true, TrackState::Relocalised) => "Found the object again".to_owned(),
-        (true, TrackState::Tracking) => match row.confidence {
-            confidence if confidence < 0.3 => "Tracking with doubt".to_owned(),
+        (true, TrackState::Tracking) => match row.deviation {
+            Some(deviation) if deviation.surface_m > DOUBTFUL_M => {
+                format!("Tracking with doubt: within {:.0} mm", 2e3 * deviation.surface_m)
+            }
+            None if row.confidence < 0.3 => "Tracking with doubt".to_owned(),
             _ => "Tracking".to_owned(),
         },
     };

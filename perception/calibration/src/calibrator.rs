@@ -11,7 +11,7 @@ use ndarray::Array2;
 
 use crate::calibration::{Calibration, CalibrationError, CameraCalibration};
 use crate::evidence::{Instant, Motion, Reading, Sighted, sight, spread};
-use crate::search::{Look, find};
+use crate::search::{Look, Misfit, find, misfit, posed};
 use crate::solver::{PER_CAMERA, Prior, State, Weighing, narrow, solve};
 
 settings! {
@@ -44,6 +44,12 @@ pub struct Calibrated {
     pub joints: JointAngles,
     /// The cameras with their refined poses.
     pub cameras: Vec<PosedCamera>,
+    /// For each camera whether its image agrees with the hand. If it does not, what it shows lies elsewhere.
+    pub agrees: Vec<bool>,
+    /// Whether the joint readings stand still while images show that the hand moves: nobody knows then where it touches.
+    pub is_frozen: bool,
+    /// What changed with this frame, in words.
+    pub warnings: Vec<String>,
 }
 
 /// Refines the poses of cameras, the offsets of joints and the lag between both, from depth images of the hand.
@@ -56,8 +62,11 @@ pub struct Calibrator {
     state: State,
     sigmas: na::DVector<f64>,
     samples: HandSamples,
-    /// Which cameras have seen the hand.
-    found: Vec<bool>,
+    /// How each camera's images agree with the hand.
+    watch: Vec<Watch>,
+    /// Frames in a row with the same joint readings.
+    still: usize,
+    warnings: Vec<String>,
     instants: Vec<Instant>,
     /// Points of the frame before, if it is kept: they wait for the next reading, from which the motion of the joints is known.
     waiting: Option<Vec<Vec<Sighted>>>,
@@ -68,6 +77,41 @@ pub struct Calibrator {
     every: usize,
     frame: usize,
 }
+
+impl Calibrated {
+    /// Removes the images of the cameras that do not agree with the hand.
+    pub fn skip(&self, depths_m: &mut [Option<Array2<f32>>]) {
+        let disagreeing = depths_m.iter_mut().zip(&self.agrees).filter(|(_, agrees)| !**agrees);
+        disagreeing.for_each(|(depth_m, _)| *depth_m = None);
+    }
+}
+
+/// Agreement of a camera's images with the hand.
+#[derive(Debug, Clone, Default)]
+struct Watch {
+    /// Whether the hand was found.
+    found: bool,
+    /// Whether images have agreed with the hand since it was found.
+    has_agreed: bool,
+    /// Whether it was reported that the hand is not found.
+    is_missed: bool,
+    /// Comparisons in a row that did not agree.
+    doubts: usize,
+}
+
+/// Every how many frames images are compared with the hand.
+const COMPARED_EVERY: usize = 3;
+/// An image that sees through more than this share of the hand does not agree with it. With the right pose less than 0.005 of a hand is seen
+/// through, at a camera that was turned by 4 degrees or that shows the other hand mostly more than 0.05.
+const SEEN_THROUGH: f64 = 0.03;
+/// Doubts in a row that make a change: one image may be bad.
+const DOUBTS: usize = 2;
+/// The same joint readings in so many frames in a row, while the images change, are no readings.
+const FROZEN_FRAMES: usize = 5;
+/// Points of an image that are compared with the hand.
+const COMPARED_POINTS: usize = 300;
+/// Every how many frames a hand that was not found is searched for: a search takes as long as ten frames.
+const SEARCHED_EVERY: usize = 60;
 
 /// Points farther from the middle of the grasp than this are not the hand's, metres: its length, and what a camera may be off.
 const REACH_M: f64 = 0.24;
@@ -83,7 +127,7 @@ const FIRST_EVERY: usize = 2;
 const STEPS: usize = 3;
 const FIRST_STEPS: usize = 10;
 /// A fit of the search that is worse than this is not the hand.
-const GREATEST_MISFIT: f64 = 0.85;
+const GREATEST_MISFIT: Misfit = Misfit { cost: 0.9, seen_through: 0.2 };
 /// Spacing of the points that are tested for being seen through, metres.
 const SAMPLES_M: f64 = 0.008;
 
@@ -104,7 +148,9 @@ impl Calibrator {
             config,
             side,
             given: cameras,
-            found: vec![false; state.cameras.len()],
+            watch: vec![Watch::default(); state.cameras.len()],
+            still: 0,
+            warnings: Vec::new(),
             prior: Prior { state: state.clone(), sigmas: sigmas.clone() },
             state,
             sigmas,
@@ -160,19 +206,29 @@ impl Calibrator {
             self.thin_out();
         }
         let motion = Motion::at_reading(self.before, now, next);
+        let is_same = self.before.is_some_and(|(_, before)| before == *joints);
+        self.still = if is_same { self.still + 1 } else { 0 };
         if self.config.refine {
-            self.refine(&motion, depths_m);
+            self.compare(time_s, &motion, depths_m);
+            self.refine(time_s, &motion, depths_m);
         }
         self.older = self.before;
         self.before = Some(now);
         self.frame += 1;
-        Calibrated { joints: self.state.joints(&motion), cameras: self.cameras() }
+        let agrees = |watch: &Watch| !self.config.refine || (watch.found && watch.doubts == 0);
+        Calibrated {
+            joints: self.state.joints(&motion),
+            cameras: self.cameras(),
+            agrees: self.watch.iter().map(agrees).collect(),
+            is_frozen: self.still >= FROZEN_FRAMES && self.watch.iter().any(|watch| watch.doubts >= DOUBTS),
+            warnings: std::mem::take(&mut self.warnings),
+        }
     }
 
     /// Looks for the hand, and keeps the points of an instant now and then.
-    fn refine(&mut self, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
-        self.find_hand(motion, depths_m);
-        if self.frame.is_multiple_of(self.every) && self.found.contains(&true) {
+    fn refine(&mut self, time_s: f64, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
+        self.find_hand(time_s, motion, depths_m);
+        if self.frame.is_multiple_of(self.every) && self.watch.iter().any(|watch| watch.found && watch.doubts == 0) {
             let sighted = self.sighted(motion, depths_m);
             if self.instants.is_empty() {
                 // The first images already tell most of the cameras and of the joints that are seen.
@@ -210,7 +266,7 @@ impl Calibrator {
                 moved_mm: (pose.translation.vector - refined.translation.vector).norm() * 1e3,
                 sigma_deg: largest(PER_CAMERA * k + 3).to_degrees(),
                 sigma_mm: largest(PER_CAMERA * k) * 1e3,
-                hand_found: self.found[k],
+                hand_found: self.watch[k].found,
             }
         });
         let first = PER_CAMERA * self.given.len();
@@ -223,26 +279,94 @@ impl Calibrator {
         }
     }
 
+    /// Compares images with the hand, now and then. A camera whose images have become worse has moved, unless the joints are not read any
+    /// more.
+    fn compare(&mut self, time_s: f64, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
+        if !self.frame.is_multiple_of(COMPARED_EVERY) {
+            return;
+        }
+        let joints = self.state.joints(motion);
+        let hand = HandSolid::new(self.side, &joints);
+        let inside = posed(&self.samples, &joints);
+        let mut is_frozen = false;
+        for (k, depth_m) in depths_m.iter().enumerate().take(self.given.len()) {
+            let Some(depth_m) = depth_m.as_ref().filter(|_| self.watch[k].found) else { continue };
+            let camera = &self.given[k];
+            let pose = self.state.cameras[k];
+            let sighted =
+                sight(depth_m, &camera.intrinsics, COMPARED_POINTS, self.frame, |p| is_near_grasp(&(pose * p)));
+            let look = Look { depth_m, intrinsics: &camera.intrinsics, sighted: &sighted };
+            let agrees = misfit(&look, &pose, &hand, &inside).seen_through < SEEN_THROUGH;
+            let watch = &mut self.watch[k];
+            watch.doubts = if agrees { 0 } else { watch.doubts + 1 };
+            watch.has_agreed |= agrees;
+            if watch.doubts >= DOUBTS && self.still >= FROZEN_FRAMES {
+                is_frozen |= watch.doubts == DOUBTS;
+            } else if watch.doubts >= DOUBTS {
+                let moved = watch.has_agreed;
+                *watch = Watch::default();
+                self.forget(k);
+                if moved {
+                    let name = &self.given[k].name;
+                    self.warnings.push(format!("camera {name} moved at {time_s:.1} s: its pose is estimated anew"));
+                } else {
+                    self.miss(k, time_s);
+                }
+            }
+        }
+        if is_frozen {
+            self.warnings.push(format!(
+                "the joint readings stand still at {time_s:.1} s while the hand in the images moves: \
+                 images are skipped until both agree again"
+            ));
+        }
+    }
+
+    /// Forgets what a camera saw where it stood before.
+    fn forget(&mut self, camera: usize) {
+        for sighted in self.instants.iter_mut().map(|instant| &mut instant.sighted).chain(&mut self.waiting) {
+            if let Some(points) = sighted.get_mut(camera) {
+                points.clear();
+            }
+        }
+        self.prior.state.cameras[camera] = self.state.cameras[camera];
+        self.every = FIRST_EVERY;
+    }
+
     /// Looks for the hand in the images of cameras that have not seen it yet.
-    fn find_hand(&mut self, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
+    fn find_hand(&mut self, time_s: f64, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
         let joints = self.state.joints(motion);
         for (k, depth_m) in depths_m.iter().enumerate().take(self.given.len()) {
-            let Some(depth_m) = depth_m.as_ref().filter(|_| !self.found[k]) else { continue };
+            let watch = &self.watch[k];
+            let is_due = !watch.found && (!watch.is_missed || self.frame.is_multiple_of(SEARCHED_EVERY));
+            let Some(depth_m) = depth_m.as_ref().filter(|_| is_due) else { continue };
             let camera = &self.given[k];
-            let given = camera.pose.untyped();
-            let [x, y, z] = PALM_CENTRE_M;
-            let middle = na::Point3::new(x, y, z + GRASP_HEIGHT_M);
-            let is_near = |p: &na::Point3<f64>| (given * p - middle).norm() < REACH_M;
-            let sighted = sight(depth_m, &camera.intrinsics, self.config.points, self.frame, is_near);
-            if sighted.is_empty() {
-                continue;
-            }
+            let start = self.state.cameras[k];
+            let sighted =
+                sight(depth_m, &camera.intrinsics, self.config.points, self.frame, |p| is_near_grasp(&(start * p)));
             let look = Look { depth_m, intrinsics: &camera.intrinsics, sighted: &sighted };
-            let (pose, misfit) = find(self.side, &look, given, &joints, &self.samples);
-            if misfit < GREATEST_MISFIT {
-                self.state.cameras[k] = pose;
-                self.found[k] = true;
+            let found = (!sighted.is_empty()).then(|| find(self.side, &look, start, &joints, &self.samples));
+            let is_hand = |misfit: &Misfit| {
+                misfit.cost < GREATEST_MISFIT.cost && misfit.seen_through < GREATEST_MISFIT.seen_through
+            };
+            match found.filter(|(_, misfit)| is_hand(misfit)) {
+                Some((pose, _)) => {
+                    self.state.cameras[k] = pose;
+                    self.watch[k].found = true;
+                }
+                None => self.miss(k, time_s),
             }
+        }
+    }
+
+    /// Reports once that a camera does not show the hand.
+    fn miss(&mut self, camera: usize, time_s: f64) {
+        if !std::mem::replace(&mut self.watch[camera].is_missed, true) {
+            self.warnings.push(format!(
+                "camera {} does not show the hand near its given pose at {time_s:.1} s: its images are skipped until it does. \
+                 Are two cameras swapped, is it the other hand, or does the pose belong to another camera?",
+                self.given[camera].name
+            ));
         }
     }
 
@@ -250,7 +374,8 @@ impl Calibrator {
     fn sighted(&self, motion: &Motion, depths_m: &[Option<Array2<f32>>]) -> Vec<Vec<Sighted>> {
         let hand = HandSolid::new(self.side, &self.state.joints(motion));
         let points = |k: usize, camera: &PosedCamera| {
-            let depth_m = depths_m.get(k)?.as_ref().filter(|_| self.found[k])?;
+            let is_usable = self.watch[k].found && self.watch[k].doubts == 0;
+            let depth_m = depths_m.get(k)?.as_ref().filter(|_| is_usable)?;
             let pose = self.state.cameras[k];
             let body = |p: &na::Point3<f64>| Some(hand.nearest(narrow(&(pose * p).coords), NEAR_M)?.body);
             let all = sight(depth_m, &camera.intrinsics, usize::MAX, self.frame, |p| body(p).is_some());
@@ -280,6 +405,12 @@ impl Calibrator {
             self.every *= 2;
         }
     }
+}
+
+/// Whether a point of the world may be the hand's.
+fn is_near_grasp(point: &na::Point3<f64>) -> bool {
+    let [x, y, z] = PALM_CENTRE_M;
+    (point - na::Point3::new(x, y, z + GRASP_HEIGHT_M)).norm() < REACH_M
 }
 
 /// Chooses up to `count` points, as evenly among the bodies of the hand as they are seen: palm and links fill most of an image, and the

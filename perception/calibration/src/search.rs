@@ -1,7 +1,7 @@
 //! Finding the hand in an image when the given pose of the camera may be off by centimetres.
 
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::{Camera, Point};
+use mvt_frames::{Camera, Occupied, Point};
 use mvt_robot::hand::solid::{HandSamples, HandSolid};
 use mvt_robot::hand::{JointAngles, Side};
 use nalgebra as na;
@@ -32,19 +32,34 @@ pub(crate) struct Look<'a> {
     pub sighted: &'a [Sighted],
 }
 
-/// How badly a pose of a camera explains its image: mean cost of a point from 0 to 1, plus the share of the hand that is seen through.
+/// How badly a pose of a camera explains its image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Misfit {
+    /// Mean cost of a point, from 0 to 1. Points of the object have the full cost.
+    pub cost: f64,
+    /// Share of the hand that the image sees through. Nothing that lies in front of the hand changes it.
+    pub seen_through: f64,
+}
+
+impl Misfit {
+    /// Both together, by which poses are compared.
+    pub fn total(self) -> f64 {
+        self.cost + self.seen_through
+    }
+}
+
+/// Compares a pose of a camera with its image. `inside` are points inside the hand.
 pub(crate) fn misfit(
     look: &Look<'_>,
     world_from_camera: &na::Isometry3<f64>,
     hand: &HandSolid,
     inside: &[na::Point3<f64>],
-) -> f64 {
+) -> Misfit {
     let cost = |sighted: &Sighted| {
         let p = (world_from_camera * sighted.point).coords;
         let distance = hand.nearest(narrow(&p), COMPARED_GATE_M).map_or(COMPARED_GATE_M, |near| near.distance_m.abs());
         f64::from((distance / COMPARED_GATE_M).powi(2).min(1.0))
     };
-    let cost = look.sighted.iter().map(cost).sum::<f64>() / look.sighted.len().max(1) as f64;
     let (height, width) = look.depth_m.dim();
     let camera_from_world = world_from_camera.inverse();
     let (mut looked_at, mut through) = (0, 0);
@@ -60,7 +75,16 @@ pub(crate) fn misfit(
         // Where nothing was measured, nothing is near.
         through += usize::from(depth <= 0.0 || depth > -p.z + THROUGH_M);
     }
-    cost + through as f64 / looked_at.max(1) as f64
+    Misfit {
+        cost: look.sighted.iter().map(cost).sum::<f64>() / look.sighted.len().max(1) as f64,
+        seen_through: through as f64 / looked_at.max(1) as f64,
+    }
+}
+
+/// Points inside the hand at these joint angles.
+pub(crate) fn posed(samples: &HandSamples, joints: &JointAngles) -> Vec<na::Point3<f64>> {
+    let point = |o: Occupied| na::Point3::new(f64::from(o.point.x), f64::from(o.point.y), f64::from(o.point.z));
+    samples.posed(joints).map(point).collect()
 }
 
 /// Returns the pose of a camera that explains its image best, near `given`, and its misfit.
@@ -70,12 +94,9 @@ pub(crate) fn find(
     given: na::Isometry3<f64>,
     joints: &JointAngles,
     samples: &HandSamples,
-) -> (na::Isometry3<f64>, f64) {
+) -> (na::Isometry3<f64>, Misfit) {
     let hand = HandSolid::new(side, joints);
-    let inside: Vec<na::Point3<f64>> = samples
-        .posed(joints)
-        .map(|o| na::Point3::new(f64::from(o.point.x), f64::from(o.point.y), f64::from(o.point.z)))
-        .collect();
+    let inside = posed(samples, joints);
     let every = look.sighted.len().div_ceil(POINTS).max(1);
     let instant = Instant {
         motion: Motion::still(*joints),
@@ -97,7 +118,7 @@ pub(crate) fn find(
     let mut best = fitted(given);
     for start in starts(given) {
         let found = fitted(start);
-        if found.1 < best.1 {
+        if found.1.total() < best.1.total() {
             best = found;
         }
     }

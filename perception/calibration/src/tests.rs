@@ -198,3 +198,5 @@ fn derivatives_by_joints_are_those_of_finite_differences() {
     }
     assert!(compared > 200, "{compared}");
 }
+
+mod changes;

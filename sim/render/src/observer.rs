@@ -2,6 +2,7 @@
 
 use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
+use mvt_frames::{Camera, Isometry};
 use mvt_objects::object::Object;
 use mvt_robot::digit;
 use mvt_robot::hand::{PerFinger, Side, world_from_tip};
@@ -59,6 +60,13 @@ impl Observer {
             camera: camera::Renderer::new(options.side, object),
             options,
         })
+    }
+
+    /// Turns and moves all cameras in their own frames, as by a bump.
+    pub fn move_cameras(&mut self, change: Isometry<Camera, Camera>) {
+        for camera in &mut self.options.cameras {
+            camera.pose = camera.pose * change;
+        }
     }
 
     /// Returns the untouched image of each DIGIT, without noise.

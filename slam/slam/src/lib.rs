@@ -31,6 +31,7 @@
 //! Nothing here knows of a simulator, of networks that see, of a hand, or of the true pose.
 
 mod config;
+mod deviation;
 pub mod graph;
 pub mod map;
 mod obstacles;
@@ -40,6 +41,7 @@ pub mod space;
 pub mod tracker;
 
 pub use config::{SlamConfig, TrustConfig};
+pub use deviation::Deviation;
 pub use mvt_settings::SettingError;
 pub use obstacles::Obstacles;
 pub use slam::{Estimate, Slam, SlamBuilder, Spent, TrackState};

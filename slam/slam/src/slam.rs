@@ -14,6 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::config::SlamConfig;
+use crate::deviation::{Deviation, Drift, Variance};
 use crate::map::{BoxChange, Learnt, Map};
 use crate::obstacles::Obstacles;
 use crate::scan::{Measurement, Scan};
@@ -51,8 +52,10 @@ pub struct Estimate {
     pub time_s: f64,
     /// Pose of the object: the pose of the frame in which [`Slam::mesh`] gives the shape.
     pub pose: Isometry<Model, World>,
-    /// How far the tracker trusts the pose, 0 to 1.
+    /// Part of the measurements that agree with the pose, 0 to 1.
     pub confidence: f64,
+    /// How far the pose may be off; `None` while the object is lost, or was not seen yet.
+    pub deviation: Option<Deviation>,
     /// Whether it trusts the pose.
     pub state: TrackState,
     /// Whether the frame became a keyframe.
@@ -135,6 +138,7 @@ pub struct Slam {
     doubts: usize,
     /// Of the frame before.
     confidence: f64,
+    drift: Drift,
     frame: usize,
     last_search: usize,
     /// Height in the world that nothing of the object is below, metres.
@@ -229,6 +233,10 @@ impl SlamBuilder {
                 (Knowledge::Known(given), state, pose)
             }
         };
+        let drift = match &knowledge {
+            Knowledge::Growing(map) => Drift::of_map(map.keyframes().iter().map(crate::map::Keyframe::pose)),
+            Knowledge::Known(_) => Drift::default(),
+        };
         let tracker = Tracker::new(config.tracker.clone());
         Ok(Slam {
             config,
@@ -239,6 +247,7 @@ impl SlamBuilder {
             pose,
             doubts: 0,
             confidence: 1.0,
+            drift,
             frame: 0,
             last_search: 0,
             support_z_m,
@@ -297,7 +306,14 @@ impl Slam {
         self.pose = Isometry::new(pose.untyped());
         let begun = Instant::now();
         let learnt = self.learn(scan);
-        self.estimate(scan, 1.0, learnt, self.state, Spent { track: Duration::ZERO, map: begun.elapsed() })
+        let exact = Deviation { surface_m: 0.0, angle_rad: 0.0 };
+        self.estimate(
+            scan,
+            (1.0, Some(exact)),
+            learnt,
+            self.state,
+            Spent { track: Duration::ZERO, map: begun.elapsed() },
+        )
     }
 
     /// Estimates the pose of the next frame and learns from it.
@@ -316,19 +332,35 @@ impl Slam {
             confidence = self.track(scan);
         }
         self.confidence = confidence;
+        let is_tracking = self.state == TrackState::Tracking;
+        // The first pose is exact: it fixes the frame.
+        let is_tied = is_tracking && before != TrackState::Waiting;
+        let own = if is_tied { self.tracker.variance(self.knowledge.reference()) } else { Variance::default() };
+        let (pose, deviation) = (self.pose, is_tracking.then(|| self.drift.deviation(self.pose, own, confidence)));
         let track = begun.elapsed();
         let begun = Instant::now();
-        let is_trusted = self.state == TrackState::Tracking && confidence >= self.config.trust.learn_above;
+        let is_trusted = is_tracking && confidence >= self.config.trust.learn_above;
         let learnt = if is_trusted { self.learn(scan) } else { Learnt::default() };
+        if learnt.keyframe {
+            self.drift.learn(pose, own);
+        }
         let state = match (before, self.state) {
             // The first frame of a search has nothing to come back from.
             (TrackState::Lost, TrackState::Tracking) if self.frame > 0 => TrackState::Relocalised,
             (_, state) => state,
         };
-        self.estimate(scan, confidence, learnt, state, Spent { track, map: begun.elapsed() })
+        let belief = (confidence, deviation);
+        self.estimate(scan, belief, learnt, state, Spent { track, map: begun.elapsed() })
     }
 
-    fn estimate(&mut self, scan: &Scan, confidence: f64, learnt: Learnt, state: TrackState, spent: Spent) -> Estimate {
+    fn estimate(
+        &mut self,
+        scan: &Scan,
+        belief: (f64, Option<Deviation>),
+        learnt: Learnt,
+        state: TrackState,
+        spent: Spent,
+    ) -> Estimate {
         let frame = self.frame;
         self.frame += 1;
         let pose = match &self.knowledge {
@@ -337,7 +369,19 @@ impl Slam {
         };
         let Learnt { keyframe, correction, box_change } = learnt;
         let loop_closed = correction.is_some();
-        Estimate { frame, time_s: scan.time_s, pose, confidence, state, keyframe, loop_closed, box_change, spent }
+        let (confidence, deviation) = belief;
+        Estimate {
+            frame,
+            time_s: scan.time_s,
+            pose,
+            confidence,
+            deviation,
+            state,
+            keyframe,
+            loop_closed,
+            box_change,
+            spent,
+        }
     }
 
     fn push(&mut self, scan: &Arc<Scan>, start: Isometry<Field, World>) {

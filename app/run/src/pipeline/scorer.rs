@@ -52,6 +52,7 @@ impl<'a> Scorer<'a> {
             time_s: estimate.time_s,
             state,
             confidence: estimate.confidence,
+            deviation: estimate.deviation,
             estimate: pose,
             truth,
             add_s: add_s.map(|(truth, surface)| surface.original().add_s_of(surface.quick(), truth.inverse() * pose)),

@@ -28,6 +28,8 @@ pub fn curves(run: &RunRecord) -> String {
         let rows = run.frames.iter().filter_map(|row| Some((row.time_s, of(row.add_s.as_ref()?))));
         rows.map(|(time_s, error_m)| (time_s, (error_m * 1e3).min(CUT_MM))).collect()
     };
+    let rows = run.frames.iter().filter_map(|row| Some((row.time_s, row.deviation?.surface_m)));
+    let stated = rows.map(|(time_s, deviation_m)| (time_s, (2e3 * deviation_m).min(CUT_MM))).collect();
     let end = run.frames.last().map_or(1.0, |row| row.time_s).max(1e-3);
     let begin = run.frames.first().map_or(0.0, |row| row.time_s).min(end - 1e-3);
     let spans = lost_spans(run);
@@ -54,6 +56,7 @@ pub fn curves(run: &RunRecord) -> String {
             vec![
                 ("symmetric", vermilion, error(|e| e.symmetric_m)),
                 ("as NeuralFeels", blue, error(|e| e.one_directional_m)),
+                ("two stated deviations", green, stated),
             ],
         ),
         panel(

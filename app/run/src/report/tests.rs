@@ -24,6 +24,7 @@ fn run() -> RunRecord {
                 _ => TrackState::Tracking,
             },
             confidence: if lost { 0.1 } else { 0.9 },
+            deviation: None,
             estimate: truth * Isometry::<Object, Object>::translation(offset_m, 0.0, 0.0),
             truth: Some(truth),
             add_s: Some(AddS { one_directional_m: error_m, symmetric_m: 1.1 * error_m }),

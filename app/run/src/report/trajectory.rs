@@ -4,15 +4,18 @@ use std::fmt::Write as _;
 
 use mvt_frames::{Frame, Isometry, Object, World};
 use mvt_metrics::AddS;
+use mvt_slam::Deviation;
 
 use super::{Coordinates, FrameRow, StageMs, TrackState};
 
 /// The columns, in the order in which they are written. Lengths are metres but where the name says mm, quaternions are (w, x, y, z).
-const COLUMNS: [&str; 25] = [
+const COLUMNS: [&str; 27] = [
     "frame",
     "time_s",
     "state",
     "confidence",
+    "deviation_mm",
+    "deviation_deg",
     "coordinates",
     "x_m",
     "y_m",
@@ -38,11 +41,12 @@ const COLUMNS: [&str; 25] = [
 const TIME: usize = 1;
 const STATE: usize = 2;
 const CONFIDENCE: usize = 3;
-const COORDINATES: usize = 4;
-const ESTIMATE: usize = 5;
-const TRUTH: usize = 12;
-const ADD_S: usize = 19;
-const STAGES: usize = 21;
+const DEVIATION: usize = 4;
+const COORDINATES: usize = 6;
+const ESTIMATE: usize = 7;
+const TRUTH: usize = 14;
+const ADD_S: usize = 21;
+const STAGES: usize = 23;
 
 /// Why a trajectory could not be read. Lines count from 1.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -107,7 +111,9 @@ pub fn write_trajectory(rows: &[FrameRow]) -> String {
             TrackState::Relocalised => "relocalised",
         };
         let coordinates = Coordinates::Object.name();
-        let _ = write!(text, "{},{},{state},{},{coordinates}", row.frame, row.time_s, row.confidence);
+        let _ = write!(text, "{},{},{state},{}", row.frame, row.time_s, row.confidence);
+        append(&mut text, row.deviation.map(|d| [d.surface_m * 1e3, d.angle_rad.to_degrees()]));
+        let _ = write!(text, ",{coordinates}");
         let add_s = row.add_s.map(|e| [e.one_directional_m * 1e3, e.symmetric_m * 1e3]);
         let StageMs { sense, track, map, mesh } = row.stage_ms;
         append(&mut text, Some(pose_numbers(row.estimate)));
@@ -202,6 +208,7 @@ fn row(cells: &Cells<'_>, index: usize) -> Result<FrameRow, TrajectoryDefect> {
         _ => return Err(cells.defect(STATE, "tracking, lost or relocalised")),
     };
     let estimate = cells.pose(ESTIMATE)?.ok_or(cells.defect(ESTIMATE, "a number"))?;
+    let deviation = cells.numbers::<2>(DEVIATION, |x| x >= 0.0, "a number from 0 on")?;
     let add_s = cells.numbers::<2>(ADD_S, |x| x >= 0.0, "a number from 0 on")?;
     let stages = cells.numbers::<4>(STAGES, f64::is_finite, "a number")?;
     let [sense, track, map, mesh] = stages.unwrap_or_default();
@@ -212,6 +219,7 @@ fn row(cells: &Cells<'_>, index: usize) -> Result<FrameRow, TrajectoryDefect> {
         time_s: time.ok_or(cells.defect(TIME, "a number"))?[0],
         state,
         confidence: confidence.map_or(1.0, |[confidence]| confidence),
+        deviation: deviation.map(|[mm, deg]| Deviation { surface_m: mm * 1e-3, angle_rad: deg.to_radians() }),
         estimate,
         truth: cells.pose(TRUTH)?,
         add_s: add_s.map(|[one, symmetric]| AddS { one_directional_m: one * 1e-3, symmetric_m: symmetric * 1e-3 }),

@@ -247,13 +247,19 @@ impl LogSource {
         }
         let images = PerFinger(frame.touch_images.0.map(Option::unwrap_or_default));
         let side = self.side();
-        let touch = match &mut self.network {
+        let mut touch = match &mut self.network {
             None => PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?)),
             Some(network) => network.feel(u64::from(number), &images, &mut self.warnings)?,
         };
         let after = number as usize + 1;
         let next = self.log().times_s().get(after).copied().zip(self.log().joints().get(after).copied());
-        let Calibrated { joints, cameras } = self.calibrator.observe(frame.time_s, &frame.joints, next, &depths_m);
+        let calibrated = self.calibrator.observe(frame.time_s, &frame.joints, next, &depths_m);
+        calibrated.skip(&mut depths_m);
+        if calibrated.is_frozen {
+            touch = PerFinger::default();
+        }
+        let Calibrated { joints, cameras, warnings, .. } = calibrated;
+        self.warnings.extend(warnings);
         let percept = percept(frame.time_s, joints, depths_m, touch, &cameras, side, &self.segmentation)
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());

@@ -1,6 +1,10 @@
-//! Confidence of a pose.
+//! Confidence and variance of a pose.
 
-use super::{Tracker, ask, ask_measured, sigma};
+use nalgebra as na;
+
+use super::system::{Loss, surface};
+use super::{ROBUST_SIGMAS, Tracker, ask, ask_measured, sigma, to_na};
+use crate::deviation::Variance;
 use crate::tracker::Reference;
 
 /// Evidence for a pose.
@@ -23,7 +27,46 @@ const FREE_TOLERANCE_M: f32 = 0.003;
 /// Fewer points than these say nothing about a pose.
 const FEWEST_POINTS: usize = 15;
 
+/// Size of the objects, at which a rotation and a translation move the surface alike, metres.
+const LEVER_M: f64 = 0.04;
+/// Error of the normals of a learnt surface, radians. It makes faces look uneven and round things cornered, as if they held a pose.
+const NORMAL_SIGMA_RAD: f64 = 0.1;
+/// What is known of a pose without measurements: one standard deviation of translation, metres, and rotation, radians. About the motion
+/// from one keyframe to the next.
+const PRIOR: [f64; 2] = [0.02, 0.5];
+
 impl Tracker {
+    /// The variance of the newest pose against the shape: the inverse of the information of its points, J J^T of each distance,
+    /// weighted as in the solver.
+    pub(crate) fn variance(&self, shape: &dyn Reference) -> Variance {
+        let mut information = na::Matrix6::<f64>::zeros();
+        // The information that wrong normals alone would give. An object of revolution does not tell its rotation, but a learnt one seems to.
+        let mut spurious = na::Matrix6::<f64>::zeros();
+        if let Some(instant) = self.window.back() {
+            let (points, distances, trusted) =
+                ask_measured(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
+            for (i, m) in instant.measured.iter().enumerate().filter(|(i, _)| trusted[*i]) {
+                let (residual, mut by_pose) = surface(points[i], distances[i]);
+                by_pose.fixed_rows_mut::<3>(3).scale_mut(1.0 / LEVER_M);
+                let precision = 1.0 / f64::from(sigma(shape, m.sigma_m));
+                let weight = m.share * precision.powi(2) * Loss::Cauchy(ROBUST_SIGMAS).at(residual * precision).1;
+                let mut by_normal = na::Matrix6x3::zeros();
+                by_normal.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+                by_normal.fixed_view_mut::<3, 3>(3, 0).copy_from(&(to_na(points[i]) / LEVER_M).cross_matrix());
+                information += weight * by_pose * by_pose.transpose();
+                spurious += weight * NORMAL_SIGMA_RAD.powi(2) * by_normal * by_normal.transpose();
+            }
+        }
+        let largest = |information: na::Matrix6<f64>, at: usize| {
+            let covariance = covariance(information);
+            covariance.fixed_view::<3, 3>(at, at).into_owned().symmetric_eigenvalues().max()
+        };
+        Variance {
+            translation_m2: largest(information, 0),
+            rotation_rad2: largest(information - spurious, 3) / LEVER_M.powi(2),
+        }
+    }
+
     /// Judges the newest pose. Without enough measurements the confidence is 0.
     pub fn assess(&self, shape: &dyn Reference) -> Assessment {
         let nothing = Assessment { confidence: 0.0, camera_inliers: None, touch_inliers: None, free: 1.0 };
@@ -60,4 +103,14 @@ impl Tracker {
             free,
         }
     }
+}
+
+/// The covariance of a pose, rotations times [`LEVER_M`], of which this is known beside [`PRIOR`].
+fn covariance(information: na::Matrix6<f64>) -> na::Matrix6<f64> {
+    let eigen = information.symmetric_eigen();
+    let known = eigen.eigenvectors * na::Matrix6::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0)));
+    let prior = na::Vector6::from_fn(|i, _| if i < 3 { PRIOR[0] } else { PRIOR[1] * LEVER_M }.powi(-2));
+    let all = known * eigen.eigenvectors.transpose() + na::Matrix6::from_diagonal(&prior);
+    // It is positive definite, but numbers that are not finite may get in.
+    all.try_inverse().unwrap_or_else(na::Matrix6::identity)
 }

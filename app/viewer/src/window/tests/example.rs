@@ -109,6 +109,7 @@ fn row(frame: u64) -> FrameRow {
             _ => TrackState::Tracking,
         },
         confidence: if is_lost { 0.1 } else { 0.9 },
+        deviation: None,
         estimate: pose(frame, error_m),
         truth: Some(pose(frame, 0.0)),
         add_s: Some(AddS { one_directional_m: error_m, symmetric_m: error_m }),

@@ -1,0 +1,121 @@
+#!/usr/bin/env python3
+"""Measures shape, pose and stated deviation on objects that nobody tuned for.
+
+    results/tracking.py OUT [--program FILE] [--objects A,B,...] [--random N] [--seed N] [--duration SECONDS]
+
+Generates a log per object (by default those of `hollow` and `tall` in results/objects.toml, and random:1000 to random:1039), and estimates shape
+and pose from it with cameras `side` and `front-left`. Writes OUT/tracking.jsonl, a line per run, and OUT/reliability.svg: the error below which
+95 % of the frames lie, over twice the stated deviation. Logs and runs that are there already are not made again; logs are removed when
+their runs are done.
+"""
+
+import argparse
+import json
+import math
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CAMERAS = ["side", "front-left"]
+# Stated deviations are sorted into these bins, mm.
+EDGES_MM = [0, 1, 1.25, 1.5, 2, 3, 5, 10, 20]
+
+
+class Measurement:
+    def __init__(self, arguments):
+        self.out, self.program, self.duration = arguments.out, arguments.program.resolve(), arguments.duration
+        (self.out / "runs").mkdir(parents=True, exist_ok=True)
+
+    def call(self, *words):
+        result = subprocess.run([self.program, *map(str, words)], capture_output=True, text=True)
+        if result.returncode != 0:
+            sys.exit(f"{' '.join(map(str, words))}: {result.stderr.strip()}")
+        return result.stdout
+
+    def log(self, name, seed, folder):
+        if not any(folder.glob("*/00")):
+            self.call("generate", "--object", name, "--logs", 1, "--duration", self.duration, "--seed", seed,
+                      "--cameras", ",".join(CAMERAS), "--out", folder)
+        return next(folder.glob("*/00"))
+
+    def run(self, key, name, seed, folder, camera):
+        """Returns the scores of a run and the pairs of stated deviation and error of its frames, mm."""
+        path = self.out / "runs" / f"{key}.json"
+        if not path.exists():
+            log, run = self.log(name, seed, folder), self.out / "runs" / key
+            shutil.rmtree(run, ignore_errors=True)
+            summary = json.loads(self.call("run", "--log", log, "--cameras", camera, "--json", "--quiet", "--out", run))
+            head, *rows = [line.split(",") for line in (run / "trajectory.csv").read_text().splitlines()]
+            error, deviation = head.index("add_s_mm"), head.index("deviation_mm")
+            # The error of the first frame is 0: it fixes the coordinates.
+            frames = [(float(row[deviation]) if row[deviation] else None, float(row[error])) for row in rows[1:]]
+            f = summary["f_score"] or {}
+            scores = {"f2": f.get("2"), "f5": f.get("5"), "add_s_mm": summary["add_s_mm"]["mean"],
+                      "final_mm": frames[-1][1], "final_deviation_mm": frames[-1][0], "seconds": summary["simulated_s"]}
+            path.write_text(json.dumps([scores, frames]))
+            shutil.rmtree(run)
+        return json.loads(path.read_text())
+
+
+def reliability(frames):
+    """Returns the drawing of the error that 95 % of the frames stay below, over twice the stated deviation."""
+    points = []
+    for low, high in zip(EDGES_MM, EDGES_MM[1:]):
+        pairs = [(d, e) for d, e in frames if d is not None and low <= d < high]
+        if len(pairs) >= 50:
+            errors = sorted(e for _, e in pairs)
+            points.append((2 * sum(d for d, _ in pairs) / len(pairs), errors[int(0.95 * (len(errors) - 1))], len(pairs)))
+    top = 2 * math.ceil(max([10, *(max(x, y) for x, y, _ in points)]) / 2)
+    at = lambda x, y: (50 + 340 * x / top, 360 - 340 * y / top)
+    (x0, y0), (x1, y1) = at(0, 0), at(top, top)
+    marks = "".join(f'<circle cx="{at(x, y)[0]:.1f}" cy="{at(x, y)[1]:.1f}" r="4" fill="#0072b2"/>'
+                    f'<text x="{at(x, y)[0] + 7:.1f}" y="{at(x, y)[1] + 4:.1f}">{n}</text>' for x, y, n in points)
+    ticks = "".join(f'<text x="{at(v, 0)[0]:.1f}" y="376" text-anchor="middle">{v:g}</text>'
+                    f'<text x="44" y="{at(0, v)[1] + 4:.1f}" text-anchor="end">{v:g}</text>' for v in (0, top / 2, top))
+    return (f'<svg xmlns="http://www.w3.org/2000/svg" width="420" height="400" font-family="sans-serif" font-size="11">'
+            f'<rect width="420" height="400" fill="white"/><path d="M50 20V360H390" fill="none" stroke="black"/>'
+            f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="#999" stroke-dasharray="4"/>{marks}{ticks}'
+            f'<text x="220" y="394" text-anchor="middle">twice the stated deviation, mm (beside each point: frames)</text>'
+            f'<text x="14" y="190" text-anchor="middle" transform="rotate(-90 14 190)">ADD-S, 95 % of the frames, mm</text></svg>\n')
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    objects = tomllib.loads((ROOT / "results/objects.toml").read_text())
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
+    parser.add_argument("--objects", default=",".join(objects["hollow"] + objects["tall"]))
+    parser.add_argument("--random", type=int, default=40, help="number of random objects")
+    parser.add_argument("--seed", type=int, default=9300, help="seed of the first log")
+    parser.add_argument("--duration", type=float, default=10)
+    arguments = parser.parse_args()
+    measurement = Measurement(arguments)
+    random = [f"random:{1000 + k}" for k in range(arguments.random)]
+    rows, all_frames = [], []
+    for k, name in enumerate([*random, *filter(None, arguments.objects.split(","))]):
+        kind = "random" if k < len(random) else "hollow" if name in objects["hollow"] else "tall"
+        keys = {camera: f"{name.replace(':', '-')}-{camera}" for camera in CAMERAS}
+        folder = measurement.out / "logs" / name.replace(":", "-")
+        for camera, key in keys.items():
+            scores, frames = measurement.run(key, name, arguments.seed + k, folder, camera)
+            stated = [(d, e) for d, e in frames if d is not None]
+            said = [e for d, e in stated if d <= 1]
+            rows.append({
+                "object": name, "kind": kind, "camera": camera, **scores, "frames": len(frames), "poor": int(scores["f5"] < 0.85),
+                "f5_" + kind + "_" + camera: scores["f5"], "add_s_" + kind + "_" + camera: scores["add_s_mm"],
+                "said_within_2mm": len(said), "within_2mm": sum(e <= 2 for e in said), "covered": sum(e <= 2 * d for d, e in stated),
+                "stated": len(stated), "undeclared": sum(e > 10 and d < 3 for d, e in stated),
+                "ends_undeclared": int(scores["final_mm"] > 10 and (scores["final_deviation_mm"] or 99) < 3),
+            })
+            all_frames += frames
+            print({key: round(value, 3) if isinstance(value, float) else value for key, value in rows[-1].items()}, flush=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        (arguments.out / "tracking.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        (arguments.out / "reliability.svg").write_text(reliability(all_frames))
+
+
+if __name__ == "__main__":
+    main()
