@@ -70,7 +70,8 @@ def test_ctrl_c_ends_a_long_call() -> None:
 
 
 def test_libmujoco_is_loaded_without_variables_of_the_environment(tmp_path: Path) -> None:
-    environment = {key: os.environ[key] for key in ("PATH", "HOME", "PYTHONPATH") if key in os.environ}
+    environment = {key: os.environ[key] for key in ("PATH", "HOME") if key in os.environ}
+    environment["PYTHONPATH"] = str(Path(mambavitact.__file__).resolve().parents[1])
     text = "import mambavitact; print(open('/proc/self/maps').read())"
     done = subprocess.run(
         [sys.executable, "-c", text], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
