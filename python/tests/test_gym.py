@@ -144,7 +144,7 @@ DETERMINISM = """
 import hashlib, sys
 import numpy as np
 import mambavitact.gym
-envs = mambavitact.gym.TurnInHandVectorEnv(2, observation=("proprioception", "touch_images", "cameras", "estimate"), duration_s=0.08)
+envs = mambavitact.gym.TurnInHandVectorEnv(2, observation=("proprioception", "touch_images", "cameras", "estimate"), duration_s=0.12)
 digest = hashlib.sha256()
 observations, _ = envs.reset(seed=3)
 rng = np.random.default_rng(1)

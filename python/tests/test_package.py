@@ -49,7 +49,9 @@ def test_the_command_is_the_program() -> None:
 
 
 INTERRUPTED = """
-import numpy as np, mambavitact
+import signal, numpy as np, mambavitact
+# The tests may run where SIGINT is ignored, as behind a shell's `&`.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 network = mambavitact.TouchNetwork()
 images = np.tile(mambavitact.Episode("cube70").untouched(), (100, 1, 1, 1))
 print("ready", flush=True)
