@@ -67,7 +67,8 @@ impl Environments {
     ) -> PyResult<Self> {
         let side = read_side(side)?;
         let cameras = around(cameras, side)?;
-        let senses = senses.iter().map(|name| name.parse::<Sense>().map_err(argument)).collect::<Result<Vec<_>, _>>()?;
+        let senses =
+            senses.iter().map(|name| name.parse::<Sense>().map_err(argument)).collect::<Result<Vec<_>, _>>()?;
         let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
         let settings = TaskSettings { side, control_hz, duration_s, randomisation, senses: senses.clone(), cameras };
         detached(py, || {
