@@ -74,8 +74,9 @@ struct Report {
     pose: Option<PoseReport>,
 }
 
+/// Scores of a shape at thresholds from 1 to 20 mm.
 #[derive(Debug, Serialize)]
-struct ShapeReport {
+pub struct ShapeReport {
     /// From 10,000 points of each surface, as in NeuralFeels.
     original: SurfaceReport,
     /// From 100,000 points.
@@ -270,7 +271,8 @@ fn object_from_estimate(row: &FrameRow) -> Option<Isometry<Object, Object>> {
 }
 
 impl ShapeReport {
-    fn new(estimate: &Mesh, truth: &Mesh, motion: Isometry<Object, Object>) -> Self {
+    /// Compares an estimated surface with the true one; `motion` takes the coordinates of the one to those of the other.
+    pub fn new(estimate: &Mesh, truth: &Mesh, motion: Isometry<Object, Object>) -> Self {
         let score = |points: usize| {
             let surface = TrueSurface::new(truth, points, 0);
             SurfaceReport::new(&surface.score(&sample_surface(estimate, points, 1), motion, &ORIGINAL_THRESHOLDS_M))

@@ -199,7 +199,7 @@ fn without_window(option: &str, folder: &Path) -> String {
 
 /// Opens a window on a run in a process of its own, so that neither waits for the other nor ends with it.
 pub fn watch(run: &Path) -> Result<()> {
-    let program = std::env::current_exe().context("cannot find the file of this program, which opens the window")?;
+    let program = mvt_run::program::path().context("cannot find the file of this program, which opens the window")?;
     Command::new(program)
         .args(["view", "--run"])
         .arg(run)

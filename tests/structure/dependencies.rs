@@ -11,18 +11,28 @@ use crate::nothing_offends;
 use crate::sources::{read, root};
 
 /// The crates that may link libmujoco.
-const LINKS_MUJOCO: [&str; 6] =
-    ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-physics", "mvt-sweep"];
+const LINKS_MUJOCO: [&str; 8] = [
+    "mambavitact",
+    "mvt-environment",
+    "mvt-evaluation",
+    "mvt-live",
+    "mvt-mujoco-lib",
+    "mvt-physics",
+    "mvt-python",
+    "mvt-sweep",
+];
 /// The crates that may import the downloader: for meshes of objects, in the build script that brings libmujoco, and for hashes of settings
 /// and files.
 const DOWNLOADS: [&str; 5] = ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-objects"];
-/// Folders, with the folders from which their crates may import. The binary, in the root, may import from all.
-const LAYERS: [(&str, &[&str]); 6] = [
+/// Folders, with the folders from which their crates may import. The binary, in the root, may import from all; the Python package also
+/// imports the binary's library, "".
+const LAYERS: [(&str, &[&str]); 7] = [
     ("scenes", &["scenes"]),
     ("sim", &["scenes", "sim"]),
     ("perception", &["scenes", "perception"]),
     ("slam", &["scenes", "slam"]),
     ("app", &["scenes", "sim", "perception", "slam", "app"]),
+    ("python", &["scenes", "sim", "perception", "slam", "app", ""]),
     ("results", &[]),
 ];
 /// Packages in Cargo.lock beyond one version of each. Lower it when it falls; raise it only with a reason in the commit. Most come from

@@ -43,6 +43,7 @@ pub mod input;
 pub mod io;
 pub mod object;
 pub mod pipeline;
+pub mod program;
 pub mod progress;
 pub mod progress_recorder;
 pub mod report;

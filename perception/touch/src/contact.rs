@@ -172,6 +172,35 @@ impl Feeler {
     }
 }
 
+/// What one sensor feels in images that are independent of one another, one image per thread. Without the image of the untouched sensor,
+/// nothing is taken off what the network sees and finds.
+///
+/// # Errors
+/// [`SensorError::Size`] if an image is not 240 wide and 320 high. It names the index finger, whose place the sensor takes.
+pub fn feel_alone(
+    engine: &Engine,
+    config: &ContactConfig,
+    untouched: Option<&RgbImage>,
+    images: &[RgbImage],
+) -> Result<Vec<Felt>, SensorError> {
+    let finger = Finger::Index;
+    let empty = untouched.map(|image| {
+        check(finger, image)?;
+        let mut state = State { untouched: Some(image.clone()), ..State::new() };
+        state.infer(engine, [1.0; 3], finger, image)?;
+        Ok((squares(image), state.prediction.indentation_mm))
+    });
+    let empty = empty.transpose()?;
+    let felt = images.par_iter().map(|image| {
+        check(finger, image)?;
+        let mut state = State { untouched: untouched.cloned(), empty: empty.clone(), ..State::new() };
+        let Outcome { plausibility, asked } = feel(engine, config, [1.0; 3], finger, image, &mut state)?;
+        let is_plausible = plausibility >= config.least_plausibility;
+        Ok(Felt { press: is_plausible.then_some(state.press), plausibility, asked })
+    });
+    felt.collect()
+}
+
 fn check(finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
     let found = [image.width() as usize, image.height() as usize];
     check_size(|| SensorName::Touch(finger), "colour", [digit::WIDTH, digit::HEIGHT], found)

@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::mjcf::Physics;
-use crate::simulation::{PadContact, Simulation, SimulationError};
+use crate::simulation::{PadContact, Simulation, SimulationError, SimulationState};
 
 /// Ranges of the differences between a start and the nominal one. Every quantity is drawn independently.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -163,6 +163,19 @@ pub struct EpisodeConfig {
     pub randomisation: Randomisation,
 }
 
+/// State of a running episode. A restored episode continues bit for bit.
+#[derive(Debug, Clone)]
+pub struct EpisodeSnapshot {
+    /// Shows to which episode it belongs.
+    start: EpisodeStart,
+    simulation: SimulationState,
+    controller: DirectedController,
+    target: JointAngles,
+    tick: u64,
+    turned_rad: f64,
+    end: Option<End>,
+}
+
 /// Running episode.
 pub struct Episode {
     simulation: Simulation,
@@ -263,7 +276,7 @@ impl Episode {
         const STEPS_PER_FRAME: u64 = (PHYSICS_HZ / FRAME_HZ) as u64;
         let due = if self.tick == 0 { 0 } else { self.tick.next_multiple_of(STEPS_PER_FRAME) };
         while self.tick < due && self.end.is_none() {
-            self.step();
+            self.step(None);
         }
         if self.end.is_none() && self.tick >= self.last_tick {
             self.end = Some(End::Completed);
@@ -271,25 +284,85 @@ impl Episode {
         if self.end.is_some() {
             return None;
         }
-        let state = EpisodeState {
+        let state = self.state();
+        // Steps past this frame's instant, so that the next call runs up to the next frame.
+        self.step(None);
+        Some(state)
+    }
+
+    /// Returns the true state now.
+    pub fn state(&self) -> EpisodeState {
+        EpisodeState {
             scene: SceneState {
                 time_s: self.time_s(),
                 joints: self.simulation.joints(),
                 object_pose: self.simulation.object_pose(),
             },
             pads: self.simulation.contacts(),
-        };
-        // Steps past this frame's instant, so that the next call runs up to the next frame.
-        self.step();
-        Some(state)
+        }
     }
 
-    /// Makes one integration step, with a new command if one is due.
-    fn step(&mut self) {
+    /// Returns the simulation, for its velocities and torques.
+    pub fn simulation(&self) -> &Simulation {
+        &self.simulation
+    }
+
+    /// Returns the joint angles at which the joints aim, radians.
+    pub fn target(&self) -> &JointAngles {
+        &self.target
+    }
+
+    /// Makes so many integration steps, fewer if the episode ends. The joints aim at `targets`, radians; without them the
+    /// gait plays.
+    pub fn advance(&mut self, steps: u32, targets: Option<&JointAngles>) {
+        for _ in 0..steps {
+            if self.end.is_some() {
+                return;
+            }
+            self.step(targets);
+            if self.end.is_none() && self.tick >= self.last_tick {
+                self.end = Some(End::Completed);
+            }
+        }
+    }
+
+    /// Returns the state for [`Episode::restore`].
+    pub fn save(&self) -> EpisodeSnapshot {
+        EpisodeSnapshot {
+            start: self.start.clone(),
+            simulation: self.simulation.save(),
+            controller: self.controller.clone(),
+            target: self.target,
+            tick: self.tick,
+            turned_rad: self.turned_rad,
+            end: self.end.clone(),
+        }
+    }
+
+    /// Sets the state to a saved one of an episode with the same object, configuration and seed.
+    ///
+    /// # Errors
+    /// [`SimulationError::State`] if the state belongs to an episode with another start.
+    pub fn restore(&mut self, snapshot: &EpisodeSnapshot) -> Result<(), SimulationError> {
+        let EpisodeSnapshot { start, simulation, controller, target, tick, turned_rad, end } = snapshot.clone();
+        if start != self.start {
+            let reason = "it was saved in an episode with another object, seed or configuration".to_owned();
+            return Err(SimulationError::State(reason));
+        }
+        self.simulation.restore(&simulation)?;
+        (self.controller, self.target, self.tick) = (controller, target, tick);
+        (self.turned_rad, self.end) = (turned_rad, end);
+        Ok(())
+    }
+
+    /// Makes one integration step towards `targets`, or of the gait with a new command if one is due.
+    fn step(&mut self, targets: Option<&JointAngles>) {
         const STEPS_PER_COMMAND: u64 = (PHYSICS_HZ / CONTROL_HZ) as u64;
         /// Limit of the counted turn rate, rad/s. A free object may spin faster for an instant than a pad can turn it.
         const FASTEST_TURN: f64 = 10.0;
-        if self.tick.is_multiple_of(STEPS_PER_COMMAND) {
+        if let Some(targets) = targets {
+            self.target = *targets;
+        } else if self.tick.is_multiple_of(STEPS_PER_COMMAND) {
             let sensed = Proprioception { time_s: self.time_s(), joints: self.simulation.joints() };
             self.target = self.controller.command(&sensed);
         }

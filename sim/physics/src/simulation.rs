@@ -131,6 +131,22 @@ impl Simulation {
         self.object_pose().untyped().rotation * na::Vector3::new(v[0], v[1], v[2])
     }
 
+    /// Returns the velocity of the object's origin in the world, m/s.
+    pub fn object_velocity(&self) -> na::Vector3<f64> {
+        let v = &self.data.qvel()[JOINTS..];
+        na::Vector3::new(v[0], v[1], v[2])
+    }
+
+    /// Returns the joint velocities, rad/s.
+    pub fn joint_velocities(&self) -> JointAngles {
+        std::array::from_fn(|j| self.data.qvel()[j])
+    }
+
+    /// Returns the torques with which the position controllers drive the joints, Nm, from the last step.
+    pub fn joint_torques(&self) -> JointAngles {
+        std::array::from_fn(|j| self.data.qfrc_actuator()[j])
+    }
+
     /// Returns the contact of each fingertip with the object.
     pub fn contacts(&self) -> PerFinger<PadContact> {
         let mut pads = PerFinger::<PadContact>::default();
@@ -173,8 +189,7 @@ impl Simulation {
         broken("a position", self.data.qpos(), 1e2).or_else(|| broken("a velocity", self.data.qvel(), FASTEST))
     }
 
-    /// Returns the state for [`Simulation::restore`]. Only tests call both today; bindings for other languages need
-    /// them.
+    /// Returns the state for [`Simulation::restore`].
     pub fn save(&self) -> SimulationState {
         SimulationState(self.data.state(STATE))
     }

@@ -68,6 +68,38 @@ fn a_restored_simulation_continues_bit_for_bit() {
     assert_eq!((pose, joints, contacts), (simulation.object_pose(), simulation.joints(), simulation.contacts()));
 }
 
+/// Steps of any number play the episode that frames play, and a saved state goes on in the middle of it.
+#[test]
+fn an_episode_is_the_same_in_steps_and_in_frames() {
+    let object = cube(0.07);
+    let new = || Episode::new(&object, &config(Side::Left, 5)).unwrap();
+    let (mut frames, mut steps) = (new(), new());
+    let mut saved = None;
+    for k in 0..20 {
+        let frame = frames.next_frame().unwrap();
+        assert_eq!(frame, steps.state(), "frame {k}");
+        if k == 10 {
+            saved = Some((steps.save(), frame));
+        }
+        steps.advance(3, None);
+        steps.advance(7, None);
+    }
+    let (snapshot, frame) = saved.unwrap();
+    let after = steps.state();
+    steps.restore(&snapshot).unwrap();
+    assert_eq!(steps.state(), frame);
+    steps.advance(100, None);
+    assert_eq!(steps.state(), after);
+
+    let mut other = Episode::new(&object, &config(Side::Left, 6)).unwrap();
+    assert!(other.restore(&snapshot).unwrap_err().to_string().contains("another object, seed"));
+    let target = other.start().joints.map(|angle| angle + 0.05);
+    other.advance(30, Some(&target));
+    assert_eq!(other.target(), &target);
+    other.advance(1_000_000, None);
+    assert!(other.end().is_some());
+}
+
 /// Both hands play mirrored episodes. MuJoCo's choice of contact points is not symmetric, so they agree closely, not
 /// exactly.
 #[test]

@@ -109,7 +109,7 @@ impl StartedRun {
     /// # Errors
     /// If the folder cannot be created or the process cannot be started.
     pub fn start(choices: &RunChoices) -> io::Result<Self> {
-        let program = std::env::current_exe()?;
+        let program = mvt_run::program::path()?;
         let created = (!choices.folder.exists()).then(|| choices.folder.clone());
         fs::create_dir_all(&choices.folder)?;
         let folder = choices.new_folder();

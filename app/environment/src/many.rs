@@ -1,0 +1,163 @@
+//! Many environments that step together, on all threads.
+
+use std::sync::Arc;
+
+use mvt_robot::hand::JOINTS;
+use rand::{Rng as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::error::TaskError;
+use crate::scene::Scene;
+use crate::sense::{Part, Readings};
+use crate::turn::{Environment, Reward};
+
+/// Result of a step of all environments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// One entry per sense, in the order of the settings.
+    pub observations: Vec<Readings>,
+    /// Reward of each environment.
+    pub rewards: Vec<Reward>,
+    /// Whether the object fell or the physics became unstable.
+    pub terminated: Vec<bool>,
+    /// Whether the time is up.
+    pub truncated: Vec<bool>,
+    /// Time since the start (s) and angle turned (rad) of each environment.
+    pub progress: Vec<[f64; 2]>,
+}
+
+/// Environments with one scene.
+pub struct Environments {
+    scene: Arc<Scene>,
+    places: Vec<Place>,
+    autoreset: bool,
+}
+
+/// One environment with its source of seeds.
+struct Place {
+    environment: Environment,
+    seeds: ChaCha8Rng,
+    has_ended: bool,
+}
+
+impl Place {
+    fn new(scene: &Arc<Scene>, seed: u64) -> Result<Self, TaskError> {
+        let environment = Environment::new(Arc::clone(scene), seed)?;
+        Ok(Self { environment, seeds: ChaCha8Rng::seed_from_u64(seed), has_ended: false })
+    }
+
+    fn step(&mut self, scene: &Arc<Scene>, action: &[f32], autoreset: bool) -> Result<Reward, TaskError> {
+        if autoreset && self.has_ended {
+            self.environment = Environment::new(Arc::clone(scene), self.seeds.next_u64())?;
+            self.has_ended = false;
+            return Ok(Reward::default());
+        }
+        let reward = self.environment.step(action);
+        let (terminated, truncated) = self.environment.ended();
+        self.has_ended = terminated || truncated;
+        Ok(reward)
+    }
+}
+
+impl Environments {
+    /// Makes `count` environments, which start with the seeds 0, 1 and so on. With `autoreset`, the step after the end of
+    /// an episode ignores its action and starts the next one: the mode NEXT_STEP of Gymnasium.
+    ///
+    /// # Errors
+    /// [`TaskError`] if there are none or MuJoCo refuses the object.
+    pub fn new(scene: Arc<Scene>, count: usize, autoreset: bool) -> Result<Self, TaskError> {
+        /// A model takes about a megabyte.
+        const MOST: usize = 4096;
+        if !(1..=MOST).contains(&count) {
+            return Err(TaskError::Setting(format!(
+                "the number of environments is {count}; it must be from 1 to {MOST}"
+            )));
+        }
+        let places =
+            (0..count as u64).into_par_iter().map(|seed| Place::new(&scene, seed)).collect::<Result<_, _>>()?;
+        Ok(Self { scene, places, autoreset })
+    }
+
+    /// Returns the number of environments.
+    pub fn count(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Returns the scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Starts new episodes with these seeds, one for each environment, and returns the first observations.
+    ///
+    /// # Errors
+    /// [`TaskError`] if the number of seeds is wrong or MuJoCo refuses the object.
+    pub fn reset(&mut self, seeds: &[u64]) -> Result<Vec<Readings>, TaskError> {
+        if seeds.len() != self.count() {
+            let (expected, found) = (self.count(), seeds.len());
+            return Err(TaskError::Setting(format!("there are {found} seeds for {expected} environments")));
+        }
+        self.places = seeds.par_iter().map(|&seed| Place::new(&self.scene, seed)).collect::<Result<_, _>>()?;
+        let (observations, _) = self.each(|_, _| Ok(()))?;
+        Ok(observations)
+    }
+
+    /// Steps all environments with 16 numbers from -1 to 1 for each.
+    ///
+    /// # Errors
+    /// [`TaskError`] if the number of actions is wrong or one is not finite.
+    pub fn step(&mut self, actions: &[f32]) -> Result<Outcome, TaskError> {
+        let expected = JOINTS * self.count();
+        if actions.len() != expected {
+            return Err(TaskError::Count { expected, found: actions.len() });
+        }
+        if actions.iter().any(|a| !a.is_finite()) {
+            return Err(TaskError::NotFinite);
+        }
+        let (scene, autoreset) = (Arc::clone(&self.scene), self.autoreset);
+        let (observations, rewards) = self.each(|k, place| {
+            let action = actions.get(JOINTS * k..).unwrap_or_default();
+            place.step(&scene, action, autoreset)
+        })?;
+        let (terminated, truncated) = self.places.iter().map(|place| place.environment.ended()).unzip();
+        let progress = self.places.iter().map(|place| place.environment.progress()).collect();
+        Ok(Outcome { observations, rewards, terminated, truncated, progress })
+    }
+
+    /// Returns a picture of an environment for people, 640 x 480; `None` if there is no such environment.
+    pub fn picture(&self, index: usize) -> Option<image::RgbImage> {
+        self.places.get(index)?.environment.picture()
+    }
+
+    /// Calls a function for each environment, then observes it.
+    fn each<T: Send>(
+        &mut self,
+        act: impl Fn(usize, &mut Place) -> Result<T, TaskError> + Sync,
+    ) -> Result<(Vec<Readings>, Vec<T>), TaskError> {
+        let (scene, count) = (Arc::clone(&self.scene), self.count());
+        let senses = &scene.settings().senses;
+        let length = |sense| count * scene.shape(sense).iter().product::<usize>();
+        let mut observations: Vec<Readings> =
+            senses.iter().map(|&sense| Readings::zeros(sense, length(sense))).collect();
+        let mut parts: Vec<Vec<Part<'_>>> = (0..count).map(|_| Vec::with_capacity(senses.len())).collect();
+        for readings in &mut observations {
+            for (parts, part) in parts.iter_mut().zip(readings.split(count)) {
+                parts.push(part);
+            }
+        }
+        let work = |(k, (place, parts)): (usize, (&mut Place, &mut Vec<Part<'_>>))| {
+            let result = act(k, place)?;
+            place.environment.observe(parts)?;
+            Ok(result)
+        };
+        // To hand a single environment to another thread would only cost time.
+        let results = if count == 1 {
+            self.places.iter_mut().zip(&mut parts).enumerate().map(work).collect::<Result<Vec<T>, TaskError>>()?
+        } else {
+            let each = self.places.par_iter_mut().zip(parts.par_iter_mut()).enumerate();
+            each.map(work).collect::<Result<Vec<T>, TaskError>>()?
+        };
+        Ok((observations, results))
+    }
+}

@@ -1,0 +1,110 @@
+//! What all environments of a kind share: object, gait, sensors and settings.
+
+use std::sync::OnceLock;
+
+use mvt_frames::camera::PosedCamera;
+use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_gaits::gait::{self, Gait};
+use mvt_objects::object::Object;
+use mvt_physics::episode::Randomisation;
+use mvt_render::camera::Renderer;
+use mvt_render::observer::{Observer, ObserverOptions};
+use mvt_render::touch::{Background, TouchConfig, TouchOptions};
+use mvt_robot::hand::{Finger, PerFinger, Side};
+use mvt_robot::rig::PLACEMENTS;
+
+use crate::error::TaskError;
+use crate::sense::Sense;
+
+/// Settings of a task.
+#[derive(Debug, Clone)]
+pub struct TaskSettings {
+    /// Which hand.
+    pub side: Side,
+    /// Actions per second: a divisor of [`PHYSICS_HZ`], such as 20 or 25.
+    pub control_hz: u32,
+    /// Longest duration of an episode, seconds.
+    pub duration_s: f64,
+    /// Randomisation of the start.
+    pub randomisation: Randomisation,
+    /// What is observed, in this order.
+    pub senses: Vec<Sense>,
+    /// The cameras of [`Sense::Cameras`] and [`Sense::Estimate`].
+    pub cameras: Vec<PosedCamera>,
+}
+
+impl Default for TaskSettings {
+    /// Returns a left hand with 25 actions per second, episodes of 20 s, proprioception, and the camera front-left.
+    fn default() -> Self {
+        Self {
+            side: Side::Left,
+            control_hz: 25,
+            duration_s: 20.0,
+            randomisation: Randomisation::default(),
+            senses: vec![Sense::Proprioception],
+            cameras: PLACEMENTS.first().map(|place| place.camera(Side::Left)).into_iter().collect(),
+        }
+    }
+}
+
+/// Object, gait and sensors that all environments of a kind share.
+pub struct Scene {
+    pub(crate) object: Object,
+    /// Gait that suits the object: it sets gravity, torque limit and start.
+    pub(crate) gait: &'static Gait,
+    pub(crate) settings: TaskSettings,
+    /// `None` if no image is observed.
+    pub(crate) observer: Option<Observer>,
+    /// Renderer of pictures for people, made on first use.
+    pub(crate) renderer: OnceLock<Renderer>,
+}
+
+impl Scene {
+    /// Prepares the sensors for an object.
+    ///
+    /// # Errors
+    /// [`TaskError::Setting`] if a setting is out of range.
+    pub fn new(object: Object, settings: TaskSettings) -> Result<Self, TaskError> {
+        let TaskSettings { side, control_hz, duration_s, senses, cameras, .. } = &settings;
+        let side = *side;
+        let check = |holds: bool, text: &str| if holds { Ok(()) } else { Err(TaskError::Setting(text.to_owned())) };
+        check(
+            *control_hz > 0 && PHYSICS_HZ.is_multiple_of(*control_hz),
+            "control_hz must divide 300, such as 20 or 25",
+        )?;
+        check((0.1..=3600.0).contains(duration_s), "duration_s must be from 0.1 to 3600")?;
+        check(!senses.is_empty(), "observe at least one thing")?;
+        let distinct = senses.iter().enumerate().all(|(k, sense)| !senses.iter().take(k).any(|other| other == sense));
+        check(distinct, "each observation may be named once")?;
+        let has_cameras = senses.iter().any(|sense| sense.needs_cameras());
+        check(!has_cameras || !cameras.is_empty(), "the observations cameras and estimate need at least one camera")?;
+        let (_, gait) = gait::choose("auto", &object)?;
+        let observer = senses.iter().any(|sense| sense.needs_images()).then(|| {
+            let touch = |finger: Finger| TouchOptions {
+                background: Background::Synthetic { seed: finger as u64 },
+                ..TouchOptions::new(TouchConfig::Fork)
+            };
+            let options = ObserverOptions {
+                side,
+                cameras: if has_cameras { cameras.clone() } else { Vec::new() },
+                touch: PerFinger::from_fn(touch),
+                touch_noise: true,
+                camera_depth_noise: Some(mvt_run::config::RunConfig::default().camera_noise),
+                seed: 0,
+            };
+            Observer::new(&object, options)
+        });
+        let observer = observer.transpose()?;
+        Ok(Self { object, gait, settings, observer, renderer: OnceLock::new() })
+    }
+
+    /// Returns the settings.
+    pub fn settings(&self) -> &TaskSettings {
+        &self.settings
+    }
+
+    /// Returns the shape of an observation of one environment.
+    pub fn shape(&self, sense: Sense) -> Vec<usize> {
+        sense.shape(&self.settings.cameras)
+    }
+}

@@ -1,0 +1,263 @@
+//! One environment: the object is to turn about the palm's normal.
+
+use std::array::from_fn;
+use std::sync::Arc;
+
+use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_physics::episode::{End, Episode, EpisodeConfig};
+use mvt_render::camera::{CameraScratch, Renderer};
+use mvt_render::observer::ObserverScratch;
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::hand::{JOINTS, JointAngles, PerFinger, joint_ranges};
+use mvt_robot::observation::{GroundTruth, Observation};
+use mvt_robot::rig::{PALM_CENTRE_M, PLACEMENTS};
+use mvt_run::estimator::Estimator;
+use mvt_run::input::Input;
+use mvt_run::source::{Modality, true_press};
+use mvt_segmentation::{SegmentationConfig, percept};
+use mvt_slam::{Estimate, SlamConfig, TrackState};
+use nalgebra as na;
+
+use crate::error::TaskError;
+use crate::scene::Scene;
+use crate::sense::{HISTORY, Part, Sense};
+
+/// Change of a joint's target by an action of 1, radians: at 25 Hz the fastest stroke of the shipped gaits.
+const INCREMENT_RAD: f64 = 1.0 / 24.0;
+/// Weights of the reward. The turn rate counts up to a limit, rad/s, so that a spinning object brings no more.
+const TURNING: f64 = 1.25;
+const TURN_LIMIT: f64 = 1.0;
+const DRIFT: f64 = -0.3;
+const POSTURE: f64 = -0.05;
+const TORQUE: f64 = -0.1;
+const WORK: f64 = -0.05;
+const DROP: f64 = -10.0;
+
+/// Reward of a step and its parts.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Reward {
+    /// Rate of turning in the gait's direction about the palm's normal, up to 1 rad/s.
+    pub turning: f64,
+    /// Penalty of the object's speed, m/s.
+    pub drift: f64,
+    /// Penalty of joint angles away from those of the start.
+    pub posture: f64,
+    /// Penalty of torques.
+    pub torque: f64,
+    /// Penalty of mechanical power.
+    pub work: f64,
+    /// Penalty of an object that fell off the hand.
+    pub drop: f64,
+}
+
+impl Reward {
+    /// Names of the parts, in the order of [`Reward::parts`].
+    pub const NAMES: [&'static str; 6] = ["turning", "drift", "posture", "torque", "work", "drop"];
+
+    /// Returns the parts.
+    pub fn parts(&self) -> [f64; 6] {
+        [self.turning, self.drift, self.posture, self.torque, self.work, self.drop]
+    }
+
+    /// Returns the sum of the parts.
+    pub fn total(&self) -> f64 {
+        self.parts().iter().sum()
+    }
+}
+
+/// One environment.
+pub(crate) struct Environment {
+    scene: Arc<Scene>,
+    episode: Episode,
+    seed: u64,
+    steps: u32,
+    target: JointAngles,
+    /// Angles and targets, the latest first.
+    history: [[JointAngles; 2]; HISTORY],
+    estimator: Option<Estimator>,
+    estimate: Option<Estimate>,
+    scratch: ObserverScratch,
+}
+
+impl Environment {
+    /// Starts an episode.
+    pub(crate) fn new(scene: Arc<Scene>, seed: u64) -> Result<Self, TaskError> {
+        let settings = scene.settings();
+        let config = EpisodeConfig {
+            side: settings.side,
+            gait: scene.gait.clone(),
+            seed,
+            duration_s: settings.duration_s,
+            randomisation: settings.randomisation.clone(),
+        };
+        let episode = Episode::new(&scene.object, &config)?;
+        let joints = episode.start().joints;
+        let estimator = match settings.senses.contains(&Sense::Estimate) {
+            true => Some(Estimator::new(&SlamConfig::default(), settings.side, seed)?),
+            false => None,
+        };
+        Ok(Self {
+            episode,
+            seed,
+            steps: 0,
+            target: joints,
+            history: [[joints; 2]; HISTORY],
+            estimator,
+            estimate: None,
+            scratch: ObserverScratch::default(),
+            scene,
+        })
+    }
+
+    /// Moves the targets by an action and simulates until the next one. Does nothing after the end.
+    pub(crate) fn step(&mut self, action: &[f32]) -> Reward {
+        let settings = self.scene.settings();
+        let ranges = joint_ranges(settings.side);
+        for ((target, &change), [low, high]) in self.target.iter_mut().zip(action).zip(ranges) {
+            *target = (*target + INCREMENT_RAD * f64::from(change).clamp(-1.0, 1.0)).clamp(low, high);
+        }
+        let turned_rad = self.episode.turned_rad();
+        self.episode.advance(PHYSICS_HZ / settings.control_hz, Some(&self.target));
+        self.steps += 1;
+        let simulation = self.episode.simulation();
+        let (joints, start) = (simulation.joints(), self.episode.start().joints);
+        self.history.rotate_right(1);
+        self.history[0] = [joints, self.target];
+        let (torques, velocities) = (simulation.joint_torques(), simulation.joint_velocities());
+        let sum = |term: &dyn Fn(usize) -> f64| (0..JOINTS).map(term).filter(|x| x.is_finite()).sum::<f64>();
+        let rate = (self.episode.turned_rad() - turned_rad) * f64::from(settings.control_hz);
+        let has_dropped = matches!(self.episode.end(), Some(End::Dropped));
+        Reward {
+            turning: TURNING * rate.clamp(-TURN_LIMIT, TURN_LIMIT),
+            drift: DRIFT * finite(simulation.object_velocity().norm()).min(1.0),
+            posture: POSTURE * sum(&|j| (joints[j] - start[j]).powi(2)),
+            torque: TORQUE * sum(&|j| torques[j].powi(2)),
+            work: WORK * sum(&|j| (torques[j] * velocities[j]).abs()),
+            drop: if has_dropped { DROP } else { 0.0 },
+        }
+    }
+
+    /// Returns whether the episode failed, and whether its time is up.
+    pub(crate) fn ended(&self) -> (bool, bool) {
+        match self.episode.end() {
+            None => (false, false),
+            Some(End::Completed) => (false, true),
+            Some(_) => (true, false),
+        }
+    }
+
+    /// Writes the observations in the order of the settings' senses.
+    pub(crate) fn observe(&mut self, parts: &mut [Part<'_>]) -> Result<(), TaskError> {
+        let scene = Arc::clone(&self.scene);
+        // Noise differs between the steps and between the episodes.
+        let frame = (self.seed as u32).wrapping_mul(0x9E37_79B9).wrapping_add(self.steps);
+        let state = self.episode.state();
+        let images = scene.observer.as_ref().map(|observer| observer.observe(frame, &state.scene, &mut self.scratch));
+        if let Some((observation, truth)) = &images
+            && self.estimator.is_some()
+        {
+            self.estimate(observation, truth)?;
+        }
+        for (&sense, part) in scene.settings().senses.iter().zip(parts) {
+            match (sense, &images) {
+                (Sense::Proprioception, _) => part.write(sense, self.proprioception()),
+                (Sense::Privileged, _) => part.write(sense, self.privileged()),
+                (Sense::Estimate, _) => part.write(sense, self.estimate_numbers()),
+                (Sense::TouchDepth, Some((_, truth))) => {
+                    let gel_m = GelView::tacto().depth_m();
+                    let depths = truth.touch.0.iter().flat_map(|touch| gel_m.iter().zip(&touch.depth_m));
+                    part.write(sense, depths.map(|(gel, depth)| (gel - depth) * 1e3));
+                }
+                (Sense::TouchImages, Some((observation, _))) => {
+                    part.write_images(observation.touch.0.iter().map(|image| image.as_raw().as_slice()));
+                }
+                (Sense::Cameras, Some((observation, _))) => {
+                    part.write_images(observation.cameras.iter().map(|rgbd| rgbd.color.as_raw().as_slice()));
+                }
+                // The scene has an observer if one of them is observed.
+                (Sense::TouchDepth | Sense::TouchImages | Sense::Cameras, None) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns colours of the first placement's camera, for people.
+    pub(crate) fn picture(&self) -> Option<image::RgbImage> {
+        let scene = &self.scene;
+        let side = scene.settings().side;
+        let renderer = scene.renderer.get_or_init(|| Renderer::new(side, &scene.object));
+        let state = self.episode.state().scene;
+        let camera = PLACEMENTS.first()?.camera(side);
+        Some(renderer.render(&camera, &state.joints, state.object_pose, &mut CameraScratch::default()).rgbd.color)
+    }
+
+    /// Returns the seconds since the start, and the angle turned in the gait's direction, radians.
+    pub(crate) fn progress(&self) -> [f64; 2] {
+        [self.episode.time_s(), self.episode.turned_rad()]
+    }
+
+    /// Takes an observation into the estimator.
+    fn estimate(&mut self, observation: &Observation, truth: &GroundTruth) -> Result<(), TaskError> {
+        let Some(estimator) = &mut self.estimator else { return Ok(()) };
+        let settings = self.scene.settings();
+        let depths_m = observation.cameras.iter().map(|rgbd| Some(rgbd.depth_m.clone())).collect();
+        let percept = percept(
+            observation.time_s,
+            observation.joints,
+            depths_m,
+            PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, GelView::tacto()))),
+            &settings.cameras,
+            settings.side,
+            &SegmentationConfig::default(),
+        )?;
+        let input = Input::new(settings.side, &percept, GelView::tacto());
+        let scan = estimator.scan(&input.measured(&percept, Modality::Vitac));
+        self.estimate = Some(estimator.step(&scan, None));
+        Ok(())
+    }
+
+    fn proprioception(&self) -> impl Iterator<Item = f32> {
+        let ranges = joint_ranges(self.scene.settings().side);
+        let unit = move |j: usize, angle: f64| {
+            let [low, high] = ranges[j];
+            (2.0 * (angle - low) / (high - low) - 1.0) as f32
+        };
+        let instants = self.history.iter().flatten();
+        instants.flat_map(move |angles| (0..JOINTS).map(move |j| unit(j, angles[j])))
+    }
+
+    fn privileged(&self) -> impl Iterator<Item = f32> {
+        let (simulation, physics) = (self.episode.simulation(), &self.episode.start().physics);
+        let pads = simulation.contacts();
+        let [vx, vy, vz]: [f64; 3] = simulation.object_velocity().into();
+        let [wx, wy, wz]: [f64; 3] = simulation.object_angular_velocity().into();
+        let forces: [f64; 4] = from_fn(|k| pads.0[k].force_n);
+        let [cx, cy, cz] = physics.com_offset_m;
+        place(&simulation.object_pose().untyped())
+            .into_iter()
+            .chain([vx, vy, vz, wx, wy, wz])
+            .chain(forces)
+            .chain([physics.gel_friction, physics.link_friction, physics.object_mass_kg, cx, cy, cz])
+            .map(|x| x as f32)
+    }
+
+    fn estimate_numbers(&self) -> impl Iterator<Item = f32> {
+        let seen = self.estimate.filter(|estimate| estimate.state != TrackState::Waiting);
+        let numbers = seen.map(|estimate| {
+            let trusted = f64::from(u8::from(estimate.state.is_tracking()));
+            place(&estimate.pose.untyped()).into_iter().chain([estimate.confidence, trusted])
+        });
+        numbers.into_iter().flatten().map(|x| x as f32)
+    }
+}
+
+/// Returns the position from the palm's centre, and the first two columns of the rotation.
+fn place(pose: &na::Isometry3<f64>) -> [f64; 9] {
+    let position = pose.translation.vector - na::Vector3::from(PALM_CENTRE_M);
+    let rotation = pose.rotation.to_rotation_matrix();
+    from_fn(|k| if k < 3 { position[k] } else { rotation[(k % 3, k / 3 - 1)] })
+}
+
+fn finite(x: f64) -> f64 {
+    if x.is_finite() { x } else { 0.0 }
+}

@@ -1,0 +1,94 @@
+//! Environments: autoreset, seeds, observations, threads, and settings that are refused.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
+
+use std::sync::Arc;
+
+use mvt_environment::{Environments, Outcome, Readings, Reward, Scene, Sense, TaskSettings};
+use mvt_objects::catalogue;
+
+fn scene(senses: &[Sense], change: impl FnOnce(&mut TaskSettings)) -> Result<Scene, mvt_environment::TaskError> {
+    let mut settings = TaskSettings { senses: senses.to_vec(), duration_s: 0.4, ..TaskSettings::default() };
+    change(&mut settings);
+    Scene::new(catalogue::load("cube70", &mut Vec::new()).unwrap(), settings)
+}
+
+fn environments(senses: &[Sense], count: usize) -> Environments {
+    Environments::new(Arc::new(scene(senses, |_| ()).unwrap()), count, true).unwrap()
+}
+
+/// Actions that move all joints to and fro.
+fn actions(step: usize, count: usize) -> Vec<f32> {
+    (0..16 * count).map(|k| ((step + k) as f32 * 0.7).sin()).collect()
+}
+
+#[test]
+fn an_environment_does_not_depend_on_the_others() {
+    let play = |seeds: &[u64]| {
+        let mut environments = environments(&[Sense::Privileged, Sense::Proprioception], seeds.len());
+        let first = environments.reset(seeds).unwrap();
+        let own = |step| actions(step, 1).repeat(seeds.len());
+        (first, (0..14).map(|step| environments.step(&own(step)).unwrap()).collect::<Vec<_>>())
+    };
+    let of_last = |readings: &Readings, count: usize| match readings {
+        Readings::Numbers(values) => values[values.len() / count * (count - 1)..].to_vec(),
+        Readings::Bytes(_) => panic!("numbers were expected"),
+    };
+    let ((first, alone), (firsts, together)) = (play(&[9]), play(&[3, 4, 9]));
+    assert_eq!(of_last(&first[0], 1), of_last(&firsts[0], 3));
+    for (a, b) in alone.iter().zip(&together) {
+        for (x, y) in a.observations.iter().zip(&b.observations) {
+            assert_eq!(of_last(x, 1), of_last(y, 3));
+        }
+        assert_eq!(a.rewards[0], b.rewards[2]);
+    }
+    assert_ne!(of_last(&firsts[0], 3), of_last(&firsts[0], 1)[..25], "seeds differ");
+}
+
+#[test]
+fn the_step_after_the_end_begins_an_episode() {
+    let mut environments = environments(&[Sense::Proprioception], 2);
+    environments.reset(&[1, 2]).unwrap();
+    let outcomes: Vec<Outcome> = (0..12).map(|step| environments.step(&actions(step, 2)).unwrap()).collect();
+    let truncated: Vec<bool> = outcomes.iter().map(|outcome| outcome.truncated[0]).collect();
+    // 0.4 s are ten steps; the eleventh resets.
+    assert_eq!(truncated.iter().position(|&is| is), Some(9));
+    assert_eq!((outcomes[10].rewards[0], outcomes[10].progress[0]), (Reward::default(), [0.0; 2]));
+    assert!(!outcomes[10].truncated[0] && outcomes[11].progress[0][0] > 0.0);
+    assert!(outcomes.iter().all(|outcome| outcome.terminated == [false; 2]));
+}
+
+#[test]
+fn observations_have_their_shapes_and_bounds() {
+    let mut environments = environments(&Sense::ALL, 1);
+    let first = environments.reset(&[5]).unwrap();
+    let outcome = environments.step(&actions(0, 1)).unwrap();
+    for (sense, (before, after)) in Sense::ALL.into_iter().zip(first.iter().zip(&outcome.observations)) {
+        let count: usize = environments.scene().shape(sense).iter().product();
+        let [low, high] = sense.bounds();
+        match after {
+            Readings::Numbers(values) => {
+                assert!(!sense.is_bytes() && values.len() == count, "{}", sense.name());
+                assert!(values.iter().all(|value| (low..=high).contains(value)), "{}", sense.name());
+            }
+            Readings::Bytes(values) => assert!(sense.is_bytes() && values.len() == count, "{}", sense.name()),
+        }
+        assert!(sense == Sense::TouchDepth || before != after, "{} stands still", sense.name());
+        assert_eq!(sense.name().parse::<Sense>().unwrap(), sense);
+    }
+}
+
+#[test]
+fn settings_and_actions_that_are_wrong_are_refused() {
+    let refused = |change: fn(&mut TaskSettings)| scene(&[Sense::Cameras], change).err().unwrap().to_string();
+    assert!(refused(|s| s.control_hz = 7).contains("divide 300"));
+    assert!(refused(|s| s.control_hz = 0).contains("divide 300"));
+    assert!(refused(|s| s.duration_s = f64::NAN).contains("duration_s"));
+    assert!(refused(|s| s.cameras.clear()).contains("camera"));
+    assert!(refused(|s| s.senses.clear()).contains("observe"));
+    assert!("smell".parse::<Sense>().unwrap_err().to_string().contains("touch_depth"));
+    let mut environments = environments(&[Sense::Proprioception], 2);
+    assert!(environments.step(&[0.0; 16]).unwrap_err().to_string().contains("32 expected"));
+    assert!(environments.step(&[f32::NAN; 32]).unwrap_err().to_string().contains("finite"));
+    assert!(environments.reset(&[1]).unwrap_err().to_string().contains("1 seeds for 2"));
+}

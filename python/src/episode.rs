@@ -1,0 +1,308 @@
+//! Episodes of the simulator.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use mvt_frames::camera::PosedCamera;
+use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_gaits::gait;
+use mvt_objects::object::Object;
+use mvt_physics::episode::{End, Episode as Simulated, EpisodeConfig, EpisodeSnapshot, Randomisation};
+use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
+use mvt_render::touch::{Background, TouchConfig, TouchOptions};
+use mvt_robot::hand::{Finger, JointAngles, PerFinger};
+use mvt_run::object::load_object;
+use numpy::{PyArray1, PyArrayDyn};
+use pyo3::prelude::*;
+
+use crate::arrays::{line, matrix, shaped};
+use crate::camera::{Camera, around, read_side, side_name};
+use crate::errors::{Failure, Kind, argument, detached, general};
+use crate::frame::{Frame, read_joints};
+
+/// State of an episode, which `Episode.restore` takes.
+#[pyclass(frozen, module = "mambavitact")]
+pub struct EpisodeState {
+    snapshot: EpisodeSnapshot,
+    frame: u32,
+}
+
+/// Episode of a hand that turns an object in MuJoCo.
+///
+/// `object` is a name that `mambavitact assets list` shows, `random:SEED`, or the path of a mesh in metres. The seed decides the start and
+/// all noise; it plays the episode of `mambavitact simulate --seed`. `cameras` are places as in `Camera.placed`, or an empty text.
+/// `camera_noise` is a multiple of Redwood's depth noise, 0 for true depth.
+#[pyclass(frozen, module = "mambavitact")]
+pub struct Episode {
+    object: Object,
+    config: EpisodeConfig,
+    gait_name: &'static str,
+    cameras: Vec<PosedCamera>,
+    touch_noise: bool,
+    camera_noise: f64,
+    running: Mutex<Running>,
+}
+
+/// The part that changes.
+struct Running {
+    episode: Simulated,
+    seed: u64,
+    /// Number of the next observation, which decides its noise.
+    frame: u32,
+    /// Made on first use.
+    observer: Option<Observer>,
+    scratch: ObserverScratch,
+}
+
+impl Running {
+    fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, Failure> {
+        let episode = Simulated::new(object, config).map_err(general)?;
+        Ok(Self { episode, seed: config.seed, frame: 0, observer: None, scratch: ObserverScratch::default() })
+    }
+}
+
+impl Episode {
+    fn running(&self) -> MutexGuard<'_, Running> {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn observer(&self, seed: u64) -> Result<Observer, Failure> {
+        let touch = |finger: Finger| TouchOptions {
+            background: Background::Synthetic { seed: finger as u64 },
+            ..TouchOptions::new(TouchConfig::Fork)
+        };
+        let options = ObserverOptions {
+            side: self.config.side,
+            cameras: self.cameras.clone(),
+            touch: PerFinger::from_fn(touch),
+            touch_noise: self.touch_noise,
+            camera_depth_noise: (self.camera_noise > 0.0).then_some(self.camera_noise),
+            seed,
+        };
+        Observer::new(&self.object, options).map_err(general)
+    }
+}
+
+#[pymethods]
+impl Episode {
+    #[new]
+    #[pyo3(signature = (object, *, seed = 0, side = "left", gait = "auto", duration_s = 30.0, cameras = "front-left", randomise = true, touch_noise = true, camera_noise = 5.0))]
+    fn new(
+        py: Python<'_>,
+        object: &str,
+        seed: u64,
+        side: &str,
+        gait: &str,
+        duration_s: f64,
+        cameras: &str,
+        randomise: bool,
+        touch_noise: bool,
+        camera_noise: f64,
+    ) -> PyResult<Self> {
+        let side = read_side(side)?;
+        let cameras = around(cameras, side)?;
+        if !(duration_s > 0.0 && duration_s <= 3600.0) {
+            return Err(Kind::Argument
+                .error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
+                .into());
+        }
+        if !(0.0..=100.0).contains(&camera_noise) {
+            return Err(Kind::Argument.error(format!("camera_noise: expected 0 to 100, got {camera_noise}")).into());
+        }
+        detached(py, || {
+            let object = load_object(object).map_err(argument)?;
+            let (gait_name, gait) = gait::choose(gait, &object).map_err(argument)?;
+            let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
+            let config = EpisodeConfig { side, gait: gait.clone(), seed, duration_s, randomisation };
+            let running = Mutex::new(Running::new(&object, &config)?);
+            Ok(Self { object, config, gait_name, cameras, touch_noise, camera_noise, running })
+        })
+    }
+
+    /// Starts again, with another seed if one is given.
+    #[pyo3(signature = (seed = None))]
+    fn reset(&self, py: Python<'_>, seed: Option<u64>) -> PyResult<()> {
+        detached(py, || {
+            let mut running = self.running();
+            let config = EpisodeConfig { seed: seed.unwrap_or(running.seed), ..self.config.clone() };
+            *running = Running::new(&self.object, &config)?;
+            Ok(())
+        })
+    }
+
+    /// Simulates `steps` steps of 1/300 s, fewer if the episode ends, and returns whether it goes on. The joints aim at `targets`,
+    /// 16 angles in radians; without them the gait plays, with a command every 12 steps.
+    #[pyo3(signature = (targets = None, steps = 12))]
+    fn step(&self, py: Python<'_>, targets: Option<&Bound<'_, PyAny>>, steps: u32) -> PyResult<bool> {
+        let targets = targets.map(|targets| read_joints(targets, "targets")).transpose()?;
+        /// Steps between two looks for Ctrl-C: about a tenth of a second.
+        const AT_ONCE: u32 = 3000;
+        let mut left = steps;
+        loop {
+            let now = left.min(AT_ONCE);
+            left -= now;
+            let goes_on = detached(py, || {
+                let mut running = self.running();
+                running.episode.advance(now, targets.as_ref());
+                Ok(running.episode.end().is_none())
+            })?;
+            if left == 0 || !goes_on {
+                return Ok(goes_on);
+            }
+        }
+    }
+
+    /// Renders all sensors now. The noise differs from call to call.
+    fn observe(&self, py: Python<'_>) -> PyResult<Frame> {
+        detached(py, || {
+            let mut running = self.running();
+            let Running { episode, seed, frame, observer, scratch } = &mut *running;
+            let observer = match observer {
+                Some(observer) => observer,
+                None => observer.insert(self.observer(*seed)?),
+            };
+            let (observation, truth) = observer.observe(*frame, &episode.state().scene, scratch);
+            *frame += 1;
+            Ok(Frame::observed(observation, Some(truth)))
+        })
+    }
+
+    /// Returns the image of each DIGIT that touches nothing, without noise: uint8 (4, 320, 240, 3).
+    fn untouched<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
+        let images = detached(py, || {
+            let mut running = self.running();
+            let seed = running.seed;
+            let observer = match &mut running.observer {
+                Some(observer) => observer,
+                none => none.insert(self.observer(seed)?),
+            };
+            Ok(observer.empty_touch())
+        })?;
+        let [height, width] = [images.0[0].height() as usize, images.0[0].width() as usize];
+        let pixels = images.0.each_ref().map(|image| image.as_raw().as_slice()).concat();
+        Ok(shaped(py, pixels, &[4, height, width, 3]))
+    }
+
+    /// Returns the state.
+    fn save(&self) -> EpisodeState {
+        let running = self.running();
+        EpisodeState { snapshot: running.episode.save(), frame: running.frame }
+    }
+
+    /// Sets a saved state of an episode with the same object, settings and seed. It continues bit for bit.
+    fn restore(&self, py: Python<'_>, state: &EpisodeState) -> PyResult<()> {
+        detached(py, || {
+            let mut running = self.running();
+            running.episode.restore(&state.snapshot).map_err(argument)?;
+            running.frame = state.frame;
+            Ok(())
+        })
+    }
+
+    /// Name of the object.
+    #[getter]
+    fn object(&self) -> &str {
+        &self.object.name
+    }
+
+    /// Hand: left or right.
+    #[getter]
+    fn side(&self) -> &'static str {
+        side_name(self.config.side)
+    }
+
+    /// Name of the gait.
+    #[getter]
+    fn gait(&self) -> &'static str {
+        self.gait_name
+    }
+
+    /// Seed of the start.
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.running().seed
+    }
+
+    /// The cameras of observations.
+    #[getter]
+    fn cameras(&self) -> Vec<Camera> {
+        self.cameras.iter().cloned().map(Camera).collect()
+    }
+
+    /// True surface in the frame of the object: vertices, metres, float32 (N, 3), and faces, uint32 (M, 3).
+    #[getter]
+    fn mesh<'py>(&self, py: Python<'py>) -> crate::mesh::MeshArrays<'py> {
+        crate::mesh::arrays(py, self.object.mesh.clone())
+    }
+
+    /// Seconds since the start.
+    #[getter]
+    fn time_s(&self) -> f64 {
+        self.running().episode.time_s()
+    }
+
+    /// Angle turned about the palm's normal in the gait's direction, radians.
+    #[getter]
+    fn turned_rad(&self) -> f64 {
+        self.running().episode.turned_rad()
+    }
+
+    /// Reason for the end: completed, dropped, or a sentence; None while the episode runs.
+    #[getter]
+    fn end(&self) -> Option<String> {
+        Some(match self.running().episode.end()? {
+            End::Completed => "completed".to_owned(),
+            End::Dropped => "dropped".to_owned(),
+            End::Stopped => "stopped".to_owned(),
+            End::Unstable(reason) => reason.clone(),
+        })
+    }
+
+    /// Joint angles, radians: float64 (16,).
+    #[getter]
+    fn joints<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        joints(py, self.running().episode.simulation().joints())
+    }
+
+    /// Joint velocities, rad/s: float64 (16,).
+    #[getter]
+    fn joint_velocities<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        joints(py, self.running().episode.simulation().joint_velocities())
+    }
+
+    /// Angles at which the joints aim, radians: float64 (16,).
+    #[getter]
+    fn joint_targets<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        joints(py, *self.running().episode.target())
+    }
+
+    /// True pose of the object in the world: float64 (4, 4).
+    #[getter]
+    fn object_pose<'py>(&self, py: Python<'py>) -> Bound<'py, PyArrayDyn<f64>> {
+        matrix(py, self.running().episode.simulation().object_pose())
+    }
+
+    /// Velocity (m/s) and angular velocity (rad/s) of the object in the world: float64 (6,).
+    #[getter]
+    fn object_velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let running = self.running();
+        let simulation = running.episode.simulation();
+        let (linear, angular) = (simulation.object_velocity(), simulation.object_angular_velocity());
+        line(py, linear.iter().chain(angular.iter()).copied().collect())
+    }
+
+    /// Normal force between object and each gel, newtons: float64 (4,).
+    #[getter]
+    fn pad_forces<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        line(py, self.running().episode.simulation().contacts().0.map(|pad| pad.force_n).to_vec())
+    }
+
+    /// Steps of the physics per second.
+    #[classattr]
+    fn physics_hz() -> u32 {
+        PHYSICS_HZ
+    }
+}
+
+fn joints(py: Python<'_>, angles: JointAngles) -> Bound<'_, PyArray1<f64>> {
+    line(py, angles.to_vec())
+}

@@ -1,0 +1,180 @@
+//! Sensor data of one instant.
+
+use image::RgbImage;
+use mvt_frames::{Isometry, Object, World};
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_robot::hand::{Finger, JOINTS, JointAngles, PerFinger};
+use mvt_robot::observation::{GroundTruth, Observation, Press};
+use mvt_run::source::true_press;
+use ndarray::{Array2, ArrayD, Axis, Ix2};
+use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayDyn};
+use pyo3::prelude::*;
+
+use crate::arrays::{image, images, line, matrix, motion, numbers, pixels, plane, shaped, singles, truths};
+use crate::errors::Kind;
+
+/// Sensor data of one instant, and the truth where it is known.
+///
+/// `joints` are 16 angles in radians, `depth_m` one image per camera (metres along the optical axis, 0 where nothing was measured),
+/// `touch_images` (4, 320, 240, 3), `indentation_mm` and `contact` (4, 320, 240). Without touch images or indentation the fingers deliver
+/// nothing.
+#[pyclass(frozen, module = "mambavitact")]
+pub struct Frame {
+    pub time_s: f64,
+    pub joints: JointAngles,
+    pub colours: Vec<RgbImage>,
+    pub depths_m: Vec<Array2<f32>>,
+    /// Images of the DIGITs; `None` without touch images.
+    pub touch: Option<PerFinger<RgbImage>>,
+    /// True press of each DIGIT, where it is known.
+    pub presses: PerFinger<Option<Press>>,
+    pub object_pose: Option<Isometry<Object, World>>,
+}
+
+/// Standard deviation of an indentation from Python, millimetres: that of true touch depth in logs.
+const SIGMA_MM: f32 = 0.05;
+
+impl Frame {
+    /// Takes an observation with its truth.
+    pub fn observed(observation: Observation, truth: Option<GroundTruth>) -> Self {
+        let Observation { time_s, joints, touch, cameras } = observation;
+        let (colours, depths_m) = cameras.into_iter().map(|rgbd| (rgbd.color, rgbd.depth_m)).unzip();
+        let presses = truth
+            .as_ref()
+            .map(|truth| PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, GelView::tacto()))));
+        let object_pose = truth.map(|truth| truth.object_pose);
+        Self {
+            time_s,
+            joints,
+            colours,
+            depths_m,
+            touch: Some(touch),
+            presses: presses.unwrap_or_default(),
+            object_pose,
+        }
+    }
+}
+
+#[pymethods]
+impl Frame {
+    #[new]
+    #[pyo3(signature = (time_s, joints, *, depth_m = Vec::new(), color = Vec::new(), touch_images = None, indentation_mm = None, contact = None, object_pose = None))]
+    fn new(
+        time_s: f64,
+        joints: &Bound<'_, PyAny>,
+        depth_m: Vec<Bound<'_, PyAny>>,
+        color: Vec<Bound<'_, PyAny>>,
+        touch_images: Option<&Bound<'_, PyAny>>,
+        indentation_mm: Option<&Bound<'_, PyAny>>,
+        contact: Option<&Bound<'_, PyAny>>,
+        object_pose: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        if !time_s.is_finite() {
+            return Err(Kind::Argument.error(format!("time_s: expected a finite number, got {time_s}")).into());
+        }
+        let depths_m = depth_m.iter().enumerate().map(|(k, depth)| plane(depth, &format!("depth_m[{k}]"), [None; 2]));
+        let colours = color.iter().enumerate().map(|(k, color)| image(color, &format!("color[{k}]"), [None; 2]));
+        let touch = match touch_images {
+            Some(value) => {
+                let mut images = images(value, "touch_images", Some(4), [HEIGHT, WIDTH])?.into_iter();
+                Some(PerFinger::from_fn(|_| images.next().unwrap_or_default()))
+            }
+            None => None,
+        };
+        let size = [Some(4), Some(HEIGHT), Some(WIDTH)];
+        let presses = match (indentation_mm, contact) {
+            (Some(indentation), Some(contact)) => {
+                let indentation = singles(indentation, "indentation_mm", &size)?;
+                let contact = truths(contact, "contact", &size)?;
+                PerFinger::from_fn(|finger| {
+                    Some(Press {
+                        indentation_mm: slice(&indentation, finger)?,
+                        contact: slice(&contact, finger)?,
+                        sigma_mm: SIGMA_MM,
+                    })
+                })
+            }
+            (None, None) => PerFinger::default(),
+            _ => return Err(Kind::Argument.error("give both indentation_mm and contact, or none of them").into()),
+        };
+        Ok(Self {
+            time_s,
+            joints: read_joints(joints, "joints")?,
+            colours: colours.collect::<PyResult<_>>()?,
+            depths_m: depths_m.collect::<PyResult<_>>()?,
+            touch,
+            presses,
+            object_pose: object_pose.map(|pose| motion(pose, "object_pose")).transpose()?,
+        })
+    }
+
+    /// Seconds since the start.
+    #[getter]
+    fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    /// Joint angles, radians: float64 (16,).
+    #[getter]
+    fn joints<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        line(py, self.joints.to_vec())
+    }
+
+    /// Colours of each camera: uint8 (height, width, 3).
+    #[getter]
+    fn color<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArrayDyn<u8>>> {
+        self.colours.iter().map(|image| pixels(py, image.clone())).collect()
+    }
+
+    /// Depth of each camera along its optical axis, metres, 0 where nothing was measured: float32 (height, width).
+    #[getter]
+    fn depth_m<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArray2<f32>>> {
+        self.depths_m.iter().map(|depth| depth.clone().into_pyarray(py)).collect()
+    }
+
+    /// Images of the DIGITs: uint8 (4, 320, 240, 3), or None.
+    #[getter]
+    fn touch_images<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<u8>>> {
+        let images = self.touch.as_ref().filter(|touch| touch.0.iter().all(|image| !image.is_empty()))?;
+        Some(shaped(py, images.0.each_ref().map(|image| image.as_raw().as_slice()).concat(), &[4, HEIGHT, WIDTH, 3]))
+    }
+
+    /// True indentation of the gels, millimetres: float32 (4, 320, 240), or None.
+    #[getter]
+    fn indentation_mm<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<f32>>> {
+        let values = self.of_presses(|press| press.indentation_mm.iter().copied())?;
+        Some(shaped(py, values, &[4, HEIGHT, WIDTH]))
+    }
+
+    /// Where the object truly lies on the gels: bool (4, 320, 240), or None.
+    #[getter]
+    fn contact<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<bool>>> {
+        let values = self.of_presses(|press| press.contact.iter().copied())?;
+        Some(shaped(py, values, &[4, HEIGHT, WIDTH]))
+    }
+
+    /// True pose of the object in the world: float64 (4, 4), or None.
+    #[getter]
+    fn object_pose<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<f64>>> {
+        Some(matrix(py, self.object_pose?))
+    }
+}
+
+impl Frame {
+    /// Returns values of all presses; `None` if one is unknown.
+    fn of_presses<'a, T, I: Iterator<Item = T>>(&'a self, values: fn(&'a Press) -> I) -> Option<Vec<T>> {
+        let presses: Option<Vec<&Press>> = self.presses.0.iter().map(Option::as_ref).collect();
+        Some(presses?.into_iter().flat_map(values).collect())
+    }
+}
+
+fn slice<T: Clone>(array: &ArrayD<T>, finger: Finger) -> Option<Array2<T>> {
+    array.index_axis(Axis(0), finger as usize).to_owned().into_dimensionality::<Ix2>().ok()
+}
+
+/// Reads 16 joint angles.
+pub fn read_joints(value: &Bound<'_, PyAny>, name: &str) -> PyResult<JointAngles> {
+    let array = numbers(value, name, &[Some(JOINTS)])?;
+    Ok(std::array::from_fn(|j| array[j]))
+}
