@@ -127,7 +127,8 @@ impl Log {
     #[getter]
     fn object_poses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArrayDyn<f64>> {
         let poses = self.log.object_poses();
-        let matrices = poses.iter().flat_map(|pose| pose.map_or([[f64::NAN; 4]; 4], |pose| pose.to_matrix()).concat());
+        let matrices =
+            poses.iter().flat_map(|pose| pose.map_or([[f64::NAN; 4]; 4], mvt_frames::Isometry::to_matrix).concat());
         shaped(py, matrices.collect(), &[poses.len(), 4, 4])
     }
 }
