@@ -76,6 +76,7 @@ const LARGEST_SPEC: u64 = 16 << 20;
 /// `run --set`, such as slam.tracker.touch_weight = { min = 0.5, max = 2.0, steps = 4 }.
 #[derive(Debug, Subcommand)]
 #[command(verbatim_doc_comment)]
+#[allow(rustdoc::broken_intra_doc_links, reason = "`[fixed]` and `[axes]` are tables of a TOML file in the help text")]
 pub enum SweepCommand {
     #[allow(missing_docs, reason = "the arguments have the help text")]
     Plan(PlanArguments),
