@@ -42,8 +42,6 @@ fn drawn_lights_are_found() {
     let mut appearance = profile.appearance.unwrap();
     appearance.sensitivity = [90.0, 150.0, 120.0];
     appearance.led_angles_deg = [-40.0, -170.0, 85.0];
-    // Gains are one number per colour only where they do not change over the gel.
-    appearance.background_exponent = [0.0; 3];
     profile.appearance = Some(appearance);
     presses(&workplace, &profile);
     let said = workplace.run(&format!("{CALIBRATE} --ball-mm 6 --out mine.toml")).good();

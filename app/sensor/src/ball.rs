@@ -1,7 +1,8 @@
 //! Gains and directions of a sensor's LEDs from presses of a ball of known size.
 //!
 //! Where a ball lies on the gel its slope is known: at distance r from the middle of the contact it is r / sqrt(R^2 - r^2). Each colour
-//! changes in proportion to the slope towards its LED, as long as no shadow falls there.
+//! changes in proportion to the slope towards its LED, as long as no shadow falls there, and to a power of the untouched level: where less of
+//! an LED's light arrives, less of it changes.
 
 use image::RgbImage;
 use nalgebra::{Matrix3, Vector3};
@@ -21,7 +22,7 @@ const ROUND: f64 = 1.35;
 pub struct BallFit {
     /// Presses that were used.
     pub presses: usize,
-    /// Change of red, green and blue per unit of slope towards the LED, grey levels.
+    /// Change of red, green and blue per unit of slope towards the LED where the untouched image has its mean level, grey levels.
     pub sensitivity: [f64; 3],
     /// Direction towards the red, green and blue LED in the image, degrees; 0 is right and 90 is down.
     pub led_angles_deg: [f64; 3],
@@ -32,11 +33,21 @@ pub struct BallFit {
 /// Image of a press and where a network finds contact in it.
 pub type BallPress<'a> = (&'a RgbImage, &'a Array2<bool>);
 
-/// Fits gains and directions. Returns `None` if no press is usable: round, clear of the image's border, and not small.
-pub fn fit(presses: &[BallPress<'_>], untouched: &RgbImage, px_per_mm: f64, ball_radius_mm: f64) -> Option<BallFit> {
+/// Fits gains and directions, with the exponent of the untouched level of each colour. Returns `None` if no press is usable: round, clear of
+/// the image's border, and not small.
+pub fn fit(
+    presses: &[BallPress<'_>],
+    untouched: &RgbImage,
+    background_exponent: [f32; 3],
+    px_per_mm: f64,
+    ball_radius_mm: f64,
+) -> Option<BallFit> {
     let mut used = 0;
+    let pixels = f64::from(untouched.width() * untouched.height()).max(1.0);
+    let mean: [f64; 3] =
+        std::array::from_fn(|c| untouched.pixels().map(|pixel| f64::from(pixel.0[c])).sum::<f64>() / pixels);
     // Of each colour: normal equations over slope to the right, slope downwards and 1, and moments of the change.
-    let mut normal = Matrix3::zeros();
+    let mut normal = [Matrix3::zeros(); 3];
     let (mut right, mut squares, mut sums, mut count) = ([Vector3::zeros(); 3], [0.0; 3], [0.0; 3], 0.0);
     for (image, contact) in presses {
         let Some(Circle { x, y, radius }) = Circle::of(contact) else { continue };
@@ -53,10 +64,12 @@ pub fn fit(presses: &[BallPress<'_>], untouched: &RgbImage, px_per_mm: f64, ball
                 continue;
             }
             // The gel rises towards the middle of the ball: it faces outwards.
-            let terms = Vector3::new(slope * dx / r.max(1e-9), slope * dy / r.max(1e-9), 1.0);
-            normal += terms * terms.transpose();
+            let slopes = [slope * dx / r.max(1e-9), slope * dy / r.max(1e-9)];
             count += 1.0;
             for c in 0..3 {
+                let share = (f64::from(empty.0[c]) / mean[c].max(1.0)).powf(f64::from(background_exponent[c]));
+                let terms = Vector3::new(share * slopes[0], share * slopes[1], 1.0);
+                normal[c] += terms * terms.transpose();
                 let change = f64::from(pixel.0[c]) - f64::from(empty.0[c]);
                 right[c] += terms * change;
                 squares[c] += change * change;
@@ -64,8 +77,10 @@ pub fn fit(presses: &[BallPress<'_>], untouched: &RgbImage, px_per_mm: f64, ball
             }
         }
     }
-    let inverse = normal.try_inverse().filter(|_| used > 0)?;
-    let solved = right.map(|right| inverse * right);
+    let mut solved = [Vector3::zeros(); 3];
+    for (c, solved) in solved.iter_mut().enumerate() {
+        *solved = normal[c].try_inverse().filter(|_| used > 0)? * right[c];
+    }
     let angle = |s: &Vector3<f64>| s.y.atan2(s.x).to_degrees();
     Some(BallFit {
         presses: used,
@@ -141,7 +156,7 @@ mod tests {
             [(80.0, 90.0), (150.5, 200.0), (120.0, 160.3)].map(|(x, y)| press(x, y, sensitivity, angles)).into();
         let pairs: Vec<BallPress<'_>> = presses.iter().map(|(image, contact)| (image, contact)).collect();
         let untouched = RgbImage::from_pixel(240, 320, Rgb([95; 3]));
-        let fit = fit(&pairs, &untouched, 18.8, 3.0).unwrap();
+        let fit = fit(&pairs, &untouched, [0.0; 3], 18.8, 3.0).unwrap();
         assert_eq!(fit.presses, 3);
         for c in 0..3 {
             assert!((fit.sensitivity[c] / sensitivity[c] - 1.0).abs() < 0.02, "{fit:?}");
@@ -158,8 +173,8 @@ mod tests {
             [|u, v| u.abs() < 5.0 && v.abs() < 80.0, |u, v| u.hypot(v) < 5.0, |u, v| (u + 118.0).hypot(v) < 26.0];
         for shape in shapes {
             let contact = Array2::from_shape_fn((320, 240), |(v, u)| shape(u as f64 - 120.0, v as f64 - 160.0));
-            assert_eq!(fit(&[(&image, &contact)], &untouched, 18.8, 3.0), None);
+            assert_eq!(fit(&[(&image, &contact)], &untouched, [1.0; 3], 18.8, 3.0), None);
         }
-        assert_eq!(fit(&[], &untouched, 18.8, 3.0), None);
+        assert_eq!(fit(&[], &untouched, [1.0; 3], 18.8, 3.0), None);
     }
 }

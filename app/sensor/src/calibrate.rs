@@ -84,6 +84,7 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
     let BallFit { presses, sensitivity, led_angles_deg, explained } = fit(
         &presses,
         &untouched,
+        appearance.background_exponent,
         px_per_mm,
         0.5 * ball_mm,
     )
