@@ -161,7 +161,7 @@ def test_the_number_of_threads_does_not_matter() -> None:
     def digest(threads: int) -> str:
         environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
         return subprocess.run(
-            [sys.executable, "-c", DETERMINISM], env=environment, capture_output=True, text=True, check=True
+            [sys.executable, "-P", "-c", DETERMINISM], env=environment, capture_output=True, text=True, check=True
         ).stdout
 
     first = digest(1)
