@@ -10,6 +10,7 @@ use mvt_run::io::read_any_image;
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
 use mvt_touch::untouched::{difference_from_untouched, estimate};
+use rayon::prelude::*;
 
 use crate::layout::ImageLayout;
 
@@ -37,7 +38,7 @@ impl SensorImages {
         let files = files(paths)?;
         ensure!(!files.is_empty(), "--images: there is no image (.png, .jpg) in {}", list(paths));
         let ids = ids(&files)?;
-        let mut images = files.iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
+        let mut images = files.par_iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
         let untouched = untouched.map(read).transpose()?;
 
         let layout = place(untouched.as_ref(), &images)?;

@@ -16,6 +16,7 @@ use mvt_run::progress;
 use mvt_touch::contact::plausibility;
 use mvt_touch::engine::Prediction;
 use mvt_touch::untouched::{scale_change, subtract_untouched};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::images::{SensorImages, engine};
@@ -115,11 +116,12 @@ pub fn predict(arguments: &TouchPredictArguments) -> Result<()> {
             scale_change(gains, image);
         }
         engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
-        for ((id, image), prediction) in ids.iter().zip(images).zip(&predictions) {
+        let files = ids.par_iter().zip(images).zip(&predictions).map(|((id, image), prediction)| {
             let plausibility = plausibility(image, &untouched, prediction);
-            lines.push(write(&arguments.out, id, image, prediction, rule, &pixel_mm2, plausibility)?);
             bar.inc(1);
-        }
+            write(&arguments.out, id, image, prediction, rule, &pixel_mm2, plausibility)
+        });
+        lines.extend(files.collect::<Result<Vec<_>>>()?);
     }
     bar.finish_and_clear();
     let mut table = String::from("id,area_mm2,deepest_mm,volume_mm3,plausibility\n");
