@@ -42,14 +42,14 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     }
     arguments.check()?;
     let profile = arguments.touch.profile()?;
-    let weights = arguments.touch.weights()?.filter(|_| arguments.modality.has_touch());
+    let weights = arguments.touch.weights(&profile)?.filter(|_| arguments.modality.has_touch());
     let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch, &profile));
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
     let RunInput { mut source, side, seed, name, object, supervisor, cameras } =
-        RunInput::new(arguments, &config, network)?;
+        RunInput::new(arguments, &config, &profile, network)?;
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(side))?),

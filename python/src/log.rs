@@ -18,7 +18,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, shaped};
 use crate::camera::{Camera, around, read_side, side_name};
-use crate::errors::{Kind, argument, detached, file};
+use crate::errors::{Kind, argument, check_duration, detached, file};
 use crate::frame::Frame;
 
 /// FeelSight log of an episode: of this program, or published. A sequence of frames; iterating reads it once from beginning to end, which is
@@ -184,11 +184,7 @@ pub fn record_log(
 ) -> PyResult<Log> {
     let side = read_side(side)?;
     let cameras = around(cameras, side)?;
-    if !(duration_s > 0.0 && duration_s <= 3600.0) {
-        return Err(Kind::Argument
-            .error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
-            .into());
-    }
+    check_duration(duration_s)?;
     let settings = Settings {
         gait: gait.to_owned(),
         side,

@@ -250,8 +250,8 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     for cameras in &arguments.cameras {
         Placement::parse_list(cameras)?;
     }
-    let weights = arguments.touch.weights()?;
     let touch = arguments.touch.profile()?;
+    let weights = arguments.touch.weights(&touch)?;
     check_repeated("--objects", &arguments.objects)?;
     check_repeated("--cameras", &arguments.cameras)?;
     check_repeated("--modes", &arguments.modes)?;

@@ -67,7 +67,7 @@ impl SingleRun {
             bail!("duration = {}: {reason}", self.duration);
         }
         if let Some(path) = &self.weights {
-            TouchArguments::new(self.touch_depth, Some(path.clone())).weights()?;
+            TouchArguments::new(self.touch_depth, Some(path.clone())).weights(&SensorProfile::tacto())?;
         }
         self.config().map(drop)
     }
@@ -79,14 +79,15 @@ impl SingleRun {
     pub fn run(&self) -> Result<Line> {
         let config = self.config()?;
         let object = load_object(&self.object)?;
-        let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights()?;
+        let touch = SensorProfile::tacto();
+        let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights(&touch)?;
         let episode = Episode {
             name: &self.object,
             object: &object,
             seed: self.seed,
             cameras: &self.cameras,
             weights: weights.as_ref(),
-            touch: SensorProfile::tacto(),
+            touch,
         };
         let key = key(self.duration, &episode, self.mode, self.modality, FULL, &config);
         let key = Key { estimator_seed: self.estimator_seed, ..key };

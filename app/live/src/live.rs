@@ -183,10 +183,12 @@ impl Source for LiveSource {
         let pictures = Pictures {
             cameras: colours,
             touch: touch_images,
-            true_touch_m: PerFinger(truth.touch.0.map(|truth| {
-                let indentation_mm = is_felt.then(|| self.gel.indentation_of(&truth.depth_m)).flatten()?;
-                GelView::tacto().depth_of(&indentation_mm)
-            })),
+            true_touch_m: PerFinger(
+                truth
+                    .touch
+                    .0
+                    .map(|truth| is_felt.then(|| self.gel.depth_in(GelView::tacto(), truth.depth_m)).flatten()),
+            ),
             forces_n: Some(PerFinger(state.pads.0.map(|pad| pad.force_n))),
         };
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;

@@ -17,7 +17,7 @@ const STEEPEST: f64 = 0.28;
 /// Contacts that are longer than wide by more than this, or end at the image's border, are not round.
 const ROUND: f64 = 1.35;
 
-/// What presses of a ball tell about a sensor.
+/// A fit of a sensor to presses of a ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallFit {
     /// Presses that were used.

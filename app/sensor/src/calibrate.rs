@@ -2,16 +2,15 @@
 
 use std::path::PathBuf;
 
-use crate::ball::{BallFit, fit};
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use mvt_robot::digit::gel;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::{check_named, print_line, write_named};
-use mvt_touch::untouched::{scale_change, subtract_untouched};
 use ndarray::Array2;
 
-use crate::images::{SensorImages, engine};
+use crate::ball::{BallFit, fit};
+use crate::images::{SensorImages, engine, infer};
 
 /// Measure the light of a touch sensor by presses of a ball, and write its profile
 ///
@@ -70,13 +69,7 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
     })?;
     let SensorImages { images, untouched, .. } =
         SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &engine)?;
-    let mut seen = images.clone();
-    for image in &mut seen {
-        subtract_untouched(&untouched, image);
-        scale_change(profile.gains(), image);
-    }
-    let mut predictions = Vec::new();
-    engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
+    let predictions = infer(&engine, profile.gains(), &untouched, &images)?;
     let contacts: Vec<Array2<bool>> =
         predictions.iter().map(|prediction| prediction.contact_logit.mapv(|logit| logit > 0.0)).collect();
     let presses: Vec<_> = images.iter().zip(&contacts).collect();

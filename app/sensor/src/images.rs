@@ -7,9 +7,9 @@ use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::read_any_image;
-use mvt_touch::engine::Engine;
+use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::Weights;
-use mvt_touch::untouched::{difference_from_untouched, estimate};
+use mvt_touch::untouched::{difference_from_untouched, estimate, scale_change, subtract_untouched};
 use rayon::prelude::*;
 
 use crate::layout::ImageLayout;
@@ -70,12 +70,28 @@ impl SensorImages {
     }
 }
 
+/// Returns what the network reads in images of one sensor, in their order.
+pub(crate) fn infer(
+    engine: &Engine,
+    gains: [f32; 3],
+    untouched: &RgbImage,
+    images: &[RgbImage],
+) -> Result<Vec<Prediction>> {
+    let mut seen = images.to_vec();
+    for image in &mut seen {
+        subtract_untouched(untouched, image);
+        scale_change(gains, image);
+    }
+    let mut predictions = Vec::new();
+    engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
+    Ok(predictions)
+}
+
 /// Returns the network for a sensor: that of a file, or the shipped one.
 pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<Engine> {
     let weights = match weights {
         Some(path) => Weights::read(path)?,
-        None if profile.appearance.is_some() => Weights::shipped_for_real()?,
-        None => Weights::shipped()?,
+        None => Weights::shipped_for(profile)?,
     };
     Ok(Engine::new(&weights, Instructions::best()))
 }

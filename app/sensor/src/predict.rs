@@ -15,11 +15,10 @@ use mvt_run::io::{png, print_line, write_file};
 use mvt_run::progress;
 use mvt_touch::contact::plausibility;
 use mvt_touch::engine::Prediction;
-use mvt_touch::untouched::{scale_change, subtract_untouched};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::images::{SensorImages, engine};
+use crate::images::{SensorImages, engine, infer};
 
 /// Turn images of a touch sensor into indentation and contact
 ///
@@ -108,14 +107,8 @@ pub fn predict(arguments: &TouchPredictArguments) -> Result<()> {
         .map(|i| 1e6 * (gel::point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx).powi(2))
         .collect();
     let mut lines = Vec::with_capacity(images.len());
-    let mut predictions: Vec<Prediction> = Vec::new();
     for (ids, images) in ids.chunks(BATCH).zip(images.chunks(BATCH)) {
-        let mut seen = images.to_vec();
-        for image in &mut seen {
-            subtract_untouched(&untouched, image);
-            scale_change(gains, image);
-        }
-        engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
+        let predictions = infer(&engine, gains, &untouched, images)?;
         let files = ids.par_iter().zip(images).zip(&predictions).map(|((id, image), prediction)| {
             let plausibility = plausibility(image, &untouched, prediction);
             bar.inc(1);

@@ -139,17 +139,14 @@ impl SeenPoints {
         images: &FrameImages,
         object_from_world: na::Isometry3<f64>,
     ) {
-        let gel = GelView::new(recording.about().touch_camera());
+        let gel = GelView::of(recording.about().touch_camera());
         for (finger, felt) in images.touch.iter() {
             let Some(felt) = felt else { continue };
             let world_from_camera = world_from_digit_camera(recording.about().side, finger, &moment.joints);
             let object_from_camera = Isometry::new(object_from_world * world_from_camera.untyped());
             let touches = |row, column| felt.contact.get((row, column)) == Some(&true);
             // Recorded as TACTO's camera would see it.
-            let indentation_mm = GelView::tacto().indentation_of(&felt.depth_m);
-            let Some(depth_m) = indentation_mm.and_then(|indentation_mm| gel.depth_of(&indentation_mm)) else {
-                continue;
-            };
+            let Some(depth_m) = GelView::tacto().depth_in(&gel, felt.depth_m.clone()) else { continue };
             for (point, _) in points(&depth_m, gel.camera(), object_from_camera, TOUCH_STRIDE, touches) {
                 self.put(index, point, None);
             }

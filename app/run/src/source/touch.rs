@@ -76,19 +76,16 @@ impl TouchArguments {
         Ok(SensorProfile::load(&self.touch_profile)?)
     }
 
-    /// The network's weights; `None` if the true indentation is used.
+    /// The network's weights for a sensor; `None` if the true indentation is used.
     ///
     /// # Errors
     /// If they cannot be used.
-    pub fn weights(&self) -> Result<Option<Weights>> {
+    pub fn weights(&self, profile: &SensorProfile) -> Result<Option<Weights>> {
         match (self.touch_depth, &self.weights) {
             (TouchOrigin::Truth, None) => Ok(None),
             (TouchOrigin::Truth, Some(_)) => bail!("--weights is for --touch-depth network"),
             (TouchOrigin::Network, Some(path)) => Ok(Some(Weights::read(path)?)),
-            (TouchOrigin::Network, None) if self.profile()?.appearance.is_some() => {
-                Ok(Some(Weights::shipped_for_real()?))
-            }
-            (TouchOrigin::Network, None) => Ok(Some(Weights::shipped()?)),
+            (TouchOrigin::Network, None) => Ok(Some(Weights::shipped_for(profile)?)),
         }
     }
 }

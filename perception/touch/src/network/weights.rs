@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use half::bf16;
 use mvt_files::{input, output, seal};
+use mvt_robot::digit::profile::SensorProfile;
 use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
 
@@ -117,12 +118,17 @@ impl Weights {
         Self::from_bytes(SHIPPED, Path::new("the shipped weights"))
     }
 
-    /// Returns the weights for images of real DIGITs: those of `default`, trained on sensors that were drawn like real ones.
+    /// Returns the shipped weights for a sensor: for one that looks like a real DIGIT those of `default` that were trained on such sensors, else
+    /// [`Weights::shipped`].
     ///
     /// # Errors
-    /// None in practice: a test reads the shipped file.
-    pub fn shipped_for_real() -> Result<Self, WeightsError> {
-        Self::from_bytes(SHIPPED_FOR_REAL, Path::new("the shipped weights for real sensors"))
+    /// None in practice: a test reads the shipped files.
+    pub fn shipped_for(profile: &SensorProfile) -> Result<Self, WeightsError> {
+        if profile.appearance.is_some() {
+            Self::from_bytes(SHIPPED_FOR_REAL, Path::new("the shipped weights for real sensors"))
+        } else {
+            Self::shipped()
+        }
     }
 
     /// Builds weights from tensors by name; errors name `source`.

@@ -4,6 +4,7 @@
 //! point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h
 //! so that the corners of the pad lie [`BULGE_M`] behind the apex.
 
+use std::borrow::Cow;
 use std::sync::LazyLock;
 
 use mvt_frames::camera::Intrinsics;
@@ -67,6 +68,17 @@ impl GelView {
     pub fn tacto() -> &'static Self {
         static TACTO: LazyLock<GelView> = LazyLock::new(|| GelView::new(intrinsics()));
         &TACTO
+    }
+
+    /// Returns the view of a camera; that of TACTO's DIGIT is not computed again.
+    pub fn of(camera: Intrinsics) -> Cow<'static, Self> {
+        if camera == intrinsics() { Cow::Borrowed(Self::tacto()) } else { Cow::Owned(Self::new(camera)) }
+    }
+
+    /// Returns the depth that another view shows of a gel with the same indentation at each pixel, metres; the same depth if the views are
+    /// the same. `None` if the image has another size.
+    pub fn depth_in(&self, other: &Self, depth_m: Array2<f32>) -> Option<Array2<f32>> {
+        if self.camera == other.camera { Some(depth_m) } else { other.depth_of(&self.indentation_of(&depth_m)?) }
     }
 
     /// Returns the camera.
