@@ -6,13 +6,23 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use mvt_calibration::Calibration;
 use mvt_files::input;
+use mvt_gaits::gait;
+use mvt_live::{Fault, LiveSettings, LiveSource};
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::hand::Side;
+use mvt_robot::rig::Placement;
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
 use mvt_run::io::{check_named, print_line, write_named};
 use mvt_run::settings;
-use mvt_run::source::{LogSource, Modality, Source as _};
+use mvt_run::source::{LogSource, Modality, Source};
 
-/// Refine the calibration of a log's cameras and joints by what the cameras see of the hand
+use crate::run::input::default_object;
+
+/// Duration of a live calibration without --duration, seconds: the hand has then shown its joints several times.
+const LIVE_S: f64 = 30.0;
+
+/// Refine the calibration of cameras and joints by what the cameras see of the hand
 ///
 /// The hand's shape is known, so that depth images of the moving hand tell where the cameras stand, by how much each
 /// joint reading is off, and by how much the readings are late. What nothing measures keeps its prior, and its standard
@@ -20,12 +30,18 @@ use mvt_run::source::{LogSource, Modality, Source as _};
 #[derive(Debug, Args)]
 pub struct CalibrateArguments {
     /// Folder of a FeelSight log
-    #[arg(long, value_name = "LOGDIR")]
-    log: PathBuf,
-    /// Cameras of the log, separated by commas [default: all]
+    #[arg(long, value_name = "LOGDIR", required_unless_present = "live")]
+    log: Option<PathBuf>,
+    /// Simulate the moving hand instead of reading a log; the calibration of its sensors is perfect
+    #[arg(long, conflicts_with = "log")]
+    live: bool,
+    /// Cameras, separated by commas [default: all of the log, or side]
     #[arg(long)]
     cameras: Option<String>,
-    /// Use only this many seconds of the log
+    /// Seed of the simulated episode and of its noise
+    #[arg(long, requires = "live", default_value_t = 0)]
+    seed: u64,
+    /// Use only this many seconds [default: the whole log, or 30]
     #[arg(long, value_name = "SECONDS", value_parser = duration)]
     duration: Option<f64>,
     /// File to write, which `run --calibration-file` reads
@@ -49,27 +65,14 @@ pub fn run(arguments: &CalibrateArguments) -> Result<()> {
     if let Some(path) = &arguments.out {
         check_named(path, arguments.overwrite)?;
     }
-    let all;
-    let cameras = match &arguments.cameras {
-        Some(names) => names,
-        None => {
-            let log = mvt_feelsight::Log::open_tolerant(&arguments.log)?;
-            all = log.cameras().iter().map(|camera| camera.name.clone()).collect::<Vec<_>>().join(",");
-            &all
-        }
+    let mut source: Box<dyn Source> = match &arguments.log {
+        Some(folder) => Box::new(log(arguments, folder, &config)?),
+        None => Box::new(live(arguments, &config)?),
     };
-    let (noise, calibration) = (config.camera_noise, config.calibration);
-    let segmentation = config.segmentation;
-    let mut source =
-        LogSource::open(&arguments.log, Some(cameras), Modality::Vi, noise, segmentation, None, calibration)?;
-    if let Some(duration_s) = arguments.duration {
-        source.limit(duration_s);
-    }
-    source.limit_pictures(|_| false);
     while let Some(sensed) = source.next()? {
         sensed.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     }
-    let calibration = source.calibration().context("the log has no camera")?;
+    let calibration = source.calibration().context("there is no camera; name one with --cameras")?;
     let text = serde_json::to_string_pretty(&calibration)?;
     if let Some(path) = &arguments.out {
         write_named(path, text.as_bytes(), arguments.overwrite)?;
@@ -83,6 +86,47 @@ pub fn run(arguments: &CalibrateArguments) -> Result<()> {
         Some(path) => print_line(&format!("next: pass --calibration-file {} to `mambavitact run`", path.display())),
         None => print_line("next: add --out FILE to write it for `mambavitact run --calibration-file FILE`"),
     }
+}
+
+fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Result<LogSource> {
+    let all;
+    let cameras = match &arguments.cameras {
+        Some(names) => names,
+        None => {
+            let log = mvt_feelsight::Log::open_tolerant(folder)?;
+            all = log.cameras().iter().map(|camera| camera.name.clone()).collect::<Vec<_>>().join(",");
+            &all
+        }
+    };
+    let (noise, calibration) = (config.camera_noise, config.calibration);
+    let segmentation = config.segmentation;
+    let mut source = LogSource::open(folder, Some(cameras), Modality::Vi, noise, segmentation, None, calibration)?;
+    if let Some(duration_s) = arguments.duration {
+        source.limit(duration_s);
+    }
+    source.limit_pictures(|_| false);
+    Ok(source)
+}
+
+fn live(arguments: &CalibrateArguments, config: &RunConfig) -> Result<LiveSource> {
+    let (_, object) = default_object()?;
+    let side = Side::Left;
+    let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
+    let settings = LiveSettings {
+        side,
+        touch: SensorProfile::tacto(),
+        gait: gait::choose("auto", &object)?.1.clone(),
+        seed: arguments.seed,
+        duration_s: arguments.duration.unwrap_or(LIVE_S),
+        cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
+        camera_noise: config.camera_noise,
+        segmentation: config.segmentation,
+        calibration: config.calibration,
+        modality: Modality::Vi,
+        hidden_every: None,
+        fault: Fault::default(),
+    };
+    LiveSource::new(&object, settings, None)
 }
 
 /// Largest calibration file that is read, bytes: hundreds of cameras.

@@ -2,7 +2,7 @@
 
 mod arguments;
 mod folder;
-mod input;
+pub mod input;
 
 mod words;
 

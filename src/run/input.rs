@@ -137,7 +137,7 @@ fn live(
 }
 
 /// Loads the Rubik's cube, or a procedural cube if its mesh cannot be downloaded.
-fn default_object() -> Result<(String, Object)> {
+pub fn default_object() -> Result<(String, Object)> {
     match load_object(OBJECT) {
         Ok(object) => Ok((OBJECT.to_owned(), object)),
         Err(error) => {

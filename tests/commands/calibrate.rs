@@ -62,6 +62,20 @@ fn a_wrong_calibration_is_found_and_written_for_later_runs() {
 }
 
 #[test]
+fn live_sensors_are_calibrated_as_they_are() {
+    let workplace = Workplace::new();
+    let found = json(&workplace.run("calibrate --live --duration 1.5 --seed 4 --json").good());
+    let camera = &found["cameras"][0];
+    // The calibration of the simulated sensors is perfect, and their noise is small.
+    for (key, bar) in [("turned_deg", 0.2), ("moved_mm", 1.0)] {
+        assert!(camera[key].as_f64().unwrap() < bar, "{camera}");
+    }
+    assert!(found["lag_ms"].as_f64().unwrap().abs() < 3.0, "{found}");
+    assert!(workplace.run("calibrate").usage().contains("--log"));
+    assert!(workplace.run("calibrate --live --log x").usage().contains("cannot be used with"));
+}
+
+#[test]
 fn what_is_no_calibration_is_refused_in_words() {
     let workplace = Workplace::new();
     workplace.write("bad.json", r#"{"cameras": []}"#);

@@ -183,6 +183,7 @@ impl Log {
             }
             self.notes.push(defect.to_string());
         }
+        self.notes.extend(jump(&self.times_s));
         let touch = ["depth", "mask"].iter().flat_map(|kind| Finger::ALL.map(|f| self.touch_folder(f).join(kind)));
         self.touch_labels = self.has_all(touch.collect())?;
         let segmentation = self.cameras.iter().map(|camera| self.camera_folder(&camera.name).join("seg"));
@@ -254,5 +255,38 @@ fn count_files(folder: &Path) -> Result<Option<usize>, LogError> {
         Ok(entries) => Ok(Some(entries.count())),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(reason) => Err(LogError::Io { path: folder.to_path_buf(), reason }),
+    }
+}
+
+/// A time between two frames is a jump of the clock from this multiple of the usual time on. Loss of one or two images is
+/// common on real cameras and does no harm.
+const JUMP: f64 = 5.0;
+
+/// Returns a note on the longest jump forward of the times of the frames, in seconds.
+fn jump(times_s: &[f64]) -> Option<String> {
+    let mut gaps: Vec<f64> = times_s.windows(2).map(|t| t[1] - t[0]).collect();
+    let (frame, gap) = gaps.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    gaps.sort_by(f64::total_cmp);
+    let usual = *gaps.get(gaps.len() / 2)?;
+    (gap > JUMP * usual).then_some(())?;
+    Some(format!(
+        "the time jumps by {gap:.2} s after frame {frame}, where {usual:.3} s are usual; frames are missing or the clock was set"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jumps_of_the_clock_are_noted_and_lost_images_are_not() {
+        let mut times_s: Vec<f64> = (0..30).map(|k| f64::from(k) / 30.0).collect();
+        assert_eq!(jump(&times_s), None);
+        times_s.drain(10..12);
+        assert_eq!(jump(&times_s), None);
+        times_s.iter_mut().skip(20).for_each(|time_s| *time_s += 1.2);
+        assert!(jump(&times_s).unwrap().starts_with("the time jumps by 1.23 s after frame 19, where 0.033 s"));
+        assert_eq!(jump(&[]), None);
+        assert_eq!(jump(&[0.0]), None);
     }
 }
