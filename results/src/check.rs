@@ -1,11 +1,12 @@
 //! `cargo results check`: claims, values and page must agree.
 
 use std::fs;
+use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, ensure};
 
 use crate::claims::{Claims, Verdict};
-use crate::place::{PAGE, Repository};
+use crate::place::{FOLDER, MORE, PAGE, Repository};
 use crate::render::{self, MOST_BYTES};
 use crate::values::Values;
 
@@ -33,7 +34,7 @@ pub fn check(repository: &Repository, claims: &Claims, values: &Values) -> Resul
             _ => {}
         }
     }
-    for group in claims.groups.iter().filter(|group| group.page) {
+    for group in &claims.groups {
         if group.rows.iter().any(|row| values.get(&row.id).is_some()) {
             for table in group.tables.iter().filter(|table| !repository.table(&table.to).is_file()) {
                 let (to, name) = (&table.to, &group.name);
@@ -43,10 +44,13 @@ pub fn check(repository: &Repository, claims: &Claims, values: &Values) -> Resul
             }
         }
     }
-    let page = repository.page();
-    let found = fs::read_to_string(&page).with_context(|| format!("cannot read {}", page.display()))?;
+    let read = |path: PathBuf| fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()));
+    let found = read(repository.page())?;
     if found != render::render(claims, values) {
         wrong.push(format!("{PAGE} is stale; run `cargo results render`"));
+    }
+    if read(repository.table(MORE))? != render::render_more(claims, values) {
+        wrong.push(format!("{FOLDER}/{MORE} is stale; run `cargo results render`"));
     }
     if found.len() > MOST_BYTES {
         wrong.push(format!("{PAGE} has {} bytes; at most {MOST_BYTES} are allowed: move rows to a table", found.len()));
@@ -64,6 +68,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let repository = Repository::at(folder.path());
         let (claims, values) = (Claims::parse(claims).unwrap(), Values::parse(values).unwrap());
+        fs::create_dir(repository.table("")).unwrap();
+        fs::write(repository.table(MORE), render::render_more(&claims, &values)).unwrap();
         fs::write(repository.page(), edit(render::render(&claims, &values))).unwrap();
         check(&repository, &claims, &values).err().map_or_else(String::new, |error| error.to_string())
     }

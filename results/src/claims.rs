@@ -37,7 +37,7 @@ pub struct Group {
     pub minutes: f64,
     /// What the commands need beyond the repository.
     pub needs: Option<String>,
-    /// Whether the rows are shown on the page. Other groups are there for `check --measure`.
+    /// Whether the rows are shown on RESULTS.md. Those of other groups are shown on results/more.md.
     #[serde(default = "yes")]
     pub page: bool,
     /// A sentence under the title.

@@ -11,6 +11,8 @@ use anyhow::{Context as _, Result, bail};
 pub const PAGE: &str = "RESULTS.md";
 /// The folder of claims, values and tables, relative to the root.
 pub const FOLDER: &str = "results";
+/// The generated page of the groups that are not on [`PAGE`], in [`FOLDER`].
+pub const MORE: &str = "more.md";
 /// The folder of the files that commands write, relative to the root.
 const SCRATCH: &str = "target/results";
 
