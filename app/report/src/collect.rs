@@ -237,18 +237,17 @@ fn run(folder: &Path) -> Result<(ReportRow, Vec<String>), String> {
     Ok((row, warnings))
 }
 
-/// Returns the command of a run without its object and seed, which are no settings.
+/// Returns the command of a run without its object, seed and log, which are no settings.
 fn without_episode(command: &str) -> String {
-    let mut words = command.split(' ');
-    let mut kept = String::new();
-    while let Some(word) = words.next() {
-        if ["--object", "--seed"].contains(&word) {
-            words.next();
-        } else {
-            kept += word;
+    let mut is_kept = true;
+    let keeps = |word: &&str| {
+        // A value with spaces has several words.
+        if word.starts_with("--") {
+            is_kept = !["--object", "--seed", "--log"].contains(word);
         }
-    }
-    kept
+        is_kept
+    };
+    command.split(' ').filter(keeps).collect()
 }
 
 /// Thins out the errors of frames to means over equal stretches.
@@ -315,6 +314,15 @@ mod tests {
         // The same folder given twice holds the same runs.
         let twice = RunCollection::read(&[home.path().to_path_buf(), at("a")]).unwrap();
         assert_eq!(twice.rows, found.rows);
+    }
+
+    #[test]
+    fn runs_of_other_objects_and_logs_have_the_same_settings() {
+        let command = |log: &str, seed: u64, mode: &str| {
+            without_episode(&format!("mambavitact run --object ball --log {log} --seed {seed} --mode {mode}"))
+        };
+        assert_eq!(command("logs/a/00", 1, "slam"), command("'my logs/b/01'", 2, "slam"));
+        assert_ne!(command("logs/a/00", 1, "slam"), command("logs/a/00", 1, "pose"));
     }
 
     #[test]

@@ -32,6 +32,9 @@ pub struct Page<'a> {
     pub media: &'a PageMedia,
 }
 
+/// Names of folders in the title; a shell expands a pattern to many.
+const MOST_NAMES: usize = 3;
+
 impl Page<'_> {
     /// Writes the page as HTML.
     pub fn html(&self) -> String {
@@ -71,7 +74,11 @@ impl Page<'_> {
                 let name = path.file_name().unwrap_or(path.as_os_str());
                 name.to_string_lossy().into_owned()
             };
-            runs.folders.iter().map(name).collect::<Vec<_>>().join(", ")
+            let shown: Vec<String> = runs.folders.iter().take(MOST_NAMES).map(name).collect();
+            match runs.folders.len() - shown.len() {
+                0 => shown.join(", "),
+                further => format!("{} and {further} more", shown.join(", ")),
+            }
         };
         match self.against {
             Some(old) => format!("{} against {}", names(self.runs), names(old)),
