@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Makes the pictures and films of README.md anew: docs/pictures.sh [PROGRAM]. Needs Xvfb and xdotool for the window; about 3 minutes.
+# Makes the pictures and films of README.md anew: docs/pictures.sh [PROGRAM]. Needs Xvfb and xdotool for the window, Chromium
+# for the report; about 4 minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 program=${1:-}
@@ -28,6 +29,26 @@ cp run/mesh.gif "$docs/rubiks_cube.gif"
 images=$docs/../tests/data/real_digit/dd
 "$program" touch predict --images "$images/003_img.png" --untouched "$images/untouched.png" --out ball
 cp ball/003_picture.png "$docs/real_digit.png"
+
+for object in random:0 random:2 random:4; do
+    for camera in side front-left; do
+        "$program" run --quiet --object "$object" --cameras "$camera" --duration 6 --out "runs/$object-$camera"
+    done
+done
+"$program" report runs --out report.html
+PYTHONDONTWRITEBYTECODE=1 PYTHONPATH="$docs/../benches/report" python3 - "$docs/report.png" <<'PYTHON'
+import os, sys
+import browser
+page = browser.Browser()
+page.resize((1000, 1100))
+page.theme("light")
+page.open(os.path.abspath("report.html"))
+page.run("document.querySelector('#shapes').scrollIntoView()")
+page.frames(60)
+top = page.run("document.querySelector('#shapes').getBoundingClientRect().bottom + scrollY")
+open(sys.argv[1], "wb").write(page.picture(clip=(0, 0, 1000, top + 16)))
+page.close()
+PYTHON
 
 Xvfb ":$display" -screen 0 1280x800x24 >xvfb.log 2>&1 &
 server=$!
