@@ -9,7 +9,7 @@ use mvt_feelsight::npy;
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_picture::palette;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_run::io::{png, write_file};
 use mvt_touch::contact::plausibility;
 use mvt_touch::engine::{Engine, Prediction};
@@ -73,7 +73,8 @@ impl Predictor {
     /// Returns a predictor that writes no files.
     pub fn new(engine: Engine, profile: &SensorProfile, rule: ContactRule) -> Self {
         let camera = profile.intrinsics();
-        let side_m = |i: usize| gel::point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx;
+        let gel = profile.gel_surface();
+        let side_m = |i: usize| gel.point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx;
         let pixel_mm2 = (0..HEIGHT * WIDTH).map(|i| 1e6 * side_m(i).powi(2)).collect();
         Self { engine, gains: profile.gains(), rule, pixel_mm2, out: None }
     }

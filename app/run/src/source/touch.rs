@@ -38,7 +38,7 @@ pub struct TouchArguments {
     /// Where touch depth comes from
     #[arg(long, value_enum, default_value_t = TouchOrigin::Network)]
     touch_depth: TouchOrigin,
-    /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), or the path of a profile (.toml)
+    /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), gelsight_mini, or the path of a profile (.toml)
     #[arg(long, value_name = "NAME", default_value = TACTO)]
     touch_profile: String,
     /// Weights of a touch network, for --touch-depth network; without it those that are shipped for the sensor
