@@ -15,8 +15,8 @@ fn sensor() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/real_digit/dd")
 }
 
-/// Returns a workplace with `touched.mkv`, the images of a sensor without loss, and `whole.mkv`, which shows the untouched sensor ten times
-/// before. Returns `None` where there is no ffmpeg.
+/// Returns a workplace with two videos of a sensor without loss: `touched.mkv`, of which the times between frames grow, and `whole.mkv` of the
+/// sensor on its side, which shows it untouched ten times before. Returns `None` where there is no ffmpeg.
 fn videos() -> Option<Workplace> {
     let workplace = Workplace::new();
     std::fs::create_dir(workplace.path("in")).unwrap();
@@ -24,10 +24,10 @@ fn videos() -> Option<Workplace> {
         let name = number.checked_sub(10).map_or_else(|| "untouched.png".into(), |k| format!("{k:03}_img.png"));
         std::fs::copy(sensor().join(name), workplace.path(&format!("in/{number:03}.png"))).unwrap();
     }
-    for (name, first) in [("touched.mkv", "10"), ("whole.mkv", "0")] {
+    for (name, first, change) in [("touched.mkv", "10", "setpts=N*N/30/TB"), ("whole.mkv", "0", "transpose=clock")] {
         let mut ffmpeg = Command::new("ffmpeg");
         ffmpeg.current_dir(workplace.path("")).args(["-nostdin", "-loglevel", "error", "-start_number", first]);
-        let Ok(ended) = ffmpeg.args(["-i", "in/%03d.png", "-c:v", "ffv1", name]).output() else {
+        let Ok(ended) = ffmpeg.args(["-i", "in/%03d.png", "-vf", change, "-c:v", "ffv1", name]).output() else {
             skip("ffmpeg is not installed");
             return None;
         };
@@ -81,7 +81,8 @@ fn frames_of_a_video_are_read_as_images_are() {
     // The first frames show no contact, and their median is the untouched image.
     let ended = workplace.run("touch predict --video whole.mkv --json");
     let of_whole = lines(&ended.stdout);
-    assert!(ended.warned().contains("first 10 frames"), "the median is announced");
+    let said = ended.warned();
+    assert!(said.contains("first 10 frames") && said.contains("turned by 270 degrees"), "{said}");
     assert!(figures(&of_whole[..10]).iter().all(|[area_mm2, ..]| *area_mm2 == 0.0));
     assert_eq!(figures(&of_whole[10..]), figures(images));
     let few = workplace.run("touch predict --video touched.mkv --untouched untouched.png --frames 3").good();
@@ -120,7 +121,7 @@ fn a_camera_is_read_until_it_is_unplugged_or_left() {
     let Some(workplace) = videos() else { return };
     std::fs::copy(sensor().join("untouched.png"), workplace.path("untouched.png")).unwrap();
     let camera = "touch predict --camera /dev/null --untouched untouched.png --json --out out";
-    let play = "FFMPEG -nostdin -loglevel error -i touched.mkv -f image2pipe -c:v ppm -";
+    let play = "FFMPEG -nostdin -loglevel error -i touched.mkv -vf settb=1/60,setpts=N -r 60 -f image2pipe -c:v ppm -";
     let unplugged = format!("echo \"$@\" > asked\n{play}\necho /dev/null: No such device >&2; exit 1");
     let ended = Ended::of(&mut with_ffmpeg(&workplace, camera, &unplugged));
     assert_eq!((ended.code, lines(&ended.stdout).len()), (Some(1), FRAMES));
