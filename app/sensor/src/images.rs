@@ -7,6 +7,7 @@ use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::read_any_image;
+use mvt_run::source::shipped_weights;
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::Weights;
 use mvt_touch::untouched::{difference_from_untouched, estimate, scale_change, subtract_untouched};
@@ -109,7 +110,7 @@ pub(crate) fn infer(
 pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<Engine> {
     let weights = match weights {
         Some(path) => Weights::read(path)?,
-        None => Weights::shipped_for(profile)?,
+        None => shipped_weights(profile)?,
     };
     Ok(Engine::new(&weights, Instructions::best()))
 }

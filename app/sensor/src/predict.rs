@@ -48,7 +48,7 @@ pub struct TouchPredictArguments {
     /// different places, and of a video or camera the median of the first 10 frames, which must show no contact
     #[arg(long, value_name = "FILE")]
     untouched: Option<PathBuf>,
-    /// Sensor: digit (a real DIGIT), gelsight_mini, tacto (as TACTO renders a DIGIT), or the path of a profile (.toml)
+    /// Sensor: digit (a real DIGIT), tacto (as TACTO renders a DIGIT), gelsight_mini (needs --weights), or the path of a profile (.toml)
     #[arg(long, value_name = "NAME", default_value = "digit")]
     profile: String,
     /// Weights of the network (.safetensors); without it, the shipped ones for the profile
