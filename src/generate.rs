@@ -21,7 +21,8 @@ use mvt_run::progress;
 /// Simulate episodes and write them as FeelSight logs
 ///
 /// Each log is one episode in DIR/OBJECT/00, DIR/OBJECT/01 and so on. NeuralFeels' own loaders read it; scene.json
-/// holds its settings.
+/// holds its settings. The touch sensors are TACTO's DIGITs: those loaders would take the images of any other sensor for
+/// images of a DIGIT with TACTO's view.
 ///
 /// A log appears under its name only when it is complete. After an interruption, the same command skips complete logs
 /// and continues. Log k has the seed SEED + k; `simulate` with that seed plays the same episode.

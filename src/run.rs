@@ -68,6 +68,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         modality: arguments.modality,
         side,
         touch_fov_y_deg: profile.fov_y_deg,
+        touch_bulge_mm: profile.bulge_mm,
         cameras,
         frames: source.frame_count(),
         process: std::process::id(),

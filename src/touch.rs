@@ -14,6 +14,8 @@ use anyhow::Result;
 use clap::Subcommand;
 use mvt_sensor::{TouchCalibrateArguments, TouchPredictArguments, calibrate, predict};
 
+use crate::signals::stop_on_signals;
+
 pub use data::{TouchDataArguments, run as data};
 pub use describe::{TouchDescribeArguments, architecture, run as describe};
 pub use evaluate::{TouchEvaluateArguments, run as evaluate};
@@ -42,7 +44,7 @@ pub enum NetworkCommand {
 pub fn run(command: &TouchCommand) -> Result<()> {
     match command {
         TouchCommand::Train(arguments) => train(arguments),
-        TouchCommand::Predict(arguments) => predict(arguments),
+        TouchCommand::Predict(arguments) => predict(arguments, stop_on_signals),
         TouchCommand::Calibrate(arguments) => calibrate(arguments),
         TouchCommand::Data(arguments) => data(arguments),
         TouchCommand::Evaluate(arguments) => evaluate(arguments),

@@ -12,7 +12,7 @@ use mvt_frames::Isometry;
 use mvt_frames::camera::PosedCamera;
 use mvt_mesh::Mesh;
 use mvt_robot::digit::FOV_Y_DEG;
-use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::gel::{BULGE_M, GelView};
 use mvt_robot::hand::PerFinger;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::observation::TouchTruth;
@@ -90,6 +90,7 @@ impl LogImages {
             modality: Modality::Vitac,
             side: log.side(),
             touch_fov_y_deg: FOV_Y_DEG,
+            touch_bulge_mm: 1e3 * BULGE_M,
             cameras: log
                 .cameras()
                 .iter()

@@ -33,6 +33,7 @@
 //!     modality: Modality::Vitac,
 //!     side: Side::Left,
 //!     touch_fov_y_deg: 60.0,
+//!     touch_bulge_mm: 5.0,
 //!     cameras: vec![],
 //!     frames: 2,
 //!     process: std::process::id(),
@@ -108,6 +109,8 @@ pub struct About {
     /// Vertical field of view of the touch sensors' cameras, degrees. The recorded depth of a gel is the one that TACTO's camera would see;
     /// its difference from the untouched gel is the indentation.
     pub touch_fov_y_deg: f64,
+    /// Difference in depth between the apex of a gel and the corners of a pad of 20 x 30 mm, millimetres; 0 for a flat gel.
+    pub touch_bulge_mm: f64,
     /// The cameras, with the sizes of the recorded images.
     pub cameras: Vec<PosedCamera>,
     /// Largest number of frames.

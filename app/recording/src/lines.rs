@@ -4,6 +4,7 @@ use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Frame, Isometry};
 use mvt_metrics::AddS;
 use mvt_robot::digit::FOV_Y_DEG;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{JOINTS, PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +56,8 @@ pub struct AboutFile {
     cameras: Vec<Camera>,
     #[serde(default = "tacto_fov_y_deg", skip_serializing_if = "is_tacto")]
     touch_fov_y_deg: f64,
+    #[serde(default = "digit_bulge_mm", skip_serializing_if = "is_digit")]
+    touch_bulge_mm: f64,
     frames: usize,
     process: u32,
     /// BlockPlace of the true shape in shapes.bin.
@@ -67,6 +70,14 @@ fn tacto_fov_y_deg() -> f64 {
 
 fn is_tacto(fov_y_deg: &f64) -> bool {
     (*fov_y_deg - FOV_Y_DEG).abs() < 1e-9
+}
+
+fn digit_bulge_mm() -> f64 {
+    SensorProfile::tacto().bulge_mm
+}
+
+fn is_digit(bulge_mm: &f64) -> bool {
+    (*bulge_mm - digit_bulge_mm()).abs() < 1e-9
 }
 
 /// Part of about.json that every version has.
@@ -92,6 +103,7 @@ impl AboutFile {
             side: about.side,
             cameras: about.cameras.iter().map(camera).collect(),
             touch_fov_y_deg: about.touch_fov_y_deg,
+            touch_bulge_mm: about.touch_bulge_mm,
             frames: about.frames,
             process: about.process,
             truth,
@@ -114,6 +126,9 @@ impl AboutFile {
         if !(10.0..=150.0).contains(&self.touch_fov_y_deg) {
             return Err("an invalid field of view of the touch sensors");
         }
+        if !(0.0..=10.0).contains(&self.touch_bulge_mm) {
+            return Err("an invalid bulge of the touch sensors' gels");
+        }
         let about = About {
             version,
             object: self.object,
@@ -122,6 +137,7 @@ impl AboutFile {
             modality: self.modality,
             side: self.side,
             touch_fov_y_deg: self.touch_fov_y_deg,
+            touch_bulge_mm: self.touch_bulge_mm,
             cameras,
             frames: self.frames,
             process: self.process,

@@ -34,6 +34,7 @@ fn about() -> About {
         modality: Modality::Vitac,
         side: Side::Left,
         touch_fov_y_deg: 60.0,
+        touch_bulge_mm: 5.0,
         cameras: vec![camera()],
         frames: 9,
         process: 1,

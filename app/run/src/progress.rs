@@ -8,3 +8,10 @@ pub fn bar(length: u64, message: &str) -> ProgressBar {
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length).with_style(style).with_message(message.to_owned())
 }
+
+/// A count of steps whose number is unknown.
+pub fn counter(message: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg:<28} {pos} ({per_sec}) {elapsed}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::no_length().with_style(style).with_message(message.to_owned())
+}

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 pub use log::LogSource;
-pub use touch::{TouchArguments, TouchNetwork, TouchOrigin, true_press};
+pub use touch::{TouchArguments, TouchNetwork, TouchOrigin, shipped_weights, true_press};
 
 /// A frame of a source.
 #[derive(Debug, Clone)]

@@ -7,6 +7,7 @@ use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::read_any_image;
+use mvt_run::source::shipped_weights;
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::Weights;
 use mvt_touch::untouched::{difference_from_untouched, estimate, scale_change, subtract_untouched};
@@ -41,21 +42,39 @@ impl SensorImages {
         let mut images = files.par_iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
         let untouched = untouched.map(read).transpose()?;
 
-        let layout = place(untouched.as_ref(), &images)?;
+        if untouched.is_none() {
+            if images.len() < FEW_IMAGES {
+                tracing::warn!(
+                    "there is no --untouched image, and the median of {} images may show contacts; give --untouched",
+                    images.len()
+                );
+            } else {
+                tracing::info!("there is no --untouched image; the median of {} images is used", images.len());
+            }
+        }
+        let SensorState { untouched, .. } = SensorState::of(untouched, &mut images, engine)?;
+        Ok(Self { ids, images, untouched })
+    }
+}
+
+/// How the images of a sensor lie, and what the sensor shows without contact.
+pub(crate) struct SensorState {
+    pub layout: ImageLayout,
+    /// Upright, in RGB order and of a DIGIT's size.
+    pub untouched: RgbImage,
+}
+
+impl SensorState {
+    /// Puts images upright. The untouched image is estimated from them if none is given.
+    ///
+    /// # Errors
+    /// If there is no image, sizes differ, or the untouched image comes from another sensor.
+    pub fn of(untouched: Option<RgbImage>, images: &mut [RgbImage], engine: &Engine) -> Result<Self> {
+        let layout = place(untouched.as_ref(), images)?;
         images.iter_mut().for_each(|image| *image = layout.upright(image));
         let untouched = match untouched {
             Some(image) => layout.upright(&image),
-            None => {
-                if images.len() < FEW_IMAGES {
-                    tracing::warn!(
-                        "there is no --untouched image, and the median of {} images may show contacts; give --untouched",
-                        images.len()
-                    );
-                } else {
-                    tracing::info!("there is no --untouched image; the median of {} images is used", images.len());
-                }
-                estimate(engine, &images)?.context("there is no image")?
-            }
+            None => estimate(engine, images)?.context("there is no image")?,
         };
         let mut differences: Vec<f32> =
             images.iter().map(|image| difference_from_untouched(image, &untouched)).collect();
@@ -66,7 +85,7 @@ impl SensorImages {
             "the untouched image seems to come from another sensor: where nothing touches, the images differ from it by \
              {typical:.0} grey levels; give an untouched image of this sensor"
         );
-        Ok(Self { ids, images, untouched })
+        Ok(Self { layout, untouched })
     }
 }
 
@@ -91,7 +110,7 @@ pub(crate) fn infer(
 pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<Engine> {
     let weights = match weights {
         Some(path) => Weights::read(path)?,
-        None => Weights::shipped_for(profile)?,
+        None => shipped_weights(profile)?,
     };
     Ok(Engine::new(&weights, Instructions::best()))
 }
@@ -121,7 +140,7 @@ fn place(untouched: Option<&RgbImage>, images: &[RgbImage]) -> Result<ImageLayou
 }
 
 /// Reads an image as RGB. Grey images have no colours to see slopes by.
-fn read(path: &Path) -> Result<RgbImage> {
+pub(crate) fn read(path: &Path) -> Result<RgbImage> {
     let image = read_any_image(path)?;
     ensure!(
         image.color().has_color(),

@@ -1,7 +1,8 @@
 //! Images of a real touch sensor, as people bring them: turned upright, read by a network, and the sensor's light measured.
 //!
 //! [`SensorImages`] reads images of one sensor and finds its untouched image. [`ball`] fits gains and directions of the LEDs to presses of a
-//! ball. The two commands `touch predict` and `touch calibrate` are here with their arguments. The crate has no camera driver.
+//! ball. The two commands `touch predict` and `touch calibrate` are here with their arguments. Videos and cameras are decoded by the program
+//! ffmpeg; the crate has no camera driver.
 //!
 //! ```
 //! use image::{Rgb, RgbImage};
@@ -18,6 +19,8 @@ mod calibrate;
 mod images;
 mod layout;
 mod predict;
+mod predictor;
+mod stream;
 
 pub use calibrate::{TouchCalibrateArguments, calibrate};
 pub use image;

@@ -1,26 +1,22 @@
-//! `touch predict`: indentation and contact from images of a touch sensor.
+//! `touch predict`: indentation and contact from images, a video or a camera.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
-use anyhow::{Result, ensure};
-use clap::Args;
-use image::{GrayImage, Luma, RgbImage};
-use mvt_feelsight::array::Array;
-use mvt_feelsight::npy;
-use mvt_files::folder::{ClaimedFolder, Earlier};
-use mvt_picture::palette;
+use anyhow::Result;
+use clap::{ArgGroup, Args};
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
-use mvt_run::io::{png, print_line, write_file};
+use mvt_run::io::print_line;
 use mvt_run::progress;
-use mvt_touch::contact::plausibility;
-use mvt_touch::engine::Prediction;
 use rayon::prelude::*;
-use serde::Serialize;
 
-use crate::images::{SensorImages, engine, infer};
+use crate::images::{SensorImages, SensorState, engine, read};
+use crate::predictor::{ContactRule, Predictor};
+use crate::stream::StreamSource;
 
-/// Turn images of a touch sensor into indentation and contact
+/// Turn images, a video or a camera of a touch sensor into indentation and contact
 ///
 /// DIR receives for each image ID.png or ID_img.png: ID_indentation_mm.npy (32-bit floats, 320 x 240, millimetres),
 /// ID_contact.png (white where an object touches) and ID_picture.png (image, indentation and contact side by side); and
@@ -29,16 +25,30 @@ use crate::images::{SensorImages, engine, infer};
 ///
 /// Images of other sizes are resized. Images of a sensor that lies on its side or stands on its head are turned, and
 /// images in BGR order are put into RGB order, each with a warning: the light of the LEDs shows it.
+///
+/// Frames of a video or a camera are read in their order by the program ffmpeg, which must be installed. --json prints a
+/// line per frame as soon as it is read, and --out is optional: ID is the number of the frame, from 000000 on. A camera
+/// is read until Ctrl-C.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("source").required(true).args(["images", "video", "camera"]))]
 pub struct TouchPredictArguments {
     /// Images (.png, .jpg), or folders of them; the file untouched.png and files ID_untouched.png are left out
-    #[arg(long, value_name = "PATH", required = true, num_args = 1..)]
+    #[arg(long, value_name = "PATH", num_args = 1.., requires = "out")]
     images: Vec<PathBuf>,
+    /// Video of a touch sensor, in any format that ffmpeg reads
+    #[arg(long, value_name = "FILE")]
+    video: Option<PathBuf>,
+    /// Touch sensor that is connected, such as /dev/video0; it is asked for 60 frames/s of 320 x 240 pixels
+    #[arg(long, value_name = "DEVICE")]
+    camera: Option<PathBuf>,
+    /// Number of frames after which a video or a camera is left
+    #[arg(long, value_name = "N", conflicts_with = "images", value_parser = clap::value_parser!(u64).range(1..))]
+    frames: Option<u64>,
     /// Image of the sensor that touches nothing; without it, the median of all images is used, which needs contacts at
-    /// different places
+    /// different places, and of a video or camera the median of the first 10 frames, which must show no contact
     #[arg(long, value_name = "FILE")]
     untouched: Option<PathBuf>,
-    /// Sensor: digit (a real DIGIT), tacto (as TACTO renders one), or the path of a profile (.toml)
+    /// Sensor: digit (a real DIGIT), tacto (as TACTO renders a DIGIT), gelsight_mini (needs --weights), or the path of a profile (.toml)
     #[arg(long, value_name = "NAME", default_value = "digit")]
     profile: String,
     /// Weights of the network (.safetensors); without it, the shipped ones for the profile
@@ -52,129 +62,110 @@ pub struct TouchPredictArguments {
     probability: f32,
     /// Folder for the results; earlier ones in it are moved to DIR.1, DIR.2 and so on
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    out: Option<PathBuf>,
     /// Write into a folder that contains other files
-    #[arg(long)]
+    #[arg(long, requires = "out")]
     overwrite: bool,
-    /// Print one JSON object instead of words
+    /// Print JSON instead of words: a list, or a line per frame of a video or camera
     #[arg(long)]
     json: bool,
 }
 
-/// A line of predictions.csv.
-#[derive(Debug, Clone, Serialize)]
-struct Line {
-    id: String,
-    area_mm2: f64,
-    deepest_mm: f32,
-    volume_mm3: f64,
-    plausibility: f32,
-}
-
-/// When a pixel is in contact.
-#[derive(Debug, Clone, Copy)]
-struct ContactRule {
-    threshold_mm: f32,
-    logit: f32,
-}
-
 /// Images that the network sees in one call.
 const BATCH: usize = 16;
-/// Contacts on a smaller share of the image are discarded.
-const LEAST_AREA: f32 = 0.001;
+/// Frames of which the median is the untouched image if none is given.
+const FIRST_FRAMES: usize = 10;
 
-/// Runs `touch predict`.
+/// Runs `touch predict`. `listen` returns a flag that ends a video or camera once it is set.
 ///
 /// # Errors
-/// If images or the profile cannot be read, or the results cannot be written.
-pub fn predict(arguments: &TouchPredictArguments) -> Result<()> {
+/// If images, a video, a camera or the profile cannot be read, a camera is lost, or the results cannot be written.
+pub fn predict(arguments: &TouchPredictArguments, listen: impl FnOnce() -> Result<Arc<AtomicBool>>) -> Result<()> {
     let profile = SensorProfile::load(&arguments.profile)?;
-    let gains = profile.gains();
-    let engine = engine(&profile, arguments.weights.as_deref())?;
-    let (threshold_mm, probability) = (arguments.threshold_mm, arguments.probability);
-    ensure!((0.0..=5.0).contains(&threshold_mm), "--threshold-mm {threshold_mm}: give 0 to 5");
-    ensure!((0.001..=0.999).contains(&probability), "--probability {probability}: give 0.001 to 0.999");
-    let rule = ContactRule { threshold_mm, logit: (probability / (1.0 - probability)).ln() };
-    let SensorImages { ids, images, untouched } =
-        SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &engine)?;
-    let claimed = ClaimedFolder::claim(&arguments.out, "touch predict", Earlier::Move, arguments.overwrite)?;
-    if let Some(moved) = claimed.moved() {
-        tracing::warn!("{} contained earlier results, which are now in {}", arguments.out.display(), moved.display());
+    let rule = ContactRule::new(arguments.threshold_mm, arguments.probability)?;
+    let mut predictor = Predictor::new(engine(&profile, arguments.weights.as_deref())?, &profile, rule);
+    let video = arguments.video.clone().map(StreamSource::Video);
+    match video.or_else(|| arguments.camera.clone().map(StreamSource::Camera)) {
+        Some(source) => predict_stream(arguments, &mut predictor, &source, &*listen()?),
+        None => predict_images(arguments, &mut predictor),
     }
+}
+
+fn predict_images(arguments: &TouchPredictArguments, predictor: &mut Predictor) -> Result<()> {
+    let SensorImages { ids, images, untouched } =
+        SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &predictor.engine)?;
+    claim(arguments, predictor)?;
     let bar = progress::bar(images.len() as u64, "images");
-    let camera = profile.intrinsics();
-    let pixel_mm2: Vec<f64> = (0..HEIGHT * WIDTH)
-        .map(|i| 1e6 * (gel::point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx).powi(2))
-        .collect();
     let mut lines = Vec::with_capacity(images.len());
     for (ids, images) in ids.chunks(BATCH).zip(images.chunks(BATCH)) {
-        let predictions = infer(&engine, gains, &untouched, images)?;
-        let files = ids.par_iter().zip(images).zip(&predictions).map(|((id, image), prediction)| {
-            let plausibility = plausibility(image, &untouched, prediction);
-            bar.inc(1);
-            write(&arguments.out, id, image, prediction, rule, &pixel_mm2, plausibility)
-        });
-        lines.extend(files.collect::<Result<Vec<_>>>()?);
+        lines.extend(predictor.predict(ids, images, &untouched)?);
+        bar.inc(images.len() as u64);
     }
     bar.finish_and_clear();
-    let mut table = String::from("id,area_mm2,deepest_mm,volume_mm3,plausibility\n");
-    for Line { id, area_mm2, deepest_mm, volume_mm3, plausibility } in &lines {
-        table += &format!("{id},{area_mm2:.3},{deepest_mm:.4},{volume_mm3:.4},{plausibility:.3}\n");
-    }
-    write_file(&arguments.out, "predictions.csv", table.as_bytes())?;
+    let table = predictor.write_table(&lines)?;
     if arguments.json {
         return print_line(&serde_json::to_string_pretty(&lines)?);
     }
     let touching = lines.iter().filter(|line| line.area_mm2 > 0.0).count();
-    let count = lines.len();
-    print_line(&format!(
-        "{touching} of {count} images show contact; see {}",
-        arguments.out.join("predictions.csv").display()
-    ))
+    print_line(&format!("{touching} of {} images show contact{table}", lines.len()))
 }
 
-/// Writes the files of an image, and returns its line.
-fn write(
-    folder: &Path,
-    id: &str,
-    image: &RgbImage,
-    prediction: &Prediction,
-    rule: ContactRule,
-    pixel_mm2: &[f64],
-    plausibility: f32,
-) -> Result<Line> {
-    let indentation_mm = prediction.indentation_mm.mapv(|mm| mm.max(0.0));
-    let touches = |(&mm, &logit): (&f32, &f32)| mm > rule.threshold_mm && logit > rule.logit;
-    let mut contact: Vec<bool> = indentation_mm.iter().zip(&prediction.contact_logit).map(touches).collect();
-    let touching = contact.iter().filter(|&&touches| touches).count();
-    if (touching as f32) < LEAST_AREA * contact.len() as f32 {
-        contact.fill(false);
+/// Reads a video or a camera until its end, the last frame that is wanted, or `stop`.
+fn predict_stream(
+    arguments: &TouchPredictArguments,
+    predictor: &mut Predictor,
+    source: &StreamSource,
+    stop: &AtomicBool,
+) -> Result<()> {
+    let untouched = arguments.untouched.as_deref().map(read).transpose()?;
+    let most = arguments.frames.map_or(usize::MAX, |most| usize::try_from(most).unwrap_or(usize::MAX));
+    let stream = source.open()?;
+    let first = FIRST_FRAMES.min(most);
+    let mut images = stream.receive(first, first, stop);
+    if images.is_empty() {
+        return if stop.load(Ordering::Relaxed) { Ok(()) } else { stream.finish(0) };
     }
-    let mut line = Line { id: id.to_owned(), area_mm2: 0.0, deepest_mm: 0.0, volume_mm3: 0.0, plausibility };
-    for ((&mm, &touches), mm2) in indentation_mm.iter().zip(&contact).zip(pixel_mm2) {
-        if touches {
-            line.area_mm2 += mm2;
-            line.deepest_mm = line.deepest_mm.max(mm);
-            line.volume_mm3 += f64::from(mm) * mm2;
-        }
+    if untouched.is_none() {
+        tracing::warn!(
+            "there is no --untouched image; the median of the first {} frames is used, which must show no contact",
+            images.len()
+        );
     }
-    let depth = Array::from_f32(vec![HEIGHT, WIDTH], indentation_mm.iter().copied());
-    write_file(folder, &format!("{id}_indentation_mm.npy"), &npy::to_bytes(&depth))?;
-    let mask = GrayImage::from_fn(WIDTH as u32, HEIGHT as u32, |u, v| {
-        Luma([if contact[v as usize * WIDTH + u as usize] { u8::MAX } else { 0 }])
-    });
-    write_file(folder, &format!("{id}_contact.png"), &png(&mask)?)?;
-    let picture = RgbImage::from_fn(3 * WIDTH as u32, HEIGHT as u32, |u, v| {
-        let (panel, u) = (u as usize / WIDTH, u % WIDTH as u32);
-        match panel {
-            0 => *image.get_pixel(u, v),
-            1 => palette::indentation(indentation_mm[[v as usize, u as usize]], DEEPEST_SHOWN_MM),
-            _ => image::Rgb([mask.get_pixel(u, v).0[0]; 3]),
+    let SensorState { layout, untouched } = SensorState::of(untouched, &mut images, &predictor.engine)?;
+    claim(arguments, predictor)?;
+    let bar = progress::counter("frames");
+    let begun = Instant::now();
+    let (mut lines, mut done, mut touching) = (Vec::new(), 0, 0);
+    while !images.is_empty() {
+        let ids: Vec<String> = (done..done + images.len()).map(|frame| format!("{frame:06}")).collect();
+        for line in predictor.predict(&ids, &images, &untouched)? {
+            touching += usize::from(line.area_mm2 > 0.0);
+            if arguments.json {
+                print_line(&serde_json::to_string(&line)?)?;
+            }
+            if predictor.writes() {
+                lines.push(line);
+            }
         }
-    });
-    write_file(folder, &format!("{id}_picture.png"), &png(&picture)?)?;
-    Ok(line)
+        done += images.len();
+        bar.inc(images.len() as u64);
+        // All frames that wait, so that all cores work, and no more, so that none waits for a later one.
+        images = stream.receive(1, BATCH.min(most - done), stop);
+        images.par_iter_mut().for_each(|image| *image = layout.upright(image));
+    }
+    let rate_hz = done as f64 / begun.elapsed().as_secs_f64();
+    bar.finish_and_clear();
+    let table = predictor.write_table(&lines)?;
+    if done < most && !stop.load(Ordering::Relaxed) {
+        stream.finish(done)?;
+    }
+    if arguments.json {
+        return Ok(());
+    }
+    print_line(&format!("{touching} of {done} frames show contact, {rate_hz:.0} frames/s{table}"))
 }
 
-/// Indentation that a picture shows brightest, millimetres.
-const DEEPEST_SHOWN_MM: f32 = 1.5;
+/// Claims the folder of the results, if there is one.
+fn claim(arguments: &TouchPredictArguments, predictor: &mut Predictor) -> Result<()> {
+    arguments.out.clone().map_or(Ok(()), |out| predictor.write_into(out, arguments.overwrite))
+}

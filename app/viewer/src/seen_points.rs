@@ -139,7 +139,7 @@ impl SeenPoints {
         images: &FrameImages,
         object_from_world: na::Isometry3<f64>,
     ) {
-        let gel = GelView::of(recording.about().touch_camera());
+        let gel = recording.about().touch_gel();
         for (finger, felt) in images.touch.iter() {
             let Some(felt) = felt else { continue };
             let world_from_camera = world_from_digit_camera(recording.about().side, finger, &moment.joints);

@@ -96,6 +96,7 @@ fn draw_profile(rng: &mut ChaCha8Rng) -> SensorProfile {
     SensorProfile {
         fov_y_deg: between(38.0, 46.0),
         reach_mm: between(0.4, 1.1) as f32,
+        bulge_mm: SensorProfile::tacto().bulge_mm,
         appearance: Some(Appearance {
             led_angles_deg: [-47.0, -163.0, 77.0].map(|angle| angle + between(-15.0, 15.0)),
             led_distance_mm: between(8.0_f64.ln(), 22.0_f64.ln()).exp(),

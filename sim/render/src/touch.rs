@@ -25,8 +25,9 @@ use image::RgbImage;
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Gel, Isometry, NotRigid, Object};
 use mvt_mesh::Mesh;
+use mvt_robot::digit::gel::GelSurface;
 use mvt_robot::digit::profile::{Appearance, SensorProfile};
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::observation::TouchTruth;
 use ndarray::{Array2, Array3};
 
@@ -119,6 +120,8 @@ const CONTACT_GAP_M: f32 = 1.4e-5;
 pub struct TouchOptions {
     /// The camera. Default: that of TACTO's DIGIT.
     pub camera: Intrinsics,
+    /// Surface of the undeformed gel. Default: that of a DIGIT.
+    pub gel: GelSurface,
     /// How the gel of a real sensor looks; it replaces `lights`, and contact is where the object lies on the gel. Default: `None`.
     pub appearance: Option<Appearance>,
     /// The LEDs of TACTO. Default: those of the configuration; [`Lights::perturbed`] draws others for training.
@@ -139,6 +142,7 @@ impl TouchOptions {
     pub fn new(config: TouchConfig) -> Self {
         Self {
             camera: mvt_robot::digit::intrinsics(),
+            gel: GelSurface::digit(),
             appearance: None,
             lights: Lights::of(config),
             background: Background::Rendered,
@@ -153,6 +157,7 @@ impl TouchOptions {
         let tacto = Self::new(config);
         Self {
             camera: profile.intrinsics(),
+            gel: profile.gel_surface(),
             appearance: profile.appearance,
             noise_sigma: profile.appearance.map_or(tacto.noise_sigma, |appearance| appearance.noise_grey),
             membrane: (profile.reach_mm > 0.0).then_some(Membrane { reach_m: 1e-3 * profile.reach_mm }),
@@ -283,15 +288,15 @@ impl TouchRenderer {
     /// # Errors
     /// [`TouchError`] if the background has another size than a DIGIT's image or a number is out of range.
     pub fn new(options: &TouchOptions) -> Result<Self, TouchError> {
-        let TouchOptions { camera, appearance, lights, background, noise_sigma, contact_threshold_m, membrane } =
+        let TouchOptions { camera, gel, appearance, lights, background, noise_sigma, contact_threshold_m, membrane } =
             options;
         in_range("the noise's sigma", *noise_sigma, 0.0, SIGMA_MAX)?;
-        in_range("the contact threshold in metres", *contact_threshold_m, 0.0, gel::APEX_M as f32)?;
+        in_range("the contact threshold in metres", *contact_threshold_m, 0.0, mvt_robot::digit::gel::APEX_M as f32)?;
         if let Some(membrane) = membrane {
             in_range("the membrane's reach in metres", membrane.reach_m, 0.0, membrane::REACH_MAX_M)?;
         }
         let shader = Shader::new(lights, *camera);
-        let (gel_depth, empty) = render_empty(&shader);
+        let (gel_depth, empty) = render_empty(&shader, *gel);
         let background = match background {
             Background::Rendered => empty.clone(),
             Background::Synthetic { seed } => synthetic_background(*seed).into_raw(),
@@ -303,7 +308,7 @@ impl TouchRenderer {
         let light = appearance.as_ref().map(|appearance| {
             // The buffer has the image's size.
             let image = RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, background.clone()).unwrap_or_default();
-            GelLight::new(appearance, &image, &gel_depth, &shader)
+            GelLight::new(appearance, *gel, &image, &gel_depth, &shader)
         });
         Ok(Self {
             shader,
@@ -423,13 +428,13 @@ fn pixels(v: usize) -> Range<usize> {
 }
 
 /// Returns depth and colours of the untouched gel.
-fn render_empty(shader: &Shader) -> (Vec<f32>, Vec<u8>) {
+fn render_empty(shader: &Shader, gel: GelSurface) -> (Vec<f32>, Vec<u8>) {
     let (mut depth, mut rgb) = (vec![0.0; WIDTH * HEIGHT], vec![0; 3 * WIDTH * HEIGHT]);
     let mut row = Row::new();
     for v in 0..HEIGHT {
         for u in 0..WIDTH {
-            let point = gel::point(&shader.camera, u as f64, v as f64);
-            let normal = gel::normal(point).coords();
+            let point = gel.point(&shader.camera, u as f64, v as f64);
+            let normal = gel.normal(point).coords();
             row.depth[u] = point.coords().x as f32;
             for (lane, value) in row.normal.iter_mut().zip(normal.as_slice()) {
                 lane[u] = *value as f32;

@@ -212,12 +212,19 @@ fn options_out_of_range_are_refused() {
 /// along its own direction, and as strongly.
 #[test]
 fn a_ball_on_a_real_sensor_shows_flank_direction_and_gain() {
-    let profile = SensorProfile::load("digit").unwrap();
+    let [digit, mini] = ["digit", "gelsight_mini"].map(|name| check_ball(&SensorProfile::load(name).unwrap()));
+    // Dark sides of a DIGIT fall into shadow, bright sides do not. The LEDs of a GelSight Mini stand higher.
+    let [(darkest, brightest), (darker, _)] = [digit, mini].map(|(low, high)| (95 - low, high - 95));
+    assert!(darkest < brightest && darkest < darker, "{darkest}, {brightest} and {darker}");
+}
+
+/// Checks flank, directions and gains, and returns the least and the greatest level on an even background of 95.
+fn check_ball(profile: &SensorProfile) -> (u8, u8) {
     let appearance = profile.appearance.unwrap();
     let background = RgbImage::from_pixel(WIDTH as u32, HEIGHT as u32, image::Rgb([95; 3]));
     let options = TouchOptions {
         background: Background::Image(background),
-        ..TouchOptions::of_profile(&profile, TouchConfig::Fork)
+        ..TouchOptions::of_profile(profile, TouchConfig::Fork)
     };
     let mut ball = catalogue::find("ball").unwrap().mesh_without_download().unwrap();
     let radius_m = 0.003;
@@ -259,7 +266,42 @@ fn a_ball_on_a_real_sensor_shows_flank_direction_and_gain() {
         let gain = towards.norm() / f64::from(appearance.sensitivity[c]);
         assert!((0.7..1.3).contains(&gain), "colour {c}: {gain} of its sensitivity");
     }
-    // Dark sides fall into shadow, bright sides do not.
-    let (darkest, brightest) = frame.calibrated().iter().fold((95, 95), |(low, high), &x| (x.min(low), x.max(high)));
-    assert!(95 - darkest < brightest - 95, "{darkest} to {brightest}");
+    frame.calibrated().iter().fold((95, 95), |(low, high), &x| (x.min(low), x.max(high)))
+}
+
+/// A press on a flat gel looks the same at each place, and light of each LED comes from its side. On a DIGIT's gel the same ball beside the middle
+/// is in a deeper place.
+#[test]
+fn a_flat_gel_is_the_same_everywhere() {
+    let mut ball = catalogue::find("ball").unwrap().mesh_without_download().unwrap();
+    let scale = 0.006 / ball.extents_m().max_element();
+    ball.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+    let press = |name: &str, side_m: f64| {
+        let profile = SensorProfile::load(name).unwrap();
+        let background = RgbImage::from_pixel(WIDTH as u32, HEIGHT as u32, image::Rgb([95; 3]));
+        let options = TouchOptions {
+            background: Background::Image(background),
+            ..TouchOptions::of_profile(&profile, TouchConfig::Fork)
+        };
+        let pose = Isometry::translation(gel::APEX_M + 0.0025, side_m, 0.0);
+        let frame = rendered(&options, &ball, pose, None);
+        let gel_m = renderer(&options).gel_depth_m();
+        let deepest_mm = 1e3 * (&gel_m - frame.depth_m()).fold(0.0_f32, |a, &b| a.max(b));
+        (frame, deepest_mm)
+    };
+    let (middle, deepest_mm) = press("gelsight_mini", 0.0);
+    let (_, beside_mm) = press("gelsight_mini", 0.004);
+    assert!((deepest_mm - 0.5).abs() < 0.01 && (beside_mm - 0.5).abs() < 0.02, "{deepest_mm} and {beside_mm} mm");
+    let (_, on_digit_mm) = press("digit", 0.004);
+    assert!(on_digit_mm < 0.35, "{on_digit_mm} mm");
+    // Red comes from the right, green from below, blue from the left.
+    let change = |du: i32, dv: i32| {
+        let pixel = middle.calibrated().get_pixel((WIDTH as i32 / 2 + du) as u32, (HEIGHT as i32 / 2 + dv) as u32);
+        pixel.0.map(|level| i32::from(level) - 95)
+    };
+    let r = 16;
+    for (c, (du, dv)) in [(r, 0), (0, r), (-r, 0)].into_iter().enumerate() {
+        let (lit, dark) = (change(du, dv)[c], change(-du, -dv)[c]);
+        assert!(lit > 20 && dark < -15, "colour {c}: {lit} towards its LED and {dark} away from it");
+    }
 }

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_robot::hand::{Finger, PerFinger};
 use mvt_robot::observation::TouchTruth;
 use mvt_robot::observation::{Press, SensorName};
@@ -38,7 +38,8 @@ pub struct TouchArguments {
     /// Where touch depth comes from
     #[arg(long, value_enum, default_value_t = TouchOrigin::Network)]
     touch_depth: TouchOrigin,
-    /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), or the path of a profile (.toml)
+    /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), gelsight_mini (needs --weights, or
+    /// --touch-depth truth), or the path of a profile (.toml)
     #[arg(long, value_name = "NAME", default_value = TACTO)]
     touch_profile: String,
     /// Weights of a touch network, for --touch-depth network; without it those that are shipped for the sensor
@@ -85,9 +86,28 @@ impl TouchArguments {
             (TouchOrigin::Truth, None) => Ok(None),
             (TouchOrigin::Truth, Some(_)) => bail!("--weights is for --touch-depth network"),
             (TouchOrigin::Network, Some(path)) => Ok(Some(Weights::read(path)?)),
-            (TouchOrigin::Network, None) => Ok(Some(Weights::shipped_for(profile)?)),
+            (TouchOrigin::Network, None) => Ok(Some(shipped_weights(profile)?)),
         }
     }
+}
+
+/// LEDs of a sensor that stand farther from those of a DIGIT are unknown to the shipped weights, degrees. They were trained with up to 15.
+const MOST_TURNED_DEG: f64 = 45.0;
+
+/// Returns the shipped weights for a sensor.
+///
+/// # Errors
+/// If its LEDs stand elsewhere than those of a DIGIT, so that no shipped weights can read it.
+pub fn shipped_weights(profile: &SensorProfile) -> Result<Weights> {
+    let known = Appearance::default().led_angles_deg;
+    let angles = profile.appearance.iter().flat_map(|appearance| appearance.led_angles_deg.into_iter().zip(known));
+    let turned_deg = angles.map(|(a, b)| ((a - b + 540.0).rem_euclid(360.0) - 180.0).abs()).fold(0.0, f64::max);
+    ensure!(
+        turned_deg <= MOST_TURNED_DEG,
+        "no weights are shipped for this touch sensor, whose LEDs stand up to {turned_deg:.0} degrees from those of a DIGIT; give --weights \
+         of a network that was trained for it, or, for a run, --touch-depth truth"
+    );
+    Ok(Weights::shipped_for(profile)?)
 }
 
 /// Standard deviation of true touch depth, millimetres: logs store it in steps of 1/33 mm.

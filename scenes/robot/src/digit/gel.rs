@@ -1,8 +1,8 @@
-//! The undeformed gel of TACTO's DIGIT in closed form.
+//! The undeformed gel of a touch sensor in closed form.
 //!
 //! TACTO tessellates this surface with 100 x 150 vertices, which deviates by 0.2 micrometres between the vertices. A
 //! point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h
-//! so that the corners of the pad lie [`BULGE_M`] behind the apex.
+//! so that the corners of the pad lie [`BULGE_M`] behind the apex. A gel with another bulge has another k, a flat one k = 0.
 
 use std::borrow::Cow;
 use std::sync::LazyLock;
@@ -25,60 +25,90 @@ pub const BULGE_M: f64 = 0.005;
 /// Radius of the sphere whose cap, stretched along x, is the pad, metres (TACTO's `R`).
 pub const CAP_RADIUS_M: f64 = 0.1;
 
-/// Returns the stretch k of the spherical cap along x, about 3.05.
-fn stretch() -> f64 {
-    let corner = CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - (WIDTH_M.powi(2) + HEIGHT_M.powi(2)) / 4.0).sqrt();
-    BULGE_M / corner
+/// Surface of an undeformed gel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GelSurface {
+    /// Stretch k of the spherical cap along x: about 3.05 for a DIGIT, 0 for a flat gel.
+    stretch: f64,
 }
 
-/// Returns the point of the gel at pixel (column u, row v) of a camera in the DIGIT's place; its x coordinate is the depth.
+impl GelSurface {
+    /// Returns a surface of which the corners of a pad of a DIGIT's size lie this far behind the apex, metres.
+    pub fn with_bulge(bulge_m: f64) -> Self {
+        let corner = CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - (WIDTH_M.powi(2) + HEIGHT_M.powi(2)) / 4.0).sqrt();
+        Self { stretch: bulge_m / corner }
+    }
+
+    /// Returns the surface of a DIGIT's gel.
+    pub fn digit() -> Self {
+        Self::with_bulge(BULGE_M)
+    }
+
+    /// Returns the point at pixel (column u, row v) of a camera in the DIGIT's place; its x coordinate is the depth.
+    pub fn point(self, camera: &Intrinsics, u: f64, v: f64) -> Point<Gel> {
+        // The ray is (1, y, z) times depth; the stretched sphere gives a quadratic equation for the depth.
+        let (y, z) = (-(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy);
+        let k2 = self.stretch.powi(2);
+        let centre = APEX_M - self.stretch * CAP_RADIUS_M;
+        let a = 1.0 + k2 * (y * y + z * z);
+        let c = centre * centre - k2 * CAP_RADIUS_M.powi(2);
+        let depth = (centre + (centre * centre - a * c).sqrt()) / a;
+        Point::new(depth, depth * y, depth * z)
+    }
+
+    /// Returns the unit normal at a point of the surface, towards the camera.
+    pub fn normal(self, point: Point<Gel>) -> Vector<Gel> {
+        let p = point.coords();
+        let slope = self.stretch / (CAP_RADIUS_M.powi(2) - p.y * p.y - p.z * p.z).sqrt();
+        Vector::from(nalgebra::Vector3::new(-1.0, -slope * p.y, -slope * p.z).normalize())
+    }
+}
+
+/// Returns the point of a DIGIT's gel at pixel (column u, row v) of a camera in the DIGIT's place; its x coordinate is the depth.
 pub fn point(camera: &Intrinsics, u: f64, v: f64) -> Point<Gel> {
-    // The ray is (1, y, z) times depth; the stretched sphere gives a quadratic equation for the depth.
-    let (y, z) = (-(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy);
-    let k2 = stretch().powi(2);
-    let centre = APEX_M - stretch() * CAP_RADIUS_M;
-    let a = 1.0 + k2 * (y * y + z * z);
-    let c = centre * centre - k2 * CAP_RADIUS_M.powi(2);
-    let depth = (centre + (centre * centre - a * c).sqrt()) / a;
-    Point::new(depth, depth * y, depth * z)
+    GelSurface::digit().point(camera, u, v)
 }
 
-/// Returns the unit normal of the gel at one of its points, towards the camera.
+/// Returns the unit normal of a DIGIT's gel at one of its points, towards the camera.
 pub fn normal(point: Point<Gel>) -> Vector<Gel> {
-    let p = point.coords();
-    let slope = stretch() / (CAP_RADIUS_M.powi(2) - p.y * p.y - p.z * p.z).sqrt();
-    Vector::from(nalgebra::Vector3::new(-1.0, -slope * p.y, -slope * p.z).normalize())
+    GelSurface::digit().normal(point)
 }
 
 /// What a camera sees of the undeformed gel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GelView {
     camera: Intrinsics,
+    surface: GelSurface,
     depth_m: Array2<f32>,
 }
 
 impl GelView {
     /// Computes the view of a camera in the DIGIT's place, with images of a DIGIT's size.
-    pub fn new(camera: Intrinsics) -> Self {
-        let depth = |(row, column)| point(&camera, column as f64, row as f64).coords().x as f32;
-        Self { camera, depth_m: Array2::from_shape_fn((HEIGHT, WIDTH), depth) }
+    pub fn new(camera: Intrinsics, surface: GelSurface) -> Self {
+        let depth = |(row, column)| surface.point(&camera, column as f64, row as f64).coords().x as f32;
+        Self { camera, surface, depth_m: Array2::from_shape_fn((HEIGHT, WIDTH), depth) }
     }
 
     /// Returns the view of TACTO's DIGIT.
     pub fn tacto() -> &'static Self {
-        static TACTO: LazyLock<GelView> = LazyLock::new(|| GelView::new(intrinsics()));
+        static TACTO: LazyLock<GelView> = LazyLock::new(|| GelView::new(intrinsics(), GelSurface::digit()));
         &TACTO
     }
 
     /// Returns the view of a camera; that of TACTO's DIGIT is not computed again.
-    pub fn of(camera: Intrinsics) -> Cow<'static, Self> {
-        if camera == intrinsics() { Cow::Borrowed(Self::tacto()) } else { Cow::Owned(Self::new(camera)) }
+    pub fn of(camera: Intrinsics, surface: GelSurface) -> Cow<'static, Self> {
+        let is_tacto = camera == intrinsics() && surface == GelSurface::digit();
+        if is_tacto { Cow::Borrowed(Self::tacto()) } else { Cow::Owned(Self::new(camera, surface)) }
     }
 
     /// Returns the depth that another view shows of a gel with the same indentation at each pixel, metres; the same depth if the views are
     /// the same. `None` if the image has another size.
     pub fn depth_in(&self, other: &Self, depth_m: Array2<f32>) -> Option<Array2<f32>> {
-        if self.camera == other.camera { Some(depth_m) } else { other.depth_of(&self.indentation_of(&depth_m)?) }
+        if (self.camera, self.surface) == (other.camera, other.surface) {
+            Some(depth_m)
+        } else {
+            other.depth_of(&self.indentation_of(&depth_m)?)
+        }
     }
 
     /// Returns the camera.
@@ -119,10 +149,24 @@ mod tests {
             assert!((pu - u).abs() < 1e-9 && (pv - v).abs() < 1e-9, "({u}, {v}) projects to ({pu}, {pv})");
             let q = p.coords();
             let rho2 = q.y * q.y + q.z * q.z;
-            let on_gel = APEX_M - stretch() * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - rho2).sqrt());
+            let on_gel = APEX_M - GelSurface::digit().stretch * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - rho2).sqrt());
             assert!((q.x - on_gel).abs() < 1e-15);
         }
         assert!((point(&camera, 119.5, 159.5).coords().x - APEX_M).abs() < 1e-15, "the apex is on the optical axis");
+    }
+
+    #[test]
+    fn a_flat_gel_is_a_plane() {
+        let flat = GelSurface::with_bulge(0.0);
+        for (u, v) in [(0.0, 0.0), (119.5, 159.5), (230.0, 7.0)] {
+            let point = flat.point(&intrinsics(), u, v);
+            assert!((point.coords().x - APEX_M).abs() < 1e-15);
+            assert_eq!(flat.normal(point).coords(), nalgebra::Vector3::new(-1.0, 0.0, 0.0));
+        }
+        // The same indentation on another gel is another depth.
+        let (view, tacto) = (GelView::new(intrinsics(), flat), GelView::tacto());
+        let there = view.depth_in(tacto, view.depth_m() - 1e-3).unwrap();
+        assert!((&there - &(tacto.depth_m() - 1e-3)).iter().all(|off| off.abs() < 1e-8));
     }
 
     #[test]

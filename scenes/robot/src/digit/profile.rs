@@ -6,7 +6,7 @@ use mvt_frames::camera::Intrinsics;
 use mvt_settings::{Limit as _, Nested, SettingError, settings};
 use serde::{Deserialize, Serialize};
 
-use super::gel::GelView;
+use super::gel::{BULGE_M, GelSurface, GelView};
 use super::{FOV_Y_DEG, HEIGHT, WIDTH};
 
 settings! {
@@ -43,14 +43,24 @@ pub struct SensorProfile {
     pub fov_y_deg: f64,
     /// Distance beyond a contact over which the gel's indentation fades to 1/e, millimetres. 0: the gel does not deform around a contact.
     pub reach_mm: f32,
+    /// Difference in depth between the apex of the gel and the corners of a pad of 20 x 30 mm, millimetres; 0 for a flat gel.
+    #[serde(default = "digit_bulge_mm")]
+    pub bulge_mm: f64,
     /// How the gel looks. Without it: as TACTO renders it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<Appearance>,
 }
 
 /// Names and files of the profiles that the program brings along.
-const SHIPPED: [(&str, &str); 2] =
-    [("digit", include_str!("profiles/digit.toml")), ("tacto", include_str!("profiles/tacto.toml"))];
+const SHIPPED: [(&str, &str); 3] = [
+    ("digit", include_str!("profiles/digit.toml")),
+    ("gelsight_mini", include_str!("profiles/gelsight_mini.toml")),
+    ("tacto", include_str!("profiles/tacto.toml")),
+];
+
+fn digit_bulge_mm() -> f64 {
+    1e3 * BULGE_M
+}
 
 /// Largest file of a profile that is read, bytes.
 const LARGEST_FILE: u64 = 1 << 16;
@@ -60,7 +70,9 @@ const LARGEST_FILE: u64 = 1 << 16;
 #[non_exhaustive]
 pub enum ProfileError {
     /// There is no profile of this name, and no file.
-    #[error("there is no sensor profile {0:?}: choose digit or tacto, or give the path of a file that ends in .toml")]
+    #[error(
+        "there is no sensor profile {0:?}: choose digit, gelsight_mini or tacto, or give the path of a file that ends in .toml"
+    )]
     Unknown(String),
     /// The file cannot be read.
     #[error("cannot read the sensor profile {path}: {reason}")]
@@ -91,10 +103,10 @@ pub enum ProfileError {
 impl SensorProfile {
     /// Returns the profile of TACTO's DIGIT.
     pub const fn tacto() -> Self {
-        Self { fov_y_deg: FOV_Y_DEG, reach_mm: 0.0, appearance: None }
+        Self { fov_y_deg: FOV_Y_DEG, reach_mm: 0.0, bulge_mm: 1e3 * BULGE_M, appearance: None }
     }
 
-    /// Returns the profile of a name (`digit`, `tacto`) or of a file whose path ends in `.toml`.
+    /// Returns the profile of a name (`digit`, `gelsight_mini`, `tacto`) or of a file whose path ends in `.toml`.
     ///
     /// # Errors
     /// [`ProfileError`] if there is no such profile, or the file is invalid.
@@ -120,6 +132,7 @@ impl SensorProfile {
     pub fn validate(&self) -> Result<(), SettingError> {
         (20.0..=100.0).check("fov_y_deg", &self.fov_y_deg)?;
         (0.0..=1.5).check("reach_mm", &self.reach_mm)?;
+        (0.0..=8.0).check("bulge_mm", &self.bulge_mm)?;
         self.appearance.as_ref().map_or(Ok(()), |appearance| Nested.check("appearance", appearance))
     }
 
@@ -133,7 +146,12 @@ impl SensorProfile {
 
     /// Returns what the camera sees of the undeformed gel.
     pub fn gel_view(&self) -> GelView {
-        GelView::new(self.intrinsics())
+        GelView::new(self.intrinsics(), self.gel_surface())
+    }
+
+    /// Returns the surface of the undeformed gel.
+    pub fn gel_surface(&self) -> GelSurface {
+        GelSurface::with_bulge(self.bulge_mm / 1e3)
     }
 
     /// Returns the pinhole model of the camera.
@@ -155,12 +173,20 @@ mod tests {
         assert!((px_per_mm - 18.8).abs() < 0.1, "{px_per_mm}");
         assert_eq!(digit.appearance, Some(Appearance::default()));
         assert_eq!(digit.gains(), [1.0; 3]);
+        assert!([SensorProfile::tacto(), digit].iter().all(|profile| profile.gel_surface() == GelSurface::digit()));
+        let mini = SensorProfile::load("gelsight_mini").unwrap();
+        // A flat gel of which 14.16 x 18.88 mm are in view.
+        let view = mini.gel_view();
+        assert!(view.depth_m().iter().all(|depth_m| (depth_m - 0.022).abs() < 1e-8));
+        let side_mm = |pixels: usize, focal_px: f64| 22.0 * pixels as f64 / focal_px;
+        let [width, height] = [side_mm(WIDTH, mini.intrinsics().fx), side_mm(HEIGHT, mini.intrinsics().fy)];
+        assert!((width - 14.16).abs() < 0.02 && (height - 18.88).abs() < 0.02, "{width} x {height}");
     }
 
     #[test]
     fn invalid_profiles_are_refused_with_the_reason() {
         let refused = |name: &str| SensorProfile::load(name).unwrap_err().to_string();
-        assert!(refused("digitt").contains("choose digit or tacto"));
+        assert!(refused("digitt").contains("choose digit, gelsight_mini or tacto"));
         assert!(refused("/nowhere/a.toml").contains("cannot read"));
         let invalid = |text: &str| toml::from_str::<SensorProfile>(text).map(|profile| profile.validate());
         assert!(invalid("fov_y_deg = 40.0\nreach_mm = 0.5\nrange = 1").is_err());

@@ -7,6 +7,7 @@
 use std::ops::Range;
 
 use image::RgbImage;
+use mvt_robot::digit::gel::GelSurface;
 use mvt_robot::digit::profile::Appearance;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
 
@@ -57,7 +58,13 @@ pub(super) struct Scratch {
 
 impl GelLight {
     /// Prepares the light for an untouched image.
-    pub fn new(appearance: &Appearance, background: &RgbImage, gel_depth: &[f32], shader: &Shader) -> Self {
+    pub fn new(
+        appearance: &Appearance,
+        surface: GelSurface,
+        background: &RgbImage,
+        gel_depth: &[f32],
+        shader: &Shader,
+    ) -> Self {
         let elevation = appearance.led_elevation_deg.to_radians();
         let distance_m = 1e-3 * appearance.led_distance_mm;
         let leds = appearance.led_angles_deg.map(|degrees| {
@@ -72,7 +79,7 @@ impl GelLight {
         for (i, pixel) in background.pixels().enumerate() {
             let point = shader.point(i % WIDTH, i / WIDTH, gel_depth[i]);
             let [px, py, pz] = point.map(f64::from);
-            let normal = gel::normal(mvt_frames::Point::new(px, py, pz)).coords();
+            let normal = surface.normal(mvt_frames::Point::new(px, py, pz)).coords();
             let normal = [normal.x as f32, normal.y as f32, normal.z as f32];
             for c in 0..3 {
                 let level = f32::from(pixel.0[c]);

@@ -53,6 +53,7 @@ pub fn record_as(folder: &Path, frames: u64, mode: Option<Mode>) -> RecordingWri
         modality: Modality::Vitac,
         side: Side::Left,
         touch_fov_y_deg: 60.0,
+        touch_bulge_mm: 5.0,
         cameras: vec![camera.clone()],
         frames: FRAMES as usize,
         process: std::process::id(),
