@@ -7,6 +7,9 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+/// Most generations of a search whose state is read.
+const MOST_GENERATIONS: u64 = 1_000_000;
+
 /// State of a search. Everything on which the next generation depends is in it, so that a search that was written to a
 /// file and read again continues bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,12 +60,14 @@ impl Evolution {
 
     /// Returns whether this is a later state of a search that began as `start`.
     pub fn continues(&self, start: &Self) -> bool {
-        let finite = self.mean.iter().chain(&self.covariance).all(|v| v.is_finite()) && self.sigma > 0.0;
+        let finite =
+            self.mean.iter().chain(&self.covariance).all(|v| v.is_finite()) && (0.0..1e6).contains(&self.sigma);
         let lengths = [&self.mean, &self.path, &self.sigma_path].map(DVector::len);
         (self.seed, self.population) == (start.seed, start.population)
             && lengths == [start.mean.len(); 3]
             && self.covariance.nrows() == start.mean.len()
             && finite
+            && self.generation <= MOST_GENERATIONS
     }
 
     /// Returns the number of finished generations.
