@@ -192,6 +192,14 @@ mod tests {
     }
 
     #[test]
+    fn the_default_axis_is_not_in_the_text_of_a_gait() {
+        // Checksums of logs contain this text.
+        let text = |name: &str| serde_json::to_value(find(name).unwrap().1).unwrap();
+        assert_eq!(text("bal").get("axis"), None);
+        assert_eq!(text("tumble_back")["axis"], "-y");
+    }
+
+    #[test]
     fn every_object_has_a_shipped_gait() {
         for entry in mvt_objects::catalogue::entries().filter(mvt_objects::catalogue::Entry::is_procedural) {
             let object = entry.load(&mut Vec::new()).unwrap();
