@@ -21,4 +21,6 @@ for steps in 12 24; do
     score tumble_back cube70,077_rubiks_cube "$steps"
     score tumble_ball 055_baseball,056_tennis_ball "$steps"
     score roll_ball 055_baseball,056_tennis_ball,017_orange "$steps"
+    score tumble_ball_forth 055_baseball,056_tennis_ball,017_orange "$steps"
+    score roll_ball_back 055_baseball,056_tennis_ball,017_orange "$steps"
 done

@@ -141,9 +141,9 @@ pub struct ControllersArguments {}
 /// Prints the controllers.
 pub fn list(_: &ControllersArguments) -> Result<()> {
     for (name, axis, purpose) in controller_file::list() {
-        print_line(&format!("{name:<14} {axis}  {purpose}"))?;
+        print_line(&format!("{name:<18} {axis}  {purpose}"))?;
     }
-    print_line(&format!("{:<14}     a controller file, which `hand tune` writes", "FILE.toml"))
+    print_line(&format!("{:<18}     a controller file, which `hand tune` writes", "FILE.toml"))
 }
 
 fn load(names: &[String]) -> Result<Vec<Object>> {

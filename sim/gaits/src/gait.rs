@@ -43,8 +43,10 @@ pub struct Gait {
 /// The shipped controllers that are files: name and text.
 pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
+    ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
     ("tumble_back", include_str!("../assets/controllers/tumble_back.toml")),
     ("tumble_ball", include_str!("../assets/controllers/tumble_ball.toml")),
+    ("tumble_ball_forth", include_str!("../assets/controllers/tumble_ball_forth.toml")),
 ];
 
 /// Returns the shipped gaits by name, among them those of controllers that are files.
