@@ -84,7 +84,7 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
         arguments.objects.clone()
     };
     let settings = Settings {
-        gait: arguments.manner.gait.clone(),
+        controller: arguments.manner.controller.clone(),
         side: arguments.manner.side(),
         duration_s: arguments.duration,
         noise: arguments.noise.into(),

@@ -65,6 +65,9 @@ enum Command {
     Calibrate(calibrate::CalibrateArguments),
     Disturb(disturb::DisturbArguments),
     Simulate(simulate::SimulateArguments),
+    Controllers(mvt_evaluation::hand::ControllersArguments),
+    #[command(subcommand)]
+    Hand(mvt_evaluation::hand::HandCommand),
     #[command(subcommand)]
     Touch(touch::TouchCommand),
     #[command(subcommand)]
@@ -184,6 +187,8 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::Controllers(arguments)) => mvt_evaluation::hand::list(&arguments),
+        Some(Command::Hand(command)) => mvt_evaluation::hand::run(&command),
         Some(Command::Touch(command)) => touch::run(&command),
         Some(Command::Assets(command)) => assets::run(&command),
         Some(Command::Bench(command)) => bench::run(&command),

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 /// Simulate an episode without rendering, and print how long and how far the object turned
 ///
-/// The seed decides the start: yaw, position, friction, mass and centre of mass of the object, and stiffness and angles
+/// The turn is the one about the axis of the controller. The seed decides the start: yaw, position, friction, mass and centre of mass of the object, and stiffness and angles
 /// of the joints.
 #[derive(Debug, Args)]
 pub struct SimulateArguments {
@@ -41,17 +41,17 @@ struct Report<'a> {
 
 /// Runs the command.
 pub fn run(arguments: &SimulateArguments) -> Result<()> {
-    let (object, gait_name, gait) = arguments.subject.load()?;
+    let (object, controller) = arguments.subject.load()?;
     let config = EpisodeConfig {
         side: arguments.subject.side(),
-        gait: gait.clone(),
+        gait: controller.gait,
         seed: arguments.seed,
         duration_s: arguments.duration,
         randomisation: Randomisation::default(),
     };
     let outcome = episode::run(&mut Episode::new(&object, &config)?);
     let side = config.side;
-    let report = Report { object: &object.name, gait: gait_name, side, seed: arguments.seed, outcome };
+    let report = Report { object: &object.name, gait: &controller.name, side, seed: arguments.seed, outcome };
     if arguments.json { print_line(&serde_json::to_string(&report)?) } else { print_line(&in_words(&report)) }
 }
 

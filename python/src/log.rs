@@ -186,7 +186,7 @@ pub fn record_log(
     let cameras = around(cameras, side)?;
     check_duration(duration_s)?;
     let settings = Settings {
-        gait: gait.to_owned(),
+        controller: gait.to_owned(),
         side,
         duration_s,
         noise: Noise { touch: touch_noise, camera_depth: (camera_noise > 0.0).then_some(camera_noise) },

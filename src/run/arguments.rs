@@ -28,7 +28,7 @@ pub struct RunArguments {
     #[arg(long)]
     pub object: Option<String>,
     /// Read this FeelSight log instead of simulating an episode
-    #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "gait", "side"])]
+    #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "controller", "side"])]
     pub log: Option<PathBuf>,
     /// Quantities to estimate
     #[arg(long, value_enum, default_value_t = Mode::Slam)]
@@ -139,7 +139,7 @@ impl RunArguments {
         add("resume", self.resume.as_deref().map(path));
         if self.log.is_none() {
             add("goal", Some(self.goal.to_string()));
-            add("gait", Some(self.manner.gait.clone()));
+            add("controller", Some(self.manner.controller.clone()));
             add("side", Some(self.manner.side.name().to_owned()));
         }
         command + " --config config.toml"

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
+use mvt_gaits::controller_file::{ChosenController, is_path};
 use mvt_gaits::gait;
 use mvt_live::{Fault, LiveSettings, LiveSource};
 use mvt_objects::object::Object;
@@ -110,7 +111,7 @@ fn live(
     };
     let side = arguments.manner.side();
     let seed = arguments.seed.unwrap_or(0);
-    let (gait_name, gait) = gait::choose(&arguments.manner.gait, &object)?;
+    let ChosenController { name: controller, gait, .. } = arguments.manner.choose(&object)?;
     let settings = LiveSettings {
         side,
         touch: *profile,
@@ -125,9 +126,12 @@ fn live(
         hidden_every: None,
         fault: Fault::default(),
     };
-    let others = gait::shipped().keys().map(String::as_str).filter(|&name| name != gait_name);
-    let gaits: Vec<&'static str> = std::iter::once(gait_name).chain(others).collect();
-    let supervisor = Supervisor::new(arguments.goal, &gaits, config.supervisor);
+    let axis = gait.axis;
+    // The supervisor can change between shipped gaits about one axis; no directive names a file.
+    let others = gait::shipped().iter().filter(|(name, other)| **name != controller && other.axis == axis);
+    let others = others.filter(|_| !is_path(&controller)).map(|(name, _)| name.as_str());
+    let gaits: Vec<&str> = std::iter::once(controller.as_str()).chain(others).collect();
+    let supervisor = Supervisor::new(arguments.goal, axis.direction(side), &gaits, config.supervisor);
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
     let mut source = Box::new(LiveSource::new(&object, settings, network)?);
     if let Some(path) = &arguments.calibration_file {

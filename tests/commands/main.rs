@@ -12,6 +12,7 @@
 mod calibrate;
 mod faults;
 mod generate;
+mod hand;
 mod inspect;
 mod kill;
 mod mesh_files;

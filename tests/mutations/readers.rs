@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use mvt_feelsight::npz::NpzReader;
 use mvt_feelsight::{Log, TouchPart, inspect, npy, pickle};
 use mvt_field::field::NeuralField;
+use mvt_gaits::controller_file::ControllerFile;
 use mvt_mesh::Format;
 use mvt_recording::Recording;
 use mvt_robot::hand::Side;
@@ -214,6 +215,15 @@ fn config() {
     let file = OneFile::new("config.toml");
     check("config", &[Original::new(of_run("config.toml"))], |_, bytes| {
         settings::load::<RunConfig>(Some(file.with(bytes)), &[]).is_ok()
+    });
+}
+
+#[test]
+fn controller() {
+    let (file, path) = (OneFile::new("controller.toml"), "sim/gaits/assets/controllers/tumble_back.toml");
+    let original = fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).unwrap();
+    check("controller", &[Original::new(original)], |_, bytes| {
+        ControllerFile::read(file.with(bytes), Side::Right).is_ok()
     });
 }
 

@@ -58,6 +58,7 @@ COMMANDS = {
     "evaluate": f"evaluate --objects {OBJECT} --seeds 2 --duration 0.3 --modes pose --out target",
     "touch data": "touch data --objects mug --images 12 --out target",
     "touch train": "touch train --network default --config {config} --out target",
+    "hand tune": f"hand tune --object {OBJECT} --axis -y --generations 3 --starts 1 --duration 0.5 --scored-starts 1 --out target.toml",
     "mesh": "mesh --run {run} --out target.ply",
     "report": "report {run} --films 1 --out target.html",
     "view": "view --run {run} --record target.gif --every 1 --size 320x240",

@@ -11,7 +11,7 @@ use crate::nothing_offends;
 use crate::sources::{read, root};
 
 /// The crates that may link libmujoco.
-const LINKS_MUJOCO: [&str; 8] = [
+const LINKS_MUJOCO: [&str; 9] = [
     "mambavitact",
     "mvt-environment",
     "mvt-evaluation",
@@ -20,6 +20,7 @@ const LINKS_MUJOCO: [&str; 8] = [
     "mvt-physics",
     "mvt-python",
     "mvt-sweep",
+    "mvt-tuning",
 ];
 /// The crates that may import the downloader: for meshes of objects, in the build script that brings libmujoco, and for hashes of settings
 /// and files.

@@ -2,6 +2,7 @@
 
 mod faults;
 mod fields;
+pub mod hand;
 mod single;
 mod spread;
 mod table;
@@ -20,7 +21,8 @@ use clap::{Args, value_parser};
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
-use mvt_gaits::gait;
+use mvt_gaits::controller_file;
+use mvt_gaits::gait::{self, Gait};
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
@@ -49,7 +51,7 @@ pub use single::{SingleRun, tables};
 /// Run many episodes and print tables of their scores
 ///
 /// Each episode (an object, a seed and cameras) is simulated and rendered once; all modes and modalities receive the
-/// same frames. The gait suits the object, and no supervisor directs the hand.
+/// same frames. No supervisor directs the hand.
 ///
 /// DIR/runs.jsonl receives a line per run, DIR/table.md the tables. After an interruption, the same command skips
 /// finished runs and continues.
@@ -81,6 +83,10 @@ pub struct EvaluateArguments {
     /// Longest duration of an episode in seconds, at most 3600
     #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
+    /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
+    /// object's shape
+    #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
+    controller: String,
     #[command(flatten)]
     touch: TouchArguments,
     /// Folder for the results; the results of an earlier `evaluate` in it are kept and not repeated
@@ -232,6 +238,7 @@ struct Episode<'a> {
     weights: Option<&'a Weights>,
     /// The touch sensors.
     touch: SensorProfile,
+    gait: &'a Gait,
 }
 
 /// A run of an episode.
@@ -256,16 +263,28 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     check_repeated("--cameras", &arguments.cameras)?;
     check_repeated("--modes", &arguments.modes)?;
     check_repeated("--modalities", &arguments.modalities)?;
-    let objects: Vec<(&str, Object)> =
-        arguments.objects.iter().map(|name| Ok((name.as_str(), load_object(name)?))).collect::<Result<_>>()?;
+    let load = |name: &String| -> Result<(String, Object, Gait)> {
+        let object = load_object(name)?;
+        let gait = controller_file::choose(&arguments.controller, &object, SIDE)?.gait;
+        Ok((name.clone(), object, gait))
+    };
+    let objects: Vec<(String, Object, Gait)> = arguments.objects.iter().map(load).collect::<Result<_>>()?;
     let _claimed = ClaimedFolder::claim(&arguments.out, "evaluate", Earlier::Keep, arguments.overwrite)?;
     let episodes: Vec<Episode<'_>> = objects
         .iter()
-        .flat_map(|(name, object)| {
+        .flat_map(|subject| {
             let seeds = arguments.seed..arguments.seed + arguments.seeds;
-            seeds.flat_map(move |seed| arguments.cameras.iter().map(move |cameras| (*name, object, seed, cameras)))
+            seeds.flat_map(move |seed| arguments.cameras.iter().map(move |cameras| (subject, seed, cameras)))
         })
-        .map(|(name, object, seed, cameras)| Episode { name, object, seed, cameras, weights: weights.as_ref(), touch })
+        .map(|((name, object, gait), seed, cameras)| Episode {
+            name,
+            object,
+            seed,
+            cameras,
+            weights: weights.as_ref(),
+            touch,
+            gait,
+        })
         .collect();
     // Faults and fields have narrow tables, which are printed whole.
     let (text, summary) = if arguments.faults {
@@ -437,6 +456,9 @@ fn key(
     if episode.touch != SensorProfile::tacto() {
         settings += &serde_json::json!(episode.touch).to_string();
     }
+    if !gait::choose("auto", episode.object).is_ok_and(|(_, suited)| suited == episode.gait) {
+        settings += &serde_json::json!(episode.gait).to_string();
+    }
     if let Some(weights) = episode.weights {
         settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
     }
@@ -462,7 +484,7 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
     let settings = LiveSettings {
         side: SIDE,
         touch: episode.touch,
-        gait: gait::choose("auto", episode.object)?.1.clone(),
+        gait: episode.gait.clone(),
         seed: episode.seed,
         duration_s,
         cameras,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
+use mvt_gaits::gait;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
@@ -81,6 +82,7 @@ impl SingleRun {
         let object = load_object(&self.object)?;
         let touch = SensorProfile::tacto();
         let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights(&touch)?;
+        let (_, gait) = gait::choose("auto", &object)?;
         let episode = Episode {
             name: &self.object,
             object: &object,
@@ -88,6 +90,7 @@ impl SingleRun {
             cameras: &self.cameras,
             weights: weights.as_ref(),
             touch,
+            gait,
         };
         let key = key(self.duration, &episode, self.mode, self.modality, FULL, &config);
         let key = Key { estimator_seed: self.estimator_seed, ..key };

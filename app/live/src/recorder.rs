@@ -13,8 +13,7 @@ use mvt_feelsight::{
 use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
-use mvt_gaits::gait;
-use mvt_gaits::gait::Gait;
+use mvt_gaits::controller_file::{self, ChosenController};
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, EpisodeState, Randomisation};
@@ -29,8 +28,9 @@ use mvt_run::io::read_image;
 /// Everything that decides what is in a log, but for the object, the seed and the cameras.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Settings {
-    /// Name of a gait, or `auto`.
-    pub gait: String,
+    /// Name or file of a controller, or `auto`.
+    #[serde(rename = "gait")]
+    pub controller: String,
     /// Which hand.
     pub side: Side,
     /// Longest duration of an episode, seconds.
@@ -83,8 +83,7 @@ pub struct Recorder<'a> {
     object: &'a Object,
     scene_object: SceneObject,
     settings: &'a Settings,
-    gait_name: &'static str,
-    gait: &'static Gait,
+    controller: ChosenController,
     background: Option<image::RgbImage>,
 }
 
@@ -94,7 +93,7 @@ const LARGEST_SCENE_FILE: u64 = 1 << 20;
 impl<'a> Recorder<'a> {
     /// Prepares for an object that was loaded by `name`.
     pub fn new(object: &'a Object, name: &str, settings: &'a Settings) -> Result<Self> {
-        let (gait_name, gait) = gait::choose(&settings.gait, object)?;
+        let controller = controller_file::choose(&settings.controller, object, settings.side)?;
         let scene_object = SceneObject {
             name: object.name.clone(),
             mesh: name.to_owned(),
@@ -103,7 +102,7 @@ impl<'a> Recorder<'a> {
             mass_kg: object.mass_kg,
         };
         let background = settings.background.as_deref().map(read_image).transpose()?;
-        Ok(Self { object, scene_object, settings, gait_name, gait, background })
+        Ok(Self { object, scene_object, settings, controller, background })
     }
 
     /// Whether a folder holds the complete log that [`Recorder::record`] would make.
@@ -123,7 +122,7 @@ impl<'a> Recorder<'a> {
             self.scene_object,
             self.settings,
             background,
-            self.gait,
+            self.controller.gait,
             Randomisation::default(),
             seed,
             cameras,
@@ -143,7 +142,7 @@ impl<'a> Recorder<'a> {
     ) -> Result<EpisodeEnd> {
         let config = EpisodeConfig {
             side: self.settings.side,
-            gait: self.gait.clone(),
+            gait: self.controller.gait.clone(),
             seed,
             duration_s: self.settings.duration_s,
             randomisation: Randomisation::default(),
@@ -207,7 +206,7 @@ impl<'a> Recorder<'a> {
             hand: self.settings.side,
             seed,
             gravity_m_s2: physics.gravity,
-            gait: self.gait_name.to_owned(),
+            gait: self.controller.name.clone(),
             cameras: cameras.iter().map(|camera| camera.name.clone()).collect(),
             frame_rate_hz: f64::from(FRAME_HZ),
             control_rate_hz: f64::from(CONTROL_HZ),

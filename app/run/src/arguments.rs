@@ -1,31 +1,31 @@
-//! Object, hand and gait: arguments that several commands share.
+//! Object, hand and controller: arguments that several commands share.
 
 use crate::object::load_object;
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use mvt_gaits::gait;
-use mvt_gaits::gait::Gait;
+use mvt_gaits::controller_file::{self, ChosenController};
 use mvt_objects::object::Object;
 use mvt_robot::hand::Side;
 
-/// Object, hand and gait.
+/// Object, hand and controller.
 #[derive(Debug, Clone, Args)]
 pub struct Subject {
     /// Object: a name that `assets list` shows, random:SEED for a shape that the number decides, or the path of a mesh in
     /// metres (OBJ, STL or PLY)
     #[arg(long)]
     pub object: String,
-    /// Hand and gait.
+    /// Hand and controller.
     #[command(flatten)]
     pub manner: Manner,
 }
 
-/// Hand and gait.
+/// Hand and controller.
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
-    /// Motion of the fingers: the name of a gait, or `auto` to choose one by the object's shape
-    #[arg(long, default_value = "auto")]
-    pub gait: String,
+    /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
+    /// object's shape
+    #[arg(long, alias = "gait", value_name = "NAME|FILE", default_value = "auto")]
+    pub controller: String,
     /// Hand; FeelSight and its loaders assume the left one
     #[arg(long, value_enum, default_value_t = Hand::Left)]
     pub side: Hand,
@@ -51,11 +51,11 @@ impl Hand {
 }
 
 impl Subject {
-    /// Loads the object, shows the warnings about its mesh and chooses the gait.
-    pub fn load(&self) -> Result<(Object, &'static str, &'static Gait)> {
+    /// Loads the object, shows the warnings about it and chooses the controller.
+    pub fn load(&self) -> Result<(Object, ChosenController)> {
         let object = load_object(&self.object)?;
-        let (name, gait) = gait::choose(&self.manner.gait, &object)?;
-        Ok((object, name, gait))
+        let controller = self.manner.choose(&object)?;
+        Ok((object, controller))
     }
 
     /// Returns the hand.
@@ -65,6 +65,15 @@ impl Subject {
 }
 
 impl Manner {
+    /// Chooses the controller for an object, and warns if the object does not have the size for which it was tuned.
+    pub fn choose(&self, object: &Object) -> Result<ChosenController> {
+        let chosen = controller_file::choose(&self.controller, object, self.side())?;
+        if let Some(misfit) = &chosen.misfit {
+            tracing::warn!("{misfit}");
+        }
+        Ok(chosen)
+    }
+
     /// Returns the hand.
     pub fn side(&self) -> Side {
         match self.side {

@@ -8,7 +8,6 @@ use clap::ValueEnum;
 use glam::Vec3;
 use mvt_field::exact::KnownShape;
 use mvt_frames::{Isometry, Model, Object, World};
-use mvt_gaits::gait;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::hand::Side;
@@ -134,10 +133,9 @@ pub struct Estimator {
     slam: Slam,
     /// Middle of a given shape, metres.
     given_centre: Option<Vec3>,
-    /// Sign of the angle by which the gaits turn an object, about z.
-    turn_direction: f64,
     last: Option<Isometry<Model, World>>,
-    turned_rad: f64,
+    /// Sum of the rotations between frames, about the axes of the world, radians.
+    turned_rad: na::Vector3<f64>,
 }
 
 impl Estimator {
@@ -146,15 +144,15 @@ impl Estimator {
     /// # Errors
     /// If a setting is out of range.
     pub fn new(config: &mvt_slam::SlamConfig, side: Side, seed: u64) -> Result<Self, SettingError> {
-        Self::with(builder(config, seed).obstacles(input::map_obstacles(side)), None, side)
+        Self::with(builder(config, seed).obstacles(input::map_obstacles(side)), None)
     }
 
     /// Knows the map of an earlier run, and not the pose.
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn resume(config: &mvt_slam::SlamConfig, side: Side, seed: u64, map: Map) -> Result<Self, SettingError> {
-        Self::with(builder(config, seed).map(map), None, side)
+    pub fn resume(config: &mvt_slam::SlamConfig, seed: u64, map: Map) -> Result<Self, SettingError> {
+        Self::with(builder(config, seed).map(map), None)
     }
 
     /// Knows the shape and roughly, or not at all, the pose.
@@ -170,12 +168,11 @@ impl Estimator {
     ) -> Result<Self, SettingError> {
         let centre = 0.5 * (bounds_m[0] + bounds_m[1]);
         let builder = builder(config, seed).obstacles(input::known_obstacles(side, seed));
-        Self::with(builder.shape(shape, bounds_m, start), Some(centre), side)
+        Self::with(builder.shape(shape, bounds_m, start), Some(centre))
     }
 
-    fn with(builder: SlamBuilder, given_centre: Option<Vec3>, side: Side) -> Result<Self, SettingError> {
-        let turn_direction = gait::TURN_DIRECTION_RIGHT * side.sign();
-        Ok(Self { slam: builder.build()?, given_centre, turn_direction, last: None, turned_rad: 0.0 })
+    fn with(builder: SlamBuilder, given_centre: Option<Vec3>) -> Result<Self, SettingError> {
+        Ok(Self { slam: builder.build()?, given_centre, last: None, turned_rad: na::Vector3::zeros() })
     }
 
     /// Draws the rays of an instant for the next step.
@@ -202,7 +199,7 @@ impl Estimator {
         if estimate.state.is_tracking() {
             if let Some(last) = self.last {
                 let turn = (estimate.pose.untyped() * last.untyped().inverse()).rotation.scaled_axis();
-                self.turned_rad += turn.z * self.turn_direction;
+                self.turned_rad += turn;
             }
             self.last = Some(estimate.pose);
         }

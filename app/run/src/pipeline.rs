@@ -439,7 +439,7 @@ impl<'a> Runner<'a> {
                     };
                     Estimator::with_shape(config, side, seed, given, start)?
                 }
-                (None, Some(map)) => Estimator::resume(config, side, seed, map)?,
+                (None, Some(map)) => Estimator::resume(config, seed, map)?,
                 (None, None) => Estimator::new(config, side, seed)?,
             };
             self.state = RunnerState::Started(Box::new(estimator), &config.scan, seed);

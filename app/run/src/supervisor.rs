@@ -10,7 +10,7 @@ use std::str::FromStr;
 use mvt_frames::{Isometry, Model, World};
 use mvt_gaits::directive::Directive;
 use mvt_settings::{SettingError, settings};
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 /// Goal that ends an episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,8 +80,8 @@ pub struct Belief {
     pub pose: Isometry<Model, World>,
     /// Estimated middle of the object, x and y in the world, metres.
     pub centre_m: [f64; 2],
-    /// Angle turned so far about the palm's normal in the gait's direction, radians.
-    pub turned_rad: f64,
+    /// Angles turned so far about x, y and z of the world, radians.
+    pub turned_rad: Vector3<f64>,
     /// Confidence in the pose, 0 to 1.
     pub confidence: f64,
     /// Stated deviation of the pose, one standard deviation of the surface, metres; infinite while it is lost.
@@ -141,9 +141,11 @@ fn a_push_ends_nearer_than_it_begins(rules: &SupervisorRules) -> Result<(), Sett
 #[derive(Debug, Clone)]
 pub struct Supervisor {
     goal: Goal,
+    /// Axis about which the gaits turn the object, a unit vector in the world.
+    axis: Vector3<f64>,
     rules: SupervisorRules,
     /// All gaits in turn, the current one first.
-    gaits: VecDeque<&'static str>,
+    gaits: VecDeque<String>,
     /// Trusted beliefs since the last directive, at most one of them older than the time over which progress is measured.
     history: VecDeque<Belief>,
     /// First estimated position of the object.
@@ -155,12 +157,14 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Starts with the first gait; when it makes no progress, the others follow in turn.
-    pub fn new(goal: Goal, gaits: &[&'static str], rules: SupervisorRules) -> Self {
+    /// Starts with the first gait; when it makes no progress, the others follow in turn. All turn the object about
+    /// `axis`, a unit vector in the world.
+    pub fn new(goal: Goal, axis: Vector3<f64>, gaits: &[&str], rules: SupervisorRules) -> Self {
         Self {
             goal,
+            axis,
             rules,
-            gaits: gaits.iter().copied().collect(),
+            gaits: gaits.iter().map(|&name| name.to_owned()).collect(),
             history: VecDeque::new(),
             home_m: None,
             lost_since_s: None,
@@ -207,14 +211,14 @@ impl Supervisor {
         }
         if self.gaits.len() > 1 && self.makes_no_progress(belief) {
             self.gaits.rotate_left(1);
-            return self.intervene(time_s, Directive::SwitchGait(self.gaits[0].to_owned()));
+            return self.intervene(time_s, Directive::SwitchGait(self.gaits[0].clone()));
         }
         Directive::Continue
     }
 
     fn is_reached(&self, belief: &Belief) -> bool {
         let reached = match self.goal {
-            Goal::Turn(angle_rad) => belief.turned_rad >= angle_rad,
+            Goal::Turn(angle_rad) => belief.turned_rad.dot(&self.axis) >= angle_rad,
             Goal::Coverage(part) => 1.0 - belief.unobserved >= part,
             Goal::Time => false,
         };
@@ -269,7 +273,8 @@ impl Supervisor {
     fn makes_no_progress(&self, belief: &Belief) -> bool {
         let Some(before) = self.before(belief, self.rules.progress_s) else { return false };
         let elapsed = belief.time_s - before.time_s;
-        let is_slow = belief.turned_rad - before.turned_rad < self.rules.slow * self.rules.turn_rate_rad_s * elapsed;
+        let turned_rad = (belief.turned_rad - before.turned_rad).dot(&self.axis);
+        let is_slow = turned_rad < self.rules.slow * self.rules.turn_rate_rad_s * elapsed;
         let learns_nothing = before.unobserved - belief.unobserved < self.rules.coverage_gain;
         is_slow || (matches!(self.goal, Goal::Coverage(_)) && learns_nothing)
     }
@@ -277,8 +282,8 @@ impl Supervisor {
 
 fn is_finite(belief: &Belief) -> bool {
     let Belief { time_s, pose, centre_m, turned_rad, confidence, deviation_m: _, lost: _, unobserved } = belief;
-    let numbers = [*time_s, *turned_rad, *confidence, *unobserved, centre_m[0], centre_m[1]];
-    numbers.iter().all(|v| v.is_finite()) && pose.to_matrix().iter().flatten().all(|v| v.is_finite())
+    let numbers = [*time_s, *confidence, *unobserved, centre_m[0], centre_m[1]];
+    numbers.iter().chain(turned_rad).all(|v| v.is_finite()) && pose.to_matrix().iter().flatten().all(|v| v.is_finite())
 }
 
 #[cfg(test)]
@@ -295,7 +300,7 @@ mod tests {
             time_s,
             pose: Isometry::from_parts([0.0, 0.0, 0.05], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
             centre_m: [-0.02, 0.01],
-            turned_rad: yaw,
+            turned_rad: Vector3::z() * yaw,
             confidence: 0.9,
             deviation_m: 0.001,
             lost: false,
@@ -305,7 +310,7 @@ mod tests {
 
     /// Returns all directives but `Continue` with their times.
     fn watch(goal: Goal, seconds: f64, believe: impl Fn(f64) -> Belief) -> Vec<(f64, Directive)> {
-        let mut supervisor = Supervisor::new(goal, &GAITS, SupervisorRules::default());
+        let mut supervisor = Supervisor::new(goal, Vector3::z(), &GAITS, SupervisorRules::default());
         let times = (0..(seconds / FRAME_S) as usize).map(|k| k as f64 * FRAME_S);
         times
             .map(|time_s| (time_s, supervisor.decide(&believe(time_s))))
@@ -398,7 +403,7 @@ mod tests {
 
     #[test]
     fn tries_the_gaits_in_turn_when_turning_is_slow() {
-        let slow = |time_s: f64| Belief { turned_rad: 0.1 * time_s, ..turning(time_s) };
+        let slow = |time_s: f64| Belief { turned_rad: Vector3::z() * 0.1 * time_s, ..turning(time_s) };
         let directives = watch(Goal::Time, 26.0, slow);
         assert_eq!(first(&directives, 6.0), Directive::SwitchGait("shared".to_owned()));
         let names: Vec<Directive> = directives.iter().map(|(_, d)| d.clone()).collect();
@@ -414,13 +419,13 @@ mod tests {
 
     #[test]
     fn broken_and_old_beliefs_change_nothing() {
-        let mut supervisor = Supervisor::new(Goal::Turn(1.0), &GAITS, SupervisorRules::default());
+        let mut supervisor = Supervisor::new(Goal::Turn(1.0), Vector3::z(), &GAITS, SupervisorRules::default());
         assert_eq!(supervisor.decide(&turning(1.0)), Directive::Continue);
         for broken in [
-            Belief { turned_rad: f64::INFINITY, ..turning(1.1) },
+            Belief { turned_rad: Vector3::z() * f64::INFINITY, ..turning(1.1) },
             Belief { centre_m: [f64::NAN, 0.0], ..turning(2.0) },
             Belief { pose: Isometry::translation(f64::NAN, 0.0, 0.0), ..turning(2.0) },
-            Belief { turned_rad: 2.0, ..turning(0.9) },
+            Belief { turned_rad: Vector3::z() * 2.0, ..turning(0.9) },
         ] {
             assert_eq!(supervisor.decide(&broken), Directive::Continue, "{broken:?}");
         }
@@ -428,10 +433,23 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_about_another_axis_is_no_progress() {
+        let mut supervisor = Supervisor::new(Goal::Turn(1.0), -Vector3::y(), &GAITS, SupervisorRules::default());
+        let mut tumbled = supervisor.clone();
+        for k in 0..150 {
+            let belief = turning(f64::from(k) * FRAME_S);
+            assert_eq!(supervisor.decide(&belief), Directive::Continue);
+            let belief = Belief { turned_rad: -Vector3::y() * belief.turned_rad.norm(), ..belief };
+            let stops = tumbled.decide(&belief) == Directive::Stop;
+            assert_eq!(stops, belief.turned_rad.norm() >= 1.0);
+        }
+    }
+
+    #[test]
     fn a_single_gait_is_kept() {
-        let mut supervisor = Supervisor::new(Goal::Time, &["bal"], SupervisorRules::default());
+        let mut supervisor = Supervisor::new(Goal::Time, Vector3::z(), &["bal"], SupervisorRules::default());
         for k in 0..600 {
-            let belief = Belief { turned_rad: 0.0, ..turning(f64::from(k) * FRAME_S) };
+            let belief = Belief { turned_rad: Vector3::zeros(), ..turning(f64::from(k) * FRAME_S) };
             assert_eq!(supervisor.decide(&belief), Directive::Continue);
         }
     }

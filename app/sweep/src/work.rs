@@ -62,7 +62,7 @@ impl LogTask {
     fn settings(&self) -> Result<Settings> {
         duration(&self.duration.to_string()).map_err(|reason| anyhow!("duration = {}: {reason}", self.duration))?;
         Ok(Settings {
-            gait: self.gait.clone(),
+            controller: self.gait.clone(),
             side: self.side,
             duration_s: self.duration,
             noise: self.noise.into(),

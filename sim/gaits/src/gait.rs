@@ -12,6 +12,7 @@ use mvt_objects::object::Object;
 use mvt_robot::hand::{JointAngles, Side};
 use serde::{Deserialize, Serialize};
 
+use crate::axis::TurnAxis;
 use crate::controller::{Controller, Proprioception};
 
 /// Gait for the right hand.
@@ -27,6 +28,10 @@ pub struct Gait {
     pub torque_limit_nm: f64,
     /// Gravity in the world, m/s^2: the palm is tilted towards the fingertips, so that the object returns to them.
     pub gravity: [f64; 3],
+    /// Axis about which the gait turns an object on the right hand.
+    // Left out where it is the default: the checksums of earlier logs contain the gait as text.
+    #[serde(default, skip_serializing_if = "TurnAxis::is_default")]
+    pub axis: TurnAxis,
     /// Start of the object on the palm, x and y in the world, metres.
     pub start_xy_m: [f64; 2],
     /// Joint angles with the fingers away from the object, radians.
@@ -35,15 +40,28 @@ pub struct Gait {
     pub table: Vec<JointAngles>,
 }
 
-/// Sign of the rotation about the palm's normal by which the shipped gaits turn an object on the right hand: clockwise
-/// from above.
-pub const TURN_DIRECTION_RIGHT: f64 = -1.0;
+/// The shipped controllers that are files: name and text.
+pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
+    ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
+    ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
+    ("tumble_back", include_str!("../assets/controllers/tumble_back.toml")),
+    ("tumble_ball", include_str!("../assets/controllers/tumble_ball.toml")),
+    ("tumble_ball_forth", include_str!("../assets/controllers/tumble_ball_forth.toml")),
+];
 
-/// Returns the shipped gaits by name.
+/// Returns the shipped gaits by name, among them those of controllers that are files.
 pub fn shipped() -> &'static BTreeMap<String, Gait> {
+    #[derive(Deserialize)]
+    struct File {
+        gait: Gait,
+    }
     static GAITS: LazyLock<BTreeMap<String, Gait>> = LazyLock::new(|| {
-        // A test parses this file. If it were invalid, every name would be reported as an unknown gait.
-        serde_json::from_str(include_str!("../assets/gaits.json")).unwrap_or_default()
+        // Tests parse these files. If one were invalid, its names would be reported as unknown gaits.
+        let mut gaits: BTreeMap<String, Gait> =
+            serde_json::from_str(include_str!("../assets/gaits.json")).unwrap_or_default();
+        let parse = |(name, text): &(&str, &str)| Some(((*name).to_owned(), toml::from_str::<File>(text).ok()?.gait));
+        gaits.extend(CONTROLLER_FILES.iter().filter_map(parse));
+        gaits
     });
     &GAITS
 }
@@ -173,6 +191,14 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_default_axis_is_not_in_the_text_of_a_gait() {
+        // Checksums of logs contain this text.
+        let text = |name: &str| serde_json::to_value(find(name).unwrap().1).unwrap();
+        assert_eq!(text("bal").get("axis"), None);
+        assert_eq!(text("tumble_back")["axis"], "-y");
     }
 
     #[test]

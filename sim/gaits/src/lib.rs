@@ -18,8 +18,10 @@
 //! # Ok::<(), gait::UnknownGait>(())
 //! ```
 
+pub mod axis;
 pub mod clock;
 pub mod controller;
+pub mod controller_file;
 pub mod directive;
 pub mod gait;
 

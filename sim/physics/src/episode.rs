@@ -182,11 +182,12 @@ pub struct Episode {
     controller: DirectedController,
     start: EpisodeStart,
     target: JointAngles,
-    turn_direction: f64,
+    /// Axis about which the gait turns the object, in the world.
+    turn_axis: na::Vector3<f64>,
     /// Number of integration steps so far, and at the end.
     tick: u64,
     last_tick: u64,
-    /// Angle turned in the gait's direction, radians.
+    /// Angle turned about the gait's axis, radians.
     turned_rad: f64,
     end: Option<End>,
 }
@@ -206,7 +207,7 @@ impl Episode {
             controller: DirectedController::new(gait, *side),
             target: start.joints,
             start,
-            turn_direction: gait::TURN_DIRECTION_RIGHT * side.sign(),
+            turn_axis: gait.axis.direction(*side),
             tick: 0,
             last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
             turned_rad: 0.0,
@@ -229,7 +230,7 @@ impl Episode {
         self.tick as f64 / f64::from(PHYSICS_HZ)
     }
 
-    /// Returns the angle by which the object has turned about the palm's normal in the gait's direction, radians.
+    /// Returns the angle by which the object has turned about the gait's axis, radians.
     pub fn turned_rad(&self) -> f64 {
         self.turned_rad
     }
@@ -368,7 +369,7 @@ impl Episode {
         }
         self.simulation.step(&self.target);
         self.tick += 1;
-        let rate = self.simulation.object_angular_velocity().z * self.turn_direction;
+        let rate = self.simulation.object_angular_velocity().dot(&self.turn_axis);
         if rate.is_finite() {
             self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(PHYSICS_HZ);
         }
@@ -379,11 +380,15 @@ impl Episode {
         if let Some(reason) = self.simulation.fault() {
             return Some(End::Unstable(reason));
         }
-        let p = self.simulation.object_pose().origin().coords();
-        // The palm spans x from -95 to 0 mm and |y| < 57 mm at z = 11 mm; the fingers reach to x = 160 mm.
-        let on_the_hand = p.z > -0.01 && p.y.abs() < 0.11 && (-0.12..0.16).contains(&p.x);
-        (!on_the_hand).then_some(End::Dropped)
+        (!is_on_the_hand(self.simulation.object_pose())).then_some(End::Dropped)
     }
+}
+
+/// Returns whether an object at this pose has not fallen off the hand.
+pub fn is_on_the_hand(pose: Isometry<ObjectFrame, WorldFrame>) -> bool {
+    let p = pose.origin().coords();
+    // The palm spans x from -95 to 0 mm and |y| < 57 mm at z = 11 mm; the fingers reach to x = 160 mm.
+    p.z > -0.01 && p.y.abs() < 0.11 && (-0.12..0.16).contains(&p.x)
 }
 
 /// Outcome of an episode. Fractions are of its camera frames.
@@ -392,7 +397,7 @@ impl Episode {
 pub struct EpisodeOutcome {
     /// Time until the end, seconds.
     pub survived_s: f64,
-    /// Angle turned about the palm's normal in the gait's direction, radians.
+    /// Angle turned about the gait's axis, radians.
     pub turned_rad: f64,
     /// Mean rate of turning until the end, rad/s.
     pub turn_rate_rad_s: f64,

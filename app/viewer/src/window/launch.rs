@@ -78,7 +78,7 @@ impl RunChoices {
         add("object", &self.object);
         add("mode", &self.mode);
         add("modality", &self.modality);
-        add("gait", &self.gait);
+        add("controller", &self.gait);
         add("duration", &self.duration_s.to_string());
         add("seed", &self.seed.to_string());
         add("out", &out);

@@ -47,7 +47,7 @@ pub const PARAMETERS: [(&str, f64, f64, f64); 22] = [
 pub fn gait(params: &BTreeMap<String, f64>, rest: &JointAngles, description: &str) -> Gait {
     let p = |name: &str| params.get(name).copied().unwrap_or(0.0);
     // The shipped gaits turn clockwise seen from above on the right hand.
-    let sign = mvt_gaits::gait::TURN_DIRECTION_RIGHT;
+    let sign = -1.0;
     let by_finger = |finger, index, middle, ring, thumb| match finger {
         Finger::Index => p(index),
         Finger::Middle => p(middle),
@@ -86,6 +86,7 @@ pub fn gait(params: &BTreeMap<String, f64>, rest: &JointAngles, description: &st
         period_s: p("T"),
         torque_limit_nm: p("fmax"),
         gravity: [gx, gy, -(GRAVITY * GRAVITY - gx * gx - gy * gy).sqrt()],
+        axis: mvt_gaits::axis::TurnAxis::MinusZ,
         start_xy_m: [p("cx"), p("cy")],
         open_pose,
         table,

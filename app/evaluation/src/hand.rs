@@ -1,0 +1,239 @@
+//! `hand` and `controllers`: tuning, scores and the list of the hand's controllers.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::{Args, Subcommand, value_parser};
+use mvt_gaits::axis::TurnAxis;
+use mvt_gaits::controller_file::{self, ControllerFile};
+use mvt_objects::object::Object;
+use mvt_robot::hand::Side;
+use mvt_run::arguments::Hand;
+use mvt_run::io::{check_named, print_line, shell_word, write_named};
+use mvt_run::object::load_object;
+use mvt_run::progress;
+use mvt_tuning::search::{GaitScore, Search, SearchSettings, measure};
+use mvt_tuning::seeds;
+use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
+use serde::Serialize;
+
+/// Tune controllers of the hand, and score them
+#[derive(Debug, Subcommand)]
+pub enum HandCommand {
+    #[allow(missing_docs, reason = "the arguments have the help text")]
+    Tune(HandTuneArguments),
+    #[allow(missing_docs, reason = "the arguments have the help text")]
+    Score(HandScoreArguments),
+}
+
+/// Search for a controller that turns objects about an axis
+///
+/// CMA-ES changes the stroke of a controller: period, tilt of the palm, torque, start, middle pose of the hand, and the
+/// path of each fingertip. A candidate is tried on several starts of each object; friction, mass, centre of mass,
+/// stiffness and start are drawn as in episodes. The score counts the net angle about the axis; turning back, turning
+/// about other axes, and drops cost.
+///
+/// At the end the controller is scored on starts that the search never saw. After an interruption, the same command
+/// continues from FILE.state. The result does not depend on the number of threads.
+#[derive(Debug, Args)]
+pub struct HandTuneArguments {
+    /// Objects, separated by commas: names that `assets list` shows, random:SEED, or paths of meshes in metres
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', required = true)]
+    object: Vec<String>,
+    /// Axis about which the right hand turns the objects: +x, -x, +y, -y, +z or -z. x points to the fingertips, z up;
+    /// the left hand turns about the mirror image
+    #[arg(long, allow_hyphen_values = true)]
+    axis: TurnAxis,
+    /// Controller from which the search starts: a name that `controllers` lists, or a file. If it turns the other way
+    /// round, its stroke is first played backwards
+    #[arg(long, value_name = "NAME|FILE", default_value = "tumble_back")]
+    from: String,
+    /// File for the controller
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Number of generations of 14 candidates
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = value_parser!(u64).range(1..=10_000))]
+    generations: u64,
+    /// Starts per object and candidate
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = value_parser!(u64).range(1..=100))]
+    starts: u64,
+    /// Seconds of a start; short ones hide late drops
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = mvt_run::arguments::duration)]
+    duration: f64,
+    /// First step size, relative to the usual one of each parameter
+    #[arg(long, value_name = "X", default_value_t = 0.3, value_parser = step_size)]
+    step: f64,
+    /// Seed of the search
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Replace an existing file
+    #[arg(long)]
+    overwrite: bool,
+    #[command(flatten)]
+    scoring: Scoring,
+}
+
+/// Score controllers on starts that no search has seen
+///
+/// Prints for each object the share of the starts after which it was still in the hand, the median net rate about the
+/// controller's axis, the net turn about the other axes relative to that, and the mean number of touching pads.
+#[derive(Debug, Args)]
+pub struct HandScoreArguments {
+    /// Objects, separated by commas: names that `assets list` shows, random:SEED, or paths of meshes in metres
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', required = true)]
+    object: Vec<String>,
+    /// Controller: a name that `controllers` lists, a file, or `auto` to choose by the object's shape
+    #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
+    controller: String,
+    /// Hand
+    #[arg(long, value_enum, default_value_t = Hand::Left)]
+    side: Hand,
+    /// Integration steps per command: 12 as in episodes, 24 for steps of half the length
+    #[arg(long, value_name = "N", default_value_t = EPISODE_STEPS, value_parser = value_parser!(u32).range(1..=1000))]
+    steps: u32,
+    #[command(flatten)]
+    scoring: Scoring,
+}
+
+/// How a score is measured and printed.
+#[derive(Debug, Args)]
+struct Scoring {
+    /// Starts per object of the score, each of 20 s
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = value_parser!(u64).range(1..=1000))]
+    scored_starts: u64,
+    /// Print JSON instead of words
+    #[arg(long)]
+    json: bool,
+}
+
+/// Seconds of a start that is scored.
+const SCORED_S: f64 = 20.0;
+/// Candidates per generation: 4 + 3 ln(number of parameters), as is usual for CMA-ES.
+const POPULATION: usize = 14;
+
+/// A score with the controller.
+#[derive(Debug, Serialize)]
+struct ScoreReport<'a> {
+    controller: &'a str,
+    axis: TurnAxis,
+    #[serde(flatten)]
+    score: GaitScore,
+}
+
+fn step_size(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|v: &f64| *v > 0.0 && *v <= 10.0);
+    value.ok_or_else(|| "give a number greater than 0 and at most 10".to_owned())
+}
+
+/// Runs a command of the group `hand`.
+pub fn run(command: &HandCommand) -> Result<()> {
+    match command {
+        HandCommand::Tune(arguments) => tune(arguments),
+        HandCommand::Score(arguments) => score(arguments),
+    }
+}
+
+/// List the controllers of the hand: name, axis on the right hand, and purpose
+#[derive(Debug, Args)]
+pub struct ControllersArguments {}
+
+/// Prints the controllers.
+pub fn list(_: &ControllersArguments) -> Result<()> {
+    for (name, axis, purpose) in controller_file::list() {
+        print_line(&format!("{name:<18} {axis}  {purpose}"))?;
+    }
+    print_line(&format!("{:<18}     a controller file, which `hand tune` writes", "FILE.toml"))
+}
+
+fn load(names: &[String]) -> Result<Vec<Object>> {
+    names.iter().map(|name| load_object(name)).collect()
+}
+
+fn tune(arguments: &HandTuneArguments) -> Result<()> {
+    let HandTuneArguments { out, generations, axis, overwrite, .. } = arguments;
+    let mut state = out.clone().into_os_string();
+    state.push(".state");
+    let state = PathBuf::from(state);
+    check_named(out, *overwrite)?;
+    let objects = load(&arguments.object)?;
+    let first = objects.first().context("name at least one object")?;
+    let from = controller_file::choose(&arguments.from, first, Side::Right)?.gait;
+    let settings = SearchSettings {
+        objects: arguments.object.clone(),
+        axis: *axis,
+        duration_s: arguments.duration,
+        starts: arguments.starts,
+        population: POPULATION,
+        sigma: arguments.step,
+        seed: arguments.seed,
+    };
+    let mut search = Search::resume(&state, settings, &from)?;
+    let bar = progress::bar(*generations, "tuning");
+    bar.set_position(search.generation());
+    while search.generation() < *generations {
+        let mean = search.advance(&objects)?;
+        search.save(&state)?;
+        bar.set_message(format!("tuning, mean score {mean:.2}"));
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let gait = search.gait(&format!("made by `{}`", command(arguments)));
+    let file = ControllerFile::new(gait, &objects);
+    write_named(out, toml::to_string(&file)?.as_bytes(), *overwrite)?;
+    fs::remove_file(&state).or_else(|error| match error.kind() {
+        std::io::ErrorKind::NotFound => Ok(()),
+        _ => Err(error).with_context(|| format!("cannot remove {}", state.display())),
+    })?;
+    let conditions = TrialConditions { side: Side::Left, duration_s: SCORED_S, steps: EPISODE_STEPS };
+    for object in &objects {
+        let result = measure(&file.gait, object, seeds::held_out(), arguments.scoring.scored_starts, &conditions)?;
+        print(&arguments.scoring, &path_text(out), *axis, result)?;
+    }
+    Ok(())
+}
+
+fn path_text(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// Returns the command that makes the same controller.
+fn command(arguments: &HandTuneArguments) -> String {
+    let HandTuneArguments { object, axis, from, generations, starts, duration, step, seed, .. } = arguments;
+    let (objects, from) = (shell_word(&object.join(",")), shell_word(from));
+    format!(
+        "mambavitact hand tune --object {objects} --axis {axis} --from {from} --generations {generations} --starts {starts} \
+         --duration {duration} --step {step} --seed {seed}"
+    )
+}
+
+fn score(arguments: &HandScoreArguments) -> Result<()> {
+    let side = match arguments.side {
+        Hand::Left => Side::Left,
+        Hand::Right => Side::Right,
+    };
+    let conditions = TrialConditions { side, duration_s: SCORED_S, steps: arguments.steps };
+    let bar = progress::bar(arguments.object.len() as u64, "scoring");
+    for name in &arguments.object {
+        let object = load_object(name)?;
+        let chosen = controller_file::choose(&arguments.controller, &object, side)?;
+        let starts = arguments.scoring.scored_starts;
+        let result = measure(&chosen.gait, &object, seeds::held_out(), starts, &conditions)?;
+        bar.suspend(|| print(&arguments.scoring, &chosen.name, chosen.gait.axis, result))?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn print(scoring: &Scoring, controller: &str, axis: TurnAxis, score: GaitScore) -> Result<()> {
+    if scoring.json {
+        return print_line(&serde_json::to_string(&ScoreReport { controller, axis, score })?);
+    }
+    let GaitScore { object, starts, alive, rate_rad_s, other_share, pads } = score;
+    print_line(&format!(
+        "{object} with {controller}: {:.0} % of {starts} starts alive after {SCORED_S:.0} s, {rate_rad_s:.2} rad/s about {axis}, \
+         {other_share:.2} of it about other axes, {pads:.1} pads",
+        100.0 * alive
+    ))
+}

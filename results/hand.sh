@@ -1,0 +1,26 @@
+#!/usr/bin/env bash
+# Scores the controllers that tumble and roll objects on starts that no search has seen.
+#
+#   results/hand.sh PROGRAM OUT [STARTS]
+#
+# Writes a line per controller, object and step to OUT/hand.jsonl: share alive after 20 s, median net rate about the axis (rad/s), net turn
+# about the other axes relative to it, and touching pads. 100 starts by default. `steps` 24 halves the integration step.
+set -euo pipefail
+program=${1:?usage: results/hand.sh PROGRAM OUT [STARTS]}
+out=$(mkdir -p "${2:?usage: results/hand.sh PROGRAM OUT [STARTS]}" && cd "$2" && pwd)
+starts=${3:-100}
+rm -f "$out/hand.jsonl"
+
+# Scores controller $1 with objects $2 at $3 steps per command.
+score() {
+    "$program" hand score --controller "$1" --object "$2" --steps "$3" --scored-starts "$starts" --json |
+        sed "s/^{/{\"steps\":$3,/" >>"$out/hand.jsonl"
+}
+
+for steps in 12 24; do
+    score tumble_back cube70,077_rubiks_cube "$steps"
+    score tumble_ball 055_baseball,056_tennis_ball "$steps"
+    score roll_ball 055_baseball,056_tennis_ball,017_orange "$steps"
+    score tumble_ball_forth 055_baseball,056_tennis_ball,017_orange "$steps"
+    score roll_ball_back 055_baseball,056_tennis_ball,017_orange "$steps"
+done

@@ -1,0 +1,318 @@
+//! Controllers as files: a gait with the hand, rate, objects and axis that it was made for.
+//!
+//! A file is TOML. A file that was made for another hand, rate or model is refused, because its motion would be another
+//! one; the error says what differs.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use mvt_files::input;
+use mvt_objects::object::Object;
+use mvt_robot::hand::{self, Body, Finger, JOINTS_PER_FINGER, Side, joint_ranges};
+use serde::{Deserialize, Serialize};
+
+use crate::axis::TurnAxis;
+use crate::clock::CONTROL_HZ;
+use crate::gait::{self, Gait, UnknownGait};
+
+/// Version of the format.
+pub const CONTROLLER_FORMAT: u32 = 1;
+/// The hand of this program.
+pub const HAND: &str = "allegro-digit";
+/// Largest file that is read, bytes.
+const LARGEST_FILE: u64 = 1 << 20;
+/// Most rows of a gait's table.
+const MOST_ROWS: usize = 4096;
+
+/// Input and output of a controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum ControllerKind {
+    /// Periodic targets of the joints. It senses joint angles and nothing of the object.
+    Gait,
+}
+
+/// Content of a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerFile {
+    /// Version of the format, [`CONTROLLER_FORMAT`].
+    pub format: u32,
+    /// Input and output.
+    pub kind: ControllerKind,
+    /// Name of the hand, [`HAND`].
+    pub hand: String,
+    /// Checksum of the hand's joints and shapes, [`hand_model`].
+    pub model: String,
+    /// Hands that it suits. The left hand plays the mirror image.
+    pub sides: Vec<Side>,
+    /// Commands per second, [`CONTROL_HZ`].
+    pub rate_hz: u32,
+    /// Names of the objects for which it was tuned.
+    pub objects: Vec<String>,
+    /// Least and greatest extent of the objects for which it was tuned, millimetres.
+    pub sizes_mm: [f64; 2],
+    /// The motion.
+    pub gait: Gait,
+}
+
+/// Why a controller cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ControllerFileError {
+    /// The name is unknown.
+    #[error(transparent)]
+    Name(#[from] UnknownGait),
+    /// The file cannot be read, or is not a controller of this program.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        reason: String,
+    },
+}
+
+impl ControllerFile {
+    /// Returns the file of a gait that was tuned for `objects` on both hands of this program.
+    pub fn new(gait: Gait, objects: &[Object]) -> Self {
+        let extents = || objects.iter().flat_map(Object::extents_m).map(|m| 1e3 * m);
+        Self {
+            format: CONTROLLER_FORMAT,
+            kind: ControllerKind::Gait,
+            hand: HAND.to_owned(),
+            model: hand_model(),
+            sides: vec![Side::Left, Side::Right],
+            rate_hz: CONTROL_HZ,
+            objects: objects.iter().map(|object| object.name.clone()).collect(),
+            sizes_mm: [
+                extents().fold(f64::INFINITY, f64::min).floor(),
+                extents().fold(f64::NEG_INFINITY, f64::max).ceil(),
+            ],
+            gait,
+        }
+    }
+
+    /// Reads a file for a hand.
+    ///
+    /// # Errors
+    /// [`ControllerFileError::File`] if it cannot be read or does not fit this program or this side.
+    pub fn read(path: &Path, side: Side) -> Result<Self, ControllerFileError> {
+        let failed = |reason: String| ControllerFileError::File { path: path.to_owned(), reason };
+        let text = input::read_text(path, LARGEST_FILE).map_err(|e| failed(e.to_string()))?;
+        let file: Self = toml::from_str(&text)
+            .map_err(|e| failed(format!("it is not a controller: {}", e.message().replace('\n', " "))))?;
+        file.check(side).map_err(failed)?;
+        Ok(file)
+    }
+
+    /// Returns why it cannot move this hand.
+    fn check(&self, side: Side) -> Result<(), String> {
+        let Self { format, hand, model, sides, rate_hz, .. } = self;
+        let expect = |holds: bool, reason: String| if holds { Ok(()) } else { Err(reason) };
+        expect(
+            *format == CONTROLLER_FORMAT,
+            format!("its format is {format}; this program reads format {CONTROLLER_FORMAT}"),
+        )?;
+        expect(hand == HAND, format!("it moves the hand {hand:?}; this program has the hand {HAND:?}"))?;
+        let sides: Vec<&str> = sides.iter().map(|side| if *side == Side::Left { "left" } else { "right" }).collect();
+        expect(self.sides.contains(&side), format!("it was made for --side {}", sides.join(" or ")))?;
+        expect(
+            *rate_hz == CONTROL_HZ,
+            format!("it gives {rate_hz} commands per second; this program takes {CONTROL_HZ}"),
+        )?;
+        let own = hand_model();
+        expect(
+            *model == own,
+            format!("it was made for model {model} of the hand; this is model {own}: tune it again"),
+        )?;
+        self.check_gait()
+    }
+
+    fn check_gait(&self) -> Result<(), String> {
+        let Gait { period_s, torque_limit_nm, gravity, start_xy_m, open_pose, table, params, .. } = &self.gait;
+        let numbers = [period_s, torque_limit_nm].into_iter().chain(gravity).chain(start_xy_m).chain(&self.sizes_mm);
+        let mut numbers = numbers.chain(open_pose).chain(table.iter().flatten()).chain(params.values());
+        if numbers.any(|number| !number.is_finite()) {
+            return Err("it contains a number that is not finite".to_owned());
+        }
+        let within = |name: &str, value: f64, [low, high]: [f64; 2]| {
+            let holds = (low..=high).contains(&value);
+            if holds { Ok(()) } else { Err(format!("{name} is {value}; it must be from {low} to {high}")) }
+        };
+        within("gait.period_s", *period_s, [0.1, 60.0])?;
+        within("gait.torque_limit_nm", *torque_limit_nm, [0.01, 0.7])?;
+        within("the strength of gait.gravity", gravity.iter().map(|g| g * g).sum::<f64>().sqrt(), [9.0, 10.5])?;
+        within("the number of rows of gait.table", table.len() as f64, [1.0, MOST_ROWS as f64])?;
+        for value in start_xy_m {
+            within("gait.start_xy_m", *value, [-0.1, 0.1])?;
+        }
+        // Tables of the hand's own tuning are rounded.
+        const ROUNDING_RAD: f64 = 1e-3;
+        let ranges = joint_ranges(Side::Right);
+        for row in table.iter().chain([open_pose]) {
+            for (j, (angle, [low, high])) in row.iter().zip(ranges).enumerate() {
+                within(&format!("an angle of joint {j}"), *angle, [low - ROUNDING_RAD, high + ROUNDING_RAD])?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns why an object is not among those for which the controller was tuned; `None` if it has their size.
+    pub fn misfit(&self, object: &Object) -> Option<String> {
+        let [least, most] = self.sizes_mm;
+        // Objects that are a little smaller or larger behave alike.
+        const MARGIN: f64 = 0.1;
+        let extents = object.extents_m().map(|m| 1e3 * m);
+        let fits = extents.iter().all(|mm| (least * (1.0 - MARGIN)..=most * (1.0 + MARGIN)).contains(mm));
+        let [x, y, z] = extents;
+        let tuned = format!("the controller was tuned for extents of {least:.0} to {most:.0} mm");
+        (!fits).then(|| format!("{tuned}; {} has {x:.0} x {y:.0} x {z:.0} mm and may fall", object.name))
+    }
+}
+
+/// Returns the checksum of the hand's joints, shapes and masses, 8 hexadecimal digits. A hand that differs moves
+/// otherwise with the same angles.
+pub fn hand_model() -> String {
+    let side = Side::Right;
+    let mut text = String::new();
+    for finger in Finger::ALL {
+        for k in 0..JOINTS_PER_FINGER {
+            text += &format!("{:?}", hand::joint(side, finger, k));
+        }
+        text += &format!("{}", hand::tip_offset_m(finger));
+    }
+    for part in hand::parts(side) {
+        text += &format!("{part:?}");
+    }
+    for body in Body::all() {
+        text += &format!("{:?}", hand::inertial(side, body));
+    }
+    format!("{:08x}", crc32fast::hash(text.as_bytes()))
+}
+
+/// Controller that an episode plays.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChosenController {
+    /// Name of a shipped one, or the path of a file.
+    pub name: String,
+    /// The motion.
+    pub gait: Gait,
+    /// Why the object may fall; `None` if it has the size for which the controller was tuned.
+    pub misfit: Option<String>,
+}
+
+/// Returns the controller of a name or file; for `auto` the gait that suits the object.
+///
+/// # Errors
+/// [`ControllerFileError`] if there is no such controller, or it does not fit this hand.
+pub fn choose(text: &str, object: &Object, side: Side) -> Result<ChosenController, ControllerFileError> {
+    let file = if is_path(text) { Some(ControllerFile::read(Path::new(text), side)?) } else { None };
+    if let Some(file) = file.as_ref().or_else(|| shipped().get(text)) {
+        let (gait, misfit) = (file.gait.clone(), file.misfit(object));
+        return Ok(ChosenController { name: text.to_owned(), gait, misfit });
+    }
+    let (name, gait) = gait::choose(text, object)?;
+    Ok(ChosenController { name: name.to_owned(), gait: gait.clone(), misfit: None })
+}
+
+/// Returns whether this names a file: it ends in .toml or contains a slash.
+pub fn is_path(text: &str) -> bool {
+    text.ends_with(".toml") || text.contains('/')
+}
+
+/// Returns the shipped controllers that are files, by name.
+pub fn shipped() -> &'static BTreeMap<String, ControllerFile> {
+    static FILES: LazyLock<BTreeMap<String, ControllerFile>> = LazyLock::new(|| {
+        let parse = |(name, text): &(&str, &str)| Some(((*name).to_owned(), toml::from_str(text).ok()?));
+        // A test parses and checks them.
+        gait::CONTROLLER_FILES.iter().filter_map(parse).collect()
+    });
+    &FILES
+}
+
+/// Returns a line for each shipped controller: name, axis, and what it is for.
+pub fn list() -> Vec<(String, TurnAxis, String)> {
+    let line = |(name, gait): (&String, &Gait)| {
+        let sizes = shipped().get(name).map(|file| {
+            let [least, most] = file.sizes_mm;
+            format!("{least:.0} to {most:.0} mm ({}); ", file.objects.join(", "))
+        });
+        (name.clone(), gait.axis, sizes.unwrap_or_default() + &gait.description)
+    };
+    gait::shipped().iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn object(name: &str) -> Object {
+        mvt_objects::catalogue::load(name, &mut Vec::new()).unwrap()
+    }
+
+    fn file() -> ControllerFile {
+        ControllerFile::new(gait::find("bal").unwrap().1.clone(), &[object("cube70")])
+    }
+
+    fn refusal(change: impl FnOnce(&mut ControllerFile)) -> String {
+        let mut file = file();
+        change(&mut file);
+        // Through text, as from a file.
+        let file: ControllerFile = toml::from_str(&toml::to_string(&file).unwrap()).unwrap();
+        file.check(Side::Left).unwrap_err()
+    }
+
+    #[test]
+    fn shipped_files_fit_this_hand() {
+        assert_eq!(shipped().len(), gait::CONTROLLER_FILES.len());
+        for (name, file) in shipped() {
+            assert_eq!(file.check(Side::Left), Ok(()), "{name}");
+            assert_eq!(file.check(Side::Right), Ok(()), "{name}");
+            assert_eq!(gait::find(name).unwrap().1, &file.gait);
+        }
+        assert_eq!(list().len(), gait::shipped().len());
+    }
+
+    #[test]
+    fn a_file_comes_back_bit_for_bit() {
+        let text = toml::to_string(&file()).unwrap();
+        assert_eq!(toml::from_str::<ControllerFile>(&text).unwrap(), file());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_the_reason() {
+        assert_eq!(file().check(Side::Left), Ok(()));
+        assert!(refusal(|f| f.format = 9).contains("format 1"));
+        assert!(refusal(|f| f.hand = "leap".to_owned()).contains("allegro-digit"));
+        assert!(refusal(|f| f.sides = vec![Side::Right]).contains("--side right"));
+        assert!(refusal(|f| f.rate_hz = 50).contains("takes 25"));
+        assert!(refusal(|f| f.model = "00000000".to_owned()).contains("tune it again"));
+        assert!(refusal(|f| f.gait.table[3][5] = f64::NAN).contains("not finite"));
+        assert!(refusal(|f| f.gait.period_s = f64::INFINITY).contains("not finite"));
+        assert!(refusal(|f| f.gait.period_s = 0.0).contains("gait.period_s is 0"));
+        assert!(refusal(|f| f.gait.torque_limit_nm = 3.0).contains("torque_limit_nm"));
+        assert!(refusal(|f| f.gait.table[0][0] = 2.0).contains("joint 0"));
+        assert!(refusal(|f| f.gait.table.clear()).contains("rows"));
+        assert!(refusal(|f| f.gait.gravity = [0.0; 3]).contains("gravity"));
+    }
+
+    #[test]
+    fn objects_of_another_size_are_named() {
+        assert_eq!(file().misfit(&object("cube70")), None);
+        assert!(file().misfit(&object("large_dice")).unwrap().contains("may fall"));
+    }
+
+    #[test]
+    fn names_and_files_are_told_apart() {
+        assert!(is_path("bal.toml") && is_path("./bal") && !is_path("bal"));
+        let error = choose("gallop", &object("cube70"), Side::Left).unwrap_err();
+        assert!(error.to_string().contains("bal, "));
+        let error = choose("none/such.toml", &object("cube70"), Side::Left).unwrap_err();
+        assert!(error.to_string().starts_with("none/such.toml: "));
+        let chosen = choose("auto", &object("cube70"), Side::Left).unwrap();
+        assert_eq!(chosen.gait, *gait::find(&chosen.name).unwrap().1);
+    }
+}

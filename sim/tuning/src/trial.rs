@@ -1,0 +1,97 @@
+//! Trials: a gait, an object and a start in the simulator, and how far the object turned about each axis.
+
+use mvt_gaits::clock::{CONTROL_HZ, PHYSICS_HZ};
+use mvt_gaits::controller::{Controller as _, Proprioception};
+use mvt_gaits::gait::{Gait, GaitController};
+use mvt_objects::object::Object;
+use mvt_physics::episode::{EpisodeStart, Randomisation, is_on_the_hand};
+use mvt_physics::simulation::{Simulation, SimulationError};
+use mvt_robot::hand::{Finger, Side};
+use nalgebra as na;
+use serde::{Deserialize, Serialize};
+
+/// Conditions of a trial.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrialConditions {
+    /// Which hand.
+    pub side: Side,
+    /// Longest duration, seconds.
+    pub duration_s: f64,
+    /// Integration steps per command. An episode makes [`EPISODE_STEPS`]; a search makes fewer, to be faster.
+    pub steps: u32,
+}
+
+/// Integration steps per command in an episode.
+pub const EPISODE_STEPS: u32 = PHYSICS_HZ / CONTROL_HZ;
+
+/// Result of a trial.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TrialResult {
+    /// Time until the object fell or the trial ended, seconds.
+    pub survived_s: f64,
+    /// The object was on the hand at the end.
+    pub alive: bool,
+    /// Net angle about the gait's axis, radians.
+    pub turned_rad: f64,
+    /// Net angle about the two axes at right angles to it together, radians.
+    pub other_rad: f64,
+    /// Length of the path that the orientation made about those two axes, radians: rocking counts.
+    pub rocked_rad: f64,
+    /// Mean number of pads that touched the object.
+    pub pads: f64,
+}
+
+/// Runs a trial. The start is the one that an episode with this seed draws.
+///
+/// The angle is the sum over the control steps of the rotation between them. Rotation back counts against it, so that a
+/// snap cannot gain anything.
+///
+/// # Errors
+/// [`SimulationError`] if MuJoCo refuses the object.
+pub fn run(
+    gait: &Gait,
+    object: &Object,
+    seed: u64,
+    conditions: &TrialConditions,
+) -> Result<TrialResult, SimulationError> {
+    let TrialConditions { side, duration_s, steps } = *conditions;
+    let mut start = EpisodeStart::draw(object, gait, side, &Randomisation::default(), seed);
+    start.physics.timestep_s = 1.0 / f64::from(CONTROL_HZ * steps.max(1));
+    let mut simulation = Simulation::new(side, object, &start.physics)?;
+    simulation.reset(&start.joints, start.object);
+    let mut controller = GaitController::new(gait.clone(), side);
+    let axis = gait.axis.direction(side);
+    let commands = (duration_s * f64::from(CONTROL_HZ)).round() as u32;
+    let mut rotation = simulation.object_pose().untyped().rotation;
+    let mut net = na::Vector3::zeros();
+    let (mut rocked_rad, mut pads, mut done) = (0.0, 0, 0);
+    let mut alive = true;
+    while alive && done < commands {
+        let time_s = f64::from(done) / f64::from(CONTROL_HZ);
+        let targets = controller.command(&Proprioception { time_s, joints: simulation.joints() });
+        for _ in 0..steps.max(1) {
+            simulation.step(&targets);
+        }
+        done += 1;
+        let pose = simulation.object_pose();
+        alive = simulation.fault().is_none() && is_on_the_hand(pose);
+        if !alive {
+            break;
+        }
+        let turn = (pose.untyped().rotation * rotation.inverse()).scaled_axis();
+        rotation = pose.untyped().rotation;
+        net += turn;
+        rocked_rad += (turn - axis * turn.dot(&axis)).norm();
+        let contacts = simulation.contacts();
+        pads += Finger::ALL.into_iter().filter(|&f| contacts[f].is_touching()).count();
+    }
+    let turned_rad = net.dot(&axis);
+    Ok(TrialResult {
+        survived_s: f64::from(done) / f64::from(CONTROL_HZ),
+        alive,
+        turned_rad,
+        other_rad: (net - axis * turned_rad).norm(),
+        rocked_rad,
+        pads: pads as f64 / f64::from(done.max(1)),
+    })
+}

@@ -1,0 +1,70 @@
+//! Controllers: by name, as files, tuned and scored.
+
+use serde_json::Value;
+
+use crate::workplace::Workplace;
+
+/// A search that takes a second.
+const TUNE: &str = "hand tune --object cube70 --axis -y --generations 1 --starts 1 --duration 0.5 --scored-starts 1";
+
+#[test]
+fn a_cube_tumbles_and_the_old_option_does_the_same() {
+    let workplace = Workplace::new();
+    let simulate = |option: &str| -> Value {
+        let line = format!("simulate --json --object cube70 --duration 8 --seed 5 {option} tumble_back");
+        serde_json::from_str(&workplace.run(&line).good()).unwrap()
+    };
+    let outcome = simulate("--controller");
+    assert_eq!(outcome["gait"], "tumble_back");
+    assert!(outcome["turned_rad"].as_f64().unwrap() > 6.0, "{outcome}");
+    assert_eq!(outcome, simulate("--gait"));
+}
+
+#[test]
+fn controllers_are_listed_with_axis_and_objects() {
+    let list = Workplace::new().run("controllers").good();
+    let line = list.lines().find(|line| line.starts_with("tumble_back ")).unwrap();
+    assert!(line.contains(" -y ") && line.contains("077_rubiks_cube"), "{line}");
+    assert!(list.lines().any(|line| line.starts_with("bal ") && line.contains(" -z ")), "{list}");
+}
+
+#[test]
+fn a_tuned_controller_is_a_file_that_other_commands_play() {
+    let workplace = Workplace::new();
+    let said = workplace.run(&format!("{TUNE} --out tuned.toml")).good();
+    assert!(said.contains("starts alive") && said.contains("about -y"), "{said}");
+    assert!(!workplace.path("tuned.toml.state").exists());
+    assert!(workplace.run(&format!("{TUNE} --out tuned.toml")).error().contains("tuned.toml"));
+    let again = workplace.run(&format!("{TUNE} --out again.toml")).good();
+    assert_eq!(said.replace("tuned", "again"), again);
+    let text = std::fs::read_to_string(workplace.path("tuned.toml")).unwrap();
+    assert_eq!(text, std::fs::read_to_string(workplace.path("again.toml")).unwrap());
+    assert!(text.contains("made by `mambavitact hand tune --object cube70 --axis -y"), "{text}");
+
+    workplace.run("simulate --object cube70 --duration 1 --controller tuned.toml").good();
+    let score = workplace.run("hand score --object cube70 --controller tuned.toml --scored-starts 1 --json").good();
+    let score: Value = serde_json::from_str(&score).unwrap();
+    assert_eq!((&score["axis"], &score["starts"]), (&Value::from("-y"), &Value::from(1)));
+    // An object of another size is played with a warning.
+    let warning = workplace.run("simulate --object large_dice --duration 0.2 --controller tuned.toml").warned();
+    assert!(warning.contains("may fall"), "{warning}");
+}
+
+#[test]
+fn controllers_that_do_not_fit_are_refused() {
+    let workplace = Workplace::new();
+    workplace.run(&format!("{TUNE} --out good.toml")).good();
+    let text = std::fs::read_to_string(workplace.path("good.toml")).unwrap();
+    let refusal = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        workplace.write("bad.toml", text.replacen(from, to, 1));
+        workplace.run("simulate --object cube70 --controller bad.toml").error()
+    };
+    assert!(refusal("rate_hz = 25", "rate_hz = 50").contains("takes 25"));
+    assert!(refusal("allegro-digit", "leap").contains("allegro-digit"));
+    assert!(refusal("model = \"", "model = \"0").contains("tune it again"));
+    assert!(refusal("[\"left\", \"right\"]", "[\"right\"]").contains("--side right"));
+    assert!(refusal("period_s = ", "period_s = nan # ").contains("not finite"));
+    assert!(refusal("kind = \"gait\"", "kind = \"network\"").contains("not a controller"));
+    assert!(workplace.run("simulate --object cube70 --controller none.toml").error().contains("none.toml"));
+}
