@@ -4,6 +4,7 @@ mod assets;
 mod bench;
 mod calibrate;
 mod disturb;
+mod export;
 mod generate;
 mod image_size;
 mod inspect;
@@ -60,6 +61,8 @@ enum Command {
     Inspect(inspect::InspectArguments),
     Calibrate(calibrate::CalibrateArguments),
     Disturb(disturb::DisturbArguments),
+    #[command(subcommand)]
+    Export(export::ExportCommand),
     Simulate(simulate::SimulateArguments),
     #[command(subcommand)]
     Touch(touch::TouchCommand),
@@ -176,6 +179,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
+        Some(Command::Export(command)) => export::run(&command),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Touch(command)) => touch::run(&command),

@@ -78,7 +78,7 @@ pub use error::LogError;
 pub use frame::EncodedFrame;
 pub use inspect::{CameraSummary, LogSummary, SurfaceDistance, inspect, inspect_against};
 pub use partial::{LogSensor, PartialFrame, PartialFrames, TouchPart};
-pub use reader::{Log, LogFrame, LogFrames};
+pub use reader::{ImageFiles, Log, LogFrame, LogFrames};
 pub use record::DigitInfo;
 pub use scene::{EpisodeEnd, FORMAT_VERSION, LogMeta, SCENE_FILE, SceneFile, SceneObject};
 pub use writer::LogWriter;

@@ -36,7 +36,7 @@ pub(super) fn encode_exact(image: &GrayImage) -> Result<Vec<u8>, String> {
 }
 
 /// Greatest size of an image file, bytes: larger than that of any camera.
-const MAX_FILE: u64 = 64 << 20;
+pub(super) const MAX_FILE: u64 = 64 << 20;
 
 fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, LogError> {
     let bytes = read_at_most(path, MAX_FILE)?;

@@ -3,6 +3,8 @@
 mod images;
 mod open;
 
+pub use images::ImageFiles;
+
 use std::path::{Path, PathBuf};
 
 use mvt_frames::camera::PosedCamera;

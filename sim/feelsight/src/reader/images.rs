@@ -12,10 +12,11 @@ use ndarray::Array2;
 
 use super::Log;
 use crate::error::LogError;
+use crate::io::read_at_most;
 use crate::lens::Lens;
 use crate::levels::{is_level, labels_of};
 use crate::npz;
-use crate::picture::{read_color, read_gray};
+use crate::picture::{MAX_FILE, encode_color, encode_exact, read_color, read_gray};
 
 /// Images of one instant, without the depths of the cameras.
 pub(crate) struct Images {
@@ -25,7 +26,64 @@ pub(crate) struct Images {
     pub labels: Option<Vec<Array2<Label>>>,
 }
 
+/// Image files of one instant, each a JPEG or PNG image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct ImageFiles {
+    /// Colours of each camera.
+    pub colours: Vec<Vec<u8>>,
+    /// Labels of each camera, grey: 0 background, 127 hand, 255 object. `None` if the log has none.
+    pub labels: Option<Vec<Vec<u8>>>,
+    /// Image of each DIGIT.
+    pub touch: PerFinger<Vec<u8>>,
+    /// True depth of each DIGIT, in the levels of [`DigitInfo`](crate::DigitInfo), and its contact mask, grey: 0 or 255. `None` if the log has
+    /// none.
+    pub touch_truth: Option<PerFinger<[Vec<u8>; 2]>>,
+}
+
 impl Log {
+    /// Reads the image files of a frame, without decoding them. Images of a camera whose lens distorts are straightened and encoded anew.
+    ///
+    /// # Errors
+    /// [`LogError`] if a file cannot be read.
+    pub fn image_files(&self, frame: usize) -> Result<ImageFiles, LogError> {
+        let name = format!("{frame}.jpg");
+        let read = |folder: PathBuf| read_at_most(&folder.join(&name), MAX_FILE);
+        let (mut colours, mut labels) = (Vec::new(), Vec::new());
+        for (camera, lens) in self.cameras.iter().zip(&self.lenses) {
+            let folder = self.camera_folder(&camera.name);
+            let [image, seg] = ["image", "seg"].map(|kind| folder.join(kind));
+            let Some(lens) = lens else {
+                colours.push(read(image)?);
+                if self.segmentation {
+                    labels.push(read(seg)?);
+                }
+                continue;
+            };
+            let size = (camera.intrinsics.width, camera.intrinsics.height);
+            let defect = |defect: String| LogError::defect(&folder, defect);
+            let straight = lens.straighten_image(&read_color(&image.join(&name), size)?);
+            colours.push(encode_color(&straight).map_err(defect)?);
+            if self.segmentation {
+                let straight = lens.straighten_image(&read_gray(&seg.join(&name), size)?);
+                labels.push(encode_exact(&straight).map_err(defect)?);
+            }
+        }
+        let each = |kind: &str| -> Result<PerFinger<Vec<u8>>, LogError> {
+            let [index, middle, ring, thumb] = Finger::ALL.map(|finger| read(self.touch_folder(finger).join(kind)));
+            Ok(PerFinger([index?, middle?, ring?, thumb?]))
+        };
+        let touch = each("image")?;
+        let touch_truth = if self.touch_labels {
+            let (PerFinger(depths), PerFinger(masks)) = (each("depth")?, each("mask")?);
+            let mut masks = masks.into_iter();
+            Some(PerFinger(depths.map(|depth| [depth, masks.next().unwrap_or_default()])))
+        } else {
+            None
+        };
+        Ok(ImageFiles { colours, labels: self.segmentation.then_some(labels), touch, touch_truth })
+    }
+
     /// Returns the depths of a camera, from the first on, with their file.
     pub(crate) fn depths(&self, camera: usize) -> Result<(PathBuf, npz::NpzReader), LogError> {
         let PosedCamera { name, intrinsics: Intrinsics { width: w, height: h, .. }, .. } = &self.cameras[camera];

@@ -42,6 +42,14 @@ impl Log {
         Self::open_as(folder, true)
     }
 
+    /// Returns the bytes of scene.json; `None` if the log has none.
+    ///
+    /// # Errors
+    /// [`LogError`] if it cannot be read.
+    pub fn scene_file(&self) -> Result<Option<Vec<u8>>, LogError> {
+        self.scene.as_ref().map(|_| read_at_most(&self.folder.join(SCENE_FILE), MAX_SCENE)).transpose()
+    }
+
     fn open_as(folder: &Path, tolerant: bool) -> Result<Self, LogError> {
         let path = folder.join("data.pkl");
         let record = Record::read(&path)?;
