@@ -25,6 +25,10 @@ cp run/mesh.gif "$docs/rubiks_cube.gif"
 "$program" generate --object 077_rubiks_cube --logs 1 --duration 12 --noise none --out logs
 "$program" inspect logs/077_rubiks_cube/00 --sheet "$docs/contact_sheet.png" --overwrite
 
+images=$docs/../tests/data/real_digit/dd
+"$program" touch predict --images "$images/003_img.png" --untouched "$images/untouched.png" --out ball
+cp ball/003_picture.png "$docs/real_digit.png"
+
 Xvfb ":$display" -screen 0 1280x800x24 >xvfb.log 2>&1 &
 server=$!
 sleep 2 # until the display is ready

@@ -4,10 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use clap::{Args, ValueEnum, value_parser};
+use clap::{Args, value_parser};
+use mvt_feelsight::LogFormat;
 use mvt_files::folder::{ClaimedFolder, Earlier, MARK};
 use mvt_frames::camera::PosedCamera;
-use mvt_live::recorder::{Noise, Recorder, Settings};
+use mvt_live::recorder::{NoiseLevel, Recorder, Settings};
 use mvt_objects::catalogue;
 use mvt_render::touch::TouchConfig;
 use mvt_robot::hand::Side;
@@ -51,8 +52,8 @@ pub struct GenerateArguments {
     #[arg(long, value_name = "N", conflicts_with_all = ["logs", "cameras"], value_parser = value_parser!(u16).range(1..=1000))]
     occlusion_views: Option<u16>,
     /// Noise in the recorded images
-    #[arg(long, value_enum, default_value_t = NoiseChoice::Touch)]
-    noise: NoiseChoice,
+    #[arg(long, value_enum, default_value_t = NoiseLevel::Touch)]
+    noise: NoiseLevel,
     /// Lights of the DIGITs: `fork` as in FeelSight, or `tacto` as in TACTO 0.0.3
     #[arg(long, default_value = "fork")]
     touch_config: TouchConfig,
@@ -61,23 +62,15 @@ pub struct GenerateArguments {
     background: Option<PathBuf>,
     #[command(flatten)]
     manner: Manner,
+    /// Layout of the logs: FeelSight's, or `compact`, an eighth of the size; `convert` changes it
+    #[arg(long, default_value_t, value_name = "FORMAT")]
+    format: LogFormat,
     /// Number of threads; it does not change the result [default: one per core]
     #[arg(long, value_parser = value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Replace existing logs, and allow a folder that contains other files
     #[arg(long)]
     overwrite: bool,
-}
-
-/// Noise on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum NoiseChoice {
-    /// Exact images
-    None,
-    /// Noise of TACTO on touch images; exact camera depth, as in FeelSight, whose loader adds noise
-    Touch,
-    /// The same, and Redwood-style noise on camera depth at five times its level, as NeuralFeels' loader adds
-    Full,
 }
 
 /// Runs the command.
@@ -93,11 +86,7 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
         gait: arguments.manner.gait.clone(),
         side: arguments.manner.side(),
         duration_s: arguments.duration,
-        noise: match arguments.noise {
-            NoiseChoice::None => Noise { touch: false, camera_depth: None },
-            NoiseChoice::Touch => Noise { touch: true, camera_depth: None },
-            NoiseChoice::Full => Noise { touch: true, camera_depth: Some(5.0) },
-        },
+        noise: arguments.noise.into(),
         touch_config: arguments.touch_config,
         background: arguments.background.clone(),
     };
@@ -122,14 +111,16 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
             let folder = arguments.out.join(&object.name).join(format!("{index:02}"));
             first.get_or_insert_with(|| folder.clone());
             if !arguments.overwrite && folder.exists() {
-                if recorder.made(&folder, job.seed, &job.cameras) {
+                if recorder.made(&folder, arguments.format, job.seed, &job.cameras) {
                     tracing::info!("{} is complete", folder.display());
                     continue;
                 }
                 bail!("{} was made with other settings; choose another --out or give --overwrite", folder.display());
             }
             let bar = progress::bar(0, &format!("{} {index:02}", object.name));
-            let end = pool.install(|| recorder.record(job.seed, &job.cameras, &folder, arguments.overwrite, &bar))?;
+            let end = pool.install(|| {
+                recorder.record(job.seed, &job.cameras, &folder, arguments.format, arguments.overwrite, &bar)
+            })?;
             bar.finish_and_clear();
             if !end.complete {
                 ended_early += 1;

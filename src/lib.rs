@@ -3,6 +3,7 @@
 mod assets;
 mod bench;
 mod calibrate;
+mod convert;
 mod disturb;
 mod export;
 mod generate;
@@ -58,7 +59,10 @@ enum Command {
     Evaluate(mvt_evaluation::EvaluateArguments),
     Report(report::ReportArguments),
     Generate(generate::GenerateArguments),
+    #[command(subcommand)]
+    Sweep(mvt_sweep::SweepCommand),
     Inspect(inspect::InspectArguments),
+    Convert(convert::ConvertArguments),
     Calibrate(calibrate::CalibrateArguments),
     Disturb(disturb::DisturbArguments),
     #[command(subcommand)]
@@ -177,7 +181,9 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Evaluate(arguments)) => mvt_evaluation::run(&arguments),
         Some(Command::Report(arguments)) => report::run(&arguments),
         Some(Command::Generate(arguments)) => generate::run(&arguments),
+        Some(Command::Sweep(command)) => mvt_sweep::run(&command, signals::stop_on_signals),
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
+        Some(Command::Convert(arguments)) => convert::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Export(command)) => export::run(&command),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),

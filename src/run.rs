@@ -41,14 +41,15 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         config.calibration.refine = choice == CalibrationChoice::Refine;
     }
     arguments.check()?;
-    let weights = arguments.touch.weights()?.filter(|_| arguments.modality.has_touch());
-    let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch));
+    let profile = arguments.touch.profile()?;
+    let weights = arguments.touch.weights(&profile)?.filter(|_| arguments.modality.has_touch());
+    let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch, &profile));
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
     let RunInput { mut source, side, seed, name, object, supervisor, cameras } =
-        RunInput::new(arguments, &config, network)?;
+        RunInput::new(arguments, &config, &profile, network)?;
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(side))?),
@@ -66,6 +67,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         mode: Some(arguments.mode),
         modality: arguments.modality,
         side,
+        touch_fov_y_deg: profile.fov_y_deg,
         cameras,
         frames: source.frame_count(),
         process: std::process::id(),

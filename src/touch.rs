@@ -12,6 +12,7 @@ mod train;
 
 use anyhow::Result;
 use clap::Subcommand;
+use mvt_sensor::{TouchCalibrateArguments, TouchPredictArguments, calibrate, predict};
 
 pub use data::{TouchDataArguments, run as data};
 pub use describe::{TouchDescribeArguments, architecture, run as describe};
@@ -23,6 +24,8 @@ pub use train::{TouchTrainArguments, run as train};
 #[derive(Debug, Subcommand)]
 pub enum TouchCommand {
     Train(TouchTrainArguments),
+    Predict(TouchPredictArguments),
+    Calibrate(TouchCalibrateArguments),
     Data(TouchDataArguments),
     Evaluate(TouchEvaluateArguments),
     Render(TouchRenderArguments),
@@ -39,6 +42,8 @@ pub enum NetworkCommand {
 pub fn run(command: &TouchCommand) -> Result<()> {
     match command {
         TouchCommand::Train(arguments) => train(arguments),
+        TouchCommand::Predict(arguments) => predict(arguments),
+        TouchCommand::Calibrate(arguments) => calibrate(arguments),
         TouchCommand::Data(arguments) => data(arguments),
         TouchCommand::Evaluate(arguments) => evaluate(arguments),
         TouchCommand::Render(arguments) => render(arguments),

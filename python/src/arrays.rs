@@ -52,8 +52,9 @@ fn read<T: Element + Copy>(
     order.set_item("order", "C")?;
     order.set_item("copy", false)?;
     let array = array.call_method("astype", (dtype,), Some(&order))?.cast_into::<PyArrayDyn<T>>()?;
-    // In the order of the indices, so that the numbers can be taken one after the other.
-    Ok(array.readonly().as_array().as_standard_layout().into_owned())
+    // In the order of the indices. A copy of the array would keep NumPy's strides, which can be anything along a side of length 0 or 1.
+    let values: Vec<T> = array.readonly().as_array().iter().copied().collect();
+    Ok(ArrayD::from_shape_vec(found_shape, values).map_err(|error| Kind::Argument.error(format!("{name}: {error}")))?)
 }
 
 /// Reads finite numbers. `N` stands for any length of a side.

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mvt_environment::{Environments as Many, Readings, Reward, Scene, Sense, TaskSettings};
+use mvt_environment::{Environments as Many, Readings, Reward, Scene, Sense, TurnSettings};
 use mvt_physics::episode::Randomisation;
 use mvt_robot::hand::JOINTS;
 use mvt_run::object::load_object;
@@ -22,7 +22,7 @@ pub struct Environments {
 }
 
 /// Observations, rewards, whether each was terminated and truncated, parts of the rewards, times (s) and angles (rad).
-type Outcome<'py> = (
+type StepOutcome<'py> = (
     Vec<Bound<'py, PyAny>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<bool>>,
@@ -67,9 +67,10 @@ impl Environments {
     ) -> PyResult<Self> {
         let side = read_side(side)?;
         let cameras = around(cameras, side)?;
-        let senses = senses.iter().map(|name| name.parse::<Sense>().map_err(argument)).collect::<Result<Vec<_>, _>>()?;
+        let senses =
+            senses.iter().map(|name| name.parse::<Sense>().map_err(argument)).collect::<Result<Vec<_>, _>>()?;
         let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
-        let settings = TaskSettings { side, control_hz, duration_s, randomisation, senses: senses.clone(), cameras };
+        let settings = TurnSettings { side, control_hz, duration_s, randomisation, senses: senses.clone(), cameras };
         detached(py, || {
             let object = load_object(object).map_err(argument)?;
             let scene = Arc::new(Scene::new(object, settings).map_err(argument)?);
@@ -103,7 +104,7 @@ impl Environments {
 
     /// Steps all environments with actions (count, 16). Returns observations, rewards, terminated, truncated, parts of the rewards, and time (s)
     /// with angle turned (rad).
-    fn step<'py>(&self, py: Python<'py>, actions: &Bound<'_, PyAny>) -> PyResult<Outcome<'py>> {
+    fn step<'py>(&self, py: Python<'py>, actions: &Bound<'_, PyAny>) -> PyResult<StepOutcome<'py>> {
         let actions = singles(actions, "actions", &[Some(self.count), Some(JOINTS)])?;
         let actions: Vec<f32> = actions.into_iter().collect();
         let outcome = detached(py, || self.environments().step(&actions).map_err(general))?;

@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, matrix, shaped};
 use crate::camera::{Camera, around, read_side, side_name};
-use crate::errors::{Failure, Kind, argument, detached, general};
+use crate::errors::{Failure, Kind, argument, check_duration, detached, general};
 use crate::frame::{Frame, read_joints};
 
 /// State of an episode, which `Episode.restore` takes.
@@ -100,11 +100,7 @@ impl Episode {
     ) -> PyResult<Self> {
         let side = read_side(side)?;
         let cameras = around(cameras, side)?;
-        if !(duration_s > 0.0 && duration_s <= 3600.0) {
-            return Err(Kind::Argument
-                .error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
-                .into());
-        }
+        check_duration(duration_s)?;
         if !(0.0..=100.0).contains(&camera_noise) {
             return Err(Kind::Argument.error(format!("camera_noise: expected 0 to 100, got {camera_noise}")).into());
         }

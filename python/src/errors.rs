@@ -82,3 +82,11 @@ pub fn detached<T: Send>(py: Python<'_>, call: impl FnOnce() -> Result<T, Failur
     });
     Ok(result?)
 }
+
+/// Checks the longest duration of an episode.
+pub fn check_duration(duration_s: f64) -> PyResult<()> {
+    if duration_s > 0.0 && duration_s <= 3600.0 {
+        return Ok(());
+    }
+    Err(Kind::Argument.error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}")).into())
+}

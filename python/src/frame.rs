@@ -2,6 +2,7 @@
 
 use image::RgbImage;
 use mvt_frames::{Isometry, Object, World};
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::hand::{Finger, JOINTS, JointAngles, PerFinger};
 use mvt_robot::observation::{GroundTruth, Observation, Press};
@@ -39,7 +40,9 @@ impl Frame {
     pub fn observed(observation: Observation, truth: Option<GroundTruth>) -> Self {
         let Observation { time_s, joints, touch, cameras } = observation;
         let (colours, depths_m) = cameras.into_iter().map(|rgbd| (rgbd.color, rgbd.depth_m)).unzip();
-        let presses = truth.as_ref().map(|truth| PerFinger(truth.touch.0.each_ref().map(true_press)));
+        let presses = truth
+            .as_ref()
+            .map(|truth| PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, GelView::tacto()))));
         let object_pose = truth.map(|truth| truth.object_pose);
         Self {
             time_s,

@@ -3,6 +3,8 @@
 //! Arguments are checked here, so that a wrong one is named. Long calls release the interpreter's lock, and a panic becomes an
 //! exception.
 
+#![allow(clippy::needless_pass_by_value, reason = "PyO3 extracts the arguments of Python's functions by value")]
+
 use pyo3::prelude::*;
 
 mod arrays;

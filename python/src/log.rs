@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use indicatif::ProgressBar;
+use mvt_feelsight::LogFormat;
 use mvt_feelsight::{Log as FeelSight, PartialFrames, TouchPart};
 use mvt_live::recorder::{Noise, Recorder, Settings};
 use mvt_render::touch::TouchConfig;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::PerFinger;
 use mvt_run::object::load_object;
 use mvt_run::source::true_press;
@@ -16,7 +18,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, shaped};
 use crate::camera::{Camera, around, read_side, side_name};
-use crate::errors::{Kind, argument, detached, file};
+use crate::errors::{Kind, argument, check_duration, detached, file};
 use crate::frame::Frame;
 
 /// FeelSight log of an episode: of this program, or published. A sequence of frames; iterating reads it once from beginning to end, which is
@@ -39,7 +41,7 @@ struct Reader {
 /// Returns what a frame has besides joints, depths and touch images.
 fn complete(log: &FeelSight, index: usize, mut frame: Frame) -> Frame {
     frame.colours = (0..log.cameras().len()).map(|k| log.colour(k, index).unwrap_or_default()).collect();
-    frame.presses = PerFinger::from_fn(|finger| true_press(&log.touch_truth(finger, index).ok()?));
+    frame.presses = PerFinger::from_fn(|finger| true_press(&log.touch_truth(finger, index).ok()?, GelView::tacto()));
     frame.object_pose = log.object_poses().get(index).copied().flatten();
     frame
 }
@@ -125,7 +127,8 @@ impl Log {
     #[getter]
     fn object_poses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArrayDyn<f64>> {
         let poses = self.log.object_poses();
-        let matrices = poses.iter().flat_map(|pose| pose.map_or([[f64::NAN; 4]; 4], |pose| pose.to_matrix()).concat());
+        let matrices =
+            poses.iter().flat_map(|pose| pose.map_or([[f64::NAN; 4]; 4], mvt_frames::Isometry::to_matrix).concat());
         shaped(py, matrices.collect(), &[poses.len(), 4, 4])
     }
 }
@@ -181,11 +184,7 @@ pub fn record_log(
 ) -> PyResult<Log> {
     let side = read_side(side)?;
     let cameras = around(cameras, side)?;
-    if !(duration_s > 0.0 && duration_s <= 3600.0) {
-        return Err(Kind::Argument
-            .error(format!("duration_s: expected more than 0 and at most 3600, got {duration_s}"))
-            .into());
-    }
+    check_duration(duration_s)?;
     let settings = Settings {
         gait: gait.to_owned(),
         side,
@@ -197,7 +196,9 @@ pub fn record_log(
     detached(py, || {
         let loaded = load_object(object).map_err(argument)?;
         let recorder = Recorder::new(&loaded, object, &settings).map_err(Kind::Argument.of())?;
-        recorder.record(seed, &cameras, &folder, overwrite, &ProgressBar::hidden()).map_err(Kind::File.of())?;
+        recorder
+            .record(seed, &cameras, &folder, LogFormat::default(), overwrite, &ProgressBar::hidden())
+            .map_err(Kind::File.of())?;
         Ok(())
     })?;
     Log::new(py, folder)

@@ -6,6 +6,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use glam::{Mat3A, Vec3, Vec3A};
 use mvt_field::shape::{Distance, Shape as _};
 use mvt_frames::camera::PosedCamera;
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use mvt_run::config::RunConfig;
@@ -89,6 +91,9 @@ pub fn state_name(state: TrackState) -> &'static str {
 ///
 /// `cameras` are those of the frames, in their order. `modality` is vitac (cameras and touch), vi or tac. With a `network`, touch is read
 /// from the touch images, and `untouched`, uint8 (4, 320, 240, 3), are the images without contact; without one the frame's indentation
+/// Signed distances and their gradients.
+type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32>>);
+
 /// is taken. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Slam {
@@ -151,7 +156,7 @@ impl Slam {
         }
         let weights = network.map(|network| network.weights.clone());
         detached(py, || {
-            let mut network = weights.map(|weights| HandNetwork::new(&weights, config.touch));
+            let mut network = weights.map(|weights| HandNetwork::new(&weights, config.touch, &SensorProfile::tacto()));
             if let Some(network) = &mut network {
                 for (finger, image) in Finger::ALL.into_iter().zip(&untouched) {
                     network.set_empty(finger, image).map_err(argument)?;
@@ -184,7 +189,7 @@ impl Slam {
             let percept =
                 percept(frame.time_s, frame.joints, depths_m, touch, &self.cameras, self.side, &self.segmentation)
                     .map_err(argument)?;
-            let input = Input::new(self.side, &percept);
+            let input = Input::new(self.side, &percept, GelView::tacto());
             let scan = estimator.scan(&input.measured(&percept, self.modality));
             Ok(Estimate(estimator.step(&scan, None)))
         })?;
@@ -233,7 +238,7 @@ impl Slam {
         &self,
         py: Python<'py>,
         points: &Bound<'_, PyAny>,
-    ) -> PyResult<Option<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32>>)>> {
+    ) -> PyResult<Option<DistanceArrays<'py>>> {
         let points = read_points(points)?;
         let result = detached(py, || {
             let running = self.running();

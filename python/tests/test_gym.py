@@ -144,7 +144,7 @@ DETERMINISM = """
 import hashlib, sys
 import numpy as np
 import mambavitact.gym
-envs = mambavitact.gym.TurnInHandVectorEnv(2, observation=("proprioception", "touch_images", "cameras", "estimate"), duration_s=0.08)
+envs = mambavitact.gym.TurnInHandVectorEnv(2, observation=("proprioception", "touch_images", "cameras", "estimate"), duration_s=0.12)
 digest = hashlib.sha256()
 observations, _ = envs.reset(seed=3)
 rng = np.random.default_rng(1)
@@ -161,7 +161,7 @@ def test_the_number_of_threads_does_not_matter() -> None:
     def digest(threads: int) -> str:
         environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
         return subprocess.run(
-            [sys.executable, "-c", DETERMINISM], env=environment, capture_output=True, text=True, check=True
+            [sys.executable, "-P", "-c", DETERMINISM], env=environment, capture_output=True, text=True, check=True
         ).stdout
 
     first = digest(1)

@@ -35,7 +35,7 @@ def test_exceptions_have_bases_that_people_catch() -> None:
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-c", "import sys; from mambavitact._command import main; sys.exit(main())", *arguments]
+    words = [sys.executable, "-P", "-c", "import sys; from mambavitact._command import main; sys.exit(main())", *arguments]
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
@@ -49,7 +49,9 @@ def test_the_command_is_the_program() -> None:
 
 
 INTERRUPTED = """
-import numpy as np, mambavitact
+import signal, numpy as np, mambavitact
+# The tests may run where SIGINT is ignored, as behind a shell's `&`.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 network = mambavitact.TouchNetwork()
 images = np.tile(mambavitact.Episode("cube70").untouched(), (100, 1, 1, 1))
 print("ready", flush=True)
@@ -59,7 +61,7 @@ network.predict(images)
 
 def test_ctrl_c_ends_a_long_call() -> None:
     with subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-P", "-c", INTERRUPTED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None and process.stderr is not None
         assert process.stdout.readline() == "ready\n"
@@ -74,7 +76,7 @@ def test_libmujoco_is_loaded_without_variables_of_the_environment(tmp_path: Path
     environment["PYTHONPATH"] = str(Path(mambavitact.__file__).resolve().parents[1])
     text = "import mambavitact; print(open('/proc/self/maps').read())"
     done = subprocess.run(
-        [sys.executable, "-c", text], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
+        [sys.executable, "-P", "-c", text], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
     )
     libraries = {line.split()[-1] for line in done.stdout.splitlines() if "libmujoco" in line}
     assert len(libraries) == 1 and "mujoco/libmujoco.so.3.17.0" in libraries.pop()

@@ -7,6 +7,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_gaits::gait;
 use mvt_live::{Fault, LiveSettings, LiveSource};
 use mvt_objects::object::Object;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_run::config::RunConfig;
@@ -41,10 +42,15 @@ pub struct RunInput {
 
 impl RunInput {
     /// Prepares a live episode, or opens the log that the arguments name.
-    pub fn new(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwork>) -> Result<Self> {
+    pub fn new(
+        arguments: &RunArguments,
+        config: &RunConfig,
+        profile: &SensorProfile,
+        network: Option<TouchNetwork>,
+    ) -> Result<Self> {
         match &arguments.log {
-            Some(log) => from_log(arguments, log, config, network),
-            None => live(arguments, config, network),
+            Some(log) => from_log(arguments, log, config, profile, network),
+            None => live(arguments, config, profile, network),
         }
     }
 }
@@ -53,6 +59,7 @@ fn from_log(
     arguments: &RunArguments,
     folder: &Path,
     config: &RunConfig,
+    profile: &SensorProfile,
     network: Option<TouchNetwork>,
 ) -> Result<RunInput> {
     let cameras = arguments.cameras.as_deref();
@@ -74,6 +81,7 @@ fn from_log(
             None
         }
     };
+    source.wear(profile);
     source.limit_pictures(mvt_recording::has_images);
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
@@ -89,7 +97,12 @@ fn from_log(
     Ok(RunInput { side: source.side(), seed, name, object, supervisor: None, cameras, source: Box::new(source) })
 }
 
-fn live(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwork>) -> Result<RunInput> {
+fn live(
+    arguments: &RunArguments,
+    config: &RunConfig,
+    profile: &SensorProfile,
+    network: Option<TouchNetwork>,
+) -> Result<RunInput> {
     let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
     let (name, object) = match &arguments.object {
         Some(name) => (name.clone(), load_object(name)?),
@@ -100,6 +113,7 @@ fn live(arguments: &RunArguments, config: &RunConfig, network: Option<TouchNetwo
     let (gait_name, gait) = gait::choose(&arguments.manner.gait, &object)?;
     let settings = LiveSettings {
         side,
+        touch: *profile,
         gait: gait.clone(),
         seed,
         duration_s: arguments.duration.unwrap_or(DURATION_S),

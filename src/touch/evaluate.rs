@@ -10,7 +10,7 @@ use image::imageops::{FilterType::Triangle, resize};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use mvt_feelsight::npy;
 use mvt_products::Instructions;
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 use mvt_run::io::{print_line, read_any_image};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
@@ -218,7 +218,7 @@ impl Triple {
     /// Returns the indentation of the gel and the contact of each pixel.
     fn truth(&self) -> impl Iterator<Item = Pixel> {
         self.depth_m.indexed_iter().zip(self.mask.iter()).map(|(((v, u), depth), level)| {
-            let gel_m = gel::point(u as f64, v as f64).coords().x;
+            let gel_m = gel::point(&intrinsics(), u as f64, v as f64).coords().x;
             Pixel { millimetres: ((gel_m - f64::from(*depth)) * 1e3) as f32, contact: *level > 127 }
         })
     }

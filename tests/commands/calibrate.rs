@@ -27,6 +27,11 @@ fn a_wrong_calibration_is_found_and_written_for_later_runs() {
     let (before, after) = (workplace.files("set/cube70/00"), workplace.files("wrong"));
     assert_eq!(before.keys().filter(|path| before[*path] != after[*path]).count(), 1, "data.pkl alone changes");
 
+    // The points on the hand say so before any estimate does.
+    assert!(!workplace.run("inspect set/cube70/00").good().contains("sees the hand"));
+    let said = workplace.run("inspect wrong").good();
+    assert!(said.contains("camera side sees the hand") && said.contains("calibrate"), "{said}");
+
     workplace.run("calibrate --log wrong --out found.json").warned();
     let found = json(&fs::read_to_string(workplace.path("found.json")).unwrap());
     let truth = json(&fs::read_to_string(workplace.path("wrong/disturbance.json")).unwrap());

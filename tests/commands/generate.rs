@@ -202,3 +202,30 @@ fn threads_do_not_change_a_byte() {
 fn masked(path: &Path) -> bool {
     path.starts_with("rubiks_cube_small/00/allegro") && !path.to_str().unwrap().contains("image")
 }
+
+#[test]
+fn a_compact_log_is_small_and_every_command_reads_it() {
+    let workplace = Workplace::new();
+    workplace.run(&format!("{SHORT} --object cube70 --format compact --out small")).good();
+    workplace.run(&format!("{SHORT} --object cube70 --out large")).good();
+    let bytes = |set: &str| workplace.files(&format!("{set}/cube70/00")).values().map(Vec::len).sum::<usize>();
+    assert!(6 * bytes("small") < bytes("large"), "{} and {}", bytes("small"), bytes("large"));
+    // The same episode: data.pkl and scene.json are equal, and so is what a conversion makes of the large log.
+    workplace.run("convert large/cube70/00 --out converted").good();
+    let [small, converted] = [workplace.files("small/cube70/00"), workplace.files("converted")];
+    for file in ["data.pkl", "scene.json"] {
+        assert_eq!(small[Path::new(file)], converted[Path::new(file)], "{file}");
+    }
+    assert!(workplace.run("inspect converted").good().contains("complete: time is up"));
+    for log in ["small/cube70/00", "converted"] {
+        workplace.run(&format!("run --log {log} --touch-depth truth --quiet --out run --overwrite")).warned();
+        assert!(workplace.path("run/summary.json").exists());
+    }
+    assert!(workplace.run("convert converted --out back").good().contains("layout feelsight"));
+    assert_eq!(workplace.files("back").len(), workplace.files("large/cube70/00").len());
+    // The layout belongs to what a log was made with.
+    let said = workplace.run(&format!("{SHORT} --object cube70 --out small")).error();
+    assert!(said.contains("made with other settings"), "{said}");
+    assert!(workplace.run("convert back --out converted").error().contains("not empty"));
+    assert!(workplace.run("convert nowhere --out other").error().contains("nowhere"));
+}

@@ -21,7 +21,10 @@ mod run;
 mod score;
 mod shell;
 mod simulate;
+mod sweep;
 mod touch;
+mod touch_calibrate;
+mod touch_predict;
 mod touch_render;
 #[cfg(feature = "train")]
 mod touch_train;

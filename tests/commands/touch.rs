@@ -99,7 +99,7 @@ fn weights_are_scored_on_images_with_known_depth() {
     let folder = workplace.path("triples");
     std::fs::create_dir(&folder).unwrap();
     let depth = ndarray::Array2::from_shape_fn((320, 240), |(v, u)| {
-        mvt_robot::digit::gel::point(u as f64, v as f64).coords().x as f32
+        mvt_robot::digit::gel::point(&mvt_robot::digit::intrinsics(), u as f64, v as f64).coords().x as f32
     });
     let image = image::RgbImage::from_pixel(240, 320, image::Rgb([90, 100, 95]));
     let mask = image::GrayImage::from_fn(240, 320, |u, _| image::Luma([if u < 120 { 255 } else { 0 }]));
@@ -147,7 +147,8 @@ fn presses_are_rendered_for_the_scoring_of_networks() {
         let depth_m: ndarray::Array2<f32> =
             ndarray_npy::read_npy(workplace.path(&format!("a/{id:05}_depth_m.npy"))).unwrap();
         let indentation_mm = depth_m.indexed_iter().map(|((v, u), depth)| {
-            1e3 * (mvt_robot::digit::gel::point(u as f64, v as f64).coords().x - f64::from(*depth))
+            1e3 * (mvt_robot::digit::gel::point(&mvt_robot::digit::intrinsics(), u as f64, v as f64).coords().x
+                - f64::from(*depth))
         });
         let deepest = indentation_mm.fold(0.0, f64::max);
         assert!((0.4..1.6).contains(&deepest), "{deepest} mm");

@@ -92,6 +92,26 @@ pub fn png_with_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
+/// Puts the checksums of the stored files of an archive into its directory, as far as it can be read.
+pub fn zip_with_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
+    const ENTRY: &[u8] = b"PK\x01\x02";
+    let number = |bytes: &[u8], at: usize, size: usize| -> Option<usize> {
+        Some(bytes.get(at..at + size)?.iter().rev().fold(0, |sum, &byte| sum << 8 | usize::from(byte)))
+    };
+    let entries: Vec<usize> = (0..bytes.len()).filter(|&at| bytes[at..].starts_with(ENTRY)).collect();
+    for entry in entries {
+        let checksum = (|| {
+            let (size, local) = (number(&bytes, entry + 20, 4)?, number(&bytes, entry + 42, 4)?);
+            let start = local + 30 + number(&bytes, local + 26, 2)? + number(&bytes, local + 28, 2)?;
+            bytes.get(start..start.checked_add(size)?).map(crc32fast::hash)
+        })();
+        if let Some((checksum, place)) = checksum.zip(bytes.get_mut(entry + 16..entry + 20)) {
+            place.copy_from_slice(&checksum.to_le_bytes());
+        }
+    }
+    bytes
+}
+
 /// Returns pictures of every kind of a size, as PNG or JPEG.
 pub fn pictures(format: image::ImageFormat) -> Vec<Vec<u8>> {
     let colour = image::RgbImage::from_fn(60, 80, |x, y| image::Rgb([x as u8, 3 * y as u8, (x * y) as u8]));

@@ -16,7 +16,9 @@ use mvt_slam::map::Map;
 use mvt_touch::network::{Architecture, Weights};
 use tempfile::TempDir;
 
-use crate::originals::{self, copy_run, npz, of_run, pictures, png_with_checksums, with_and_without_seal};
+use crate::originals::{
+    self, copy_run, npz, of_run, pictures, png_with_checksums, with_and_without_seal, zip_with_checksums,
+};
 use crate::small_log;
 use crate::trial::{Original, check};
 
@@ -87,6 +89,58 @@ fn log() {
                 log.into_partial_frames(&[0], TouchPart::Images).for_each(drop);
             }
             inspect(place).is_ok()
+        })
+    });
+}
+
+/// As `log`, with the images in one archive.
+#[test]
+fn compact_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("compact");
+    mvt_feelsight::convert(&write_log(folder.path()), &place, mvt_feelsight::LogFormat::Compact, |_| ()).unwrap();
+    let archive = fs::read(place.join("frames.zip")).unwrap();
+    let files = Files { folder: place, names: vec!["frames.zip"; 2] };
+    let originals = [Original::new(archive.clone()), Original { bytes: archive, finish: zip_with_checksums }];
+    check("compact_log", &originals, |number, bytes| {
+        files.with(number, bytes, |place| {
+            if let Ok(log) = Log::open_tolerant(place) {
+                log.into_partial_frames(&[0], TouchPart::Images).for_each(drop);
+            }
+            inspect(place).is_ok()
+        })
+    });
+}
+
+#[test]
+fn specification() {
+    let text = "command = \"evaluate\"\npoints = 7\npoints_seed = 3\n[fixed]\nduration = 2.5\n[axes]\nobject = [\"cube70\", \"a\"]\n\
+                seed = { from = 3, count = 5 }\nmode = { from = 1, count = 2, prefix = \"p\" }\ncamera_noise = { min = 0.5, max = 5.0 }\n\
+                slam.tracker.touch_weight = { min = 1, max = 9, steps = 3 }\n";
+    check("specification", &[Original::new(text.as_bytes().to_vec())], |_, bytes| {
+        let Ok(spec) = mvt_sweep::SweepSpec::parse(&String::from_utf8_lossy(bytes), 100_000) else { return false };
+        (0..spec.len().min(1000)).all(|number| !spec.task(number).is_empty())
+    });
+}
+
+#[test]
+fn plan_and_manifest() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "command = \"generate\"\n[axes]\nobject = [\"cube70\"]\nseed = { from = 0, count = 9 }\n";
+    mvt_sweep::SweepPlan::write(&mvt_sweep::SweepSpec::parse(text, 9).unwrap(), folder.path()).unwrap();
+    let task = mvt_sweep::SweepPlan::read(folder.path()).unwrap().tasks.remove(4).id;
+    let store = mvt_sweep::Store::new(folder.path());
+    store.prepare().unwrap();
+    let number = store.begin(&task, 1).unwrap().unwrap();
+    fs::write(store.workplace(&task, number).join("a.txt"), "some words").unwrap();
+    store.finish(&task, number).unwrap();
+    let manifest: &'static str = format!("done/{}/{task}/manifest.json", &task[..2]).leak();
+    let files = Files { folder: folder.path().to_owned(), names: vec!["plan.json", "tasks.jsonl", manifest] };
+    check("plan_and_manifest", &files.originals(), |number, bytes| {
+        files.with(number, bytes, |place| {
+            let Ok(plan) = mvt_sweep::SweepPlan::read(place) else { return false };
+            let status = mvt_sweep::SweepStatus::read(&plan, true);
+            status.is_ok_and(|status| status.problems.is_empty() && store.check(&task).is_ok())
         })
     });
 }

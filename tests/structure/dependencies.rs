@@ -11,8 +11,16 @@ use crate::nothing_offends;
 use crate::sources::{read, root};
 
 /// The crates that may link libmujoco.
-const LINKS_MUJOCO: [&str; 7] =
-    ["mambavitact", "mvt-environment", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-physics", "mvt-python"];
+const LINKS_MUJOCO: [&str; 8] = [
+    "mambavitact",
+    "mvt-environment",
+    "mvt-evaluation",
+    "mvt-live",
+    "mvt-mujoco-lib",
+    "mvt-physics",
+    "mvt-python",
+    "mvt-sweep",
+];
 /// The crates that may import the downloader: for meshes of objects, in the build script that brings libmujoco, and for hashes of settings
 /// and files.
 const DOWNLOADS: [&str; 5] = ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-objects"];

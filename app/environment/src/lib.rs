@@ -7,9 +7,9 @@
 //! ```
 //! use std::sync::Arc;
 //!
-//! use mvt_environment::{Environments, Scene, Sense, TaskSettings};
+//! use mvt_environment::{Environments, Scene, Sense, TurnSettings};
 //!
-//! let settings = TaskSettings { senses: vec![Sense::Proprioception], ..TaskSettings::default() };
+//! let settings = TurnSettings { senses: vec![Sense::Proprioception], ..TurnSettings::default() };
 //! let scene = Arc::new(Scene::new(mvt_objects::catalogue::load("cube70", &mut Vec::new())?, settings)?);
 //! let mut environments = Environments::new(scene, 2, true)?;
 //! let first = environments.reset(&[7, 8])?;
@@ -29,8 +29,8 @@ mod sense;
 mod turn;
 
 pub use error::TaskError;
-pub use many::{Environments, Outcome};
-pub use scene::{Scene, TaskSettings};
+pub use many::{Environments, StepOutcome};
+pub use scene::{Scene, TurnSettings};
 pub use sense::{Readings, Sense};
 pub use turn::Reward;
 pub use {mvt_frames, mvt_objects, mvt_physics, mvt_robot};

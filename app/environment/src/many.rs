@@ -14,7 +14,7 @@ use crate::turn::{Environment, Reward};
 
 /// Result of a step of all environments.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome {
+pub struct StepOutcome {
     /// One entry per sense, in the order of the settings.
     pub observations: Vec<Readings>,
     /// Reward of each environment.
@@ -107,7 +107,7 @@ impl Environments {
     ///
     /// # Errors
     /// [`TaskError`] if the number of actions is wrong or one is not finite.
-    pub fn step(&mut self, actions: &[f32]) -> Result<Outcome, TaskError> {
+    pub fn step(&mut self, actions: &[f32]) -> Result<StepOutcome, TaskError> {
         let expected = JOINTS * self.count();
         if actions.len() != expected {
             return Err(TaskError::Count { expected, found: actions.len() });
@@ -122,7 +122,7 @@ impl Environments {
         })?;
         let (terminated, truncated) = self.places.iter().map(|place| place.environment.ended()).unzip();
         let progress = self.places.iter().map(|place| place.environment.progress()).collect();
-        Ok(Outcome { observations, rewards, terminated, truncated, progress })
+        Ok(StepOutcome { observations, rewards, terminated, truncated, progress })
     }
 
     /// Returns a picture of an environment for people, 640 x 480; `None` if there is no such environment.

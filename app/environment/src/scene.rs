@@ -18,7 +18,7 @@ use crate::sense::Sense;
 
 /// Settings of a task.
 #[derive(Debug, Clone)]
-pub struct TaskSettings {
+pub struct TurnSettings {
     /// Which hand.
     pub side: Side,
     /// Actions per second: a divisor of [`PHYSICS_HZ`], such as 20 or 25.
@@ -33,7 +33,7 @@ pub struct TaskSettings {
     pub cameras: Vec<PosedCamera>,
 }
 
-impl Default for TaskSettings {
+impl Default for TurnSettings {
     /// Returns a left hand with 25 actions per second, episodes of 20 s, proprioception, and the camera front-left.
     fn default() -> Self {
         Self {
@@ -52,7 +52,7 @@ pub struct Scene {
     pub(crate) object: Object,
     /// Gait that suits the object: it sets gravity, torque limit and start.
     pub(crate) gait: &'static Gait,
-    pub(crate) settings: TaskSettings,
+    pub(crate) settings: TurnSettings,
     /// `None` if no image is observed.
     pub(crate) observer: Option<Observer>,
     /// Renderer of pictures for people, made on first use.
@@ -64,8 +64,8 @@ impl Scene {
     ///
     /// # Errors
     /// [`TaskError::Setting`] if a setting is out of range.
-    pub fn new(object: Object, settings: TaskSettings) -> Result<Self, TaskError> {
-        let TaskSettings { side, control_hz, duration_s, senses, cameras, .. } = &settings;
+    pub fn new(object: Object, settings: TurnSettings) -> Result<Self, TaskError> {
+        let TurnSettings { side, control_hz, duration_s, senses, cameras, .. } = &settings;
         let side = *side;
         let check = |holds: bool, text: &str| if holds { Ok(()) } else { Err(TaskError::Setting(text.to_owned())) };
         check(
@@ -99,7 +99,7 @@ impl Scene {
     }
 
     /// Returns the settings.
-    pub fn settings(&self) -> &TaskSettings {
+    pub fn settings(&self) -> &TurnSettings {
         &self.settings
     }
 

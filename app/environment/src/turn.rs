@@ -7,7 +7,7 @@ use mvt_gaits::clock::PHYSICS_HZ;
 use mvt_physics::episode::{End, Episode, EpisodeConfig};
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::observer::ObserverScratch;
-use mvt_robot::digit::gel;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{JOINTS, JointAngles, PerFinger, joint_ranges};
 use mvt_robot::observation::{GroundTruth, Observation};
 use mvt_robot::rig::{PALM_CENTRE_M, PLACEMENTS};
@@ -164,7 +164,7 @@ impl Environment {
                 (Sense::Privileged, _) => part.write(sense, self.privileged()),
                 (Sense::Estimate, _) => part.write(sense, self.estimate_numbers()),
                 (Sense::TouchDepth, Some((_, truth))) => {
-                    let gel_m = gel::depth_m();
+                    let gel_m = GelView::tacto().depth_m();
                     let depths = truth.touch.0.iter().flat_map(|touch| gel_m.iter().zip(&touch.depth_m));
                     part.write(sense, depths.map(|(gel, depth)| (gel - depth) * 1e3));
                 }
@@ -205,12 +205,12 @@ impl Environment {
             observation.time_s,
             observation.joints,
             depths_m,
-            PerFinger(truth.touch.0.each_ref().map(true_press)),
+            PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, GelView::tacto()))),
             &settings.cameras,
             settings.side,
             &SegmentationConfig::default(),
         )?;
-        let input = Input::new(settings.side, &percept);
+        let input = Input::new(settings.side, &percept, GelView::tacto());
         let scan = estimator.scan(&input.measured(&percept, Modality::Vitac));
         self.estimate = Some(estimator.step(&scan, None));
         Ok(())

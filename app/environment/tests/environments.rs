@@ -4,11 +4,11 @@
 
 use std::sync::Arc;
 
-use mvt_environment::{Environments, Outcome, Readings, Reward, Scene, Sense, TaskSettings};
+use mvt_environment::{Environments, Readings, Reward, Scene, Sense, StepOutcome, TurnSettings};
 use mvt_objects::catalogue;
 
-fn scene(senses: &[Sense], change: impl FnOnce(&mut TaskSettings)) -> Result<Scene, mvt_environment::TaskError> {
-    let mut settings = TaskSettings { senses: senses.to_vec(), duration_s: 0.4, ..TaskSettings::default() };
+fn scene(senses: &[Sense], change: impl FnOnce(&mut TurnSettings)) -> Result<Scene, mvt_environment::TaskError> {
+    let mut settings = TurnSettings { senses: senses.to_vec(), duration_s: 0.4, ..TurnSettings::default() };
     change(&mut settings);
     Scene::new(catalogue::load("cube70", &mut Vec::new()).unwrap(), settings)
 }
@@ -49,7 +49,7 @@ fn an_environment_does_not_depend_on_the_others() {
 fn the_step_after_the_end_begins_an_episode() {
     let mut environments = environments(&[Sense::Proprioception], 2);
     environments.reset(&[1, 2]).unwrap();
-    let outcomes: Vec<Outcome> = (0..12).map(|step| environments.step(&actions(step, 2)).unwrap()).collect();
+    let outcomes: Vec<StepOutcome> = (0..12).map(|step| environments.step(&actions(step, 2)).unwrap()).collect();
     let truncated: Vec<bool> = outcomes.iter().map(|outcome| outcome.truncated[0]).collect();
     // 0.4 s are ten steps; the eleventh resets.
     assert_eq!(truncated.iter().position(|&is| is), Some(9));
@@ -80,7 +80,7 @@ fn observations_have_their_shapes_and_bounds() {
 
 #[test]
 fn settings_and_actions_that_are_wrong_are_refused() {
-    let refused = |change: fn(&mut TaskSettings)| scene(&[Sense::Cameras], change).err().unwrap().to_string();
+    let refused = |change: fn(&mut TurnSettings)| scene(&[Sense::Cameras], change).err().unwrap().to_string();
     assert!(refused(|s| s.control_hz = 7).contains("divide 300"));
     assert!(refused(|s| s.control_hz = 0).contains("divide 300"));
     assert!(refused(|s| s.duration_s = f64::NAN).contains("duration_s"));

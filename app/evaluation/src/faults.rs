@@ -102,7 +102,7 @@ pub fn trials(
     let mut keys = HashSet::new();
     for &modality in &arguments.modalities {
         for fault in FaultKind::ALL.into_iter().filter(|&fault| fault == FaultKind::Teleport || modality.has_vision()) {
-            let key = key(arguments, episode, Mode::Pose, modality, fault.name(), config);
+            let key = key(arguments.duration, episode, Mode::Pose, modality, fault.name(), config);
             if !done.contains(&key) {
                 tell(trial(episode, config, modality, fault, key.clone())?)?;
             }

@@ -98,7 +98,7 @@ pub fn comparisons(
     done: &HashSet<Key>,
     tell: Tell<'_, Comparison>,
 ) -> Result<HashSet<Key>> {
-    let keyed = |name: &str| key(arguments, episode, Mode::Slam, Modality::Vitac, name, config);
+    let keyed = |name: &str| key(arguments.duration, episode, Mode::Slam, Modality::Vitac, name, config);
     let keys = HashSet::from(NAMES.map(keyed));
     if keys.is_subset(done) {
         return Ok(keys);

@@ -2,6 +2,7 @@
 
 mod faults;
 mod fields;
+mod single;
 mod spread;
 mod table;
 mod tsdf;
@@ -23,6 +24,7 @@ use mvt_gaits::gait;
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_touch::network::Weights;
@@ -41,6 +43,8 @@ use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
 use mvt_run::source::{Modality, Sensed, TouchArguments, TouchNetwork};
 use mvt_run::truth::Truth;
 use mvt_run::{progress, settings};
+
+pub use single::{SingleRun, tables};
 
 /// Run many episodes and print tables of their scores
 ///
@@ -191,8 +195,8 @@ pub struct Line {
     pub recovered: usize,
     /// The last error exceeds 10 mm although the object was not declared lost.
     pub undeclared: bool,
-    /// Frames per second of tracking and mapping.
-    pub frames_per_second: f64,
+    /// Frames per second of tracking and mapping; `None` in a sweep, whose results depend on no clock.
+    pub frames_per_second: Option<f64>,
 }
 
 /// Pose errors of a run, mm.
@@ -226,6 +230,8 @@ struct Episode<'a> {
     cameras: &'a str,
     /// Weights of the touch network; without them the true indentation is used.
     weights: Option<&'a Weights>,
+    /// The touch sensors.
+    touch: SensorProfile,
 }
 
 /// A run of an episode.
@@ -244,7 +250,8 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     for cameras in &arguments.cameras {
         Placement::parse_list(cameras)?;
     }
-    let weights = arguments.touch.weights()?;
+    let touch = arguments.touch.profile()?;
+    let weights = arguments.touch.weights(&touch)?;
     check_repeated("--objects", &arguments.objects)?;
     check_repeated("--cameras", &arguments.cameras)?;
     check_repeated("--modes", &arguments.modes)?;
@@ -258,7 +265,7 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             let seeds = arguments.seed..arguments.seed + arguments.seeds;
             seeds.flat_map(move |seed| arguments.cameras.iter().map(move |cameras| (*name, object, seed, cameras)))
         })
-        .map(|(name, object, seed, cameras)| Episode { name, object, seed, cameras, weights: weights.as_ref() })
+        .map(|(name, object, seed, cameras)| Episode { name, object, seed, cameras, weights: weights.as_ref(), touch })
         .collect();
     // Faults and fields have narrow tables, which are printed whole.
     let (text, summary) = if arguments.faults {
@@ -281,7 +288,7 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             let mut trials = trials(arguments, episode, &variants);
             let keys = trials.iter().map(|trial| trial.key.clone()).collect();
             trials.retain(|trial| !done.contains(&trial.key));
-            whole(arguments, episode, &trials, tell)?;
+            whole(arguments.duration, episode, &trials, tell)?;
             Ok(keys)
         })?;
         let spread = spread::table(&lines);
@@ -408,7 +415,8 @@ fn trials(arguments: &EvaluateArguments, episode: &Episode<'_>, variants: &[(&st
                     continue;
                 }
                 for estimator_seed in 0..arguments.estimator_seeds {
-                    let key = Key { estimator_seed, ..key(arguments, episode, mode, modality, variant, config) };
+                    let key =
+                        Key { estimator_seed, ..key(arguments.duration, episode, mode, modality, variant, config) };
                     trials.push(Trial { key, mode, modality, config: config.clone() });
                 }
             }
@@ -418,14 +426,17 @@ fn trials(arguments: &EvaluateArguments, episode: &Episode<'_>, variants: &[(&st
 }
 
 fn key(
-    arguments: &EvaluateArguments,
+    duration_s: f64,
     episode: &Episode<'_>,
     mode: Mode,
     modality: Modality,
     variant: &str,
     config: &RunConfig,
 ) -> Key {
-    let mut settings = serde_json::json!([config, arguments.duration, env!("CARGO_PKG_VERSION")]).to_string();
+    let mut settings = serde_json::json!([config, duration_s, env!("CARGO_PKG_VERSION")]).to_string();
+    if episode.touch != SensorProfile::tacto() {
+        settings += &serde_json::json!(episode.touch).to_string();
+    }
     if let Some(weights) = episode.weights {
         settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
     }
@@ -450,6 +461,7 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
         Placement::parse_list(episode.cameras)?.iter().map(|placement| placement.camera(SIDE)).collect();
     let settings = LiveSettings {
         side: SIDE,
+        touch: episode.touch,
         gait: gait::choose("auto", episode.object)?.1.clone(),
         seed: episode.seed,
         duration_s,
@@ -461,7 +473,7 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
         hidden_every: Some(HIDDEN_EVERY),
         fault,
     };
-    let network = episode.weights.map(|weights| TouchNetwork::new(weights, config.touch));
+    let network = episode.weights.map(|weights| TouchNetwork::new(weights, config.touch, &episode.touch));
     LiveSource::new(episode.object, settings, network)
 }
 
@@ -505,9 +517,9 @@ fn follow<'a>(
 const HIDDEN_EVERY: u64 = 30;
 
 /// All trials of an episode as estimators of one run, so that all receive the same frames and no frame is kept.
-fn whole(arguments: &EvaluateArguments, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
+fn whole(duration_s: f64, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
-    let mut source = live(episode, arguments.duration, &first.config, Fault::default())?;
+    let mut source = live(episode, duration_s, &first.config, Fault::default())?;
     let seed = |trial: &Trial| episode.seed.wrapping_add(trial.key.estimator_seed);
     let estimators = trials.iter().map(|trial| setup(&trial.config, trial.mode, trial.modality, seed(trial))).collect();
     let mut rows: Vec<Vec<FrameRow>> = trials.iter().map(|_| Vec::new()).collect();
@@ -559,6 +571,6 @@ fn line(
         lost_frames: count(TrackState::Lost),
         recovered: count(TrackState::Relocalised),
         undeclared: failed && rows.last().is_some_and(|row| row.state != TrackState::Lost),
-        frames_per_second: if ms > 0.0 { rows.len() as f64 / ms * 1e3 } else { 0.0 },
+        frames_per_second: Some(if ms > 0.0 { rows.len() as f64 / ms * 1e3 } else { 0.0 }),
     }
 }

@@ -70,7 +70,7 @@ mod tests {
             lost_frames: 0,
             recovered: 0,
             undeclared: false,
-            frames_per_second: 30.0,
+            frames_per_second: Some(30.0),
         }
     }
 

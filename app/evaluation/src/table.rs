@@ -74,7 +74,7 @@ pub fn summary(lines: &[Line]) -> String {
             shown(mean(&|line| line.f_score.get(&5).copied()), 3),
             shown(mean(&|line| line.add_s_mm.map(|errors| errors.mean)), 2),
             shown(mean(&|line| Some(line.lost_frames as f64)), 1),
-            shown(mean(&|line| Some(line.frames_per_second)), 1),
+            shown(mean(&|line| line.frames_per_second), 1),
         );
     }
     text
@@ -116,6 +116,6 @@ fn means(lines: &[&Line]) -> String {
     cells.push(format!("{:.2}", last_mm.fold(0.0, f64::max)));
     cells.push(format!("{:.1}", lines.iter().map(|line| line.lost_frames as f64).sum::<f64>() / n));
     cells.push(lines.iter().filter(|line| line.undeclared).count().to_string());
-    cells.push(shown(mean(&|line| Some(line.frames_per_second)), 1));
+    cells.push(shown(mean(&|line| line.frames_per_second), 1));
     cells.join(" | ")
 }

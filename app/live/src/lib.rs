@@ -6,6 +6,7 @@
 //! ```no_run
 //! use mvt_live::{Fault, LiveSettings, LiveSource};
 //! use mvt_objects::catalogue;
+//! use mvt_robot::digit::profile::SensorProfile;
 //! use mvt_robot::hand::Side;
 //! use mvt_run::source::{Modality, Source as _};
 //!
@@ -13,6 +14,7 @@
 //! let (_, gait) = mvt_gaits::gait::choose("auto", &object)?;
 //! let settings = LiveSettings {
 //!     side: Side::Left,
+//!     touch: SensorProfile::tacto(),
 //!     gait: gait.clone(),
 //!     seed: 0,
 //!     duration_s: 1.0,

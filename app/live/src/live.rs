@@ -14,6 +14,8 @@ use mvt_objects::object::Object;
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
 use mvt_robot::observation::Observation;
 use mvt_segmentation::{SegmentationConfig, percept};
@@ -26,6 +28,8 @@ use mvt_run::source::{Modality, Pictures, Sensed, Source, TouchNetwork, true_pre
 pub struct LiveSettings {
     /// Which hand.
     pub side: Side,
+    /// The touch sensors.
+    pub touch: SensorProfile,
     /// The gait at the start.
     pub gait: Gait,
     /// Seed of the start and of all noise.
@@ -66,6 +70,7 @@ pub struct LiveSource {
     settings: LiveSettings,
     episode: Episode,
     observer: Observer,
+    gel: GelView,
     /// The touch network; without it the true indentation is used.
     network: Option<TouchNetwork>,
     scratch: ObserverScratch,
@@ -97,7 +102,7 @@ impl LiveSource {
         )?;
         let touch = |finger: Finger| TouchOptions {
             background: Background::Synthetic { seed: finger as u64 },
-            ..TouchOptions::new(TouchConfig::Fork)
+            ..TouchOptions::of_profile(&settings.touch, TouchConfig::Fork)
         };
         let options = ObserverOptions {
             side,
@@ -115,6 +120,7 @@ impl LiveSource {
         }
         let calibrator = Calibrator::new(settings.calibration, side, settings.cameras.clone());
         Ok(Self {
+            gel: settings.touch.gel_view(),
             settings,
             episode,
             observer,
@@ -152,7 +158,7 @@ impl Source for LiveSource {
         let mut warnings = Vec::new();
         let mut touch = match &mut self.network {
             _ if !modality.has_touch() => PerFinger::default(),
-            None => PerFinger::from_fn(|finger| true_press(&truth.touch[finger])),
+            None => PerFinger::from_fn(|finger| true_press(&truth.touch[finger], &self.gel)),
             Some(network) => network.feel(frame, &observation.touch, &mut warnings)?,
         };
         let Observation { time_s, mut joints, touch: touch_images, cameras: seen } = observation;
@@ -177,7 +183,12 @@ impl Source for LiveSource {
         let pictures = Pictures {
             cameras: colours,
             touch: touch_images,
-            true_touch_m: PerFinger(truth.touch.0.map(|truth| is_felt.then_some(truth.depth_m))),
+            true_touch_m: PerFinger(
+                truth
+                    .touch
+                    .0
+                    .map(|truth| is_felt.then(|| self.gel.depth_in(GelView::tacto(), truth.depth_m)).flatten()),
+            ),
             forces_n: Some(PerFinger(state.pads.0.map(|pad| pad.force_n))),
         };
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
@@ -186,6 +197,10 @@ impl Source for LiveSource {
 
     fn direct(&mut self, directive: Directive) -> Result<()> {
         Ok(self.episode.direct(directive)?)
+    }
+
+    fn gel(&self) -> &GelView {
+        &self.gel
     }
 
     fn frame_count(&self) -> usize {

@@ -5,8 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
+use clap::ValueEnum;
 use indicatif::ProgressBar;
-use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SCENE_FILE, SceneFile, SceneObject};
+use mvt_feelsight::{
+    EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogFormat, LogMeta, LogWriter, SCENE_FILE, SceneFile, SceneObject,
+};
 use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
@@ -19,7 +22,7 @@ use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use mvt_run::io::read_image;
 
@@ -47,6 +50,29 @@ pub struct Noise {
     pub touch: bool,
     /// Multiple of Redwood's noise on camera depth; `None` for true depth.
     pub camera_depth: Option<f64>,
+}
+
+/// Noise in the recorded images, by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NoiseLevel {
+    /// Exact images
+    None,
+    /// Noise of TACTO on touch images; exact camera depth, as in FeelSight, whose loader adds noise
+    #[default]
+    Touch,
+    /// The same, and Redwood-style noise on camera depth at five times its level, as NeuralFeels' loader adds
+    Full,
+}
+
+impl From<NoiseLevel> for Noise {
+    fn from(level: NoiseLevel) -> Self {
+        match level {
+            NoiseLevel::None => Self { touch: false, camera_depth: None },
+            NoiseLevel::Touch => Self { touch: true, camera_depth: None },
+            NoiseLevel::Full => Self { touch: true, camera_depth: Some(5.0) },
+        }
+    }
 }
 
 /// Frames that are rendered before any of them is written: enough to keep all threads busy, and about 100 MB.
@@ -81,10 +107,11 @@ impl<'a> Recorder<'a> {
     }
 
     /// Whether a folder holds the complete log that [`Recorder::record`] would make.
-    pub fn made(&self, folder: &Path, seed: u64, cameras: &[PosedCamera]) -> bool {
+    pub fn made(&self, folder: &Path, format: LogFormat, seed: u64, cameras: &[PosedCamera]) -> bool {
         let text = input::read(&folder.join(SCENE_FILE), LARGEST_SCENE_FILE).unwrap_or_default();
         serde_json::from_slice::<SceneFile>(&text)
             .is_ok_and(|scene| scene.config_sha256 == self.config_sha256(seed, cameras))
+            && LogFormat::of(folder) == format
     }
 
     fn config_sha256(&self, seed: u64, cameras: &[PosedCamera]) -> String {
@@ -110,6 +137,7 @@ impl<'a> Recorder<'a> {
         seed: u64,
         cameras: &[PosedCamera],
         folder: &Path,
+        format: LogFormat,
         overwrite: bool,
         bar: &ProgressBar,
     ) -> Result<EpisodeEnd> {
@@ -142,7 +170,8 @@ impl<'a> Recorder<'a> {
                 seed,
             },
         )?;
-        let meta = LogMeta { scene: self.scene(seed, cameras, &episode), cameras: cameras.to_vec() };
+        let untouched = (format == LogFormat::Compact).then(|| observer.empty_touch());
+        let meta = LogMeta { scene: self.scene(seed, cameras, &episode), cameras: cameras.to_vec(), untouched };
         if let Some(parent) = folder.parent() {
             fs::create_dir_all(parent).with_context(|| format!("cannot make {}", parent.display()))?;
         }

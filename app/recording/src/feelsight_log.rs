@@ -11,6 +11,8 @@ use mvt_feelsight::{Log, TouchPart};
 use mvt_frames::Isometry;
 use mvt_frames::camera::PosedCamera;
 use mvt_mesh::Mesh;
+use mvt_robot::digit::FOV_Y_DEG;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::PerFinger;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::observation::TouchTruth;
@@ -87,6 +89,7 @@ impl LogImages {
             mode: None,
             modality: Modality::Vitac,
             side: log.side(),
+            touch_fov_y_deg: FOV_Y_DEG,
             cameras: log
                 .cameras()
                 .iter()
@@ -132,7 +135,7 @@ impl LogImages {
                     images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
                 });
                 let depths = depths.collect();
-                let touching = |truth: Option<TouchTruth>| Touching::of(&true_press(&truth?)?, None);
+                let touching = |truth: Option<TouchTruth>| Touching::of(&true_press(&truth?, GelView::tacto())?, None);
                 let read = Read { depths, fingers: PerFinger(frame.touch_truth.0.map(touching)) };
                 others.frames().push(read);
             }

@@ -11,7 +11,7 @@ use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use image::{ImageReader, RgbImage};
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::digit::gel;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{Finger, PerFinger};
 use ndarray::Array2;
 
@@ -78,7 +78,7 @@ pub fn thinned_array<T: Clone>(array: &Array2<T>, stride: usize) -> Array2<T> {
 
 /// Whether a DIGIT's depth is that of the untouched gel.
 fn is_gel(depth_m: &Array2<f32>) -> bool {
-    let gel = gel::depth_m();
+    let gel = GelView::tacto().depth_m();
     depth_m.dim() == gel.dim() && depth_m.iter().zip(gel).all(|(z, gel)| (z - gel).abs() < 0.5 * TOUCH_STEP_M)
 }
 
@@ -134,8 +134,8 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<FrameImages,
             Kind::Touch => {
                 let finger = finger(&mut images, sensor)?;
                 finger.image = unjpeg(bytes)?;
-                finger.depth_m = gel::depth_m().clone();
-                finger.contact = Array2::default(gel::depth_m().dim());
+                finger.depth_m = GelView::tacto().depth_m().clone();
+                finger.contact = Array2::default(GelView::tacto().depth_m().dim());
             }
             Kind::TouchDepth => finger(&mut images, sensor)?.depth_m = unpack_touch(bytes)?,
             Kind::Contact => finger(&mut images, sensor)?.contact = unpack_levels(bytes, |grey| Ok(grey > 127))?,
@@ -229,7 +229,7 @@ pub fn unpack_depth(bytes: &[u8]) -> Result<Array2<f32>, String> {
 
 /// Packs the depth of a DIGIT as its indentation, which is 0 nearly everywhere.
 fn pack_touch(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
-    let gel = gel::depth_m();
+    let gel = GelView::tacto().depth_m();
     if depth_m.dim() != gel.dim() {
         return Err(format!("a touch image of {:?} pixels has the wrong size", depth_m.dim()));
     }
@@ -239,7 +239,7 @@ fn pack_touch(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
 
 fn unpack_touch(bytes: &[u8]) -> Result<Array2<f32>, String> {
     let (steps, shape) = unpack(bytes)?;
-    let gel = gel::depth_m();
+    let gel = GelView::tacto().depth_m();
     if shape != size(gel) {
         return Err(format!("a touch image of {} x {} pixels has the wrong size", shape[0], shape[1]));
     }
@@ -305,7 +305,7 @@ mod tests {
             depth_m: Array2::from_shape_fn((24, 32), |(r, c)| if r < 3 { 0.0 } else { 0.3 + 0.001 * (r * c) as f32 }),
             labels: Array2::from_shape_fn((24, 32), |(_, c)| if c > 9 { Label::Object } else { Label::Hand }),
         };
-        let pressed = gel::depth_m().mapv(|z| if z > 0.0219 { z - 0.0007 } else { z });
+        let pressed = GelView::tacto().depth_m().mapv(|z| if z > 0.0219 { z - 0.0007 } else { z });
         let touch = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
             contact: pressed.mapv(|_| true),
@@ -341,7 +341,7 @@ mod tests {
     fn a_digit_without_contact_takes_no_space() {
         let untouched = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
-            depth_m: gel::depth_m().clone(),
+            depth_m: GelView::tacto().depth_m().clone(),
             contact: Array2::default((320, 240)),
             true_depth_m: None,
         };
@@ -351,7 +351,7 @@ mod tests {
         images.touch[Finger::Index] = Some(untouched);
         let block = encode(&images).unwrap();
         let read = decode(&block, 0, 0).unwrap().touch[Finger::Index].clone().unwrap();
-        assert_eq!((&read.depth_m, read.contact.iter().any(|&touches| touches)), (gel::depth_m(), false));
+        assert_eq!((&read.depth_m, read.contact.iter().any(|&touches| touches)), (GelView::tacto().depth_m(), false));
         assert_eq!(block.len(), 6 + jpeg(&read.image).unwrap().len());
     }
 

@@ -32,6 +32,7 @@
 //!     mode: Some(Mode::Slam),
 //!     modality: Modality::Vitac,
 //!     side: Side::Left,
+//!     touch_fov_y_deg: 60.0,
 //!     cameras: vec![],
 //!     frames: 2,
 //!     process: std::process::id(),
@@ -63,7 +64,8 @@ use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, World};
-use mvt_robot::digit::{self, gel};
+use mvt_robot::digit;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{JointAngles, PerFinger, Side};
 use mvt_robot::observation::Press;
 use ndarray::Array2;
@@ -103,6 +105,9 @@ pub struct About {
     pub modality: Modality,
     /// Which hand.
     pub side: Side,
+    /// Vertical field of view of the touch sensors' cameras, degrees. The recorded depth of a gel is the one that TACTO's camera would see;
+    /// its difference from the untouched gel is the indentation.
+    pub touch_fov_y_deg: f64,
     /// The cameras, with the sizes of the recorded images.
     pub cameras: Vec<PosedCamera>,
     /// Largest number of frames.
@@ -128,7 +133,7 @@ impl Touching {
     fn of(press: &Press, force_n: Option<f32>) -> Option<Self> {
         let lens = digit::intrinsics();
         let (mut area_m2, mut deepest_mm) = (0.0, 0.0f32);
-        let pixels = press.contact.iter().zip(&press.indentation_mm).zip(gel::depth_m());
+        let pixels = press.contact.iter().zip(&press.indentation_mm).zip(GelView::tacto().depth_m());
         for ((_, &indentation_mm), &gel_m) in pixels.filter(|((touches, _), _)| **touches) {
             let depth_m = gel_m - 1e-3 * indentation_mm;
             area_m2 += f64::from(depth_m).powi(2) / (lens.fx * lens.fy);

@@ -3,6 +3,7 @@
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Frame, Isometry};
 use mvt_metrics::AddS;
+use mvt_robot::digit::FOV_Y_DEG;
 use mvt_robot::hand::{JOINTS, PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
@@ -52,10 +53,20 @@ pub struct AboutFile {
     modality: Modality,
     side: Side,
     cameras: Vec<Camera>,
+    #[serde(default = "tacto_fov_y_deg", skip_serializing_if = "is_tacto")]
+    touch_fov_y_deg: f64,
     frames: usize,
     process: u32,
     /// BlockPlace of the true shape in shapes.bin.
     truth: Option<BlockPlace>,
+}
+
+fn tacto_fov_y_deg() -> f64 {
+    FOV_Y_DEG
+}
+
+fn is_tacto(fov_y_deg: &f64) -> bool {
+    (*fov_y_deg - FOV_Y_DEG).abs() < 1e-9
 }
 
 /// Part of about.json that every version has.
@@ -80,6 +91,7 @@ impl AboutFile {
             modality: about.modality,
             side: about.side,
             cameras: about.cameras.iter().map(camera).collect(),
+            touch_fov_y_deg: about.touch_fov_y_deg,
             frames: about.frames,
             process: about.process,
             truth,
@@ -99,6 +111,9 @@ impl AboutFile {
             }
         };
         let cameras = self.cameras.into_iter().map(camera).collect::<Result<_, _>>()?;
+        if !(10.0..=150.0).contains(&self.touch_fov_y_deg) {
+            return Err("an invalid field of view of the touch sensors");
+        }
         let about = About {
             version,
             object: self.object,
@@ -106,6 +121,7 @@ impl AboutFile {
             mode: mode_of(&self.mode)?,
             modality: self.modality,
             side: self.side,
+            touch_fov_y_deg: self.touch_fov_y_deg,
             cameras,
             frames: self.frames,
             process: self.process,

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use mvt_files::input;
+use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Isometry, World};
 use mvt_mesh::Mesh;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::report::Event;
 use serde::de::DeserializeOwned;
 
@@ -331,6 +333,11 @@ fn read_about(folder: &Path) -> Result<(About, Option<BlockPlace>, Vec<u8>), Rec
 }
 
 impl About {
+    /// Returns the pinhole model of the touch sensors' cameras.
+    pub fn touch_camera(&self) -> Intrinsics {
+        SensorProfile { fov_y_deg: self.touch_fov_y_deg, ..SensorProfile::tacto() }.intrinsics()
+    }
+
     /// Reads the description of the run in a folder, without its frames.
     ///
     /// # Errors

@@ -33,6 +33,7 @@ fn about() -> About {
         mode: Some(Mode::Slam),
         modality: Modality::Vitac,
         side: Side::Left,
+        touch_fov_y_deg: 60.0,
         cameras: vec![camera()],
         frames: 9,
         process: 1,

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use mvt_frames::depth::CameraDepth;
 use mvt_mesh::Mesh;
-use mvt_robot::digit::gel;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{JointAngles, PerFinger};
 use mvt_robot::observation::Percept;
 use mvt_run::io::write_file;
@@ -290,7 +290,7 @@ fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize
     let mut felt = percept.touch;
     let touch = PerFinger::from_fn(|finger| {
         let press = felt[finger].take()?;
-        let depth_m = gel::depth_of(&press.indentation_mm)?;
+        let depth_m = GelView::tacto().depth_of(&press.indentation_mm)?;
         let contact = press.contact;
         let image = std::mem::take(&mut seen[finger]);
         Some(FingerImages { image, depth_m, contact, true_depth_m: true_touch_m[finger].take() })

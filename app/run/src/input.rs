@@ -2,7 +2,7 @@
 
 use mvt_frames::depth::TouchDepth;
 use mvt_frames::{Isometry, Obstacle, World};
-use mvt_robot::digit::{self, gel};
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::solid::HandSamples;
 use mvt_robot::hand::{Finger, Side, world_from_digit_camera, world_from_tip};
 use mvt_robot::observation::Percept;
@@ -40,16 +40,16 @@ pub struct Input {
 }
 
 impl Input {
-    /// Poses pads and links by the joint angles, and turns indentation into depth.
-    pub fn new(side: Side, percept: &Percept) -> Self {
+    /// Poses pads and links by the joint angles, and turns indentation of a gel into depth.
+    pub fn new(side: Side, percept: &Percept, gel: &GelView) -> Self {
         let joints = &percept.joints;
         let touch = Finger::ALL.map(|finger| {
             let press = percept.touch[finger].as_ref()?;
             Some(TouchDepth {
-                intrinsics: digit::intrinsics(),
+                intrinsics: *gel.camera(),
                 world_from_camera: world_from_digit_camera(side, finger, joints),
                 world_from_pad: Isometry::new(world_from_tip(side, finger, joints).untyped()),
-                depth_m: gel::depth_of(&press.indentation_mm)?,
+                depth_m: gel.depth_of(&press.indentation_mm)?,
                 contact: press.contact.clone(),
                 sigma_m: 1e-3 * press.sigma_mm,
             })

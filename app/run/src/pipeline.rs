@@ -18,6 +18,7 @@ use mvt_frames::{Isometry, Model};
 use mvt_gaits::directive::Directive;
 use mvt_mesh::Mesh;
 use mvt_objects::object::Object as TrueObject;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::Side;
 use mvt_slam::Estimate;
 use mvt_slam::map::{BoxChange, Map};
@@ -230,6 +231,7 @@ impl Pipeline<'_> {
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Finished> {
         let (object, truth, cell_m) = (self.object, self.truth, self.meshing.cell_m);
+        let gel = source.gel().clone();
         let runners =
             self.estimators.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
         listener(Progress::Started { frames: source.frame_count() });
@@ -253,7 +255,7 @@ impl Pipeline<'_> {
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };
-            self.follow(feed, mesher, runners, stop, listener)
+            self.follow(feed, mesher, runners, &gel, stop, listener)
         })?;
         if finished.complete {
             let (reason, as_meant) = source.end();
@@ -276,6 +278,7 @@ impl Pipeline<'_> {
         mut feed: Feed<'_>,
         mut mesher: Mesher<'_>,
         mut runners: Vec<Runner<'_>>,
+        gel: &GelView,
         stop: &AtomicBool,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Followed> {
@@ -287,7 +290,7 @@ impl Pipeline<'_> {
                 break;
             };
             sensed.warnings.iter().for_each(|warning| listener(Progress::Warning(warning)));
-            let input = Input::new(self.side, &sensed.percept);
+            let input = Input::new(self.side, &sensed.percept, gel);
             let mut scans = Vec::new();
             let mut results = Vec::with_capacity(runners.len());
             for runner in &mut runners {

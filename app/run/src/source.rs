@@ -9,6 +9,7 @@ use image::RgbImage;
 use mvt_calibration::Calibration;
 use mvt_frames::{Isometry, Object, World};
 use mvt_gaits::directive::Directive;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::PerFinger;
 use mvt_robot::observation::Percept;
 use ndarray::Array2;
@@ -16,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 pub use log::LogSource;
-pub use touch::{TouchArguments, TouchNetwork, true_press};
+pub use touch::{TouchArguments, TouchNetwork, TouchOrigin, true_press};
 
 /// A frame of a source.
 #[derive(Debug, Clone)]
@@ -61,6 +62,11 @@ pub trait Source: Send {
     /// Directs the hand from the next frame on. A log ignores directives.
     fn direct(&mut self, _: Directive) -> Result<()> {
         Ok(())
+    }
+
+    /// What the touch sensors' cameras see of their gels.
+    fn gel(&self) -> &GelView {
+        GelView::tacto()
     }
 
     /// The number of frames that there will be at most.

@@ -14,7 +14,6 @@ use mvt_picture::palette::{self, Theme};
 use mvt_picture::raster::{self, Colour, LitMesh, MeshPlacement, Rasteriser};
 use mvt_recording::{RecordedMoment, RecordedShape, Recording};
 use mvt_render::tessellation::tessellate;
-use mvt_robot::digit;
 use mvt_robot::hand;
 use mvt_robot::hand::{JointAngles, Part, PartSurface as Material, Side, world_from_digit_camera};
 use mvt_run::sdf_grid::SdfGrid;
@@ -521,7 +520,7 @@ fn keyframes(
         }
         for (finger, _) in kept.fingers.iter().filter(|(_, touching)| touching.is_some()) {
             let pose = world_from_digit_camera(about.side, finger, &kept.joints);
-            draw_sensor(&digit::intrinsics(), pose.untyped(), 0.5 * KEYFRAME_M);
+            draw_sensor(&about.touch_camera(), pose.untyped(), 0.5 * KEYFRAME_M);
         }
     }
 }

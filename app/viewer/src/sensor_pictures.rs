@@ -10,7 +10,7 @@ use ndarray::Array2;
 
 use mvt_picture::palette;
 use mvt_recording::{CameraImages, FingerImages};
-use mvt_robot::digit::gel;
+use mvt_robot::digit::gel::GelView;
 
 /// Indentation with the lightest colour, millimetres.
 const MOST_MM: f32 = 2.0;
@@ -83,7 +83,7 @@ fn colour_of_label(label: Label) -> Rgb<u8> {
 }
 
 fn of_indentation(depth_m: &Array2<f32>) -> RgbImage {
-    let gel = gel::depth_m();
+    let gel = GelView::tacto().depth_m();
     let (rows, columns) = depth_m.dim();
     let is_digit = (rows, columns) == (digit::HEIGHT, digit::WIDTH);
     RgbImage::from_fn(columns as u32, rows as u32, |x, y| {

@@ -11,7 +11,7 @@ use rayon::iter::{
 };
 
 use crate::engine::{Engine, Prediction};
-use crate::untouched::{Squares, differences, squares, subtract_untouched};
+use crate::untouched::{Squares, differences, scale_change, squares, subtract_untouched};
 use mvt_robot::observation::{Press, SensorError, SensorName, check_size};
 
 settings! {
@@ -55,6 +55,7 @@ pub struct Felt {
 pub struct Feeler {
     engine: Engine,
     config: ContactConfig,
+    gains: [f32; 3],
     fingers: PerFinger<State>,
 }
 
@@ -87,12 +88,13 @@ impl State {
     }
 
     /// What the network makes of an image.
-    fn infer(&mut self, engine: &Engine, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
+    fn infer(&mut self, engine: &Engine, gains: [f32; 3], finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
         let seen = match &self.untouched {
             None => image,
             Some(untouched) => {
                 self.seen.copy_from_slice(image);
                 subtract_untouched(untouched, &mut self.seen);
+                scale_change(gains, &mut self.seen);
                 &self.seen
             }
         };
@@ -116,7 +118,13 @@ impl Feeler {
     /// Knows no untouched sensor yet: until [`Feeler::set_empty`], or an image without contact, nothing is taken off what the network
     /// finds; and until the former, nothing off what it sees.
     pub fn new(engine: Engine, config: ContactConfig) -> Self {
-        Self { engine, config, fingers: PerFinger::from_fn(|_| State::new()) }
+        Self { engine, config, gains: [1.0; 3], fingers: PerFinger::from_fn(|_| State::new()) }
+    }
+
+    /// Multiplies the change of red, green and blue from the untouched image before the network sees it.
+    #[must_use]
+    pub fn with_gains(self, gains: [f32; 3]) -> Self {
+        Self { gains, ..self }
     }
 
     /// The network.
@@ -132,7 +140,7 @@ impl Feeler {
         check(finger, image)?;
         let state = &mut self.fingers[finger];
         state.untouched = Some(image.clone());
-        state.infer(&self.engine, finger, image)?;
+        state.infer(&self.engine, self.gains, finger, image)?;
         state.empty = Some((squares(image), state.prediction.indentation_mm.clone()));
         Ok(())
     }
@@ -142,7 +150,7 @@ impl Feeler {
     /// # Errors
     /// [`SensorError::Size`] if an image is neither empty nor 240 wide and 320 high.
     pub fn feel(&mut self, images: &PerFinger<RgbImage>) -> Result<PerFinger<Option<Felt>>, SensorError> {
-        let Self { engine, config, fingers } = self;
+        let Self { engine, config, gains, fingers } = self;
         let outcomes: Vec<Option<Outcome>> = Finger::ALL
             .par_iter()
             .zip(images.0.par_iter())
@@ -152,7 +160,7 @@ impl Feeler {
                     return Ok(None);
                 }
                 check(finger, image)?;
-                feel(engine, config, finger, image, state).map(Some)
+                feel(engine, config, *gains, finger, image, state).map(Some)
             })
             .collect::<Result<_, _>>()?;
         let fingers = &*fingers;
@@ -179,14 +187,14 @@ pub fn feel_alone(
     let empty = untouched.map(|image| {
         check(finger, image)?;
         let mut state = State { untouched: Some(image.clone()), ..State::new() };
-        state.infer(engine, finger, image)?;
+        state.infer(engine, [1.0; 3], finger, image)?;
         Ok((squares(image), state.prediction.indentation_mm))
     });
     let empty = empty.transpose()?;
     let felt = images.par_iter().map(|image| {
         check(finger, image)?;
         let mut state = State { untouched: untouched.cloned(), empty: empty.clone(), ..State::new() };
-        let Outcome { plausibility, asked } = feel(engine, config, finger, image, &mut state)?;
+        let Outcome { plausibility, asked } = feel(engine, config, [1.0; 3], finger, image, &mut state)?;
         let is_plausible = plausibility >= config.least_plausibility;
         Ok(Felt { press: is_plausible.then_some(state.press), plausibility, asked })
     });
@@ -202,6 +210,7 @@ fn check(finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
 fn feel(
     engine: &Engine,
     config: &ContactConfig,
+    gains: [f32; 3],
     finger: Finger,
     image: &RgbImage,
     state: &mut State,
@@ -221,7 +230,7 @@ fn feel(
     if plausibility < config.least_plausibility {
         return Ok(Outcome { plausibility, asked: false });
     }
-    state.infer(engine, finger, image)?;
+    state.infer(engine, gains, finger, image)?;
     let raw = &state.prediction.indentation_mm;
     let Press { indentation_mm, contact, sigma_mm } = &mut state.press;
     // What the network finds on the untouched sensor is an error of the network, and is subtracted.
@@ -242,6 +251,17 @@ fn feel(
     }
     *sigma_mm = config.sigma_mm.max(summary.residual_mm);
     Ok(Outcome { plausibility, asked: true })
+}
+
+/// Returns from 0 to 1 how far an image is one that a sensor with this untouched image makes, see [`Felt::plausibility`]. `prediction` is
+/// the network's answer to the image from which the untouched one is subtracted.
+pub fn plausibility(image: &RgbImage, untouched: &RgbImage, prediction: &Prediction) -> f32 {
+    let own = squares(image);
+    let (_, quartile) = differences(&own, &squares(untouched));
+    let Prediction { indentation_mm, contact_logit } = prediction;
+    let mut contact = Array2::default(contact_logit.dim());
+    let agreement = decide(&ContactConfig::default(), contact_logit, indentation_mm, &mut contact).agreement;
+    exposure(image).min(contrast(&own)).min(1.0 - ramp(quartile, 8.0, 32.0)).min(agreement)
 }
 
 /// What a decision over all pixels has come to.

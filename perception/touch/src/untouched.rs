@@ -18,6 +18,19 @@ pub fn subtract_untouched(untouched: &[u8], image: &mut [u8]) {
     }
 }
 
+/// Multiplies the change of red, green and blue in an image from which the untouched one is subtracted.
+pub fn scale_change(gains: [f32; 3], image: &mut RgbImage) {
+    if gains == [1.0; 3] {
+        return;
+    }
+    let even = f32::from(EVEN);
+    for pixel in image.pixels_mut() {
+        for (level, gain) in pixel.0.iter_mut().zip(gains) {
+            *level = (even + gain * (f32::from(*level) - even)).round() as u8;
+        }
+    }
+}
+
 /// Rounds of finding contacts and leaving them out.
 const ROUNDS: usize = 3;
 /// Distance from a contact within which pixels are left out, too, pixels: the gel bends around a contact.
@@ -98,6 +111,12 @@ const SAME_SENSOR: f32 = 1.5;
 /// Returns whether an image seems to come from the sensor of an untouched image: the two agree in a quarter of the image.
 pub fn is_of_same_sensor(image: &RgbImage, untouched: &RgbImage) -> bool {
     image.dimensions() == untouched.dimensions() && differences(&squares(image), &squares(untouched)).1 < SAME_SENSOR
+}
+
+/// Returns by how many grey levels an image differs from an untouched one where nothing touches: the lower quartile over squares of the
+/// greatest difference of a mean colour. Both have the same size.
+pub fn difference_from_untouched(image: &RgbImage, untouched: &RgbImage) -> f32 {
+    differences(&squares(image), &squares(untouched)).1
 }
 
 /// Side of the squares whose means are compared, pixels; it divides both sides of the image.

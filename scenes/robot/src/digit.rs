@@ -1,6 +1,7 @@
 //! The DIGIT fingertip sensor: its camera, its gel and their poses on the fingertip.
 
 pub mod gel;
+pub mod profile;
 
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Gel, Isometry, Tip};
@@ -12,7 +13,7 @@ pub const HEIGHT: usize = 320;
 /// Vertical field of view of the DIGIT's camera in TACTO, degrees.
 pub const FOV_Y_DEG: f64 = 60.0;
 
-/// Returns the pinhole model of the DIGIT's camera.
+/// Returns the pinhole model of the DIGIT's camera in TACTO.
 pub fn intrinsics() -> Intrinsics {
     Intrinsics::from_fov_y(WIDTH, HEIGHT, FOV_Y_DEG.to_radians())
 }

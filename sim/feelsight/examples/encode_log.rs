@@ -33,7 +33,7 @@ fn main() -> anyhow::Result<()> {
         intrinsics: Intrinsics::from_fov_y(640, 480, 0.74),
         pose: look_at([0.25, -0.14, 0.2].into(), [-0.05, 0.0, 0.03].into(), nalgebra::Vector3::z()),
     };
-    let meta = LogMeta { scene: scene(), cameras: vec![camera] };
+    let meta = LogMeta { scene: scene(), cameras: vec![camera], untouched: None };
     let mut writer = LogWriter::create(&out, meta.clone(), true)?;
     let (mut encoding, mut writing) = (0.0, 0.0);
     let mut rng = ChaCha8Rng::seed_from_u64(1);

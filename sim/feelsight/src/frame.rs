@@ -1,6 +1,7 @@
 //! Encoding of one frame. It takes most of the time and needs no order, so that frames can be encoded on all threads.
 
 use image::{GrayImage, RgbImage};
+use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_robot::digit;
@@ -9,9 +10,8 @@ use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
 use ndarray::Array2;
 
 use crate::error::LogError;
+use crate::frames::{self, EncodedImages, RawCamera, RawFrame, RawTouch};
 use crate::levels;
-use crate::npz::DeflatedFrame;
-use crate::picture::{encode_color, encode_exact};
 use crate::preview;
 use crate::record::{DigitInfo, Matrix};
 use crate::scene::LogMeta;
@@ -24,25 +24,8 @@ pub struct EncodedFrame {
     /// Published mesh to world.
     pub(super) object_pose: Matrix,
     pub(super) finger_poses: [Matrix; 4],
-    pub(super) touch: PerFinger<EncodedTouch>,
-    pub(super) cameras: Vec<EncodedCamera>,
+    pub(super) images: EncodedImages,
     pub(super) preview: RgbImage,
-}
-
-/// Files of one finger.
-#[derive(Debug, Clone)]
-pub(super) struct EncodedTouch {
-    pub image: Vec<u8>,
-    pub depth: Vec<u8>,
-    pub mask: Vec<u8>,
-}
-
-/// Files of one camera, and its part of depth.npz.
-#[derive(Debug, Clone)]
-pub(super) struct EncodedCamera {
-    pub image: Vec<u8>,
-    pub segmentation: Vec<u8>,
-    pub depth: DeflatedFrame,
 }
 
 impl EncodedFrame {
@@ -71,21 +54,20 @@ fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Res
         return Err(format!("it has {} cameras and the log {cameras}", observation.cameras.len()));
     }
     let touch = |finger: Finger| {
-        encode_touch(&observation.touch[finger], &truth.touch[finger]).map_err(|e| format!("{}: {e}", finger.name()))
+        raw_touch(&observation.touch[finger], &truth.touch[finger]).map_err(|e| format!("{}: {e}", finger.name()))
     };
     let [index, middle, ring, thumb] = Finger::ALL.map(touch);
-    let encoded = observation.cameras.iter().zip(&truth.labels).zip(&meta.cameras);
-    let encoded = encoded.map(|((rgbd, labels), camera)| {
-        let size = (camera.intrinsics.width, camera.intrinsics.height);
-        encode_camera(rgbd, labels, size).map_err(|e| format!("{}: {e}", camera.name))
-    });
+    let cameras = observation.cameras.iter().zip(&truth.labels).zip(&meta.cameras);
+    let cameras = cameras
+        .map(|((rgbd, labels), camera)| raw_camera(rgbd, labels, camera).map_err(|e| format!("{}: {e}", camera.name)));
+    let touch = PerFinger([index?, middle?, ring?, thumb?]);
+    let raw = RawFrame { touch, cameras: cameras.collect::<Result<_, _>>()? };
     Ok(EncodedFrame {
         time_s: observation.time_s,
         joints: observation.joints,
         object_pose: (truth.object_pose * object_from_file).to_matrix(),
         finger_poses: finger_poses(meta.scene.hand, &observation.joints),
-        touch: PerFinger([index?, middle?, ring?, thumb?]),
-        cameras: encoded.collect::<Result<_, _>>()?,
+        images: frames::encode(&raw, meta.untouched.as_ref())?,
         preview: preview::tile(observation),
     })
 }
@@ -106,7 +88,7 @@ fn image_size(dimensions: (u32, u32)) -> (usize, usize) {
     (dimensions.0 as usize, dimensions.1 as usize)
 }
 
-fn encode_touch(image: &RgbImage, truth: &TouchTruth) -> Result<EncodedTouch, String> {
+fn raw_touch(image: &RgbImage, truth: &TouchTruth) -> Result<RawTouch, String> {
     let size = (digit::WIDTH, digit::HEIGHT);
     check("the image", image_size(image.dimensions()), size)?;
     let (rows, columns) = truth.contact.dim();
@@ -117,27 +99,21 @@ fn encode_touch(image: &RgbImage, truth: &TouchTruth) -> Result<EncodedTouch, St
     let level = |(&depth, &touches): (&f32, &bool)| info.level(depth).max(u8::from(touches));
     let levels = truth.depth_m.iter().zip(&truth.contact).map(level).collect();
     let levels = GrayImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, levels).ok_or("the depth has holes")?;
-    Ok(EncodedTouch {
-        image: encode_color(image)?,
-        depth: encode_exact(&levels)?,
-        mask: encode_exact(&levels::image_of(&truth.contact, |&touches| if touches { 255 } else { 0 }))?,
-    })
+    let mask = levels::image_of(&truth.contact, |&touches| if touches { 255 } else { 0 });
+    Ok(RawTouch { image: image.clone(), labels: Some((levels, mask)) })
 }
 
-fn encode_camera(rgbd: &Rgbd, labels: &Array2<Label>, size: (usize, usize)) -> Result<EncodedCamera, String> {
+fn raw_camera(rgbd: &Rgbd, labels: &Array2<Label>, camera: &PosedCamera) -> Result<RawCamera, String> {
+    let size = (camera.intrinsics.width, camera.intrinsics.height);
     check("the image", image_size(rgbd.color.dimensions()), size)?;
     let (rows, columns) = labels.dim();
     check("the segmentation", (columns, rows), size)?;
     let (rows, columns) = rgbd.depth_m.dim();
     check("the depth", (columns, rows), size)?;
-    Ok(EncodedCamera {
-        image: encode_color(&rgbd.color)?,
-        segmentation: encode_exact(&levels::image_of(labels, |label| label.grey()))?,
-        depth: DeflatedFrame::new(signed_depth(&rgbd.depth_m)).map_err(|e| e.to_string())?,
+    Ok(RawCamera {
+        name: camera.name.clone(),
+        image: rgbd.color.clone(),
+        segmentation: Some(levels::image_of(labels, |label| label.grey())),
+        depth_m: rgbd.depth_m.iter().map(|&depth| if depth > 0.0 { depth } else { 0.0 }).collect(),
     })
-}
-
-/// Returns the camera's z: negative in front of the camera, 0 where nothing was measured.
-fn signed_depth(depth_m: &Array2<f32>) -> impl ExactSizeIterator<Item = f32> {
-    depth_m.iter().map(|&depth| if depth > 0.0 { -depth } else { 0.0 })
 }

@@ -7,6 +7,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, Point};
 use mvt_robot::digit;
+use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::hand::{Finger, PerFinger, world_from_digit_camera};
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -14,7 +15,6 @@ use serde::Serialize;
 
 use crate::error::LogError;
 use crate::frame::finger_poses;
-use crate::npz;
 use crate::reader::Log;
 
 /// Greatest difference between a recorded DIGIT pose and forward kinematics: metres, and elements of the rotation.
@@ -77,6 +77,9 @@ pub struct CameraSummary {
     /// Distance of the measured points of the object from its surface at the true pose; `None` without segmentation, pose or surface. A
     /// camera that is not where the log says leads to millimetres and more.
     pub surface_distance: Option<SurfaceDistance>,
+    /// Distance of the measured points that show the hand from its model at the recorded joint angles; `None` without segmentation or
+    /// without such points. A camera that is not where the log says, or wrong joint angles, lead to millimetres and more.
+    pub hand_distance: Option<SurfaceDistance>,
 }
 
 /// Distances of measured points from the surface of the object, metres.
@@ -129,7 +132,16 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
     let depths = (0..log.cameras().len()).into_par_iter().map(|camera| depth_facts(&log, camera, surface));
     let depths = depths.collect::<Result<Vec<_>, _>>()?;
     let mut notes = log.notes().to_vec();
-    for (camera, DepthFacts { distances, .. }) in log.cameras().iter().zip(&depths) {
+    for (camera, DepthFacts { distances, hand_distances, .. }) in log.cameras().iter().zip(&depths) {
+        if let Some(median_m) =
+            surface_distance(hand_distances.clone()).map(|d| d.median_m).filter(|&m| m > CAMERA_FIT_M)
+        {
+            notes.push(format!(
+                "camera {} sees the hand {:.1} mm (median) beside its model: its pose or the joint angles are wrong; `mambavitact calibrate --log LOG` measures both",
+                camera.name,
+                1e3 * median_m
+            ));
+        }
         if let Some(median_m) = surface_distance(distances.clone()).map(|d| d.median_m).filter(|&m| m > CAMERA_FIT_M) {
             notes.push(format!(
                 "camera {} sees the object {:.1} mm (median) beside its true surface: its pose or that of the object is wrong",
@@ -148,6 +160,7 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
             height: camera.intrinsics.height,
             depth_fraction: depths[i].fraction,
             surface_distance: surface_distance(depths[i].distances.clone()),
+            hand_distance: surface_distance(depths[i].hand_distances.clone()),
             object_pixels: object.sum::<Option<usize>>().map(|pixels| pixels as f64 / frames),
         }
     };
@@ -235,59 +248,57 @@ struct DepthFacts {
     fraction: f64,
     /// Signed distances of some points of the object from its surface, metres.
     distances: Vec<f64>,
+    /// Signed distances of some points of the hand from its model, metres.
+    hand_distances: Vec<f64>,
 }
 
 /// Reads all depths of a camera, and so checks their checksum.
 fn depth_facts(log: &Log, camera: usize, surface: Option<Surface<'_>>) -> Result<DepthFacts, LogError> {
-    let path = log.folder().join("realsense").join(&log.cameras()[camera].name).join("depth.npz");
     let every = log.len().div_ceil(CAMERA_FRAMES);
     let mut sampled = Vec::new();
     let mut read = || {
-        let mut reader = npz::NpzReader::open(&path)?;
+        let mut reader = log.depths(camera)?;
         let (mut valid, mut pixels) = (0usize, 0usize);
         for frame in 0.. {
             let Some(values) = reader.read()? else { break };
             if log.scene().is_some() && !values.iter().all(|&z| z <= 0.0 && z.is_finite()) {
-                return Err(npz::NpzError::Defect("a depth is positive or not finite".into()));
+                return Err(LogError::defect(reader.path(), "a depth is positive or not finite"));
             }
             valid += values.iter().filter(|&&z| z != 0.0 && z.is_finite()).count();
             pixels += values.len();
-            if surface.is_some() && frame < log.len() && frame % every == 0 {
+            if frame < log.len() && frame % every == 0 {
                 sampled.push((frame, values));
             }
         }
         Ok(valid as f64 / pixels.max(1) as f64)
     };
-    let fraction = read().map_err(LogError::npz(&path))?;
-    let mut distances = Vec::new();
-    if let Some(distance_m) = surface {
-        for (frame, values) in sampled {
-            distances.extend(object_distances(log, camera, frame, &values, distance_m)?);
+    let fraction = read()?;
+    let (mut distances, mut hand_distances) = (Vec::new(), Vec::new());
+    for (frame, values) in sampled {
+        let Some(labels) = log.images(frame)?.labels.and_then(|mut labels| labels.get_mut(camera).map(std::mem::take))
+        else {
+            continue;
+        };
+        let PosedCamera { intrinsics, pose, .. } = &log.cameras()[camera];
+        let measured = |wanted: Label| {
+            let pixels = labels.indexed_iter().zip(&values);
+            let measured = pixels.filter(move |((_, label), z)| **label == wanted && **z != 0.0 && z.is_finite());
+            // Logs hold the camera's z, which is negative in front of it.
+            measured
+                .step_by(CAMERA_STRIDE)
+                .map(|(((v, u), _), &z)| intrinsics.unproject(u as f64, v as f64, f64::from(z.abs())))
+        };
+        if let (Some(distance_m), Some(object_pose)) = (surface, log.object_poses()[frame]) {
+            let object_from_camera = object_pose.inverse() * *pose;
+            distances.extend(measured(Label::Object).map(|point| distance_m(object_from_camera * point)));
         }
+        let hand = HandSolid::new(log.side(), &log.joints()[frame]);
+        hand_distances.extend(measured(Label::Hand).map(|point| {
+            let [x, y, z] = (*pose * point).coords().map(|x| x as f32).into();
+            f64::from(hand.distance(glam::Vec3::new(x, y, z)))
+        }));
     }
-    Ok(DepthFacts { fraction, distances })
-}
-
-/// Returns the signed distances of some pixels that show the object from its surface at the true pose, metres. `values` are the depths of
-/// the camera in the frame, row by row.
-fn object_distances(
-    log: &Log,
-    camera: usize,
-    frame: usize,
-    values: &[f32],
-    distance_m: Surface<'_>,
-) -> Result<Vec<f64>, LogError> {
-    let labels = log.images(frame)?.labels.and_then(|mut labels| labels.get_mut(camera).map(std::mem::take));
-    let (Some(labels), Some(object_pose)) = (labels, log.object_poses()[frame]) else { return Ok(Vec::new()) };
-    let PosedCamera { intrinsics, pose, .. } = &log.cameras()[camera];
-    let object_from_camera = object_pose.inverse() * *pose;
-    let pixels = labels.indexed_iter().zip(values);
-    let measured = pixels.filter(|((_, label), z)| **label == Label::Object && **z != 0.0 && z.is_finite());
-    let distance = |(((v, u), _), &z): (((usize, usize), &Label), &f32)| {
-        // Logs hold the camera's z, which is negative in front of it.
-        distance_m(object_from_camera * intrinsics.unproject(u as f64, v as f64, f64::from(z.abs())))
-    };
-    Ok(measured.step_by(CAMERA_STRIDE).map(distance).collect())
+    Ok(DepthFacts { fraction, distances, hand_distances })
 }
 
 fn surface_distance(mut distances: Vec<f64>) -> Option<SurfaceDistance> {
@@ -318,6 +329,13 @@ impl fmt::Display for LogSummary {
                 writeln!(
                     f,
                     "          {points} points lie {median:.2} mm (median; 95 %: {p95:.2} mm) from the true surface"
+                )?;
+            }
+            if let Some(SurfaceDistance { points, median_m, p95_m, .. }) = &camera.hand_distance {
+                let (median, p95) = (1e3 * median_m, 1e3 * p95_m);
+                writeln!(
+                    f,
+                    "          {points} points lie {median:.2} mm (median; 95 %: {p95:.2} mm) from the model of the hand"
                 )?;
             }
         }

@@ -54,10 +54,16 @@
 //! # Ok::<(), pickle::PickleError>(())
 //! ```
 
+mod archive;
 pub mod array;
+mod compact;
+mod convert;
+mod depths;
 mod disturb;
 mod error;
+mod format;
 mod frame;
+mod frames;
 mod inspect;
 mod io;
 mod lens;
@@ -73,8 +79,10 @@ mod record;
 mod scene;
 mod writer;
 
+pub use convert::convert;
 pub use disturb::{DISTURBANCE_FILE, Disturbance, Disturbed, disturb};
 pub use error::LogError;
+pub use format::LogFormat;
 pub use frame::EncodedFrame;
 pub use inspect::{CameraSummary, LogSummary, SurfaceDistance, inspect, inspect_against};
 pub use partial::{LogSensor, PartialFrame, PartialFrames, TouchPart};

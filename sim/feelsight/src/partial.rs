@@ -1,15 +1,13 @@
 //! Frames of a log with missing or damaged parts.
 
-use std::path::PathBuf;
-
 use image::RgbImage;
 use mvt_frames::{Isometry, Object, World};
 use mvt_robot::hand::{Finger, JointAngles, PerFinger};
 use mvt_robot::observation::TouchTruth;
 use ndarray::Array2;
 
+use crate::depths::DepthReader;
 use crate::error::LogError;
-use crate::npz;
 use crate::reader::Log;
 
 /// Sensor of a log.
@@ -56,7 +54,7 @@ pub struct PartialFrames {
     log: Log,
     next: usize,
     /// Index of each camera and its depths; `None` once they are damaged.
-    cameras: Vec<(usize, Option<(PathBuf, npz::NpzReader)>)>,
+    cameras: Vec<(usize, Option<DepthReader>)>,
     touch: TouchPart,
     /// Found on opening; reported with the first frame.
     defects: Vec<(LogSensor, LogError)>,

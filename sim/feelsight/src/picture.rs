@@ -5,7 +5,10 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, GrayImage, ImageDecoder, ImageEncoder, ImageReader, RgbImage};
+use image::{
+    DynamicImage, EncodableLayout, GrayImage, ImageBuffer, ImageDecoder, ImageEncoder, ImageReader, PixelWithColorType,
+    RgbImage,
+};
 
 use crate::error::LogError;
 use crate::io::read_at_most;
@@ -35,11 +38,39 @@ pub(super) fn encode_exact(image: &GrayImage) -> Result<Vec<u8>, String> {
     Ok(out)
 }
 
+/// Level of deflate in compact logs: the next one takes twice as long for 4 % less.
+const LEVEL: CompressionType = CompressionType::Level(5);
+
+/// Encodes colours as small JPEG of a quality, 1 to 100: colours at half the resolution, and standard Huffman tables. Tables of its own would
+/// need a scan for each colour, which the decoder of `image` misreads when colours are subsampled.
+pub(super) fn encode_small(image: &RgbImage, quality: u8) -> Result<Vec<u8>, String> {
+    let size = |n| u16::try_from(n).map_err(|_| format!("an image of {} x {}", image.width(), image.height()));
+    let mut out = Vec::with_capacity(image.len() / 16);
+    let mut encoder = jpeg_encoder::Encoder::new(&mut out, quality);
+    encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_2_2);
+    encoder
+        .encode(image, size(image.width())?, size(image.height())?, jpeg_encoder::ColorType::Rgb)
+        .map_err(|e| e.to_string())?;
+    Ok(out)
+}
+
+/// Encodes an image as small PNG. Rows resemble those above them.
+pub(super) fn encode_png<P>(image: &ImageBuffer<P, Vec<P::Subpixel>>) -> Result<Vec<u8>, String>
+where
+    P: PixelWithColorType,
+    [P::Subpixel]: EncodableLayout,
+{
+    let mut out = Vec::new();
+    PngEncoder::new_with_quality(&mut out, LEVEL, FilterType::Up)
+        .write_image(image.as_raw().as_bytes(), image.width(), image.height(), P::COLOR_TYPE)
+        .map_err(|e| e.to_string())?;
+    Ok(out)
+}
+
 /// Greatest size of an image file, bytes: larger than that of any camera.
 pub(super) const MAX_FILE: u64 = 64 << 20;
 
-fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, LogError> {
-    let bytes = read_at_most(path, MAX_FILE)?;
+fn decode(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<DynamicImage, LogError> {
     let image_error = |reason| LogError::Image { path: path.to_path_buf(), reason };
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(LogError::io(path))?;
     let decoder = reader.into_decoder().map_err(image_error)?;
@@ -52,12 +83,32 @@ fn decode(path: &Path, size: (usize, usize)) -> Result<DynamicImage, LogError> {
     DynamicImage::from_decoder(decoder).map_err(image_error)
 }
 
+/// Decodes a colour image, whatever its format, of this width and height. `path` is for messages.
+pub(super) fn color_of(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
+    decode(bytes, path, size).map(DynamicImage::into_rgb8)
+}
+
+/// Decodes a grey image, whatever its format, of this width and height.
+pub(super) fn gray_of(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<GrayImage, LogError> {
+    decode(bytes, path, size).map(DynamicImage::into_luma8)
+}
+
+/// Decodes a grey image with 16 bits of this width and height.
+pub(super) fn levels16_of(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<Vec<u16>, LogError> {
+    match decode(bytes, path, size)? {
+        DynamicImage::ImageLuma16(image) => Ok(image.into_raw()),
+        other => {
+            Err(LogError::defect(path, format!("the image has {:?} pixels and not 16 bits of grey", other.color())))
+        }
+    }
+}
+
 /// Reads a colour image, whatever its format, of this width and height.
 pub(super) fn read_color(path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
-    decode(path, size).map(DynamicImage::into_rgb8)
+    color_of(read_at_most(path, MAX_FILE)?, path, size)
 }
 
 /// Reads a grey image, whatever its format, of this width and height.
 pub(super) fn read_gray(path: &Path, size: (usize, usize)) -> Result<GrayImage, LogError> {
-    decode(path, size).map(DynamicImage::into_luma8)
+    gray_of(read_at_most(path, MAX_FILE)?, path, size)
 }

@@ -1,20 +1,24 @@
 //! Reader of logs: those of this program, and those of the published data set, which deviate in details.
 
+mod files;
 mod images;
 mod open;
 
-pub use images::ImageFiles;
+pub use files::ImageFiles;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, Object, World};
 use mvt_robot::hand::{JointAngles, Side};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd};
 
+use crate::compact::CompactFrames;
+use crate::depths::DepthReader;
 use crate::error::LogError;
+use crate::format::LogFormat;
 use crate::lens::Lens;
-use crate::npz;
 use crate::record::{DigitInfo, Matrix};
 use crate::scene::SceneFile;
 
@@ -38,6 +42,8 @@ pub struct Log {
     cameras: Vec<PosedCamera>,
     /// The lens of each camera; `None` without distortion.
     lenses: Vec<Option<Lens>>,
+    /// The images of a compact log; `None` in FeelSight's layout.
+    compact: Option<Arc<CompactFrames>>,
     /// Whether every frame has true touch depths and masks.
     touch_labels: bool,
     /// Whether every frame has segmentations.
@@ -61,6 +67,11 @@ impl Log {
     /// Returns the folder of the log.
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    /// Returns the layout.
+    pub fn format(&self) -> LogFormat {
+        if self.compact.is_some() { LogFormat::Compact } else { LogFormat::FeelSight }
     }
 
     /// Returns the contents of scene.json, which only logs of this program have.
@@ -140,11 +151,11 @@ impl Log {
     pub fn frames_from(&self, first: usize) -> Result<LogFrames<'_>, LogError> {
         let mut depths = Vec::new();
         for camera in 0..self.cameras.len() {
-            let (path, mut reader) = self.depths(camera)?;
+            let mut reader = self.depths(camera)?;
             for _ in 0..first.min(self.len()) {
-                reader.skip().map_err(LogError::npz(&path))?;
+                reader.skip()?;
             }
-            depths.push((path, reader));
+            depths.push(reader);
         }
         Ok(LogFrames { log: self, next: first, depths })
     }
@@ -162,7 +173,7 @@ impl Log {
 pub struct LogFrames<'a> {
     log: &'a Log,
     next: usize,
-    depths: Vec<(PathBuf, npz::NpzReader)>,
+    depths: Vec<DepthReader>,
 }
 
 impl LogFrames<'_> {

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{PerFinger, Side};
 use serde::{Deserialize, Serialize};
 
 /// Name of this file, which lies beside data.pkl.
@@ -79,4 +80,7 @@ pub struct LogMeta {
     pub scene: SceneFile,
     /// The cameras, in the order of the observations and of `scene.cameras`.
     pub cameras: Vec<PosedCamera>,
+    /// Images of the DIGITs that touch nothing: the log is compact, and its touch images are differences from them. `None` for FeelSight's
+    /// layout.
+    pub untouched: Option<PerFinger<RgbImage>>,
 }

@@ -3,14 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use mvt_frames::camera::PosedCamera;
-use mvt_robot::hand::Finger;
+use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_robot::hand::world_from_base;
 
 use crate::error::LogError;
 use crate::frame::EncodedFrame;
+use crate::frames::FrameWriter;
 use crate::io::{sync_folder, write_synced};
-use crate::npz;
 use crate::pickle;
 use crate::preview::Preview;
 use crate::record::{CameraRecord, DigitInfo, Record, is_plain_name};
@@ -25,7 +24,8 @@ pub struct LogWriter {
     overwrite: bool,
     meta: LogMeta,
     record: Record,
-    depths: Vec<npz::NpzWriter>,
+    /// `None` once they are complete.
+    frames: Option<FrameWriter>,
     preview: Preview,
 }
 
@@ -50,21 +50,9 @@ impl LogWriter {
         let partial = sibling(place, "partial")?;
         // A killed process leaves this folder behind.
         remove(&partial)?;
-        let make = |folder: PathBuf| fs::create_dir_all(&folder).map_err(LogError::io(&folder));
-        for finger in Finger::ALL {
-            for kind in ["image", "depth", "mask"] {
-                make(partial.join("allegro").join(finger.name()).join(kind))?;
-            }
-        }
-        let mut depths = Vec::new();
-        for camera in &meta.cameras {
-            let folder = camera_folder(&partial, &camera.name);
-            make(folder.join("image"))?;
-            make(folder.join("seg"))?;
-            let path = folder.join("depth.npz");
-            let (height, width) = (camera.intrinsics.height, camera.intrinsics.width);
-            depths.push(npz::NpzWriter::create(&path, height, width).map_err(LogError::io(path))?);
-        }
+        let size = |camera: &Intrinsics| (camera.width, camera.height);
+        let sizes = meta.cameras.iter().map(|camera| (camera.name.as_str(), size(&camera.intrinsics)));
+        let frames = FrameWriter::create(&partial, &sizes.collect::<Vec<_>>(), meta.untouched.as_ref())?;
         let camera = |camera: &PosedCamera| CameraRecord {
             name: camera.name.clone(),
             pose: camera.pose.to_matrix(),
@@ -83,7 +71,7 @@ impl LogWriter {
             cameras: meta.cameras.iter().map(camera).collect(),
         };
         let preview = Preview::create(&partial, object, meta.scene.frame_rate_hz);
-        Ok(Self { place: place.to_path_buf(), partial, overwrite, meta, record, depths, preview })
+        Ok(Self { place: place.to_path_buf(), partial, overwrite, meta, record, frames: Some(frames), preview })
     }
 
     /// Returns the description of the log, for [`EncodedFrame::encode`].
@@ -97,30 +85,14 @@ impl LogWriter {
     /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written.
     pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), LogError> {
         let EncodedFrame { time_s, .. } = *frame;
-        if self.record.times_s.last().is_some_and(|&last| time_s <= last) || frame.cameras.len() != self.depths.len() {
+        let fits = |frames: &&mut FrameWriter| frames.fits(&frame.images);
+        let is_late = self.record.times_s.last().is_none_or(|&last| time_s > last);
+        let Some(frames) = self.frames.as_mut().filter(fits).filter(|_| is_late) else {
             let defect =
                 "its time is not later than that of the last frame, or its cameras are those of another log".into();
             return Err(LogError::Frame { time_s, defect });
-        }
-        let name = format!("{}.jpg", self.record.times_s.len());
-        let write = |folder: PathBuf, bytes: &[u8]| {
-            let path = folder.join(&name);
-            fs::write(&path, bytes).map_err(LogError::io(path))
         };
-        for (finger, touch) in frame.touch.iter() {
-            let folder = self.partial.join("allegro").join(finger.name());
-            write(folder.join("image"), &touch.image)?;
-            write(folder.join("depth"), &touch.depth)?;
-            write(folder.join("mask"), &touch.mask)?;
-        }
-        for ((camera, depth), PosedCamera { name, .. }) in
-            frame.cameras.iter().zip(&mut self.depths).zip(&self.meta.cameras)
-        {
-            let folder = camera_folder(&self.partial, name);
-            write(folder.join("image"), &camera.image)?;
-            write(folder.join("seg"), &camera.segmentation)?;
-            depth.push(&camera.depth).map_err(LogError::io(folder.join("depth.npz")))?;
-        }
+        frames.push(&frame.images)?;
         self.preview.push(&frame.preview);
         self.record.times_s.push(time_s);
         self.record.joints.push(frame.joints);
@@ -140,10 +112,7 @@ impl LogWriter {
         if self.record.times_s.is_empty() {
             return Err(LogError::defect(&self.place, "the episode ended before its first frame"));
         }
-        for (depth, camera) in self.depths.drain(..).zip(&self.meta.cameras) {
-            let path = camera_folder(&self.partial, &camera.name).join("depth.npz");
-            depth.finish(1.0).map_err(LogError::io(path))?;
-        }
+        self.frames.take().map_or(Ok(()), FrameWriter::finish)?;
         std::mem::replace(&mut self.preview, Preview::Failed).finish();
         write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
         self.meta.scene.end = end;
@@ -182,10 +151,6 @@ impl Drop for LogWriter {
         self.preview = Preview::Failed;
         let _ = fs::remove_dir_all(&self.partial);
     }
-}
-
-fn camera_folder(log: &Path, camera: &str) -> PathBuf {
-    log.join("realsense").join(camera)
 }
 
 /// Returns `.<name>.<suffix>` beside a place.

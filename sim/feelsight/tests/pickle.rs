@@ -70,21 +70,11 @@ fn every_protocol_of_python_is_read() {
     }
 }
 
-/// Says that a test is skipped, and fails where every test must run. Written past the test harness, which hides what passing tests say.
-fn skip(reason: impl std::fmt::Display) {
-    use std::io::Write as _;
-    let _ = writeln!(std::io::stderr(), "SKIPPED: {reason}");
-    assert!(
-        std::env::var_os("REQUIRE_ALL").is_none_or(|value| value != "1"),
-        "REQUIRE_ALL=1 allows no skipped test: {reason}"
-    );
-}
-
 /// Whether there is a Python with NumPy. Without it the test is skipped.
 fn python() -> bool {
     let found = Command::new("python3").args(["-c", "import numpy"]).output().is_ok_and(|o| o.status.success());
     if !found {
-        skip("there is no python3 with NumPy on the path");
+        common::skip("there is no python3 with NumPy on the path");
     }
     found
 }

@@ -61,6 +61,31 @@ impl Shape {
     }
 }
 
+/// Width of a stripe, pixels, and its height as a share of the greatest change.
+const STRIPE: usize = 3;
+const STRIPES: f32 = 0.5;
+
+/// Changes an image as a sensor changes by itself, with warmth and time: colours and their slow course over the image change by up to
+/// `height` grey levels. Some cameras add faint stripes along the columns, and a gel that is dragged shows long soft folds.
+pub fn drift(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
+    let mut color = |height: f32| -> [f32; 3] { std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0)) };
+    // Offset and slopes; together they reach the height at a corner.
+    let [offset, across, down] = [color(0.5 * height), color(0.25 * height), color(0.25 * height)];
+    let stripes: Vec<[f32; 3]> = (0..WIDTH.div_ceil(STRIPE) + 1).map(|_| color(STRIPES * height)).collect();
+    let folds = rng.random_range(0..4);
+    for _ in 0..folds {
+        fold(image, height, rng);
+    }
+    let striped = if rng.random_bool(0.4) { 1.0 } else { 0.0 };
+    for (u, v, pixel) in image.enumerate_pixels_mut() {
+        let stripe = stripes[u as usize / STRIPE];
+        let [x, y] = [2.0 * u as f32 / WIDTH as f32 - 1.0, 2.0 * v as f32 / HEIGHT as f32 - 1.0];
+        for (c, level) in pixel.0.iter_mut().enumerate() {
+            *level = (f32::from(*level) + offset[c] + x * across[c] + y * down[c] + striped * stripe[c]).round() as u8;
+        }
+    }
+}
+
 /// Light is computed at every Nth pixel along both axes and interpolated.
 const SPACING: usize = 4;
 
@@ -102,6 +127,25 @@ pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
     }
     for _ in 0..rng.random_range(0..12) {
         speck(image, rng);
+    }
+}
+
+/// Adds a fold: a long soft streak in any colour.
+fn fold(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
+    let (x, y) = (rng.random::<f32>() * WIDTH as f32, rng.random::<f32>() * HEIGHT as f32);
+    let (sin, cos) = (rng.random::<f32>() * TAU).sin_cos();
+    let (length, width) = (rng.random_range(30.0..120.0_f32), rng.random_range(8.0..30.0_f32));
+    let heights: [f32; 3] = std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0));
+    for (u, v, pixel) in image.enumerate_pixels_mut() {
+        let (dx, dy) = (u as f32 - x, v as f32 - y);
+        let (along, across) = ((dx * cos + dy * sin) / length, (dy * cos - dx * sin) / width);
+        let square = along * along + across * across;
+        if square < 9.0 {
+            let share = (-0.5 * square).exp();
+            for (level, height) in pixel.0.iter_mut().zip(heights) {
+                *level = (f32::from(*level) + share * height).round() as u8;
+            }
+        }
     }
 }
 

@@ -31,10 +31,29 @@ settings! {
         pub background: f32 = 12.0, 0.0..=100.0;
         /// Share of images of sensors whose untouched image is known.
         pub known_untouched: f64 = 0.75, 0.0..=1.0;
+        /// Share of sensors that are drawn like real DIGITs: view, gel, lights, response and blur differ from one to the next. On them a
+        /// pixel is in contact where the object lies on the gel.
+        #[serde(skip_serializing_if = "is_zero")]
+        pub real: f64 = 0.0, 0.0..=1.0;
+        /// Greatest slow change of such a sensor between its untouched image and the others, grey levels.
+        #[serde(skip_serializing_if = "is_zero_f32")]
+        pub drift: f32 = 0.0, 0.0..=20.0;
+        /// Share of contacts with objects of 3 to 20 mm: balls, dice, cans and others of the procedural ones, made smaller.
+        #[serde(skip_serializing_if = "is_zero")]
+        pub small: f64 = 0.0, 0.0..=1.0;
         /// Sensors in use at a time. Each step replaces one of them.
         pub sensors: usize = 24, 1..=1000;
     }
     rule = ranges_rise;
+}
+
+// Settings at 0 are left out of the file and of the hash of the data, which then stay those of versions without them.
+fn is_zero(share: &f64) -> bool {
+    *share == 0.0
+}
+
+fn is_zero_f32(levels: &f32) -> bool {
+    *levels == 0.0
 }
 
 fn ranges_rise(config: &DataConfig) -> Result<(), SettingError> {

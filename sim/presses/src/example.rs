@@ -8,6 +8,7 @@
 use std::f64::consts::TAU;
 
 use image::RgbImage;
+use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Gel, Isometry, Object};
 use mvt_render::touch::{NoiseKey, TouchFrame};
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
@@ -15,9 +16,9 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::backdrop::disturb;
+use crate::backdrop::{disturb, drift, through_jpeg};
 use crate::config::DataConfig;
-use crate::objects::PressedSurface;
+use crate::objects::{self, PressedSurface};
 use crate::sensors::PressSensor;
 
 /// Least and greatest press depth of MidasTouch's protocol, millimetres.
@@ -31,6 +32,12 @@ const SLACK: f64 = 0.5;
 /// Least share of the image in contact. A smaller contact is a sliver at the rim or the back of a wall; MidasTouch's
 /// reader drops such images, too.
 const LEAST_AREA: f64 = 0.01;
+/// The same on sensors like real ones, which see the gel half as large again: a light touch of a small ball.
+const LEAST_REAL_AREA: f64 = 0.004;
+/// Share of images of such sensors whose untouched image is of another day: light differs in shapes of its own.
+const OTHER_DAY: f64 = 0.2;
+/// Share of images of such sensors that went through a JPEG file or a video.
+const COMPRESSED: f64 = 0.3;
 /// Contacts that are drawn before one is used without these checks.
 const TRIES: usize = 8;
 /// Greatest indentation in the ground truth, millimetres: the gel is not much thicker.
@@ -78,7 +85,7 @@ struct Contact {
 }
 
 impl Contact {
-    fn draw(surface: &PressedSurface, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
+    fn draw(surface: &PressedSurface, camera: &Intrinsics, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
         let follows_protocol = rng.random_bool(config.protocol);
         let ([least, most], tilt_deg, reach) = if follows_protocol {
             (PROTOCOL_PRESS_MM, PROTOCOL_SHEAR_DEG, 0.0)
@@ -98,7 +105,7 @@ impl Contact {
         let rotation = roll * turn;
         let mut around_middle = |side: usize| (side as f64 - 1.0) * (0.5 + reach * (2.0 * rng.random::<f64>() - 1.0));
         let (u, v) = (around_middle(WIDTH), around_middle(HEIGHT));
-        let place = gel::point(u, v).coords() - Vector3::new(press_mm * 1e-3, 0.0, 0.0);
+        let place = gel::point(camera, u, v).coords() - Vector3::new(press_mm * 1e-3, 0.0, 0.0);
         let moved = place - rotation * Vector3::new(f64::from(point.x), f64::from(point.y), f64::from(point.z));
         let pose = nalgebra::Isometry3::from_parts(Translation3::from(moved), rotation);
         Self { gel_from_object: Isometry::new(pose), press_mm }
@@ -132,12 +139,14 @@ pub fn example(
         let covers_enough = |frame: &TouchFrame, press_mm: f64| {
             let least_mm = contact_threshold_mm(press_mm) as f32;
             let covered = sensor.indentation_mm(frame).filter(|mm| *mm > least_mm).count();
-            covered as f64 > LEAST_AREA * (WIDTH * HEIGHT) as f64
+            covered as f64 > if sensor.is_real { LEAST_REAL_AREA } else { LEAST_AREA } * (WIDTH * HEIGHT) as f64
         };
         let may_be_deep = rng.random_bool(config.deep);
         for _ in 0..TRIES {
+            let surfaces =
+                if config.small > 0.0 && rng.random_bool(config.small) { objects::small() } else { surfaces };
             let surface = &surfaces[rng.random_range(0..surfaces.len())];
-            let contact = Contact::draw(surface, config, &mut rng);
+            let contact = Contact::draw(surface, &sensor.camera, config, &mut rng);
             press_mm = contact.press_mm;
             sensor.renderer.render(&surface.rays, contact.gel_from_object, noise, frame);
             let excess = sensor.deepest_mm(frame) - press_mm;
@@ -154,7 +163,11 @@ pub fn example(
     }
     let indentation_mm: Vec<f32> = sensor.indentation_mm(frame).map(|mm| mm.min(DEEPEST_MM)).collect();
     let threshold = contact_threshold_mm(press_mm) as f32;
-    let contact = indentation_mm.iter().map(|&x| f32::from(u8::from(x > threshold))).collect();
+    let contact = if sensor.is_real {
+        frame.contact().iter().map(|&touches| f32::from(u8::from(touches))).collect()
+    } else {
+        indentation_mm.iter().map(|&x| f32::from(u8::from(x > threshold))).collect()
+    };
     let mut image: RgbImage = frame.calibrated().clone();
     let untouched = rng.random_bool(config.known_untouched).then(|| {
         let mut untouched = sensor.untouched.clone();
@@ -162,6 +175,16 @@ pub fn example(
         untouched.into_raw()
     });
     disturb(&mut image, config.background, &mut rng);
+    if sensor.is_real {
+        drift(&mut image, config.drift, &mut rng);
+        if rng.random_bool(OTHER_DAY) {
+            disturb(&mut image, 1.5 * config.drift, &mut rng);
+        }
+        if rng.random_bool(COMPRESSED) {
+            // An image in memory always has a JPEG; without one it stays as it is.
+            image = through_jpeg(&image, rng.random_range(60..=95)).unwrap_or(image);
+        }
+    }
     Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), untouched, indentation_mm, contact }
 }
 

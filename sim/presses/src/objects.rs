@@ -1,5 +1,7 @@
 //! Objects for training, validation and test of a network.
 
+use std::sync::LazyLock;
+
 use glam::Vec3;
 use mvt_mesh::Mesh;
 use mvt_objects::catalogue;
@@ -128,6 +130,26 @@ pub fn resolve(names: &[String]) -> Vec<String> {
         _ => vec![name.clone()],
     };
     names.iter().flat_map(published).collect()
+}
+
+/// Procedural objects that [`small`] makes smaller, and their sizes, millimetres.
+const SMALL: [&str; 5] = ["ball", "cube70", "large_dice", "pear", "soup_can"];
+const SMALL_MM: [f32; 6] = [3.0, 4.5, 6.0, 9.0, 13.0, 20.0];
+
+/// Returns small objects. Balls are as many as all others together: a ball of known size is what real sensors are measured with.
+pub(crate) fn small() -> &'static [PressedSurface] {
+    static SURFACES: LazyLock<Vec<PressedSurface>> = LazyLock::new(|| {
+        let balls = SMALL_MM.into_iter().flat_map(|mm| std::iter::repeat_n(("ball", mm), SMALL.len() - 2));
+        let others = SMALL.into_iter().flat_map(|name| SMALL_MM.map(|mm| (name, mm)));
+        let scaled = |(name, mm): (&str, f32)| {
+            let mut mesh = catalogue::find(name).ok()?.mesh_without_download()?;
+            let scale = 1e-3 * mm / mesh.extents_m().max_element();
+            mesh.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+            Some(PressedSurface::new(mesh))
+        };
+        balls.chain(others).filter_map(scaled).collect()
+    });
+    &SURFACES
 }
 
 /// Loads objects of the catalogue and random ones, in the order of the names.

@@ -4,14 +4,16 @@ use std::collections::BTreeMap;
 
 use image::RgbImage;
 use mvt_frames::Isometry;
+use mvt_frames::camera::Intrinsics;
 use mvt_render::rays::RayMesh;
 use mvt_render::touch::{
     Background, Lights, TouchConfig, TouchFrame, TouchOptions, TouchRenderer, synthetic_background,
 };
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::backdrop::through_jpeg;
+use crate::backdrop::{disturb, through_jpeg};
 use crate::config::DataConfig;
 use crate::error::PressError;
 
@@ -21,6 +23,10 @@ pub struct PressSensor {
     pub(crate) renderer: TouchRenderer,
     /// Untouched image, without noise.
     pub(crate) untouched: RgbImage,
+    /// Its camera.
+    pub(crate) camera: Intrinsics,
+    /// Whether it looks like a real DIGIT.
+    pub(crate) is_real: bool,
     gel_depth_m: Vec<f32>,
 }
 
@@ -29,6 +35,10 @@ impl PressSensor {
     /// images, so disturbed lights are visible everywhere.
     fn draw(config: &DataConfig, seed: u64, calibration: &RgbImage) -> Result<Self, PressError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let is_real = config.real > 0.0 && rng.random_bool(config.real);
+        if is_real {
+            return Self::draw_real(config, seed, &mut rng);
+        }
         let mut options = TouchOptions::new(TouchConfig::Fork);
         options.noise_sigma = rng.random_range(config.noise[0]..=config.noise[1]);
         let mut background = synthetic_background(seed);
@@ -48,7 +58,22 @@ impl PressSensor {
         let renderer = TouchRenderer::new(&options)?;
         let gel_depth_m = renderer.gel_depth_m().into_raw_vec_and_offset().0;
         let untouched = untouched(&renderer).calibrated().clone();
-        Ok(Self { renderer, untouched, gel_depth_m })
+        Ok(Self { renderer, untouched, camera: options.camera, is_real: false, gel_depth_m })
+    }
+
+    /// Draws a sensor like a real DIGIT.
+    fn draw_real(config: &DataConfig, seed: u64, rng: &mut ChaCha8Rng) -> Result<Self, PressError> {
+        let mut options = TouchOptions::of_profile(&draw_profile(rng), TouchConfig::Fork);
+        options.noise_sigma = rng.random_range(config.noise[0]..=config.noise[1]);
+        let mut background = synthetic_background(seed);
+        disturb(&mut background, 2.0 * config.background, rng);
+        if rng.random_bool(0.5) {
+            background = through_jpeg(&background, rng.random_range(60..=95))?;
+        }
+        options.background = Background::Image(background.clone());
+        let renderer = TouchRenderer::new(&options)?;
+        let gel_depth_m = renderer.gel_depth_m().into_raw_vec_and_offset().0;
+        Ok(Self { renderer, untouched: background, camera: options.camera, is_real: true, gel_depth_m })
     }
 
     /// Returns the indentation of each pixel of a frame of this sensor, millimetres.
@@ -59,6 +84,29 @@ impl PressSensor {
     /// Returns the greatest indentation of a frame, millimetres.
     pub(crate) fn deepest_mm(&self, frame: &TouchFrame) -> f64 {
         f64::from(self.indentation_mm(frame).fold(0.0, f32::max))
+    }
+}
+
+/// Draws the profile of a real DIGIT. The ranges are those that images of ball presses on several sensors show, and a little more.
+fn draw_profile(rng: &mut ChaCha8Rng) -> SensorProfile {
+    let mut between = |low: f64, high: f64| rng.random_range(low..=high);
+    let common = between(75.0_f64.ln(), 250.0_f64.ln()).exp();
+    let sensitivity = std::array::from_fn(|_| (common * between(0.7, 1.3)) as f32);
+    let background_exponent = [between(0.3, 2.0), between(0.8, 3.0), between(0.0, 1.0)].map(|p| p as f32);
+    SensorProfile {
+        fov_y_deg: between(38.0, 46.0),
+        reach_mm: between(0.4, 1.1) as f32,
+        appearance: Some(Appearance {
+            led_angles_deg: [-47.0, -163.0, 77.0].map(|angle| angle + between(-15.0, 15.0)),
+            led_distance_mm: between(8.0_f64.ln(), 22.0_f64.ln()).exp(),
+            led_elevation_deg: between(12.0, 38.0),
+            sensitivity,
+            background_exponent,
+            response: between(0.75, 1.6) as f32,
+            cast_shadow: between(0.0, 1.0) as f32,
+            blur_px: between(0.8, 2.6) as f32,
+            noise_grey: 0.0,
+        }),
     }
 }
 

@@ -11,6 +11,7 @@
 
 mod background;
 mod calibrate;
+mod gel_light;
 mod light;
 mod membrane;
 mod noise;
@@ -21,8 +22,10 @@ use std::mem::take;
 use std::ops::Range;
 
 use image::RgbImage;
+use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Gel, Isometry, NotRigid, Object};
 use mvt_mesh::Mesh;
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_robot::digit::{HEIGHT, WIDTH, gel};
 use mvt_robot::observation::TouchTruth;
 use ndarray::{Array2, Array3};
@@ -30,6 +33,7 @@ use ndarray::{Array2, Array3};
 use crate::rays::{MISS, RayMesh};
 pub use background::synthetic_background;
 use calibrate::Blur;
+use gel_light::GelLight;
 pub use light::{Light, Lights, Spot};
 pub use membrane::Membrane;
 pub use noise::NoiseKey;
@@ -106,10 +110,18 @@ pub enum Background {
 /// MidasTouch counts as contact.
 const CONTACT_THRESHOLD_M: f32 = 1e-4;
 
+/// With an [`Appearance`] a pixel touches where the object lies on the gel: where the gap between them is smaller than this, metres.
+/// The rim that people see around a ball in a real image has this gap.
+const CONTACT_GAP_M: f32 = 1.4e-5;
+
 /// Options of a [`TouchRenderer`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchOptions {
-    /// The LEDs. Default: those of the configuration; [`Lights::perturbed`] draws others for training.
+    /// The camera. Default: that of TACTO's DIGIT.
+    pub camera: Intrinsics,
+    /// How the gel of a real sensor looks; it replaces `lights`, and contact is where the object lies on the gel. Default: `None`.
+    pub appearance: Option<Appearance>,
+    /// The LEDs of TACTO. Default: those of the configuration; [`Lights::perturbed`] draws others for training.
     pub lights: Lights,
     /// The untouched image. Default: the rendered gel.
     pub background: Background,
@@ -126,11 +138,25 @@ impl TouchOptions {
     /// Returns the options with which the renderer reproduces TACTO in this configuration.
     pub fn new(config: TouchConfig) -> Self {
         Self {
+            camera: mvt_robot::digit::intrinsics(),
+            appearance: None,
             lights: Lights::of(config),
             background: Background::Rendered,
             noise_sigma: config.noise_sigma(),
             contact_threshold_m: CONTACT_THRESHOLD_M,
             membrane: None,
+        }
+    }
+
+    /// Returns the options of a sensor. For the profile of TACTO they are those of TACTO's configuration.
+    pub fn of_profile(profile: &SensorProfile, config: TouchConfig) -> Self {
+        let tacto = Self::new(config);
+        Self {
+            camera: profile.intrinsics(),
+            appearance: profile.appearance,
+            noise_sigma: profile.appearance.map_or(tacto.noise_sigma, |appearance| appearance.noise_grey),
+            membrane: (profile.reach_mm > 0.0).then_some(Membrane { reach_m: 1e-3 * profile.reach_mm }),
+            ..tacto
         }
     }
 }
@@ -177,6 +203,7 @@ pub struct TouchFrame {
     row: Row,
     blur: Blur,
     smoothing: membrane::Scratch,
+    lighting: gel_light::Scratch,
 }
 
 impl Default for TouchFrame {
@@ -191,12 +218,13 @@ impl Default for TouchFrame {
             row: Row::new(),
             blur: Blur::new(),
             smoothing: membrane::Scratch::default(),
+            lighting: gel_light::Scratch::default(),
         }
     }
 }
 
 impl TouchFrame {
-    /// Returns the image as the shader renders it: no background, no noise.
+    /// Returns the image as TACTO's shader renders it: no background, no noise. With an [`Appearance`] it shows the untouched gel.
     pub fn raw(&self) -> &RgbImage {
         &self.raw
     }
@@ -212,7 +240,8 @@ impl TouchFrame {
         &self.depth_m
     }
 
-    /// Returns where the object presses into the gel by more than the threshold.
+    /// Returns where the object touches: where it presses into the gel by more than the threshold or, with an [`Appearance`], where it
+    /// lies on the gel.
     pub fn contact(&self) -> &Array2<bool> {
         &self.contact
     }
@@ -237,6 +266,7 @@ impl TouchFrame {
 /// Renderer of DIGIT images. It is immutable, so that all threads share one; each thread brings its own [`TouchFrame`].
 pub struct TouchRenderer {
     shader: Shader,
+    light: Option<GelLight>,
     noise: Option<Noise>,
     contact_threshold_m: f32,
     membrane: Option<Membrane>,
@@ -253,13 +283,14 @@ impl TouchRenderer {
     /// # Errors
     /// [`TouchError`] if the background has another size than a DIGIT's image or a number is out of range.
     pub fn new(options: &TouchOptions) -> Result<Self, TouchError> {
-        let TouchOptions { lights, background, noise_sigma, contact_threshold_m, membrane } = options;
+        let TouchOptions { camera, appearance, lights, background, noise_sigma, contact_threshold_m, membrane } =
+            options;
         in_range("the noise's sigma", *noise_sigma, 0.0, SIGMA_MAX)?;
         in_range("the contact threshold in metres", *contact_threshold_m, 0.0, gel::APEX_M as f32)?;
         if let Some(membrane) = membrane {
             in_range("the membrane's reach in metres", membrane.reach_m, 0.0, membrane::REACH_MAX_M)?;
         }
-        let shader = Shader::new(lights);
+        let shader = Shader::new(lights, *camera);
         let (gel_depth, empty) = render_empty(&shader);
         let background = match background {
             Background::Rendered => empty.clone(),
@@ -269,8 +300,14 @@ impl TouchRenderer {
                 return Err(TouchError::BackgroundSize { width: image.width(), height: image.height() });
             }
         };
+        let light = appearance.as_ref().map(|appearance| {
+            // The buffer has the image's size.
+            let image = RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, background.clone()).unwrap_or_default();
+            GelLight::new(appearance, &image, &gel_depth, &shader)
+        });
         Ok(Self {
             shader,
+            light,
             noise: (*noise_sigma > 0.0).then(|| Noise::new(*noise_sigma)),
             contact_threshold_m: *contact_threshold_m,
             membrane: *membrane,
@@ -322,8 +359,8 @@ impl pulp::WithSimd for Rendering<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
         let Self { renderer, object, gel_from_object, noise, frame } = self;
-        let TouchRenderer { shader, membrane, gel_depth, gel_inverse_depth, empty, background, .. } = renderer;
-        let TouchFrame { raw, calibrated, depth_m, contact, raster, row, blur, smoothing } = frame;
+        let TouchRenderer { shader, light, membrane, gel_depth, gel_inverse_depth, empty, background, .. } = renderer;
+        let TouchFrame { raw, calibrated, depth_m, contact, raster, row, blur, smoothing, lighting } = frame;
         let (raw, calibrated): (&mut [u8], &mut [u8]) = (raw, calibrated);
         let contact = contact.as_slice_mut().unwrap_or_default();
         raw.copy_from_slice(empty);
@@ -338,13 +375,26 @@ impl pulp::WithSimd for Rendering<'_> {
                 raster.depth(v, &gel_depth[pixels(v)], &mut depth_m[pixels(v)]);
             }
             if let Some(membrane) = membrane {
-                rows = membrane.relax(rows, gel_depth, depth_m, smoothing);
+                rows = membrane.relax(&shader.camera, rows, gel_depth, depth_m, smoothing);
+            }
+            if let Some(light) = light {
+                light.cast(gel_depth, depth_m, shader, lighting);
             }
             for v in rows.clone() {
                 let (gel, depth, facets) = (&gel_depth[pixels(v)], &depth_m[pixels(v)], raster.facets(v));
                 let rgb = &mut raw[3 * v * WIDTH..3 * (v + 1) * WIDTH];
                 row.depth.copy_from_slice(depth);
                 let columns = raster.normals(v, shader, row);
+                if let Some(light) = light {
+                    let on_object =
+                        |u: usize| facets[u] != MISS && !membrane::is_indented(raster.depth_at(u, v), depth[u]);
+                    membrane::normals(v, depth_m, shader, |u| !on_object(u), row);
+                    light.shade(v, row, shader, |u| membrane::is_indented(gel[u], depth[u]), lighting);
+                    for (u, touches) in contact[pixels(v)].iter_mut().enumerate() {
+                        *touches = facets[u] != MISS && raster.depth_at(u, v) - depth[u] < CONTACT_GAP_M;
+                    }
+                    continue;
+                }
                 if membrane.is_some() {
                     let off_object = |u: usize| membrane::is_indented(raster.depth_at(u, v), depth[u]);
                     membrane::normals(v, depth_m, shader, off_object, row);
@@ -356,7 +406,10 @@ impl pulp::WithSimd for Rendering<'_> {
                     *touches = gel - depth > renderer.contact_threshold_m;
                 }
             }
-            blur.overlay(rows, raw, empty, background, calibrated);
+            match light {
+                Some(light) => light.overlay(rows, lighting, background, calibrated),
+                None => blur.overlay(rows, raw, empty, background, calibrated),
+            }
         }
         if let Some((noise, key)) = renderer.noise.as_ref().zip(noise) {
             noise.add(key, calibrated);
@@ -375,7 +428,7 @@ fn render_empty(shader: &Shader) -> (Vec<f32>, Vec<u8>) {
     let mut row = Row::new();
     for v in 0..HEIGHT {
         for u in 0..WIDTH {
-            let point = gel::point(u as f64, v as f64);
+            let point = gel::point(&shader.camera, u as f64, v as f64);
             let normal = gel::normal(point).coords();
             row.depth[u] = point.coords().x as f32;
             for (lane, value) in row.normal.iter_mut().zip(normal.as_slice()) {

@@ -2,14 +2,17 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use glam::Vec3;
+use image::RgbImage;
 use mvt_frames::{Gel, Isometry, Object};
 use mvt_mesh::Mesh;
+use mvt_objects::catalogue;
 use mvt_render::rays::RayMesh;
 use mvt_render::touch::{
     Background, Lights, Membrane, NoiseKey, TouchConfig, TouchError, TouchFrame, TouchOptions, TouchRenderer,
     render_contact,
 };
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 use rand::SeedableRng;
 
 /// A box of 12 triangles that do not share vertices, so that its faces are flat.
@@ -55,7 +58,7 @@ fn a_face_that_reaches_behind_the_camera_is_an_exact_plane() {
     let offset = 0.0315 * normal.x - 0.01;
     let mut touched = 0;
     for (v, u) in (0..HEIGHT).flat_map(|v| (0..WIDTH).map(move |u| (v, u))) {
-        let point = gel::point(u as f64, v as f64).coords();
+        let point = gel::point(&intrinsics(), u as f64, v as f64).coords();
         let plane = offset / normal.dot(&(point / point.x));
         let expected = if plane > 0.0 { point.x.min(plane) } else { point.x };
         touched += usize::from(expected < point.x - 1e-4);
@@ -203,4 +206,60 @@ fn options_out_of_range_are_refused() {
     let mirror = [[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
     let error = render_contact(&Mesh::default(), &mirror, TouchConfig::Fork, Background::Rendered).unwrap_err();
     assert!(error.to_string().contains("not a rotation"), "{error}");
+}
+
+/// A ball of 6 mm in the profile of a real DIGIT has what images of real ones show: the gel gives way beyond the contact, each colour changes
+/// along its own direction, and as strongly.
+#[test]
+fn a_ball_on_a_real_sensor_shows_flank_direction_and_gain() {
+    let profile = SensorProfile::load("digit").unwrap();
+    let appearance = profile.appearance.unwrap();
+    let background = RgbImage::from_pixel(WIDTH as u32, HEIGHT as u32, image::Rgb([95; 3]));
+    let options = TouchOptions {
+        background: Background::Image(background),
+        ..TouchOptions::of_profile(&profile, TouchConfig::Fork)
+    };
+    let mut ball = catalogue::find("ball").unwrap().mesh_without_download().unwrap();
+    let radius_m = 0.003;
+    let scale = 2.0 * radius_m / ball.extents_m().max_element();
+    ball.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+    let pose = Isometry::translation(gel::APEX_M + f64::from(radius_m) - 5e-4, 0.0, 0.0);
+    let frame = rendered(&options, &ball, pose, None);
+    let indentation_mm = 1e3 * (renderer(&options).gel_depth_m() - frame.depth_m());
+
+    let pitch_mm = 1e3 * gel::APEX_M / options.camera.fx;
+    let at = |mm: f64| f64::from(indentation_mm[(HEIGHT / 2, WIDTH / 2 + (mm / pitch_mm).round() as usize)]);
+    let contact_px = frame.contact().iter().filter(|&&touches| touches).count() as f64;
+    let contact_mm = (contact_px / std::f64::consts::PI).sqrt() * pitch_mm;
+    // The flank is about a / R times the fade length high, and fades over it.
+    let (reach_mm, rim) = (f64::from(profile.reach_mm), at(contact_mm));
+    assert!((0.6..1.4).contains(&contact_mm), "{contact_mm} mm");
+    let fade = at(contact_mm + reach_mm) / rim;
+    assert!((0.2..0.45).contains(&fade), "{fade} of {rim} mm is left after {reach_mm} mm");
+
+    // Least squares of each colour's change over the slopes to the right and down, where no LED is shadowed.
+    for c in 0..3 {
+        let (mut normal, mut right) = (nalgebra::Matrix2::<f64>::zeros(), nalgebra::Vector2::zeros());
+        for (v, u) in (20..HEIGHT - 20).flat_map(|v| (20..WIDTH - 20).map(move |u| (v, u))) {
+            let at = |v: usize, u: usize| f64::from(indentation_mm[(v, u)]);
+            // Over the width of the blur.
+            let slope =
+                nalgebra::Vector2::new(at(v, u + 2) - at(v, u - 2), at(v + 2, u) - at(v - 2, u)) / (4.0 * pitch_mm);
+            if (0.03..0.15).contains(&slope.norm()) {
+                let change = f64::from(frame.calibrated().get_pixel(u as u32, v as u32).0[c]) - 95.0;
+                normal += slope * slope.transpose();
+                right += slope * change;
+            }
+        }
+        // The gel's surface faces the LED where the indentation falls towards it.
+        let towards = -(normal.lu().solve(&right).unwrap());
+        let turned =
+            (towards.y.atan2(towards.x).to_degrees() - appearance.led_angles_deg[c] + 540.0).rem_euclid(360.0) - 180.0;
+        assert!(turned.abs() < 20.0, "colour {c}: {turned} degrees beside its LED");
+        let gain = towards.norm() / f64::from(appearance.sensitivity[c]);
+        assert!((0.7..1.3).contains(&gain), "colour {c}: {gain} of its sensitivity");
+    }
+    // Dark sides fall into shadow, bright sides do not.
+    let (darkest, brightest) = frame.calibrated().iter().fold((95, 95), |(low, high), &x| (x.min(low), x.max(high)));
+    assert!(95 - darkest < brightest - 95, "{darkest} to {brightest}");
 }

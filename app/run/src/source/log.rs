@@ -14,6 +14,8 @@ use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
 use mvt_robot::digit;
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use mvt_robot::observation::SensorName;
 use mvt_robot::rig::Placement;
@@ -37,6 +39,7 @@ pub struct LogSource {
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
     segmentation: SegmentationConfig,
+    gel: GelView,
     /// The touch network; without it the log's true indentation is used.
     network: Option<TouchNetwork>,
     /// From the coordinates in which the log has the object to ours.
@@ -125,10 +128,16 @@ impl LogSource {
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
             segmentation,
             object_from_log: Isometry::identity(),
+            gel: GelView::tacto().clone(),
             wants_pictures: |_| true,
             told: HashSet::new(),
             warnings,
         })
+    }
+
+    /// Says which touch sensors the log was made with; without it, TACTO's.
+    pub fn wear(&mut self, profile: &SensorProfile) {
+        self.gel = profile.gel_view();
     }
 
     /// Reads pictures only of frames whose number satisfies `wanted`; without this call, of all.
@@ -248,7 +257,7 @@ impl LogSource {
         let images = PerFinger(frame.touch_images.0.map(Option::unwrap_or_default));
         let side = self.side();
         let mut touch = match &mut self.network {
-            None => PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?)),
+            None => PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?, &self.gel)),
             Some(network) => network.feel(u64::from(number), &images, &mut self.warnings)?,
         };
         let after = number as usize + 1;
@@ -291,6 +300,10 @@ impl Source for LogSource {
             return self.sensed(number, frame, begun).map(Some);
         }
         Ok(None)
+    }
+
+    fn gel(&self) -> &GelView {
+        &self.gel
     }
 
     fn frame_count(&self) -> usize {

@@ -6,7 +6,8 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use mvt_products::Instructions;
-use mvt_robot::digit::gel;
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Finger, PerFinger};
 use mvt_robot::observation::TouchTruth;
 use mvt_robot::observation::{Press, SensorName};
@@ -15,11 +16,17 @@ use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
 use mvt_touch::untouched::estimate;
 use ndarray::Zip;
+use serde::Deserialize;
+
+/// Name of TACTO's sensor.
+const TACTO: &str = "tacto";
 
 /// Where touch depth comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum TouchDepth {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TouchOrigin {
     /// A network sees it in the touch images
+    #[default]
     Network,
     /// The renderer's
     Truth,
@@ -29,14 +36,17 @@ enum TouchDepth {
 #[derive(Debug, Clone, Args)]
 pub struct TouchArguments {
     /// Where touch depth comes from
-    #[arg(long, value_enum, default_value_t = TouchDepth::Network)]
-    touch_depth: TouchDepth,
-    /// Weights of a touch network, for --touch-depth network; without it those that are shipped
+    #[arg(long, value_enum, default_value_t = TouchOrigin::Network)]
+    touch_depth: TouchOrigin,
+    /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), or the path of a profile (.toml)
+    #[arg(long, value_name = "NAME", default_value = TACTO)]
+    touch_profile: String,
+    /// Weights of a touch network, for --touch-depth network; without it those that are shipped for the sensor
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 }
 
-impl TouchDepth {
+impl TouchOrigin {
     fn name(self) -> &'static str {
         match self {
             Self::Network => "network",
@@ -46,22 +56,36 @@ impl TouchDepth {
 }
 
 impl TouchArguments {
-    /// The options as they stand on a command line: names and values.
-    pub fn options(&self) -> [(&'static str, Option<String>); 2] {
-        let weights = self.weights.as_ref().map(|path| path.display().to_string());
-        [("touch-depth", Some(self.touch_depth.name().to_owned())), ("weights", weights)]
+    /// Returns the options with these values, for TACTO's sensor.
+    pub fn new(touch_depth: TouchOrigin, weights: Option<PathBuf>) -> Self {
+        Self { touch_depth, touch_profile: TACTO.to_owned(), weights }
     }
 
-    /// The network's weights; `None` if the true indentation is used.
+    /// The options as they stand on a command line: names and values.
+    pub fn options(&self) -> [(&'static str, Option<String>); 3] {
+        let weights = self.weights.as_ref().map(|path| path.display().to_string());
+        let profile = (self.touch_profile != TACTO).then(|| self.touch_profile.clone());
+        [("touch-depth", Some(self.touch_depth.name().to_owned())), ("touch-profile", profile), ("weights", weights)]
+    }
+
+    /// The touch sensor.
+    ///
+    /// # Errors
+    /// If its profile cannot be used.
+    pub fn profile(&self) -> Result<SensorProfile> {
+        Ok(SensorProfile::load(&self.touch_profile)?)
+    }
+
+    /// The network's weights for a sensor; `None` if the true indentation is used.
     ///
     /// # Errors
     /// If they cannot be used.
-    pub fn weights(&self) -> Result<Option<Weights>> {
+    pub fn weights(&self, profile: &SensorProfile) -> Result<Option<Weights>> {
         match (self.touch_depth, &self.weights) {
-            (TouchDepth::Truth, None) => Ok(None),
-            (TouchDepth::Truth, Some(_)) => bail!("--weights is for --touch-depth network"),
-            (TouchDepth::Network, Some(path)) => Ok(Some(Weights::read(path)?)),
-            (TouchDepth::Network, None) => Ok(Some(Weights::shipped()?)),
+            (TouchOrigin::Truth, None) => Ok(None),
+            (TouchOrigin::Truth, Some(_)) => bail!("--weights is for --touch-depth network"),
+            (TouchOrigin::Network, Some(path)) => Ok(Some(Weights::read(path)?)),
+            (TouchOrigin::Network, None) => Ok(Some(Weights::shipped_for(profile)?)),
         }
     }
 }
@@ -69,9 +93,9 @@ impl TouchArguments {
 /// Standard deviation of true touch depth, millimetres: logs store it in steps of 1/33 mm.
 const TRUTH_SIGMA_MM: f32 = 0.05;
 
-/// True touch as a press. Pixels without a valid depth are no contact. `None` without images of a DIGIT's size.
-pub fn true_press(truth: &TouchTruth) -> Option<Press> {
-    let mut indentation_mm = gel::indentation_of(&truth.depth_m)?;
+/// True touch on a gel as a press. Pixels without a valid depth are no contact. `None` without images of a DIGIT's size.
+pub fn true_press(truth: &TouchTruth, gel: &GelView) -> Option<Press> {
+    let mut indentation_mm = gel.indentation_of(&truth.depth_m)?;
     if truth.contact.dim() != truth.depth_m.dim() {
         return None;
     }
@@ -93,10 +117,10 @@ pub struct TouchNetwork {
 }
 
 impl TouchNetwork {
-    /// For one hand.
-    pub fn new(weights: &Weights, config: ContactConfig) -> Self {
+    /// For the sensors of one hand.
+    pub fn new(weights: &Weights, config: ContactConfig, profile: &SensorProfile) -> Self {
         let engine = Engine::new(weights, Instructions::best());
-        Self { feeler: Feeler::new(engine, config), told: PerFinger::default() }
+        Self { feeler: Feeler::new(engine, config).with_gains(profile.gains()), told: PerFinger::default() }
     }
 
     /// Sets the untouched image of a sensor.

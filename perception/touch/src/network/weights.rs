@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use half::bf16;
 use mvt_files::{input, output, seal};
+use mvt_robot::digit::profile::SensorProfile;
 use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,7 @@ use super::architecture::Architecture;
 const MAX_BYTES: u64 = 4 << 30;
 /// Shipped weights of `default`, trained on images of simulated DIGITs.
 const SHIPPED: &[u8] = include_bytes!("../../weights/default.safetensors");
+const SHIPPED_FOR_REAL: &[u8] = include_bytes!("../../weights/digit.safetensors");
 /// Key of the header in the metadata.
 const KEY: &str = "mambavitact";
 
@@ -114,6 +116,19 @@ impl Weights {
     /// None in practice: a test reads the shipped file.
     pub fn shipped() -> Result<Self, WeightsError> {
         Self::from_bytes(SHIPPED, Path::new("the shipped weights"))
+    }
+
+    /// Returns the shipped weights for a sensor: for one that looks like a real DIGIT those of `default` that were trained on such sensors, else
+    /// [`Weights::shipped`].
+    ///
+    /// # Errors
+    /// None in practice: a test reads the shipped files.
+    pub fn shipped_for(profile: &SensorProfile) -> Result<Self, WeightsError> {
+        if profile.appearance.is_some() {
+            Self::from_bytes(SHIPPED_FOR_REAL, Path::new("the shipped weights for real sensors"))
+        } else {
+            Self::shipped()
+        }
     }
 
     /// Builds weights from tensors by name; errors name `source`.

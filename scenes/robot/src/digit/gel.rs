@@ -4,8 +4,10 @@
 //! point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h
 //! so that the corners of the pad lie [`BULGE_M`] behind the apex.
 
+use std::borrow::Cow;
 use std::sync::LazyLock;
 
+use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Gel, Point, Vector};
 use ndarray::{Array2, Zip};
 
@@ -29,9 +31,8 @@ fn stretch() -> f64 {
     BULGE_M / corner
 }
 
-/// Returns the point of the gel at pixel (column u, row v) of a DIGIT image; its x coordinate is the depth.
-pub fn point(u: f64, v: f64) -> Point<Gel> {
-    let camera = intrinsics();
+/// Returns the point of the gel at pixel (column u, row v) of a camera in the DIGIT's place; its x coordinate is the depth.
+pub fn point(camera: &Intrinsics, u: f64, v: f64) -> Point<Gel> {
     // The ray is (1, y, z) times depth; the stretched sphere gives a quadratic equation for the depth.
     let (y, z) = (-(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy);
     let k2 = stretch().powi(2);
@@ -49,25 +50,59 @@ pub fn normal(point: Point<Gel>) -> Vector<Gel> {
     Vector::from(nalgebra::Vector3::new(-1.0, -slope * p.y, -slope * p.z).normalize())
 }
 
-/// Depth of the undeformed gel at every pixel of a DIGIT image, metres along the camera's axis. Indexed (row, column).
-pub fn depth_m() -> &'static Array2<f32> {
-    static DEPTH_M: LazyLock<Array2<f32>> = LazyLock::new(|| {
-        Array2::from_shape_fn((HEIGHT, WIDTH), |(row, column)| point(column as f64, row as f64).coords().x as f32)
-    });
-    &DEPTH_M
+/// What a camera sees of the undeformed gel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GelView {
+    camera: Intrinsics,
+    depth_m: Array2<f32>,
 }
 
-/// Depth of a gel that is pressed in: metres from millimetres of indentation. `None` if the image has another size.
-pub fn depth_of(indentation_mm: &Array2<f32>) -> Option<Array2<f32>> {
-    let gel_m = depth_m();
-    (indentation_mm.dim() == gel_m.dim())
-        .then(|| Zip::from(gel_m).and(indentation_mm).map_collect(|gel, indentation| gel - 1e-3 * indentation))
-}
+impl GelView {
+    /// Computes the view of a camera in the DIGIT's place, with images of a DIGIT's size.
+    pub fn new(camera: Intrinsics) -> Self {
+        let depth = |(row, column)| point(&camera, column as f64, row as f64).coords().x as f32;
+        Self { camera, depth_m: Array2::from_shape_fn((HEIGHT, WIDTH), depth) }
+    }
 
-/// Indentation of a gel of which the depth is known: millimetres from metres. `None` if the image has another size.
-pub fn indentation_of(depth_m: &Array2<f32>) -> Option<Array2<f32>> {
-    let gel_m = self::depth_m();
-    (depth_m.dim() == gel_m.dim()).then(|| Zip::from(gel_m).and(depth_m).map_collect(|gel, depth| (gel - depth) * 1e3))
+    /// Returns the view of TACTO's DIGIT.
+    pub fn tacto() -> &'static Self {
+        static TACTO: LazyLock<GelView> = LazyLock::new(|| GelView::new(intrinsics()));
+        &TACTO
+    }
+
+    /// Returns the view of a camera; that of TACTO's DIGIT is not computed again.
+    pub fn of(camera: Intrinsics) -> Cow<'static, Self> {
+        if camera == intrinsics() { Cow::Borrowed(Self::tacto()) } else { Cow::Owned(Self::new(camera)) }
+    }
+
+    /// Returns the depth that another view shows of a gel with the same indentation at each pixel, metres; the same depth if the views are
+    /// the same. `None` if the image has another size.
+    pub fn depth_in(&self, other: &Self, depth_m: Array2<f32>) -> Option<Array2<f32>> {
+        if self.camera == other.camera { Some(depth_m) } else { other.depth_of(&self.indentation_of(&depth_m)?) }
+    }
+
+    /// Returns the camera.
+    pub fn camera(&self) -> &Intrinsics {
+        &self.camera
+    }
+
+    /// Returns the depth of the undeformed gel at every pixel, metres along the camera's axis, indexed (row, column).
+    pub fn depth_m(&self) -> &Array2<f32> {
+        &self.depth_m
+    }
+
+    /// Returns the depth of a gel that is pressed in: metres from millimetres of indentation. `None` if the image has another size.
+    pub fn depth_of(&self, indentation_mm: &Array2<f32>) -> Option<Array2<f32>> {
+        (indentation_mm.dim() == self.depth_m.dim()).then(|| {
+            Zip::from(&self.depth_m).and(indentation_mm).map_collect(|gel, indentation| gel - 1e-3 * indentation)
+        })
+    }
+
+    /// Returns the indentation of a gel of which the depth is known: millimetres from metres. `None` if the image has another size.
+    pub fn indentation_of(&self, depth_m: &Array2<f32>) -> Option<Array2<f32>> {
+        (depth_m.dim() == self.depth_m.dim())
+            .then(|| Zip::from(&self.depth_m).and(depth_m).map_collect(|gel, depth| (gel - depth) * 1e3))
+    }
 }
 
 #[cfg(test)]
@@ -79,7 +114,7 @@ mod tests {
     fn pixels_show_the_gel_points_that_project_to_them() {
         let camera = intrinsics();
         for (u, v) in [(0.0, 0.0), (119.5, 159.5), (17.0, 301.0), (WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0)] {
-            let p = point(u, v);
+            let p = point(&camera, u, v);
             let (pu, pv) = camera.project(gel_from_camera().inverse() * p).unwrap();
             assert!((pu - u).abs() < 1e-9 && (pv - v).abs() < 1e-9, "({u}, {v}) projects to ({pu}, {pv})");
             let q = p.coords();
@@ -87,12 +122,13 @@ mod tests {
             let on_gel = APEX_M - stretch() * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - rho2).sqrt());
             assert!((q.x - on_gel).abs() < 1e-15);
         }
-        assert!((point(119.5, 159.5).coords().x - APEX_M).abs() < 1e-15, "the apex is on the optical axis");
+        assert!((point(&camera, 119.5, 159.5).coords().x - APEX_M).abs() < 1e-15, "the apex is on the optical axis");
     }
 
     #[test]
     fn normals_are_perpendicular_to_finite_differences() {
         let (u, v) = (40.0, 250.0);
+        let point = |u, v| point(&intrinsics(), u, v);
         let n = normal(point(u, v)).coords();
         for (du, dv) in [(1e-3, 0.0), (0.0, 1e-3)] {
             let along = point(u + du, v + dv).coords() - point(u - du, v - dv).coords();

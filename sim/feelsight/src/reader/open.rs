@@ -2,12 +2,14 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, HandBase, Isometry, MeshFile, Object, World};
 use mvt_robot::hand::{Finger, world_from_base};
 
 use super::Log;
+use crate::compact::CompactFrames;
 use crate::error::LogError;
 use crate::io::read_at_most;
 use crate::lens::Lens;
@@ -95,6 +97,7 @@ impl Log {
             digit: record.digit,
             cameras,
             lenses,
+            compact: CompactFrames::open(folder)?.map(Arc::new),
             touch_labels: false,
             segmentation: false,
             tolerant,
@@ -146,14 +149,17 @@ impl Log {
             counts.push((pkl.clone(), "finger poses", poses.len()));
         }
         for finger in Finger::ALL {
-            let folder = self.touch_folder(finger).join("image");
-            counts.push((folder.clone(), "images", count_files(&folder)?.unwrap_or(0)));
+            let images = match &self.compact {
+                Some(frames) => frames.touch_images(finger),
+                None => count_files(&self.touch_folder(finger).join("image"))?.unwrap_or(0),
+            };
+            counts.push((self.touch_folder(finger).join("image"), "images", images));
         }
         for (i, camera) in self.cameras.iter().enumerate() {
-            let folder = self.camera_folder(&camera.name);
-            counts.push((folder.join("image"), "images", count_files(&folder.join("image"))?.unwrap_or(0)));
+            let folder = self.camera_folder(&camera.name).join("image");
+            counts.push((folder.clone(), "images", self.count_images(&folder)?));
             match self.depths(i) {
-                Ok((path, reader)) => counts.push((path, "depth images", reader.shape()[0])),
+                Ok(reader) => counts.push((reader.path().to_path_buf(), "depth images", reader.count())),
                 // Reported when the depths are read.
                 Err(_) if self.tolerant => {}
                 Err(error) => return Err(error),
@@ -198,7 +204,7 @@ impl Log {
         let mut missing = 0;
         let number = folders.len();
         for folder in folders {
-            let found = count_files(&folder)?.unwrap_or(0);
+            let found = self.count_images(&folder)?;
             if found != self.len() {
                 complete = false;
                 missing += usize::from(found == 0);
@@ -212,6 +218,14 @@ impl Log {
             self.notes.push("incomplete labels are skipped".into());
         }
         Ok(complete)
+    }
+
+    /// Returns the number of images in a folder of the log, or of its archive.
+    fn count_images(&self, folder: &Path) -> Result<usize, LogError> {
+        let Some(frames) = &self.compact else { return Ok(count_files(folder)?.unwrap_or(0)) };
+        let inside = folder.strip_prefix(&self.folder).unwrap_or(folder);
+        let parts: Vec<_> = inside.iter().map(|part| part.to_string_lossy()).collect();
+        Ok(frames.archive.count(&parts.join("/")))
     }
 
     /// Refuses a defect in a log of this program, and notes it in a log of another program.

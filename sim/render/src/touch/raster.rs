@@ -8,7 +8,8 @@
 use std::ops::Range;
 
 use glam::{Mat3A, Vec3A, Vec4};
-use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
+use mvt_frames::camera::Intrinsics;
+use mvt_robot::digit::{HEIGHT, WIDTH, gel};
 
 use super::shade::{Row, Shader};
 use crate::rays::{MISS, RayMesh};
@@ -69,7 +70,7 @@ impl Raster {
         facet.fill(MISS);
         facets.clear();
         let (mut first, mut end) = (HEIGHT, 0);
-        object.find_inside(&view_volume(rotation, translation), stack, candidates);
+        object.find_inside(&view_volume(&shader.camera, rotation, translation), stack, candidates);
         for &triangle in candidates.iter() {
             let p = object.corners(triangle).map(|corner| rotation * corner + translation);
             let normal = (p[1] - p[0]).cross(p[2] - p[0]);
@@ -78,7 +79,7 @@ impl Raster {
             if height >= 0.0 || height.is_nan() {
                 continue;
             }
-            let Some((columns, lines)) = bounds(p) else { continue };
+            let Some((columns, lines)) = bounds(&shader.camera, p) else { continue };
             // 2 p x q, precise also for short edges.
             let edge = |p: Vec3A, q: Vec3A| (p + q).cross(q - p);
             let edges = [edge(p[2], p[1]), edge(p[0], p[2]), edge(p[1], p[0])];
@@ -160,8 +161,7 @@ impl Raster {
 
 /// Returns the planes, in the object's frame, around the space between camera and gel that is in view: inward normals
 /// and offsets.
-fn view_volume(rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
-    let camera = intrinsics();
+fn view_volume(camera: &Intrinsics, rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
     // To the borders of the outermost pixels, half a pixel beyond their centres.
     let (y, z) = ((camera.width as f64 / 2.0 / camera.fx) as f32, (camera.height as f64 / 2.0 / camera.fy) as f32);
     let planes = [
@@ -178,7 +178,7 @@ fn view_volume(rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
 /// Returns the columns and rows of the pixels that a triangle may cover; `None` if there are no such pixels or it lies
 /// behind the gel.
 #[inline(always)]
-fn bounds(p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
+fn bounds(camera: &Intrinsics, p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
     let nearest = p[0].x.min(p[1].x).min(p[2].x);
     if nearest > gel::APEX_M as f32 {
         return None;
@@ -186,7 +186,6 @@ fn bounds(p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
     if nearest < NEAR_M {
         return Some((0..WIDTH, 0..HEIGHT));
     }
-    let camera = intrinsics();
     let (f, cx, cy) = (camera.fx as f32, camera.cx as f32, camera.cy as f32);
     let pixels = |centre: f32, coordinates: [f32; 3], size: usize| {
         let at = |k: usize| centre - f * coordinates[k] / p[k].x;

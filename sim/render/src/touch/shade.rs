@@ -6,7 +6,8 @@
 
 use std::f32::consts::PI;
 
-use mvt_robot::digit::{HEIGHT, WIDTH, intrinsics};
+use mvt_frames::camera::Intrinsics;
+use mvt_robot::digit::{HEIGHT, WIDTH};
 use nalgebra::Vector3;
 
 use super::light::{Light, Lights};
@@ -68,6 +69,7 @@ impl From<&Light> for Lamp {
 
 /// Shader of the rows of a DIGIT image.
 pub(super) struct Shader {
+    pub camera: Intrinsics,
     lamps: [Lamp; 3],
     gamma: Gamma,
     /// Ray of pixel (u, v): (1, y_slope[u], z_slope[v]) times depth, in the gel frame.
@@ -76,14 +78,20 @@ pub(super) struct Shader {
 }
 
 impl Shader {
-    pub fn new(lights: &Lights) -> Self {
-        let camera = intrinsics();
+    pub fn new(lights: &Lights, camera: Intrinsics) -> Self {
         Self {
+            camera,
             lamps: std::array::from_fn(|i| Lamp::from(&lights.0[i])),
             gamma: Gamma::new(),
             y_slope: std::array::from_fn(|u| (-(u as f64 - camera.cx) / camera.fx) as f32),
             z_slope: std::array::from_fn(|v| (-(v as f64 - camera.cy) / camera.fy) as f32),
         }
+    }
+
+    /// Returns the point at a depth that pixel (u, v) shows, metres in the gel frame.
+    #[inline(always)]
+    pub fn point(&self, u: usize, v: usize, depth: f32) -> [f32; 3] {
+        [depth, depth * self.y_slope[u], depth * self.z_slope[v]]
     }
 
     /// Writes the 8-bit colours of the columns of row `v` for which `shown` holds; `columns` bounds them.

@@ -13,7 +13,7 @@ use mvt_metrics::AddS;
 use mvt_objects::catalogue;
 use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use mvt_robot::digit;
-use mvt_robot::digit::gel;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{Finger, JOINTS, PerFinger, Side};
 use mvt_robot::observation::{Percept, Press};
 use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M, PLACEMENTS};
@@ -52,6 +52,7 @@ pub fn record_as(folder: &Path, frames: u64, mode: Option<Mode>) -> RecordingWri
         mode,
         modality: Modality::Vitac,
         side: Side::Left,
+        touch_fov_y_deg: 60.0,
         cameras: vec![camera.clone()],
         frames: FRAMES as usize,
         process: std::process::id(),
@@ -129,7 +130,7 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
             if finger == Finger::Index && is_pressed(x as u32, y as u32) { 0.0205 } else { 0.0217 }
         });
         Press {
-            indentation_mm: gel::indentation_of(&depth_m).unwrap(),
+            indentation_mm: GelView::tacto().indentation_of(&depth_m).unwrap(),
             contact: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(y, x)| {
                 finger == Finger::Index && is_pressed(x as u32, y as u32)
             }),

@@ -1,0 +1,179 @@
+//! Images of one touch sensor, as people bring them.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail, ensure};
+use image::RgbImage;
+use mvt_products::Instructions;
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_run::io::read_any_image;
+use mvt_touch::engine::{Engine, Prediction};
+use mvt_touch::network::Weights;
+use mvt_touch::untouched::{difference_from_untouched, estimate, scale_change, subtract_untouched};
+use rayon::prelude::*;
+
+use crate::layout::ImageLayout;
+
+/// A median over fewer images than this may show contacts.
+const FEW_IMAGES: usize = 15;
+/// Greatest difference between an untouched image and the images where nothing touches, grey levels: two DIGITs differ by more.
+const OTHER_SENSOR: f32 = 40.0;
+
+/// Images of one sensor, upright, in RGB order and of a DIGIT's size.
+pub struct SensorImages {
+    /// Names for results, one per image.
+    pub ids: Vec<String>,
+    /// The images.
+    pub images: Vec<RgbImage>,
+    /// The image of the sensor that touches nothing.
+    pub untouched: RgbImage,
+}
+
+impl SensorImages {
+    /// Reads images, or all images of folders, and the untouched one; without that, it is estimated from the images.
+    ///
+    /// # Errors
+    /// If there is no image, an image cannot be read or has another size, or the untouched image comes from another sensor.
+    pub fn read(paths: &[PathBuf], untouched: Option<&Path>, engine: &Engine) -> Result<Self> {
+        let files = files(paths)?;
+        ensure!(!files.is_empty(), "--images: there is no image (.png, .jpg) in {}", list(paths));
+        let ids = ids(&files)?;
+        let mut images = files.par_iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
+        let untouched = untouched.map(read).transpose()?;
+
+        let layout = place(untouched.as_ref(), &images)?;
+        images.iter_mut().for_each(|image| *image = layout.upright(image));
+        let untouched = match untouched {
+            Some(image) => layout.upright(&image),
+            None => {
+                if images.len() < FEW_IMAGES {
+                    tracing::warn!(
+                        "there is no --untouched image, and the median of {} images may show contacts; give --untouched",
+                        images.len()
+                    );
+                } else {
+                    tracing::info!("there is no --untouched image; the median of {} images is used", images.len());
+                }
+                estimate(engine, &images)?.context("there is no image")?
+            }
+        };
+        let mut differences: Vec<f32> =
+            images.iter().map(|image| difference_from_untouched(image, &untouched)).collect();
+        differences.sort_unstable_by(f32::total_cmp);
+        let typical = differences.get(differences.len() / 2).copied().unwrap_or_default();
+        ensure!(
+            typical <= OTHER_SENSOR,
+            "the untouched image seems to come from another sensor: where nothing touches, the images differ from it by \
+             {typical:.0} grey levels; give an untouched image of this sensor"
+        );
+        Ok(Self { ids, images, untouched })
+    }
+}
+
+/// Returns what the network reads in images of one sensor, in their order.
+pub(crate) fn infer(
+    engine: &Engine,
+    gains: [f32; 3],
+    untouched: &RgbImage,
+    images: &[RgbImage],
+) -> Result<Vec<Prediction>> {
+    let mut seen = images.to_vec();
+    for image in &mut seen {
+        subtract_untouched(untouched, image);
+        scale_change(gains, image);
+    }
+    let mut predictions = Vec::new();
+    engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;
+    Ok(predictions)
+}
+
+/// Returns the network for a sensor: that of a file, or the shipped one.
+pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<Engine> {
+    let weights = match weights {
+        Some(path) => Weights::read(path)?,
+        None => Weights::shipped_for(profile)?,
+    };
+    Ok(Engine::new(&weights, Instructions::best()))
+}
+
+/// Returns how the sensor's images lie, and warns unless they stand upright in RGB order.
+fn place(untouched: Option<&RgbImage>, images: &[RgbImage]) -> Result<ImageLayout> {
+    let Some(first) = images.first() else { return Ok(ImageLayout::default()) };
+    if let Some(odd) = images.iter().chain(untouched).find(|image| image.dimensions() != first.dimensions()) {
+        let ((width, height), (other_width, other_height)) = (first.dimensions(), odd.dimensions());
+        bail!(
+            "the images differ in size: {width} x {height} and {other_width} x {other_height} pixels; give images of one sensor"
+        );
+    }
+    let layout = ImageLayout::of(untouched.unwrap_or(first));
+    if layout.quarter_turns > 0 {
+        tracing::warn!(
+            "the images are turned by {} degrees: the light of the LEDs comes from another side",
+            90 * u16::from(layout.quarter_turns)
+        );
+    }
+    if layout.is_bgr {
+        tracing::warn!(
+            "the images are in BGR order: the LEDs' colours come from the wrong sides; red and blue are exchanged"
+        );
+    }
+    Ok(layout)
+}
+
+/// Reads an image as RGB. Grey images have no colours to see slopes by.
+fn read(path: &Path) -> Result<RgbImage> {
+    let image = read_any_image(path)?;
+    ensure!(
+        image.color().has_color(),
+        "{} is a grey image; a touch sensor's three colours show the slopes of its gel: give the colour image",
+        path.display()
+    );
+    Ok(image.into_rgb8())
+}
+
+/// Returns the image files that are named or lie in the folders named, sorted within each folder.
+fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let cannot_read = || format!("cannot read {}", path.display());
+        let mut inside = Vec::new();
+        for entry in std::fs::read_dir(path).with_context(cannot_read)? {
+            let path = entry.with_context(cannot_read)?.path();
+            let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+            let kind = path.extension().map(|kind| kind.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+            if ["png", "jpg", "jpeg"].contains(&kind.as_str())
+                && !name.ends_with("untouched")
+                && !name.ends_with("_mask")
+            {
+                inside.push(path);
+            }
+        }
+        inside.sort_unstable();
+        files.extend(inside);
+    }
+    Ok(files)
+}
+
+/// Returns the names under which results are written.
+fn ids(files: &[PathBuf]) -> Result<Vec<String>> {
+    let id = |path: &PathBuf| {
+        let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+        stem.strip_suffix("_img").map(str::to_owned).unwrap_or(stem)
+    };
+    let ids: Vec<String> = files.iter().map(id).collect();
+    let mut seen = std::collections::BTreeSet::new();
+    if let Some(twice) = ids.iter().find(|id| !seen.insert(id.as_str())) {
+        bail!(
+            "--images: two images are named {twice:?}; their results would have the same name: give one folder at a time"
+        );
+    }
+    Ok(ids)
+}
+
+fn list(paths: &[PathBuf]) -> String {
+    paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,29 @@
+//! Images of a real touch sensor, as people bring them: turned upright, read by a network, and the sensor's light measured.
+//!
+//! [`SensorImages`] reads images of one sensor and finds its untouched image. [`ball`] fits gains and directions of the LEDs to presses of a
+//! ball. The two commands `touch predict` and `touch calibrate` are here with their arguments. The crate has no camera driver.
+//!
+//! ```
+//! use image::{Rgb, RgbImage};
+//! use mvt_sensor::ImageLayout;
+//!
+//! // Of a sensor that lies on its side: a quarter turn makes its image taller than wide.
+//! let lying = RgbImage::from_pixel(320, 240, Rgb([90, 95, 92]));
+//! let layout = ImageLayout::of(&lying);
+//! assert_eq!(layout.upright(&lying).dimensions(), (240, 320));
+//! ```
+
+pub mod ball;
+mod calibrate;
+mod images;
+mod layout;
+mod predict;
+
+pub use calibrate::{TouchCalibrateArguments, calibrate};
+pub use image;
+pub use images::SensorImages;
+pub use layout::ImageLayout;
+pub use mvt_robot;
+pub use mvt_touch;
+pub use ndarray;
+pub use predict::{TouchPredictArguments, predict};

@@ -1,0 +1,172 @@
+//! Descriptions of touch sensors of the DIGIT's kind, in files that anybody can write.
+
+use std::path::Path;
+
+use mvt_frames::camera::Intrinsics;
+use mvt_settings::{Limit as _, Nested, SettingError, settings};
+use serde::{Deserialize, Serialize};
+
+use super::gel::GelView;
+use super::{FOV_Y_DEG, HEIGHT, WIDTH};
+
+settings! {
+    /// How the gel of a real sensor looks: the light of three LEDs close to the gel, and the camera's image of it. Directions, lengths and
+    /// levels are those of the image and the gel's centre.
+    #[derive(Copy)]
+    pub struct Appearance {
+        /// Direction towards the red, green and blue LED in the image, degrees; 0 is right and 90 is down.
+        pub led_angles_deg: [f64; 3] = [-47.0, -163.0, 77.0], -360.0..=360.0;
+        /// Distance of the LEDs from the centre of the gel, along the gel, millimetres.
+        pub led_distance_mm: f64 = 11.0, 4.0..=100.0;
+        /// Elevation of the LEDs over the gel, seen from its centre, degrees.
+        pub led_elevation_deg: f64 = 18.0, 5.0..=80.0;
+        /// Change of red, green and blue per unit of slope towards the LED, grey levels.
+        pub sensitivity: [f32; 3] = [125.0, 110.0, 125.0], 1.0..=1000.0;
+        /// Sensitivity is multiplied by the untouched level, relative to its mean, to the power of this.
+        pub background_exponent: [f32; 3] = [1.0, 1.5, 0.3], 0.0..=4.0;
+        /// Levels grow as light to the power of 1 / response.
+        pub response: f32 = 1.0, 0.5..=3.0;
+        /// Share of an LED's light that is missing where the gel casts a shadow.
+        pub cast_shadow: f32 = 0.8, 0.0..=1.0;
+        /// Standard deviation of the blur, pixels.
+        pub blur_px: f32 = 1.8, 0.0..=4.0;
+        /// Standard deviation of the noise, grey levels.
+        pub noise_grey: f32 = 1.8, 0.0..=28.0;
+    }
+}
+
+/// A touch sensor: what its camera sees of the gel, and how the gel gives way and looks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorProfile {
+    /// Vertical field of view of the camera, degrees.
+    pub fov_y_deg: f64,
+    /// Distance beyond a contact over which the gel's indentation fades to 1/e, millimetres. 0: the gel does not deform around a contact.
+    pub reach_mm: f32,
+    /// How the gel looks. Without it: as TACTO renders it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub appearance: Option<Appearance>,
+}
+
+/// Names and files of the profiles that the program brings along.
+const SHIPPED: [(&str, &str); 2] =
+    [("digit", include_str!("profiles/digit.toml")), ("tacto", include_str!("profiles/tacto.toml"))];
+
+/// Largest file of a profile that is read, bytes.
+const LARGEST_FILE: u64 = 1 << 16;
+
+/// Reason that a profile cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ProfileError {
+    /// There is no profile of this name, and no file.
+    #[error("there is no sensor profile {0:?}: choose digit or tacto, or give the path of a file that ends in .toml")]
+    Unknown(String),
+    /// The file cannot be read.
+    #[error("cannot read the sensor profile {path}: {reason}")]
+    Read {
+        /// Path of the file.
+        path: String,
+        /// Reason of the operating system.
+        reason: std::io::Error,
+    },
+    /// The file is no profile.
+    #[error("{path} is no sensor profile: {reason}")]
+    Format {
+        /// Path of the file.
+        path: String,
+        /// Reason of the parser.
+        reason: Box<toml::de::Error>,
+    },
+    /// A value is out of range.
+    #[error("sensor profile {path}: {reason}")]
+    Range {
+        /// Path of the file.
+        path: String,
+        /// The value.
+        reason: SettingError,
+    },
+}
+
+impl SensorProfile {
+    /// Returns the profile of TACTO's DIGIT.
+    pub const fn tacto() -> Self {
+        Self { fov_y_deg: FOV_Y_DEG, reach_mm: 0.0, appearance: None }
+    }
+
+    /// Returns the profile of a name (`digit`, `tacto`) or of a file whose path ends in `.toml`.
+    ///
+    /// # Errors
+    /// [`ProfileError`] if there is no such profile, or the file is invalid.
+    pub fn load(name_or_path: &str) -> Result<Self, ProfileError> {
+        let text = match SHIPPED.into_iter().find(|(name, _)| *name == name_or_path) {
+            Some((_, text)) => text.to_owned(),
+            None if name_or_path.ends_with(".toml") => {
+                mvt_files::input::read_text(Path::new(name_or_path), LARGEST_FILE)
+                    .map_err(|reason| ProfileError::Read { path: name_or_path.to_owned(), reason })?
+            }
+            None => return Err(ProfileError::Unknown(name_or_path.to_owned())),
+        };
+        let profile: Self = toml::from_str(&text)
+            .map_err(|reason| ProfileError::Format { path: name_or_path.to_owned(), reason: Box::new(reason) })?;
+        profile.validate().map_err(|reason| ProfileError::Range { path: name_or_path.to_owned(), reason })?;
+        Ok(profile)
+    }
+
+    /// Checks all values.
+    ///
+    /// # Errors
+    /// [`SettingError`] names the first value that is out of range.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        (20.0..=100.0).check("fov_y_deg", &self.fov_y_deg)?;
+        (0.0..=1.5).check("reach_mm", &self.reach_mm)?;
+        self.appearance.as_ref().map_or(Ok(()), |appearance| Nested.check("appearance", appearance))
+    }
+
+    /// Returns by how much the change of red, green and blue must be multiplied to look as on the shipped profile `digit`, for which the
+    /// network for real sensors is meant. Without an appearance nothing is multiplied.
+    pub fn gains(&self) -> [f32; 3] {
+        let Some(appearance) = &self.appearance else { return [1.0; 3] };
+        let nominal = Appearance::default().sensitivity;
+        std::array::from_fn(|c| (nominal[c] / appearance.sensitivity[c]).clamp(0.25, 4.0))
+    }
+
+    /// Returns what the camera sees of the undeformed gel.
+    pub fn gel_view(&self) -> GelView {
+        GelView::new(self.intrinsics())
+    }
+
+    /// Returns the pinhole model of the camera.
+    pub fn intrinsics(&self) -> Intrinsics {
+        Intrinsics::from_fov_y(WIDTH, HEIGHT, self.fov_y_deg.to_radians())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_profiles_are_valid() {
+        assert_eq!(SensorProfile::load("tacto").unwrap(), SensorProfile::tacto());
+        let digit = SensorProfile::load("digit").unwrap();
+        // 18.8 pixels per millimetre at the apex of the gel, as an edge of known length shows.
+        let px_per_mm = digit.intrinsics().fx / (1e3 * crate::digit::gel::APEX_M);
+        assert!((px_per_mm - 18.8).abs() < 0.1, "{px_per_mm}");
+        assert_eq!(digit.appearance, Some(Appearance::default()));
+        assert_eq!(digit.gains(), [1.0; 3]);
+    }
+
+    #[test]
+    fn invalid_profiles_are_refused_with_the_reason() {
+        let refused = |name: &str| SensorProfile::load(name).unwrap_err().to_string();
+        assert!(refused("digitt").contains("choose digit or tacto"));
+        assert!(refused("/nowhere/a.toml").contains("cannot read"));
+        let invalid = |text: &str| toml::from_str::<SensorProfile>(text).map(|profile| profile.validate());
+        assert!(invalid("fov_y_deg = 40.0\nreach_mm = 0.5\nrange = 1").is_err());
+        let error = invalid("fov_y_deg = 400.0\nreach_mm = 0.5").unwrap().unwrap_err();
+        assert!(error.to_string().contains("fov_y_deg"), "{error}");
+        let error = invalid("fov_y_deg = 40.0\nreach_mm = 0.5\n[appearance]\nblur_px = nan").unwrap().unwrap_err();
+        assert!(error.to_string().contains("appearance.blur_px"), "{error}");
+    }
+}

@@ -1,0 +1,175 @@
+//! Images of a compact log. docs/compact_log.md describes the layout.
+
+use std::path::Path;
+use std::sync::LazyLock;
+
+use image::{GrayImage, ImageBuffer, Luma, RgbImage};
+use mvt_robot::digit;
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::hand::{Finger, PerFinger};
+use serde::{Deserialize, Serialize};
+
+use crate::archive::{ARCHIVE, ArchiveReader, ArchiveWriter};
+use crate::error::LogError;
+use crate::levels::image_of;
+use crate::picture::{MAX_FILE, color_of, encode_color, encode_png, encode_small, gray_of, levels16_of};
+use crate::record::DigitInfo;
+
+/// Version of the layout that is written.
+const LAYOUT: u32 = 1;
+/// Name of the file that says the version.
+const LAYOUT_FILE: &str = "layout.json";
+/// Name of the image of the untouched gel's levels.
+const GEL_FILE: &str = "allegro/gel.png";
+/// Step of camera depth, metres: sensors measure in steps of 0.1 or 1 mm, so that their values are kept exactly.
+const DEPTH_STEP_M: f64 = 1e-4;
+/// Steps of depth that a layout may state, metres.
+const DEPTH_STEPS_M: std::ops::RangeInclusive<f64> = 1e-6..=0.1;
+/// JPEG quality of differences, 1 to 100: the error is below the sensor's noise.
+const DIFFERENCE_QUALITY: u8 = 70;
+/// JPEG quality of camera images, which estimation does not use.
+const CAMERA_QUALITY: u8 = 60;
+/// Level of no difference.
+const MIDDLE: i16 = 128;
+const DIGIT_SIZE: (usize, usize) = (digit::WIDTH, digit::HEIGHT);
+
+/// Contents of layout.json.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Layout {
+    layout: u32,
+    depth_step_m: f64,
+}
+
+/// Open frames.zip with what its images are differences from.
+#[derive(Debug)]
+pub(crate) struct CompactFrames {
+    pub archive: ArchiveReader,
+    depth_step_m: f64,
+    untouched: PerFinger<RgbImage>,
+    gel: GrayImage,
+}
+
+impl CompactFrames {
+    /// Opens the archive of a log; `None` if the log has none.
+    pub fn open(log: &Path) -> Result<Option<Self>, LogError> {
+        let path = log.join(ARCHIVE);
+        if path.symlink_metadata().is_err() {
+            return Ok(None);
+        }
+        let archive = ArchiveReader::open(&path)?;
+        let path = archive.path(LAYOUT_FILE);
+        let bytes = archive.read(LAYOUT_FILE, 1 << 16)?;
+        let Layout { layout, depth_step_m } =
+            serde_json::from_slice(&bytes).map_err(|reason| LogError::Json { path: path.clone(), reason })?;
+        if layout > LAYOUT {
+            let defect = format!(
+                "its layout {layout} is newer than {LAYOUT}, the newest that this version reads: update the program"
+            );
+            return Err(LogError::defect(path, defect));
+        }
+        if !DEPTH_STEPS_M.contains(&depth_step_m) {
+            return Err(LogError::defect(path, format!("depth_step_m is {depth_step_m} and not 1e-6 to 0.1")));
+        }
+        let color = |finger: Finger| {
+            let name = format!("allegro/{}/untouched.png", finger.name());
+            color_of(archive.read(&name, MAX_FILE)?, &archive.path(&name), DIGIT_SIZE)
+        };
+        let [index, middle, ring, thumb] = Finger::ALL.map(color);
+        let untouched = PerFinger([index?, middle?, ring?, thumb?]);
+        let gel = gray_of(archive.read(GEL_FILE, MAX_FILE)?, &archive.path(GEL_FILE), DIGIT_SIZE)?;
+        Ok(Some(Self { archive, depth_step_m, untouched, gel }))
+    }
+
+    /// Returns the number of images of a finger.
+    pub fn touch_images(&self, finger: Finger) -> usize {
+        let count = |kind: &str| self.archive.count(&format!("allegro/{}/{kind}", finger.name()));
+        count("difference") + count("image")
+    }
+
+    /// Reads the image of a DIGIT.
+    pub fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, LogError> {
+        let whole = format!("allegro/{}/image/{frame}.jpg", finger.name());
+        if self.archive.contains(&whole) {
+            return color_of(self.archive.read(&whole, MAX_FILE)?, &self.archive.path(&whole), DIGIT_SIZE);
+        }
+        let name = format!("allegro/{}/difference/{frame}.jpg", finger.name());
+        let mut image = color_of(self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
+        for (level, &untouched) in image.iter_mut().zip(self.untouched[finger].iter()) {
+            // The sum is at most 255 after the limits.
+            *level = (i16::from(untouched) + i16::from(*level) - MIDDLE).clamp(0, 255) as u8;
+        }
+        Ok(image)
+    }
+
+    /// Reads the levels of touch depth.
+    pub fn touch_levels(&self, finger: Finger, frame: usize) -> Result<GrayImage, LogError> {
+        let name = format!("allegro/{}/depth/{frame}.png", finger.name());
+        let mut levels = gray_of(self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
+        levels.iter_mut().zip(self.gel.iter()).for_each(|(level, &gel)| *level = level.wrapping_add(gel));
+        Ok(levels)
+    }
+
+    /// Reads a depth image of a camera: metres, positive, 0 where nothing was measured.
+    pub fn depth_m(&self, camera: &str, frame: usize, size: (usize, usize)) -> Result<Vec<f32>, LogError> {
+        let name = format!("realsense/{camera}/depth/{frame}.png");
+        let steps = levels16_of(self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), size)?;
+        Ok(steps.iter().map(|&steps| (f64::from(steps) * self.depth_step_m) as f32).collect())
+    }
+}
+
+/// Begins frames.zip with what the images are differences from.
+pub(crate) fn begin(log: &Path, untouched: &PerFinger<RgbImage>) -> Result<ArchiveWriter, LogError> {
+    let path = log.join(ARCHIVE);
+    let mut archive = ArchiveWriter::create(path.clone())?;
+    let layout = Layout { layout: LAYOUT, depth_step_m: DEPTH_STEP_M };
+    archive.add(
+        LAYOUT_FILE,
+        &serde_json::to_vec(&layout).map_err(|reason| LogError::Json { path: path.clone(), reason })?,
+    )?;
+    let failed = |defect: String| LogError::defect(&path, defect);
+    archive.add(GEL_FILE, &encode_png(&*GEL_LEVELS).map_err(failed)?)?;
+    for (finger, image) in untouched.iter() {
+        let bytes = encode_png(image).map_err(failed)?;
+        archive.add(&format!("allegro/{}/untouched.png", finger.name()), &bytes)?;
+    }
+    Ok(archive)
+}
+
+/// Levels of the untouched gel.
+static GEL_LEVELS: LazyLock<GrayImage> = LazyLock::new(|| {
+    let info = DigitInfo::published();
+    image_of(GelView::tacto().depth_m(), |&depth_m| info.level(depth_m))
+});
+
+/// Encodes the image of a DIGIT, and says whether as difference from the untouched image. A difference that does not fit into a byte is none.
+pub(crate) fn encode_touch(image: &RgbImage, untouched: &RgbImage) -> Result<(Vec<u8>, bool), String> {
+    let difference =
+        |(&level, &untouched): (&u8, &u8)| u8::try_from(i16::from(level) - i16::from(untouched) + MIDDLE).ok();
+    let levels: Option<Vec<u8>> = image.iter().zip(untouched.iter()).map(difference).collect();
+    match levels.and_then(|levels| RgbImage::from_raw(image.width(), image.height(), levels)) {
+        Some(difference) => Ok((encode_small(&difference, DIFFERENCE_QUALITY)?, true)),
+        None => Ok((encode_color(image)?, false)),
+    }
+}
+
+/// Encodes levels of touch depth as their difference from the untouched gel.
+pub(crate) fn encode_levels(levels: &GrayImage) -> Result<Vec<u8>, String> {
+    let mut difference = levels.clone();
+    difference.iter_mut().zip(GEL_LEVELS.iter()).for_each(|(level, &gel)| *level = level.wrapping_sub(gel));
+    encode_png(&difference)
+}
+
+/// Encodes colours of a camera.
+pub(crate) fn encode_camera_color(image: &RgbImage) -> Result<Vec<u8>, String> {
+    encode_small(image, CAMERA_QUALITY)
+}
+
+/// Encodes a depth image, metres, in steps of 0.1 mm. Depth beyond 6.5 m counts as not measured.
+pub(crate) fn encode_camera_depth(depth_m: &[f32], (width, height): (usize, usize)) -> Result<Vec<u8>, String> {
+    let steps = |&depth: &f32| {
+        let steps = (f64::from(depth.abs()) / DEPTH_STEP_M).round();
+        if steps <= f64::from(u16::MAX) { steps as u16 } else { 0 }
+    };
+    let image = ImageBuffer::<Luma<u16>, _>::from_raw(width as u32, height as u32, depth_m.iter().map(steps).collect());
+    encode_png(&image.ok_or("the depth has holes")?)
+}

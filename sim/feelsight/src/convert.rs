@@ -1,0 +1,105 @@
+//! Logs from one layout to the other.
+
+use std::fs;
+use std::path::Path;
+
+use image::RgbImage;
+use mvt_robot::digit;
+use mvt_robot::hand::{Finger, PerFinger};
+use rayon::prelude::*;
+
+use crate::archive::ARCHIVE;
+use crate::error::LogError;
+use crate::format::LogFormat;
+use crate::frames::{self, EncodedImages, FrameWriter, RawFrame};
+use crate::io::sync_folder;
+use crate::reader::Log;
+use crate::writer::{is_vacant, remove, sibling};
+
+/// Frames that are decoded before any of them is written.
+const FRAMES_AT_ONCE: usize = 32;
+/// Images of a finger of which the median is its untouched image, spread over the log.
+const SAMPLES: usize = 31;
+
+/// Writes a log in another layout. `data.pkl`, `scene.json` and previews stay as they are to the byte. `progress` receives the number of
+/// frames that are done.
+///
+/// # Errors
+/// [`LogError::NotEmpty`] if `out` is not empty, what [`Log::open`] reports, and [`LogError::Io`] if a file cannot be written.
+pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnMut(usize)) -> Result<(), LogError> {
+    let source = Log::open(log)?;
+    if !is_vacant(out)? {
+        return Err(LogError::NotEmpty { path: out.to_path_buf() });
+    }
+    let partial = Partial(sibling(out, "partial")?);
+    remove(&partial.0)?;
+    let untouched = match format {
+        LogFormat::Compact => Some(untouched(&source)?),
+        LogFormat::FeelSight => None,
+    };
+    let cameras = source.cameras().iter().map(|c| (c.name.as_str(), (c.intrinsics.width, c.intrinsics.height)));
+    let mut writer = FrameWriter::create(&partial.0, &cameras.collect::<Vec<_>>(), untouched.as_ref())?;
+    let mut depths = (0..source.cameras().len()).map(|camera| source.depths(camera)).collect::<Result<Vec<_>, _>>()?;
+    for first in (0..source.len()).step_by(FRAMES_AT_ONCE) {
+        let mut chunk = Vec::new();
+        for frame in first..source.len().min(first + FRAMES_AT_ONCE) {
+            let mut of_cameras = Vec::new();
+            for reader in &mut depths {
+                let depth = reader.read()?;
+                of_cameras.push(depth.ok_or_else(|| LogError::defect(reader.path(), "depth ends early"))?);
+            }
+            chunk.push((frame, of_cameras));
+        }
+        let encode = |(frame, depths): (usize, Vec<Vec<f32>>)| {
+            let raw: RawFrame = source.raw_frame(frame, depths)?;
+            frames::encode(&raw, untouched.as_ref())
+                .map_err(|defect| LogError::defect(log, format!("frame {frame}: {defect}")))
+        };
+        let encoded: Vec<EncodedImages> = chunk.into_par_iter().map(encode).collect::<Result<_, _>>()?;
+        for images in &encoded {
+            writer.push(images)?;
+        }
+        progress(first + encoded.len());
+    }
+    writer.finish()?;
+    for entry in fs::read_dir(log).map_err(LogError::io(log))? {
+        let entry = entry.map_err(LogError::io(log))?;
+        let path = entry.path();
+        if entry.file_type().map_err(LogError::io(&path))?.is_file() && entry.file_name() != ARCHIVE {
+            let target = partial.0.join(entry.file_name());
+            fs::copy(&path, &target).map_err(LogError::io(&target))?;
+        }
+    }
+    sync_folder(&partial.0)?;
+    fs::rename(&partial.0, out).map_err(LogError::io(out))
+}
+
+/// Folder that is removed unless it was renamed.
+struct Partial(std::path::PathBuf);
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Returns an image of each finger that is near to most of its images: the median of some of them, colour by colour.
+fn untouched(log: &Log) -> Result<PerFinger<RgbImage>, LogError> {
+    let samples = SAMPLES.min(log.len());
+    let median = |finger: &Finger| {
+        let images: Vec<RgbImage> =
+            (0..samples).map(|k| log.touch_image(*finger, k * log.len() / samples)).collect::<Result<_, _>>()?;
+        let mut levels = Vec::with_capacity(images.len());
+        let level = |pixel: usize| {
+            levels.clear();
+            levels.extend(images.iter().filter_map(|image| image.as_raw().get(pixel).copied()));
+            let middle = levels.len() / 2;
+            if levels.is_empty() { 0 } else { *levels.select_nth_unstable(middle).1 }
+        };
+        let raw: Vec<u8> = (0..3 * digit::WIDTH * digit::HEIGHT).map(level).collect();
+        RgbImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, raw)
+            .ok_or_else(|| LogError::defect(log.folder(), "a touch image has another size than a DIGIT's"))
+    };
+    let [index, middle, ring, thumb] = Finger::ALL.map(|finger| median(&finger));
+    Ok(PerFinger([index?, middle?, ring?, thumb?]))
+}
