@@ -8,6 +8,7 @@ mod disturb;
 mod export;
 mod generate;
 mod image_size;
+mod import;
 mod inspect;
 mod mesh;
 mod report;
@@ -67,6 +68,7 @@ enum Command {
     Disturb(disturb::DisturbArguments),
     #[command(subcommand)]
     Export(export::ExportCommand),
+    Import(import::ImportArguments),
     Simulate(simulate::SimulateArguments),
     #[command(subcommand)]
     Touch(touch::TouchCommand),
@@ -186,6 +188,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Convert(arguments)) => convert::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Export(command)) => export::run(&command),
+        Some(Command::Import(arguments)) => import::run(&arguments),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Touch(command)) => touch::run(&command),

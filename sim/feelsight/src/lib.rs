@@ -56,6 +56,7 @@
 
 mod archive;
 pub mod array;
+mod assembler;
 mod compact;
 mod convert;
 mod depths;
@@ -79,6 +80,7 @@ mod record;
 mod scene;
 mod writer;
 
+pub use assembler::{LogAssembler, LogCamera, LogImage, Timeline};
 pub use convert::convert;
 pub use disturb::{DISTURBANCE_FILE, Disturbance, Disturbed, disturb};
 pub use error::LogError;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, HandBase, Isometry, MeshFile, Object, World};
-use mvt_robot::hand::{Finger, world_from_base};
+use mvt_robot::hand::{Finger, Side, world_from_base};
 
 use super::Log;
 use crate::compact::CompactFrames;
@@ -88,6 +88,7 @@ impl Log {
         let mut log = Self {
             folder: folder.to_path_buf(),
             scene,
+            recorded_side: record.side.unwrap_or(Side::Left),
             object_name: record.object_name,
             times_s: record.times_s,
             joints: record.joints,

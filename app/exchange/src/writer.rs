@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use crc32fast::Hasher;
 use lz4_flex::frame::FrameEncoder;
 
-const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+pub(crate) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Messages are collected up to this size, bytes, before they are compressed.
 const CHUNK: usize = 4 << 20;
 const COMPRESSION: &str = "lz4";
@@ -133,7 +133,7 @@ impl<W: Write> Mcap<W> {
     /// Begins a file.
     pub fn new(file: W, library: &str) -> io::Result<Self> {
         let mut out = Out { file, length: 0, checksum: Hasher::new() };
-        out.write(MAGIC)?;
+        out.write(&MAGIC)?;
         out.write(&Content::default().text("").text(library).record(Kind::Header))?;
         Ok(Self {
             out,
@@ -275,7 +275,7 @@ impl<W: Write> Mcap<W> {
         self.out.write(&head)?;
         let checksum = self.out.checksum.clone().finalize();
         self.out.write(&checksum.to_le_bytes())?;
-        self.out.write(MAGIC)?;
+        self.out.write(&MAGIC)?;
         self.out.file.flush()?;
         Ok(self.out.length)
     }

@@ -1,37 +1,18 @@
 //! A log as an MCAP file.
 
 use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use mvt_feelsight::{ImageFiles, Log, LogError, SCENE_FILE};
+use mvt_feelsight::{ImageFiles, Log, SCENE_FILE};
 use mvt_files::output::PartialFile;
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Camera, Frame, Isometry, Object, World};
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, world_from_digit_camera};
 
-use crate::container::{Channel, Mcap};
+use crate::error::ExchangeError;
 use crate::protobuf::Message;
 use crate::schema::{CAMERA_CALIBRATION, COMPRESSED_IMAGE, FRAME_TRANSFORMS, JOINT_STATES, MessageType, RAW_IMAGE};
-
-/// Why a log was not exported.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ExchangeError {
-    /// The log cannot be read.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// The new file exists.
-    #[error("{} already exists; choose another name or ask to overwrite it", .0.display())]
-    Exists(PathBuf),
-    /// The operating system refused.
-    #[error("cannot write {}: {reason}", path.display())]
-    Io {
-        /// The new file.
-        path: PathBuf,
-        /// Reason of the operating system.
-        reason: std::io::Error,
-    },
-}
+use crate::writer::{Channel, Mcap};
 
 /// Contents of an exported file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -211,7 +192,7 @@ fn timestamp(time_ns: u64) -> Message {
 }
 
 /// Returns the rotation from the camera that Foxglove expects, with z along the optical axis and y down, to one with OpenGL axes.
-fn optical() -> Isometry<Camera, Camera> {
+pub(crate) fn optical() -> Isometry<Camera, Camera> {
     Isometry::from_parts([0.0; 3], [0.0, 1.0, 0.0, 0.0])
 }
 
