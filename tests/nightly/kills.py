@@ -51,7 +51,7 @@ learning_rate = 1e-2
 warm_up = 2
 average = 0.9
 """
-# {run} is the folder of a finished run, {log} a log, {config} the file with the training above.
+# {run} is the folder of a finished run, {log} a log, {mcap} its export, {config} the file with the training above.
 COMMANDS = {
     "generate": f"generate --object {OBJECT} --logs 2 --duration 0.3 --cameras side --jobs 1 --out target",
     "run": f"run --object {OBJECT} --touch-depth truth --duration 0.3 --cameras side --quiet --out target",
@@ -60,6 +60,7 @@ COMMANDS = {
     "touch train": "touch train --network default --config {config} --out target",
     "mesh": "mesh --run {run} --out target.ply",
     "export": "export mcap {log} --out target.mcap",
+    "import": "import {mcap} --out target",
     "report": "report {run} --films 1 --out target.html",
     "view": "view --run {run} --record target.gif --every 1 --size 320x240",
 }
@@ -68,7 +69,7 @@ COMMANDS = {
 def words_of(command, shared):
     """Returns the arguments of a command, with the inputs that `prepare` made."""
     log = shared / "logs" / OBJECT / "00"
-    return COMMANDS[command].format(run=shared / "run", log=log, config=shared / "training.toml").split()
+    return COMMANDS[command].format(run=shared / "run", log=log, config=shared / "training.toml", mcap=shared / "log.mcap").split()
 
 
 class Trial:
@@ -259,6 +260,7 @@ def prepare(program, folder):
     subprocess.run([program, *words, folder / "run"], check=True, capture_output=True)
     words = COMMANDS["generate"].replace("--logs 2", "--logs 1").replace("--out target", "--out").split()
     subprocess.run([program, *words, folder / "logs"], check=True, capture_output=True)
+    subprocess.run([program, *words_of("export", folder)[:-1], folder / "log.mcap"], check=True, capture_output=True)
     durations = {}
     has_training = "needs a program built" not in subprocess.run(
         [program, "touch", "train", "--help"], check=True, capture_output=True, text=True

@@ -42,8 +42,19 @@ pub(crate) enum ReadError {
     Damaged(String),
     /// The operating system refused, or compressed data are damaged.
     #[error("{0}")]
-    Io(#[from] io::Error),
+    Io(io::Error),
 }
+
+impl From<io::Error> for ReadError {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::UnexpectedEof => Self::Damaged(CUT_OFF.to_owned()),
+            _ => Self::Io(error),
+        }
+    }
+}
+
+const CUT_OFF: &str = "it ends in the middle of a record: it was cut off";
 
 fn damaged<T>(defect: impl Into<String>) -> Result<T, ReadError> {
     Err(ReadError::Damaged(defect.into()))
@@ -314,7 +325,7 @@ where
             let step = STEP.min(length as usize - self.record.len());
             self.record.reserve_exact(step);
             if from.take(step as u64).read_to_end(&mut self.record)? < step {
-                return damaged("it ends in the middle of a record: it was cut off");
+                return damaged(CUT_OFF);
             }
         }
         Ok(())
@@ -322,7 +333,7 @@ where
 
     fn skip(&mut self, from: &mut impl Read, length: u64) -> Result<(), ReadError> {
         if io::copy(&mut from.take(length), &mut io::sink())? < length {
-            return damaged("it ends in the middle of a record: it was cut off");
+            return damaged(CUT_OFF);
         }
         Ok(())
     }
@@ -345,10 +356,5 @@ fn head(from: &mut impl Read) -> Result<Option<(u8, u64)>, ReadError> {
 }
 
 fn read_exact(from: &mut impl Read, out: &mut [u8]) -> Result<(), ReadError> {
-    from.read_exact(out).map_err(|error| match error.kind() {
-        io::ErrorKind::UnexpectedEof => {
-            ReadError::Damaged("it ends in the middle of a record: it was cut off".to_owned())
-        }
-        _ => ReadError::Io(error),
-    })
+    Ok(from.read_exact(out)?)
 }
