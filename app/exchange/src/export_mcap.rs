@@ -11,6 +11,7 @@ use mvt_robot::hand::{Finger, JointAngles, PerFinger, world_from_digit_camera};
 
 use crate::error::ExchangeError;
 use crate::protobuf::Message;
+use crate::record::{RECORD_FILE, record_of};
 use crate::schema::{CAMERA_CALIBRATION, COMPRESSED_IMAGE, FRAME_TRANSFORMS, JOINT_STATES, MessageType, RAW_IMAGE};
 use crate::writer::{Channel, Mcap};
 
@@ -36,7 +37,8 @@ pub struct Exported {
 /// | `/camera/NAME/calibration` | CameraCalibration | pinhole model |
 /// | `/touch/FINGER/image`, `/depth`, `/contact` | CompressedImage | files of the log, unchanged |
 ///
-/// Times are nanoseconds since the log's own zero. scene.json is attached. The preview is left out.
+/// Times are nanoseconds since the log's own zero. scene.json is attached, and data.pkl, which has times and poses to the last bit, unless a lens
+/// distorts. The preview is left out.
 ///
 /// # Errors
 /// [`ExchangeError`]; an incomplete file never has the name `out`.
@@ -69,6 +71,9 @@ pub fn export_mcap(
     }
     if let Some(scene) = log.scene_file()? {
         file.attach(SCENE_FILE, "application/json", &scene).map_err(io)?;
+    }
+    if let Some(record) = record_of(log) {
+        file.attach(RECORD_FILE, "application/octet-stream", &record).map_err(io)?;
     }
     let channel_count = file.channel_count();
     let bytes = file.finish().map_err(io)?;

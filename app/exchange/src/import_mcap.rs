@@ -17,6 +17,7 @@ use crate::mapping::{CameraMapping, Mapping};
 use crate::messages::{Decoded, decode};
 use crate::pictures::{depth_of, file_of};
 use crate::reader::{Record, scan};
+use crate::record::{agrees, put};
 use crate::survey::{CameraModel, Role, Survey, Used, survey, topics};
 
 /// Times from this on are those of a calendar and not of a recording, nanoseconds: a day.
@@ -92,7 +93,13 @@ fn import(
     let Plan { times_s, joints, object_poses, channels, notes, .. } = plan;
     let frames = times_s.len();
     let side = scene.as_ref().map_or(mapping.hand.side, |scene| scene.hand);
+    let names = mapping.cameras.iter().map(|camera| camera.name.as_str());
+    let record = survey.record.filter(|record| agrees(record, &times_s, &joints, names));
     writer.finish(Timeline { object_name, side, times_s, joints, object_poses, scene })?;
+    if let Some(record) = record {
+        // Both are complete logs.
+        put(&record, out).map_err(|error| format!("cannot write {}: {error}", out.display()))?;
+    }
     Ok(Imported { frames, channels, notes })
 }
 

@@ -14,18 +14,23 @@
 
 mod clock;
 mod error;
+mod export_lerobot;
 mod export_mcap;
 mod import_mcap;
 mod mapping;
 mod messages;
+mod parquet;
 mod pictures;
 mod protobuf;
 mod reader;
+mod record;
 mod schema;
+mod statistics;
 mod survey;
 mod writer;
 
 pub use error::ExchangeError;
+pub use export_lerobot::{ExportedDataSet, export_lerobot};
 pub use export_mcap::{Exported, export_mcap};
 pub use import_mcap::{Imported, ImportedChannel, import_mcap};
 pub use mvt_feelsight;

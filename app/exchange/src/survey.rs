@@ -13,6 +13,7 @@ use crate::error::Defect;
 use crate::mapping::{Mapping, is_plausible};
 use crate::messages::{Decoded, Transform, decode};
 use crate::reader::{ChannelRecord, Record, scan};
+use crate::record::RECORD_FILE;
 
 /// Motion of a camera that counts as moving, metres and radians.
 const STILL_M: f64 = 1e-3;
@@ -62,6 +63,8 @@ pub(crate) struct Survey {
     models: Vec<Option<CameraModel>>,
     /// Contents of scene.json.
     pub scene: Option<Vec<u8>>,
+    /// Contents of data.pkl.
+    pub record: Option<Vec<u8>>,
     /// Frames that moved.
     pub moving: Vec<String>,
     /// Bytes that may still be kept.
@@ -114,6 +117,7 @@ pub(crate) fn survey(path: &Path, mapping: &Mapping) -> Result<Survey, Defect> {
         object_parent: String::new(),
         models: vec![None; mapping.cameras.len()],
         scene: None,
+        record: None,
         moving: Vec::new(),
         left: size.max(LEAST_KEPT),
     };
@@ -125,10 +129,13 @@ pub(crate) fn survey(path: &Path, mapping: &Mapping) -> Result<Survey, Defect> {
             Ok(true)
         }
         Record::Attachment(name, data) => {
-            if name == SCENE_FILE {
-                survey.keep(data.len() as u64)?;
-                survey.scene = Some(data.to_vec());
-            }
+            let place = match name {
+                SCENE_FILE => &mut survey.scene,
+                RECORD_FILE => &mut survey.record,
+                _ => return Ok(true),
+            };
+            *place = Some(data.to_vec());
+            survey.keep(data.len() as u64)?;
             Ok(true)
         }
     })?;
