@@ -165,7 +165,7 @@ def test_a_recording_of_another_program_becomes_a_log(log: Log, tmp_path: Path) 
         color = RawImage_pb2.RawImage(width=width, height=height, encoding="bgr8", step=3 * width, data=pixels.tobytes())
         entries.append((at + 25_000_000, "/d435/color", stamp(color, at)))
         touch = np.ascontiguousarray(np.rot90(frame.touch_images[3])[:, :, ::-1])
-        image = RawImage_pb2.RawImage(width=320, height=240, encoding="bgr8", step=960, data=touch.tobytes())
+        image = RawImage_pb2.RawImage(width=320, height=240, encoding="rgb8", step=960, data=touch.tobytes())
         entries.append((at + 5_000_000, "/digit/D20123", stamp(image, at - epoch_ns + digit_ns)))
     for at_s in np.arange(times_s[0], times_s[-1] + 0.01, 0.004):
         joints = JointStates_pb2.JointStates()
