@@ -13,7 +13,7 @@ use serde::Serialize;
 use crate::clock::{Aligned, Stamps, nearest, numbers_at, pose_at, reach};
 use crate::error::{Defect, ExchangeError};
 use crate::export_mcap::optical;
-use crate::mapping::{CameraMapping, Mapping};
+use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::{Decoded, decode};
 use crate::pictures::{depth_of, file_of};
 use crate::reader::{Record, scan};
@@ -300,7 +300,7 @@ fn cameras(mapping: &Mapping, survey: &Survey, notes: &mut Vec<String>) -> Resul
                 .into());
             }
         };
-        let pose = match (camera.pose.and_then(|pose| pose.isometry()), camera_frame(mapping, survey, k)) {
+        let pose = match (camera.pose.and_then(PoseMapping::isometry), camera_frame(mapping, survey, k)) {
             (Some(pose), _) => pose,
             (None, Some(frame)) => {
                 survey.pose(&frame, root).map_err(|defect| format!("camera {name}: {defect}; give its pose"))?
@@ -382,7 +382,7 @@ fn write_images(
 /// Pixels of a camera.
 fn pixels(camera: &CameraMapping, survey: &Survey, number: usize) -> usize {
     let model = survey.model(number).map(|model| model.intrinsics);
-    let intrinsics = camera.intrinsics.map(|pinhole| pinhole.intrinsics()).or(model);
+    let intrinsics = camera.intrinsics.map(PinholeMapping::intrinsics).or(model);
     intrinsics.map_or(0, |intrinsics| intrinsics.width * intrinsics.height)
 }
 

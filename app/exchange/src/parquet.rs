@@ -90,7 +90,7 @@ impl Thrift {
         self
     }
 
-    fn list(mut self, field: i16, kind: u8, elements: Vec<Vec<u8>>) -> Self {
+    fn list(mut self, field: i16, kind: u8, elements: &[Vec<u8>]) -> Self {
         self.head(field, LIST);
         match u8::try_from(elements.len()) {
             Ok(count @ 0..15) => self.bytes.push(count << 4 | kind),
@@ -165,10 +165,10 @@ impl Cells {
         match (self, more) {
             (Self::Integers(all), Self::Integers(more)) => all.extend(more),
             (Self::Singles(all) | Self::SingleLists(all), Self::Singles(more) | Self::SingleLists(more)) => {
-                all.extend(more)
+                all.extend(more);
             }
             (Self::Doubles(all) | Self::DoubleLists(all), Self::Doubles(more) | Self::DoubleLists(more)) => {
-                all.extend(more)
+                all.extend(more);
             }
             (Self::Texts(all) | Self::TextLists(all), Self::Texts(more) | Self::TextLists(more)) => all.extend(more),
             (Self::Images(all), Self::Images(more)) => all.extend(more),
@@ -272,7 +272,7 @@ impl<W: Write> Parquet<W> {
                     one.zigzag(value);
                     one.bytes
                 };
-                values.iter().map(one).collect()
+                values.iter().map(one).collect::<Vec<_>>()
             };
             let names = path.iter().map(|name| {
                 let mut one = Thrift::default();
@@ -281,8 +281,8 @@ impl<W: Write> Parquet<W> {
             });
             let about = Thrift::default()
                 .i32(1, kind)
-                .list(2, I32, integers(&[0, 3]))
-                .list(3, BINARY, names.collect())
+                .list(2, I32, &integers(&[0, 3]))
+                .list(3, BINARY, &names.collect::<Vec<_>>())
                 .i32(4, 0)
                 .i64(5, values as u64)
                 .i64(6, size)
@@ -290,7 +290,7 @@ impl<W: Write> Parquet<W> {
                 .i64(9, at);
             chunks.push(Thrift::default().i64(2, at).of(3, about).end());
         }
-        let group = Thrift::default().list(1, STRUCT, chunks).i64(2, self.length - start).i64(3, rows as u64);
+        let group = Thrift::default().list(1, STRUCT, &chunks).i64(2, self.length - start).i64(3, rows as u64);
         self.groups.push(group.end());
         self.rows += rows as u64;
         Ok(())
@@ -299,8 +299,8 @@ impl<W: Write> Parquet<W> {
     /// Completes the file. `notes` are keys and values that readers know.
     pub fn finish(mut self, notes: &[(&str, String)]) -> io::Result<()> {
         let pair = |(key, value): &(&str, String)| Thrift::default().text(1, key).text(2, value).end();
-        let about = Thrift::default().i32(1, 2).list(2, STRUCT, self.schema).i64(3, self.rows);
-        let about = about.list(4, STRUCT, self.groups).list(5, STRUCT, notes.iter().map(pair).collect());
+        let about = Thrift::default().i32(1, 2).list(2, STRUCT, &self.schema).i64(3, self.rows);
+        let about = about.list(4, STRUCT, &self.groups).list(5, STRUCT, &notes.iter().map(pair).collect::<Vec<_>>());
         let footer = about.text(6, "mambavitact").end();
         self.file.write_all(&footer)?;
         self.file.write_all(&(footer.len() as u32).to_le_bytes())?;

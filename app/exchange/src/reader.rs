@@ -4,6 +4,7 @@
 //! its size.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
@@ -299,8 +300,8 @@ where
             None => damaged("the names of its channels are longer than the file"),
         };
         if kind == SCHEMA {
-            if !schemas.contains_key(&id) {
-                schemas.insert(id, keep(fields.text()?)?);
+            if let Entry::Vacant(place) = schemas.entry(id) {
+                place.insert(keep(fields.text()?)?);
             }
             return Ok(());
         }

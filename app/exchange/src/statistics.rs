@@ -5,6 +5,9 @@ use serde_json::{Value, json};
 /// Quantiles that LeRobot stores, with their names.
 const QUANTILES: [(&str, f64); 5] = [("q01", 0.01), ("q10", 0.1), ("q50", 0.5), ("q90", 0.9), ("q99", 0.99)];
 
+/// A value and how often it occurs.
+type Counted = (f64, u64);
+
 /// Values of the channels of a feature.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Statistics {
@@ -38,7 +41,7 @@ impl Statistics {
 
     /// Returns the statistics; those of colours are between 0 and 1 and have the shape (3, 1, 1).
     pub fn to_json(&self) -> Value {
-        let mut columns: Vec<Vec<(f64, u64)>> = Vec::new();
+        let mut columns: Vec<Vec<Counted>> = Vec::new();
         for channel in &self.values {
             let mut sorted = channel.clone();
             sorted.sort_unstable_by(f64::total_cmp);
@@ -49,7 +52,7 @@ impl Statistics {
             columns.push(counted.map(|(level, &count)| (level as f64 / 255.0, count)).collect());
         }
         let is_image = !self.levels.is_empty();
-        let each = |of: &dyn Fn(&[(f64, u64)]) -> f64| {
+        let each = |of: &dyn Fn(&[Counted]) -> f64| {
             let numbers: Vec<Value> = columns.iter().map(|column| json!(of(column))).collect();
             if is_image {
                 json!(numbers.into_iter().map(|number| json!([[number]])).collect::<Vec<_>>())
@@ -76,13 +79,13 @@ impl Statistics {
     }
 }
 
-fn mean(column: &[(f64, u64)]) -> f64 {
+fn mean(column: &[Counted]) -> f64 {
     let count: u64 = column.iter().map(|(_, count)| count).sum();
     column.iter().map(|(value, times)| value * *times as f64).sum::<f64>() / count.max(1) as f64
 }
 
 /// Returns the smallest value that so large a share does not exceed.
-fn quantile(column: &[(f64, u64)], share: f64) -> f64 {
+fn quantile(column: &[Counted], share: f64) -> f64 {
     let count: u64 = column.iter().map(|(_, count)| count).sum();
     let wanted = (share * count as f64).ceil().max(1.0) as u64;
     let mut below = 0;
