@@ -113,6 +113,7 @@ def test_an_export_is_imported_again(log: Log, tmp_path: Path) -> None:
     for frame, expected in zip(again, log, strict=True):
         assert frame.time_s == expected.time_s
         assert np.array_equal(frame.joints, expected.joints)
+        assert frame.touch_images is not None and expected.touch_images is not None
         assert np.array_equal(frame.touch_images, expected.touch_images)
         for depth, expected_depth in zip(frame.depth_m, expected.depth_m, strict=True):
             assert np.array_equal(depth, expected_depth)
@@ -164,6 +165,7 @@ def test_a_recording_of_another_program_becomes_a_log(log: Log, tmp_path: Path) 
         pixels = np.ascontiguousarray(frame.color[0][:, :, ::-1])
         color = RawImage_pb2.RawImage(width=width, height=height, encoding="bgr8", step=3 * width, data=pixels.tobytes())
         entries.append((at + 25_000_000, "/d435/color", stamp(color, at)))
+        assert frame.touch_images is not None
         touch = np.ascontiguousarray(np.rot90(frame.touch_images[3])[:, :, ::-1])
         image = RawImage_pb2.RawImage(width=320, height=240, encoding="rgb8", step=960, data=touch.tobytes())
         entries.append((at + 5_000_000, "/digit/D20123", stamp(image, at - epoch_ns + digit_ns)))
@@ -173,8 +175,8 @@ def test_a_recording_of_another_program_becomes_a_log(log: Log, tmp_path: Path) 
             joints.joints.add(name=names[k], position=float(frames[0].joints[k] + 0.1 * at_s * k / 16))
         at = epoch_ns + round(float(at_s) * 1e9)
         entries.append((at + 1_000_000, "/joint_states", stamp(joints, at)))
-    k = camera.intrinsics
-    info = CameraCalibration_pb2.CameraCalibration(frame_id="d435_optical", width=width, height=height, K=k.ravel().tolist())
+    matrix = camera.intrinsics.ravel().tolist()
+    info = CameraCalibration_pb2.CameraCalibration(frame_id="d435_optical", width=width, height=height, K=matrix)
     entries.append((epoch_ns, "/d435/camera_info", stamp(info, epoch_ns)))
     still = FrameTransforms_pb2.FrameTransforms()
     for parent, child, z in (("palm", "mount", 0.3), ("mount", "d435_optical", 0.1)):
@@ -200,8 +202,7 @@ def test_a_recording_of_another_program_becomes_a_log(log: Log, tmp_path: Path) 
     for said in ("labels", "finger ring has no touch", "true pose", "median"):
         assert said in notes, notes
 
-    with (tmp_path / "log/data.pkl").open("rb") as stream:
-        data = pickle.load(stream)
+    data = pickle.loads((tmp_path / "log/data.pkl").read_bytes())
     assert data["object"]["name"] == "mug"
     assert np.abs(data["allegro"]["joint_state"] - angles).max() < 1e-9
     assert np.abs(data["time"] - (times_s - times_s[0])).max() < 1e-6
@@ -209,8 +210,10 @@ def test_a_recording_of_another_program_becomes_a_log(log: Log, tmp_path: Path) 
     assert np.abs(pose - [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.4], [0, 0, 0, 1]]).max() < 1e-12
     depth_m = np.load(tmp_path / "log/realsense/front/depth.npz")["depth"]
     assert np.abs(-depth_m - np.array([frame.depth_m[0] for frame in frames])).max() < 0.6e-3
-    for kind, expected in (("realsense/front", frames[7].color[0]), ("allegro/thumb", frames[7].touch_images[3])):
-        with Image.open(tmp_path / "log" / kind / "image/7.jpg") as image:
-            assert np.array_equal(np.asarray(image), expected), kind
+    seen = frames[7].touch_images
+    assert seen is not None
+    for kind, expected in (("realsense/front", frames[7].color[0]), ("allegro/thumb", seen[3])):
+        with Image.open(tmp_path / "log" / kind / "image/7.jpg") as picture:
+            assert np.array_equal(np.asarray(picture), expected), kind
     said = run("run", "--log", tmp_path / "log", "--out", tmp_path / "run", "--quiet", "--json")
     assert json.loads(said)["frames"] == len(frames)
