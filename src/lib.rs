@@ -5,8 +5,10 @@ mod bench;
 mod calibrate;
 mod convert;
 mod disturb;
+mod export;
 mod generate;
 mod image_size;
+mod import;
 mod inspect;
 mod mesh;
 mod report;
@@ -64,6 +66,9 @@ enum Command {
     Convert(convert::ConvertArguments),
     Calibrate(calibrate::CalibrateArguments),
     Disturb(disturb::DisturbArguments),
+    #[command(subcommand)]
+    Export(export::ExportCommand),
+    Import(import::ImportArguments),
     Simulate(simulate::SimulateArguments),
     Controllers(mvt_evaluation::hand::ControllersArguments),
     #[command(subcommand)]
@@ -185,6 +190,8 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
+        Some(Command::Export(command)) => export::run(&command),
+        Some(Command::Import(arguments)) => import::run(&arguments),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Controllers(arguments)) => mvt_evaluation::hand::list(&arguments),

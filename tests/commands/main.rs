@@ -10,6 +10,7 @@
 )]
 
 mod calibrate;
+mod exchange;
 mod faults;
 mod generate;
 mod hand;

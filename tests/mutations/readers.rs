@@ -18,7 +18,8 @@ use mvt_touch::network::{Architecture, Weights};
 use tempfile::TempDir;
 
 use crate::originals::{
-    self, copy_run, npz, of_run, pictures, png_with_checksums, with_and_without_seal, zip_with_checksums,
+    self, copy_run, mcap_without_checksums, npz, of_run, pictures, png_with_checksums, with_and_without_seal,
+    zip_with_checksums,
 };
 use crate::small_log;
 use crate::trial::{Original, check};
@@ -110,6 +111,40 @@ fn compact_log() {
             }
             inspect(place).is_ok()
         })
+    });
+}
+
+/// An import of an export; every second input has no checksums of chunks, so that damage inside them is read.
+#[test]
+fn mcap() {
+    let folder = tempfile::tempdir().unwrap();
+    let exported = folder.path().join("log.mcap");
+    mvt_exchange::export_mcap(&Log::open(&write_log(folder.path())).unwrap(), &exported, false, || ()).unwrap();
+    let bytes = fs::read(exported).unwrap();
+    let originals = [Original::new(bytes.clone()), Original { bytes, finish: mcap_without_checksums }];
+    let file = OneFile::new("a.mcap");
+    let out = folder.path().join("out");
+    check("mcap", &originals, |_, bytes| {
+        let imported = mvt_exchange::import_mcap(file.with(bytes), None, &out, |_, _| ()).is_ok();
+        assert_eq!(out.is_dir(), imported);
+        if imported {
+            fs::remove_dir_all(&out).unwrap();
+        }
+        imported
+    });
+}
+
+#[test]
+fn mapping() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "[hand]\njoints = \"/joints\"\nbase = \"palm\"\n[object]\nname = \"mug\"\n[[camera]]\nname = \"front\"\ndepth = \"/depth\"\n\
+                intrinsics = { width = 64, height = 48, fx = 60, fy = 60, cx = 32, cy = 24 }\n[touch.thumb]\nimage = \"/thumb\"\nbgr = true\n";
+    let file = OneFile::new("mapping.toml");
+    let source = folder.path().join("empty.mcap");
+    fs::write(&source, "").unwrap();
+    check("mapping", &[Original::new(text.as_bytes().to_vec())], |_, bytes| {
+        let refused = mvt_exchange::import_mcap(&source, Some(file.with(bytes)), &folder.path().join("out"), |_, _| ());
+        matches!(refused, Err(mvt_exchange::ExchangeError::Source { .. }))
     });
 }
 

@@ -51,7 +51,7 @@ learning_rate = 1e-2
 warm_up = 2
 average = 0.9
 """
-# {run} is the folder of a finished run, {config} the file with the training above.
+# {run} is the folder of a finished run, {log} a log, {mcap} its export, {config} the file with the training above.
 COMMANDS = {
     "generate": f"generate --object {OBJECT} --logs 2 --duration 0.3 --cameras side --jobs 1 --out target",
     "run": f"run --object {OBJECT} --touch-depth truth --duration 0.3 --cameras side --quiet --out target",
@@ -60,9 +60,17 @@ COMMANDS = {
     "touch train": "touch train --network default --config {config} --out target",
     "hand tune": f"hand tune --object {OBJECT} --axis -y --generations 3 --starts 1 --duration 0.5 --scored-starts 1 --out target.toml",
     "mesh": "mesh --run {run} --out target.ply",
+    "export": "export mcap {log} --out target.mcap",
+    "import": "import {mcap} --out target",
     "report": "report {run} --films 1 --out target.html",
     "view": "view --run {run} --record target.gif --every 1 --size 320x240",
 }
+
+
+def words_of(command, shared):
+    """Returns the arguments of a command, with the inputs that `prepare` made."""
+    log = shared / "logs" / OBJECT / "00"
+    return COMMANDS[command].format(run=shared / "run", log=log, config=shared / "training.toml", mcap=shared / "log.mcap").split()
 
 
 class Trial:
@@ -71,7 +79,7 @@ class Trial:
     def __init__(self, program, shared, command, earlier):
         self.program, self.command = program, command
         self.folder = Path(tempfile.mkdtemp(prefix="kills-"))
-        self.words = COMMANDS[command].format(run=shared / "run", config=shared / "training.toml").split()
+        self.words = words_of(command, shared)
         self.target = self.folder / next(word for word in self.words if word.startswith("target"))
         if earlier:
             shutil.copytree(shared / "earlier" / command, self.folder, dirs_exist_ok=True)
@@ -130,6 +138,8 @@ class Trial:
                 return png_problem(data)
             case ".gif":
                 return None if data[:4] == b"GIF8" and data[-1:] == b"\x3b" else "the film has no end"
+            case ".mcap":
+                return None if data.endswith(b"\x89MCAP0\r\n") else "it has no end"
             case ".npy":
                 return npy_problem(data)
             case ".ply" | ".obj":
@@ -249,6 +259,9 @@ def prepare(program, folder):
     (folder / "training.toml").write_text(TRAINING)
     words = COMMANDS["run"].replace("--out target", "--out").split()
     subprocess.run([program, *words, folder / "run"], check=True, capture_output=True)
+    words = COMMANDS["generate"].replace("--logs 2", "--logs 1").replace("--out target", "--out").split()
+    subprocess.run([program, *words, folder / "logs"], check=True, capture_output=True)
+    subprocess.run([program, *words_of("export", folder)[:-1], folder / "log.mcap"], check=True, capture_output=True)
     durations = {}
     has_training = "needs a program built" not in subprocess.run(
         [program, "touch", "train", "--help"], check=True, capture_output=True, text=True
@@ -258,7 +271,7 @@ def prepare(program, folder):
             continue
         place = folder / "earlier" / command
         place.mkdir(parents=True)
-        words = COMMANDS[command].format(run=folder / "run", config=folder / "training.toml").split()
+        words = words_of(command, folder)
         begun = time.monotonic()
         subprocess.run([program, *words], cwd=place, check=True, capture_output=True)
         durations[command] = time.monotonic() - begun

@@ -12,9 +12,8 @@ use crate::archive::ARCHIVE;
 use crate::error::LogError;
 use crate::format::LogFormat;
 use crate::frames::{self, EncodedImages, FrameWriter, RawFrame};
-use crate::io::sync_folder;
 use crate::reader::Log;
-use crate::writer::{is_vacant, remove, sibling};
+use crate::writer::PartialFolder;
 
 /// Frames that are decoded before any of them is written.
 const FRAMES_AT_ONCE: usize = 32;
@@ -28,17 +27,13 @@ const SAMPLES: usize = 31;
 /// [`LogError::NotEmpty`] if `out` is not empty, what [`Log::open`] reports, and [`LogError::Io`] if a file cannot be written.
 pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnMut(usize)) -> Result<(), LogError> {
     let source = Log::open(log)?;
-    if !is_vacant(out)? {
-        return Err(LogError::NotEmpty { path: out.to_path_buf() });
-    }
-    let partial = Partial(sibling(out, "partial")?);
-    remove(&partial.0)?;
+    let partial = PartialFolder::begin(out)?;
     let untouched = match format {
         LogFormat::Compact => Some(untouched(&source)?),
         LogFormat::FeelSight => None,
     };
     let cameras = source.cameras().iter().map(|c| (c.name.as_str(), (c.intrinsics.width, c.intrinsics.height)));
-    let mut writer = FrameWriter::create(&partial.0, &cameras.collect::<Vec<_>>(), untouched.as_ref())?;
+    let mut writer = FrameWriter::create(partial.path(), &cameras.collect::<Vec<_>>(), untouched.as_ref())?;
     let mut depths = (0..source.cameras().len()).map(|camera| source.depths(camera)).collect::<Result<Vec<_>, _>>()?;
     for first in (0..source.len()).step_by(FRAMES_AT_ONCE) {
         let mut chunk = Vec::new();
@@ -66,21 +61,11 @@ pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnM
         let entry = entry.map_err(LogError::io(log))?;
         let path = entry.path();
         if entry.file_type().map_err(LogError::io(&path))?.is_file() && entry.file_name() != ARCHIVE {
-            let target = partial.0.join(entry.file_name());
+            let target = partial.path().join(entry.file_name());
             fs::copy(&path, &target).map_err(LogError::io(&target))?;
         }
     }
-    sync_folder(&partial.0)?;
-    fs::rename(&partial.0, out).map_err(LogError::io(out))
-}
-
-/// Folder that is removed unless it was renamed.
-struct Partial(std::path::PathBuf);
-
-impl Drop for Partial {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
+    partial.place(out)
 }
 
 /// Returns an image of each finger that is near to most of its images: the median of some of them, colour by colour.

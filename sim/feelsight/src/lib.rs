@@ -56,6 +56,7 @@
 
 mod archive;
 pub mod array;
+mod assembler;
 mod compact;
 mod convert;
 mod depths;
@@ -79,6 +80,7 @@ mod record;
 mod scene;
 mod writer;
 
+pub use assembler::{LogAssembler, LogCamera, LogImage, Timeline};
 pub use convert::convert;
 pub use disturb::{DISTURBANCE_FILE, Disturbance, Disturbed, disturb};
 pub use error::LogError;
@@ -86,7 +88,7 @@ pub use format::LogFormat;
 pub use frame::EncodedFrame;
 pub use inspect::{CameraSummary, LogSummary, SurfaceDistance, inspect, inspect_against};
 pub use partial::{LogSensor, PartialFrame, PartialFrames, TouchPart};
-pub use reader::{Log, LogFrame, LogFrames};
+pub use reader::{ImageFiles, Log, LogFrame, LogFrames};
 pub use record::DigitInfo;
 pub use scene::{EpisodeEnd, FORMAT_VERSION, LogMeta, SCENE_FILE, SceneFile, SceneObject};
 pub use writer::LogWriter;

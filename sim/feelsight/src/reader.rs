@@ -1,7 +1,10 @@
 //! Reader of logs: those of this program, and those of the published data set, which deviate in details.
 
+mod files;
 mod images;
 mod open;
+
+pub use files::ImageFiles;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,11 +25,13 @@ use crate::scene::SceneFile;
 /// Open log. Images and depths are read on demand.
 ///
 /// All poses are in the world of [`mvt_robot::hand::world_from_base`], whatever the log's own world, and depths are
-/// positive. A log without scene.json counts as a recording of a left hand, and its object frame is that of the mesh.
+/// positive. A log without scene.json counts as a recording of a left hand unless data.pkl says otherwise, and its object frame is that of the mesh.
 #[derive(Debug)]
 pub struct Log {
     folder: PathBuf,
     scene: Option<SceneFile>,
+    /// The side that data.pkl says.
+    recorded_side: Side,
     object_name: String,
     times_s: Vec<f64>,
     joints: Vec<JointAngles>,
@@ -83,7 +88,7 @@ impl Log {
 
     /// Returns the side of the hand.
     pub fn side(&self) -> Side {
-        self.scene.as_ref().map_or(Side::Left, |scene| scene.hand)
+        self.scene.as_ref().map_or(self.recorded_side, |scene| scene.hand)
     }
 
     /// Returns the number of frames.

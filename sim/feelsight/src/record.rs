@@ -4,7 +4,7 @@ use std::path::Path;
 
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit;
-use mvt_robot::hand::{JOINTS, JointAngles};
+use mvt_robot::hand::{JOINTS, JointAngles, Side};
 
 use crate::array::Array;
 use crate::error::LogError;
@@ -68,6 +68,8 @@ pub(super) struct Record {
     pub object_mesh: String,
     /// Published mesh to world.
     pub object_poses: Vec<Matrix>,
+    /// Side of the hand, where scene.json does not say it. Other loaders ignore it; without both the hand is the left one.
+    pub side: Option<Side>,
     /// Hand base to world.
     pub base_pose: Matrix,
     pub joints: Vec<JointAngles>,
@@ -88,6 +90,7 @@ impl Record {
             ("base_pose".into(), matrix(&self.base_pose)),
             ("joint_state".into(), Array::from_f64(vec![frames, JOINTS], self.joints.iter().flatten().copied()).into()),
         ];
+        allegro.extend(self.side.map(|side| ("side".into(), if side == Side::Left { "left" } else { "right" }.into())));
         if let Some(poses) = &self.finger_poses {
             let fingers =
                 |four: &[Matrix; 4]| Array::from_f64(vec![4, 4, 4], four.iter().flatten().flatten().copied()).into();
@@ -155,6 +158,12 @@ impl Record {
             object_name: text("name"),
             object_mesh: text("mesh"),
             object_poses: matrices(get(object, "pose")?, &[], "object.pose")?,
+            side: match allegro.get("side").and_then(PickleValue::as_str) {
+                None => None,
+                Some("left") => Some(Side::Left),
+                Some("right") => Some(Side::Right),
+                Some(other) => return Err(format!("allegro.side is {other:?} and not left or right")),
+            },
             base_pose: matrix(get(allegro, "base_pose")?, "allegro.base_pose")?,
             joints: joints.as_chunks::<JOINTS>().0.to_vec(),
             finger_poses,

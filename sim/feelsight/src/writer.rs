@@ -64,6 +64,7 @@ impl LogWriter {
             object_name: object.clone(),
             object_mesh: meta.scene.object.mesh.clone(),
             object_poses: Vec::new(),
+            side: None,
             base_pose: world_from_base().to_matrix(),
             joints: Vec::new(),
             finger_poses: Some(Vec::new()),
@@ -150,6 +151,38 @@ impl Drop for LogWriter {
         // ffmpeg must close its file first.
         self.preview = Preview::Failed;
         let _ = fs::remove_dir_all(&self.partial);
+    }
+}
+
+/// Folder of a log that is being written under another name. It is removed unless it is placed.
+pub(super) struct PartialFolder(PathBuf);
+
+impl PartialFolder {
+    /// Begins a log in `place`, which must not exist or be empty. The folder is not created yet; one that a killed process left is removed.
+    pub fn begin(place: &Path) -> Result<Self, LogError> {
+        if !is_vacant(place)? {
+            return Err(LogError::NotEmpty { path: place.to_path_buf() });
+        }
+        let partial = sibling(place, "partial")?;
+        remove(&partial)?;
+        Ok(Self(partial))
+    }
+
+    /// Returns the path until the log is complete.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// Gives the complete log its name.
+    pub fn place(&self, place: &Path) -> Result<(), LogError> {
+        sync_folder(&self.0)?;
+        fs::rename(&self.0, place).map_err(LogError::io(place))
+    }
+}
+
+impl Drop for PartialFolder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
     }
 }
 

@@ -397,3 +397,34 @@ fn wrong_kinematics_and_times_are_found() {
     let short = with(&|data| *entry(data, "time") = Array::from_f64(vec![1], [0.0]).into());
     assert!(short.contains("2 joint states for 1 frames"), "{short}");
 }
+
+#[test]
+fn image_files_are_those_of_the_log_unless_a_lens_distorts() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("00");
+    write(&place, 2, &cameras());
+    let read = |path: &str| fs::read(place.join(path)).unwrap();
+    let log = Log::open(&place).unwrap();
+    let files = log.image_files(1).unwrap();
+    assert_eq!(files.colours[1], read("realsense/top-down/image/1.jpg"));
+    assert_eq!(files.labels.unwrap()[0], read("realsense/front-left/seg/1.jpg"));
+    assert_eq!(files.touch[Finger::Ring], read("allegro/ring/image/1.jpg"));
+    let [depth, mask] = files.touch_truth.unwrap()[Finger::Thumb].clone();
+    assert_eq!((depth, mask), (read("allegro/thumb/depth/1.jpg"), read("allegro/thumb/mask/1.jpg")));
+    assert_eq!(log.scene_file().unwrap().unwrap(), read("scene.json"));
+    assert!(log.image_files(2).is_err());
+
+    let mut data = pickle::from_bytes(&read("data.pkl")).unwrap();
+    let intrinsics = entry(entry(entry(&mut data, "realsense"), "front-left"), "intrinsics");
+    let PickleValue::Dict(items) = intrinsics else { panic!() };
+    items.push(("k1".into(), 0.2.into()));
+    fs::write(place.join("data.pkl"), pickle::to_bytes(&data)).unwrap();
+    let log = Log::open(&place).unwrap();
+    let files = log.image_files(1).unwrap();
+    assert_ne!(files.colours[0], read("realsense/front-left/image/1.jpg"));
+    assert_eq!(files.colours[1], read("realsense/top-down/image/1.jpg"));
+    let straight = log.frame(1).unwrap().unwrap();
+    let labels = image::load_from_memory(&files.labels.unwrap()[0]).unwrap().into_luma8();
+    let labels = labels.iter().map(|&grey| mvt_frames::depth::Label::from_grey(grey).unwrap());
+    assert!(labels.eq(straight.truth.unwrap().labels[0].iter().copied()));
+}

@@ -73,7 +73,7 @@ impl Log {
         for (camera, lens) in self.lenses.iter().enumerate() {
             color.push(straightened(lens.as_ref(), self.raw_colour(camera, i)?));
             if self.segmentation {
-                labels.push(labels_of(&straightened(lens.as_ref(), self.raw_labels(camera, i)?)));
+                labels.push(labels_of(&self.straight_labels(camera, i)?));
             }
         }
         let four = |images: Vec<RgbImage>| <[RgbImage; 4]>::try_from(images).map(PerFinger);
@@ -104,6 +104,12 @@ impl Log {
             return color_of(archive.read(&file, MAX_FILE)?, &archive.path(&file), (*width, *height));
         }
         read_color(&self.camera_folder(name).join("image").join(format!("{frame}.jpg")), (*width, *height))
+    }
+
+    /// Reads a camera's segmentation.
+    pub(super) fn straight_labels(&self, camera: usize, frame: usize) -> Result<GrayImage, LogError> {
+        let lens = self.lenses.get(camera).and_then(Option::as_ref);
+        Ok(straightened(lens, self.raw_labels(camera, frame)?))
     }
 
     /// Reads a camera's segmentation with the distortion of its lens.

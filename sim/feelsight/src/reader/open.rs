@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, HandBase, Isometry, MeshFile, Object, World};
-use mvt_robot::hand::{Finger, world_from_base};
+use mvt_robot::hand::{Finger, Side, world_from_base};
 
 use super::Log;
 use crate::compact::CompactFrames;
@@ -42,6 +42,14 @@ impl Log {
     /// [`LogError`] if data.pkl or scene.json is invalid, or the log has no frame.
     pub fn open_tolerant(folder: &Path) -> Result<Self, LogError> {
         Self::open_as(folder, true)
+    }
+
+    /// Returns the bytes of scene.json; `None` if the log has none.
+    ///
+    /// # Errors
+    /// [`LogError`] if it cannot be read.
+    pub fn scene_file(&self) -> Result<Option<Vec<u8>>, LogError> {
+        self.scene.as_ref().map(|_| read_at_most(&self.folder.join(SCENE_FILE), MAX_SCENE)).transpose()
     }
 
     fn open_as(folder: &Path, tolerant: bool) -> Result<Self, LogError> {
@@ -80,6 +88,7 @@ impl Log {
         let mut log = Self {
             folder: folder.to_path_buf(),
             scene,
+            recorded_side: record.side.unwrap_or(Side::Left),
             object_name: record.object_name,
             times_s: record.times_s,
             joints: record.joints,

@@ -1,0 +1,36 @@
+//! Logs in formats that other programs read, and recordings of other programs as logs.
+//!
+//! [`export_mcap`] writes a log as one MCAP file with Foxglove's protobuf schemas, which Foxglove and rerun open. [`import_mcap`] turns such a
+//! file, ours or another's, into a log. The crate estimates and renders nothing.
+//!
+//! ```no_run
+//! let log = mvt_feelsight::Log::open("logs/cube70/00".as_ref())?;
+//! let exported = mvt_exchange::export_mcap(&log, "cube.mcap".as_ref(), false, || ())?;
+//! println!("{} frames in {} channels", exported.frames, exported.channels);
+//! let imported = mvt_exchange::import_mcap("cube.mcap".as_ref(), None, "again".as_ref(), |_, _| ())?;
+//! println!("{} frames", imported.frames);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod clock;
+mod error;
+mod export_lerobot;
+mod export_mcap;
+mod import_mcap;
+mod mapping;
+mod messages;
+mod parquet;
+mod pictures;
+mod protobuf;
+mod reader;
+mod record;
+mod schema;
+mod statistics;
+mod survey;
+mod writer;
+
+pub use error::ExchangeError;
+pub use export_lerobot::{ExportedDataSet, export_lerobot};
+pub use export_mcap::{Exported, export_mcap};
+pub use import_mcap::{Imported, ImportedChannel, import_mcap};
+pub use mvt_feelsight;

@@ -1,0 +1,198 @@
+//! Writer of a log from parts that come in any order, as recordings of other programs deliver them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mvt_frames::camera::PosedCamera;
+use mvt_frames::{Isometry, MeshFile, Object, World};
+use mvt_robot::digit;
+use mvt_robot::hand::{Finger, JointAngles, Side, world_from_base};
+
+use crate::error::LogError;
+use crate::frame::finger_poses;
+use crate::io::write_synced;
+use crate::npz::{DeflatedFrame, NpzWriter};
+use crate::pickle;
+use crate::picture::{color_of, gray_of};
+use crate::record::{CameraRecord, DigitInfo, Matrix, Record, is_plain_name};
+use crate::scene::{SCENE_FILE, SceneFile};
+use crate::writer::PartialFolder;
+
+/// Image of a frame, by what it shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LogImage {
+    /// Colours of a camera, by its number.
+    Colours(usize),
+    /// Labels of a camera, by its number, grey: 0 background, 127 hand, 255 object.
+    Labels(usize),
+    /// Image of a DIGIT.
+    Touch(Finger),
+    /// True depth of a DIGIT, in the levels of [`DigitInfo`].
+    TouchDepth(Finger),
+    /// Contact mask of a DIGIT, grey: 0 or 255.
+    Contact(Finger),
+}
+
+/// Camera of a log that is assembled.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogCamera {
+    /// Name, pinhole model and pose.
+    pub camera: PosedCamera,
+    /// k1, k2, p1, p2, k3 of OpenCV's model; `None` without distortion. Readers straighten the images.
+    pub distortion: Option<[f64; 5]>,
+}
+
+/// Everything in a log besides images.
+#[derive(Debug, Clone)]
+pub struct Timeline {
+    /// Name of the object.
+    pub object_name: String,
+    /// Side of the hand; scene.json must have the same.
+    pub side: Side,
+    /// Time of each frame, seconds, increasing.
+    pub times_s: Vec<f64>,
+    /// Joint angles of each frame.
+    pub joints: Vec<JointAngles>,
+    /// Pose of the object in each frame; `None` where it is unknown.
+    pub object_poses: Vec<Option<Isometry<Object, World>>>,
+    /// Contents of scene.json; `None` for a log without it.
+    pub scene: Option<SceneFile>,
+}
+
+/// Writer of a log in FeelSight's layout, whose images may come in any order and may be missing. The folder has its name only when the log is
+/// complete; if the writer is dropped before [`LogAssembler::finish`], it removes its files.
+pub struct LogAssembler {
+    place: PathBuf,
+    partial: PartialFolder,
+    cameras: Vec<LogCamera>,
+    depths: Vec<(PathBuf, NpzWriter)>,
+}
+
+impl LogAssembler {
+    /// Begins a log in the folder `place` with these cameras.
+    ///
+    /// # Errors
+    /// [`LogError::NotEmpty`] if the folder is not empty; [`LogError::Defect`] for a camera whose name is no file name or occurs twice;
+    /// [`LogError::Io`] if the folder cannot be created.
+    pub fn create(place: &Path, cameras: Vec<LogCamera>) -> Result<Self, LogError> {
+        let partial = PartialFolder::begin(place)?;
+        fs::create_dir_all(partial.path()).map_err(LogError::io(place))?;
+        let mut depths = Vec::new();
+        for (number, LogCamera { camera, .. }) in cameras.iter().enumerate() {
+            let name = &camera.name;
+            if !is_plain_name(name) {
+                return Err(LogError::defect(
+                    place,
+                    format!("the camera's name {name:?} cannot be the name of a file"),
+                ));
+            }
+            if cameras.iter().take(number).any(|other| other.camera.name == *name) {
+                return Err(LogError::defect(place, format!("two cameras have the name {name}; give each its own")));
+            }
+            let path = partial.path().join("realsense").join(name).join("depth.npz");
+            fs::create_dir_all(path.with_file_name("")).map_err(LogError::io(&path))?;
+            let writer = NpzWriter::create(&path, camera.intrinsics.height, camera.intrinsics.width);
+            depths.push((path.clone(), writer.map_err(LogError::io(path))?));
+        }
+        Ok(Self { place: place.to_path_buf(), partial, cameras, depths })
+    }
+
+    /// Adds an image of a frame: a JPEG or PNG file, which is stored to the byte. `origin` names it in errors.
+    ///
+    /// # Errors
+    /// [`LogError`] if it cannot be decoded, has not the size of the sensor's images, or cannot be written.
+    pub fn image(&mut self, image: LogImage, frame: usize, file: &[u8], origin: &Path) -> Result<(), LogError> {
+        let touch = |finger: Finger, kind| (format!("allegro/{}/{kind}", finger.name()), (digit::WIDTH, digit::HEIGHT));
+        let camera = |number: usize, kind| match self.cameras.get(number) {
+            Some(LogCamera { camera: PosedCamera { name, intrinsics, .. }, .. }) => {
+                Ok((format!("realsense/{name}/{kind}"), (intrinsics.width, intrinsics.height)))
+            }
+            None => Err(LogError::defect(origin, format!("there is no camera {number}"))),
+        };
+        let (folder, size) = match image {
+            LogImage::Colours(number) => camera(number, "image")?,
+            LogImage::Labels(number) => camera(number, "seg")?,
+            LogImage::Touch(finger) => touch(finger, "image"),
+            LogImage::TouchDepth(finger) => touch(finger, "depth"),
+            LogImage::Contact(finger) => touch(finger, "mask"),
+        };
+        // Decoded only to be checked: readers must find no damage.
+        match image {
+            LogImage::Colours(_) | LogImage::Touch(_) => drop(color_of(file.to_vec(), origin, size)?),
+            _ => drop(gray_of(file.to_vec(), origin, size)?),
+        }
+        let folder = self.partial.path().join(folder);
+        if !folder.is_dir() {
+            fs::create_dir_all(&folder).map_err(LogError::io(&folder))?;
+        }
+        let path = folder.join(format!("{frame}.jpg"));
+        fs::write(&path, file).map_err(LogError::io(path))
+    }
+
+    /// Adds the depth of a camera, by its number, in the next frame: metres along the axis, row by row, 0 where nothing was measured.
+    ///
+    /// # Errors
+    /// [`LogError`] if it has not the size of the camera's images or cannot be written.
+    pub fn push_depth(&mut self, camera: usize, depth_m: &[f32]) -> Result<(), LogError> {
+        let Some((path, writer)) = self.depths.get_mut(camera) else {
+            return Err(LogError::defect(&self.place, format!("there is no camera {camera}")));
+        };
+        // The camera's z is negative in front of it.
+        let signed = depth_m.iter().map(|&depth| if depth > 0.0 { -depth } else { 0.0 });
+        let deflated = DeflatedFrame::new(signed).map_err(LogError::io(&*path))?;
+        writer.push(&deflated).map_err(LogError::io(&*path))
+    }
+
+    /// Completes the log and gives its folder the final name.
+    ///
+    /// # Errors
+    /// [`LogError::Defect`] if there is no frame or the lists differ in length, else [`LogError::Io`].
+    pub fn finish(mut self, timeline: Timeline) -> Result<(), LogError> {
+        let Timeline { object_name, side, times_s, joints, object_poses, scene } = timeline;
+        if times_s.is_empty() || joints.len() != times_s.len() || object_poses.len() != times_s.len() {
+            let defect =
+                format!("{} times, {} joint states, {} poses", times_s.len(), joints.len(), object_poses.len());
+            return Err(LogError::defect(&self.place, defect));
+        }
+        for (path, writer) in std::mem::take(&mut self.depths) {
+            writer.finish(1.0).map_err(LogError::io(path))?;
+        }
+        let object_from_file = match &scene {
+            Some(scene) => Isometry::<MeshFile, Object>::from_matrix(&scene.object.object_from_file)
+                .map_err(|e| LogError::defect(SCENE_FILE, format!("object_from_file is {e}")))?,
+            None => Isometry::identity(),
+        };
+        let pose = |pose: &Option<Isometry<Object, World>>| match pose {
+            Some(pose) => (*pose * object_from_file).to_matrix(),
+            // Readers take it for unknown.
+            None => Matrix::default(),
+        };
+        let camera = |LogCamera { camera, distortion }: &LogCamera| CameraRecord {
+            name: camera.name.clone(),
+            pose: camera.pose.to_matrix(),
+            intrinsics: camera.intrinsics,
+            distortion: *distortion,
+        };
+        let record = Record {
+            object_mesh: scene.as_ref().map_or_else(String::new, |scene| scene.object.mesh.clone()),
+            object_name,
+            object_poses: object_poses.iter().map(pose).collect(),
+            base_pose: world_from_base().to_matrix(),
+            side: (scene.is_none() && side == Side::Right).then_some(side),
+            finger_poses: Some(joints.iter().map(|joints| finger_poses(side, joints)).collect()),
+            times_s,
+            joints,
+            digit: DigitInfo::published(),
+            cameras: self.cameras.iter().map(camera).collect(),
+        };
+        let folder = self.partial.path();
+        write_synced(&folder.join("data.pkl"), &pickle::to_bytes(&record.to_value()))?;
+        if let Some(scene) = &scene {
+            let path = folder.join(SCENE_FILE);
+            let bytes =
+                serde_json::to_vec_pretty(scene).map_err(|reason| LogError::Json { path: path.clone(), reason })?;
+            write_synced(&path, &bytes)?;
+        }
+        self.partial.place(&self.place)
+    }
+}

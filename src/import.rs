@@ -1,0 +1,63 @@
+//! `import`: recordings of other programs as logs.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use mvt_exchange::{Imported, import_mcap};
+use mvt_run::io::{print_line, shell_word};
+use mvt_run::progress;
+
+/// Turn a recording into a log that `run --log` takes
+///
+/// SOURCE is an MCAP file with Foxglove's protobuf schemas. A file that `export mcap` wrote needs no more. For others a
+/// mapping file names the topics of joints, cameras and touch sensors; docs/exchange.md describes it.
+///
+/// The frames of the log are the depth images of the first camera. Each frame takes the nearest image of every other
+/// sensor; joint angles and the object's pose are interpolated. The command prints a table of the channels: rate,
+/// offset of the clock, and distance from the frames. Warnings say what is missing. Without labels `run` labels the pixels
+/// itself; without a true pose of the object there are no scores.
+#[derive(Debug, Args)]
+pub struct ImportArguments {
+    /// MCAP file
+    source: PathBuf,
+    /// TOML file that says which topics are which sensors; not needed for an export of this program
+    #[arg(long, value_name = "FILE")]
+    mapping: Option<PathBuf>,
+    /// Folder for the new log, which must not exist or be empty
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print the table and what is missing as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &ImportArguments) -> Result<()> {
+    let ImportArguments { source, mapping, out, json } = arguments;
+    let bar = progress::bar(0, "importing frames");
+    let imported = import_mcap(source, mapping.as_deref(), out, |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    if *json {
+        return print_line(&serde_json::to_string(&imported)?);
+    }
+    let Imported { frames, channels, notes } = imported;
+    for note in notes {
+        tracing::warn!("{note}");
+    }
+    let widest = channels.iter().map(|channel| channel.topic.len()).max().unwrap_or(0);
+    print_line(&format!("{:widest$}  messages       Hz  offset ms  farthest ms  frames", "topic"))?;
+    for channel in channels {
+        let farthest = channel.farthest_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.1}"));
+        let count = channel.frames.map_or_else(|| "-".to_owned(), |count| count.to_string());
+        print_line(&format!(
+            "{:widest$}  {:8}  {:7.1}  {:9.1}  {farthest:>11}  {count:>6}",
+            channel.topic, channel.messages, channel.rate_hz, channel.offset_ms
+        ))?;
+    }
+    print_line(&format!("{frames} frames in {}", out.display()))?;
+    print_line(&format!("next: `mambavitact run --log {}`", shell_word(&out.to_string_lossy())))
+}
