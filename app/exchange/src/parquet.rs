@@ -1,5 +1,5 @@
 //! Writer of Parquet files: plain, uncompressed pages, of the few types that data sets of LeRobot need.
-//! The format is that of https://parquet.apache.org/docs/file-format.
+//! The format is that of <https://parquet.apache.org/docs/file-format>.
 
 use std::io::{self, Write};
 

@@ -1,4 +1,4 @@
-//! Reader of MCAP files (https://mcap.dev/spec), from the first record to the last.
+//! Reader of MCAP files (<https://mcap.dev/spec>), from the first record to the last.
 //!
 //! A file may be a bomb: a few bytes that decompress to many. Chunks are therefore never held whole, and all that is kept of a file is limited by
 //! its size.

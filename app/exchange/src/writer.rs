@@ -1,4 +1,4 @@
-//! Writer of MCAP files (https://mcap.dev/spec): chunks of messages, compressed with LZ4, and an index at the end.
+//! Writer of MCAP files (<https://mcap.dev/spec>): chunks of messages, compressed with LZ4, and an index at the end.
 
 use std::io::{self, Write};
 
