@@ -23,6 +23,9 @@ cd "$work"
 "$program" run --out run
 cp run/mesh.gif "$docs/rubiks_cube.gif"
 "$program" view --run run --record "$docs/view.gif" --overwrite --every 18 --rate 10 --size 800x450
+"$program" run --object 077_rubiks_cube --controller tumble_back --duration 6 --seed 1 --out tumble
+"$program" view --run tumble --record "$docs/tumble.gif" --overwrite --layout scene --colour true --show mesh,truth,hand --every 4 --rate 12 \
+    --size 600x400
 "$program" generate --object 077_rubiks_cube --logs 1 --duration 12 --noise none --out logs
 "$program" inspect logs/077_rubiks_cube/00 --sheet "$docs/contact_sheet.png" --overwrite
 
