@@ -14,10 +14,9 @@ use mvt_robot::rig::Placement;
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
 use mvt_run::io::{check_named, print_line, write_named};
+use mvt_run::object::default_object;
 use mvt_run::settings;
 use mvt_run::source::{LogSource, Modality, Source};
-
-use crate::run::input::default_object;
 
 /// Duration of a live calibration without --duration, seconds: the hand has then shown its joints several times.
 const LIVE_S: f64 = 30.0;

@@ -2,7 +2,7 @@
 
 mod arguments;
 mod folder;
-pub mod input;
+mod input;
 
 mod words;
 

@@ -13,17 +13,13 @@ use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
-use mvt_run::object::load_object;
+use mvt_run::object::{default_object, load_object};
 use mvt_run::source::{LogSource, Source, TouchNetwork};
 use mvt_run::supervisor::Supervisor;
 
 use super::RunArguments;
 use crate::calibrate;
 
-/// The object of a run without --object.
-const OBJECT: &str = "077_rubiks_cube";
-/// A similar object that needs no download.
-const OFFLINE_OBJECT: &str = "rubiks_cube_small";
 /// Duration of an episode without --duration, seconds.
 const DURATION_S: f64 = 30.0;
 
@@ -138,16 +134,4 @@ fn live(
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
     }
     Ok(RunInput { source, side, seed, name, object: Some(object), supervisor: Some(supervisor), cameras })
-}
-
-/// Loads the Rubik's cube, or a procedural cube if its mesh cannot be downloaded.
-pub fn default_object() -> Result<(String, Object)> {
-    match load_object(OBJECT) {
-        Ok(object) => Ok((OBJECT.to_owned(), object)),
-        Err(error) => {
-            tracing::warn!("{error:#}");
-            tracing::warn!("the procedural object {OFFLINE_OBJECT} replaces {OBJECT}");
-            Ok((OFFLINE_OBJECT.to_owned(), load_object(OFFLINE_OBJECT)?))
-        }
-    }
 }

@@ -51,7 +51,7 @@ fn a_wrong_calibration_is_found_and_written_for_later_runs() {
         (json(&String::from_utf8(ended.stdout).unwrap())["f_score"]["5"].as_f64().unwrap(), words)
     };
     let (refined, words) = f5("--out refined");
-    assert!(words.contains("camera side is turned by 4.0 degrees") && words.contains("ms late"), "{words}");
+    assert!(words.contains("camera side is turned by 4.") && words.contains("ms late"), "{words}");
     let (given, words) = f5("--out given --calibration given");
     assert_eq!(words, "");
     let (read, _) = f5("--out read --calibration given --calibration-file found.json");
