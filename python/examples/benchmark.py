@@ -23,7 +23,7 @@ class Resting:
 
 
 logs = (benchmark.SuiteLog("cube70", seed=3), benchmark.SuiteLog("random:3", seed=4, cameras="side"))
-suite = benchmark.Suite(logs, duration_s=2.0, touch="depth")
+suite = benchmark.Suite(logs, duration_s=1.0, touch="depth")
 # A suite of the package is benchmark.suites()["procedural"]. Keep its logs in a folder of your own.
 with tempfile.TemporaryDirectory() as folder:
     results = benchmark.run("resting", Resting, suite, folder)

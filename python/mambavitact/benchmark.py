@@ -253,11 +253,15 @@ def table(results: Sequence[Result]) -> str:
 
 
 def write(results: Sequence[Result], file: str | os.PathLike[str]) -> None:
-    """Write the results as JSON lines. `mambavitact report` reads a file whose name ends in .jsonl."""
+    """Write the results as JSON lines, in a folder that is made if it is missing.
+
+    `mambavitact report` reads the tables in a folder whose names end in .jsonl.
+    """
     path = Path(file)
     # The file appears under its name only when it is complete.
     unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         unfinished.write_text("".join(json.dumps(result.line()) + "\n" for result in results))
         unfinished.replace(path)
     except OSError as error:

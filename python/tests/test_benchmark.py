@@ -124,7 +124,6 @@ def test_ours_has_the_scores_of_the_command_and_beats_the_naive_one(naive: Resul
     table = benchmark.table([naive, ours])
     assert f"| {LOG} | depth | naive | - | - | {naive.add_s_mm['mean']:.2f} | 30 | 0.0 |" in table
     assert f"| mean of 1 | depth | ours | {ours.f_score[2]:.3f} |" in table
-    (tmp_path / "lines").mkdir()
     benchmark.write([naive, ours], tmp_path / "lines" / "results.jsonl")
     report = tmp_path / "report.html"
     run("report", tmp_path / "lines", "--out", report)
