@@ -225,7 +225,7 @@ def run(
     """Run an estimator on all episodes of a suite, and score it.
 
     `name` names the estimator in tables. `estimator_factory` makes one from a `Setup`, anew for each episode. `folder`
-    keeps the logs: one that is complete there is used again. A log of 30 s takes some 60 MB.
+    keeps the logs: one that is complete there is used again. A log of 30 s takes some 110 MB.
     """
     if not name:
         raise ArgumentError("name: expected a name of the estimator, got an empty one")
