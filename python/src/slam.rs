@@ -87,13 +87,13 @@ pub fn state_name(state: TrackState) -> &'static str {
     }
 }
 
+/// Signed distances and their gradients.
+type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32>>);
+
 /// Estimates pose and shape of one object, frame by frame.
 ///
 /// `cameras` are those of the frames, in their order. `modality` is vitac (cameras and touch), vi or tac. With a `network`, touch is read
 /// from the touch images, and `untouched`, uint8 (4, 320, 240, 3), are the images without contact; without one the frame's indentation
-/// Signed distances and their gradients.
-type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32>>);
-
 /// is taken. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Slam {
