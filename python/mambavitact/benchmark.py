@@ -270,7 +270,8 @@ def write(results: Sequence[Result], file: str | os.PathLike[str]) -> None:
 
 def _recorded(log: SuiteLog, duration_s: float, folder: Path) -> Log:
     """Return the log of an episode, simulated by the program unless it is complete."""
-    words = f"{log.object} {log.seed} {log.cameras} {duration_s:g}"
+    # Another version may simulate other frames.
+    words = f"{version()} {log.object} {log.seed} {log.cameras} {duration_s:g}"
     out = folder / re.sub(r"[^\w.-]+", "_", words)
     # Touch and depth have the noise of sensors.
     arguments = ["--logs=1", "--noise=full", "--format=compact", f"--object={log.object}", f"--seed={log.seed}"]
@@ -280,9 +281,12 @@ def _recorded(log: SuiteLog, duration_s: float, folder: Path) -> Log:
     environment = {**os.environ, "PYTHONSAFEPATH": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     found = [scene.parent for scene in out.glob("*/00/scene.json")]
-    if done.returncode != 0 or len(found) != 1:
-        reason = done.stderr.strip().rpartition("\n")[2] or f"{out} contains {len(found)} logs instead of one; remove it"
-        raise Error(f"{log}: the episode cannot be simulated: {reason}")
+    if done.returncode != 0:
+        # Of the program, or of its reader of arguments.
+        errors = re.findall(r"^(?:ERROR |error: )(.*)$", done.stderr, re.MULTILINE)
+        raise Error(f"{log}: the episode cannot be simulated in {out}: {' '.join(errors) or done.stderr.strip()}")
+    if len(found) != 1:
+        raise Error(f"{log}: {out} contains {len(found)} logs instead of one: remove it")
     return Log(found[0])
 
 

@@ -181,8 +181,10 @@ def test_other_bad_input_is_named(naive: Result, folder: Path, tmp_path: Path) -
         Suite(())
     with pytest.raises(ArgumentError, match="touch: expected images, depth, none, got 'sound'"):
         Suite((LOG,), touch="sound")  # type: ignore[arg-type]
-    with pytest.raises(Error, match="cub, seed 0, front-left: the episode cannot be simulated: .*cube70"):
+    with pytest.raises(Error, match="cub, seed 0, front-left: the episode cannot be simulated in .*: unknown object .*cube70"):
         benchmark.run("ours", OurSlam, Suite((SuiteLog("cub"),)), tmp_path)
+    with pytest.raises(Error, match="cannot be simulated in .*: invalid value .*--duration"):
+        benchmark.run("ours", OurSlam, Suite((LOG,), duration_s=-1.0), tmp_path)
     with pytest.raises(ArgumentError, match="name: expected"):
         benchmark.run("", OurSlam, SUITE, folder)
 
