@@ -48,6 +48,7 @@ pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("tumble_ball", include_str!("../assets/controllers/tumble_ball.toml")),
     ("tumble_ball_forth", include_str!("../assets/controllers/tumble_ball_forth.toml")),
     ("tumble_brick", include_str!("../assets/controllers/tumble_brick.toml")),
+    ("tumble_can", include_str!("../assets/controllers/tumble_can.toml")),
 ];
 
 /// Returns the shipped gaits by name, among them those of controllers that are files.
