@@ -4,11 +4,11 @@
 #   results/hand.sh PROGRAM OUT [STARTS]
 #
 # Writes a line per controller, object and step to OUT/hand.jsonl: share alive after 20 s, median net rate about the axis (rad/s), net turn
-# about the other axes relative to it, and touching pads. 100 starts by default. `steps` 24 halves the integration step.
+# about the other axes relative to it, and touching pads. 60 starts by default. `steps` 24 halves the integration step.
 set -euo pipefail
 program=${1:?usage: results/hand.sh PROGRAM OUT [STARTS]}
 out=$(mkdir -p "${2:?usage: results/hand.sh PROGRAM OUT [STARTS]}" && cd "$2" && pwd)
-starts=${3:-100}
+starts=${3:-60}
 rm -f "$out/hand.jsonl"
 
 # Scores controller $1 with objects $2 at $3 steps per command.
@@ -20,6 +20,7 @@ score() {
 for steps in 12 24; do
     score tumble_back cube70,077_rubiks_cube "$steps"
     score tumble_brick 061_foam_brick "$steps"
+    score tumble_can 005_tomato_soup_can "$steps"
     score tumble_ball 055_baseball,056_tennis_ball "$steps"
     score roll_ball 055_baseball,056_tennis_ball,017_orange "$steps"
     score tumble_ball_forth 055_baseball,056_tennis_ball,017_orange "$steps"
