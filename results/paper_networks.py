@@ -4,7 +4,7 @@
     results/paper_networks.py OUT [--program FILE] [--seconds S]
 
 Each network is trained for two steps of 8 images of 240 x 320, and then drives a live run of S seconds (default: 4). Two steps teach nothing:
-the runs show the time that the network costs, not what it reads. Writes OUT/paper_networks.jsonl, a line per network. The program needs the
+the runs show the time that the network costs, not its accuracy. Writes OUT/paper_networks.jsonl, a line per network. The program needs the
 feature `train`.
 """
 

@@ -15,7 +15,7 @@ use mvt_run::progress;
 ///
 /// The frames of the log are the depth images of the first camera. Each frame takes the nearest image of every other
 /// sensor; joint angles and the object's pose are interpolated. The command prints a table of the channels: rate,
-/// offset of the clock, and distance from the frames. Warnings say what is missing. Without labels `run` labels the pixels
+/// offset of the clock, and distance from the frames. Warnings name the missing parts. Without labels `run` labels the pixels
 /// itself; without a true pose of the object there are no scores.
 #[derive(Debug, Args)]
 pub struct ImportArguments {
@@ -27,7 +27,7 @@ pub struct ImportArguments {
     /// Folder for the new log, which must not exist or be empty
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Print the table and what is missing as JSON
+    /// Print the table and the missing parts as JSON
     #[arg(long)]
     json: bool,
 }

@@ -208,10 +208,7 @@ fn command(arguments: &HandTuneArguments) -> String {
 }
 
 fn score(arguments: &HandScoreArguments) -> Result<()> {
-    let side = match arguments.side {
-        Hand::Left => Side::Left,
-        Hand::Right => Side::Right,
-    };
+    let side = arguments.side.side();
     let conditions = TrialConditions { side, duration_s: SCORED_S, steps: arguments.steps };
     let bar = progress::bar(arguments.object.len() as u64, "scoring");
     for name in &arguments.object {

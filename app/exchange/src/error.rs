@@ -32,7 +32,7 @@ pub enum ExchangeError {
         /// A sentence.
         reason: String,
     },
-    /// The recording is damaged, or lacks what a log needs.
+    /// The recording is damaged, or lacks a part that a log needs.
     #[error("{}: {defect}", path.display())]
     Source {
         /// The recording.

@@ -45,9 +45,9 @@ pub struct ImportedChannel {
     pub rate_hz: f64,
     /// What was added to the channel's own times, milliseconds: the distance of its clock from that of the frames. 0 on one clock.
     pub offset_ms: f64,
-    /// Greatest distance between a frame and its message, milliseconds; `None` for what is interpolated or constant.
+    /// Greatest distance between a frame and its message, milliseconds; `None` if it is interpolated or constant.
     pub farthest_ms: Option<f64>,
-    /// Frames that have a message of this channel; `None` for what is interpolated or constant.
+    /// Frames that have a message of this channel; `None` if it is interpolated or constant.
     pub frames: Option<usize>,
 }
 
@@ -214,7 +214,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Notes what a log could have and this one has not.
+    /// Notes the parts that this log lacks.
     fn missing(&mut self, mapping: &Mapping, survey: &Survey) {
         let has = |image| survey.channel_of(Role::Image(image)).is_some();
         for (k, CameraMapping { name, .. }) in mapping.cameras.iter().enumerate() {

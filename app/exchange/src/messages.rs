@@ -182,7 +182,7 @@ fn vector<const N: usize>(message: &[u8]) -> Option<[f64; N]> {
     Some(vector)
 }
 
-/// Returns a pose of translation and rotation; a rotation of zeros is none.
+/// Returns a pose of translation and rotation; a rotation of zeros gives `None`.
 fn pose(translation: &[u8], rotation: &[u8]) -> Option<Isometry3<f64>> {
     let [x, y, z] = vector(translation)?;
     let [i, j, k, w] = vector(rotation)?;

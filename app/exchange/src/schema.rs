@@ -18,7 +18,7 @@ enum Kind {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Times {
     One,
-    /// Its absence is told from zero.
+    /// Its absence differs from zero.
     Optional,
     Many,
 }

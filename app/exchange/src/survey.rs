@@ -172,7 +172,7 @@ impl Survey {
         Ok(true)
     }
 
-    /// Counts what is kept: a few bytes may decompress to very many messages.
+    /// Counts the kept messages: a few bytes may decompress to very many messages.
     fn keep(&mut self, bytes: u64) -> Result<(), String> {
         match self.left.checked_sub(bytes) {
             Some(left) => {

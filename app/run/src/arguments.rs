@@ -41,6 +41,14 @@ pub enum Hand {
 }
 
 impl Hand {
+    /// Returns the hand.
+    pub fn side(self) -> Side {
+        match self {
+            Hand::Left => Side::Left,
+            Hand::Right => Side::Right,
+        }
+    }
+
     /// Returns its name on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -76,10 +84,7 @@ impl Manner {
 
     /// Returns the hand.
     pub fn side(&self) -> Side {
-        match self.side {
-            Hand::Left => Side::Left,
-            Hand::Right => Side::Right,
-        }
+        self.side.side()
     }
 }
 

@@ -57,7 +57,7 @@ impl SensorImages {
     }
 }
 
-/// How the images of a sensor lie, and what the sensor shows without contact.
+/// How the images of a sensor lie, and its untouched image.
 pub(crate) struct SensorState {
     pub layout: ImageLayout,
     /// Upright, in RGB order and of a DIGIT's size.
@@ -89,7 +89,7 @@ impl SensorState {
     }
 }
 
-/// Returns what the network reads in images of one sensor, in their order.
+/// Returns the network's predictions for images of one sensor, in their order.
 pub(crate) fn infer(
     engine: &Engine,
     gains: [f32; 3],

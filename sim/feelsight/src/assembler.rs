@@ -18,7 +18,7 @@ use crate::record::{CameraRecord, DigitInfo, Matrix, Record, is_plain_name};
 use crate::scene::{SCENE_FILE, SceneFile};
 use crate::writer::PartialFolder;
 
-/// Image of a frame, by what it shows.
+/// Kind of an image of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum LogImage {
     /// Colours of a camera, by its number.

@@ -10,10 +10,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::LogError;
-use crate::io::{sync_folder, write_synced};
+use crate::io::write_synced;
 use crate::pickle;
 use crate::record::{Matrix, Record};
-use crate::writer::{is_vacant, remove, sibling};
+use crate::writer::PartialFolder;
 
 /// How wrong the calibration of the copy is. Axes, directions and offsets are drawn from the seed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -54,18 +54,13 @@ pub fn disturb(log: &Path, out: &Path, disturbance: &Disturbance) -> Result<Dist
     let path = log.join("data.pkl");
     let mut record = Record::read(&path)?;
     let disturbed = apply(&mut record, disturbance).map_err(|reason| LogError::defect(&path, reason))?;
-    if !is_vacant(out)? {
-        return Err(LogError::NotEmpty { path: out.to_path_buf() });
-    }
-    let partial = sibling(out, "partial")?;
-    remove(&partial)?;
-    copy_folder(log, &partial, DEEPEST)?;
-    write_synced(&partial.join("data.pkl"), &pickle::to_bytes(&record.to_value()))?;
-    let path = partial.join(DISTURBANCE_FILE);
+    let partial = PartialFolder::begin(out)?;
+    copy_folder(log, partial.path(), DEEPEST)?;
+    write_synced(&partial.path().join("data.pkl"), &pickle::to_bytes(&record.to_value()))?;
+    let path = partial.path().join(DISTURBANCE_FILE);
     let text = serde_json::to_vec_pretty(&disturbed).map_err(|reason| LogError::Json { path: path.clone(), reason })?;
     write_synced(&path, &text)?;
-    sync_folder(&partial)?;
-    fs::rename(&partial, out).map_err(LogError::io(out))?;
+    partial.place(out)?;
     Ok(disturbed)
 }
 

@@ -233,7 +233,7 @@ pub fn shipped() -> &'static BTreeMap<String, ControllerFile> {
     &FILES
 }
 
-/// Returns a line for each shipped controller: name, axis, and what it is for.
+/// Returns a line for each shipped controller: name, axis and purpose.
 pub fn list() -> Vec<(String, TurnAxis, String)> {
     let line = |(name, gait): (&String, &Gait)| {
         let sizes = shipped().get(name).map(|file| {

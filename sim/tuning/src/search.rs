@@ -166,7 +166,7 @@ fn score(results: &[TrialResult], duration_s: f64) -> f64 {
 }
 
 /// Returns the reward of a trial. A drop costs more than any rate gains; rates above 1.2 rad/s blur images and gain
-/// nothing. Turning about other axes costs what a third of it gains.
+/// nothing. An angle about other axes costs a third of its worth about the axis.
 fn reward(result: &TrialResult, duration_s: f64) -> f64 {
     let rate = result.turned_rad / duration_s;
     let other = result.other_rad / duration_s;
