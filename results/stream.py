@@ -44,7 +44,8 @@ def main():
         frames.append(float(re.search(r"(\d+) frames/s", said).group(1)))
         rows = json.loads(subprocess.run(bench, check=True, capture_output=True, text=True).stdout)
         engine.append(max(row["images_per_second"] for row in rows))
-    result = {"frames_per_second": statistics.median(frames), "engine_images_per_second": statistics.median(engine), "threads": threads}
+    read, computed = statistics.median(frames), statistics.median(engine)
+    result = {"frames_per_second": read, "engine_images_per_second": computed, "share": read / computed, "threads": threads}
     (out / "stream.json").write_text(json.dumps(result) + "\n")
     print(result)
 

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Measures the report of many runs: benches/report/measure.py PROGRAM [RUNS]
 
-Makes folders of RUNS runs (1,000) of one real run, whose figures are varied, and the report of them. Prints the seconds to make it, its
-size, the seconds until Chromium shows it, and how often per second the shapes turn, with WebGL on the CPU and without WebGL.
+Makes folders of RUNS runs (1,000) of one real run, whose figures are varied, and the report of them. Prints a line of JSON: the seconds to
+make it, its size in MB, the seconds until Chromium shows it, and how often per second the shapes turn, with WebGL on the CPU and without
+WebGL.
 """
 
 import json
@@ -69,11 +70,12 @@ def main():
         vary(home, f"{home}/run", count)
         page = f"{home}/report.html"
         begun = time.monotonic()
-        subprocess.run([program, "report", f"{home}/runs", "--out", page], check=True)
-        print(f"made in {time.monotonic() - begun:.1f} s, {os.path.getsize(page) / 1e6:.1f} MB")
+        subprocess.run([program, "report", f"{home}/runs", "--out", page], check=True, stdout=sys.stderr)
+        figures = {"runs": count, "made_s": round(time.monotonic() - begun, 2), "mb": round(os.path.getsize(page) / 1e6, 2)}
         for part in ["", "#plain"]:
-            opened, rate, painter = turning(page, part)
-            print(f"{painter}: opened in {opened:.2f} s, turns at {rate:.0f} pictures/s")
+            opened_s, rate, painter = turning(page, part)
+            figures[painter] = {"opened_s": round(opened_s, 2), "pictures_per_s": round(rate, 1)}
+        print(json.dumps(figures))
 
 
 main()

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::{ChosenController, is_path};
 use mvt_gaits::gait;
-use mvt_live::{Fault, LiveSettings, LiveSource};
+use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
 use mvt_objects::object::Object;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
@@ -119,7 +119,7 @@ fn live(
         segmentation: config.segmentation,
         calibration: config.calibration,
         modality: arguments.modality,
-        hidden_every: None,
+        hidden_every: Some(HIDDEN_EVERY),
         fault: Fault::default(),
     };
     let axis = gait.axis;

@@ -60,6 +60,7 @@ fn a_closed_loop_reconstructs_and_tracks() {
     let summary = summary(&workplace, "out");
     assert_eq!((&summary["complete"], &summary["frames"]), (&true.into(), &90.into()), "{summary}");
     assert!(summary["f_score"]["5"].as_f64().unwrap() > 0.6, "{summary}");
+    assert!((0.0..0.9).contains(&summary["hidden"].as_f64().unwrap()), "{summary}");
     assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < 3.0, "{summary}");
     for stage in ["sense", "track", "map", "mesh"] {
         assert!(summary["stage_ms"][stage].as_f64().unwrap() > 0.0, "{summary}");

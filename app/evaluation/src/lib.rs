@@ -33,7 +33,7 @@ use mvt_touch::network::Weights;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use mvt_live::{Fault, LiveSettings, LiveSource};
+use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::{Init, Mode};
@@ -534,9 +534,6 @@ fn follow<'a>(
     })?;
     failure.map_or(Ok(finished), Err)
 }
-
-/// The hidden share of the object is computed at every Nth frame.
-const HIDDEN_EVERY: u64 = 30;
 
 /// All trials of an episode as estimators of one run, so that all receive the same frames and no frame is kept.
 fn whole(duration_s: f64, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {

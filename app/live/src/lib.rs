@@ -39,4 +39,4 @@ use mvt_mujoco_lib as _;
 mod live;
 pub mod recorder;
 
-pub use live::{Fault, LiveSettings, LiveSource};
+pub use live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};

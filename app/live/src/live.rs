@@ -46,11 +46,15 @@ pub struct LiveSettings {
     pub calibration: CalibrationConfig,
     /// Which sensors are used.
     pub modality: Modality,
-    /// At every Nth frame the share of the object that the hand hides is computed; `None` for never. Some milliseconds each.
+    /// At every Nth frame the share of the object that the hand hides is computed; `None` for never. Some milliseconds each;
+    /// see [`HIDDEN_EVERY`].
     pub hidden_every: Option<u64>,
     /// A fault that is injected.
     pub fault: Fault,
 }
+
+/// Interval of [`LiveSettings::hidden_every`] for the mean of a run, frames: once per second.
+pub const HIDDEN_EVERY: u64 = 30;
 
 /// A fault that is injected to test whether the estimate survives it.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -165,6 +165,8 @@ struct SummaryFile {
     #[serde(default)]
     failed: Option<bool>,
     #[serde(default)]
+    hidden: Option<f64>,
+    #[serde(default)]
     lost_frames: usize,
     #[serde(default)]
     recovered: usize,
@@ -215,6 +217,7 @@ impl ReportRow {
         let row = Self {
             end: if file.complete { "" } else { "interrupted" }.to_owned(),
             is_complete: file.complete,
+            hidden: file.hidden,
             f_score: file.f_score.unwrap_or_default(),
             f_score_fine: file.f_score_fine.unwrap_or_default(),
             recovered: file.recovered,
@@ -312,5 +315,7 @@ mod tests {
             "add_s_mm":{"mean":null,"median":null,"p95":null,"final":null}}"#;
         let row = ReportRow::of_summary(nothing_seen).unwrap();
         assert_eq!((row.add_s, row.is_complete, row.lost_share()), (None, false, None));
+        let hidden = ReportRow::of_summary(&nothing_seen.replace(r#""frames":0"#, r#""frames":30,"hidden":0.25"#)).unwrap();
+        assert_eq!((row.hidden, hidden.hidden), (None, Some(0.25)));
     }
 }

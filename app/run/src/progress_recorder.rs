@@ -40,7 +40,8 @@ impl<'a> ProgressRecorder<'a> {
                 self.begun = Instant::now();
                 self.bar.set_length(*frames as u64);
             }
-            Progress::Frame { results, .. } => {
+            Progress::Frame { results, sensed } => {
+                self.record.hidden.extend(sensed.hidden);
                 let Some(FrameResult { row, .. }) = results.first().and_then(Option::as_ref) else { return };
                 self.record.frames.push(*row);
                 self.record.simulated_s = row.time_s;

@@ -65,6 +65,8 @@ pub struct RunRecord {
     pub shape: Vec<ShapePoint>,
     /// Events, in order of time.
     pub events: Vec<Event>,
+    /// Shares of the object that the hand hid from the first camera, of the frames of which they are known.
+    pub hidden: Vec<f64>,
     /// Takes the coordinates of the field to those of the mesh in the end; `None` before anything was seen.
     pub object_from_field: Option<Isometry<Field, Object>>,
     /// Wall time, seconds.

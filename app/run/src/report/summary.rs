@@ -50,6 +50,8 @@ pub struct Summary {
     pub add_s_symmetric_mm: Option<ErrorStatistics>,
     /// Whether the last frame's ADD-S exceeds 10 mm.
     pub failed: Option<bool>,
+    /// Mean share of the object that the hand hid from the first camera; null if it is unknown, as in a log.
+    pub hidden: Option<f64>,
     /// Frames at which the object was lost.
     pub lost_frames: usize,
     /// How often it found it again.
@@ -174,6 +176,7 @@ impl Summary {
             add_s_mm,
             add_s_symmetric_mm: ErrorStatistics::new(frames, |e| e.symmetric_m),
             failed: add_s_mm.map(|e| e.last > mvt_metrics::FAILURE_M * 1e3),
+            hidden: (!run.hidden.is_empty()).then(|| run.hidden.iter().sum::<f64>() / run.hidden.len() as f64),
             lost_frames: count(TrackState::Lost),
             recovered: count(TrackState::Relocalised),
             deviation_mm: last.map(|d| d.surface_m * 1e3),

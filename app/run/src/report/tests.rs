@@ -57,6 +57,7 @@ fn run() -> RunRecord {
         frames: (0..600).map(frame).collect(),
         shape: (0..60).map(point).collect(),
         events: vec![Event { time_s: 10.0, text: "lost the object".into() }],
+        hidden: vec![0.2, 0.4],
         object_from_field: None,
         wall_s: 25.0,
         simulated_s: 20.0,
@@ -93,6 +94,7 @@ fn a_run_leaves_all_its_files_and_nothing_else() {
         assert_eq!(json[key].as_f64().unwrap(), expected, "{key}");
     }
     assert_eq!(json["stage_ms"]["mesh"], 2.0);
+    assert!((json["hidden"].as_f64().unwrap() - 0.3).abs() < 1e-9, "{text}");
     assert_eq!(json["complete"], true);
     let thresholds: Vec<&String> = json["f_score"].as_object().unwrap().keys().collect();
     assert_eq!(thresholds.len(), 4);
