@@ -110,8 +110,8 @@ const DOUBTS: usize = 2;
 const FROZEN_FRAMES: usize = 5;
 /// Points of an image that are compared with the hand.
 const COMPARED_POINTS: usize = 300;
-/// Every how many frames a hand that was not found is searched for: a search takes as long as ten frames.
-const SEARCHED_EVERY: usize = 60;
+/// Every how many frames a hand that was not found is searched for: a search takes as long as three frames.
+const SEARCHED_EVERY: usize = 30;
 
 /// Points farther from the middle of the grasp than this are not the hand's, metres: its length, and what a camera may be off.
 const REACH_M: f64 = 0.24;

@@ -32,9 +32,13 @@ fn joints(time_s: f64) -> JointAngles {
 
 /// Depth of the hand, and of a ball that lies between its fingers, along the optical axis.
 fn depth(camera: &PosedCamera, joints: &JointAngles) -> Array2<f32> {
+    depth_with(camera, joints, |p| p.distance(Vec3::new(0.02, -0.01, 0.06)) - 0.025)
+}
+
+/// Depth of the hand and of an object, which is given by its signed distance.
+fn depth_with(camera: &PosedCamera, joints: &JointAngles, object: impl Fn(Vec3) -> f32) -> Array2<f32> {
     let hand = HandSolid::new(Side::Left, joints);
     let k = camera.intrinsics;
-    let (ball, radius_m) = (Vec3::new(0.02, -0.01, 0.06), 0.025);
     let eye = narrow(&camera.pose.origin().coords());
     Array2::from_shape_fn((k.height, k.width), |(v, u)| {
         let ray = camera.pose.untyped().rotation * k.unproject(u as f64, v as f64, 1.0).coords();
@@ -42,7 +46,7 @@ fn depth(camera: &PosedCamera, joints: &JointAngles) -> Array2<f32> {
         let mut depth = 0.15;
         for _ in 0..100 {
             let p = eye + ray * depth;
-            let distance = hand.distance(p).min(p.distance(ball) - radius_m);
+            let distance = hand.distance(p).min(object(p));
             if distance < 2e-5 {
                 return depth;
             }
@@ -119,6 +123,25 @@ fn a_right_calibration_stays_right() {
     assert!(degrees < 0.15 && millimetres < 0.3, "{degrees} degrees, {millimetres} mm");
     assert!(found.lag_ms.abs() < 2.0 && found.joint_offsets_deg.iter().all(|offset| offset.abs() < 0.6), "{found}");
     assert_eq!(found.warnings(), Vec::<String>::new());
+}
+
+#[test]
+fn a_large_object_is_not_taken_for_the_hand() {
+    // A coffee can hides most of the fingers.
+    let can = |p: Vec3| (p.truncate().distance(glam::Vec2::new(0.01, 0.0)) - 0.051).max((p.z - 0.081).abs() - 0.07);
+    let camera = camera();
+    for [degrees, shift_m] in [[0.0, 0.0], [5.0, 0.01]] {
+        let given = off(&camera, na::Vector3::new(0.3, 1.0, -0.5), degrees, na::Vector3::x() * shift_m);
+        let mut calibrator = Calibrator::new(CalibrationConfig::default(), Side::Left, vec![given]);
+        for frame in 0..8 {
+            let time_s = f64::from(frame) * FRAME_S;
+            let depth_m = depth_with(&camera, &joints(time_s), can);
+            let seen = calibrator.observe(time_s, &joints(time_s), None, &[Some(depth_m)]);
+            assert!(seen.agrees[0] && seen.warnings.is_empty(), "{degrees} degrees: {:?}", seen.warnings);
+        }
+        let [degrees, millimetres] = misplaced(&calibrator.calibration(), &camera);
+        assert!(degrees < 0.5 && millimetres < 1.5, "{degrees} degrees, {millimetres} mm");
+    }
 }
 
 #[test]
