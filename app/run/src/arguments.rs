@@ -23,7 +23,8 @@ pub struct Subject {
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
     /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
-    /// object's shape
+    /// object's shape. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the
+    /// palm is levelled and tilted anew, and the hand closes
     #[arg(long, alias = "gait", value_name = "NAME|FILE", default_value = "auto")]
     pub controller: String,
     /// Hand; FeelSight and its loaders assume the left one
@@ -75,7 +76,7 @@ impl Subject {
 impl Manner {
     /// Chooses the controller for an object, and warns if the object does not have the size for which it was tuned.
     pub fn choose(&self, object: &Object) -> Result<ChosenController> {
-        let chosen = controller_file::choose(&self.controller, object, self.side())?;
+        let chosen = controller_file::choose_all(&self.controller, object, self.side())?;
         if let Some(misfit) = &chosen.misfit {
             tracing::warn!("{misfit}");
         }
