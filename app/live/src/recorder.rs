@@ -105,6 +105,11 @@ impl<'a> Recorder<'a> {
         Ok(Self { object, scene_object, settings, controller, background })
     }
 
+    /// Returns why the object may fall, or is not turned.
+    pub fn misfit(&self) -> Option<&str> {
+        self.controller.misfit.as_deref()
+    }
+
     /// Whether a folder holds the complete log that [`Recorder::record`] would make.
     pub fn made(&self, folder: &Path, format: LogFormat, seed: u64, cameras: &[PosedCamera]) -> bool {
         let text = input::read(&folder.join(SCENE_FILE), LARGEST_SCENE_FILE).unwrap_or_default();

@@ -1,7 +1,7 @@
 //! Object, hand and controller: arguments that several commands share.
 
 use crate::object::load_object;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use mvt_gaits::controller_file::{self, ChosenController};
 use mvt_objects::object::Object;
@@ -75,10 +75,17 @@ impl Subject {
 
 impl Manner {
     /// Chooses the controller for an object, and warns if the object does not have the size for which it was tuned.
+    ///
+    /// # Errors
+    /// If there is no such controller, or the choice is left to `auto` and the object is likely to fall.
     pub fn choose(&self, object: &Object) -> Result<ChosenController> {
         let chosen = controller_file::choose_all(&self.controller, object, self.side())?;
-        if let Some(misfit) = &chosen.misfit {
-            tracing::warn!("{misfit}");
+        match &chosen.misfit {
+            Some(misfit) if chosen.falls => {
+                bail!("{misfit}; to try it all the same, name a controller, such as --controller shared")
+            }
+            Some(misfit) => tracing::warn!("{misfit}"),
+            None => (),
         }
         Ok(chosen)
     }

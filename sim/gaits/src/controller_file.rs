@@ -14,8 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
 use crate::clock::CONTROL_HZ;
-use crate::gait::{self, Gait, UnknownGait};
+use crate::gait::{self, AUTO, Gait, UnknownGait};
 use crate::schedule::{SHORTEST_PART_S, Schedule, ScheduledGait};
+use crate::shape::ObjectShape;
 
 /// Version of the format.
 pub const CONTROLLER_FORMAT: u32 = 1;
@@ -208,8 +209,10 @@ pub struct ChosenController {
     pub gait: Gait,
     /// The controllers that follow one another; empty if there is only one.
     pub schedule: Schedule,
-    /// Why the object may fall; `None` if it has the size for which the controller was tuned.
+    /// Why the object may fall; `None` if it has the size for which the controller was tuned, or suits `auto`.
     pub misfit: Option<String>,
+    /// `auto` expects the object to fall.
+    pub falls: bool,
 }
 
 /// Returns the controller of a name or file; for `auto` the gait that suits the object.
@@ -220,10 +223,23 @@ pub fn choose(text: &str, object: &Object, side: Side) -> Result<ChosenControlle
     let file = if is_path(text) { Some(ControllerFile::read(Path::new(text), side)?) } else { None };
     if let Some(file) = file.as_ref().or_else(|| shipped().get(text)) {
         let (gait, misfit) = (file.gait.clone(), file.misfit(object));
-        return Ok(ChosenController { name: text.to_owned(), gait, schedule: Schedule::default(), misfit });
+        return Ok(ChosenController {
+            name: text.to_owned(),
+            gait,
+            schedule: Schedule::default(),
+            misfit,
+            falls: false,
+        });
     }
     let (name, gait) = gait::choose(text, object)?;
-    Ok(ChosenController { name: name.to_owned(), gait: gait.clone(), schedule: Schedule::default(), misfit: None })
+    let unsuited = if text == AUTO { ObjectShape::of(object).unsuited() } else { None };
+    Ok(ChosenController {
+        name: name.to_owned(),
+        gait: gait.clone(),
+        schedule: Schedule::default(),
+        falls: unsuited.as_ref().is_some_and(|unsuited| unsuited.falls),
+        misfit: unsuited.map(|unsuited| format!("{} is {}", object.name, unsuited.reason)),
+    })
 }
 
 /// Returns the controller as [`choose`], or the controllers of a schedule such as `tumble_back:8,cubelet:8`: names or files
@@ -252,7 +268,8 @@ pub fn choose_all(text: &str, object: &Object, side: Side) -> Result<ChosenContr
     let schedule = Schedule::new(parts.iter().map(scheduled).collect());
     let misfit = parts.iter().find_map(|(chosen, _)| chosen.misfit.clone());
     let gait = schedule.gait_after(0).ok_or_else(|| ControllerFileError::Schedule(text.to_owned()))?.clone();
-    Ok(ChosenController { name: text.to_owned(), gait, schedule, misfit })
+    let falls = parts.iter().any(|(chosen, _)| chosen.falls);
+    Ok(ChosenController { name: text.to_owned(), gait, schedule, misfit, falls })
 }
 
 /// Returns whether this names a file: it ends in .toml or contains a slash.
