@@ -44,6 +44,8 @@ pub struct Gait {
 pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
     ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
+    ("turn_disc", include_str!("../assets/controllers/turn_disc.toml")),
+    ("turn_small", include_str!("../assets/controllers/turn_small.toml")),
     ("tumble_back", include_str!("../assets/controllers/tumble_back.toml")),
     ("tumble_ball", include_str!("../assets/controllers/tumble_ball.toml")),
     ("tumble_ball_forth", include_str!("../assets/controllers/tumble_ball_forth.toml")),
@@ -105,6 +107,8 @@ pub fn suited_to(object: &Object) -> &'static str {
     let ObjectShape { length_mm: length, width_mm: width, height_mm: height, fill, .. } = shape;
     let is_round = length < 1.1 * width;
     match shape.unsuited() {
+        None if shape.is_disc() => "turn_disc",
+        None if shape.is_small_ball() => "turn_small",
         // Nothing turns them. These gaits keep them in the hand.
         Some(unsuited) if unsuited.is_small => "shared",
         Some(_) => "bal",

@@ -72,6 +72,25 @@ pub struct Unsuited {
 }
 
 impl ObjectShape {
+    /// Returns whether the object is a flat can, as wide as the hand can turn.
+    pub(crate) fn is_disc(&self) -> bool {
+        let Self { length_mm, width_mm, height_mm, fill, .. } = *self;
+        // A round object fills 0.79 of its box, a square one 1.
+        length_mm < 1.1 * width_mm
+            && (0.7..0.85).contains(&fill)
+            && (75.0..95.0).contains(&width_mm)
+            && (28.0..FLATTEST_MM).contains(&height_mm)
+    }
+
+    /// Returns whether the object is a small ball or berry.
+    pub(crate) fn is_small_ball(&self) -> bool {
+        let Self { length_mm, width_mm, height_mm, fill, .. } = *self;
+        fill < 0.58
+            && (34.0..SMALLEST_MM).contains(&length_mm)
+            && width_mm.min(height_mm) > 0.8 * length_mm
+            && height_mm < 1.2 * length_mm
+    }
+
     /// Returns why no controller turns the object; `None` if one probably does. The limits are those of a survey of the
     /// catalogue with all controllers.
     pub fn unsuited(&self) -> Option<Unsuited> {
@@ -79,7 +98,7 @@ impl ObjectShape {
         let mut sides = [length_mm, width_mm, height_mm];
         sides.sort_by(f64::total_cmp);
         let [least_mm, _, most_mm] = sides;
-        let is_small = length_mm < SMALLEST_MM;
+        let is_small = length_mm < SMALLEST_MM && !self.is_small_ball();
         let is_long = length_mm > LONG_MM;
         let limits = [
             (most_mm > LONGEST_MM, true, format!("too long: {most_mm:.0} mm, at most {LONGEST_MM}")),
@@ -94,7 +113,11 @@ impl ObjectShape {
             (is_long && least_mm > THICKEST_MM, true, format!("too large: {least_mm:.0} mm, at most {THICKEST_MM}")),
             (is_long, false, format!("too long to turn: {length_mm:.0} mm, at most {LONG_MM}")),
             (is_small, false, format!("too small to turn: {length_mm:.0} mm, at least {SMALLEST_MM}")),
-            (least_mm < FLATTEST_MM, false, format!("too flat to turn: {least_mm:.0} mm, at least {FLATTEST_MM}")),
+            (
+                least_mm < FLATTEST_MM && !self.is_disc() && !self.is_small_ball(),
+                false,
+                format!("too flat to turn: {least_mm:.0} mm, at least {FLATTEST_MM}"),
+            ),
         ];
         let (_, falls, reason) = limits.into_iter().find(|(is_beyond, ..)| *is_beyond)?;
         let distance = |(_, other): &(&str, [f64; 3])| {
@@ -103,5 +126,36 @@ impl ObjectShape {
         let nearest = TURNED.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
         let nearest = nearest.map_or("", |(name, _)| name);
         Some(Unsuited { reason: format!("{reason}; the nearest object that fits is {nearest}"), falls, is_small })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reason_and_the_nearest_object_that_fits_are_named() {
+        let mug = ObjectShape { length_mm: 107.0, width_mm: 78.0, height_mm: 84.0, fill: 0.64, mass_g: 200.0 };
+        assert_eq!(mug.unsuited(), None);
+        let unsuited = |shape: ObjectShape| shape.unsuited().unwrap();
+        let heavy = unsuited(ObjectShape { mass_g: 900.0, ..mug });
+        assert_eq!(heavy.reason, "too heavy: 900 g, at most 700; the nearest object that fits is 065-g_cups");
+        assert!(heavy.falls && !heavy.is_small);
+        let stick = unsuited(ObjectShape { length_mm: 120.0, width_mm: 18.0, height_mm: 18.0, ..mug });
+        assert!(stick.falls && stick.reason.starts_with("too thin: 18 mm, at least 20"), "{}", stick.reason);
+        let large = unsuited(ObjectShape { length_mm: 126.0, width_mm: 125.0, height_mm: 126.0, ..mug });
+        assert!(large.falls && large.reason.starts_with("too large: 125 mm"), "{}", large.reason);
+        let small = unsuited(ObjectShape { length_mm: 40.0, width_mm: 32.0, height_mm: 32.0, ..mug });
+        assert!(!small.falls && small.is_small && small.reason.ends_with("018_plum"), "{}", small.reason);
+    }
+
+    #[test]
+    fn discs_and_small_balls_are_turned() {
+        let tuna = ObjectShape { length_mm: 85.0, width_mm: 85.0, height_mm: 34.0, fill: 0.77, mass_g: 171.0 };
+        assert_eq!(tuna.unsuited(), None);
+        let golf_ball = ObjectShape { length_mm: 43.0, width_mm: 43.0, height_mm: 42.0, fill: 0.53, mass_g: 46.0 };
+        assert_eq!(golf_ball.unsuited(), None);
+        let square = ObjectShape { fill: 0.95, ..tuna };
+        assert!(square.unsuited().unwrap().reason.starts_with("too flat to turn: 34 mm, at least 45"));
     }
 }
