@@ -115,6 +115,7 @@ fn live(arguments: &CalibrateArguments, config: &RunConfig) -> Result<LiveSource
         side,
         touch: SensorProfile::tacto(),
         gait: gait::choose("auto", &object)?.1.clone(),
+        schedule: Default::default(),
         seed: arguments.seed,
         duration_s: arguments.duration.unwrap_or(LIVE_S),
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),

@@ -108,6 +108,7 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     for name in &names {
         let object = load_object(name)?;
         let recorder = Recorder::new(&object, name, &settings)?;
+        recorder.misfit().into_iter().for_each(|misfit| tracing::warn!("{misfit}"));
         for (index, job) in jobs.iter().enumerate() {
             let folder = arguments.out.join(&object.name).join(format!("{index:02}"));
             first.get_or_insert_with(|| folder.clone());

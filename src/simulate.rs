@@ -49,7 +49,9 @@ pub fn run(arguments: &SimulateArguments) -> Result<()> {
         duration_s: arguments.duration,
         randomisation: Randomisation::default(),
     };
-    let outcome = episode::run(&mut Episode::new(&object, &config)?);
+    let mut episode = Episode::new(&object, &config)?;
+    episode.follow(controller.schedule);
+    let outcome = episode::run(&mut episode);
     let side = config.side;
     let report = Report { object: &object.name, gait: &controller.name, side, seed: arguments.seed, outcome };
     if arguments.json { print_line(&serde_json::to_string(&report)?) } else { print_line(&in_words(&report)) }

@@ -107,11 +107,14 @@ fn live(
     };
     let side = arguments.manner.side();
     let seed = arguments.seed.unwrap_or(0);
-    let ChosenController { name: controller, gait, .. } = arguments.manner.choose(&object)?;
+    let ChosenController { name: controller, gait, schedule, .. } = arguments.manner.choose(&object)?;
+    // On a schedule the object changes its place and its axis by plan, so that the supervisor neither pushes nor changes.
+    let is_scheduled = !schedule.is_empty();
     let settings = LiveSettings {
         side,
         touch: *profile,
         gait: gait.clone(),
+        schedule,
         seed,
         duration_s: arguments.duration.unwrap_or(DURATION_S),
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
@@ -125,9 +128,13 @@ fn live(
     let axis = gait.axis;
     // The supervisor can change between shipped gaits about one axis; no directive names a file.
     let others = gait::shipped().iter().filter(|(name, other)| **name != controller && other.axis == axis);
-    let others = others.filter(|_| !is_path(&controller)).map(|(name, _)| name.as_str());
+    let others = others.filter(|_| !is_scheduled && !is_path(&controller)).map(|(name, _)| name.as_str());
     let gaits: Vec<&str> = std::iter::once(controller.as_str()).chain(others).collect();
-    let supervisor = Supervisor::new(arguments.goal, axis.direction(side), &gaits, config.supervisor);
+    let mut rules = config.supervisor;
+    if is_scheduled {
+        rules.drift_begin_m = f64::INFINITY;
+    }
+    let supervisor = Supervisor::new(arguments.goal, axis.direction(side), &gaits, rules);
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
     let mut source = Box::new(LiveSource::new(&object, settings, network)?);
     if let Some(path) = &arguments.calibration_file {

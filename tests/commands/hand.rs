@@ -68,3 +68,51 @@ fn controllers_that_do_not_fit_are_refused() {
     assert!(refusal("kind = \"gait\"", "kind = \"network\"").contains("not a controller"));
     assert!(workplace.run("simulate --object cube70 --controller none.toml").error().contains("none.toml"));
 }
+
+#[test]
+fn controllers_follow_one_another_on_a_schedule() {
+    let workplace = Workplace::new();
+    let simulate = |controller: &str| {
+        workplace.run(&format!("simulate --json --object cube70 --duration 8 --controller {controller}"))
+    };
+    let outcome: Value = serde_json::from_str(&simulate("tumble_back:4,cubelet:4").good()).unwrap();
+    assert_eq!((&outcome["gait"], &outcome["survived_s"]), (&"tumble_back:4,cubelet:4".into(), &8.0.into()));
+    for wrong in ["tumble_back:8,cubelet", "tumble_back:1,cubelet:8", "tumble_back:8,cubelet:x"] {
+        assert!(simulate(wrong).error().contains("such as tumble_back:8,cubelet:8"));
+    }
+    assert!(simulate("tumble_back:8,gallop:8").error().contains("gallop"));
+}
+
+#[test]
+fn an_object_that_would_fall_is_refused_unless_a_controller_is_named() {
+    let workplace = Workplace::new();
+    // A pole of 210 mm.
+    let corners = (0..8).map(|k| {
+        format!("v {} {} {}\n", 0.04 * f64::from(k & 1), 0.04 * f64::from(k >> 1 & 1), 0.21 * f64::from(k >> 2))
+    });
+    let faces = ["1 5 7 3", "2 4 8 6", "1 2 6 5", "3 7 8 4", "1 3 4 2", "5 6 8 7"].map(|face| format!("f {face}\n"));
+    workplace.write("pole.obj", corners.chain(faces).collect::<String>());
+    let error = workplace.run("simulate --object pole.obj --duration 0.2").error();
+    assert!(error.contains("too long: 210 mm, at most 195; the nearest object that fits is"), "{error}");
+    assert!(error.contains("--controller shared"), "{error}");
+    workplace.run("simulate --object pole.obj --duration 0.2 --controller shared").good();
+}
+
+#[test]
+fn a_survey_plays_only_what_its_file_lacks() {
+    let workplace = Workplace::new();
+    let survey = |controllers: &str| {
+        workplace
+            .run(&format!("hand survey --object cube70 --starts 1 --out survey.jsonl --controller {controllers}"))
+            .good()
+    };
+    assert!(survey("tumble_back").contains("1 of 1 objects turn"));
+    let first = std::fs::read_to_string(workplace.path("survey.jsonl")).unwrap();
+    survey("tumble_back,box");
+    let both = std::fs::read_to_string(workplace.path("survey.jsonl")).unwrap();
+    assert!(both.starts_with(&first) && both.lines().count() == 2, "{both}");
+    let row: Value = serde_json::from_str(first.trim()).unwrap();
+    assert!(row["net_rad"][0][1].as_f64().unwrap() < -6.0 && row["shape"]["mass_g"] == 200.0, "{row}");
+    workplace.write("survey.jsonl", "turned");
+    assert!(workplace.run("hand survey --object cube70 --out survey.jsonl").error().contains("give another --out"));
+}

@@ -18,6 +18,8 @@ use mvt_tuning::seeds;
 use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
 use serde::Serialize;
 
+use crate::survey::{self, HandSurveyArguments};
+
 /// Tune controllers of the hand, and score them
 #[derive(Debug, Subcommand)]
 pub enum HandCommand {
@@ -25,6 +27,8 @@ pub enum HandCommand {
     Tune(HandTuneArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
     Score(HandScoreArguments),
+    #[allow(missing_docs, reason = "the arguments have the help text")]
+    Survey(HandSurveyArguments),
 }
 
 /// Search for a controller that turns objects about an axis
@@ -131,6 +135,7 @@ pub fn run(command: &HandCommand) -> Result<()> {
     match command {
         HandCommand::Tune(arguments) => tune(arguments),
         HandCommand::Score(arguments) => score(arguments),
+        HandCommand::Survey(arguments) => survey::run(arguments),
     }
 }
 

@@ -5,6 +5,7 @@ mod fields;
 pub mod hand;
 mod single;
 mod spread;
+mod survey;
 mod table;
 mod tsdf;
 
@@ -485,6 +486,7 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
         side: SIDE,
         touch: episode.touch,
         gait: episode.gait.clone(),
+        schedule: Default::default(),
         seed: episode.seed,
         duration_s,
         cameras,

@@ -16,6 +16,7 @@
 //!     side: Side::Left,
 //!     touch: SensorProfile::tacto(),
 //!     gait: gait.clone(),
+//!     schedule: Default::default(),
 //!     seed: 0,
 //!     duration_s: 1.0,
 //!     cameras: Vec::new(),

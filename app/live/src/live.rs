@@ -10,6 +10,7 @@ use mvt_frames::{Camera, Isometry, World};
 use mvt_gaits::clock::FRAME_HZ;
 use mvt_gaits::directive::Directive;
 use mvt_gaits::gait::Gait;
+use mvt_gaits::schedule::Schedule;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
@@ -32,6 +33,8 @@ pub struct LiveSettings {
     pub touch: SensorProfile,
     /// The gait at the start.
     pub gait: Gait,
+    /// The controllers that follow one another; empty if there is only one.
+    pub schedule: Schedule,
     /// Seed of the start and of all noise.
     pub seed: u64,
     /// Longest duration, seconds.
@@ -94,7 +97,7 @@ impl LiveSource {
         if !settings.modality.has_vision() {
             settings.cameras.clear();
         }
-        let episode = Episode::new(
+        let mut episode = Episode::new(
             object,
             &EpisodeConfig {
                 side,
@@ -104,6 +107,7 @@ impl LiveSource {
                 randomisation: Randomisation::default(),
             },
         )?;
+        episode.follow(settings.schedule.clone());
         let touch = |finger: Finger| TouchOptions {
             background: Background::Synthetic { seed: finger as u64 },
             ..TouchOptions::of_profile(&settings.touch, TouchConfig::Fork)

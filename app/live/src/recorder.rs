@@ -93,7 +93,7 @@ const LARGEST_SCENE_FILE: u64 = 1 << 20;
 impl<'a> Recorder<'a> {
     /// Prepares for an object that was loaded by `name`.
     pub fn new(object: &'a Object, name: &str, settings: &'a Settings) -> Result<Self> {
-        let controller = controller_file::choose(&settings.controller, object, settings.side)?;
+        let controller = controller_file::choose_all(&settings.controller, object, settings.side)?;
         let scene_object = SceneObject {
             name: object.name.clone(),
             mesh: name.to_owned(),
@@ -103,6 +103,11 @@ impl<'a> Recorder<'a> {
         };
         let background = settings.background.as_deref().map(read_image).transpose()?;
         Ok(Self { object, scene_object, settings, controller, background })
+    }
+
+    /// Returns why the object may fall, or is not turned.
+    pub fn misfit(&self) -> Option<&str> {
+        self.controller.misfit.as_deref()
     }
 
     /// Whether a folder holds the complete log that [`Recorder::record`] would make.
@@ -116,7 +121,7 @@ impl<'a> Recorder<'a> {
     fn config_sha256(&self, seed: u64, cameras: &[PosedCamera]) -> String {
         let cameras: Vec<_> = cameras.iter().map(|c| (&c.name, c.intrinsics, c.pose.to_matrix())).collect();
         let background = self.background.as_ref().map(|image| mvt_pinned::sha256_of(image.as_raw()));
-        let config = serde_json::json!([
+        let mut config = serde_json::json!([
             env!("CARGO_PKG_VERSION"),
             FORMAT_VERSION,
             self.scene_object,
@@ -126,8 +131,12 @@ impl<'a> Recorder<'a> {
             Randomisation::default(),
             seed,
             cameras,
-        ]);
-        mvt_pinned::sha256_of(config.to_string().as_bytes())
+        ])
+        .to_string();
+        if !self.controller.schedule.is_empty() {
+            config += &serde_json::json!(self.controller.schedule).to_string();
+        }
+        mvt_pinned::sha256_of(config.as_bytes())
     }
 
     /// Simulates, renders and writes one log, and says how the episode ended. The result depends on neither threads nor time.
@@ -148,6 +157,7 @@ impl<'a> Recorder<'a> {
             randomisation: Randomisation::default(),
         };
         let mut episode = Episode::new(self.object, &config)?;
+        episode.follow(self.controller.schedule.clone());
         let snapshots: Vec<EpisodeState> = std::iter::from_fn(|| episode.next_frame()).collect();
         bar.set_length(snapshots.len() as u64);
 

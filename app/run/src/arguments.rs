@@ -1,7 +1,7 @@
 //! Object, hand and controller: arguments that several commands share.
 
 use crate::object::load_object;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use mvt_gaits::controller_file::{self, ChosenController};
 use mvt_objects::object::Object;
@@ -23,7 +23,8 @@ pub struct Subject {
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
     /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
-    /// object's shape
+    /// object's shape; it refuses an object that is likely to fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the
+    /// palm is levelled and tilted anew, and the hand closes
     #[arg(long, alias = "gait", value_name = "NAME|FILE", default_value = "auto")]
     pub controller: String,
     /// Hand; FeelSight and its loaders assume the left one
@@ -74,10 +75,17 @@ impl Subject {
 
 impl Manner {
     /// Chooses the controller for an object, and warns if the object does not have the size for which it was tuned.
+    ///
+    /// # Errors
+    /// If there is no such controller, or the choice is left to `auto` and the object is likely to fall.
     pub fn choose(&self, object: &Object) -> Result<ChosenController> {
-        let chosen = controller_file::choose(&self.controller, object, self.side())?;
-        if let Some(misfit) = &chosen.misfit {
-            tracing::warn!("{misfit}");
+        let chosen = controller_file::choose_all(&self.controller, object, self.side())?;
+        match &chosen.misfit {
+            Some(misfit) if chosen.falls => {
+                bail!("{misfit}; to try it all the same, name a controller, such as --controller shared")
+            }
+            Some(misfit) => tracing::warn!("{misfit}"),
+            None => (),
         }
         Ok(chosen)
     }

@@ -26,9 +26,9 @@ pub struct SceneFile {
     pub hand: Side,
     /// Seed of everything random in the episode.
     pub seed: u64,
-    /// Gravity in the world, m/s^2. The world's axes follow the palm, so a tilted palm is a tilted vector.
+    /// Gravity in the world at the start, m/s^2. The world's axes follow the palm, so a tilted palm is a tilted vector.
     pub gravity_m_s2: [f64; 3],
-    /// Name of the gait.
+    /// Name of the controller, or the text of a schedule.
     pub gait: String,
     /// Names of the cameras, in the order of the observations; also their folders under realsense/.
     pub cameras: Vec<String>,

@@ -14,7 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
 use crate::clock::CONTROL_HZ;
-use crate::gait::{self, Gait, UnknownGait};
+use crate::gait::{self, AUTO, Gait, UnknownGait};
+use crate::schedule::{SHORTEST_PART_S, Schedule, ScheduledGait};
+use crate::shape::ObjectShape;
 
 /// Version of the format.
 pub const CONTROLLER_FORMAT: u32 = 1;
@@ -65,6 +67,11 @@ pub enum ControllerFileError {
     /// The name is unknown.
     #[error(transparent)]
     Name(#[from] UnknownGait),
+    /// The schedule cannot be understood.
+    #[error(
+        "{0:?} is no schedule: write CONTROLLER:SECONDS,CONTROLLER:SECONDS with {SHORTEST_PART_S} to 3600 seconds each, such as tumble_back:8,cubelet:8"
+    )]
+    Schedule(String),
     /// The file cannot be read, or is not a controller of this program.
     #[error("{}: {reason}", path.display())]
     File {
@@ -196,12 +203,16 @@ pub fn hand_model() -> String {
 /// Controller that an episode plays.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChosenController {
-    /// Name of a shipped one, or the path of a file.
+    /// Name of a shipped one, the path of a file, or the text of a schedule.
     pub name: String,
-    /// The motion.
+    /// The motion; the first one of a schedule.
     pub gait: Gait,
-    /// Why the object may fall; `None` if it has the size for which the controller was tuned.
+    /// The controllers that follow one another; empty if there is only one.
+    pub schedule: Schedule,
+    /// Why the object may fall; `None` if it has the size for which the controller was tuned, or suits `auto`.
     pub misfit: Option<String>,
+    /// `auto` expects the object to fall.
+    pub falls: bool,
 }
 
 /// Returns the controller of a name or file; for `auto` the gait that suits the object.
@@ -212,10 +223,53 @@ pub fn choose(text: &str, object: &Object, side: Side) -> Result<ChosenControlle
     let file = if is_path(text) { Some(ControllerFile::read(Path::new(text), side)?) } else { None };
     if let Some(file) = file.as_ref().or_else(|| shipped().get(text)) {
         let (gait, misfit) = (file.gait.clone(), file.misfit(object));
-        return Ok(ChosenController { name: text.to_owned(), gait, misfit });
+        return Ok(ChosenController {
+            name: text.to_owned(),
+            gait,
+            schedule: Schedule::default(),
+            misfit,
+            falls: false,
+        });
     }
     let (name, gait) = gait::choose(text, object)?;
-    Ok(ChosenController { name: name.to_owned(), gait: gait.clone(), misfit: None })
+    let unsuited = if text == AUTO { ObjectShape::of(object).unsuited() } else { None };
+    Ok(ChosenController {
+        name: name.to_owned(),
+        gait: gait.clone(),
+        schedule: Schedule::default(),
+        falls: unsuited.as_ref().is_some_and(|unsuited| unsuited.falls),
+        misfit: unsuited.map(|unsuited| format!("{} is {}", object.name, unsuited.reason)),
+    })
+}
+
+/// Returns the controller as [`choose`], or the controllers of a schedule such as `tumble_back:8,cubelet:8`: names or files
+/// with the seconds that they play.
+///
+/// # Errors
+/// [`ControllerFileError`] if there is no such controller, one does not fit this hand, or the text is no schedule.
+pub fn choose_all(text: &str, object: &Object, side: Side) -> Result<ChosenController, ControllerFileError> {
+    if !text.contains(',') {
+        return choose(text, object, side);
+    }
+    let part = |part: &str| {
+        let invalid = || ControllerFileError::Schedule(text.to_owned());
+        let (name, seconds) = part.rsplit_once(':').ok_or_else(invalid)?;
+        let duration_s: f64 = seconds.parse().map_err(|_| invalid())?;
+        if !(SHORTEST_PART_S..=3600.0).contains(&duration_s) {
+            return Err(invalid());
+        }
+        Ok((choose(name, object, side)?, duration_s))
+    };
+    let parts = text.split(',').map(part).collect::<Result<Vec<_>, _>>()?;
+    let scheduled = |(chosen, duration_s): &(ChosenController, f64)| ScheduledGait {
+        gait: chosen.gait.clone(),
+        duration_s: *duration_s,
+    };
+    let schedule = Schedule::new(parts.iter().map(scheduled).collect());
+    let misfit = parts.iter().find_map(|(chosen, _)| chosen.misfit.clone());
+    let gait = schedule.gait_after(0).ok_or_else(|| ControllerFileError::Schedule(text.to_owned()))?.clone();
+    let falls = parts.iter().any(|(chosen, _)| chosen.falls);
+    Ok(ChosenController { name: text.to_owned(), gait, schedule, misfit, falls })
 }
 
 /// Returns whether this names a file: it ends in .toml or contains a slash.

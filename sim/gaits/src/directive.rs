@@ -6,6 +6,7 @@ use nalgebra as na;
 use crate::clock::CONTROL_HZ;
 use crate::controller::{Controller, Proprioception};
 use crate::gait::{Gait, GaitController};
+use crate::schedule::{CLOSING_AT_S, smooth};
 
 /// Request of a supervisor to the hand.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,8 +52,8 @@ pub struct DirectedController {
     time_s: f64,
     /// Targets that fade out, and the start of the fade, seconds.
     fading: Option<(JointAngles, f64)>,
-    /// Start of the current re-grasp, seconds.
-    regrasp_since_s: Option<f64>,
+    /// Opening of the fingers that is under way: its start, and how long they stay open, seconds.
+    opening: Option<(f64, f64)>,
     /// Shift of the fingertips in the world, metres: the current one and its target.
     shift_m: na::Vector2<f64>,
     wanted_m: na::Vector2<f64>,
@@ -69,7 +70,7 @@ impl DirectedController {
             aimed_at: open_pose,
             time_s: 0.0,
             fading: None,
-            regrasp_since_s: None,
+            opening: None,
             shift_m: na::Vector2::zeros(),
             wanted_m: na::Vector2::zeros(),
         }
@@ -84,7 +85,13 @@ impl DirectedController {
 
     /// Opens the fingers for a moment. Has no effect during a re-grasp.
     pub fn regrasp(&mut self) {
-        self.regrasp_since_s.get_or_insert(self.time_s);
+        self.opening.get_or_insert((self.time_s, OPEN_S));
+    }
+
+    /// Opens the fingers, waits until the object rests, and closes them into another gait.
+    pub fn change(&mut self, gait: &Gait) {
+        self.switch(gait);
+        self.opening = Some((self.time_s, CLOSING_AT_S - OPENING_S));
     }
 
     /// Shifts the fingers against the object's displacement from its place (x and y in the world, metres); 0 ends the
@@ -98,12 +105,12 @@ impl DirectedController {
 
     /// Returns the opening of the fingers at this time, 0 to 1.
     fn openness(&mut self) -> f64 {
-        let Some(since) = self.regrasp_since_s else { return 0.0 };
+        let Some((since, open_s)) = self.opening else { return 0.0 };
         let elapsed = self.time_s - since;
-        if elapsed >= OPENING_S + OPEN_S + CLOSING_S {
-            self.regrasp_since_s = None;
+        if elapsed >= OPENING_S + open_s + CLOSING_S {
+            self.opening = None;
         }
-        smooth(elapsed / OPENING_S) * (1.0 - smooth((elapsed - OPENING_S - OPEN_S) / CLOSING_S))
+        smooth(elapsed / OPENING_S) * (1.0 - smooth((elapsed - OPENING_S - open_s) / CLOSING_S))
     }
 
     /// Returns the targets with all fingertips moved by the shift, within the joints' limits.
@@ -146,12 +153,6 @@ impl Controller for DirectedController {
         }
         self.gait.within_reach(&targets, &sensed.joints)
     }
-}
-
-/// Rises from 0 to 1 without a jump in speed.
-fn smooth(t: f64) -> f64 {
-    let t = t.clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 /// Interpolates between targets.

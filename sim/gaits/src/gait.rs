@@ -7,13 +7,13 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use mvt_objects::decompose;
 use mvt_objects::object::Object;
 use mvt_robot::hand::{JointAngles, Side};
 use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
 use crate::controller::{Controller, Proprioception};
+use crate::shape::ObjectShape;
 
 /// Gait for the right hand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,6 +44,8 @@ pub struct Gait {
 pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
     ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
+    ("turn_disc", include_str!("../assets/controllers/turn_disc.toml")),
+    ("turn_small", include_str!("../assets/controllers/turn_small.toml")),
     ("tumble_back", include_str!("../assets/controllers/tumble_back.toml")),
     ("tumble_ball", include_str!("../assets/controllers/tumble_ball.toml")),
     ("tumble_ball_forth", include_str!("../assets/controllers/tumble_ball_forth.toml")),
@@ -67,6 +69,9 @@ pub fn shipped() -> &'static BTreeMap<String, Gait> {
     });
     &GAITS
 }
+
+/// Stands for the gait that suits the object.
+pub const AUTO: &str = "auto";
 
 /// Name that no shipped gait has.
 #[derive(Debug, thiserror::Error)]
@@ -92,29 +97,35 @@ pub fn find(name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
 /// # Errors
 /// [`UnknownGait`], which lists the names.
 pub fn choose(name: &str, object: &Object) -> Result<(&'static str, &'static Gait), UnknownGait> {
-    find(if name == "auto" { suited_to(object) } else { name })
+    find(if name == AUTO { suited_to(object) } else { name })
 }
 
-/// Returns the name of the shipped gait that suits an object, by its size and by whether it rolls.
+/// Returns the name of the shipped gait that suits an object, by its size and by whether it rolls. Each choice is the one that
+/// turned, or at least kept, most objects of its kind in a survey of the catalogue with all controllers.
 pub fn suited_to(object: &Object) -> &'static str {
-    let [x, y, height] = object.extents_m();
-    let (narrow, wide) = (x.min(y), x.max(y));
-    // Share of its bounding box that an object fills: a ball 0.52, an apple 0.62, an upright cylinder 0.79, a box 1.
-    let fill = decompose::hull_volume_m3(&object.mesh).unwrap_or(0.0) / (x * y * height);
-    if fill < 0.58 {
-        "ball"
-    } else if fill < 0.7 {
-        "shared"
-    } else if height < 0.066 {
-        "cubelet"
-    } else if wide > 1.25 * narrow {
-        "shared"
-    } else if narrow > 0.085 {
-        "can"
-    } else if height < 1.2 * wide {
-        "cube"
-    } else {
-        "bal"
+    let shape = ObjectShape::of(object);
+    let ObjectShape { length_mm: length, width_mm: width, height_mm: height, fill, .. } = shape;
+    let is_round = length < 1.1 * width;
+    match shape.unsuited() {
+        None if shape.is_disc() => "turn_disc",
+        None if shape.is_small_ball() => "turn_small",
+        // Nothing turns them. These gaits keep them in the hand.
+        Some(unsuited) if unsuited.is_small => "shared",
+        Some(_) => "bal",
+        // Balls and fruit.
+        None if fill < 0.58 && width > 78.0 => "cube",
+        None if fill < 0.58 && length > 1.3 * width => "bal",
+        None if fill < 0.58 => "ball",
+        // Cups, apples and bottles.
+        None if fill < 0.7 && is_round && (63.0..68.0).contains(&width) => "cube",
+        None if fill < 0.7 && is_round && width > 88.0 => "cube",
+        None if fill < 0.7 => "shared",
+        // Boxes and cans.
+        None if height < 66.0 => "cubelet",
+        None if length > 1.25 * width => "shared",
+        None if width > 85.0 => "can",
+        None if height < 1.2 * length => "cube",
+        None => "bal",
     }
 }
 

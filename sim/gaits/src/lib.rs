@@ -24,5 +24,7 @@ pub mod controller;
 pub mod controller_file;
 pub mod directive;
 pub mod gait;
+pub mod schedule;
+pub mod shape;
 
 pub use {mvt_objects, mvt_robot};

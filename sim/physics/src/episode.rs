@@ -6,6 +6,7 @@ use mvt_gaits::controller::{Controller as _, Proprioception};
 use mvt_gaits::directive::{DirectedController, Directive};
 use mvt_gaits::gait;
 use mvt_gaits::gait::{Gait, UnknownGait};
+use mvt_gaits::schedule::{Schedule, TiltChange};
 use mvt_objects::object::Object;
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, joint_ranges};
 use mvt_robot::observation::SceneState;
@@ -105,13 +106,12 @@ impl EpisodeStart {
         let right = gait.open_pose.map(|angle| angle + within(r.joints_rad));
         let ranges = joint_ranges(side);
         let joints = side.mirror_joints(right);
-        let [gx, gy, gz] = gait.gravity;
         let lowest = object.mesh.vertices.iter().fold(f32::INFINITY, |low, v| low.min(v.z));
         let height = START_HEIGHT_M - if lowest.is_finite() { f64::from(lowest) } else { 0.0 };
         Self {
             physics: Physics {
                 timestep_s: 1.0 / f64::from(PHYSICS_HZ),
-                gravity: [gx, mirror * gy, gz],
+                gravity: gravity_of(gait, side),
                 gel_friction,
                 link_friction,
                 joint_stiffness,
@@ -123,6 +123,12 @@ impl EpisodeStart {
             object: Isometry::from_parts([x, mirror * y, height], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
         }
     }
+}
+
+/// Returns gravity in the world with which a hand plays a gait, m/s^2.
+fn gravity_of(gait: &Gait, side: Side) -> [f64; 3] {
+    let [gx, gy, gz] = gait.gravity;
+    [gx, side.sign() * gy, gz]
 }
 
 /// Reason for the end of an episode.
@@ -171,9 +177,22 @@ pub struct EpisodeSnapshot {
     simulation: SimulationState,
     controller: DirectedController,
     target: JointAngles,
+    plan: Plan,
+    gravity: [f64; 3],
     tick: u64,
     turned_rad: f64,
     end: Option<End>,
+}
+
+/// The controller of now, and the change to it.
+#[derive(Debug, Clone)]
+struct Plan {
+    /// Number of changes that the schedule has made.
+    changes: usize,
+    /// Axis about which the gait turns the object, in the world.
+    turn_axis: na::Vector3<f64>,
+    /// Turn of gravity that is under way, and the integration step in which it began.
+    tilting: Option<(TiltChange, u64)>,
 }
 
 /// Running episode.
@@ -181,9 +200,10 @@ pub struct Episode {
     simulation: Simulation,
     controller: DirectedController,
     start: EpisodeStart,
+    side: Side,
+    schedule: Schedule,
     target: JointAngles,
-    /// Axis about which the gait turns the object, in the world.
-    turn_axis: na::Vector3<f64>,
+    plan: Plan,
     /// Number of integration steps so far, and at the end.
     tick: u64,
     last_tick: u64,
@@ -205,14 +225,22 @@ impl Episode {
         Ok(Self {
             simulation,
             controller: DirectedController::new(gait, *side),
+            side: *side,
+            schedule: Schedule::default(),
             target: start.joints,
             start,
-            turn_axis: gait.axis.direction(*side),
+            plan: Plan { changes: 0, turn_axis: gait.axis.direction(*side), tilting: None },
             tick: 0,
             last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
             turned_rad: 0.0,
             end: None,
         })
+    }
+
+    /// Lets the controllers of a schedule follow one another. The first one must be that of the configuration; its torque limit
+    /// holds for all.
+    pub fn follow(&mut self, schedule: Schedule) {
+        self.schedule = schedule;
     }
 
     /// Returns the drawn start.
@@ -334,6 +362,8 @@ impl Episode {
             simulation: self.simulation.save(),
             controller: self.controller.clone(),
             target: self.target,
+            plan: self.plan.clone(),
+            gravity: self.simulation.gravity(),
             tick: self.tick,
             turned_rad: self.turned_rad,
             end: self.end.clone(),
@@ -345,15 +375,43 @@ impl Episode {
     /// # Errors
     /// [`SimulationError::State`] if the state belongs to an episode with another start.
     pub fn restore(&mut self, snapshot: &EpisodeSnapshot) -> Result<(), SimulationError> {
-        let EpisodeSnapshot { start, simulation, controller, target, tick, turned_rad, end } = snapshot.clone();
+        let EpisodeSnapshot { start, simulation, controller, target, plan, gravity, tick, turned_rad, end } =
+            snapshot.clone();
         if start != self.start {
             let reason = "it was saved in an episode with another object, seed or configuration".to_owned();
             return Err(SimulationError::State(reason));
         }
+        self.simulation.set_gravity(gravity);
         self.simulation.restore(&simulation)?;
-        (self.controller, self.target, self.tick) = (controller, target, tick);
+        (self.controller, self.target, self.plan, self.tick) = (controller, target, plan, tick);
         (self.turned_rad, self.end) = (turned_rad, end);
         Ok(())
+    }
+
+    /// Changes to a gait: the hand opens, the palm is levelled and tilted as the gait needs it, and the hand closes.
+    fn change(&mut self, gait: &Gait) {
+        self.controller.change(gait);
+        let tilt = TiltChange { from: self.simulation.gravity(), to: gravity_of(gait, self.side) };
+        self.plan.turn_axis = gait.axis.direction(self.side);
+        self.plan.tilting = Some((tilt, self.tick));
+    }
+
+    /// Obeys the schedule and turns gravity.
+    fn follow_plan(&mut self) {
+        let changes = self.schedule.changes_until(self.time_s());
+        if changes > self.plan.changes {
+            self.plan.changes = changes;
+            if let Some(gait) = self.schedule.gait_after(changes).cloned() {
+                self.change(&gait);
+            }
+        }
+        if let Some((tilt, since)) = self.plan.tilting {
+            let elapsed_s = (self.tick - since) as f64 / f64::from(PHYSICS_HZ);
+            self.simulation.set_gravity(tilt.gravity(elapsed_s));
+            if TiltChange::is_over(elapsed_s) {
+                self.plan.tilting = None;
+            }
+        }
     }
 
     /// Makes one integration step towards `targets`, or of the gait with a new command if one is due.
@@ -361,6 +419,7 @@ impl Episode {
         const STEPS_PER_COMMAND: u64 = (PHYSICS_HZ / CONTROL_HZ) as u64;
         /// Limit of the counted turn rate, rad/s. A free object may spin faster for an instant than a pad can turn it.
         const FASTEST_TURN: f64 = 10.0;
+        self.follow_plan();
         if let Some(targets) = targets {
             self.target = *targets;
         } else if self.tick.is_multiple_of(STEPS_PER_COMMAND) {
@@ -369,7 +428,7 @@ impl Episode {
         }
         self.simulation.step(&self.target);
         self.tick += 1;
-        let rate = self.simulation.object_angular_velocity().dot(&self.turn_axis);
+        let rate = self.simulation.object_angular_velocity().dot(&self.plan.turn_axis);
         if rate.is_finite() {
             self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(PHYSICS_HZ);
         }

@@ -1,6 +1,6 @@
 //! The hand and one object in MuJoCo: step, read, save and restore.
 
-use std::sync::{Arc, Once};
+use std::sync::Once;
 
 use mujoco_rs::error::MjDataError;
 use mujoco_rs::prelude::*;
@@ -53,7 +53,7 @@ pub enum SimulationError {
 
 /// Simulation of the hand and one object in MuJoCo.
 pub struct Simulation {
-    data: MjData<Arc<MjModel>>,
+    data: MjData<Box<MjModel>>,
     gels: PerFinger<usize>,
     object_body: usize,
 }
@@ -79,7 +79,7 @@ impl Simulation {
             gels[finger] = id(MjtObjBase::mjOBJ_GEOM, &mjcf::gel_geom(finger))?;
         }
         let object_body = id(MjtObjBase::mjOBJ_BODY, mjcf::OBJECT)?;
-        Ok(Self { data: MjData::new(Arc::new(model)), gels, object_body })
+        Ok(Self { data: MjData::new(Box::new(model)), gels, object_body })
     }
 
     /// Puts the hand at rest at `joints`, which its position controllers hold, and the object at rest at `object`.
@@ -116,6 +116,16 @@ impl Simulation {
     /// Returns the joint angles, radians.
     pub fn joints(&self) -> JointAngles {
         std::array::from_fn(|j| self.data.qpos()[j])
+    }
+
+    /// Returns gravity in the world, m/s^2.
+    pub fn gravity(&self) -> [f64; 3] {
+        self.data.model_opt().gravity
+    }
+
+    /// Sets gravity in the world, m/s^2. It is no part of the state that [`Simulation::save`] returns.
+    pub fn set_gravity(&mut self, gravity: [f64; 3]) {
+        self.data.model_opt_mut().gravity = gravity;
     }
 
     /// Returns the pose of the object.

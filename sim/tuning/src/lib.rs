@@ -30,6 +30,7 @@ pub mod evolution;
 pub mod search;
 pub mod seeds;
 pub mod stroke;
+pub mod survey;
 pub mod trial;
 
 pub use {mvt_gaits, mvt_objects, mvt_physics, mvt_robot};

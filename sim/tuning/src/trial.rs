@@ -33,6 +33,8 @@ pub struct TrialResult {
     pub alive: bool,
     /// Net angle about the gait's axis, radians.
     pub turned_rad: f64,
+    /// Net angle about x, y and z of the world, radians.
+    pub net_rad: [f64; 3],
     /// Net angle about the two axes at right angles to it together, radians.
     pub other_rad: f64,
     /// Length of the path that the orientation made about those two axes, radians: rocking counts.
@@ -90,6 +92,7 @@ pub fn run(
         survived_s: f64::from(done) / f64::from(CONTROL_HZ),
         alive,
         turned_rad,
+        net_rad: net.into(),
         other_rad: (net - axis * turned_rad).norm(),
         rocked_rad,
         pads: pads as f64 / f64::from(done.max(1)),

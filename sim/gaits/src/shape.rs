@@ -1,0 +1,161 @@
+//! Size, fullness and mass of an object, by which its controller is chosen.
+
+use mvt_objects::decompose;
+use mvt_objects::object::Object;
+use serde::{Deserialize, Serialize};
+
+/// Limits of the objects that the controllers keep. Those longer than [`LONG_MM`] are kept if they lie in the hand, and are
+/// neither sticks nor larger than the hand.
+const LONGEST_MM: f64 = 195.0;
+const HEAVIEST_G: f64 = 700.0;
+const SLENDEREST: f64 = 3.5;
+const TINIEST_MM: f64 = 20.0;
+const THINNEST_MM: f64 = 20.0;
+const THICKEST_MM: f64 = 100.0;
+/// Limits of the objects that the controllers turn.
+const LONG_MM: f64 = 110.0;
+const SMALLEST_MM: f64 = 48.0;
+const FLATTEST_MM: f64 = 45.0;
+
+/// Size and shape of an object as it stands on the palm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectShape {
+    /// Longer side of the footprint, millimetres.
+    pub length_mm: f64,
+    /// Shorter side of the footprint, millimetres.
+    pub width_mm: f64,
+    /// Height above the palm, millimetres.
+    pub height_mm: f64,
+    /// Share of its bounding box that the convex hull fills: a ball 0.52, an apple 0.62, an upright cylinder 0.79, a box 1.
+    pub fill: f64,
+    /// Mass, grams.
+    pub mass_g: f64,
+}
+
+impl ObjectShape {
+    /// Measures an object.
+    pub fn of(object: &Object) -> Self {
+        let [x, y, height] = object.extents_m();
+        Self {
+            length_mm: 1e3 * x.max(y),
+            width_mm: 1e3 * x.min(y),
+            height_mm: 1e3 * height,
+            fill: decompose::hull_volume_m3(&object.mesh).unwrap_or(0.0) / (x * y * height),
+            mass_g: 1e3 * object.mass_kg,
+        }
+    }
+}
+
+/// Objects that controllers turn, with their extents in ascending order, millimetres: one for each kind of shape.
+const TURNED: [(&str, [f64; 3]); 9] = [
+    ("018_plum", [53.0, 53.0, 56.0]),
+    ("077_rubiks_cube", [58.0, 58.0, 59.0]),
+    ("061_foam_brick", [51.0, 52.0, 78.0]),
+    ("055_baseball", [72.0, 72.0, 73.0]),
+    ("005_tomato_soup_can", [67.0, 68.0, 102.0]),
+    ("065-g_cups", [74.0, 87.0, 87.0]),
+    ("010_potted_meat_can", [57.0, 84.0, 102.0]),
+    ("002_master_chef_can", [102.0, 102.0, 140.0]),
+    ("006_mustard_bottle", [58.0, 96.0, 191.0]),
+];
+
+/// Why no controller turns an object.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unsuited {
+    /// The reason, and the nearest object that fits.
+    pub reason: String,
+    /// The object is likely to fall; otherwise it lies in the hand.
+    pub falls: bool,
+    /// The object is smaller than the fingers can turn.
+    pub is_small: bool,
+}
+
+impl ObjectShape {
+    /// Returns whether the object is a flat can, as wide as the hand can turn.
+    pub(crate) fn is_disc(&self) -> bool {
+        let Self { length_mm, width_mm, height_mm, fill, .. } = *self;
+        // A round object fills 0.79 of its box, a square one 1.
+        length_mm < 1.1 * width_mm
+            && (0.7..0.85).contains(&fill)
+            && (75.0..95.0).contains(&width_mm)
+            && (28.0..FLATTEST_MM).contains(&height_mm)
+    }
+
+    /// Returns whether the object is a small ball or berry.
+    pub(crate) fn is_small_ball(&self) -> bool {
+        let Self { length_mm, width_mm, height_mm, fill, .. } = *self;
+        fill < 0.58
+            && (34.0..SMALLEST_MM).contains(&length_mm)
+            && width_mm.min(height_mm) > 0.8 * length_mm
+            && height_mm < 1.2 * length_mm
+    }
+
+    /// Returns why no controller turns the object; `None` if one probably does. The limits are those of a survey of the
+    /// catalogue with all controllers.
+    pub fn unsuited(&self) -> Option<Unsuited> {
+        let Self { length_mm, width_mm, height_mm, mass_g, .. } = *self;
+        let mut sides = [length_mm, width_mm, height_mm];
+        sides.sort_by(f64::total_cmp);
+        let [least_mm, _, most_mm] = sides;
+        let is_small = length_mm < SMALLEST_MM && !self.is_small_ball();
+        let is_long = length_mm > LONG_MM;
+        let limits = [
+            (most_mm > LONGEST_MM, true, format!("too long: {most_mm:.0} mm, at most {LONGEST_MM}")),
+            (mass_g > HEAVIEST_G, true, format!("too heavy: {mass_g:.0} g, at most {HEAVIEST_G}")),
+            (
+                height_mm > SLENDEREST * width_mm,
+                true,
+                format!("too slender: {height_mm:.0} mm high, at most {SLENDEREST} times its width"),
+            ),
+            (most_mm < TINIEST_MM, true, format!("too small: {most_mm:.0} mm, at least {TINIEST_MM}")),
+            (is_long && least_mm < THINNEST_MM, true, format!("too thin: {least_mm:.0} mm, at least {THINNEST_MM}")),
+            (is_long && least_mm > THICKEST_MM, true, format!("too large: {least_mm:.0} mm, at most {THICKEST_MM}")),
+            (is_long, false, format!("too long to turn: {length_mm:.0} mm, at most {LONG_MM}")),
+            (is_small, false, format!("too small to turn: {length_mm:.0} mm, at least {SMALLEST_MM}")),
+            (
+                least_mm < FLATTEST_MM && !self.is_disc() && !self.is_small_ball(),
+                false,
+                format!("too flat to turn: {least_mm:.0} mm, at least {FLATTEST_MM}"),
+            ),
+        ];
+        let (_, falls, reason) = limits.into_iter().find(|(is_beyond, ..)| *is_beyond)?;
+        let distance = |(_, other): &(&str, [f64; 3])| {
+            sides.iter().zip(other).map(|(a, b)| (a / b).ln().abs()).fold(0.0, f64::max)
+        };
+        let nearest = TURNED.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let nearest = nearest.map_or("", |(name, _)| name);
+        Some(Unsuited { reason: format!("{reason}; the nearest object that fits is {nearest}"), falls, is_small })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reason_and_the_nearest_object_that_fits_are_named() {
+        let mug = ObjectShape { length_mm: 107.0, width_mm: 78.0, height_mm: 84.0, fill: 0.64, mass_g: 200.0 };
+        assert_eq!(mug.unsuited(), None);
+        let unsuited = |shape: ObjectShape| shape.unsuited().unwrap();
+        let heavy = unsuited(ObjectShape { mass_g: 900.0, ..mug });
+        assert_eq!(heavy.reason, "too heavy: 900 g, at most 700; the nearest object that fits is 065-g_cups");
+        assert!(heavy.falls && !heavy.is_small);
+        let stick = unsuited(ObjectShape { length_mm: 120.0, width_mm: 18.0, height_mm: 18.0, ..mug });
+        assert!(stick.falls && stick.reason.starts_with("too thin: 18 mm, at least 20"), "{}", stick.reason);
+        let large = unsuited(ObjectShape { length_mm: 126.0, width_mm: 125.0, height_mm: 126.0, ..mug });
+        assert!(large.falls && large.reason.starts_with("too large: 125 mm"), "{}", large.reason);
+        let small = unsuited(ObjectShape { length_mm: 40.0, width_mm: 32.0, height_mm: 32.0, ..mug });
+        assert!(!small.falls && small.is_small && small.reason.ends_with("018_plum"), "{}", small.reason);
+    }
+
+    #[test]
+    fn discs_and_small_balls_are_turned() {
+        let tuna = ObjectShape { length_mm: 85.0, width_mm: 85.0, height_mm: 34.0, fill: 0.77, mass_g: 171.0 };
+        assert_eq!(tuna.unsuited(), None);
+        let golf_ball = ObjectShape { length_mm: 43.0, width_mm: 43.0, height_mm: 42.0, fill: 0.53, mass_g: 46.0 };
+        assert_eq!(golf_ball.unsuited(), None);
+        let square = ObjectShape { fill: 0.95, ..tuna };
+        assert!(square.unsuited().unwrap().reason.starts_with("too flat to turn: 34 mm, at least 45"));
+    }
+}
