@@ -134,7 +134,8 @@ fn live(
     if is_scheduled {
         rules.drift_begin_m = f64::INFINITY;
     }
-    let supervisor = Supervisor::new(arguments.goal, axis.direction(side), &gaits, rules);
+    let goal = placements.first().map_or(arguments.goal, |camera| arguments.goal.facing(axis, camera));
+    let supervisor = Supervisor::new(goal, axis.direction(side), &gaits, rules);
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
     let mut source = Box::new(LiveSource::new(&object, settings, network)?);
     if let Some(path) = &arguments.calibration_file {

@@ -355,7 +355,7 @@ impl Pipeline<'_> {
         let Some(supervisor) = &mut self.supervisor else { return Directive::Continue };
         let directive = supervisor.decide(&estimator.belief(estimate));
         let text = match &directive {
-            Directive::Continue | Directive::Recentre { .. } => return directive,
+            Directive::Continue | Directive::Recentre { .. } | Directive::Hold => return directive,
             Directive::SwitchGait(name) => format!("switches to gait {name}"),
             Directive::Regrasp => "re-grasps".to_owned(),
             Directive::Stop => "the goal is reached".to_owned(),

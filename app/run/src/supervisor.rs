@@ -8,9 +8,12 @@ use std::fmt;
 use std::str::FromStr;
 
 use mvt_frames::{Isometry, Model, World};
+use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::directive::Directive;
+use mvt_robot::hand::Side;
+use mvt_robot::rig::Placement;
 use mvt_settings::{SettingError, settings};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Unit, UnitQuaternion, Vector2, Vector3};
 
 /// Goal that ends an episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,8 +23,26 @@ pub enum Goal {
     Turn(f64),
     /// This part of the directions around the object has been observed, 0 to 1.
     Coverage(f64),
+    /// The object is turned by this angle about the gait's axis against its start, radians, and held there.
+    Pose(f64),
+    /// The side of the object that looks at the start to this azimuth and elevation, degrees, is turned to a camera. A supervisor needs
+    /// [`Goal::facing`], which makes a pose of it.
+    Show([f64; 2]),
     /// The duration of the episode is over.
     Time,
+}
+
+impl Goal {
+    /// Makes a pose of the goal to show a side to a camera: the turn about the gait's axis that brings the side as near as it can.
+    /// Directions are those around a right hand, as cameras have them; around a left hand all of them are mirrored.
+    pub fn facing(self, axis: TurnAxis, camera: &Placement) -> Self {
+        let Goal::Show([azimuth_deg, elevation_deg]) = self else { return self };
+        let axis = axis.direction(Side::Right);
+        let side = Placement::direction_of(azimuth_deg, elevation_deg);
+        // The parts across the axis; a turn does not change the others.
+        let [from, to] = [side, camera.direction()].map(|v| v - axis * axis.dot(&v));
+        Goal::Pose(axis.dot(&from.cross(&to)).atan2(from.dot(&to)))
+    }
 }
 
 impl fmt::Display for Goal {
@@ -30,6 +51,8 @@ impl fmt::Display for Goal {
         match self {
             Goal::Turn(rad) => write!(f, "turn={rad}rad"),
             Goal::Coverage(part) => write!(f, "coverage={part}"),
+            Goal::Pose(rad) => write!(f, "pose={rad}rad"),
+            Goal::Show([azimuth, elevation]) => write!(f, "show={azimuth}/{elevation}"),
             Goal::Time => f.write_str("time"),
         }
     }
@@ -40,13 +63,20 @@ impl fmt::Display for Goal {
 #[non_exhaustive]
 pub enum GoalError {
     /// There is no such goal.
-    #[error("unknown goal {0:?}; the goals are turn=360deg, turn=2rev, turn=6.3rad, coverage=0.9 and time")]
+    #[error(
+        "unknown goal {0:?}; the goals are turn=360deg, turn=2rev, turn=6.3rad, coverage=0.9, pose=90deg, show=180/0 and time"
+    )]
     Unknown(String),
     /// The amount is not a positive number, or a coverage above 1.
     #[error(
-        "the goal {0:?} needs a positive amount: turn=360deg, turn=2rev, turn=6.3rad, or coverage up to 1 as in coverage=0.9"
+        "the goal {0:?} needs a positive amount: turn=360deg, turn=2rev, turn=6.3rad, pose=90deg, or coverage up to 1 as in coverage=0.9"
     )]
     Amount(String),
+    /// The side to show is no direction.
+    #[error(
+        "the goal {0:?} needs azimuth and elevation of a side in degrees, such as show=180/0; elevations are from -90 to 90"
+    )]
+    Side(String),
 }
 
 impl FromStr for Goal {
@@ -57,13 +87,21 @@ impl FromStr for Goal {
             let value = amount.trim().parse().ok().filter(|v: &f64| *v > 0.0 && *v <= most);
             value.ok_or_else(|| GoalError::Amount(text.to_owned()))
         };
+        let angle = |amount: &str| {
+            let units = [("deg", TAU / 360.0), ("rev", TAU), ("rad", 1.0)];
+            let unit = units.iter().find_map(|(name, rad)| Some((amount.strip_suffix(name)?, rad)));
+            let (amount, rad) = unit.ok_or_else(|| GoalError::Amount(text.to_owned()))?;
+            Ok(number(amount, f64::MAX)? * rad)
+        };
         match text.split_once('=') {
             None if text == "time" => Ok(Goal::Time),
-            Some(("turn", amount)) => {
-                let units = [("deg", TAU / 360.0), ("rev", TAU), ("rad", 1.0)];
-                let unit = units.iter().find_map(|(name, rad)| Some((amount.strip_suffix(name)?, rad)));
-                let (amount, rad) = unit.ok_or_else(|| GoalError::Amount(text.to_owned()))?;
-                Ok(Goal::Turn(number(amount, f64::MAX)? * rad))
+            Some(("turn", amount)) => Ok(Goal::Turn(angle(amount)?)),
+            Some(("pose", amount)) => Ok(Goal::Pose(angle(amount)?)),
+            Some(("show", side)) => {
+                let degrees = |text: &str| text.trim().parse().ok().filter(|v: &f64| v.abs() <= 360.0);
+                let side = side.split_once('/').and_then(|(a, e)| Some([degrees(a)?, degrees(e)?]));
+                let side = side.filter(|[_, elevation]| elevation.abs() <= 90.0);
+                Ok(Goal::Show(side.ok_or_else(|| GoalError::Side(text.to_owned()))?))
             }
             Some(("coverage", amount)) => Ok(Goal::Coverage(number(amount, 1.0)?)),
             _ => Err(GoalError::Unknown(text.to_owned())),
@@ -101,6 +139,12 @@ settings! {
         pub confidence: f64 = 0.5, 0.0..=1.0;
         /// Largest stated deviation of the pose with which a goal counts as reached, metres.
         pub deviation_m: f64 = 0.005, 0.0..=1.0;
+        /// Angle to a goal orientation at which the fingers are held, radians. They stop a little later than they are told to.
+        pub hold_rad: f64 = 0.17, 0.0..=3.2;
+        /// Angle to a goal orientation from which on the object has left it, and is turned on, radians.
+        pub leave_rad: f64 = 0.26, 0.0..=3.2;
+        /// Time for which the object must rest at a goal orientation, seconds.
+        pub hold_s: f64 = 2.0, 0.0..=3600.0;
         /// If the object is lost for longer than this, the hand re-grasps, seconds.
         pub lost_s: f64 = 1.0, 0.0..=3600.0;
         /// Distance of the object from its start at which a push back begins, metres.
@@ -150,6 +194,9 @@ pub struct Supervisor {
     history: VecDeque<Belief>,
     /// First estimated position of the object.
     home_m: Option<Vector2<f64>>,
+    /// First estimated orientation of the object.
+    first: Option<UnitQuaternion<f64>>,
+    holding_since_s: Option<f64>,
     lost_since_s: Option<f64>,
     pushing_since_s: Option<f64>,
     settled_at_s: f64,
@@ -167,6 +214,8 @@ impl Supervisor {
             gaits: gaits.iter().map(|&name| name.to_owned()).collect(),
             history: VecDeque::new(),
             home_m: None,
+            first: None,
+            holding_since_s: None,
             lost_since_s: None,
             pushing_since_s: None,
             settled_at_s: 0.0,
@@ -194,6 +243,9 @@ impl Supervisor {
             };
         }
         self.lost_since_s = None;
+        if let Some(directive) = self.hold(belief) {
+            return directive;
+        }
         if self.is_reached(belief) {
             return Directive::Stop;
         }
@@ -220,9 +272,35 @@ impl Supervisor {
         let reached = match self.goal {
             Goal::Turn(angle_rad) => belief.turned_rad.dot(&self.axis) >= angle_rad,
             Goal::Coverage(part) => 1.0 - belief.unobserved >= part,
-            Goal::Time => false,
+            Goal::Pose(_) => self.holding_since_s.is_some_and(|since| belief.time_s - since >= self.rules.hold_s),
+            Goal::Show(_) | Goal::Time => false,
         };
-        reached && belief.confidence >= self.rules.confidence && belief.deviation_m <= self.rules.deviation_m
+        reached && self.is_trusted(belief)
+    }
+
+    fn is_trusted(&self, belief: &Belief) -> bool {
+        belief.confidence >= self.rules.confidence && belief.deviation_m <= self.rules.deviation_m
+    }
+
+    /// Returns a directive to hold the object where it is, at a goal orientation.
+    fn hold(&mut self, belief: &Belief) -> Option<Directive> {
+        let Goal::Pose(turn_rad) = self.goal else { return None };
+        let rotation = belief.pose.untyped().rotation;
+        let first = *self.first.get_or_insert(rotation);
+        let goal = UnitQuaternion::from_axis_angle(&Unit::new_normalize(self.axis), turn_rad) * first;
+        let left_rad = rotation.angle_to(&goal);
+        match self.holding_since_s {
+            None if left_rad < self.rules.hold_rad && self.is_trusted(belief) => {
+                self.holding_since_s = Some(belief.time_s);
+            }
+            Some(_) if left_rad > self.rules.leave_rad => {
+                self.holding_since_s = None;
+                // It needs another round, in which it must not be regarded as still.
+                self.history.clear();
+            }
+            _ => {}
+        }
+        (self.holding_since_s.is_some() && !self.is_reached(belief)).then_some(Directive::Hold)
     }
 
     /// Returns the directive, unless the hand still carries out the last one.
@@ -324,19 +402,76 @@ mod tests {
     }
 
     #[test]
+    fn a_goal_orientation_is_held_and_then_ends_the_episode() {
+        // The object turns until the fingers hold it.
+        let side = Placement::parse_list("side").unwrap().remove(0);
+        let show = |text: &str| text.parse::<Goal>().unwrap().facing(TurnAxis::PlusZ, &side);
+        // The camera `side` is at an azimuth of 90 degrees.
+        for (goal, at_rad) in
+            [(Goal::Pose(1.5), 1.5), (show("show=30/20"), TAU / 6.0), (show("show=150/-10"), TAU * 5.0 / 6.0)]
+        {
+            let mut supervisor = Supervisor::new(goal, Vector3::z(), &GAITS, SupervisorRules::default());
+            let (mut yaw, mut held, mut stopped_s) = (0.0_f64, 0, None);
+            for k in 0..600 {
+                let time_s = f64::from(k) * FRAME_S;
+                let pose = Isometry::from_parts([0.0, 0.0, 0.05], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]);
+                match supervisor.decide(&Belief { pose, ..turning(time_s) }) {
+                    Directive::Hold => held += 1,
+                    Directive::Stop => stopped_s = stopped_s.or(Some(time_s)),
+                    _ => yaw += 0.8 * FRAME_S,
+                }
+                if stopped_s.is_some() {
+                    break;
+                }
+            }
+            assert!((yaw - at_rad).abs() < 0.2, "{goal}: {yaw}");
+            assert!((58..=62).contains(&held) && stopped_s.is_some(), "{goal}: {held}");
+        }
+    }
+
+    #[test]
+    fn an_object_that_leaves_its_goal_is_turned_on() {
+        let mut supervisor = Supervisor::new(Goal::Pose(1.0), Vector3::z(), &GAITS, SupervisorRules::default());
+        let mut directives = Vec::new();
+        for (k, yaw) in [0.0_f64, 0.9, 1.1, 1.3, 1.5].into_iter().enumerate() {
+            let pose = Isometry::from_parts([0.0, 0.0, 0.05], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]);
+            directives.push(supervisor.decide(&Belief { pose, ..turning(k as f64 * FRAME_S) }));
+        }
+        let [hold, go] = [Directive::Hold, Directive::Continue];
+        assert_eq!(directives, [go.clone(), hold.clone(), hold, go.clone(), go]);
+        // An estimate that is not trusted holds nothing.
+        let mut supervisor = Supervisor::new(Goal::Pose(1e-3), Vector3::z(), &GAITS, SupervisorRules::default());
+        assert_eq!(supervisor.decide(&Belief { confidence: 0.3, ..turning(0.0) }), Directive::Continue);
+    }
+
+    #[test]
     fn goals() {
         let parse = |text: &str| text.parse::<Goal>();
         assert_eq!(parse("turn=360deg"), Ok(Goal::Turn(TAU)));
         assert_eq!(parse("turn=2rev"), Ok(Goal::Turn(2.0 * TAU)));
         assert_eq!(parse("turn=1.5rad"), Ok(Goal::Turn(1.5)));
         assert_eq!(parse("coverage=0.9"), Ok(Goal::Coverage(0.9)));
+        assert_eq!(parse("pose=90deg"), Ok(Goal::Pose(TAU / 4.0)));
+        assert_eq!(parse("show=180/-30").unwrap().to_string(), "show=180/-30");
         assert_eq!(parse("time"), Ok(Goal::Time));
-        for text in ["turn=360", "turn=-1rev", "turn=deg", "turn=NaNdeg", "turn=infrad", "coverage=1.1", "coverage=0"] {
+        for text in ["show=180", "show=0/91", "show=NaN/0", "show=side"] {
+            assert_eq!(parse(text), Err(GoalError::Side(text.to_owned())));
+        }
+        for text in [
+            "pose=90",
+            "turn=360",
+            "turn=-1rev",
+            "turn=deg",
+            "turn=NaNdeg",
+            "turn=infrad",
+            "coverage=1.1",
+            "coverage=0",
+        ] {
             assert_eq!(parse(text), Err(GoalError::Amount(text.to_owned())));
         }
         for text in ["", "spin=3rev", "time=3", "turn", "Time"] {
             let error = parse(text).unwrap_err().to_string();
-            assert!(error.contains("the goals are turn=360deg") && error.contains("coverage=0.9 and time"), "{error}");
+            assert!(error.contains("the goals are turn=360deg") && error.contains("show=180/0 and time"), "{error}");
         }
     }
 

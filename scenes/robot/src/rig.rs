@@ -70,15 +70,20 @@ impl Placement {
         possible.then(|| Self { name: format!("az{azimuth_deg}el{elevation_deg}").into(), azimuth_deg, elevation_deg })
     }
 
+    /// Returns the direction from the grasp to the camera around a right hand, a unit vector in the world.
+    pub fn direction(&self) -> Vector3<f64> {
+        Self::direction_of(self.azimuth_deg, self.elevation_deg)
+    }
+
+    /// Returns the unit vector in the world that points to an azimuth and elevation.
+    pub fn direction_of(azimuth_deg: f64, elevation_deg: f64) -> Vector3<f64> {
+        let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
+        Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
+    }
+
     /// Returns the camera at this place around a right hand, or at its mirror image around a left hand.
     pub fn camera(&self, side: Side) -> PosedCamera {
-        let (azimuth, elevation) = (self.azimuth_deg.to_radians(), self.elevation_deg.to_radians());
-        let direction = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
-        around_hand(
-            self.name.clone().into_owned(),
-            Vector3::from(PALM_CENTRE_M) + DISTANCE_M * Vector3::from(direction),
-            side,
-        )
+        around_hand(self.name.clone().into_owned(), Vector3::from(PALM_CENTRE_M) + DISTANCE_M * self.direction(), side)
     }
 }
 

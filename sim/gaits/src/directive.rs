@@ -11,7 +11,7 @@ use crate::schedule::{CLOSING_AT_S, smooth};
 /// Request of a supervisor to the hand.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Directive {
-    /// Plays the gait; a shift of the fingers fades out.
+    /// Plays the gait; a shift of the fingers fades out, and held fingers move on.
     Continue,
     /// Changes to the shipped gait of this name. Gravity and torque limits stay.
     SwitchGait(String),
@@ -22,6 +22,8 @@ pub enum Directive {
         /// Displacement of the object from its place, x and y in the world, metres.
         offset_m: [f64; 2],
     },
+    /// Keeps the fingers where they are until another directive.
+    Hold,
     /// Ends the episode.
     Stop,
 }
@@ -54,6 +56,8 @@ pub struct DirectedController {
     fading: Option<(JointAngles, f64)>,
     /// Opening of the fingers that is under way: its start, and how long they stay open, seconds.
     opening: Option<(f64, f64)>,
+    /// Targets that are held.
+    held: Option<JointAngles>,
     /// Shift of the fingertips in the world, metres: the current one and its target.
     shift_m: na::Vector2<f64>,
     wanted_m: na::Vector2<f64>,
@@ -71,6 +75,7 @@ impl DirectedController {
             time_s: 0.0,
             fading: None,
             opening: None,
+            held: None,
             shift_m: na::Vector2::zeros(),
             wanted_m: na::Vector2::zeros(),
         }
@@ -92,6 +97,18 @@ impl DirectedController {
     pub fn change(&mut self, gait: &Gait) {
         self.switch(gait);
         self.opening = Some((self.time_s, CLOSING_AT_S - OPENING_S));
+    }
+
+    /// Keeps the fingers where they are.
+    pub fn hold(&mut self) {
+        self.held.get_or_insert(self.aimed_at);
+    }
+
+    /// Lets held fingers move on. Has no effect on others.
+    pub fn release(&mut self) {
+        if let Some(held) = self.held.take() {
+            self.fading = Some((held, self.time_s));
+        }
     }
 
     /// Shifts the fingers against the object's displacement from its place (x and y in the world, metres); 0 ends the
@@ -134,7 +151,7 @@ impl DirectedController {
 impl Controller for DirectedController {
     fn command(&mut self, sensed: &Proprioception) -> JointAngles {
         self.time_s = sensed.time_s;
-        let mut targets = self.gait.targets(sensed.time_s);
+        let mut targets = self.held.unwrap_or_else(|| self.gait.targets(sensed.time_s));
         if let Some((from, since)) = self.fading {
             let t = (self.time_s - since) / BLEND_S;
             targets = blend(&from, &targets, smooth(t));
@@ -245,6 +262,16 @@ mod tests {
         assert!((0..16).all(|j| (middle[j] - open[j]).abs() < 1e-9));
         assert_eq!(regrasped[..50], plain[..50]);
         assert_eq!(regrasped[90..], plain[90..]);
+    }
+
+    #[test]
+    fn held_fingers_rest_and_then_move_on_without_a_jump() {
+        let plain = play(Side::Right, 6.0, |_, _| ());
+        let held = play(Side::Right, 6.0, |t, c| if (2.0..3.5).contains(&t) { c.hold() } else { c.release() });
+        assert_eq!(held[..50], plain[..50]);
+        assert!(held[50..87].iter().all(|targets| *targets == held[50]));
+        assert!(largest_step(&held[86..]) < 1.5 * largest_step(&plain[50..]));
+        assert_eq!(held[110..], plain[110..]);
     }
 
     #[test]

@@ -268,8 +268,12 @@ impl Episode {
     /// # Errors
     /// [`UnknownGait`], which lists the names; the episode then continues unchanged.
     pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
+        if directive != Directive::Hold {
+            self.controller.release();
+        }
         match directive {
             Directive::Continue => self.controller.recentre([0.0; 2]),
+            Directive::Hold => self.controller.hold(),
             Directive::SwitchGait(name) => self.controller.switch(gait::find(&name)?.1),
             Directive::Regrasp => self.controller.regrasp(),
             Directive::Recentre { offset_m } => self.controller.recentre(offset_m),

@@ -162,7 +162,7 @@ fn every_setting_of_a_run_is_listed() {
     listed.sort();
     keys.sort();
     assert_eq!(listed, keys);
-    assert!(keys.iter().filter(|key| key.starts_with("supervisor.")).count() == 14);
+    assert!(keys.iter().filter(|key| key.starts_with("supervisor.")).count() == 17);
     assert!(keys.iter().filter(|key| key.starts_with("segmentation.")).count() == 5);
     for setting in RunConfig::listing() {
         assert!(!setting.doc.is_empty(), "{}", setting.key);
