@@ -14,6 +14,7 @@ use mvt_robot::ndarray::Array2;
 use serde_json::{Value, json};
 
 use crate::error::ExchangeError;
+use crate::extras;
 use crate::parquet::{Cells, Column, Parquet};
 use crate::statistics::Statistics;
 
@@ -207,6 +208,10 @@ impl DataSet<'_> {
         }
         file.finish(&[]).map_err(io)?;
         partial.finish().map_err(io)?;
+        for (name, bytes) in extras::files(log, self.layout.has_poses)? {
+            let path = extras::folder(number).join(name);
+            self.write(&path.to_string_lossy(), |mut file| std::io::Write::write_all(&mut file, &bytes))?;
+        }
         self.episodes.push(Episode { task, length: log.len(), from: self.frames });
         self.frames += log.len();
         Ok(())

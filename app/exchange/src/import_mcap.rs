@@ -271,7 +271,7 @@ fn in_time(topic: &str, stamps: &Stamps, reference: &Stamps) -> Result<Aligned, 
 }
 
 /// Returns a pose in the world of one in the root of the mapping's poses.
-fn in_world(mapping: &Mapping, pose: Isometry3<f64>) -> Isometry3<f64> {
+pub(crate) fn in_world(mapping: &Mapping, pose: Isometry3<f64>) -> Isometry3<f64> {
     match mapping.hand.base {
         Some(_) => Isometry::<HandBase, World>::untyped(world_from_base()) * pose,
         None => pose,
