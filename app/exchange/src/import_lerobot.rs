@@ -44,7 +44,8 @@ pub fn import_lerobot(
         Some(file) => Mapping::read(file)?,
         None if extras.join(MAPPING_FILE).exists() => Mapping::read(&extras.join(MAPPING_FILE))?,
         None => {
-            let words = format!("it has no episode {episode} that this program wrote; name the columns with --mapping FILE");
+            let words =
+                format!("it has no episode {episode} that this program wrote; name the columns with --mapping FILE");
             return Err(Defect::Words(words).of(source));
         }
     };
@@ -66,8 +67,9 @@ struct Place {
 
 impl DataSet {
     fn open(folder: &Path) -> Result<Self, Defect> {
-        let text = mvt_files::input::read_text(&folder.join("meta/info.json"), LARGEST)
-            .map_err(|error| format!("meta/info.json cannot be read: {error}; give the folder of a data set of LeRobot"))?;
+        let text = mvt_files::input::read_text(&folder.join("meta/info.json"), LARGEST).map_err(|error| {
+            format!("meta/info.json cannot be read: {error}; give the folder of a data set of LeRobot")
+        })?;
         let info: Value = serde_json::from_str(&text).map_err(|error| format!("meta/info.json is invalid: {error}"))?;
         let version = info.get("codebase_version").and_then(Value::as_str).unwrap_or("unknown");
         if !version.starts_with("v3.") {
@@ -118,9 +120,9 @@ impl DataSet {
         let column = &mapping.hand.joints;
         let feature = self.feature(column)?;
         // Names are a list, or lists under names of their own.
-        let names = feature.get("names").map_or(&Value::Null, |names| {
-            names.as_object().and_then(|groups| groups.values().next()).unwrap_or(names)
-        });
+        let names = feature
+            .get("names")
+            .map_or(&Value::Null, |names| names.as_object().and_then(|groups| groups.values().next()).unwrap_or(names));
         let names: Vec<&str> = names.as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         let place = |name: &String| names.iter().position(|known| known == name);
         if let Some(order) = mapping.hand.names.iter().map(place).collect::<Option<Vec<_>>>() {
@@ -136,12 +138,15 @@ impl DataSet {
 
     fn feature(&self, column: &str) -> Result<&Value, String> {
         let features = self.info.get("features").and_then(Value::as_object);
-        let known = || features.map(|all| all.keys().take(40).cloned().collect::<Vec<_>>().join(", ")).unwrap_or_default();
+        let known =
+            || features.map(|all| all.keys().take(40).cloned().collect::<Vec<_>>().join(", ")).unwrap_or_default();
         let feature = features
             .and_then(|all| all.get(column))
             .ok_or_else(|| format!("it has no column {column:?}; its columns are {}", known()))?;
         if feature.get("dtype").and_then(Value::as_str) == Some("video") {
-            return Err(format!("{column} is a video, which cannot be imported; convert it to images with LeRobot first"));
+            return Err(format!(
+                "{column} is a video, which cannot be imported; convert it to images with LeRobot first"
+            ));
         }
         Ok(feature)
     }
@@ -189,7 +194,10 @@ impl DataSet {
             }
             let frame = log.joints.len();
             let named = |column: &str, defect: &str| Defect::Words(format!("{column}: frame {frame}: {defect}"));
-            log.joints.push(angles(at(2), &order).ok_or_else(|| named(&mapping.hand.joints, "it has not a finite number for each joint"))?);
+            log.joints.push(
+                angles(at(2), &order)
+                    .ok_or_else(|| named(&mapping.hand.joints, "it has not a finite number for each joint"))?,
+            );
             let time = match time_at {
                 None => Some(number as f64 / self.fps),
                 Some(place) => at(place).and_then(number_of).filter(|time| time.is_finite()),
@@ -203,7 +211,9 @@ impl DataSet {
                 None => None,
                 Some(cell) => Some(Isometry::new(in_world(
                     mapping,
-                    pose(cell).ok_or_else(|| named("the object's pose", "it is not x, y, z and a quaternion w, x, y, z of length 1"))?,
+                    pose(cell).ok_or_else(|| {
+                        named("the object's pose", "it is not x, y, z and a quaternion w, x, y, z of length 1")
+                    })?,
                 ))),
             });
             for (&(column, image), cell) in images.0.iter().zip(cells.drain(first_image..)) {
@@ -250,20 +260,31 @@ impl DataSet {
         let scene = read(SCENE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
         // That of another mapping is not this log's.
         let scene = scene.filter(|scene: &SceneFile| {
-            scene.hand == mapping.hand.side && scene.cameras.iter().eq(mapping.cameras.iter().map(|camera| &camera.name))
+            scene.hand == mapping.hand.side
+                && scene.cameras.iter().eq(mapping.cameras.iter().map(|camera| &camera.name))
         });
         let object_name = mapping.object.name.clone().unwrap_or_else(|| "object".to_owned());
         let names = mapping.cameras.iter().map(|camera| camera.name.as_str());
         let record = read(RECORD_FILE).filter(|record| agrees(record, &times_s, &joints, names));
-        let mut notes = vec!["labels and true touch depth are not part of a data set: `run` labels pixels itself".to_owned()];
+        let mut notes =
+            vec!["labels and true touch depth are not part of a data set: `run` labels pixels itself".to_owned()];
         for finger in Finger::ALL.into_iter().filter(|finger| mapping.touch.of(*finger).is_none()) {
             notes.push(format!("finger {} has no touch images: it is used without touch", finger.name()));
         }
         let unknown = poses.iter().filter(|pose| pose.is_none()).count();
         if unknown > 0 {
-            notes.push(format!("the true pose of the object is unknown in {unknown} of {frames} frames: they have no scores"));
+            notes.push(format!(
+                "the true pose of the object is unknown in {unknown} of {frames} frames: they have no scores"
+            ));
         }
-        writer.finish(Timeline { object_name, side: mapping.hand.side, times_s, joints, object_poses: poses, scene })?;
+        writer.finish(Timeline {
+            object_name,
+            side: mapping.hand.side,
+            times_s,
+            joints,
+            object_poses: poses,
+            scene,
+        })?;
         if let Some(record) = record {
             put(&record, out).map_err(|error| format!("cannot write {}: {error}", out.display()))?;
         }
@@ -304,13 +325,15 @@ impl<'a> Columns<'a> {
         for (k, camera) in mapping.cameras.iter().enumerate() {
             columns.push((camera.depth.as_str(), Kind::Depth(k)));
             let files = [(&camera.colours, LogImage::Colours(k)), (&camera.labels, LogImage::Labels(k))];
-            columns.extend(files.into_iter().filter_map(|(column, image)| Some((column.as_deref()?, Kind::File(image)))));
+            columns
+                .extend(files.into_iter().filter_map(|(column, image)| Some((column.as_deref()?, Kind::File(image)))));
         }
         for finger in Finger::ALL {
             let Some(touch) = mapping.touch.of(finger) else { continue };
             columns.push((&touch.image, Kind::File(LogImage::Touch(finger))));
             let truth = [(&touch.depth, LogImage::TouchDepth(finger)), (&touch.contact, LogImage::Contact(finger))];
-            columns.extend(truth.into_iter().filter_map(|(column, image)| Some((column.as_deref()?, Kind::File(image)))));
+            columns
+                .extend(truth.into_iter().filter_map(|(column, image)| Some((column.as_deref()?, Kind::File(image)))));
         }
         Self(columns)
     }
@@ -320,7 +343,8 @@ impl<'a> Columns<'a> {
 fn cameras(mapping: &Mapping) -> Result<(Vec<LogCamera>, Vec<(f64, usize)>), String> {
     let one = |camera: &CameraMapping| {
         let CameraMapping { name, intrinsics, pose, depth_unit_m, .. } = camera;
-        let (Some(intrinsics), Some(pose)) = (intrinsics.map(PinholeMapping::intrinsics), pose.and_then(PoseMapping::isometry))
+        let (Some(intrinsics), Some(pose)) =
+            (intrinsics.map(PinholeMapping::intrinsics), pose.and_then(PoseMapping::isometry))
         else {
             return Err(format!("camera {name}: give intrinsics and pose in the mapping; a data set has none"));
         };

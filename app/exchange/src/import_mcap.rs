@@ -80,6 +80,9 @@ fn import(
         Some(mapping) => mapping,
         None => Mapping::of_our_export(topics(source)?.iter().map(String::as_str)),
     };
+    if mapping.hand.time.is_some() {
+        return Err("hand.time is for data sets; messages have times of their own: remove it".to_owned().into());
+    }
     let survey = survey(source, &mapping)?;
     let mut plan = Plan::new(&mapping, &survey)?;
     let scene = scene(&survey, &mapping)?;

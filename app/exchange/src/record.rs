@@ -44,7 +44,8 @@ pub(crate) fn agrees<'a>(
     });
     let state = value.get("allegro").and_then(|allegro| allegro.get("joint_state"));
     let has_joints = numbers(state).is_some_and(|state| {
-        state.len() == JOINTS * joints.len() && state.iter().zip(joints.iter().flatten()).all(|(a, b)| (a - b).abs() < SAME_RAD)
+        state.len() == JOINTS * joints.len()
+            && state.iter().zip(joints.iter().flatten()).all(|(a, b)| (a - b).abs() < SAME_RAD)
     });
     let places = value.get("realsense");
     has_times && has_joints && cameras.all(|name| places.is_some_and(|places| places.get(name).is_some()))

@@ -30,14 +30,15 @@ pub(crate) fn read_rows<E: From<String>>(
     let file = mvt_files::input::open(path).map_err(|error| words(&error))?;
     check_footer(&file).map_err(|error| words(&error))?;
     // The crate checks most of what it reads. The rest ends here.
-    let guarded = |error| words(&match error {
-        Some(error) => error,
-        None => "it is damaged".to_owned(),
-    });
+    let guarded = |error| {
+        words(&match error {
+            Some(error) => error,
+            None => "it is damaged".to_owned(),
+        })
+    };
     let reader = guard(|| SerializedFileReader::new(file)).map_err(guarded)?;
     let schema = reader.metadata().file_metadata().schema();
-    let wanted: Vec<_> =
-        schema.get_fields().iter().filter(|field| columns.contains(&field.name())).cloned().collect();
+    let wanted: Vec<_> = schema.get_fields().iter().filter(|field| columns.contains(&field.name())).cloned().collect();
     let projection = Type::group_type_builder("schema").with_fields(wanted).build().map_err(|error| words(&error))?;
     let mut rows = guard(|| reader.get_row_iter(Some(projection))).map_err(guarded)?.with_batch_size(BATCH);
     loop {

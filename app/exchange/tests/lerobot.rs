@@ -98,7 +98,8 @@ fn joints_and_columns_are_those_of_the_mapping() {
     assert!(imported.notes.iter().any(|note| note.contains("finger ring has no touch images")), "{imported:?}");
     let (before, after) = (Log::open(&place.path("log")).unwrap(), Log::open_tolerant(&place.path("other")).unwrap());
     for k in 0..FRAMES {
-        let expected: Vec<f64> = before.joints()[(k + 1).min(FRAMES - 1)].iter().rev().map(|&a| f64::from(a as f32)).collect();
+        let expected: Vec<f64> =
+            before.joints()[(k + 1).min(FRAMES - 1)].iter().rev().map(|&a| f64::from(a as f32)).collect();
         assert_eq!(after.joints()[k].to_vec(), expected);
         assert!((after.times_s()[k] - k as f64 / 30.0).abs() < 1e-9);
         assert_eq!(after.object_poses()[k], None);
@@ -139,7 +140,10 @@ fn what_is_no_data_set_is_refused_with_the_reason() {
         assert!(error.contains(said), "{said}: {error}");
         place.change(file, |_| before);
     }
-    for (file, said) in [("data/chunk-000/file-000.parquet", "file-000.parquet"), ("meta/episodes/chunk-000/file-000.parquet", "it is no Parquet file")] {
+    for (file, said) in [
+        ("data/chunk-000/file-000.parquet", "file-000.parquet"),
+        ("meta/episodes/chunk-000/file-000.parquet", "it is no Parquet file"),
+    ] {
         for length in [0, 3, 40] {
             let before = place.change(file, |bytes| bytes[..bytes.len() * length / 50].to_vec());
             let error = place.refused(None);
