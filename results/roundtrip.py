@@ -35,7 +35,7 @@ def main():
         log = next((place / "set").glob("*/00"))
         run("export", "mcap", log, "--out", place / "log.mcap")
         run("import", place / "log.mcap", "--out", place / "mcap")
-        run("export", "lerobot", log, "--out", place / "lerobot-set")
+        run("export", "lerobot", log, "--exact-depth", "--out", place / "lerobot-set")
         run("import", place / "lerobot-set", "--out", place / "lerobot")
         row = {"object": name}
         for kind, folder in (("original", log), ("mcap", place / "mcap"), ("lerobot", place / "lerobot")):

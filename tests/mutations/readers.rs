@@ -139,8 +139,13 @@ fn mcap() {
 fn lerobot() {
     let folder = tempfile::tempdir().unwrap();
     let set = folder.path().join("set");
-    mvt_exchange::export_lerobot(&[write_log(folder.path())], &set, || ()).unwrap();
-    let names = ["data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet", "meta/info.json"];
+    mvt_exchange::export_lerobot(&[write_log(folder.path())], &set, true, || ()).unwrap();
+    let names = [
+        "data/chunk-000/file-000.parquet",
+        "meta/episodes/chunk-000/file-000.parquet",
+        "meta/info.json",
+        "meta/mambavitact/episode-000000/depth-0.npz",
+    ];
     let files = Files { folder: set.clone(), names: names.to_vec() };
     let out = folder.path().join("out");
     check("lerobot", &files.originals(), |k, bytes| {

@@ -27,6 +27,21 @@ pub(crate) fn files(log: &Log, has_poses: bool) -> Result<Vec<(&'static str, Vec
     Ok(files)
 }
 
+/// Returns the name of the exact depth of a camera, by its number.
+pub(crate) fn depth_file(camera: usize) -> String {
+    format!("depth-{camera}.npz")
+}
+
+/// Returns the files with exact depth: their names, and those in the log. None for a compact log, or if a lens distorts.
+pub(crate) fn depths(log: &Log) -> Vec<(String, PathBuf)> {
+    if record_of(log).is_none() {
+        return Vec::new();
+    }
+    let source = |name: &str| log.folder().join("realsense").join(name).join("depth.npz");
+    let all = log.cameras().iter().enumerate().map(|(k, camera)| (depth_file(k), source(&camera.name)));
+    all.filter(|(_, source)| source.is_file()).collect()
+}
+
 /// Returns the mapping with which the episode becomes the log again.
 fn mapping(log: &Log, has_poses: bool) -> String {
     let quoted = |text: &str| toml::Value::from(text).to_string();

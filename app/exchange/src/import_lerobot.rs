@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use mvt_feelsight::npz::NpzReader;
 use mvt_feelsight::{LogAssembler, LogCamera, LogImage, SCENE_FILE, SceneFile, Timeline};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry, Object, World};
@@ -40,16 +41,16 @@ pub fn import_lerobot(
 ) -> Result<Imported, ExchangeError> {
     let extras = source.join(extras::folder(episode));
     let set = DataSet::open(source).map_err(|defect| defect.of(source))?;
-    let mapping = match mapping {
-        Some(file) => Mapping::read(file)?,
-        None if extras.join(MAPPING_FILE).exists() => Mapping::read(&extras.join(MAPPING_FILE))?,
+    let (mapping, extras) = match mapping {
+        Some(file) => (Mapping::read(file)?, None),
+        None if extras.join(MAPPING_FILE).exists() => (Mapping::read(&extras.join(MAPPING_FILE))?, Some(extras)),
         None => {
             let words =
                 format!("it has no episode {episode} that this program wrote; name the columns with --mapping FILE");
             return Err(Defect::Words(words).of(source));
         }
     };
-    set.import(episode, &mapping, &extras, out, &mut progress).map_err(|defect| defect.of(source))
+    set.import(episode, &mapping, extras.as_deref(), out, &mut progress).map_err(|defect| defect.of(source))
 }
 
 /// Description of a data set.
@@ -155,7 +156,7 @@ impl DataSet {
         &self,
         episode: usize,
         mapping: &Mapping,
-        extras: &Path,
+        extras: Option<&Path>,
         out: &Path,
         progress: &mut impl FnMut(usize, usize),
     ) -> Result<Imported, Defect> {
@@ -182,6 +183,7 @@ impl DataSet {
 
         let (cameras, sizes) = cameras(mapping)?;
         let mut writer = LogAssembler::create(out, cameras)?;
+        let mut exact = exact_depths(extras, sizes.len())?;
         let mut log = Rows::default();
         read_rows(&file, &names, &mut |mut cells| -> Result<bool, Defect> {
             let at = |place: usize| cells.get(place).and_then(Option::as_ref);
@@ -222,7 +224,10 @@ impl DataSet {
                 match image {
                     Kind::Depth(k) => {
                         let (unit_m, size) = sizes.get(k).copied().unwrap_or_default();
-                        let depth_m = depth_of(&picture, unit_m, size).map_err(|defect| named(column, &defect))?;
+                        let depth_m = match exact.get_mut(k).and_then(Option::as_mut) {
+                            Some(reader) => next_depth(reader, size).map_err(|d| named(&extras::depth_file(k), &d))?,
+                            None => depth_of(&picture, unit_m, size).map_err(|defect| named(column, &defect))?,
+                        };
                         writer.push_depth(k, &depth_m)?;
                     }
                     Kind::File(image) => {
@@ -248,7 +253,7 @@ impl DataSet {
     fn finish(
         &self,
         mapping: &Mapping,
-        extras: &Path,
+        extras: Option<&Path>,
         out: &Path,
         log: Rows,
         writer: LogAssembler,
@@ -256,13 +261,11 @@ impl DataSet {
     ) -> Result<Imported, Defect> {
         let Rows { times_s, joints, poses } = log;
         let frames = joints.len();
-        let read = |name: &str| mvt_files::input::read(&extras.join(name), LARGEST).ok();
-        let scene = read(SCENE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        // That of another mapping is not this log's.
-        let scene = scene.filter(|scene: &SceneFile| {
-            scene.hand == mapping.hand.side
-                && scene.cameras.iter().eq(mapping.cameras.iter().map(|camera| &camera.name))
-        });
+        let read = |name: &str| mvt_files::input::read(&extras?.join(name), LARGEST).ok();
+        let scene: Option<SceneFile> = read(SCENE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        // Damage may have changed it.
+        let cameras = || mapping.cameras.iter().map(|camera| &camera.name);
+        let scene = scene.filter(|scene| scene.hand == mapping.hand.side && scene.cameras.iter().eq(cameras()));
         let object_name = mapping.object.name.clone().unwrap_or_else(|| "object".to_owned());
         let names = mapping.cameras.iter().map(|camera| camera.name.as_str());
         let record = read(RECORD_FILE).filter(|record| agrees(record, &times_s, &joints, names));
@@ -299,6 +302,24 @@ impl DataSet {
         let columns = std::iter::once(mapping.hand.joints.as_str()).chain(images.0.iter().map(|(column, _)| *column));
         Ok(Imported { frames, channels: columns.map(channel).collect(), notes })
     }
+}
+
+/// Opens the exact depths of the cameras that have them.
+fn exact_depths(extras: Option<&Path>, cameras: usize) -> Result<Vec<Option<NpzReader>>, String> {
+    let open = |camera| {
+        let name = extras::depth_file(camera);
+        let path = extras.map(|folder| folder.join(&name)).filter(|path| path.exists());
+        path.map(|path| NpzReader::open(&path).map_err(|error| format!("{name}: {error}"))).transpose()
+    };
+    (0..cameras).map(open).collect()
+}
+
+/// Returns the next depth image, of so many pixels.
+fn next_depth(reader: &mut NpzReader, pixels: usize) -> Result<Vec<f32>, String> {
+    let depth = reader.read().map_err(|error| error.to_string())?.filter(|depth| depth.len() == pixels);
+    // The log has its camera's z, which is negative in front of it.
+    let depth = depth.ok_or("it has too few images, or images of another size")?;
+    Ok(depth.into_iter().map(f32::abs).collect())
 }
 
 /// Parts of an episode that are kept until its end.
