@@ -45,6 +45,9 @@ pub struct LerobotArguments {
     /// Folder for the data set, which must not exist or be empty
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Keep depth to the bit for `import`, beside the tables; twice the space
+    #[arg(long)]
+    exact_depth: bool,
 }
 
 /// Runs the command.
@@ -66,9 +69,9 @@ fn mcap(arguments: &McapArguments) -> Result<()> {
     print_line(&format!("{frames} frames in {channels} channels, {megabytes:.1} MB in {}", out.display()))
 }
 
-fn lerobot(LerobotArguments { logs, out }: &LerobotArguments) -> Result<()> {
+fn lerobot(LerobotArguments { logs, out, exact_depth }: &LerobotArguments) -> Result<()> {
     let bar = mvt_run::progress::bar(0, "exporting frames");
-    let exported = mvt_exchange::export_lerobot(logs, out, || {
+    let exported = mvt_exchange::export_lerobot(logs, out, *exact_depth, || {
         bar.inc_length(1);
         bar.inc(1);
     })?;

@@ -31,6 +31,7 @@ from ._native import (  # noqa: E402
     render_touch,
     score,
     score_poses,
+    segment,
     version,
 )
 from .errors import ArgumentError, Error, FileError, InternalError  # noqa: E402
@@ -59,4 +60,5 @@ __all__ = [
     "render_touch",
     "score",
     "score_poses",
+    "segment",
 ]

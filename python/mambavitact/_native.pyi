@@ -27,6 +27,7 @@ __all__ = [
     "render_touch",
     "score",
     "score_poses",
+    "segment",
     "version",
 ]
 
@@ -294,6 +295,8 @@ def score(mesh: _MeshLike, truth: str, object_from_mesh: ArrayLike | None = None
 def score_poses(
     poses: ArrayLike, true_poses: ArrayLike, truth: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+def segment(camera: Camera, depth_m: ArrayLike, joints: ArrayLike, side: str = "left") -> NDArray[np.uint8]: ...
 
 @final
 class Environments:

@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, matrix, shaped};
 use crate::camera::{Camera, around, read_side, side_name};
-use crate::errors::{Failure, Kind, argument, check_duration, detached, general};
+use crate::errors::{Failure, argument, check_camera_noise, check_duration, detached, general};
 use crate::frame::{Frame, read_joints};
 
 /// State of an episode, which `Episode.restore` takes.
@@ -101,9 +101,7 @@ impl Episode {
         let side = read_side(side)?;
         let cameras = around(cameras, side)?;
         check_duration(duration_s)?;
-        if !(0.0..=100.0).contains(&camera_noise) {
-            return Err(Kind::Argument.error(format!("camera_noise: expected 0 to 100, got {camera_noise}")).into());
-        }
+        check_camera_noise(camera_noise)?;
         detached(py, || {
             let object = load_object(object).map_err(argument)?;
             let (gait_name, gait) = gait::choose(gait, &object).map_err(argument)?;

@@ -83,6 +83,14 @@ pub fn detached<T: Send>(py: Python<'_>, call: impl FnOnce() -> Result<T, Failur
     Ok(result?)
 }
 
+/// Checks a multiple of Redwood's depth noise.
+pub fn check_camera_noise(camera_noise: f64) -> PyResult<()> {
+    if (0.0..=100.0).contains(&camera_noise) {
+        return Ok(());
+    }
+    Err(Kind::Argument.error(format!("camera_noise: expected 0 to 100, got {camera_noise}")).into())
+}
+
 /// Checks the longest duration of an episode.
 pub fn check_duration(duration_s: f64) -> PyResult<()> {
     if duration_s > 0.0 && duration_s <= 3600.0 {

@@ -17,6 +17,7 @@ mod log;
 mod mesh;
 mod recording;
 mod score;
+mod segment;
 mod slam;
 mod touch;
 
@@ -51,6 +52,8 @@ mod _native {
     use super::recording::{Recording, RecordingFrame};
     #[pymodule_export]
     use super::score::{score, score_poses};
+    #[pymodule_export]
+    use super::segment::segment;
     #[pymodule_export]
     use super::slam::{Estimate, Slam};
     #[pymodule_export]

@@ -18,7 +18,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, shaped};
 use crate::camera::{Camera, around, read_side, side_name};
-use crate::errors::{Kind, argument, check_duration, detached, file};
+use crate::errors::{Kind, argument, check_camera_noise, check_duration, detached, file};
 use crate::frame::Frame;
 
 /// FeelSight log of an episode: of this program, or published. A sequence of frames; iterating reads it once from beginning to end, which is
@@ -185,6 +185,7 @@ pub fn record_log(
     let side = read_side(side)?;
     let cameras = around(cameras, side)?;
     check_duration(duration_s)?;
+    check_camera_noise(camera_noise)?;
     let settings = Settings {
         controller: gait.to_owned(),
         side,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import OBJECT, run, run_json
 
-from mambavitact import ArgumentError, Episode, Log
+from mambavitact import ArgumentError, Episode, Log, record_log
 
 
 def test_a_gait_plays_the_episode_of_simulate() -> None:
@@ -80,6 +80,13 @@ def test_a_log_from_python_is_that_of_generate(log: Log, tmp_path: Path) -> None
     assert len(files) > 100
     ours = Path(log.folder)
     assert all((ours / file).read_bytes() == (other / file).read_bytes() for file in files)
+
+
+@pytest.mark.parametrize("camera_noise", [-1.0, float("nan"), 101.0])
+def test_a_log_with_impossible_noise_is_refused(tmp_path: Path, camera_noise: float) -> None:
+    with pytest.raises(ArgumentError, match="camera_noise: expected 0 to 100"):
+        record_log(tmp_path / "log", OBJECT, camera_noise=camera_noise)
+    assert not (tmp_path / "log").exists()
 
 
 def test_frames_by_index_are_those_in_order(log: Log) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 import pytest
 from conftest import run
@@ -79,3 +80,37 @@ def test_episodes_tasks_and_statistics(exported: tuple[list[Log], Path]) -> None
         assert np.allclose(state[key], expected, atol=1e-9), key
     assert state["count"] == [len(joints)]
     assert np.shape(statistics["observation.images.touch_ring"]["mean"]) == (3, 1, 1)
+
+
+def test_a_data_set_of_another_writer_is_imported(exported: tuple[list[Log], Path], tmp_path: Path) -> None:
+    logs, folder = exported
+    log, camera = logs[1], logs[1].cameras[0]
+    # As LeRobot's own recorder writes: both episodes in a file, compressed, with dictionaries, in groups, and columns of other names.
+    tables = [pq.read_table(folder / f"data/chunk-000/file-{k:03d}.parquet") for k in range(2)]
+    table = pa.concat_tables(tables)
+    names = {"observation.state": "joints", f"observation.images.{camera.name}": "rgb", f"observation.images.{camera.name}_depth": "depth"}
+    table = table.rename_columns([names.get(name, name) for name in table.column_names])
+    info = json.loads((folder / "meta/info.json").read_text())
+    info["features"] = {names.get(name, name): feature for name, feature in info["features"].items()}
+    other = tmp_path / "other"
+    (other / "data/chunk-000").mkdir(parents=True)
+    (other / "meta/episodes/chunk-000").mkdir(parents=True)
+    pq.write_table(table, other / "data/chunk-000/file-000.parquet", compression="snappy", row_group_size=7, data_page_version="2.0")
+    episodes = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet")
+    place = episodes.column_names.index("data/file_index")
+    episodes = episodes.set_column(place, "data/file_index", pa.array([0, 0]))
+    pq.write_table(episodes, other / "meta/episodes/chunk-000/file-000.parquet")
+    (other / "meta/info.json").write_text(json.dumps(info))
+    mapping = (folder / "meta/mambavitact/episode-000001/mapping.toml").read_text()
+    for name, new in names.items():
+        mapping = mapping.replace(f'"{name}"', f'"{new}"')
+    (tmp_path / "mapping.toml").write_text(mapping)
+    run("import", other, "--episode", "1", "--mapping", tmp_path / "mapping.toml", "--out", tmp_path / "log")
+    found = Log(tmp_path / "log")
+    assert found.side == log.side and np.array_equal(found.times_s, log.times_s)
+    assert np.abs(found.joints - log.joints).max() < 1e-6
+    assert np.abs(found.object_poses - log.object_poses).max() < 1e-9
+    for a, b in zip(found, log, strict=True):
+        assert np.abs(a.depth_m[0] - b.depth_m[0]).max() < 0.6e-4
+        assert np.array_equal(a.color[0], b.color[0])
+        assert a.touch_images is not None and b.touch_images is not None and np.array_equal(a.touch_images, b.touch_images)

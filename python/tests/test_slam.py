@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import OBJECT, run, run_json
+from PIL import Image
 
-from mambavitact import ArgumentError, Camera, Episode, FileError, Frame, Log, Recording, Slam, TouchNetwork, score, score_poses
+from mambavitact import ArgumentError, Camera, Episode, FileError, Frame, Log, Recording, Slam, TouchNetwork, score, score_poses, segment
 
 # Cheap settings, the same for the command and for Python.
 SETTINGS = {"camera_noise": 0, "calibration.refine": False, "slam.map.first_steps": 30}
@@ -108,6 +109,18 @@ def test_a_recording_is_read(log: Log, folder: Path) -> None:
         recording.images(30)
     with pytest.raises(FileError, match="no recording"):
         Recording(folder.parent)
+
+
+def test_labels_are_the_true_ones_but_for_edges(log: Log) -> None:
+    camera, frame = log.cameras[0], log[5]
+    with Image.open(log.folder / "realsense" / camera.name / "seg" / "5.jpg") as image:
+        true = np.asarray(image)
+    labels = segment(camera, frame.depth_m[0], frame.joints, log.side)
+    assert labels.shape == true.shape and set(np.unique(labels)) == {0, 64, 127, 255}
+    assert (labels == 255).sum() > 0.7 * (true > 191).sum()
+    assert (true[labels == 255] > 191).mean() > 0.99
+    with pytest.raises(ArgumentError, match=r"depth_m: expected an array of dtype float32 and shape \(480, 640\)"):
+        segment(camera, frame.depth_m[0][1:], frame.joints)
 
 
 def test_touch_alone_and_the_network_serve(log: Log) -> None:

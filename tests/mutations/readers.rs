@@ -134,6 +134,32 @@ fn mcap() {
     });
 }
 
+/// An import of an exported data set, with damage in each of its tables and in info.json.
+#[test]
+fn lerobot() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = folder.path().join("set");
+    mvt_exchange::export_lerobot(&[write_log(folder.path())], &set, true, || ()).unwrap();
+    let names = [
+        "data/chunk-000/file-000.parquet",
+        "meta/episodes/chunk-000/file-000.parquet",
+        "meta/info.json",
+        "meta/mambavitact/episode-000000/depth-0.npz",
+    ];
+    let files = Files { folder: set.clone(), names: names.to_vec() };
+    let out = folder.path().join("out");
+    check("lerobot", &files.originals(), |k, bytes| {
+        files.with(k, bytes, |_| {
+            let imported = mvt_exchange::import_lerobot(&set, 0, None, &out, |_, _| ()).is_ok();
+            assert_eq!(out.is_dir(), imported);
+            if imported {
+                fs::remove_dir_all(&out).unwrap();
+            }
+            imported
+        })
+    });
+}
+
 #[test]
 fn mapping() {
     let folder = tempfile::tempdir().unwrap();

@@ -38,7 +38,7 @@ const LAYERS: [(&str, &[&str]); 7] = [
 ];
 /// Packages in Cargo.lock beyond one version of each. Lower it when it falls; raise it only with a reason in the commit. Most come from
 /// the windows of other platforms, from burn (feature `cuda`), and from cmaes, which tunes gaits.
-const EXTRA_VERSIONS: usize = 66;
+const EXTRA_VERSIONS: usize = 67;
 
 /// A crate of the workspace or from elsewhere.
 #[derive(Debug, Default)]

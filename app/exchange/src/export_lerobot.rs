@@ -14,6 +14,7 @@ use mvt_robot::ndarray::Array2;
 use serde_json::{Value, json};
 
 use crate::error::ExchangeError;
+use crate::extras;
 use crate::parquet::{Cells, Column, Parquet};
 use crate::statistics::Statistics;
 
@@ -47,12 +48,15 @@ pub struct ExportedDataSet {
 /// | `observation.object_pose` | x, y, z in metres and quaternion w, x, y, z in the world; only if every frame has it |
 /// | `observation.time_s` | time of the log, seconds; `timestamp` is frame_index by fps |
 ///
+/// With `exact_depth` the depth files of the logs are copied beside the tables, so that an import has depth to the bit. Compact logs need none.
+///
 /// # Errors
 /// [`ExchangeError`] if a log cannot be read, the logs have other cameras or rates, or a file cannot be written. `meta/info.json`, without which
 /// no data set can be loaded, is written last.
 pub fn export_lerobot(
     logs: &[PathBuf],
     out: &Path,
+    exact_depth: bool,
     mut advance: impl FnMut(),
 ) -> Result<ExportedDataSet, ExchangeError> {
     let is_vacant = fs::read_dir(out).map_or(true, |mut entries| entries.next().is_none());
@@ -61,8 +65,15 @@ pub fn export_lerobot(
     }
     let opened = logs.iter().map(|path| Log::open(path)).collect::<Result<Vec<_>, _>>()?;
     let layout = Layout::of(&opened)?;
-    let mut set =
-        DataSet { out, layout, statistics: BTreeMap::new(), frames: 0, episodes: Vec::new(), tasks: Vec::new() };
+    let mut set = DataSet {
+        out,
+        layout,
+        exact_depth,
+        statistics: BTreeMap::new(),
+        frames: 0,
+        episodes: Vec::new(),
+        tasks: Vec::new(),
+    };
     for log in &opened {
         set.episode(log, &mut advance)?;
     }
@@ -158,6 +169,7 @@ struct Episode {
 struct DataSet<'a> {
     out: &'a Path,
     layout: Layout,
+    exact_depth: bool,
     statistics: BTreeMap<String, Statistics>,
     frames: usize,
     episodes: Vec<Episode>,
@@ -207,6 +219,16 @@ impl DataSet<'_> {
         }
         file.finish(&[]).map_err(io)?;
         partial.finish().map_err(io)?;
+        let extra = |name: &str| extras::folder(number).join(name).to_string_lossy().into_owned();
+        for (name, bytes) in extras::files(log, self.layout.has_poses)? {
+            self.write(&extra(name), |mut file| std::io::Write::write_all(&mut file, &bytes))?;
+        }
+        let depths = if self.exact_depth { extras::depths(log) } else { Vec::new() };
+        for (name, source) in depths {
+            self.write(&extra(&name), |mut file| {
+                std::io::copy(&mut mvt_files::input::open(&source)?, &mut file).map(drop)
+            })?;
+        }
         self.episodes.push(Episode { task, length: log.len(), from: self.frames });
         self.frames += log.len();
         Ok(())

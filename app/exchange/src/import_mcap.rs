@@ -80,6 +80,9 @@ fn import(
         Some(mapping) => mapping,
         None => Mapping::of_our_export(topics(source)?.iter().map(String::as_str)),
     };
+    if mapping.hand.time.is_some() {
+        return Err("hand.time is for data sets; messages have times of their own: remove it".to_owned().into());
+    }
     let survey = survey(source, &mapping)?;
     let mut plan = Plan::new(&mapping, &survey)?;
     let scene = scene(&survey, &mapping)?;
@@ -271,7 +274,7 @@ fn in_time(topic: &str, stamps: &Stamps, reference: &Stamps) -> Result<Aligned, 
 }
 
 /// Returns a pose in the world of one in the root of the mapping's poses.
-fn in_world(mapping: &Mapping, pose: Isometry3<f64>) -> Isometry3<f64> {
+pub(crate) fn in_world(mapping: &Mapping, pose: Isometry3<f64>) -> Isometry3<f64> {
     match mapping.hand.base {
         Some(_) => Isometry::<HandBase, World>::untyped(world_from_base()) * pose,
         None => pose,

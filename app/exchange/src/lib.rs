@@ -1,7 +1,7 @@
 //! Logs in formats that other programs read, and recordings of other programs as logs.
 //!
 //! [`export_mcap`] writes a log as one MCAP file with Foxglove's protobuf schemas, which Foxglove and rerun open. [`import_mcap`] turns such a
-//! file, ours or another's, into a log. The crate estimates and renders nothing.
+//! file, ours or another's, into a log. [`export_lerobot`] and [`import_lerobot`] do the same with data sets of LeRobot. The crate estimates and renders nothing.
 //!
 //! ```no_run
 //! let log = mvt_feelsight::Log::open("logs/cube70/00".as_ref())?;
@@ -16,6 +16,8 @@ mod clock;
 mod error;
 mod export_lerobot;
 mod export_mcap;
+mod extras;
+mod import_lerobot;
 mod import_mcap;
 mod mapping;
 mod messages;
@@ -27,10 +29,12 @@ mod record;
 mod schema;
 mod statistics;
 mod survey;
+mod table;
 mod writer;
 
 pub use error::ExchangeError;
 pub use export_lerobot::{ExportedDataSet, export_lerobot};
 pub use export_mcap::{Exported, export_mcap};
+pub use import_lerobot::import_lerobot;
 pub use import_mcap::{Imported, ImportedChannel, import_mcap};
 pub use mvt_feelsight;

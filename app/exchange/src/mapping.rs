@@ -31,6 +31,8 @@ pub(crate) struct HandMapping {
     pub side: Side,
     /// Topic of the joint angles.
     pub joints: String,
+    /// Column of the times in a data set, seconds; without it, the number of the frame by the data set's rate.
+    pub time: Option<String>,
     /// Names of the joints: index, middle, ring, thumb, each from the base to the tip.
     pub names: Vec<String>,
     /// Frame of the hand's base in the transforms. Without it poses are given in `world`.
@@ -45,6 +47,7 @@ impl Default for HandMapping {
         Self {
             side: Side::Left,
             joints: "/hand/joints".into(),
+            time: None,
             names: names.collect(),
             base: None,
             world: "world".into(),

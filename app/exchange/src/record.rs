@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mvt_feelsight::Log;
 use mvt_feelsight::pickle::{self, PickleValue};
-use mvt_robot::hand::JointAngles;
+use mvt_robot::hand::{JOINTS, JointAngles};
 
 /// Name of the file in a log.
 pub(crate) const RECORD_FILE: &str = "data.pkl";
@@ -13,6 +13,8 @@ pub(crate) const RECORD_FILE: &str = "data.pkl";
 const LARGEST: u64 = 256 << 20;
 /// Times that differ by less are the same, seconds.
 const SAME_S: f64 = 1e-9;
+/// Angles that differ by less are the same, radians: data sets have them in 32 bits.
+const SAME_RAD: f64 = 1e-6;
 
 /// Returns data.pkl of a log; `None` if a lens distorts, because images are exported without distortion.
 pub(crate) fn record_of(log: &Log) -> Option<Vec<u8>> {
@@ -41,7 +43,10 @@ pub(crate) fn agrees<'a>(
         times.len() == times_s.len() && times.iter().zip(times_s).all(|(a, b)| (a - b).abs() < SAME_S)
     });
     let state = value.get("allegro").and_then(|allegro| allegro.get("joint_state"));
-    let has_joints = numbers(state).is_some_and(|state| state.iter().eq(joints.iter().flatten()));
+    let has_joints = numbers(state).is_some_and(|state| {
+        state.len() == JOINTS * joints.len()
+            && state.iter().zip(joints.iter().flatten()).all(|(a, b)| (a - b).abs() < SAME_RAD)
+    });
     let places = value.get("realsense");
     has_times && has_joints && cameras.all(|name| places.is_some_and(|places| places.get(name).is_some()))
 }

@@ -1,0 +1,38 @@
+//! Labels of the pixels of a camera.
+
+use mvt_frames::depth::Label;
+use mvt_robot::hand::solid::HandSolid;
+use mvt_segmentation::SegmentationConfig;
+use numpy::{IntoPyArray as _, PyArray2};
+use pyo3::prelude::*;
+
+use crate::arrays::plane;
+use crate::camera::{Camera, read_side};
+use crate::errors::detached;
+use crate::frame::read_joints;
+
+/// Labels the pixels of a depth image as `Slam` does, from depth and joint angles alone: 0 background, 127 hand, 255 object, 64 unsure,
+/// which are pixels at the edge of the object. uint8 (height, width).
+///
+/// `depth_m` is metres along the optical axis, 0 where nothing was measured. `joints` are 16 angles, radians.
+#[pyfunction]
+#[pyo3(signature = (camera, depth_m, joints, side = "left"))]
+pub fn segment<'py>(
+    py: Python<'py>,
+    camera: PyRef<'py, Camera>,
+    depth_m: &Bound<'_, PyAny>,
+    joints: &Bound<'_, PyAny>,
+    side: &str,
+) -> PyResult<Bound<'py, PyArray2<u8>>> {
+    let camera = camera.0.clone();
+    let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
+    let depth_m = plane(depth_m, "depth_m", [Some(height), Some(width)])?;
+    let joints = read_joints(joints, "joints")?;
+    let side = read_side(side)?;
+    let labels = detached(py, || {
+        let hand = HandSolid::new(side, &joints);
+        let config = SegmentationConfig::default();
+        Ok(mvt_segmentation::segment(&depth_m, &camera.intrinsics, camera.pose, &hand, &config))
+    })?;
+    Ok(labels.mapv(Label::grey).into_pyarray(py))
+}
