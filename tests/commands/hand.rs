@@ -84,7 +84,7 @@ fn controllers_follow_one_another_on_a_schedule() {
 }
 
 #[test]
-fn an_object_that_would_fall_is_refused_unless_a_controller_is_named() {
+fn an_object_that_may_fall_is_refused_unless_a_controller_is_named() {
     let workplace = Workplace::new();
     // A pole of 210 mm.
     let corners = (0..8).map(|k| {
