@@ -84,7 +84,7 @@ fn controllers_follow_one_another_on_a_schedule() {
 }
 
 #[test]
-fn an_object_that_would_fall_is_refused_unless_a_controller_is_named() {
+fn an_object_that_may_fall_is_refused_unless_a_controller_is_named() {
     let workplace = Workplace::new();
     // A pole of 210 mm.
     let corners = (0..8).map(|k| {
@@ -92,10 +92,12 @@ fn an_object_that_would_fall_is_refused_unless_a_controller_is_named() {
     });
     let faces = ["1 5 7 3", "2 4 8 6", "1 2 6 5", "3 7 8 4", "1 3 4 2", "5 6 8 7"].map(|face| format!("f {face}\n"));
     workplace.write("pole.obj", corners.chain(faces).collect::<String>());
-    let error = workplace.run("simulate --object pole.obj --duration 0.2").error();
+    let error = workplace.run("simulate --object pole.obj --duration 0.2");
+    assert_eq!(error.code, Some(1));
+    let error = error.stderr;
     assert!(error.contains("too long: 210 mm, at most 195; the nearest object that fits is"), "{error}");
     assert!(error.contains("--controller shared"), "{error}");
-    workplace.run("simulate --object pole.obj --duration 0.2 --controller shared").good();
+    workplace.run("simulate --object pole.obj --duration 0.2 --controller shared").warned();
 }
 
 #[test]
@@ -112,7 +114,10 @@ fn a_survey_plays_only_what_its_file_lacks() {
     let both = std::fs::read_to_string(workplace.path("survey.jsonl")).unwrap();
     assert!(both.starts_with(&first) && both.lines().count() == 2, "{both}");
     let row: Value = serde_json::from_str(first.trim()).unwrap();
-    assert!(row["net_rad"][0][1].as_f64().unwrap() < -6.0 && row["shape"]["mass_g"] == 200.0, "{row}");
+    assert!(
+        row["net_rad"][0][1].as_f64().unwrap() < -6.0 && row["shape"]["mass_g"].as_f64().unwrap().round() == 200.0,
+        "{row}"
+    );
     workplace.write("survey.jsonl", "turned");
     assert!(workplace.run("hand survey --object cube70 --out survey.jsonl").error().contains("give another --out"));
 }

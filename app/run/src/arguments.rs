@@ -23,7 +23,7 @@ pub struct Subject {
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
     /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
-    /// object's shape; it refuses an object that is likely to fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the
+    /// object's shape; it refuses an object that may fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the
     /// palm is levelled and tilted anew, and the hand closes
     #[arg(long, alias = "gait", value_name = "NAME|FILE", default_value = "auto")]
     pub controller: String,
@@ -77,7 +77,7 @@ impl Manner {
     /// Chooses the controller for an object, and warns if the object does not have the size for which it was tuned.
     ///
     /// # Errors
-    /// If there is no such controller, or the choice is left to `auto` and the object is likely to fall.
+    /// If there is no such controller, or the choice is left to `auto` and the object may fall.
     pub fn choose(&self, object: &Object) -> Result<ChosenController> {
         let chosen = controller_file::choose_all(&self.controller, object, self.side())?;
         match &chosen.misfit {

@@ -211,7 +211,7 @@ pub struct ChosenController {
     pub schedule: Schedule,
     /// Why the object may fall; `None` if it has the size for which the controller was tuned, or suits `auto`.
     pub misfit: Option<String>,
-    /// `auto` expects the object to fall.
+    /// The choice was left to `auto`, and the object may fall.
     pub falls: bool,
 }
 

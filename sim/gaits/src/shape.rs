@@ -65,7 +65,7 @@ const TURNED: [(&str, [f64; 3]); 9] = [
 pub struct Unsuited {
     /// The reason, and the nearest object that fits.
     pub reason: String,
-    /// The object is likely to fall; otherwise it lies in the hand.
+    /// The object may fall; otherwise it lies in the hand.
     pub falls: bool,
     /// The object is smaller than the fingers can turn.
     pub is_small: bool,
