@@ -9,4 +9,4 @@ if [ ! -e "$out/venv/ready" ]; then
     "$out/venv/bin/pip" install --quiet --disable-pip-version-check lerobot==0.4.4 ./python
     touch "$out/venv/ready"
 fi
-"$out/venv/bin/python" python/benches/lerobot.py "$out"
+"$out/venv/bin/python" -P python/benches/lerobot.py "$out"

@@ -9,4 +9,4 @@ if [ ! -e "$out/venv/ready" ]; then
     "$out/venv/bin/pip" install --quiet --disable-pip-version-check rerun-sdk==0.41.0 mcap==1.6.0 mcap-protobuf-support ./python
     touch "$out/venv/ready"
 fi
-"$out/venv/bin/python" python/benches/rerun.py "$out"
+"$out/venv/bin/python" -P python/benches/rerun.py "$out"

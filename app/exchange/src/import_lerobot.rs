@@ -181,7 +181,7 @@ impl DataSet {
         let first_image = names.len();
         names.extend(images.0.iter().map(|(column, _)| *column));
 
-        let (cameras, sizes) = cameras(mapping)?;
+        let (cameras, sizes): (Vec<_>, Vec<_>) = cameras(mapping)?.into_iter().unzip();
         let mut writer = LogAssembler::create(out, cameras)?;
         let mut exact = exact_depths(extras, sizes.len())?;
         let mut log = Rows::default();
@@ -360,8 +360,8 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Returns the cameras of the log, and the unit of depth and the number of pixels of each.
-fn cameras(mapping: &Mapping) -> Result<(Vec<LogCamera>, Vec<(f64, usize)>), String> {
+/// Returns the cameras of the log, each with its unit of depth, metres, and its number of pixels.
+fn cameras(mapping: &Mapping) -> Result<Vec<(LogCamera, (f64, usize))>, String> {
     let one = |camera: &CameraMapping| {
         let CameraMapping { name, intrinsics, pose, depth_unit_m, .. } = camera;
         let (Some(intrinsics), Some(pose)) =
@@ -374,7 +374,7 @@ fn cameras(mapping: &Mapping) -> Result<(Vec<LogCamera>, Vec<(f64, usize)>), Str
         let camera = PosedCamera { name: name.clone(), intrinsics, pose };
         Ok((LogCamera { camera, distortion: None }, (*depth_unit_m, pixels)))
     };
-    Ok(mapping.cameras.iter().map(one).collect::<Result<Vec<_>, _>>()?.into_iter().unzip())
+    mapping.cameras.iter().map(one).collect()
 }
 
 /// Returns the Parquet files below a folder with folders, in the order of their names.
