@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use mvt_exchange::{Imported, import_lerobot, import_mcap};
+use mvt_exchange::{import_lerobot, import_mcap};
 use mvt_run::io::{print_line, shell_word};
 use mvt_run::progress;
 
@@ -54,20 +54,9 @@ pub fn run(arguments: &ImportArguments) -> Result<()> {
     if *json {
         return print_line(&serde_json::to_string(&imported)?);
     }
-    let Imported { frames, channels, notes } = imported;
-    for note in notes {
+    for note in &imported.notes {
         tracing::warn!("{note}");
     }
-    let widest = channels.iter().map(|channel| channel.topic.len()).max().unwrap_or(0);
-    print_line(&format!("{:widest$}  messages       Hz  offset ms  farthest ms  frames", "topic"))?;
-    for channel in channels {
-        let farthest = channel.farthest_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.1}"));
-        let count = channel.frames.map_or_else(|| "-".to_owned(), |count| count.to_string());
-        print_line(&format!(
-            "{:widest$}  {:8}  {:7.1}  {:9.1}  {farthest:>11}  {count:>6}",
-            channel.topic, channel.messages, channel.rate_hz, channel.offset_ms
-        ))?;
-    }
-    print_line(&format!("{frames} frames in {}", out.display()))?;
+    print_line(&format!("{imported} in {}", out.display()))?;
     print_line(&format!("next: `mambavitact run --log {}`", shell_word(&out.to_string_lossy())))
 }

@@ -360,8 +360,11 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Returns the cameras of the log, each with its unit of depth, metres, and its number of pixels.
-fn cameras(mapping: &Mapping) -> Result<Vec<(LogCamera, (f64, usize))>, String> {
+/// Unit of depth of a camera, metres, and its number of pixels.
+type DepthSize = (f64, usize);
+
+/// Returns the cameras of the log, each with unit and size of its depth.
+fn cameras(mapping: &Mapping) -> Result<Vec<(LogCamera, DepthSize)>, String> {
     let one = |camera: &CameraMapping| {
         let CameraMapping { name, intrinsics, pose, depth_unit_m, .. } = camera;
         let (Some(intrinsics), Some(pose)) =

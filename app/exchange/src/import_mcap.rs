@@ -1,6 +1,7 @@
 //! An MCAP file as a log.
 
 use std::collections::HashMap;
+use std::fmt;
 use std::path::Path;
 
 use mvt_feelsight::{LogAssembler, LogCamera, LogImage, SCENE_FILE, SceneFile, Timeline};
@@ -49,6 +50,20 @@ pub struct ImportedChannel {
     pub farthest_ms: Option<f64>,
     /// Frames that have a message of this channel; `None` if it is interpolated or constant.
     pub frames: Option<usize>,
+}
+
+impl fmt::Display for Imported {
+    /// Writes a table of the channels, and the number of frames.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let widest = self.channels.iter().map(|channel| channel.topic.len()).max().unwrap_or(0);
+        writeln!(f, "{:widest$}  messages       Hz  offset ms  farthest ms  frames", "topic")?;
+        for ImportedChannel { topic, messages, rate_hz, offset_ms, farthest_ms, frames } in &self.channels {
+            let farthest = farthest_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.1}"));
+            let count = frames.map_or_else(|| "-".to_owned(), |count| count.to_string());
+            writeln!(f, "{topic:widest$}  {messages:8}  {rate_hz:7.1}  {offset_ms:9.1}  {farthest:>11}  {count:>6}")?;
+        }
+        write!(f, "{} frames", self.frames)
+    }
 }
 
 /// Writes an MCAP file as a log in the folder `out`. Without a mapping file it must be an export of this program. `progress` receives the

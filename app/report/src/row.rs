@@ -315,7 +315,8 @@ mod tests {
             "add_s_mm":{"mean":null,"median":null,"p95":null,"final":null}}"#;
         let row = ReportRow::of_summary(nothing_seen).unwrap();
         assert_eq!((row.add_s, row.is_complete, row.lost_share()), (None, false, None));
-        let hidden = ReportRow::of_summary(&nothing_seen.replace(r#""frames":0"#, r#""frames":30,"hidden":0.25"#)).unwrap();
+        let hidden =
+            ReportRow::of_summary(&nothing_seen.replace(r#""frames":0"#, r#""frames":30,"hidden":0.25"#)).unwrap();
         assert_eq!((row.hidden, hidden.hidden), (None, Some(0.25)));
     }
 }
