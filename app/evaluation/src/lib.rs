@@ -22,8 +22,8 @@ use clap::{Args, value_parser};
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
-use mvt_gaits::controller_file;
-use mvt_gaits::gait::{self, Gait};
+use mvt_gaits::controller_file::{self, ChosenController};
+use mvt_gaits::gait;
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
@@ -84,8 +84,8 @@ pub struct EvaluateArguments {
     /// Longest duration of an episode in seconds, at most 3600
     #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
-    /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
-    /// object's shape
+    /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, a schedule such as
+    /// `tumble_back:8,cubelet:8`, or `auto` to choose by the object's shape
     #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
     controller: String,
     #[command(flatten)]
@@ -239,7 +239,7 @@ struct Episode<'a> {
     weights: Option<&'a Weights>,
     /// The touch sensors.
     touch: SensorProfile,
-    gait: &'a Gait,
+    controller: &'a ChosenController,
 }
 
 /// A run of an episode.
@@ -264,12 +264,15 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     check_repeated("--cameras", &arguments.cameras)?;
     check_repeated("--modes", &arguments.modes)?;
     check_repeated("--modalities", &arguments.modalities)?;
-    let load = |name: &String| -> Result<(String, Object, Gait)> {
+    let load = |name: &String| -> Result<(String, Object, ChosenController)> {
         let object = load_object(name)?;
-        let gait = controller_file::choose(&arguments.controller, &object, SIDE)?.gait;
-        Ok((name.clone(), object, gait))
+        let controller = controller_file::choose_all(&arguments.controller, &object, SIDE)?;
+        if let Some(misfit) = &controller.misfit {
+            tracing::warn!("{misfit}");
+        }
+        Ok((name.clone(), object, controller))
     };
-    let objects: Vec<(String, Object, Gait)> = arguments.objects.iter().map(load).collect::<Result<_>>()?;
+    let objects: Vec<(String, Object, ChosenController)> = arguments.objects.iter().map(load).collect::<Result<_>>()?;
     let _claimed = ClaimedFolder::claim(&arguments.out, "evaluate", Earlier::Keep, arguments.overwrite)?;
     let episodes: Vec<Episode<'_>> = objects
         .iter()
@@ -277,14 +280,14 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             let seeds = arguments.seed..arguments.seed + arguments.seeds;
             seeds.flat_map(move |seed| arguments.cameras.iter().map(move |cameras| (subject, seed, cameras)))
         })
-        .map(|((name, object, gait), seed, cameras)| Episode {
+        .map(|((name, object, controller), seed, cameras)| Episode {
             name,
             object,
             seed,
             cameras,
             weights: weights.as_ref(),
             touch,
-            gait,
+            controller,
         })
         .collect();
     // Faults and fields have narrow tables, which are printed whole.
@@ -457,8 +460,12 @@ fn key(
     if episode.touch != SensorProfile::tacto() {
         settings += &serde_json::json!(episode.touch).to_string();
     }
-    if !gait::choose("auto", episode.object).is_ok_and(|(_, suited)| suited == episode.gait) {
-        settings += &serde_json::json!(episode.gait).to_string();
+    let ChosenController { gait, schedule, .. } = episode.controller;
+    if !gait::choose("auto", episode.object).is_ok_and(|(_, suited)| suited == gait) {
+        settings += &serde_json::json!(gait).to_string();
+    }
+    if !schedule.is_empty() {
+        settings += &serde_json::json!(schedule).to_string();
     }
     if let Some(weights) = episode.weights {
         settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
@@ -485,8 +492,8 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
     let settings = LiveSettings {
         side: SIDE,
         touch: episode.touch,
-        gait: episode.gait.clone(),
-        schedule: Default::default(),
+        gait: episode.controller.gait.clone(),
+        schedule: episode.controller.schedule.clone(),
         seed: episode.seed,
         duration_s,
         cameras,

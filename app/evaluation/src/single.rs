@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
-use mvt_gaits::gait;
+use mvt_gaits::controller_file;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
@@ -13,7 +13,7 @@ use mvt_run::source::{Modality, TouchArguments, TouchOrigin};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use crate::{Episode, FULL, Key, Line, Trial, key, spread, table, whole};
+use crate::{Episode, FULL, Key, Line, SIDE, Trial, key, spread, table, whole};
 
 /// Run that is described by names and numbers, as they stand in a file.
 #[derive(Debug, Clone, Deserialize)]
@@ -82,7 +82,7 @@ impl SingleRun {
         let object = load_object(&self.object)?;
         let touch = SensorProfile::tacto();
         let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights(&touch)?;
-        let (_, gait) = gait::choose("auto", &object)?;
+        let controller = controller_file::choose("auto", &object, SIDE)?;
         let episode = Episode {
             name: &self.object,
             object: &object,
@@ -90,7 +90,7 @@ impl SingleRun {
             cameras: &self.cameras,
             weights: weights.as_ref(),
             touch,
-            gait,
+            controller: &controller,
         };
         let key = key(self.duration, &episode, self.mode, self.modality, FULL, &config);
         let key = Key { estimator_seed: self.estimator_seed, ..key };
