@@ -267,9 +267,7 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     let load = |name: &String| -> Result<(String, Object, ChosenController)> {
         let object = load_object(name)?;
         let controller = controller_file::choose_all(&arguments.controller, &object, SIDE)?;
-        if let Some(misfit) = &controller.misfit {
-            tracing::warn!("{misfit}");
-        }
+        controller.misfit.iter().for_each(|misfit| tracing::warn!("{misfit}"));
         Ok((name.clone(), object, controller))
     };
     let objects: Vec<(String, Object, ChosenController)> = arguments.objects.iter().map(load).collect::<Result<_>>()?;
@@ -461,11 +459,8 @@ fn key(
         settings += &serde_json::json!(episode.touch).to_string();
     }
     let ChosenController { gait, schedule, .. } = episode.controller;
-    if !gait::choose("auto", episode.object).is_ok_and(|(_, suited)| suited == gait) {
-        settings += &serde_json::json!(gait).to_string();
-    }
-    if !schedule.is_empty() {
-        settings += &serde_json::json!(schedule).to_string();
+    if !schedule.is_empty() || !gait::choose("auto", episode.object).is_ok_and(|(_, suited)| suited == gait) {
+        settings += &serde_json::json!([gait, schedule]).to_string();
     }
     if let Some(weights) = episode.weights {
         settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
