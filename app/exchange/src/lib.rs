@@ -1,7 +1,8 @@
 //! Logs in formats that other programs read, and recordings of other programs as logs.
 //!
 //! [`export_mcap`] writes a log as one MCAP file with Foxglove's protobuf schemas, which Foxglove and rerun open. [`import_mcap`] turns such a
-//! file, ours or another's, into a log. [`export_lerobot`] and [`import_lerobot`] do the same with data sets of LeRobot. The crate estimates and renders nothing.
+//! file, ours or another's, into a log. [`export_lerobot`] and [`import_lerobot`] do the same with data sets of LeRobot. The crate estimates
+//! and renders nothing.
 //!
 //! ```no_run
 //! let log = mvt_feelsight::Log::open("logs/cube70/00".as_ref())?;

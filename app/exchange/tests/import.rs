@@ -2,18 +2,15 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 
+mod common;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use common::{FRAMES, write_log};
 use mvt_exchange::{ExchangeError, Imported, export_mcap, import_mcap};
 use mvt_feelsight::{Log, LogFormat, convert};
-
-#[path = "../../../sim/feelsight/tests/common/mod.rs"]
-#[allow(dead_code, reason = "the tests of the log use more of it")]
-mod small_log;
-
-const FRAMES: usize = 4;
 
 struct Place {
     folder: tempfile::TempDir,
@@ -23,8 +20,7 @@ impl Place {
     /// A folder with a log and its export.
     fn new() -> Self {
         let place = Self { folder: tempfile::tempdir().unwrap() };
-        let cameras = [small_log::camera("front-left", 64, 48), small_log::camera("top-down", 32, 24)];
-        small_log::write(&place.path("log"), FRAMES, &cameras);
+        write_log(&place.path("log"));
         place.export("log", "log.mcap");
         place
     }

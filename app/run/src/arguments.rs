@@ -23,8 +23,8 @@ pub struct Subject {
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
     /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
-    /// object's shape; it refuses an object that may fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the
-    /// palm is levelled and tilted anew, and the hand closes
+    /// object's shape; it refuses an object that may fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then
+    /// the first again: the hand opens, the palm is levelled and tilted anew, and the hand closes
     #[arg(long, alias = "gait", value_name = "NAME|FILE", default_value = "auto")]
     pub controller: String,
     /// Hand; FeelSight and its loaders assume the left one
