@@ -130,7 +130,7 @@ def main():
             ["learning-rate sweep", "announced; every log has 1e-5 and 1e-4", MISSING],
             ["several seeds", "one", "one"],
             ["accuracy at 384 x 384", "Table I; its Robust runs were at 224", MISSING],
-            ["Swin and ConvNeXt encoders", "proposed, no code", "not built"],
+            ["Swin and ConvNeXt encoders", "proposed, no code", "`swin` and `convnext`, in `results/paper_networks.py`; not in these tables"],
             ["training on CUDA", "RTX 4090", "never run"],
         ],
     )

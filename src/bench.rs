@@ -33,8 +33,14 @@ pub enum BenchCommand {
 /// speed.
 #[derive(Debug, Args)]
 pub struct BenchNetworksArguments {
-    /// Networks, separated by commas: vit, mamba, robust_mamba, default or training configurations (.toml)
-    #[arg(long, value_delimiter = ',', default_value = "vit,mamba,robust_mamba,default", conflicts_with = "weights")]
+    /// Networks, separated by commas: vit, mamba, robust_mamba, swin, convnext, default or training configurations
+    /// (.toml)
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "vit,mamba,robust_mamba,swin,convnext,default",
+        conflicts_with = "weights"
+    )]
     networks: Vec<String>,
     /// Weights of networks (.safetensors), separated by commas
     #[arg(long, value_name = "FILE", value_delimiter = ',')]

@@ -5,10 +5,8 @@ mod bench;
 mod calibrate;
 mod convert;
 mod disturb;
-mod export;
 mod generate;
 mod image_size;
-mod import;
 mod inspect;
 mod mesh;
 mod report;
@@ -67,8 +65,8 @@ enum Command {
     Calibrate(calibrate::CalibrateArguments),
     Disturb(disturb::DisturbArguments),
     #[command(subcommand)]
-    Export(export::ExportCommand),
-    Import(import::ImportArguments),
+    Export(mvt_exchange::command::ExportCommand),
+    Import(mvt_exchange::command::ImportArguments),
     Simulate(simulate::SimulateArguments),
     Controllers(mvt_evaluation::hand::ControllersArguments),
     #[command(subcommand)]
@@ -190,8 +188,8 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Inspect(arguments)) => inspect::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
-        Some(Command::Export(command)) => export::run(&command),
-        Some(Command::Import(arguments)) => import::run(&arguments),
+        Some(Command::Export(command)) => mvt_exchange::command::export(&command),
+        Some(Command::Import(arguments)) => mvt_exchange::command::import(&arguments),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Controllers(arguments)) => mvt_evaluation::hand::list(&arguments),

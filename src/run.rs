@@ -9,6 +9,8 @@ mod words;
 use anyhow::{Context as _, Result, bail};
 use clap::{Args as _, Command, FromArgMatches as _};
 use indicatif::ProgressBar;
+use mvt_exchange::command::run_as_mcap;
+use mvt_files::output::refuse_existing;
 use mvt_recording::About;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
@@ -55,6 +57,9 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(side))?),
         None => None,
     };
+    if let Some(file) = arguments.mcap.as_deref().filter(|_| !arguments.overwrite) {
+        refuse_existing(file).with_context(|| format!("{}: give another --mcap, or --overwrite", file.display()))?;
+    }
     // Held until the last file is written.
     let _claimed = folder::claim(&arguments.out, arguments.overwrite)?;
     let settings = format!("# {}\n{}", arguments.repeat(&name, seed), settings::to_toml(&config)?);
@@ -110,6 +115,9 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let recorded = writer.finish(finished.as_ref().is_ok_and(|finished| finished.complete));
     if let Err(error) = recorded {
         tracing::warn!("the recording is incomplete: {error}");
+    }
+    if let Some(file) = &arguments.mcap {
+        run_as_mcap(&arguments.out, file, arguments.overwrite)?;
     }
     let mut finished = finished?;
     let estimated = finished.estimators.pop().flatten().context("the source delivered no frame")?;

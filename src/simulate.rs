@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use clap::Args;
+use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeOutcome, Randomisation};
 use mvt_robot::hand::{Finger, Side};
@@ -51,6 +52,7 @@ pub fn run(arguments: &SimulateArguments) -> Result<()> {
     };
     let mut episode = Episode::new(&object, &config)?;
     episode.follow(controller.schedule);
+    episode.rehearse(PlaceErrors::default(), arguments.seed);
     let outcome = episode::run(&mut episode);
     let side = config.side;
     let report = Report { object: &object.name, gait: &controller.name, side, seed: arguments.seed, outcome };
@@ -69,9 +71,10 @@ fn in_words(report: &Report<'_>) -> String {
         .iter()
         .map(|&f| format!("{} {:.0} %", f.name(), 100.0 * report.outcome.per_pad_contact[f]))
         .collect();
+    let air = report.outcome.in_air.map_or(String::new(), |air| format!("\n{air}"));
     format!(
         "{} (gait {}, seed {}): {ended} for {survived_s:.1} s and turned {turned_rad:.1} rad ({turn_rate_rad_s:.2} rad/s)\n\
-         touched {:.0} % of the time by {:.1} pads on average ({}), {:.2} mm deep; tilted {:.0} degrees at the end",
+         touched {:.0} % of the time by {:.1} pads on average ({}), {:.2} mm deep; tilted {:.0} degrees at the end{air}",
         report.object,
         report.gait,
         report.seed,

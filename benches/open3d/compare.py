@@ -30,7 +30,7 @@ VARIANTS = {
 # Values of each setting beside the default, tried in turns from the first to the last. Coloured ICP begins with the choice for point-to-plane.
 GRID = {
     "open3d-plane": {"velocity": (0.0,), "distance_mm": (5.0, 20.0), "kernel_mm": (0.0,), "truncation_mm": (12.0,)},
-    "open3d-colour": {"geometry": (0.8,)},
+    "open3d-colour": {"geometry": (0.99, 0.999, 0.9997), "distance_mm": (5.0, 20.0)},
     "open3d-known": {"velocity": (0.0,), "distance_mm": (20.0,), "kernel_mm": (0.0,)},
 }
 OURS = {"ours-vitac": "images", "ours-vi": "none"}

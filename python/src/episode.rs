@@ -6,6 +6,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::PHYSICS_HZ;
 use mvt_gaits::gait;
 use mvt_objects::object::Object;
+use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode as Simulated, EpisodeConfig, EpisodeSnapshot, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
@@ -55,7 +56,8 @@ struct Running {
 
 impl Running {
     fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, Failure> {
-        let episode = Simulated::new(object, config).map_err(general)?;
+        let mut episode = Simulated::new(object, config).map_err(general)?;
+        episode.rehearse(PlaceErrors::default(), config.seed);
         Ok(Self { episode, seed: config.seed, frame: 0, observer: None, scratch: ObserverScratch::default() })
     }
 }

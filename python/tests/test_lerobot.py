@@ -1,5 +1,6 @@
 """Exported data sets of LeRobot, read by Apache Arrow's own reader."""
 
+import csv
 import io
 import json
 from pathlib import Path
@@ -114,3 +115,19 @@ def test_a_data_set_of_another_writer_is_imported(exported: tuple[list[Log], Pat
         assert np.abs(a.depth_m[0] - b.depth_m[0]).max() < 0.6e-4
         assert np.array_equal(a.color[0], b.color[0])
         assert a.touch_images is not None and b.touch_images is not None and np.array_equal(a.touch_images, b.touch_images)
+
+
+def test_estimates_of_runs_become_columns(log: Log, tmp_path: Path) -> None:
+    run("run", "--log", log.folder, "--out", tmp_path / "run", "--quiet")
+    run("export", "lerobot", log.folder, "--runs", tmp_path / "run", "--out", tmp_path / "set")
+    table = pq.read_table(tmp_path / "set/data/chunk-000/file-000.parquet")
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    assert sorted(table.column_names) == sorted(info["features"])
+    with (tmp_path / "run/trajectory.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    keys = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
+    expected = np.array([[float(row[key]) for key in keys] for row in rows])
+    shown = np.array(table["observation.estimate_pose"].to_pylist())
+    assert np.abs(shown - expected).max() < 1e-6
+    confidence = [float(row["confidence"]) for row in rows]
+    assert np.allclose(table["observation.estimate_confidence"].to_pylist(), confidence, atol=1e-3)

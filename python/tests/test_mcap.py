@@ -1,5 +1,6 @@
 """Exported MCAP files, read by the official reader and decoded by Foxglove's own schemas; and files that the official writer wrote, imported."""
 
+import csv
 import json
 import pickle
 from pathlib import Path
@@ -12,9 +13,12 @@ from foxglove_schemas_protobuf import (
     CompressedImage_pb2,
     FrameTransforms_pb2,
     JointStates_pb2,
+    Log_pb2,
+    PointCloud_pb2,
     RawImage_pb2,
+    SceneUpdate_pb2,
 )
-from google.protobuf import descriptor_pb2
+from google.protobuf import descriptor_pb2, descriptor_pool
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
@@ -22,7 +26,17 @@ from PIL import Image
 
 from mambavitact import Log
 
-MODULES = (CameraCalibration_pb2, CompressedImage_pb2, FrameTransforms_pb2, JointStates_pb2, RawImage_pb2)
+# They declare Foxglove's types.
+MODULES = (
+    CameraCalibration_pb2,
+    CompressedImage_pb2,
+    FrameTransforms_pb2,
+    JointStates_pb2,
+    Log_pb2,
+    PointCloud_pb2,
+    RawImage_pb2,
+    SceneUpdate_pb2,
+)
 
 
 def rotation(q: Any) -> np.ndarray:
@@ -34,6 +48,19 @@ def rotation(q: Any) -> np.ndarray:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def check_schema(data: bytes) -> None:
+    """Check that each declared type is the one that Foxglove publishes, down to the numbers of its fields."""
+    for file in descriptor_pb2.FileDescriptorSet.FromString(data).file:
+        if file.package == "mambavitact":
+            continue
+        for declared in file.message_type:
+            expected = descriptor_pb2.DescriptorProto()
+            descriptor_pool.Default().FindMessageTypeByName(f"{file.package}.{declared.name}").CopyToProto(expected)
+            for field in expected.field:
+                field.ClearField("json_name")
+            assert declared == expected, declared.name
 
 
 def test_the_official_reader_finds_everything(log: Log, tmp_path: Path) -> None:
@@ -51,17 +78,8 @@ def test_the_official_reader_finds_everything(log: Log, tmp_path: Path) -> None:
     assert summary.statistics.message_count == sum(map(len, seen.values()))
     assert attachments == [(name, (Path(log.folder) / name).read_bytes()) for name in ("scene.json", "data.pkl")]
 
-    # Each declared type is the one that Foxglove publishes, down to the numbers of its fields.
-    official = {}
-    for module in MODULES:
-        for name, message_type in module.DESCRIPTOR.message_types_by_name.items():
-            official[f"foxglove.{name}"] = message_type
     for schema in summary.schemas.values():
-        declared = descriptor_pb2.FileDescriptorSet.FromString(schema.data).file[-1].message_type[0]
-        expected = descriptor_pb2.DescriptorProto()
-        official.pop(schema.name).CopyToProto(expected)
-        assert declared == expected, schema.name
-    assert official == {}
+        check_schema(schema.data)
 
     frames = list(log)
     names = [camera.name for camera in log.cameras]
@@ -217,3 +235,43 @@ def test_a_recording_of_another_program_becomes_a_log(log: Log, tmp_path: Path) 
             assert np.array_equal(np.asarray(picture), expected), kind
     said = run("run", "--log", tmp_path / "log", "--out", tmp_path / "run", "--quiet", "--json")
     assert json.loads(said)["frames"] == len(frames)
+
+
+def test_a_run_is_exported_with_its_estimates(log: Log, tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    run("run", "--log", log.folder, "--out", tmp_path / "run", "--mcap", file, "--quiet")
+    seen: dict[str, list[Any]] = {}
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            if not channel.topic.endswith("/mesh"):
+                assert message.log_time == decoded_ns(decoded), channel.topic
+            seen.setdefault(channel.topic, []).append(decoded)
+    for schema in summary.schemas.values():
+        check_schema(schema.data)
+
+    with (tmp_path / "run" / "trajectory.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    assert len(rows) == len(log) == len(seen["/tf"]) == len(seen["/estimate/state"])
+    for row, tf, state in zip(rows, seen["/tf"], seen["/estimate/state"], strict=True):
+        poses = {pose.child_frame_id: pose for pose in tf.transforms}
+        shown = poses["estimate"].translation
+        assert np.allclose([shown.x, shown.y, shown.z], [float(row[f"{axis}_m"]) for axis in "xyz"], atol=1e-6)
+        assert abs(state.confidence - float(row["confidence"])) < 1e-3
+    # Points are the pixels with depth, seen through the lens.
+    name = log.cameras[0].name
+    cloud, depth = seen[f"/camera/{name}/points"][0], seen[f"/camera/{name}/depth"][0]
+    calibration = seen[f"/camera/{name}/calibration"][0]
+    points = np.frombuffer(cloud.data, np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)]))
+    depth_m = np.frombuffer(depth.data, "<f4").reshape(depth.height, depth.width)
+    rows_seen, columns_seen = np.nonzero(depth_m)
+    shown = points["xyz"] @ np.reshape(calibration.K, (3, 3)).T
+    assert np.array_equal(points["xyz"][:, 2], depth_m[rows_seen, columns_seen])
+    assert np.abs(shown[:, :2] / shown[:, 2:] - np.stack([columns_seen, rows_seen], axis=1)).max() < 1e-2
+    mesh = seen["/estimate/mesh"][-1].entities[0].triangles[0]
+    assert len(mesh.indices) % 3 == 0 and max(mesh.indices) < len(mesh.points)
+    # The same of the folder of the run.
+    run("export", "mcap", tmp_path / "run", "--out", tmp_path / "again.mcap")
+    assert (tmp_path / "again.mcap").read_bytes() == file.read_bytes()

@@ -57,9 +57,15 @@ pub struct RunArguments {
     /// End the episode when the estimate has reached this goal: turn=360deg, turn=2rev, coverage=0.9 (share of the
     /// directions around the object that were observed), pose=90deg (turned by this angle against the start about the
     /// controller's axis, and held there), show=180/0 (the side that looks to this azimuth and elevation at the start is
-    /// turned to the first camera and held there) or time (only when the duration is over)
+    /// turned to the first camera and held there), explored (with --explore: no controller would show unseen surface) or
+    /// time (only when the duration is over)
     #[arg(long, default_value = "time")]
     pub goal: Goal,
+    /// Choose the next controller by the estimate alone: the one that will probably show most of the unseen surface. The
+    /// hand changes among controllers between which it does not drop objects of this shape, or re-grasps; a change takes
+    /// 2 s. summary.json contains the choices with the expected gains
+    #[arg(long, conflicts_with = "log")]
+    pub explore: bool,
     /// Start of the pose with --mode pose [default: near]
     #[arg(long, value_enum)]
     pub init: Option<Init>,
@@ -87,6 +93,9 @@ pub struct RunArguments {
     /// Print neither progress nor results
     #[arg(long)]
     pub quiet: bool,
+    /// Also write the run as this MCAP file, which Foxglove and rerun open; `export mcap` does so later
+    #[arg(long, value_name = "FILE")]
+    pub mcap: Option<PathBuf>,
     /// Show the run in a window; closing the window does not end the run
     #[arg(long)]
     pub view: bool,
@@ -112,8 +121,10 @@ impl RunArguments {
         if self.resume.is_some() && self.mode != Mode::Slam {
             bail!("--resume needs --mode slam; in the other modes shape or pose is given");
         }
-        if matches!(self.goal, Goal::Coverage(_)) && self.mode == Mode::Pose {
-            bail!("--goal coverage needs --mode slam or map; with --mode pose the whole shape is known from the start");
+        if (self.explore || matches!(self.goal, Goal::Coverage(_))) && self.mode == Mode::Pose {
+            bail!(
+                "--goal coverage and --explore need --mode slam or map; with --mode pose the whole shape is known from the start"
+            );
         }
         Ok(())
     }
@@ -143,6 +154,7 @@ impl RunArguments {
             add("goal", Some(self.goal.to_string()));
             add("controller", Some(self.manner.controller.clone()));
             add("side", Some(self.manner.side.name().to_owned()));
+            command += if self.explore { " --explore" } else { "" };
         }
         command + " --config config.toml"
     }

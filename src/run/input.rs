@@ -4,8 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
-use mvt_gaits::controller_file::{ChosenController, is_path};
-use mvt_gaits::gait;
+use mvt_gaits::controller_file::ChosenController;
 use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
 use mvt_objects::object::Object;
 use mvt_robot::digit::profile::SensorProfile;
@@ -13,6 +12,8 @@ use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
+use mvt_run::explorer::ExploreStrategy;
+use mvt_run::exploring::direct;
 use mvt_run::object::{default_object, load_object};
 use mvt_run::source::{LogSource, Source, TouchNetwork};
 use mvt_run::supervisor::Supervisor;
@@ -107,13 +108,13 @@ fn live(
     };
     let side = arguments.manner.side();
     let seed = arguments.seed.unwrap_or(0);
-    let ChosenController { name: controller, gait, schedule, .. } = arguments.manner.choose(&object)?;
-    // On a schedule the object changes its place and its axis by plan, so that the supervisor neither pushes nor changes.
-    let is_scheduled = !schedule.is_empty();
+    let strategy = arguments.explore.then_some(ExploreStrategy::Frontier);
+    let (ChosenController { gait, schedule, .. }, supervisor) =
+        direct(&arguments.manner, &object, arguments.goal, placements.first(), config.supervisor, strategy)?;
     let settings = LiveSettings {
         side,
         touch: *profile,
-        gait: gait.clone(),
+        gait,
         schedule,
         seed,
         duration_s: arguments.duration.unwrap_or(DURATION_S),
@@ -125,17 +126,6 @@ fn live(
         hidden_every: Some(HIDDEN_EVERY),
         fault: Fault::default(),
     };
-    let axis = gait.axis;
-    // The supervisor can change between shipped gaits about one axis; no directive names a file.
-    let others = gait::shipped().iter().filter(|(name, other)| **name != controller && other.axis == axis);
-    let others = others.filter(|_| !is_scheduled && !is_path(&controller)).map(|(name, _)| name.as_str());
-    let gaits: Vec<&str> = std::iter::once(controller.as_str()).chain(others).collect();
-    let mut rules = config.supervisor;
-    if is_scheduled {
-        rules.drift_begin_m = f64::INFINITY;
-    }
-    let goal = placements.first().map_or(arguments.goal, |camera| arguments.goal.facing(axis, camera));
-    let supervisor = Supervisor::new(goal, axis.direction(side), &gaits, rules);
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
     let mut source = Box::new(LiveSource::new(&object, settings, network)?);
     if let Some(path) = &arguments.calibration_file {

@@ -17,8 +17,8 @@ use crate::image_size::ImageSize;
 /// outputs of all layers for one image, as 32-bit floats.
 #[derive(Debug, Args)]
 pub struct TouchDescribeArguments {
-    /// Network: vit, mamba, robust_mamba or default; or a training configuration (.toml) whose table `network`
-    /// describes one
+    /// Network: vit, mamba, robust_mamba, swin, convnext or default; or a training configuration (.toml) whose table
+    /// `network` describes one
     name: String,
     /// Size of the image in pixels, as WIDTHxHEIGHT or one side of a square; it is rounded up to a size that the
     /// network accepts

@@ -21,7 +21,7 @@ use mvt_run::{progress, settings};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::{Architecture, Precision, Weights};
-use mvt_touch::train::{Device, Stage, Targets, TouchTrainer, TrainingBatch, TrainingConfig};
+use mvt_training::{Device, Stage, Targets, TouchTrainer, TrainingBatch, TrainingConfig};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -39,7 +39,7 @@ use resize::resized;
 /// would), curve.csv and curve.svg (errors over the steps) and panels.png (predictions beside the truth).
 #[derive(Debug, Args)]
 pub struct TouchTrainArguments {
-    /// Network: vit, mamba, robust_mamba or default
+    /// Network: vit, mamba, robust_mamba, swin, convnext or default
     #[arg(long)]
     network: String,
     /// Training configuration (.toml): seed, stages, optimiser, loss, data, and sizes of the network that differ from

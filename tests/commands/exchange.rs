@@ -45,6 +45,10 @@ fn an_imported_log_gives_the_same_run() {
     assert!((shape - again_shape).abs() <= 0.005, "F-score {shape} and {again_shape}");
     assert!((pose - again_pose).abs() <= 0.05, "ADD-S {pose} and {again_pose} mm");
     assert!(workplace.run("import cube.mcap --out again").error().contains("not empty"));
+    let refused = workplace.run("run --log again --out other --mcap cube.mcap").error();
+    assert!(refused.contains("--overwrite") && !workplace.path("other").exists(), "{refused}");
+    let refused = workplace.run("export lerobot again --runs again --out data").error();
+    assert!(refused.contains("again") && !workplace.path("data").exists(), "{refused}");
     assert!(workplace.run("import set/cube70/00/data.pkl --out other").error().contains("not an MCAP file"));
     assert!(!workplace.path("other").exists());
 }

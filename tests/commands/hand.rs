@@ -121,3 +121,21 @@ fn a_survey_plays_only_what_its_file_lacks() {
     workplace.write("survey.jsonl", "turned");
     assert!(workplace.run("hand survey --object cube70 --out survey.jsonl").error().contains("give another --out"));
 }
+
+#[test]
+fn a_ball_is_held_in_the_air_by_its_place() {
+    let workplace = Workplace::new();
+    let said = workplace.run("simulate --json --object ball --duration 4 --seed 1 --controller air_ball").good();
+    let air = &serde_json::from_str::<Value>(&said).unwrap()["in_air"];
+    assert!(air["least_height_mm"].as_f64().unwrap() >= 30.0, "{air}");
+    assert_eq!((&air["lowered_at_s"], air["net_rad"].as_array().unwrap().len()), (&Value::Null, 3));
+    let said = workplace.run("simulate --object ball --duration 2 --seed 1 --controller air_ball").good();
+    assert!(said.contains("in the air it was at least"), "{said}");
+    let palm = workplace.run("simulate --json --object ball --duration 0.5").good();
+    assert_eq!(serde_json::from_str::<Value>(&palm).unwrap().get("in_air"), None);
+    let line =
+        workplace.run("controllers").good().lines().find(|line| line.starts_with("air_ball ")).map(str::to_owned);
+    assert!(line.is_some_and(|line| line.contains(" -x ")));
+    let refused = workplace.run("simulate --object ball --controller cubelet:8,air_ball:8").error();
+    assert!(refused.contains("play it alone"), "{refused}");
+}

@@ -11,6 +11,7 @@
 
 mod calibrate;
 mod exchange;
+mod explore;
 mod faults;
 mod generate;
 mod hand;

@@ -118,6 +118,11 @@ fn wrong_arguments_are_refused_before_anything_runs() {
         ("run --log nowhere", &["nowhere"]),
         ("run --object cube71", &["cube71", "cube70"]),
         ("evaluate --objects cube70 --out e --set slam.map.bach=1", &["slam.map.batch"]),
+        ("run --object cube70 --explore --controller own.toml", &["by name", "--controller auto"]),
+        ("run --object cube70 --explore --controller gallop", &["gallop", "bal, "]),
+        ("run --object cube70 --explore --goal pose=90deg", &["a single axis", "explored"]),
+        ("run --object cube70 --goal explored", &["--explore"]),
+        ("run --object cube70 --explore --mode pose", &["--mode slam or map"]),
     ] {
         let said = workplace.run(line).error();
         assert!(parts.iter().all(|part| said.contains(part)), "{line}: {said}");

@@ -32,7 +32,10 @@ fn networks_are_counted() {
     workplace.write("wrong.toml", "[network]\nname = \"vit\"\nwidht = 192\n");
     assert!(workplace.run("touch describe wrong.toml").error().contains("widht"));
     let said = workplace.run("touch describe resnet").error();
-    assert!(["vit", "mamba", "robust_mamba", "default"].iter().all(|name| said.contains(name)), "{said}");
+    assert!(
+        ["vit", "mamba", "robust_mamba", "swin", "convnext", "default"].iter().all(|name| said.contains(name)),
+        "{said}"
+    );
     assert!(workplace.run("touch describe default --input 0x3").usage().contains("240x320"));
 }
 

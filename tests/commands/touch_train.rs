@@ -80,6 +80,22 @@ fn two_hundred_steps_bring_the_loss_down() {
     workplace.run("bench networks --weights out/best.safetensors --input 64x48 --batch 1 --seconds 0").good();
 }
 
+/// Images of 72 x 60 pixels: neither windows nor squares tile their maps.
+#[test]
+fn swin_and_convnext_are_trained_and_timed() {
+    let workplace = Workplace::new();
+    write_config(&workplace, 2, 2);
+    let config = std::fs::read_to_string(workplace.path("config.toml")).unwrap();
+    let (_, rest) = config.split_once("\n\n").unwrap();
+    for (name, heads) in [("swin", "heads = [1, 2, 2, 4]\n"), ("convnext", "")] {
+        let network = format!("[network]\nname = \"{name}\"\nwidths = [8, 12, 16, 20]\n{heads}channels = 8");
+        workplace.write("config.toml", format!("{network}\n\n{}", rest.replace("[80, 64]", "[72, 60]")));
+        workplace.run(&format!("touch train --network {name} --config config.toml --out {name}")).good();
+        let line = format!("bench networks --weights {name}/last.safetensors --input 60x72 --batch 1 --seconds 0");
+        assert!(workplace.run(&line).good().contains(name));
+    }
+}
+
 #[test]
 fn wrong_configurations_are_refused() {
     let workplace = Workplace::new();

@@ -139,7 +139,7 @@ fn mcap() {
 fn lerobot() {
     let folder = tempfile::tempdir().unwrap();
     let set = folder.path().join("set");
-    mvt_exchange::export_lerobot(&[write_log(folder.path())], &set, true, || ()).unwrap();
+    mvt_exchange::export_lerobot(&[write_log(folder.path())], &[], &set, true, || ()).unwrap();
     let names = [
         "data/chunk-000/file-000.parquet",
         "meta/episodes/chunk-000/file-000.parquet",

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 use serde_json::Value;
 
 use crate::nothing_offends;
-use crate::sources::{read, root};
+use crate::sources::{code, read, root, rust_files};
 
 /// The crates that may link libmujoco.
 const LINKS_MUJOCO: [&str; 9] = [
@@ -178,6 +178,15 @@ fn the_downloader_is_imported_by_few() {
         .filter_map(|(name, _)| path(name, "mvt-pinned"))
         .map(|chain| chain.join(" -> "));
     nothing_offends("few crates import the downloader", &direct.chain(reached).collect::<Vec<_>>());
+}
+
+#[test]
+fn only_evaluations_tell_an_explorer_what_it_cannot_know() {
+    let offends =
+        |file: &std::path::PathBuf| !file.starts_with("app/evaluation") && code(file).contains("UnknownSurface for ");
+    let offenders: Vec<String> =
+        rust_files(Path::new("")).into_iter().filter(offends).map(|file| file.display().to_string()).collect();
+    nothing_offends("an oracle of unknown surface belongs in app/evaluation", &offenders);
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod modules;
 mod names;
 mod sizes;
 mod sources;
+mod truth;
 
 /// Fails with all offenders, if there are any.
 #[track_caller]

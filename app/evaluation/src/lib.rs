@@ -1,26 +1,23 @@
 //! `evaluate`: many runs, and tables of their scores.
 
+mod explore;
 mod faults;
 mod fields;
 pub mod hand;
+mod lines;
 mod single;
 mod spread;
 mod survey;
 mod table;
 mod tsdf;
 
-use std::collections::{BTreeMap, HashSet};
-use std::fs::{File, OpenOptions};
-use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 
-use anyhow::{Context as _, Result, anyhow, bail};
+use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use mvt_files::folder::{ClaimedFolder, Earlier};
-use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::{self, ChosenController};
 use mvt_gaits::gait;
@@ -31,7 +28,6 @@ use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_touch::network::Weights;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
@@ -43,16 +39,18 @@ use mvt_run::object::load_object;
 use mvt_run::pipeline::{EstimatorSetup, Finished, FrameResult, Meshing, Pipeline, Progress};
 use mvt_run::report;
 use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
+use mvt_run::settings;
 use mvt_run::source::{Modality, Sensed, TouchArguments, TouchNetwork};
 use mvt_run::truth::Truth;
-use mvt_run::{progress, settings};
 
+use explore::ExploreMode;
+use lines::{Keyed, Tell, all};
 pub use single::{SingleRun, tables};
 
 /// Run many episodes and print tables of their scores
 ///
 /// Each episode (an object, a seed and cameras) is simulated and rendered once; all modes and modalities receive the
-/// same frames. No supervisor directs the hand.
+/// same frames. No supervisor directs the hand, except with --explore.
 ///
 /// DIR/runs.jsonl receives a line per run, DIR/table.md the tables. After an interruption, the same command skips
 /// finished runs and continues.
@@ -108,6 +106,12 @@ pub struct EvaluateArguments {
     /// poses later. DIR/fields.jsonl receives the lines
     #[arg(long, conflicts_with_all = ["ablate", "faults", "modes", "modalities"])]
     fields: bool,
+    /// Let a supervisor direct the hand, and follow the F-score over time (mode slam, camera and touch). MODES, separated by
+    /// semicolons, are played from the same starts: frontier chooses the controller by the estimate as `run --explore`,
+    /// round-robin takes them in turn for 6 s each, random draws them, fixed=CONTROLLER plays one or a schedule as `run` without --explore, and oracle
+    /// knows the true surface and plans as frontier does: an upper bound. DIR/explore.jsonl receives the lines
+    #[arg(long, value_name = "MODES", value_delimiter = ';', conflicts_with_all = ["ablate", "faults", "fields", "modes", "modalities"])]
+    explore: Vec<ExploreMode>,
     /// Number of episodes at a time
     #[arg(long, default_value_t = 2, value_parser = value_parser!(u16).range(1..=256))]
     jobs: u16,
@@ -288,8 +292,15 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             controller,
         })
         .collect();
-    // Faults and fields have narrow tables, which are printed whole.
-    let (text, summary) = if arguments.faults {
+    // Exploration, faults and fields have narrow tables, which are printed whole.
+    let (text, summary) = if !arguments.explore.is_empty() {
+        let path = arguments.out.join("explore.jsonl");
+        let lines = all(arguments, &episodes, &path, |episode, done, tell| {
+            explore::compare(arguments, episode, &variants[0].1, done, tell)
+        })?;
+        let text = explore::table(&lines);
+        (text.clone(), text)
+    } else if arguments.faults {
         let path = arguments.out.join("faults.jsonl");
         let lines = all(arguments, &episodes, &path, |episode, done, tell| {
             faults::trials(arguments, episode, &variants[0].1, done, tell)
@@ -326,89 +337,6 @@ fn check_repeated<T: PartialEq + std::fmt::Debug>(option: &str, list: &[T]) -> R
         Some((_, item)) => bail!("{option} names {item:?} twice"),
         None => Ok(()),
     }
-}
-
-/// A line of results that tells which run it is of.
-trait Keyed {
-    fn key(&self) -> &Key;
-}
-
-impl Keyed for Line {
-    fn key(&self) -> &Key {
-        &self.key
-    }
-}
-
-/// Receives each line when it is complete.
-type Tell<'a, L> = &'a mut dyn FnMut(L) -> Result<()>;
-
-/// Works off all episodes, several at a time (`work` gives the keys of an episode's lines, those that are done included), and gives the lines of all that were asked for, those of earlier runs included.
-fn all<L: Keyed + Clone + Serialize + DeserializeOwned + Send>(
-    arguments: &EvaluateArguments,
-    episodes: &[Episode<'_>],
-    path: &Path,
-    work: impl Fn(&Episode<'_>, &HashSet<Key>, Tell<'_, L>) -> Result<HashSet<Key>> + Sync,
-) -> Result<Vec<L>> {
-    let before: Vec<L> = read_lines(path)?;
-    let done: HashSet<Key> = before.iter().map(|line| line.key().clone()).collect();
-    let file = OpenOptions::new().create(true).append(true).open(path).and_then(|file| end_last_line(file, path));
-    let file = file.with_context(|| path.display().to_string())?;
-    let written = Mutex::new((file, before));
-    let wanted = Mutex::new(HashSet::new());
-    let bar = progress::bar(episodes.len() as u64, "episodes");
-    let queue = Mutex::new(episodes.iter());
-    let worker = || -> Result<()> {
-        loop {
-            let next = queue.lock().map_err(|_| poisoned())?.next();
-            let Some(episode) = next else { return Ok(()) };
-            let mut tell = |line: L| {
-                let (file, lines) = &mut *written.lock().map_err(|_| poisoned())?;
-                append(file, path, &line)?;
-                lines.push(line);
-                Ok(())
-            };
-            let of_episode = work(episode, &done, &mut tell)
-                .with_context(|| format!("{}, seed {}, {}", episode.name, episode.seed, episode.cameras))?;
-            wanted.lock().map_err(|_| poisoned())?.extend(of_episode);
-            bar.inc(1);
-        }
-    };
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..arguments.jobs).map(|_| scope.spawn(worker)).collect();
-        workers.into_iter().try_for_each(|worker| worker.join().map_err(|_| poisoned())?)
-    })?;
-    bar.finish_and_clear();
-    let (_, lines) = written.into_inner().map_err(|_| poisoned())?;
-    let wanted = wanted.into_inner().map_err(|_| poisoned())?;
-    let mut lines: Vec<L> = lines.into_iter().filter(|line| wanted.contains(line.key())).collect();
-    lines.sort_by(|a, b| a.key().cmp(b.key()));
-    Ok(lines)
-}
-
-fn poisoned() -> anyhow::Error {
-    anyhow!("a worker panicked")
-}
-
-/// The lines of an earlier run; the last may have been cut off.
-fn read_lines<L: DeserializeOwned>(path: &Path) -> Result<Vec<L>> {
-    match input::read_text(path, u64::MAX) {
-        Ok(text) => Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
-        Err(error) => Err(error).with_context(|| path.display().to_string()),
-    }
-}
-
-/// Ends a last line that was cut off when a process was killed, so that it spoils no other line.
-fn end_last_line(mut file: File, path: &Path) -> io::Result<File> {
-    if input::read(path, u64::MAX)?.last().is_some_and(|&byte| byte != b'\n') {
-        file.write_all(b"\n")?;
-    }
-    Ok(file)
-}
-
-fn append(file: &mut File, path: &Path, line: &impl Serialize) -> Result<()> {
-    let text = serde_json::to_string(line)?;
-    file.write_all(format!("{text}\n").as_bytes()).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// The settings of each variant by its name: those asked for, and each with a factor at 0.

@@ -28,7 +28,7 @@ pub struct HandSurveyArguments {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     object: Vec<String>,
     /// Controllers, separated by commas: names that `controllers` lists, files, or `auto` to choose by the object's shape
-    /// [default: all that `controllers` lists]
+    /// [default: all for the palm]
     #[arg(long, value_name = "NAME|FILE,...", value_delimiter = ',')]
     controller: Vec<String>,
     /// Starts per pair
@@ -58,7 +58,8 @@ pub fn run(arguments: &HandSurveyArguments) -> Result<()> {
     let side = arguments.side.side();
     let all = |given: &[String], names: Vec<String>| if given.is_empty() { names } else { given.to_vec() };
     let objects = all(&arguments.object, catalogue::entries().map(|entry| entry.name.to_owned()).collect());
-    let controllers = all(&arguments.controller, gait::shipped().keys().cloned().collect());
+    let on_palm = gait::shipped().iter().filter(|(_, gait)| gait.feedback.is_none()).map(|(name, _)| name.clone());
+    let controllers = all(&arguments.controller, on_palm.collect());
     let first = seed.unwrap_or_else(|| seeds::tuning().at(0));
     let seeds: Vec<u64> = (0..*starts).map(|start| first.wrapping_add(start)).collect();
     let conditions = TrialConditions { side, duration_s: DURATION_S, steps: EPISODE_STEPS };

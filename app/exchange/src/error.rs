@@ -13,6 +13,9 @@ pub enum ExchangeError {
     /// The log cannot be read or written.
     #[error(transparent)]
     Log(#[from] LogError),
+    /// The recording of a run cannot be read.
+    #[error(transparent)]
+    Recording(#[from] mvt_recording::RecordingError),
     /// The new file exists.
     #[error("{} already exists; choose another name or ask to overwrite it", .0.display())]
     Exists(PathBuf),

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use mvt_feelsight::image::{ImageBuffer, ImageFormat, Luma, RgbImage};
 use mvt_feelsight::{Log, LogFrame};
 use mvt_files::output::PartialFile;
+use mvt_frames::{Isometry, Object, World};
+use mvt_recording::Recording;
 use mvt_robot::digit;
 use mvt_robot::hand::{Finger, JOINTS};
 use mvt_robot::ndarray::Array2;
@@ -46,7 +48,11 @@ pub struct ExportedDataSet {
 /// | `observation.state` | joint angles, rad |
 /// | `action` | joint angles of the next frame, rad |
 /// | `observation.object_pose` | x, y, z in metres and quaternion w, x, y, z in the world; only if every frame has it |
+/// | `observation.estimate_pose` | the same numbers of the estimated pose, with `runs` |
+/// | `observation.estimate_confidence` | part of the measurements that agree with the estimate, 0 to 1, with `runs` |
 /// | `observation.time_s` | time of the log, seconds; `timestamp` is frame_index by fps |
+///
+/// `runs` are folders of runs with the logs, one for each log in their order, or none: their estimates become columns.
 ///
 /// With `exact_depth` the depth files of the logs are copied beside the tables, so that an import has depth to the bit. Compact logs need none.
 ///
@@ -55,6 +61,7 @@ pub struct ExportedDataSet {
 /// no data set can be loaded, is written last.
 pub fn export_lerobot(
     logs: &[PathBuf],
+    runs: &[PathBuf],
     out: &Path,
     exact_depth: bool,
     mut advance: impl FnMut(),
@@ -64,7 +71,11 @@ pub fn export_lerobot(
         return Err(ExchangeError::Exists(out.to_path_buf()));
     }
     let opened = logs.iter().map(|path| Log::open(path)).collect::<Result<Vec<_>, _>>()?;
-    let layout = Layout::of(&opened)?;
+    let layout = Layout { has_estimates: !runs.is_empty(), ..Layout::of(&opened)? };
+    if layout.has_estimates && runs.len() != logs.len() {
+        let defect = format!("there are {} runs for {} logs; give one for each log", runs.len(), logs.len());
+        return Err(ExchangeError::Source { path: out.to_path_buf(), defect });
+    }
     let mut set = DataSet {
         out,
         layout,
@@ -74,8 +85,9 @@ pub fn export_lerobot(
         episodes: Vec::new(),
         tasks: Vec::new(),
     };
-    for log in &opened {
-        set.episode(log, &mut advance)?;
+    for (k, log) in opened.iter().enumerate() {
+        let estimates = runs.get(k).map(|run| estimates(run, log)).transpose()?;
+        set.episode(log, estimates.as_deref(), &mut advance)?;
     }
     set.finish()
 }
@@ -84,6 +96,7 @@ pub fn export_lerobot(
 struct Layout {
     fps: u32,
     has_poses: bool,
+    has_estimates: bool,
     /// Name, height and width of each camera.
     cameras: Vec<(String, usize, usize)>,
 }
@@ -111,7 +124,7 @@ impl Layout {
             }
         }
         let has_poses = logs.iter().all(|log| log.object_poses().iter().all(Option::is_some));
-        Ok(Self { fps: fps.round() as u32, has_poses, cameras: expected })
+        Ok(Self { fps: fps.round() as u32, has_poses, has_estimates: false, cameras: expected })
     }
 
     /// Returns the columns of the data, in their order, with what info.json says of each.
@@ -138,9 +151,13 @@ impl Layout {
             Finger::ALL.into_iter().flat_map(|finger| (0..4).map(move |k| format!("{}_{k}", finger.name()))).collect();
         features.push(numbers("observation.state", "float32", JOINTS, json!(joints)));
         features.push(numbers("action", "float32", JOINTS, json!(joints)));
+        let pose = |name: &str| numbers(name, "float64", POSE, json!(["x", "y", "z", "qw", "qx", "qy", "qz"]));
         if self.has_poses {
-            let names = json!(["x", "y", "z", "qw", "qx", "qy", "qz"]);
-            features.push(numbers("observation.object_pose", "float64", POSE, names));
+            features.push(pose("observation.object_pose"));
+        }
+        if self.has_estimates {
+            features.push(pose("observation.estimate_pose"));
+            features.push(numbers("observation.estimate_confidence", "float32", 1, Value::Null));
         }
         features.push(numbers("observation.time_s", "float64", 1, Value::Null));
         features.push(numbers("timestamp", "float32", 1, Value::Null));
@@ -149,6 +166,31 @@ impl Layout {
         }
         features
     }
+}
+
+/// Pose of the object and confidence, which a run estimated in a frame.
+type Estimated = (Vec<f64>, f64);
+
+/// Returns the estimates of a run, one for each frame of the log.
+fn estimates(run: &Path, log: &Log) -> Result<Vec<Estimated>, ExchangeError> {
+    let recording = Recording::open(run)?;
+    let moments = recording.moments();
+    // The times of a recording are rounded.
+    const SAME_S: f64 = 1e-6;
+    let mut times = moments.iter().zip(log.times_s());
+    let of_log = moments.len() == log.len() && times.all(|(moment, time)| (moment.row.time_s - time).abs() < SAME_S);
+    if !of_log {
+        let defect =
+            format!("it is no run of the whole log {}; make one with `mambavitact run --log`", log.folder().display());
+        return Err(ExchangeError::Source { path: run.to_path_buf(), defect });
+    }
+    Ok(moments.iter().map(|moment| (numbers(moment.row.estimate), moment.row.confidence)).collect())
+}
+
+/// Returns the numbers of a pose.
+fn numbers(pose: Isometry<Object, World>) -> Vec<f64> {
+    let origin = pose.origin().coords();
+    [origin.x, origin.y, origin.z].into_iter().chain(pose.quaternion_wxyz()).collect()
 }
 
 /// Returns the usual number of frames per second.
@@ -193,7 +235,12 @@ impl DataSet<'_> {
     }
 
     /// Writes the frames of a log.
-    fn episode(&mut self, log: &Log, advance: &mut impl FnMut()) -> Result<(), ExchangeError> {
+    fn episode(
+        &mut self,
+        log: &Log,
+        estimates: Option<&[Estimated]>,
+        advance: &mut impl FnMut(),
+    ) -> Result<(), ExchangeError> {
         let number = self.episodes.len();
         let text = format!("turn the object {} in the hand", log.object_name());
         let task = self.tasks.iter().position(|known| *known == text).unwrap_or(self.tasks.len());
@@ -210,7 +257,8 @@ impl DataSet<'_> {
         let sampled = sampled(log.len());
         let mut rows: Vec<Vec<Cells>> = Vec::new();
         for (k, frame) in log.frames()?.enumerate() {
-            let row = self.row(log, k, &frame?, [number, self.frames + k, task], sampled.contains(&k))?;
+            let estimate = estimates.and_then(|estimates| estimates.get(k));
+            let row = self.row(log, k, &frame?, estimate, [number, self.frames + k, task], sampled.contains(&k))?;
             rows.push(row);
             if rows.len() == GROUP || k + 1 == log.len() {
                 file.push(rows.len(), &joined(std::mem::take(&mut rows))).map_err(io)?;
@@ -240,6 +288,7 @@ impl DataSet<'_> {
         log: &Log,
         k: usize,
         frame: &LogFrame,
+        estimate: Option<&Estimated>,
         [episode, index, task]: [usize; 3],
         is_sampled: bool,
     ) -> Result<Vec<Cells>, ExchangeError> {
@@ -272,10 +321,6 @@ impl DataSet<'_> {
         let action = log.joints().get(k + 1).unwrap_or(&observation.joints);
         let timestamp = (k as f64 / f64::from(self.layout.fps)) as f32;
         let pose = log.object_poses().get(k).copied().flatten().filter(|_| self.layout.has_poses);
-        let pose: Option<Vec<f64>> = pose.map(|pose| {
-            let origin = pose.origin().coords();
-            [origin.x, origin.y, origin.z].into_iter().chain(pose.quaternion_wxyz()).collect()
-        });
         let mut number = |key: &str, values: &[f64]| self.statistics.entry(key.to_owned()).or_default().add(values);
         number("observation.state", &observation.joints);
         number("action", action);
@@ -283,9 +328,15 @@ impl DataSet<'_> {
         number("timestamp", &[f64::from(timestamp)]);
         cells.push(Cells::SingleLists(single(&observation.joints)));
         cells.push(Cells::SingleLists(single(action)));
-        if let Some(pose) = pose {
+        if let Some(pose) = pose.map(numbers) {
             number("observation.object_pose", &pose);
             cells.push(Cells::DoubleLists(pose));
+        }
+        if let Some((pose, confidence)) = estimate {
+            number("observation.estimate_pose", pose);
+            number("observation.estimate_confidence", &[*confidence]);
+            cells.push(Cells::DoubleLists(pose.clone()));
+            cells.push(Cells::Singles(vec![*confidence as f32]));
         }
         cells.push(Cells::Doubles(vec![observation.time_s]));
         cells.push(Cells::Singles(vec![timestamp]));

@@ -1,18 +1,22 @@
 //! A log as an MCAP file.
 
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use mvt_feelsight::{ImageFiles, Log, SCENE_FILE};
 use mvt_files::output::PartialFile;
-use mvt_frames::camera::{Intrinsics, PosedCamera};
-use mvt_frames::{Camera, Frame, Isometry, Object, World};
+use mvt_frames::camera::PosedCamera;
+use mvt_frames::{Isometry, Object, World};
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, world_from_digit_camera};
 
 use crate::error::ExchangeError;
+use crate::foxglove::{
+    CAMERA_CALIBRATION, COMPRESSED_IMAGE, FRAME_TRANSFORMS, JOINT_STATES, RAW_IMAGE, calibration, compressed,
+    joint_states, optical, raw_image, time_ns, timestamp, transform, transforms,
+};
 use crate::protobuf::Message;
 use crate::record::{RECORD_FILE, record_of};
-use crate::schema::{CAMERA_CALIBRATION, COMPRESSED_IMAGE, FRAME_TRANSFORMS, JOINT_STATES, MessageType, RAW_IMAGE};
 use crate::writer::{Channel, Mcap};
 
 /// Contents of an exported file.
@@ -48,6 +52,39 @@ pub fn export_mcap(
     overwrite: bool,
     mut advance: impl FnMut(),
 ) -> Result<Exported, ExchangeError> {
+    write_mcap(out, overwrite, |file, io| {
+        let channels = Channels::new(file, log).map_err(io)?;
+        for (number, frame) in log.frames()?.enumerate() {
+            let frame = frame?.observation;
+            let depths = frame.cameras.iter().map(|rgbd| rgbd.depth_m.iter().copied().collect()).collect();
+            let files = log.image_files(number)?;
+            let object_pose = log.object_poses().get(number).copied().flatten();
+            let instant = Instant { time_s: frame.time_s, joints: frame.joints, object_pose, depths, files };
+            for (channel, message) in channels.messages(log, instant) {
+                file.push(channel, time_ns(frame.time_s), &message.into_bytes()).map_err(io)?;
+            }
+            advance();
+        }
+        if let Some(scene) = log.scene_file()? {
+            file.attach(SCENE_FILE, "application/json", &scene).map_err(io)?;
+        }
+        if let Some(record) = record_of(log) {
+            file.attach(RECORD_FILE, "application/octet-stream", &record).map_err(io)?;
+        }
+        Ok(log.len())
+    })
+}
+
+/// Writes a file that appears whole or not at all. `write` adds channels and messages, and returns the number of frames; its second
+/// argument names the file in an error of the operating system.
+pub(crate) fn write_mcap(
+    out: &Path,
+    overwrite: bool,
+    write: impl FnOnce(
+        &mut Mcap<BufWriter<&mut File>>,
+        &dyn Fn(std::io::Error) -> ExchangeError,
+    ) -> Result<usize, ExchangeError>,
+) -> Result<Exported, ExchangeError> {
     let io = |reason: std::io::Error| match reason.kind() {
         std::io::ErrorKind::AlreadyExists => ExchangeError::Exists(out.to_path_buf()),
         _ => ExchangeError::Io { path: out.to_path_buf(), reason },
@@ -57,33 +94,11 @@ pub fn export_mcap(
     }
     let mut partial = PartialFile::create(out).map_err(io)?;
     let mut file = Mcap::new(BufWriter::new(partial.file()), "mambavitact").map_err(io)?;
-    let channels = Channels::new(&mut file, log).map_err(io)?;
-    for (number, frame) in log.frames()?.enumerate() {
-        let frame = frame?.observation;
-        let depths = frame.cameras.iter().map(|rgbd| rgbd.depth_m.iter().copied().collect()).collect();
-        let files = log.image_files(number)?;
-        let object_pose = log.object_poses().get(number).copied().flatten();
-        let instant = Instant { time_s: frame.time_s, joints: frame.joints, object_pose, depths, files };
-        for (channel, message) in channels.messages(log, instant) {
-            file.push(channel, time_ns(frame.time_s), &message.into_bytes()).map_err(io)?;
-        }
-        advance();
-    }
-    if let Some(scene) = log.scene_file()? {
-        file.attach(SCENE_FILE, "application/json", &scene).map_err(io)?;
-    }
-    if let Some(record) = record_of(log) {
-        file.attach(RECORD_FILE, "application/octet-stream", &record).map_err(io)?;
-    }
-    let channel_count = file.channel_count();
+    let frames = write(&mut file, &io)?;
+    let channels = file.channel_count();
     let bytes = file.finish().map_err(io)?;
     if overwrite { partial.replace() } else { partial.finish() }.map_err(io)?;
-    Ok(Exported { frames: log.len(), channels: channel_count, bytes })
-}
-
-/// Returns nanoseconds; times before zero become zero.
-fn time_ns(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
+    Ok(Exported { frames, channels, bytes })
 }
 
 /// One instant of a log.
@@ -121,9 +136,7 @@ struct TouchChannels {
 
 impl Channels {
     fn new<W: Write>(file: &mut Mcap<W>, log: &Log) -> std::io::Result<Self> {
-        let mut channel = |topic: &str, schema: &'static MessageType| {
-            file.channel(topic, &schema.full_name(), &schema.descriptor_set())
-        };
+        let mut channel = |topic: &str, of| file.channel(topic, of);
         let tf = channel("/tf", &FRAME_TRANSFORMS)?;
         let joints = channel("/hand/joints", &JOINT_STATES)?;
         let mut cameras = Vec::new();
@@ -164,7 +177,7 @@ impl Channels {
             self.cameras.iter().zip(&colours).zip(depths.iter().zip(log.cameras()))
         {
             messages.push((channels.color, compressed(&stamp, &channels.frame, file)));
-            messages.push((channels.depth, raw_depth(&stamp, &channels.frame, &camera.intrinsics, depth)));
+            messages.push((channels.depth, raw_image(&stamp, &channels.frame, camera.intrinsics.width, depth)));
         }
         for (channels, file) in self.cameras.iter().zip(labels.iter().flatten()) {
             messages.push((channels.labels, compressed(&stamp, &channels.frame, file)));
@@ -180,68 +193,9 @@ impl Channels {
             }
         }
         poses.extend(object_pose.map(|pose| transform(&stamp, "object", pose)));
-        let poses = poses.iter().fold(Message::default(), |list, pose| list.message(1, pose));
-        let names =
-            Finger::ALL.into_iter().flat_map(|finger| (0..4).map(move |joint| format!("{}_{joint}", finger.name())));
-        let states = names.zip(joints).fold(Message::default().message(1, &stamp), |list, (name, angle)| {
-            list.message(2, &Message::default().text(1, &name).double(2, angle))
-        });
+        let poses = transforms(&poses);
+        let states = joint_states(&stamp, &joints);
         messages.extend([(self.tf, poses), (self.joints, states)]);
         messages
     }
-}
-
-fn timestamp(time_ns: u64) -> Message {
-    const SECOND: u64 = 1_000_000_000;
-    Message::default().varint(1, time_ns / SECOND).varint(2, time_ns % SECOND)
-}
-
-/// Returns the rotation from the camera that Foxglove expects, with z along the optical axis and y down, to one with OpenGL axes.
-pub(crate) fn optical() -> Isometry<Camera, Camera> {
-    Isometry::from_parts([0.0; 3], [0.0, 1.0, 0.0, 0.0])
-}
-
-fn transform<F: Frame>(stamp: &Message, child: &str, pose: Isometry<F, World>) -> Message {
-    let origin = pose.origin().coords();
-    let [w, x, y, z] = pose.quaternion_wxyz();
-    let numbers =
-        |values: &[f64]| (1..).zip(values).fold(Message::default(), |list, (i, &value)| list.double(i, value));
-    Message::default()
-        .message(1, stamp)
-        .text(2, "world")
-        .text(3, child)
-        .message(4, &numbers(&[origin.x, origin.y, origin.z]))
-        .message(5, &numbers(&[x, y, z, w]))
-}
-
-fn calibration(stamp: &Message, frame: &str, intrinsics: &Intrinsics) -> Message {
-    let &Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
-    Message::default()
-        .message(1, stamp)
-        .text(9, frame)
-        .fixed32(2, width as u32)
-        .fixed32(3, height as u32)
-        .text(4, "plumb_bob")
-        .doubles(5, &[0.0; 5])
-        .doubles(6, &[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
-        .doubles(7, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-        .doubles(8, &[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0])
-}
-
-fn compressed(stamp: &Message, frame: &str, file: &[u8]) -> Message {
-    // The name of a file in a log does not tell its format.
-    let format = if file.starts_with(b"\x89PNG") { "png" } else { "jpeg" };
-    Message::default().message(1, stamp).text(4, frame).bytes(2, file).text(3, format)
-}
-
-fn raw_depth(stamp: &Message, frame: &str, intrinsics: &Intrinsics, depth_m: &[f32]) -> Message {
-    let bytes: Vec<u8> = depth_m.iter().flat_map(|z| z.to_le_bytes()).collect();
-    Message::default()
-        .message(1, stamp)
-        .text(7, frame)
-        .fixed32(2, intrinsics.width as u32)
-        .fixed32(3, intrinsics.height as u32)
-        .text(4, "32FC1")
-        .fixed32(5, 4 * intrinsics.width as u32)
-        .bytes(6, &bytes)
 }

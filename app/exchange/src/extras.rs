@@ -8,7 +8,7 @@ use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_robot::hand::{Finger, Side};
 
 use crate::error::ExchangeError;
-use crate::export_mcap::optical;
+use crate::foxglove::optical;
 use crate::record::{RECORD_FILE, record_of};
 
 /// Name of the mapping.

@@ -11,8 +11,8 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde_json::Value;
 
 use crate::error::{Defect, ExchangeError};
-use crate::export_mcap::optical;
 use crate::extras::{self, MAPPING_FILE};
+use crate::foxglove::optical;
 use crate::import_mcap::{Imported, ImportedChannel, in_world};
 use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::Picture;

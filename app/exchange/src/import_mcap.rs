@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::clock::{Aligned, Stamps, nearest, numbers_at, pose_at, reach};
 use crate::error::{Defect, ExchangeError};
-use crate::export_mcap::optical;
+use crate::foxglove::optical;
 use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::{Decoded, decode};
 use crate::pictures::{depth_of, file_of};

@@ -1,6 +1,6 @@
 //! Logs in formats that other programs read, and recordings of other programs as logs.
 //!
-//! [`export_mcap`] writes a log as one MCAP file with Foxglove's protobuf schemas, which Foxglove and rerun open. [`import_mcap`] turns such a
+//! [`export_mcap`] writes a log as one MCAP file with Foxglove's protobuf schemas, which Foxglove and rerun open; [`export_run`] does so with a run. [`import_mcap`] turns such a
 //! file, ours or another's, into a log. [`export_lerobot`] and [`import_lerobot`] do the same with data sets of LeRobot. The crate estimates
 //! and renders nothing.
 //!
@@ -14,10 +14,13 @@
 //! ```
 
 mod clock;
+pub mod command;
 mod error;
 mod export_lerobot;
 mod export_mcap;
+mod export_run;
 mod extras;
+mod foxglove;
 mod import_lerobot;
 mod import_mcap;
 mod mapping;
@@ -36,6 +39,7 @@ mod writer;
 pub use error::ExchangeError;
 pub use export_lerobot::{ExportedDataSet, export_lerobot};
 pub use export_mcap::{Exported, export_mcap};
+pub use export_run::export_run;
 pub use import_lerobot::import_lerobot;
 pub use import_mcap::{Imported, ImportedChannel, import_mcap};
-pub use mvt_feelsight;
+pub use {mvt_feelsight, mvt_recording};

@@ -5,6 +5,8 @@ use std::io::{self, Write};
 use crc32fast::Hasher;
 use lz4_flex::frame::FrameEncoder;
 
+use crate::schema::MessageType;
+
 pub(crate) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Messages are collected up to this size, bytes, before they are compressed.
 const CHUNK: usize = 4 << 20;
@@ -150,17 +152,18 @@ impl<W: Write> Mcap<W> {
     }
 
     /// Adds a channel of protobuf messages. A schema of a name is written once.
-    pub fn channel(&mut self, topic: &str, schema: &str, descriptors: &[u8]) -> io::Result<Channel> {
-        let known = self.schemas.iter().position(|(name, _)| name == schema);
+    pub fn channel(&mut self, topic: &str, of: &'static MessageType) -> io::Result<Channel> {
+        let schema = of.full_name();
+        let known = self.schemas.iter().position(|(name, _)| *name == schema);
         let schema_id = match known {
             Some(index) => index as u16 + 1,
             // 0 stands for no schema.
             None => {
                 let id = self.schemas.len() as u16 + 1;
-                let content = Content::default().u16(id).text(schema).text("protobuf").counted(descriptors);
+                let content = Content::default().u16(id).text(&schema).text("protobuf").counted(&of.descriptor_set());
                 let record = content.record(Kind::Schema);
                 self.out.write(&record)?;
-                self.schemas.push((schema.to_owned(), record));
+                self.schemas.push((schema, record));
                 id
             }
         };

@@ -22,7 +22,7 @@ impl Place {
         let place = Self { folder: tempfile::tempdir().unwrap() };
         write_log(&place.path("log"));
         let log = place.path("log");
-        export_lerobot(&[log.clone(), log], &place.path("set"), false, || ()).unwrap();
+        export_lerobot(&[log.clone(), log], &[], &place.path("set"), false, || ()).unwrap();
         place
     }
 
@@ -86,7 +86,7 @@ fn an_import_of_an_export_is_the_log_again() {
 fn exact_depth_is_that_of_the_log_to_the_bit() {
     let place = Place::new();
     fs::remove_dir_all(place.path("set")).unwrap();
-    export_lerobot(&[place.path("log")], &place.path("set"), true, || ()).unwrap();
+    export_lerobot(&[place.path("log")], &[], &place.path("set"), true, || ()).unwrap();
     place.import(0, None, "again").unwrap();
     let (before, after) = (Log::open(&place.path("log")).unwrap(), Log::open_tolerant(&place.path("again")).unwrap());
     for k in 0..FRAMES {

@@ -9,6 +9,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry, World};
 use mvt_gaits::clock::FRAME_HZ;
 use mvt_gaits::directive::Directive;
+use mvt_gaits::feedback::EstimatedPlace;
 use mvt_gaits::gait::Gait;
 use mvt_gaits::schedule::Schedule;
 use mvt_objects::object::Object;
@@ -84,6 +85,8 @@ pub struct LiveSource {
     calibrator: Calibrator,
     /// The joint readings of the frame before.
     last_joints: Option<JointAngles>,
+    /// The hand has begun to lower the object from the air.
+    is_lowered: bool,
     frame: u32,
 }
 
@@ -136,6 +139,7 @@ impl LiveSource {
             scratch: ObserverScratch::default(),
             calibrator,
             last_joints: None,
+            is_lowered: false,
             frame: 0,
         })
     }
@@ -185,6 +189,13 @@ impl Source for LiveSource {
         let Calibrated { joints, cameras, warnings: changes, .. } = calibrated;
         warnings.extend(changes);
         let percept = percept(time_s, joints, depths_m, touch, &cameras, *side, segmentation)?;
+        let events = match self.episode.in_air().and_then(|air| air.lowered_at_s) {
+            Some(_) if !self.is_lowered => {
+                self.is_lowered = true;
+                vec!["lowers the object to the palm, because its place is unknown".to_owned()]
+            }
+            _ => Vec::new(),
+        };
         let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
         let is_felt = self.network.is_some() && modality.has_touch();
@@ -200,7 +211,24 @@ impl Source for LiveSource {
             forces_n: Some(PerFinger(state.pads.0.map(|pad| pad.force_n))),
         };
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
-        Ok(Some(Sensed { frame, percept, truth: Some(state.scene.object_pose), pictures, sense_ms, hidden, warnings }))
+        Ok(Some(Sensed {
+            frame,
+            percept,
+            truth: Some(state.scene.object_pose),
+            pictures,
+            sense_ms,
+            hidden,
+            warnings,
+            events,
+        }))
+    }
+
+    fn needs_place(&self) -> bool {
+        self.episode.in_air().is_some()
+    }
+
+    fn see(&mut self, place: EstimatedPlace) {
+        self.episode.see(place);
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {
@@ -219,7 +247,8 @@ impl Source for LiveSource {
         match self.episode.end() {
             Some(end) => {
                 let end = recorder::ended(end);
-                (end.reason, end.complete)
+                let air = self.episode.in_air().map(|air| format!("; {air}"));
+                (end.reason + air.as_deref().unwrap_or_default(), end.complete)
             }
             None => ("it goes on".to_owned(), false),
         }

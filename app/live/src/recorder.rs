@@ -16,6 +16,7 @@ use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
 use mvt_gaits::controller_file::{self, ChosenController};
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
+use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, EpisodeState, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
@@ -158,6 +159,8 @@ impl<'a> Recorder<'a> {
         };
         let mut episode = Episode::new(self.object, &config)?;
         episode.follow(self.controller.schedule.clone());
+        // A log is recorded without an estimate.
+        episode.rehearse(PlaceErrors::default(), seed);
         let snapshots: Vec<EpisodeState> = std::iter::from_fn(|| episode.next_frame()).collect();
         bar.set_length(snapshots.len() as u64);
 

@@ -83,7 +83,16 @@ fn sensed(frame: u64) -> Box<Sensed> {
         true_touch_m: PerFinger::default(),
         forces_n: Some(PerFinger([0.0, 0.0, 0.0, 1.5])),
     };
-    Box::new(Sensed { frame, percept, truth: None, pictures, sense_ms: 1.0, hidden: None, warnings: vec![] })
+    Box::new(Sensed {
+        frame,
+        percept,
+        truth: None,
+        pictures,
+        sense_ms: 1.0,
+        hidden: None,
+        warnings: vec![],
+        events: vec![],
+    })
 }
 
 fn shape(frame: u64) -> MeshedShape {

@@ -102,7 +102,7 @@ impl RecordingWriter {
     /// Records the progress of a run. FrameImages are left out if writing lags behind.
     pub fn receive(&self, progress: Progress<'_>) {
         let message = match progress {
-            Progress::Started { .. } => return,
+            Progress::Started { .. } | Progress::Choice(_) => return,
             Progress::Frame { results, sensed } => {
                 // A recording shows the first estimator.
                 if let Some(FrameResult { row, estimate, .. }) = results.first().and_then(Option::as_ref) {

@@ -7,7 +7,8 @@ use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use glam::Vec3;
 use mvt_field::exact::KnownShape;
-use mvt_frames::{Isometry, Model, Object, World};
+use mvt_frames::{Isometry, Model, Object, Point, World};
+use mvt_gaits::feedback::EstimatedPlace;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::hand::Side;
@@ -204,6 +205,18 @@ impl Estimator {
             self.last = Some(estimate.pose);
         }
         estimate
+    }
+
+    /// The estimated place of the object's middle after a frame, for a controller that holds it in the air; `None` while the
+    /// object is lost.
+    pub fn place(&self, estimate: &Estimate) -> Option<EstimatedPlace> {
+        let known = || self.given_centre.or_else(|| self.map()?.space().ball_middle());
+        let centre = estimate.state.is_tracking().then(known)??;
+        Some(EstimatedPlace::new(
+            estimate.time_s,
+            estimate.pose,
+            Point::from(na::Vector3::from(centre.to_array().map(f64::from))),
+        ))
     }
 
     /// The belief after a frame, for the supervisor.

@@ -37,8 +37,11 @@
 //! ```
 
 pub mod arguments;
+pub mod belief;
 pub mod config;
 pub mod estimator;
+pub mod explorer;
+pub mod exploring;
 pub mod input;
 pub mod io;
 pub mod object;

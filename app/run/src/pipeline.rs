@@ -16,10 +16,12 @@ use anyhow::{Context as _, Result};
 use mvt_calibration::Calibration;
 use mvt_frames::{Isometry, Model};
 use mvt_gaits::directive::Directive;
+use mvt_gaits::feedback::EstimatedPlace;
 use mvt_mesh::Mesh;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::Side;
+use mvt_robot::observation::Percept;
 use mvt_slam::Estimate;
 use mvt_slam::map::{BoxChange, Map};
 use mvt_slam::scan::Scan;
@@ -27,6 +29,7 @@ use mvt_slam::scan::Scan;
 pub use scorer::{MeshedShape, Scorer, ShapeSnapshot};
 
 use crate::estimator::{Estimator, Given, Init, Mode};
+use crate::explorer::{ExplorerChoice, Outlook};
 use crate::input::Input;
 use crate::report::{Event, FrameRow, TrackState};
 use crate::source::{Modality, Sensed, Source};
@@ -53,6 +56,8 @@ pub enum Progress<'a> {
     Warning(&'a str),
     /// Something that is worth showing.
     Event(&'a Event),
+    /// The explorer has chosen what the hand does next.
+    Choice(&'a ExplorerChoice),
 }
 
 /// The result of an estimator on a frame.
@@ -135,10 +140,27 @@ const AHEAD: usize = 2;
 
 type Frame = Result<Option<Sensed>>;
 
+/// What goes back to the source after a frame.
+#[derive(Debug, Clone, PartialEq)]
+struct Order {
+    directive: Directive,
+    /// Estimated place of the object, where the source needs it and it is known.
+    place: Option<EstimatedPlace>,
+}
+
+impl Order {
+    fn give(self, source: &mut dyn Source) -> Result<()> {
+        if let Some(place) = self.place {
+            source.see(place);
+        }
+        source.direct(self.directive)
+    }
+}
+
 /// Frames of a source in order, and directives back to it.
 enum Feed<'a> {
     Inline { source: &'a mut dyn Source, ahead: VecDeque<Frame>, ended: bool },
-    Threaded { frames: Receiver<Frame>, directives: Sender<Directive> },
+    Threaded { frames: Receiver<Frame>, directives: Sender<Order> },
 }
 
 impl Feed<'_> {
@@ -156,12 +178,12 @@ impl Feed<'_> {
         }
     }
 
-    fn direct(&mut self, directive: Directive) -> Result<()> {
+    fn order(&mut self, order: Order) -> Result<()> {
         match self {
-            Self::Inline { source, .. } => source.direct(directive),
+            Self::Inline { source, .. } => order.give(*source),
             // A source that has ended takes no directives.
             Self::Threaded { directives, .. } => {
-                let _ = directives.send(directive);
+                let _ = directives.send(order);
                 Ok(())
             }
         }
@@ -169,13 +191,13 @@ impl Feed<'_> {
 }
 
 /// The part of a feed that runs on the source's thread.
-fn serve(source: &mut dyn Source, frames: &SyncSender<Frame>, directives: &Receiver<Directive>) {
+fn serve(source: &mut dyn Source, frames: &SyncSender<Frame>, directives: &Receiver<Order>) {
     for number in 0.. {
         let directed = if number < AHEAD {
             Ok(())
         } else {
-            let Ok(directive) = directives.recv() else { return };
-            source.direct(directive)
+            let Ok(order) = directives.recv() else { return };
+            order.give(source)
         };
         let frame = directed.and_then(|()| source.next());
         let is_last = !matches!(frame, Ok(Some(_)));
@@ -231,7 +253,7 @@ impl Pipeline<'_> {
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Finished> {
         let (object, truth, cell_m) = (self.object, self.truth, self.meshing.cell_m);
-        let gel = source.gel().clone();
+        let (gel, needs_place) = (source.gel().clone(), source.needs_place());
         let runners =
             self.estimators.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
         listener(Progress::Started { frames: source.frame_count() });
@@ -255,12 +277,13 @@ impl Pipeline<'_> {
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };
-            self.follow(feed, mesher, runners, &gel, stop, listener)
+            self.follow(feed, mesher, runners, (&gel, needs_place), stop, listener)
         })?;
         if finished.complete {
             let (reason, as_meant) = source.end();
             finished.end.clone_from(&reason);
-            if !as_meant {
+            // How an object was held in the air is worth an event, too.
+            if !as_meant || needs_place {
                 listener(Progress::Event(&Event { time_s: finished.last_s, text: reason }));
             }
         }
@@ -278,7 +301,7 @@ impl Pipeline<'_> {
         mut feed: Feed<'_>,
         mut mesher: Mesher<'_>,
         mut runners: Vec<Runner<'_>>,
-        gel: &GelView,
+        (gel, needs_place): (&GelView, bool),
         stop: &AtomicBool,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Followed> {
@@ -290,6 +313,9 @@ impl Pipeline<'_> {
                 break;
             };
             sensed.warnings.iter().for_each(|warning| listener(Progress::Warning(warning)));
+            for text in &sensed.events {
+                listener(Progress::Event(&Event { time_s: sensed.percept.time_s, text: text.clone() }));
+            }
             let input = Input::new(self.side, &sensed.percept, gel);
             let mut scans = Vec::new();
             let mut results = Vec::with_capacity(runners.len());
@@ -298,10 +324,12 @@ impl Pipeline<'_> {
             }
             let acting = runners.first().and_then(Runner::estimator).zip(results.first().and_then(Option::as_ref));
             let directive = match acting {
-                Some((estimator, result)) => self.decide(estimator, &result.estimate, listener),
+                Some((estimator, result)) => self.decide(estimator, &result.estimate, &sensed.percept, listener),
                 None => Directive::Continue,
             };
-            feed.direct(directive)?;
+            let place =
+                acting.filter(|_| needs_place).and_then(|(estimator, result)| estimator.place(&result.estimate));
+            feed.order(Order { directive, place })?;
             if let (Some(runner), Some(result)) = (runners.first(), results.first().and_then(Option::as_ref)) {
                 tell_changes(runner.last.as_ref(), &result.row, &result.estimate, listener);
             }
@@ -350,15 +378,27 @@ impl Pipeline<'_> {
         &mut self,
         estimator: &Estimator,
         estimate: &Estimate,
+        percept: &Percept,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Directive {
         let Some(supervisor) = &mut self.supervisor else { return Directive::Continue };
-        let directive = supervisor.decide(&estimator.belief(estimate));
+        let outlook = estimator.map().map(|map| Outlook::new(map, estimate.pose, percept, self.side));
+        let directive = supervisor.decide_seeing(&estimator.belief(estimate), outlook.as_ref());
+        let choice = supervisor.take_choice();
         let text = match &directive {
             Directive::Continue | Directive::Recentre { .. } | Directive::Hold => return directive,
             Directive::SwitchGait(name) => format!("switches to gait {name}"),
+            Directive::ChangeController(name) => format!("changes to controller {name}"),
             Directive::Regrasp => "re-grasps".to_owned(),
+            Directive::Stop if choice.is_some() => "nothing is left that a controller would show".to_owned(),
             Directive::Stop => "the goal is reached".to_owned(),
+        };
+        let text = match &choice {
+            Some(choice) => {
+                listener(Progress::Choice(choice));
+                format!("{text}{choice}")
+            }
+            None => text,
         };
         listener(Progress::Event(&Event { time_s: estimate.time_s, text }));
         directive

@@ -63,6 +63,7 @@ impl<'a> ProgressRecorder<'a> {
                     row.stage_ms.mesh += shape.mesh_ms;
                 }
             }
+            Progress::Choice(choice) => self.record.choices.push((*choice).clone()),
             Progress::Warning(text) => self.bar.suspend(|| tracing::warn!("{text}")),
             Progress::Event(event) => {
                 self.record.events.push((*event).clone());

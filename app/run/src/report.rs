@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::estimator::Mode;
+use crate::explorer::ExplorerChoice;
 use crate::io::write_file;
 use crate::source::Modality;
 use crate::truth::Truth;
@@ -65,6 +66,8 @@ pub struct RunRecord {
     pub shape: Vec<ShapePoint>,
     /// Events, in order of time.
     pub events: Vec<Event>,
+    /// Choices of the explorer, in order of time.
+    pub choices: Vec<ExplorerChoice>,
     /// Shares of the object that the hand hid from the first camera, of the frames of which they are known.
     pub hidden: Vec<f64>,
     /// Takes the coordinates of the field to those of the mesh in the end; `None` before anything was seen.

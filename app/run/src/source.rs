@@ -9,6 +9,7 @@ use image::RgbImage;
 use mvt_calibration::Calibration;
 use mvt_frames::{Isometry, Object, World};
 use mvt_gaits::directive::Directive;
+use mvt_gaits::feedback::EstimatedPlace;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::PerFinger;
 use mvt_robot::observation::Percept;
@@ -36,6 +37,8 @@ pub struct Sensed {
     pub hidden: Option<f64>,
     /// Warnings that were not given before, in sentences.
     pub warnings: Vec<String>,
+    /// What the hand did of itself since the last frame, in words.
+    pub events: Vec<String>,
 }
 
 /// Images of one instant for recordings and viewers; estimation does not receive them. Each may be missing or empty.
@@ -63,6 +66,14 @@ pub trait Source: Send {
     fn direct(&mut self, _: Directive) -> Result<()> {
         Ok(())
     }
+
+    /// Whether [`Source::see`] needs the place of the object.
+    fn needs_place(&self) -> bool {
+        false
+    }
+
+    /// Tells a controller that holds the object in the air where the object is, from the next frame on. Only estimates reach it.
+    fn see(&mut self, _: EstimatedPlace) {}
 
     /// What the touch sensors' cameras see of their gels.
     fn gel(&self) -> &GelView {

@@ -1,19 +1,21 @@
 //! The supervisor: it chooses the next directive to the hand from the tracker's estimate alone.
 //!
-//! A [`Supervisor`] receives nothing but a [`Belief`], which holds neither the simulator's state nor ground truth.
+//! A [`Supervisor`] receives nothing but a [`Belief`] and, to explore, an [`Outlook`]. Neither holds the simulator's state or ground truth.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use std::fmt;
 use std::str::FromStr;
 
-use mvt_frames::{Isometry, Model, World};
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::directive::Directive;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_settings::{SettingError, settings};
 use nalgebra::{Unit, UnitQuaternion, Vector2, Vector3};
+
+pub use crate::belief::Belief;
+use crate::explorer::{Explorer, ExplorerChoice, Outlook};
 
 /// Goal that ends an episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +30,8 @@ pub enum Goal {
     /// The side of the object that looks at the start to this azimuth and elevation, degrees, is turned to a camera. A supervisor needs
     /// [`Goal::facing`], which makes a pose of it.
     Show([f64; 2]),
+    /// No controller is expected to show unseen surface. Only a supervisor that explores reaches it.
+    Explored,
     /// The duration of the episode is over.
     Time,
 }
@@ -53,6 +57,7 @@ impl fmt::Display for Goal {
             Goal::Coverage(part) => write!(f, "coverage={part}"),
             Goal::Pose(rad) => write!(f, "pose={rad}rad"),
             Goal::Show([azimuth, elevation]) => write!(f, "show={azimuth}/{elevation}"),
+            Goal::Explored => f.write_str("explored"),
             Goal::Time => f.write_str("time"),
         }
     }
@@ -64,7 +69,7 @@ impl fmt::Display for Goal {
 pub enum GoalError {
     /// There is no such goal.
     #[error(
-        "unknown goal {0:?}; the goals are turn=360deg, turn=2rev, turn=6.3rad, coverage=0.9, pose=90deg, show=180/0 and time"
+        "unknown goal {0:?}; the goals are turn=360deg, turn=2rev, turn=6.3rad, coverage=0.9, pose=90deg, show=180/0, explored and time"
     )]
     Unknown(String),
     /// The amount is not a positive number, or a coverage above 1.
@@ -95,6 +100,7 @@ impl FromStr for Goal {
         };
         match text.split_once('=') {
             None if text == "time" => Ok(Goal::Time),
+            None if text == "explored" => Ok(Goal::Explored),
             Some(("turn", amount)) => Ok(Goal::Turn(angle(amount)?)),
             Some(("pose", amount)) => Ok(Goal::Pose(angle(amount)?)),
             Some(("show", side)) => {
@@ -107,27 +113,6 @@ impl FromStr for Goal {
             _ => Err(GoalError::Unknown(text.to_owned())),
         }
     }
-}
-
-/// Estimate of the object at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Belief {
-    /// Seconds since the start of the episode.
-    pub time_s: f64,
-    /// Estimated pose.
-    pub pose: Isometry<Model, World>,
-    /// Estimated middle of the object, x and y in the world, metres.
-    pub centre_m: [f64; 2],
-    /// Angles turned so far about x, y and z of the world, radians.
-    pub turned_rad: Vector3<f64>,
-    /// Confidence in the pose, 0 to 1.
-    pub confidence: f64,
-    /// Stated deviation of the pose, one standard deviation of the surface, metres; infinite while it is lost.
-    pub deviation_m: f64,
-    /// The tracker has declared itself lost.
-    pub lost: bool,
-    /// Part of the directions around the object in which its surface has not been observed, 0 to 1.
-    pub unobserved: f64,
 }
 
 settings! {
@@ -173,6 +158,14 @@ settings! {
     rule = a_push_ends_nearer_than_it_begins;
 }
 
+impl SupervisorRules {
+    /// Returns these rules without pushes and re-grasps, which would drop an object that is held in the air.
+    pub fn in_air(self) -> Self {
+        let never = f64::INFINITY;
+        Self { drift_begin_m: never, lost_s: never, still_s: never, ..self }
+    }
+}
+
 fn a_push_ends_nearer_than_it_begins(rules: &SupervisorRules) -> Result<(), SettingError> {
     if rules.drift_end_m <= rules.drift_begin_m {
         return Ok(());
@@ -201,6 +194,7 @@ pub struct Supervisor {
     pushing_since_s: Option<f64>,
     settled_at_s: f64,
     last_s: f64,
+    explorer: Option<Explorer>,
 }
 
 impl Supervisor {
@@ -220,6 +214,32 @@ impl Supervisor {
             pushing_since_s: None,
             settled_at_s: 0.0,
             last_s: f64::NEG_INFINITY,
+            explorer: None,
+        }
+    }
+
+    /// Lets an explorer choose the controllers.
+    pub fn exploring(self, explorer: Explorer) -> Self {
+        Self { explorer: Some(explorer), ..self }
+    }
+
+    /// Returns the choice of the explorer that led to the last directive, once.
+    pub fn take_choice(&mut self) -> Option<ExplorerChoice> {
+        self.explorer.as_mut().and_then(Explorer::take_choice)
+    }
+
+    /// Returns the directive of this frame as [`Supervisor::decide`], with an outlook for the explorer where there is a map.
+    pub fn decide_seeing(&mut self, belief: &Belief, outlook: Option<&Outlook<'_>>) -> Directive {
+        let directive = self.decide(belief);
+        let may_explore =
+            directive == Directive::Continue && self.is_trusted(belief) && belief.time_s >= self.settled_at_s;
+        let (Some(explorer), Some(outlook)) = (self.explorer.as_mut().filter(|_| may_explore), outlook) else {
+            return directive;
+        };
+        match explorer.decide(belief, outlook) {
+            Some(Directive::Stop) => Directive::Stop,
+            Some(directive) => self.intervene(belief.time_s, directive),
+            None => directive,
         }
     }
 
@@ -273,7 +293,7 @@ impl Supervisor {
             Goal::Turn(angle_rad) => belief.turned_rad.dot(&self.axis) >= angle_rad,
             Goal::Coverage(part) => 1.0 - belief.unobserved >= part,
             Goal::Pose(_) => self.holding_since_s.is_some_and(|since| belief.time_s - since >= self.rules.hold_s),
-            Goal::Show(_) | Goal::Time => false,
+            Goal::Show(_) | Goal::Explored | Goal::Time => false,
         };
         reached && self.is_trusted(belief)
     }
@@ -365,227 +385,4 @@ fn is_finite(belief: &Belief) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const GAITS: [&str; 3] = ["cubelet", "shared", "bal"];
-    const FRAME_S: f64 = 1.0 / 30.0;
-
-    /// An object that stays in its place, turns at the right rate and is observed more and more.
-    fn turning(time_s: f64) -> Belief {
-        let yaw = 0.8 * time_s;
-        Belief {
-            time_s,
-            pose: Isometry::from_parts([0.0, 0.0, 0.05], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
-            centre_m: [-0.02, 0.01],
-            turned_rad: Vector3::z() * yaw,
-            confidence: 0.9,
-            deviation_m: 0.001,
-            lost: false,
-            unobserved: (-time_s / 20.0).exp(),
-        }
-    }
-
-    /// Returns all directives but `Continue` with their times.
-    fn watch(goal: Goal, seconds: f64, believe: impl Fn(f64) -> Belief) -> Vec<(f64, Directive)> {
-        let mut supervisor = Supervisor::new(goal, Vector3::z(), &GAITS, SupervisorRules::default());
-        let times = (0..(seconds / FRAME_S) as usize).map(|k| k as f64 * FRAME_S);
-        times
-            .map(|time_s| (time_s, supervisor.decide(&believe(time_s))))
-            .filter(|(_, directive)| *directive != Directive::Continue)
-            .collect()
-    }
-
-    fn first(directives: &[(f64, Directive)], about_s: f64) -> Directive {
-        assert!((directives[0].0 - about_s).abs() < 2.5 * FRAME_S, "{:?}", directives[0]);
-        directives[0].1.clone()
-    }
-
-    #[test]
-    fn a_goal_orientation_is_held_and_then_ends_the_episode() {
-        // The object turns until the fingers hold it.
-        let side = Placement::parse_list("side").unwrap().remove(0);
-        let show = |text: &str| text.parse::<Goal>().unwrap().facing(TurnAxis::PlusZ, &side);
-        // The camera `side` is at an azimuth of 90 degrees.
-        for (goal, at_rad) in
-            [(Goal::Pose(1.5), 1.5), (show("show=30/20"), TAU / 6.0), (show("show=150/-10"), TAU * 5.0 / 6.0)]
-        {
-            let mut supervisor = Supervisor::new(goal, Vector3::z(), &GAITS, SupervisorRules::default());
-            let (mut yaw, mut held, mut stopped_s) = (0.0_f64, 0, None);
-            for k in 0..600 {
-                let time_s = f64::from(k) * FRAME_S;
-                let pose = Isometry::from_parts([0.0, 0.0, 0.05], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]);
-                match supervisor.decide(&Belief { pose, ..turning(time_s) }) {
-                    Directive::Hold => held += 1,
-                    Directive::Stop => stopped_s = stopped_s.or(Some(time_s)),
-                    _ => yaw += 0.8 * FRAME_S,
-                }
-                if stopped_s.is_some() {
-                    break;
-                }
-            }
-            assert!((yaw - at_rad).abs() < 0.2, "{goal}: {yaw}");
-            assert!((58..=62).contains(&held) && stopped_s.is_some(), "{goal}: {held}");
-        }
-    }
-
-    #[test]
-    fn an_object_that_leaves_its_goal_is_turned_on() {
-        let mut supervisor = Supervisor::new(Goal::Pose(1.0), Vector3::z(), &GAITS, SupervisorRules::default());
-        let mut directives = Vec::new();
-        for (k, yaw) in [0.0_f64, 0.9, 1.1, 1.3, 1.5].into_iter().enumerate() {
-            let pose = Isometry::from_parts([0.0, 0.0, 0.05], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]);
-            directives.push(supervisor.decide(&Belief { pose, ..turning(k as f64 * FRAME_S) }));
-        }
-        let [hold, go] = [Directive::Hold, Directive::Continue];
-        assert_eq!(directives, [go.clone(), hold.clone(), hold, go.clone(), go]);
-        // An estimate that is not trusted holds nothing.
-        let mut supervisor = Supervisor::new(Goal::Pose(1e-3), Vector3::z(), &GAITS, SupervisorRules::default());
-        assert_eq!(supervisor.decide(&Belief { confidence: 0.3, ..turning(0.0) }), Directive::Continue);
-    }
-
-    #[test]
-    fn goals() {
-        let parse = |text: &str| text.parse::<Goal>();
-        assert_eq!(parse("turn=360deg"), Ok(Goal::Turn(TAU)));
-        assert_eq!(parse("turn=2rev"), Ok(Goal::Turn(2.0 * TAU)));
-        assert_eq!(parse("turn=1.5rad"), Ok(Goal::Turn(1.5)));
-        assert_eq!(parse("coverage=0.9"), Ok(Goal::Coverage(0.9)));
-        assert_eq!(parse("pose=90deg"), Ok(Goal::Pose(TAU / 4.0)));
-        assert_eq!(parse("show=180/-30").unwrap().to_string(), "show=180/-30");
-        assert_eq!(parse("time"), Ok(Goal::Time));
-        for text in ["show=180", "show=0/91", "show=NaN/0", "show=side"] {
-            assert_eq!(parse(text), Err(GoalError::Side(text.to_owned())));
-        }
-        for text in [
-            "pose=90",
-            "turn=360",
-            "turn=-1rev",
-            "turn=deg",
-            "turn=NaNdeg",
-            "turn=infrad",
-            "coverage=1.1",
-            "coverage=0",
-        ] {
-            assert_eq!(parse(text), Err(GoalError::Amount(text.to_owned())));
-        }
-        for text in ["", "spin=3rev", "time=3", "turn", "Time"] {
-            let error = parse(text).unwrap_err().to_string();
-            assert!(error.contains("the goals are turn=360deg") && error.contains("show=180/0 and time"), "{error}");
-        }
-    }
-
-    #[test]
-    fn an_episode_that_goes_well_is_left_alone() {
-        assert_eq!(watch(Goal::Time, 40.0, turning), []);
-    }
-
-    #[test]
-    fn stops_at_the_goal() {
-        assert_eq!(first(&watch(Goal::Turn(TAU), 20.0, turning), TAU / 0.8), Directive::Stop);
-        assert_eq!(first(&watch(Goal::Coverage(0.5), 20.0, turning), 20.0 * 2f64.ln()), Directive::Stop);
-        // A guess does not end the episode.
-        let unsure = |time_s| Belief { confidence: 0.4, ..turning(time_s) };
-        assert_eq!(watch(Goal::Turn(TAU), 20.0, unsure), []);
-        let drifted = |time_s| Belief { deviation_m: 0.006, ..turning(time_s) };
-        assert_eq!(watch(Goal::Turn(TAU), 20.0, drifted), []);
-        let lost = |time_s| Belief { lost: time_s > 5.0, ..turning(time_s) };
-        assert!(watch(Goal::Turn(TAU), 20.0, lost).iter().all(|(_, d)| *d == Directive::Regrasp));
-    }
-
-    #[test]
-    fn regrasps_when_lost_for_long_and_not_all_the_time() {
-        let lost = |from: f64, to: f64| move |time_s| Belief { lost: (from..to).contains(&time_s), ..turning(time_s) };
-        assert_eq!(watch(Goal::Time, 20.0, lost(5.0, 5.9)), []);
-        let directives = watch(Goal::Time, 20.0, lost(5.0, 10.0));
-        assert_eq!(first(&directives, 6.0), Directive::Regrasp);
-        assert_eq!(directives.len(), 2, "again after it has settled: {directives:?}");
-        assert!(directives[1].0 - directives[0].0 >= SupervisorRules::default().settle_s);
-    }
-
-    #[test]
-    fn regrasps_when_nothing_moves() {
-        let stuck = |time_s: f64| Belief { time_s, ..turning(time_s.min(3.0)) };
-        assert_eq!(first(&watch(Goal::Time, 9.0, stuck), 7.0), Directive::Regrasp);
-        let rocking = |time_s: f64| Belief { pose: turning((4.0 * time_s).sin()).pose, ..turning(time_s) };
-        assert_eq!(watch(Goal::Time, 20.0, rocking), []);
-    }
-
-    #[test]
-    fn pushes_a_drifted_object_until_it_is_back() {
-        // 16 mm off from 2 s on, back by 4 s.
-        let offset = |time_s: f64| match time_s {
-            t if t < 2.0 => 0.0,
-            t => (0.016 - 0.008 * (t - 2.0)).max(0.0),
-        };
-        let drifting = |time_s| Belief { centre_m: [-0.02, 0.01 + offset(time_s)], ..turning(time_s) };
-        let directives = watch(Goal::Time, 12.0, drifting);
-        let Directive::Recentre { offset_m } = first(&directives, 2.0) else { panic!("{:?}", directives[0]) };
-        assert!(offset_m[0].abs() < 1e-12 && (offset_m[1] - 0.016).abs() < 1e-3, "{offset_m:?}");
-        let (last, _) = directives[directives.len() - 1];
-        assert!((last - 3.5).abs() < 2.0 * FRAME_S, "{last}");
-        assert!(directives.iter().all(|(_, d)| matches!(d, Directive::Recentre { .. })));
-    }
-
-    #[test]
-    fn pushes_end_even_without_success() {
-        let off = |time_s| Belief { centre_m: [if time_s > 3.0 { 0.0 } else { -0.02 }, 0.01], ..turning(time_s) };
-        let pushes: Vec<f64> = watch(Goal::Time, 12.0, off).iter().map(|(time_s, _)| *time_s).collect();
-        let pauses: Vec<f64> = pushes.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 2.0 * FRAME_S).collect();
-        assert_eq!(pauses.len(), 1, "{pauses:?}");
-        assert!((pauses[0] - SupervisorRules::default().settle_s).abs() < 3.0 * FRAME_S);
-    }
-
-    #[test]
-    fn tries_the_gaits_in_turn_when_turning_is_slow() {
-        let slow = |time_s: f64| Belief { turned_rad: Vector3::z() * 0.1 * time_s, ..turning(time_s) };
-        let directives = watch(Goal::Time, 26.0, slow);
-        assert_eq!(first(&directives, 6.0), Directive::SwitchGait("shared".to_owned()));
-        let names: Vec<Directive> = directives.iter().map(|(_, d)| d.clone()).collect();
-        assert_eq!(names, ["shared", "bal", "cubelet", "shared"].map(|name| Directive::SwitchGait(name.to_owned())));
-    }
-
-    #[test]
-    fn tries_another_gait_when_nothing_new_is_seen_and_that_is_the_goal() {
-        let blind = |time_s: f64| Belief { unobserved: turning(time_s.min(4.0)).unobserved, ..turning(time_s) };
-        assert_eq!(watch(Goal::Time, 20.0, blind), []);
-        assert_eq!(watch(Goal::Coverage(0.99), 11.0, blind)[0].1, Directive::SwitchGait("shared".to_owned()));
-    }
-
-    #[test]
-    fn broken_and_old_beliefs_change_nothing() {
-        let mut supervisor = Supervisor::new(Goal::Turn(1.0), Vector3::z(), &GAITS, SupervisorRules::default());
-        assert_eq!(supervisor.decide(&turning(1.0)), Directive::Continue);
-        for broken in [
-            Belief { turned_rad: Vector3::z() * f64::INFINITY, ..turning(1.1) },
-            Belief { centre_m: [f64::NAN, 0.0], ..turning(2.0) },
-            Belief { pose: Isometry::translation(f64::NAN, 0.0, 0.0), ..turning(2.0) },
-            Belief { turned_rad: Vector3::z() * 2.0, ..turning(0.9) },
-        ] {
-            assert_eq!(supervisor.decide(&broken), Directive::Continue, "{broken:?}");
-        }
-        assert_eq!(supervisor.decide(&turning(2.0)), Directive::Stop);
-    }
-
-    #[test]
-    fn a_turn_about_another_axis_is_no_progress() {
-        let mut supervisor = Supervisor::new(Goal::Turn(1.0), -Vector3::y(), &GAITS, SupervisorRules::default());
-        let mut tumbled = supervisor.clone();
-        for k in 0..150 {
-            let belief = turning(f64::from(k) * FRAME_S);
-            assert_eq!(supervisor.decide(&belief), Directive::Continue);
-            let belief = Belief { turned_rad: -Vector3::y() * belief.turned_rad.norm(), ..belief };
-            let stops = tumbled.decide(&belief) == Directive::Stop;
-            assert_eq!(stops, belief.turned_rad.norm() >= 1.0);
-        }
-    }
-
-    #[test]
-    fn a_single_gait_is_kept() {
-        let mut supervisor = Supervisor::new(Goal::Time, Vector3::z(), &["bal"], SupervisorRules::default());
-        for k in 0..600 {
-            let belief = Belief { turned_rad: Vector3::zeros(), ..turning(f64::from(k) * FRAME_S) };
-            assert_eq!(supervisor.decide(&belief), Directive::Continue);
-        }
-    }
-}
+mod tests;

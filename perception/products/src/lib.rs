@@ -3,7 +3,7 @@
 //! [`multiply`](multiply::multiply) multiplies rows that a program already holds in memory, the pixels of an image for example, by a
 //! matrix that is packed once. A linear layer, a 3 x 3 convolution and attention are all such products, and nothing is copied for any
 //! of them. Every kernel exists for [`Instructions`] from plain SSE2 to Intel's AMX; tests compare them all with sums in f64.
-//! [`math`] has the activations that follow a product, lane by lane.
+//! [`depthwise`] convolves each channel by itself, and [`math`] has the activations that follow a product, lane by lane.
 //!
 //! ```
 //! use mvt_products::Instructions;
@@ -36,6 +36,7 @@
 //! - Vectors of other architectures: ARM runs the kernel of four lanes, which the compiler vectorises.
 //! - Transposed operands, strides within a row, and gradients.
 
+pub mod depthwise;
 #[cfg(target_arch = "x86_64")]
 mod detect;
 pub mod instructions;

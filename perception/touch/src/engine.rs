@@ -5,12 +5,14 @@
 
 mod attention;
 mod dpt;
+mod hierarchy;
 mod image;
 mod layers;
 mod mamba;
 mod map;
 mod pass;
 mod pyramid;
+mod reassemble;
 mod transformer;
 
 use ::image::RgbImage;
@@ -20,6 +22,7 @@ use rayon::iter::{
 };
 
 use crate::network::{Architecture, Weights};
+use hierarchy::Hierarchy;
 pub use mvt_products::Instructions;
 pub use pass::Prediction;
 use pass::Runner;
@@ -52,6 +55,7 @@ pub struct Engine {
 enum Network {
     Pyramid(Box<Runner<Pyramid>>),
     Transformer(Box<Runner<Transformer>>),
+    Hierarchy(Box<Runner<Hierarchy>>),
 }
 
 impl Engine {
@@ -64,6 +68,12 @@ impl Engine {
         let network = match &architecture {
             Architecture::Default(pyramid) => {
                 Network::Pyramid(Box::new(Runner::new(Pyramid::new(instructions, pyramid, weights))))
+            }
+            Architecture::Swin(swin) => {
+                Network::Hierarchy(Box::new(Runner::new(Hierarchy::swin(instructions, swin, weights))))
+            }
+            Architecture::ConvNext(convnext) => {
+                Network::Hierarchy(Box::new(Runner::new(Hierarchy::convnext(instructions, convnext, weights))))
             }
             other => Network::Transformer(Box::new(Runner::new(Transformer::new(instructions, other, weights)))),
         };
@@ -101,6 +111,7 @@ impl Engine {
         match &self.network {
             Network::Pyramid(runner) => runner.run(image, size, prediction),
             Network::Transformer(runner) => runner.run(image, size, prediction),
+            Network::Hierarchy(runner) => runner.run(image, size, prediction),
         }
         Ok(())
     }

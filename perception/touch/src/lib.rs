@@ -1,11 +1,11 @@
 //! Networks that turn touch images of a DIGIT into indentation and contact.
 //!
-//! [`network`] describes four architectures and reads their weights; [`Weights::shipped`](network::Weights::shipped) needs no file.
+//! [`network`] describes six architectures and reads their weights; [`Weights::shipped`](network::Weights::shipped) needs no file.
 //! [`engine`] runs them on the CPU, faster than a camera delivers images. [`untouched`] finds and subtracts the image of a sensor without
-//! contact, [`contact`] decides which pixels touch, and [`accuracy`] compares predictions with the truth. The cargo feature `train` adds
-//! training.
+//! contact, [`contact`] decides which pixels touch, and [`accuracy`] compares predictions with the truth.
+//! The crate `mvt-training` trains them.
 //!
-//! The crate deliberately has no camera driver, no tracking, and no network but these four; it runs no ONNX or PyTorch files.
+//! The crate deliberately has no camera driver, no tracking, and no network but these six; it runs no ONNX or PyTorch files.
 //!
 //! ```
 //! use image::RgbImage;
@@ -30,8 +30,6 @@ pub mod accuracy;
 pub mod contact;
 pub mod engine;
 pub mod network;
-#[cfg(feature = "train")]
-pub mod train;
 pub mod untouched;
 
 pub use image;

@@ -1,6 +1,6 @@
 //! Descriptions of the networks that turn the image of a DIGIT into indentation and contact: layers, costs and weights.
 //!
-//! Four architectures share their ops, so that training and the engine need few kinds. [`Architecture::layers`] lists a network's
+//! The architectures share their ops, so that training and the engine need few kinds. [`Architecture::layers`] lists a network's
 //! layers; tensors, counts and the check of a weights file all come from that list. The following definitions of the layers bind
 //! training and engine.
 //!
@@ -19,6 +19,8 @@
 //! - **Convolution** `name.weight [out, in, 3, 3]` (row, column of the window last), `name.bias [out]`: 3 x 3 correlation, zeros
 //!   around the image, stride 1 or 2; with stride 2, output (i, j) is centred on input (2 i, 2 j), and sides are halved upwards.
 //! - **Layer norm** `name.weight [width]`, `name.bias [width]`: over channels, biased variance, [`LAYER_NORM_EPS`] added to it.
+//! - **Depthwise convolution** `name.weight [width, 7, 7]`, `name.bias [width]`: 7 x 7 correlation of each channel by itself, zeros around
+//!   the image.
 //! - **Depth to space** by s: channel `(dy * s + dx) * C + c` at (i, j) becomes channel `c` at (s i + dy, s j + dx). **Space to
 //!   depth** is its inverse.
 //! - **Resampling** of a map to `[h, w]`: bilinear with the corners of both images aligned.
@@ -30,6 +32,10 @@
 //!   before the start; `[d, B, C] = x_proj x` (R, N, N, no bias); `Delta = softplus(dt_proj d)`, with bias;
 //!   `h_t = exp(Delta_t A) h_(t-1) + Delta_t x_t B_t` with `A = -exp(A_log) [E, N]` and `h_0 = 0` before the first;
 //!   `y_t = h_t C_t + D x_t`; the result `out_proj (y silu(z))`, no bias, returns to the tokens' places.
+//!
+//! - **Window attention**: attention as in `vit`, within windows of a map ([`ShiftedWindows`]). The table
+//!   `relative_position_bias_table [(2 window - 1)^2, heads]` holds a number for each offset of query and key, which is added to their
+//!   score ([`relative_position`]). Padding is zero before the linear map `qkv`; it attends and is attended to, as in the original.
 //!
 //! # `default`
 //! A pyramid with Mamba blocks at its coarsest level. With widths c0 to c3:
@@ -58,18 +64,29 @@
 //! is resampled to twice its size. Each of the heads `depth` and `contact` is `out(relu(conv2(resampled(conv1(f)))))`, where the
 //! resampling leads to the input's size and `out` is linear to one channel.
 //!
-//! Differences from the published code: the class token comes last, where a causal scan lets it see the image; hooks tap the stream;
+//! # `swin` and `convnext`
+//! Four stages at 1/4, 1/8, 1/16 and 1/32, sides rounded up. The first begins with `norm(patch(image))`, a linear map of space to depth by 4.
+//! Each other joins squares of 2 x 2 pixels of the stage before it, zeros beyond the map, by space to depth: in `swin`
+//! `x = down.linear(down.norm(squares(x)))`, in `convnext` `x = down.linear(squares(down.norm(x)))`. Blocks:
+//! - `swin`: those of `vit` with window attention; windows are shifted in every second block of a stage.
+//! - `convnext`: `x = x + scale mlp.fc2(gelu(mlp.fc1(norm(depthwise(x)))))`, with a number of `scale` per channel.
+//!
+//! Each stage gives the decoder a map, `reassemble.k.project(reassemble.k.norm(x))`; what follows is as above.
+//!
+//! # Differences from published code
+//! `vit`, `mamba` and `robust_mamba`: the class token comes last, where a causal scan lets it see the image; hooks tap the stream;
 //! the level at 1/32 is a padded convolution, so that odd grids work; the output is indentation without a sigmoid, and contact a
-//! single logit.
+//! single logit. `swin` and `convnext`: merging has a bias in `swin` and pads odd maps in `convnext`, which the original cuts off; the
+//! constant added to a variance is the same everywhere.
 
 mod architecture;
 mod cost;
 mod layer;
 mod weights;
+mod windows;
 
-pub use architecture::{Architecture, Mamba, Pyramid, RobustMamba, ScanOrder, UnknownNetwork, Vit};
+pub use architecture::{Architecture, ConvNext, Mamba, Pyramid, RobustMamba, ScanOrder, Swin, UnknownNetwork, Vit};
 pub use cost::Cost;
 pub use layer::{Grid, LAYER_NORM_EPS, NetworkLayer, Op};
-pub use weights::{Precision, Provenance, WeightTensor, Weights, WeightsError};
-#[cfg(feature = "train")]
-pub(crate) use weights::{Stored, write_sealed};
+pub use weights::{Precision, Provenance, WeightTensor, Weights, WeightsError, write_tensors};
+pub use windows::{ShiftedWindows, relative_position, squares};

@@ -61,28 +61,6 @@ fn every_network_predicts_what_pytorch_does_on_every_path() {
     }
 }
 
-/// Training and the engine predict the same.
-#[cfg(feature = "train")]
-#[test]
-fn training_sees_what_the_engine_sees() {
-    for name in Architecture::NAMES {
-        let weights = Weights::read(&fixture(name)).unwrap();
-        let image = image(name);
-        let shape = [1, image.height() as usize, image.width() as usize];
-        let trained = mvt_touch::train::predict(&weights, image.as_raw(), shape).unwrap();
-        let mut prediction = Prediction::default();
-        for set in Instructions::available() {
-            Engine::new(&weights, set).infer(&image, &mut prediction).unwrap();
-            let bound = if set.is_bf16() { 0.2 } else { 1e-4 };
-            let pixels = prediction.indentation_mm.iter().zip(&prediction.contact_logit).zip(&trained);
-            for ((mm, logit), exact) in pixels {
-                let error = (mm - exact[0].max(0.0)).abs().max((logit - exact[1]).abs());
-                assert!(error < bound, "{name} {}: {error}", set.name());
-            }
-        }
-    }
-}
-
 /// The error for tensors of another architecture names the misfit; the error for an unknown network lists the known ones.
 #[test]
 fn weights_of_another_network_are_refused() {
@@ -141,5 +119,5 @@ fn damaged_weights_never_panic() {
             }
         }
     }
-    assert!(refused > 800, "only {refused} of 1600 were refused");
+    assert!(refused > 1200, "only {refused} of 2400 were refused");
 }

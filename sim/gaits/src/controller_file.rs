@@ -1,4 +1,4 @@
-//! Controllers as files: a gait with the hand, rate, objects and axis that it was made for.
+//! Controllers as files: a gait, with or without feedback, with the hand, rate, objects and axis that it was made for.
 //!
 //! A file is TOML. A file that was made for another hand, rate or model is refused, because its motion would be another
 //! one; the error says what differs.
@@ -34,6 +34,8 @@ const MOST_ROWS: usize = 4096;
 pub enum ControllerKind {
     /// Periodic targets of the joints. It senses joint angles and nothing of the object.
     Gait,
+    /// Periodic targets with feedback on the estimated place of the object, which it holds in the air.
+    Feedback,
 }
 
 /// Content of a file.
@@ -67,6 +69,9 @@ pub enum ControllerFileError {
     /// The name is unknown.
     #[error(transparent)]
     Name(#[from] UnknownGait),
+    /// A schedule names a controller that holds the object in the air.
+    #[error("{0} takes the object over in the air, which only the start of an episode does: play it alone")]
+    InAir(String),
     /// The schedule cannot be understood.
     #[error(
         "{0:?} is no schedule: write CONTROLLER:SECONDS,CONTROLLER:SECONDS with {SHORTEST_PART_S} to 3600 seconds each, such as tumble_back:8,cubelet:8"
@@ -88,7 +93,7 @@ impl ControllerFile {
         let extents = || objects.iter().flat_map(Object::extents_m).map(|m| 1e3 * m);
         Self {
             format: CONTROLLER_FORMAT,
-            kind: ControllerKind::Gait,
+            kind: if gait.feedback.is_some() { ControllerKind::Feedback } else { ControllerKind::Gait },
             hand: HAND.to_owned(),
             model: hand_model(),
             sides: vec![Side::Left, Side::Right],
@@ -139,9 +144,20 @@ impl ControllerFile {
     }
 
     fn check_gait(&self) -> Result<(), String> {
+        match (self.kind, &self.gait.feedback) {
+            (ControllerKind::Gait, Some(_)) => {
+                return Err("a gait senses nothing of the object: write kind = \"feedback\", or remove gait.feedback"
+                    .to_owned());
+            }
+            (ControllerKind::Feedback, None) => {
+                return Err("a controller of kind \"feedback\" needs the table gait.feedback".to_owned());
+            }
+            _ => (),
+        }
         let Gait { period_s, torque_limit_nm, gravity, start_xy_m, open_pose, table, params, .. } = &self.gait;
         let numbers = [period_s, torque_limit_nm].into_iter().chain(gravity).chain(start_xy_m).chain(&self.sizes_mm);
-        let mut numbers = numbers.chain(open_pose).chain(table.iter().flatten()).chain(params.values());
+        let fed_back = self.gait.feedback.iter().flat_map(|feedback| feedback.numbers());
+        let mut numbers = numbers.chain(open_pose).chain(table.iter().flatten()).chain(params.values()).chain(fed_back);
         if numbers.any(|number| !number.is_finite()) {
             return Err("it contains a number that is not finite".to_owned());
         }
@@ -156,12 +172,21 @@ impl ControllerFile {
         for value in start_xy_m {
             within("gait.start_xy_m", *value, [-0.1, 0.1])?;
         }
+        if let Some(feedback) = &self.gait.feedback {
+            for value in feedback.place_m {
+                within("gait.feedback.place_m", value, [-0.2, 0.2])?;
+            }
+            within("the number of poses of gait.feedback.lowering", feedback.lowering.len() as f64, [1.0, 10.0])?;
+        }
         // Tables of the hand's own tuning are rounded.
         const ROUNDING_RAD: f64 = 1e-3;
+        // In the air, a joint stays at its limit although feedback moves its target, if the target lies beyond.
+        const BEYOND_RAD: f64 = 1.0;
+        let beyond = if self.gait.feedback.is_some() { BEYOND_RAD } else { ROUNDING_RAD };
         let ranges = joint_ranges(Side::Right);
-        for row in table.iter().chain([open_pose]) {
+        for row in table.iter().chain([open_pose]).chain(self.gait.feedback.iter().flat_map(|f| f.poses())) {
             for (j, (angle, [low, high])) in row.iter().zip(ranges).enumerate() {
-                within(&format!("an angle of joint {j}"), *angle, [low - ROUNDING_RAD, high + ROUNDING_RAD])?;
+                within(&format!("an angle of joint {j}"), *angle, [low - beyond, high + beyond])?;
             }
         }
         Ok(())
@@ -258,7 +283,11 @@ pub fn choose_all(text: &str, object: &Object, side: Side) -> Result<ChosenContr
         if !(SHORTEST_PART_S..=3600.0).contains(&duration_s) {
             return Err(invalid());
         }
-        Ok((choose(name, object, side)?, duration_s))
+        let chosen = choose(name, object, side)?;
+        if chosen.gait.feedback.is_some() {
+            return Err(ControllerFileError::InAir(chosen.name));
+        }
+        Ok((chosen, duration_s))
     };
     let parts = text.split(',').map(part).collect::<Result<Vec<_>, _>>()?;
     let scheduled = |(chosen, duration_s): &(ChosenController, f64)| ScheduledGait {
@@ -351,6 +380,33 @@ mod tests {
         assert!(refusal(|f| f.gait.table[0][0] = 2.0).contains("joint 0"));
         assert!(refusal(|f| f.gait.table.clear()).contains("rows"));
         assert!(refusal(|f| f.gait.gravity = [0.0; 3]).contains("gravity"));
+    }
+
+    #[test]
+    fn kind_and_content_must_agree() {
+        let in_air = || shipped()["air_ball"].clone();
+        assert_eq!((in_air().kind, in_air().check(Side::Left)), (ControllerKind::Feedback, Ok(())));
+        let refusal = |change: fn(&mut ControllerFile)| {
+            let mut file = in_air();
+            change(&mut file);
+            file.check(Side::Left).unwrap_err()
+        };
+        assert!(refusal(|f| f.kind = ControllerKind::Gait).contains("kind = \"feedback\""));
+        assert!(refusal(|f| f.gait.feedback = None).contains("needs the table gait.feedback"));
+        assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().gains[3][1] = f64::NAN).contains("not finite"));
+        assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().lowering[0][0] = 2.0).contains("joint 0"));
+        assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().lowering.clear()).contains("lowering"));
+        assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().place_m[2] = 1.0).contains("place_m"));
+        // A controller that wants the true place has no kind.
+        let teacher = toml::to_string(&in_air()).unwrap().replace("kind = \"feedback\"", "kind = \"teacher\"");
+        let error = toml::from_str::<ControllerFile>(&teacher).unwrap_err();
+        assert!(error.message().contains("teacher") && error.message().contains("feedback"), "{error}");
+    }
+
+    #[test]
+    fn the_air_is_no_part_of_a_schedule() {
+        let error = choose_all("cubelet:8,air_ball:8", &object("cube70"), Side::Left).unwrap_err();
+        assert!(error.to_string().starts_with("air_ball takes the object over in the air"), "{error}");
     }
 
     #[test]

@@ -5,8 +5,9 @@ use nalgebra as na;
 
 use crate::clock::CONTROL_HZ;
 use crate::controller::{Controller, Proprioception};
+use crate::feedback::FeedbackController;
 use crate::gait::{Gait, GaitController};
-use crate::schedule::{CLOSING_AT_S, smooth};
+use crate::schedule::{CLOSING_AT_S, blend, smooth};
 
 /// Request of a supervisor to the hand.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,6 +16,9 @@ pub enum Directive {
     Continue,
     /// Changes to the shipped gait of this name. Gravity and torque limits stay.
     SwitchGait(String),
+    /// Changes to the shipped controller of this name, also about another axis: the hand opens, the palm is levelled and tilted as
+    /// the controller needs it, and the hand closes. It takes two seconds. The torque limit stays.
+    ChangeController(String),
     /// Opens the fingers for a moment and closes them again.
     Regrasp,
     /// Plays the gait with shifted fingers, which push the object back.
@@ -43,10 +47,13 @@ const SHIFT_PER_OFFSET: f64 = 0.5;
 /// Damping of the inverse of a finger's Jacobian, metres per radian: much less than a finger's lever of 50 to 100 mm.
 const DAMPING_M: f64 = 0.01;
 
-/// Controller that plays gaits and obeys directives. Without directives it equals [`GaitController`] bit for bit.
+/// Controller that plays gaits and obeys directives. Without directives it equals [`GaitController`] bit for bit. While it holds an
+/// object in the air, it obeys [`DirectedController::hold`] and its release alone: anything else would drop the object.
 #[derive(Debug, Clone)]
 pub struct DirectedController {
     gait: GaitController,
+    /// Plays in place of the gait if that has feedback.
+    in_air: Option<FeedbackController>,
     open_pose: JointAngles,
     side: Side,
     /// The last targets, before the shift.
@@ -69,6 +76,7 @@ impl DirectedController {
         let open_pose = side.mirror_joints(gait.open_pose);
         Self {
             gait: GaitController::new(gait.clone(), side),
+            in_air: FeedbackController::new(gait, side),
             open_pose,
             side,
             aimed_at: open_pose,
@@ -99,13 +107,29 @@ impl DirectedController {
         self.opening = Some((self.time_s, CLOSING_AT_S - OPENING_S));
     }
 
-    /// Keeps the fingers where they are.
+    /// Returns the controller that holds the object in the air; `None` if the gait has no feedback.
+    pub fn in_air(&mut self) -> Option<&mut FeedbackController> {
+        self.in_air.as_mut()
+    }
+
+    /// Returns the time at which the hand began to lower the object from the air, seconds; `None` if it did not.
+    pub fn lowered_at_s(&self) -> Option<f64> {
+        self.in_air.as_ref().and_then(FeedbackController::lowered_at_s)
+    }
+
+    /// Keeps the fingers where they are; in the air, those that hold the object.
     pub fn hold(&mut self) {
+        if let Some(in_air) = &mut self.in_air {
+            in_air.pause(true);
+        }
         self.held.get_or_insert(self.aimed_at);
     }
 
     /// Lets held fingers move on. Has no effect on others.
     pub fn release(&mut self) {
+        if let Some(in_air) = &mut self.in_air {
+            in_air.pause(false);
+        }
         if let Some(held) = self.held.take() {
             self.fading = Some((held, self.time_s));
         }
@@ -151,6 +175,9 @@ impl DirectedController {
 impl Controller for DirectedController {
     fn command(&mut self, sensed: &Proprioception) -> JointAngles {
         self.time_s = sensed.time_s;
+        if let Some(in_air) = &mut self.in_air {
+            return in_air.command(sensed);
+        }
         let mut targets = self.held.unwrap_or_else(|| self.gait.targets(sensed.time_s));
         if let Some((from, since)) = self.fading {
             let t = (self.time_s - since) / BLEND_S;
@@ -170,11 +197,6 @@ impl Controller for DirectedController {
         }
         self.gait.within_reach(&targets, &sensed.joints)
     }
-}
-
-/// Interpolates between targets.
-fn blend(from: &JointAngles, to: &JointAngles, t: f64) -> JointAngles {
-    std::array::from_fn(|j| from[j] * (1.0 - t) + to[j] * t)
 }
 
 /// Returns the change of a fingertip's position in the world per radian of each joint of its finger, metres.

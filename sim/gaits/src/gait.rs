@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
 use crate::controller::{Controller, Proprioception};
+use crate::place::PlaceFeedback;
 use crate::shape::ObjectShape;
 
 /// Gait for the right hand.
@@ -38,10 +39,32 @@ pub struct Gait {
     pub open_pose: JointAngles,
     /// Joint angles at equally spaced phases, radians.
     pub table: Vec<JointAngles>,
+    /// Feedback on the object's place, of a controller that holds it in the air; `None` for a gait on the palm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub feedback: Option<Box<PlaceFeedback>>,
+}
+
+impl Gait {
+    /// Returns whether this gait can take over from another one that makes no progress: both turn objects on the palm about one axis.
+    pub fn follows(&self, other: &Gait) -> bool {
+        self.axis == other.axis && self.feedback.is_none() && other.feedback.is_none()
+    }
+
+    /// Returns the joint angles of the table at a time since its start, radians, for the right hand.
+    pub(crate) fn row(&self, time_s: f64) -> JointAngles {
+        if self.table.is_empty() {
+            return self.open_pose;
+        }
+        let phase = (time_s / self.period_s).rem_euclid(1.0) * self.table.len() as f64;
+        let (row, fraction) = (phase as usize % self.table.len(), phase.fract());
+        let (a, b) = (&self.table[row], &self.table[(row + 1) % self.table.len()]);
+        std::array::from_fn(|j| a[j] * (1.0 - fraction) + b[j] * fraction)
+    }
 }
 
 /// The shipped controllers that are files: name and text.
 pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
+    ("air_ball", include_str!("../assets/controllers/air_ball.toml")),
     ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
     ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
     ("turn_disc", include_str!("../assets/controllers/turn_disc.toml")),
@@ -163,19 +186,10 @@ impl GaitController {
 
     /// Returns the right-hand targets at a time since the start, radians.
     fn target(&self, time_s: f64) -> JointAngles {
-        let Gait { table, open_pose, period_s, .. } = &self.gait;
-        if table.is_empty() {
-            return *open_pose;
-        }
-        let phase = (time_s / period_s).rem_euclid(1.0) * table.len() as f64;
-        let (row, fraction) = (phase as usize % table.len(), phase.fract());
-        let (a, b) = (&table[row], &table[(row + 1) % table.len()]);
+        let gait = self.gait.row(time_s);
         let t = (time_s / CLOSING_S).clamp(0.0, 1.0);
         let closed = t * t * (3.0 - 2.0 * t);
-        std::array::from_fn(|j| {
-            let gait = a[j] * (1.0 - fraction) + b[j] * fraction;
-            open_pose[j] * (1.0 - closed) + gait * closed
-        })
+        std::array::from_fn(|j| self.gait.open_pose[j] * (1.0 - closed) + gait[j] * closed)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Gaits that turn objects in an Allegro hand, the directives that change them, and the rates of an episode.
 //!
-//! A [`Controller`](controller::Controller) receives proprioception only, never the pose of the object. The shipped
+//! A [`Controller`](controller::Controller) receives proprioception, never the pose of the object. One that holds an
+//! object in the air also receives its estimated place: see [`feedback`]. The shipped
 //! gaits are tables of joint angles for the right hand; the left hand plays the mirror image. The crate does not
 //! simulate: it only computes joint angles to aim at.
 //!
@@ -23,8 +24,11 @@ pub mod clock;
 pub mod controller;
 pub mod controller_file;
 pub mod directive;
+pub mod feedback;
 pub mod gait;
+mod place;
+pub mod safe;
 pub mod schedule;
 pub mod shape;
 
-pub use {mvt_objects, mvt_robot};
+pub use {mvt_frames, mvt_objects, mvt_robot};

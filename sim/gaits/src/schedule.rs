@@ -3,6 +3,7 @@
 //! Controllers need the palm at different tilts. The arm tilts the hand, and the cameras move with the base of the hand;
 //! in the world, whose axes follow the palm, gravity turns.
 
+use mvt_robot::hand::JointAngles;
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -97,6 +98,11 @@ impl TiltChange {
 pub(crate) fn smooth(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
+}
+
+/// Interpolates between targets; `t` is from 0 to 1.
+pub(crate) fn blend(from: &JointAngles, to: &JointAngles, t: f64) -> JointAngles {
+    std::array::from_fn(|j| from[j] * (1.0 - t) + to[j] * t)
 }
 
 #[cfg(test)]

@@ -4,132 +4,21 @@ use mvt_frames::{Isometry, Object as ObjectFrame, Vector, World as WorldFrame};
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
 use mvt_gaits::controller::{Controller as _, Proprioception};
 use mvt_gaits::directive::{DirectedController, Directive};
+use mvt_gaits::feedback::{EstimatedPlace, HANDED_OVER_S};
 use mvt_gaits::gait;
 use mvt_gaits::gait::{Gait, UnknownGait};
 use mvt_gaits::schedule::{Schedule, TiltChange};
 use mvt_objects::object::Object;
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, joint_ranges};
+use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
 use mvt_robot::observation::SceneState;
 use nalgebra as na;
-use rand::RngExt as _;
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::mjcf::Physics;
+use crate::air::{AirOutcome, AirTally, PlaceErrors, Rehearsal};
 use crate::simulation::{PadContact, Simulation, SimulationError, SimulationState};
+use crate::start::gravity_of;
 
-/// Ranges of the differences between a start and the nominal one. Every quantity is drawn independently.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Randomisation {
-    /// Relative change of each friction coefficient, uniform in +- this.
-    pub friction: f64,
-    /// Factor of the mass: up to 1 + this, or its inverse, log-uniform.
-    pub mass: f64,
-    /// Shift of the centre of mass along each axis, metres, uniform in +- this.
-    pub centre_of_mass_m: f64,
-    /// Relative change of the joints' stiffness, uniform in +- this.
-    pub stiffness: f64,
-    /// Shift of the start along x and y, metres, uniform in +- this.
-    pub position_m: f64,
-    /// Yaw of the start, radians, uniform in +- this.
-    pub yaw_rad: f64,
-    /// Change of each joint's start angle, radians, uniform in +- this.
-    pub joints_rad: f64,
-}
-
-impl Default for Randomisation {
-    fn default() -> Self {
-        Self {
-            friction: 0.15,
-            mass: 0.49,
-            centre_of_mass_m: 0.004,
-            stiffness: 0.05,
-            position_m: 0.008,
-            yaw_rad: std::f64::consts::PI,
-            joints_rad: 0.03,
-        }
-    }
-}
-
-impl Randomisation {
-    /// Returns zero ranges, which give the nominal start.
-    pub fn none() -> Self {
-        Self {
-            friction: 0.0,
-            mass: 0.0,
-            centre_of_mass_m: 0.0,
-            stiffness: 0.0,
-            position_m: 0.0,
-            yaw_rad: 0.0,
-            joints_rad: 0.0,
-        }
-    }
-}
-
-/// Nominal friction of the gel: with that of the links, the middle of the range in which all starts of the tuning study
-/// survived.
-const GEL_FRICTION: f64 = 1.05;
-/// Nominal friction of palm, links and object. Higher values stop the object on the palm.
-const LINK_FRICTION: f64 = 0.35;
-/// Nominal stiffness of the joints, Nm/rad.
-const JOINT_STIFFNESS: f64 = 3.0;
-/// Start height of the object's lowest point, metres: 4 mm above the palm.
-const START_HEIGHT_M: f64 = 0.015;
-
-/// Drawn start: the physical quantities of the model and the initial state.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub struct EpisodeStart {
-    /// Physical quantities of the model.
-    pub physics: Physics,
-    /// Initial joint angles, radians.
-    pub joints: JointAngles,
-    /// Initial pose of the object.
-    pub object: Isometry<ObjectFrame, WorldFrame>,
-}
-
-impl EpisodeStart {
-    /// Draws a start. With the same seed, the starts of the left and the right hand are mirror images.
-    pub fn draw(object: &Object, gait: &Gait, side: Side, randomisation: &Randomisation, seed: u64) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut within = |amplitude: f64| amplitude * rng.random_range(-1.0..=1.0);
-        let r = randomisation;
-        let mirror = side.sign();
-        let gel_friction = GEL_FRICTION * (1.0 + within(r.friction));
-        let link_friction = LINK_FRICTION * (1.0 + within(r.friction));
-        let object_mass_kg = object.mass_kg * within((1.0 + r.mass).ln()).exp();
-        let [cx, cy, cz] = std::array::from_fn(|_| within(r.centre_of_mass_m));
-        let joint_stiffness = JOINT_STIFFNESS * (1.0 + within(r.stiffness));
-        let (x, y) = (gait.start_xy_m[0] + within(r.position_m), gait.start_xy_m[1] + within(r.position_m));
-        let yaw = mirror * within(r.yaw_rad);
-        let right = gait.open_pose.map(|angle| angle + within(r.joints_rad));
-        let ranges = joint_ranges(side);
-        let joints = side.mirror_joints(right);
-        let lowest = object.mesh.vertices.iter().fold(f32::INFINITY, |low, v| low.min(v.z));
-        let height = START_HEIGHT_M - if lowest.is_finite() { f64::from(lowest) } else { 0.0 };
-        Self {
-            physics: Physics {
-                timestep_s: 1.0 / f64::from(PHYSICS_HZ),
-                gravity: gravity_of(gait, side),
-                gel_friction,
-                link_friction,
-                joint_stiffness,
-                torque_limit: gait.torque_limit_nm,
-                object_mass_kg,
-                com_offset_m: [cx, mirror * cy, cz],
-            },
-            joints: std::array::from_fn(|j| joints[j].clamp(ranges[j][0], ranges[j][1])),
-            object: Isometry::from_parts([x, mirror * y, height], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
-        }
-    }
-}
-
-/// Returns gravity in the world with which a hand plays a gait, m/s^2.
-fn gravity_of(gait: &Gait, side: Side) -> [f64; 3] {
-    let [gx, gy, gz] = gait.gravity;
-    [gx, side.sign() * gy, gz]
-}
+pub use crate::start::{EpisodeStart, Randomisation};
 
 /// Reason for the end of an episode.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -179,6 +68,8 @@ pub struct EpisodeSnapshot {
     target: JointAngles,
     plan: Plan,
     gravity: [f64; 3],
+    rehearsal: Option<Rehearsal>,
+    air: Option<AirTally>,
     tick: u64,
     turned_rad: f64,
     end: Option<End>,
@@ -204,6 +95,9 @@ pub struct Episode {
     schedule: Schedule,
     target: JointAngles,
     plan: Plan,
+    /// Shows the true place to a controller that holds the object in the air.
+    rehearsal: Option<Rehearsal>,
+    air: Option<AirTally>,
     /// Number of integration steps so far, and at the end.
     tick: u64,
     last_tick: u64,
@@ -230,6 +124,8 @@ impl Episode {
             target: start.joints,
             start,
             plan: Plan { changes: 0, turn_axis: gait.axis.direction(*side), tilting: None },
+            rehearsal: None,
+            air: gait.feedback.as_ref().map(|_| AirTally::new(object)),
             tick: 0,
             last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
             turned_rad: 0.0,
@@ -241,6 +137,24 @@ impl Episode {
     /// holds for all.
     pub fn follow(&mut self, schedule: Schedule) {
         self.schedule = schedule;
+    }
+
+    /// Shows the true place of the object, with errors, to a controller that holds it in the air. Without this, such a
+    /// controller knows only what [`Episode::see`] tells it. `seed` decides the errors.
+    pub fn rehearse(&mut self, errors: PlaceErrors, seed: u64) {
+        self.rehearsal = Some(Rehearsal::new(errors, seed));
+    }
+
+    /// Tells the estimated place of the object to a controller that holds it in the air; has no effect on others.
+    pub fn see(&mut self, place: EstimatedPlace) {
+        if let Some(in_air) = self.controller.in_air() {
+            in_air.see(place);
+        }
+    }
+
+    /// Returns how the object was held in the air; `None` if the gait has no feedback.
+    pub fn in_air(&self) -> Option<AirOutcome> {
+        self.air.as_ref().map(|air| air.outcome(self.controller.lowered_at_s()))
     }
 
     /// Returns the drawn start.
@@ -275,6 +189,7 @@ impl Episode {
             Directive::Continue => self.controller.recentre([0.0; 2]),
             Directive::Hold => self.controller.hold(),
             Directive::SwitchGait(name) => self.controller.switch(gait::find(&name)?.1),
+            Directive::ChangeController(name) => self.change(gait::find(&name)?.1),
             Directive::Regrasp => self.controller.regrasp(),
             Directive::Recentre { offset_m } => self.controller.recentre(offset_m),
             Directive::Stop => {
@@ -368,6 +283,8 @@ impl Episode {
             target: self.target,
             plan: self.plan.clone(),
             gravity: self.simulation.gravity(),
+            rehearsal: self.rehearsal.clone(),
+            air: self.air.clone(),
             tick: self.tick,
             turned_rad: self.turned_rad,
             end: self.end.clone(),
@@ -379,8 +296,19 @@ impl Episode {
     /// # Errors
     /// [`SimulationError::State`] if the state belongs to an episode with another start.
     pub fn restore(&mut self, snapshot: &EpisodeSnapshot) -> Result<(), SimulationError> {
-        let EpisodeSnapshot { start, simulation, controller, target, plan, gravity, tick, turned_rad, end } =
-            snapshot.clone();
+        let EpisodeSnapshot {
+            start,
+            simulation,
+            controller,
+            target,
+            plan,
+            gravity,
+            rehearsal,
+            air,
+            tick,
+            turned_rad,
+            end,
+        } = snapshot.clone();
         if start != self.start {
             let reason = "it was saved in an episode with another object, seed or configuration".to_owned();
             return Err(SimulationError::State(reason));
@@ -388,6 +316,7 @@ impl Episode {
         self.simulation.set_gravity(gravity);
         self.simulation.restore(&simulation)?;
         (self.controller, self.target, self.plan, self.tick) = (controller, target, plan, tick);
+        (self.rehearsal, self.air) = (rehearsal, air);
         (self.turned_rad, self.end) = (turned_rad, end);
         Ok(())
     }
@@ -430,13 +359,35 @@ impl Episode {
             let sensed = Proprioception { time_s: self.time_s(), joints: self.simulation.joints() };
             self.target = self.controller.command(&sensed);
         }
+        let is_supported = self.air.is_some() && self.time_s() < HANDED_OVER_S;
+        if is_supported {
+            self.simulation.support(self.start.object);
+        }
         self.simulation.step(&self.target);
         self.tick += 1;
+        if self.air.is_some() {
+            self.watch_air(is_supported);
+        }
         let rate = self.simulation.object_angular_velocity().dot(&self.plan.turn_axis);
         if rate.is_finite() {
             self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(PHYSICS_HZ);
         }
         self.end = self.fault();
+    }
+
+    /// Shows the place to the controller in a rehearsal, and notes how the object is held.
+    fn watch_air(&mut self, is_supported: bool) {
+        const STEPS_PER_FRAME: u64 = (PHYSICS_HZ / FRAME_HZ) as u64;
+        let (pose, time_s) = (self.simulation.object_pose(), self.time_s());
+        if let Some((rehearsal, in_air)) = self.rehearsal.as_mut().zip(self.controller.in_air()) {
+            let is_frame = self.tick.is_multiple_of(STEPS_PER_FRAME);
+            if let Some(place) = rehearsal.step(is_frame.then_some((time_s, pose))) {
+                in_air.rehearse(place);
+            }
+        }
+        if !is_supported && let Some(air) = &mut self.air {
+            air.add(pose, self.simulation.touches_beside_fingertips());
+        }
     }
 
     fn fault(&self) -> Option<End> {
@@ -474,6 +425,9 @@ pub struct EpisodeOutcome {
     pub penetration_mm: f64,
     /// Angle between the object's own z axis and the palm's normal at the end, degrees.
     pub tilt_deg: f64,
+    /// How the object was held in the air; `None` if the gait has no feedback.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_air: Option<AirOutcome>,
     /// Reason for the end.
     pub end: End,
 }
@@ -516,6 +470,7 @@ impl Tally {
             per_pad_contact: PerFinger(self.pads.0.map(of_frames)),
             penetration_mm: 1e3 * self.penetration_m / touches.max(1) as f64,
             tilt_deg: self.tilt_rad.to_degrees(),
+            in_air: episode.in_air(),
             end: episode.end().cloned().unwrap_or(End::Completed),
         }
     }

@@ -21,8 +21,10 @@
 // Its build script puts libmujoco on the link line.
 use mvt_mujoco_lib as _;
 
+pub mod air;
 pub mod episode;
 pub mod mjcf;
 pub mod simulation;
+mod start;
 
 pub use {mvt_frames, mvt_gaits, mvt_objects, mvt_robot, nalgebra};

@@ -7,7 +7,7 @@ use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_auxiliary::MjContact;
 use mvt_frames::{Isometry, Object as ObjectFrame, World as WorldFrame};
 use mvt_objects::object::Object;
-use mvt_robot::hand::{Finger, JOINTS, JointAngles, PerFinger, Side};
+use mvt_robot::hand::{Body, Finger, JOINTS, JointAngles, PerFinger, Side};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
@@ -56,6 +56,8 @@ pub struct Simulation {
     data: MjData<Box<MjModel>>,
     gels: PerFinger<usize>,
     object_body: usize,
+    /// Bodies of the fingertips.
+    tips: [i32; 4],
 }
 
 /// Components of the state on which the next step depends, including the warm start.
@@ -79,7 +81,12 @@ impl Simulation {
             gels[finger] = id(MjtObjBase::mjOBJ_GEOM, &mjcf::gel_geom(finger))?;
         }
         let object_body = id(MjtObjBase::mjOBJ_BODY, mjcf::OBJECT)?;
-        Ok(Self { data: MjData::new(Box::new(model)), gels, object_body })
+        let mut tips = [0; 4];
+        for (tip, finger) in tips.iter_mut().zip(Finger::ALL) {
+            let body = id(MjtObjBase::mjOBJ_BODY, &Body::Tip(finger).name())?;
+            *tip = i32::try_from(body).map_err(|e| refused(e.to_string()))?;
+        }
+        Ok(Self { data: MjData::new(Box::new(model)), gels, object_body, tips })
     }
 
     /// Puts the hand at rest at `joints`, which its position controllers hold, and the object at rest at `object`.
@@ -106,6 +113,25 @@ impl Simulation {
         qpos[3..].copy_from_slice(&pose.quaternion_wxyz());
         self.data.qvel_mut()[JOINTS..].fill(0.0);
         self.data.forward();
+    }
+
+    /// Keeps the object at rest at a pose for the next step, as a support does.
+    pub fn support(&mut self, pose: Isometry<ObjectFrame, WorldFrame>) {
+        let qpos = &mut self.data.qpos_mut()[JOINTS..];
+        qpos[..3].copy_from_slice(pose.origin().coords().as_slice());
+        qpos[3..].copy_from_slice(&pose.quaternion_wxyz());
+        self.data.qvel_mut()[JOINTS..].fill(0.0);
+    }
+
+    /// Returns whether anything but the fingertips touches the object: the palm or a link of a finger.
+    pub fn touches_beside_fingertips(&self) -> bool {
+        let model = self.data.model();
+        let object = i32::try_from(self.object_body).ok();
+        self.object_contacts().any(|(_, contact)| {
+            let bodies =
+                contact.geom.iter().filter_map(|&g| model.geom_bodyid().get(usize::try_from(g).ok()?).copied());
+            bodies.filter(|&b| Some(b) != object).any(|b| !self.tips.contains(&b)) && contact.dist <= 0.0
+        })
     }
 
     /// Returns the seconds since the reset.

@@ -4,6 +4,9 @@
 
 use mvt_frames::{Isometry, Object as ObjectFrame, World};
 use mvt_gaits::controller_file::{ChosenController, choose_all};
+use mvt_gaits::directive::Directive;
+use mvt_gaits::gait;
+use mvt_gaits::safe::safe_controllers;
 use mvt_objects::catalogue;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation};
 use mvt_robot::hand::Side;
@@ -51,6 +54,34 @@ fn a_cube_survives_three_changes_and_turns_about_both_axes() {
             let about = if part % 2 == 0 { -turned[part].y } else { -z * turned[part].z };
             assert!(about > 1.0, "{side:?}, seed {seed}, part {part}: {:?}", turned[part]);
         }
+    }
+}
+
+#[test]
+fn directed_changes_keep_a_cube_for_20_s() {
+    let object = catalogue::load("rubiks_cube_small", &mut Vec::new()).unwrap();
+    let safe: Vec<&str> = safe_controllers(&object).iter().map(|safe| safe.name.as_str()).collect();
+    assert!(safe.len() >= 2, "{safe:?}");
+    for seed in 0..3 {
+        let gait = gait::find(safe[0]).unwrap().1.clone();
+        let config =
+            EpisodeConfig { side: Side::Left, gait, seed, duration_s: 20.0, randomisation: Randomisation::default() };
+        let mut episode = Episode::new(&object, &config).unwrap();
+        for part in 1..=4 {
+            episode.advance(1500, None);
+            let name = safe[part % safe.len()];
+            episode.direct(Directive::ChangeController(name.to_owned())).unwrap();
+            let (before, wanted) = (episode.simulation().gravity(), gait::find(name).unwrap().1);
+            episode.advance(0, None);
+            assert_eq!(episode.simulation().gravity(), before, "the palm does not tilt at once");
+            let mut watched = Episode::new(&object, &config).unwrap();
+            watched.restore(&episode.save()).unwrap();
+            watched.advance(700, None);
+            let [gx, gy, gz] = wanted.gravity;
+            assert!(watched.end().is_some() || watched.simulation().gravity() == [gx, -gy, gz], "{name}");
+        }
+        assert_eq!(episode.end(), Some(&End::Completed), "seed {seed}");
+        assert!(episode.direct(Directive::ChangeController("gallop".to_owned())).is_err());
     }
 }
 

@@ -26,6 +26,7 @@
 // Its build script puts libmujoco on the link line.
 use mvt_mujoco_lib as _;
 
+pub mod air;
 pub mod evolution;
 pub mod search;
 pub mod seeds;

@@ -7,10 +7,11 @@ use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
 use mvt_physics::simulation::SimulationError;
-use mvt_robot::hand::{JointAngles, Side};
+use mvt_robot::hand::Side;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::air;
 use crate::evolution::Evolution;
 use crate::seeds::{self, SeedRange};
 use crate::stroke::{self, StrokeParameters};
@@ -41,7 +42,7 @@ pub struct SearchSettings {
 #[serde(deny_unknown_fields)]
 pub struct Search {
     settings: SearchSettings,
-    open_pose: JointAngles,
+    from: Gait,
     origin: StrokeParameters,
     evolution: Evolution,
 }
@@ -77,11 +78,12 @@ const LARGEST_STATE: u64 = 4 << 20;
 impl Search {
     /// Starts from a gait. If it turns the opposite way, the search starts from the same stroke played backwards.
     pub fn new(settings: SearchSettings, from: &Gait) -> Self {
-        let is_opposite = settings.axis.direction(Side::Right) == -from.axis.direction(Side::Right);
+        let is_opposite =
+            from.feedback.is_none() && settings.axis.direction(Side::Right) == -from.axis.direction(Side::Right);
         let params = stroke::parameters_of(from);
         let origin = if is_opposite { stroke::backwards(params) } else { params };
-        let evolution = Evolution::new(stroke::dimensions(), settings.population, settings.sigma, settings.seed);
-        Self { settings, open_pose: from.open_pose, origin, evolution }
+        let evolution = Evolution::new(scales(from).len(), settings.population, settings.sigma, settings.seed);
+        Self { settings, from: from.clone(), origin, evolution }
     }
 
     /// Continues with the state in a file, or starts as [`Search::new`] if there is no file.
@@ -97,8 +99,8 @@ impl Search {
         let text = input::read_text(path, LARGEST_STATE).map_err(|e| failed(e.to_string()))?;
         let read: Self = toml::from_str(&text)
             .map_err(|e| failed(format!("it is not the state of a search: {}; remove it", e.message())))?;
-        let Self { settings, open_pose, origin, evolution } = &fresh;
-        let is_same = (settings, open_pose, origin) == (&read.settings, &read.open_pose, &read.origin);
+        let Self { settings, from, origin, evolution } = &fresh;
+        let is_same = (settings, from, origin) == (&read.settings, &read.from, &read.origin);
         if !is_same || !read.evolution.continues(evolution) {
             return Err(SearchError::Other { path: path.to_owned() });
         }
@@ -122,8 +124,17 @@ impl Search {
 
     /// Returns the gait in the middle of the candidates.
     pub fn gait(&self, description: &str) -> Gait {
-        let params = stroke::parameters_at(&self.origin, self.evolution.mean());
-        stroke::gait(&params, self.open_pose, self.settings.axis, description)
+        self.gait_at(self.evolution.mean(), description)
+    }
+
+    /// Returns the gait at so many scales from the origin; parameters that the origin lacks are 0 there.
+    fn gait_at(&self, steps: &[f64], description: &str) -> Gait {
+        let mut params = self.origin.clone();
+        for ((name, scale), step) in scales(&self.from).into_iter().zip(steps) {
+            *params.entry(name).or_default() += scale * step;
+        }
+        air::gait(&params, &self.from, self.settings.axis, description)
+            .unwrap_or_else(|| stroke::gait(&params, self.from.open_pose, self.settings.axis, description))
     }
 
     /// Tries one generation of candidates on the objects, in parallel, and returns their mean score. The result does not
@@ -132,12 +143,9 @@ impl Search {
     /// # Errors
     /// [`SimulationError`] if MuJoCo refuses an object.
     pub fn advance(&mut self, objects: &[Object]) -> Result<f64, SimulationError> {
-        let SearchSettings { axis, duration_s, starts, .. } = self.settings;
+        let SearchSettings { duration_s, starts, .. } = self.settings;
         let candidates = self.evolution.candidates();
-        let gaits: Vec<Gait> = candidates
-            .iter()
-            .map(|steps| stroke::gait(&stroke::parameters_at(&self.origin, steps), self.open_pose, axis, ""))
-            .collect();
+        let gaits: Vec<Gait> = candidates.iter().map(|steps| self.gait_at(steps, "")).collect();
         let first = self.generation() * starts;
         let conditions = TrialConditions { side: Side::Right, duration_s, steps: SEARCH_STEPS };
         let tries: Vec<(&Gait, &Object, u64)> = gaits
@@ -158,6 +166,11 @@ impl Search {
     }
 }
 
+/// Returns the names and scales of the parameters that a search from this gait changes.
+fn scales(from: &Gait) -> Vec<(String, f64)> {
+    if from.feedback.is_some() { air::parameters() } else { stroke::parameters() }
+}
+
 /// Returns the score of a candidate: the mean over its trials with a share of the worst, so that bad starts count more.
 fn score(results: &[TrialResult], duration_s: f64) -> f64 {
     let rewards: Vec<f64> = results.iter().map(|result| reward(result, duration_s)).collect();
@@ -172,6 +185,10 @@ fn reward(result: &TrialResult, duration_s: f64) -> f64 {
     let other = result.other_rad / duration_s;
     let rocked = result.rocked_rad / duration_s;
     let lost = 1.0 - result.survived_s / duration_s + f64::from(u8::from(!result.alive));
+    if let Some(beside) = result.touched_beside_tips {
+        // In the air any axis is welcome. Holding counts most, so that rates above 0.4 rad/s gain nothing.
+        return 1.5 * rate.min(0.4) - 3.0 * lost - beside + 0.1 * result.pads.min(3.0);
+    }
     2.0 * rate.min(1.2) - 0.6 * other - 0.1 * rocked - 2.0 * lost + 0.1 * result.pads.min(2.0)
 }
 

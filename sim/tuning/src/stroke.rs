@@ -23,7 +23,7 @@ const TILT_RAD: f64 = 0.35;
 pub type StrokeParameters = BTreeMap<String, f64>;
 
 /// Names and scales of the parameters, in the order of a search vector. A scale is the step that is tried first.
-fn parameters() -> Vec<(String, f64)> {
+pub(crate) fn parameters() -> Vec<(String, f64)> {
     let mut names: Vec<(String, f64)> = [
         ("period_s", 0.15),
         ("tilt_rad", 0.08),
@@ -43,20 +43,6 @@ fn parameters() -> Vec<(String, f64)> {
         }
     }
     names
-}
-
-/// Returns the number of parameters.
-pub fn dimensions() -> usize {
-    parameters().len()
-}
-
-/// Returns the parameters at `steps` scales from `origin`; parameters that `origin` lacks are 0 there.
-pub fn parameters_at(origin: &StrokeParameters, steps: &[f64]) -> StrokeParameters {
-    let moved = |((name, scale), step): ((String, f64), &f64)| {
-        let value = origin.get(&name).copied().unwrap_or(0.0) + scale * step;
-        (name, value)
-    };
-    parameters().into_iter().zip(steps).map(moved).collect()
 }
 
 /// Returns the parameters of a stroke around the middle of a gait's table, so that its motion is nearly the gait's.
@@ -104,7 +90,6 @@ pub fn backwards(mut params: StrokeParameters) -> StrokeParameters {
 /// Returns the gait of a stroke, for the right hand.
 pub fn gait(params: &StrokeParameters, open_pose: JointAngles, axis: TurnAxis, description: &str) -> Gait {
     // Rounded first, so that the parameters in a file make its table again.
-    let rounded = |value: f64| (value * 1e5).round() / 1e5;
     let params: StrokeParameters = params.iter().map(|(name, value)| (name.clone(), rounded(*value))).collect();
     let p = |name: &str| params.get(name).copied().unwrap_or(0.0);
     let ranges = joint_ranges(Side::Right);
@@ -145,7 +130,13 @@ pub fn gait(params: &StrokeParameters, open_pose: JointAngles, axis: TurnAxis, d
         open_pose,
         table: table.into_iter().map(|row| row.map(rounded)).collect(),
         params,
+        feedback: None,
     }
+}
+
+/// Returns the number as a file has it.
+pub(crate) fn rounded(value: f64) -> f64 {
+    (value * 1e5).round() / 1e5
 }
 
 /// Returns the apex of a finger's gel in the world, metres.
@@ -154,7 +145,7 @@ fn apex(finger: Finger, joints: &JointAngles) -> na::Vector3<f64> {
 }
 
 /// Returns the change of the gel's apex per radian of each joint of its finger, metres.
-fn jacobian(finger: Finger, joints: &JointAngles) -> na::Matrix3x4<f64> {
+pub(crate) fn jacobian(finger: Finger, joints: &JointAngles) -> na::Matrix3x4<f64> {
     const STEP_RAD: f64 = 1e-5;
     let moved = |k: usize, by: f64| {
         let mut joints = *joints;

@@ -10,6 +10,8 @@ use mvt_robot::hand::{Finger, Side};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
+use crate::air;
+
 /// Conditions of a trial.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrialConditions {
@@ -29,7 +31,7 @@ pub const EPISODE_STEPS: u32 = PHYSICS_HZ / CONTROL_HZ;
 pub struct TrialResult {
     /// Time until the object fell or the trial ended, seconds.
     pub survived_s: f64,
-    /// The object was on the hand at the end.
+    /// The object was on the hand at the end; in the air if the controller holds it there.
     pub alive: bool,
     /// Net angle about the gait's axis, radians.
     pub turned_rad: f64,
@@ -41,6 +43,8 @@ pub struct TrialResult {
     pub rocked_rad: f64,
     /// Mean number of pads that touched the object.
     pub pads: f64,
+    /// In the air: share of the time in which something else than fingertips touched the object; `None` on the palm.
+    pub touched_beside_tips: Option<f64>,
 }
 
 /// Runs a trial. The start is the one that an episode with this seed draws.
@@ -57,12 +61,26 @@ pub fn run(
     conditions: &TrialConditions,
 ) -> Result<TrialResult, SimulationError> {
     let TrialConditions { side, duration_s, steps } = *conditions;
+    let axis = gait.axis.direction(side);
+    if let Some(trial) = air::run(gait, object, side, seed, duration_s, steps.max(1))? {
+        let net = na::Vector3::from(trial.outcome.net_rad);
+        let turned_rad = net.dot(&axis);
+        return Ok(TrialResult {
+            survived_s: trial.survived_s,
+            alive: trial.alive,
+            turned_rad,
+            net_rad: trial.outcome.net_rad,
+            other_rad: (net - axis * turned_rad).norm(),
+            rocked_rad: trial.rocked_rad,
+            pads: trial.pads,
+            touched_beside_tips: Some(trial.outcome.touched_beside_tips),
+        });
+    }
     let mut start = EpisodeStart::draw(object, gait, side, &Randomisation::default(), seed);
     start.physics.timestep_s = 1.0 / f64::from(CONTROL_HZ * steps.max(1));
     let mut simulation = Simulation::new(side, object, &start.physics)?;
     simulation.reset(&start.joints, start.object);
     let mut controller = GaitController::new(gait.clone(), side);
-    let axis = gait.axis.direction(side);
     let commands = (duration_s * f64::from(CONTROL_HZ)).round() as u32;
     let mut rotation = simulation.object_pose().untyped().rotation;
     let mut net = na::Vector3::zeros();
@@ -96,5 +114,6 @@ pub fn run(
         other_rad: (net - axis * turned_rad).norm(),
         rocked_rad,
         pads: pads as f64 / f64::from(done.max(1)),
+        touched_beside_tips: None,
     })
 }

@@ -72,6 +72,15 @@ impl TrueSurface {
         self.0.points()
     }
 
+    /// Returns the part of the points that is lowest along z, as a surface of its own: its recall tells whether the foot of an object was
+    /// found. `share` is from 0 to 1.
+    pub fn lowest(&self, share: f64) -> Self {
+        let mut points = self.points().to_vec();
+        points.sort_by(|a, b| a.z.total_cmp(&b.z));
+        points.truncate((share.clamp(0.0, 1.0) * points.len() as f64).round() as usize);
+        Self::of_points(points)
+    }
+
     /// Returns the error of a pose, given the motion from the object at its estimated pose to the object at its true pose: the inverse of
     /// the true pose times the estimated pose. Infinite if the motion is not finite.
     pub fn add_s(&self, truth_from_estimate: Isometry<Object, Object>) -> AddS {

@@ -293,3 +293,30 @@ fn errors_that_the_original_leaves_out_count_here() {
     let undefined = PoseStatistics::new(&[(5.0, 0.002), (6.0, f64::NAN)]).unwrap();
     assert!(undefined.failed() && undefined.mean_m == f64::INFINITY && undefined.median_m == f64::INFINITY);
 }
+
+/// Evenly spaced points on a ball.
+fn fibonacci(radius_m: f32, count: usize) -> Vec<Vec3> {
+    let point = |k: usize| {
+        let z = 1.0 - (2 * k + 1) as f32 / count as f32;
+        let (sin, cos) = (2.399_963 * k as f32).sin_cos();
+        radius_m * Vec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
+    };
+    (0..count).map(point).collect()
+}
+
+#[test]
+fn the_lowest_fifth_of_a_ball_is_its_cap() {
+    let radius_m = 0.03;
+    let truth = TrueSurface::of_points(fibonacci(radius_m, 10_000));
+    let lowest = truth.lowest(0.2);
+    assert_eq!(lowest.points().len(), 2_000);
+    // The area of a ball is uniform along each axis (Archimedes), so that a fifth of it lies below -0.6 r.
+    let highest = lowest.points().iter().fold(f32::NEG_INFINITY, |high, p| high.max(p.z));
+    assert!((highest + 0.6 * radius_m).abs() < 1e-4, "{highest}");
+    // An estimate without all below -0.8 r misses half of it, but for a rim of 5 mm along the ball.
+    let cut: Vec<Vec3> = fibonacci(radius_m, 10_000).into_iter().filter(|p| p.z > -0.8 * radius_m).collect();
+    let recall = lowest.score(&cut, Isometry::<Object, Object>::identity(), &[0.005]).f_scores[0].recall;
+    let rim = (0.8_f64.acos() - 2.0 * (0.005 / 2.0 / f64::from(radius_m)).asin()).cos() - 0.8;
+    assert!((recall - (0.1 + 0.5 * rim) / 0.2).abs() < 0.01, "{recall} with a rim of {rim}");
+    assert!(truth.lowest(0.0).points().is_empty());
+}

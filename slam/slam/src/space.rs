@@ -1,9 +1,13 @@
 //! What is known of the space around an object: where surface was measured, what was looked through, and what is left.
 
+mod frontier;
+
 use glam::{UVec3, Vec3};
 use mvt_frames::Occupied;
+use nalgebra::{Matrix4, Vector4};
 
 use crate::scan::View;
+pub use frontier::FrontierPatch;
 
 /// Cells along an edge of the box: 2.3 mm each in a box of 15 cm, a little coarser than the field.
 const CELLS: u32 = 64;
@@ -231,6 +235,24 @@ impl Space {
         let s = &self.support_m;
         let known = s.iter().all(|x| x.is_finite());
         known.then(|| [-Vec3::new(s[1], s[3], s[5]), Vec3::new(s[0], s[2], s[4])])
+    }
+
+    /// Middle of the ball that fits best to the seen surface, metres; `None` if no ball fits. Unlike the middle of
+    /// [`Space::bounds`] it does not move when the far side of a round object comes into view.
+    pub fn ball_middle(&self) -> Option<Vec3> {
+        // Least squares of |x|^2 = 2 c x + k over the cells, with coordinates relative to a point among them.
+        let origin = self.bounds().map(|[low, high]| 0.5 * (low + high))?;
+        let (mut normal, mut right) = (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros());
+        for cell in cells().filter(|cell| self.hits[flatten(*cell)] >= SEEN) {
+            let middle = (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m;
+            let x = (middle - origin).as_dvec3();
+            let row = Vector4::new(2.0 * x.x, 2.0 * x.y, 2.0 * x.z, 1.0);
+            normal += row * row.transpose();
+            right += row * x.length_squared();
+        }
+        let solved = normal.cholesky()?.solve(&right);
+        let middle = Vec3::new(solved[0] as f32, solved[1] as f32, solved[2] as f32);
+        (middle.is_finite() && middle.length() < self.half_extent_m).then_some(origin + middle)
     }
 
     /// Part of the directions around the middle of what was seen in which no surface was seen.

@@ -30,6 +30,7 @@ impl Source for Witness {
             sense_ms: 0.0,
             hidden: None,
             warnings: vec![],
+            events: vec![],
         }))
     }
 
@@ -60,7 +61,7 @@ fn consume(mut feed: Feed<'_>) -> Vec<u64> {
     let mut frames = Vec::new();
     while let Some(sensed) = feed.next().unwrap() {
         frames.push(sensed.frame);
-        feed.direct(after(sensed.frame)).unwrap();
+        feed.order(Order { directive: after(sensed.frame), place: None }).unwrap();
     }
     frames
 }

@@ -9,6 +9,7 @@ use mvt_metrics::{FINE_POINTS, FScore, POINTS, PoseStatistics, ShapeScore, THRES
 use serde::Serialize;
 
 use crate::estimator::Mode;
+use crate::explorer::ExplorerChoice;
 use crate::source::Modality;
 use crate::truth::Truth;
 
@@ -69,6 +70,9 @@ pub struct Summary {
     pub object_from_field: Option<[f64; 7]>,
     /// Events.
     pub events: Vec<Event>,
+    /// Choices of the explorer with the gains that it expected; missing without `--explore`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub choices: Vec<ExplorerChoice>,
 }
 
 /// Frames with at most this deviation of the surface are sure, metres.
@@ -185,6 +189,7 @@ impl Summary {
             calibration: run.calibration.clone(),
             object_from_field: run.object_from_field.map(pose_numbers),
             events: run.events.clone(),
+            choices: run.choices.clone(),
         }
     }
 }

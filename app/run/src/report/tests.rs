@@ -57,6 +57,7 @@ fn run() -> RunRecord {
         frames: (0..600).map(frame).collect(),
         shape: (0..60).map(point).collect(),
         events: vec![Event { time_s: 10.0, text: "lost the object".into() }],
+        choices: Vec::new(),
         hidden: vec![0.2, 0.4],
         object_from_field: None,
         wall_s: 25.0,

@@ -275,7 +275,16 @@ impl LogSource {
         let warnings = std::mem::take(&mut self.warnings);
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
         let pictures = self.pictures(number, images);
-        Ok(Sensed { frame: u64::from(number), percept, truth, pictures, sense_ms, hidden: None, warnings })
+        Ok(Sensed {
+            frame: u64::from(number),
+            percept,
+            truth,
+            pictures,
+            sense_ms,
+            hidden: None,
+            warnings,
+            events: Vec::new(),
+        })
     }
 }
 

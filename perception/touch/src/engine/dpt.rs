@@ -1,7 +1,7 @@
-//! Decoder of DPT: tokens of some blocks become maps, which are joined from the coarsest to the finest, and two heads.
+//! Decoder of DPT: maps are joined from the coarsest to the finest; then two heads.
 
 use super::image::resample;
-use super::layers::{Convolution, Linear, Matrix, Unit, Up};
+use super::layers::{Convolution, Linear, Matrix, Unit};
 use super::map::FeatureMap;
 use crate::network::Weights;
 use mvt_products::Instructions;
@@ -11,32 +11,11 @@ use mvt_products::multiply::{LANES, Then};
 #[derive(Debug)]
 pub(super) struct Dpt {
     instructions: Instructions,
-    /// Channels of a token.
-    width: usize,
-    /// Channels of a token with those that fill the last vector.
-    stored: usize,
-    channels: usize,
-    patch: usize,
-    /// Shallow first.
-    levels: Vec<Level>,
+    pub(super) channels: usize,
+    /// Two per level, shallow first.
+    units: Vec<[Unit; 2]>,
     /// Depth, contact.
     heads: [Head; 2],
-}
-
-#[derive(Debug)]
-struct Level {
-    read: Linear,
-    project: Linear,
-    resize: Resize,
-    units: [Unit; 2],
-}
-
-/// Resizing of a map with one pixel per patch.
-#[derive(Debug)]
-enum Resize {
-    Up(Up),
-    Same,
-    Down(Convolution),
 }
 
 #[derive(Debug)]
@@ -51,12 +30,8 @@ struct Head {
 /// Memory of the decoder.
 #[derive(Debug)]
 pub(super) struct DecoderBuffers {
-    /// Every token with the class token beside it.
-    pairs: FeatureMap,
-    read: FeatureMap,
-    /// One pixel per patch, framed.
-    projected: FeatureMap,
-    levels: Vec<FeatureMap>,
+    /// Maps from which the decoder starts.
+    pub(super) levels: Vec<FeatureMap>,
     between: Vec<FeatureMap>,
     /// Twice the size of the finest level.
     fused: FeatureMap,
@@ -69,32 +44,12 @@ pub(super) struct DecoderBuffers {
 }
 
 impl Dpt {
-    pub(super) fn new(
-        instructions: Instructions,
-        weights: &Weights,
-        width: usize,
-        levels: usize,
-        patch: usize,
-    ) -> Self {
-        let stored = width.next_multiple_of(LANES);
+    pub(super) fn new(instructions: Instructions, weights: &Weights, levels: usize) -> Self {
         let channels = weights.values("reassemble.0.project.bias").len();
         let stored_channels = channels.next_multiple_of(LANES);
-        let level = |k: usize| {
-            let name = format!("reassemble.{k}");
-            let matrix = Matrix::of(weights, &format!("{name}.read"));
-            let pair = |n: usize| (n % stored < width).then_some(n / stored * width + n % stored);
+        let units = |k: usize| {
             let unit = |part: &str| Unit::new(instructions, weights, &format!("fusion.{k}.{part}"), stored_channels);
-            let resize = format!("{name}.resize");
-            Level {
-                read: Linear::spread(instructions, &matrix, width, Some, 2 * stored, pair),
-                project: Linear::new(instructions, weights, &format!("{name}.project")),
-                resize: match k {
-                    0 | 1 => Resize::Up(Up::new(instructions, weights, &resize, 4 >> k)),
-                    2 => Resize::Same,
-                    _ => Resize::Down(Convolution::new(instructions, weights, &resize, stored_channels, 2)),
-                },
-                units: [unit("unit1"), unit("unit2")],
-            }
+            [unit("unit1"), unit("unit2")]
         };
         let head = |k: usize, name: &str| {
             let narrow = weights.values(&format!("{name}.conv1.bias")).len();
@@ -111,30 +66,18 @@ impl Dpt {
         };
         Self {
             instructions,
-            width,
-            stored,
             channels,
-            patch,
-            levels: (0..levels).map(level).collect(),
+            units: (0..levels).map(units).collect(),
             heads: [head(0, "depth"), head(1, "contact")],
         }
     }
 
-    /// Returns memory for an input of some rows and columns and its tokens.
-    pub(super) fn buffers(&self, size: [usize; 2], tokens: &FeatureMap) -> DecoderBuffers {
-        let grid = [tokens.height, tokens.width];
-        let level = |k: usize| {
-            let side = |side: usize| if k == 3 { side.div_ceil(2) } else { side << (2 - k) };
-            FeatureMap::framed(grid.map(side), self.channels)
-        };
-        let levels: Vec<FeatureMap> = (0..self.levels.len()).map(level).collect();
-        // The finest level has four pixels per side of a patch.
-        let fused = size.map(|side| side / self.patch * 8);
+    /// Returns memory for an input of some rows and columns, and for maps of some rows and columns each.
+    pub(super) fn buffers(&self, size: [usize; 2], levels: Vec<[usize; 2]>) -> DecoderBuffers {
+        let fused = levels.first().map_or([0, 0], |finest| finest.map(|side| 2 * side));
+        let levels: Vec<FeatureMap> = levels.into_iter().map(|size| FeatureMap::framed(size, self.channels)).collect();
         let [narrow, features] = self.heads[0].channels;
         DecoderBuffers {
-            pairs: FeatureMap::tokens(grid, 0, 2 * self.stored),
-            read: FeatureMap::tokens(grid, 0, self.width),
-            projected: FeatureMap::framed(grid, self.channels),
             between: levels.clone(),
             levels,
             fused: FeatureMap::framed(fused, self.channels),
@@ -145,43 +88,10 @@ impl Dpt {
         }
     }
 
-    /// Computes the map of a level from the tokens of its block.
-    pub(super) fn reassemble(
-        &self,
-        level: usize,
-        tokens: &FeatureMap,
-        buffers: &mut DecoderBuffers,
-        words: &mut Vec<u32>,
-    ) {
-        let DecoderBuffers { pairs, read, projected, levels, .. } = buffers;
-        let (Some(layers), Some(map)) = (self.levels.get(level), levels.get_mut(level)) else { return };
-        let mut all = tokens.data.chunks_exact(self.stored);
-        if let Some(class) = all.next_back() {
-            for (pair, token) in pairs.data.chunks_exact_mut(2 * self.stored).zip(all) {
-                let (first, second) = pair.split_at_mut(self.stored);
-                first.copy_from_slice(token);
-                second.copy_from_slice(class);
-            }
-        }
-        layers.read.apply(pairs, Then::Gelu, words, read);
-        match &layers.resize {
-            Resize::Same => layers.project.apply(read, Then::Store, words, map),
-            Resize::Up(up) => {
-                layers.project.apply(read, Then::Store, words, projected);
-                up.apply(projected, Then::Store, words, map);
-            }
-            Resize::Down(down) => {
-                layers.project.apply(read, Then::Store, words, projected);
-                down.apply(projected, false, Then::Store, words, map);
-            }
-        }
-    }
-
     /// Computes the output from the maps of all levels.
     pub(super) fn forward(&self, buffers: &mut DecoderBuffers, words: &mut Vec<u32>) {
         let DecoderBuffers { levels, between, fused, narrow, wide, features, output, .. } = buffers;
-        for k in (0..self.levels.len()).rev() {
-            let [unit1, unit2] = &self.levels[k].units;
+        for (k, [unit1, unit2]) in self.units.iter().enumerate().rev() {
             let (finer, coarser) = levels.split_at_mut(k + 1);
             unit1.apply(words, &mut between[k], &mut finer[k]);
             if let Some(coarser) = coarser.first() {

@@ -54,6 +54,64 @@ impl Linear {
     }
 }
 
+/// Two linear maps with a GELU between them.
+#[derive(Debug)]
+pub(super) struct Mlp {
+    fc1: Linear,
+    fc2: Linear,
+    pub(super) hidden: usize,
+}
+
+impl Mlp {
+    /// Packs `name.fc1` and `name.fc2`, the outputs of the latter multiplied by `scale`; without numbers, by 1.
+    pub(super) fn new(instructions: Instructions, weights: &Weights, name: &str, scale: &[f32]) -> Self {
+        let matrix = Matrix::of(weights, &format!("{name}.fc2"));
+        let factor = |output: usize| scale.get(output).copied().unwrap_or(1.0);
+        let weight: Vec<f32> =
+            matrix.weight.iter().enumerate().map(|(k, x)| x * factor(k / matrix.inputs.max(1))).collect();
+        let bias: Vec<f32> = matrix.bias.iter().enumerate().map(|(k, x)| x * factor(k)).collect();
+        let scaled = Matrix { weight: &weight, bias: &bias, ..matrix };
+        Self {
+            fc1: Linear::new(instructions, weights, &format!("{name}.fc1")),
+            fc2: Linear::spread(instructions, &scaled, scaled.outputs, Some, scaled.inputs, Some),
+            hidden: scaled.inputs,
+        }
+    }
+
+    /// Adds the result to `to`.
+    pub(super) fn apply(&self, from: &FeatureMap, hidden: &mut FeatureMap, words: &mut Vec<u32>, to: &mut FeatureMap) {
+        self.fc1.apply(from, Then::Gelu, words, hidden);
+        self.fc2.apply(hidden, Then::Add, words, to);
+    }
+}
+
+/// Linear map of the patches of an image.
+#[derive(Debug)]
+pub(super) struct Embedding {
+    side: usize,
+    /// A window is a patch, a segment a row of it.
+    packed: Packed,
+}
+
+impl Embedding {
+    /// Packs `patch` for patches of `side` pixels a side of a map of [`FeatureMap::image`] with `channels` numbers per pixel.
+    pub(super) fn new(instructions: Instructions, weights: &Weights, side: usize, channels: usize) -> Self {
+        let Matrix { weight, bias, inputs, .. } = Matrix::of(weights, "patch");
+        let entry = |k: usize, n: usize| {
+            let (row, column, channel) = (k / (side * channels), k / channels % side, k % channels);
+            if channel < 3 { weight[n * inputs + 3 * (row * side + column) + channel] } else { 0.0 }
+        };
+        Self { side, packed: Packed::new(instructions, side, side * channels, bias, entry) }
+    }
+
+    /// Maps the patches of an image to tokens.
+    pub(super) fn apply(&self, image: &FeatureMap, then: Then, words: &mut Vec<u32>, tokens: &mut FeatureMap) {
+        let left = Left { data: &image.data, windows: image.patches(self.side), rectified: false };
+        let target = tokens.rows();
+        multiply(&self.packed, left, words, place(tokens, target, then));
+    }
+}
+
 /// Weight and bias of the file.
 pub(super) struct Matrix<'a> {
     pub(super) weight: &'a [f32],

@@ -10,7 +10,7 @@ pub(super) struct FeatureMap {
     pub(super) width: usize,
     /// Numbers of a pixel.
     pub(super) channels: usize,
-    /// Width of the frame, 0 or 1.
+    /// Width of the frame.
     halo: usize,
     /// Tokens behind the last row; only without a frame.
     extra: usize,
@@ -26,6 +26,44 @@ impl FeatureMap {
     /// Returns zeros without a frame: `height * width` tokens and `extra` more.
     pub(super) fn tokens([height, width]: [usize; 2], extra: usize, channels: usize) -> Self {
         Self::new(height, width, channels.next_multiple_of(LANES), 0, extra)
+    }
+
+    /// Returns zeros with a frame of `halo` pixels.
+    pub(super) fn with_halo([height, width]: [usize; 2], halo: usize, channels: usize) -> Self {
+        Self::new(height, width, channels.next_multiple_of(LANES), halo, 0)
+    }
+
+    /// Copies tokens without a frame into the frame of this map.
+    pub(super) fn copy_rows(&mut self, tokens: &Self) {
+        let row = self.width * self.channels;
+        for (k, from) in tokens.data.chunks_exact(row).enumerate() {
+            let at = self.at(k, 0);
+            self.data[at..at + row].copy_from_slice(from);
+        }
+    }
+
+    /// Copies the first `width` channels of other tokens by their indices, as many pieces side by side as a token of this map takes; zeros
+    /// where there is no token.
+    pub(super) fn gather(&mut self, from: &Self, width: usize, tokens: &[Option<usize>]) {
+        let pieces = tokens.len() / self.count().max(1);
+        for (to, tokens) in self.data.chunks_exact_mut(self.channels).zip(tokens.chunks_exact(pieces.max(1))) {
+            for (to, token) in to.chunks_exact_mut(width).zip(tokens) {
+                match token {
+                    Some(token) => to.copy_from_slice(&from.data[token * from.channels..][..width]),
+                    None => to.fill(0.0),
+                }
+            }
+        }
+    }
+
+    /// Adds tokens to those of this map that `tokens` names.
+    pub(super) fn scatter_add(&mut self, from: &Self, tokens: &[Option<usize>]) {
+        for (from, token) in from.data.chunks_exact(from.channels).zip(tokens) {
+            if let Some(token) = token {
+                let to = &mut self.data[token * self.channels..][..from.len()];
+                to.iter_mut().zip(from).for_each(|(to, x)| *to += x);
+            }
+        }
     }
 
     /// Returns zeros for an image of the sensor. Its few channels are not padded to a whole vector.

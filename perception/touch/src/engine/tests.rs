@@ -3,6 +3,7 @@ use std::path::Path;
 use safetensors::SafeTensors;
 
 use super::attention::Attention;
+use super::hierarchy::Block;
 use super::layers::{Linear, Norm};
 use super::mamba::{self, Mamba};
 use super::map::FeatureMap;
@@ -70,12 +71,30 @@ fn a_vit_block_is_that_of_pytorch() {
         let mut x = stored(&before, width, [3, 4], 1);
         let (mut normed, mut words) = (x.clone(), Vec::new());
         norm1.apply(&x, &mut normed);
-        attention.apply(&normed, &mut attention.buffers(x.count()), &mut words, &mut x);
+        attention.apply(&normed, &[], &mut attention.buffers(x.count(), 1), Then::Add, &mut words, &mut x);
         norm2.apply(&x, &mut normed);
         let mut hidden = FeatureMap::tokens([3, 4], 1, 2 * width);
         linear("fc1").apply(&normed, Then::Gelu, &mut words, &mut hidden);
         linear("fc2").apply(&hidden, Then::Add, &mut words, &mut x);
         assert_alike(&x, &after, width, set);
+    }
+}
+
+/// The block of `swin` shifts its windows over a map that they do not fill.
+#[test]
+fn blocks_of_swin_and_convnext_are_those_of_torchvision() {
+    for name in ["swin", "convnext"] {
+        let weights = weights(name);
+        let [(before, width), (after, _)] = ["before", "after"].map(|when| tokens(&format!("{name}.block.{when}")));
+        for set in Instructions::available() {
+            let block = match name {
+                "swin" => Block::swin(set, &weights, "stages.0.blocks.1", [1, 3], true),
+                _ => Block::convnext(set, &weights, "stages.0.blocks.1"),
+            };
+            let mut x = stored(&before, width, [10, 8], 0);
+            block.apply(&mut block.buffers(&x), &mut Vec::new(), &mut x);
+            assert_alike(&x, &after, width, set);
+        }
     }
 }
 
@@ -122,21 +141,23 @@ fn images_are_resized_with_half_pixel_centres() {
 
 #[test]
 fn predictions_do_not_depend_on_threads_or_earlier_images() {
-    let engine = Engine::new(&weights("mamba"), Instructions::best());
     let image =
         |seed: u32| RgbImage::from_fn(24, 40, |u, v| ::image::Rgb([(u * seed) as u8, (v * 3) as u8, seed as u8]));
     let images = [1, 2, 3, 4, 5].map(image);
-    let alone = images.each_ref().map(|image| {
-        let mut prediction = Prediction::default();
-        Engine::new(&weights("mamba"), Instructions::best()).infer(image, &mut prediction).unwrap();
-        prediction
-    });
-    for threads in [1, 4] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut together = Vec::new();
-        for _ in 0..3 {
-            pool.install(|| engine.infer_each(&images.each_ref(), &mut together)).unwrap();
-            assert_eq!(together, alone);
+    for name in ["mamba", "swin", "convnext"] {
+        let engine = Engine::new(&weights(name), Instructions::best());
+        let alone = images.each_ref().map(|image| {
+            let mut prediction = Prediction::default();
+            Engine::new(&weights(name), Instructions::best()).infer(image, &mut prediction).unwrap();
+            prediction
+        });
+        for threads in [1, 4] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut together = Vec::new();
+            for _ in 0..3 {
+                pool.install(|| engine.infer_each(&images.each_ref(), &mut together)).unwrap();
+                assert_eq!(together, alone);
+            }
         }
     }
 }

@@ -5,25 +5,27 @@ use ::image::RgbImage;
 use super::attention::{Attention, AttentionBuffers};
 use super::dpt::{DecoderBuffers, Dpt};
 use super::image::{half_pixel, load, store};
-use super::layers::{Linear, Matrix, Norm};
+use super::layers::{Embedding, Mlp, Norm};
 use super::mamba::{self, Mamba, MambaBuffers};
 use super::map::FeatureMap;
 use super::pass::{Forward, Prediction};
+use super::reassemble::{Reassemble, ReassembleBuffers, level};
 use crate::network::{self, Architecture, ScanOrder, Weights};
 use mvt_products::Instructions;
-use mvt_products::multiply::{Left, Packed, Target, Then, multiply};
+use mvt_products::multiply::Then;
 
 /// Network of tokens with packed weights.
 #[derive(Debug)]
 pub(super) struct Transformer {
     patch: usize,
     width: usize,
-    /// A window is a patch, a segment a row of it.
-    embedding: Packed,
+    embedding: Embedding,
     positions: Positions,
     class: Vec<f32>,
     blocks: Vec<Block>,
     hooks: Vec<usize>,
+    /// One per hook.
+    levels: Vec<Reassemble>,
     decoder: Dpt,
 }
 
@@ -43,28 +45,6 @@ enum Block {
     RobustMamba { norm1: Norm, mamba: Box<Mamba>, scan: ScanOrder, norm2: Norm, mlp: Mlp },
 }
 
-/// Two linear maps with a GELU between them.
-#[derive(Debug)]
-struct Mlp {
-    fc1: Linear,
-    fc2: Linear,
-    hidden: usize,
-}
-
-impl Mlp {
-    fn new(instructions: Instructions, weights: &Weights, name: &str) -> Self {
-        let linear = |part| Linear::new(instructions, weights, &format!("{name}.{part}"));
-        let hidden = weights.values(&format!("{name}.fc1.bias")).len();
-        Self { fc1: linear("fc1"), fc2: linear("fc2"), hidden }
-    }
-
-    /// Adds the result to `to`.
-    fn apply(&self, from: &FeatureMap, hidden: &mut FeatureMap, words: &mut Vec<u32>, to: &mut FeatureMap) {
-        self.fc1.apply(from, Then::Gelu, words, hidden);
-        self.fc2.apply(hidden, Then::Add, words, to);
-    }
-}
-
 /// Memory of the forward pass.
 #[derive(Debug)]
 pub(super) struct TransformerBuffers {
@@ -78,15 +58,16 @@ pub(super) struct TransformerBuffers {
     mamba: MambaBuffers,
     /// One per block that scans.
     orders: Vec<Vec<u32>>,
+    reassemble: ReassembleBuffers,
     decoder: DecoderBuffers,
 }
 
 impl Transformer {
-    /// Packs any architecture but `default`.
+    /// Packs `vit`, `mamba` or `robust_mamba`.
     pub(super) fn new(instructions: Instructions, architecture: &Architecture, weights: &Weights) -> Self {
         let norm = |name: String| Norm::new(instructions, weights, &name);
         let mamba = |name: String| Mamba::new(instructions, weights, &name);
-        let mlp = |name: String| Mlp::new(instructions, weights, &name);
+        let mlp = |name: String| Mlp::new(instructions, weights, &name, &[]);
         let learned = |size| Positions::Learned { size, values: weights.values("positions").to_vec() };
         let turn =
             |scans: &[ScanOrder], k: usize| scans.get(k % scans.len().max(1)).copied().unwrap_or(ScanOrder::Rows);
@@ -118,23 +99,22 @@ impl Transformer {
                 };
                 (Positions::Fixed, (0..*depth).map(block).collect(), hooks.clone())
             }
-            Architecture::Default(_) => (Positions::Fixed, Vec::new(), Vec::new()),
+            Architecture::Swin(_) | Architecture::ConvNext(_) | Architecture::Default(_) => {
+                (Positions::Fixed, Vec::new(), Vec::new())
+            }
         };
         let patch = architecture.stride();
-        let Matrix { weight, bias, inputs, .. } = Matrix::of(weights, "patch");
-        let channels = image([0, 0]).channels;
-        let entry = |k: usize, n: usize| {
-            let (row, column, channel) = (k / (patch * channels), k / channels % patch, k % channels);
-            if channel < 3 { weight[n * inputs + 3 * (row * patch + column) + channel] } else { 0.0 }
-        };
+        let width = weights.values("patch.bias").len();
+        let level = |k| Reassemble::new(instructions, weights, width, k);
         Self {
             patch,
-            width: bias.len(),
-            embedding: Packed::new(instructions, patch, patch * channels, bias, entry),
+            width,
+            embedding: Embedding::new(instructions, weights, patch, image([0, 0]).channels),
             positions,
             class: weights.values("class").to_vec(),
             blocks,
-            decoder: Dpt::new(instructions, weights, bias.len(), hooks.len(), patch),
+            levels: (0..hooks.len()).map(level).collect(),
+            decoder: Dpt::new(instructions, weights, hooks.len()),
             hooks,
         }
     }
@@ -192,7 +172,8 @@ impl Forward for Transformer {
             attention: None,
             mamba: MambaBuffers::default(),
             orders: Vec::new(),
-            decoder: self.decoder.buffers(size, &tokens),
+            reassemble: ReassembleBuffers::new(&tokens, self.width, &self.decoder),
+            decoder: self.decoder.buffers(size, (0..self.hooks.len()).map(|k| level(k, &tokens)).collect()),
             tokens,
         };
         let tokens = &buffers.tokens;
@@ -200,7 +181,7 @@ impl Forward for Transformer {
         for block in &self.blocks {
             match block {
                 Block::Vit { attention, mlp, .. } => {
-                    buffers.attention.get_or_insert_with(|| attention.buffers(tokens.count()));
+                    buffers.attention.get_or_insert_with(|| attention.buffers(tokens.count(), 1));
                     buffers.hidden = hidden(mlp);
                 }
                 Block::Mamba { mamba, scan, .. } => {
@@ -218,22 +199,28 @@ impl Forward for Transformer {
     }
 
     fn forward(&self, image: &RgbImage, buffers: &mut TransformerBuffers, words: &mut Vec<u32>, to: &mut Prediction) {
-        let TransformerBuffers { input, start, tokens, normed, hidden, attention, mamba: inner, orders, decoder } =
-            buffers;
+        let TransformerBuffers {
+            input,
+            start,
+            tokens,
+            normed,
+            hidden,
+            attention,
+            mamba: inner,
+            orders,
+            reassemble,
+            decoder,
+        } = buffers;
         load(image, input);
         tokens.data.copy_from_slice(&start.data);
-        let (left, at) =
-            (Left { data: &input.data, windows: input.patches(self.patch), rectified: false }, tokens.rows());
-        let target =
-            Target { data: &mut tokens.data, first: at.first, step: at.step, pitch: at.pitch, then: Then::Add };
-        multiply(&self.embedding, left, words, target);
+        self.embedding.apply(input, Then::Add, words, tokens);
         let mut orders = orders.iter();
         for (k, block) in self.blocks.iter().enumerate() {
             match block {
                 Block::Vit { norm1, attention: layer, norm2, mlp } => {
                     norm1.apply(tokens, normed);
                     if let Some(buffers) = attention {
-                        layer.apply(normed, buffers, words, tokens);
+                        layer.apply(normed, &[], buffers, Then::Add, words, tokens);
                     }
                     norm2.apply(tokens, normed);
                     mlp.apply(normed, hidden, words, tokens);
@@ -251,8 +238,9 @@ impl Forward for Transformer {
                     mlp.apply(normed, hidden, words, tokens);
                 }
             }
-            for (level, _) in self.hooks.iter().enumerate().filter(|(_, hook)| **hook == k) {
-                self.decoder.reassemble(level, tokens, decoder, words);
+            let levels = self.hooks.iter().zip(&self.levels).zip(&mut decoder.levels);
+            for ((_, layers), map) in levels.filter(|((hook, _), _)| **hook == k) {
+                layers.apply(tokens, reassemble, words, map);
             }
         }
         self.decoder.forward(decoder, words);

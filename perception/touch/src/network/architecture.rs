@@ -1,4 +1,4 @@
-//! Four architectures with their hyper-parameters.
+//! Architectures with their hyper-parameters.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,6 +13,11 @@ pub enum Architecture {
     Mamba(Mamba),
     /// Mamba blocks with an MLP each, and fixed positions.
     RobustMamba(RobustMamba),
+    /// Attention in shifted windows on a pyramid of four maps, with the decoder of `vit`.
+    Swin(Swin),
+    /// Convolutions of 7 x 7 pixels on such a pyramid.
+    #[serde(rename = "convnext")]
+    ConvNext(ConvNext),
     /// Convolutions, with Mamba blocks where the map is coarsest: designed for a CPU.
     Default(Pyramid),
 }
@@ -140,6 +145,51 @@ impl Default for RobustMamba {
     }
 }
 
+/// Hyper-parameters of `swin`. The preset is Swin-T, whose encoder costs as much as that of ViT-S/16 at 224 x 224.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Swin {
+    /// Channels at 1/4, 1/8, 1/16 and 1/32 of the input's size.
+    pub widths: [usize; 4],
+    /// Blocks at each of these sizes; the second, fourth and so on of them shift their windows.
+    pub depths: [usize; 4],
+    /// Heads of attention at each of these sizes.
+    pub heads: [usize; 4],
+    /// Side of a window, tokens.
+    pub window: usize,
+    /// Hidden channels of an MLP, in widths.
+    pub mlp: usize,
+    /// Channels of the decoder.
+    pub channels: usize,
+}
+
+impl Default for Swin {
+    fn default() -> Self {
+        let widths = [96, 192, 384, 768];
+        Self { widths, depths: [2, 2, 6, 2], heads: [3, 6, 12, 24], window: 7, mlp: 4, channels: 128 }
+    }
+}
+
+/// Hyper-parameters of `convnext`. The preset is ConvNeXt-T, whose encoder costs as much as that of ViT-S/16 at 224 x 224.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ConvNext {
+    /// Channels at 1/4, 1/8, 1/16 and 1/32 of the input's size.
+    pub widths: [usize; 4],
+    /// Blocks at each of these sizes.
+    pub depths: [usize; 4],
+    /// Hidden channels of an MLP, in widths.
+    pub mlp: usize,
+    /// Channels of the decoder.
+    pub channels: usize,
+}
+
+impl Default for ConvNext {
+    fn default() -> Self {
+        Self { widths: [96, 192, 384, 768], depths: [3, 3, 9, 3], mlp: 4, channels: 128 }
+    }
+}
+
 /// Hyper-parameters of `default`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -202,7 +252,7 @@ impl ScanOrder {
 #[non_exhaustive]
 pub enum UnknownNetwork {
     /// No preset has this name.
-    #[error("unknown network {0:?}: choose vit, mamba, robust_mamba or default")]
+    #[error("unknown network {0:?}: choose vit, mamba, robust_mamba, swin, convnext or default")]
     Name(String),
     /// A hyper-parameter is invalid.
     #[error("network {network}: {problem}")]
@@ -219,7 +269,7 @@ const LARGEST: usize = 1 << 14;
 
 impl Architecture {
     /// Names of the presets.
-    pub const NAMES: [&'static str; 4] = ["vit", "mamba", "robust_mamba", "default"];
+    pub const NAMES: [&'static str; 6] = ["vit", "mamba", "robust_mamba", "swin", "convnext", "default"];
 
     /// Returns the preset of a name.
     ///
@@ -230,6 +280,8 @@ impl Architecture {
             "vit" => Ok(Self::Vit(Vit::default())),
             "mamba" => Ok(Self::Mamba(Mamba::default())),
             "robust_mamba" => Ok(Self::RobustMamba(RobustMamba::default())),
+            "swin" => Ok(Self::Swin(Swin::default())),
+            "convnext" => Ok(Self::ConvNext(ConvNext::default())),
             "default" => Ok(Self::Default(Pyramid::default())),
             _ => Err(UnknownNetwork::Name(name.to_owned())),
         }
@@ -241,6 +293,8 @@ impl Architecture {
             Self::Vit(_) => "vit",
             Self::Mamba(_) => "mamba",
             Self::RobustMamba(_) => "robust_mamba",
+            Self::Swin(_) => "swin",
+            Self::ConvNext(_) => "convnext",
             Self::Default(_) => "default",
         }
     }
@@ -251,6 +305,7 @@ impl Architecture {
             Self::Vit(vit) => vit.patch,
             Self::Mamba(mamba) => mamba.patch,
             Self::RobustMamba(robust) => robust.patch,
+            Self::Swin(_) | Self::ConvNext(_) => 4,
             Self::Default(_) => 16,
         }
     }
@@ -283,6 +338,14 @@ impl Architecture {
                 &["width", "state", "expand", "taps", "mlp", "channels"],
                 &[width, state, expand, taps, mlp, channels],
             ),
+            Self::Swin(Swin { widths, depths, heads, window, mlp, channels }) => invalid(
+                &[["widths"; 4], ["depths"; 4], ["heads"; 4], ["window", "mlp", "channels", "channels"]].concat(),
+                &[widths, depths, heads, [window, mlp, channels, channels]].concat(),
+            ),
+            Self::ConvNext(ConvNext { widths, depths, mlp, channels }) => invalid(
+                &[["widths"; 4], ["depths"; 4], ["mlp", "mlp", "channels", "channels"]].concat(),
+                &[widths, depths, [mlp, mlp, channels, channels]].concat(),
+            ),
             Self::Default(Pyramid { widths: [a, b, c, d], state, expand, taps, .. }) => invalid(
                 &["widths", "widths", "widths", "widths", "state", "expand", "taps"],
                 &[a, b, c, d, state, expand, taps],
@@ -291,9 +354,12 @@ impl Architecture {
         if let Some((name, value)) = invalid {
             return parameter(format!("{name} is {value}; it must lie between 1 and {LARGEST}"));
         }
-        if let Self::Vit(Vit { width, heads, .. }) = self
-            && width % heads != 0
-        {
+        let shared = match self {
+            Self::Vit(Vit { width, heads, .. }) => vec![(*width, *heads)],
+            Self::Swin(Swin { widths, heads, .. }) => widths.iter().copied().zip(heads.iter().copied()).collect(),
+            _ => vec![],
+        };
+        if let Some((width, heads)) = shared.into_iter().find(|(width, heads)| width % heads != 0) {
             return parameter(format!("its width {width} cannot be shared by {heads} heads"));
         }
         if let Self::RobustMamba(RobustMamba { width, .. }) = self
@@ -315,7 +381,7 @@ impl Architecture {
             Self::Vit(v) => (v.patch, v.depth, &v.hooks),
             Self::Mamba(m) => (m.patch, m.depth, &m.hooks),
             Self::RobustMamba(m) => (m.patch, m.depth, &m.hooks),
-            Self::Default(_) => return Ok(()),
+            Self::Swin(_) | Self::ConvNext(_) | Self::Default(_) => return Ok(()),
         };
         if ![8, 16, 32].contains(&patch) {
             return parameter(format!("its patch is {patch}; choose 8, 16 or 32"));
@@ -359,6 +425,10 @@ mod tests {
         assert!(scans.check().unwrap_err().to_string().contains("scans"));
         let wide = Architecture::Default(Pyramid { widths: [1, 2, 0, 4], ..Pyramid::default() });
         assert!(wide.check().unwrap_err().to_string().contains("widths"));
+        let heads = Architecture::Swin(Swin { heads: [3, 6, 11, 24], ..Swin::default() });
+        assert!(heads.check().unwrap_err().to_string().contains("11 heads"));
+        let depths = Architecture::ConvNext(ConvNext { depths: [3, 3, 0, 3], ..ConvNext::default() });
+        assert!(depths.check().unwrap_err().to_string().contains("depths"));
     }
 
     #[test]

@@ -11,7 +11,7 @@ pub struct Cost {
     /// Numbers in its weights.
     pub parameters: u64,
     /// Multiplications with addition of matrix products and convolutions, and of a scan's recurrence and readout. As usual, the count
-    /// omits norms, activations, residuals and resampling.
+    /// omits norms, activations, residuals, resampling, and the padding of windows.
     pub macs: u64,
     /// Bytes of the results of all layers in 32-bit floats. Training keeps about as many per image; it keeps some activations twice.
     pub activation_bytes: u64,
@@ -52,13 +52,15 @@ fn macs(layer: &NetworkLayer, count: u64) -> u64 {
     let each = match layer.op {
         Op::Linear { inputs, outputs } => inputs * outputs,
         Op::Convolution { inputs, outputs } => 9 * inputs * outputs,
-        Op::Norm { .. } | Op::Table { .. } => 0,
+        Op::Depthwise { width, side } => side * side * width,
+        Op::Norm { .. } | Op::Scale { .. } | Op::Table { .. } => 0,
         Op::Mamba { width, inner, state, taps, rank } => {
             // Projections, convolution, and per state: exponent, decay, input, readout; and the gate and skip of a channel.
             3 * width * inner + inner * (rank + 2 * state) + rank * inner + inner * taps + inner * (4 * state + 2)
         }
         // Scores and their use on the values, with every token.
         Op::Attention { width } => 2 * width * count as usize,
+        Op::WindowAttention { width, window } => 2 * width * window * window,
     };
     count * each as u64
 }
@@ -67,7 +69,8 @@ fn macs(layer: &NetworkLayer, count: u64) -> u64 {
 fn results(layer: &NetworkLayer) -> u64 {
     let channels = match layer.op {
         Op::Linear { outputs, .. } | Op::Convolution { outputs, .. } => outputs,
-        Op::Norm { width } | Op::Attention { width } => width,
+        Op::Norm { width } | Op::Scale { width } | Op::Depthwise { width, .. } => width,
+        Op::Attention { width } | Op::WindowAttention { width, .. } => width,
         Op::Mamba { width, inner, state, rank, .. } => 5 * inner + rank + 2 * state + width,
         Op::Table { .. } => 0,
     };
@@ -92,6 +95,19 @@ mod tests {
         assert_eq!(count + 384, 21_664_896);
         let macs: u64 = encoder.iter().map(|layer| macs(layer, layer.grid.count([224, 224]) as u64)).sum();
         assert!((macs as f64 / 1e9 - 4.6).abs() < 0.05, "{macs}");
+    }
+
+    /// Published figures of Swin-T and ConvNeXt-T at 224 without classifier: 27.52 M and 27.82 M parameters, 4.5 GMAC each.
+    #[test]
+    fn pyramids_count_as_published() {
+        // The published merging of patches has no bias; both have a norm before the classifier, and Swin's four are the decoder's here.
+        for (name, parameters, biases) in [("swin", 27_519_354, 192 + 384 + 768), ("convnext", 27_820_128, 0)] {
+            let layers = Architecture::preset(name).unwrap().layers();
+            let encoder = |layer: &&NetworkLayer| ["patch", "norm", "stages"].iter().any(|p| layer.name.starts_with(p));
+            let cost: Cost = layers.iter().filter(encoder).map(|layer| layer.cost([224, 224])).sum();
+            assert_eq!(cost.parameters + 2 * 768 - biases, parameters, "{name}");
+            assert!((cost.macs as f64 / 1e9 - 4.45).abs() < 0.1, "{name}: {}", cost.macs);
+        }
     }
 
     #[test]

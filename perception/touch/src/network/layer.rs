@@ -1,9 +1,11 @@
 //! Networks as lists of layers, from which tensors and counts follow.
 
-use super::architecture::{Architecture, Mamba, Pyramid, RobustMamba, Vit};
+use super::architecture::{Architecture, ConvNext, Mamba, Pyramid, RobustMamba, Swin, Vit};
 
 /// Added to the variance in a layer norm.
 pub const LAYER_NORM_EPS: f32 = 1e-5;
+/// Side of the windows of `convnext`'s convolutions, pixels.
+const DEPTHWISE_SIDE: usize = 7;
 /// Channels of `default`'s input: red, green, blue, x, y.
 const INPUTS: usize = 5;
 
@@ -35,6 +37,18 @@ pub enum Op {
         /// Channels out.
         outputs: usize,
     },
+    /// Convolution of each channel by itself.
+    Depthwise {
+        /// Channels.
+        width: usize,
+        /// Side of the window, pixels.
+        side: usize,
+    },
+    /// Multiplication of each channel by a learned number.
+    Scale {
+        /// Channels.
+        width: usize,
+    },
     /// Layer norm over the channels.
     Norm {
         /// Channels.
@@ -58,7 +72,14 @@ pub enum Op {
         /// Channels of queries, keys and values each.
         width: usize,
     },
-    /// Learned numbers that are added to tokens or are tokens.
+    /// Attention within windows, without its linear maps.
+    WindowAttention {
+        /// Channels of queries, keys and values each.
+        width: usize,
+        /// Side of a window, tokens.
+        window: usize,
+    },
+    /// Learned numbers that are added to tokens or to scores of attention, or are tokens.
     Table {
         /// Rows.
         rows: usize,
@@ -98,6 +119,8 @@ impl NetworkLayer {
             Op::Convolution { inputs, outputs } => {
                 vec![named("weight", &[outputs, inputs, 3, 3]), named("bias", &[outputs])]
             }
+            Op::Depthwise { width, side } => vec![named("weight", &[width, side, side]), named("bias", &[width])],
+            Op::Scale { width } => vec![(self.name.clone(), vec![width])],
             Op::Norm { width } => vec![named("weight", &[width]), named("bias", &[width])],
             Op::Mamba { width, inner, state, taps, rank } => vec![
                 named("in_proj.weight", &[2 * inner, width]),
@@ -110,7 +133,7 @@ impl NetworkLayer {
                 named("D", &[inner]),
                 named("out_proj.weight", &[width, inner]),
             ],
-            Op::Attention { .. } => vec![],
+            Op::Attention { .. } | Op::WindowAttention { .. } => vec![],
             Op::Table { rows, width } => vec![(self.name.clone(), vec![rows, width])],
         }
     }
@@ -195,7 +218,6 @@ impl List {
 
     fn dpt(&mut self, patch: usize, width: usize, levels: usize, channels: usize) {
         let maps = Grid::Map(patch);
-        let level = |k: usize| Grid::Map(if k == 3 { 2 * patch } else { patch >> (2 - k) });
         for k in 0..levels {
             let name = format!("reassemble.{k}");
             self.linear(format!("{name}.read"), 2 * width, width, maps);
@@ -203,9 +225,15 @@ impl List {
             match k {
                 0 | 1 => self.linear(format!("{name}.resize"), channels, channels << (4 - 2 * k), maps),
                 2 => {}
-                _ => self.convolution(format!("{name}.resize"), channels, channels, level(3)),
+                _ => self.convolution(format!("{name}.resize"), channels, channels, Grid::Map(2 * patch)),
             }
         }
+        self.fusion(patch, levels, channels);
+    }
+
+    /// The part of the decoder behind its maps; the third of four has a pixel per patch.
+    fn fusion(&mut self, patch: usize, levels: usize, channels: usize) {
+        let level = |k: usize| Grid::Map(if k == 3 { 2 * patch } else { patch >> (2 - k) });
         for k in (0..levels).rev() {
             self.unit(&format!("fusion.{k}.unit1"), channels, level(k));
             self.unit(&format!("fusion.{k}.unit2"), channels, level(k));
@@ -215,6 +243,41 @@ impl List {
             self.convolution(format!("{head}.conv2"), channels.div_ceil(2), 32, Grid::Map(1));
             self.linear(format!("{head}.out"), 32, 1, Grid::Map(1));
         }
+    }
+}
+
+/// Sizes of a pyramid with a decoder.
+struct Stages {
+    widths: [usize; 4],
+    depths: [usize; 4],
+    channels: usize,
+    /// Whether squares of pixels are joined before they are normalised.
+    is_joined_first: bool,
+}
+
+impl List {
+    /// A network with maps at 1/4 to 1/32; `block` adds the layers of a block of a stage.
+    fn stages(&mut self, stages: &Stages, block: impl Fn(&mut Self, &str, usize, Grid)) {
+        let &Stages { widths, depths, channels, is_joined_first } = stages;
+        let at = |k: usize| Grid::Map(4 << k);
+        self.linear("patch", 3 * 4 * 4, widths[0], at(0));
+        self.norm("norm", widths[0], at(0));
+        for (k, depth) in depths.into_iter().enumerate() {
+            if let Some(finer) = k.checked_sub(1) {
+                let (width, grid) =
+                    if is_joined_first { (4 * widths[finer], at(k)) } else { (widths[finer], at(finer)) };
+                self.norm(format!("stages.{k}.down.norm"), width, grid);
+                self.linear(format!("stages.{k}.down.linear"), 4 * widths[finer], widths[k], at(k));
+            }
+            for b in 0..depth {
+                block(self, &format!("stages.{k}.blocks.{b}"), k, at(k));
+            }
+        }
+        for k in 0..4 {
+            self.norm(format!("reassemble.{k}.norm"), widths[k], at(k));
+            self.linear(format!("reassemble.{k}.project"), widths[k], channels, at(k));
+        }
+        self.fusion(16, 4, channels);
     }
 }
 
@@ -242,6 +305,31 @@ impl Architecture {
                 list.tokens([patch, width, depth, channels], table, hooks, |list, block, grid| {
                     list.norm(format!("{block}.norm"), width, grid);
                     list.mamba(format!("{block}.mamba"), [width, expand, state, taps], grid);
+                });
+            }
+            &Self::Swin(Swin { widths, depths, window, mlp, channels, heads }) => {
+                let stages = Stages { widths, depths, channels, is_joined_first: true };
+                list.stages(&stages, |list, block, k, grid| {
+                    let width = widths[k];
+                    let table = Op::Table { rows: (2 * window - 1) * (2 * window - 1), width: heads[k] };
+                    list.norm(format!("{block}.norm1"), width, grid);
+                    list.linear(format!("{block}.attn.qkv"), width, 3 * width, grid);
+                    list.push(format!("{block}.attn.relative_position_bias_table"), table, Grid::Once);
+                    list.push(format!("{block}.attn"), Op::WindowAttention { width, window }, grid);
+                    list.linear(format!("{block}.attn.proj"), width, width, grid);
+                    list.norm(format!("{block}.norm2"), width, grid);
+                    list.mlp(&format!("{block}.mlp"), width, mlp * width, grid);
+                });
+            }
+            &Self::ConvNext(ConvNext { widths, depths, mlp, channels }) => {
+                let stages = Stages { widths, depths, channels, is_joined_first: false };
+                list.stages(&stages, |list, block, k, grid| {
+                    let width = widths[k];
+                    let op = Op::Depthwise { width, side: DEPTHWISE_SIDE };
+                    list.push(format!("{block}.depthwise"), op, grid);
+                    list.norm(format!("{block}.norm"), width, grid);
+                    list.mlp(&format!("{block}.mlp"), width, mlp * width, grid);
+                    list.push(format!("{block}.scale"), Op::Scale { width }, grid);
                 });
             }
             &Self::RobustMamba(RobustMamba {

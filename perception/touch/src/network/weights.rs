@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use half::bf16;
@@ -29,10 +30,10 @@ pub struct WeightTensor {
     pub values: Vec<f32>,
 }
 
-#[cfg(feature = "train")]
 impl WeightTensor {
     /// Returns zeros of the same shape.
-    pub(crate) fn zeros(&self) -> Self {
+    #[must_use]
+    pub fn zeros(&self) -> Self {
         Self { shape: self.shape.clone(), values: vec![0.0; self.values.len()] }
     }
 }
@@ -212,10 +213,7 @@ impl Weights {
         let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
         let header = Header { architecture: self.architecture.clone(), provenance: self.provenance.clone() };
         let header = serde_json::to_string(&header).map_err(|error| damaged(error.to_string()))?;
-        let tensors = self.tensors.iter().map(|(name, tensor)| (name, Stored { tensor, precision }));
-        let metadata = HashMap::from([(KEY.to_owned(), header)]);
-        let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|error| damaged(error.to_string()))?;
-        write_sealed(path, bytes)
+        write_tensors(path, &self.tensors, precision, [KEY, &header])
     }
 
     /// Returns the network of the weights.
@@ -239,15 +237,28 @@ impl Weights {
     }
 }
 
-/// Writes a safetensors file with its checksum. It appears whole or not at all.
-pub(crate) fn write_sealed(path: &Path, bytes: Vec<u8>) -> Result<(), WeightsError> {
+/// Writes tensors by name to a safetensors file with a checksum; the metadata holds one key with its value. The file appears whole or not
+/// at all.
+///
+/// # Errors
+/// [`WeightsError`] if the file cannot be written.
+pub fn write_tensors<'a>(
+    path: &Path,
+    tensors: impl IntoIterator<Item = (impl AsRef<str> + Ord + Display, &'a WeightTensor)>,
+    precision: Precision,
+    metadata: [&str; 2],
+) -> Result<(), WeightsError> {
+    let [key, value] = metadata.map(str::to_owned);
+    let tensors = tensors.into_iter().map(|(name, tensor)| (name, Stored { tensor, precision }));
+    let bytes = safetensors::serialize(tensors, Some(HashMap::from([(key, value)])))
+        .map_err(|error| WeightsError::File { path: path.to_owned(), message: error.to_string() })?;
     output::replace(path, &seal::seal(bytes)).map_err(|source| WeightsError::Io { path: path.to_owned(), source })
 }
 
 /// Tensor in the precision of the file.
-pub(crate) struct Stored<'a> {
-    pub tensor: &'a WeightTensor,
-    pub precision: Precision,
+struct Stored<'a> {
+    tensor: &'a WeightTensor,
+    precision: Precision,
 }
 
 impl View for Stored<'_> {

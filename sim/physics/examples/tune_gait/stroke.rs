@@ -86,6 +86,7 @@ pub fn gait(params: &BTreeMap<String, f64>, rest: &JointAngles, description: &st
         period_s: p("T"),
         torque_limit_nm: p("fmax"),
         gravity: [gx, gy, -(GRAVITY * GRAVITY - gx * gx - gy * gy).sqrt()],
+        feedback: None,
         axis: mvt_gaits::axis::TurnAxis::MinusZ,
         start_xy_m: [p("cx"), p("cy")],
         open_pose,

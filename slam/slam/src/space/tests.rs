@@ -239,3 +239,26 @@ fn a_cavity_that_was_looked_into_continues_where_nothing_was_seen() {
     assert!(space.is_seen_empty(Vec3::new(0.0, 0.0, 0.005)));
     assert!(!is_inside(&space), "what continues a cavity does not");
 }
+
+#[test]
+fn the_frontier_is_the_side_that_was_not_seen() {
+    let space = looked_at(BRICK, &[0.0, 60.0, 120.0, 180.0, 240.0, 300.0]);
+    let patches = space.frontier();
+    let [low, high] = BRICK.bounds();
+    let bottom_m2 = (high.x - low.x) * (high.y - low.y);
+    let down: Vec<&FrontierPatch> = patches.iter().filter(|patch| patch.normal.z < -0.7).collect();
+    let (all_m2, down_m2) = (area_m2(&patches), down.iter().map(|patch| patch.area_m2).sum::<f32>());
+    assert!((0.6..1.1).contains(&(down_m2 / bottom_m2)), "{down_m2} of {bottom_m2} m^2");
+    assert!(down_m2 > 0.8 * all_m2, "the rest was seen: {down_m2} of {all_m2} m^2");
+    for patch in down {
+        assert!((patch.centre.z - low.z).abs() < 0.005, "{patch:?}");
+        assert!((patch.normal.length() - 1.0).abs() < 1e-5);
+    }
+    // Half a view leaves more, and nothing is known before the first.
+    assert!(area_m2(&looked_at(BRICK, &[0.0]).frontier()) > 1.2 * all_m2);
+    assert!(Space::new(HALF_M).frontier().is_empty());
+}
+
+fn area_m2(patches: &[FrontierPatch]) -> f32 {
+    patches.iter().map(|patch| patch.area_m2).sum()
+}

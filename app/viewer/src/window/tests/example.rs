@@ -167,6 +167,7 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
         sense_ms: row.stage_ms.sense,
         hidden: None,
         warnings: Vec::new(),
+        events: Vec::new(),
     }
 }
 

@@ -1,0 +1,68 @@
+//! Places of an object in the air, and feedback on them.
+
+use mvt_frames::{Isometry, Model, Object as ObjectFrame, Point, World};
+use mvt_robot::hand::{JOINTS, JointAngles};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// Feedback of a gait on the place of the object, for the right hand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceFeedback {
+    /// Place of the object's middle when it is handed over, in the world, metres.
+    pub place_m: [f64; 3],
+    /// Joint angles at which the fingers aim when they close around the object, radians. The table swings around them.
+    pub grasp: JointAngles,
+    /// Change of each joint's target per displacement of the object, along x, y and z of the world, rad/m.
+    pub gains: [[f64; 3]; JOINTS],
+    /// Change of each joint's target per velocity of the object, along x, y and z of the world, rad per m/s.
+    pub damping: [[f64; 3]; JOINTS],
+    /// Change of each joint's target per displacement of the object summed over time, along x, y and z of the world, rad per
+    /// m s. It lifts heavy objects.
+    pub lift: [[f64; 3]; JOINTS],
+    /// Joint angles through which the hand lowers the object to the palm if its place is unknown, one per second, radians.
+    pub lowering: Vec<JointAngles>,
+}
+
+impl PlaceFeedback {
+    /// Returns all numbers.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = &f64> {
+        let rates = self.gains.iter().chain(&self.damping).chain(&self.lift).flatten();
+        self.place_m.iter().chain(rates).chain(self.poses().flatten())
+    }
+
+    /// Returns the joint angles of all poses.
+    pub(crate) fn poses(&self) -> impl Iterator<Item = &JointAngles> {
+        [&self.grasp].into_iter().chain(&self.lowering)
+    }
+}
+
+/// Estimated place of the object at an instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EstimatedPlace(pub(crate) Place);
+
+/// True place of the object at an instant, with errors like those of an estimate. The controller of a run never receives
+/// it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RehearsedPlace(pub(crate) Place);
+
+/// Place of the object's middle in the world, metres, at a time, seconds since the start of the episode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Place {
+    pub(crate) time_s: f64,
+    pub(crate) middle_m: Vector3<f64>,
+}
+
+impl EstimatedPlace {
+    /// Returns the place of a point of the estimated model at a time, seconds since the start of the episode.
+    pub fn new(time_s: f64, pose: Isometry<Model, World>, middle: Point<Model>) -> Self {
+        Self(Place { time_s, middle_m: (pose * middle).coords() })
+    }
+}
+
+impl RehearsedPlace {
+    /// Returns the place of the object's origin with an error, metres, at a time, seconds since the start of the episode.
+    pub fn new(time_s: f64, pose: Isometry<ObjectFrame, World>, error_m: Vector3<f64>) -> Self {
+        Self(Place { time_s, middle_m: pose.origin().coords() + error_m })
+    }
+}

@@ -1,0 +1,134 @@
+//! Starts of episodes: the drawn physical quantities and the initial state.
+
+use mvt_frames::{Isometry, Object as ObjectFrame, World as WorldFrame};
+use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_gaits::gait::Gait;
+use mvt_objects::object::Object;
+use mvt_robot::hand::{JointAngles, Side, joint_ranges};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::mjcf::Physics;
+
+/// Ranges of the differences between a start and the nominal one. Every quantity is drawn independently.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Randomisation {
+    /// Relative change of each friction coefficient, uniform in +- this.
+    pub friction: f64,
+    /// Factor of the mass: up to 1 + this, or its inverse, log-uniform.
+    pub mass: f64,
+    /// Shift of the centre of mass along each axis, metres, uniform in +- this.
+    pub centre_of_mass_m: f64,
+    /// Relative change of the joints' stiffness, uniform in +- this.
+    pub stiffness: f64,
+    /// Shift of the start along x and y, metres, uniform in +- this.
+    pub position_m: f64,
+    /// Yaw of the start, radians, uniform in +- this.
+    pub yaw_rad: f64,
+    /// Change of each joint's start angle, radians, uniform in +- this.
+    pub joints_rad: f64,
+}
+
+impl Default for Randomisation {
+    fn default() -> Self {
+        Self {
+            friction: 0.15,
+            mass: 0.49,
+            centre_of_mass_m: 0.004,
+            stiffness: 0.05,
+            position_m: 0.008,
+            yaw_rad: std::f64::consts::PI,
+            joints_rad: 0.03,
+        }
+    }
+}
+
+impl Randomisation {
+    /// Returns zero ranges, which give the nominal start.
+    pub fn none() -> Self {
+        Self {
+            friction: 0.0,
+            mass: 0.0,
+            centre_of_mass_m: 0.0,
+            stiffness: 0.0,
+            position_m: 0.0,
+            yaw_rad: 0.0,
+            joints_rad: 0.0,
+        }
+    }
+}
+
+/// Nominal friction of the gel: with that of the links, the middle of the range in which all starts of the tuning study
+/// survived.
+const GEL_FRICTION: f64 = 1.05;
+/// Nominal friction of palm, links and object. Higher values stop the object on the palm.
+const LINK_FRICTION: f64 = 0.35;
+/// Nominal stiffness of the joints, Nm/rad.
+const JOINT_STIFFNESS: f64 = 3.0;
+/// Start height of the object's lowest point, metres: 4 mm above the palm.
+const START_HEIGHT_M: f64 = 0.015;
+/// Shift of a place at which an object is handed over, relative to that of a start on the palm: 2 mm by default.
+const HAND_OVER_SHARE: f64 = 0.25;
+
+/// Drawn start: the physical quantities of the model and the initial state.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct EpisodeStart {
+    /// Physical quantities of the model.
+    pub physics: Physics,
+    /// Initial joint angles, radians.
+    pub joints: JointAngles,
+    /// Initial pose of the object.
+    pub object: Isometry<ObjectFrame, WorldFrame>,
+}
+
+impl EpisodeStart {
+    /// Draws a start. With the same seed, the starts of the left and the right hand are mirror images.
+    pub fn draw(object: &Object, gait: &Gait, side: Side, randomisation: &Randomisation, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut within = |amplitude: f64| amplitude * rng.random_range(-1.0..=1.0);
+        let r = randomisation;
+        let mirror = side.sign();
+        let gel_friction = GEL_FRICTION * (1.0 + within(r.friction));
+        let link_friction = LINK_FRICTION * (1.0 + within(r.friction));
+        let object_mass_kg = object.mass_kg * within((1.0 + r.mass).ln()).exp();
+        let [cx, cy, cz] = std::array::from_fn(|_| within(r.centre_of_mass_m));
+        let joint_stiffness = JOINT_STIFFNESS * (1.0 + within(r.stiffness));
+        let shift = [within(r.position_m), within(r.position_m)];
+        let yaw = mirror * within(r.yaw_rad);
+        let right = gait.open_pose.map(|angle| angle + within(r.joints_rad));
+        let ranges = joint_ranges(side);
+        let joints = side.mirror_joints(right);
+        let lowest = object.mesh.vertices.iter().fold(f32::INFINITY, |low, v| low.min(v.z));
+        let height = START_HEIGHT_M - if lowest.is_finite() { f64::from(lowest) } else { 0.0 };
+        let [x, y, z] = match &gait.feedback {
+            None => [gait.start_xy_m[0] + shift[0], gait.start_xy_m[1] + shift[1], height],
+            Some(feedback) => {
+                let [x, y, z] = feedback.place_m;
+                let [dx, dy] = shift.map(|metres| metres * HAND_OVER_SHARE);
+                [x + dx, y + dy, z + within(r.position_m) * HAND_OVER_SHARE]
+            }
+        };
+        Self {
+            physics: Physics {
+                timestep_s: 1.0 / f64::from(PHYSICS_HZ),
+                gravity: gravity_of(gait, side),
+                gel_friction,
+                link_friction,
+                joint_stiffness,
+                torque_limit: gait.torque_limit_nm,
+                object_mass_kg,
+                com_offset_m: [cx, mirror * cy, cz],
+            },
+            joints: std::array::from_fn(|j| joints[j].clamp(ranges[j][0], ranges[j][1])),
+            object: Isometry::from_parts([x, mirror * y, z], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
+        }
+    }
+}
+
+/// Returns gravity in the world with which a hand plays a gait, m/s^2.
+pub(crate) fn gravity_of(gait: &Gait, side: Side) -> [f64; 3] {
+    let [gx, gy, gz] = gait.gravity;
+    [gx, side.sign() * gy, gz]
+}

@@ -1,0 +1,179 @@
+//! Controllers that hold an object in the air: their parameters, and trials with them.
+//!
+//! The hand closes around a supported object; then the support is taken away. A trial sees the true place of the object with
+//! errors and as late as a run sees the estimate.
+
+use std::f64::consts::TAU;
+
+use mvt_gaits::axis::TurnAxis;
+use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ};
+use mvt_gaits::controller::{Controller as _, Proprioception};
+use mvt_gaits::feedback::{FeedbackController, HANDED_OVER_S, PlaceFeedback};
+use mvt_gaits::gait::Gait;
+use mvt_objects::object::Object;
+use mvt_physics::air::{AirOutcome, AirTally, PlaceErrors, Rehearsal};
+use mvt_physics::episode::{EpisodeStart, Randomisation};
+use mvt_physics::simulation::{Simulation, SimulationError};
+use mvt_robot::hand::{Finger, JOINTS, JOINTS_PER_FINGER, Side};
+use nalgebra as na;
+
+use crate::stroke::{self, StrokeParameters};
+
+/// Number of phases of the table.
+const PHASES: usize = 32;
+/// Damping of the inverse of a finger's Jacobian, metres per radian.
+const DAMPING_M: f64 = 0.01;
+/// Parts of the motion of a fingertip, in the order of its parameters.
+const WAVES: [&str; 4] = ["sin", "cos", "sin2", "cos2"];
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Returns the names and scales of the parameters, in the order of a search vector: the period; the joint angles at which the
+/// fingers aim; per finger the path of its tip, and the motion of the tip per displacement and per velocity of the object along
+/// each axis, and per sag of the object summed over time.
+pub(crate) fn parameters() -> Vec<(String, f64)> {
+    let mut names = vec![("period_s".to_owned(), 0.15)];
+    for finger in Finger::ALL {
+        names.extend((0..JOINTS_PER_FINGER).map(|k| (format!("pose_{}_{k}", finger.name()), 0.05)));
+    }
+    let parts =
+        WAVES.into_iter().zip([0.004, 0.004, 0.002, 0.002]).chain([("gain", 0.4), ("damping", 0.04), ("lift", 0.3)]);
+    for (part, scale) in parts {
+        for finger in Finger::ALL {
+            names.extend(AXES.map(|axis| (format!("{part}_{}_{axis}", finger.name()), scale)));
+        }
+    }
+    names
+}
+
+/// Returns the controller of these parameters, which takes its start, its lowering and the joint angles of the grasp, at which
+/// tips move as the parameters say, from another one. `None` if that one has no feedback.
+pub fn gait(params: &StrokeParameters, from: &Gait, axis: TurnAxis, description: &str) -> Option<Gait> {
+    let feedback = from.feedback.as_deref()?;
+    let params: StrokeParameters = params.iter().map(|(name, value)| (name.clone(), stroke::rounded(*value))).collect();
+    let p = |name: &str| -> f64 { params.get(name).copied().unwrap_or(0.0) };
+    let mut grasp = [0.0; JOINTS];
+    let mut gains = [[0.0; 3]; JOINTS];
+    let mut damping = [[0.0; 3]; JOINTS];
+    let mut lift = [[0.0; 3]; JOINTS];
+    let mut touching = [0.0; JOINTS];
+    for finger in Finger::ALL {
+        for k in 0..JOINTS_PER_FINGER {
+            let j = finger.first_joint() + k;
+            grasp[j] = p(&format!("pose_{}_{k}", finger.name()));
+            touching[j] = p(&format!("touching_{}_{k}", finger.name()));
+        }
+    }
+    let mut table = vec![grasp; PHASES];
+    for finger in Finger::ALL {
+        let jacobian = stroke::jacobian(finger, &touching);
+        let damped = jacobian * jacobian.transpose() + na::Matrix3::identity() * DAMPING_M * DAMPING_M;
+        // The damping makes it positive definite; angles that are not finite cause no motion.
+        let inverse = damped.try_inverse().map_or(na::Matrix4x3::zeros(), |inverse| jacobian.transpose() * inverse);
+        let part = |name: &str| na::Vector3::from(AXES.map(|axis| p(&format!("{name}_{}_{axis}", finger.name()))));
+        let [sine, cosine, sine2, cosine2] = WAVES.map(part);
+        let rates = ["gain", "damping"].map(|name| inverse * na::Matrix3::from_diagonal(&part(name)));
+        for k in 0..JOINTS_PER_FINGER {
+            let j = finger.first_joint() + k;
+            // Only the sag counts, which grows with the weight.
+            lift[j] = [0.0, 0.0, stroke::rounded((inverse * part("lift"))[k])];
+            [gains[j], damping[j]] = rates.map(|rate| std::array::from_fn(|axis| stroke::rounded(rate[(k, axis)])));
+            for (row, joints) in table.iter_mut().enumerate() {
+                let phase = TAU * row as f64 / PHASES as f64;
+                let tip = sine * phase.sin()
+                    + cosine * phase.cos()
+                    + sine2 * (2.0 * phase).sin()
+                    + cosine2 * (2.0 * phase).cos();
+                joints[j] = stroke::rounded(grasp[j] + (inverse * tip)[k]);
+            }
+        }
+    }
+    Some(Gait {
+        description: description.to_owned(),
+        period_s: stroke::rounded(p("period_s").clamp(0.4, 4.0)),
+        axis,
+        table,
+        feedback: Some(Box::new(PlaceFeedback { grasp, gains, damping, lift, ..feedback.clone() })),
+        params,
+        ..from.clone()
+    })
+}
+
+/// Result of a trial in the air.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AirTrial {
+    /// Time from the hand-over until the object was no longer in the air, or the trial ended, seconds.
+    pub survived_s: f64,
+    /// The object was in the air at the end.
+    pub alive: bool,
+    /// How it was held.
+    pub outcome: AirOutcome,
+    /// Length of the path of the orientation about axes other than the gait's, radians.
+    pub rocked_rad: f64,
+    /// Mean number of pads that touched the object.
+    pub pads: f64,
+}
+
+/// Runs a trial of a gait with feedback from a start that an episode with this seed draws, for `duration_s` seconds after the
+/// hand-over, with so many integration steps per command. It ends when the object is no longer in the air. `None` if the gait
+/// has no feedback.
+///
+/// # Errors
+/// [`SimulationError`] if MuJoCo refuses the object.
+pub fn run(
+    gait: &Gait,
+    object: &Object,
+    side: Side,
+    seed: u64,
+    duration_s: f64,
+    steps: u32,
+) -> Result<Option<AirTrial>, SimulationError> {
+    let Some(mut controller) = FeedbackController::new(gait, side) else { return Ok(None) };
+    let mut start = EpisodeStart::draw(object, gait, side, &Randomisation::default(), seed);
+    start.physics.timestep_s = 1.0 / f64::from(CONTROL_HZ * steps);
+    let mut simulation = Simulation::new(side, object, &start.physics)?;
+    simulation.reset(&start.joints, start.object);
+    let mut rehearsal = Rehearsal::new(PlaceErrors::default(), seed);
+    let mut air = AirTally::new(object);
+    let axis = gait.axis.direction(side);
+    let supported = (HANDED_OVER_S * f64::from(CONTROL_HZ)).round() as u32;
+    let last = supported + (duration_s * f64::from(CONTROL_HZ)).round() as u32;
+    let frames = |ticks: u32| ticks * FRAME_HZ / (CONTROL_HZ * steps);
+    let (mut command, mut pads, mut rocked_rad, mut alive) = (0, 0, 0.0, true);
+    let mut rotation = start.object.untyped().rotation;
+    while alive && command < last {
+        let time_s = f64::from(command) / f64::from(CONTROL_HZ);
+        let is_supported = command < supported;
+        let targets = controller.command(&Proprioception { time_s, joints: simulation.joints() });
+        for tick in command * steps..(command + 1) * steps {
+            if is_supported {
+                simulation.support(start.object);
+            }
+            simulation.step(&targets);
+            let is_frame = frames(tick + 1) > frames(tick);
+            let time_s = f64::from(tick + 1) / f64::from(CONTROL_HZ * steps);
+            if let Some(place) = rehearsal.step(is_frame.then(|| (time_s, simulation.object_pose()))) {
+                controller.rehearse(place);
+            }
+        }
+        command += 1;
+        if is_supported {
+            continue;
+        }
+        let pose = simulation.object_pose();
+        air.add(pose, simulation.touches_beside_fingertips());
+        let turn = (pose.untyped().rotation * rotation.inverse()).scaled_axis();
+        rotation = pose.untyped().rotation;
+        rocked_rad += (turn - axis * turn.dot(&axis)).norm();
+        let contacts = simulation.contacts();
+        pads += Finger::ALL.into_iter().filter(|&f| contacts[f].is_touching()).count();
+        alive = simulation.fault().is_none() && air.outcome(None).least_height_mm >= AirOutcome::IN_AIR_MM;
+    }
+    let held = command.saturating_sub(supported);
+    Ok(Some(AirTrial {
+        survived_s: f64::from(held) / f64::from(CONTROL_HZ),
+        alive,
+        outcome: air.outcome(controller.lowered_at_s()),
+        rocked_rad,
+        pads: pads as f64 / f64::from(held.max(1)),
+    }))
+}
