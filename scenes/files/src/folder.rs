@@ -9,8 +9,6 @@ use std::path::{Path, PathBuf};
 
 /// Name of the file that marks a folder as written by this program.
 pub const MARK: &str = ".mambavitact";
-/// Claims of a folder that other processes move at the same time.
-const TRIES: usize = 8;
 /// Longest mark that is read, bytes.
 const LONGEST_MARK: u64 = 256;
 
@@ -74,23 +72,24 @@ impl ClaimedFolder {
     /// [`ClaimError::Io`] for all else.
     pub fn claim(path: &Path, command: &str, earlier: Earlier, overwrite: bool) -> Result<Self, ClaimError> {
         let path = &resolved(path)?;
+        let _turn = wait_for_turn(path)?;
         let mut moved = None;
-        for _ in 0..TRIES {
+        loop {
             fs::create_dir_all(path).map_err(io_error(path))?;
             let mark = path.join(MARK);
             let is_marked = mark.symlink_metadata().is_ok();
-            let foreign = if is_marked { None } else { first_entry(path)? };
-            if let Some(name) = foreign.as_ref().filter(|_| !overwrite) {
-                return Err(foreign_error(path, name, command));
+            // No mark is written into a folder of somebody else.
+            if let Some(name) = first_entry(path)?.filter(|_| !is_marked && !overwrite) {
+                return Err(foreign_error(path, &name, command));
             }
-            let Some(mut lock) = lock(path, &mark)? else { continue };
+            let mut lock = lock(path, &mark)?;
             let old = read_mark(&mut lock);
-            // A process that was killed before it wrote its mark.
-            let foreign = if old.is_none() { first_entry(path)? } else { foreign };
+            // Without text the mark is new, or of a process that was killed before it wrote it.
+            let foreign = if old.is_none() { first_entry(path)? } else { None };
             if let Some(name) = foreign.as_ref().filter(|_| !overwrite) {
                 return Err(foreign_error(path, name, command));
             }
-            if let Some(old) = old.filter(|_| is_marked && !overwrite) {
+            if let Some(old) = old.filter(|_| !overwrite) {
                 if old.command != command {
                     let found = match old.command.as_str() {
                         "" => "other files than results".to_owned(),
@@ -108,7 +107,6 @@ impl ClaimedFolder {
             write_mark(&mut lock, owner).map_err(io_error(&mark))?;
             return Ok(Self { moved, _lock: lock });
         }
-        Err(ClaimError::InUse { path: path.to_path_buf(), process: String::new() })
     }
 
     /// Returns the folder into which the earlier results were moved.
@@ -149,18 +147,22 @@ fn first_entry(path: &Path) -> Result<Option<String>, ClaimError> {
     Ok(names.into_iter().min())
 }
 
-/// Opens and locks the mark of a folder; `None` if the folder was moved meanwhile.
-fn lock(path: &Path, mark: &Path) -> Result<Option<File>, ClaimError> {
+/// Waits until no other process claims a folder beside this one, and keeps others from it until the file is dropped. A claim moves and
+/// marks folders in several steps, between which another claim would read what is no longer true. `None` where folders cannot be locked.
+fn wait_for_turn(path: &Path) -> Result<Option<File>, ClaimError> {
+    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(parent).map_err(io_error(parent))?;
+    Ok(File::open(parent).ok().filter(|parent| parent.lock().is_ok()))
+}
+
+/// Opens and locks the mark of a folder.
+fn lock(path: &Path, mark: &Path) -> Result<File, ClaimError> {
     if mark.symlink_metadata().is_ok_and(|kind| !kind.is_file()) {
         let reason = io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file; remove it");
         return Err(ClaimError::Io { path: mark.to_path_buf(), reason });
     }
-    let file = match OpenOptions::new().read(true).write(true).create(true).truncate(false).open(mark) {
-        Ok(file) => file,
-        // The folder was moved.
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(io_error(mark)(error)),
-    };
+    let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(mark);
+    let file = file.map_err(io_error(mark))?;
     match file.try_lock() {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => {
@@ -173,21 +175,7 @@ fn lock(path: &Path, mark: &Path) -> Result<Option<File>, ClaimError> {
         // A file system without locks: two processes are not kept apart there.
         Err(TryLockError::Error(_)) => {}
     }
-    Ok(is_at(&file, mark).then_some(file))
-}
-
-/// Returns whether an open file is the one at a path.
-#[cfg(unix)]
-fn is_at(file: &File, path: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt as _;
-    let number = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
-    file.metadata().map(number).ok() == path.symlink_metadata().map(number).ok()
-}
-
-/// Returns whether an open file is the one at a path. An open file cannot be moved on this system.
-#[cfg(not(unix))]
-fn is_at(_: &File, _: &Path) -> bool {
-    true
+    Ok(file)
 }
 
 fn read_mark(file: &mut File) -> Option<Mark> {
@@ -302,27 +290,33 @@ mod tests {
     fn of_many_claims_at_once_each_has_a_folder_of_its_own() {
         let home = tempfile::tempdir().unwrap();
         let path = home.path().join("out");
-        let wins: usize = std::thread::scope(|scope| {
-            let one = |k: u8| {
-                let mut wins = 0;
-                for _ in 0..50 {
-                    if let Ok(claimed) = claim(&path, "run", false) {
+        let (threads, wins) = (4, 12);
+        std::thread::scope(|scope| {
+            for k in 0..threads {
+                let path = &path;
+                scope.spawn(move || {
+                    let mut missing = wins;
+                    while missing > 0 {
+                        let claimed = match claim(path, "run", false) {
+                            Ok(claimed) => claimed,
+                            Err(ClaimError::InUse { .. }) => {
+                                std::thread::yield_now();
+                                continue;
+                            }
+                            Err(error) => panic!("{error}"),
+                        };
                         // Nobody else writes here meanwhile.
                         assert!(!path.join("owner").exists());
                         fs::write(path.join("owner"), [k]).unwrap();
                         std::thread::yield_now();
                         assert_eq!(fs::read(path.join("owner")).unwrap(), [k]);
-                        wins += 1;
                         drop(claimed);
+                        missing -= 1;
                     }
-                }
-                wins
-            };
-            let threads: Vec<_> = (0..4).map(|k| scope.spawn(move || one(k))).collect();
-            threads.into_iter().map(|thread| thread.join().unwrap()).sum()
+                });
+            }
         });
-        assert!(wins >= 4, "{wins}");
-        assert_eq!(fs::read_dir(home.path()).unwrap().count(), wins);
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), usize::from(threads) * wins);
     }
 
     #[test]
