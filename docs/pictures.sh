@@ -26,6 +26,9 @@ cp run/mesh.gif "$docs/rubiks_cube.gif"
 "$program" run --object 077_rubiks_cube --controller tumble_back --duration 6 --seed 1 --out tumble
 "$program" view --run tumble --record "$docs/tumble.gif" --overwrite --layout scene --colour true --show mesh,truth,hand --every 4 --rate 12 \
     --size 600x400
+"$program" run --object ball --controller air_ball --duration 8 --seed 9705 --out air
+"$program" view --run air --record "$docs/air.gif" --overwrite --layout scene --colour true --show mesh,truth,hand --every 4 --rate 12 \
+    --size 600x400
 "$program" generate --object 077_rubiks_cube --logs 1 --duration 12 --noise none --out logs
 "$program" inspect logs/077_rubiks_cube/00 --sheet "$docs/contact_sheet.png" --overwrite
 

@@ -37,6 +37,36 @@ pub fn width(size: f32, text: &str) -> u32 {
     text.chars().map(|character| font.h_advance(font.glyph_id(character))).sum::<f32>().round() as u32
 }
 
+/// Returns as many whole clauses of a sentence, which semicolons separate, as fit into `room` pixels, with an ellipsis where some
+/// are missing. The first clause always stays.
+pub fn shortened(size: f32, sentence: &str, room: u32) -> String {
+    let mut shorter = sentence.to_owned();
+    let mut clauses = sentence;
+    while width(size, &shorter) > room
+        && let Some((earlier, _)) = clauses.rsplit_once("; ")
+    {
+        clauses = earlier;
+        shorter = format!("{earlier} …");
+    }
+    shorter
+}
+
 fn font() -> Option<FontRef<'static>> {
     FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_clauses_stay_as_far_as_they_fit() {
+        let sentence = "Tracking; one finger touches; time is up";
+        let shorter = |room| shortened(12.0, sentence, room);
+        assert_eq!(shorter(width(12.0, sentence)), sentence);
+        let room = width(12.0, "Tracking; one finger touches …");
+        assert_eq!(shorter(room), "Tracking; one finger touches …");
+        assert_eq!(shorter(room - 1), "Tracking …");
+        assert_eq!(shorter(0), "Tracking …");
+    }
 }

@@ -84,14 +84,15 @@ impl Dashboard {
         let Theme { ink, faint, .. } = self.theme;
         let subject = captions::subject(recording);
         text::write(page, (GAP, 4), LETTERS, ink, &subject);
-        let happening = captions::moment(recording, moment);
         let x = GAP + text::width(LETTERS, &subject) + 24;
-        text::write(page, (x, 4), LETTERS, faint, &happening);
+        let mut end = page.width().saturating_sub(GAP);
         if let Some(now) = recording.moments().get(moment) {
             let time = format!("{:.2} s", now.row.time_s);
-            let x = page.width().saturating_sub(GAP + text::width(LETTERS, &time));
-            text::write(page, (x, 4), LETTERS, ink, &time);
+            end = end.saturating_sub(text::width(LETTERS, &time));
+            text::write(page, (end, 4), LETTERS, ink, &time);
         }
+        let happening = captions::moment(recording, moment);
+        text::write(page, (x, 4), LETTERS, faint, &text::shortened(LETTERS, &happening, end.saturating_sub(x + GAP)));
     }
 
     fn scene(&mut self, page: &mut RgbImage, area: Area, recording: &Recording, moment: usize, eye: &Eye) {

@@ -67,11 +67,19 @@ pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("air_ball", include_str!("../assets/controllers/air_ball.toml")),
     ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
     ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
+    ("turn_cup", include_str!("../assets/controllers/turn_cup.toml")),
+    ("turn_post", include_str!("../assets/controllers/turn_post.toml")),
+    ("turn_slender", include_str!("../assets/controllers/turn_slender.toml")),
+    ("turn_duck", include_str!("../assets/controllers/turn_duck.toml")),
+    ("tumble_small_block", include_str!("../assets/controllers/tumble_small_block.toml")),
+    ("turn_bowl", include_str!("../assets/controllers/turn_bowl.toml")),
     ("turn_disc", include_str!("../assets/controllers/turn_disc.toml")),
+    ("turn_large_ball", include_str!("../assets/controllers/turn_large_ball.toml")),
     ("turn_small", include_str!("../assets/controllers/turn_small.toml")),
     ("tumble_back", include_str!("../assets/controllers/tumble_back.toml")),
     ("tumble_ball", include_str!("../assets/controllers/tumble_ball.toml")),
     ("tumble_ball_forth", include_str!("../assets/controllers/tumble_ball_forth.toml")),
+    ("tumble_block", include_str!("../assets/controllers/tumble_block.toml")),
     ("tumble_brick", include_str!("../assets/controllers/tumble_brick.toml")),
     ("tumble_can", include_str!("../assets/controllers/tumble_can.toml")),
 ];
@@ -129,12 +137,15 @@ pub fn suited_to(object: &Object) -> &'static str {
     let shape = ObjectShape::of(object);
     let ObjectShape { length_mm: length, width_mm: width, height_mm: height, fill, .. } = shape;
     let is_round = length < 1.1 * width;
+    if let Some(controller) = shape.special_controller() {
+        return controller;
+    }
     match shape.unsuited() {
-        None if shape.is_disc() => "turn_disc",
-        None if shape.is_small_ball() => "turn_small",
         // Nothing turns them. These gaits keep them in the hand.
         Some(unsuited) if unsuited.is_small => "shared",
         Some(_) => "bal",
+        // Pears.
+        None if fill < 0.53 && height > 1.3 * length => "turn_disc",
         // Balls and fruit.
         None if fill < 0.58 && width > 78.0 => "cube",
         None if fill < 0.58 && length > 1.3 * width => "bal",
@@ -145,6 +156,7 @@ pub fn suited_to(object: &Object) -> &'static str {
         None if fill < 0.7 => "shared",
         // Boxes and cans.
         None if height < 66.0 => "cubelet",
+        None if length > 1.25 * width && height < length => "tumble_can",
         None if length > 1.25 * width => "shared",
         None if width > 85.0 => "can",
         None if height < 1.2 * length => "cube",

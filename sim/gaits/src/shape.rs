@@ -1,5 +1,7 @@
 //! Size, fullness and mass of an object, by which its controller is chosen.
 
+use std::ops::Range;
+
 use mvt_objects::decompose;
 use mvt_objects::object::Object;
 use serde::{Deserialize, Serialize};
@@ -8,6 +10,8 @@ use serde::{Deserialize, Serialize};
 /// neither sticks nor larger than the hand.
 const LONGEST_MM: f64 = 195.0;
 const HEAVIEST_G: f64 = 700.0;
+/// The heaviest object with a controller of its own is a block of 729 g.
+const HEAVIEST_SPECIAL_G: f64 = 750.0;
 const SLENDEREST: f64 = 3.5;
 const TINIEST_MM: f64 = 20.0;
 const THINNEST_MM: f64 = 20.0;
@@ -71,24 +75,96 @@ pub struct Unsuited {
     pub is_small: bool,
 }
 
-impl ObjectShape {
-    /// Returns whether the object is a flat can, as wide as the hand can turn.
-    pub(crate) fn is_disc(&self) -> bool {
-        let Self { length_mm, width_mm, height_mm, fill, .. } = *self;
-        // A round object fills 0.79 of its box, a square one 1.
-        length_mm < 1.1 * width_mm
-            && (0.7..0.85).contains(&fill)
-            && (75.0..95.0).contains(&width_mm)
-            && (28.0..FLATTEST_MM).contains(&height_mm)
-    }
+/// Kind of shape with a controller of its own.
+struct Special {
+    controller: &'static str,
+    length_mm: Range<f64>,
+    /// Largest ratio of the sides of the footprint.
+    elongation: f64,
+    height_mm: Range<f64>,
+    fill: Range<f64>,
+}
 
-    /// Returns whether the object is a small ball or berry.
-    pub(crate) fn is_small_ball(&self) -> bool {
-        let Self { length_mm, width_mm, height_mm, fill, .. } = *self;
-        fill < 0.58
-            && (34.0..SMALLEST_MM).contains(&length_mm)
-            && width_mm.min(height_mm) > 0.8 * length_mm
-            && height_mm < 1.2 * length_mm
+/// Limits around the objects that each of these controllers was made for.
+const SPECIALS: [Special; 10] = [
+    Special {
+        controller: "turn_disc",
+        length_mm: 75.0..100.0,
+        elongation: 1.1,
+        height_mm: 28.0..45.0,
+        fill: 0.7..0.85,
+    },
+    Special {
+        controller: "turn_small",
+        length_mm: 34.0..48.0,
+        elongation: 1.25,
+        height_mm: 28.0..57.0,
+        fill: 0.0..0.58,
+    },
+    Special {
+        controller: "turn_large_ball",
+        length_mm: 110.0..135.0,
+        elongation: 1.1,
+        height_mm: 110.0..135.0,
+        fill: 0.48..0.58,
+    },
+    Special { controller: "turn_cup", length_mm: 52.0..63.0, elongation: 1.1, height_mm: 55.0..70.0, fill: 0.58..0.7 },
+    Special {
+        controller: "turn_bowl",
+        length_mm: 150.0..170.0,
+        elongation: 1.1,
+        height_mm: 48.0..62.0,
+        fill: 0.48..0.58,
+    },
+    Special {
+        controller: "turn_post",
+        length_mm: 80.0..100.0,
+        elongation: 1.1,
+        height_mm: 180.0..215.0,
+        fill: 0.9..1.01,
+    },
+    Special {
+        controller: "turn_slender",
+        length_mm: 45.0..55.0,
+        elongation: 1.1,
+        height_mm: 120.0..140.0,
+        fill: 0.6..0.8,
+    },
+    Special {
+        controller: "turn_duck",
+        length_mm: 95.0..110.0,
+        elongation: 1.6,
+        height_mm: 70.0..85.0,
+        fill: 0.35..0.45,
+    },
+    Special {
+        controller: "tumble_block",
+        length_mm: 30.0..50.0,
+        elongation: 1.6,
+        height_mm: 38.0..48.0,
+        fill: 0.8..1.01,
+    },
+    Special {
+        controller: "tumble_small_block",
+        length_mm: 24.0..29.0,
+        elongation: 1.1,
+        height_mm: 24.0..29.0,
+        fill: 0.9..1.01,
+    },
+];
+
+impl ObjectShape {
+    /// Returns the controller that was made for the object's kind of shape; `None` if there is none.
+    pub(crate) fn special_controller(&self) -> Option<&'static str> {
+        let Self { length_mm, width_mm, height_mm, fill, mass_g } = *self;
+        let is_within = |special: &&Special| {
+            special.length_mm.contains(&length_mm)
+                && length_mm < special.elongation * width_mm
+                && special.height_mm.contains(&height_mm)
+                && special.fill.contains(&fill)
+                && mass_g <= HEAVIEST_SPECIAL_G
+        };
+        SPECIALS.iter().find(is_within).map(|special| special.controller)
     }
 
     /// Returns why no controller turns the object; `None` if one probably does. The limits are those of a survey of the
@@ -98,7 +174,10 @@ impl ObjectShape {
         let mut sides = [length_mm, width_mm, height_mm];
         sides.sort_by(f64::total_cmp);
         let [least_mm, _, most_mm] = sides;
-        let is_small = length_mm < SMALLEST_MM && !self.is_small_ball();
+        if self.special_controller().is_some() {
+            return None;
+        }
+        let is_small = length_mm < SMALLEST_MM;
         let is_long = length_mm > LONG_MM;
         let limits = [
             (most_mm > LONGEST_MM, true, format!("too long: {most_mm:.0} mm, at most {LONGEST_MM}")),
@@ -113,11 +192,7 @@ impl ObjectShape {
             (is_long && least_mm > THICKEST_MM, true, format!("too large: {least_mm:.0} mm, at most {THICKEST_MM}")),
             (is_long, false, format!("too long to turn: {length_mm:.0} mm, at most {LONG_MM}")),
             (is_small, false, format!("too small to turn: {length_mm:.0} mm, at least {SMALLEST_MM}")),
-            (
-                least_mm < FLATTEST_MM && !self.is_disc() && !self.is_small_ball(),
-                false,
-                format!("too flat to turn: {least_mm:.0} mm, at least {FLATTEST_MM}"),
-            ),
+            (least_mm < FLATTEST_MM, false, format!("too flat to turn: {least_mm:.0} mm, at least {FLATTEST_MM}")),
         ];
         let (_, falls, reason) = limits.into_iter().find(|(is_beyond, ..)| *is_beyond)?;
         let distance = |(_, other): &(&str, [f64; 3])| {
@@ -150,11 +225,28 @@ mod tests {
     }
 
     #[test]
-    fn discs_and_small_balls_are_turned() {
-        let tuna = ObjectShape { length_mm: 85.0, width_mm: 85.0, height_mm: 34.0, fill: 0.77, mass_g: 171.0 };
-        assert_eq!(tuna.unsuited(), None);
-        let golf_ball = ObjectShape { length_mm: 43.0, width_mm: 43.0, height_mm: 42.0, fill: 0.53, mass_g: 46.0 };
-        assert_eq!(golf_ball.unsuited(), None);
+    fn special_shapes_are_turned_within_their_limits_alone() {
+        let shape =
+            |length_mm, width_mm, height_mm, fill, mass_g| ObjectShape { length_mm, width_mm, height_mm, fill, mass_g };
+        let tuna = shape(85.0, 85.0, 34.0, 0.77, 171.0);
+        let golf_ball = shape(43.0, 43.0, 42.0, 0.53, 46.0);
+        let soccer_ball = shape(126.0, 125.0, 126.0, 0.53, 123.0);
+        let cup = shape(57.0, 57.0, 62.0, 0.62, 13.0);
+        let block = shape(48.0, 33.0, 43.0, 0.84, 20.0);
+        for (kind, controller) in [
+            (tuna, "turn_disc"),
+            (golf_ball, "turn_small"),
+            (soccer_ball, "turn_large_ball"),
+            (cup, "turn_cup"),
+            (block, "tumble_block"),
+        ] {
+            assert_eq!(kind.special_controller(), Some(controller));
+            assert_eq!(kind.unsuited(), None, "{controller}");
+            let heavy = ObjectShape { mass_g: 900.0, ..kind };
+            assert!(heavy.unsuited().unwrap().reason.starts_with("too heavy"), "{controller}");
+            let narrow = ObjectShape { width_mm: 0.5 * kind.width_mm, ..kind };
+            assert_eq!(narrow.special_controller(), None, "{controller}");
+        }
         let square = ObjectShape { fill: 0.95, ..tuna };
         assert!(square.unsuited().unwrap().reason.starts_with("too flat to turn: 34 mm, at least 45"));
     }
