@@ -73,6 +73,10 @@ pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("turn_duck", include_str!("../assets/controllers/turn_duck.toml")),
     ("tumble_small_block", include_str!("../assets/controllers/tumble_small_block.toml")),
     ("turn_bowl", include_str!("../assets/controllers/turn_bowl.toml")),
+    ("tumble_pear", include_str!("../assets/controllers/tumble_pear.toml")),
+    ("turn_bottle", include_str!("../assets/controllers/turn_bottle.toml")),
+    ("turn_berry", include_str!("../assets/controllers/turn_berry.toml")),
+    ("turn_elephant", include_str!("../assets/controllers/turn_elephant.toml")),
     ("turn_disc", include_str!("../assets/controllers/turn_disc.toml")),
     ("turn_large_ball", include_str!("../assets/controllers/turn_large_ball.toml")),
     ("turn_small", include_str!("../assets/controllers/turn_small.toml")),
@@ -144,8 +148,6 @@ pub fn suited_to(object: &Object) -> &'static str {
         // Nothing turns them. These gaits keep them in the hand.
         Some(unsuited) if unsuited.is_small => "shared",
         Some(_) => "bal",
-        // Pears.
-        None if fill < 0.53 && height > 1.3 * length => "turn_disc",
         // Balls and fruit.
         None if fill < 0.58 && width > 78.0 => "cube",
         None if fill < 0.58 && length > 1.3 * width => "bal",
@@ -155,6 +157,7 @@ pub fn suited_to(object: &Object) -> &'static str {
         None if fill < 0.7 && is_round && width > 88.0 => "cube",
         None if fill < 0.7 => "shared",
         // Boxes and cans.
+        None if length < 51.0 && height < 51.0 => "tumble_brick",
         None if height < 66.0 => "cubelet",
         None if length > 1.25 * width && height < length => "tumble_can",
         None if length > 1.25 * width => "shared",

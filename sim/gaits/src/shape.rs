@@ -86,7 +86,7 @@ struct Special {
 }
 
 /// Limits around the objects that each of these controllers was made for.
-const SPECIALS: [Special; 10] = [
+const SPECIALS: [Special; 14] = [
     Special {
         controller: "turn_disc",
         length_mm: 75.0..100.0,
@@ -96,7 +96,14 @@ const SPECIALS: [Special; 10] = [
     },
     Special {
         controller: "turn_small",
-        length_mm: 34.0..48.0,
+        length_mm: 34.0..45.0,
+        elongation: 1.25,
+        height_mm: 28.0..57.0,
+        fill: 0.0..0.58,
+    },
+    Special {
+        controller: "turn_berry",
+        length_mm: 45.0..48.0,
         elongation: 1.25,
         height_mm: 28.0..57.0,
         fill: 0.0..0.58,
@@ -108,13 +115,20 @@ const SPECIALS: [Special; 10] = [
         height_mm: 110.0..135.0,
         fill: 0.48..0.58,
     },
-    Special { controller: "turn_cup", length_mm: 52.0..63.0, elongation: 1.1, height_mm: 55.0..70.0, fill: 0.58..0.7 },
+    Special { controller: "turn_cup", length_mm: 52.0..67.5, elongation: 1.1, height_mm: 55.0..70.0, fill: 0.58..0.7 },
     Special {
         controller: "turn_bowl",
         length_mm: 150.0..170.0,
         elongation: 1.1,
         height_mm: 48.0..62.0,
         fill: 0.48..0.58,
+    },
+    Special {
+        controller: "turn_bottle",
+        length_mm: 90.0..102.0,
+        elongation: 2.0,
+        height_mm: 180.0..196.0,
+        fill: 0.6..0.7,
     },
     Special {
         controller: "turn_post",
@@ -136,6 +150,20 @@ const SPECIALS: [Special; 10] = [
         elongation: 1.6,
         height_mm: 70.0..85.0,
         fill: 0.35..0.45,
+    },
+    Special {
+        controller: "turn_elephant",
+        length_mm: 120.0..135.0,
+        elongation: 1.6,
+        height_mm: 90.0..105.0,
+        fill: 0.43..0.53,
+    },
+    Special {
+        controller: "tumble_pear",
+        length_mm: 60.0..72.0,
+        elongation: 1.1,
+        height_mm: 94.0..110.0,
+        fill: 0.4..0.53,
     },
     Special {
         controller: "tumble_block",
