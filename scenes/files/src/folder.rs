@@ -151,8 +151,8 @@ fn first_entry(path: &Path) -> Result<Option<String>, ClaimError> {
 /// marks folders in several steps, between which another claim would read what is no longer true. `None` where folders cannot be locked.
 fn wait_for_turn(path: &Path) -> Result<Option<File>, ClaimError> {
     let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(parent).map_err(io_error(parent))?;
-    Ok(File::open(parent).ok().filter(|parent| parent.lock().is_ok()))
+    fs::create_dir_all(parent).map_err(io_error(path))?;
+    Ok(OpenOptions::new().read(true).open(parent).ok().filter(|parent| parent.lock().is_ok()))
 }
 
 /// Opens and locks the mark of a folder.

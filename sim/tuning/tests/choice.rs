@@ -54,7 +54,7 @@ fn most_of_what_is_refused_falls() {
         ("022_windex_bottle", "too heavy"),
         ("030_fork", "too long"),
         ("040_large_marker", "too thin"),
-        ("053_mini_soccer_ball", "too large"),
+        ("070-a_colored_wood_blocks", "too large"),
     ] {
         let object = match catalogue::load(name, &mut Vec::new()) {
             Ok(object) => object,
@@ -72,8 +72,8 @@ fn most_of_what_is_refused_falls() {
 #[test]
 fn what_is_warned_of_rests_in_the_hand() {
     for (sides_mm, reason) in [
-        ([26.0, 26.0, 26.0], "too small"),
-        ([44.0, 32.0, 40.0], "too small"),
+        ([22.0, 22.0, 22.0], "too small"),
+        ([44.0, 32.0, 35.0], "too small"),
         ([88.0, 72.0, 30.0], "too flat"),
         ([113.0, 90.0, 39.0], "too long to turn"),
     ] {
@@ -93,4 +93,12 @@ fn what_suits_is_turned() {
         let row = play(&object);
         assert!(row.turned_rad() > 3.6, "{row:?}");
     }
+}
+
+#[test]
+fn a_small_block_is_tumbled() {
+    let object = block([33.0, 33.0, 43.0]);
+    assert_eq!(ObjectShape::of(&object).unsuited(), None);
+    let row = play(&object);
+    assert!(row.controller == "tumble_block" && row.turned_rad() > 3.6, "{row:?}");
 }
