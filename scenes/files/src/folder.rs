@@ -77,9 +77,11 @@ impl ClaimedFolder {
         loop {
             fs::create_dir_all(path).map_err(io_error(path))?;
             let mark = path.join(MARK);
-            let is_marked = mark.symlink_metadata().is_ok();
             // No mark is written into a folder of somebody else.
-            if let Some(name) = first_entry(path)?.filter(|_| !is_marked && !overwrite) {
+            if !overwrite
+                && mark.symlink_metadata().is_err()
+                && let Some(name) = first_entry(path)?
+            {
                 return Err(foreign_error(path, &name, command));
             }
             let mut lock = lock(path, &mark)?;
