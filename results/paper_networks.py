@@ -1,28 +1,23 @@
 #!/usr/bin/env python3
-"""Measures each network at the paper's size: memory of a training, and frames/s of the whole pipeline; and its accuracy at an equal budget.
+"""Measures each network at the paper's size: memory of a training, and frames/s of the whole pipeline.
 
-    results/paper_networks.py OUT [--program FILE] [--seconds S] [--networks NAME,...] [--steps N]
+    results/paper_networks.py OUT [--program FILE] [--seconds S] [--networks NAME,...]
 
 Each network is trained for two steps of 8 images of 240 x 320, and then drives a live run of S seconds (default: 4; 0: no run). Two steps
-teach nothing: the runs show the time that the network costs, not its accuracy. With --steps, a smaller one is trained for N steps of 16
-images of 128 x 160, as perception/touch/training/comparison/NAME.toml describes it, and scored on 200 images of objects that no training
-saw. Writes OUT/paper_networks.jsonl, a line per network. The program needs the feature `train`.
+teach nothing: the runs show the time that the network costs, not its accuracy (see paper_trainings.py). Writes OUT/paper_networks.jsonl, a
+line per network. The program needs the feature `train`.
 """
 
 import argparse
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 NETWORKS = ("vit", "mamba", "robust_mamba", "swin", "convnext", "default")
-CONFIGURATIONS = ROOT / "perception/touch/training/comparison"
-SCORES = ("contact_mae_mm", "contact_rmse_mm", "rmse_mm", "mae_mm", "iou")
 TRAINING = """[training]
 seed = 1
 validate_every = 2
@@ -41,37 +36,18 @@ def main():
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
     parser.add_argument("--seconds", type=float, default=4)
     parser.add_argument("--networks", type=lambda names: names.split(","), default=NETWORKS)
-    parser.add_argument("--steps", type=int)
     arguments = parser.parse_args()
     program, out = arguments.program.resolve(), arguments.out
     out.mkdir(parents=True, exist_ok=True)
     (out / "short.toml").write_text(TRAINING)
 
-    def peak_mb(*words, to=subprocess.DEVNULL):
+    def peak_mb(*words):
         """Runs a command, and returns the most memory that it used, megabytes."""
-        process = subprocess.Popen([program, *map(str, words)], stdout=to)
+        process = subprocess.Popen([program, *map(str, words)], stdout=subprocess.DEVNULL)
         _, status, usage = os.wait4(process.pid, 0)
         if status != 0:
             sys.exit(f"{' '.join(map(str, words))}: exit status {status}")
         return usage.ru_maxrss / 1024
-
-    def scores(network):
-        """Trains a small network at the budget of all, and returns its errors on objects that no training saw."""
-        test, trained, configuration = out / "test", out / f"equal-{network}", out / f"equal-{network}.toml"
-        if not test.exists():
-            peak_mb("touch", "data", "--objects", "test", "--images", 200, "--seed", 1, "--out", test)
-        text = (CONFIGURATIONS / f"{network}.toml").read_text()
-        text = re.sub(r"steps = \d+", f"steps = {arguments.steps}", text)
-        configuration.write_text(re.sub(r"warm_up = \d+", f"warm_up = {arguments.steps // 10}", text))
-        shutil.rmtree(trained, ignore_errors=True)
-        start = time.monotonic()
-        memory_mb = peak_mb("touch", "train", "--network", network, "--config", configuration, "--out", trained)
-        line = {"equal_memory_mb": memory_mb, "equal_seconds": time.monotonic() - start}
-        with open(trained / "scores.json", "wb") as file:
-            weights = trained / "last.safetensors"
-            peak_mb("touch", "evaluate", "--weights", weights, "--data", test, "--input", "128x160", "--json", to=file)
-        found = json.loads((trained / "scores.json").read_text())
-        return line | {key: found[key] for key in SCORES}
 
     lines = []
     for network in arguments.networks:
@@ -84,8 +60,6 @@ def main():
         if arguments.seconds > 0:
             peak_mb("run", "--quiet", "--duration", arguments.seconds, "--weights", weights, "--out", run)
             line["frames_per_second"] = json.loads((run / "summary.json").read_text())["frames_per_second"]
-        if arguments.steps:
-            line |= scores(network)
         lines.append(line)
         print(line, flush=True)
     (out / "paper_networks.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use curve::{Curve, Row};
+use curve::{Curve, Errors, Row};
 use resize::resized;
 
 /// Train a network that turns touch images into indentation and contact
@@ -36,7 +36,7 @@ use resize::resized;
 ///
 /// DIR receives last.safetensors (averaged weights), best.safetensors (the weights with the smallest error on the
 /// validation objects), checkpoint.safetensors (for --resume, which continues exactly as an uninterrupted training
-/// would), curve.csv and curve.svg (errors over the steps) and panels.png (predictions beside the truth).
+/// would), curve.csv and curve.svg (loss, and errors on validation objects and on those of the training, over the steps) and panels.png (predictions beside the truth).
 #[derive(Debug, Args)]
 pub struct TouchTrainArguments {
     /// Network: vit, mamba, robust_mamba, swin, convnext or default
@@ -103,6 +103,8 @@ struct Settings {
 
 /// Combined with the seed for the validation images, so that they show other presses on other sensors.
 const VALIDATION_SEED: u64 = 0x5eed_0000_0000_0001;
+/// The same for images of objects that the training uses, so that they show other presses than its images.
+const TRAINING_SEED: u64 = 0x5eed_0000_0000_0002;
 /// Number of images in panels.png.
 const PANELS: usize = 6;
 
@@ -146,7 +148,8 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     let _claimed = ClaimedFolder::claim(&arguments.out, "touch train", earlier, overwrite)?;
     let hash = data_hash(&data)?;
     let surfaces = objects::load(&data.objects.train)?;
-    let watched = Validation::new(&data, &training)?;
+    let watched = WatchedImages::new(&data.objects.validate, &data, &training, VALIDATION_SEED)?;
+    let seen = WatchedImages::new(&data.objects.train, &data, &training, TRAINING_SEED)?;
     let mut curve = Curve::open(&arguments.out, trainer.step())?;
     let mut rack = Rack::new(&data, training.seed)?;
 
@@ -164,16 +167,14 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
             let trained_s = since.elapsed().as_secs_f64();
             let weights = trainer.weights(hash.clone())?;
             let predictions = watched.predictions(&weights)?;
-            let scores = watched.scores(&predictions);
             let row = Row {
                 step,
                 images_per_s: images as f64 / trained_s,
                 loss: losses.iter().sum::<f32>() / losses.len() as f32,
                 gradient: progress.gradient,
                 rate: progress.rate,
-                contact_mae_mm: scores.contact_mae_mm,
-                rmse_mm: scores.rmse_mm,
-                iou: scores.iou,
+                validation: watched.errors(&predictions),
+                training: seen.errors(&seen.predictions(&weights)?),
             };
             let is_best = curve.is_best(&row);
             // The checkpoint is written last: a training that is killed before it repeats the steps and writes all
@@ -233,17 +234,17 @@ fn batch(examples: &[Example]) -> TrainingBatch {
     batch
 }
 
-/// Images of objects that the training does not use.
-struct Validation {
+/// Images on which the errors are measured while the training goes on, and from which it does not learn.
+struct WatchedImages {
     examples: Vec<Example>,
 }
 
-impl Validation {
-    fn new(data: &DataConfig, training: &TrainingConfig) -> Result<Self> {
+impl WatchedImages {
+    fn new(objects: &[String], data: &DataConfig, training: &TrainingConfig, seed: u64) -> Result<Self> {
         // A single image of a far too deep press would outweigh all others.
         let data = &DataConfig { deep: 0.0, ..data.clone() };
-        let surfaces = objects::load(&data.objects.validate)?;
-        let seed = training.seed ^ VALIDATION_SEED;
+        let surfaces = objects::load(objects)?;
+        let seed = training.seed ^ seed;
         let mut rack = Rack::new(data, seed)?;
         let sensors = rack.of_step(0)?;
         let images = (0..training.validation_images as u64).into_par_iter();
@@ -261,14 +262,15 @@ impl Validation {
         Ok(predictions)
     }
 
-    fn scores(&self, predictions: &[Prediction]) -> Scores {
+    fn errors(&self, predictions: &[Prediction]) -> Errors {
         let mut accuracy = Accuracy::default();
         for (example, prediction) in self.examples.iter().zip(predictions) {
             let truth = example.indentation_mm.iter().zip(&example.contact);
             let truth = truth.map(|(&millimetres, &contact)| Pixel { millimetres, contact: contact > 0.5 });
             accuracy.add(Pixel::all(prediction).zip(truth));
         }
-        accuracy.scores()
+        let Scores { contact_mae_mm, rmse_mm, mae_mm, iou, .. } = accuracy.scores();
+        Errors { contact_mae_mm, rmse_mm, mae_mm, iou }
     }
 }
 
