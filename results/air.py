@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measures how a ball is held and turned in the air on the fingertips.
 
-    results/air.py OUT [--program FILE] [--starts N] [--episodes N] [--controller NAME]
+    results/air.py OUT [--program FILE] [--starts N] [--episodes N] [--controller NAME|FILE]
 
 Balls of 65, 70, 75 and 80 mm; the program draws mass (48 to 200 g over all sizes) and friction (0.89 to 1.21) by the seed. Each start lasts 20 s after the
 hand-over. `simulate` shows the controller the true place with noise, drift and latency: N starts per ball (default: 25). `run` shows it the estimate, with the
@@ -57,7 +57,7 @@ def main():
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
     parser.add_argument("--starts", type=int, default=25)
     parser.add_argument("--episodes", type=int, default=10)
-    parser.add_argument("--controller", default="air_ball")
+    parser.add_argument("--controller", help="controller for all balls (default: by their size)")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / "air.jsonl"
@@ -78,7 +78,7 @@ def main():
         mesh = arguments.out / f"ball{size}.obj"
         if not mesh.exists():
             ball(mesh, size)
-        words = ["--object", mesh, "--controller", arguments.controller, "--seed", seed, "--duration", SECONDS, "--json"]
+        words = ["--object", mesh, "--controller", arguments.controller or ("air_ball" if size < 72.5 else "air_large_ball"), "--seed", seed, "--duration", SECONDS, "--json"]
         if mode == "physics":
             outcome = say(["simulate", *words])
             air, lost = outcome["in_air"], False

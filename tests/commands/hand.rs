@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::workplace::Workplace;
+use crate::workplace::{Ended, Workplace};
 
 /// A search that takes a second.
 const TUNE: &str = "hand tune --object cube70 --axis -y --generations 1 --starts 1 --duration 0.5 --scored-starts 1";
@@ -138,4 +138,29 @@ fn a_ball_is_held_in_the_air_by_its_place() {
     assert!(line.is_some_and(|line| line.contains(" -x ")));
     let refused = workplace.run("simulate --object ball --controller cubelet:8,air_ball:8").error();
     assert!(refused.contains("play it alone"), "{refused}");
+}
+
+#[test]
+fn grasps_are_a_file_from_which_a_controller_is_tuned() {
+    let workplace = Workplace::new();
+    // The ball has a grasp among these tries; the result is the same for any number of threads.
+    let grasps = |out: &str, threads: &str| {
+        let command = format!("hand grasps --object ball --tries 60 --out {out}");
+        Ended::of(workplace.command(&command).env("RAYON_NUM_THREADS", threads)).good()
+    };
+    let said = grasps("one.toml", "1");
+    assert!(said.contains("of 60 tries fingertips can carry ball"), "{said}");
+    grasps("two.toml", "2");
+    let read = |name: &str| std::fs::read_to_string(workplace.path(name)).unwrap();
+    assert_eq!(read("one.toml"), read("two.toml"));
+    let tune = |options: &str| {
+        let command = "hand tune --generations 1 --starts 1 --duration 0.5 --scored-starts 1";
+        workplace.run(&format!("{command} --grasp one.toml --out air.toml {options}"))
+    };
+    tune("--object ball --axis -x --from air_ball").good();
+    assert!(read("air.toml").contains("--grasp one.toml") && read("air.toml").contains("touching = ["));
+    assert!(tune("--object mug --axis -x --from air_ball --overwrite").error().contains("has grasps of ball"));
+    assert!(tune("--object ball --axis -x --from tumble_back --overwrite").error().contains("such as air_ball"));
+    let refused = workplace.run("hand grasps --object ball --controller bal --out none.toml").error();
+    assert!(refused.contains("such as air_ball"), "{refused}");
 }

@@ -15,6 +15,7 @@ use mvt_run::input::map_obstacles;
 use mvt_run::{report, settings};
 use mvt_slam::map::Map;
 use mvt_touch::network::{Architecture, Weights};
+use mvt_tuning::grasp::{Grasp, GraspFile};
 use tempfile::TempDir;
 
 use crate::originals::{
@@ -286,6 +287,24 @@ fn controller() {
     check("controller", &[Original::new(original)], |_, bytes| {
         ControllerFile::read(file.with(bytes), Side::Right).is_ok()
     });
+}
+
+#[test]
+fn grasps() {
+    let object = mvt_objects::catalogue::load("ball", &mut Vec::new()).unwrap();
+    let feedback = mvt_gaits::gait::find("air_ball").unwrap().1.feedback.clone().unwrap();
+    let grasp = Grasp {
+        place_m: feedback.place_m,
+        yaw_rad: 0.5,
+        open_pose: feedback.grasp,
+        touching: feedback.grasp,
+        grasp: feedback.grasp,
+        pads: 3.0,
+        touched_beside_tips: 0.25,
+    };
+    let original = toml::to_string(&GraspFile::new(&object, vec![grasp.clone(), grasp])).unwrap();
+    let file = OneFile::new("grasps.toml");
+    check("grasps", &[Original::new(original.into_bytes())], |_, bytes| GraspFile::read(file.with(bytes)).is_ok());
 }
 
 #[test]

@@ -59,6 +59,7 @@ COMMANDS = {
     "touch data": "touch data --objects mug --images 12 --out target",
     "touch train": "touch train --network default --config {config} --out target",
     "hand tune": f"hand tune --object {OBJECT} --axis -y --generations 3 --starts 1 --duration 0.5 --scored-starts 1 --out target.toml",
+    "hand grasps": "hand grasps --object ball --tries 60 --out target.toml",
     "mesh": "mesh --run {run} --out target.ply",
     "export": "export mcap {log} --out target.mcap",
     "import": "import {mcap} --out target",

@@ -3,21 +3,24 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::controller_file::{self, ControllerFile};
+use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
 use mvt_robot::hand::Side;
 use mvt_run::arguments::Hand;
 use mvt_run::io::{check_named, print_line, shell_word, write_named};
 use mvt_run::object::load_object;
 use mvt_run::progress;
+use mvt_tuning::grasp::GraspFile;
 use mvt_tuning::search::{GaitScore, Search, SearchSettings, measure};
 use mvt_tuning::seeds;
 use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
 use serde::Serialize;
 
+use crate::grasps::{self, HandGraspsArguments};
 use crate::survey::{self, HandSurveyArguments};
 
 /// Tune controllers of the hand, and score them
@@ -29,6 +32,8 @@ pub enum HandCommand {
     Score(HandScoreArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
     Survey(HandSurveyArguments),
+    #[allow(missing_docs, reason = "the arguments have the help text")]
+    Grasps(HandGraspsArguments),
 }
 
 /// Search for a controller that turns objects about an axis
@@ -53,6 +58,10 @@ pub struct HandTuneArguments {
     /// round, its stroke is first played backwards
     #[arg(long, value_name = "NAME|FILE", default_value = "tumble_back")]
     from: String,
+    /// Start with the first grasp of a file that `hand grasps` wrote, instead of the grasp of the controller, which must hold
+    /// objects in the air
+    #[arg(long, value_name = "FILE")]
+    grasp: Option<PathBuf>,
     /// File for the controller
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -136,6 +145,7 @@ pub fn run(command: &HandCommand) -> Result<()> {
         HandCommand::Tune(arguments) => tune(arguments),
         HandCommand::Score(arguments) => score(arguments),
         HandCommand::Survey(arguments) => survey::run(arguments),
+        HandCommand::Grasps(arguments) => grasps::run(arguments),
     }
 }
 
@@ -163,7 +173,10 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
     check_named(out, *overwrite)?;
     let objects = load(&arguments.object)?;
     let first = objects.first().context("name at least one object")?;
-    let from = controller_file::choose(&arguments.from, first, Side::Right)?.gait;
+    let mut from = controller_file::choose(&arguments.from, first, Side::Right)?.gait;
+    if let Some(path) = &arguments.grasp {
+        from = with_grasp(&from, path, &objects, &arguments.from)?;
+    }
     let settings = SearchSettings {
         objects: arguments.object.clone(),
         axis: *axis,
@@ -198,16 +211,33 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
     Ok(())
 }
 
+/// Returns a controller with the first grasp of a file, which must be of one of the objects.
+fn with_grasp(from: &Gait, path: &Path, objects: &[Object], name: &str) -> Result<Gait> {
+    let file = GraspFile::read(path)?;
+    if objects.iter().all(|object| object.name != file.object) {
+        bail!(
+            "{} has grasps of {}; name this object, or make grasps of yours with `hand grasps`",
+            path.display(),
+            file.object
+        );
+    }
+    let gait = file.grasps.first().and_then(|grasp| grasp.gait(from));
+    gait.with_context(|| {
+        format!("{name} holds nothing in the air; give --from a controller with feedback, such as air_ball")
+    })
+}
+
 fn path_text(path: &Path) -> String {
     path.display().to_string()
 }
 
 /// Returns the command that makes the same controller.
 fn command(arguments: &HandTuneArguments) -> String {
-    let HandTuneArguments { object, axis, from, generations, starts, duration, step, seed, .. } = arguments;
+    let HandTuneArguments { object, axis, from, grasp, generations, starts, duration, step, seed, .. } = arguments;
     let (objects, from) = (shell_word(&object.join(",")), shell_word(from));
+    let grasp = grasp.as_ref().map_or(String::new(), |path| format!(" --grasp {}", shell_word(&path_text(path))));
     format!(
-        "mambavitact hand tune --object {objects} --axis {axis} --from {from} --generations {generations} --starts {starts} \
+        "mambavitact hand tune --object {objects} --axis {axis} --from {from}{grasp} --generations {generations} --starts {starts} \
          --duration {duration} --step {step} --seed {seed}"
     )
 }

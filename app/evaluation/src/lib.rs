@@ -3,6 +3,7 @@
 mod explore;
 mod faults;
 mod fields;
+mod grasps;
 pub mod hand;
 mod lines;
 mod single;

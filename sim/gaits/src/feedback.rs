@@ -47,6 +47,8 @@ pub struct FeedbackController {
     /// Time at which the hand began to lower the object, seconds, and the targets of then.
     lowering: Option<(f64, JointAngles)>,
     aimed_at: JointAngles,
+    /// Joint angles at which the closed fingers aim; the table swings around them.
+    closed: JointAngles,
     /// Time at which the table's motion was stopped, seconds, and the sum of all stops.
     paused_at_s: Option<f64>,
     paused_s: f64,
@@ -56,8 +58,10 @@ pub struct FeedbackController {
 impl FeedbackController {
     /// Starts with open fingers around a supported object. `None` if the gait has no feedback.
     pub fn new(gait: &Gait, side: Side) -> Option<Self> {
+        let feedback = gait.feedback.as_deref()?.clone();
         Some(Self {
-            feedback: gait.feedback.as_deref()?.clone(),
+            closed: feedback.grasp,
+            feedback,
             gait: gait.clone(),
             side,
             seen: None,
@@ -129,10 +133,16 @@ impl FeedbackController {
         Some(seen.middle_m - sum / f64::from(count))
     }
 
-    /// Returns the targets of the right hand.
-    fn targets(&mut self, time_s: f64) -> JointAngles {
-        let PlaceFeedback { grasp, gains, damping, lift, lowering, .. } = &self.feedback;
+    /// Returns the targets of the right hand, whose joints are at `measured`.
+    fn targets(&mut self, time_s: f64, measured: &JointAngles) -> JointAngles {
+        let PlaceFeedback { grasp, touching, gains, damping, lift, lowering, .. } = &self.feedback;
         if time_s < HANDED_OVER_S {
+            if let Some(touching) = touching
+                && time_s >= CLOSING_S
+            {
+                self.closed = std::array::from_fn(|j| measured[j] + grasp[j] - touching[j]);
+                return self.closed;
+            }
             return blend(&self.gait.open_pose, grasp, smooth(time_s / CLOSING_S));
         }
         if let Some((since, from)) = self.lowering {
@@ -151,7 +161,7 @@ impl FeedbackController {
         std::array::from_fn(|j| {
             let [gain, damping, lift] = [gains, damping, lift].map(|rates| Vector3::from(rates[j]));
             let fed_back = gain.dot(&displacement) + damping.dot(&self.velocity) + lift.dot(&self.summed);
-            grasp[j] + size * (swing[j] - grasp[j]) + fed_back
+            self.closed[j] + size * (swing[j] - grasp[j]) + fed_back
         })
     }
 }
@@ -159,7 +169,7 @@ impl FeedbackController {
 impl Controller for FeedbackController {
     fn command(&mut self, sensed: &Proprioception) -> JointAngles {
         self.time_s = sensed.time_s;
-        let targets = self.targets(sensed.time_s);
+        let targets = self.targets(sensed.time_s, &self.side.mirror_joints(sensed.joints));
         let ranges = joint_ranges(Side::Right);
         self.aimed_at = std::array::from_fn(|j| targets[j].clamp(ranges[j][0], ranges[j][1]));
         self.side.mirror_joints(self.aimed_at)
@@ -248,7 +258,8 @@ mod tests {
         assert_eq!(*targets.last().unwrap(), last);
         // No target jumps while it is lowered.
         let step = |pair: &[JointAngles]| (0..JOINTS).map(|j| (pair[1][j] - pair[0][j]).abs()).fold(0.0, f64::max);
-        assert!(targets[80..].windows(2).map(step).fold(0.0, f64::max) < 0.1);
+        let first = (lowered_at_s / PERIOD_S).round() as usize;
+        assert!(targets[first - 1..].windows(2).map(step).fold(0.0, f64::max) < 0.1);
         // A place that comes afterwards changes nothing.
         let (again, _) = play(Side::Right, 20.0, |t| (!(3.0..=4.0).contains(&t)).then_some([0.0; 3]));
         assert_eq!(again, targets);
@@ -267,6 +278,31 @@ mod tests {
         for time_s in [0.5, 0.3, f64::NAN] {
             controller.see(seen(Side::Left, time_s, [0.01, 0.0, 0.0]));
             assert_eq!(controller.seen.unwrap().time_s, 0.5);
+        }
+    }
+
+    #[test]
+    fn fingers_press_from_where_they_are_stopped() {
+        for side in [Side::Left, Side::Right] {
+            let mut gait = gait::find("air_ball").unwrap().1.clone();
+            let feedback = gait.feedback.as_mut().unwrap();
+            let touching = feedback.grasp.map(|angle| angle - 0.1);
+            feedback.touching = Some(touching);
+            // A larger object stops the fingers earlier.
+            let stopped = touching.map(|angle| angle - 0.05);
+            let mut controller = FeedbackController::new(&gait, side).unwrap();
+            let mut last = [0.0; JOINTS];
+            for k in 0..25 {
+                let time_s = f64::from(k) * PERIOD_S;
+                controller.see(seen(side, time_s, [0.0; 3]));
+                last = controller.command(&Proprioception { time_s, joints: side.mirror_joints(stopped) });
+            }
+            let ranges = joint_ranges(Side::Right);
+            let aimed = side.mirror_joints(last);
+            for j in 0..JOINTS {
+                let [low, high] = ranges[j];
+                assert!((aimed[j] - (stopped[j] + 0.1).clamp(low, high)).abs() < 1e-9, "joint {j}");
+            }
         }
     }
 

@@ -65,6 +65,7 @@ impl Gait {
 /// The shipped controllers that are files: name and text.
 pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("air_ball", include_str!("../assets/controllers/air_ball.toml")),
+    ("air_large_ball", include_str!("../assets/controllers/air_large_ball.toml")),
     ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
     ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
     ("turn_cup", include_str!("../assets/controllers/turn_cup.toml")),

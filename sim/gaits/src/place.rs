@@ -11,8 +11,15 @@ use serde::{Deserialize, Serialize};
 pub struct PlaceFeedback {
     /// Place of the object's middle when it is handed over, in the world, metres.
     pub place_m: [f64; 3],
+    /// Turn of the object about the vertical when it is handed over, radians. Without it any turn is drawn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub yaw_rad: Option<f64>,
     /// Joint angles at which the fingers aim when they close around the object, radians. The table swings around them.
     pub grasp: JointAngles,
+    /// Joint angles at which the fingertips touch the object. With them the fingers press by force and not by angle: where they are
+    /// stopped, each joint aims as far ahead as `grasp` lies ahead of this, so that objects of all sizes are held alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub touching: Option<JointAngles>,
     /// Change of each joint's target per displacement of the object, along x, y and z of the world, rad/m.
     pub gains: [[f64; 3]; JOINTS],
     /// Change of each joint's target per velocity of the object, along x, y and z of the world, rad per m/s.
@@ -28,12 +35,12 @@ impl PlaceFeedback {
     /// Returns all numbers.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = &f64> {
         let rates = self.gains.iter().chain(&self.damping).chain(&self.lift).flatten();
-        self.place_m.iter().chain(rates).chain(self.poses().flatten())
+        self.place_m.iter().chain(&self.yaw_rad).chain(rates).chain(self.poses().flatten())
     }
 
     /// Returns the joint angles of all poses.
     pub(crate) fn poses(&self) -> impl Iterator<Item = &JointAngles> {
-        [&self.grasp].into_iter().chain(&self.lowering)
+        [&self.grasp].into_iter().chain(&self.touching).chain(&self.lowering)
     }
 }
 

@@ -86,7 +86,7 @@ struct Special {
 }
 
 /// Limits around the objects that each of these controllers was made for.
-const SPECIALS: [Special; 14] = [
+const SPECIALS: [Special; 18] = [
     Special {
         controller: "turn_disc",
         length_mm: 75.0..100.0,
@@ -179,6 +179,23 @@ const SPECIALS: [Special; 14] = [
         height_mm: 24.0..29.0,
         fill: 0.9..1.01,
     },
+    // Controllers that keep these kinds in all of 40 starts of the search, where those for wider kinds drop them.
+    Special {
+        controller: "turn_small",
+        length_mm: 55.0..58.0,
+        elongation: 1.1,
+        height_mm: 55.0..58.0,
+        fill: 0.5..0.56,
+    },
+    Special { controller: "cube", length_mm: 68.0..84.0, elongation: 1.1, height_mm: 66.0..73.0, fill: 0.64..0.68 },
+    Special {
+        controller: "turn_elephant",
+        length_mm: 100.0..106.0,
+        elongation: 1.1,
+        height_mm: 73.0..78.0,
+        fill: 0.64..0.68,
+    },
+    Special { controller: "shared", length_mm: 65.0..71.0, elongation: 1.1, height_mm: 98.0..106.0, fill: 0.74..0.8 },
 ];
 
 impl ObjectShape {

@@ -70,6 +70,8 @@ const JOINT_STIFFNESS: f64 = 3.0;
 const START_HEIGHT_M: f64 = 0.015;
 /// Shift of a place at which an object is handed over, relative to that of a start on the palm: 2 mm by default.
 const HAND_OVER_SHARE: f64 = 0.25;
+/// Turn of an object that is handed over at a given turn, relative to that of a start on the palm: 5 degrees by default.
+const HAND_OVER_TURN_SHARE: f64 = 0.03;
 
 /// Drawn start: the physical quantities of the model and the initial state.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,7 +98,9 @@ impl EpisodeStart {
         let [cx, cy, cz] = std::array::from_fn(|_| within(r.centre_of_mass_m));
         let joint_stiffness = JOINT_STIFFNESS * (1.0 + within(r.stiffness));
         let shift = [within(r.position_m), within(r.position_m)];
-        let yaw = mirror * within(r.yaw_rad);
+        let drawn = within(r.yaw_rad);
+        let given = gait.feedback.as_ref().and_then(|feedback| feedback.yaw_rad);
+        let yaw = mirror * given.map_or(drawn, |yaw| yaw + drawn * HAND_OVER_TURN_SHARE);
         let right = gait.open_pose.map(|angle| angle + within(r.joints_rad));
         let ranges = joint_ranges(side);
         let joints = side.mirror_joints(right);

@@ -65,10 +65,7 @@ pub fn gait(params: &StrokeParameters, from: &Gait, axis: TurnAxis, description:
     }
     let mut table = vec![grasp; PHASES];
     for finger in Finger::ALL {
-        let jacobian = stroke::jacobian(finger, &touching);
-        let damped = jacobian * jacobian.transpose() + na::Matrix3::identity() * DAMPING_M * DAMPING_M;
-        // The damping makes it positive definite; angles that are not finite cause no motion.
-        let inverse = damped.try_inverse().map_or(na::Matrix4x3::zeros(), |inverse| jacobian.transpose() * inverse);
+        let inverse = damped_inverse(&stroke::jacobian(finger, &touching));
         let part = |name: &str| na::Vector3::from(AXES.map(|axis| p(&format!("{name}_{}_{axis}", finger.name()))));
         let [sine, cosine, sine2, cosine2] = WAVES.map(part);
         let rates = ["gain", "damping"].map(|name| inverse * na::Matrix3::from_diagonal(&part(name)));
@@ -87,15 +84,30 @@ pub fn gait(params: &StrokeParameters, from: &Gait, axis: TurnAxis, description:
             }
         }
     }
+    let touching = feedback.touching.map(|_| touching);
     Some(Gait {
         description: description.to_owned(),
         period_s: stroke::rounded(p("period_s").clamp(0.4, 4.0)),
         axis,
         table,
-        feedback: Some(Box::new(PlaceFeedback { grasp, gains, damping, lift, ..feedback.clone() })),
+        feedback: Some(Box::new(PlaceFeedback { grasp, touching, gains, damping, lift, ..feedback.clone() })),
         params,
         ..from.clone()
     })
+}
+
+/// Returns the controller that holds as another one does, but with fingertips that neither move nor follow the object.
+pub(crate) fn still(from: &Gait) -> Gait {
+    let mut params = stroke::parameters_of(from);
+    params.retain(|name, _| ["period_s", "pose_", "touching_"].iter().any(|kept| name.starts_with(kept)));
+    Gait { params, ..from.clone() }
+}
+
+/// Returns the damped inverse of a finger's Jacobian.
+pub(crate) fn damped_inverse(jacobian: &na::Matrix3x4<f64>) -> na::Matrix4x3<f64> {
+    let damped = jacobian * jacobian.transpose() + na::Matrix3::identity() * DAMPING_M * DAMPING_M;
+    // The damping makes it positive definite; angles that are not finite cause no motion.
+    damped.try_inverse().map_or(na::Matrix4x3::zeros(), |inverse| jacobian.transpose() * inverse)
 }
 
 /// Result of a trial in the air.

@@ -27,7 +27,9 @@
 use mvt_mujoco_lib as _;
 
 pub mod air;
+mod equilibrium;
 pub mod evolution;
+pub mod grasp;
 pub mod search;
 pub mod seeds;
 pub mod stroke;

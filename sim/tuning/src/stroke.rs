@@ -139,9 +139,15 @@ pub(crate) fn rounded(value: f64) -> f64 {
     (value * 1e5).round() / 1e5
 }
 
+/// Returns the apex of a finger's gel in the world, metres, and the gel's outward normal there.
+pub(crate) fn gel(finger: Finger, joints: &JointAngles) -> (na::Point3<f64>, na::Vector3<f64>) {
+    let tip = world_from_tip(Side::Right, finger, joints).untyped();
+    (tip * na::Point3::from(APEX_M), tip * na::Vector3::x())
+}
+
 /// Returns the apex of a finger's gel in the world, metres.
 fn apex(finger: Finger, joints: &JointAngles) -> na::Vector3<f64> {
-    (world_from_tip(Side::Right, finger, joints).untyped() * na::Point3::from(APEX_M)).coords
+    gel(finger, joints).0.coords
 }
 
 /// Returns the change of the gel's apex per radian of each joint of its finger, metres.

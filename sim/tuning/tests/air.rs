@@ -21,7 +21,7 @@ fn ball() -> Object {
 }
 
 fn air_ball() -> &'static Gait {
-    gait::find("air_ball").unwrap().1
+    gait::find("air_large_ball").unwrap().1
 }
 
 #[test]
