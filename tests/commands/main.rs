@@ -29,6 +29,7 @@ mod touch;
 mod touch_calibrate;
 mod touch_predict;
 mod touch_render;
+mod touch_shear;
 mod touch_stream;
 #[cfg(feature = "train")]
 mod touch_train;

@@ -7,6 +7,7 @@ use clap::Args;
 use mvt_robot::digit::gel;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::{check_named, print_line, write_named};
+use mvt_shear::ShearSensor;
 use ndarray::Array2;
 
 use crate::ball::{BallFit, fit};
@@ -67,8 +68,14 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
     let mut appearance = profile.appearance.with_context(|| {
         format!("--profile {}: this sensor has no LEDs to calibrate; start from digit", arguments.profile)
     })?;
-    let SensorImages { images, untouched, .. } =
+    let SensorImages { mut images, mut untouched, .. } =
         SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &engine)?;
+    if profile.markers.is_some() {
+        // Neither the network nor the slopes of a ball know dots.
+        let shear = ShearSensor::new(&profile, &untouched)?;
+        untouched = shear.erased(&untouched);
+        images.iter_mut().for_each(|image| *image = shear.erased(image));
+    }
     let predictions = infer(&engine, profile.gains(), &untouched, &images)?;
     let contacts: Vec<Array2<bool>> =
         predictions.iter().map(|prediction| prediction.contact_logit.mapv(|logit| logit > 0.0)).collect();

@@ -18,6 +18,7 @@ pub mod ball;
 mod calibrate;
 mod images;
 mod layout;
+mod pictures;
 mod predict;
 mod predictor;
 mod stream;

@@ -5,30 +5,34 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::{ArgGroup, Args};
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::print_line;
 use mvt_run::progress;
+use mvt_viewer::window::{LiveEnd, LiveView, open_live};
 use rayon::prelude::*;
 
 use crate::images::{SensorImages, SensorState, engine, read};
-use crate::predictor::{ContactRule, Predictor};
-use crate::stream::StreamSource;
+use crate::predictor::{ContactRule, Predictor, Reading};
+use crate::stream::{Pace, StreamSource};
 
 /// Turn images, a video or a camera of a touch sensor into indentation and contact
 ///
 /// DIR receives for each image ID.png or ID_img.png: ID_indentation_mm.npy (32-bit floats, 320 x 240, millimetres),
 /// ID_contact.png (white where an object touches) and ID_picture.png (image, indentation and contact side by side); and
 /// predictions.csv with a line per image: area in contact, deepest indentation, volume pressed in, and from 0 to 1 how
-/// far the image is one that such a sensor makes.
+/// far the image is one that such a sensor makes. For a profile with markers there are also the displacement of the gel
+/// at the contact (millimetres to the right and downwards), its twist, its dilation, the motion of the dots that these do
+/// not explain, and ID_shear.png with an arrow at each dot, three times as long as its motion.
 ///
 /// Images of other sizes are resized. Images of a sensor that lies on its side or stands on its head are turned, and
 /// images in BGR order are put into RGB order, each with a warning: the light of the LEDs shows it.
 ///
 /// Frames of a video or a camera are read in their order by the program ffmpeg, which must be installed. --json prints a
 /// line per frame as soon as it is read, and --out is optional: ID is the number of the frame, from 000000 on. A camera
-/// is read until Ctrl-C.
+/// is read until Ctrl-C. --view shows each frame as soon as it is read, in a window that needs a display with OpenGL;
+/// when it is closed, the command ends.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("source").required(true).args(["images", "video", "camera"]))]
 pub struct TouchPredictArguments {
@@ -48,7 +52,8 @@ pub struct TouchPredictArguments {
     /// different places, and of a video or camera the median of the first 10 frames, which must show no contact
     #[arg(long, value_name = "FILE")]
     untouched: Option<PathBuf>,
-    /// Sensor: digit (a real DIGIT), tacto (as TACTO renders a DIGIT), gelsight_mini (needs --weights), or the path of a profile (.toml)
+    /// Sensor: digit (a real DIGIT), digit_markers (with dots on its gel), tacto (as TACTO renders a DIGIT), gelsight_mini or
+    /// gelsight_mini_markers (need --weights), or the path of a profile (.toml)
     #[arg(long, value_name = "NAME", default_value = "digit")]
     profile: String,
     /// Weights of the network (.safetensors); without it, the shipped ones for the profile
@@ -60,6 +65,9 @@ pub struct TouchPredictArguments {
     /// Least probability of contact of a pixel in contact, between 0 and 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
     probability: f32,
+    /// Show a video, at its own rate, or a camera in a window
+    #[arg(long, conflicts_with = "images")]
+    view: bool,
     /// Folder for the results; earlier ones in it are moved to DIR.1, DIR.2 and so on
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -79,30 +87,57 @@ const FIRST_FRAMES: usize = 10;
 /// Runs `touch predict`. `listen` returns a flag that ends a video or camera once it is set.
 ///
 /// # Errors
-/// If images, a video, a camera or the profile cannot be read, a camera is lost, or the results cannot be written.
+/// If images, a video, a camera or the profile cannot be read, a camera is lost, no window can be opened, or the results cannot be written.
 pub fn predict(arguments: &TouchPredictArguments, listen: impl FnOnce() -> Result<Arc<AtomicBool>>) -> Result<()> {
     let profile = SensorProfile::load(&arguments.profile)?;
     let rule = ContactRule::new(arguments.threshold_mm, arguments.probability)?;
     let mut predictor = Predictor::new(engine(&profile, arguments.weights.as_deref())?, &profile, rule);
     let video = arguments.video.clone().map(StreamSource::Video);
     match video.or_else(|| arguments.camera.clone().map(StreamSource::Camera)) {
-        Some(source) => predict_stream(arguments, &mut predictor, &source, &*listen()?),
+        Some(source) if arguments.view => {
+            let stop = listen()?;
+            watch(&source, &stop, |view| predict_stream(arguments, &mut predictor, &source, &stop, Some(view)))
+        }
+        Some(source) => predict_stream(arguments, &mut predictor, &source, &*listen()?, None),
         None => predict_images(arguments, &mut predictor),
     }
+}
+
+/// Runs `work` on a thread beside a window, and ends it when the window is closed. The window stays open after the work, and says how it has
+/// ended.
+fn watch(source: &StreamSource, stop: &AtomicBool, work: impl FnOnce(&LiveView) -> Result<()> + Send) -> Result<()> {
+    let view = LiveView::default();
+    std::thread::scope(|scope| {
+        let worker = scope.spawn(|| {
+            let done = work(&view);
+            view.end(match &done {
+                _ if stop.load(Ordering::Relaxed) => LiveEnd::Closing,
+                Ok(()) => LiveEnd::Complete(format!("{source} has ended.")),
+                Err(error) => LiveEnd::Trouble(format!("{error:#}")),
+            });
+            done
+        });
+        let window = open_live(&source.to_string(), &view).context("without --view no window is needed");
+        stop.store(true, Ordering::Relaxed);
+        let done = worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        window.and(done)
+    })
 }
 
 fn predict_images(arguments: &TouchPredictArguments, predictor: &mut Predictor) -> Result<()> {
     let SensorImages { ids, images, untouched } =
         SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &predictor.engine)?;
+    predictor.set_untouched(&untouched)?;
     claim(arguments, predictor)?;
     let bar = progress::bar(images.len() as u64, "images");
     let mut lines = Vec::with_capacity(images.len());
     for (ids, images) in ids.chunks(BATCH).zip(images.chunks(BATCH)) {
-        lines.extend(predictor.predict(ids, images, &untouched)?);
+        lines.extend(predictor.predict(ids, images)?.into_iter().map(|reading| reading.line));
         bar.inc(images.len() as u64);
     }
     bar.finish_and_clear();
     let table = predictor.write_table(&lines)?;
+    warn_of_lost_dots(lines.iter().filter(|line| line.has_lost_dots()).count());
     if arguments.json {
         return print_line(&serde_json::to_string_pretty(&lines)?);
     }
@@ -116,10 +151,11 @@ fn predict_stream(
     predictor: &mut Predictor,
     source: &StreamSource,
     stop: &AtomicBool,
+    view: Option<&LiveView>,
 ) -> Result<()> {
     let untouched = arguments.untouched.as_deref().map(read).transpose()?;
     let most = arguments.frames.map_or(usize::MAX, |most| usize::try_from(most).unwrap_or(usize::MAX));
-    let stream = source.open()?;
+    let stream = source.open(if view.is_some() { Pace::OfTheFilm } else { Pace::Fastest })?;
     let first = FIRST_FRAMES.min(most);
     let mut images = stream.receive(first, first, stop);
     if images.is_empty() {
@@ -132,13 +168,21 @@ fn predict_stream(
         );
     }
     let SensorState { layout, untouched } = SensorState::of(untouched, &mut images, &predictor.engine)?;
+    predictor.set_untouched(&untouched)?;
     claim(arguments, predictor)?;
     let bar = progress::counter("frames");
     let begun = Instant::now();
-    let (mut lines, mut done, mut touching) = (Vec::new(), 0, 0);
+    let (mut lines, mut done, mut touching, mut lost) = (Vec::new(), 0, 0, 0);
+    let mut rate = FrameRate::new(begun);
     while !images.is_empty() {
         let ids: Vec<String> = (done..done + images.len()).map(|frame| format!("{frame:06}")).collect();
-        for line in predictor.predict(&ids, &images, &untouched)? {
+        let readings = predictor.predict(&ids, &images)?;
+        rate.add(images.len());
+        if let Some(((view, reading), image)) = view.zip(readings.last()).zip(images.last()) {
+            view.show(reading.live(image, rate.hz()));
+        }
+        for Reading { line, .. } in readings {
+            lost += usize::from(line.has_lost_dots());
             touching += usize::from(line.area_mm2 > 0.0);
             if arguments.json {
                 print_line(&serde_json::to_string(&line)?)?;
@@ -156,6 +200,7 @@ fn predict_stream(
     let rate_hz = done as f64 / begun.elapsed().as_secs_f64();
     bar.finish_and_clear();
     let table = predictor.write_table(&lines)?;
+    warn_of_lost_dots(lost);
     if done < most && !stop.load(Ordering::Relaxed) {
         stream.finish(done)?;
     }
@@ -163,6 +208,42 @@ fn predict_stream(
         return Ok(());
     }
     print_line(&format!("{touching} of {done} frames show contact, {rate_hz:.0} frames/s{table}"))
+}
+
+fn warn_of_lost_dots(images: usize) {
+    if images > 0 {
+        tracing::warn!(
+            "the dots of the untouched image are not found in {images} images: their shear is unknown and written as 0"
+        );
+    }
+}
+
+/// Frames per second over about the last second.
+struct FrameRate {
+    since: Instant,
+    frames: usize,
+    hz: f64,
+}
+
+impl FrameRate {
+    fn new(now: Instant) -> Self {
+        Self { since: now, frames: 0, hz: 0.0 }
+    }
+
+    fn add(&mut self, frames: usize) {
+        self.frames += frames;
+        let elapsed_s = self.since.elapsed().as_secs_f64();
+        if elapsed_s >= 1.0 || self.hz == 0.0 {
+            self.hz = self.frames as f64 / elapsed_s.max(1e-3);
+        }
+        if elapsed_s >= 1.0 {
+            *self = Self { since: Instant::now(), frames: 0, hz: self.hz };
+        }
+    }
+
+    fn hz(&self) -> f64 {
+        self.hz
+    }
 }
 
 /// Claims the folder of the results, if there is one.

@@ -11,12 +11,16 @@ use mvt_picture::palette;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_run::io::{png, write_file};
+use mvt_shear::{ShearField, ShearFit, ShearSensor};
 use mvt_touch::contact::plausibility;
 use mvt_touch::engine::{Engine, Prediction};
+use mvt_viewer::window::LiveFrame;
+use ndarray::{Array2, Zip};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::images::infer;
+use crate::pictures;
 
 /// A line of predictions.csv.
 #[derive(Debug, Clone, Serialize)]
@@ -27,6 +31,54 @@ pub(crate) struct Line {
     pub deepest_mm: f32,
     pub volume_mm3: f64,
     pub plausibility: f32,
+    /// `None` for a sensor without dots.
+    #[serde(flatten)]
+    pub shear: Option<ShearFigures>,
+}
+
+impl Line {
+    /// Returns whether the sensor has dots of which too few were found.
+    pub fn has_lost_dots(&self) -> bool {
+        self.shear.is_some_and(|shear| shear.dots == 0)
+    }
+}
+
+/// Shear of an image; all are 0 without contact.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(crate) struct ShearFigures {
+    /// Displacement of the gel at the contact to the right and downwards.
+    pub shear_right_mm: f64,
+    pub shear_down_mm: f64,
+    /// Turn of the gel at the contact, from right to down.
+    pub twist_deg: f64,
+    pub dilation: f64,
+    /// Root mean square of the motion of the dots that these figures do not explain.
+    pub shear_residual_mm: f64,
+    /// Dots that were found again; with less than half of them the shear is unknown, and the figures are 0.
+    pub dots: usize,
+}
+
+impl From<ShearFit> for ShearFigures {
+    fn from(fit: ShearFit) -> Self {
+        let [shear_right_mm, shear_down_mm] = fit.shear.displacement_mm;
+        Self {
+            shear_right_mm,
+            shear_down_mm,
+            twist_deg: fit.shear.twist_rad.to_degrees(),
+            dilation: fit.dilation,
+            shear_residual_mm: fit.residual_mm,
+            dots: 0,
+        }
+    }
+}
+
+/// What is seen in an image.
+pub(crate) struct Reading {
+    pub line: Line,
+    indentation_mm: Array2<f32>,
+    contact: Array2<bool>,
+    /// `None` for a sensor without dots, and where they are not found.
+    field: Option<ShearField>,
 }
 
 /// When a pixel is in contact.
@@ -56,8 +108,12 @@ const DEEPEST_SHOWN_MM: f32 = 1.5;
 /// What is needed to read images of one sensor.
 pub(crate) struct Predictor {
     pub engine: Engine,
-    gains: [f32; 3],
+    profile: SensorProfile,
     rule: ContactRule,
+    /// The untouched image as the network sees it.
+    untouched: RgbImage,
+    /// Sees the motion of the dots, for a sensor that has some.
+    shear: Option<ShearSensor>,
     /// Area of the gel that a pixel sees, row by row.
     pixel_mm2: Vec<f64>,
     out: Option<OutFolder>,
@@ -76,7 +132,7 @@ impl Predictor {
         let gel = profile.gel_surface();
         let side_m = |i: usize| gel.point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx;
         let pixel_mm2 = (0..HEIGHT * WIDTH).map(|i| 1e6 * side_m(i).powi(2)).collect();
-        Self { engine, gains: profile.gains(), rule, pixel_mm2, out: None }
+        Self { engine, profile: *profile, rule, untouched: RgbImage::default(), shear: None, pixel_mm2, out: None }
     }
 
     /// Writes files into a folder from now on.
@@ -92,19 +148,43 @@ impl Predictor {
         Ok(())
     }
 
+    /// Sets the untouched image of the sensor, which must stand upright.
+    ///
+    /// # Errors
+    /// If the sensor has dots that the image does not show.
+    pub fn set_untouched(&mut self, untouched: &RgbImage) -> Result<()> {
+        self.shear = match self.profile.markers {
+            Some(_) => Some(ShearSensor::new(&self.profile, untouched)?),
+            None => None,
+        };
+        self.untouched = self.for_network(untouched);
+        Ok(())
+    }
+
+    /// Returns an image as the network sees it: without dots, which it does not know.
+    fn for_network(&self, image: &RgbImage) -> RgbImage {
+        self.shear.as_ref().map_or_else(|| image.clone(), |shear| shear.erased(image))
+    }
+
     /// Returns whether files are written.
     pub fn writes(&self) -> bool {
         self.out.is_some()
     }
 
-    /// Reads images, one per thread, writes their files, and returns their lines.
+    /// Reads images, one per thread, and writes their files.
     ///
     /// # Errors
     /// If files cannot be written.
-    pub fn predict(&self, ids: &[String], images: &[RgbImage], untouched: &RgbImage) -> Result<Vec<Line>> {
-        let predictions = infer(&self.engine, self.gains, untouched, images)?;
-        let each = ids.par_iter().zip(images).zip(&predictions);
-        each.map(|((id, image), prediction)| self.line(id, image, untouched, prediction)).collect()
+    pub fn predict(&self, ids: &[String], images: &[RgbImage]) -> Result<Vec<Reading>> {
+        let seen: Vec<RgbImage> = images.par_iter().map(|image| self.for_network(image)).collect();
+        let predictions = infer(&self.engine, self.profile.gains(), &self.untouched, &seen)?;
+        let each = ids.par_iter().zip(images).zip(&seen).zip(&predictions);
+        each.map(|(((id, image), seen), prediction)| {
+            let reading = self.reading(id, image, seen, prediction);
+            self.write(id, image, &reading)?;
+            Ok(reading)
+        })
+        .collect()
     }
 
     /// Writes the table of all images, and returns words that say where it is.
@@ -113,26 +193,44 @@ impl Predictor {
     /// If it cannot be written.
     pub fn write_table(&self, lines: &[Line]) -> Result<String> {
         let Some(OutFolder { path, .. }) = &self.out else { return Ok(String::new()) };
-        let mut table = String::from("id,area_mm2,deepest_mm,volume_mm3,plausibility\n");
-        for Line { id, area_mm2, deepest_mm, volume_mm3, plausibility } in lines {
-            table += &format!("{id},{area_mm2:.3},{deepest_mm:.4},{volume_mm3:.4},{plausibility:.3}\n");
+        let mut table = String::from("id,area_mm2,deepest_mm,volume_mm3,plausibility");
+        if self.shear.is_some() {
+            table += ",shear_right_mm,shear_down_mm,twist_deg,dilation,shear_residual_mm,dots";
+        }
+        table.push('\n');
+        for Line { id, area_mm2, deepest_mm, volume_mm3, plausibility, shear } in lines {
+            table += &format!("{id},{area_mm2:.3},{deepest_mm:.4},{volume_mm3:.4},{plausibility:.3}");
+            if let Some(shear) = shear {
+                let ShearFigures { shear_right_mm, shear_down_mm, twist_deg, dilation, shear_residual_mm, dots } =
+                    shear;
+                table += &format!(",{shear_right_mm:.4},{shear_down_mm:.4},{twist_deg:.2},{dilation:.3}");
+                table += &format!(",{shear_residual_mm:.4},{dots}");
+            }
+            table.push('\n');
         }
         write_file(path, "predictions.csv", table.as_bytes())?;
         Ok(format!("; see {}", path.join("predictions.csv").display()))
     }
 
-    /// Returns the line of an image, and writes its files.
-    fn line(&self, id: &str, image: &RgbImage, untouched: &RgbImage, prediction: &Prediction) -> Result<Line> {
+    /// Returns what is seen in an image: `seen` is the image as the network sees it.
+    fn reading(&self, id: &str, image: &RgbImage, seen: &RgbImage, prediction: &Prediction) -> Reading {
         let rule = self.rule;
         let indentation_mm = prediction.indentation_mm.mapv(|mm| mm.max(0.0));
-        let touches = |(&mm, &logit): (&f32, &f32)| mm > rule.threshold_mm && logit > rule.logit;
-        let mut contact: Vec<bool> = indentation_mm.iter().zip(&prediction.contact_logit).map(touches).collect();
+        let touches = |&mm: &f32, &logit: &f32| mm > rule.threshold_mm && logit > rule.logit;
+        let mut contact = Zip::from(&indentation_mm).and(&prediction.contact_logit).map_collect(touches);
         let touching = contact.iter().filter(|&&touches| touches).count();
         if (touching as f32) < LEAST_AREA * contact.len() as f32 {
             contact.fill(false);
         }
-        let plausibility = plausibility(image, untouched, prediction);
-        let mut line = Line { id: id.to_owned(), area_mm2: 0.0, deepest_mm: 0.0, volume_mm3: 0.0, plausibility };
+        let plausibility = plausibility(seen, &self.untouched, prediction);
+        // Images of this size are the only ones that the network reads.
+        let field = self.shear.as_ref().and_then(|shear| shear.see(image, &contact, &indentation_mm).ok());
+        let figures = |field: &ShearField| ShearFigures {
+            dots: field.dots.len(),
+            ..field.fit.map(ShearFigures::from).unwrap_or_default()
+        };
+        let shear = self.shear.is_some().then(|| field.as_ref().map(figures).unwrap_or_default());
+        let mut line = Line { id: id.to_owned(), area_mm2: 0.0, deepest_mm: 0.0, volume_mm3: 0.0, plausibility, shear };
         for ((&mm, &touches), mm2) in indentation_mm.iter().zip(&contact).zip(&self.pixel_mm2) {
             if touches {
                 line.area_mm2 += mm2;
@@ -140,12 +238,18 @@ impl Predictor {
                 line.volume_mm3 += f64::from(mm) * mm2;
             }
         }
-        let Some(OutFolder { path, .. }) = &self.out else { return Ok(line) };
+        Reading { line, indentation_mm, contact, field }
+    }
+
+    /// Writes the files of an image.
+    fn write(&self, id: &str, image: &RgbImage, reading: &Reading) -> Result<()> {
+        let Some(OutFolder { path, .. }) = &self.out else { return Ok(()) };
+        let Reading { indentation_mm, contact, field, .. } = reading;
         let depth = Array::from_f32(vec![HEIGHT, WIDTH], indentation_mm.iter().copied());
         write_file(path, &format!("{id}_indentation_mm.npy"), &npy::to_bytes(&depth))?;
-        let mask = GrayImage::from_fn(WIDTH as u32, HEIGHT as u32, |u, v| {
-            Luma([if contact[v as usize * WIDTH + u as usize] { u8::MAX } else { 0 }])
-        });
+        let touches = |u: u32, v: u32| contact[[v as usize, u as usize]];
+        let mask =
+            GrayImage::from_fn(WIDTH as u32, HEIGHT as u32, |u, v| Luma([if touches(u, v) { u8::MAX } else { 0 }]));
         write_file(path, &format!("{id}_contact.png"), &png(&mask)?)?;
         let picture = RgbImage::from_fn(3 * WIDTH as u32, HEIGHT as u32, |u, v| {
             let (panel, u) = (u as usize / WIDTH, u % WIDTH as u32);
@@ -156,6 +260,42 @@ impl Predictor {
             }
         });
         write_file(path, &format!("{id}_picture.png"), &png(&picture)?)?;
-        Ok(line)
+        match field {
+            Some(field) => write_file(path, &format!("{id}_shear.png"), &png(&pictures::shear(image, field))?),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Reading {
+    /// Returns pictures and figures for a window.
+    pub fn live(&self, image: &RgbImage, rate_hz: f64) -> LiveFrame {
+        let Line { area_mm2, deepest_mm, volume_mm3, plausibility, shear, .. } = &self.line;
+        let mut frame = LiveFrame {
+            pictures: vec![
+                ("image", image.clone()),
+                ("indentation", pictures::indentation(&self.indentation_mm, &self.contact, DEEPEST_SHOWN_MM)),
+            ],
+            figures: vec![
+                ("area", format!("{area_mm2:.1} mm²")),
+                ("deepest", format!("{deepest_mm:.2} mm")),
+                ("volume", format!("{volume_mm3:.1} mm³")),
+                ("plausibility", format!("{plausibility:.2}")),
+                ("frames/s", format!("{rate_hz:.0}")),
+            ],
+        };
+        if let Some(shear) = shear {
+            let words = if self.field.is_some() {
+                format!("{:+.2}, {:+.2} mm", shear.shear_right_mm, shear.shear_down_mm)
+            } else {
+                "no dots".to_owned()
+            };
+            frame.figures.push(("shear right, down", words));
+            frame.figures.push(("twist", format!("{:+.1}°", shear.twist_deg)));
+        }
+        if let Some(field) = &self.field {
+            frame.pictures.push(("shear", pictures::shear(image, field)));
+        }
+        frame
     }
 }

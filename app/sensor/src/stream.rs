@@ -20,6 +20,23 @@ pub enum StreamSource {
     Camera(PathBuf),
 }
 
+/// How fast a video is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// As fast as frames are used.
+    Fastest,
+    /// As fast as the film shows them.
+    OfTheFilm,
+}
+
+impl std::fmt::Display for StreamSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Video(path) | Self::Camera(path) => path.display().fmt(f),
+        }
+    }
+}
+
 /// Size and rate that a camera is asked for: the fast mode of a DIGIT. A camera that lacks it delivers its nearest one.
 const CAMERA_MODE: [&str; 4] = ["-video_size", "320x240", "-framerate", "60"];
 /// One frame leaves ffmpeg for each frame that it reads, whatever their times are: all get a number as their time, at a steady rate.
@@ -47,13 +64,16 @@ pub struct VideoStream {
 }
 
 impl StreamSource {
-    /// Starts ffmpeg on this source.
+    /// Starts ffmpeg on this source. A video is read as fast as possible or at the rate of its frames; a camera has its own rate.
     ///
     /// # Errors
     /// If there is no such file or camera, or ffmpeg cannot be started.
-    pub fn open(&self) -> Result<VideoStream> {
+    pub fn open(&self, pace: Pace) -> Result<VideoStream> {
         let mut command = Command::new("ffmpeg");
         command.args(["-nostdin", "-loglevel", "error"]);
+        if pace == Pace::OfTheFilm && matches!(self, Self::Video(_)) {
+            command.arg("-re");
+        }
         match self {
             Self::Video(path) => {
                 mvt_files::input::open(path).with_context(|| format!("cannot read the video {}", path.display()))?;

@@ -9,6 +9,7 @@ mod latest_worker;
 pub mod launch;
 mod layers_panel;
 mod legend_overlay;
+mod live;
 mod notice;
 mod plots;
 mod preferences;
@@ -32,6 +33,7 @@ use eframe::egui::{self, Context, Ui, ViewportBuilder};
 use mvt_recording::{Recording, RecordingError};
 
 pub use backend::WindowError;
+pub use live::{LiveEnd, LiveFrame, LiveView, open_live};
 pub use recording_page::RecordingSource;
 
 use comparison_page::ComparisonPage;

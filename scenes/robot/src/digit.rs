@@ -1,6 +1,7 @@
 //! The DIGIT fingertip sensor: its camera, its gel and their poses on the fingertip.
 
 pub mod gel;
+pub mod markers;
 pub mod profile;
 
 use mvt_frames::camera::Intrinsics;

@@ -6,6 +6,7 @@ use image::RgbImage;
 use mvt_frames::depth::{CameraDepth, Label};
 use ndarray::Array2;
 
+use crate::digit::markers::GelShear;
 use crate::hand::{Finger, JointAngles, PerFinger};
 use mvt_frames::{Isometry, Object, World};
 
@@ -40,6 +41,8 @@ pub struct SceneState {
     pub joints: JointAngles,
     /// Pose of the object.
     pub object_pose: Isometry<Object, World>,
+    /// How the object has dragged each gel along.
+    pub shear: PerFinger<GelShear>,
 }
 
 /// The truth that only a simulator knows. Deliberately not a part of [`Observation`]: perception and tracking never receive it.
@@ -49,6 +52,8 @@ pub struct GroundTruth {
     pub object_pose: Isometry<Object, World>,
     /// True depth and contact of each DIGIT.
     pub touch: PerFinger<TouchTruth>,
+    /// How the object has dragged each gel along; `None` in a log, which does not store it.
+    pub shear: Option<PerFinger<GelShear>>,
     /// What every pixel of each camera shows, in the order of [`Observation::cameras`]; never [`Label::Unsure`].
     pub labels: Vec<Array2<Label>>,
 }

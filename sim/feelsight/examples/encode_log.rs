@@ -133,6 +133,7 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
     let truth = GroundTruth {
         object_pose: Isometry::translation(0.0, 0.0, 0.05),
         touch: PerFinger::from_fn(|_| TouchTruth { depth_m: depth_m.clone(), contact: contact.clone() }),
+        shear: None,
         labels: vec![labels],
     };
     (observation, truth)

@@ -190,7 +190,9 @@ impl LogFrames<'_> {
             cameras.push(Rgbd { color, depth_m });
         }
         let truth = match (images.touch_truth, images.labels, log.object_poses[i]) {
-            (Some(touch), Some(labels), Some(object_pose)) => Some(GroundTruth { object_pose, touch, labels }),
+            (Some(touch), Some(labels), Some(object_pose)) => {
+                Some(GroundTruth { object_pose, touch, shear: None, labels })
+            }
             _ => None,
         };
         let observation = Observation { time_s: log.times_s[i], joints: log.joints[i], touch: images.touch, cameras };

@@ -15,6 +15,7 @@ use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
 use crate::air::{AirOutcome, AirTally, PlaceErrors, Rehearsal};
+use crate::shear::GelShears;
 use crate::simulation::{PadContact, Simulation, SimulationError, SimulationState};
 use crate::start::gravity_of;
 
@@ -70,6 +71,7 @@ pub struct EpisodeSnapshot {
     gravity: [f64; 3],
     rehearsal: Option<Rehearsal>,
     air: Option<AirTally>,
+    shears: GelShears,
     tick: u64,
     turned_rad: f64,
     end: Option<End>,
@@ -98,6 +100,7 @@ pub struct Episode {
     /// Shows the true place to a controller that holds the object in the air.
     rehearsal: Option<Rehearsal>,
     air: Option<AirTally>,
+    shears: GelShears,
     /// Number of integration steps so far, and at the end.
     tick: u64,
     last_tick: u64,
@@ -126,6 +129,7 @@ impl Episode {
             plan: Plan { changes: 0, turn_axis: gait.axis.direction(*side), tilting: None },
             rehearsal: None,
             air: gait.feedback.as_ref().map(|_| AirTally::new(object)),
+            shears: GelShears::default(),
             tick: 0,
             last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
             turned_rad: 0.0,
@@ -245,6 +249,7 @@ impl Episode {
                 time_s: self.time_s(),
                 joints: self.simulation.joints(),
                 object_pose: self.simulation.object_pose(),
+                shear: self.shears.shear(),
             },
             pads: self.simulation.contacts(),
         }
@@ -285,6 +290,7 @@ impl Episode {
             gravity: self.simulation.gravity(),
             rehearsal: self.rehearsal.clone(),
             air: self.air.clone(),
+            shears: self.shears.clone(),
             tick: self.tick,
             turned_rad: self.turned_rad,
             end: self.end.clone(),
@@ -305,6 +311,7 @@ impl Episode {
             gravity,
             rehearsal,
             air,
+            shears,
             tick,
             turned_rad,
             end,
@@ -316,7 +323,7 @@ impl Episode {
         self.simulation.set_gravity(gravity);
         self.simulation.restore(&simulation)?;
         (self.controller, self.target, self.plan, self.tick) = (controller, target, plan, tick);
-        (self.rehearsal, self.air) = (rehearsal, air);
+        (self.rehearsal, self.air, self.shears) = (rehearsal, air, shears);
         (self.turned_rad, self.end) = (turned_rad, end);
         Ok(())
     }
@@ -365,6 +372,8 @@ impl Episode {
         }
         self.simulation.step(&self.target);
         self.tick += 1;
+        let (joints, object) = (self.simulation.joints(), self.simulation.object_pose());
+        self.shears.step(self.side, &joints, object, &self.simulation.contacts());
         if self.air.is_some() {
             self.watch_air(is_supported);
         }

@@ -24,6 +24,7 @@ use mvt_mujoco_lib as _;
 pub mod air;
 pub mod episode;
 pub mod mjcf;
+pub mod shear;
 pub mod simulation;
 mod start;
 

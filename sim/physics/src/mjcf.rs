@@ -34,8 +34,8 @@ pub struct Physics {
     pub com_offset_m: [f64; 3],
 }
 
-/// First part of the model.
-const HEADER: &str = r#"<mujoco model="mambavitact">
+/// First part of the model: joints, and how each kind of surface touches.
+pub(crate) const HEADER: &str = r#"<mujoco model="mambavitact">
 <compiler angle="radian" autolimits="true"/>
 <default>
 <joint damping="0.1" armature="0.001" frictionloss="0.01" limited="true"/>

@@ -21,12 +21,36 @@ pub struct PadContact {
     pub force_n: f64,
     /// Greatest penetration of the object into the gel's contact surface, metres; 0 without contact.
     pub penetration_m: f64,
+    /// Middle of the contact points in the world, weighted with their normal forces, metres.
+    pub point_m: [f64; 3],
+    /// Friction force of the object on the gel in the world, newtons.
+    pub friction_n: [f64; 3],
+    /// Friction force at which the object slides, newtons.
+    pub friction_limit_n: f64,
+    /// Torque about the normal at which the object turns on the gel, Nm.
+    pub torsion_limit_nm: f64,
 }
 
 impl PadContact {
     /// Returns whether the pad touches the object.
     pub fn is_touching(&self) -> bool {
         self.penetration_m > 0.0
+    }
+
+    /// Adds a contact of this gel with its force in the contact's frame: normal, two directions of friction, torsion. The point remains a
+    /// sum until all are added.
+    pub(crate) fn add(&mut self, contact: &MjContact, force: [f64; 6], gel: usize) {
+        self.penetration_m = self.penetration_m.max(-contact.dist);
+        self.force_n += force[0];
+        // A force of MuJoCo is that of the first geom on the second.
+        let is_second = usize::try_from(contact.geom[1]) == Ok(gel);
+        let sign = if is_second { 1.0 } else { -1.0 };
+        for axis in 0..3 {
+            self.point_m[axis] += force[0] * contact.pos[axis];
+            self.friction_n[axis] += sign * (force[1] * contact.frame[3 + axis] + force[2] * contact.frame[6 + axis]);
+        }
+        self.friction_limit_n += contact.friction[0] * force[0];
+        self.torsion_limit_nm += contact.friction[2] * force[0];
     }
 }
 
@@ -190,10 +214,13 @@ impl Simulation {
             let finger =
                 Finger::ALL.into_iter().find(|&f| contact.geom.iter().any(|&g| usize::try_from(g) == Ok(self.gels[f])));
             if let Some(finger) = finger {
-                let pad = &mut pads[finger];
-                pad.penetration_m = pad.penetration_m.max(-contact.dist);
-                pad.force_n += self.data.try_contact_force(i).map_or(0.0, |force| force[0]);
+                pads[finger].add(contact, self.data.try_contact_force(i).unwrap_or_default(), self.gels[finger]);
             }
+        }
+        for finger in Finger::ALL {
+            let pad = &mut pads[finger];
+            let weight = if pad.force_n > 0.0 { 1.0 / pad.force_n } else { 0.0 };
+            pad.point_m = pad.point_m.map(|sum| weight * sum);
         }
         pads
     }

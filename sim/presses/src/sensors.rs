@@ -108,6 +108,7 @@ fn draw_profile(rng: &mut ChaCha8Rng) -> SensorProfile {
             blur_px: between(0.8, 2.6) as f32,
             noise_grey: 0.0,
         }),
+        markers: None,
     }
 }
 

@@ -11,7 +11,7 @@ use mvt_robot::observation::{GroundTruth, Observation, SceneState, TouchTruth};
 use crate::camera;
 use crate::depth_noise::{self, FrameId};
 use crate::rays::RayMesh;
-use crate::touch::{NoiseKey, TouchError, TouchFrame, TouchOptions, TouchRenderer};
+use crate::touch::{GelPress, NoiseKey, TouchError, TouchFrame, TouchOptions, TouchRenderer};
 
 /// Options of an [`Observer`].
 #[derive(Debug, Clone, PartialEq)]
@@ -82,7 +82,8 @@ impl Observer {
             let gel_from_object = world_from_gel.inverse() * state.object_pose;
             let key = NoiseKey { seed: self.options.seed, finger: finger as u32, frame };
             let noise = self.options.touch_noise.then_some(key);
-            self.touch[finger].render(&self.object, gel_from_object, noise, &mut scratch.touch);
+            let press = GelPress { gel_from_object, shear: state.shear[finger] };
+            self.touch[finger].render_dragged(&self.object, press, noise, &mut scratch.touch);
             let (image, truth) = scratch.touch.take();
             touch_truth[finger] = truth;
             image
@@ -100,7 +101,10 @@ impl Observer {
             })
             .unzip();
         let observation = Observation { time_s: state.time_s, joints: state.joints, touch, cameras };
-        (observation, GroundTruth { object_pose: state.object_pose, touch: touch_truth, labels })
+        (
+            observation,
+            GroundTruth { object_pose: state.object_pose, touch: touch_truth, shear: Some(state.shear), labels },
+        )
     }
 
     /// Returns the share of the object that the hand hides from the first camera in the state that `truth` describes

@@ -13,6 +13,7 @@ mod background;
 mod calibrate;
 mod gel_light;
 mod light;
+mod markers;
 mod membrane;
 mod noise;
 mod raster;
@@ -26,6 +27,7 @@ use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Gel, Isometry, NotRigid, Object};
 use mvt_mesh::Mesh;
 use mvt_robot::digit::gel::GelSurface;
+use mvt_robot::digit::markers::{GelShear, MarkerPattern};
 use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::observation::TouchTruth;
@@ -36,6 +38,7 @@ pub use background::synthetic_background;
 use calibrate::Blur;
 use gel_light::GelLight;
 pub use light::{Light, Lights, Spot};
+use markers::Markers;
 pub use membrane::Membrane;
 pub use noise::NoiseKey;
 use noise::{Noise, SIGMA_MAX};
@@ -135,6 +138,8 @@ pub struct TouchOptions {
     pub contact_threshold_m: f32,
     /// Deformation of the gel around the object. Default: `None`, as in TACTO, whose gel does not deform.
     pub membrane: Option<Membrane>,
+    /// Dots on the gel, which a background must not show. Default: `None`.
+    pub markers: Option<MarkerPattern>,
 }
 
 impl TouchOptions {
@@ -149,6 +154,7 @@ impl TouchOptions {
             noise_sigma: config.noise_sigma(),
             contact_threshold_m: CONTACT_THRESHOLD_M,
             membrane: None,
+            markers: None,
         }
     }
 
@@ -161,6 +167,7 @@ impl TouchOptions {
             appearance: profile.appearance,
             noise_sigma: profile.appearance.map_or(tacto.noise_sigma, |appearance| appearance.noise_grey),
             membrane: (profile.reach_mm > 0.0).then_some(Membrane { reach_m: 1e-3 * profile.reach_mm }),
+            markers: profile.markers,
             ..tacto
         }
     }
@@ -275,6 +282,7 @@ pub struct TouchRenderer {
     noise: Option<Noise>,
     contact_threshold_m: f32,
     membrane: Option<Membrane>,
+    markers: Option<Markers>,
     /// Depth of the untouched gel and its inverse, its colours, and the background, each of 320 rows by 240 columns.
     gel_depth: Vec<f32>,
     gel_inverse_depth: Vec<f32>,
@@ -288,8 +296,8 @@ impl TouchRenderer {
     /// # Errors
     /// [`TouchError`] if the background has another size than a DIGIT's image or a number is out of range.
     pub fn new(options: &TouchOptions) -> Result<Self, TouchError> {
-        let TouchOptions { camera, gel, appearance, lights, background, noise_sigma, contact_threshold_m, membrane } =
-            options;
+        let TouchOptions { camera, gel, appearance, lights, background, noise_sigma, .. } = options;
+        let TouchOptions { contact_threshold_m, membrane, markers, .. } = options;
         in_range("the noise's sigma", *noise_sigma, 0.0, SIGMA_MAX)?;
         in_range("the contact threshold in metres", *contact_threshold_m, 0.0, mvt_robot::digit::gel::APEX_M as f32)?;
         if let Some(membrane) = membrane {
@@ -305,6 +313,7 @@ impl TouchRenderer {
                 return Err(TouchError::BackgroundSize { width: image.width(), height: image.height() });
             }
         };
+        let blur_px = appearance.map_or(0.0, |appearance| appearance.blur_px);
         let light = appearance.as_ref().map(|appearance| {
             // The buffer has the image's size.
             let image = RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, background.clone()).unwrap_or_default();
@@ -316,6 +325,7 @@ impl TouchRenderer {
             noise: (*noise_sigma > 0.0).then(|| Noise::new(*noise_sigma)),
             contact_threshold_m: *contact_threshold_m,
             membrane: *membrane,
+            markers: markers.as_ref().map(|pattern| Markers::new(pattern, *camera, *gel, blur_px)),
             gel_inverse_depth: gel_depth.iter().map(|d| 1.0 / d).collect(),
             gel_depth,
             empty,
@@ -326,7 +336,11 @@ impl TouchRenderer {
     /// Returns the untouched image, without noise.
     pub fn empty(&self) -> RgbImage {
         // The buffer has the image's size.
-        RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, self.background.clone()).unwrap_or_default()
+        let mut image = RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, self.background.clone()).unwrap_or_default();
+        if let Some(markers) = &self.markers {
+            markers.paint_untouched(&mut image);
+        }
+        image
     }
 
     /// Returns the depth of the untouched gel, metres, 320 rows by 240 columns.
@@ -344,16 +358,30 @@ impl TouchRenderer {
         noise: Option<NoiseKey>,
         frame: &mut TouchFrame,
     ) {
-        frame.complete();
-        pulp::Arch::new().dispatch(Rendering { renderer: self, object, gel_from_object, noise, frame });
+        self.render_dragged(object, GelPress { gel_from_object, shear: GelShear::default() }, noise, frame);
     }
+
+    /// Renders as [`TouchRenderer::render`] does an object that drags the gel along, which moves the dots of a gel that has some.
+    pub fn render_dragged(&self, object: &RayMesh, press: GelPress, noise: Option<NoiseKey>, frame: &mut TouchFrame) {
+        frame.complete();
+        pulp::Arch::new().dispatch(Rendering { renderer: self, object, press, noise, frame });
+    }
+}
+
+/// An object at a gel, and how it has dragged the gel along.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GelPress {
+    /// Pose of the object.
+    pub gel_from_object: Isometry<Object, Gel>,
+    /// Displacement of the gel at the contact.
+    pub shear: GelShear,
 }
 
 /// Rendering of one frame. It is compiled once per instruction set: its loops use the widest vectors of the machine.
 struct Rendering<'a> {
     renderer: &'a TouchRenderer,
     object: &'a RayMesh,
-    gel_from_object: Isometry<Object, Gel>,
+    press: GelPress,
     noise: Option<NoiseKey>,
     frame: &'a mut TouchFrame,
 }
@@ -363,19 +391,20 @@ impl pulp::WithSimd for Rendering<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Self { renderer, object, gel_from_object, noise, frame } = self;
+        let Self { renderer, object, press: GelPress { gel_from_object, shear }, noise, frame } = self;
         let TouchRenderer { shader, light, membrane, gel_depth, gel_inverse_depth, empty, background, .. } = renderer;
         let TouchFrame { raw, calibrated, depth_m, contact, raster, row, blur, smoothing, lighting } = frame;
-        let (raw, calibrated): (&mut [u8], &mut [u8]) = (raw, calibrated);
-        let contact = contact.as_slice_mut().unwrap_or_default();
+        let raw: &mut [u8] = raw;
         raw.copy_from_slice(empty);
         calibrated.copy_from_slice(background);
         contact.fill(false);
-        let depth_m = depth_m.as_slice_mut().unwrap_or_default();
-        depth_m.copy_from_slice(gel_depth);
+        depth_m.as_slice_mut().unwrap_or_default().copy_from_slice(gel_depth);
 
         let mut rows = raster.draw(object, gel_from_object.to_f32(), gel_inverse_depth, shader);
         if !rows.is_empty() {
+            let calibrated: &mut [u8] = calibrated;
+            let contact = contact.as_slice_mut().unwrap_or_default();
+            let depth_m = depth_m.as_slice_mut().unwrap_or_default();
             for v in rows.clone() {
                 raster.depth(v, &gel_depth[pixels(v)], &mut depth_m[pixels(v)]);
             }
@@ -415,6 +444,9 @@ impl pulp::WithSimd for Rendering<'_> {
                 Some(light) => light.overlay(rows, lighting, background, calibrated),
                 None => blur.overlay(rows, raw, empty, background, calibrated),
             }
+        }
+        if let Some(markers) = &renderer.markers {
+            markers.paint(shear, gel_depth, depth_m, contact, calibrated);
         }
         if let Some((noise, key)) = renderer.noise.as_ref().zip(noise) {
             noise.add(key, calibrated);
@@ -509,8 +541,8 @@ mod tests {
             let [mut best, mut plain] = [TouchFrame::default(), TouchFrame::default()];
             let noise = Some(NoiseKey { seed: 1, finger: 2, frame: 3 });
             renderer.render(&object, pose, noise, &mut best);
-            let gel_from_object = pose;
-            let job = Rendering { renderer: &renderer, object: &object, gel_from_object, noise, frame: &mut plain };
+            let press = GelPress { gel_from_object: pose, shear: GelShear::default() };
+            let job = Rendering { renderer: &renderer, object: &object, press, noise, frame: &mut plain };
             pulp::Scalar128b.vectorize(job);
             assert!(best.contact().iter().any(|&touches| touches), "the object must be in view");
             assert_eq!(best.calibrated(), plain.calibrated());

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use mvt_products::Instructions;
@@ -11,6 +11,7 @@ use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_robot::hand::{Finger, PerFinger};
 use mvt_robot::observation::TouchTruth;
 use mvt_robot::observation::{Press, SensorName};
+use mvt_shear::ShearSensor;
 use mvt_touch::contact::{ContactConfig, Feeler};
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
@@ -38,8 +39,8 @@ pub struct TouchArguments {
     /// Where touch depth comes from
     #[arg(long, value_enum, default_value_t = TouchOrigin::Network)]
     touch_depth: TouchOrigin,
-    /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), gelsight_mini (needs --weights, or
-    /// --touch-depth truth), or the path of a profile (.toml)
+    /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), digit_markers (with dots on its gel),
+    /// gelsight_mini or gelsight_mini_markers (need --weights, or --touch-depth truth), or the path of a profile (.toml)
     #[arg(long, value_name = "NAME", default_value = TACTO)]
     touch_profile: String,
     /// Weights of a touch network, for --touch-depth network; without it those that are shipped for the sensor
@@ -134,21 +135,35 @@ pub fn true_press(truth: &TouchTruth, gel: &GelView) -> Option<Press> {
 pub struct TouchNetwork {
     feeler: Feeler,
     told: PerFinger<bool>,
+    profile: SensorProfile,
+    /// Find the dots of gels that have some, which the network must not see. Known with the untouched image.
+    dots: PerFinger<Option<ShearSensor>>,
 }
 
 impl TouchNetwork {
     /// For the sensors of one hand.
     pub fn new(weights: &Weights, config: ContactConfig, profile: &SensorProfile) -> Self {
         let engine = Engine::new(weights, Instructions::best());
-        Self { feeler: Feeler::new(engine, config).with_gains(profile.gains()), told: PerFinger::default() }
+        Self {
+            feeler: Feeler::new(engine, config).with_gains(profile.gains()),
+            told: PerFinger::default(),
+            profile: *profile,
+            dots: PerFinger::default(),
+        }
     }
 
     /// Sets the untouched image of a sensor.
     ///
     /// # Errors
-    /// If the image has another size than a DIGIT's.
+    /// If the image has another size than a DIGIT's, or does not show the dots of the profile.
     pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<()> {
-        Ok(self.feeler.set_empty(finger, image)?)
+        if self.profile.markers.is_none() {
+            return Ok(self.feeler.set_empty(finger, image)?);
+        }
+        let sensor = ShearSensor::new(&self.profile, image).with_context(|| SensorName::Touch(finger).to_string())?;
+        self.feeler.set_empty(finger, &sensor.erased(image))?;
+        self.dots[finger] = Some(sensor);
+        Ok(())
     }
 
     /// Estimates the untouched image of a sensor from images with contacts at different places. Without images it stays unknown.
@@ -172,8 +187,16 @@ impl TouchNetwork {
         images: &PerFinger<RgbImage>,
         warnings: &mut Vec<String>,
     ) -> Result<PerFinger<Option<Press>>> {
-        let Self { feeler, told } = self;
-        let felt = feeler.feel(images)?;
+        let Self { feeler, told, dots, .. } = self;
+        let erased = PerFinger::from_fn(|finger| {
+            let image = &images[finger];
+            dots[finger].as_ref().filter(|_| !image.is_empty()).map(|sensor| sensor.erased(image))
+        });
+        let felt = match erased.0.iter().any(Option::is_some) {
+            true => feeler
+                .feel(&PerFinger::from_fn(|finger| erased[finger].clone().unwrap_or_else(|| images[finger].clone())))?,
+            false => feeler.feel(images)?,
+        };
         for finger in Finger::ALL {
             if let Some(felt) = felt[finger].as_ref().filter(|felt| felt.press.is_none())
                 && !std::mem::replace(&mut told[finger], true)

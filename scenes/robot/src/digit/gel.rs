@@ -56,6 +56,19 @@ impl GelSurface {
         Point::new(depth, depth * y, depth * z)
     }
 
+    /// Returns the place of a pixel on the gel: millimetres to the right and downwards in the image, from the camera's axis.
+    pub fn place_mm(self, camera: &Intrinsics, [u, v]: [f64; 2]) -> [f64; 2] {
+        let point = self.point(camera, u, v).coords();
+        [-1e3 * point.y, -1e3 * point.z]
+    }
+
+    /// Returns the pixel, column and row, that shows a place on the gel: the inverse of [`GelSurface::place_mm`].
+    pub fn pixel(self, camera: &Intrinsics, [right_mm, down_mm]: [f64; 2]) -> [f64; 2] {
+        let (y, z) = (-1e-3 * right_mm, -1e-3 * down_mm);
+        let depth = APEX_M - self.stretch * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - y * y - z * z).sqrt());
+        [camera.cx - camera.fx * y / depth, camera.cy - camera.fy * z / depth]
+    }
+
     /// Returns the unit normal at a point of the surface, towards the camera.
     pub fn normal(self, point: Point<Gel>) -> Vector<Gel> {
         let p = point.coords();
@@ -151,6 +164,8 @@ mod tests {
             let rho2 = q.y * q.y + q.z * q.z;
             let on_gel = APEX_M - GelSurface::digit().stretch * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - rho2).sqrt());
             assert!((q.x - on_gel).abs() < 1e-15);
+            let [back_u, back_v] = GelSurface::digit().pixel(&camera, GelSurface::digit().place_mm(&camera, [u, v]));
+            assert!((back_u - u).abs() < 1e-9 && (back_v - v).abs() < 1e-9);
         }
         assert!((point(&camera, 119.5, 159.5).coords().x - APEX_M).abs() < 1e-15, "the apex is on the optical axis");
     }

@@ -7,6 +7,7 @@ use mvt_settings::{Limit as _, Nested, SettingError, settings};
 use serde::{Deserialize, Serialize};
 
 use super::gel::{BULGE_M, GelSurface, GelView};
+use super::markers::MarkerPattern;
 use super::{FOV_Y_DEG, HEIGHT, WIDTH};
 
 settings! {
@@ -49,12 +50,17 @@ pub struct SensorProfile {
     /// How the gel looks. Without it: as TACTO renders it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub appearance: Option<Appearance>,
+    /// Dots on the gel, by whose motion shear is seen. Without it: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub markers: Option<MarkerPattern>,
 }
 
 /// Names and files of the profiles that the program brings along.
-const SHIPPED: [(&str, &str); 3] = [
+const SHIPPED: [(&str, &str); 5] = [
     ("digit", include_str!("profiles/digit.toml")),
+    ("digit_markers", include_str!("profiles/digit_markers.toml")),
     ("gelsight_mini", include_str!("profiles/gelsight_mini.toml")),
+    ("gelsight_mini_markers", include_str!("profiles/gelsight_mini_markers.toml")),
     ("tacto", include_str!("profiles/tacto.toml")),
 ];
 
@@ -71,7 +77,8 @@ const LARGEST_FILE: u64 = 1 << 16;
 pub enum ProfileError {
     /// There is no profile of this name, and no file.
     #[error(
-        "there is no sensor profile {0:?}: choose digit, gelsight_mini or tacto, or give the path of a file that ends in .toml"
+        "there is no sensor profile {0:?}: choose digit, digit_markers, gelsight_mini, gelsight_mini_markers or tacto, or give the path of a \
+         file that ends in .toml"
     )]
     Unknown(String),
     /// The file cannot be read.
@@ -103,10 +110,10 @@ pub enum ProfileError {
 impl SensorProfile {
     /// Returns the profile of TACTO's DIGIT.
     pub const fn tacto() -> Self {
-        Self { fov_y_deg: FOV_Y_DEG, reach_mm: 0.0, bulge_mm: 1e3 * BULGE_M, appearance: None }
+        Self { fov_y_deg: FOV_Y_DEG, reach_mm: 0.0, bulge_mm: 1e3 * BULGE_M, appearance: None, markers: None }
     }
 
-    /// Returns the profile of a name (`digit`, `gelsight_mini`, `tacto`) or of a file whose path ends in `.toml`.
+    /// Returns the profile of a name (`digit`, `digit_markers`, `gelsight_mini`, `gelsight_mini_markers`, `tacto`) or of a file whose path ends in `.toml`.
     ///
     /// # Errors
     /// [`ProfileError`] if there is no such profile, or the file is invalid.
@@ -133,7 +140,8 @@ impl SensorProfile {
         (20.0..=100.0).check("fov_y_deg", &self.fov_y_deg)?;
         (0.0..=1.5).check("reach_mm", &self.reach_mm)?;
         (0.0..=8.0).check("bulge_mm", &self.bulge_mm)?;
-        self.appearance.as_ref().map_or(Ok(()), |appearance| Nested.check("appearance", appearance))
+        self.appearance.as_ref().map_or(Ok(()), |appearance| Nested.check("appearance", appearance))?;
+        self.markers.as_ref().map_or(Ok(()), |markers| Nested.check("markers", markers))
     }
 
     /// Returns by how much the change of red, green and blue must be multiplied to look as on the shipped profile `digit`, for which the
@@ -174,6 +182,12 @@ mod tests {
         assert_eq!(digit.appearance, Some(Appearance::default()));
         assert_eq!(digit.gains(), [1.0; 3]);
         assert!([SensorProfile::tacto(), digit].iter().all(|profile| profile.gel_surface() == GelSurface::digit()));
+        // Those with markers differ by their dots alone.
+        for name in ["digit", "gelsight_mini"] {
+            let marked = SensorProfile::load(&format!("{name}_markers")).unwrap();
+            assert!(marked.markers.is_some());
+            assert_eq!(SensorProfile { markers: None, ..marked }, SensorProfile::load(name).unwrap());
+        }
         let mini = SensorProfile::load("gelsight_mini").unwrap();
         // A flat gel of which 14.16 x 18.88 mm are in view.
         let view = mini.gel_view();
@@ -186,7 +200,7 @@ mod tests {
     #[test]
     fn invalid_profiles_are_refused_with_the_reason() {
         let refused = |name: &str| SensorProfile::load(name).unwrap_err().to_string();
-        assert!(refused("digitt").contains("choose digit, gelsight_mini or tacto"));
+        assert!(refused("digitt").contains("choose digit, digit_markers"));
         assert!(refused("/nowhere/a.toml").contains("cannot read"));
         let invalid = |text: &str| toml::from_str::<SensorProfile>(text).map(|profile| profile.validate());
         assert!(invalid("fov_y_deg = 40.0\nreach_mm = 0.5\nrange = 1").is_err());
@@ -194,5 +208,7 @@ mod tests {
         assert!(error.to_string().contains("fov_y_deg"), "{error}");
         let error = invalid("fov_y_deg = 40.0\nreach_mm = 0.5\n[appearance]\nblur_px = nan").unwrap().unwrap_err();
         assert!(error.to_string().contains("appearance.blur_px"), "{error}");
+        let error = invalid("fov_y_deg = 40.0\nreach_mm = 0.5\n[markers]\npitch_mm = 0.01").unwrap().unwrap_err();
+        assert!(error.to_string().contains("markers.pitch_mm"), "{error}");
     }
 }

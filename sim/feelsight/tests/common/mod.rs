@@ -114,7 +114,7 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
         }));
     }
     let observation = Observation { time_s: i as f64 / 30.0, joints: joints(i), touch, cameras: rgbds };
-    (observation, GroundTruth { object_pose: object_pose(i), touch: touch_truth, labels })
+    (observation, GroundTruth { object_pose: object_pose(i), touch: touch_truth, shear: None, labels })
 }
 
 /// Writes a log of a few frames.
