@@ -103,7 +103,7 @@ fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Res
     if let Some(duration_s) = arguments.duration {
         source.limit(duration_s);
     }
-    source.limit_pictures(|_| false);
+    source.limit_pictures(|_| false, false);
     Ok(source)
 }
 

@@ -80,7 +80,7 @@ fn from_log(
         }
     };
     source.wear(profile);
-    source.limit_pictures(mvt_recording::has_images);
+    source.limit_pictures(mvt_recording::has_images, config.slam.tracker.colour_weight > 0.0);
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
     }

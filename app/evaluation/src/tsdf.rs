@@ -164,7 +164,12 @@ mod tests {
             let cosine = (-normal.dot(direction)).clamp(0.2, 1.0);
             hits.push(Hit { direction, range_m, normal, cosine, sigma_m: 0.0 });
         }
-        View { origin, hits, misses, detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None } }
+        View {
+            origin,
+            hits,
+            misses,
+            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None, picture: None },
+        }
     }
 
     fn seen(places: &[Vec3]) -> (Tsdf, Space) {

@@ -188,7 +188,8 @@ impl Source for LiveSource {
         }
         let Calibrated { joints, cameras, warnings: changes, .. } = calibrated;
         warnings.extend(changes);
-        let percept = percept(time_s, joints, depths_m, touch, &cameras, *side, segmentation)?;
+        let mut percept = percept(time_s, joints, depths_m, touch, &cameras, *side, segmentation)?;
+        percept.set_colours(colours);
         let events = match self.episode.in_air().and_then(|air| air.lowered_at_s) {
             Some(_) if !self.is_lowered => {
                 self.is_lowered = true;
@@ -200,7 +201,6 @@ impl Source for LiveSource {
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
         let is_felt = self.network.is_some() && modality.has_touch();
         let pictures = Pictures {
-            cameras: colours,
             touch: touch_images,
             true_touch_m: PerFinger(
                 truth

@@ -69,6 +69,7 @@ fn sensed(frame: u64) -> Box<Sensed> {
         world_from_camera: camera.pose,
         labels: Array2::from_shape_fn((30, 400), |(_, x)| if x < 100 { Label::Background } else { Label::Object }),
         depth_m,
+        colour: Some(RgbImage::from_pixel(400, 30, Rgb([200, 60, 30]))),
     };
     let mut touch = PerFinger::default();
     touch[Finger::Thumb] = Some(Press {
@@ -78,7 +79,6 @@ fn sensed(frame: u64) -> Box<Sensed> {
     });
     let percept = Percept { time_s: frame as f64 / 30.0, joints, cameras: vec![Some(seen)], touch };
     let pictures = Pictures {
-        cameras: vec![RgbImage::from_pixel(400, 30, Rgb([200, 60, 30]))],
         touch: PerFinger::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([90, 90, 140]))),
         true_touch_m: PerFinger::default(),
         forces_n: Some(PerFinger([0.0, 0.0, 0.0, 1.5])),

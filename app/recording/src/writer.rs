@@ -275,13 +275,11 @@ impl Files {
 
 /// The images of a frame as they are recorded.
 fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize]) -> FrameImages {
-    let Pictures { cameras: colours, touch: mut seen, mut true_touch_m, .. } = pictures;
-    let mut colours = colours.into_iter();
+    let Pictures { touch: mut seen, mut true_touch_m, .. } = pictures;
     let camera = |(camera, &stride): (Option<CameraDepth>, &usize)| {
-        let colour = colours.next().unwrap_or_default();
-        let CameraDepth { depth_m, labels, .. } = camera?;
+        let CameraDepth { depth_m, labels, colour, .. } = camera?;
         Some(CameraImages {
-            colour: images::thinned(&colour, stride),
+            colour: images::thinned(&colour.unwrap_or_default(), stride),
             depth_m: images::thinned_array(&depth_m, stride),
             labels: images::thinned_array(&labels, stride),
         })

@@ -41,11 +41,9 @@ pub struct Sensed {
     pub events: Vec<String>,
 }
 
-/// Images of one instant for recordings and viewers; estimation does not receive them. Each may be missing or empty.
+/// Images of touch sensors at one instant for recordings and viewers; estimation does not receive them. Each may be missing or empty.
 #[derive(Debug, Clone, Default)]
 pub struct Pictures {
-    /// Colours of each camera.
-    pub cameras: Vec<RgbImage>,
     /// Images of each DIGIT.
     pub touch: PerFinger<RgbImage>,
     /// True touch depth, metres, where it is known and estimation receives another.

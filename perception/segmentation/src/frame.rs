@@ -58,7 +58,7 @@ fn camera_depth(
     check_size(|| SensorName::Camera(name.clone()), "depth", expected, [depth_m.ncols(), depth_m.nrows()])?;
     depth_m.mapv_inplace(|depth| if depth.is_finite() && depth >= 0.0 { depth } else { 0.0 });
     let labels = segment(&depth_m, intrinsics, *pose, hand, config);
-    Ok(CameraDepth { intrinsics: *intrinsics, world_from_camera: *pose, depth_m, labels })
+    Ok(CameraDepth { intrinsics: *intrinsics, world_from_camera: *pose, depth_m, labels, colour: None })
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Depth images with what their pixels show: the input of tracking and mapping.
 
+use image::RgbImage;
 use ndarray::Array2;
 
 use crate::camera::Intrinsics;
@@ -53,6 +54,8 @@ pub struct CameraDepth {
     pub depth_m: Array2<f32>,
     /// What every pixel shows; as large as `depth_m`.
     pub labels: Array2<Label>,
+    /// The colour image of the same camera at the same instant, if there is one; of the size of `depth_m`, or it is not used.
+    pub colour: Option<RgbImage>,
 }
 
 /// Depth and contact of one touch sensor, as its camera sees them from inside. Arrays are indexed (row, column).

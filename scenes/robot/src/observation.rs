@@ -91,6 +91,17 @@ pub struct Percept {
     pub touch: PerFinger<Option<Press>>,
 }
 
+impl Percept {
+    /// Gives each camera its colour image, in their order. A camera that measured no depth has no use for one.
+    pub fn set_colours(&mut self, colours: impl IntoIterator<Item = RgbImage>) {
+        for (camera, colour) in self.cameras.iter_mut().zip(colours) {
+            if let Some(camera) = camera {
+                camera.colour = Some(colour);
+            }
+        }
+    }
+}
+
 /// A sensor, for messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SensorName {

@@ -26,7 +26,7 @@ fn main() -> Result<()> {
         let depth_m = Array2::from_shape_vec((height, width), depth.iter().map(|&mm| f32::from(mm) * 1e-3).collect())?;
         let label = |&level: &u8| if level > 127 { Label::Object } else { Label::Background };
         let labels = Array2::from_shape_vec((height, width), mask.iter().map(label).collect())?;
-        let view = CameraDepth { intrinsics, world_from_camera: Isometry::identity(), depth_m, labels };
+        let view = CameraDepth { intrinsics, world_from_camera: Isometry::identity(), depth_m, labels, colour: None };
         let time_s = f64::from(frame) / 30.0;
         let estimate = slam.observe(&Measurement { time_s, cameras: &[Some(view)], touch: &[], obstacles: &[] });
         println!("{time_s:.3} s  {:?}  confidence {:.2}  {:?}", estimate.state, estimate.confidence, estimate.pose);

@@ -16,7 +16,7 @@
 //! let is_object = |(v, u): (usize, usize)| (8..40).contains(&v) && (16..48).contains(&u);
 //! let depth_m = Array2::from_shape_fn((48, 64), |p| if is_object(p) { 0.3 } else { 0.0 });
 //! let labels = depth_m.mapv(|z| if z > 0.0 { Label::Object } else { Label::Background });
-//! let view = CameraDepth { intrinsics, world_from_camera: Isometry::identity(), depth_m, labels };
+//! let view = CameraDepth { intrinsics, world_from_camera: Isometry::identity(), depth_m, labels, colour: None };
 //!
 //! let mut config = SlamConfig::default();
 //! config.map.first_steps = 20;
@@ -32,6 +32,7 @@
 
 mod config;
 mod deviation;
+mod earlier;
 pub mod graph;
 pub mod map;
 mod obstacles;

@@ -1,9 +1,12 @@
 //! The measurements of one instant as rays: where they hit the object, and how far they passed through free space.
 
 mod lens;
+mod picture;
 
 pub(crate) use lens::Lens;
 pub use lens::Lookup;
+pub use picture::Picture;
+pub(crate) use picture::{LEAST_COSINE, LEVELS, Level, Patch};
 
 use glam::Vec3;
 use mvt_frames::depth::{CameraDepth, Label, TouchDepth};
@@ -23,6 +26,8 @@ settings! {
         pub camera_outline: usize = 400, 0..=1_000_000;
         /// Rays kept per camera that pass the object, half of them close to its outline.
         pub camera_misses: usize = 1500, 0..=1_000_000;
+        /// Places kept per camera at which the colours of images are compared; 0 keeps none.
+        pub colour_patches: usize = 120, 0..=10_000;
         /// Rays kept per touching finger that hit the object.
         pub touch_hits: usize = 300, 1..=1_000_000;
         /// Rays kept per finger that end at the undisturbed gel.
@@ -110,6 +115,8 @@ pub enum Detail {
         outline: Vec<Hit>,
         /// Finds hits by where they are seen. `None` if the camera is invalid.
         lookup: Option<Lookup>,
+        /// Its colours; `None` without a colour image, and in a keyframe that was read from a file.
+        picture: Option<Box<Picture>>,
     },
     /// A touch sensor.
     Touch {
@@ -155,6 +162,14 @@ impl View {
     pub fn lookup(&self) -> Option<&Lookup> {
         match &self.detail {
             Detail::Camera { lookup, .. } => lookup.as_ref(),
+            Detail::Touch { .. } => None,
+        }
+    }
+
+    /// Its colours, where a camera has some.
+    pub fn picture(&self) -> Option<&Picture> {
+        match &self.detail {
+            Detail::Camera { picture, .. } => picture.as_deref(),
             Detail::Touch { .. } => None,
         }
     }
@@ -208,6 +223,11 @@ impl Scan {
             }
         }
         Self { frame, time_s: measured.time_s, obstacles: measured.obstacles.to_vec(), views }
+    }
+
+    /// Whether a camera delivered colours.
+    pub(crate) fn has_picture(&self) -> bool {
+        self.views.iter().any(|view| view.picture().is_some())
     }
 
     /// Number of rays that hit the object.
@@ -285,7 +305,8 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     }
     let origin = lens.origin;
     let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
-    View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup } }
+    let picture = Picture::new(image, config.colour_patches).map(Box::new);
+    View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup, picture } }
 }
 
 fn touch_view(index: usize, image: &TouchDepth, config: &ScanConfig, rng: &mut ChaCha8Rng) -> View {

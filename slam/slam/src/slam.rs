@@ -15,7 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::SlamConfig;
 use crate::deviation::{Deviation, Drift, Variance};
-use crate::map::{BoxChange, Learnt, Map};
+use crate::earlier::{self, EarlierView};
+use crate::map::{BoxChange, Keyframe, Learnt, Map};
 use crate::obstacles::Obstacles;
 use crate::scan::{Measurement, Scan};
 use crate::tracker::assess::Assessment;
@@ -93,12 +94,25 @@ impl Knowledge {
             Self::Known(given) => given,
         }
     }
+
+    /// Earlier views that are like one at this pose.
+    fn alike(&self, pose: Isometry<Field, World>) -> Vec<EarlierView> {
+        match self {
+            Self::Growing(map) => {
+                let view = |keyframe: &Keyframe| EarlierView { scan: keyframe.shared_scan(), pose: keyframe.pose() };
+                earlier::alike(map.keyframes().iter().map(view), pose)
+            }
+            Self::Known(given) => earlier::alike(given.views.iter().cloned(), pose),
+        }
+    }
 }
 
 struct Given {
     shape: KnownShape,
     obstacles: Obstacles,
     centre: Vec3,
+    /// In order of time.
+    views: Vec<EarlierView>,
 }
 
 /// Error of a given shape on its grid, metres.
@@ -226,7 +240,7 @@ impl SlamBuilder {
                 (Knowledge::Growing(map), state, pose)
             }
             Prior::Shape { shape, bounds_m, start } => {
-                let given = Given { shape, obstacles, centre: 0.5 * (bounds_m[0] + bounds_m[1]) };
+                let given = Given { shape, obstacles, centre: 0.5 * (bounds_m[0] + bounds_m[1]), views: Vec::new() };
                 let state = if start.is_some() { TrackState::Tracking } else { TrackState::Lost };
                 // The field of a known shape is the shape itself.
                 let pose = start.map_or_else(Isometry::identity, |start| Isometry::new(start.untyped()));
@@ -410,6 +424,9 @@ impl Slam {
             self.tracker.reset();
         }
         self.push(scan, start);
+        if self.state == TrackState::Tracking && self.config.tracker.colour_weight > 0.0 {
+            self.tracker.compare_colours(self.knowledge.reference(), &|pose| self.knowledge.alike(pose));
+        }
         let mut rng = self.generator(3);
         let (tracker, reference) = (&mut self.tracker, self.knowledge.reference());
         if self.confidence < self.config.trust.learn_above
@@ -467,7 +484,13 @@ impl Slam {
 
     fn learn(&mut self, scan: &Arc<Scan>) -> Learnt {
         let mut rng = self.generator(2);
-        let Knowledge::Growing(map) = &mut self.knowledge else { return Learnt::default() };
+        let map = match &mut self.knowledge {
+            Knowledge::Growing(map) => map,
+            Knowledge::Known(given) => {
+                earlier::keep(&mut given.views, scan, self.pose);
+                return Learnt::default();
+            }
+        };
         let learnt = map.learn(scan, self.pose, &mut rng);
         if let Some(correction) = &learnt.correction {
             self.tracker.rebase(correction);
@@ -529,7 +552,7 @@ mod tests {
             origin,
             hits: (0..=50).map(|k| hit(0.08 + 0.001 * k as f32)).collect(),
             misses: Vec::new(),
-            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None },
+            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None, picture: None },
         };
         let scan = Scan { frame: 0, time_s: 0.0, obstacles: Vec::new(), views: vec![view] };
         let support = f64::from(palm);

@@ -1,6 +1,8 @@
 //! Where the object is: a sliding window of poses, solved jointly against the shape.
 
 pub mod assess;
+mod colour;
+mod contact;
 pub(crate) mod icp;
 pub mod relocalise;
 pub(crate) mod system;
@@ -13,12 +15,15 @@ use mvt_frames::{Field, Isometry, Occupied, World};
 use mvt_settings::settings;
 use nalgebra as na;
 
-use crate::scan::{Detail, Scan, View};
+use crate::earlier::EarlierView;
+use crate::scan::{Detail, Scan};
+use colour::{Pair, Tie};
+use contact::{PressedPad, pressed_pad};
 use icp::Posed;
 use mvt_field::shape::{Distance, Shape};
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
-use system::{Block, Loss, System, along, surface, velocity};
+use system::{Block, Loss, System, surface, velocity};
 
 /// A shape to track against.
 pub trait Reference: Shape {
@@ -55,6 +60,8 @@ settings! {
         pub free_space_weight: f64 = 1.0, 0.0..=1e6;
         /// Weight of the factor: the surface of each frame lies on the surface of the frame before.
         pub icp_weight: f64 = 1.0, 0.0..=1e6;
+        /// Weight of the factor: places of the surface keep their colours, from frame to frame and since earlier views of the same side.
+        pub colour_weight: f64 = 1.0, 0.0..=1e6;
         /// Weight of the factor: the object keeps its velocity.
         pub velocity_weight: f64 = 1.0, 0.0..=1e6;
         /// Weight of the factor: a pad carries the surface that it touches.
@@ -63,6 +70,10 @@ settings! {
         pub penetration_weight: f64 = 1.0, 0.0..=1e6;
         /// Points of a camera image with independent errors: neighbours share noise, and all points share the calibration.
         pub camera_independent: f64 = 200.0, 1e-3..=1e6;
+        /// Places in a colour image with independent errors.
+        pub colour_independent: f64 = 30.0, 1e-3..=1e6;
+        /// Standard deviation of the place at which a colour image shows a point, pixels.
+        pub colour_sigma_px: f64 = 0.4, 1e-3..=100.0;
         /// Points of a touch image with independent errors.
         pub touch_independent: f64 = 6.0, 1e-3..=1e6;
         /// Part of the velocity that is kept from frame to frame. An object in a hand soon comes to rest.
@@ -100,16 +111,6 @@ struct Vacant {
     share: f64,
 }
 
-/// A pad that touches: which one, where it is, where its contact is, and which way its gel faces.
-#[derive(Debug, Clone, Copy)]
-struct PressedPad {
-    index: usize,
-    world_from_pad: na::Isometry3<f64>,
-    contact: na::Point3<f64>,
-    normal: na::Vector3<f64>,
-    pressed_px: usize,
-}
-
 /// One frame of the window.
 #[derive(Debug, Clone)]
 struct Instant {
@@ -122,6 +123,8 @@ struct Instant {
     passed: Vec<Vacant>,
     /// In the order of the touch sensors.
     pads: Vec<PressedPad>,
+    /// Places that earlier frames show, too.
+    ties: Vec<Tie>,
 }
 
 impl Instant {
@@ -179,6 +182,8 @@ const HAND_SIGMA_M: f32 = 0.001;
 const OCCUPIED_REACH_M: f32 = 0.008;
 /// Points of the hand used per frame, the nearest.
 const OCCUPIED_POINTS: usize = 150;
+/// Colours are not believed if the motion on which they agree takes the measured points so much farther from the surface.
+const WORSE_SIGMAS: f64 = 0.5;
 /// Points matched from frame to frame.
 const ICP_POINTS: usize = 200;
 
@@ -205,6 +210,7 @@ impl Tracker {
     pub fn rebase(&mut self, correction: &na::Isometry3<f64>) {
         for instant in &mut self.window {
             instant.pose *= correction;
+            instant.ties.iter_mut().for_each(|tie| tie.rebase(correction));
         }
     }
 
@@ -283,7 +289,50 @@ impl Tracker {
             sigma_m: HAND_SIGMA_M,
             share: 0.2,
         }));
-        Instant { scan, pose, measured, occupied: vacant, passed: Vec::new(), pads }
+        Instant { scan, pose, measured, occupied: vacant, passed: Vec::new(), pads, ties: Vec::new() }
+    }
+
+    /// Compares the colours of the newest frame with those of the frame before and of earlier views. If they agree on a motion, and depth
+    /// does not speak against it, the frame is moved.
+    pub(crate) fn compare_colours(
+        &mut self,
+        shape: &dyn Reference,
+        alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>,
+    ) {
+        let median = self.median_residual(shape);
+        let before = self.window.iter().rev().nth(1).map(|before| (before.scan.as_ref(), before.pose));
+        let Some(newest) = self.window.back() else { return };
+        let start = newest.pose;
+        let pair = Pair { now: &newest.scan, before, sigma_px: self.config.colour_sigma_px };
+        let Some((pose, ties)) = pair.follow(&start, alike) else { return };
+        let Some(newest) = self.window.back_mut() else { return };
+        (newest.pose, newest.ties) = (pose, ties);
+        if self.median_residual(shape) > median + WORSE_SIGMAS
+            && let Some(newest) = self.window.back_mut()
+        {
+            newest.pose = start;
+            newest.ties.clear();
+        }
+    }
+
+    /// The information of the colours of earlier views about the newest pose.
+    fn colour_information(&self) -> na::Matrix6<f64> {
+        let Some(newest) = self.window.back() else { return na::Matrix6::zeros() };
+        let independent = self.config.colour_independent * self.config.colour_weight;
+        newest.ties.iter().map(|tie| tie.information(&newest.pose, independent)).sum()
+    }
+
+    fn add_colours(
+        &self,
+        system: &mut System,
+        before: Option<(Option<usize>, &Instant)>,
+        now: (Option<usize>, &Instant),
+    ) {
+        let independent = self.config.colour_independent * self.config.colour_weight;
+        let before = before.map_or((None, &now.1.pose), |(index, before)| (index, &before.pose));
+        for tie in &now.1.ties {
+            tie.add(system, before, (now.0, &now.1.pose), independent);
+        }
     }
 
     /// Number of held poses at the front of the window.
@@ -455,8 +504,9 @@ impl Tracker {
                     }
                 }
             }
-            if k > 0 {
-                let before = &self.window[k - 1];
+            let before = k.checked_sub(1).and_then(|k| self.window.get(k));
+            self.add_colours(&mut system, before.map(|before| (index(k - 1), before)), (index(k), instant));
+            if let Some(before) = before {
                 self.add_contacts(&mut system, (index(k - 1), before), (index(k), instant));
                 if config.icp_weight > 0.0 {
                     let share = 0.25 * config.camera_independent * config.icp_weight;
@@ -479,28 +529,6 @@ impl Tracker {
         }
         system
     }
-
-    /// A pad that touches in both frames carries the touched surface with it, but for slip.
-    fn add_contacts(&self, system: &mut System, a: (Option<usize>, &Instant), b: (Option<usize>, &Instant)) {
-        if self.config.contact_weight == 0.0 {
-            return;
-        }
-        for pad in &a.1.pads {
-            let Some(after) = b.1.pads.iter().find(|after| after.index == pad.index) else { continue };
-            let (still, changing) = (self.config.slip_still_sigma_m, self.config.slip_changing_sigma_m);
-            let s = 1.0 / (still + changing * change(pad.pressed_px, after.pressed_px));
-            let carried = after.world_from_pad * (pad.world_from_pad.inverse() * pad.contact);
-            let material = a.1.pose.inverse() * pad.contact;
-            let now = b.1.pose * material;
-            let across = pad.normal.cross(&least_axis(pad.normal)).normalize();
-            for direction in [across, pad.normal.cross(&across)] {
-                let inside = b.1.pose.rotation.inverse() * direction;
-                let j = along(inside, material.coords) * s;
-                let r = direction.dot(&(now - carried)) * s;
-                system.add(r, &[(b.0, j), (a.0, -j)], self.config.contact_weight, Loss::Cauchy(ROBUST_SIGMAS));
-            }
-        }
-    }
 }
 
 /// The farthest that a step may move and turn a pose, metres and radians: what nothing measures may not carry an object away.
@@ -515,40 +543,6 @@ fn is_modest(step: &na::DVector<f64>) -> bool {
 const GEL_SIGMA_M: f32 = 0.0003;
 /// Half the diagonal of the largest object that a hand turns, metres.
 const REACH_M: f32 = 0.1;
-/// Touched pixels below which a contact has no place, as of a sample of some hundred.
-const PAD_HITS: usize = 10;
-
-fn pressed_pad(view: &View) -> Option<PressedPad> {
-    let Detail::Touch { index, pad: Some(pad) } = view.detail else { return None };
-    if view.hits.len() < PAD_HITS {
-        return None;
-    }
-    let n = view.hits.len() as f32;
-    let contact = view.hits.iter().map(|hit| view.point(hit)).sum::<Vec3>() / n;
-    let normal = view.hits.iter().map(|hit| hit.normal).sum::<Vec3>().try_normalize()?;
-    Some(PressedPad {
-        index,
-        world_from_pad: pad.world_from_pad.untyped(),
-        contact: to_na(contact).into(),
-        normal: to_na(normal),
-        pressed_px: pad.pressed_px,
-    })
-}
-
-/// Pixels by which a pressed area changes without slip.
-const CHANGE_PX: f64 = 200.0;
-
-/// How much a pressed area changed, from 0 to 1: one that stays the same sticks, one that grows, shrinks or is small slips.
-fn change(before_px: usize, after_px: usize) -> f64 {
-    (before_px.abs_diff(after_px) as f64 + CHANGE_PX) / ((before_px + after_px) as f64 + CHANGE_PX)
-}
-
-fn least_axis(v: na::Vector3<f64>) -> na::Vector3<f64> {
-    let mut axis = na::Vector3::zeros();
-    axis[v.iamin()] = 1.0;
-    axis
-}
-
 fn sigma(shape: &dyn Reference, measured_m: f32) -> f32 {
     shape.sigma_m().hypot(measured_m)
 }

@@ -47,6 +47,7 @@ fn percept(label: Label, depth_m: f32) -> Percept {
         world_from_camera: camera.pose,
         depth_m: Array2::from_elem(size, depth_m),
         labels: Array2::from_elem(size, label),
+        colour: None,
     };
     Percept { time_s: 0.0, joints: [0.0; 16], cameras: vec![Some(depth)], touch: PerFinger::default() }
 }

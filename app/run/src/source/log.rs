@@ -46,6 +46,8 @@ pub struct LogSource {
     object_from_log: Isometry<Object, Object>,
     /// Whether the pictures of a frame, by its number, are wanted.
     wants_pictures: fn(u64) -> bool,
+    /// Whether the estimation uses the colours of the cameras, so that those of all frames are read.
+    uses_colours: bool,
     told: HashSet<(Option<LogSensor>, Discriminant<FrameDefect>)>,
     warnings: Vec<String>,
 }
@@ -130,6 +132,7 @@ impl LogSource {
             object_from_log: Isometry::identity(),
             gel: GelView::tacto().clone(),
             wants_pictures: |_| true,
+            uses_colours: true,
             told: HashSet::new(),
             warnings,
         })
@@ -140,9 +143,10 @@ impl LogSource {
         self.gel = profile.gel_view();
     }
 
-    /// Reads pictures only of frames whose number satisfies `wanted`; without this call, of all.
-    pub fn limit_pictures(&mut self, wanted: fn(u64) -> bool) {
-        self.wants_pictures = wanted;
+    /// Reads pictures only of frames whose number satisfies `wanted`; without this call, of all. The colours of cameras are read for
+    /// all frames if the estimation `uses_colours`.
+    pub fn limit_pictures(&mut self, wanted: fn(u64) -> bool, uses_colours: bool) {
+        (self.wants_pictures, self.uses_colours) = (wanted, uses_colours);
     }
 
     /// Starts from a calibration that was measured before, in place of the given one.
@@ -206,7 +210,7 @@ impl LogSource {
         &self.cameras
     }
 
-    /// Images of a frame for recordings; `touch` are its touch images if they were read already. An image that cannot be read is left
+    /// Touch images of a frame for recordings; `touch` are those that were read already, if any. An image that cannot be read is left
     /// out: nothing depends on it.
     fn pictures(&self, number: u32, touch: PerFinger<RgbImage>) -> Pictures {
         if !(self.wants_pictures)(u64::from(number)) {
@@ -215,7 +219,6 @@ impl LogSource {
         let (log, index) = (self.log(), number as usize);
         let is_felt = self.network.is_some();
         Pictures {
-            cameras: self.chosen.iter().map(|&k| log.colour(k, index).unwrap_or_default()).collect(),
             touch: match is_felt {
                 true => touch,
                 false => PerFinger::from_fn(|finger| log.touch_image(finger, index).unwrap_or_default()),
@@ -269,8 +272,13 @@ impl LogSource {
         }
         let Calibrated { joints, cameras, warnings, .. } = calibrated;
         self.warnings.extend(warnings);
-        let percept = percept(frame.time_s, joints, depths_m, touch, &cameras, side, &self.segmentation)
+        let mut percept = percept(frame.time_s, joints, depths_m, touch, &cameras, side, &self.segmentation)
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
+        if self.uses_colours || (self.wants_pictures)(u64::from(number)) {
+            // An image that cannot be read is left out.
+            let colour = |&k: &usize| self.log().colour(k, number as usize).unwrap_or_default();
+            percept.set_colours(self.chosen.iter().map(colour));
+        }
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;

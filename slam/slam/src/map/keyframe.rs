@@ -43,7 +43,7 @@ impl Keyframe {
     }
 
     /// The measured rays, shared.
-    pub(super) fn shared_scan(&self) -> Arc<Scan> {
+    pub(crate) fn shared_scan(&self) -> Arc<Scan> {
         Arc::clone(&self.scan)
     }
 

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Isometry, World};
+use nalgebra as na;
 use ndarray::Array2;
 
 use super::{Hit, NORMAL_REACH_PX, NORMAL_STEP_M};
@@ -61,8 +62,23 @@ impl Lens {
         self.rotation * down.cross(right).normalize_or_zero()
     }
 
+    /// The pixel at which a point of the world is seen, and the slopes of its column and row over the point, pixels per metre; `None`
+    /// behind the camera.
+    pub fn project_with_slopes(&self, point: na::Vector3<f64>) -> Option<(na::Vector2<f64>, [na::Vector3<f64>; 2])> {
+        let axes = na::Matrix3::from_fn(|row, column| f64::from(self.rotation.col(column)[row]));
+        let origin = na::Vector3::from(self.origin.to_array().map(f64::from));
+        let p = axes.transpose() * (point - origin);
+        let depth = -p.z;
+        let [fx, fy] = self.focal.map(f64::from);
+        let [x, y] = [p.x / depth, -p.y / depth];
+        let pixel = na::Vector2::new(f64::from(self.centre[0]) + fx * x, f64::from(self.centre[1]) + fy * y);
+        let slope = |f: f64, along: na::Vector3<f64>| axes * (along * (f / depth));
+        (depth > 0.0)
+            .then(|| (pixel, [slope(fx, na::Vector3::new(1.0, 0.0, x)), slope(fy, na::Vector3::new(0.0, -1.0, y))]))
+    }
+
     /// The pixel (u, v) at which a point of the world is seen; `None` behind the camera.
-    fn project(&self, point: Vec3) -> Option<(f32, f32)> {
+    pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
         let p = self.rotation.transpose() * glam::Vec3A::from(point - self.origin);
         let depth = -p.z;
         (depth > 0.0)

@@ -36,8 +36,8 @@ const NORMAL_SIGMA_RAD: f64 = 0.1;
 const PRIOR: [f64; 2] = [0.02, 0.5];
 
 impl Tracker {
-    /// The variance of the newest pose against the shape: the inverse of the information of its points, J J^T of each distance,
-    /// weighted as in the solver.
+    /// The variance of the newest pose against the shape: the inverse of the information of its points, J J^T of each distance, and of
+    /// the places whose colours earlier views show, weighted as in the solver.
     pub(crate) fn variance(&self, shape: &dyn Reference) -> Variance {
         let mut information = na::Matrix6::<f64>::zeros();
         // The information that wrong normals alone would give. An object of revolution does not tell its rotation, but a learnt one seems to.
@@ -57,6 +57,10 @@ impl Tracker {
                 spurious += weight * NORMAL_SIGMA_RAD.powi(2) * by_normal * by_normal.transpose();
             }
         }
+        let mut lever = na::Vector6::repeat(1.0);
+        lever.fixed_rows_mut::<3>(3).fill(1.0 / LEVER_M);
+        let lever = na::Matrix6::from_diagonal(&lever);
+        information += lever * self.colour_information() * lever;
         let largest = |information: na::Matrix6<f64>, at: usize| {
             let covariance = covariance(information);
             covariance.fixed_view::<3, 3>(at, at).into_owned().symmetric_eigenvalues().max()

@@ -73,6 +73,28 @@ impl System {
         }
     }
 
+    /// Adds residuals that depend on how two poses differ: `hessian` and `gradient` are those by the first pose, and a disturbance of
+    /// the second has the opposite effect.
+    pub fn add_relative(
+        &mut self,
+        cost: f64,
+        hessian: &na::Matrix6<f64>,
+        gradient: &Twist,
+        [first, second]: [Option<usize>; 2],
+    ) {
+        self.cost += cost;
+        for (a, sign) in [(first, 1.0), (second, -1.0)] {
+            let Some(a) = a else { continue };
+            let mut rows = self.gradient.fixed_rows_mut::<6>(6 * a);
+            rows += sign * gradient;
+            for (b, other) in [(first, 1.0), (second, -1.0)] {
+                let Some(b) = b else { continue };
+                let mut block = self.hessian.fixed_view_mut::<6, 6>(6 * a, 6 * b);
+                block += sign * other * hessian;
+            }
+        }
+    }
+
     /// The step of Levenberg and Marquardt with this damping, relative to the diagonal; `None` if it has none.
     pub fn step(&self, damping: f64) -> Option<na::DVector<f64>> {
         let mut damped = self.hessian.clone();

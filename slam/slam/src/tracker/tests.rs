@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::scan;
-use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, camera, feel, frame, pose, see, seen};
+use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, blotches, camera, feel, frame, pose, see, seen, seen_painted};
 use mvt_frames::depth::TouchDepth;
 
 /// A ball away from the origin, so that turns move it, with distances that have no grid.
@@ -47,6 +47,7 @@ fn nothing() -> TrackerConfig {
         touch_weight: 0.0,
         free_space_weight: 0.0,
         icp_weight: 0.0,
+        colour_weight: 0.0,
         velocity_weight: 0.0,
         contact_weight: 0.0,
         penetration_weight: 0.0,
@@ -125,6 +126,30 @@ fn surface_residuals() {
     {
         check(tracker(config, Solid::Ball(0.03), &BALL, &[]), &BALL, 1.0, 0.01);
     }
+}
+
+#[test]
+fn colour_residuals() {
+    let solid = Solid::Ball(0.03);
+    let shape = Ball { centre: Vec3::ZERO, radius: 0.03 };
+    let mut tracker = Tracker::new(TrackerConfig { colour_weight: 1.3, ..nothing() });
+    let mut earlier = Vec::new();
+    for (k, at) in poses(5).into_iter().enumerate() {
+        let sensed = seen_painted(k, solid, at, blotches);
+        let scan = Arc::new(Scan::new(k, &sensed.measured(), &scan::ScanConfig::default(), 1));
+        tracker.push(&shape, Arc::clone(&scan), at, std::iter::empty());
+        tracker.compare_colours(&shape, &|_| earlier.clone());
+        if k == 0 {
+            earlier.push(EarlierView { scan, pose: at });
+        }
+    }
+    for (k, instant) in tracker.window.iter_mut().enumerate() {
+        let k = k as f64;
+        instant.pose *= se3::exp(&Twist::new(0.0007, -0.0004 * k, 0.0006, 0.005 * k, 0.01, -0.01));
+    }
+    // The frame before and the first.
+    assert!(tracker.window.iter().skip(2).all(|instant| instant.ties.iter().filter(|tie| tie.len() > 30).count() == 2));
+    check(tracker, &shape, 1.0, 1e-3);
 }
 
 #[test]

@@ -6,6 +6,7 @@ use super::Measurement;
 use glam::Vec3;
 use mvt_frames::camera::{Intrinsics, look_at};
 use mvt_frames::depth::{CameraDepth, Label, TouchDepth};
+use mvt_frames::image::{Rgb, RgbImage};
 use mvt_frames::{Camera, Field, Frame, Isometry, Object, Obstacle, Point, Vector, World};
 use mvt_mesh::SignedDistance;
 use nalgebra as na;
@@ -134,7 +135,55 @@ pub fn see<F: Frame>(
         depth_m[(v, u)] = depth as f32;
         labels[(v, u)] = Label::Object;
     });
-    CameraDepth { intrinsics, world_from_camera, depth_m, labels }
+    CameraDepth { intrinsics, world_from_camera, depth_m, labels, colour: None }
+}
+
+/// Direction from which the light comes that stays where it is while solids turn.
+const LIGHT: [f64; 3] = [0.5, 0.35, 0.8];
+
+/// Adds what a colour camera sees of the solid: `paint` is the brightness of a place of its surface, 0 to 1, in the solid's frame. A
+/// lamp that stands still and the solid's normals shade it.
+pub fn painted<F: Frame>(
+    mut image: CameraDepth,
+    solid: Solid,
+    pose: Isometry<F, World>,
+    paint: impl Fn(na::Vector3<f64>) -> f64,
+) -> CameraDepth {
+    const STEP_M: f64 = 1e-6;
+    let solid_from_camera = pose.inverse() * image.world_from_camera;
+    let light = pose.untyped().rotation.inverse() * na::Vector3::from(LIGHT).normalize();
+    let (width, height) = (image.intrinsics.width as u32, image.intrinsics.height as u32);
+    image.colour = Some(RgbImage::from_fn(width, height, |u, v| {
+        let depth = image.depth_m[(v as usize, u as usize)];
+        if depth <= 0.0 {
+            return Rgb([170; 3]);
+        }
+        let p = solid_from_camera * image.intrinsics.unproject(f64::from(u), f64::from(v), f64::from(depth));
+        let p = p.coords();
+        let normal = na::Vector3::from_fn(|i, _| {
+            let step = na::Vector3::ith(i, STEP_M);
+            (solid.distance(p + step) - solid.distance(p - step)) / (2.0 * STEP_M)
+        });
+        let shade = 0.35 + 0.65 * normal.dot(&light).max(0.0);
+        Rgb([(255.0 * (paint(p) * shade).clamp(0.0, 1.0)).round() as u8; 3])
+    }));
+    image
+}
+
+/// Blotches of some millimetres.
+pub fn blotches(p: na::Vector3<f64>) -> f64 {
+    let wave = |x: f64, y: f64, z: f64| (310.0 * x + 1.0).sin() * (260.0 * y + 2.0).sin() + (290.0 * z + 0.5).sin();
+    0.5 + 0.2 * wave(p.x, p.y, p.z) + 0.1 * wave(1.7 * p.y, 1.9 * p.z, 1.8 * p.x)
+}
+
+/// The `k`-th frame at 30 Hz of a painted solid before [`camera`].
+pub fn seen_painted<F: Frame>(
+    k: usize,
+    solid: Solid,
+    pose: Isometry<F, World>,
+    paint: impl Fn(na::Vector3<f64>) -> f64,
+) -> Sensed {
+    frame(k as f64 / 30.0, vec![Some(painted(see(solid, pose, camera()), solid, pose, paint))])
 }
 
 /// Depth of the flat gel of a synthetic DIGIT, metres.

@@ -154,12 +154,12 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
                 world_from_camera: camera.pose,
                 depth_m: depth,
                 labels,
+                colour: Some(colour),
             })],
             touch: PerFinger::from_fn(|finger| Some(touch(finger))),
         },
         truth: row.truth,
         pictures: Pictures {
-            cameras: vec![colour],
             touch: PerFinger::from_fn(image),
             true_touch_m: PerFinger::default(),
             forces_n: Some(PerFinger::from_fn(|finger| if touches && finger == Finger::Index { 1.4 } else { 0.0 })),
