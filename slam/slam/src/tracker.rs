@@ -329,7 +329,7 @@ impl Tracker {
         now: (Option<usize>, &Instant),
     ) {
         let independent = self.config.colour_independent * self.config.colour_weight;
-        let before = before.map_or((None, &now.1.pose), |(index, before)| (index, &before.pose));
+        let before = before.map(|(index, before)| (index, &before.pose));
         for tie in &now.1.ties {
             tie.add(system, before, (now.0, &now.1.pose), independent);
         }

@@ -87,14 +87,16 @@ impl Tie {
         if self.is_before { before.inverse() * found.place } else { found.place }
     }
 
-    /// Adds the residuals; `before` is the frame before with its index.
+    /// Adds the residuals; `before` is the frame before with its index, if it is still there.
     pub fn add(
         &self,
         system: &mut System,
-        before: (Option<usize>, &na::Isometry3<f64>),
+        before: Option<(Option<usize>, &na::Isometry3<f64>)>,
         now: (Option<usize>, &na::Isometry3<f64>),
         independent: f64,
     ) {
+        // The pose of a held view stands in its places.
+        let Some(before) = before.or((!self.is_before).then_some((None, now.1))) else { return };
         let earlier = if self.is_before { before.0 } else { None };
         let sum = self.sum(before.1, now.1, 1.0);
         let share = self.share(independent);
