@@ -103,8 +103,8 @@ mod tests {
         ] {
             assert!((found - drawn).abs() < 1e-4, "{exact:?}");
         }
-        for wrong in [7, 30] {
-            motions[wrong].1[0] += 0.7;
+        for wrong in [27, 28, 36, 44] {
+            motions[wrong].1[0] += 0.9;
         }
         let robust = fit(&motions, centre_mm, &pressed);
         let [x, y] = robust.shear.displacement_mm;
