@@ -167,7 +167,7 @@ fn what_is_no_image_of_a_sensor_is_refused() {
     std::fs::create_dir(workplace.path("empty")).unwrap();
     assert!(error("--images empty").contains("no image"));
     assert!(error("--images in in/000_img.png").contains("named \"000\""));
-    assert!(error("--images in --profile digitt").contains("choose digit, gelsight_mini or tacto"));
+    assert!(error("--images in --profile digitt").contains("choose digit, digit_markers, gelsight_mini"));
     // The shipped weights would take light from the right for light from above.
     assert!(error("--images in --profile gelsight_mini").contains("no weights are shipped"));
     GrayImage::new(240, 320).save(workplace.path("grey.png")).unwrap();

@@ -61,8 +61,8 @@ fn shear_is_read_and_drawn() {
         assert_eq!(picture.dimensions(), (480, 640));
         drawn_px.push(drawn);
     }
-    // Dilation alone moves few dots.
-    assert!(drawn_px[1] > 300 && drawn_px[1] > 2 * drawn_px[0], "{drawn_px:?} pixels of arrows");
+    // Dilation alone moves the dots around the contact less.
+    assert!(drawn_px[1] > 300 && 2 * drawn_px[1] > 3 * drawn_px[0], "{drawn_px:?} pixels of arrows");
     // A sensor without dots has no such figures.
     assert_eq!(plain[0].get("shear_right_mm"), None);
     assert!(!workplace.path("plain/0_shear.png").exists());

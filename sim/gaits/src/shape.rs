@@ -86,7 +86,7 @@ struct Special {
 }
 
 /// Limits around the objects that each of these controllers was made for.
-const SPECIALS: [Special; 18] = [
+const SPECIALS: [Special; 17] = [
     Special {
         controller: "turn_disc",
         length_mm: 75.0..100.0,
@@ -195,7 +195,6 @@ const SPECIALS: [Special; 18] = [
         height_mm: 73.0..78.0,
         fill: 0.64..0.68,
     },
-    Special { controller: "shared", length_mm: 65.0..71.0, elongation: 1.1, height_mm: 98.0..106.0, fill: 0.74..0.8 },
 ];
 
 impl ObjectShape {
