@@ -186,9 +186,10 @@ impl Slam {
             };
             let has_vision = self.modality.has_vision();
             let depths_m = if has_vision { frame.depths_m.iter().cloned().map(Some).collect() } else { Vec::new() };
-            let percept =
+            let mut percept =
                 percept(frame.time_s, frame.joints, depths_m, touch, &self.cameras, self.side, &self.segmentation)
                     .map_err(argument)?;
+            percept.set_colours(frame.colours.iter().cloned());
             let input = Input::new(self.side, &percept, GelView::tacto());
             let scan = estimator.scan(&input.measured(&percept, self.modality));
             Ok(Estimate(estimator.step(&scan, None)))
