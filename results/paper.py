@@ -10,6 +10,8 @@ import json
 import sys
 from pathlib import Path
 
+from paper_trainings import table
+
 RESULTS = Path(__file__).resolve().parent
 NETWORKS = ("vit", "mamba", "robust_mamba", "default")
 MISSING = "not measured"
@@ -40,12 +42,6 @@ def tables(name):
     return found
 
 
-def written(header, rows):
-    """Returns a table as text."""
-    lines = [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
-    return "\n".join(lines + [f"| {' | '.join(map(str, row))} |" for row in rows]) + "\n"
-
-
 def main():
     out = Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
@@ -59,7 +55,7 @@ def main():
     text = []
 
     def section(title, words, header, rows):
-        text.append(f"## {title}\n\n{words}\n\n{written(header, rows)}")
+        text.append(f"## {title}\n\n{words}\n\n{table(header, rows)}")
 
     def stored(identity, digits=0):
         return f"{values[identity]:.{digits}f}" if identity in values else MISSING
@@ -132,7 +128,7 @@ def main():
         list(seeds[0]),
         [row.values() for row in seeds],
     )
-    text.append(written([key.removesuffix(" 2") for key in over_steps[0]], [row.values() for row in over_steps]))
+    text.append(table([key.removesuffix(" 2") for key in over_steps[0]], [row.values() for row in over_steps]))
     section(
         "Learning rates",
         "The paper announces a sweep; all its logs have 1e-5 or 1e-4. Ours: the same trainings, one seed.",

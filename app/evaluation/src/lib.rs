@@ -128,11 +128,12 @@ pub struct EvaluateArguments {
 const FULL: &str = "full";
 
 /// Settings that are 0 in an ablation.
-const FACTORS: [&str; 14] = [
+const FACTORS: [&str; 15] = [
     "slam.tracker.camera_weight",
     "slam.tracker.touch_weight",
     "slam.tracker.free_space_weight",
     "slam.tracker.icp_weight",
+    "slam.tracker.colour_weight",
     "slam.tracker.velocity_weight",
     "slam.tracker.contact_weight",
     "slam.tracker.penetration_weight",
@@ -150,6 +151,7 @@ fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
     match factor {
         "slam.tracker.camera_weight"
         | "slam.tracker.icp_weight"
+        | "slam.tracker.colour_weight"
         | "slam.tracker.free_space_weight"
         | "slam.tracker.outline_points" => mode != Mode::Map && modality.has_vision(),
         "slam.tracker.touch_weight" | "slam.tracker.contact_weight" => mode != Mode::Map && modality.has_touch(),

@@ -236,7 +236,7 @@ mod tests {
         let (mut harness, view) = bench();
         harness.run();
         assert!(shows(&harness, "Waiting for /dev/video0"));
-        // Nobody takes the first two.
+        // The window does not take the first two.
         for (level, area) in [(10, "1.0 mm²"), (20, "2.0 mm²"), (30, "3.0 mm²")] {
             view.show(frame(level, area));
         }
