@@ -43,6 +43,11 @@ settings! {
         /// If half of the points are farther than this from the surface at the predicted pose, in standard deviations, the tracker also
         /// tries poses around it.
         pub jerk_sigmas: f64 = 2.0, 0.1..=1e6;
+        /// A confidence that is lower than usual by more than this is a surprise: poses farther away are tried, and no frame trains the field
+        /// until one agrees as usual.
+        pub surprise_confidence: f64 = 0.05, 0.0..=1.0;
+        /// After this many surprising frames in a row they are the usual ones.
+        pub surprised_for: usize = 20, 0..=1_000_000;
         /// While the object is lost, a search runs every Nth frame.
         pub search_every: usize = 3, 1..=1_000_000;
     }

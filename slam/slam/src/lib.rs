@@ -30,6 +30,7 @@
 //!
 //! Nothing here knows of a simulator, of networks that see, of a hand, or of the true pose.
 
+mod agreement;
 mod config;
 mod deviation;
 mod earlier;

@@ -103,8 +103,8 @@ pub struct Map {
     keyframes: Vec<Keyframe>,
     /// Motions between keyframes as loops measured them.
     loops: Vec<Edge>,
-    /// Cells that are taken for the inside.
-    inside: Vec<Unseen>,
+    /// Cells that no sensor has seen, with what they are taken for.
+    unseen: Vec<Unseen>,
     obstacles: Obstacles,
     samples: Vec<Sample>,
     /// The pose of the first keyframe as it came.
@@ -151,7 +151,7 @@ impl Map {
             trainer,
             keyframes: Vec::new(),
             loops: Vec::new(),
-            inside: Vec::new(),
+            unseen: Vec::new(),
             obstacles,
             samples: Vec::new(),
             first_pose: None,
@@ -248,7 +248,7 @@ impl Map {
 
     fn take_in(&mut self, keyframe: &Keyframe) {
         self.add_to_space(keyframe);
-        self.inside = self.space.unseen_inside();
+        self.unseen = self.space.unseen();
     }
 
     fn add_to_space(&mut self, keyframe: &Keyframe) {

@@ -13,6 +13,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::agreement::Agreement;
 use crate::config::SlamConfig;
 use crate::deviation::{Deviation, Drift, Variance};
 use crate::earlier::{self, EarlierView};
@@ -20,6 +21,7 @@ use crate::map::{BoxChange, Keyframe, Learnt, Map};
 use crate::obstacles::Obstacles;
 use crate::scan::{Measurement, Scan};
 use crate::tracker::assess::Assessment;
+use crate::tracker::relocalise::Reach;
 use crate::tracker::{self, Reference, Tracker};
 use mvt_settings::SettingError;
 
@@ -119,6 +121,8 @@ struct Given {
 const GIVEN_SIGMA_M: f32 = 0.0001;
 /// While the shape grows, the tracker uses every Nth of the points inside obstacles: the map needs them dense, the tracker does not.
 const OBSTACLE_STRIDE: usize = 8;
+/// Another pose takes the place of the one that was followed if the part of the measurements that agrees is larger by this.
+const BETTER: f64 = 0.03;
 /// The middle of an object lies about so far behind its visible surface, metres.
 const BEHIND_SURFACE_M: f32 = 0.015;
 
@@ -152,6 +156,7 @@ pub struct Slam {
     doubts: usize,
     /// Of the frame before.
     confidence: f64,
+    agreement: Agreement,
     drift: Drift,
     frame: usize,
     last_search: usize,
@@ -261,6 +266,7 @@ impl SlamBuilder {
             pose,
             doubts: 0,
             confidence: 1.0,
+            agreement: Agreement::new(),
             drift,
             frame: 0,
             last_search: 0,
@@ -353,7 +359,9 @@ impl Slam {
         let (pose, deviation) = (self.pose, is_tracking.then(|| self.drift.deviation(self.pose, own, confidence)));
         let track = begun.elapsed();
         let begun = Instant::now();
-        let is_trusted = is_tracking && confidence >= self.config.trust.learn_above;
+        let trust = &self.config.trust;
+        let is_usual = !is_tracking || self.agreement.take(confidence, trust.surprise_confidence, trust.surprised_for);
+        let is_trusted = is_tracking && is_usual && confidence >= trust.learn_above;
         let learnt = if is_trusted { self.learn(scan) } else { Learnt::default() };
         if learnt.keyframe {
             self.drift.learn(pose, own);
@@ -432,11 +440,18 @@ impl Slam {
         if self.confidence < self.config.trust.learn_above
             || tracker.median_residual(reference) > self.config.trust.jerk_sigmas
         {
-            tracker.look_around(reference, self.pose, &mut rng);
+            tracker.look_around(reference, self.pose, Reach::JERK, &mut rng);
         }
-        let Some(solution) = tracker.solve(reference) else { return 0.0 };
-        let Assessment { confidence, .. } = tracker.assess(reference);
+        let Some(mut solution) = tracker.solve(reference) else { return 0.0 };
+        let Assessment { mut confidence, .. } = tracker.assess(reference);
         let trust = self.config.trust.clone();
+        if self.state == TrackState::Tracking
+            && self.agreement.is_surprised_by(confidence, trust.surprise_confidence)
+            && let Some((other, other_solution, assessment)) = tracker.alternative(reference, self.pose, &mut rng)
+            && assessment.confidence > confidence + BETTER
+        {
+            (*tracker, solution, confidence) = (other, other_solution, assessment.confidence);
+        }
         if self.state == TrackState::Lost {
             return self.search(solution.pose(), confidence);
         }

@@ -1,6 +1,7 @@
 //! What is known of the space around an object: where surface was measured, what was looked through, and what is left.
 
 mod frontier;
+mod walls;
 
 use glam::{UVec3, Vec3};
 use mvt_frames::Occupied;
@@ -30,13 +31,33 @@ const CAVITY_REACH_M: f32 = 0.03;
 /// Cells that were looked through, so that a cavity counts: a cube of a centimetre.
 const LEAST_CAVITY: usize = 64;
 
-/// A cell that must be taken for the inside.
+/// A cell that no sensor has seen, within the hull of what was seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unseen {
     /// Its centre.
     pub centre: Vec3,
     /// How far below the hull of what was seen it lies, metres; negative little outside.
     pub depth_m: f32,
+    /// What it is taken for.
+    pub assumed: Assumed,
+}
+
+/// What an unseen cell is taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Assumed {
+    /// The inside of a solid object.
+    Inside,
+    /// The wall that closes an object with thin walls, such as the foot of a cup.
+    Wall,
+    /// The air in an object with thin walls.
+    Air,
+}
+
+impl Assumed {
+    /// Whether it belongs to the object.
+    pub fn is_object(self) -> bool {
+        self != Self::Air
+    }
 }
 
 /// Counts per cell of a cube around the origin of the model's frame.
@@ -146,7 +167,11 @@ impl Space {
 
     /// Whether a point was looked through, and no surface was seen near it.
     pub fn is_seen_empty(&self, p: Vec3) -> bool {
-        self.index(p).is_some_and(|i| self.passes[i] >= EMPTY && self.hits[i] == 0 && !self.near_surface[i])
+        self.index(p).is_some_and(|i| self.is_open_at(i))
+    }
+
+    fn is_open_at(&self, i: usize) -> bool {
+        self.passes[i] >= EMPTY && self.hits[i] == 0 && !self.near_surface[i]
     }
 
     /// Whether surface was seen at or beside a point.
@@ -154,36 +179,36 @@ impl Space {
         self.index(p).is_some_and(|i| self.near_surface[i])
     }
 
-    /// The cells that count as the inside: no surface was seen near them, no ray passed through them, they lie within the
-    /// hull of what was seen, and they do not continue a cavity.
-    pub fn unseen_inside(&self) -> Vec<Unseen> {
-        let mut inside = Vec::new();
-        let cavity = self.cavity();
-        for z in 0..CELLS {
-            for y in 0..CELLS {
-                for x in 0..CELLS {
-                    let cell = UVec3::new(x, y, z);
-                    let i = flatten(cell);
-                    if self.near_surface[i] || self.passes[i] >= EMPTY || cavity[i] {
-                        continue;
-                    }
-                    let centre = self.centre(cell);
-                    inside.extend(self.depth_m(centre).map(|depth_m| Unseen { centre, depth_m }));
-                }
+    /// The cells near which no surface was seen, through which no ray passed, and which lie within the hull of what was seen, with what they
+    /// are taken for. The inside, unless the object is hollow. Nothing is assumed of cells that continue a cavity of an object that may be solid.
+    pub fn unseen(&self) -> Vec<Unseen> {
+        let seen_cavity = self.seen_cavity();
+        let is_hollow = seen_cavity.len() >= LEAST_CAVITY;
+        let is_thin_walled = is_hollow && self.is_thin_walled(&seen_cavity);
+        let cavity = if is_hollow && !is_thin_walled { self.continued(seen_cavity) } else { Vec::new() };
+        let mut unseen = Vec::new();
+        for cell in cells() {
+            let i = flatten(cell);
+            if self.near_surface[i] || self.passes[i] >= EMPTY || cavity.get(i) == Some(&true) {
+                continue;
+            }
+            let centre = self.centre(cell);
+            if let Some(depth_m) = self.depth_m(centre) {
+                let assumed = match is_thin_walled {
+                    false => Assumed::Inside,
+                    true if self.closes_a_wall(centre) => Assumed::Wall,
+                    true => Assumed::Air,
+                };
+                unseen.push(Unseen { centre, depth_m, assumed });
             }
         }
-        inside
+        unseen
     }
 
-    /// Unseen cells that continue what was looked into: an object that is empty deep inside its hull is hollow, and where a cavity that is
-    /// seen in part ends is not known.
-    fn cavity(&self) -> Vec<bool> {
+    /// Whether each cell is unseen and continues what was looked into, `front`: where a cavity that is seen in part ends is not known.
+    fn continued(&self, mut front: Vec<UVec3>) -> Vec<bool> {
         let is_unknown = |i: usize| !self.near_surface[i] && self.passes[i] < EMPTY;
         let mut cavity = vec![false; self.passes.len()];
-        let mut front: Vec<UVec3> = cells().filter(|&cell| self.is_seen_cavity(cell)).collect();
-        if front.len() < LEAST_CAVITY {
-            return cavity;
-        }
         for _ in 0..(CAVITY_REACH_M / self.cell_m()) as usize {
             let mut next = Vec::new();
             for cell in front {
@@ -202,10 +227,7 @@ impl Space {
 
     /// Whether a cell deep below the hull of what was seen was looked through.
     fn is_seen_cavity(&self, cell: UVec3) -> bool {
-        let i = flatten(cell);
-        self.passes[i] >= EMPTY
-            && self.hits[i] == 0
-            && !self.near_surface[i]
+        self.is_open_at(flatten(cell))
             && self.depth_m(self.centre(cell)).is_some_and(|depth_m| depth_m > CAVITY_DEPTH_M)
     }
 
@@ -273,12 +295,15 @@ fn cells() -> impl Iterator<Item = UVec3> {
 
 /// The cells that share a face with a cell.
 fn neighbours(cell: UVec3) -> impl Iterator<Item = UVec3> {
-    (0..6).filter_map(move |side| {
-        let mut neighbour = cell;
-        let along = &mut neighbour[side / 2];
-        *along = if side % 2 == 0 { along.checked_sub(1)? } else { *along + 1 };
-        (*along < CELLS).then_some(neighbour)
-    })
+    (0..6).filter_map(move |side| neighbour(cell, side))
+}
+
+/// The cell beside a cell: at its lower and upper side along x, y and z.
+fn neighbour(cell: UVec3, side: usize) -> Option<UVec3> {
+    let mut neighbour = cell;
+    let along = &mut neighbour[side / 2];
+    *along = if side.is_multiple_of(2) { along.checked_sub(1)? } else { *along + 1 };
+    (*along < CELLS).then_some(neighbour)
 }
 
 fn flatten(cell: UVec3) -> usize {

@@ -95,7 +95,7 @@ impl Map {
         for (scan, pose) in keyframes {
             map.take_back(&Arc::new(scan), pose);
         }
-        map.inside = map.space.unseen_inside();
+        map.unseen = map.space.unseen();
         map.first_pose = map.keyframes.first().map(|first| Isometry::new(first.pose().untyped()));
         Ok(map)
     }

@@ -71,7 +71,7 @@ impl Map {
         for keyframe in kept {
             self.take_back(&keyframe.shared_scan(), keyframe.pose());
         }
-        self.inside = self.space.unseen_inside();
+        self.unseen = self.space.unseen();
         for _ in 0..self.config.first_steps {
             self.samples.clear();
             self.draw(current, rng);

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Keyframe, Map};
 use crate::scan::{Hit, View};
-use crate::space::clip;
+use crate::space::{Assumed, clip};
 use mvt_field::field::Sample;
 
 impl Map {
@@ -56,12 +56,13 @@ impl Map {
                     at_least: true,
                 })
             } else {
-                pick(&self.inside, rng).map(|unseen| {
+                pick(&self.unseen, rng).map(|unseen| {
                     let jitter = Vec3::from_array(std::array::from_fn(|_| uniform(rng) - 0.5));
                     let position = unseen.centre + jitter * self.space.resolution_m();
-                    let is_core = unseen.depth_m > config.core_depth_m;
-                    let weight = if is_core { config.core_weight } else { config.inside_weight };
-                    Sample { position, target: -1.0, weight, at_least: false }
+                    let is_shell = unseen.assumed == Assumed::Inside && unseen.depth_m <= config.core_depth_m;
+                    let weight = if is_shell { config.inside_weight } else { config.core_weight };
+                    let target = if unseen.assumed.is_object() { -1.0 } else { 1.0 };
+                    Sample { position, target, weight, at_least: false }
                 })
             };
             samples.extend(sample.filter(|s| s.position.abs().max_element() < half));

@@ -19,8 +19,9 @@ impl Space {
     /// Returns the surface that must lie somewhere and that no sensor has seen: the border between the unseen inside and the space outside.
     pub fn frontier(&self) -> Vec<FrontierPatch> {
         let mut inside = vec![false; self.passes.len()];
-        let unseen = self.unseen_inside();
-        let cells: Vec<UVec3> = unseen.iter().filter_map(|unseen| self.cell(unseen.centre)).collect();
+        let unseen = self.unseen();
+        let unseen_inside = unseen.iter().filter(|unseen| unseen.assumed.is_object());
+        let cells: Vec<UVec3> = unseen_inside.filter_map(|unseen| self.cell(unseen.centre)).collect();
         for &cell in &cells {
             inside[flatten(cell)] = true;
         }

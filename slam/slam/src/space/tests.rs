@@ -23,6 +23,11 @@ fn looked_at(solid: Solid, turns_deg: &[f64]) -> Space {
     space
 }
 
+/// The unseen cells that are taken for the object.
+fn inside(space: &Space) -> Vec<Unseen> {
+    space.unseen().into_iter().filter(|unseen| unseen.assumed.is_object()).collect()
+}
+
 /// Direction of the camera in the model's frame of an object that was not turned.
 fn to_camera() -> Vec3 {
     Vec3::new(0.06, 0.24, 0.247).normalize()
@@ -34,7 +39,7 @@ fn nothing_is_known_at_first() {
     assert_eq!(space.bounds(), None);
     assert_eq!(space.unseen_fraction(), 1.0);
     assert!(!space.is_near_surface(Vec3::ZERO));
-    assert!(space.unseen_inside().is_empty(), "without a hull there is no inside");
+    assert!(inside(&space).is_empty(), "without a hull there is no inside");
 }
 
 #[test]
@@ -124,10 +129,10 @@ fn nothing_of_the_solid_is_carved() {
 #[test]
 fn the_unseen_inside_lies_within_the_hull_of_what_was_seen() {
     let space = looked_at(BRICK, &[0.0, 60.0, 120.0, 180.0, 240.0, 300.0]);
-    let inside = space.unseen_inside();
+    let inside = inside(&space);
     assert!(inside.len() > 1000, "{}", inside.len());
     let slack = f64::from(HULL_MARGIN_M + space.resolution_m());
-    for &Unseen { centre: p, depth_m } in &inside {
+    for &Unseen { centre: p, depth_m, .. } in &inside {
         // The hull of what was seen lies in the brick; 66 directions leave its corners a little room.
         assert!(BRICK.distance(to_na(p)) < 2.0 * slack, "{p}");
         assert!(!space.is_near_surface(p));
@@ -171,13 +176,13 @@ fn less_is_unseen_the_more_was_seen() {
 #[test]
 fn the_hand_is_not_inside() {
     let mut space = looked_at(BRICK, &[0.0]);
-    let before = space.unseen_inside();
+    let before = inside(&space);
     let middle = before[before.len() / 2];
     let point = |depth_m| Occupied { point: middle.centre, depth_m };
     space.add_occupied((0..10).map(|_| point(0.5 * HAND_DEPTH_M)));
-    assert_eq!(space.unseen_inside(), before, "gels give way");
+    assert_eq!(inside(&space), before, "gels give way");
     space.add_occupied((0..EMPTY).map(|_| point(2.0 * HAND_DEPTH_M)));
-    let after = space.unseen_inside();
+    let after = inside(&space);
     assert_eq!(after.len() + 1, before.len());
     assert!(!after.contains(&middle));
     space.add_occupied(std::iter::once(Occupied { point: Vec3::splat(9.0), depth_m: 1.0 }));
@@ -228,7 +233,7 @@ fn a_cavity_that_was_looked_into_continues_where_nothing_was_seen() {
         (0..SEEN).for_each(|_| walls.iter().for_each(|p| space.add_hit(Vec3::from_array(*p))));
     }
     let deep = Vec3::new(0.0, 0.0, -0.006);
-    let is_inside = |space: &Space| space.unseen_inside().iter().any(|cell| cell.centre.distance(deep) < 0.003);
+    let is_inside = |space: &Space| inside(space).iter().any(|cell| cell.centre.distance(deep) < 0.003);
     assert!(is_inside(&space), "what was never looked into counts as solid");
     for cell in cells() {
         let p = space.centre(cell);
@@ -238,6 +243,51 @@ fn a_cavity_that_was_looked_into_continues_where_nothing_was_seen() {
     }
     assert!(space.is_seen_empty(Vec3::new(0.0, 0.0, 0.005)));
     assert!(!is_inside(&space), "what continues a cavity does not");
+}
+
+/// A cup of 40 mm by formula: walls `wall_m` thick were seen from both sides, floor and foot were not, and its inside was looked through
+/// down to the middle.
+fn cup(wall_m: f32) -> Space {
+    let mut space = Space::new(HALF_M);
+    let steps = |k: i32| 0.002 * k as f32;
+    for (a, b) in (-10..=10).flat_map(|a| (-10..=10).map(move |b| (steps(a), steps(b)))) {
+        for (x, reach) in [(0.02, 0.02), (0.02 - wall_m, 0.02 - wall_m)] {
+            let a = a * reach / 0.02;
+            let walls = [[x, a, b], [-x, a, b], [a, x, b], [a, -x, b]];
+            (0..SEEN).for_each(|_| walls.iter().for_each(|p| space.add_hit(Vec3::from_array(*p))));
+        }
+    }
+    for cell in cells() {
+        let p = space.centre(cell);
+        let across = p.x.abs().max(p.y.abs());
+        let [clear, outer] = [0.02 - wall_m - 0.003, 0.023];
+        if across > outer || p.z > 0.023 || (across < clear && p.z > 0.0) {
+            space.passes[flatten(cell)] = EMPTY;
+        }
+    }
+    space
+}
+
+#[test]
+fn of_a_cup_with_thin_walls_the_unseen_inside_is_air_and_the_foot_is_closed() {
+    let space = cup(0.002);
+    let at = |p: Vec3| {
+        space.unseen().iter().find(|cell| (p - cell.centre).abs().max_element() <= 0.0012).map(|cell| cell.assumed)
+    };
+    let [deep, foot] = [Vec3::new(0.0, 0.0, -0.008), Vec3::new(0.003, -0.004, -0.0185)];
+    assert_eq!([at(deep), at(foot)], [Some(Assumed::Air), Some(Assumed::Wall)]);
+    assert_eq!(at(Vec3::new(0.0, 0.0, 0.01)), None, "it was looked through");
+    // Up to the walls.
+    assert!((-5..=5).all(|k| at(Vec3::new(0.0023 * k as f32, 0.0, -0.0185)) == Some(Assumed::Wall)));
+    assert!(space.frontier().iter().any(|patch| patch.normal.z < -0.7), "nobody saw the foot");
+}
+
+#[test]
+fn a_pit_in_a_solid_does_not_make_it_thin_walled() {
+    // Its walls are 14 mm thick: nothing is known below the pit.
+    let space = cup(0.014);
+    assert!(!space.seen_cavity().is_empty(), "the pit is a cavity");
+    assert!(space.unseen().iter().all(|cell| cell.assumed == Assumed::Inside));
 }
 
 #[test]

@@ -6,8 +6,10 @@ use nalgebra as na;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
+use super::assess::Assessment;
 use super::{
-    Instant, Loss, Reference, System, Tracker, UNSEEN_COSTS_M, ask, ask_measured, sigma, surface, to_na, to_vec,
+    Instant, Loss, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, ask, ask_measured, sigma, surface, to_na,
+    to_vec,
 };
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
@@ -27,13 +29,25 @@ struct Round {
     steps: usize,
 }
 
+/// How far poses around a pose are searched.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reach {
+    candidates: usize,
+    turn_rad: f64,
+    shift_m: f64,
+    /// How far the object may have gone from where it is expected, one standard deviation, metres and radians.
+    sigma: [f64; 2],
+}
+
+impl Reach {
+    /// Of an object that topples: it turns by 40 degrees between frames.
+    pub const JERK: Self = Self { candidates: 200, turn_rad: 0.7, shift_m: 0.008, sigma: [0.005, 0.2] };
+    /// Of an object that was lost a few frames ago.
+    pub const ASTRAY: Self = Self { candidates: 500, turn_rad: 1.2, shift_m: 0.02, sigma: [0.015, 0.5] };
+}
+
 /// Rounds of the search around a pose.
 const LOCAL_ROUNDS: [Round; 2] = [Round { kept: 10, points: 60, steps: 3 }, Round { kept: 1, points: 150, steps: 6 }];
-/// Poses tried around a pose, how far they turn (rad) and move (m): an object that topples turns by 40 degrees between frames.
-const LOCAL_CANDIDATES: usize = 200;
-const LOCAL_TURN_RAD: f64 = 0.7;
-const LOCAL_SHIFT_M: f64 = 0.008;
-
 /// A pose that may be the right one.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
@@ -94,7 +108,13 @@ impl Tracker {
 
     /// Moves the newest frame to the best pose around where it is, `previous` included. For jerks that the solver alone would not
     /// follow, because it only sees a few millimetres far.
-    pub fn look_around(&mut self, shape: &dyn Reference, previous: Isometry<Field, World>, rng: &mut ChaCha8Rng) {
+    pub(crate) fn look_around(
+        &mut self,
+        shape: &dyn Reference,
+        previous: Isometry<Field, World>,
+        reach: Reach,
+        rng: &mut ChaCha8Rng,
+    ) {
         let Some(instant) = self.window.back() else { return };
         let start = instant.pose;
         let previous = previous.untyped();
@@ -107,15 +127,15 @@ impl Tracker {
         let carried = na::Translation3::from(seen - before) * previous;
         let as_candidate = |pose| Candidate { pose, cost: f64::INFINITY };
         let mut candidates = vec![as_candidate(start), as_candidate(previous), as_candidate(carried)];
-        for i in 0..LOCAL_CANDIDATES {
+        for i in 0..reach.candidates {
             let from = [&start, &previous, &carried][i % 3];
-            let turn = na::UnitQuaternion::from_scaled_axis(random_in_ball(rng) * LOCAL_TURN_RAD);
-            let shift = random_in_ball(rng) * LOCAL_SHIFT_M;
+            let turn = na::UnitQuaternion::from_scaled_axis(random_in_ball(rng) * reach.turn_rad);
+            let shift = random_in_ball(rng) * reach.shift_m;
             // About the middle of what is seen, which stays where it is.
             let about = na::Translation3::from(seen + shift) * turn * na::Translation3::from(-seen);
             candidates.push(as_candidate(about * from));
         }
-        let near = Some(Near { pose: start, sigma: LOCAL_SIGMA });
+        let near = Some(Near { pose: start, sigma: reach.sigma });
         for round in LOCAL_ROUNDS {
             for candidate in &mut candidates {
                 *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
@@ -126,6 +146,23 @@ impl Tracker {
         if let (Some(best), Some(newest)) = (candidates.first(), self.window.back_mut()) {
             newest.pose = best.pose;
         }
+    }
+
+    /// A tracker at another pose of the newest frame, with how well that agrees: the best within a wide reach. It is not tied to the frames
+    /// before, which may be wrong, too.
+    pub(crate) fn alternative(
+        &self,
+        shape: &dyn Reference,
+        previous: Isometry<Field, World>,
+        rng: &mut ChaCha8Rng,
+    ) -> Option<(Self, Solution, Assessment)> {
+        let mut other = self.clone();
+        other.look_around(shape, previous, Reach::ASTRAY, rng);
+        let pose = other.window.back()?.pose;
+        other.restart(Isometry::new(pose));
+        let solution = other.solve(shape)?;
+        let assessment = other.assess(shape);
+        Some((other, solution, assessment))
     }
 
     /// Gives the newest frame another pose and forgets the frames before it.
@@ -144,10 +181,8 @@ struct Near {
     sigma: [f64; 2],
 }
 
-/// How far from its last pose an object that no camera sees is searched for, and from where it is expected one that is followed: all that
-/// tells apart the poses that a single pad allows.
+/// How far from its last pose an object that no camera sees is searched for: all that tells apart the poses that a single pad allows.
 const SEARCH_SIGMA: [f64; 2] = [0.02, 0.8];
-const LOCAL_SIGMA: [f64; 2] = [0.005, 0.2];
 
 /// A few damped steps of one pose against the shape, with a sample of all measurements.
 fn refine(

@@ -4,6 +4,7 @@ use mvt_frames::camera::look_at;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
+use super::relocalise::Reach;
 use super::*;
 use crate::scan;
 use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, blotches, camera, feel, frame, pose, see, seen, seen_painted};
@@ -470,9 +471,31 @@ fn a_pad_alone_does_not_throw_an_object() {
         tracker.push(&shape, touched(0, [0.0; 3]), at, std::iter::empty());
         let near = pose([0.004, 0.003, 0.002], [6.0, -5.0, 4.0]);
         tracker.push(&shape, touched(1, [20.0, 75.0, 10.0]), near, std::iter::empty());
-        tracker.look_around(&shape, near, &mut ChaCha8Rng::seed_from_u64(seed));
+        tracker.look_around(&shape, near, Reach::JERK, &mut ChaCha8Rng::seed_from_u64(seed));
         let moved = (near.untyped().inverse() * tracker.window[1].pose).translation.vector.norm();
         assert!(moved < 0.008, "moved by {moved} m with seed {seed}");
+    }
+}
+
+#[test]
+fn a_pose_that_went_astray_some_frames_ago_is_found_again() {
+    let (solid, shape) = (Solid::Block([0.03, 0.022, 0.016]), Block([0.03, 0.022, 0.016]));
+    let at = pose([0.0; 3], [0.0, 0.0, 20.0]);
+    let astray = pose([0.007, -0.004, 0.003], [9.0, -8.0, 35.0]);
+    let mut tracker = Tracker::new(TrackerConfig { iterations: 1, ..TrackerConfig::default() });
+    for k in 0..3 {
+        let scan = Arc::new(Scan::new(k, &seen(k, solid, at).measured(), &scan::ScanConfig::default(), 1));
+        tracker.push(&shape, scan, astray, std::iter::empty());
+    }
+    let followed = tracker.assess(&shape).confidence;
+    tracker.config.iterations = TrackerConfig::default().iterations;
+    for seed in 0..5 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (_, solution, assessment) = tracker.alternative(&shape, astray, &mut rng).unwrap();
+        let left = at.untyped().inverse() * solution.pose().untyped();
+        assert!(left.translation.vector.norm() < 0.001, "{left} with seed {seed}");
+        assert!(left.rotation.angle().to_degrees() < 1.0, "{left} with seed {seed}");
+        assert!(followed < 0.8 && assessment.confidence > 0.97, "{followed}, {assessment:?} with seed {seed}");
     }
 }
 

@@ -35,7 +35,7 @@ fn a_map_comes_back_as_it_was() {
         assert!(was.pose().untyped().rotation.angle_to(&is.pose().untyped().rotation) < 1e-6);
     }
     assert_eq!(back.space.bounds(), map.space.bounds());
-    assert_eq!(back.inside, map.inside);
+    assert_eq!(back.unseen, map.unseen);
     let points: Vec<Vec3> = (0..100).map(|i| Vec3::splat(0.001 * i as f32 - 0.05)).collect();
     let distances = |map: &Map| {
         let mut out = vec![0.0; points.len()];
