@@ -5,7 +5,7 @@
 
 Three YCB objects, each with one command; the score is that of N starts (default: 40) of 20 s that the search never saw. Writes
 OUT/tuning.jsonl, a line per object: minutes of wall time with the score, share alive, and median net rate about the axis (rad/s). Objects that
-are there already are not tuned again.
+are there already are not tuned again. OUT/speed.json has the steps per second of the search and of MuJoCo alone.
 """
 
 import argparse
@@ -43,6 +43,8 @@ def main():
                       "alive": score["alive"], "rate_rad_s": score["rate_rad_s"]})
         print(lines[-1], flush=True)
         path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    speed = subprocess.run([arguments.program.resolve(), "hand", "speed", "--json"], stdout=subprocess.PIPE, text=True, check=True)
+    (arguments.out / "speed.json").write_text(speed.stdout)
 
 
 if __name__ == "__main__":

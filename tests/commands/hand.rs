@@ -164,3 +164,20 @@ fn grasps_are_a_file_from_which_a_controller_is_tuned() {
     let refused = workplace.run("hand grasps --object ball --controller bal --out none.toml").error();
     assert!(refused.contains("such as air_ball"), "{refused}");
 }
+
+#[test]
+fn the_speed_of_the_search_is_compared_with_mujoco_alone() {
+    let workplace = Workplace::new();
+    let speed = workplace.run("hand speed --object cube70 --starts 1 --rounds 1 --json").good();
+    let speed: serde_json::Value = serde_json::from_str(&speed).unwrap();
+    let per_s = |key: &str| speed[key].as_f64().unwrap();
+    assert!(per_s("search_steps_per_s") > 0.0 && per_s("bare_steps_per_s") > 0.0, "{speed}");
+    // A trial of 10 s has 250 commands of 6 steps, unless the object falls.
+    assert!((6..=1500).contains(&speed["steps"].as_u64().unwrap()), "{speed}");
+    let said = workplace.run("hand speed --object cube70 --starts 1 --rounds 1").good();
+    assert!(said.contains("MuJoCo alone"), "{said}");
+    workplace.run("hand speed --starts 0").usage();
+    assert!(workplace.run("hand speed --controller nothing --starts 1 --rounds 1").error().contains("nothing"));
+    let refused = workplace.run("hand speed --object ball --controller air_ball --starts 1 --rounds 1").error();
+    assert!(refused.contains("on the palm"), "{refused}");
+}

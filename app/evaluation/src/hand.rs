@@ -21,6 +21,7 @@ use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
 use serde::Serialize;
 
 use crate::grasps::{self, HandGraspsArguments};
+use crate::speed::{self, HandSpeedArguments};
 use crate::survey::{self, HandSurveyArguments};
 
 /// Tune controllers of the hand, and score them
@@ -34,6 +35,8 @@ pub enum HandCommand {
     Survey(HandSurveyArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
     Grasps(HandGraspsArguments),
+    #[allow(missing_docs, reason = "the arguments have the help text")]
+    Speed(HandSpeedArguments),
 }
 
 /// Search for a controller that turns objects about an axis
@@ -146,6 +149,7 @@ pub fn run(command: &HandCommand) -> Result<()> {
         HandCommand::Score(arguments) => score(arguments),
         HandCommand::Survey(arguments) => survey::run(arguments),
         HandCommand::Grasps(arguments) => grasps::run(arguments),
+        HandCommand::Speed(arguments) => speed::run(arguments),
     }
 }
 

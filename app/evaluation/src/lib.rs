@@ -7,6 +7,7 @@ mod grasps;
 pub mod hand;
 mod lines;
 mod single;
+mod speed;
 mod spread;
 mod survey;
 mod table;

@@ -32,6 +32,7 @@ pub mod evolution;
 pub mod grasp;
 pub mod search;
 pub mod seeds;
+pub mod speed;
 pub mod stroke;
 pub mod survey;
 pub mod trial;

@@ -71,7 +71,7 @@ pub enum SearchError {
 }
 
 /// Integration steps per command of the search. Steps of 6.7 ms rank candidates as the 3.3 ms of an episode do.
-const SEARCH_STEPS: u32 = 6;
+pub(crate) const SEARCH_STEPS: u32 = 6;
 /// Largest file of a state that is read, bytes.
 const LARGEST_STATE: u64 = 4 << 20;
 

@@ -6,7 +6,7 @@ use mvt_gaits::gait::{Gait, GaitController};
 use mvt_objects::object::Object;
 use mvt_physics::episode::{EpisodeStart, Randomisation, is_on_the_hand};
 use mvt_physics::simulation::{Simulation, SimulationError};
-use mvt_robot::hand::{Finger, Side};
+use mvt_robot::hand::{Finger, JointAngles, Side};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
@@ -60,6 +60,17 @@ pub fn run(
     seed: u64,
     conditions: &TrialConditions,
 ) -> Result<TrialResult, SimulationError> {
+    run_watched(gait, object, seed, conditions, |_| ())
+}
+
+/// As [`run`]; `watch` receives each command to the joints, unless the controller holds the object in the air.
+pub(crate) fn run_watched(
+    gait: &Gait,
+    object: &Object,
+    seed: u64,
+    conditions: &TrialConditions,
+    mut watch: impl FnMut(JointAngles),
+) -> Result<TrialResult, SimulationError> {
     let TrialConditions { side, duration_s, steps } = *conditions;
     let axis = gait.axis.direction(side);
     if let Some(trial) = air::run(gait, object, side, seed, duration_s, steps.max(1))? {
@@ -76,10 +87,7 @@ pub fn run(
             touched_beside_tips: Some(trial.outcome.touched_beside_tips),
         });
     }
-    let mut start = EpisodeStart::draw(object, gait, side, &Randomisation::default(), seed);
-    start.physics.timestep_s = 1.0 / f64::from(CONTROL_HZ * steps.max(1));
-    let mut simulation = Simulation::new(side, object, &start.physics)?;
-    simulation.reset(&start.joints, start.object);
+    let mut simulation = simulation_at_start(gait, object, seed, conditions)?;
     let mut controller = GaitController::new(gait.clone(), side);
     let commands = (duration_s * f64::from(CONTROL_HZ)).round() as u32;
     let mut rotation = simulation.object_pose().untyped().rotation;
@@ -89,6 +97,7 @@ pub fn run(
     while alive && done < commands {
         let time_s = f64::from(done) / f64::from(CONTROL_HZ);
         let targets = controller.command(&Proprioception { time_s, joints: simulation.joints() });
+        watch(targets);
         for _ in 0..steps.max(1) {
             simulation.step(&targets);
         }
@@ -116,4 +125,18 @@ pub fn run(
         pads: pads as f64 / f64::from(done.max(1)),
         touched_beside_tips: None,
     })
+}
+
+/// The simulation with hand and object where a trial begins.
+pub(crate) fn simulation_at_start(
+    gait: &Gait,
+    object: &Object,
+    seed: u64,
+    conditions: &TrialConditions,
+) -> Result<Simulation, SimulationError> {
+    let mut start = EpisodeStart::draw(object, gait, conditions.side, &Randomisation::default(), seed);
+    start.physics.timestep_s = 1.0 / f64::from(CONTROL_HZ * conditions.steps.max(1));
+    let mut simulation = Simulation::new(conditions.side, object, &start.physics)?;
+    simulation.reset(&start.joints, start.object);
+    Ok(simulation)
 }
