@@ -1,5 +1,7 @@
 //! How well measurements usually agree with the estimate, and surprises: frames that agree less.
 
+/// What is usual before anything is known: a field that has learnt little agrees less than later.
+const AT_FIRST: f64 = 0.9;
 /// The usual confidence follows new ones by this part.
 const FOLLOW: f64 = 0.1;
 
@@ -14,9 +16,9 @@ pub(crate) struct Agreement {
 }
 
 impl Agreement {
-    /// Expects everything to agree.
+    /// Expects as much as a young field gives.
     pub fn new() -> Self {
-        Self { usual: 1.0, surprising: 0 }
+        Self { usual: AT_FIRST, surprising: 0 }
     }
 
     /// Whether a confidence is lower than usual by more than `drop`.
@@ -45,6 +47,8 @@ mod tests {
     #[test]
     fn nothing_is_learnt_after_a_surprise_until_frames_agree_again_or_patience_ends() {
         let mut agreement = Agreement::new();
+        assert!((0..40).all(|_| agreement.take(0.87, 0.05, 3)), "a young field");
+        assert!((0..40).all(|_| agreement.take(1.0, 0.05, 3)));
         let mut take = |confidence: f64| agreement.take(confidence, 0.05, 3);
         assert!(take(1.0) && take(0.96));
         assert_eq!([0.8, 0.9, 0.93].map(&mut take), [false; 3]);

@@ -231,8 +231,12 @@ impl SlamBuilder {
     /// # Errors
     /// If a setting is out of range; the error names it.
     pub fn build(self) -> Result<Slam, SettingError> {
-        let Self { config, seed, obstacles, support_z_m, prior } = self;
+        let Self { mut config, seed, obstacles, support_z_m, prior } = self;
         config.validate()?;
+        if config.tracker.colour_weight == 0.0 {
+            // Nobody would look at the pictures.
+            config.scan.colour_patches = 0;
+        }
         let (knowledge, state, pose) = match prior {
             Prior::Unknown => {
                 let map = Map::new(config.map.clone(), &config.field, obstacles, seed)?;
@@ -447,6 +451,7 @@ impl Slam {
         let trust = self.config.trust.clone();
         if self.state == TrackState::Tracking
             && self.agreement.is_surprised_by(confidence, trust.surprise_confidence)
+            && !tracker.colours_agree()
             && let Some((other, other_solution, assessment)) = tracker.alternative(reference, self.pose, &mut rng)
             && assessment.confidence > confidence + BETTER
         {

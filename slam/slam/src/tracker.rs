@@ -315,6 +315,11 @@ impl Tracker {
         }
     }
 
+    /// Whether colours were found again near the newest pose: poses farther away, which depth cannot tell apart on round objects, are wrong then.
+    pub(crate) fn colours_agree(&self) -> bool {
+        self.window.back().is_some_and(|newest| !newest.ties.is_empty())
+    }
+
     /// The information of the colours of earlier views about the newest pose.
     fn colour_information(&self) -> na::Matrix6<f64> {
         let Some(newest) = self.window.back() else { return na::Matrix6::zeros() };
