@@ -1,12 +1,12 @@
 //! How well measurements usually agree with the estimate, and surprises: frames that agree less.
 
-/// What is usual before anything is known: a field that has learnt little agrees less than later.
+/// Usual confidence at first: a field that has learnt little agrees less than later.
 const AT_FIRST: f64 = 0.9;
 /// The usual confidence follows new ones by this part.
 const FOLLOW: f64 = 0.1;
 
-/// Follows the confidence. What is learnt at a wrong pose confirms that pose, so that frames after a surprise are not learnt before one agrees
-/// as usual again.
+/// Follows the confidence. A map that learns at a wrong pose confirms that pose, so that frames after a surprise are not learnt before one
+/// agrees as usual again.
 #[derive(Debug, Clone)]
 pub(crate) struct Agreement {
     /// Usual confidence, 0 to 1.

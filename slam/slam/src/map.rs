@@ -103,7 +103,7 @@ pub struct Map {
     keyframes: Vec<Keyframe>,
     /// Motions between keyframes as loops measured them.
     loops: Vec<Edge>,
-    /// Cells that no sensor has seen, with what they are taken for.
+    /// Cells that no sensor has seen, with the guesses about them.
     unseen: Vec<Unseen>,
     obstacles: Obstacles,
     samples: Vec<Sample>,

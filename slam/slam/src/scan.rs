@@ -305,8 +305,10 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     }
     let origin = lens.origin;
     let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
-    let compares_colours = config.colour_patches > 0;
-    let picture = compares_colours.then(|| Picture::new(image, config.colour_patches)).flatten().map(Box::new);
+    let picture = match config.colour_patches {
+        0 => None,
+        places => Picture::new(image, places).map(Box::new),
+    };
     View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup, picture } }
 }
 

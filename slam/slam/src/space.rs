@@ -38,11 +38,11 @@ pub struct Unseen {
     pub centre: Vec3,
     /// How far below the hull of what was seen it lies, metres; negative little outside.
     pub depth_m: f32,
-    /// What it is taken for.
+    /// The guess about it.
     pub assumed: Assumed,
 }
 
-/// What an unseen cell is taken for.
+/// Guess about an unseen cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Assumed {
     /// The inside of a solid object.
@@ -179,8 +179,8 @@ impl Space {
         self.index(p).is_some_and(|i| self.near_surface[i])
     }
 
-    /// The cells near which no surface was seen, through which no ray passed, and which lie within the hull of what was seen, with what they
-    /// are taken for. The inside, unless the object is hollow. Nothing is assumed of cells that continue a cavity of an object that may be solid.
+    /// The cells near which no surface was seen, through which no ray passed, and which lie within the hull of the seen surface, with a guess
+    /// about each: the inside, unless the object is hollow. Nothing is assumed of cells that continue a cavity of an object that may be solid.
     pub fn unseen(&self) -> Vec<Unseen> {
         let seen_cavity = self.seen_cavity();
         let is_hollow = seen_cavity.len() >= LEAST_CAVITY;

@@ -1,4 +1,4 @@
-//! Objects with thin walls, such as cups: what no sensor has seen of them is mostly air.
+//! Objects with thin walls, such as cups: their unseen inside is mostly air.
 
 use glam::{UVec3, Vec3};
 
@@ -19,8 +19,8 @@ const CLOSING_DEPTH_M: f32 = 0.004;
 const BEHIND_M: f32 = 0.06;
 
 impl Space {
-    /// Whether what was looked into has thin walls: at most places where both sides of what surrounds it were seen, they are near to each
-    /// other. `cavity` are cells deep below the hull that were looked through.
+    /// Whether a hollow object has thin walls: at most places where both sides of a wall were seen, they are near to each other. `cavity` are
+    /// cells deep below the hull that were looked through.
     pub(super) fn is_thin_walled(&self, cavity: &[UVec3]) -> bool {
         let mut is_cavity = vec![false; self.passes.len()];
         cavity.iter().for_each(|&cell| is_cavity[flatten(cell)] = true);
@@ -36,7 +36,7 @@ impl Space {
         thin >= LEAST_PLACES && thin > thick
     }
 
-    /// Cells from one surface to the other of what lies beside a cell of a cavity; `None` where a surface was not seen.
+    /// Thickness in cells of the body beside a cell of a cavity; `None` where one of its surfaces was not seen.
     fn thickness(&self, cell: UVec3, side: usize) -> Option<usize> {
         let ahead = |cell: &UVec3| neighbour(*cell, side);
         let mut beside = std::iter::successors(ahead(&cell), ahead).map(flatten);

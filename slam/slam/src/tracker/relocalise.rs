@@ -48,6 +48,7 @@ impl Reach {
 
 /// Rounds of the search around a pose.
 const LOCAL_ROUNDS: [Round; 2] = [Round { kept: 10, points: 60, steps: 3 }, Round { kept: 1, points: 150, steps: 6 }];
+
 /// A pose that may be the right one.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
