@@ -43,10 +43,21 @@ pub struct ImageSizeError {
     pub height: u32,
 }
 
+impl ImageSizeError {
+    /// Checks that both sides are in range.
+    pub(crate) fn check(width: usize, height: usize) -> Result<(), Self> {
+        let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+        let (width, height) = (side(width), side(height));
+        let is_possible = [width, height].iter().all(|side| (1..=LARGEST).contains(side));
+        if is_possible { Ok(()) } else { Err(Self { width, height }) }
+    }
+}
+
 /// Network with packed weights. It serves any number of threads.
 #[derive(Debug)]
 pub struct Engine {
     architecture: Architecture,
+    input_size: Option<[usize; 2]>,
     instructions: Instructions,
     network: Network,
 }
@@ -77,7 +88,7 @@ impl Engine {
             }
             other => Network::Transformer(Box::new(Runner::new(Transformer::new(instructions, other, weights)))),
         };
-        Self { architecture, instructions, network }
+        Self { architecture, input_size: weights.input_size(), instructions, network }
     }
 
     /// Returns the architecture.
@@ -90,24 +101,21 @@ impl Engine {
         self.instructions
     }
 
-    /// Predicts indentation and contact from an image. An image whose sides are not multiples of the network's stride is resized to the
-    /// next multiples, and the prediction is resized back.
+    /// Predicts indentation and contact from an image. An image is resized to the input size of the weights, if they have one, and to the next
+    /// multiples of the network's stride; the prediction is resized back.
     ///
     /// # Errors
     /// [`ImageSizeError`] if the image is empty or has a side of more than 2048 pixels.
     pub fn infer(&self, image: &RgbImage, prediction: &mut Prediction) -> Result<(), ImageSizeError> {
-        let (width, height) = image.dimensions();
-        if !(1..=LARGEST).contains(&width) || !(1..=LARGEST).contains(&height) {
-            return Err(ImageSizeError { width, height });
-        }
-        let shape = (height as usize, width as usize);
+        let shape = (image.height() as usize, image.width() as usize);
+        ImageSizeError::check(shape.1, shape.0)?;
         let Prediction { indentation_mm, contact_logit } = prediction;
         for plane in [indentation_mm, contact_logit] {
             if plane.dim() != shape {
                 *plane = Array2::zeros(shape);
             }
         }
-        let size = self.architecture.fit([shape.0, shape.1]);
+        let size = self.architecture.fit(self.input_size.unwrap_or([shape.0, shape.1]));
         match &self.network {
             Network::Pyramid(runner) => runner.run(image, size, prediction),
             Network::Transformer(runner) => runner.run(image, size, prediction),

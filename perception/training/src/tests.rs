@@ -371,6 +371,7 @@ fn config(steps: u64) -> TrainingConfig {
     TrainingConfig {
         seed: 5,
         stages: vec![Stage { size: [32, 32], batch: 4, steps }],
+        resizes: false,
         optimiser,
         loss: LossConfig::default(),
         precision: Precision::F32,

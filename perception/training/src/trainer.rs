@@ -32,6 +32,9 @@ pub struct TrainingConfig {
     pub seed: u64,
     /// Stages, one after the other.
     pub stages: Vec<Stage>,
+    /// Whether the network will resize images to the size of the last stage before it sees them; else it sees them at their own size.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub resizes: bool,
     /// The optimiser.
     #[serde(default)]
     pub optimiser: OptimiserConfig,
@@ -221,7 +224,12 @@ impl TouchTrainer {
     pub fn weights(&self, data: String) -> Result<Weights, WeightsError> {
         let training = serde_json::to_value(&self.config).unwrap_or_default();
         let provenance = Provenance { seed: self.config.seed, step: self.state.step, data, training };
-        Weights::new(self.architecture.clone(), provenance, self.state.average.clone(), Path::new("training"))
+        let source = Path::new("training");
+        let weights = Weights::new(self.architecture.clone(), provenance, self.state.average.clone(), source)?;
+        let input_size = self.config.stages.last().filter(|_| self.config.resizes).map(|stage| stage.size);
+        weights
+            .with_input_size(input_size)
+            .map_err(|error| WeightsError::File { path: source.to_owned(), message: error.to_string() })
     }
 
     /// Writes a checkpoint, from which a later run continues with the same results. The file appears whole or not at all.

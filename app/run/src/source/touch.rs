@@ -78,7 +78,7 @@ impl TouchArguments {
         Ok(SensorProfile::load(&self.touch_profile)?)
     }
 
-    /// The network's weights for a sensor; `None` if the true indentation is used.
+    /// The network's weights for a sensor; `None` if the true indentation is used. Without a file those that need least time.
     ///
     /// # Errors
     /// If they cannot be used.
@@ -87,6 +87,7 @@ impl TouchArguments {
             (TouchOrigin::Truth, None) => Ok(None),
             (TouchOrigin::Truth, Some(_)) => bail!("--weights is for --touch-depth network"),
             (TouchOrigin::Network, Some(path)) => Ok(Some(Weights::read(path)?)),
+            (TouchOrigin::Network, None) if profile.appearance.is_none() => Ok(Some(Weights::shipped_half()?)),
             (TouchOrigin::Network, None) => Ok(Some(shipped_weights(profile)?)),
         }
     }

@@ -180,3 +180,39 @@ fn predictions_have_the_size_of_any_image() {
         }
     }
 }
+
+#[test]
+fn weights_with_an_input_size_see_images_of_that_size() {
+    let image = RgbImage::from_fn(96, 64, |u, v| ::image::Rgb([(2 * u) as u8, (3 * v) as u8, (u * v / 40) as u8]));
+    let predict = |size, image: &RgbImage| {
+        let weights = weights("default").with_input_size(size).unwrap();
+        let mut prediction = Prediction::default();
+        Engine::new(&weights, Instructions::Scalar).infer(image, &mut prediction).unwrap();
+        prediction
+    };
+    let resized = predict(Some([32, 48]), &image);
+    assert_eq!(resized.indentation_mm.dim(), (64, 96), "the prediction has the size of the image");
+    // Half the size is the mean of squares of 2 x 2 pixels; rounding to whole levels changes little.
+    let half = RgbImage::from_fn(48, 32, |u, v| {
+        let squares = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(a, b)| image.get_pixel(2 * u + a, 2 * v + b).0);
+        ::image::Rgb(
+            [0, 1, 2].map(|c| (squares.iter().map(|rgb| u32::from(rgb[c])).sum::<u32>() as f32 / 4.0).round() as u8),
+        )
+    });
+    let alone = predict(None, &half);
+    for row in 0..32 {
+        for column in 0..48 {
+            let square =
+                [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(a, b)| resized.contact_logit[[2 * row + a, 2 * column + b]]);
+            // Between pixels the prediction is linear, so that the mean over a square is near the pixel inside its neighbours.
+            let [low, high] = [f32::min, f32::max].map(|pick| {
+                let near = |at: usize, most: usize| at.saturating_sub(1)..=(at + 1).min(most);
+                let around = near(row, 31).flat_map(|v| near(column, 47).map(move |u| (v, u)));
+                around.map(|(v, u)| alone.contact_logit[[v, u]]).reduce(pick).unwrap()
+            });
+            for value in square {
+                assert!((low - 0.05..=high + 0.05).contains(&value), "{value} at {row}, {column}: {low} to {high}");
+            }
+        }
+    }
+}

@@ -12,11 +12,13 @@ use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
 
 use super::architecture::Architecture;
+use crate::engine::ImageSizeError;
 
 /// Largest file that is read, bytes; the largest network is far smaller.
 const MAX_BYTES: u64 = 4 << 30;
 /// Shipped weights of `default`, trained on images of simulated DIGITs.
 const SHIPPED: &[u8] = include_bytes!("../../weights/default.safetensors");
+const SHIPPED_HALF: &[u8] = include_bytes!("../../weights/half.safetensors");
 const SHIPPED_FOR_REAL: &[u8] = include_bytes!("../../weights/digit.safetensors");
 /// Key of the header in the metadata.
 const KEY: &str = "mambavitact";
@@ -56,6 +58,7 @@ pub struct Provenance {
 pub struct Weights {
     architecture: Architecture,
     provenance: Provenance,
+    input_size: Option<[usize; 2]>,
     tensors: BTreeMap<String, WeightTensor>,
 }
 
@@ -108,6 +111,9 @@ pub enum WeightsError {
 struct Header {
     architecture: Architecture,
     provenance: Provenance,
+    /// Files of 0.1 do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    input_size: Option<[usize; 2]>,
 }
 
 impl Weights {
@@ -117,6 +123,15 @@ impl Weights {
     /// None in practice: a test reads the shipped file.
     pub fn shipped() -> Result<Self, WeightsError> {
         Self::from_bytes(SHIPPED, Path::new("the shipped weights"))
+    }
+
+    /// Returns the shipped weights of `default` that resize images to half their size: a quarter of the work of [`Weights::shipped`], and a tenth more
+    /// error. Runs use them.
+    ///
+    /// # Errors
+    /// None in practice: a test reads the shipped file.
+    pub fn shipped_half() -> Result<Self, WeightsError> {
+        Self::from_bytes(SHIPPED_HALF, Path::new("the shipped weights for half the size"))
     }
 
     /// Returns the shipped weights for a sensor: for one that looks like a real DIGIT those of `default` that were trained on such sensors, else
@@ -162,7 +177,7 @@ impl Weights {
         if let Some((name, tensor)) = tensors.iter().find(|(name, _)| !expected.contains_key(*name)) {
             return Err(wrong(name, format!("{:?} does not belong to the architecture", tensor.shape)));
         }
-        Ok(Self { architecture, provenance, tensors })
+        Ok(Self { architecture, provenance, input_size: None, tensors })
     }
 
     /// Reads weights from a file.
@@ -184,7 +199,7 @@ impl Weights {
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| damaged(error.to_string()))?;
         let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
         let header = header.ok_or_else(|| damaged(format!("there is no {KEY} in its metadata")))?;
-        let Header { architecture, provenance } =
+        let Header { architecture, provenance, input_size } =
             serde_json::from_str(header).map_err(|error| damaged(format!("metadata {KEY}: {error}")))?;
         let file = SafeTensors::deserialize(bytes).map_err(|error| damaged(error.to_string()))?;
         let network = architecture.name();
@@ -202,7 +217,26 @@ impl Weights {
             };
             tensors.insert(name, WeightTensor { shape: view.shape().to_vec(), values });
         }
-        Self::new(architecture, provenance, tensors, source)
+        Self::new(architecture, provenance, tensors, source)?
+            .with_input_size(input_size)
+            .map_err(|error| damaged(error.to_string()))
+    }
+
+    /// Returns the weights of a network that resizes images to these rows and columns before it sees them; with `None` it sees them at their own
+    /// size.
+    ///
+    /// # Errors
+    /// [`ImageSizeError`] if a side is out of range.
+    pub fn with_input_size(self, input_size: Option<[usize; 2]>) -> Result<Self, ImageSizeError> {
+        if let Some([height, width]) = input_size {
+            ImageSizeError::check(width, height)?;
+        }
+        Ok(Self { input_size, ..self })
+    }
+
+    /// Returns the rows and columns to which the network resizes images, if it does.
+    pub fn input_size(&self) -> Option<[usize; 2]> {
+        self.input_size
     }
 
     /// Writes the weights. The file appears whole or not at all.
@@ -211,7 +245,11 @@ impl Weights {
     /// [`WeightsError::Io`] if the file cannot be written.
     pub fn write(&self, path: &Path, precision: Precision) -> Result<(), WeightsError> {
         let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
-        let header = Header { architecture: self.architecture.clone(), provenance: self.provenance.clone() };
+        let header = Header {
+            architecture: self.architecture.clone(),
+            provenance: self.provenance.clone(),
+            input_size: self.input_size,
+        };
         let header = serde_json::to_string(&header).map_err(|error| damaged(error.to_string()))?;
         write_tensors(path, &self.tensors, precision, [KEY, &header])
     }
@@ -302,7 +340,17 @@ mod tests {
         });
         let provenance = Provenance { seed: 3, step: 7, data: "ab".to_owned(), training: serde_json::json!({"lr": 1}) };
         let tensors = tensors.collect();
-        Weights::new(architecture, provenance, tensors, Path::new("memory")).unwrap()
+        let weights = Weights::new(architecture, provenance, tensors, Path::new("memory")).unwrap();
+        weights.with_input_size(Some([160, 128])).unwrap()
+    }
+
+    #[test]
+    fn input_sizes_are_checked() {
+        for size in [[0, 16], [16, 2049]] {
+            assert!(weights().with_input_size(Some(size)).is_err(), "{size:?}");
+        }
+        assert_eq!(Weights::shipped().unwrap().input_size(), None);
+        assert_eq!(Weights::shipped_half().unwrap().input_size(), Some([160, 128]));
     }
 
     #[test]
@@ -314,7 +362,7 @@ mod tests {
         assert_eq!(Weights::read(&path).unwrap(), weights);
         weights.write(&path, Precision::Bf16).unwrap();
         let rounded = Weights::read(&path).unwrap();
-        assert_eq!(rounded.provenance(), weights.provenance());
+        assert_eq!((rounded.provenance(), rounded.input_size()), (weights.provenance(), weights.input_size()));
         for (name, tensor) in rounded.tensors() {
             let exact = weights.values(name);
             assert!(tensor.values.iter().zip(exact).all(|(a, b)| (a - b).abs() <= b.abs() / 256.0), "{name}");
