@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Compares ways to choose the controllers of an episode by how fast the shape becomes known, from the same starts.
 
-    results/explore.py OUT [--program FILE] [--objects NAME,...] [--seeds N] [--cameras NAME] [--modes MODES] [--jobs N]
+    results/explore.py OUT [--program FILE] [--objects NAME,...] [--seeds N] [--cameras NAME;...] [--modes MODES] [--jobs N]
 
-Episodes of 30 s, touch depth from the network, one camera. Per object and seed: `frontier` and `oracle` as `evaluate --explore` describes them,
+Episodes of 30 s, touch depth from the network, one camera each. Per object and seed: `frontier` and `oracle` as `evaluate --explore` describes them,
 `round-robin`, `random`, the controller of `auto` alone (`fixed`), and the schedule of it and the object's second safe controller in turns of 6 s
-(`schedule`). Writes OUT/explore.jsonl, a line per episode with the mean F-score over time, and OUT/explore.json: means, and the mean differences between
-frontier and the others with 95 % intervals. An object that fell keeps its last score. The same command continues after an interruption; more --seeds
-add episodes.
+(`schedule`). Writes OUT/explore.jsonl, a line per episode with the mean F-score over time, and OUT/explore.json: means over all cameras and by camera, the
+mean differences between frontier and the others with 95 % intervals, and the gain of frontier over the better of `fixed` and `schedule`
+relative to that of the oracle. A comparison uses the starts that its modes have in common. An object that fell keeps its last score. The
+same command continues after an interruption; more --seeds or --modes add episodes.
 """
 
 import argparse
@@ -38,26 +39,33 @@ def difference(pairs):
     return {"mean": middle, "low": middle - 1.96 * spread, "high": middle + 1.96 * spread}
 
 
+def means(by_mode, starts):
+    return {mode: {f: mean([played[s][f] for s in starts]) for f in FIGURES} for mode, played in by_mode.items()}
+
+
 def summary(lines):
     by_mode = {}
     for line in lines:
         by_mode.setdefault(line["way"], {})[line["object"], line["seed"], line["cameras"]] = line
-    # Only starts that all modes have played.
-    starts = set.intersection(*(set(played) for played in by_mode.values()))
-    figures = {mode: {f: mean([played[s][f] for s in starts]) for f in FIGURES} for mode, played in by_mode.items()}
-    against = {}
+    common = lambda modes: set.intersection(*(set(by_mode[mode]) for mode in modes))
+    # The oracle plays fewer starts than the others.
+    others = {mode: played for mode, played in by_mode.items() if mode != "oracle"}
+    starts = common(others or by_mode)
+    cameras = sorted({camera for _, _, camera in starts})
+    by_camera = {camera: means(others, [s for s in starts if s[2] == camera]) for camera in cameras}
+    out = {"starts": len(starts), "means": means(others, starts), "by_camera": by_camera, "frontier_less": {}}
     for other in by_mode:
         if other != "frontier" and "frontier" in by_mode:
-            pairs = {f: [(by_mode["frontier"][s][f], by_mode[other][s][f]) for s in starts] for f in FIGURES}
-            against[other] = {f: difference(pairs[f]) for f in FIGURES}
-    out = {"starts": len(starts), "means": figures, "frontier_less": against}
-    plain = [mode for mode in ("fixed", "schedule") if mode in figures]
-    if plain and {"frontier", "oracle"} <= set(figures):
-        share = {}
-        for figure in ("area_f5", "area_f2"):
-            best = max(figures[mode][figure] for mode in plain)
-            share[figure] = (figures["frontier"][figure] - best) / (figures["oracle"][figure] - best)
-        out["share_of_oracle"] = share
+            both = common(["frontier", other])
+            pairs = {f: [(by_mode["frontier"][s][f], by_mode[other][s][f]) for s in both] for f in FIGURES}
+            out["frontier_less"][other] = {f: difference(pairs[f]) for f in FIGURES}
+    plain = [mode for mode in ("fixed", "schedule") if mode in by_mode]
+    if plain and {"frontier", "oracle"} <= set(by_mode):
+        shared = common([*plain, "frontier", "oracle"])
+        at = means({mode: by_mode[mode] for mode in [*plain, "frontier", "oracle"]}, shared)
+        gain = lambda mode, figure: at[mode][figure] - max(at[other][figure] for other in plain)
+        out["oracle"] = {"starts": len(shared), "gain": {f: gain("oracle", f) for f in FIGURES[:2]}}
+        out["share_of_oracle"] = {f: gain("frontier", f) / gain("oracle", f) for f in FIGURES[:2]}
     return out
 
 
@@ -67,10 +75,10 @@ def main():
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
     parser.add_argument("--objects", default=OBJECTS)
     parser.add_argument("--modes", default=MODES)
-    parser.add_argument("--cameras", default="side")
+    parser.add_argument("--cameras", default="side;front-left")
     parser.add_argument("--first", type=int, default=SEED, help="first seed")
     parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     out = arguments.out
     out.mkdir(parents=True, exist_ok=True)
