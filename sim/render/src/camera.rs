@@ -10,6 +10,7 @@ use mvt_robot::hand;
 use mvt_robot::hand::{JointAngles, Part, PartSurface, Side};
 use mvt_robot::observation::Rgbd;
 use ndarray::Array2;
+use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
@@ -150,17 +151,31 @@ impl PosedScene<'_> {
         let labels = labels.as_slice_mut().unwrap_or_default();
         hits.reset(PixelWindow::whole(k));
         caster.cast(&self.instances, k, Faces::Both, hits);
+        // Compiled for the machine's own instructions, which round without calls of the C library. The pixels are the same.
+        let width = k.width.max(1);
+        Arch::new().dispatch(|| {
+            let rows = rgbd.color.chunks_exact_mut(3 * width).zip(depth.chunks_exact_mut(width));
+            for (row, ((colors, depth), labels)) in rows.zip(labels.chunks_exact_mut(width)).enumerate() {
+                self.render_row(row, hits, colors, depth, labels);
+            }
+        });
+    }
+
+    /// Fills a row of the image from the hits of its rays.
+    #[inline(always)]
+    fn render_row(&self, row: usize, hits: &Hits, colors: &mut [u8], depth: &mut [f32], labels: &mut [Label]) {
+        let k = &self.camera.intrinsics;
         let (u, v) = hits.barycentric();
-        for (pixel, color) in rgbd.color.chunks_exact_mut(3).enumerate() {
-            let row = pixel / k.width;
+        for (column, color) in colors.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            let pixel = row * k.width + column;
             let triangle = hits.triangle()[pixel];
             if triangle == MISS {
                 color.fill(background(row, k.height));
                 continue;
             }
             let instance = hits.instance()[pixel] as usize;
-            depth[pixel] = hits.depth()[pixel];
-            labels[pixel] = if instance == 0 { Label::Object } else { Label::Hand };
+            depth[column] = hits.depth()[pixel];
+            labels[column] = if instance == 0 { Label::Object } else { Label::Hand };
             let placed = &self.instances[instance];
             let mesh = placed.mesh();
             let albedo = match instance.checked_sub(1) {
@@ -169,12 +184,12 @@ impl PosedScene<'_> {
             };
             let normal = placed.mesh_from_camera().transpose() * mesh.smooth_normal(triangle, u[pixel], v[pixel]);
             let towards_camera = -Vec3A::new(
-                ((pixel % k.width) as f64 - k.cx) as f32 / k.fx as f32,
+                (column as f64 - k.cx) as f32 / k.fx as f32,
                 -(row as f64 - k.cy) as f32 / k.fy as f32,
                 -1.0,
             )
             .normalize();
-            color.copy_from_slice(&shade(albedo, normal, self.light, towards_camera));
+            *color = shade(albedo, normal, self.light, towards_camera);
         }
     }
 }

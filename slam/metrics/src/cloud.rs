@@ -5,6 +5,7 @@
 //! the time of a k-d tree that is searched point by point, least where the clouds are far apart.
 
 use glam::{Mat3A, Vec3, Vec3A};
+use pulp::Arch;
 
 /// Number of points in a leaf, and of lanes in the inner loop.
 const LANES: usize = 16;
@@ -66,7 +67,13 @@ impl Cloud {
 
     /// Returns the distance of every point, after a finite motion, to the nearest point of the other cloud, in the order of `points`.
     /// Distances are infinite if the other cloud is empty.
-    pub(super) fn distances(&self, (rotation, translation): (Mat3A, Vec3A), to: &Self) -> Vec<f32> {
+    pub(super) fn distances(&self, motion: (Mat3A, Vec3A), to: &Self) -> Vec<f32> {
+        // Compiled for the machine's own vectors; the distances are the same.
+        Arch::new().dispatch(|| self.distances_by_leaf(motion, to))
+    }
+
+    #[inline(always)]
+    fn distances_by_leaf(&self, (rotation, translation): (Mat3A, Vec3A), to: &Self) -> Vec<f32> {
         let mut distances = Vec::with_capacity(self.points.len());
         let mut pending = Vec::new();
         for leaf in &self.leaves {
@@ -84,6 +91,7 @@ impl Cloud {
     }
 
     /// Returns the squared distances of the points of a leaf to the nearest points of this cloud.
+    #[inline(always)]
     fn nearest_squared(&self, query: &[[f32; LANES]; 3], pending: &mut Vec<(f32, usize)>) -> [f32; LANES] {
         let mut best = [f32::INFINITY; LANES];
         let Some(&root) = self.boxes.first() else { return best };
@@ -132,6 +140,7 @@ fn split(points: &mut [Vec3], node: usize, boxes: &mut [Aabb], leaves: &mut Vec<
 
 /// Lowers the best squared distances by those to the points of a leaf. The inner loop runs over the query points, so that it needs no
 /// sum across lanes.
+#[inline(always)]
 fn improve(query: &[[f32; LANES]; 3], leaf: &[[f32; LANES]; 3], best: &mut [f32; LANES]) {
     for k in 0..LANES {
         let [x, y, z] = [leaf[0][k], leaf[1][k], leaf[2][k]];

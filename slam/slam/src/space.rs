@@ -6,6 +6,7 @@ mod walls;
 use glam::{UVec3, Vec3};
 use mvt_frames::Occupied;
 use nalgebra::{Matrix4, Vector4};
+use pulp::Arch;
 
 use crate::scan::View;
 pub use frontier::FrontierPatch;
@@ -182,7 +183,8 @@ impl Space {
     /// The cells near which no surface was seen, through which no ray passed, and which lie within the hull of the seen surface, with a guess
     /// about each: the inside, unless the object is hollow. Nothing is assumed of cells that continue a cavity of an object that may be solid.
     pub fn unseen(&self) -> Vec<Unseen> {
-        let seen_cavity = self.seen_cavity();
+        let depths_m = self.depths_m();
+        let seen_cavity = self.seen_cavity(&depths_m);
         let is_hollow = seen_cavity.len() >= LEAST_CAVITY;
         let is_thin_walled = is_hollow && self.is_thin_walled(&seen_cavity);
         let cavity = if is_hollow && !is_thin_walled { self.continued(seen_cavity) } else { Vec::new() };
@@ -192,8 +194,9 @@ impl Space {
             if self.near_surface[i] || self.passes[i] >= EMPTY || cavity.get(i) == Some(&true) {
                 continue;
             }
-            let centre = self.centre(cell);
-            if let Some(depth_m) = self.depth_m(centre) {
+            let depth_m = depths_m[i];
+            if depth_m > -HULL_MARGIN_M {
+                let centre = self.centre(cell);
                 let assumed = match is_thin_walled {
                     false => Assumed::Inside,
                     true if self.closes_a_wall(centre) => Assumed::Wall,
@@ -225,12 +228,6 @@ impl Space {
         cavity
     }
 
-    /// Whether a cell deep below the hull of what was seen was looked through.
-    fn is_seen_cavity(&self, cell: UVec3) -> bool {
-        self.is_open_at(flatten(cell))
-            && self.depth_m(self.centre(cell)).is_some_and(|depth_m| depth_m > CAVITY_DEPTH_M)
-    }
-
     /// The middle of a cell.
     fn centre(&self, cell: UVec3) -> Vec3 {
         (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m
@@ -245,6 +242,38 @@ impl Space {
     fn depth_m(&self, p: Vec3) -> Option<f32> {
         let mut sides = self.directions.iter().zip(&self.support_m).map(|(d, support)| support - d.dot(p));
         sides.try_fold(f32::INFINITY, |least, depth_m| (depth_m > -HULL_MARGIN_M).then(|| least.min(depth_m)))
+    }
+
+    /// How far each cell lies below the hull of what was seen, as [`Self::depth_m`], metres; below -[`HULL_MARGIN_M`] more than little outside it.
+    fn depths_m(&self) -> Vec<f32> {
+        let mut depths_m = vec![f32::NEG_INFINITY; self.passes.len()];
+        let coordinate = |at: u32| (at as f32 + 0.5) * self.cell_m() - self.half_extent_m;
+        let xs: [f32; CELLS as usize] = std::array::from_fn(|x| coordinate(x as u32));
+        // Compiled for the machine's own vectors; the depths are the same.
+        Arch::new().dispatch(|| {
+            for (row, depths_m) in depths_m.as_chunks_mut().0.iter_mut().enumerate() {
+                let (y, z) = (coordinate(row as u32 % CELLS), coordinate(row as u32 / CELLS));
+                self.row_depths_m(&xs, [y, z], depths_m);
+            }
+        });
+        depths_m
+    }
+
+    /// Writes the depths of a row of cells along x.
+    #[inline(always)]
+    fn row_depths_m(&self, xs: &[f32; CELLS as usize], [y, z]: [f32; 2], depths_m: &mut [f32; CELLS as usize]) {
+        depths_m.fill(f32::INFINITY);
+        for (outwards, support_m) in self.directions.iter().zip(&self.support_m) {
+            let [along_y, along_z] = [outwards.y * y, outwards.z * z];
+            for (depth_m, x) in depths_m.iter_mut().zip(xs) {
+                let below_m = support_m - (outwards.x * x + along_y + along_z);
+                *depth_m = if below_m < *depth_m { below_m } else { *depth_m };
+            }
+            // The axes come first: most rows pass beside the object.
+            if depths_m.iter().all(|depth_m| *depth_m <= -HULL_MARGIN_M) {
+                return;
+            }
+        }
     }
 
     /// Edge of a cell, metres.

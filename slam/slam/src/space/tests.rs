@@ -286,7 +286,7 @@ fn of_a_cup_with_thin_walls_the_unseen_inside_is_air_and_the_foot_is_closed() {
 fn a_pit_in_a_solid_does_not_make_it_thin_walled() {
     // Its walls are 14 mm thick: nothing is known below the pit.
     let space = cup(0.014);
-    assert!(!space.seen_cavity().is_empty(), "the pit is a cavity");
+    assert!(!space.seen_cavity(&space.depths_m()).is_empty(), "the pit is a cavity");
     assert!(space.unseen().iter().all(|cell| cell.assumed == Assumed::Inside));
 }
 
@@ -311,4 +311,17 @@ fn the_frontier_is_the_side_that_was_not_seen() {
 
 fn area_m2(patches: &[FrontierPatch]) -> f32 {
     patches.iter().map(|patch| patch.area_m2).sum()
+}
+
+#[test]
+fn depths_of_cells_are_those_of_their_centres() {
+    let space = looked_at(Solid::Ball(0.03), &[0.0, 60.0, 120.0]);
+    let depths_m = space.depths_m();
+    let mut inside = 0;
+    for cell in cells() {
+        let depth_m = Some(depths_m[flatten(cell)]).filter(|&depth_m| depth_m > -HULL_MARGIN_M);
+        assert_eq!(depth_m, space.depth_m(space.centre(cell)), "{cell}");
+        inside += usize::from(depth_m.is_some());
+    }
+    assert!(inside > 1000, "{inside}");
 }

@@ -2,7 +2,7 @@
 
 use glam::{UVec3, Vec3};
 
-use super::{Space, cells, flatten, neighbour};
+use super::{CAVITY_DEPTH_M, Space, cells, flatten, neighbour};
 
 /// Most cells from one side of a thin wall to the other. Surface counts as seen one cell around the measured points, so that a wall of
 /// 2 mm takes four to six.
@@ -64,8 +64,9 @@ impl Space {
         end.is_none_or(|(surface, _)| !surface)
     }
 
-    /// Cells deep below the hull of what was seen that were looked through.
-    pub(super) fn seen_cavity(&self) -> Vec<UVec3> {
-        cells().filter(|&cell| self.is_seen_cavity(cell)).collect()
+    /// Cells deep below the hull of what was seen that were looked through, given the depth of each cell.
+    pub(super) fn seen_cavity(&self, depths_m: &[f32]) -> Vec<UVec3> {
+        let is_deep = |i: usize| self.is_open_at(i) && depths_m[i] > CAVITY_DEPTH_M;
+        cells().filter(|&cell| is_deep(flatten(cell))).collect()
     }
 }
