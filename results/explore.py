@@ -6,8 +6,8 @@
 Episodes of 30 s, touch depth from the network, one camera each. Per object and seed: `frontier` and `oracle` as `evaluate --explore` describes them,
 `round-robin`, `random`, the controller of `auto` alone (`fixed`), and the schedule of it and the object's second safe controller in turns of 6 s
 (`schedule`). Writes OUT/explore.jsonl, a line per episode with the mean F-score over time, and OUT/explore.json: means over all cameras and by camera, the
-mean differences between frontier and the others with 95 % intervals, and the gain of frontier over the better of `fixed` and `schedule`
-relative to that of the oracle. A comparison uses the starts that its modes have in common. An object that fell keeps its last score. The
+mean differences between frontier and the others with 95 % intervals, and the gains of frontier and oracle over the better of `fixed` and
+`schedule`. A comparison uses the starts that its modes have in common. An object that fell keeps its last score. The
 same command continues after an interruption; more --seeds or --modes add episodes.
 """
 
@@ -63,9 +63,8 @@ def summary(lines):
     if plain and {"frontier", "oracle"} <= set(by_mode):
         shared = common([*plain, "frontier", "oracle"])
         at = means({mode: by_mode[mode] for mode in [*plain, "frontier", "oracle"]}, shared)
-        gain = lambda mode, figure: at[mode][figure] - max(at[other][figure] for other in plain)
-        out["oracle"] = {"starts": len(shared), "gain": {f: gain("oracle", f) for f in FIGURES[:2]}}
-        out["share_of_oracle"] = {f: gain("frontier", f) / gain("oracle", f) for f in FIGURES[:2]}
+        gain = lambda mode: {f: at[mode][f] - max(at[other][f] for other in plain) for f in FIGURES[:2]}
+        out["gain"] = {"starts": len(shared), "frontier": gain("frontier"), "oracle": gain("oracle")}
     return out
 
 
