@@ -81,12 +81,14 @@
 
 mod architecture;
 mod cost;
+mod image_size;
 mod layer;
 mod weights;
 mod windows;
 
 pub use architecture::{Architecture, ConvNext, Mamba, Pyramid, RobustMamba, ScanOrder, Swin, UnknownNetwork, Vit};
 pub use cost::Cost;
+pub use image_size::ImageSizeError;
 pub use layer::{Grid, LAYER_NORM_EPS, NetworkLayer, Op};
 pub use weights::{Precision, Provenance, WeightTensor, Weights, WeightsError, write_tensors};
 pub use windows::{ShiftedWindows, relative_position, squares};

@@ -12,7 +12,7 @@ use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
 
 use super::architecture::Architecture;
-use crate::engine::ImageSizeError;
+use super::image_size::ImageSizeError;
 
 /// Largest file that is read, bytes; the largest network is far smaller.
 const MAX_BYTES: u64 = 4 << 30;
