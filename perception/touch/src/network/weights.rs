@@ -125,8 +125,8 @@ impl Weights {
         Self::from_bytes(SHIPPED, Path::new("the shipped weights"))
     }
 
-    /// Returns the shipped weights of `default` that resize images to half their size: a quarter of the work of [`Weights::shipped`], and a tenth more
-    /// error. Runs use them.
+    /// Returns the shipped weights of `default` that resize images to half their size: a quarter of the work of [`Weights::shipped`], and 15 %
+    /// more error in contact. Runs use them.
     ///
     /// # Errors
     /// None in practice: a test reads the shipped file.
