@@ -153,12 +153,15 @@ impl PosedScene<'_> {
         caster.cast(&self.instances, k, Faces::Both, hits);
         // Compiled for the machine's own instructions, which round without calls of the C library. The pixels are the same.
         let width = k.width.max(1);
-        Arch::new().dispatch(|| {
-            let rows = rgbd.color.chunks_exact_mut(3 * width).zip(depth.chunks_exact_mut(width));
-            for (row, ((colors, depth), labels)) in rows.zip(labels.chunks_exact_mut(width)).enumerate() {
-                self.render_row(row, hits, colors, depth, labels);
-            }
-        });
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                let rows = rgbd.color.chunks_exact_mut(3 * width).zip(depth.chunks_exact_mut(width));
+                for (row, ((colors, depth), labels)) in rows.zip(labels.chunks_exact_mut(width)).enumerate() {
+                    self.render_row(row, hits, colors, depth, labels);
+                }
+            },
+        );
     }
 
     /// Fills a row of the image from the hits of its rays.

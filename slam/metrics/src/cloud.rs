@@ -69,7 +69,10 @@ impl Cloud {
     /// Distances are infinite if the other cloud is empty.
     pub(super) fn distances(&self, motion: (Mat3A, Vec3A), to: &Self) -> Vec<f32> {
         // Compiled for the machine's own vectors; the distances are the same.
-        Arch::new().dispatch(|| self.distances_by_leaf(motion, to))
+        Arch::new().dispatch(
+            #[inline(always)]
+            || self.distances_by_leaf(motion, to),
+        )
     }
 
     #[inline(always)]

@@ -250,12 +250,15 @@ impl Space {
         let coordinate = |at: u32| (at as f32 + 0.5) * self.cell_m() - self.half_extent_m;
         let xs: [f32; CELLS as usize] = std::array::from_fn(|x| coordinate(x as u32));
         // Compiled for the machine's own vectors; the depths are the same.
-        Arch::new().dispatch(|| {
-            for (row, depths_m) in depths_m.as_chunks_mut().0.iter_mut().enumerate() {
-                let (y, z) = (coordinate(row as u32 % CELLS), coordinate(row as u32 / CELLS));
-                self.row_depths_m(&xs, [y, z], depths_m);
-            }
-        });
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (row, depths_m) in depths_m.as_chunks_mut().0.iter_mut().enumerate() {
+                    let (y, z) = (coordinate(row as u32 % CELLS), coordinate(row as u32 / CELLS));
+                    self.row_depths_m(&xs, [y, z], depths_m);
+                }
+            },
+        );
         depths_m
     }
 
