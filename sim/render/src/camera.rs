@@ -151,7 +151,8 @@ impl PosedScene<'_> {
         let labels = labels.as_slice_mut().unwrap_or_default();
         hits.reset(PixelWindow::whole(k));
         caster.cast(&self.instances, k, Faces::Both, hits);
-        // Compiled for the machine's own instructions, which round without calls of the C library. The pixels are the same.
+        // Compiled for the machine's own instructions, which round without calls of the C library; a closure that is not inlined would not be.
+        // The pixels are the same.
         let width = k.width.max(1);
         Arch::new().dispatch(
             #[inline(always)]

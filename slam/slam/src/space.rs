@@ -249,7 +249,7 @@ impl Space {
         let mut depths_m = vec![f32::NEG_INFINITY; self.passes.len()];
         let coordinate = |at: u32| (at as f32 + 0.5) * self.cell_m() - self.half_extent_m;
         let xs: [f32; CELLS as usize] = std::array::from_fn(|x| coordinate(x as u32));
-        // Compiled for the machine's own vectors; the depths are the same.
+        // Compiled for the machine's own vectors; a closure that is not inlined would not be. The depths are the same.
         Arch::new().dispatch(
             #[inline(always)]
             || {
