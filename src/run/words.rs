@@ -41,6 +41,13 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
             e.mean, e.median, e.p95, e.last, summary.lost_frames, summary.recovered
         );
         text += &format!("shape (F-score) at 1, 2, 5 and 10 mm: {}, {}, {}, {}\n", f(1), f(2), f(5), f(10));
+        if let Some(observed) = &summary.observed {
+            text += &format!(
+                "{:.0} % of the surface was measured; F-score of this part at 5 mm: {}\n",
+                100.0 * observed.share,
+                number(observed.f_score.get(&5).copied())
+            );
+        }
     }
     text += &format!("results in {}\n", out.display());
     let path = |name: &str| out.join(name).display().to_string();

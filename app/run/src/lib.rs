@@ -45,6 +45,7 @@ pub mod exploring;
 pub mod input;
 pub mod io;
 pub mod object;
+pub mod observed;
 pub mod pipeline;
 pub mod program;
 pub mod progress;

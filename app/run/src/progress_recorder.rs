@@ -42,7 +42,10 @@ impl<'a> ProgressRecorder<'a> {
             }
             Progress::Frame { results, sensed } => {
                 self.record.hidden.extend(sensed.hidden);
-                let Some(FrameResult { row, .. }) = results.first().and_then(Option::as_ref) else { return };
+                let Some(FrameResult { row, scan, .. }) = results.first().and_then(Option::as_ref) else { return };
+                if let Some(truth) = row.truth {
+                    self.record.observed.add(scan, truth);
+                }
                 self.record.frames.push(*row);
                 self.record.simulated_s = row.time_s;
                 self.show();

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::estimator::Mode;
 use crate::explorer::ExplorerChoice;
 use crate::io::write_file;
+use crate::observed::Observed;
 use crate::source::Modality;
 use crate::truth::Truth;
 pub use mvt_slam::{Deviation, TrackState};
@@ -30,7 +31,7 @@ mod trajectory;
 mod turntable;
 
 pub use coordinates::Coordinates;
-pub use summary::{ErrorStatistics, ShapeScores, Summary};
+pub use summary::{ErrorStatistics, ObservedScores, ShapeScores, Summary};
 pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
 
 /// Names of the files in a run's folder.
@@ -70,6 +71,8 @@ pub struct RunRecord {
     pub choices: Vec<ExplorerChoice>,
     /// Shares of the object that the hand hid from the first camera, of the frames of which they are known.
     pub hidden: Vec<f64>,
+    /// Measured points of the object, where its true pose is known.
+    pub observed: Observed,
     /// Takes the coordinates of the field to those of the mesh in the end; `None` before anything was seen.
     pub object_from_field: Option<Isometry<Field, Object>>,
     /// Wall time, seconds.
@@ -182,7 +185,8 @@ pub fn write_partial(folder: &Path, run: &RunRecord) -> Result<Summary> {
 pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&Truth>) -> Result<Summary> {
     let truth = truth.zip(run.object_from_estimate());
     let shape = truth.map(|(truth, motion)| ShapeScores::new(estimate, truth, motion)).unwrap_or_default();
-    let summary = Summary::new(run, shape);
+    let mut summary = Summary::new(run, shape);
+    summary.observed = truth.map(|(truth, motion)| ObservedScores::new(estimate, truth, &run.observed, motion));
     write_tables(folder, run, &summary)?;
     write_file(folder, file::OBJ, mesh_file::obj(estimate, Coordinates::Object).as_bytes())?;
     write_file(folder, file::CURVES, curves::curves(run).as_bytes())?;

@@ -151,8 +151,7 @@ impl PosedScene<'_> {
         let labels = labels.as_slice_mut().unwrap_or_default();
         hits.reset(PixelWindow::whole(k));
         caster.cast(&self.instances, k, Faces::Both, hits);
-        // Compiled for the machine's own instructions, which round without calls of the C library; a closure that is not inlined would not be.
-        // The pixels are the same.
+        // Compiled for the machine's own vectors; a closure that is not inlined would not be. The pixels are the same.
         let width = k.width.max(1);
         Arch::new().dispatch(
             #[inline(always)]
@@ -204,7 +203,8 @@ fn shade(albedo: Vec3, normal: Vec3A, light: Vec3A, towards_camera: Vec3A) -> [u
     // The back of a surface, visible where a mesh is open, is lit like its front.
     let normal = if facing < 0.0 { -normal } else { normal };
     let brightness = 0.22 + 0.55 * normal.dot(light).max(0.0) + 0.28 * facing.abs();
-    (albedo * brightness).to_array().map(|c| (c.clamp(0.0, 1.0).sqrt() * 255.0).round() as u8)
+    // Half a level is added and the rest cut off: `round` is a call of the C library.
+    (albedo * brightness).to_array().map(|c| (c.clamp(0.0, 1.0).sqrt() * 255.0 + 0.5) as u8)
 }
 
 /// Returns the linear albedo of a material of the hand: black links, grey DIGITs, orange gels.

@@ -81,6 +81,16 @@ impl TrueSurface {
         Self::of_points(points)
     }
 
+    /// Divides the points into those within `reach_m` of one of these points, metres, in the object's frame, and the rest.
+    pub fn divided(&self, near: &[Vec3], reach_m: f32) -> [Self; 2] {
+        let distances = distances_m(&self.0, Isometry::<Object, Object>::identity(), &Cloud::new(near.to_vec()));
+        let part = |is_near: bool| {
+            let points = self.points().iter().zip(&distances).filter(|&(_, &d)| (d <= reach_m) == is_near);
+            Self::of_points(points.map(|(&p, _)| p).collect())
+        };
+        [part(true), part(false)]
+    }
+
     /// Returns the error of a pose, given the motion from the object at its estimated pose to the object at its true pose: the inverse of
     /// the true pose times the estimated pose. Infinite if the motion is not finite.
     pub fn add_s(&self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
@@ -106,8 +116,25 @@ impl TrueSurface {
         object_from_estimate: Isometry<F, Object>,
         thresholds_m: &[f64],
     ) -> ShapeScore {
+        self.score_beside(&Self::of_points(Vec::new()), estimate, object_from_estimate, thresholds_m)
+    }
+
+    /// Scores a shape as [`Self::score`] does, where this is a part of a true surface and `rest` is the other part: estimated points that
+    /// lie nearer to the rest do not count.
+    pub fn score_beside<F: Frame>(
+        &self,
+        rest: &Self,
+        estimate: &[Vec3],
+        object_from_estimate: Isometry<F, Object>,
+        thresholds_m: &[f64],
+    ) -> ShapeScore {
         let estimate = Cloud::new(estimate.to_vec());
-        let to_truth = distances_m(&estimate, object_from_estimate, &self.0);
+        let mut to_truth = distances_m(&estimate, object_from_estimate, &self.0);
+        if !rest.points().is_empty() {
+            let to_rest = distances_m(&estimate, object_from_estimate, &rest.0);
+            to_truth =
+                to_truth.into_iter().zip(to_rest).filter(|(own, rest)| own <= rest).map(|(own, _)| own).collect();
+        }
         let to_estimate = distances_m(&self.0, object_from_estimate.inverse(), &estimate);
         let f_score = |&threshold_m: &f64| FScore {
             threshold_m,

@@ -320,3 +320,25 @@ fn the_lowest_fifth_of_a_ball_is_its_cap() {
     assert!((recall - (0.1 + 0.5 * rim) / 0.2).abs() < 0.01, "{recall} with a rim of {rim}");
     assert!(truth.lowest(0.0).points().is_empty());
 }
+
+#[test]
+fn a_part_of_a_surface_is_scored_without_the_rest() {
+    let still = Isometry::<Object, Object>::identity();
+    let ball = fibonacci(0.03, 10_000);
+    let truth = TrueSurface::of_points(ball.clone());
+    let upper: Vec<Vec3> = ball.iter().copied().filter(|p| p.z > 0.0).collect();
+    let [seen, rest] = truth.divided(&upper, 0.001);
+    assert!((seen.points().len() + rest.points().len()) == 10_000 && (5_000..5_250).contains(&seen.points().len()));
+    // The lower half of the estimate is far from the true one; only the rim of the upper half notices.
+    let estimate: Vec<Vec3> = ball.iter().map(|&p| if p.z > 0.0 { p } else { p * 0.5 }).collect();
+    let whole = truth.score(&estimate, still, &[0.002]).f_scores[0];
+    let part = seen.score_beside(&rest, &estimate, still, &[0.002]).f_scores[0];
+    assert!(whole.recall < 0.6 && whole.precision < 0.6, "{whole:?}");
+    assert!(part.recall > 0.99 && part.precision > 0.99, "{part:?}");
+    // A surface that does not exist, above the part that was seen, is not hidden by the division.
+    let doubled: Vec<Vec3> = ball.iter().flat_map(|&p| [p, p * 1.5]).collect();
+    let doubled = seen.score_beside(&rest, &doubled, still, &[0.002]).f_scores[0];
+    assert!((doubled.precision - 0.5).abs() < 0.02, "{doubled:?}");
+    let [none, all] = truth.divided(&[], 0.001);
+    assert!(none.points().is_empty() && all.points().len() == 10_000);
+}

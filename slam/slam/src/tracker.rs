@@ -411,10 +411,11 @@ impl Tracker {
     /// Median distance of the newest frame's points from the surface, in standard deviations.
     pub fn median_residual(&self, shape: &dyn Reference) -> f64 {
         let Some(instant) = self.window.back() else { return 0.0 };
-        let (inside, distances, trusted) = ask(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
-        let mut residuals: Vec<f64> = (0..inside.len())
+        let points = in_model(&instant.pose, instant.measured.iter().map(|m| m.point));
+        let (distances_m, trusted) = ask_values(shape, &points);
+        let mut residuals: Vec<f64> = (0..points.len())
             .filter(|&i| trusted[i])
-            .map(|i| f64::from(distances[i].value_m.abs() / sigma(shape, instant.measured[i].sigma_m)))
+            .map(|i| f64::from(distances_m[i].abs() / sigma(shape, instant.measured[i].sigma_m)))
             .collect();
         if residuals.is_empty() {
             return 0.0;
@@ -558,13 +559,21 @@ fn ask(
     pose: &na::Isometry3<f64>,
     points: impl Iterator<Item = Vec3>,
 ) -> (Vec<Vec3>, Vec<Distance>, Vec<bool>) {
-    let model_from_world = pose.inverse();
-    let points: Vec<Vec3> = points.map(|p| apply(&model_from_world, p)).collect();
+    let points = in_model(pose, points);
     let mut distances = vec![Distance::default(); points.len()];
     shape.distances_and_gradients(&points, &mut distances);
     let mut trusted = vec![false; points.len()];
     shape.trusted(&points, &mut trusted);
     (points, distances, trusted)
+}
+
+/// Distances of points in the model's frame without gradients, metres, and whether they can be trusted.
+fn ask_values(shape: &dyn Reference, points: &[Vec3]) -> (Vec<f32>, Vec<bool>) {
+    let mut distances_m = vec![0.0; points.len()];
+    shape.distances(points, &mut distances_m);
+    let mut trusted = vec![false; points.len()];
+    shape.trusted(points, &mut trusted);
+    (distances_m, trusted)
 }
 
 /// As [`ask`] for points that were measured on the surface: one where no surface can be speaks against the pose, too.
@@ -574,10 +583,21 @@ fn ask_measured(
     points: impl Iterator<Item = Vec3>,
 ) -> (Vec<Vec3>, Vec<Distance>, Vec<bool>) {
     let (points, distances, mut trusted) = ask(shape, pose, points);
-    let mut empty = vec![false; points.len()];
-    shape.seen_empty(&points, &mut empty);
-    trusted.iter_mut().zip(empty).for_each(|(trusted, empty)| *trusted |= empty);
+    trust_empty(shape, &points, &mut trusted);
     (points, distances, trusted)
+}
+
+/// Also trusts points where no surface can be.
+fn trust_empty(shape: &dyn Reference, points: &[Vec3], trusted: &mut [bool]) {
+    let mut empty = vec![false; points.len()];
+    shape.seen_empty(points, &mut empty);
+    trusted.iter_mut().zip(empty).for_each(|(trusted, empty)| *trusted |= empty);
+}
+
+/// Points of the world in the model's frame.
+fn in_model(pose: &na::Isometry3<f64>, points: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
+    let model_from_world = pose.inverse();
+    points.map(|p| apply(&model_from_world, p)).collect()
 }
 
 pub(crate) fn apply(motion: &na::Isometry3<f64>, p: Vec3) -> Vec3 {

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::estimator::Mode;
 use crate::explorer::ExplorerChoice;
+use crate::observed::{Observed, REACH_M};
 use crate::source::Modality;
 use crate::truth::Truth;
 
@@ -45,6 +46,8 @@ pub struct Summary {
     /// The shape in the end.
     #[serde(flatten)]
     pub shape: ShapeScores,
+    /// The shape in the end where sensors have measured it; null without truth and while the run goes on.
+    pub observed: Option<ObservedScores>,
     /// One-directional ADD-S, as NeuralFeels has it.
     pub add_s_mm: Option<ErrorStatistics>,
     /// Mean of both directions.
@@ -95,6 +98,16 @@ pub struct ShapeScores {
     pub mesh_error_fine_mm: Option<f64>,
 }
 
+/// Scores of the part of the surface that the sensors have measured at least once: the estimate cannot know the rest.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ObservedScores {
+    /// Share of the true surface that lies within 4 mm of a measured point.
+    pub share: f64,
+    /// F-score by threshold in mm, of 10,000 points of either surface. True points that were not measured do not count, and neither do
+    /// estimated points that lie nearer to these than to measured ones.
+    pub f_score: BTreeMap<u32, f64>,
+}
+
 /// Pose errors of a run, mm, every frame counted but in the last.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ErrorStatistics {
@@ -111,14 +124,32 @@ pub struct ErrorStatistics {
     pub mean_original_definition: Option<f64>,
 }
 
+fn by_threshold(score: &ShapeScore) -> BTreeMap<u32, f64> {
+    score.f_scores.iter().map(|f| ((f.threshold_m * 1e3).round() as u32, f.f())).collect()
+}
+
+impl ObservedScores {
+    /// Of a surface in the frame that `object_from_estimate` takes to the true one's.
+    pub fn new(
+        estimate: &Mesh,
+        truth: &Truth,
+        observed: &Observed,
+        object_from_estimate: Isometry<Object, Object>,
+    ) -> Self {
+        let [measured, rest] = truth.original().divided(&observed.points(), REACH_M);
+        let estimate = sample_surface(estimate, POINTS, 1);
+        let score = measured.score_beside(&rest, &estimate, object_from_estimate, &THRESHOLDS_M);
+        let share = measured.points().len() as f64 / truth.original().points().len().max(1) as f64;
+        Self { share, f_score: by_threshold(&score) }
+    }
+}
+
 impl ShapeScores {
     /// Of a surface in the frame that `object_from_estimate` takes to the true one's.
     pub fn new<F: Frame>(estimate: &Mesh, truth: &Truth, object_from_estimate: Isometry<F, Object>) -> Self {
         let score = |surface: &TrueSurface, points: usize| {
             surface.score(&sample_surface(estimate, points, 1), object_from_estimate, &THRESHOLDS_M)
         };
-        let by_threshold =
-            |score: &ShapeScore| score.f_scores.iter().map(|f| ((f.threshold_m * 1e3).round() as u32, f.f())).collect();
         let (original, fine) = (score(truth.original(), POINTS), score(truth.fine(), FINE_POINTS));
         let at_5mm = |of: fn(&FScore) -> f64| original.f_scores.iter().find(|f| f.threshold_m == 0.005).map(of);
         Self {
@@ -177,6 +208,7 @@ impl Summary {
             },
             peak_memory_mb: run.peak_memory_mb,
             shape,
+            observed: None,
             add_s_mm,
             add_s_symmetric_mm: ErrorStatistics::new(frames, |e| e.symmetric_m),
             failed: add_s_mm.map(|e| e.last > mvt_metrics::FAILURE_M * 1e3),

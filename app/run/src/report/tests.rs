@@ -59,6 +59,7 @@ fn run() -> RunRecord {
         events: vec![Event { time_s: 10.0, text: "lost the object".into() }],
         choices: Vec::new(),
         hidden: vec![0.2, 0.4],
+        observed: Observed::default(),
         object_from_field: None,
         wall_s: 25.0,
         simulated_s: 20.0,

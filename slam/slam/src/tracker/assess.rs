@@ -3,7 +3,7 @@
 use nalgebra as na;
 
 use super::system::{Loss, surface};
-use super::{ROBUST_SIGMAS, Tracker, ask, ask_measured, sigma, to_na};
+use super::{ROBUST_SIGMAS, Tracker, ask_measured, ask_values, in_model, sigma, to_na, trust_empty};
 use crate::deviation::Variance;
 use crate::tracker::Reference;
 
@@ -75,12 +75,14 @@ impl Tracker {
     pub fn assess(&self, shape: &dyn Reference) -> Assessment {
         let nothing = Assessment { confidence: 0.0, camera_inliers: None, touch_inliers: None, free: 1.0 };
         let Some(instant) = self.window.back() else { return nothing };
-        let (_, distances, trusted) = ask_measured(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
+        let points = in_model(&instant.pose, instant.measured.iter().map(|m| m.point));
+        let (distances_m, mut trusted) = ask_values(shape, &points);
+        trust_empty(shape, &points, &mut trusted);
         // Weighted points, and of these the inliers; camera first.
         let mut sums = [[0.0; 2]; 2];
         let mut count = 0;
         for (i, m) in instant.measured.iter().enumerate().filter(|(i, _)| trusted[*i]) {
-            let inlier = distances[i].value_m.abs() < INLIER_SIGMAS * sigma(shape, m.sigma_m);
+            let inlier = distances_m[i].abs() < INLIER_SIGMAS * sigma(shape, m.sigma_m);
             let sum = &mut sums[usize::from(m.is_touch)];
             sum[0] += m.share;
             sum[1] += if inlier { m.share } else { 0.0 };
@@ -88,11 +90,11 @@ impl Tracker {
         }
         let part = |[all, inliers]: [f64; 2]| (all > 0.0).then(|| inliers / all);
         let vacant = instant.occupied.iter().chain(&instant.passed);
-        let (_, distances, trusted) = ask(shape, &instant.pose, vacant.clone().map(|v| v.point));
+        let (distances_m, trusted) = ask_values(shape, &in_model(&instant.pose, vacant.clone().map(|v| v.point)));
         let asked = trusted.iter().filter(|&&t| t).count();
         let violated = vacant
             .enumerate()
-            .filter(|(i, v)| trusted[*i] && distances[*i].value_m < v.clearance_m - FREE_TOLERANCE_M)
+            .filter(|(i, v)| trusted[*i] && distances_m[*i] < v.clearance_m - FREE_TOLERANCE_M)
             .count();
         // One of one that is violated is chance, not evidence.
         let free = 1.0 - violated as f64 / asked.max(FEWEST_POINTS) as f64;
