@@ -44,7 +44,7 @@ def ball(path, diameter_mm, rings=48):
 
 
 def words_of(text):
-    """Returns what the end of a run says about the air."""
+    """Returns the figures of a run's last event about the air."""
     number = r"(-?[0-9.]+)"
     match = re.search(rf"at least {number} mm over the palm, touched by more than fingertips {number} %.*?turned by {number}, {number} and {number} rad", text)
     height, beside, *net = map(float, match.groups())

@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
-"""Measures what a wrong calibration and another seed of the estimator do to runs.
+"""Measures the effect of a wrong calibration and of another seed of the estimator.
 
-    results/calibration.py OUT [--program FILE] [--objects A,B,...] [--seed N] [--duration SECONDS] [--seeds N]
+    results/calibration.py OUT [--program FILE] [--objects A,B,...] [--logs N] [--seed N] [--duration SECONDS] [--seeds N]
 
-Generates a log per object, disturbs a copy of each (`mambavitact disturb`: cameras by 5 degrees and 10 mm, joints by 1 degree, a lag of
+Generates N logs per object, disturbs a copy of each (`mambavitact disturb`: cameras by 5 degrees and 10 mm, joints by 1 degree, a lag of
 33 ms), and estimates shape and pose from both, with cameras `side` and `front-left` in turns. The objects are not those that the estimator
-was tuned with: see results/objects.toml. Writes OUT/calibration.jsonl, a line per log, and OUT/seeds.jsonl, a line per log and seed of the
-estimator. Logs and runs that are there already are not made again.
+was tuned with: see results/objects.toml. Writes OUT/calibration.jsonl, a line per log, and OUT/seeds.jsonl, a line per first log of an
+object and seed of the estimator. Logs and runs that are there already are not made again.
 """
 
 import argparse
 import json
 import math
 import shutil
+import statistics
 import subprocess
 import sys
 import tomllib
@@ -99,18 +100,20 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
     parser.add_argument("--objects", default=",".join(objects))
+    parser.add_argument("--logs", type=int, default=3, help="logs per object")
     parser.add_argument("--seed", type=int, default=9200, help="seed of the first log")
     parser.add_argument("--duration", type=float, default=8)
-    parser.add_argument("--seeds", type=int, default=5, help="seeds of the estimator per log")
+    parser.add_argument("--seeds", type=int, default=5, help="seeds of the estimator on the first log of an object")
     arguments = parser.parse_args()
     measurement = Measurement(arguments)
     calibrations, seeds = [], []
-    for k, name in enumerate(arguments.objects.split(",")):
+    names = arguments.objects.split(",")
+    for k, name in enumerate(names * arguments.logs):
         log, wrong = measurement.log(name, arguments.seed + k)
-        camera = CAMERAS[k % len(CAMERAS)]
+        camera = CAMERAS[(k + k // len(names)) % len(CAMERAS)]
         key = f"{name}-{arguments.seed + k}-{camera}"
         refined = measurement.run(f"{key}-refined", log, camera)
-        row = {"object": name, "camera": camera, **measurement.errors(key, wrong, camera)}
+        row = {"object": name, "camera": camera, "first": int(k < len(names)), **measurement.errors(key, wrong, camera)}
         row |= {f"refined_{name}": value for name, value in refined.items()}
         for kind, path, words in (
             ("given", log, ["--calibration", "given"]),
@@ -127,11 +130,12 @@ def main():
         row["vision_f5_lost"] = row["vision_f5"] - row["wrong_vision_f5"]
         row["refining_f5_lost"] = row["given_f5"] - refined["f5"]
         row["refining_add_s_gained_mm"] = refined["add_s_mm"] - row["given_add_s_mm"]
-        errors = [measurement.run(f"{key}-seed{s}", log, camera, "--seed", s)["add_s_mm"] for s in range(arguments.seeds)]
-        median = sorted(errors)[len(errors) // 2] if errors else None
-        seeds += [{"object": name, "camera": camera, "seed": s, "add_s_mm": error, "over_median": error / median,
-                   "beyond_twice": int(error > 2 * median)} for s, error in enumerate(errors)]
-        row["worst_over_median"] = max(errors) / median if errors else None
+        if row["first"] and arguments.seeds:
+            errors = [measurement.run(f"{key}-seed{s}", log, camera, "--seed", s)["add_s_mm"] for s in range(arguments.seeds)]
+            median = statistics.median(errors)
+            seeds += [{"object": name, "camera": camera, "seed": s, "add_s_mm": error, "over_median": error / median,
+                       "beyond_twice": int(error > 2 * median)} for s, error in enumerate(errors)]
+            row["worst_over_median"] = max(errors) / median
         calibrations.append(row)
         lines(arguments.out / "calibration.jsonl", calibrations)
         lines(arguments.out / "seeds.jsonl", seeds)

@@ -3,13 +3,14 @@
 
     results/tracking.py OUT [--program FILE] [--objects A,B,...] [--random N] [--seed N] [--duration SECONDS]
 
-Generates a log per object (by default those of `hollow` and `tall` in results/objects.toml, and random:1000 to random:1039), and estimates shape
-and pose from it with cameras `side` and `front-left`. Writes OUT/tracking.jsonl, a line per run, and OUT/reliability.svg: the error below which
-95 % of the frames lie, over twice the stated deviation. Logs and runs that are there already are not made again; logs are removed when
-their runs are done.
+Generates a log per object (by default those of `hollow`, `tall` and `tall_tuned` in results/objects.toml, and random:1000 to random:1039), and
+estimates shape and pose from it with cameras `side` and `front-left`; of hollow objects also without touch. Writes OUT/tracking.jsonl, a
+line per run, and OUT/reliability.svg: the error below which 95 % of the frames lie, over twice the stated deviation. Logs and runs that are
+there already are not made again; logs are removed when their runs are done.
 """
 
 import argparse
+import itertools
 import json
 import math
 import shutil
@@ -20,6 +21,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 CAMERAS = ["side", "front-left"]
+KINDS = ["hollow", "tall", "tall_tuned"]
 # Stated deviations are sorted into these bins, mm.
 EDGES_MM = [0, 1, 1.25, 1.5, 2, 3, 5, 10, 20]
 
@@ -41,20 +43,25 @@ class Measurement:
                       "--cameras", ",".join(CAMERAS), "--out", folder)
         return next(folder.glob("*/00"))
 
-    def run(self, key, name, seed, folder, camera):
+    def run(self, key, name, seed, folder, camera, modality):
         """Returns the scores of a run and the pairs of stated deviation and error of its frames, mm."""
         path = self.out / "runs" / f"{key}.json"
         if not path.exists():
             log, run = self.log(name, seed, folder), self.out / "runs" / key
             shutil.rmtree(run, ignore_errors=True)
-            summary = json.loads(self.call("run", "--log", log, "--cameras", camera, "--json", "--quiet", "--out", run))
+            words = ["--log", log, "--cameras", camera, "--modality", modality, "--json", "--quiet", "--out", run]
+            summary = json.loads(self.call("run", *words))
             head, *rows = [line.split(",") for line in (run / "trajectory.csv").read_text().splitlines()]
             error, deviation = head.index("add_s_mm"), head.index("deviation_mm")
             # The error of the first frame is 0: it fixes the coordinates.
-            frames = [(float(row[deviation]) if row[deviation] else None, float(row[error])) for row in rows[1:]]
-            f = summary["f_score"] or {}
-            scores = {"f2": f.get("2"), "f5": f.get("5"), "add_s_mm": summary["add_s_mm"]["mean"],
-                      "final_mm": frames[-1][1], "final_deviation_mm": frames[-1][0], "seconds": summary["simulated_s"]}
+            # Before the object was seen, a frame has no error.
+            frames = [(float(row[deviation]) if row[deviation] else None, float(row[error])) for row in rows[1:] if row[error]]
+            # An object that was never seen has no shape.
+            f = summary["f_score"] or {"2": 0, "5": 0}
+            observed = summary["observed"] or {"share": 0, "f_score": {"5": 0}}
+            scores = {"f2": f["2"], "f5": f["5"], "observed": observed["share"], "observed_f5": observed["f_score"]["5"],
+                      "add_s_mm": summary["add_s_mm"]["mean"], "final_mm": frames[-1][1],
+                      "final_deviation_mm": frames[-1][0], "seconds": summary["simulated_s"]}
             path.write_text(json.dumps([scores, frames]))
             shutil.rmtree(run)
         return json.loads(path.read_text())
@@ -87,7 +94,7 @@ def main():
     objects = tomllib.loads((ROOT / "results/objects.toml").read_text())
     parser.add_argument("out", type=Path)
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
-    parser.add_argument("--objects", default=",".join(objects["hollow"] + objects["tall"]))
+    parser.add_argument("--objects", default=",".join(name for kind in KINDS for name in objects[kind]))
     parser.add_argument("--random", type=int, default=40, help="number of random objects")
     parser.add_argument("--seed", type=int, default=9300, help="seed of the first log")
     parser.add_argument("--duration", type=float, default=10)
@@ -96,16 +103,17 @@ def main():
     random = [f"random:{1000 + k}" for k in range(arguments.random)]
     rows, all_frames = [], []
     for k, name in enumerate([*random, *filter(None, arguments.objects.split(","))]):
-        kind = "random" if k < len(random) else "hollow" if name in objects["hollow"] else "tall"
-        keys = {camera: f"{name.replace(':', '-')}-{camera}" for camera in CAMERAS}
+        kind = "random" if k < len(random) else next((kind for kind in KINDS if name in objects[kind]), "other")
         folder = measurement.out / "logs" / name.replace(":", "-")
-        for camera, key in keys.items():
-            scores, frames = measurement.run(key, name, arguments.seed + k, folder, camera)
+        modalities = ["vitac", "vi"] if kind == "hollow" else ["vitac"]
+        for camera, modality in itertools.product(CAMERAS, modalities):
+            key = f"{name.replace(':', '-')}-{camera}-{modality}"
+            scores, frames = measurement.run(key, name, arguments.seed + k, folder, camera, modality)
             stated = [(d, e) for d, e in frames if d is not None]
             said = [e for d, e in stated if d <= 1]
             rows.append({
-                "object": name, "kind": kind, "camera": camera, **scores, "frames": len(frames), "poor": int(scores["f5"] < 0.85),
-                "f5_" + kind + "_" + camera: scores["f5"], "add_s_" + kind + "_" + camera: scores["add_s_mm"],
+                "object": name, "kind": kind, "camera": camera, "modality": modality, **scores, "frames": len(frames),
+                "poor": int(scores["f5"] < 0.85), "observed_poor": int(scores["observed_f5"] < 0.85),
                 "said_within_2mm": len(said), "within_2mm": sum(e <= 2 for e in said), "covered": sum(e <= 2 * d for d, e in stated),
                 "stated": len(stated), "undeclared": sum(e > 10 and d < 3 for d, e in stated),
                 "ends_undeclared": int(scores["final_mm"] > 10 and (scores["final_deviation_mm"] or 99) < 3),

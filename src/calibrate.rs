@@ -21,10 +21,10 @@ use mvt_run::source::{LogSource, Modality, Source};
 /// Duration of a live calibration without --duration, seconds: the hand has then shown its joints several times.
 const LIVE_S: f64 = 30.0;
 
-/// Refine the calibration of cameras and joints by what the cameras see of the hand
+/// Refine the calibration of cameras and joints by the hand in the cameras' images
 ///
 /// The hand's shape is known, so that depth images of the moving hand tell where the cameras stand, by how much each
-/// joint reading is off, and by how much the readings are late. What nothing measures keeps its prior, and its standard
+/// joint reading is off, and by how much the readings are late. A quantity that nothing measures keeps its prior, and its standard
 /// deviation says so. `run` does the same while it goes on.
 #[derive(Debug, Args)]
 pub struct CalibrateArguments {

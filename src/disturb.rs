@@ -7,7 +7,7 @@ use clap::Args;
 use mvt_feelsight::{DISTURBANCE_FILE, Disturbance};
 use mvt_run::io::print_line;
 
-/// Copy a FeelSight log with a wrong calibration, to test what a wrong calibration does
+/// Copy a FeelSight log with a wrong calibration, to test its effect
 ///
 /// Images, times and true poses stay the same. The poses of the cameras and the joint readings change; disturbance.json
 /// in the copy contains the true ones. Directions and offsets are drawn from the seed.

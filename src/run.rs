@@ -30,7 +30,7 @@ use input::RunInput;
 use crate::signals::stop_on_signals;
 use crate::view;
 
-/// Runs the command without arguments, which is what the program does without a command.
+/// Runs the command without arguments, as the program does without a command.
 pub fn main_job() -> Result<()> {
     let matches = RunArguments::augment_args(Command::new("run")).try_get_matches_from(["run"])?;
     run(&RunArguments::from_arg_matches(&matches)?)

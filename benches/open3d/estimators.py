@@ -44,7 +44,7 @@ class Settings:
 
 
 class View:
-    """What the camera sees of the object."""
+    """The camera's points of the object."""
 
     def __init__(self, setup, settings):
         self.camera, self.side, self.settings = setup.cameras[0], setup.side, settings

@@ -21,7 +21,7 @@ OBJECTS = ["cube70", "ball70", "can66", "mug", "box", "prism", "cone", "ring", "
 
 
 def vary(home, run, count):
-    """Makes folders of runs with other objects, seeds and errors; what is large is linked."""
+    """Makes folders of runs with other objects, seeds and errors; large files are linked."""
     summary = json.load(open(f"{run}/summary.json"))
     lines = open(f"{run}/trajectory.csv").read().splitlines()
     at = lines[0].split(",").index("add_s_mm")

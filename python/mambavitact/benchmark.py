@@ -34,7 +34,7 @@ from .errors import ArgumentError, Error, FileError
 __all__ = ["Estimator", "OurSlam", "Result", "Setup", "Suite", "SuiteLog", "run", "suites", "table", "write"]
 
 Touch = Literal["images", "depth", "none"]
-"""What the fingers deliver: images of the DIGITs, the true indentation of the gels, or nothing."""
+"""The data of the fingers: images of the DIGITs, the true indentation of the gels, or nothing."""
 
 Mesh = tuple[ArrayLike, ArrayLike]
 """Vertices (N, 3), metres, and faces (M, 3), indices of vertices."""
@@ -47,7 +47,7 @@ _ROTATION_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Setup:
-    """What an estimator knows before the first frame."""
+    """The knowledge of an estimator before the first frame."""
 
     cameras: list[Camera]
     """Intrinsics and extrinsics of the cameras, in the order of the images of a frame."""
@@ -56,7 +56,7 @@ class Setup:
     seed: int
     """Seed for an estimator that draws random numbers."""
     touch: Touch
-    """What the fingers deliver."""
+    """The data of the fingers."""
     untouched: NDArray[np.uint8] | None
     """Image of each DIGIT without contact, uint8 (4, 320, 240, 3), with touch `images`; otherwise None."""
 
@@ -129,7 +129,7 @@ class Suite:
     duration_s: float = 30.0
     """Longest duration of an episode, seconds. An episode ends earlier if the object falls."""
     touch: Touch = "images"
-    """What the fingers deliver."""
+    """The data of the fingers."""
 
     def __post_init__(self) -> None:
         """Refuse a suite that cannot be run."""
@@ -181,7 +181,7 @@ class Result:
     log: SuiteLog
     """The episode."""
     touch: Touch
-    """What the fingers delivered."""
+    """The data of the fingers."""
     settings: str
     """SHA-256 of the settings of the frames, hexadecimal: results with the same one can be compared."""
     frames: int
@@ -333,7 +333,7 @@ def _result(
 
 
 def _sensed(frame: Frame, touch: Touch) -> Frame:
-    """Return what the sensors deliver of a frame, and nothing else that the log knows."""
+    """Return the sensors' data of a frame, and nothing else of the log."""
     pressed: dict[str, Any] = {}
     if touch == "images":
         pressed = {"touch_images": frame.touch_images}
@@ -343,7 +343,7 @@ def _sensed(frame: Frame, touch: Touch) -> Frame:
 
 
 def _checked(value: ArrayLike, place: str) -> NDArray[np.float64]:
-    """Refuse what is no pose."""
+    """Refuse an invalid pose."""
     try:
         pose = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:

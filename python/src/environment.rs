@@ -13,7 +13,7 @@ use crate::arrays::{line, pixels, shaped, singles};
 use crate::camera::{around, read_side};
 use crate::errors::{Kind, argument, detached, general};
 
-/// Environments that step together on all cores: what the classes of `mambavitact.gym` stand on.
+/// Environments that step together on all cores: the base of the classes of `mambavitact.gym`.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Environments {
     senses: Vec<(Sense, Vec<usize>)>,

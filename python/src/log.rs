@@ -38,7 +38,7 @@ struct Reader {
     next: usize,
 }
 
-/// Returns what a frame has besides joints, depths and touch images.
+/// Returns the data of a frame besides joints, depths and touch images.
 fn complete(log: &FeelSight, index: usize, mut frame: Frame) -> Frame {
     frame.colours = (0..log.cameras().len()).map(|k| log.colour(k, index).unwrap_or_default()).collect();
     frame.presses = PerFinger::from_fn(|finger| true_press(&log.touch_truth(finger, index).ok()?, GelView::tacto()));

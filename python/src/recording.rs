@@ -69,7 +69,7 @@ impl Recording {
         self.recorded().moments().len()
     }
 
-    /// Reads what was added since. Returns whether anything is new.
+    /// Reads the new part of the recording. Returns whether anything is new.
     fn refresh(&self, py: Python<'_>) -> PyResult<bool> {
         detached(py, || self.recorded().refresh().map_err(file))
     }

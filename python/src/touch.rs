@@ -22,7 +22,7 @@ pub struct TouchNetwork {
     engine: Engine,
 }
 
-/// What a network finds in touch images.
+/// The contacts that a network finds in touch images.
 #[pyclass(frozen, get_all, module = "mambavitact")]
 pub struct TouchPrediction {
     /// How far the gel is pressed in, millimetres, 0 in implausible images: float32 (N, 320, 240).
@@ -103,7 +103,7 @@ impl TouchNetwork {
     }
 }
 
-/// Renders what a DIGIT sees of a mesh that it touches, as TACTO does, without noise.
+/// Renders a DIGIT's image of a mesh that it touches, as TACTO does, without noise.
 ///
 /// `mesh` is a path or a pair of arrays, vertices (N, 3) in metres and faces (M, 3). `pose` is 4 x 4 and takes the mesh to the sensor.
 /// `sensor` is fork (YCB-Slide, FeelSight) or tacto (TACTO 0.0.3). `background` is an untouched image, uint8 (320, 240, 3).

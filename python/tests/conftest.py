@@ -1,4 +1,4 @@
-"""What the tests share: the program that Cargo built, and a short log."""
+"""Shared by the tests: the program that Cargo built, and a short log."""
 
 import json
 import os

@@ -204,5 +204,5 @@ def test_the_suites_are_those_of_the_catalogue() -> None:
         for log in suite.logs:
             assert log.object.startswith("random:") or f"{log.object} " in known
             assert (name == "ycb") == log.object[0].isdigit()
-    # Nothing is tuned on what is compared.
+    # No compared log is used for tuning.
     assert not {log.object for log in suites["tuning"].logs} & {log.object for log in suites["procedural"].logs}

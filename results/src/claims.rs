@@ -35,7 +35,7 @@ pub struct Group {
     pub simulated: bool,
     /// Estimated duration of the commands in minutes.
     pub minutes: f64,
-    /// What the commands need beyond the repository.
+    /// Needs of the commands beyond the repository.
     pub needs: Option<String>,
     /// Whether the rows are shown on RESULTS.md. Those of other groups are shown on results/more.md.
     #[serde(default = "yes")]
@@ -113,7 +113,7 @@ pub struct Source {
     pub conditions: BTreeMap<String, Condition>,
     /// Of text: only lines that contain this.
     pub line: Option<String>,
-    /// Of text: only what follows this on the line.
+    /// Of text: only the part of the line after this.
     pub after: Option<String>,
     /// Of text: which number on the rest of the line counts, from 1.
     pub number: Option<usize>,

@@ -79,7 +79,7 @@ fn in_records(source: &Source, records: &[Value]) -> Result<Vec<Found>> {
     });
     kept.map(|record| {
         let number = match &source.field {
-            // Only what is counted has no field.
+            // Only a count has no field.
             None => 1.0,
             Some(name) => {
                 let value = records::field(record, name).with_context(|| format!("a record has no field {name:?}"))?;

@@ -14,7 +14,7 @@ use crate::tables::{self, Origin};
 use crate::values::{Measured, Values};
 use crate::{print, render};
 
-/// What a measurement starts from.
+/// The inputs of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Start {
     /// An empty scratch folder.

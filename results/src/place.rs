@@ -1,4 +1,4 @@
-//! Where and with what a measurement runs: the repository, its commit, the machine and the date.
+//! The place of a measurement: the repository, its commit, the machine and the date.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ impl Repository {
         self.output("date", &["-u", "+%F"])
     }
 
-    /// What a program prints, without white space at the ends.
+    /// The output of a program, without white space at the ends.
     fn output(&self, program: &str, arguments: &[&str]) -> Result<String> {
         let output = Command::new(program).args(arguments).current_dir(&self.root).output();
         let output = output.with_context(|| format!("cannot start {program}; is it installed?"))?;

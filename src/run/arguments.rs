@@ -42,7 +42,7 @@ pub struct RunArguments {
     /// degrees such as 330/35 [default: side]. With --log, cameras of the log [default: its first one]
     #[arg(long)]
     pub cameras: Option<String>,
-    /// Poses of the cameras and joint angles [default: refine, or what the settings say]
+    /// Poses of the cameras and joint angles [default: refine, or as in the settings]
     #[arg(long, value_enum)]
     pub calibration: Option<CalibrationChoice>,
     /// Start from this calibration, which `calibrate` wrote
@@ -106,7 +106,7 @@ pub struct RunArguments {
 /// Calibration on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum CalibrationChoice {
-    /// Refine the given calibration by what the cameras see of the hand
+    /// Refine the given calibration by the hand in the cameras' images
     Refine,
     /// Take the given calibration as it is
     Given,

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::workplace::Workplace;
 
-/// Returns what the explorer chose, and the summary without times of computation.
+/// Returns the explorer's choices, and the summary without times of computation.
 fn explored(workplace: &Workplace, folder: &str, arguments: &str) -> (Vec<Value>, Value) {
     workplace
         .run(&format!("run --object rubiks_cube_small --seed 1 --explore --quiet --out {folder} {arguments}"))

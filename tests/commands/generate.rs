@@ -210,7 +210,7 @@ fn a_compact_log_is_small_and_every_command_reads_it() {
     workplace.run(&format!("{SHORT} --object cube70 --out large")).good();
     let bytes = |set: &str| workplace.files(&format!("{set}/cube70/00")).values().map(Vec::len).sum::<usize>();
     assert!(6 * bytes("small") < bytes("large"), "{} and {}", bytes("small"), bytes("large"));
-    // The same episode: data.pkl and scene.json are equal, and so is what a conversion makes of the large log.
+    // The same episode: data.pkl and scene.json are equal, and so is the conversion of the large log.
     workplace.run("convert large/cube70/00 --out converted").good();
     let [small, converted] = [workplace.files("small/cube70/00"), workplace.files("converted")];
     for file in ["data.pkl", "scene.json"] {
@@ -223,7 +223,7 @@ fn a_compact_log_is_small_and_every_command_reads_it() {
     }
     assert!(workplace.run("convert converted --out back").good().contains("layout feelsight"));
     assert_eq!(workplace.files("back").len(), workplace.files("large/cube70/00").len());
-    // The layout belongs to what a log was made with.
+    // The layout is one of the settings of a log.
     let said = workplace.run(&format!("{SHORT} --object cube70 --out small")).error();
     assert!(said.contains("made with other settings"), "{said}");
     assert!(workplace.run("convert back --out converted").error().contains("not empty"));

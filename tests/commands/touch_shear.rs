@@ -53,7 +53,7 @@ fn shear_is_read_and_drawn() {
         assert!((figure("shear_down_mm") - down_mm).abs() < 0.1, "{}", lines[k]);
         assert!((figure("twist_deg").to_radians() - twist_rad).abs() < 0.05, "{}", lines[k]);
         assert!(figure("shear_residual_mm") < 0.08 && figure("dots") > 60.0, "{}", lines[k]);
-        // The network sees no dots: it reads what it reads without them.
+        // The network sees no dots: it reads the same as without them.
         let (marked, plain) = (figure("deepest_mm"), plain[k]["deepest_mm"].as_f64().unwrap());
         assert!((marked - plain).abs() < 0.2 * plain, "{marked} mm with dots, {plain} mm without");
         let picture = image::open(workplace.path(&format!("out/{k}_shear.png"))).unwrap().into_rgb8();

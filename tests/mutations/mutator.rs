@@ -111,7 +111,7 @@ fn change(bytes: &mut Vec<u8>, original: &[u8], random: &mut impl Rng) {
             bytes.splice(at..at, copy);
         }
         5 => {
-            // A slice of the original in another place, instead of what was there or before it.
+            // A slice of the original in another place, instead of the bytes there or before them.
             let from = place(original.len(), random);
             let slice = &original[from..(from + length(random)).min(original.len())];
             let end = if random.random() { at } else { end };

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Kills commands at random moments, and starts two of them on one target; then looks for what was lost or is corrupt.
+"""Kills commands at random moments, and starts two of them on one target; then looks for lost and corrupt files.
 
     tests/nightly/kills.py [--program FILE] [--kills N] [--pairs N] [--seed N] [--only COMMAND] [--out FILE]
 

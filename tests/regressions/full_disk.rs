@@ -34,7 +34,7 @@ fn what_does_not_fit_is_not_there() {
         ("touch data --objects mug --images 2 --out data", "data", 100),
         ("man --out pages", "pages", 1),
     ] {
-        // What the case before left would be taken for done.
+        // The files of the case before would count as done.
         let _ = fs::remove_dir_all(workplace.path(out));
         fs::create_dir_all(workplace.path("some")).unwrap();
         let said = limited(&workplace, line, kilobytes).error();

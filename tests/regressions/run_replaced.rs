@@ -14,7 +14,7 @@ fn an_earlier_run_is_moved_and_never_replaced() {
     workplace.run("run --object cube70 --duration 0.2 --quiet").warned();
     assert_same(&first, &workplace.files("out.1"));
     assert_same(&second, &workplace.files("out.2"));
-    // What has been moved can be read.
+    // The moved run can be read.
     workplace.run("score --run out.1").good();
     workplace.run("run --object cube70 --duration 0.2 --resume out.1 --out again --quiet").good();
 }

@@ -1,4 +1,4 @@
-//! What the controller of a run may know.
+//! The controller of a run knows no true pose.
 
 use std::path::Path;
 

@@ -27,7 +27,7 @@ pub struct TurnSettings {
     pub duration_s: f64,
     /// Randomisation of the start.
     pub randomisation: Randomisation,
-    /// What is observed, in this order.
+    /// The observed quantities, in this order.
     pub senses: Vec<Sense>,
     /// The cameras of [`Sense::Cameras`] and [`Sense::Estimate`].
     pub cameras: Vec<PosedCamera>,

@@ -1,4 +1,4 @@
-//! What a policy may observe, as flat arrays.
+//! Observations of a policy, as flat arrays.
 
 use std::str::FromStr;
 
@@ -21,7 +21,7 @@ const FARTHEST_M: f32 = 1.0;
 /// Greatest indentation, millimetres: the distance from gel to camera.
 const DEEPEST_MM: f32 = 22.0;
 
-/// What a policy may observe.
+/// A quantity that a policy may observe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Sense {

@@ -73,7 +73,7 @@ pub struct Trial {
     moved_mm: f64,
     /// The object fell off the hand before the watch was over: the trial says little.
     dropped: bool,
-    /// The error at the frame before, mm: a fault cannot be blamed for what was wrong already.
+    /// The error at the frame before, mm: a fault cannot be blamed for an earlier error.
     before_mm: f64,
     /// The largest error from the fault on, mm.
     worst_mm: f64,

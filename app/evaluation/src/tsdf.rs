@@ -119,7 +119,7 @@ impl Tsdf {
         x + self.count * (y + self.count * z)
     }
 
-    /// The shape as measured so far. What was not observed counts as inside within the hull of what `space` knows to be surface, as
+    /// The shape as measured so far. Unobserved cells count as inside within the hull of the surface that `space` knows, as
     /// it does for fields that learn, and as outside elsewhere.
     pub fn shape(&self, space: &Space) -> KnownShape {
         KnownShape::of_nodes(Vec3::splat(-self.half_extent_m), VOXEL_M, [self.count; 3], |at| {

@@ -14,7 +14,7 @@ const REACH: f64 = 0.75;
 pub(crate) struct Stamps {
     /// When each message was recorded.
     recorded: Vec<i64>,
-    /// What each message states; 0 for nothing.
+    /// The stated time of each message; 0 if it states none.
     stated: Vec<i64>,
 }
 
@@ -62,7 +62,7 @@ impl Stamps {
 pub(crate) struct Aligned {
     /// Nanoseconds.
     pub times: Vec<i64>,
-    /// What was added to the stated times, nanoseconds.
+    /// Offset that was added to the stated times, nanoseconds.
     pub shift: i64,
     /// Whether the stated times jump, so that those of recording were taken.
     pub jumps: bool,

@@ -330,7 +330,7 @@ struct Rows {
     poses: Vec<Option<Isometry<Object, World>>>,
 }
 
-/// What a column of images becomes.
+/// The target of a column of images.
 #[derive(Clone, Copy)]
 enum Kind {
     Depth(usize),

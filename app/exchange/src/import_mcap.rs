@@ -31,7 +31,7 @@ pub struct Imported {
     pub frames: usize,
     /// The channels that were used, in their order in the file.
     pub channels: Vec<ImportedChannel>,
-    /// What is missing or was replaced, in sentences.
+    /// Missing and replaced data, in sentences.
     pub notes: Vec<String>,
 }
 
@@ -44,7 +44,7 @@ pub struct ImportedChannel {
     pub messages: usize,
     /// Messages per second; 0 of a single one.
     pub rate_hz: f64,
-    /// What was added to the channel's own times, milliseconds: the distance of its clock from that of the frames. 0 on one clock.
+    /// Offset that was added to the channel's own times, milliseconds: the distance of its clock from that of the frames. 0 on one clock.
     pub offset_ms: f64,
     /// Greatest distance between a frame and its message, milliseconds; `None` if it is interpolated or constant.
     pub farthest_ms: Option<f64>,

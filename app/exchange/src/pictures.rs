@@ -87,7 +87,7 @@ fn decode(file: &[u8]) -> Result<DynamicImage, String> {
     DynamicImage::from_decoder(decoder).map_err(|e| words(&e))
 }
 
-/// Returns the rows of an image without what follows each, with `bytes` a pixel.
+/// Returns the rows of an image without their padding, with `bytes` a pixel.
 fn rows<'a>(picture: &Picture<'a>, bytes: u64) -> Result<impl Iterator<Item = &'a [u8]>, String> {
     let &Picture { width, height, step, data, .. } = picture;
     let row = width.checked_mul(bytes).filter(|row| *row > 0 && *row <= step);

@@ -129,7 +129,7 @@ impl<R: Read> Read for Counted<R> {
     }
 }
 
-/// What is known of a file while it is read.
+/// The state of a file while it is read.
 struct Scan<'v, V> {
     visit: &'v mut V,
     schemas: HashMap<u16, String>,

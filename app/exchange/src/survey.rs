@@ -1,4 +1,4 @@
-//! What a recording holds, without its images: times, joints, poses, calibrations.
+//! The content of a recording, without its images: times, joints, poses, calibrations.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -23,7 +23,7 @@ const LONGEST_CHAIN: usize = 32;
 /// Least memory that a file may take, bytes.
 const LEAST_KEPT: u64 = 4 << 20;
 
-/// What the messages of a channel are in a log.
+/// The kind of a channel's messages in a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Role {
     Joints,

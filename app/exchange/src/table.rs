@@ -29,7 +29,7 @@ pub(crate) fn read_rows<E: From<String>>(
     let words = |error: &dyn std::fmt::Display| one_line(path, error);
     let file = mvt_files::input::open(path).map_err(|error| words(&error))?;
     check_footer(&file).map_err(|error| words(&error))?;
-    // The crate checks most of what it reads. The rest ends here.
+    // The crate checks most of the file. Other errors end here.
     let guarded = |error| {
         words(&match error {
             Some(error) => error,

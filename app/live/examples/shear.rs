@@ -1,4 +1,4 @@
-//! What a sensor with dots sees of shear, beside what the simulator knows: a JSON line per press or touching pad.
+//! Shear as a sensor with dots sees it, beside the simulator's: a JSON line per press or touching pad.
 //!
 //! `cargo run --release -p mvt-live --example shear -- presses` presses balls and drags them; `-- episodes` lets the hand turn objects.
 //! `results/shear.py` makes figures of the lines.
@@ -123,7 +123,7 @@ impl Sensor {
         Ok(Some((field, motion)))
     }
 
-    /// Returns the root mean squares over the dots of the motion by the formula, and of what is seen less that, millimetres.
+    /// Returns the root mean squares over the dots of the motion by the formula, and of the seen motion less that, millimetres.
     fn errors(&self, field: &ShearField, motion: &GelMotion) -> [f64; 2] {
         let (camera, gel) = (self.profile.intrinsics(), self.profile.gel_surface());
         let mut squares = [0.0; 2];
@@ -193,7 +193,7 @@ fn presses(arguments: &Arguments, profile: &SensorProfile) -> Result<()> {
     Ok(())
 }
 
-/// What is known of a touching pad at a frame.
+/// A touching pad at a frame.
 struct Touching {
     gel_from_object: na::Isometry3<f64>,
     /// Middle of the contact in the gel frame.

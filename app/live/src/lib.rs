@@ -1,6 +1,6 @@
 //! Live episodes: MuJoCo, rendering and perception behind one source of frames, and as FeelSight logs.
 //!
-//! [`LiveSource`] steps an episode and renders it as frames are asked for; what the supervisor directs reaches the hand two frames later.
+//! [`LiveSource`] steps an episode and renders it as frames are asked for; a directive of the supervisor reaches the hand two frames later.
 //! [`recorder`] writes the same episode as a log. This crate links libmujoco.
 //!
 //! ```no_run

@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use mvt_run::io::read_image;
 
-/// Everything that decides what is in a log, but for the object, the seed and the cameras.
+/// All settings of a log except object, seed and cameras.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Settings {
     /// Name or file of a controller, or `auto`.

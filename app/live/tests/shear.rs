@@ -127,7 +127,7 @@ fn correlation(pairs: &[[f64; 2]]) -> f64 {
     moment(0, 1) / (moment(0, 0) * moment(1, 1)).sqrt()
 }
 
-/// A cube that the hand turns: what the images show is what MuJoCo's slip and friction have done to the gels.
+/// A cube that the hand turns: the images show the shear that follows from MuJoCo's slip and friction.
 #[test]
 fn shear_in_the_hand_agrees_with_mujoco() {
     let object = catalogue::load("cube70", &mut Vec::new()).unwrap();

@@ -1,6 +1,6 @@
 //! Ambient occlusion from a depth buffer: creases and places where surfaces nearly touch are darker, as under an overcast sky.
 //!
-//! One over the depth is linear over the screen on a plane. So the plane through a pixel predicts what its neighbours show, and a neighbour
+//! One over the depth is linear over the screen on a plane. So the plane through a pixel predicts the depth of its neighbours, and a neighbour
 //! that is nearer than predicted hides a part of the sky (after Bavoil and Sainz, Image-Space Horizon-Based Ambient Occlusion, 2008).
 
 use glam::Vec2;

@@ -325,7 +325,7 @@ impl Rasteriser {
                 if sky >= 1.0 {
                     continue;
                 }
-                // What lies behind an outline keeps its light.
+                // A surface behind an outline keeps its light.
                 for (x, y) in block().filter(|&pixel| near(pixel) > SAME_SURFACE * nearest) {
                     let at = 3 * (x + y * width);
                     rows[at..at + 3].iter_mut().for_each(|c| *c = (f32::from(*c) * sky + 0.5) as u8);

@@ -198,7 +198,7 @@ pub struct FingerImages {
     pub depth_m: Array2<f32>,
     /// Where the object touches.
     pub contact: Array2<bool>,
-    /// True depth, metres, where it is known and not what the tracker received.
+    /// True depth, metres, where it is known and the tracker received another.
     pub true_depth_m: Option<Array2<f32>>,
 }
 

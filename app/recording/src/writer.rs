@@ -255,7 +255,7 @@ impl Files {
         Ok(())
     }
 
-    /// Adds what was sensed to a moment.
+    /// Adds the sensed images to a moment.
     fn see(&mut self, moment: &mut RecordedMoment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
         let Sensed { percept, pictures, .. } = sensed;
         let forces_n = pictures.forces_n;

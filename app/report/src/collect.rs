@@ -31,7 +31,7 @@ pub struct RunCollection {
     pub folders: Vec<PathBuf>,
     /// The runs, in the order of their identities.
     pub rows: Vec<ReportRow>,
-    /// What was skipped, a line each.
+    /// The skipped files, a line each.
     pub warnings: Vec<String>,
 }
 

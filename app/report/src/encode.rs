@@ -26,7 +26,7 @@ pub fn escaped(text: &str) -> String {
             '>' => out += "&gt;",
             '"' => out += "&quot;",
             '\'' => out += "&#39;",
-            // Characters that would turn the direction of what follows, or hide in it.
+            // Characters that would turn the direction of the text after them, or hide in it.
             '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\0'..='\u{8}' | '\u{7f}' => out.push('\u{fffd}'),
             c => out.push(c),
         }

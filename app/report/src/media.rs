@@ -23,7 +23,7 @@ pub struct PageMedia {
     truths: Vec<(Mesh, Value)>,
 }
 
-/// What a run gives to the page.
+/// The part of the page about one run.
 #[derive(Default)]
 struct Shown {
     film: Option<PageFilm>,
@@ -33,7 +33,7 @@ struct Shown {
 
 impl PageMedia {
     /// Reads the films and shapes of runs: `films` and `shapes` name them by their numbers in `rows`, the most important
-    /// first. What does not fit on the page is left out. Returns also what could not be read, a line each.
+    /// first. Pictures that do not fit on the page are left out. Also returns the files that cannot be read, a line each.
     pub fn read(rows: &[&ReportRow], films: &[usize], shapes: &[usize]) -> (Self, Vec<String>) {
         // In the order of `shapes`, then of `films`.
         let mut numbers: Vec<usize> = shapes.iter().chain(films).copied().collect();

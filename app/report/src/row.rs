@@ -205,7 +205,7 @@ impl ReportRow {
         Ok(row.with_errors(line.add_s_mm.as_ref()))
     }
 
-    /// Reads summary.json. Cameras, settings and what lies in other files remain empty.
+    /// Reads summary.json. Cameras, settings and the content of other files remain empty.
     ///
     /// # Errors
     /// If the text is no summary of a run.

@@ -172,7 +172,7 @@ impl Thinning {
         self.quadrics[to] = self.quadrics[to].plus(self.quadrics[from]);
         self.count -= 1;
         self.stamps[from] += 1;
-        // What lies around has other faces now, and what was refused may be possible.
+        // The neighbours have other faces now, and a refused collapse may be possible.
         for (vertex, _) in around {
             self.stamps[vertex] += 1;
         }

@@ -45,7 +45,7 @@ use crate::belief::Belief;
 const PART_S: f64 = 4.0;
 /// Time that a controller plays with the strategies that do not predict, seconds.
 const TURN_S: f64 = 6.0;
-/// Time between two looks at what is unknown, seconds. A look takes some ten milliseconds.
+/// Time between two looks at the unknown surface, seconds. A look takes some ten milliseconds.
 const LOOK_S: f64 = 0.5;
 /// Time until the fingers turn the object again after a change and after a re-grasp, seconds.
 const CHANGE_S: f64 = 2.0;
@@ -61,7 +61,7 @@ const BEHIND_HAND_M: f64 = 0.004;
 const PAD_REACH_M: f64 = 0.008;
 /// Less predicted gain per second is no gain, square metres: noise of the frontier.
 const LEAST_GAIN_M2_S: f64 = 2e-5;
-/// Time after which a prediction is compared with what came true, seconds.
+/// Time after which a prediction is compared with the outcome, seconds.
 const PROMISE_S: f64 = 1.5;
 /// Weight of the latest observation in learnt rates and in the share of predictions that come true.
 const LEARN: f64 = 0.5;
@@ -75,11 +75,11 @@ pub struct ExplorerOption {
     pub name: String,
     /// Axis about which it turns the object, a unit vector in the world.
     pub axis: na::Vector3<f64>,
-    /// How fast it usually turns the object, radians per second. The explorer learns from what it sees.
+    /// How fast it usually turns the object, radians per second. The explorer learns it from the estimates.
     pub rate_rad_s: f64,
 }
 
-/// What the explorer may know at an instant: the map, the estimated pose, and the sensors.
+/// The knowledge of the explorer at an instant: the map, the estimated pose, and the sensors.
 #[derive(Clone, Copy)]
 pub struct Outlook<'a> {
     map: &'a Map,
@@ -211,7 +211,7 @@ impl Explorer {
         (next != self.current).then(|| self.change(belief, next, BTreeMap::new()))
     }
 
-    /// Compares what the options would show of some patches.
+    /// Compares the patches that the options would show.
     fn look(&mut self, belief: &Belief, outlook: &Outlook<'_>, patches: &[FrontierPatch]) -> Option<Directive> {
         let time_s = belief.time_s;
         self.looked_s = time_s;

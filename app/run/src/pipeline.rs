@@ -1,6 +1,6 @@
 //! One loop for live episodes and logs: sense, estimate, score, direct.
 //!
-//! The source runs one frame ahead on a thread of its own. What is directed after frame k reaches the episode before it senses frame
+//! The source runs one frame ahead on a thread of its own. A directive after frame k reaches the episode before it senses frame
 //! k + 2, whatever the machine's speed and its number of threads, so that the result is always the same.
 
 mod scorer;
@@ -56,7 +56,7 @@ pub enum Progress<'a> {
     Warning(&'a str),
     /// Something that is worth showing.
     Event(&'a Event),
-    /// The explorer has chosen what the hand does next.
+    /// The explorer has chosen the hand's next action.
     Choice(&'a ExplorerChoice),
 }
 
@@ -140,7 +140,7 @@ const AHEAD: usize = 2;
 
 type Frame = Result<Option<Sensed>>;
 
-/// What goes back to the source after a frame.
+/// The answer to the source after a frame.
 #[derive(Debug, Clone, PartialEq)]
 struct Order {
     directive: Directive,
@@ -526,7 +526,7 @@ fn tell_changes(
     }
     match estimate.box_change {
         Some(BoxChange::Grown(half_m)) => tell(&format!("the box around the object grew to {:.0} mm", 2e3 * half_m)),
-        Some(BoxChange::TooSmall) => tell("the object is larger than the largest box: what lies beyond is not mapped"),
+        Some(BoxChange::TooSmall) => tell("the object is larger than the largest box: the part beyond is not mapped"),
         None => {}
     }
     let before = before.map_or(TrackState::Tracking, |row| row.state);

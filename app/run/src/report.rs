@@ -167,7 +167,7 @@ impl RunRecord {
     }
 }
 
-/// Writes what is there of a run that goes on, so that an interruption loses little: the summary without the shape's scores, and the
+/// Writes the present results of a run that goes on, so that an interruption loses little: the summary without the shape's scores, and the
 /// trajectory. Some milliseconds.
 ///
 /// # Errors

@@ -37,7 +37,7 @@ pub struct Sensed {
     pub hidden: Option<f64>,
     /// Warnings that were not given before, in sentences.
     pub warnings: Vec<String>,
-    /// What the hand did of itself since the last frame, in words.
+    /// Actions of the hand without a directive since the last frame, in words.
     pub events: Vec<String>,
 }
 
@@ -73,7 +73,7 @@ pub trait Source: Send {
     /// Tells a controller that holds the object in the air where the object is, from the next frame on. Only estimates reach it.
     fn see(&mut self, _: EstimatedPlace) {}
 
-    /// What the touch sensors' cameras see of their gels.
+    /// The view of the touch sensors' cameras on their gels.
     fn gel(&self) -> &GelView {
         GelView::tacto()
     }

@@ -1,4 +1,4 @@
-//! Pictures of what a touch sensor feels.
+//! Pictures of the contact on a touch sensor.
 
 use image::imageops::{FilterType, resize};
 use image::{Rgb, RgbImage};

@@ -72,7 +72,7 @@ impl From<ShearFit> for ShearFigures {
     }
 }
 
-/// What is seen in an image.
+/// The contact that is found in an image.
 pub(crate) struct Reading {
     pub line: Line,
     indentation_mm: Array2<f32>,
@@ -105,7 +105,7 @@ const LEAST_AREA: f32 = 0.001;
 /// Indentation that a picture shows brightest, millimetres.
 const DEEPEST_SHOWN_MM: f32 = 1.5;
 
-/// What is needed to read images of one sensor.
+/// The settings for images of one sensor.
 pub(crate) struct Predictor {
     pub engine: Engine,
     profile: SensorProfile,
@@ -212,7 +212,7 @@ impl Predictor {
         Ok(format!("; see {}", path.join("predictions.csv").display()))
     }
 
-    /// Returns what is seen in an image: `seen` is the image as the network sees it.
+    /// Returns the contact in an image: `seen` is the image as the network sees it.
     fn reading(&self, id: &str, image: &RgbImage, seen: &RgbImage, prediction: &Prediction) -> Reading {
         let rule = self.rule;
         let indentation_mm = prediction.indentation_mm.mapv(|mm| mm.max(0.0));

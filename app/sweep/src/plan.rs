@@ -63,13 +63,13 @@ impl SweepTask {
 pub struct SweepPlan {
     /// The folder.
     pub folder: PathBuf,
-    /// What each task does.
+    /// The command of each task.
     pub command: TaskCommand,
     /// The tasks, in order.
     pub tasks: Vec<SweepTask>,
     /// Version of the program that made the plan.
     pub program_version: String,
-    /// What does not fit, in a sentence each.
+    /// The problems of the plan, in a sentence each.
     pub problems: Vec<String>,
 }
 
@@ -150,7 +150,7 @@ impl SweepPlan {
         Ok(spec.len())
     }
 
-    /// Reads a plan. What does not fit stands in [`SweepPlan::problems`].
+    /// Reads a plan. Its problems stand in [`SweepPlan::problems`].
     ///
     /// # Errors
     /// If the folder holds no plan, or one of a newer format.

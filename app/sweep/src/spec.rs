@@ -1,4 +1,4 @@
-//! SPEC.toml: what a sweep varies, and the tasks that follow from it.
+//! SPEC.toml: the variations of a sweep, and the tasks that follow from them.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -49,10 +49,10 @@ struct SpecFile {
     axes: toml::Table,
 }
 
-/// What a sweep varies.
+/// The variations of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepSpec {
-    /// What each task does.
+    /// The command of each task.
     pub command: TaskCommand,
     fixed: TaskSettings,
     /// Axes of the grid, in the order of their keys.

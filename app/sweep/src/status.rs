@@ -27,12 +27,12 @@ pub struct SweepStatus {
     pub waiting: usize,
     /// The first tasks that were set aside, with the reason.
     pub reasons: Vec<String>,
-    /// What does not fit, in a sentence each.
+    /// The problems, in a sentence each.
     pub problems: Vec<String>,
 }
 
 impl SweepStatus {
-    /// Lists what happened to the tasks of a plan; with `check`, reads all results and compares them with their manifests.
+    /// Lists the outcomes of the tasks of a plan; with `check`, reads all results and compares them with their manifests.
     ///
     /// # Errors
     /// If a folder cannot be read.

@@ -69,7 +69,7 @@ pub struct Store {
     root: PathBuf,
 }
 
-/// What happened to the tasks, by their names.
+/// The outcomes of the tasks, by their names.
 #[derive(Debug, Default)]
 pub struct TaskProgress {
     /// Finished.
@@ -116,7 +116,7 @@ impl Store {
         Ok(())
     }
 
-    /// Lists what happened to all tasks. No result is opened.
+    /// Lists the outcomes of all tasks. No result is opened.
     ///
     /// # Errors
     /// If a folder cannot be read.
@@ -173,7 +173,7 @@ impl Store {
         removed.with_context(|| format!("cannot remove {}", folder.display()))
     }
 
-    /// Removes what a task left that is done, set aside or put back: the files of its first `most` attempts, and the attempts.
+    /// Removes the files of a task that is done, set aside or put back: the files of its first `most` attempts, and the attempts.
     fn forget(&self, id: &str, most: u32) -> Result<()> {
         for number in 1..=most {
             self.clear(id, number)?;

@@ -16,7 +16,7 @@ use crate::shard::Shard;
 use crate::spec::{TaskCommand, TaskSettings};
 use crate::store::Store;
 
-/// What a full disk is called by the operating system. The next task would fail for the same reason.
+/// The operating system's number for a full disk. The next task would fail for the same reason.
 const DISK_FULL: &str = "No space left on device";
 
 /// Does a task: its command, its settings, and the folder for its files.

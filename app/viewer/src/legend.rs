@@ -22,7 +22,7 @@ pub enum Legend {
     },
     /// Colours with their names.
     Names {
-        /// What is coloured.
+        /// The coloured quantity.
         title: &'static str,
         /// The colours.
         names: Vec<(Rgb<u8>, &'static str)>,

@@ -391,7 +391,7 @@ fn vertex_colours(
     }
 }
 
-/// Returns the plane of the slice, which sweeps through the shape and back. What lies towards the eye is cut off.
+/// Returns the plane of the slice, which sweeps through the shape and back. The part towards the eye is cut off.
 fn cut_plane(shape: &RecordedShape, moment: usize, (rotation, translation): (Mat3A, Vec3A)) -> CutPlane {
     let [low, high] = shape.mesh.bounds_m();
     // Begins in the middle.

@@ -68,7 +68,7 @@ const LARGE_LAG_MS: f64 = 10.0;
 const SURE_SIGMAS: f64 = 3.0;
 
 impl Calibration {
-    /// What is so far from the given calibration that somebody should look at it, in sentences.
+    /// Deviations from the given calibration that are large enough for a look, in sentences.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         for camera in &self.cameras {

@@ -37,14 +37,14 @@ settings! {
     }
 }
 
-/// What a frame becomes with the calibration known so far.
+/// A frame with the calibration known so far.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibrated {
     /// Joint angles at the time of the images, without their offsets, radians.
     pub joints: JointAngles,
     /// The cameras with their refined poses.
     pub cameras: Vec<PosedCamera>,
-    /// For each camera whether its image agrees with the hand. If it does not, what it shows lies elsewhere.
+    /// For each camera whether its image agrees with the hand. If it does not, its points lie elsewhere.
     pub agrees: Vec<bool>,
     /// Whether the joint readings stand still while images show that the hand moves: nobody knows then where it touches.
     pub is_frozen: bool,
@@ -113,7 +113,7 @@ const COMPARED_POINTS: usize = 300;
 /// Every how many frames a hand that was not found is searched for: a search takes as long as three frames.
 const SEARCHED_EVERY: usize = 30;
 
-/// Points farther from the middle of the grasp than this are not the hand's, metres: its length, and what a camera may be off.
+/// Points farther from the middle of the grasp than this are not the hand's, metres: its length, and the error of a camera.
 const REACH_M: f64 = 0.24;
 /// Once the hand is found, points farther from it than this are not kept, metres.
 const NEAR_M: f32 = 0.008;
@@ -322,7 +322,7 @@ impl Calibrator {
         }
     }
 
-    /// Forgets what a camera saw where it stood before.
+    /// Forgets a camera's images from its place before.
     fn forget(&mut self, camera: usize) {
         for sighted in self.instants.iter_mut().map(|instant| &mut instant.sighted).chain(&mut self.waiting) {
             if let Some(points) = sighted.get_mut(camera) {
@@ -424,7 +424,7 @@ fn shared_out(points: &[Sighted], count: usize, body: impl Fn(&Sighted) -> Optio
             None => groups.push((body, vec![*sighted])),
         }
     }
-    // The smallest first: what they leave goes to the others.
+    // The smallest first: the rest goes to the others.
     groups.sort_by_key(|(_, group)| group.len());
     let (mut chosen, mut left) = (Vec::new(), groups.len());
     for (_, group) in groups {

@@ -1,4 +1,4 @@
-//! What is kept of an instant: points that cameras measured, and how the joints moved.
+//! The evidence of an instant: points that cameras measured, and how the joints moved.
 
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::hand::{JOINTS, JointAngles};

@@ -1,7 +1,7 @@
 //! Calibration from the hand itself: where cameras stand, by how much joint readings are off, and by how much they are late.
 //!
-//! The hand's shape is known, and most of what a camera sees is the hand. A [`Calibrator`] puts the measured points on the hand's surface, for
-//! all cameras, joints and some tens of instants together, and returns each frame with the calibration known so far. What nothing measures
+//! The hand's shape is known, and most of a camera's points are the hand's. A [`Calibrator`] puts the measured points on the hand's surface, for
+//! all cameras, joints and some tens of instants together, and returns each frame with the calibration known so far. A quantity that nothing measures
 //! keeps its prior: the offset of a joint that no camera sees, and the lag while the hand is still.
 //!
 //! ```

@@ -15,7 +15,7 @@ const PIVOT_M: [f64; 3] = [0.0, 0.0, 0.03];
 /// Joint that nothing measures moves by no more than its prior allows; this keeps the system solvable where a prior is infinitely wide.
 const LEAST_INFORMATION: f64 = 1e-9;
 
-/// What is estimated.
+/// The estimated quantities.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct State {
     /// Pose of each camera, world from camera.
@@ -73,7 +73,7 @@ impl State {
     }
 }
 
-/// What is believed before anything is measured: the given calibration and how far it may be off, one standard deviation.
+/// The prior: the given calibration and its error, one standard deviation.
 #[derive(Debug, Clone)]
 pub(crate) struct Prior {
     pub state: State,

@@ -267,7 +267,7 @@ mod tests {
         for depth in [0.0, -0.3, f32::NAN, f32::INFINITY, 0.42, 1.0, 0.1] {
             assert!(of(depth).iter().all(|&label| label == Label::Background), "{depth}");
         }
-        // At the height of the palm's surface: the palm is the hand's, what lies beside it is not.
+        // At the height of the palm's surface: the palm is the hand's, other points are not.
         let label = of(0.35);
         let palm = camera.intrinsics.project(camera.pose.inverse() * Point::new(-0.0475, 0.0, 0.0111)).unwrap();
         assert_eq!(shows(&label, palm.0 as usize, palm.1 as usize), Label::Hand);

@@ -118,7 +118,7 @@ impl DotFinder {
             for (way, pixel) in around(image, place, reach) {
                 let levels = plane.at(way);
                 let missing: f64 = (0..3).map(|c| levels[c] - f64::from(pixel[c])).sum();
-                // What lies across the border counts in part, so that nothing jumps as the middle moves.
+                // Pixels across the border count in part, so that nothing jumps as the middle moves.
                 let inside = (reach - way[0].hypot(way[1])).clamp(0.0, 1.0);
                 let weight = inside * missing.max(0.0);
                 weights += weight;

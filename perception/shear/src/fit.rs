@@ -12,7 +12,7 @@ pub struct ShearFit {
     pub shear: GelShear,
     /// Spread of the gel around the contact, 1 for the gel of FOTS under the same indentation; 0 if no dot lies in the contact.
     pub dilation: f64,
-    /// Root mean square of what is left of the dots' motion, millimetres.
+    /// Root mean square of the residual motion of the dots, millimetres.
     pub residual_mm: f64,
 }
 

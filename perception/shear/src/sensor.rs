@@ -82,7 +82,7 @@ const SHOWN: f32 = 0.3;
 const FOUND: [f64; 2] = [0.7, 1.3];
 /// Share of the untouched dots that an image must show: a deep press hides some.
 const FOUND_AGAIN: f64 = 0.5;
-/// Times that dots are assigned anew by what the fit lets expect.
+/// Times that dots are assigned anew by the prediction of the fit.
 const CHECKS: usize = 2;
 /// Distance from there at which a dot is still the same, in pitches.
 const OFF: f64 = 0.3;

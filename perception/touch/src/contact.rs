@@ -38,7 +38,7 @@ settings! {
     }
 }
 
-/// What a DIGIT feels.
+/// The contact on a DIGIT.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Felt {
     /// The press; `None` if the image is not plausible.
@@ -59,12 +59,12 @@ pub struct Feeler {
     fingers: PerFinger<State>,
 }
 
-/// What is known of a finger.
+/// The state of a finger.
 #[derive(Debug)]
 struct State {
-    /// What the sensor shows without contact, if that was told; it is taken off before the network sees an image.
+    /// The given image without contact, if any; it is subtracted from each image before the network reads it.
     untouched: Option<RgbImage>,
-    /// The sensor's last image without contact, and what the network makes of it, millimetres; none before there was one.
+    /// The sensor's last image without contact, and the network's indentation for it, millimetres; `None` before the first.
     empty: Option<(Squares, Array2<f32>)>,
     /// The image that the network sees.
     seen: RgbImage,
@@ -87,7 +87,7 @@ impl State {
         }
     }
 
-    /// What the network makes of an image.
+    /// The network's output for an image.
     fn infer(&mut self, engine: &Engine, gains: [f32; 3], finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
         let seen = match &self.untouched {
             None => image,
@@ -132,7 +132,7 @@ impl Feeler {
         &self.engine
     }
 
-    /// Tells what a sensor shows when it touches nothing.
+    /// Sets the image of a sensor that touches nothing.
     ///
     /// # Errors
     /// [`SensorError::Size`] if the image is not 240 wide and 320 high.
@@ -145,7 +145,7 @@ impl Feeler {
         Ok(())
     }
 
-    /// What each sensor feels, one image per thread; none from a sensor without an image.
+    /// Returns the contact on each sensor, one image per thread; `None` for a sensor without an image.
     ///
     /// # Errors
     /// [`SensorError::Size`] if an image is neither empty nor 240 wide and 320 high.
@@ -172,8 +172,8 @@ impl Feeler {
     }
 }
 
-/// What one sensor feels in images that are independent of one another, one image per thread. Without the image of the untouched sensor,
-/// nothing is taken off what the network sees and finds.
+/// Returns the contacts on one sensor in images that are independent of one another, one image per thread. Without the image of the untouched sensor,
+/// nothing is subtracted before or after the network.
 ///
 /// # Errors
 /// [`SensorError::Size`] if an image is not 240 wide and 320 high. It names the index finger, whose place the sensor takes.
@@ -233,7 +233,7 @@ fn feel(
     state.infer(engine, gains, finger, image)?;
     let raw = &state.prediction.indentation_mm;
     let Press { indentation_mm, contact, sigma_mm } = &mut state.press;
-    // What the network finds on the untouched sensor is an error of the network, and is subtracted.
+    // An indentation of the untouched sensor is an error of the network, and is subtracted.
     match &state.empty {
         Some((_, empty)) => {
             Zip::from(&mut *indentation_mm).and(raw).and(empty).for_each(|to, a, b| *to = (a - b).max(0.0));
@@ -264,7 +264,7 @@ pub fn plausibility(image: &RgbImage, untouched: &RgbImage, prediction: &Predict
     exposure(image).min(contrast(&own)).min(1.0 - ramp(quartile, 8.0, 32.0)).min(agreement)
 }
 
-/// What a decision over all pixels has come to.
+/// The result of a decision over all pixels.
 struct Decision {
     /// Share of the image that touches.
     area: f32,
@@ -278,7 +278,7 @@ struct Decision {
 /// them lie the thresholds from which networks learn what contact is.
 const DEEP: f32 = 3.0;
 const FLAT: f32 = 0.6;
-/// What a network takes for more probable than this it is sure of.
+/// Above this probability a network is sure.
 const SURE: f32 = 0.9;
 
 /// Decides pixel by pixel; `contact` holds the frame before and receives the decision.

@@ -71,7 +71,7 @@
 //! - `swin`: those of `vit` with window attention; windows are shifted in every second block of a stage.
 //! - `convnext`: `x = x + scale mlp.fc2(gelu(mlp.fc1(norm(depthwise(x)))))`, with a number of `scale` per channel.
 //!
-//! Each stage gives the decoder a map, `reassemble.k.project(reassemble.k.norm(x))`; what follows is as above.
+//! Each stage gives the decoder a map, `reassemble.k.project(reassemble.k.norm(x))`; the rest is as above.
 //!
 //! # Differences from published code
 //! `vit`, `mamba` and `robust_mamba`: the class token comes last, where a causal scan lets it see the image; hooks tap the stream;

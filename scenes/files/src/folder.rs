@@ -150,7 +150,7 @@ fn first_entry(path: &Path) -> Result<Option<String>, ClaimError> {
 }
 
 /// Waits until no other process claims a folder beside this one, and keeps others from it until the file is dropped. A claim moves and
-/// marks folders in several steps, between which another claim would read what is no longer true. `None` where folders cannot be locked.
+/// marks folders in several steps, between which another claim would read an outdated state. `None` where folders cannot be locked.
 fn wait_for_turn(path: &Path) -> Result<Option<File>, ClaimError> {
     let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(io_error(path))?;

@@ -1,4 +1,4 @@
-//! What a robot would record at one instant, and, apart from it, what only a simulator knows.
+//! The record of a robot at one instant, and, apart from it, the truth that only a simulator knows.
 
 use std::fmt;
 
@@ -19,7 +19,7 @@ pub struct Rgbd {
     pub depth_m: Array2<f32>,
 }
 
-/// What a robot would record at one instant.
+/// The record of a robot at one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     /// Seconds since the start of the episode.
@@ -58,7 +58,7 @@ pub struct GroundTruth {
     pub labels: Vec<Array2<Label>>,
 }
 
-/// What a perfect DIGIT would measure. Arrays are 320 rows by 240 columns.
+/// The measurement of a perfect DIGIT. Arrays are 320 rows by 240 columns.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TouchTruth {
     /// Depth along the DIGIT camera's axis to the nearer of gel and object, metres.

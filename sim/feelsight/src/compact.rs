@@ -40,7 +40,7 @@ struct Layout {
     depth_step_m: f64,
 }
 
-/// Open frames.zip with what its images are differences from.
+/// Open frames.zip with the images from which its own differ.
 #[derive(Debug)]
 pub(crate) struct CompactFrames {
     pub archive: ArchiveReader,
@@ -117,7 +117,7 @@ impl CompactFrames {
     }
 }
 
-/// Begins frames.zip with what the images are differences from.
+/// Begins frames.zip with the images from which the others differ.
 pub(crate) fn begin(log: &Path, untouched: &PerFinger<RgbImage>) -> Result<ArchiveWriter, LogError> {
     let path = log.join(ARCHIVE);
     let mut archive = ArchiveWriter::create(path.clone())?;

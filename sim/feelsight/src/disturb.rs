@@ -1,4 +1,4 @@
-//! Copies of logs with a wrong calibration, to test what a wrong calibration does.
+//! Copies of logs with a wrong calibration, to test its effect.
 
 use std::fs;
 use std::path::Path;
@@ -32,7 +32,7 @@ pub struct Disturbance {
     pub seed: u64,
 }
 
-/// What was done to a log: the truth that a calibration should find. It is the file [`DISTURBANCE_FILE`] of the copy.
+/// The disturbance of a log: the truth that a calibration should find. It is the file [`DISTURBANCE_FILE`] of the copy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Disturbed {
     /// The undisturbed camera poses, camera to world, OpenGL axes, 4 x 4 row-major, by the camera's name.

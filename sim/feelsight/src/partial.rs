@@ -49,7 +49,7 @@ pub struct PartialFrame {
     pub defects: Vec<(LogSensor, LogError)>,
 }
 
-/// Iterator over what can be read of a log's frames.
+/// Iterator over the readable frames of a log.
 pub struct PartialFrames {
     log: Log,
     next: usize,

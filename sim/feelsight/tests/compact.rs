@@ -1,4 +1,4 @@
-//! Compact logs: what comes back is what was recorded, within the bounds that docs/compact_log.md states.
+//! Compact logs: the frames that are read equal those that were recorded, within the bounds that docs/compact_log.md states.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 #![allow(clippy::print_stderr, reason = "a skipped test says so")]
@@ -43,7 +43,7 @@ fn largest_difference(a: &RgbImage, b: &RgbImage) -> u8 {
     a.iter().zip(b.iter()).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
 }
 
-/// Compares a log with what was recorded.
+/// Compares a log with the recorded frames.
 fn check(log: &Log, frames: usize) {
     assert_eq!(log.len(), frames);
     for (i, read) in log.frames().unwrap().enumerate() {
@@ -85,7 +85,7 @@ fn a_compact_log_is_read_back_within_its_bounds() {
     assert_eq!((summary.frames, summary.cameras.len()), (3, 2));
 }
 
-/// Pillow and NumPy read what we read, to a few grey levels of JPEG decoders.
+/// Pillow and NumPy read the same as we do, to a few grey levels of JPEG decoders.
 #[test]
 fn a_compact_log_is_read_without_this_program() {
     if !Command::new("python3").args(["-c", "import numpy, PIL"]).output().is_ok_and(|o| o.status.success()) {

@@ -56,7 +56,7 @@ impl Rehearsal {
         arrived
     }
 
-    /// Returns what is seen of the object at a frame.
+    /// Returns the object's place as it is seen at a frame.
     fn look(&mut self, time_s: f64, pose: Isometry<ObjectFrame, WorldFrame>) -> RehearsedPlace {
         /// Share of the drift that stays from frame to frame: half is forgotten in 1.4 s.
         const KEPT: f64 = 0.983;

@@ -16,8 +16,9 @@ use rayon::prelude::*;
 use crate::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use crate::tessellation::tessellate;
 
-/// Segments around the hand's rounded parts: enough that their meshes deviate by less than 0.01 mm.
-const SEGMENTS: usize = 96;
+/// Segments around the hand's rounded parts: their meshes deviate by up to 0.03 mm, a twentieth of the noise of a depth camera at 0.4 m. Twice as
+/// many take half as long again.
+const SEGMENTS: usize = 48;
 
 /// Renderer of one hand and one object.
 #[derive(Debug)]

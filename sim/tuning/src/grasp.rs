@@ -295,7 +295,7 @@ impl Surface {
         (here, gradient.try_normalize(1e-6).unwrap_or_else(na::Vector3::z))
     }
 
-    /// Returns what is missing for the gel of a finger to touch with its apex, metres: the distance, and the directions' difference
+    /// Returns the error of a finger whose gel should touch with its apex, metres: the distance, and the directions' difference
     /// on a ball of [`RADIUS_M`].
     fn missing(&self, finger: Finger, joints: &JointAngles) -> na::Vector3<f64> {
         let (apex, normal) = stroke::gel(finger, joints);

@@ -59,7 +59,7 @@ pub enum SearchError {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The problem.
         reason: String,
     },
     /// The file contains the state of another search.

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::trial::{self, TrialConditions};
 
-/// What a controller did with an object.
+/// The outcome of a controller with an object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SurveyRow {

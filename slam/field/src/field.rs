@@ -125,7 +125,7 @@ impl NeuralField {
     /// Reads a field that [`NeuralField::save`] or [`FieldTrainer::save`] wrote.
     ///
     /// # Errors
-    /// If the file cannot be read or is not what they write; the error names the tensor that is missing, misshapen or not finite.
+    /// If the file cannot be read or has another layout; the error names the tensor that is missing, misshapen or not finite.
     pub fn load(path: &Path) -> Result<Self, FieldError> {
         file::field(&Contents::read(path)?)
     }

@@ -104,7 +104,7 @@ impl<'a> Lattice<'a> {
         self.low + self.cell * Vec3::new(x as f32, y as f32, z as f32)
     }
 
-    /// Moves to the two layers of cells from height `z` and finds what is near the surface there.
+    /// Moves to the two layers of cells from height `z` and finds the nodes near the surface there.
     fn rise(&mut self, z: usize) {
         self.z = z;
         self.planes.swap(0, 2);

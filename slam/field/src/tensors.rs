@@ -9,7 +9,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 /// Largest file that is read; the largest that is written is far below.
 const MAX_BYTES: u64 = 4 << 30;
 
-/// A file that could not be written, or that is not what it was taken for.
+/// A file that could not be written, or that has another content than expected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FileError {
@@ -29,7 +29,7 @@ pub enum FileError {
         /// The defect.
         message: String,
     },
-    /// A tensor is missing or is not what the header and the other tensors ask for.
+    /// A tensor is missing, or does not fit the header and the other tensors.
     #[error("{}: tensor {tensor} {message}", path.display())]
     Tensor {
         /// Which file.
@@ -149,7 +149,7 @@ impl Contents {
         FileError::Damaged { path: self.path.clone(), message }
     }
 
-    /// The complaint that a tensor is not what it should be.
+    /// The error about a tensor that does not fit.
     pub fn wrong(&self, tensor: &str, message: String) -> FileError {
         FileError::Tensor { path: self.path.clone(), tensor: tensor.to_owned(), message }
     }

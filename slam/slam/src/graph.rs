@@ -139,7 +139,7 @@ fn solve(edges: &[Linear], poses: usize) -> Vec<Twist> {
 mod tests {
     use super::*;
 
-    /// A turn in the hand: a pose every 12 degrees, 35 of them, so that the last five see what the first saw.
+    /// A turn in the hand: a pose every 12 degrees, 35 of them, so that the last five see the same sides as the first.
     fn turn() -> Vec<na::Isometry3<f64>> {
         (0..35)
             .map(|k| {

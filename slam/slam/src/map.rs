@@ -186,8 +186,8 @@ impl Map {
         &self.keyframes
     }
 
-    /// From the frame that the first pose fixed to the frame of the field. They part as the first keyframe is refined: what the
-    /// whole run tells of its pose is better than what was known at first.
+    /// From the frame that the first pose fixed to the frame of the field. They part as the first keyframe is refined: the
+    /// whole run determines its pose better than the first frame.
     pub fn field_from_model(&self) -> Isometry<Model, Field> {
         match (self.keyframes.first(), self.first_pose) {
             (Some(first), Some(pose)) => first.pose().inverse() * pose,
@@ -259,7 +259,7 @@ impl Map {
     }
 
     /// Drops every other keyframe of the older half once there are too many. The first, which fixes the frame, stays. Loops are
-    /// forgotten: the poses keep what they brought.
+    /// forgotten: the poses keep their effect.
     fn thin_out(&mut self) {
         if self.keyframes.len() <= self.config.keyframes {
             return;

@@ -526,7 +526,7 @@ const REACH_M: f32 = 0.12;
 /// Of the field's box nothing nearer to its faces than this should be needed, metres.
 const BORDER_M: f64 = 0.005;
 
-/// The frame that the first measurements fix: parallel to the world, in the middle of what is probably the object. Nothing that is
+/// The frame that the first measurements fix: parallel to the world, in the middle of the probable object. Nothing that is
 /// farther than `half_extent_m` from it will be mapped, so that of a tall object seen from above it lies low enough to reach the support.
 fn first_pose(scan: &Scan, half_extent_m: f64, support_z_m: Option<f64>) -> Option<Isometry<Field, World>> {
     if scan.hits() == 0 {
@@ -578,11 +578,11 @@ mod tests {
         let support = f64::from(palm);
         let height =
             |half_extent_m: f64| first_pose(&scan, half_extent_m, Some(support)).unwrap().origin().coords().z - support;
-        // In the middle of what is seen where that reaches the palm,
+        // In the middle of the seen points where they reach the palm,
         assert!((height(0.2) - 0.105).abs() < 1e-3);
         // else low enough,
         assert!((height(0.09) - (0.09 - BORDER_M)).abs() < 1e-6);
-        // but not so low that what is seen is left out;
+        // but not so low that seen points are left out;
         assert!((height(0.066) - (0.13 - 0.066 + BORDER_M)).abs() < 1e-6);
         // and where it cannot reach from palm to top, in the middle again.
         assert_eq!(height(0.06), height(0.2));

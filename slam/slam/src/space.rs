@@ -1,4 +1,4 @@
-//! What is known of the space around an object: where surface was measured, what was looked through, and what is left.
+//! Knowledge of the space around an object: where surface was measured, where sensors looked through, and the rest.
 
 mod frontier;
 mod walls;
@@ -27,17 +27,17 @@ const HULL_MARGIN_M: f32 = 0.002;
 
 /// Space that was looked through this far below the hull of the seen surface is a cavity, metres. Drift and noise reach half as deep.
 const CAVITY_DEPTH_M: f32 = 0.008;
-/// A cavity continues this far into what was not seen, metres: half the width of a cup.
+/// A cavity continues this far into unseen cells, metres: half the width of a cup.
 const CAVITY_REACH_M: f32 = 0.03;
 /// Cells that were looked through, so that a cavity counts: a cube of a centimetre.
 const LEAST_CAVITY: usize = 64;
 
-/// A cell that no sensor has seen, within the hull of what was seen.
+/// A cell that no sensor has seen, within the hull of the seen points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unseen {
     /// Its centre.
     pub centre: Vec3,
-    /// How far below the hull of what was seen it lies, metres; negative little outside.
+    /// How far below the hull of the seen points it lies, metres; negative little outside.
     pub depth_m: f32,
     /// The guess about it.
     pub assumed: Assumed,
@@ -208,7 +208,7 @@ impl Space {
         unseen
     }
 
-    /// Whether each cell is unseen and continues what was looked into, `front`: where a cavity that is seen in part ends is not known.
+    /// Whether each cell is unseen and continues the cells that sensors looked into, `front`: where a cavity that is seen in part ends is not known.
     fn continued(&self, mut front: Vec<UVec3>) -> Vec<bool> {
         let is_unknown = |i: usize| !self.near_surface[i] && self.passes[i] < EMPTY;
         let mut cavity = vec![false; self.passes.len()];
@@ -233,18 +233,18 @@ impl Space {
         (cell.as_vec3() + 0.5) * self.cell_m() - self.half_extent_m
     }
 
-    /// Whether a point lies within the hull of what was seen or little outside it.
+    /// Whether a point lies within the hull of the seen points or little outside it.
     pub fn is_within_hull(&self, p: Vec3) -> bool {
         self.depth_m(p).is_some()
     }
 
-    /// How far a point lies below the hull of what was seen, metres; `None` if more than little outside it.
+    /// How far a point lies below the hull of the seen points, metres; `None` if more than little outside it.
     fn depth_m(&self, p: Vec3) -> Option<f32> {
         let mut sides = self.directions.iter().zip(&self.support_m).map(|(d, support)| support - d.dot(p));
         sides.try_fold(f32::INFINITY, |least, depth_m| (depth_m > -HULL_MARGIN_M).then(|| least.min(depth_m)))
     }
 
-    /// How far each cell lies below the hull of what was seen, as [`Self::depth_m`], metres; below -[`HULL_MARGIN_M`] more than little outside it.
+    /// How far each cell lies below the hull of the seen points, as [`Self::depth_m`], metres; below -[`HULL_MARGIN_M`] more than little outside it.
     fn depths_m(&self) -> Vec<f32> {
         let mut depths_m = vec![f32::NEG_INFINITY; self.passes.len()];
         let coordinate = |at: u32| (at as f32 + 0.5) * self.cell_m() - self.half_extent_m;
@@ -284,7 +284,7 @@ impl Space {
         self.cell_m()
     }
 
-    /// Lowest and highest corner of what was seen, metres; `None` before anything was.
+    /// Lowest and highest corner of the seen points, metres; `None` without any.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let s = &self.support_m;
         let known = s.iter().all(|x| x.is_finite());
@@ -309,7 +309,7 @@ impl Space {
         (middle.is_finite() && middle.length() < self.half_extent_m).then_some(origin + middle)
     }
 
-    /// Part of the directions around the middle of what was seen in which no surface was seen.
+    /// Part of the directions around the middle of the seen points in which no surface was seen.
     pub fn unseen_fraction(&self) -> f64 {
         let Some([low, high]) = self.bounds() else { return 1.0 };
         let middle = 0.5 * (low + high);

@@ -149,7 +149,7 @@ pub struct Tracker {
 pub struct Solution {
     /// The newest pose.
     pose: Isometry<Field, World>,
-    /// How far the solution is from what the motion before let expect, metres and radians.
+    /// How far the solution is from the prediction by the motion before, metres and radians.
     surprise: [f64; 2],
 }
 
@@ -159,7 +159,7 @@ impl Solution {
         self.pose
     }
 
-    /// How far the pose is from what the motion before let expect, metres and radians.
+    /// How far the pose is from the prediction by the motion before, metres and radians.
     pub fn surprise(&self) -> [f64; 2] {
         self.surprise
     }
@@ -347,7 +347,7 @@ impl Tracker {
 
     /// Solves the window. `None` before the first frame.
     pub fn solve(&mut self, shape: &dyn Reference) -> Option<Solution> {
-        // Wide at first, so that a start that is off by a centimetre is drawn in; then what the sensors deserve.
+        // Wide at first, so that a start that is off by a centimetre is drawn in; then as wide as the sensors' noise.
         let median = self.median_residual(shape);
         let mut scale = (median / 0.674).clamp(1.0, 20.0);
         let mut left = self.config.iterations;
@@ -537,7 +537,7 @@ impl Tracker {
     }
 }
 
-/// The farthest that a step may move and turn a pose, metres and radians: what nothing measures may not carry an object away.
+/// The farthest that a step may move and turn a pose, metres and radians: a direction that nothing measures may not carry an object away.
 const FARTHEST_STEP: [f64; 2] = [0.05, 1.0];
 
 fn is_modest(step: &na::DVector<f64>) -> bool {

@@ -117,7 +117,7 @@ fn shading_is_no_colour() {
     assert!(with < without + 0.2, "{with} degrees off, {without} without colours");
 }
 
-/// What does not depend on a clock, to the bit.
+/// The part of an estimate that does not depend on a clock, to the bit.
 fn bits(estimates: &[Estimate]) -> Vec<([u64; 7], u64)> {
     let of = |e: &Estimate| {
         let ([w, x, y, z], t) = (e.pose.quaternion_wxyz(), e.pose.origin().coords());

@@ -47,7 +47,7 @@ fn tumbling(k: usize) -> Pose {
     )
 }
 
-/// What a run learnt serves another that begins from nowhere: the object is found, in the frame that it had.
+/// The map of a run serves another that begins without a pose: the object is found, in the frame that it had.
 #[test]
 fn a_run_goes_on_from_a_saved_map() {
     let folder = tempfile::tempdir().unwrap();
@@ -261,7 +261,7 @@ fn an_unknown_brick_is_followed_and_learnt() {
     assert!(mean < 0.001, "{:.3} mm", 1e3 * mean);
 }
 
-/// What does not depend on a clock, to the bit.
+/// The part of an estimate that does not depend on a clock, to the bit.
 fn bits(e: &Estimate) -> (usize, [u64; 7], u64, TrackState, bool, bool) {
     let [w, x, y, z] = e.pose.quaternion_wxyz();
     let t = e.pose.origin().coords();

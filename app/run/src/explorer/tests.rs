@@ -38,7 +38,7 @@ fn map() -> Map {
     Map::new(map, &field, mvt_slam::Obstacles::default(), 1).unwrap()
 }
 
-/// What the camera `side` measures: one label everywhere, as near as `depth_m`.
+/// The image of camera `side`: one label everywhere, as near as `depth_m`.
 fn percept(label: Label, depth_m: f32) -> Percept {
     let camera = Placement::parse_list("side").unwrap().remove(0).camera(Side::Left);
     let size = (camera.intrinsics.height, camera.intrinsics.width);

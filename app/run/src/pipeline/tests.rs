@@ -75,7 +75,7 @@ fn a_directive_takes_effect_two_frames_later_with_any_number_of_threads() {
     for k in 2..=FRAMES {
         expected.extend([format!("{:?}", after(k - 2)), format!("frame {k}")]);
     }
-    // What is directed after the last frames reaches nothing.
+    // A directive after the last frames reaches nothing.
     assert_eq!(inline.asked[..expected.len()], expected);
 
     let mut threaded = Witness::default();

@@ -35,7 +35,7 @@ pub struct Summary {
     pub frames: usize,
     /// Time of the episode or log.
     pub simulated_s: f64,
-    /// Wall time from the first frame to the last, without what follows: the scores of every frame and the files.
+    /// Wall time from the first frame to the last, without the work after it: the scores of every frame and the files.
     pub wall_s: f64,
     /// `frames` by `wall_s`.
     pub frames_per_second: f64,

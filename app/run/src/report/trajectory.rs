@@ -75,7 +75,7 @@ pub enum TrajectoryDefect {
         /// Columns of the header.
         expected: usize,
     },
-    /// A value that is not what its column holds.
+    /// A value that does not fit its column.
     #[error("{column} is \"{value}\", not {expected}")]
     Value {
         /// Name of the column.

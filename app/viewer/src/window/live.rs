@@ -1,4 +1,4 @@
-//! A window that shows what a sensor sees now.
+//! A window that shows the present images of a sensor.
 //!
 //! The sensor's thread leaves its newest frame in a [`LiveView`] and goes on; the window takes it when it paints. A frame that comes sooner
 //! replaces the one that was not taken.
@@ -20,7 +20,7 @@ pub struct LiveFrame {
     pub figures: Vec<(&'static str, String)>,
 }
 
-/// What a sensor's thread tells the window.
+/// A message from a sensor's thread to the window.
 #[derive(Debug, Clone, Default)]
 pub struct LiveView {
     shared: Arc<Shared>,

@@ -96,7 +96,7 @@ pub struct SceneWidget {
     /// Whether the shown picture is a fine one.
     #[cfg(test)]
     is_fine: bool,
-    /// What the last frame of the window showed.
+    /// The content of the last frame of the window.
     last: Option<SceneRequest>,
     /// Problem of the last picture.
     warning: Option<String>,

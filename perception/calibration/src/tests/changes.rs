@@ -5,7 +5,7 @@ use super::*;
 /// Frames until the change.
 const BEFORE: usize = 15;
 
-/// Frames of a hand that moves: with the frame's number, which may change what is seen or read.
+/// Frames of a hand that moves: with the frame's number, which may change the images or readings.
 fn observe(
     calibrator: &mut Calibrator,
     frames: std::ops::Range<usize>,

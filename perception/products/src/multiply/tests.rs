@@ -73,7 +73,7 @@ proptest! {
                     prop_assert!((found - exact).abs() < bound, "{set:?}: {found} is not {exact}");
                 }
             }
-            prop_assert!(out[..7].iter().all(|&x| x == 0.5), "what lies before the target is changed");
+            prop_assert!(out[..7].iter().all(|&x| x == 0.5), "values before the target are changed");
         }
     }
 }

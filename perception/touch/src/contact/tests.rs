@@ -45,7 +45,7 @@ fn one(image: RgbImage) -> PerFinger<RgbImage> {
     images
 }
 
-/// What the middle finger feels.
+/// The contact on the middle finger.
 fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<Press>) {
     let images = one(image);
     let felt = feeler.feel(&images).unwrap();
@@ -86,7 +86,7 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
     let indentation_mm = felt[0].indentation_mm[[160, 120]];
     let seen = f32::from(EVEN) + 100.0;
     assert!((indentation_mm - (seen - 127.5) / 127.5 * 2.0).abs() < 0.01, "{indentation_mm}");
-    assert!(felt[0] == felt[1], "what is felt depends on the sensor");
+    assert!(felt[0] == felt[1], "the contact depends on the sensor");
 }
 
 #[test]

@@ -87,7 +87,7 @@ pub fn normal(point: Point<Gel>) -> Vector<Gel> {
     GelSurface::digit().normal(point)
 }
 
-/// What a camera sees of the undeformed gel.
+/// A camera's view of the undeformed gel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GelView {
     camera: Intrinsics,

@@ -36,7 +36,7 @@ settings! {
     }
 }
 
-/// A touch sensor: what its camera sees of the gel, and how the gel gives way and looks.
+/// A touch sensor: its camera's view of the gel, and the softness and look of the gel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorProfile {
@@ -152,7 +152,7 @@ impl SensorProfile {
         std::array::from_fn(|c| (nominal[c] / appearance.sensitivity[c]).clamp(0.25, 4.0))
     }
 
-    /// Returns what the camera sees of the undeformed gel.
+    /// Returns the camera's view of the undeformed gel.
     pub fn gel_view(&self) -> GelView {
         GelView::new(self.intrinsics(), self.gel_surface())
     }

@@ -134,7 +134,7 @@ impl<'a> Machine<'a> {
     }
 
     fn pop(&mut self) -> Result<Id, PickleError> {
-        // A MARK hides what lies below it.
+        // A MARK hides the objects below it.
         let floor = self.marks.last().copied().unwrap_or(0);
         if self.stack.len() <= floor {
             return Err(self.malformed("the stack is empty"));

@@ -21,7 +21,7 @@ assert data["allegro"]["base_pose"].shape == (4, 4)
 joints = np.asarray(data["allegro"]["joint_state"])
 assert joints.shape == (n, 16) and abs(joints[2, 5] - (0.2 + 0.15 + 0.04)) < 1e-12
 assert len(data["allegro"]["finger_poses"]) == n and data["allegro"]["finger_poses"][0].shape == (4, 4, 4)
-# A fresh array may be written to: loaders change what they load.
+# A fresh array may be written to: loaders change their arrays.
 data["allegro"]["base_pose"][0, 0] += 0.0
 
 digit = data["digit_info"]

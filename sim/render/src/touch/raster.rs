@@ -190,7 +190,7 @@ fn bounds(camera: &Intrinsics, p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usi
     let pixels = |centre: f32, coordinates: [f32; 3], size: usize| {
         let at = |k: usize| centre - f * coordinates[k] / p[k].x;
         let (low, high) = (at(0).min(at(1)).min(at(2)), at(0).max(at(1)).max(at(2)));
-        // Conversions saturate: what lies left of the image starts at 0.
+        // Conversions saturate: a span left of the image starts at 0.
         let range = (low - MARGIN_PX).ceil() as usize..((high + MARGIN_PX).floor() + 1.0).min(size as f32) as usize;
         (!range.is_empty()).then_some(range)
     };

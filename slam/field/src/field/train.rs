@@ -115,7 +115,7 @@ impl FieldTrainer {
     /// Reads what [`FieldTrainer::save`] wrote.
     ///
     /// # Errors
-    /// If the file cannot be read or is not what it writes; the error names the tensor that is missing, misshapen or not finite.
+    /// If the file cannot be read or has another layout; the error names the tensor that is missing, misshapen or not finite.
     pub fn load(path: &Path) -> Result<Self, FieldError> {
         let contents = Contents::read(path)?;
         let field = file::field(&contents)?;

@@ -5,7 +5,7 @@ use glam::{IVec3, Vec3};
 use crate::exact::KnownShape;
 use crate::shape::{Distance, Shape};
 
-/// Distance between the nodes of the lattice on which it is decided what is outside, metres: about that of the map's cells. More in
+/// Distance between the nodes of the lattice that decides about inside and outside, metres: about that of the map's cells. More in
 /// a cube that would take more than [`MOST_STEPS`] of them.
 const STEP_M: f32 = 0.0025;
 /// Most steps along an edge of the cube: with two million nodes a mesh is still made in half a second.

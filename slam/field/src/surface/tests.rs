@@ -89,7 +89,7 @@ fn vertices_lie_on_spheres_and_boxes() {
         assert!(mean < mean_bound && largest < bound, "mean {mean} largest {largest}");
         assert!((mesh.volume_m3() / volume - 1.0).abs() < 2e-3, "{}", mesh.volume_m3());
     };
-    // What is left is the sagitta of the triangles; without the projection the sphere would be at 23 um.
+    // The remaining error is the sagitta of the triangles; without the projection the sphere would be at 23 um.
     check(&sphere, 4.0 / 3.0 * std::f64::consts::PI * 0.035f64.powi(3), 9e-6, 3e-5);
     // Sharp edges are cut off by a third of a cell.
     check(&block, 8.0 * 0.0301 * 0.0252 * 0.0203, 1.5e-5, 6e-4);

@@ -1,5 +1,5 @@
-//! Maps on disk, so that a run goes on from what an earlier one learnt: the field with its optimiser, and the keyframes with their
-//! rays. What is known of space follows from the keyframes.
+//! Maps on disk, so that a run continues an earlier one: the field with its optimiser, and the keyframes with their
+//! rays. The knowledge of space follows from the keyframes.
 
 use std::path::Path;
 use std::sync::Arc;

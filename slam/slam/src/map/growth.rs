@@ -15,7 +15,7 @@ use crate::space::Space;
 pub enum BoxChange {
     /// It reaches this far from the origin of the field now, metres.
     Grown(f32),
-    /// The object reaches out of the largest box: what lies beyond is not mapped.
+    /// The object reaches out of the largest box: the part beyond is not mapped.
     TooSmall,
 }
 
@@ -23,7 +23,7 @@ pub enum BoxChange {
 const BORDER_M: f32 = 0.004;
 /// Share of a camera's points outside the box that makes it grow. Fewer may be mislabelled pixels.
 const SHARE: f32 = 0.02;
-/// The new box reaches farther than what was seen by this factor, because more of the object will be seen.
+/// The new box reaches farther than the seen points by this factor, because more of the object will be seen.
 const MARGIN: f32 = 1.15;
 /// The box grows by this factor at least, so that it grows twice at most.
 const LEAST: f32 = 1.25;

@@ -131,7 +131,7 @@ fn a_loop_does_not_undo_refinement() {
         learnt.correction.is_some()
     });
     assert!(closed.is_some());
-    // A loop bends what lies between its ends evenly: none of the first keyframes has gone back to where it was tracked.
+    // A loop bends the poses between its ends evenly: none of the first keyframes has gone back to where it was tracked.
     for keyframe in map.keyframes.iter().filter(|keyframe| keyframe.scan().frame < 8) {
         let off = se3::log(&(keyframe.pose().untyped().inverse() * refined(keyframe.scan().frame).untyped()));
         assert!(off.norm() < 0.01, "frame {}: {off}", keyframe.scan().frame);
@@ -218,7 +218,7 @@ fn what_nobody_saw_weighs_more_deep_inside() {
     };
     let (shell, core) = (depths(weight), depths(core_weight));
     assert!(shell.len() > 50 && core.len() > 50, "{} {}", shell.len(), core.len());
-    // The hull of what was seen lies in the ball, so that what is deep in the one is deeper in the other.
+    // The hull of the seen points lies in the ball, so that a cell deep in the hull is deeper in the ball.
     assert!(core.iter().all(|depth| *depth > core_depth - cell), "{core:?}");
     assert!(shell.iter().any(|depth| *depth < 0.5 * core_depth), "{shell:?}");
 }

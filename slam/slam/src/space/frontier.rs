@@ -1,4 +1,4 @@
-//! The frontier: where what is taken for the inside of the object borders on space outside, and no surface was seen.
+//! The frontier: where the presumed inside of the object borders on space outside, and no surface was seen.
 
 use glam::{IVec3, UVec3, Vec3};
 

@@ -133,7 +133,7 @@ fn the_unseen_inside_lies_within_the_hull_of_what_was_seen() {
     assert!(inside.len() > 1000, "{}", inside.len());
     let slack = f64::from(HULL_MARGIN_M + space.resolution_m());
     for &Unseen { centre: p, depth_m, .. } in &inside {
-        // The hull of what was seen lies in the brick; 66 directions leave its corners a little room.
+        // The hull of the seen points lies in the brick; 66 directions leave its corners a little room.
         assert!(BRICK.distance(to_na(p)) < 2.0 * slack, "{p}");
         assert!(!space.is_near_surface(p));
         let depth = -BRICK.distance(to_na(p));
@@ -141,7 +141,7 @@ fn the_unseen_inside_lies_within_the_hull_of_what_was_seen() {
     }
     let has = |p: Vec3| inside.iter().any(|q| (p - q.centre).abs().max_element() <= 0.51 * space.resolution_m());
     assert!(has(Vec3::ZERO), "the middle was never seen");
-    // The bottom was not seen: what lies over it counts as inside, what was looked through does not.
+    // The bottom was not seen: cells over it count as inside, cells that sensors looked through do not.
     assert!(has(Vec3::new(0.0, 0.0, -0.016)));
     assert!(!has(Vec3::new(0.0, 0.0, 0.03)));
 }
@@ -168,7 +168,7 @@ fn less_is_unseen_the_more_was_seen() {
     let unseen: Vec<f64> =
         (0..=turns.len()).map(|n| looked_at(Solid::Ball(0.03), &turns[..n]).unseen_fraction()).collect();
     assert!(unseen.windows(2).all(|pair| pair[1] < pair[0] + 0.02), "{unseen:?}");
-    // A view shows less than half of a ball, but more than half as seen from the middle of what it shows.
+    // A view shows less than half of a ball, but more than half as seen from the middle of the shown part.
     assert!(unseen[1] > 0.3 && unseen[1] < 0.8, "{unseen:?}");
     assert!(unseen[6] < 0.3 && unseen[6] > 0.02, "a turn shows all but the bottom: {unseen:?}");
 }

@@ -13,7 +13,7 @@ const THICK_CELLS: usize = 40;
 const BESIDE_CELLS: usize = 6;
 /// Places at which a thin wall was seen from both sides, so that an object has thin walls.
 const LEAST_PLACES: usize = 60;
-/// A wall that no sensor has seen, such as the foot of a cup, lies up to this far below the hull of what was seen, metres.
+/// A wall that no sensor has seen, such as the foot of a cup, lies up to this far below the hull of the seen points, metres.
 const CLOSING_DEPTH_M: f32 = 0.004;
 /// An unseen wall ends at the cavity or at a seen surface behind it within this distance, metres.
 const BEHIND_M: f32 = 0.06;
@@ -64,7 +64,7 @@ impl Space {
         end.is_none_or(|(surface, _)| !surface)
     }
 
-    /// Cells deep below the hull of what was seen that were looked through, given the depth of each cell.
+    /// Cells deep below the hull of the seen points that sensors looked through, given the depth of each cell.
     pub(super) fn seen_cavity(&self, depths_m: &[f32]) -> Vec<UVec3> {
         let is_deep = |i: usize| self.is_open_at(i) && depths_m[i] > CAVITY_DEPTH_M;
         cells().filter(|&cell| is_deep(flatten(cell))).collect()

@@ -31,7 +31,7 @@ const FEWEST_POINTS: usize = 15;
 const LEVER_M: f64 = 0.04;
 /// Error of the normals of a learnt surface, radians. It makes faces look uneven and round things cornered, as if they held a pose.
 const NORMAL_SIGMA_RAD: f64 = 0.1;
-/// What is known of a pose without measurements: one standard deviation of translation, metres, and rotation, radians. About the motion
+/// Prior of a pose without measurements: one standard deviation of translation, metres, and rotation, radians. About the motion
 /// from one keyframe to the next.
 const PRIOR: [f64; 2] = [0.02, 0.5];
 

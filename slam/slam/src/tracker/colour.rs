@@ -30,13 +30,13 @@ const FARTHEST_PX: f32 = 20.0;
 const LEAST_CONTRAST: f32 = 1.5;
 /// Correlation of two squares, without even slopes, above which they show the same place.
 const LEAST_CORRELATION: f32 = 0.85;
-/// Standard deviation of brightness between images of one place, grey levels: noise, compression, what the warp leaves.
+/// Standard deviation of brightness between images of one place, grey levels: noise, compression and errors of the warp.
 const GREY_SIGMA: f32 = 4.0;
 /// Places must agree with a common motion to so many standard deviations, or they are wrong.
 const AGREES_SIGMAS: f64 = 4.0;
 /// Of the places that were found, this part must agree, and at least so many: else none is believed.
 const LEAST_AGREEING: (f64, usize) = (0.5, 10);
-/// What is known of the motion before colours are compared, one standard deviation, metres and radians: keeps directions that they do
+/// Prior of the motion before colours are compared, one standard deviation, metres and radians: keeps directions that they do
 /// not show.
 const PRIOR_SIGMA: [f64; 2] = [0.005, 0.15];
 /// If less than this part of the places of the frame before is found, poses turned by so much are tried, radians.

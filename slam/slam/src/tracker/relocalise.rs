@@ -90,7 +90,7 @@ impl Tracker {
         }
         for _ in 0..CANDIDATES {
             let rotation = random_rotation(rng);
-            // Cameras see the near side: the middle lies behind what was seen.
+            // Cameras see the near side: the middle lies behind the seen surface.
             let away =
                 instant.scan.views.first().map_or(Vec3::ZERO, |view| (to_vec(seen) - view.origin).normalize_or_zero());
             let middle = seen + to_na(away) * 0.02 + random_in_ball(rng) * 0.01;
@@ -123,7 +123,7 @@ impl Tracker {
             to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32)
         };
         let seen = middle(instant);
-        // The pose before, carried along with what is seen; pads stay where they are while the object moves under them.
+        // The pose before, carried along with the seen points; pads stay where they are while the object moves under them.
         let before = self.window.iter().rev().nth(1).filter(|_| instant.is_seen()).map_or(seen, middle);
         let carried = na::Translation3::from(seen - before) * previous;
         let as_candidate = |pose| Candidate { pose, cost: f64::INFINITY };
@@ -132,7 +132,7 @@ impl Tracker {
             let from = [&start, &previous, &carried][i % 3];
             let turn = na::UnitQuaternion::from_scaled_axis(random_in_ball(rng) * reach.turn_rad);
             let shift = random_in_ball(rng) * reach.shift_m;
-            // About the middle of what is seen, which stays where it is.
+            // About the middle of the seen points, which stays where it is.
             let about = na::Translation3::from(seen + shift) * turn * na::Translation3::from(-seen);
             candidates.push(as_candidate(about * from));
         }

@@ -41,7 +41,7 @@ impl Reference for Ball {
     }
 }
 
-/// Nothing but what a test switches on.
+/// All factors are off; a test switches on its own.
 fn nothing() -> TrackerConfig {
     TrackerConfig {
         camera_weight: 0.0,
@@ -99,7 +99,7 @@ fn check(mut tracker: Tracker, shape: &dyn Reference, scale: f64, tolerance: f64
     assert!(system.cost > 0.0, "nothing to check");
     assert_eq!(system.gradient.len(), 6 * tracker.config.window);
     let held = tracker.held();
-    // A metre and a radian are not the same: compared by what they move on an object of 3 cm.
+    // A metre and a radian are not the same: compared by the motion of a surface 3 cm away.
     let unit = |i: usize| if i % 6 < 3 { 1.0 } else { 1.0 / 0.03 };
     let mut expected = system.gradient.clone();
     for i in 0..expected.len() {
@@ -409,7 +409,7 @@ fn free_space_bounds_what_depth_alone_leaves_open() {
     assert!(error(TrackerConfig::default()) < 0.001);
 }
 
-/// Two planes that all but agree on where sideways is: what one pad says of it is noise divided by a slope of next to nothing.
+/// Two planes that all but agree on where sideways is: the evidence of one pad is noise divided by a slope of nearly 0.
 struct Ramp;
 
 impl Shape for Ramp {
@@ -467,7 +467,7 @@ fn a_pad_alone_does_not_throw_an_object() {
     };
     for seed in 0..20 {
         let mut tracker = Tracker::new(TrackerConfig::default());
-        // First from above, then from a side and askew: the middle of what is felt moves by four centimetres.
+        // First from above, then from a side and askew: the middle of the touched points moves by four centimetres.
         tracker.push(&shape, touched(0, [0.0; 3]), at, std::iter::empty());
         let near = pose([0.004, 0.003, 0.002], [6.0, -5.0, 4.0]);
         tracker.push(&shape, touched(1, [20.0, 75.0, 10.0]), near, std::iter::empty());

@@ -122,7 +122,7 @@ fn cast<F: Frame>(
     }
 }
 
-/// What a camera sees of a solid before nothing.
+/// The image of a solid without a background.
 pub fn see<F: Frame>(
     solid: Solid,
     pose: Isometry<F, World>,
@@ -141,7 +141,7 @@ pub fn see<F: Frame>(
 /// Direction from which the light comes that stays where it is while solids turn.
 const LIGHT: [f64; 3] = [0.5, 0.35, 0.8];
 
-/// Adds what a colour camera sees of the solid: `paint` is the brightness of a place of its surface, 0 to 1, in the solid's frame. A
+/// Adds the colours of the solid in a camera: `paint` is the brightness of a place of its surface, 0 to 1, in the solid's frame. A
 /// lamp that stands still and the solid's normals shade it.
 pub fn painted<F: Frame>(
     mut image: CameraDepth,
@@ -194,7 +194,7 @@ pub fn touch_intrinsics() -> Intrinsics {
     Intrinsics::from_fov_y(240, 320, 60f64.to_radians())
 }
 
-/// What a touch sensor with a flat gel feels of a solid.
+/// The measurement of a touch sensor with a flat gel on a solid.
 pub fn feel<F: Frame>(
     solid: Solid,
     pose: Isometry<F, World>,

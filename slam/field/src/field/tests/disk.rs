@@ -78,7 +78,7 @@ fn damage_is_named() {
     let mut broken = sealed.clone();
     *broken.last_mut().unwrap() ^= 1;
     assert!(message(&broken).contains("checksum"), "{}", message(&broken));
-    // Without its checksum, as version 0.1.0 wrote it, so that other damage is found by what it damages.
+    // Without its checksum, as version 0.1.0 wrote it, so that another check must find the damage.
     let mut bytes = sealed;
     let key = bytes.windows(10).position(|window| window == b"\"checksum\"").unwrap();
     bytes[key..key + 10].copy_from_slice(b"\"unsealed\"");

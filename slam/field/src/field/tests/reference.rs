@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Parameters in double precision, and what they are parameters of.
+/// Parameters in double precision, with the field's configuration.
 #[derive(Clone)]
 pub(super) struct Reference {
     pub(super) config: FieldConfig,
