@@ -75,13 +75,15 @@ def reliability(frames):
         if len(pairs) >= 50:
             errors = sorted(e for _, e in pairs)
             points.append((2 * sum(d for d, _ in pairs) / len(pairs), errors[int(0.95 * (len(errors) - 1))], len(pairs)))
-    top = 2 * math.ceil(max([10, *(max(x, y) for x, y, _ in points)]) / 2)
-    at = lambda x, y: (50 + 340 * x / top, 360 - 340 * y / top)
-    (x0, y0), (x1, y1) = at(0, 0), at(top, top)
+    # Both axes are logarithmic, from 1 mm.
+    top = max([10, *(max(x, y) for x, y, _ in points)])
+    along = lambda mm: math.log(max(mm, 1)) / math.log(top)
+    at = lambda x, y: (50 + 340 * along(x), 360 - 340 * along(y))
+    (x0, y0), (x1, y1) = at(1, 1), at(top, top)
     marks = "".join(f'<circle cx="{at(x, y)[0]:.1f}" cy="{at(x, y)[1]:.1f}" r="4" fill="#0072b2"/>'
                     f'<text x="{at(x, y)[0] + 7:.1f}" y="{at(x, y)[1] + 4:.1f}">{n}</text>' for x, y, n in points)
-    ticks = "".join(f'<text x="{at(v, 0)[0]:.1f}" y="376" text-anchor="middle">{v:g}</text>'
-                    f'<text x="44" y="{at(0, v)[1] + 4:.1f}" text-anchor="end">{v:g}</text>' for v in (0, top / 2, top))
+    ticks = "".join(f'<text x="{at(v, 1)[0]:.1f}" y="376" text-anchor="middle">{v}</text>'
+                    f'<text x="44" y="{at(1, v)[1] + 4:.1f}" text-anchor="end">{v}</text>' for v in (1, 2, 5, 10, 20) if v <= top)
     return (f'<svg xmlns="http://www.w3.org/2000/svg" width="420" height="400" font-family="sans-serif" font-size="11">'
             f'<rect width="420" height="400" fill="white"/><path d="M50 20V360H390" fill="none" stroke="black"/>'
             f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="#999" stroke-dasharray="4"/>{marks}{ticks}'
