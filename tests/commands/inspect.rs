@@ -38,8 +38,9 @@ fn a_damaged_file_is_named() {
     let depth = "realsense/front-left/depth.npz";
     for eighth in 1..8 {
         refused(&workplace, depth, |bytes| {
+            // A single bit may copy the same values from another place of the image, which is no damage.
             let middle = bytes.len() * eighth / 8;
-            bytes[middle] ^= 0x10;
+            bytes[middle..middle + 8].iter_mut().for_each(|byte| *byte = !*byte);
         });
     }
     refused(&workplace, depth, |bytes| bytes.truncate(bytes.len() - 1));

@@ -4,6 +4,7 @@ pub mod assess;
 mod colour;
 mod contact;
 pub(crate) mod icp;
+mod query;
 pub mod relocalise;
 pub(crate) mod system;
 
@@ -20,9 +21,10 @@ use crate::scan::{Detail, Scan};
 use colour::{Pair, Tie};
 use contact::{PressedPad, pressed_pad};
 use icp::Posed;
-use mvt_field::shape::{Distance, Shape};
+use mvt_field::shape::Shape;
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
+use query::{ask, ask_measured, ask_values, in_model};
 use system::{Block, Loss, System, surface, velocity};
 
 /// A shape to track against.
@@ -551,53 +553,6 @@ const GEL_SIGMA_M: f32 = 0.0003;
 const REACH_M: f32 = 0.1;
 fn sigma(shape: &dyn Reference, measured_m: f32) -> f32 {
     shape.sigma_m().hypot(measured_m)
-}
-
-/// Points of the world in the model's frame, their distances, and whether they can be trusted.
-fn ask(
-    shape: &dyn Reference,
-    pose: &na::Isometry3<f64>,
-    points: impl Iterator<Item = Vec3>,
-) -> (Vec<Vec3>, Vec<Distance>, Vec<bool>) {
-    let points = in_model(pose, points);
-    let mut distances = vec![Distance::default(); points.len()];
-    shape.distances_and_gradients(&points, &mut distances);
-    let mut trusted = vec![false; points.len()];
-    shape.trusted(&points, &mut trusted);
-    (points, distances, trusted)
-}
-
-/// Distances of points in the model's frame without gradients, metres, and whether they can be trusted.
-fn ask_values(shape: &dyn Reference, points: &[Vec3]) -> (Vec<f32>, Vec<bool>) {
-    let mut distances_m = vec![0.0; points.len()];
-    shape.distances(points, &mut distances_m);
-    let mut trusted = vec![false; points.len()];
-    shape.trusted(points, &mut trusted);
-    (distances_m, trusted)
-}
-
-/// As [`ask`] for points that were measured on the surface: one where no surface can be speaks against the pose, too.
-fn ask_measured(
-    shape: &dyn Reference,
-    pose: &na::Isometry3<f64>,
-    points: impl Iterator<Item = Vec3>,
-) -> (Vec<Vec3>, Vec<Distance>, Vec<bool>) {
-    let (points, distances, mut trusted) = ask(shape, pose, points);
-    trust_empty(shape, &points, &mut trusted);
-    (points, distances, trusted)
-}
-
-/// Also trusts points where no surface can be.
-fn trust_empty(shape: &dyn Reference, points: &[Vec3], trusted: &mut [bool]) {
-    let mut empty = vec![false; points.len()];
-    shape.seen_empty(points, &mut empty);
-    trusted.iter_mut().zip(empty).for_each(|(trusted, empty)| *trusted |= empty);
-}
-
-/// Points of the world in the model's frame.
-fn in_model(pose: &na::Isometry3<f64>, points: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
-    let model_from_world = pose.inverse();
-    points.map(|p| apply(&model_from_world, p)).collect()
 }
 
 pub(crate) fn apply(motion: &na::Isometry3<f64>, p: Vec3) -> Vec3 {

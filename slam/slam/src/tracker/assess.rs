@@ -2,8 +2,9 @@
 
 use nalgebra as na;
 
+use super::query::{ask_measured, ask_values, in_model, trust_empty};
 use super::system::{Loss, surface};
-use super::{ROBUST_SIGMAS, Tracker, ask_measured, ask_values, in_model, sigma, to_na, trust_empty};
+use super::{ROBUST_SIGMAS, Tracker, sigma, to_na};
 use crate::deviation::Variance;
 use crate::tracker::Reference;
 

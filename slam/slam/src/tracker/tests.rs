@@ -8,6 +8,7 @@ use super::relocalise::Reach;
 use super::*;
 use crate::scan;
 use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, blotches, camera, feel, frame, pose, see, seen, seen_painted};
+use mvt_field::shape::Distance;
 use mvt_frames::depth::TouchDepth;
 
 /// A ball away from the origin, so that turns move it, with distances that have no grid.
