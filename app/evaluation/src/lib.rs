@@ -171,7 +171,7 @@ pub struct Key {
     pub seed: u64,
     /// Names of the cameras with commas between.
     pub cameras: String,
-    /// What is estimated.
+    /// The estimated quantities.
     pub mode: Mode,
     /// Which sensors are used.
     pub modality: Modality,

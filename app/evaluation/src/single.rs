@@ -26,7 +26,7 @@ pub struct SingleRun {
     /// Cameras, with commas between.
     #[serde(default = "default_cameras")]
     cameras: String,
-    /// What is estimated.
+    /// The estimated quantities.
     #[serde(default)]
     mode: Mode,
     /// Which sensors are used.

@@ -100,7 +100,7 @@ pub struct About {
     pub object: String,
     /// Seed of the episode and of the estimate.
     pub seed: u64,
-    /// What is estimated; `None` for a raw log, where nothing is.
+    /// The estimated quantities; `None` for a raw log.
     pub mode: Option<Mode>,
     /// Which sensors are used.
     pub modality: Modality,

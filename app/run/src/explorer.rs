@@ -55,7 +55,7 @@ const HORIZON_S: f64 = 6.0;
 const STEP_S: f64 = 0.25;
 /// Least cosine between the normal of a patch and the direction to a camera; a camera does not measure a flatter view.
 const LEAST_COSINE: f64 = 0.35;
-/// A pixel of the hand hides what lies further behind it than this, metres.
+/// A pixel of the hand hides points further behind it than this, metres.
 const BEHIND_HAND_M: f64 = 0.004;
 /// A pad feels patches up to this far from its middle, metres.
 const PAD_REACH_M: f64 = 0.008;

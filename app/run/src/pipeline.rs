@@ -74,7 +74,7 @@ pub struct FrameResult {
 pub struct EstimatorSetup<'a> {
     /// Settings.
     pub config: &'a mvt_slam::SlamConfig,
-    /// What is estimated.
+    /// The estimated quantities.
     pub mode: Mode,
     /// Which sensors are used.
     pub modality: Modality,

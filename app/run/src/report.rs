@@ -57,7 +57,7 @@ pub struct RunRecord {
     pub object: String,
     /// Seed of the episode, of its noise and of the estimate.
     pub seed: u64,
-    /// What is estimated.
+    /// The estimated quantities.
     pub mode: Mode,
     /// Which sensors are used.
     pub modality: Modality,

@@ -129,12 +129,10 @@ impl TrueSurface {
         thresholds_m: &[f64],
     ) -> ShapeScore {
         let estimate = Cloud::new(estimate.to_vec());
-        let mut to_truth = distances_m(&estimate, object_from_estimate, &self.0);
-        if !rest.points().is_empty() {
-            let to_rest = distances_m(&estimate, object_from_estimate, &rest.0);
-            to_truth =
-                to_truth.into_iter().zip(to_rest).filter(|(own, rest)| own <= rest).map(|(own, _)| own).collect();
-        }
+        // Infinite without a rest, so that all points count.
+        let to_rest = distances_m(&estimate, object_from_estimate, &rest.0);
+        let to_truth = distances_m(&estimate, object_from_estimate, &self.0).into_iter().zip(to_rest);
+        let to_truth: Vec<f32> = to_truth.filter(|(own, rest)| own <= rest).map(|(own, _)| own).collect();
         let to_estimate = distances_m(&self.0, object_from_estimate.inverse(), &estimate);
         let f_score = |&threshold_m: &f64| FScore {
             threshold_m,

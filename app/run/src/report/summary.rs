@@ -27,7 +27,7 @@ pub struct Summary {
     pub object: String,
     /// Seed of the episode, of its noise and of the estimate.
     pub seed: u64,
-    /// What was estimated.
+    /// The estimated quantities.
     pub mode: Mode,
     /// Which sensors were used.
     pub modality: Modality,

@@ -7,10 +7,8 @@ use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
 use super::assess::Assessment;
-use super::{
-    Instant, Loss, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, ask, ask_measured, sigma, surface, to_na,
-    to_vec,
-};
+use super::query::{ask, ask_measured};
+use super::{Instant, Loss, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, sigma, surface, to_na, to_vec};
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
 
