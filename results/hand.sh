@@ -10,6 +10,7 @@ program=${1:?usage: results/hand.sh PROGRAM OUT [STARTS]}
 out=$(mkdir -p "${2:?usage: results/hand.sh PROGRAM OUT [STARTS]}" && cd "$2" && pwd)
 starts=${3:-60}
 rm -f "$out/hand.jsonl"
+"$(dirname "$0")/air.py" "$out" --meshes
 
 # Scores controller $1 with objects $2 at $3 steps per command.
 score() {
@@ -25,4 +26,5 @@ for steps in 12 24; do
     score roll_ball 055_baseball,056_tennis_ball,017_orange "$steps"
     score tumble_ball_forth 055_baseball,056_tennis_ball,017_orange "$steps"
     score roll_ball_back 055_baseball,056_tennis_ball,017_orange "$steps"
+    score roll_cube rubiks_cube_small,large_dice,"$out/cube48.obj","$out/cube51.obj","$out/cube54.obj" "$steps"
 done

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Finds for each object the controllers between which the hand can change without a drop, by physics alone.
 
-    results/safe_controllers.py OUT [--program FILE] [--objects NAME,...] [--starts N]
+    results/safe_controllers.py OUT [--program FILE] [--objects NAME,...] [--first NAME] [--starts N]
 
-First pairs: the controller that `auto` chooses and each tumble or roll, in turns of 5 s, 30 s long, five starts. Those that drop the object more than
-once are left out. Then sequences of each pair: 30 s of changes every 4 to 6 s, N starts (default: 20), of which at most one in twenty may end with a
+First pairs: the controller that `auto` chooses, or --first, and each tumble or roll, in turns of 5 s, 30 s long, five starts. Those that drop the object more than
+once are left out, and those that drop it more than once in 30 starts of a single change after 4 s, because an explorer may stay with a controller. Then sequences of each pair: 30 s of changes every 4 to 6 s, N starts (default: 20), of which at most one in twenty may end with a
 drop; of each axis the fastest such controller stays. Last, random sequences of all that stay: while more than one in twenty starts ends with a drop,
 the controller that most often dropped the object is left out. All starts are starts of the search. Writes OUT/pairs.jsonl and OUT/sets.jsonl, and OUT/safe_controllers.toml, which belongs in sim/gaits/assets. The same command continues after
 an interruption.
@@ -19,11 +19,12 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-OTHERS = "tumble_back tumble_ball tumble_ball_forth tumble_brick tumble_can roll_ball roll_ball_back".split()
+OTHERS = "tumble_back tumble_ball tumble_ball_forth tumble_brick tumble_can roll_ball roll_ball_back roll_cube".split()
 # The first seed of the search.
 SEED = 20000
 SECONDS = 30.0
 PAIR_STARTS = 5
+STAY_STARTS = 30
 LEAST_KEPT = 0.95
 # A slower controller shows little, rad/s.
 SLOWEST_RAD_S = 0.25
@@ -51,9 +52,9 @@ def kept(seconds):
     return sum(s >= SECONDS - 0.1 for s in seconds) / len(seconds)
 
 
-def play_pairs(program, name, path):
+def play_pairs(program, name, begins_with, path):
     """Returns the pairs of an object; none if it is refused."""
-    first = program.simulate(name, "auto", SEED, 0.1)
+    first = program.simulate(name, begins_with, SEED, 0.1)
     if first is None:
         return []
     auto, pairs = first["gait"], [row for row in read(path) if row["object"] == name]
@@ -85,6 +86,12 @@ def rates(program, name, controllers, axes, out):
     return shape, rates
 
 
+def play_stays(program, name, first, second):
+    """Returns the seconds of starts that change once and stay with the second controller."""
+    words = f"{first}:4,{second}:{SECONDS - 4}"
+    return [program.simulate(name, words, SEED + 2100 + k)["survived_s"] for k in range(STAY_STARTS)]
+
+
 def play_sequences(program, name, controllers, starts):
     """Returns the seconds of each start, up to one drop too many, and how often each controller dropped the object."""
     survived, blamed = [], collections.Counter()
@@ -114,6 +121,7 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
     parser.add_argument("--objects", help="default: the whole catalogue")
+    parser.add_argument("--first", default="auto", help="controller with which episodes begin")
     parser.add_argument("--starts", type=int, default=20)
     arguments = parser.parse_args()
     program, out = Program(arguments.program.resolve()), arguments.out
@@ -124,7 +132,7 @@ def main():
     for name in arguments.objects.split(",") if arguments.objects else listed:
         if name in done:
             continue
-        pairs = [row for row in play_pairs(program, name, out / "pairs.jsonl") if kept(row["survived_s"]) >= 1 - 1 / PAIR_STARTS]
+        pairs = [row for row in play_pairs(program, name, arguments.first, out / "pairs.jsonl") if kept(row["survived_s"]) >= 1 - 1 / PAIR_STARTS]
         if not pairs:
             continue
         auto = pairs[0]["first"]
@@ -134,6 +142,8 @@ def main():
         for row in sorted(pairs, key=lambda row: -rate[row["second"]]):
             second = row["second"]
             if rate[second] < SLOWEST_RAD_S or axes[second] in [axes[c] for c in controllers]:
+                continue
+            if kept(play_stays(program, name, auto, second)) < LEAST_KEPT:
                 continue
             seconds, _ = play_sequences(program, name, [auto, second], arguments.starts)
             if kept(seconds) >= LEAST_KEPT:

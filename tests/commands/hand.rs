@@ -159,6 +159,8 @@ fn grasps_are_a_file_from_which_a_controller_is_tuned() {
     };
     tune("--object ball --axis -x --from air_ball").good();
     assert!(read("air.toml").contains("--grasp one.toml") && read("air.toml").contains("touching = ["));
+    let refused = tune("--object ball --axis -x --from air_ball --overwrite --only lift_,tilt").error();
+    assert!(refused.contains("--only tilt: air_ball has no parameter"), "{refused}");
     assert!(tune("--object mug --axis -x --from air_ball --overwrite").error().contains("has grasps of ball"));
     assert!(tune("--object ball --axis -x --from tumble_back --overwrite").error().contains("such as air_ball"));
     let refused = workplace.run("hand grasps --object ball --controller bal --out none.toml").error();

@@ -80,6 +80,10 @@ pub struct HandTuneArguments {
     /// First step size, relative to the usual one of each parameter
     #[arg(long, value_name = "X", default_value_t = 0.3, value_parser = step_size)]
     step: f64,
+    /// Change only the parameters whose names begin so, separated by commas, such as `lift_,pose_thumb`. The table `params` of
+    /// a controller file has the names. Fewer parameters need fewer generations
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    only: Vec<String>,
     /// Seed of the search
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -181,6 +185,12 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
     if let Some(path) = &arguments.grasp {
         from = with_grasp(&from, path, &objects, &arguments.from)?;
     }
+    if let Some(begin) = arguments.only.iter().find(|begin| !Search::has_parameter(&from, begin)) {
+        bail!(
+            "--only {begin}: {} has no parameter whose name begins so; its file lists them under `params`",
+            arguments.from
+        );
+    }
     let settings = SearchSettings {
         objects: arguments.object.clone(),
         axis: *axis,
@@ -188,6 +198,7 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
         starts: arguments.starts,
         population: POPULATION,
         sigma: arguments.step,
+        only: arguments.only.clone(),
         seed: arguments.seed,
     };
     let mut search = Search::resume(&state, settings, &from)?;
@@ -237,12 +248,14 @@ fn path_text(path: &Path) -> String {
 
 /// Returns the command that makes the same controller.
 fn command(arguments: &HandTuneArguments) -> String {
-    let HandTuneArguments { object, axis, from, grasp, generations, starts, duration, step, seed, .. } = arguments;
+    let HandTuneArguments { object, axis, from, grasp, generations, starts, duration, step, only, seed, .. } =
+        arguments;
     let (objects, from) = (shell_word(&object.join(",")), shell_word(from));
     let grasp = grasp.as_ref().map_or(String::new(), |path| format!(" --grasp {}", shell_word(&path_text(path))));
+    let only = if only.is_empty() { String::new() } else { format!(" --only {}", shell_word(&only.join(","))) };
     format!(
         "mambavitact hand tune --object {objects} --axis {axis} --from {from}{grasp} --generations {generations} --starts {starts} \
-         --duration {duration} --step {step} --seed {seed}"
+         --duration {duration} --step {step}{only} --seed {seed}"
     )
 }
 

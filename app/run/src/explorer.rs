@@ -59,8 +59,11 @@ const LEAST_COSINE: f64 = 0.35;
 const BEHIND_HAND_M: f64 = 0.004;
 /// A pad feels patches up to this far from its middle, metres.
 const PAD_REACH_M: f64 = 0.008;
-/// Less predicted gain per second is no gain, square metres: noise of the frontier.
+/// Less that staying shows per second is nothing, square metres: noise of the frontier.
 const LEAST_GAIN_M2_S: f64 = 2e-5;
+/// A change or a re-grasp must show at least this much more per second than staying, square metres. Each is a risk for the object, and
+/// late in an episode gains of 0.5 cm^2/s are noise of the frontier.
+const LEAST_ADVANTAGE_M2_S: f64 = 1e-4;
 /// Time after which a prediction is compared with the outcome, seconds.
 const PROMISE_S: f64 = 1.5;
 /// Weight of the latest observation in learnt rates and in the share of predictions that come true.
@@ -243,9 +246,10 @@ impl Explorer {
             .iter()
             .enumerate()
             .fold((self.current, stays), |best, (k, &gain)| if gain > best.1 { (k, gain) } else { best });
-        if most.max(regrasps) < LEAST_GAIN_M2_S {
-            self.choice = self.stops.then(|| ExplorerChoice { time_s, chosen: NONE.to_owned(), gains_cm2_s: named });
-            return self.stops.then_some(Directive::Stop);
+        if most.max(regrasps) < stays + LEAST_ADVANTAGE_M2_S {
+            let ends = self.stops && stays < LEAST_GAIN_M2_S;
+            self.choice = ends.then(|| ExplorerChoice { time_s, chosen: NONE.to_owned(), gains_cm2_s: named });
+            return ends.then_some(Directive::Stop);
         }
         if regrasps > most {
             self.begin_part(belief);

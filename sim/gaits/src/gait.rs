@@ -65,9 +65,11 @@ impl Gait {
 /// The shipped controllers that are files: name and text.
 pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("air_ball", include_str!("../assets/controllers/air_ball.toml")),
+    ("air_block", include_str!("../assets/controllers/air_block.toml")),
     ("air_large_ball", include_str!("../assets/controllers/air_large_ball.toml")),
     ("roll_ball", include_str!("../assets/controllers/roll_ball.toml")),
     ("roll_ball_back", include_str!("../assets/controllers/roll_ball_back.toml")),
+    ("roll_cube", include_str!("../assets/controllers/roll_cube.toml")),
     ("turn_cup", include_str!("../assets/controllers/turn_cup.toml")),
     ("turn_post", include_str!("../assets/controllers/turn_post.toml")),
     ("turn_slender", include_str!("../assets/controllers/turn_slender.toml")),

@@ -15,6 +15,7 @@
 //!     starts: 1,
 //!     population: 4,
 //!     sigma: 0.3,
+//!     only: vec![],
 //!     seed: 1,
 //! };
 //! let mut search = Search::new(settings, from);

@@ -33,6 +33,8 @@ pub struct SearchSettings {
     pub population: usize,
     /// First step size relative to the scales of the parameters.
     pub sigma: f64,
+    /// Beginnings of the names of the parameters that are changed; all are changed if there are none.
+    pub only: Vec<String>,
     /// Seed of the search.
     pub seed: u64,
 }
@@ -76,13 +78,19 @@ pub(crate) const SEARCH_STEPS: u32 = 6;
 const LARGEST_STATE: u64 = 4 << 20;
 
 impl Search {
+    /// Returns whether a search from this gait has a parameter whose name begins so.
+    pub fn has_parameter(from: &Gait, begin: &str) -> bool {
+        !scales(from, &[begin.to_owned()]).is_empty()
+    }
+
     /// Starts from a gait. If it turns the opposite way, the search starts from the same stroke played backwards.
     pub fn new(settings: SearchSettings, from: &Gait) -> Self {
         let is_opposite =
             from.feedback.is_none() && settings.axis.direction(Side::Right) == -from.axis.direction(Side::Right);
         let params = stroke::parameters_of(from);
         let origin = if is_opposite { stroke::backwards(params) } else { params };
-        let evolution = Evolution::new(scales(from).len(), settings.population, settings.sigma, settings.seed);
+        let dimensions = scales(from, &settings.only).len();
+        let evolution = Evolution::new(dimensions, settings.population, settings.sigma, settings.seed);
         Self { settings, from: from.clone(), origin, evolution }
     }
 
@@ -130,7 +138,7 @@ impl Search {
     /// Returns the gait at so many scales from the origin; parameters that the origin lacks are 0 there.
     fn gait_at(&self, steps: &[f64], description: &str) -> Gait {
         let mut params = self.origin.clone();
-        for ((name, scale), step) in scales(&self.from).into_iter().zip(steps) {
+        for ((name, scale), step) in scales(&self.from, &self.settings.only).into_iter().zip(steps) {
             *params.entry(name).or_default() += scale * step;
         }
         air::gait(&params, &self.from, self.settings.axis, description)
@@ -167,8 +175,10 @@ impl Search {
 }
 
 /// Returns the names and scales of the parameters that a search from this gait changes.
-fn scales(from: &Gait) -> Vec<(String, f64)> {
-    if from.feedback.is_some() { air::parameters() } else { stroke::parameters() }
+fn scales(from: &Gait, only: &[String]) -> Vec<(String, f64)> {
+    let mut scales = if from.feedback.is_some() { air::parameters() } else { stroke::parameters() };
+    scales.retain(|(name, _)| only.is_empty() || only.iter().any(|begin| name.starts_with(begin)));
+    scales
 }
 
 /// Returns the score of a candidate: the mean over its trials with a share of the worst, so that bad starts count more.
@@ -186,8 +196,8 @@ fn reward(result: &TrialResult, duration_s: f64) -> f64 {
     let rocked = result.rocked_rad / duration_s;
     let lost = 1.0 - result.survived_s / duration_s + f64::from(u8::from(!result.alive));
     if let Some(beside) = result.touched_beside_tips {
-        // In the air any axis is welcome. Holding counts most, so that rates above 0.4 rad/s gain nothing.
-        return 1.5 * rate.min(0.4) - 3.0 * lost - beside + 0.1 * result.pads.min(3.0);
+        // In the air any axis is welcome. Holding counts most, so that rates above 0.3 rad/s gain nothing.
+        return 1.5 * rate.min(0.3) - 3.0 * lost - beside + 0.1 * result.pads.min(3.0);
     }
     2.0 * rate.min(1.2) - 0.6 * other - 0.1 * rocked - 2.0 * lost + 0.1 * result.pads.min(2.0)
 }

@@ -64,6 +64,7 @@ fn a_search_begins_at_the_controller_in_its_file_and_resumes() {
         starts: 1,
         population: 4,
         sigma: 0.3,
+        only: vec![],
         seed: 5,
     };
     let mut search = Search::new(settings.clone(), air_ball());

@@ -31,6 +31,7 @@ fn settings() -> SearchSettings {
         starts: 1,
         population: 4,
         sigma: 0.3,
+        only: vec![],
         seed: 5,
     }
 }
@@ -130,6 +131,7 @@ fn shipped_controllers_turn_objects_also_with_half_the_step() {
         ("tumble_back", "cube70", 1.0, 0.3),
         ("tumble_ball", "ball", 0.5, f64::INFINITY),
         ("roll_ball", "ball", 0.3, 0.5),
+        ("roll_cube", "large_dice", 0.3, f64::INFINITY),
     ];
     for (name, turned, rate_rad_s, other_share) in cases {
         for steps in [EPISODE_STEPS, 2 * EPISODE_STEPS] {
@@ -139,4 +141,22 @@ fn shipped_controllers_turn_objects_also_with_half_the_step() {
             assert!(score.rate_rad_s > rate_rad_s && score.other_share < other_share, "{name} {score:?}");
         }
     }
+}
+
+#[test]
+fn only_the_named_parameters_change() {
+    let from = gait_named("tumble_back");
+    let settings = SearchSettings { only: vec!["pose_thumb".to_owned()], ..settings() };
+    let mut search = Search::new(settings, from);
+    let begun = search.gait("").params;
+    search.advance(&[object("cube70")]).unwrap();
+    let changed: Vec<String> = search
+        .gait("")
+        .params
+        .into_iter()
+        .filter(|(name, value)| begun[name] != *value)
+        .map(|(name, _)| name)
+        .collect();
+    assert_eq!(changed, ["pose_thumb_0", "pose_thumb_1", "pose_thumb_2", "pose_thumb_3"]);
+    assert!(Search::has_parameter(from, "sin_") && !Search::has_parameter(from, "lift_"));
 }

@@ -13,7 +13,7 @@ fn options() -> Vec<ExplorerOption> {
     vec![option("cubelet", z), option("tumble_back", -y), option("roll_ball", x)]
 }
 
-/// A square of unseen surface, 2 x 2 cm, around `centre`.
+/// A square of unseen surface, 4 x 4 cm, around `centre`.
 #[derive(Debug)]
 struct Unseen {
     centre: Vec3,
@@ -23,13 +23,13 @@ struct Unseen {
 impl UnknownSurface for Unseen {
     fn patches(&self, _: &Map) -> Vec<FrontierPatch> {
         let (across, along) = self.normal.any_orthonormal_pair();
-        let at = |k: usize| (k as f32 - 4.5) * 0.002;
+        let at = |k: usize| (k as f32 - 9.5) * 0.002;
         let patch = |k: usize| FrontierPatch {
-            centre: self.centre + across * at(k % 10) + along * at(k / 10),
+            centre: self.centre + across * at(k % 20) + along * at(k / 20),
             normal: self.normal,
             area_m2: 4e-6,
         };
-        (0..100).map(patch).collect()
+        (0..400).map(patch).collect()
     }
 }
 
