@@ -4,8 +4,9 @@
     results/safe_controllers.py OUT [--program FILE] [--objects NAME,...] [--first NAME] [--starts N]
 
 First pairs: the controller that `auto` chooses, or --first, and each tumble or roll, in turns of 5 s, 30 s long, five starts. Those that drop the object more than
-once are left out, and those that drop it more than once in 30 starts of a single change after 4 s, because an explorer may stay with a controller. Then sequences of each pair: 30 s of changes every 4 to 6 s, N starts (default: 20), of which at most one in twenty may end with a
-drop; of each axis the fastest such controller stays. Last, random sequences of all that stay: while more than one in twenty starts ends with a drop,
+once are left out. Then a single change after 4 s, 30 s long, 30 starts, because an explorer may stay with a controller; at most one in twenty may end with a drop.
+Then sequences of each pair: 30 s of changes every 4 to 6 s, N starts (default: 20), of which at most one in twenty may end with a drop; of each axis the fastest
+such controller stays. Last, random sequences of all that stay: while more than one in twenty starts ends with a drop,
 the controller that most often dropped the object is left out. All starts are starts of the search. Writes OUT/pairs.jsonl and OUT/sets.jsonl, and OUT/safe_controllers.toml, which belongs in sim/gaits/assets. The same command continues after
 an interruption.
 """

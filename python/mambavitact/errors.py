@@ -6,7 +6,7 @@ class Error(Exception):
 
 
 class ArgumentError(Error, ValueError):
-    """An argument is wrong. The message names it, what is expected, and what came."""
+    """An argument is wrong. The message names it, the expected value, and the given one."""
 
 
 class FileError(Error, OSError):

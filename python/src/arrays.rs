@@ -1,4 +1,4 @@
-//! Arrays from and to NumPy. Every reader names the argument, what is expected and what came.
+//! Arrays from and to NumPy. Every reader names the argument, the expected and the given value.
 
 use image::RgbImage;
 use mvt_frames::{Frame, Isometry};

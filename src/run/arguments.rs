@@ -57,7 +57,7 @@ pub struct RunArguments {
     /// End the episode when the estimate has reached this goal: turn=360deg, turn=2rev, coverage=0.9 (share of the
     /// directions around the object that were observed), pose=90deg (turned by this angle against the start about the
     /// controller's axis, and held there), show=180/0 (the side that looks to this azimuth and elevation at the start is
-    /// turned to the first camera and held there), explored (with --explore: no controller would show unseen surface) or
+    /// turned to the first camera and held there), explored (with --explore: no controller would show clearly more surface) or
     /// time (only when the duration is over)
     #[arg(long, default_value = "time")]
     pub goal: Goal,

@@ -30,7 +30,7 @@ pub enum Goal {
     /// The side of the object that looks at the start to this azimuth and elevation, degrees, is turned to a camera. A supervisor needs
     /// [`Goal::facing`], which makes a pose of it.
     Show([f64; 2]),
-    /// No controller is expected to show unseen surface. Only a supervisor that explores reaches it.
+    /// No controller is expected to show clearly more unseen surface. Only a supervisor that explores reaches it.
     Explored,
     /// The duration of the episode is over.
     Time,

@@ -60,7 +60,7 @@ impl ImageLayout {
             slopes.swap(0, 2);
         }
         for _ in 0..self.quarter_turns {
-            // Turned clockwise, what pointed right points down, and what pointed down points left.
+            // A clockwise turn makes down of right, and left of down.
             slopes = slopes.map(|[right, down]| [-down, right]);
         }
         let square = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);

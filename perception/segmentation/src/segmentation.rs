@@ -46,7 +46,7 @@ pub fn segment(
     let [x, y, z] = PALM_CENTRE_M;
     let grasp = DVec3::new(x, y, z + GRASP_HEIGHT_M).as_vec3a();
     let mut labels = Array2::from_elem((height, width), Label::Background);
-    // The depth of what may be object, infinite elsewhere.
+    // The depth of pixels that may show the object, infinite elsewhere.
     let mut object = Array2::from_elem((height, width), f32::INFINITY);
     let mut points = Vec::with_capacity(TILE * TILE);
     for (top, left) in (0..height).step_by(TILE).flat_map(|v| (0..width).step_by(TILE).map(move |u| (v, u))) {

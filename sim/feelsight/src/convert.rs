@@ -24,7 +24,7 @@ const SAMPLES: usize = 31;
 /// frames that are done.
 ///
 /// # Errors
-/// [`LogError::NotEmpty`] if `out` is not empty, what [`Log::open`] reports, and [`LogError::Io`] if a file cannot be written.
+/// [`LogError::NotEmpty`] if `out` is not empty, the errors of [`Log::open`], and [`LogError::Io`] if a file cannot be written.
 pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnMut(usize)) -> Result<(), LogError> {
     let source = Log::open(log)?;
     let partial = PartialFolder::begin(out)?;
