@@ -1,22 +1,25 @@
 #!/usr/bin/env python3
 """Measures the effect of a wrong calibration and of another seed of the estimator.
 
-    results/calibration.py OUT [--program FILE] [--objects A,B,...] [--logs N] [--seed N] [--duration SECONDS] [--seeds N]
+    results/calibration.py OUT [--program FILE] [--objects A,B,...] [--logs N] [--seed N] [--duration SECONDS] [--seeds N] [--jobs N]
 
 Generates N logs per object, disturbs a copy of each (`mambavitact disturb`: cameras by 5 degrees and 10 mm, joints by 1 degree, a lag of
 33 ms), and estimates shape and pose from both, with cameras `side` and `front-left` in turns. The objects are not those that the estimator
 was tuned with: see results/objects.toml. Writes OUT/calibration.jsonl, a line per log, and OUT/seeds.jsonl, a line per first log of an
-object and seed of the estimator. Logs and runs that are there already are not made again.
+object and seed of the estimator. Logs and runs that are there already are not made again. Logs are worked on --jobs at a time, with an equal share
+of the cores each.
 """
 
 import argparse
 import json
 import math
+import os
 import shutil
 import statistics
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,9 +31,10 @@ class Measurement:
         self.out, self.program, self.duration = arguments.out, arguments.program.resolve(), arguments.duration
         self.runs = self.out / "runs"
         self.runs.mkdir(parents=True, exist_ok=True)
+        self.environment = os.environ | {"RAYON_NUM_THREADS": str(max(1, (os.cpu_count() or 1) // arguments.jobs))}
 
     def call(self, *words):
-        result = subprocess.run([self.program, *map(str, words)], capture_output=True, text=True)
+        result = subprocess.run([self.program, *map(str, words)], capture_output=True, text=True, env=self.environment)
         if result.returncode != 0:
             sys.exit(f"{' '.join(map(str, words))}: {result.stderr.strip()}")
         return result.stdout
@@ -94,6 +98,37 @@ def lines(path, rows):
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
+def measured(measurement, name, seed, camera, estimator_seeds):
+    """Returns the row of a log, and those of its seeds of the estimator."""
+    log, wrong = measurement.log(name, seed)
+    key = f"{name}-{seed}-{camera}"
+    refined = measurement.run(f"{key}-refined", log, camera)
+    row = {"object": name, "camera": camera, "first": int(estimator_seeds > 0), **measurement.errors(key, wrong, camera)}
+    row |= {f"refined_{name}": value for name, value in refined.items()}
+    for kind, path, words in (
+        ("given", log, ["--calibration", "given"]),
+        ("wrong", wrong, []),
+        ("vision", log, ["--modality", "vi"]),
+        ("wrong_vision", wrong, ["--modality", "vi"]),
+        ("pose", log, ["--mode", "pose"]),
+        ("wrong_pose", wrong, ["--mode", "pose"]),
+    ):
+        row |= {f"{kind}_{name}": value for name, value in measurement.run(f"{key}-{kind}", path, camera, *words).items()}
+    row["f5_lost"] = refined["f5"] - row["wrong_f5"]
+    row["add_s_gained_mm"] = row["wrong_add_s_mm"] - refined["add_s_mm"]
+    row["pose_add_s_gained_mm"] = row["wrong_pose_add_s_mm"] - row["pose_add_s_mm"]
+    row["vision_f5_lost"] = row["vision_f5"] - row["wrong_vision_f5"]
+    row["refining_f5_lost"] = row["given_f5"] - refined["f5"]
+    row["refining_add_s_gained_mm"] = refined["add_s_mm"] - row["given_add_s_mm"]
+    errors = [measurement.run(f"{key}-seed{s}", log, camera, "--seed", s)["add_s_mm"] for s in range(estimator_seeds)]
+    if not errors:
+        return row, []
+    median = statistics.median(errors)
+    row["worst_over_median"] = max(errors) / median
+    return row, [{"object": name, "camera": camera, "seed": s, "add_s_mm": error, "over_median": error / median,
+                  "beyond_twice": int(error > 2 * median)} for s, error in enumerate(errors)]
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     objects = tomllib.loads((ROOT / "results/objects.toml").read_text())["report"]
@@ -104,42 +139,20 @@ def main():
     parser.add_argument("--seed", type=int, default=9200, help="seed of the first log")
     parser.add_argument("--duration", type=float, default=8)
     parser.add_argument("--seeds", type=int, default=5, help="seeds of the estimator on the first log of an object")
+    parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     measurement = Measurement(arguments)
-    calibrations, seeds = [], []
     names = arguments.objects.split(",")
-    for k, name in enumerate(names * arguments.logs):
-        log, wrong = measurement.log(name, arguments.seed + k)
-        camera = CAMERAS[(k + k // len(names)) % len(CAMERAS)]
-        key = f"{name}-{arguments.seed + k}-{camera}"
-        refined = measurement.run(f"{key}-refined", log, camera)
-        row = {"object": name, "camera": camera, "first": int(k < len(names)), **measurement.errors(key, wrong, camera)}
-        row |= {f"refined_{name}": value for name, value in refined.items()}
-        for kind, path, words in (
-            ("given", log, ["--calibration", "given"]),
-            ("wrong", wrong, []),
-            ("vision", log, ["--modality", "vi"]),
-            ("wrong_vision", wrong, ["--modality", "vi"]),
-            ("pose", log, ["--mode", "pose"]),
-            ("wrong_pose", wrong, ["--mode", "pose"]),
-        ):
-            row |= {f"{kind}_{name}": value for name, value in measurement.run(f"{key}-{kind}", path, camera, *words).items()}
-        row["f5_lost"] = refined["f5"] - row["wrong_f5"]
-        row["add_s_gained_mm"] = row["wrong_add_s_mm"] - refined["add_s_mm"]
-        row["pose_add_s_gained_mm"] = row["wrong_pose_add_s_mm"] - row["pose_add_s_mm"]
-        row["vision_f5_lost"] = row["vision_f5"] - row["wrong_vision_f5"]
-        row["refining_f5_lost"] = row["given_f5"] - refined["f5"]
-        row["refining_add_s_gained_mm"] = refined["add_s_mm"] - row["given_add_s_mm"]
-        if row["first"] and arguments.seeds:
-            errors = [measurement.run(f"{key}-seed{s}", log, camera, "--seed", s)["add_s_mm"] for s in range(arguments.seeds)]
-            median = statistics.median(errors)
-            seeds += [{"object": name, "camera": camera, "seed": s, "add_s_mm": error, "over_median": error / median,
-                       "beyond_twice": int(error > 2 * median)} for s, error in enumerate(errors)]
-            row["worst_over_median"] = max(errors) / median
-        calibrations.append(row)
-        lines(arguments.out / "calibration.jsonl", calibrations)
-        lines(arguments.out / "seeds.jsonl", seeds)
-        print(key, {name: round(value, 3) for name, value in row.items() if isinstance(value, float)}, flush=True)
+    tasks = [(name, arguments.seed + k, CAMERAS[(k + k // len(names)) % len(CAMERAS)], arguments.seeds if k < len(names) else 0)
+             for k, name in enumerate(names * arguments.logs)]
+    calibrations, seeds = [], []
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        for (name, seed, camera, _), (row, of_seeds) in zip(tasks, pool.map(lambda task: measured(measurement, *task), tasks)):
+            calibrations.append(row)
+            seeds += of_seeds
+            lines(arguments.out / "calibration.jsonl", calibrations)
+            lines(arguments.out / "seeds.jsonl", seeds)
+            print(f"{name}-{seed}-{camera}", {name: round(value, 3) for name, value in row.items() if isinstance(value, float)}, flush=True)
 
 
 if __name__ == "__main__":

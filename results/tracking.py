@@ -1,22 +1,26 @@
 #!/usr/bin/env python3
 """Measures shape, pose and stated deviation on objects that nobody tuned for.
 
-    results/tracking.py OUT [--program FILE] [--objects A,B,...] [--random N] [--seed N] [--duration SECONDS]
+    results/tracking.py OUT [--program FILE] [--objects A,B,...] [--random N] [--seed N] [--seeds N]
+                        [--duration SECONDS] [--jobs N]
 
-Generates a log per object (by default those of `hollow`, `tall` and `tall_tuned` in results/objects.toml, and random:1000 to random:1039), and
-estimates shape and pose from it with cameras `side` and `front-left`; of hollow objects also without touch. Writes OUT/tracking.jsonl, a
-line per run, and OUT/reliability.svg: the error below which 95 % of the frames lie, over twice the stated deviation. Logs and runs that are
-there already are not made again; logs are removed when their runs are done.
+Generates a log of each random object (random:1000 to random:1039) and --seeds of each other object (by default those of `hollow`, `tall` and
+`tall_tuned` in results/objects.toml), and estimates shape and pose from it with cameras `side` and `front-left`; of hollow objects also without touch.
+Writes OUT/tracking.jsonl, a line per run, and OUT/reliability.svg: the error below which 95 % of the frames lie, over twice the stated
+deviation. Logs and runs that are there already are not made again; logs are removed when their runs are done. Logs are worked on --jobs at a
+time, with an equal share of the cores each.
 """
 
 import argparse
 import itertools
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,9 +34,10 @@ class Measurement:
     def __init__(self, arguments):
         self.out, self.program, self.duration = arguments.out, arguments.program.resolve(), arguments.duration
         (self.out / "runs").mkdir(parents=True, exist_ok=True)
+        self.environment = os.environ | {"RAYON_NUM_THREADS": str(max(1, (os.cpu_count() or 1) // arguments.jobs))}
 
     def call(self, *words):
-        result = subprocess.run([self.program, *map(str, words)], capture_output=True, text=True)
+        result = subprocess.run([self.program, *map(str, words)], capture_output=True, text=True, env=self.environment)
         if result.returncode != 0:
             sys.exit(f"{' '.join(map(str, words))}: {result.stderr.strip()}")
         return result.stdout
@@ -91,6 +96,27 @@ def reliability(frames):
             f'<text x="14" y="190" text-anchor="middle" transform="rotate(-90 14 190)">ADD-S, 95 % of the frames, mm</text></svg>\n')
 
 
+def measured(measurement, name, kind, seed):
+    """Returns the rows of the runs of a log, and the pairs of stated deviation and error of all their frames, mm."""
+    key = f"{name.replace(':', '-')}-{seed}"
+    folder = measurement.out / "logs" / key
+    rows, all_frames = [], []
+    for camera, modality in itertools.product(CAMERAS, ["vitac", "vi"] if kind == "hollow" else ["vitac"]):
+        scores, frames = measurement.run(f"{key}-{camera}-{modality}", name, seed, folder, camera, modality)
+        stated = [(d, e) for d, e in frames if d is not None]
+        said = [e for d, e in stated if d <= 1]
+        rows.append({
+            "object": name, "kind": kind, "seed": seed, "camera": camera, "modality": modality, **scores, "frames": len(frames),
+            "poor": int(scores["f5"] < 0.85), "observed_poor": int(scores["observed_f5"] < 0.85),
+            "said_within_2mm": len(said), "within_2mm": sum(e <= 2 for e in said), "covered": sum(e <= 2 * d for d, e in stated),
+            "stated": len(stated), "undeclared": sum(e > 10 and d < 3 for d, e in stated),
+            "ends_undeclared": int(scores["final_mm"] > 10 and (scores["final_deviation_mm"] or 99) < 3),
+        })
+        all_frames += frames
+    shutil.rmtree(folder, ignore_errors=True)
+    return rows, all_frames
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     objects = tomllib.loads((ROOT / "results/objects.toml").read_text())
@@ -99,32 +125,23 @@ def main():
     parser.add_argument("--objects", default=",".join(name for kind in KINDS for name in objects[kind]))
     parser.add_argument("--random", type=int, default=40, help="number of random objects")
     parser.add_argument("--seed", type=int, default=9300, help="seed of the first log")
-    parser.add_argument("--duration", type=float, default=10)
+    parser.add_argument("--seeds", type=int, default=3, help="logs of each object that is not random")
+    parser.add_argument("--duration", type=float, default=20)
+    parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     measurement = Measurement(arguments)
-    random = [f"random:{1000 + k}" for k in range(arguments.random)]
+    random = [(f"random:{1000 + k}", "random") for k in range(arguments.random)]
+    named = [(name, next((kind for kind in KINDS if name in objects[kind]), "other")) for name in filter(None, arguments.objects.split(","))]
+    tasks = [(name, kind, arguments.seed + k) for k, (name, kind) in enumerate(random + named * arguments.seeds)]
     rows, all_frames = [], []
-    for k, name in enumerate([*random, *filter(None, arguments.objects.split(","))]):
-        kind = "random" if k < len(random) else next((kind for kind in KINDS if name in objects[kind]), "other")
-        folder = measurement.out / "logs" / name.replace(":", "-")
-        modalities = ["vitac", "vi"] if kind == "hollow" else ["vitac"]
-        for camera, modality in itertools.product(CAMERAS, modalities):
-            key = f"{name.replace(':', '-')}-{camera}-{modality}"
-            scores, frames = measurement.run(key, name, arguments.seed + k, folder, camera, modality)
-            stated = [(d, e) for d, e in frames if d is not None]
-            said = [e for d, e in stated if d <= 1]
-            rows.append({
-                "object": name, "kind": kind, "camera": camera, "modality": modality, **scores, "frames": len(frames),
-                "poor": int(scores["f5"] < 0.85), "observed_poor": int(scores["observed_f5"] < 0.85),
-                "said_within_2mm": len(said), "within_2mm": sum(e <= 2 for e in said), "covered": sum(e <= 2 * d for d, e in stated),
-                "stated": len(stated), "undeclared": sum(e > 10 and d < 3 for d, e in stated),
-                "ends_undeclared": int(scores["final_mm"] > 10 and (scores["final_deviation_mm"] or 99) < 3),
-            })
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        for of_log, frames in pool.map(lambda task: measured(measurement, *task), tasks):
+            rows += of_log
             all_frames += frames
-            print({key: round(value, 3) if isinstance(value, float) else value for key, value in rows[-1].items()}, flush=True)
-        shutil.rmtree(folder, ignore_errors=True)
-        (arguments.out / "tracking.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-        (arguments.out / "reliability.svg").write_text(reliability(all_frames))
+            for row in of_log:
+                print({key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()}, flush=True)
+            (arguments.out / "tracking.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+            (arguments.out / "reliability.svg").write_text(reliability(all_frames))
 
 
 if __name__ == "__main__":
