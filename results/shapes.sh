@@ -17,7 +17,10 @@ for steps in 12 24; do
             sed "s/^{/{\"steps\":$steps,/" >>"$out/shapes.jsonl"
     done <<'OBJECTS'
 turn_large_ball 053_mini_soccer_ball
-turn_cup 065-a_cups,065-b_cups,065-c_cups
+turn_small_cup 065-a_cups
+turn_cup 065-b_cups,065-c_cups
+turn_brick 061_foam_brick
+turn_pepper bell_pepper
 turn_post 036_wood_block
 turn_slender pepper_grinder
 turn_duck duck
@@ -25,6 +28,7 @@ turn_elephant elephant
 turn_bottle 006_mustard_bottle
 turn_berry 012_strawberry
 turn_bowl 024_bowl
+turn_stick 072-d_toy_airplane,072-e_toy_airplane
 tumble_pear 016_pear,pear
 tumble_block 073-b_lego_duplo,073-d_lego_duplo,073-f_lego_duplo
 tumble_small_block 070-b_colored_wood_blocks

@@ -132,7 +132,7 @@ def main():
     measurement = Measurement(arguments)
     random = [(f"random:{1000 + k}", "random") for k in range(arguments.random)]
     named = [(name, next((kind for kind in KINDS if name in objects[kind]), "other")) for name in filter(None, arguments.objects.split(","))]
-    tasks = [(name, kind, arguments.seed + k) for k, (name, kind) in enumerate(random + named * arguments.seeds)]
+    tasks = [(name, kind, arguments.seed + k) for listed in (random, named * arguments.seeds) for k, (name, kind) in enumerate(listed)]
     rows, all_frames = [], []
     with ThreadPoolExecutor(arguments.jobs) as pool:
         for of_log, frames in pool.map(lambda task: measured(measurement, *task), tasks):

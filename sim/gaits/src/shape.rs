@@ -86,7 +86,7 @@ struct Special {
 }
 
 /// Limits around the objects that each of these controllers was made for.
-const SPECIALS: [Special; 17] = [
+const SPECIALS: [Special; 21] = [
     Special {
         controller: "turn_disc",
         length_mm: 75.0..100.0,
@@ -108,12 +108,20 @@ const SPECIALS: [Special; 17] = [
         height_mm: 28.0..57.0,
         fill: 0.0..0.58,
     },
+    Special { controller: "turn_stick", length_mm: 28.0..34.0, elongation: 1.1, height_mm: 62.0..70.0, fill: 0.4..0.5 },
     Special {
         controller: "turn_large_ball",
         length_mm: 110.0..135.0,
         elongation: 1.1,
         height_mm: 110.0..135.0,
         fill: 0.48..0.58,
+    },
+    Special {
+        controller: "turn_small_cup",
+        length_mm: 55.0..59.0,
+        elongation: 1.1,
+        height_mm: 58.0..64.0,
+        fill: 0.58..0.68,
     },
     Special { controller: "turn_cup", length_mm: 52.0..67.5, elongation: 1.1, height_mm: 55.0..70.0, fill: 0.58..0.7 },
     Special {
@@ -136,6 +144,20 @@ const SPECIALS: [Special; 17] = [
         elongation: 1.1,
         height_mm: 180.0..215.0,
         fill: 0.9..1.01,
+    },
+    Special {
+        controller: "turn_brick",
+        length_mm: 48.0..56.0,
+        elongation: 1.1,
+        height_mm: 73.0..83.0,
+        fill: 0.9..1.01,
+    },
+    Special {
+        controller: "turn_pepper",
+        length_mm: 76.0..86.0,
+        elongation: 1.1,
+        height_mm: 90.0..100.0,
+        fill: 0.46..0.56,
     },
     Special {
         controller: "turn_slender",
@@ -281,7 +303,8 @@ mod tests {
             (tuna, "turn_disc"),
             (golf_ball, "turn_small"),
             (soccer_ball, "turn_large_ball"),
-            (cup, "turn_cup"),
+            (cup, "turn_small_cup"),
+            (ObjectShape { length_mm: 60.6, width_mm: 60.5, ..cup }, "turn_cup"),
             (block, "tumble_block"),
         ] {
             assert_eq!(kind.special_controller(), Some(controller));
