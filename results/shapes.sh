@@ -25,6 +25,7 @@ turn_post 036_wood_block
 turn_slender pepper_grinder
 turn_duck duck
 turn_elephant elephant
+turn_wide_cup 065-j_cups
 turn_bottle 006_mustard_bottle
 turn_berry 012_strawberry
 turn_bowl 024_bowl

@@ -74,6 +74,7 @@ pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("turn_pepper", include_str!("../assets/controllers/turn_pepper.toml")),
     ("turn_small_cup", include_str!("../assets/controllers/turn_small_cup.toml")),
     ("turn_stick", include_str!("../assets/controllers/turn_stick.toml")),
+    ("turn_wide_cup", include_str!("../assets/controllers/turn_wide_cup.toml")),
     ("turn_cup", include_str!("../assets/controllers/turn_cup.toml")),
     ("turn_post", include_str!("../assets/controllers/turn_post.toml")),
     ("turn_slender", include_str!("../assets/controllers/turn_slender.toml")),

@@ -211,7 +211,7 @@ const SPECIALS: [Special; 21] = [
     },
     Special { controller: "cube", length_mm: 68.0..84.0, elongation: 1.1, height_mm: 66.0..73.0, fill: 0.64..0.68 },
     Special {
-        controller: "turn_elephant",
+        controller: "turn_wide_cup",
         length_mm: 100.0..106.0,
         elongation: 1.1,
         height_mm: 73.0..78.0,
