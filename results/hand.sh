@@ -21,7 +21,7 @@ score() {
 for steps in 12 24; do
     score tumble_back cube70,077_rubiks_cube "$steps"
     score tumble_brick 061_foam_brick "$steps"
-    score tumble_can 005_tomato_soup_can "$steps"
+    score tumble_can 005_tomato_soup_can,010_potted_meat_can "$steps"
     score tumble_ball 055_baseball,056_tennis_ball "$steps"
     score roll_ball 055_baseball,056_tennis_ball,017_orange "$steps"
     score tumble_ball_forth 055_baseball,056_tennis_ball,017_orange "$steps"

@@ -13,6 +13,7 @@
 //!     axis: TurnAxis::MinusY,
 //!     duration_s: 0.2,
 //!     starts: 1,
+//!     sufficient_rate_rad_s: None,
 //!     population: 4,
 //!     sigma: 0.3,
 //!     only: vec![],

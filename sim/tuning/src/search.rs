@@ -29,6 +29,8 @@ pub struct SearchSettings {
     pub duration_s: f64,
     /// Starts per object and candidate. Each generation has its own.
     pub starts: u64,
+    /// Rate about the axis above which faster turning gains nothing, rad/s; 1.2 on the palm and 0.3 in the air if `None`.
+    pub sufficient_rate_rad_s: Option<f64>,
     /// Candidates per generation.
     pub population: usize,
     /// First step size relative to the scales of the parameters.
@@ -151,7 +153,7 @@ impl Search {
     /// # Errors
     /// [`SimulationError`] if MuJoCo refuses an object.
     pub fn advance(&mut self, objects: &[Object]) -> Result<f64, SimulationError> {
-        let SearchSettings { duration_s, starts, .. } = self.settings;
+        let SearchSettings { duration_s, starts, sufficient_rate_rad_s, .. } = self.settings;
         let candidates = self.evolution.candidates();
         let gaits: Vec<Gait> = candidates.iter().map(|steps| self.gait_at(steps, "")).collect();
         let first = self.generation() * starts;
@@ -168,7 +170,10 @@ impl Search {
             .map(|&(gait, object, place)| trial::run(gait, object, seeds.at(place), &conditions))
             .collect::<Result<Vec<TrialResult>, _>>()?;
         let per_candidate = objects.len() * starts as usize;
-        let scores: Vec<f64> = results.chunks(per_candidate.max(1)).map(|results| score(results, duration_s)).collect();
+        let scores: Vec<f64> = results
+            .chunks(per_candidate.max(1))
+            .map(|results| score(results, duration_s, sufficient_rate_rad_s))
+            .collect();
         self.evolution.learn(&scores);
         Ok(scores.iter().sum::<f64>() / scores.len().max(1) as f64)
     }
@@ -182,24 +187,25 @@ fn scales(from: &Gait, only: &[String]) -> Vec<(String, f64)> {
 }
 
 /// Returns the score of a candidate: the mean over its trials with a share of the worst, so that bad starts count more.
-fn score(results: &[TrialResult], duration_s: f64) -> f64 {
-    let rewards: Vec<f64> = results.iter().map(|result| reward(result, duration_s)).collect();
+fn score(results: &[TrialResult], duration_s: f64, sufficient_rate_rad_s: Option<f64>) -> f64 {
+    let rewards: Vec<f64> =
+        results.iter().map(|result| reward(result, duration_s, sufficient_rate_rad_s)).collect();
     let mean = rewards.iter().sum::<f64>() / rewards.len().max(1) as f64;
     0.7 * mean + 0.3 * rewards.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// Returns the reward of a trial. A drop costs more than any rate gains; rates above 1.2 rad/s blur images and gain
-/// nothing. An angle about other axes costs a third of its worth about the axis.
-fn reward(result: &TrialResult, duration_s: f64) -> f64 {
+/// nothing, unless the search says otherwise. An angle about other axes costs a third of its worth about the axis.
+fn reward(result: &TrialResult, duration_s: f64, sufficient_rate_rad_s: Option<f64>) -> f64 {
     let rate = result.turned_rad / duration_s;
     let other = result.other_rad / duration_s;
     let rocked = result.rocked_rad / duration_s;
     let lost = 1.0 - result.survived_s / duration_s + f64::from(u8::from(!result.alive));
     if let Some(beside) = result.touched_beside_tips {
         // In the air any axis is welcome. Holding counts most, so that rates above 0.3 rad/s gain nothing.
-        return 1.5 * rate.min(0.3) - 3.0 * lost - beside + 0.1 * result.pads.min(3.0);
+        return 1.5 * rate.min(sufficient_rate_rad_s.unwrap_or(0.3)) - 3.0 * lost - beside + 0.1 * result.pads.min(3.0);
     }
-    2.0 * rate.min(1.2) - 0.6 * other - 0.1 * rocked - 2.0 * lost + 0.1 * result.pads.min(2.0)
+    2.0 * rate.min(sufficient_rate_rad_s.unwrap_or(1.2)) - 0.6 * other - 0.1 * rocked - 2.0 * lost + 0.1 * result.pads.min(2.0)
 }
 
 /// Score of a gait with one object.
@@ -246,4 +252,26 @@ pub fn measure(
         other_share: sum(|result| result.other_rad) / sum(|result| result.turned_rad.abs()).max(1e-9),
         pads: sum(|result| result.pads) / count,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faster_than_sufficient_gains_nothing() {
+        let turned = |rate_rad_s: f64| TrialResult {
+            survived_s: 10.0,
+            alive: true,
+            turned_rad: 10.0 * rate_rad_s,
+            net_rad: [0.0; 3],
+            other_rad: 0.0,
+            rocked_rad: 0.0,
+            pads: 1.0,
+            touched_beside_tips: None,
+        };
+        let score = |rate, sufficient| score(&[turned(rate)], 10.0, sufficient);
+        assert!(score(0.7, None) < score(1.2, None) && score(1.2, None) == score(1.5, None));
+        assert!(score(0.6, Some(0.7)) < score(0.7, Some(0.7)) && score(0.7, Some(0.7)) == score(1.2, Some(0.7)));
+    }
 }

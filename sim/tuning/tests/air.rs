@@ -62,6 +62,7 @@ fn a_search_begins_at_the_controller_in_its_file_and_resumes() {
         axis: TurnAxis::MinusX,
         duration_s: 0.4,
         starts: 1,
+        sufficient_rate_rad_s: None,
         population: 4,
         sigma: 0.3,
         only: vec![],

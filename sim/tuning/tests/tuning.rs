@@ -29,6 +29,7 @@ fn settings() -> SearchSettings {
         axis: TurnAxis::MinusY,
         duration_s: 1.0,
         starts: 1,
+        sufficient_rate_rad_s: None,
         population: 4,
         sigma: 0.3,
         only: vec![],
