@@ -188,8 +188,7 @@ fn scales(from: &Gait, only: &[String]) -> Vec<(String, f64)> {
 
 /// Returns the score of a candidate: the mean over its trials with a share of the worst, so that bad starts count more.
 fn score(results: &[TrialResult], duration_s: f64, sufficient_rate_rad_s: Option<f64>) -> f64 {
-    let rewards: Vec<f64> =
-        results.iter().map(|result| reward(result, duration_s, sufficient_rate_rad_s)).collect();
+    let rewards: Vec<f64> = results.iter().map(|result| reward(result, duration_s, sufficient_rate_rad_s)).collect();
     let mean = rewards.iter().sum::<f64>() / rewards.len().max(1) as f64;
     0.7 * mean + 0.3 * rewards.iter().copied().fold(f64::INFINITY, f64::min)
 }
@@ -205,7 +204,8 @@ fn reward(result: &TrialResult, duration_s: f64, sufficient_rate_rad_s: Option<f
         // In the air any axis is welcome. Holding counts most, so that rates above 0.3 rad/s gain nothing.
         return 1.5 * rate.min(sufficient_rate_rad_s.unwrap_or(0.3)) - 3.0 * lost - beside + 0.1 * result.pads.min(3.0);
     }
-    2.0 * rate.min(sufficient_rate_rad_s.unwrap_or(1.2)) - 0.6 * other - 0.1 * rocked - 2.0 * lost + 0.1 * result.pads.min(2.0)
+    2.0 * rate.min(sufficient_rate_rad_s.unwrap_or(1.2)) - 0.6 * other - 0.1 * rocked - 2.0 * lost
+        + 0.1 * result.pads.min(2.0)
 }
 
 /// Score of a gait with one object.
