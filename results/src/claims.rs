@@ -220,7 +220,7 @@ impl Row {
         if is_met { Verdict::Met } else { Verdict::Missed }
     }
 
-    /// The bar as shown; empty if there is none.
+    /// The bar as shown; empty without a bar.
     pub fn bar(&self) -> String {
         match (self.at_least, self.at_most) {
             (None, None) => String::new(),

@@ -137,7 +137,7 @@ fn only_the_simulator_and_its_drivers_link_libmujoco() {
         .map(|chain| chain.join(" -> "))
         .collect();
     nothing_offends("these crates reach libmujoco", &offenders);
-    // The walk finds what is there.
+    // The walk finds chains that exist.
     for name in LINKS_MUJOCO {
         assert!(path(name, "mvt-mujoco-lib").is_some(), "{name} no longer links libmujoco: take it from LINKS_MUJOCO");
     }

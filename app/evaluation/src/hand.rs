@@ -77,8 +77,8 @@ pub struct HandTuneArguments {
     /// Seconds of a start; short ones hide late drops
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = mvt_run::arguments::duration)]
     duration: f64,
-    /// Rate about the axis above which faster turning gains nothing, rad/s: a low one makes slow controllers that drop less
-    /// [default: 1.2 on the palm, 0.3 in the air]
+    /// Rate about the axis above which faster turning gains nothing, rad/s. With a low rate drops and turns about other axes
+    /// weigh more [default: 1.2 on the palm, 0.3 in the air]
     #[arg(long, value_name = "RAD/S", value_parser = positive)]
     rate: Option<f64>,
     /// First step size, relative to the usual one of each parameter

@@ -220,7 +220,7 @@ const SPECIALS: [Special; 21] = [
 ];
 
 impl ObjectShape {
-    /// Returns the controller that was made for the object's kind of shape; `None` if there is none.
+    /// Returns the controller that was made for the object's kind of shape, if one exists.
     pub(crate) fn special_controller(&self) -> Option<&'static str> {
         let Self { length_mm, width_mm, height_mm, fill, mass_g } = *self;
         let is_within = |special: &&Special| {

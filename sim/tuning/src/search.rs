@@ -201,7 +201,7 @@ fn reward(result: &TrialResult, duration_s: f64, sufficient_rate_rad_s: Option<f
     let rocked = result.rocked_rad / duration_s;
     let lost = 1.0 - result.survived_s / duration_s + f64::from(u8::from(!result.alive));
     if let Some(beside) = result.touched_beside_tips {
-        // In the air any axis is welcome. Holding counts most, so that rates above 0.3 rad/s gain nothing.
+        // In the air any axis is welcome. Holding counts most, so that a slow turn suffices.
         return 1.5 * rate.min(sufficient_rate_rad_s.unwrap_or(0.3)) - 3.0 * lost - beside + 0.1 * result.pads.min(3.0);
     }
     2.0 * rate.min(sufficient_rate_rad_s.unwrap_or(1.2)) - 0.6 * other - 0.1 * rocked - 2.0 * lost

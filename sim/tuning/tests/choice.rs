@@ -1,4 +1,4 @@
-//! The choice of `auto`, and what it says before an episode, against what happens.
+//! The choice of `auto`, and its warnings before an episode, against the episode.
 
 #![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 

@@ -8,7 +8,7 @@ use super::plots;
 use super::timeline::moment_at;
 use crate::captions;
 
-/// Figures of a run at a moment, in words; "-" where there is none.
+/// Figures of a run at a moment, in words; "-" for a missing one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Figures {
     state: String,
