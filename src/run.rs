@@ -23,6 +23,7 @@ use mvt_run::source::TouchNetwork;
 use mvt_run::truth::Truth;
 use mvt_run::{progress, settings};
 use mvt_slam::map::Map;
+use mvt_viewer::window_program::WindowProgram;
 
 pub use arguments::{CalibrationChoice, RunArguments};
 use input::RunInput;
@@ -43,6 +44,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         config.calibration.refine = choice == CalibrationChoice::Refine;
     }
     arguments.check()?;
+    // Before the run claims its folder, because it may be built first.
+    let window = arguments.view.then(WindowProgram::find).transpose().context("without --view no window is needed")?;
     let profile = arguments.touch.profile()?;
     let weights = arguments.touch.weights(&profile)?.filter(|_| arguments.modality.has_touch());
     let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch, &profile));
@@ -83,8 +86,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     if arguments.mode == Mode::Pose {
         true_mesh.into_iter().for_each(|mesh| writer.given(mesh));
     }
-    if arguments.view {
-        view::watch(&arguments.out)?;
+    if let Some(window) = &window {
+        view::watch(window, &arguments.out)?;
     }
     let truth = object.clone().map(Truth::new);
     let pipeline = Pipeline {

@@ -1,7 +1,7 @@
 //! `view`: a window, a picture or a film of a run or a log.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::str::FromStr;
 use std::sync::atomic::Ordering;
 
@@ -10,12 +10,13 @@ use clap::{Args, ValueEnum};
 use mvt_picture::film::{Film, FilmFormat};
 use mvt_picture::palette::Theme;
 use mvt_recording::Recording;
-use mvt_run::io::{check_named, png, print_line, shell_word, write_named};
+use mvt_run::io::{check_named, png, print_line, write_named};
 use mvt_run::progress;
 use mvt_viewer::eye::DISTANCE_M;
-use mvt_viewer::window;
-use mvt_viewer::window::{RecordingSource, WindowContents};
-use mvt_viewer::{Clouds, Colouring, Dashboard, DashboardLayout, Eye, Keyframes, Layers, Preset};
+use mvt_viewer::window_program::WindowProgram;
+use mvt_viewer::{
+    Clouds, Colouring, Dashboard, DashboardLayout, Eye, Keyframes, Layers, Preset, RecordingSource, WindowContents,
+};
 
 use crate::signals::stop_on_signals;
 
@@ -177,12 +178,7 @@ pub fn run(arguments: &ViewArguments) -> Result<()> {
         (_, None, None) => WindowContents::Start,
     };
     match (&arguments.record, &contents) {
-        (None, contents) => window::open(contents).with_context(|| match contents {
-            WindowContents::Recording(RecordingSource::Log(folder)) => without_window("log", folder),
-            WindowContents::Recording(RecordingSource::Run(folder)) => without_window("run", folder),
-            WindowContents::Comparison([first, _]) => without_window("run", first.folder()),
-            WindowContents::Start => without_window("run", Path::new("DIR")),
-        }),
+        (None, contents) => open_window(contents),
         (Some(file), WindowContents::Recording(source)) => {
             check_named(file, arguments.overwrite)?;
             record(&mut source.open()?, file, arguments.overwrite, &arguments.recorded)
@@ -192,21 +188,27 @@ pub fn run(arguments: &ViewArguments) -> Result<()> {
     }
 }
 
-/// Returns the command that needs no window.
-fn without_window(option: &str, folder: &Path) -> String {
-    format!("`mambavitact view --{option} {} --record out.gif` needs no window", shell_word(&folder.to_string_lossy()))
+/// Opens a window and returns when it is closed. On Unix the window's program takes the place of this one.
+fn open_window(contents: &WindowContents) -> Result<()> {
+    let program = WindowProgram::find().with_context(|| contents.without_window())?;
+    let mut command = program.command(contents);
+    #[cfg(unix)]
+    {
+        let problem = std::os::unix::process::CommandExt::exec(&mut command);
+        Err(program.cannot_start(problem).into())
+    }
+    #[cfg(not(unix))]
+    {
+        let status = command.status().map_err(|problem| program.cannot_start(problem))?;
+        if status.success() { Ok(()) } else { bail!("the window ended with {status}") }
+    }
 }
 
 /// Opens a window on a run in a process of its own, so that neither waits for the other nor ends with it.
-pub fn watch(run: &Path) -> Result<()> {
-    let program = mvt_run::program::path().context("cannot find the file of this program, which opens the window")?;
-    Command::new(program)
-        .args(["view", "--run"])
-        .arg(run)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .spawn()
-        .context("cannot start the viewer")?;
+pub fn watch(program: &WindowProgram, run: &Path) -> Result<()> {
+    let mut command = program.command(&WindowContents::Recording(RecordingSource::Run(run.to_owned())));
+    command.stdin(Stdio::null()).stdout(Stdio::null());
+    command.spawn().map_err(|problem| program.cannot_start(problem))?;
     Ok(())
 }
 

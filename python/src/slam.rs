@@ -117,6 +117,9 @@ impl Slam {
     }
 }
 
+/// Groups of settings that have an effect.
+const USED: [&str; 3] = ["slam.", "touch.", "segmentation."];
+
 #[pymethods]
 impl Slam {
     #[new]
@@ -146,6 +149,11 @@ impl Slam {
             })
             .collect::<PyResult<_>>()?;
         let config: RunConfig = settings::load(None, &set).map_err(argument)?;
+        if let Some(key) = settings.keys().find(|key| !USED.iter().any(|group| key.starts_with(group))) {
+            let words =
+                format!("settings: {key} has no effect here; Slam uses settings of slam, touch and segmentation");
+            return Err(Kind::Argument.error(words).into());
+        }
         let cameras: Vec<PosedCamera> = cameras.iter().map(|camera| camera.0.clone()).collect();
         let untouched = match untouched {
             Some(value) => images(value, "untouched", Some(4), [HEIGHT, WIDTH])?,

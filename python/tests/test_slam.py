@@ -138,6 +138,8 @@ def test_wrong_arguments_are_named(log: Log) -> None:
     joints = np.zeros(16)
     with pytest.raises(ArgumentError, match="did you mean slam.map.batch"):
         Slam([], settings={"slam.map.batsh": 3})
+    with pytest.raises(ArgumentError, match="mesh_cell_mm has no effect here"):
+        Slam([], settings={"mesh_cell_mm": 2.0})
     with pytest.raises(ArgumentError, match="modality: expected vitac, vi or tac"):
         Slam([], modality="audio")
     with pytest.raises(ArgumentError, match="3 x 2 pixels|640 x 480"):

@@ -163,7 +163,7 @@ impl RunArguments {
 #[cfg(test)]
 mod tests {
     use clap::{Args as _, Command, FromArgMatches as _};
-    use mvt_viewer::window::launch::RunChoices;
+    use mvt_viewer::run_choices::RunChoices;
 
     use super::*;
 

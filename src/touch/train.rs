@@ -66,12 +66,12 @@ pub struct TouchTrainArguments {
 /// Device on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 enum TrainingDevice {
-    /// The first CUDA device if there is one and the program was built with --features cuda, else the CPU
+    /// The first CUDA device if there is one and the program can use it (folder gpu), else the CPU
     #[default]
     Auto,
     /// The CPU
     Cpu,
-    /// The first CUDA device; needs NVIDIA's driver, the CUDA toolkit and a program built with --features cuda
+    /// The first CUDA device; needs NVIDIA's driver, the CUDA toolkit and the program in the folder gpu
     Cuda,
 }
 

@@ -8,7 +8,7 @@ use clap::Args;
 /// Train a touch network; needs a program built with `--features train`
 ///
 /// This program was built without training, which few users need. Build it with `cargo build --release --features
-/// train`, or with `--features cuda` to train on an NVIDIA GPU.
+/// train`; the package in the folder gpu also trains on an NVIDIA GPU.
 #[derive(Debug, Args)]
 pub struct TouchTrainArguments {
     /// Any arguments; they are not used

@@ -18,6 +18,7 @@ mod hand;
 mod inspect;
 mod kill;
 mod mesh_files;
+mod npy;
 mod old_names;
 mod report;
 mod run;

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::npy;
 use crate::workplace::Workplace;
 
 /// Returns the path of random weights of a tiny `default` network.
@@ -110,7 +111,7 @@ fn weights_are_scored_on_images_with_known_depth() {
     mask.save(folder.join("a_mask.png")).unwrap();
     let line = format!("touch evaluate --weights {} --data triples --json", weights());
     assert!(workplace.run(&line).error().contains("a_depth_m.npy"), "the depth is missing");
-    ndarray_npy::write_npy(folder.join("a_depth_m.npy"), &depth).unwrap();
+    npy::write_f32(&folder.join("a_depth_m.npy"), &depth);
     let scores: Value = serde_json::from_str(&workplace.run(&line).good()).unwrap();
     let score = |name: &str| scores[name].as_f64().unwrap();
     assert_eq!((score("images"), score("contact_images")), (1.0, 1.0));
@@ -147,8 +148,7 @@ fn presses_are_rendered_for_the_scoring_of_networks() {
         for file in ["img.png", "mask.png", "depth_m.npy"].map(|what| format!("{id:05}_{what}")) {
             assert!(bytes("a", &file) == bytes("b", &file), "{file} differs");
         }
-        let depth_m: ndarray::Array2<f32> =
-            ndarray_npy::read_npy(workplace.path(&format!("a/{id:05}_depth_m.npy"))).unwrap();
+        let depth_m = npy::read_f32(&workplace.path(&format!("a/{id:05}_depth_m.npy")));
         let indentation_mm = depth_m.indexed_iter().map(|((v, u), depth)| {
             1e3 * (mvt_robot::digit::gel::point(&mvt_robot::digit::intrinsics(), u as f64, v as f64).coords().x
                 - f64::from(*depth))

@@ -3,9 +3,7 @@
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 
-use ndarray::{Array2, Array3};
-use ndarray_npy::read_npy;
-
+use crate::npy;
 use crate::workplace::Workplace;
 
 const RADIUS_M: f64 = 0.008;
@@ -57,13 +55,13 @@ fn with_sphere() -> Workplace {
 fn a_sphere_indents_the_gel_by_its_depth() {
     let workplace = with_sphere();
     workplace.run("touch render --mesh sphere.obj --pose away.json --out empty").good();
-    let empty: Array2<f32> = read_npy(workplace.path("empty_depth.npy")).unwrap();
+    let empty = npy::read_f32(&workplace.path("empty_depth.npy"));
     for config in ["fork", "tacto"] {
         let line = format!("touch render --mesh sphere.obj --pose {config}.json --config {config} --out new/{config}");
         assert_eq!(workplace.run(&line).good(), "");
-        let raw: Array3<u8> = read_npy(workplace.path(&format!("new/{config}_rgb_raw.npy"))).unwrap();
-        let calibrated: Array3<u8> = read_npy(workplace.path(&format!("new/{config}_rgb_cal.npy"))).unwrap();
-        let depth: Array2<f32> = read_npy(workplace.path(&format!("new/{config}_depth.npy"))).unwrap();
+        let raw = npy::read_u8(&workplace.path(&format!("new/{config}_rgb_raw.npy")));
+        let calibrated = npy::read_u8(&workplace.path(&format!("new/{config}_rgb_cal.npy")));
+        let depth = npy::read_f32(&workplace.path(&format!("new/{config}_depth.npy")));
         assert_eq!((raw.dim(), calibrated.dim(), depth.dim()), ((320, 240, 3), (320, 240, 3), (320, 240)));
 
         // The four pixels around the optical axis show the pole; the corners show the untouched gel.
@@ -91,7 +89,7 @@ fn the_calibrated_image_lies_over_the_background() {
     let grey = image::RgbImage::from_pixel(240, 320, image::Rgb([90, 100, 110]));
     grey.save(workplace.path("grey.png")).unwrap();
     workplace.run("touch render --mesh sphere.obj --pose fork.json --background grey.png --out over").good();
-    let calibrated: Array3<u8> = read_npy(workplace.path("over_rgb_cal.npy")).unwrap();
+    let calibrated = npy::read_u8(&workplace.path("over_rgb_cal.npy"));
     let at = |row: usize, column: usize| [0, 1, 2].map(|c| calibrated[[row, column, c]]);
     assert_eq!(at(5, 5), [90, 100, 110]);
     assert_ne!(at(130, 119), [90, 100, 110]);

@@ -115,7 +115,8 @@ fn wrong_configurations_are_refused() {
     workplace.write("config.toml", &config);
     assert!(workplace.run(&line("out").replace("default", "vit")).error().contains("configures network default"));
     assert!(workplace.run(&format!("{} --resume", line("nothing"))).error().contains("checkpoint.safetensors"));
-    #[cfg(not(feature = "cuda"))]
-    assert!(workplace.run(&format!("{} --device cuda", line("out"))).error().contains("build it with --features cuda"));
+    assert!(
+        workplace.run(&format!("{} --device cuda", line("out"))).error().contains("build the one in the folder gpu")
+    );
     assert!(workplace.run(&format!("{} --device tpu", line("out"))).usage().contains("auto, cpu, cuda"));
 }

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 
+mod build;
 mod dependencies;
 mod modules;
 mod names;

@@ -99,7 +99,7 @@ fn files_that_people_name_are_never_waited_for() {
 fn no_file_names_a_package_registry() {
     let mut offenders = Vec::new();
     // Cargo writes the registry's address into its lock file.
-    for file in files().into_iter().filter(|file| file != Path::new("Cargo.lock")) {
+    for file in files().into_iter().filter(|file| !file.ends_with("Cargo.lock")) {
         let Ok(bytes) = std::fs::read(crate::sources::root().join(&file)) else { continue };
         let Ok(text) = String::from_utf8(bytes) else { continue };
         for (number, line) in text.lines().enumerate() {

@@ -24,13 +24,14 @@ use mvt_mujoco_lib as _;
 
 mod error;
 mod many;
+mod reward;
 mod scene;
 mod sense;
 mod turn;
 
 pub use error::TaskError;
 pub use many::{Environments, StepOutcome};
+pub use reward::Reward;
 pub use scene::{Scene, TurnSettings};
 pub use sense::{Readings, Sense};
-pub use turn::Reward;
 pub use {mvt_frames, mvt_objects, mvt_physics, mvt_robot};

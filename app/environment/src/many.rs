@@ -8,9 +8,10 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::error::TaskError;
+use crate::reward::Reward;
 use crate::scene::Scene;
 use crate::sense::{Part, Readings};
-use crate::turn::{Environment, Reward};
+use crate::turn::Environment;
 
 /// Result of a step of all environments.
 #[derive(Debug, Clone, PartialEq)]

@@ -19,52 +19,12 @@ use mvt_slam::{Estimate, SlamConfig, TrackState};
 use nalgebra as na;
 
 use crate::error::TaskError;
+use crate::reward::Reward;
 use crate::scene::Scene;
 use crate::sense::{HISTORY, Part, Sense};
 
 /// Change of a joint's target by an action of 1, radians: at 25 Hz the fastest stroke of the shipped gaits.
 const INCREMENT_RAD: f64 = 1.0 / 24.0;
-/// Weights of the reward. The turn rate counts up to a limit, rad/s, so that a spinning object brings no more.
-const TURNING: f64 = 1.25;
-const TURN_LIMIT: f64 = 1.0;
-const DRIFT: f64 = -0.3;
-const POSTURE: f64 = -0.05;
-const TORQUE: f64 = -0.1;
-const WORK: f64 = -0.05;
-const DROP: f64 = -10.0;
-
-/// Reward of a step and its parts.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Reward {
-    /// Rate of turning in the gait's direction about the palm's normal, up to 1 rad/s.
-    pub turning: f64,
-    /// Penalty of the object's speed, m/s.
-    pub drift: f64,
-    /// Penalty of joint angles away from those of the start.
-    pub posture: f64,
-    /// Penalty of torques.
-    pub torque: f64,
-    /// Penalty of mechanical power.
-    pub work: f64,
-    /// Penalty of an object that fell off the hand.
-    pub drop: f64,
-}
-
-impl Reward {
-    /// Names of the parts, in the order of [`Reward::parts`].
-    pub const NAMES: [&'static str; 6] = ["turning", "drift", "posture", "torque", "work", "drop"];
-
-    /// Returns the parts.
-    pub fn parts(&self) -> [f64; 6] {
-        [self.turning, self.drift, self.posture, self.torque, self.work, self.drop]
-    }
-
-    /// Returns the sum of the parts.
-    pub fn total(&self) -> f64 {
-        self.parts().iter().sum()
-    }
-}
-
 /// One environment.
 pub(crate) struct Environment {
     scene: Arc<Scene>,
@@ -123,18 +83,8 @@ impl Environment {
         let (joints, start) = (simulation.joints(), self.episode.start().joints);
         self.history.rotate_right(1);
         self.history[0] = [joints, self.target];
-        let (torques, velocities) = (simulation.joint_torques(), simulation.joint_velocities());
-        let sum = |term: &dyn Fn(usize) -> f64| (0..JOINTS).map(term).filter(|x| x.is_finite()).sum::<f64>();
         let rate = (self.episode.turned_rad() - turned_rad) * f64::from(settings.control_hz);
-        let has_dropped = matches!(self.episode.end(), Some(End::Dropped));
-        Reward {
-            turning: TURNING * rate.clamp(-TURN_LIMIT, TURN_LIMIT),
-            drift: DRIFT * finite(simulation.object_velocity().norm()).min(1.0),
-            posture: POSTURE * sum(&|j| (joints[j] - start[j]).powi(2)),
-            torque: TORQUE * sum(&|j| torques[j].powi(2)),
-            work: WORK * sum(&|j| (torques[j] * velocities[j]).abs()),
-            drop: if has_dropped { DROP } else { 0.0 },
-        }
+        Reward::of(simulation, &start, rate, matches!(self.episode.end(), Some(End::Dropped)))
     }
 
     /// Returns whether the episode failed, and whether its time is up.
@@ -256,8 +206,4 @@ fn place(pose: &na::Isometry3<f64>) -> [f64; 9] {
     let position = pose.translation.vector - na::Vector3::from(PALM_CENTRE_M);
     let rotation = pose.rotation.to_rotation_matrix();
     from_fn(|k| if k < 3 { position[k] } else { rotation[(k % 3, k / 3 - 1)] })
-}
-
-fn finite(x: f64) -> f64 {
-    if x.is_finite() { x } else { 0.0 }
 }

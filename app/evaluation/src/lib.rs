@@ -1,4 +1,14 @@
 //! `evaluate`: many runs, and tables of their scores.
+//!
+//! ```no_run
+//! use clap::{Args as _, Command, FromArgMatches as _};
+//! use mvt_evaluation::EvaluateArguments;
+//!
+//! let command = EvaluateArguments::augment_args(Command::new("evaluate"));
+//! let line = ["evaluate", "--objects", "cube70,mug", "--seeds", "2", "--duration", "5", "--out", "tables"];
+//! mvt_evaluation::run(&EvaluateArguments::from_arg_matches(&command.get_matches_from(line))?)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod explore;
 mod faults;

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use clap::{ArgGroup, Args};
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::print_line;
 use mvt_run::progress;
-use mvt_viewer::window::{LiveEnd, LiveView, open_live};
+use mvt_viewer::live::{LiveEnd, LiveView};
+use mvt_viewer::window_program::WindowProgram;
 use rayon::prelude::*;
 
 use crate::images::{SensorImages, SensorState, engine, read};
@@ -103,11 +104,16 @@ pub fn predict(arguments: &TouchPredictArguments, listen: impl FnOnce() -> Resul
     }
 }
 
-/// Runs `work` on a thread beside a window, and ends it when the window is closed. The window stays open after the work, and says how it has
-/// ended.
+const NO_WINDOW: &str = "without --view no window is needed";
+
+/// Runs `work` beside a window, and ends it when the window is closed. The window stays open after the work, and says how it has ended.
 fn watch(source: &StreamSource, stop: &AtomicBool, work: impl FnOnce(&LiveView) -> Result<()> + Send) -> Result<()> {
+    let program = WindowProgram::find().context(NO_WINDOW)?;
+    let mut window = program.command_of_sensor(&source.to_string()).spawn().map_err(|e| program.cannot_start(e))?;
+    let input = window.stdin.take();
     let view = LiveView::default();
     std::thread::scope(|scope| {
+        scope.spawn(|| input.into_iter().for_each(|mut input| view.write_to(&mut input)));
         let worker = scope.spawn(|| {
             let done = work(&view);
             view.end(match &done {
@@ -117,10 +123,15 @@ fn watch(source: &StreamSource, stop: &AtomicBool, work: impl FnOnce(&LiveView) 
             });
             done
         });
-        let window = open_live(&source.to_string(), &view).context("without --view no window is needed");
+        let closed = window.wait();
         stop.store(true, Ordering::Relaxed);
         let done = worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        window.and(done)
+        match closed {
+            Ok(status) if status.success() => done,
+            // The window has said why.
+            Ok(_) => done.and_then(|()| bail!("the window was lost; {NO_WINDOW}")),
+            Err(error) => done.and(Err(error).context("cannot wait for the window")),
+        }
     })
 }
 

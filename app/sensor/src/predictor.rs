@@ -14,7 +14,7 @@ use mvt_run::io::{png, write_file};
 use mvt_shear::{ShearField, ShearFit, ShearSensor};
 use mvt_touch::contact::plausibility;
 use mvt_touch::engine::{Engine, Prediction};
-use mvt_viewer::window::LiveFrame;
+use mvt_viewer::live::LiveFrame;
 use ndarray::{Array2, Zip};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -271,17 +271,21 @@ impl Reading {
     /// Returns pictures and figures for a window.
     pub fn live(&self, image: &RgbImage, rate_hz: f64) -> LiveFrame {
         let Line { area_mm2, deepest_mm, volume_mm3, plausibility, shear, .. } = &self.line;
+        let named = |name: &str, value: String| (name.to_owned(), value);
         let mut frame = LiveFrame {
             pictures: vec![
-                ("image", image.clone()),
-                ("indentation", pictures::indentation(&self.indentation_mm, &self.contact, DEEPEST_SHOWN_MM)),
+                ("image".to_owned(), image.clone()),
+                (
+                    "indentation".to_owned(),
+                    pictures::indentation(&self.indentation_mm, &self.contact, DEEPEST_SHOWN_MM),
+                ),
             ],
             figures: vec![
-                ("area", format!("{area_mm2:.1} mm²")),
-                ("deepest", format!("{deepest_mm:.2} mm")),
-                ("volume", format!("{volume_mm3:.1} mm³")),
-                ("plausibility", format!("{plausibility:.2}")),
-                ("frames/s", format!("{rate_hz:.0}")),
+                named("area", format!("{area_mm2:.1} mm²")),
+                named("deepest", format!("{deepest_mm:.2} mm")),
+                named("volume", format!("{volume_mm3:.1} mm³")),
+                named("plausibility", format!("{plausibility:.2}")),
+                named("frames/s", format!("{rate_hz:.0}")),
             ],
         };
         if let Some(shear) = shear {
@@ -290,11 +294,11 @@ impl Reading {
             } else {
                 "no dots".to_owned()
             };
-            frame.figures.push(("shear right, down", words));
-            frame.figures.push(("twist", format!("{:+.1}°", shear.twist_deg)));
+            frame.figures.push(named("shear right, down", words));
+            frame.figures.push(named("twist", format!("{:+.1}°", shear.twist_deg)));
         }
         if let Some(field) = &self.field {
-            frame.pictures.push(("shear", pictures::shear(image, field)));
+            frame.pictures.push(("shear".to_owned(), pictures::shear(image, field)));
         }
         frame
     }

@@ -1,8 +1,8 @@
-//! Pictures, films and a window of recorded runs.
+//! Pictures and films of recorded runs, and the way to their window.
 //!
 //! [`paint::ScenePainter`] paints the scene of a moment in three dimensions, [`dashboard::Dashboard`] puts it beside
-//! the sensors' images and the curves, and [`window`] shows both while a run goes on. The viewer knows a run by its
-//! recording alone: it estimates nothing, and neither waits for the other.
+//! the sensors' images and the curves. [`window_program`] finds the program that shows both in a window while a run goes
+//! on. The viewer knows a run by its recording alone: it estimates nothing, and neither waits for the other.
 //!
 //! ```no_run
 //! use mvt_viewer::mvt_picture::palette::Theme;
@@ -15,20 +15,24 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod captions;
+pub mod captions;
 pub mod dashboard;
 pub mod eye;
 pub mod layers;
-mod legend;
+pub mod legend;
+pub mod live;
 pub mod paint;
 mod run_charts;
+pub mod run_choices;
 mod seen_points;
-mod sensor_pictures;
+pub mod sensor_pictures;
+pub mod source;
 mod tiling;
-pub mod window;
+pub mod window_program;
 
 pub use dashboard::{Dashboard, DashboardLayout};
 pub use eye::{Eye, Preset};
 pub use layers::{Clouds, Colouring, Keyframes, Layers};
 pub use paint::ScenePainter;
-pub use {eframe, image, mvt_frames, mvt_picture, mvt_recording, mvt_render, nalgebra};
+pub use source::{RecordingSource, WindowContents};
+pub use {image, mvt_frames, mvt_picture, mvt_recording, mvt_render, nalgebra};

@@ -28,7 +28,7 @@ pub struct TrainingBatch {
 
 impl TrainingBatch {
     /// Returns the images in shares of about `pixels` pixels, each with the index of its first pixel.
-    pub(crate) fn shares(&self, pixels: usize) -> Vec<(usize, TrainingImages<'_>)> {
+    pub fn shares(&self, pixels: usize) -> Vec<(usize, TrainingImages<'_>)> {
         let [_, rows, columns] = self.shape;
         let count = (pixels / (rows * columns)).max(1);
         let shares = self.levels.chunks(3 * count * rows * columns).enumerate();

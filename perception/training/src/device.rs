@@ -1,20 +1,13 @@
 //! Devices on which networks are trained.
 
 use std::fmt;
+use std::sync::OnceLock;
 
-#[cfg(feature = "cuda")]
-use burn_autodiff::Autodiff;
-#[cfg(feature = "cuda")]
-use burn_cuda::{Cuda, CudaDevice};
-#[cfg(feature = "cuda")]
-use cudarc::{driver, nvrtc};
-
-#[cfg(feature = "cuda")]
-use crate::batch::{TrainError, TrainingBatch};
-#[cfg(feature = "cuda")]
-use crate::{burn, loss::LossConfig, optimiser::Tensors};
-#[cfg(feature = "cuda")]
 use mvt_touch::network::Architecture;
+
+use crate::batch::{TrainError, TrainingBatch};
+use crate::loss::LossConfig;
+use crate::optimiser::Tensors;
 
 /// Device that computes gradients in training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -23,17 +16,36 @@ pub enum Device {
     /// All cores of the CPU.
     #[default]
     Cpu,
-    /// The first CUDA device; see [`Device::gpu`].
-    #[cfg(feature = "cuda")]
-    Cuda,
+    /// The GPU that the program brings; see [`Device::gpu`].
+    Gpu,
+}
+
+/// A GPU for training.
+#[derive(Debug, Clone, Copy)]
+pub struct Gpu {
+    /// What it is, such as "first CUDA device".
+    pub name: &'static str,
+    /// Returns an error that names the missing part if it cannot be used.
+    pub find: fn() -> Result<(), NoGpu>,
+    /// Returns the loss of a batch and its gradients by all weights.
+    pub gradients: fn(&Architecture, &Tensors, LossConfig, &TrainingBatch) -> Result<(f32, Tensors), TrainError>,
+}
+
+static GPU: OnceLock<Gpu> = OnceLock::new();
+
+impl Gpu {
+    /// Makes this GPU the one of the program. Call it before training begins; the first one holds.
+    pub fn bring(self) {
+        let _ = GPU.set(self);
+    }
 }
 
 /// Reason that no GPU is available for training.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoGpu {
-    /// The program was built without the feature `cuda`.
-    #[error("this program was built without CUDA; build it with --features cuda, or train on the CPU")]
+    /// The program brings none.
+    #[error("this program has no CUDA; build the one in the folder gpu, see its README.md, or train on the CPU")]
     NotBuilt,
     /// A library of CUDA is missing.
     #[error("{0} cannot be loaded; install it, or train on the CPU")]
@@ -47,58 +59,33 @@ impl fmt::Display for Device {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Cpu => "CPU",
-            #[cfg(feature = "cuda")]
-            Self::Cuda => "first CUDA device",
+            Self::Gpu => GPU.get().map_or("GPU", |gpu| gpu.name),
         })
     }
 }
 
 impl Device {
-    /// Returns the first CUDA device.
+    /// Returns the GPU.
     ///
     /// # Errors
     /// [`NoGpu`] names the missing part.
-    #[cfg(not(feature = "cuda"))]
     pub fn gpu() -> Result<Self, NoGpu> {
-        Err(NoGpu::NotBuilt)
-    }
-
-    /// Returns the first CUDA device.
-    ///
-    /// # Errors
-    /// [`NoGpu`] names the missing part.
-    #[cfg(feature = "cuda")]
-    pub fn gpu() -> Result<Self, NoGpu> {
-        // First, since calls of a missing library panic.
-        // SAFETY: loading NVIDIA's libraries runs nothing but their initialisers, which have no preconditions.
-        let [driver, compiler] = unsafe { [driver::sys::is_culib_present(), nvrtc::sys::is_culib_present()] };
-        if !driver {
-            return Err(NoGpu::Library("the library of NVIDIA's driver (libcuda)"));
-        }
-        if !compiler {
-            return Err(NoGpu::Library("the compiler of the CUDA toolkit (libnvrtc)"));
-        }
-        match driver::CudaContext::device_count() {
-            Ok(1..) => Ok(Self::Cuda),
-            Ok(_) => Err(NoGpu::Device("it counts 0".to_owned())),
-            Err(error) => Err(NoGpu::Device(error.to_string())),
-        }
+        let gpu = GPU.get().ok_or(NoGpu::NotBuilt)?;
+        (gpu.find)().map(|()| Self::Gpu)
     }
 }
 
-/// Pixels of a pass on a GPU: eight images of a DIGIT. They bound the memory; the scans of the preset `mamba` then take about 6 GB.
-#[cfg(feature = "cuda")]
-const PASS: usize = 8 * 320 * 240;
-
-/// Returns the loss of a batch and its gradients by all weights, computed on the first CUDA device.
-#[cfg(feature = "cuda")]
+/// Returns the loss of a batch and its gradients by all weights, computed on the GPU.
 pub(crate) fn gradients(
     architecture: &Architecture,
     weights: &Tensors,
     config: LossConfig,
     batch: &TrainingBatch,
 ) -> Result<(f32, Tensors), TrainError> {
-    burn::gradients::<Autodiff<Cuda>>(&CudaDevice::default(), architecture, weights, config, batch, PASS)
+    match GPU.get() {
+        Some(gpu) => (gpu.gradients)(architecture, weights, config, batch),
+        None => Err(TrainError::Gpu(NoGpu::NotBuilt.to_string())),
+    }
 }
 
 #[cfg(test)]
@@ -106,10 +93,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_gpu_is_reported_with_the_missing_part() {
-        match Device::gpu() {
-            Ok(device) => assert_ne!(device, Device::Cpu),
-            Err(error) => assert!(error.to_string().ends_with("or train on the CPU"), "{error}"),
-        }
+    fn a_missing_gpu_is_reported_with_a_remedy() {
+        let error = Device::gpu().unwrap_err().to_string();
+        assert!(error.ends_with("or train on the CPU"), "{error}");
     }
 }

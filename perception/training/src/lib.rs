@@ -1,5 +1,4 @@
-//! Training of the networks of [`mvt_touch`] on the CPU or, with cargo feature `cuda`, through burn on an NVIDIA GPU. The
-//! GPU path compiles, and tests check its mathematics on burn's CPU backend; it has never run on a GPU.
+//! Training of the networks of [`mvt_touch`] on the CPU, or on a [`Gpu`] that another program brings, as the package in the folder `gpu` does.
 //!
 //! On the CPU, the convolutions and the inside of a Mamba block cost nearly all of the time; each is one op with an analytic backward
 //! pass. Shares of a batch pass through the network side by side. Blocks, images and shares are summed in a fixed order, so the weights
@@ -27,9 +26,8 @@
 //! ```
 
 mod attention;
+pub mod backend;
 mod batch;
-#[cfg(any(test, feature = "cuda"))]
-mod burn;
 mod convolution;
 mod depthwise;
 mod device;
@@ -49,7 +47,7 @@ mod tokens;
 mod trainer;
 
 pub use batch::{TrainError, TrainingBatch};
-pub use device::{Device, NoGpu};
+pub use device::{Device, Gpu, NoGpu};
 pub use loss::{LossConfig, Penalty, Targets};
 pub use mvt_touch;
 pub use optimiser::OptimiserConfig;

@@ -34,8 +34,7 @@ impl Resample {
     }
 
     /// Returns the resampling along an axis as a row-major matrix of `to` rows.
-    #[cfg(any(test, feature = "cuda"))]
-    pub(crate) fn matrix(self, from: usize, to: usize) -> Vec<f32> {
+    pub fn matrix(self, from: usize, to: usize) -> Vec<f32> {
         let mut matrix = vec![0.0; to * from];
         for (row, (low, high, share)) in matrix.chunks_exact_mut(from).zip(self.taps(from, to)) {
             row[low] += 1.0 - share;

@@ -212,8 +212,7 @@ impl TouchTrainer {
         let (architecture, weights, config) = (&self.architecture, &self.state.weights, self.config.loss);
         match self.device {
             Device::Cpu => Ok(gradients(self.instructions(), architecture, weights, config, batch)),
-            #[cfg(feature = "cuda")]
-            Device::Cuda => crate::device::gradients(architecture, weights, config, batch),
+            Device::Gpu => crate::device::gradients(architecture, weights, config, batch),
         }
     }
 

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use half::bf16;
+use half::{bf16, f16};
 use mvt_files::{input, output, seal};
 use mvt_robot::digit::profile::SensorProfile;
 use safetensors::tensor::{Dtype, SafeTensors, View};
@@ -210,8 +210,11 @@ impl Weights {
                 Dtype::BF16 => {
                     view.data().as_chunks().0.iter().map(|&bytes| bf16::from_le_bytes(bytes).to_f32()).collect()
                 }
+                Dtype::F16 => {
+                    view.data().as_chunks().0.iter().map(|&bytes| f16::from_le_bytes(bytes).to_f32()).collect()
+                }
                 other => {
-                    let message = format!("is {other:?} of {:?}; F32 or BF16 expected", view.shape());
+                    let message = format!("is {other:?} of {:?}; F32, F16 or BF16 expected", view.shape());
                     return Err(WeightsError::Tensor { path: source.to_owned(), network, tensor: name, message });
                 }
             };

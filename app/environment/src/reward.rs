@@ -1,0 +1,61 @@
+//! The reward of turning.
+
+use mvt_physics::simulation::Simulation;
+use mvt_robot::hand::{JOINTS, JointAngles};
+
+/// Weights of the reward. The turn rate counts up to a limit, rad/s, so that a spinning object brings no more.
+const TURNING: f64 = 1.25;
+const TURN_LIMIT: f64 = 1.0;
+const DRIFT: f64 = -0.3;
+const POSTURE: f64 = -0.05;
+const TORQUE: f64 = -0.1;
+const WORK: f64 = -0.05;
+const DROP: f64 = -10.0;
+
+/// Reward of a step and its parts.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Reward {
+    /// Rate of turning in the gait's direction about the palm's normal, up to 1 rad/s.
+    pub turning: f64,
+    /// Penalty of the object's speed, m/s.
+    pub drift: f64,
+    /// Penalty of joint angles away from those of the start.
+    pub posture: f64,
+    /// Penalty of torques.
+    pub torque: f64,
+    /// Penalty of mechanical power.
+    pub work: f64,
+    /// Penalty of an object that fell off the hand.
+    pub drop: f64,
+}
+
+impl Reward {
+    /// Names of the parts, in the order of [`Reward::parts`].
+    pub const NAMES: [&'static str; 6] = ["turning", "drift", "posture", "torque", "work", "drop"];
+
+    /// Returns the parts.
+    pub fn parts(&self) -> [f64; 6] {
+        [self.turning, self.drift, self.posture, self.torque, self.work, self.drop]
+    }
+
+    /// Returns the reward of a step after which the simulation stands as given; `rate` is that of turning, rad/s.
+    pub(crate) fn of(simulation: &Simulation, start: &JointAngles, rate: f64, has_dropped: bool) -> Self {
+        let joints = simulation.joints();
+        let (torques, velocities) = (simulation.joint_torques(), simulation.joint_velocities());
+        let sum = |term: &dyn Fn(usize) -> f64| (0..JOINTS).map(term).filter(|x| x.is_finite()).sum::<f64>();
+        let speed = simulation.object_velocity().norm();
+        Self {
+            turning: TURNING * rate.clamp(-TURN_LIMIT, TURN_LIMIT),
+            drift: DRIFT * if speed.is_finite() { speed.min(1.0) } else { 0.0 },
+            posture: POSTURE * sum(&|j| (joints[j] - start[j]).powi(2)),
+            torque: TORQUE * sum(&|j| torques[j].powi(2)),
+            work: WORK * sum(&|j| (torques[j] * velocities[j]).abs()),
+            drop: if has_dropped { DROP } else { 0.0 },
+        }
+    }
+
+    /// Returns the sum of the parts.
+    pub fn total(&self) -> f64 {
+        self.parts().iter().sum()
+    }
+}
