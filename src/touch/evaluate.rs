@@ -9,6 +9,7 @@ use clap::Args;
 use image::imageops::{FilterType::Triangle, resize};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use mvt_feelsight::npy;
+use mvt_files::input;
 use mvt_products::Instructions;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 use mvt_run::io::{print_line, read_any_image};
@@ -169,6 +170,9 @@ fn ids(folder: &Path) -> Result<Vec<String>> {
     let mut ids = Vec::new();
     for entry in fs::read_dir(folder).with_context(cannot_read)? {
         let name = entry.with_context(cannot_read)?.file_name();
+        if input::is_litter(&name) {
+            continue;
+        }
         ids.extend(name.to_str().and_then(|name| name.strip_suffix("_img.png")).map(str::to_owned));
     }
     ids.sort_unstable();

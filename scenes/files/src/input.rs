@@ -1,5 +1,6 @@
 //! Reading of files that people name.
 
+use std::ffi::OsStr;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek as _};
 use std::path::Path;
@@ -35,6 +36,14 @@ pub fn open(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
+/// Returns whether a name in a folder is that of a file which a desktop leaves there, and not a person: the forks `._NAME` and `.DS_Store`
+/// of macOS, `Thumbs.db` and `desktop.ini` of Windows.
+pub fn is_litter(name: &OsStr) -> bool {
+    let name = name.to_string_lossy();
+    name.starts_with("._")
+        || [".DS_Store", "Thumbs.db", "desktop.ini"].iter().any(|litter| name.eq_ignore_ascii_case(litter))
+}
+
 /// Returns the bytes of a regular file of at most `limit` bytes. Needs memory in proportion to the file, not to the limit.
 ///
 /// # Errors
@@ -48,13 +57,24 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Returns the text of a regular file of at most `limit` bytes.
+/// Returns the text of a regular file of at most `limit` bytes, without a byte order mark. Programs of Windows write UTF-16 with such a mark.
 ///
 /// # Errors
-/// As [`read`], and [`io::ErrorKind::InvalidData`] if it is not UTF-8.
+/// As [`read`], and [`io::ErrorKind::InvalidData`] if it is neither UTF-8 nor UTF-16 with a byte order mark.
 pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
-    String::from_utf8(read(path, limit)?)
-        .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is not text in UTF-8"))
+    let bytes = read(path, limit)?;
+    let utf_16 = |of: fn([u8; 2]) -> u16| {
+        let (pairs, rest) = bytes[2..].as_chunks::<2>();
+        let text = String::from_utf16(&pairs.iter().map(|pair| of(*pair)).collect::<Vec<_>>()).ok();
+        text.filter(|_| rest.is_empty())
+    };
+    let text = match bytes.as_slice() {
+        [0xff, 0xfe, ..] => utf_16(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => utf_16(u16::from_be_bytes),
+        [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8(rest.to_vec()).ok(),
+        _ => String::from_utf8(bytes).ok(),
+    };
+    text.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "it is not text in UTF-8"))
 }
 
 /// Returns a number of bytes in words.
@@ -81,6 +101,26 @@ mod tests {
         std::fs::write(&path, [0xff]).unwrap();
         assert_eq!(read_text(&path, 12).unwrap_err().kind(), io::ErrorKind::InvalidData);
         assert_eq!(read(&folder.path().join("b"), 1).unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn text_with_a_byte_order_mark_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let pairs = |of: fn(u16) -> [u8; 2]| "\u{feff}x,é\n".encode_utf16().flat_map(of).collect::<Vec<_>>();
+        for bytes in [pairs(u16::to_le_bytes), pairs(u16::to_be_bytes), "\u{feff}x,é\n".into(), "x,é\n".into()] {
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(read_text(&path, 100).unwrap(), "x,é\n");
+        }
+    }
+
+    #[test]
+    fn litter_of_desktops_is_known() {
+        for (name, is) in
+            [("._a.png", true), (".DS_Store", true), ("thumbs.db", true), ("a.png", false), (".hidden", false)]
+        {
+            assert_eq!(is_litter(OsStr::new(name)), is, "{name}");
+        }
     }
 
     #[test]

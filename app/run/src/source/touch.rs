@@ -137,6 +137,8 @@ pub struct TouchNetwork {
     feeler: Feeler,
     told: PerFinger<bool>,
     profile: SensorProfile,
+    /// Light of sensors that is not the usual one; said with the next frame.
+    unusual: Vec<String>,
     /// Find the dots of gels that have some, which the network must not see. Known with the untouched image.
     dots: PerFinger<Option<ShearSensor>>,
 }
@@ -149,6 +151,7 @@ impl TouchNetwork {
             feeler: Feeler::new(engine, config).with_gains(profile.gains()),
             told: PerFinger::default(),
             profile: *profile,
+            unusual: Vec::new(),
             dots: PerFinger::default(),
         }
     }
@@ -159,11 +162,15 @@ impl TouchNetwork {
     /// If the image has another size than a DIGIT's, or does not show the dots of the profile.
     pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<()> {
         if self.profile.markers.is_none() {
-            return Ok(self.feeler.set_empty(finger, image)?);
+            self.feeler.set_empty(finger, image)?;
+        } else {
+            let sensor =
+                ShearSensor::new(&self.profile, image).with_context(|| SensorName::Touch(finger).to_string())?;
+            self.feeler.set_empty(finger, &sensor.erased(image))?;
+            self.dots[finger] = Some(sensor);
         }
-        let sensor = ShearSensor::new(&self.profile, image).with_context(|| SensorName::Touch(finger).to_string())?;
-        self.feeler.set_empty(finger, &sensor.erased(image))?;
-        self.dots[finger] = Some(sensor);
+        let light = self.feeler.light(finger);
+        self.unusual.extend(light.map(|light| format!("{}: {light}", SensorName::Touch(finger))));
         Ok(())
     }
 
@@ -188,7 +195,8 @@ impl TouchNetwork {
         images: &PerFinger<RgbImage>,
         warnings: &mut Vec<String>,
     ) -> Result<PerFinger<Option<Press>>> {
-        let Self { feeler, told, dots, .. } = self;
+        let Self { feeler, told, dots, unusual, .. } = self;
+        warnings.append(unusual);
         let erased = PerFinger::from_fn(|finger| {
             let image = &images[finger];
             dots[finger].as_ref().filter(|_| !image.is_empty()).map(|sensor| sensor.erased(image))
