@@ -52,7 +52,7 @@ pub enum DecodeError {
     #[error("the JPEG file is cut or damaged: {0}; copy it again")]
     Damaged(&'static str),
     /// The decoder refuses the file.
-    #[error("the image is damaged or of an unknown kind ({0}); copy it again")]
+    #[error("the image is damaged or of an unknown kind ({}); copy it again", in_one_line(.0))]
     Refused(#[from] image::ImageError),
     /// The image is grey where colours are needed.
     #[error("it is a grey image; give the sensor's image in colours")]
@@ -63,6 +63,11 @@ pub enum DecodeError {
     /// The image has 16 bits where 8 are needed.
     #[error("it is an image of 16 bits; give one of 8-bit grey levels")]
     Deep,
+}
+
+/// Returns an error of a decoder, which may end its lines, in one line.
+fn in_one_line(error: &image::ImageError) -> String {
+    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 /// Decodes a PNG or JPEG file, of this width and height where they are given. The pixels are of the file's own kind. Bytes after the
@@ -204,7 +209,8 @@ mod tests {
     fn a_cut_jpeg_is_an_error_wherever_it_is_cut() {
         for (name, file) in kinds() {
             for length in 0..file.len() {
-                assert!(decode(&file[..length], None).is_err(), "{name} cut to {length} of {}", file.len());
+                let said = decode(&file[..length], None).unwrap_err().to_string();
+                assert!(!said.contains('\n'), "{name} cut to {length} of {}: {said}", file.len());
                 // A recorder may close a file of which a part is lost.
                 let closed = [&file[..length], &[0xff, 0xd9]].concat();
                 // The last byte of the codes may consist of filling bits alone.
