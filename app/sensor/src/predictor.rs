@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use mvt_feelsight::array::Array;
 use mvt_feelsight::npy;
+use mvt_files::cells::quoted;
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_picture::palette;
 use mvt_robot::digit::profile::SensorProfile;
@@ -204,14 +205,13 @@ impl Predictor {
     /// If it cannot be written.
     pub fn write_table(&self, lines: &[Line]) -> Result<String> {
         let Some(OutFolder { path, .. }) = &self.out else { return Ok(String::new()) };
-        let mut table = csv::Writer::from_writer(Vec::new());
         let mut names = vec!["id", "area_mm2", "deepest_mm", "volume_mm3", "plausibility"];
         if self.shear.is_some() {
             names.extend(["shear_right_mm", "shear_down_mm", "twist_deg", "dilation", "shear_residual_mm", "dots"]);
         }
-        table.write_record(names)?;
+        let mut table = names.join(",") + "\n";
         for Line { id, area_mm2, deepest_mm, volume_mm3, plausibility, shear } in lines {
-            let mut cells = vec![id.clone(), format!("{area_mm2:.3}"), format!("{deepest_mm:.4}")];
+            let mut cells = vec![quoted(id).into_owned(), format!("{area_mm2:.3}"), format!("{deepest_mm:.4}")];
             cells.extend([format!("{volume_mm3:.4}"), format!("{plausibility:.3}")]);
             if let Some(shear) = shear {
                 let ShearFigures { shear_right_mm, shear_down_mm, twist_deg, dilation, shear_residual_mm, dots } =
@@ -220,9 +220,9 @@ impl Predictor {
                 cells.extend([four(shear_right_mm), four(shear_down_mm), format!("{twist_deg:.2}")]);
                 cells.extend([format!("{dilation:.3}"), four(shear_residual_mm), dots.to_string()]);
             }
-            table.write_record(cells)?;
+            table += &(cells.join(",") + "\n");
         }
-        write_file(path, "predictions.csv", &table.into_inner()?)?;
+        write_file(path, "predictions.csv", table.as_bytes())?;
         Ok(format!("; see {}", path.join("predictions.csv").display()))
     }
 

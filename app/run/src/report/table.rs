@@ -1,6 +1,6 @@
 //! Tables of numbers as text, in the dialects of spreadsheets and of other programs for poses.
 
-use csv::{ReaderBuilder, Trim};
+use mvt_files::cells;
 
 /// A table: its names and its lines.
 pub(super) struct TextTable {
@@ -18,7 +18,7 @@ const TUM: &str = "timestamp tx ty tz qx qy qz qw";
 /// What separates the cells of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Separator {
-    Byte(u8),
+    Sign(char),
     Spaces,
 }
 
@@ -26,18 +26,13 @@ impl Separator {
     /// Returns the separator of a line of names or numbers: a semicolon or a tab, since commas may then be decimal; else a comma, else spaces.
     fn of(line: &str) -> Self {
         let found = [';', '\t', ','].into_iter().find(|separator| line.contains(*separator));
-        found.map_or(Self::Spaces, |separator| Self::Byte(separator as u8))
+        found.map_or(Self::Spaces, Self::Sign)
     }
 
     fn cells(self, line: &str) -> Vec<String> {
         match self {
             Self::Spaces => line.split_whitespace().map(|cell| cell.trim_matches('"').to_owned()).collect(),
-            Self::Byte(delimiter) => {
-                let mut reader = ReaderBuilder::new();
-                reader.has_headers(false).delimiter(delimiter).trim(Trim::All).buffer_capacity(line.len().max(1));
-                let record = reader.from_reader(line.as_bytes()).into_records().next();
-                record.and_then(Result::ok).iter().flatten().map(str::to_owned).collect()
-            }
+            Self::Sign(sign) => cells::split(line, sign),
         }
     }
 }
@@ -74,14 +69,15 @@ impl TextTable {
         }
         names.iter_mut().for_each(|name| *name = name.to_ascii_lowercase());
         let mut rows = Vec::new();
+        // Names that stand in a comment may be separated in another way.
+        let separator = Separator::of(if line == number { header } else { first });
         for (line, text) in lines.filter(|(_, line)| !line.trim_start().starts_with('#')) {
-            let separator = Separator::of(text);
             let mut cells = separator.cells(text);
             // A separator at the end begins no cell.
             while cells.len() > names.len() && is_unnamed(&cells) {
                 cells.pop();
             }
-            if separator != Separator::Byte(b',') {
+            if separator != Separator::Sign(',') {
                 cells.iter_mut().for_each(|cell| *cell = cell.replace(',', "."));
             }
             rows.push((line, cells));

@@ -97,9 +97,9 @@ pub enum TrajectoryDefect {
     TimeOrder,
     /// A position that is far beyond any room.
     #[error(
-        "the object is {0:.0} m from the origin; give x_m, y_m and z_m in metres, or name the columns x_mm, y_mm and z_mm"
+        "the object is {0} m from the origin; give x_m, y_m and z_m in metres, or name the columns x_mm, y_mm and z_mm"
     )]
-    TooFar(f64),
+    TooFar(u64),
     /// The first line has numbers and no names.
     #[error("the file has no header; give one with at least time_s, x_m, y_m, z_m, qw, qx, qy and qz")]
     NoHeader,
@@ -192,7 +192,7 @@ pub fn read_trajectory(text: &str) -> Result<Vec<FrameRow>, TrajectoryError> {
     match distances.get(distances.len() / 2) {
         None => Err(TrajectoryError { line: first, defect: TrajectoryDefect::Empty }),
         Some(&usual) if usual > FARTHEST_M => {
-            Err(TrajectoryError { line: first, defect: TrajectoryDefect::TooFar(usual) })
+            Err(TrajectoryError { line: first, defect: TrajectoryDefect::TooFar(usual.round() as u64) })
         }
         Some(_) => Ok(rows),
     }

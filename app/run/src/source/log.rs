@@ -290,7 +290,7 @@ impl LogSource {
                     RgbImage::default()
                 }));
             }
-            percept.set_colours(colours.into_iter());
+            percept.set_colours(colours);
         }
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);

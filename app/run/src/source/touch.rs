@@ -15,7 +15,7 @@ use mvt_shear::ShearSensor;
 use mvt_touch::contact::{ContactConfig, Feeler};
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
-use mvt_touch::untouched::estimate;
+use mvt_touch::untouched::{UnusualLight, estimate};
 use ndarray::Zip;
 use serde::Deserialize;
 
@@ -139,6 +139,8 @@ pub struct TouchNetwork {
     profile: SensorProfile,
     /// Light of sensors that is not the usual one; said with the next frame.
     unusual: Vec<String>,
+    /// Whose light is known, from the untouched image or a first image.
+    judged: PerFinger<bool>,
     /// Find the dots of gels that have some, which the network must not see. Known with the untouched image.
     dots: PerFinger<Option<ShearSensor>>,
 }
@@ -152,6 +154,7 @@ impl TouchNetwork {
             told: PerFinger::default(),
             profile: *profile,
             unusual: Vec::new(),
+            judged: PerFinger::default(),
             dots: PerFinger::default(),
         }
     }
@@ -169,6 +172,7 @@ impl TouchNetwork {
             self.feeler.set_empty(finger, &sensor.erased(image))?;
             self.dots[finger] = Some(sensor);
         }
+        self.judged[finger] = true;
         let light = self.feeler.light(finger);
         self.unusual.extend(light.map(|light| format!("{}: {light}", SensorName::Touch(finger))));
         Ok(())
@@ -195,8 +199,22 @@ impl TouchNetwork {
         images: &PerFinger<RgbImage>,
         warnings: &mut Vec<String>,
     ) -> Result<PerFinger<Option<Press>>> {
-        let Self { feeler, told, dots, unusual, .. } = self;
+        let Self { feeler, told, dots, unusual, judged, profile } = self;
         warnings.append(unusual);
+        let is_calibrated = profile.gains() != [1.0; 3];
+        for finger in Finger::ALL {
+            let image = &images[finger];
+            if image.is_empty() || is_calibrated || std::mem::replace(&mut judged[finger], true) {
+                continue;
+            }
+            if UnusualLight::of(image).is_some() {
+                warnings.push(format!(
+                    "frame {frame}: {} has another light than a DIGIT, and its untouched image is unknown: its depths are wrong in proportion; \
+                     record 10 s or more",
+                    SensorName::Touch(finger)
+                ));
+            }
+        }
         let erased = PerFinger::from_fn(|finger| {
             let image = &images[finger];
             dots[finger].as_ref().filter(|_| !image.is_empty()).map(|sensor| sensor.erased(image))
