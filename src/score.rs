@@ -37,7 +37,8 @@ const LARGEST_FILE: u64 = 256 << 20;
 /// ignores the first 5 s and errors above 50 mm.
 ///
 /// Files of poses are CSV with a header that names at least time_s, x_m, y_m, z_m, qw, qx, qy and qz: the pose of the
-/// object in a fixed frame, which must be the same in both files. Poses at most 1 ms apart are compared. The true poses
+/// object in a fixed frame, which must be the same in both files. Files of TUM and EuRoC are read, too, and a unit at the
+/// end of a name (time_ms, x_mm) is heeded. Poses at most 1 ms apart are compared. The true poses
 /// may also stand in the file of the estimates, in the columns true_x_m, true_y_m, true_z_m, true_qw, true_qx, true_qy
 /// and true_qz.
 #[derive(Debug, Args)]
@@ -166,9 +167,24 @@ fn of_files(arguments: &ScoreArguments, truth: &str) -> Result<Results> {
         (None, _) => None,
         (Some(path), None) => Some(with_truth(load_rows(path)?, path)?),
         (Some(path), Some(truth_path)) => {
-            let joined = joined(load_rows(path)?, &load_rows(truth_path)?);
-            if joined.is_empty() {
-                bail!("{} and {} have no pose at the same time (within 1 ms)", path.display(), truth_path.display());
+            let (estimates, truths) = (load_rows(path)?, load_rows(truth_path)?);
+            let times = |rows: &[FrameRow]| rows.iter().map(|row| row.time_s).collect::<Vec<f64>>();
+            let (estimated_s, true_s) = (times(&estimates), times(&truths));
+            let joined = joined(estimates, &truths);
+            let (fewer, more) = (estimated_s.len().min(true_s.len()), estimated_s.len().max(true_s.len()));
+            let found = format!(
+                "{} of the {} poses of {} and the {} of {} are at the same time (within 1 ms)",
+                joined.len(),
+                estimated_s.len(),
+                path.display(),
+                true_s.len(),
+                truth_path.display()
+            );
+            if 2 * joined.len() < fewer {
+                bail!("{found}; {}", misfit(&estimated_s, &true_s));
+            }
+            if joined.len() < more {
+                tracing::warn!("{found} and are scored");
             }
             Some(joined)
         }
@@ -247,6 +263,24 @@ fn with_truth(mut rows: Vec<FrameRow>, path: &Path) -> Result<Vec<FrameRow>> {
         bail!("{}: there are no true poses; give them with --truth-pose", path.display());
     }
     Ok(rows)
+}
+
+/// Returns what times of two files that do not agree seem to be.
+fn misfit(estimated_s: &[f64], true_s: &[f64]) -> String {
+    let span = |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
+    let ratio = span(estimated_s) / span(true_s);
+    for (factor, unit) in [(1e3, "ms"), (1e6, "us"), (1e9, "ns")] {
+        let is_near = |ratio: f64| (0.5..2.0).contains(&(ratio / factor));
+        if is_near(ratio) || is_near(1.0 / ratio) {
+            let which = if ratio > 1.0 { "the estimates" } else { "the truth" };
+            return format!("the times of {which} seem to be in {unit}: name that column time_{unit}");
+        }
+    }
+    let gap = |time_s: &f64| true_s.iter().map(|other| (other - time_s).abs()).fold(f64::INFINITY, f64::min);
+    let mut gaps: Vec<f64> = estimated_s.iter().map(gap).collect();
+    gaps.sort_unstable_by(f64::total_cmp);
+    let usual_s = gaps.get(gaps.len() / 2).copied().unwrap_or_default();
+    format!("usually the nearest is {:.1} ms away: give times of the same clock", 1e3 * usual_s)
 }
 
 /// Returns the estimates that have a true pose at the same time, with it.

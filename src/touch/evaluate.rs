@@ -9,6 +9,8 @@ use clap::Args;
 use image::imageops::{FilterType::Triangle, resize};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, RgbImage};
 use mvt_feelsight::npy;
+use mvt_files::input;
+use mvt_images::levels;
 use mvt_products::Instructions;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 use mvt_run::io::{print_line, read_any_image};
@@ -157,7 +159,7 @@ fn common_untouched(engine: &Engine, folder: &Path, ids: &[String]) -> Result<Op
         return Ok(None);
     }
     let some = ids.iter().step_by(ids.len().div_ceil(MOST_IMAGES));
-    let images = some.map(|id| Ok(open(folder, id, IMAGE)?.to_rgb8())).collect::<Result<Vec<_>>>()?;
+    let images = some.map(|id| colours(folder, id, IMAGE)).collect::<Result<Vec<_>>>()?;
     let Some(common) = estimate(engine, &images)? else { return Ok(None) };
     let fitting = images.iter().filter(|image| is_of_same_sensor(image, &common)).count();
     Ok((10 * fitting >= 9 * images.len()).then_some(common))
@@ -169,6 +171,9 @@ fn ids(folder: &Path) -> Result<Vec<String>> {
     let mut ids = Vec::new();
     for entry in fs::read_dir(folder).with_context(cannot_read)? {
         let name = entry.with_context(cannot_read)?.file_name();
+        if input::is_litter(&name) {
+            continue;
+        }
         ids.extend(name.to_str().and_then(|name| name.strip_suffix("_img.png")).map(str::to_owned));
     }
     ids.sort_unstable();
@@ -187,12 +192,18 @@ fn open(folder: &Path, id: &str, rest: &str) -> Result<DynamicImage> {
     read_any_image(&path(folder, id, rest))
 }
 
+fn colours(folder: &Path, id: &str, rest: &str) -> Result<RgbImage> {
+    let image = open(folder, id, rest)?;
+    mvt_images::colours(image).with_context(|| path(folder, id, rest).display().to_string())
+}
+
 impl Triple {
     fn read(folder: &Path, id: &str) -> Result<Self> {
         let path = |rest: &str| path(folder, id, rest);
-        let (image, mask) = (open(folder, id, IMAGE)?.to_rgb8(), open(folder, id, MASK)?.to_luma8());
+        let image = colours(folder, id, IMAGE)?;
+        let mask = levels(open(folder, id, MASK)?).with_context(|| path(MASK).display().to_string())?;
         let untouched = match path(UNTOUCHED).exists() {
-            true => Some(open(folder, id, UNTOUCHED)?.to_rgb8()),
+            true => Some(colours(folder, id, UNTOUCHED)?),
             false => None,
         };
         let depth_path = path("depth_m.npy");

@@ -97,26 +97,33 @@ struct Layout {
     fps: u32,
     has_poses: bool,
     has_estimates: bool,
-    /// Name, height and width of each camera.
-    cameras: Vec<(String, usize, usize)>,
+    /// Name, height and width of each camera, and whether it has colours.
+    cameras: Vec<(String, usize, usize, bool)>,
+    /// The DIGITs that have images.
+    touch: Vec<Finger>,
 }
 
 impl Layout {
     fn of(logs: &[Log]) -> Result<Self, ExchangeError> {
         let cameras = |log: &Log| {
-            let one = |camera: &mvt_frames::camera::PosedCamera| {
-                (camera.name.clone(), camera.intrinsics.height, camera.intrinsics.width)
+            let one = |(k, camera): (usize, &mvt_frames::camera::PosedCamera)| {
+                (camera.name.clone(), camera.intrinsics.height, camera.intrinsics.width, log.has_colours(k))
             };
-            log.cameras().iter().map(one).collect::<Vec<_>>()
+            log.cameras().iter().enumerate().map(one).collect::<Vec<_>>()
         };
+        let touch =
+            |log: &Log| Finger::ALL.into_iter().filter(|finger| log.has_touch_images(*finger)).collect::<Vec<_>>();
         let refused = |log: &Log, defect: String| ExchangeError::Source { path: log.folder().to_path_buf(), defect };
         let Some(first) = logs.first() else {
             return Err(ExchangeError::Source { path: PathBuf::new(), defect: "give one log or more".to_owned() });
         };
         let (expected, fps) = (cameras(first), rate(first));
         for log in logs {
-            if cameras(log) != expected {
-                return Err(refused(log, "its cameras are not those of the first log; export it alone".to_owned()));
+            if cameras(log) != expected || touch(log) != touch(first) {
+                return Err(refused(
+                    log,
+                    "its cameras or touch sensors are not those of the first log; export it alone".to_owned(),
+                ));
             }
             let found = rate(log);
             if (found - fps).abs() > 0.01 * fps || fps.round() < 1.0 {
@@ -124,7 +131,7 @@ impl Layout {
             }
         }
         let has_poses = logs.iter().all(|log| log.object_poses().iter().all(Option::is_some));
-        Ok(Self { fps: fps.round() as u32, has_poses, has_estimates: false, cameras: expected })
+        Ok(Self { fps: fps.round() as u32, has_poses, has_estimates: false, cameras: expected, touch: touch(first) })
     }
 
     /// Returns the columns of the data, in their order, with what info.json says of each.
@@ -138,12 +145,14 @@ impl Layout {
             (Column { name: name.to_owned(), width }, json!({"dtype": dtype, "shape": [width], "names": names}))
         };
         let mut features = Vec::new();
-        for (name, height, width) in &self.cameras {
-            features.push(image(format!("observation.images.{name}"), *height, *width, 3, Value::Null));
+        for (name, height, width, has_colours) in &self.cameras {
+            if *has_colours {
+                features.push(image(format!("observation.images.{name}"), *height, *width, 3, Value::Null));
+            }
             let depth = json!({"is_depth_map": true, "depth_unit": DEPTH_STEP_M});
             features.push(image(format!("observation.images.{name}_depth"), *height, *width, 1, depth));
         }
-        for finger in Finger::ALL {
+        for finger in &self.touch {
             let name = format!("observation.images.touch_{}", finger.name());
             features.push(image(name, digit::HEIGHT, digit::WIDTH, 3, Value::Null));
         }
@@ -302,15 +311,18 @@ impl DataSet<'_> {
         for ((name, ..), (rgbd, file)) in self.layout.cameras.iter().zip(observation.cameras.iter().zip(files.colours))
         {
             let key = format!("observation.images.{name}");
-            if is_sampled {
-                sample(self.statistics.entry(key).or_default(), &rgbd.color);
+            if let Some(file) = file {
+                if is_sampled {
+                    sample(self.statistics.entry(key).or_default(), &rgbd.color);
+                }
+                cells.push(image(file));
             }
-            cells.push(image(file));
             let depth = depth_file(&rgbd.depth_m)
                 .map_err(|defect| ExchangeError::Source { path: log.folder().to_path_buf(), defect })?;
             cells.push(image(depth));
         }
         for (finger, file) in Finger::ALL.into_iter().zip(files.touch.0) {
+            let Some(file) = file else { continue };
             if is_sampled {
                 let key = format!("observation.images.touch_{}", finger.name());
                 sample(self.statistics.entry(key).or_default(), &observation.touch[finger]);

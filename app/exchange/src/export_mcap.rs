@@ -176,7 +176,7 @@ impl Channels {
         for ((channels, file), (depth, camera)) in
             self.cameras.iter().zip(&colours).zip(depths.iter().zip(log.cameras()))
         {
-            messages.push((channels.color, compressed(&stamp, &channels.frame, file)));
+            messages.extend(file.as_ref().map(|file| (channels.color, compressed(&stamp, &channels.frame, file))));
             messages.push((channels.depth, raw_image(&stamp, &channels.frame, camera.intrinsics.width, depth)));
         }
         for (channels, file) in self.cameras.iter().zip(labels.iter().flatten()) {
@@ -185,7 +185,8 @@ impl Channels {
         for (finger, channels) in self.touch.iter() {
             let pose = world_from_digit_camera(log.side(), finger, &joints);
             poses.push(transform(&stamp, &channels.frame, pose * optical()));
-            messages.push((channels.image, compressed(&stamp, &channels.frame, &touch[finger])));
+            let image = touch[finger].as_ref();
+            messages.extend(image.map(|file| (channels.image, compressed(&stamp, &channels.frame, file))));
             if let Some(truth) = &touch_truth {
                 let [depth, contact] = &truth[finger];
                 messages.push((channels.depth, compressed(&stamp, &channels.frame, depth)));

@@ -4,13 +4,11 @@ use std::io::{Cursor, ErrorKind};
 use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use image::{DynamicImage, ImageBuffer, ImageFormat, ImageReader, PixelWithColorType, RgbImage};
+use image::{DynamicImage, ImageBuffer, ImageFormat, PixelWithColorType, RgbImage};
 use mvt_files::{input, output};
 
 /// Largest image that is read, bytes.
 const LARGEST_IMAGE: u64 = 256 << 20;
-/// Memory of its pixels, bytes: those of 20 million in three colours. A file of some kilobytes may promise more.
-const MOST_MEMORY: u64 = 64 << 20;
 
 /// Writes a result to standard output; a reader that has gone away is an error, not a panic.
 pub fn print_line(text: &str) -> Result<()> {
@@ -82,18 +80,13 @@ pub fn read_image(path: &Path) -> Result<RgbImage> {
     Ok(read_any_image(path)?.into_rgb8())
 }
 
-/// Reads an image with the pixels of its file.
+/// Reads a PNG or JPEG image with the pixels of its file.
 ///
 /// # Errors
-/// If the file cannot be read or is not an image.
+/// If the file cannot be read, or is not an image, or part of it is lost.
 pub fn read_any_image(path: &Path) -> Result<DynamicImage> {
     let bytes = input::read(path, LARGEST_IMAGE).with_context(|| format!("cannot read {}", path.display()))?;
-    let unreadable = || format!("{} is not a readable image", path.display());
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().with_context(unreadable)?;
-    let mut limits = image::Limits::default();
-    limits.max_alloc = Some(MOST_MEMORY);
-    reader.limits(limits);
-    reader.decode().with_context(unreadable)
+    mvt_images::decode(&bytes, None).with_context(|| format!("{} is not a readable image", path.display()))
 }
 
 #[cfg(test)]
@@ -115,6 +108,6 @@ mod tests {
         }
         std::fs::write(&path, bytes).unwrap();
         let said = format!("{:#}", read_image(&path).unwrap_err());
-        assert!(said.contains("large.png is not a readable image: Memory limit exceeded"), "{said}");
+        assert!(said.contains("large.png is not a readable image: the image has 12000 x 12000 pixels"), "{said}");
     }
 }

@@ -25,6 +25,7 @@ mod coordinates;
 mod curves;
 pub mod mesh_file;
 mod summary;
+mod table;
 #[cfg(test)]
 mod tests;
 mod trajectory;

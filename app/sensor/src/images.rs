@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use image::RgbImage;
+use mvt_files::input::is_litter;
 use mvt_products::Instructions;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::read_any_image;
@@ -15,6 +16,8 @@ use rayon::prelude::*;
 
 use crate::layout::ImageLayout;
 
+/// Images that cannot be read of which each is told.
+const MOST_DEFECTS: usize = 5;
 /// A median over fewer images than this may show contacts.
 const FEW_IMAGES: usize = 15;
 /// Greatest difference between an untouched image and the images where nothing touches, grey levels: two DIGITs differ by more.
@@ -31,15 +34,34 @@ pub struct SensorImages {
 }
 
 impl SensorImages {
-    /// Reads images, or all images of folders, and the untouched one; without that, it is estimated from the images.
+    /// Reads images, or all images of folders, and the untouched one; without that, it is estimated from the images. Images that cannot be read
+    /// are skipped with a warning.
     ///
     /// # Errors
-    /// If there is no image, an image cannot be read or has another size, or the untouched image comes from another sensor.
+    /// If there is no image that can be read, images differ in size, or the untouched image comes from another sensor.
     pub fn read(paths: &[PathBuf], untouched: Option<&Path>, engine: &Engine) -> Result<Self> {
         let files = files(paths)?;
         ensure!(!files.is_empty(), "--images: there is no image (.png, .jpg) in {}", list(paths));
         let ids = ids(&files)?;
-        let mut images = files.par_iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
+        let (mut known, mut images, mut defects) = (Vec::new(), Vec::new(), Vec::new());
+        for (id, read) in ids.into_iter().zip(files.par_iter().map(|path| read(path)).collect::<Vec<_>>()) {
+            match read {
+                Ok(image) => {
+                    known.push(id);
+                    images.push(image);
+                }
+                Err(error) => defects.push(error),
+            }
+        }
+        for defect in defects.iter().take(MOST_DEFECTS) {
+            tracing::warn!("{defect:#}; the image is skipped");
+        }
+        if defects.len() > MOST_DEFECTS {
+            tracing::warn!("{} more images are skipped", defects.len() - MOST_DEFECTS);
+        }
+        if images.is_empty() {
+            return Err(defects.into_iter().next().unwrap_or_else(|| anyhow!("there is no image")));
+        }
         let untouched = untouched.map(read).transpose()?;
 
         if untouched.is_none() {
@@ -53,7 +75,7 @@ impl SensorImages {
             }
         }
         let SensorState { untouched, .. } = SensorState::of(untouched, &mut images, engine)?;
-        Ok(Self { ids, images, untouched })
+        Ok(Self { ids: known, images, untouched })
     }
 }
 
@@ -131,6 +153,11 @@ fn place(untouched: Option<&RgbImage>, images: &[RgbImage]) -> Result<ImageLayou
             90 * u16::from(layout.quarter_turns)
         );
     }
+    if layout.is_mirrored {
+        tracing::warn!(
+            "the images are mirrored: the light of the LEDs comes from the sides that a mirror exchanges; they are mirrored back"
+        );
+    }
     if layout.is_bgr {
         tracing::warn!(
             "the images are in BGR order: the LEDs' colours come from the wrong sides; red and blue are exchanged"
@@ -141,13 +168,7 @@ fn place(untouched: Option<&RgbImage>, images: &[RgbImage]) -> Result<ImageLayou
 
 /// Reads an image as RGB. Grey images have no colours to see slopes by.
 pub(crate) fn read(path: &Path) -> Result<RgbImage> {
-    let image = read_any_image(path)?;
-    ensure!(
-        image.color().has_color(),
-        "{} is a grey image; a touch sensor's three colours show the slopes of its gel: give the colour image",
-        path.display()
-    );
-    Ok(image.into_rgb8())
+    mvt_images::colours(read_any_image(path)?).with_context(|| format!("cannot use {}", path.display()))
 }
 
 /// Returns the image files that are named or lie in the folders named, sorted within each folder.
@@ -161,7 +182,11 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let cannot_read = || format!("cannot read {}", path.display());
         let mut inside = Vec::new();
         for entry in std::fs::read_dir(path).with_context(cannot_read)? {
-            let path = entry.with_context(cannot_read)?.path();
+            let entry = entry.with_context(cannot_read)?;
+            if is_litter(&entry.file_name()) {
+                continue;
+            }
+            let path = entry.path();
             let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
             let kind = path.extension().map(|kind| kind.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
             if ["png", "jpg", "jpeg"].contains(&kind.as_str())

@@ -1,7 +1,7 @@
 //! How the images of a DIGIT lie: upright or turned, in RGB or BGR order.
 
 use image::RgbImage;
-use image::imageops::{FilterType, resize, rotate90, rotate180, rotate270};
+use image::imageops::{FilterType, flip_horizontal, resize, rotate90, rotate180, rotate270};
 use mvt_robot::digit::{HEIGHT, WIDTH};
 
 /// Turn and order of the colours of a sensor's images.
@@ -11,6 +11,8 @@ pub struct ImageLayout {
     pub quarter_turns: u8,
     /// Whether red and blue are exchanged.
     pub is_bgr: bool,
+    /// Whether left and right are exchanged once the image is upright.
+    pub is_mirrored: bool,
 }
 
 /// Slope of red, green and blue of an untouched DIGIT towards the right and downwards, in shares of the colour's mean from the middle of
@@ -28,9 +30,15 @@ impl ImageLayout {
         let possible = |turns: u8| width == height || (turns % 2 == 1) == (width > height);
         let all = (0..4)
             .filter(|&turns| possible(turns))
-            .flat_map(|quarter_turns| [false, true].map(|is_bgr| Self { quarter_turns, is_bgr }));
+            .flat_map(|quarter_turns| [false, true].map(|is_bgr| Self { quarter_turns, is_bgr, is_mirrored: false }));
         let misfit = |layout: &Self| layout.misfit(found);
-        let best = all.clone().min_by(|a, b| misfit(a).total_cmp(&misfit(b))).unwrap_or_default();
+        let mirrored = all.clone().map(|layout| Self { is_mirrored: true, ..layout });
+        let best_of = |a: Option<Self>, b: Option<Self>| match (a, b) {
+            (Some(a), Some(b)) if misfit(&b) + MARGIN < misfit(&a) => b,
+            (a, _) => a.unwrap_or_default(),
+        };
+        let least = |a: &Self, b: &Self| misfit(a).total_cmp(&misfit(b));
+        let best = best_of(all.clone().min_by(least), mirrored.min_by(least));
         // The least change of the image that its shape allows.
         let plain = all.min_by_key(|layout| (layout.is_bgr, layout.quarter_turns)).unwrap_or_default();
         if misfit(&best) + MARGIN < misfit(&plain) { best } else { plain }
@@ -44,6 +52,9 @@ impl ImageLayout {
             3 => rotate270(image),
             _ => image.clone(),
         };
+        if self.is_mirrored {
+            image = flip_horizontal(&image);
+        }
         if self.is_bgr {
             image.pixels_mut().for_each(|pixel| pixel.0.swap(0, 2));
         }
@@ -62,6 +73,9 @@ impl ImageLayout {
         for _ in 0..self.quarter_turns {
             // A clockwise turn makes down of right, and left of down.
             slopes = slopes.map(|[right, down]| [-down, right]);
+        }
+        if self.is_mirrored {
+            slopes = slopes.map(|[right, down]| [-right, down]);
         }
         let square = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
         slopes.iter().zip(&UPRIGHT).map(square).sum::<f32>().sqrt()
@@ -101,10 +115,15 @@ mod tests {
     fn turns_and_orders_of_colours_are_found() {
         let image = sensor();
         assert_eq!(ImageLayout::of(&image), ImageLayout::default());
-        let layout = |quarter_turns, is_bgr| ImageLayout { quarter_turns, is_bgr };
+        let layout = |quarter_turns, is_bgr| ImageLayout { quarter_turns, is_bgr, is_mirrored: false };
         assert_eq!(ImageLayout::of(&rotate90(&image)), layout(3, false));
         assert_eq!(ImageLayout::of(&rotate180(&image)), layout(2, false));
         assert_eq!(ImageLayout::of(&rotate270(&image)), layout(1, false));
+        // A mirror is no half turn, whichever sides it exchanges.
+        let mirrored = |quarter_turns| ImageLayout { is_mirrored: true, ..layout(quarter_turns, false) };
+        assert_eq!(ImageLayout::of(&flip_horizontal(&image)), mirrored(0));
+        assert_eq!(ImageLayout::of(&image::imageops::flip_vertical(&image)), mirrored(2));
+        assert_eq!(mirrored(2).upright(&image::imageops::flip_vertical(&image)), image);
         let mut swapped = image;
         swapped.pixels_mut().for_each(|pixel| pixel.0.swap(0, 2));
         assert_eq!(ImageLayout::of(&swapped), layout(0, true));

@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use mvt_feelsight::array::Array;
 use mvt_feelsight::npy;
+use mvt_files::cells::quoted;
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_picture::palette;
 use mvt_robot::digit::profile::SensorProfile;
@@ -14,6 +15,7 @@ use mvt_run::io::{png, write_file};
 use mvt_shear::{ShearField, ShearFit, ShearSensor};
 use mvt_touch::contact::plausibility;
 use mvt_touch::engine::{Engine, Prediction};
+use mvt_touch::untouched::UnusualLight;
 use mvt_viewer::live::LiveFrame;
 use ndarray::{Array2, Zip};
 use rayon::prelude::*;
@@ -112,6 +114,8 @@ pub(crate) struct Predictor {
     rule: ContactRule,
     /// The untouched image as the network sees it.
     untouched: RgbImage,
+    /// Its light, if the changes of images must be scaled.
+    light: Option<UnusualLight>,
     /// Sees the motion of the dots, for a sensor that has some.
     shear: Option<ShearSensor>,
     /// Area of the gel that a pixel sees, row by row.
@@ -132,7 +136,8 @@ impl Predictor {
         let gel = profile.gel_surface();
         let side_m = |i: usize| gel.point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx;
         let pixel_mm2 = (0..HEIGHT * WIDTH).map(|i| 1e6 * side_m(i).powi(2)).collect();
-        Self { engine, profile: *profile, rule, untouched: RgbImage::default(), shear: None, pixel_mm2, out: None }
+        let untouched = RgbImage::default();
+        Self { engine, profile: *profile, rule, untouched, light: None, shear: None, pixel_mm2, out: None }
     }
 
     /// Writes files into a folder from now on.
@@ -158,6 +163,12 @@ impl Predictor {
             None => None,
         };
         self.untouched = self.for_network(untouched);
+        // A calibrated profile holds the sensor's own light.
+        let is_calibrated = self.profile.gains() != [1.0; 3];
+        self.light = UnusualLight::of(&self.untouched).filter(|_| !is_calibrated);
+        if let Some(light) = self.light {
+            tracing::warn!("{light}");
+        }
         Ok(())
     }
 
@@ -177,7 +188,8 @@ impl Predictor {
     /// If files cannot be written.
     pub fn predict(&self, ids: &[String], images: &[RgbImage]) -> Result<Vec<Reading>> {
         let seen: Vec<RgbImage> = images.par_iter().map(|image| self.for_network(image)).collect();
-        let predictions = infer(&self.engine, self.profile.gains(), &self.untouched, &seen)?;
+        let gains = self.light.map_or(self.profile.gains(), |light| light.gains);
+        let predictions = infer(&self.engine, gains, &self.untouched, &seen)?;
         let each = ids.par_iter().zip(images).zip(&seen).zip(&predictions);
         each.map(|(((id, image), seen), prediction)| {
             let reading = self.reading(id, image, seen, prediction);
@@ -193,20 +205,22 @@ impl Predictor {
     /// If it cannot be written.
     pub fn write_table(&self, lines: &[Line]) -> Result<String> {
         let Some(OutFolder { path, .. }) = &self.out else { return Ok(String::new()) };
-        let mut table = String::from("id,area_mm2,deepest_mm,volume_mm3,plausibility");
+        let mut names = vec!["id", "area_mm2", "deepest_mm", "volume_mm3", "plausibility"];
         if self.shear.is_some() {
-            table += ",shear_right_mm,shear_down_mm,twist_deg,dilation,shear_residual_mm,dots";
+            names.extend(["shear_right_mm", "shear_down_mm", "twist_deg", "dilation", "shear_residual_mm", "dots"]);
         }
-        table.push('\n');
+        let mut table = names.join(",") + "\n";
         for Line { id, area_mm2, deepest_mm, volume_mm3, plausibility, shear } in lines {
-            table += &format!("{id},{area_mm2:.3},{deepest_mm:.4},{volume_mm3:.4},{plausibility:.3}");
+            let mut cells = vec![quoted(id).into_owned(), format!("{area_mm2:.3}"), format!("{deepest_mm:.4}")];
+            cells.extend([format!("{volume_mm3:.4}"), format!("{plausibility:.3}")]);
             if let Some(shear) = shear {
                 let ShearFigures { shear_right_mm, shear_down_mm, twist_deg, dilation, shear_residual_mm, dots } =
                     shear;
-                table += &format!(",{shear_right_mm:.4},{shear_down_mm:.4},{twist_deg:.2},{dilation:.3}");
-                table += &format!(",{shear_residual_mm:.4},{dots}");
+                let four = |value: &f64| format!("{value:.4}");
+                cells.extend([four(shear_right_mm), four(shear_down_mm), format!("{twist_deg:.2}")]);
+                cells.extend([format!("{dilation:.3}"), four(shear_residual_mm), dots.to_string()]);
             }
-            table.push('\n');
+            table += &(cells.join(",") + "\n");
         }
         write_file(path, "predictions.csv", table.as_bytes())?;
         Ok(format!("; see {}", path.join("predictions.csv").display()))
@@ -222,7 +236,8 @@ impl Predictor {
         if (touching as f32) < LEAST_AREA * contact.len() as f32 {
             contact.fill(false);
         }
-        let plausibility = plausibility(seen, &self.untouched, prediction);
+        let readable = self.light.map_or(1.0, |light| light.plausibility());
+        let plausibility = plausibility(seen, &self.untouched, prediction).min(readable);
         // Images of this size are the only ones that the network reads.
         let field = self.shear.as_ref().and_then(|shear| shear.see(image, &contact, &indentation_mm).ok());
         let figures = |field: &ShearField| ShearFigures {

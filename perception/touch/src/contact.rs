@@ -11,7 +11,7 @@ use rayon::iter::{
 };
 
 use crate::engine::{Engine, Prediction};
-use crate::untouched::{Squares, differences, scale_change, squares, subtract_untouched};
+use crate::untouched::{Squares, UnusualLight, differences, scale_change, squares, subtract_untouched};
 use mvt_robot::observation::{Press, SensorError, SensorName, check_size};
 
 settings! {
@@ -64,6 +64,8 @@ pub struct Feeler {
 struct State {
     /// The given image without contact, if any; it is subtracted from each image before the network reads it.
     untouched: Option<RgbImage>,
+    /// Its light, if its changes must be scaled.
+    light: Option<UnusualLight>,
     /// The sensor's last image without contact, and the network's indentation for it, millimetres; `None` before the first.
     empty: Option<(Squares, Array2<f32>)>,
     /// The image that the network sees.
@@ -76,6 +78,7 @@ impl State {
     fn new() -> Self {
         Self {
             untouched: None,
+            light: None,
             empty: None,
             seen: RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
             prediction: Prediction::default(),
@@ -87,6 +90,12 @@ impl State {
         }
     }
 
+    /// Sets the given image without contact. Its light counts only if the sensor was not calibrated, which measures the light itself.
+    fn set_untouched(&mut self, image: &RgbImage, gains: [f32; 3]) {
+        self.untouched = Some(image.clone());
+        self.light = if gains == [1.0; 3] { UnusualLight::of(image) } else { None };
+    }
+
     /// The network's output for an image.
     fn infer(&mut self, engine: &Engine, gains: [f32; 3], finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
         let seen = match &self.untouched {
@@ -94,7 +103,7 @@ impl State {
             Some(untouched) => {
                 self.seen.copy_from_slice(image);
                 subtract_untouched(untouched, &mut self.seen);
-                scale_change(gains, &mut self.seen);
+                scale_change(self.light.map_or(gains, |light| light.gains), &mut self.seen);
                 &self.seen
             }
         };
@@ -139,10 +148,15 @@ impl Feeler {
     pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
         check(finger, image)?;
         let state = &mut self.fingers[finger];
-        state.untouched = Some(image.clone());
+        state.set_untouched(image, self.gains);
         state.infer(&self.engine, self.gains, finger, image)?;
         state.empty = Some((squares(image), state.prediction.indentation_mm.clone()));
         Ok(())
+    }
+
+    /// Returns the light of a sensor, if it is not that of other DIGITs. It is known with the untouched image.
+    pub fn light(&self, finger: Finger) -> Option<UnusualLight> {
+        self.fingers[finger].light
     }
 
     /// Returns the contact on each sensor, one image per thread; `None` for a sensor without an image.
@@ -186,14 +200,18 @@ pub fn feel_alone(
     let finger = Finger::Index;
     let empty = untouched.map(|image| {
         check(finger, image)?;
-        let mut state = State { untouched: Some(image.clone()), ..State::new() };
+        let mut state = State::new();
+        state.set_untouched(image, [1.0; 3]);
         state.infer(engine, [1.0; 3], finger, image)?;
-        Ok((squares(image), state.prediction.indentation_mm))
+        Ok((state.light, squares(image), state.prediction.indentation_mm))
     });
-    let empty = empty.transpose()?;
+    let (light, empty) = match empty.transpose()? {
+        Some((light, squares, indentation_mm)) => (light, Some((squares, indentation_mm))),
+        None => (None, None),
+    };
     let felt = images.par_iter().map(|image| {
         check(finger, image)?;
-        let mut state = State { untouched: untouched.cloned(), empty: empty.clone(), ..State::new() };
+        let mut state = State { untouched: untouched.cloned(), light, empty: empty.clone(), ..State::new() };
         let Outcome { plausibility, asked } = feel(engine, config, [1.0; 3], finger, image, &mut state)?;
         let is_plausible = plausibility >= config.least_plausibility;
         Ok(Felt { press: is_plausible.then_some(state.press), plausibility, asked })
@@ -217,10 +235,12 @@ fn feel(
 ) -> Result<Outcome, SensorError> {
     let squares = squares(image);
     let mut plausibility = exposure(image).min(contrast(&squares));
+    plausibility = plausibility.min(state.light.map_or(1.0, |light| light.plausibility()));
     let known = state.empty.as_ref().map(|(empty, _)| differences(&squares, empty));
     if let Some((greatest, quartile)) = known {
         plausibility = plausibility.min(1.0 - ramp(quartile, 8.0, 32.0));
-        if greatest < config.untouched_grey {
+        let gain = state.light.map_or(1.0, |light| light.gains.into_iter().fold(1.0, f32::max));
+        if gain * greatest < config.untouched_grey {
             state.press.indentation_mm.fill(0.0);
             state.press.contact.fill(false);
             state.press.sigma_mm = config.sigma_mm;
@@ -254,7 +274,7 @@ fn feel(
 }
 
 /// Returns from 0 to 1 how far an image is one that a sensor with this untouched image makes, see [`Felt::plausibility`]. `prediction` is
-/// the network's answer to the image from which the untouched one is subtracted.
+/// the network's answer to the image from which the untouched one is subtracted. The light of the sensor is not judged.
 pub fn plausibility(image: &RgbImage, untouched: &RgbImage, prediction: &Prediction) -> f32 {
     let own = squares(image);
     let (_, quartile) = differences(&own, &squares(untouched));

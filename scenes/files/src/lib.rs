@@ -3,6 +3,7 @@
 //! - [`input`] opens regular files alone: a FIFO or a device is refused and never waited for.
 //! - [`output`] writes a file beside its place and renames it: a file with the final name is complete.
 //! - [`folder`] claims a folder for one process: nothing that another process or a person wrote is replaced.
+//! - [`cells`] splits and quotes the cells of tables.
 //! - [`seal`] puts a checksum into safetensors files.
 //!
 //! ```
@@ -23,6 +24,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod cells;
 pub mod folder;
 pub mod input;
 pub mod output;

@@ -13,7 +13,7 @@ use crate::frame::finger_poses;
 use crate::io::write_synced;
 use crate::npz::{DeflatedFrame, NpzWriter};
 use crate::pickle;
-use crate::picture::{color_of, gray_of};
+use crate::picture::{color_of, gray_of, touch_of};
 use crate::record::{CameraRecord, DigitInfo, Matrix, Record, is_plain_name};
 use crate::scene::{SCENE_FILE, SceneFile};
 use crate::writer::PartialFolder;
@@ -118,8 +118,9 @@ impl LogAssembler {
         };
         // Decoded only to be checked: readers must find no damage.
         match image {
-            LogImage::Colours(_) | LogImage::Touch(_) => drop(color_of(file.to_vec(), origin, size)?),
-            _ => drop(gray_of(file.to_vec(), origin, size)?),
+            LogImage::Colours(_) => drop(color_of(file, origin, size)?),
+            LogImage::Touch(_) => drop(touch_of(file, origin)?),
+            _ => drop(gray_of(file, origin, size)?),
         }
         let folder = self.partial.path().join(folder);
         if !folder.is_dir() {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::archive::{ARCHIVE, ArchiveReader, ArchiveWriter};
 use crate::error::LogError;
 use crate::levels::image_of;
-use crate::picture::{MAX_FILE, color_of, encode_color, encode_png, encode_small, gray_of, levels16_of};
+use crate::picture::{MAX_FILE, color_of, encode_color, encode_png, encode_small, gray_of, levels16_of, touch_of};
 use crate::record::DigitInfo;
 
 /// Version of the layout that is written.
@@ -72,11 +72,11 @@ impl CompactFrames {
         }
         let color = |finger: Finger| {
             let name = format!("allegro/{}/untouched.png", finger.name());
-            color_of(archive.read(&name, MAX_FILE)?, &archive.path(&name), DIGIT_SIZE)
+            color_of(&archive.read(&name, MAX_FILE)?, &archive.path(&name), DIGIT_SIZE)
         };
         let [index, middle, ring, thumb] = Finger::ALL.map(color);
         let untouched = PerFinger([index?, middle?, ring?, thumb?]);
-        let gel = gray_of(archive.read(GEL_FILE, MAX_FILE)?, &archive.path(GEL_FILE), DIGIT_SIZE)?;
+        let gel = gray_of(&archive.read(GEL_FILE, MAX_FILE)?, &archive.path(GEL_FILE), DIGIT_SIZE)?;
         Ok(Some(Self { archive, depth_step_m, untouched, gel }))
     }
 
@@ -90,10 +90,10 @@ impl CompactFrames {
     pub fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, LogError> {
         let whole = format!("allegro/{}/image/{frame}.jpg", finger.name());
         if self.archive.contains(&whole) {
-            return color_of(self.archive.read(&whole, MAX_FILE)?, &self.archive.path(&whole), DIGIT_SIZE);
+            return touch_of(&self.archive.read(&whole, MAX_FILE)?, &self.archive.path(&whole));
         }
         let name = format!("allegro/{}/difference/{frame}.jpg", finger.name());
-        let mut image = color_of(self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
+        let mut image = color_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
         for (level, &untouched) in image.iter_mut().zip(self.untouched[finger].iter()) {
             // The sum is at most 255 after the limits.
             *level = (i16::from(untouched) + i16::from(*level) - MIDDLE).clamp(0, 255) as u8;
@@ -104,7 +104,7 @@ impl CompactFrames {
     /// Reads the levels of touch depth.
     pub fn touch_levels(&self, finger: Finger, frame: usize) -> Result<GrayImage, LogError> {
         let name = format!("allegro/{}/depth/{frame}.png", finger.name());
-        let mut levels = gray_of(self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
+        let mut levels = gray_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
         levels.iter_mut().zip(self.gel.iter()).for_each(|(level, &gel)| *level = level.wrapping_add(gel));
         Ok(levels)
     }
@@ -112,7 +112,7 @@ impl CompactFrames {
     /// Reads a depth image of a camera: metres, positive, 0 where nothing was measured.
     pub fn depth_m(&self, camera: &str, frame: usize, size: (usize, usize)) -> Result<Vec<f32>, LogError> {
         let name = format!("realsense/{camera}/depth/{frame}.png");
-        let steps = levels16_of(self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), size)?;
+        let steps = levels16_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), size)?;
         Ok(steps.iter().map(|&steps| (f64::from(steps) * self.depth_step_m) as f32).collect())
     }
 }

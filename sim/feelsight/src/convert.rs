@@ -68,10 +68,14 @@ pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnM
     partial.place(out)
 }
 
-/// Returns an image of each finger that is near to most of its images: the median of some of them, colour by colour.
+/// Returns an image of each finger that is near to most of its images: the median of some of them, colour by colour. It is black if the log
+/// has none.
 fn untouched(log: &Log) -> Result<PerFinger<RgbImage>, LogError> {
     let samples = SAMPLES.min(log.len());
     let median = |finger: &Finger| {
+        if !log.has_touch_images(*finger) {
+            return Ok(RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32));
+        }
         let images: Vec<RgbImage> =
             (0..samples).map(|k| log.touch_image(*finger, k * log.len() / samples)).collect::<Result<_, _>>()?;
         let mut levels = Vec::with_capacity(images.len());

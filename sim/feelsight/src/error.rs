@@ -45,7 +45,7 @@ pub enum LogError {
         /// The image.
         path: PathBuf,
         /// The defect.
-        reason: image::ImageError,
+        reason: mvt_images::DecodeError,
     },
     /// scene.json is damaged.
     #[error("{}: {reason}", path.display())]

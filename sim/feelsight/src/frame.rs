@@ -100,7 +100,7 @@ fn raw_touch(image: &RgbImage, truth: &TouchTruth) -> Result<RawTouch, String> {
     let levels = truth.depth_m.iter().zip(&truth.contact).map(level).collect();
     let levels = GrayImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, levels).ok_or("the depth has holes")?;
     let mask = levels::image_of(&truth.contact, |&touches| if touches { 255 } else { 0 });
-    Ok(RawTouch { image: image.clone(), labels: Some((levels, mask)) })
+    Ok(RawTouch { image: Some(image.clone()), labels: Some((levels, mask)) })
 }
 
 fn raw_camera(rgbd: &Rgbd, labels: &Array2<Label>, camera: &PosedCamera) -> Result<RawCamera, String> {
@@ -112,7 +112,8 @@ fn raw_camera(rgbd: &Rgbd, labels: &Array2<Label>, camera: &PosedCamera) -> Resu
     check("the depth", (columns, rows), size)?;
     Ok(RawCamera {
         name: camera.name.clone(),
-        image: rgbd.color.clone(),
+        size,
+        image: Some(rgbd.color.clone()),
         segmentation: Some(levels::image_of(labels, |label| label.grey())),
         depth_m: rgbd.depth_m.iter().map(|&depth| if depth > 0.0 { depth } else { 0.0 }).collect(),
     })

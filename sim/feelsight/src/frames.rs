@@ -20,7 +20,8 @@ pub(super) struct RawFrame {
 
 /// Images of one finger.
 pub(super) struct RawTouch {
-    pub image: RgbImage,
+    /// `None` if the log has none.
+    pub image: Option<RgbImage>,
     /// Levels of the depth, and the mask with 0 and 255.
     pub labels: Option<(GrayImage, GrayImage)>,
 }
@@ -28,7 +29,10 @@ pub(super) struct RawTouch {
 /// Images of one camera.
 pub(super) struct RawCamera {
     pub name: String,
-    pub image: RgbImage,
+    /// Width and height.
+    pub size: (usize, usize),
+    /// `None` if the log has none.
+    pub image: Option<RgbImage>,
     pub segmentation: Option<GrayImage>,
     /// Metres along the axis, row by row; 0 where nothing was measured. The sign has no meaning.
     pub depth_m: Vec<f32>,
@@ -57,12 +61,13 @@ pub(super) fn encode(frame: &RawFrame, untouched: Option<&PerFinger<RgbImage>>) 
     for (finger, RawTouch { image, labels }) in frame.touch.iter() {
         let folder = format!("allegro/{}", finger.name());
         let of_finger = |e| format!("{}: {e}", finger.name());
-        match untouched {
-            Some(untouched) => {
+        match (image, untouched) {
+            (None, _) => {}
+            (Some(image), Some(untouched)) => {
                 let (bytes, is_difference) = compact::encode_touch(image, &untouched[finger]).map_err(of_finger)?;
                 add(format!("{folder}/{}", if is_difference { "difference" } else { "image" }), "jpg", bytes);
             }
-            None => add(format!("{folder}/image"), "jpg", encode_color(image).map_err(of_finger)?),
+            (Some(image), None) => add(format!("{folder}/image"), "jpg", encode_color(image).map_err(of_finger)?),
         }
         let Some((levels, mask)) = labels else { continue };
         let (levels, mask, extension) = match untouched {
@@ -72,19 +77,20 @@ pub(super) fn encode(frame: &RawFrame, untouched: Option<&PerFinger<RgbImage>>) 
         add(format!("{folder}/depth"), extension, levels.map_err(of_finger)?);
         add(format!("{folder}/mask"), extension, mask.map_err(of_finger)?);
     }
-    for RawCamera { name, image, segmentation, depth_m } in &frame.cameras {
+    for RawCamera { name, size, image, segmentation, depth_m } in &frame.cameras {
         let folder = format!("realsense/{name}");
         let of_camera = |e| format!("{name}: {e}");
-        let size = (image.width() as usize, image.height() as usize);
-        let colors = if untouched.is_some() { compact::encode_camera_color(image) } else { encode_color(image) };
-        add(format!("{folder}/image"), "jpg", colors.map_err(of_camera)?);
+        if let Some(image) = image {
+            let colors = if untouched.is_some() { compact::encode_camera_color(image) } else { encode_color(image) };
+            add(format!("{folder}/image"), "jpg", colors.map_err(of_camera)?);
+        }
         match (segmentation, untouched) {
             (Some(labels), Some(_)) => add(format!("{folder}/seg"), "png", encode_png(labels).map_err(of_camera)?),
             (Some(labels), None) => add(format!("{folder}/seg"), "jpg", encode_exact(labels).map_err(of_camera)?),
             (None, _) => {}
         }
         if untouched.is_some() {
-            add(format!("{folder}/depth"), "png", compact::encode_camera_depth(depth_m, size).map_err(of_camera)?);
+            add(format!("{folder}/depth"), "png", compact::encode_camera_depth(depth_m, *size).map_err(of_camera)?);
         } else {
             // The camera's z is negative in front of it.
             let signed = depth_m.iter().map(|&depth| if depth == 0.0 { 0.0 } else { -depth.abs() });

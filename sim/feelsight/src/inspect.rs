@@ -178,7 +178,10 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
         object: log.object_name().to_owned(),
         frames: log.len(),
         duration_s,
-        rate_hz: if duration_s > 0.0 { (frames - 1.0) / (duration_s - log.times_s()[0]) } else { 0.0 },
+        rate_hz: match log.times_s() {
+            [first, .., last] if last > first => (frames - 1.0) / (last - first),
+            _ => 0.0,
+        },
         complete: log.scene().map(|scene| scene.end.complete),
         reason: log.scene().map(|scene| scene.end.reason.clone()),
         cameras: log.cameras().iter().enumerate().map(camera).collect(),

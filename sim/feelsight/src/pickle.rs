@@ -123,6 +123,11 @@ pub enum PickleError {
         /// Offset of the opcode, bytes.
         at: usize,
     },
+    /// Line ends were converted.
+    #[error(
+        "it was converted to text with line ends of Windows (CRLF), which damages a pickle; copy it again as a binary file"
+    )]
+    TextMode,
     /// A part of the pickle is malformed.
     #[error("{defect} (at byte {at})")]
     Malformed {

@@ -1,14 +1,12 @@
 //! Image files of a log. Colours are JPEG. Labels and touch depth are PNG, so that they stay exact, but also have names
 //! in .jpg: OpenCV recognises the format by the content.
 
-use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{
-    DynamicImage, EncodableLayout, GrayImage, ImageBuffer, ImageDecoder, ImageEncoder, ImageReader, PixelWithColorType,
-    RgbImage,
-};
+use image::{DynamicImage, EncodableLayout, GrayImage, ImageBuffer, ImageEncoder, PixelWithColorType, RgbImage};
+use mvt_images::DecodeError;
+use mvt_robot::digit;
 
 use crate::error::LogError;
 use crate::io::read_at_most;
@@ -70,31 +68,32 @@ where
 /// Greatest size of an image file, bytes: larger than that of any camera.
 pub(super) const MAX_FILE: u64 = 64 << 20;
 
-fn decode(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<DynamicImage, LogError> {
-    let image_error = |reason| LogError::Image { path: path.to_path_buf(), reason };
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(LogError::io(path))?;
-    let decoder = reader.into_decoder().map_err(image_error)?;
-    // Checked before memory of that size is allocated.
-    let (width, height) = decoder.dimensions();
-    if (width as usize, height as usize) != size {
-        let defect = format!("the image is {width} x {height} and not {} x {}", size.0, size.1);
-        return Err(LogError::defect(path, defect));
-    }
-    DynamicImage::from_decoder(decoder).map_err(image_error)
+fn decode(bytes: &[u8], path: &Path, (width, height): (usize, usize)) -> Result<DynamicImage, LogError> {
+    let side = |n| u32::try_from(n).unwrap_or(u32::MAX);
+    mvt_images::decode(bytes, Some((side(width), side(height)))).map_err(image_error(path))
 }
 
-/// Decodes a colour image, whatever its format, of this width and height. `path` is for messages.
-pub(super) fn color_of(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
+fn image_error(path: &Path) -> impl FnOnce(DecodeError) -> LogError {
+    |reason| LogError::Image { path: path.to_path_buf(), reason }
+}
+
+/// Decodes a colour image of this width and height. A grey one becomes colours. `path` is for messages.
+pub(super) fn color_of(bytes: &[u8], path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
     decode(bytes, path, size).map(DynamicImage::into_rgb8)
 }
 
-/// Decodes a grey image, whatever its format, of this width and height.
-pub(super) fn gray_of(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<GrayImage, LogError> {
-    decode(bytes, path, size).map(DynamicImage::into_luma8)
+/// Decodes the image of a DIGIT, which cannot be grey.
+pub(super) fn touch_of(bytes: &[u8], path: &Path) -> Result<RgbImage, LogError> {
+    mvt_images::colours(decode(bytes, path, (digit::WIDTH, digit::HEIGHT))?).map_err(image_error(path))
+}
+
+/// Decodes an image of 8-bit grey of this width and height.
+pub(super) fn gray_of(bytes: &[u8], path: &Path, size: (usize, usize)) -> Result<GrayImage, LogError> {
+    mvt_images::levels(decode(bytes, path, size)?).map_err(image_error(path))
 }
 
 /// Decodes a grey image with 16 bits of this width and height.
-pub(super) fn levels16_of(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> Result<Vec<u16>, LogError> {
+pub(super) fn levels16_of(bytes: &[u8], path: &Path, size: (usize, usize)) -> Result<Vec<u16>, LogError> {
     match decode(bytes, path, size)? {
         DynamicImage::ImageLuma16(image) => Ok(image.into_raw()),
         other => {
@@ -103,12 +102,12 @@ pub(super) fn levels16_of(bytes: Vec<u8>, path: &Path, size: (usize, usize)) -> 
     }
 }
 
-/// Reads a colour image, whatever its format, of this width and height.
+/// Reads a colour image of this width and height.
 pub(super) fn read_color(path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
-    color_of(read_at_most(path, MAX_FILE)?, path, size)
+    color_of(&read_at_most(path, MAX_FILE)?, path, size)
 }
 
-/// Reads a grey image, whatever its format, of this width and height.
+/// Reads an image of 8-bit grey of this width and height.
 pub(super) fn read_gray(path: &Path, size: (usize, usize)) -> Result<GrayImage, LogError> {
-    gray_of(read_at_most(path, MAX_FILE)?, path, size)
+    gray_of(&read_at_most(path, MAX_FILE)?, path, size)
 }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, Object, World};
-use mvt_robot::hand::{JointAngles, Side};
+use mvt_robot::hand::{JointAngles, PerFinger, Side};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd};
 
 use crate::compact::CompactFrames;
@@ -46,6 +46,10 @@ pub struct Log {
     lenses: Vec<Option<Lens>>,
     /// The images of a compact log; `None` in FeelSight's layout.
     compact: Option<Arc<CompactFrames>>,
+    /// Which DIGITs have images; logs of other programs may lack some.
+    felt: PerFinger<bool>,
+    /// Which cameras have colours.
+    coloured: Vec<bool>,
     /// Whether every frame has true touch depths and masks.
     touch_labels: bool,
     /// Whether every frame has segmentations.
@@ -59,7 +63,7 @@ pub struct Log {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct LogFrame {
-    /// Raw images and joint angles.
+    /// Raw images and joint angles. Images of sensors that the log lacks are empty.
     pub observation: Observation,
     /// Ground truth, if the log has a pose of the object and every label. As a rule only simulated logs do.
     pub truth: Option<GroundTruth>,

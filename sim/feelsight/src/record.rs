@@ -196,8 +196,11 @@ fn elements(value: &PickleValue, axes: &[usize], key: &str) -> Result<Vec<f64>, 
     if shape.len() != axes.len() + 1 || &shape[1..] != axes {
         return Err(format!("{key} has the shape {shape:?} and not [N, {axes:?}]"));
     }
-    if numbers.iter().any(|x| !x.is_finite()) {
-        return Err(format!("{key} holds a number that is not finite"));
+    if let Some(place) = numbers.iter().position(|x| !x.is_finite()) {
+        let frame = place / axes.iter().product::<usize>().max(1);
+        return Err(format!(
+            "{key} of frame {frame} holds a number that is not finite; leave out that frame or repair it"
+        ));
     }
     Ok(numbers)
 }

@@ -6,6 +6,7 @@ use mvt_frames::{Frame, Isometry, Object, World};
 use mvt_metrics::AddS;
 use mvt_slam::Deviation;
 
+use super::table::{TextTable, known_as, number as table_number};
 use super::{Coordinates, FrameRow, StageMs, TrackState};
 
 /// The columns, in the order in which they are written. Lengths are metres but where the name says mm, quaternions are (w, x, y, z).
@@ -94,6 +95,14 @@ pub enum TrajectoryDefect {
     /// Time stands still or runs back.
     #[error("time_s is not greater than on the line before")]
     TimeOrder,
+    /// A position that is far beyond any room.
+    #[error(
+        "the object is {0} m from the origin; give x_m, y_m and z_m in metres, or name the columns x_mm, y_mm and z_mm"
+    )]
+    TooFar(u64),
+    /// The first line has numbers and no names.
+    #[error("the file has no header; give one with at least time_s, x_m, y_m, z_m, qw, qx, qy and qz")]
+    NoHeader,
     /// There are no poses.
     #[error("the file has no poses")]
     Empty,
@@ -142,66 +151,122 @@ pub fn pose_numbers<A: Frame, B: Frame>(pose: Isometry<A, B>) -> [f64; 7] {
 
 /// Reads a trajectory: ours, or anybody's that has at least time and pose. Columns are found by their names in the first line, in any
 /// order; those that are not known here are passed over. Of a missing column, frames are numbered from 0, the state is tracking, the
-/// confidence 1 and the stages took no time.
+/// confidence 1 and the stages took no time. Files of TUM and EuRoC and of spreadsheets with semicolons and decimal commas are read, too.
 ///
 /// # Errors
 /// The error names the line and what is wrong with it.
 pub fn read_trajectory(text: &str) -> Result<Vec<FrameRow>, TrajectoryError> {
-    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
-    let Some((first, header)) = lines.next() else {
+    if text.trim().is_empty() {
         return Err(TrajectoryError { line: 1, defect: TrajectoryDefect::Empty });
-    };
-    let (places, width) = places(header).map_err(|defect| TrajectoryError { line: first, defect })?;
+    }
+    let no_header = |line| TrajectoryError { line, defect: TrajectoryDefect::NoHeader };
+    let TextTable { names, line: first, rows: lines } = TextTable::read(text).map_err(no_header)?;
+    let places = places(&names).map_err(|defect| TrajectoryError { line: first, defect })?;
+    let time_factor = time_factor(&lines, places[TIME]);
     let mut rows: Vec<FrameRow> = Vec::new();
+    let mut odd_lengths = 0;
     for (line, values) in lines {
         let at_line = |defect| TrajectoryError { line, defect };
-        let values: Vec<&str> = values.split(',').map(str::trim).collect();
-        if values.len() != width {
-            return Err(at_line(TrajectoryDefect::ValueCount { found: values.len(), expected: width }));
+        if values.len() != names.len() {
+            return Err(at_line(TrajectoryDefect::ValueCount { found: values.len(), expected: names.len() }));
         }
-        let cells = places.map(|place| place.and_then(|k| values.get(k)).copied().unwrap_or(""));
-        let row = row(&Cells(cells), rows.len()).map_err(at_line)?;
+        let cells = places.map(|place| place.and_then(|(k, _)| values.get(k)).map_or("", String::as_str));
+        let mut factors = places.map(|place| place.and_then(|(_, factor)| factor).unwrap_or(1.0));
+        factors[TIME] = time_factor;
+        let cells = Cells { texts: cells, factors };
+        let row = row(&cells, rows.len()).map_err(at_line)?;
         if rows.last().is_some_and(|before| row.time_s <= before.time_s) {
             return Err(at_line(TrajectoryDefect::TimeOrder));
         }
+        odd_lengths += usize::from((cells.length(ESTIMATE + 3) - 1.0).abs() > LENGTH_TOLERANCE);
         rows.push(row);
     }
-    if rows.is_empty() { Err(TrajectoryError { line: first, defect: TrajectoryDefect::Empty }) } else { Ok(rows) }
+    if odd_lengths > 0 {
+        tracing::warn!(
+            "{odd_lengths} of {} quaternions do not have the length 1 and are scaled to it; check that the columns are qw, qx, qy and qz",
+            rows.len()
+        );
+    }
+    let mut distances: Vec<f64> = rows.iter().map(|row| row.estimate.origin().coords().norm()).collect();
+    distances.sort_unstable_by(f64::total_cmp);
+    match distances.get(distances.len() / 2) {
+        None => Err(TrajectoryError { line: first, defect: TrajectoryDefect::Empty }),
+        Some(&usual) if usual > FARTHEST_M => {
+            Err(TrajectoryError { line: first, defect: TrajectoryDefect::TooFar(usual.round() as u64) })
+        }
+        Some(_) => Ok(rows),
+    }
 }
+
+/// Greatest difference of a quaternion's length from 1 that rounding to three digits leaves.
+const LENGTH_TOLERANCE: f64 = 2e-3;
+/// Greatest usual distance from the origin, metres: a hand's object in millimetres is farther.
+const FARTHEST_M: f64 = 10.0;
 
 /// Returns the coordinates that the poses of a file take to the world, as its column `coordinates` states them; `None` if it does not.
 pub fn stated_coordinates(text: &str) -> Option<Coordinates> {
-    let mut lines = text.lines().filter(|line| !line.trim().is_empty());
-    let (places, _) = places(lines.next()?).ok()?;
-    let first: Vec<&str> = lines.next()?.split(',').map(str::trim).collect();
-    Coordinates::from_name(first.get(places[COORDINATES]?)?)
+    let table = TextTable::read(text).ok()?;
+    let (place, _) = places(&table.names).ok()?[COORDINATES]?;
+    let (_, first) = table.rows.first()?;
+    Coordinates::from_name(first.get(place)?)
 }
 
-/// Where each of our columns stands in a file, and how many the file has.
-fn places(header: &str) -> Result<([Option<usize>; COLUMNS.len()], usize), TrajectoryDefect> {
-    // A spreadsheet may have put a byte order mark in front.
-    let names: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
+/// Where each of our columns stands in a file, and by what its numbers are multiplied, where its name says that.
+type Places = [Option<(usize, Option<f64>)>; COLUMNS.len()];
+
+fn places(names: &[String]) -> Result<Places, TrajectoryDefect> {
     let mut places = [None; COLUMNS.len()];
     for (column, place) in COLUMNS.into_iter().zip(&mut places) {
-        let mut found = (0..).zip(&names).filter(|&(_, &name)| name == column).map(|(k, _)| k);
+        let mut found = (0..).zip(names).filter(|&(_, name)| name == column).map(|(k, _)| (k, Some(1.0)));
         *place = found.next();
         if found.next().is_some() {
             return Err(TrajectoryDefect::ColumnTwice(column));
         }
     }
+    for (k, name) in names.iter().enumerate() {
+        let Some((column, factor)) = known_as(name) else { continue };
+        let place = COLUMNS.iter().position(|ours| *ours == column).and_then(|ours| places.get_mut(ours));
+        // A column of our own name comes first.
+        if let Some(place) = place.filter(|place| place.is_none()) {
+            *place = Some((k, factor));
+        }
+    }
     let needed = [TIME].into_iter().chain(ESTIMATE..TRUTH);
     match needed.into_iter().find(|&k| places[k].is_none()) {
         Some(missing) => Err(TrajectoryDefect::NoColumn(COLUMNS[missing])),
-        None => Ok((places, names.len())),
+        None => Ok(places),
     }
 }
 
+/// Nanoseconds lie this far apart at least, between frames of one of the fastest cameras.
+const NANOSECONDS: f64 = 1e5;
+
+/// Poses of a hand's object do not lie farther apart, seconds.
+const LONG_STEP_S: f64 = 5.0;
+
+/// Returns by what times are multiplied. Without a unit in the column's name, the usual step shows whether they are nanoseconds.
+fn time_factor(lines: &[(usize, Vec<String>)], place: Option<(usize, Option<f64>)>) -> f64 {
+    let Some((column, factor)) = place else { return 1.0 };
+    let times: Vec<f64> = lines.iter().filter_map(|(_, cells)| table_number(cells.get(column)?)).collect();
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_unstable_by(f64::total_cmp);
+    let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
+    let factor = factor.unwrap_or(if step >= NANOSECONDS { 1e-9 } else { 1.0 });
+    if factor * step >= LONG_STEP_S {
+        tracing::warn!(
+            "the poses lie {:.0} s apart; if that are milliseconds or nanoseconds, name the column time_ms or time_ns",
+            factor * step
+        );
+    }
+    factor
+}
+
 fn row(cells: &Cells<'_>, index: usize) -> Result<FrameRow, TrajectoryDefect> {
-    let frame = match cells.0[0] {
+    let frame = match cells.texts[0] {
         "" => index as u64,
         text => text.parse().map_err(|_| cells.defect(0, "a whole number"))?,
     };
-    let state = match cells.0[STATE] {
+    let state = match cells.texts[STATE] {
         "" | "tracking" => TrackState::Tracking,
         "lost" => TrackState::Lost,
         "relocalised" => TrackState::Relocalised,
@@ -228,11 +293,15 @@ fn row(cells: &Cells<'_>, index: usize) -> Result<FrameRow, TrajectoryDefect> {
 }
 
 /// The values of a line in our order, empty where it has none.
-struct Cells<'a>([&'a str; COLUMNS.len()]);
+struct Cells<'a> {
+    texts: [&'a str; COLUMNS.len()],
+    /// By what numbers are multiplied.
+    factors: [f64; COLUMNS.len()],
+}
 
 impl Cells<'_> {
     fn defect(&self, column: usize, expected: &'static str) -> TrajectoryDefect {
-        let value = self.0[column].chars().take(40).collect();
+        let value = self.texts[column].chars().take(40).collect();
         TrajectoryDefect::Value { column: COLUMNS[column], value, expected }
     }
 
@@ -243,7 +312,7 @@ impl Cells<'_> {
         is_right: fn(f64) -> bool,
         expected: &'static str,
     ) -> Result<Option<[f64; N]>, TrajectoryDefect> {
-        let cells = &self.0[first..first + N];
+        let cells = &self.texts[first..first + N];
         if cells.iter().all(|cell| cell.is_empty()) {
             return Ok(None);
         }
@@ -252,17 +321,23 @@ impl Cells<'_> {
             if cells[k].is_empty() {
                 return Err(TrajectoryDefect::Incomplete(COLUMNS[first + k]));
             }
-            *number = cells[k].parse().ok().filter(|&x| is_right(x)).ok_or_else(|| self.defect(first + k, expected))?;
+            let value = table_number(cells[k]).map(|x| x * self.factors[first + k]).filter(|&x| is_right(x));
+            *number = value.ok_or_else(|| self.defect(first + k, expected))?;
         }
         Ok(Some(numbers))
+    }
+
+    /// Length of the quaternion from a column on.
+    fn length(&self, first: usize) -> f64 {
+        let parts = self.texts[first..first + 4].iter().filter_map(|text| table_number(text));
+        parts.map(|part| part * part).sum::<f64>().sqrt()
     }
 
     fn pose(&self, first: usize) -> Result<Option<Isometry<Object, World>>, TrajectoryDefect> {
         let Some([x, y, z, q @ ..]) = self.numbers::<7>(first, f64::is_finite, "a finite number")? else {
             return Ok(None);
         };
-        let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
-        if !length.is_normal() {
+        if !self.length(first + 3).is_normal() {
             return Err(TrajectoryDefect::NoRotation(COLUMNS[first + 3]));
         }
         Ok(Some(Isometry::from_parts([x, y, z], q)))

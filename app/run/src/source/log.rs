@@ -57,6 +57,7 @@ enum FrameDefect {
     Unreadable,
     NoNumbers,
     Time,
+    Colours,
 }
 
 impl LogSource {
@@ -275,9 +276,21 @@ impl LogSource {
         let mut percept = percept(frame.time_s, joints, depths_m, touch, &cameras, side, &self.segmentation)
             .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         if self.uses_colours || (self.wants_pictures)(u64::from(number)) {
-            // An image that cannot be read is left out.
-            let colour = |&k: &usize| self.log().colour(k, number as usize).unwrap_or_default();
-            percept.set_colours(self.chosen.iter().map(colour));
+            let mut colours = Vec::new();
+            for k in self.chosen.clone() {
+                let colour = if self.log().has_colours(k) {
+                    self.log().colour(k, number as usize)
+                } else {
+                    Ok(RgbImage::default())
+                };
+                colours.push(colour.unwrap_or_else(|error| {
+                    self.warn(Some(LogSensor::Camera(k)), &FrameDefect::Colours, || {
+                        format!("frame {number}: {error}; such frames are used without these colours")
+                    });
+                    RgbImage::default()
+                }));
+            }
+            percept.set_colours(colours);
         }
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);

@@ -15,7 +15,7 @@ use mvt_shear::ShearSensor;
 use mvt_touch::contact::{ContactConfig, Feeler};
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
-use mvt_touch::untouched::estimate;
+use mvt_touch::untouched::{UnusualLight, estimate};
 use ndarray::Zip;
 use serde::Deserialize;
 
@@ -137,6 +137,10 @@ pub struct TouchNetwork {
     feeler: Feeler,
     told: PerFinger<bool>,
     profile: SensorProfile,
+    /// Light of sensors that is not the usual one; said with the next frame.
+    unusual: Vec<String>,
+    /// Whose light is known, from the untouched image or a first image.
+    judged: PerFinger<bool>,
     /// Find the dots of gels that have some, which the network must not see. Known with the untouched image.
     dots: PerFinger<Option<ShearSensor>>,
 }
@@ -149,6 +153,8 @@ impl TouchNetwork {
             feeler: Feeler::new(engine, config).with_gains(profile.gains()),
             told: PerFinger::default(),
             profile: *profile,
+            unusual: Vec::new(),
+            judged: PerFinger::default(),
             dots: PerFinger::default(),
         }
     }
@@ -159,11 +165,16 @@ impl TouchNetwork {
     /// If the image has another size than a DIGIT's, or does not show the dots of the profile.
     pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<()> {
         if self.profile.markers.is_none() {
-            return Ok(self.feeler.set_empty(finger, image)?);
+            self.feeler.set_empty(finger, image)?;
+        } else {
+            let sensor =
+                ShearSensor::new(&self.profile, image).with_context(|| SensorName::Touch(finger).to_string())?;
+            self.feeler.set_empty(finger, &sensor.erased(image))?;
+            self.dots[finger] = Some(sensor);
         }
-        let sensor = ShearSensor::new(&self.profile, image).with_context(|| SensorName::Touch(finger).to_string())?;
-        self.feeler.set_empty(finger, &sensor.erased(image))?;
-        self.dots[finger] = Some(sensor);
+        self.judged[finger] = true;
+        let light = self.feeler.light(finger);
+        self.unusual.extend(light.map(|light| format!("{}: {light}", SensorName::Touch(finger))));
         Ok(())
     }
 
@@ -188,7 +199,22 @@ impl TouchNetwork {
         images: &PerFinger<RgbImage>,
         warnings: &mut Vec<String>,
     ) -> Result<PerFinger<Option<Press>>> {
-        let Self { feeler, told, dots, .. } = self;
+        let Self { feeler, told, dots, unusual, judged, profile } = self;
+        warnings.append(unusual);
+        let is_calibrated = profile.gains() != [1.0; 3];
+        for finger in Finger::ALL {
+            let image = &images[finger];
+            if image.is_empty() || is_calibrated || std::mem::replace(&mut judged[finger], true) {
+                continue;
+            }
+            if UnusualLight::of(image).is_some() {
+                warnings.push(format!(
+                    "frame {frame}: {} has another light than a DIGIT, and its untouched image is unknown: its depths are wrong in proportion; \
+                     record 10 s or more",
+                    SensorName::Touch(finger)
+                ));
+            }
+        }
         let erased = PerFinger::from_fn(|finger| {
             let image = &images[finger];
             dots[finger].as_ref().filter(|_| !image.is_empty()).map(|sensor| sensor.erased(image))

@@ -11,12 +11,12 @@ use crate::picture::{MAX_FILE, encode_color, encode_exact, encode_png};
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ImageFiles {
-    /// Colours of each camera.
-    pub colours: Vec<Vec<u8>>,
+    /// Colours of each camera; `None` if the log has none.
+    pub colours: Vec<Option<Vec<u8>>>,
     /// Labels of each camera, grey: 0 background, 127 hand, 255 object. `None` if the log has none.
     pub labels: Option<Vec<Vec<u8>>>,
-    /// Image of each DIGIT.
-    pub touch: PerFinger<Vec<u8>>,
+    /// Image of each DIGIT; `None` if the log has none.
+    pub touch: PerFinger<Option<Vec<u8>>>,
     /// True depth of each DIGIT, in the levels of [`DigitInfo`](crate::DigitInfo), and its contact mask, grey: 0 or 255. `None` if the log has
     /// none.
     pub touch_truth: Option<PerFinger<[Vec<u8>; 2]>>,
@@ -34,10 +34,10 @@ impl Log {
             let folder = format!("realsense/{}", camera.name);
             let defect = |defect: String| LogError::defect(self.folder.join(&folder), defect);
             let distorts = self.lenses.get(k).is_some_and(Option::is_some);
-            colours.push(if distorts {
-                encode_color(&self.colour(k, frame)?).map_err(defect)?
-            } else {
-                self.stored(&format!("{folder}/image/{frame}"), "jpg")?
+            colours.push(match (self.coloured.get(k), distorts) {
+                (Some(true), true) => Some(encode_color(&self.colour(k, frame)?).map_err(defect)?),
+                (Some(true), false) => Some(self.stored(&format!("{folder}/image/{frame}"), "jpg")?),
+                _ => None,
             });
             if self.segmentation {
                 labels.push(if distorts {
@@ -49,11 +49,15 @@ impl Log {
         }
         let touch = |finger: Finger| {
             let folder = format!("allegro/{}", finger.name());
-            if self.compact.is_none() {
-                return self.stored(&format!("{folder}/image/{frame}"), "jpg");
+            if !self.felt[finger] {
+                return Ok(None);
             }
-            encode_png(&self.touch_image(finger, frame)?)
-                .map_err(|defect| LogError::defect(self.folder.join(folder), defect))
+            let file = match self.compact {
+                None => self.stored(&format!("{folder}/image/{frame}"), "jpg")?,
+                Some(_) => encode_png(&self.touch_image(finger, frame)?)
+                    .map_err(|defect| LogError::defect(self.folder.join(folder), defect))?,
+            };
+            Ok(Some(file))
         };
         let [index, middle, ring, thumb] = Finger::ALL.map(touch);
         let touch = PerFinger([index?, middle?, ring?, thumb?]);

@@ -16,11 +16,12 @@ use crate::compact::CompactFrames;
 use crate::depths::DepthReader;
 use crate::error::LogError;
 use crate::frames::{RawCamera, RawFrame, RawTouch};
+use crate::io::read_at_most;
 use crate::lens::Lens;
 use crate::levels::{is_level, labels_of};
-use crate::picture::{MAX_FILE, color_of, gray_of, read_color, read_gray};
+use crate::picture::{MAX_FILE, color_of, gray_of, read_color, read_gray, touch_of};
 
-/// Images of one instant, without the depths of the cameras.
+/// Images of one instant, without the depths of the cameras. Those of sensors that the log lacks are empty.
 pub(crate) struct Images {
     pub touch: PerFinger<RgbImage>,
     pub color: Vec<RgbImage>,
@@ -63,7 +64,7 @@ impl Log {
         let mut touch = Vec::new();
         let mut touch_truth = Vec::new();
         for finger in Finger::ALL {
-            touch.push(self.touch_image(finger, i)?);
+            touch.push(if self.felt[finger] { self.touch_image(finger, i)? } else { RgbImage::default() });
             if self.touch_labels {
                 touch_truth.push(self.touch_truth(finger, i)?);
             }
@@ -71,7 +72,10 @@ impl Log {
         let mut color = Vec::new();
         let mut labels = Vec::new();
         for (camera, lens) in self.lenses.iter().enumerate() {
-            color.push(straightened(lens.as_ref(), self.raw_colour(camera, i)?));
+            color.push(match self.coloured[camera] {
+                true => straightened(lens.as_ref(), self.raw_colour(camera, i)?),
+                false => RgbImage::default(),
+            });
             if self.segmentation {
                 labels.push(labels_of(&self.straight_labels(camera, i)?));
             }
@@ -101,7 +105,7 @@ impl Log {
         let PosedCamera { name, intrinsics: Intrinsics { width, height, .. }, .. } = &self.cameras[camera];
         if let Some(CompactFrames { archive, .. }) = self.compact.as_deref() {
             let file = format!("realsense/{name}/image/{frame}.jpg");
-            return color_of(archive.read(&file, MAX_FILE)?, &archive.path(&file), (*width, *height));
+            return color_of(&archive.read(&file, MAX_FILE)?, &archive.path(&file), (*width, *height));
         }
         read_color(&self.camera_folder(name).join("image").join(format!("{frame}.jpg")), (*width, *height))
     }
@@ -118,7 +122,7 @@ impl Log {
         let (levels, path) = if let Some(CompactFrames { archive, .. }) = self.compact.as_deref() {
             let file = format!("realsense/{name}/seg/{frame}.png");
             let path = archive.path(&file);
-            (gray_of(archive.read(&file, MAX_FILE)?, &path, (*width, *height))?, path)
+            (gray_of(&archive.read(&file, MAX_FILE)?, &path, (*width, *height))?, path)
         } else {
             let path = self.camera_folder(name).join("seg").join(format!("{frame}.jpg"));
             (read_gray(&path, (*width, *height))?, path)
@@ -133,13 +137,15 @@ impl Log {
     pub(crate) fn raw_frame(&self, i: usize, depths: Vec<Vec<f32>>) -> Result<RawFrame, LogError> {
         let touch = |finger: Finger| {
             let labels = self.touch_labels.then(|| self.raw_touch_labels(finger, i)).transpose()?;
-            Ok(RawTouch { image: self.touch_image(finger, i)?, labels })
+            let image = self.felt[finger].then(|| self.touch_image(finger, i)).transpose()?;
+            Ok(RawTouch { image, labels })
         };
         let [index, middle, ring, thumb] = Finger::ALL.map(touch);
         let camera = |(camera, depth_m): (usize, Vec<f32>)| {
             Ok(RawCamera {
                 name: self.cameras[camera].name.clone(),
-                image: self.raw_colour(camera, i)?,
+                size: (self.cameras[camera].intrinsics.width, self.cameras[camera].intrinsics.height),
+                image: self.coloured[camera].then(|| self.raw_colour(camera, i)).transpose()?,
                 segmentation: self.segmentation.then(|| self.raw_labels(camera, i)).transpose()?,
                 depth_m,
             })
@@ -157,7 +163,7 @@ impl Log {
             return frames.touch_image(finger, frame);
         }
         let path = self.touch_folder(finger).join("image").join(format!("{frame}.jpg"));
-        read_color(&path, (digit::WIDTH, digit::HEIGHT))
+        touch_of(&read_at_most(&path, MAX_FILE)?, &path)
     }
 
     /// Reads the true depth and contact of a DIGIT in a frame.
@@ -182,7 +188,7 @@ impl Log {
         let (levels, mask, path) = if let Some(frames) = &self.compact {
             let file = format!("allegro/{}/mask/{frame}.png", finger.name());
             let path = frames.archive.path(&file);
-            let mask = gray_of(frames.archive.read(&file, MAX_FILE)?, &path, size)?;
+            let mask = gray_of(&frames.archive.read(&file, MAX_FILE)?, &path, size)?;
             (frames.touch_levels(finger, frame)?, mask, path)
         } else {
             let (folder, name) = (self.touch_folder(finger), format!("{frame}.jpg"));
@@ -197,10 +203,12 @@ impl Log {
 
     /// Returns whether a DIGIT has images.
     pub fn has_touch_images(&self, finger: Finger) -> bool {
-        match &self.compact {
-            Some(frames) => frames.touch_images(finger) > 0,
-            None => self.touch_folder(finger).join("image").is_dir(),
-        }
+        self.felt[finger]
+    }
+
+    /// Returns whether a camera, by its index, has colours.
+    pub fn has_colours(&self, camera: usize) -> bool {
+        self.coloured.get(camera).copied().unwrap_or_default()
     }
 
     /// Returns whether a DIGIT has true depths.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, HandBase, Isometry, MeshFile, Object, World};
-use mvt_robot::hand::{Finger, Side, world_from_base};
+use mvt_robot::hand::{Finger, PerFinger, Side, world_from_base};
 
 use super::Log;
 use crate::compact::CompactFrames;
@@ -99,6 +99,8 @@ impl Log {
             cameras,
             lenses,
             compact: CompactFrames::open(folder)?.map(Arc::new),
+            felt: PerFinger([false; 4]),
+            coloured: Vec::new(),
             touch_labels: false,
             segmentation: false,
             tolerant,
@@ -154,19 +156,30 @@ impl Log {
                 Some(frames) => frames.touch_images(finger),
                 None => count_files(&self.touch_folder(finger).join("image"))?.unwrap_or(0),
             };
+            self.felt[finger] = images > 0;
             counts.push((self.touch_folder(finger).join("image"), "images", images));
         }
-        for (i, camera) in self.cameras.iter().enumerate() {
-            let folder = self.camera_folder(&camera.name).join("image");
-            counts.push((folder.clone(), "images", self.count_images(&folder)?));
+        for i in 0..self.cameras.len() {
+            let folder = self.camera_folder(&self.cameras[i].name).join("image");
+            let images = self.count_images(&folder)?;
+            self.coloured.push(images > 0);
+            counts.push((folder, "images", images));
             match self.depths(i) {
-                Ok(reader) => counts.push((reader.path().to_path_buf(), "depth images", reader.count())),
+                Ok(reader) => {
+                    let (path, depths) = (reader.path().to_path_buf(), reader.count());
+                    if depths < self.times_s.len() && !self.tolerant {
+                        let defect = format!("it has {depths} depth images for {} frames", self.times_s.len());
+                        return Err(LogError::defect(path, defect));
+                    }
+                    counts.push((path, "depth images", depths));
+                }
                 // Reported when the depths are read.
                 Err(_) if self.tolerant => {}
                 Err(error) => return Err(error),
             }
         }
-        let fewest = counts.iter().map(|&(.., n)| n).min().unwrap_or(0);
+        // A sensor without any image is absent.
+        let fewest = counts.iter().map(|&(.., n)| n).filter(|n| *n > 0).min().unwrap_or(0);
         let frames = match (&self.scene, self.tolerant) {
             (_, true) => self.times_s.len().min(self.joints.len()),
             (Some(_), false) => self.times_s.len(),
@@ -185,6 +198,19 @@ impl Log {
         self.joints.truncate(frames);
         self.object_poses.truncate(frames);
         let ours = self.scene.is_some();
+        let standing = self.times_s.windows(2).filter(|t| t[1] <= t[0]).count();
+        if 2 * standing > frames {
+            let defect = format!(
+                "the times of {standing} of {frames} frames are not after that of the frame before; 32-bit floats cannot hold seconds since 1970: \
+                 write `time` as 64-bit floats"
+            );
+            return Err(LogError::defect(pkl, defect));
+        }
+        if standing > 0 {
+            self.notes.push(format!(
+                "the times of {standing} of {frames} frames are not after that of the frame before; such frames are skipped in a run"
+            ));
+        }
         if self.times_s.windows(2).any(|t| t[1] < t[0] || (ours && t[1] == t[0])) {
             let defect = LogError::defect(pkl, "time does not increase");
             if !self.tolerant {
@@ -261,7 +287,10 @@ fn read_scene(path: &Path) -> Result<Option<SceneFile>, LogError> {
 /// Returns the number of files in a folder, by which loaders count frames; `None` if the folder does not exist.
 fn count_files(folder: &Path) -> Result<Option<usize>, LogError> {
     match fs::read_dir(folder) {
-        Ok(entries) => Ok(Some(entries.count())),
+        Ok(entries) => {
+            let is_file = |entry: &fs::DirEntry| !mvt_files::input::is_litter(&entry.file_name());
+            Ok(Some(entries.filter(|entry| entry.as_ref().map_or(true, is_file)).count()))
+        }
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(reason) => Err(LogError::Io { path: folder.to_path_buf(), reason }),
     }

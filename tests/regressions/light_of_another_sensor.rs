@@ -1,0 +1,66 @@
+//! With half the light a press was read as half as deep, at full plausibility, and a mirrored image was called turned by 180 degrees.
+
+use std::path::Path;
+
+use image::RgbImage;
+use image::imageops::{flip_horizontal, flip_vertical};
+
+use crate::workplace::Workplace;
+
+const PREDICT: &str = "touch predict --images in --untouched in/untouched.png --out out --json";
+
+/// A press on a real sensor, with its images changed.
+fn changed(change: impl Fn(RgbImage) -> RgbImage) -> Workplace {
+    let workplace = Workplace::new();
+    std::fs::create_dir(workplace.path("in")).unwrap();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/real_digit/dd");
+    for name in ["000_img", "001_img", "002_img", "untouched"] {
+        let image = image::open(folder.join(format!("{name}.png"))).unwrap().into_rgb8();
+        change(image).save(workplace.path(&format!("in/{name}.png"))).unwrap();
+    }
+    workplace
+}
+
+fn lit(light: [f32; 3]) -> Workplace {
+    changed(|mut image| {
+        for pixel in image.pixels_mut() {
+            for (level, light) in pixel.0.iter_mut().zip(light) {
+                *level = (f32::from(*level) * light).round() as u8;
+            }
+        }
+        image
+    })
+}
+
+/// Deepest indentation of each image, and the least plausibility.
+fn deepest_mm(stdout: &str) -> (Vec<f64>, f64) {
+    let lines: serde_json::Value = serde_json::from_str(stdout).unwrap();
+    let of = |key: &str| lines.as_array().unwrap().iter().map(|line| line[key].as_f64().unwrap()).collect::<Vec<_>>();
+    (of("deepest_mm"), of("plausibility").into_iter().fold(1.0, f64::min))
+}
+
+#[test]
+fn a_press_is_as_deep_under_any_light() {
+    let (full, _) = deepest_mm(&lit([1.0; 3]).run(PREDICT).good());
+    for light in [[0.5; 3], [0.3; 3], [0.7; 3], [1.3; 3], [1.0, 0.5, 1.0], [0.6, 1.0, 1.0]] {
+        let ended = lit(light).run(PREDICT);
+        assert!(ended.stderr.contains("of the usual red, green and blue light"), "{light:?}: {ended:?}");
+        let (found, _) = deepest_mm(&ended.stdout);
+        for (found, full) in found.iter().zip(&full) {
+            assert!((found / full - 1.0).abs() < 0.12, "{light:?}: {found} instead of {full} mm");
+        }
+    }
+    // Too dark to be read.
+    let (_, plausibility) = deepest_mm(&lit([0.06; 3]).run(PREDICT).stdout);
+    assert!(plausibility < 0.2, "{plausibility}");
+}
+
+#[test]
+fn mirrored_images_are_said_to_be_mirrored() {
+    let (plain, _) = deepest_mm(&changed(|image| image).run(PREDICT).good());
+    for mirror in [|image: RgbImage| flip_horizontal(&image), |image: RgbImage| flip_vertical(&image)] {
+        let ended = changed(mirror).run(PREDICT);
+        assert!(ended.stderr.contains("the images are mirrored"), "{ended:?}");
+        assert_eq!(deepest_mm(&ended.stdout).0, plain);
+    }
+}
