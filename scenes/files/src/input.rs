@@ -1,20 +1,24 @@
 //! Reading of files that people name.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read};
+use std::io::{self, Read, Seek as _};
 use std::path::Path;
+
+/// First bytes of the file that git-lfs puts in the place of one that was not downloaded.
+const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/v1";
 
 /// Opens a regular file for reading. A FIFO, a device, a socket or a folder is an error, and the call never waits for a writer.
 ///
 /// # Errors
-/// Those of the operating system, and [`io::ErrorKind::InvalidInput`] if the path is not a regular file.
+/// Those of the operating system, [`io::ErrorKind::InvalidInput`] if the path is not a regular file, and [`io::ErrorKind::InvalidData`]
+/// if it is a pointer of git-lfs.
 pub fn open(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true);
     // Without it the call would wait until somebody writes into a FIFO. It has no effect on regular files.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
-    let file = options.open(path)?;
+    let mut file = options.open(path)?;
     let kind = file.metadata()?;
     if kind.is_dir() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "it is a folder, not a file"));
@@ -22,6 +26,12 @@ pub fn open(path: &Path) -> io::Result<File> {
     if !kind.is_file() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file"));
     }
+    let mut first = Vec::new();
+    (&file).take(LFS_POINTER.len() as u64).read_to_end(&mut first)?;
+    if first == LFS_POINTER {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "it is a git-lfs pointer; run `git lfs pull`"));
+    }
+    file.rewind()?;
     Ok(file)
 }
 
@@ -71,6 +81,18 @@ mod tests {
         std::fs::write(&path, [0xff]).unwrap();
         assert_eq!(read_text(&path, 12).unwrap_err().kind(), io::ErrorKind::InvalidData);
         assert_eq!(read(&folder.path().join("b"), 1).unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn a_git_lfs_pointer_is_an_error_and_other_files_are_read_from_their_start() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        std::fs::write(&path, [LFS_POINTER, b"\noid sha256:2f\nsize 12345\n"].concat()).unwrap();
+        for error in [open(&path).map(|_| ()), read(&path, 10).map(|_| ()), read_text(&path, 1000).map(|_| ())] {
+            assert_eq!(error.unwrap_err().to_string(), "it is a git-lfs pointer; run `git lfs pull`");
+        }
+        std::fs::write(&path, [&LFS_POINTER[..40], b" is a longer text"].concat()).unwrap();
+        assert_eq!(read(&path, 100).unwrap().len(), 57);
     }
 
     #[cfg(unix)]
