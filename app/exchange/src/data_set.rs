@@ -234,3 +234,49 @@ pub(crate) fn number_of(cell: &Cell) -> Option<f64> {
 pub(crate) fn whole(cell: Option<&Cell>) -> Option<usize> {
     number_of(cell?).filter(|number| (0.0..1e15).contains(number)).map(|number| number as usize)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the places of joints j0 to j15 by names of a column of so many numbers, and the number of notes.
+    fn order(width: usize, names: &str, wanted: &str) -> Result<(Vec<usize>, usize), String> {
+        let folder = tempfile::tempdir().unwrap();
+        let info = format!(
+            "{{\"codebase_version\": \"v3.0\", \"fps\": 30, \"features\": {{\"state\": {{\"shape\": [{width}], \"names\": {names}}}}}}}"
+        );
+        std::fs::create_dir(folder.path().join("meta")).unwrap();
+        std::fs::write(folder.path().join("meta/info.json"), info).unwrap();
+        let set = DataSet::open(folder.path()).unwrap();
+        let wanted: Vec<String> = (0..JOINTS).map(|k| format!("\"{}\"", wanted.replace('K', &k.to_string()))).collect();
+        let mapping = format!("[hand]\njoints = \"state\"\nnames = [{}]\n", wanted.join(", "));
+        let mut notes = Vec::new();
+        let (found, order) = set.order(&Mapping::parse(&mapping).unwrap(), &mut notes)?;
+        assert_eq!(found, width);
+        Ok((order, notes.len()))
+    }
+
+    #[test]
+    fn joints_are_found_by_name_in_all_groups_or_by_place() {
+        let list = |names: &mut dyn Iterator<Item = usize>| {
+            let names: Vec<String> = names.map(|k| format!("\"j{k}\"")).collect();
+            format!("[{}]", names.join(", "))
+        };
+        let (hand, reversed) = (list(&mut (0..16)), list(&mut (0..16).rev()));
+        let from = |first: usize| Ok(((first..first + 16).collect::<Vec<_>>(), 0));
+        assert_eq!(order(16, &hand, "jK"), from(0));
+        assert_eq!(order(16, &reversed, "jK"), Ok(((0..16).rev().collect(), 0)));
+        // The order of groups is that of the file and not of the alphabet.
+        let groups = format!("{{\"z_arm\": [\"a\", \"b\"], \"hand\": {hand}}}");
+        assert_eq!(order(18, &groups, "jK"), from(2));
+        assert_eq!(order(16, &groups, "jK"), from(0), "the only group of this length");
+        let two = format!("{{\"left\": {hand}, \"right\": {hand}}}");
+        assert!(order(32, &two, "jK").unwrap_err().contains("several joints \"j0\""));
+        assert_eq!(order(32, &two, "right/jK"), from(16));
+        assert_eq!(order(16, "null", "jK"), Ok(((0..16).collect(), 1)));
+        assert_eq!(order(23, "null", "K"), Ok(((0..16).collect(), 0)));
+        assert!(order(23, "null", "jK").unwrap_err().contains("23 numbers without names"));
+        assert!(order(18, &hand, "jK").unwrap_err().contains("16 names for 18 numbers"));
+        assert!(order(16, &hand, "xK").unwrap_err().contains("no joint \"x0\" among j0, j1"));
+    }
+}

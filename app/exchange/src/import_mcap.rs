@@ -567,3 +567,6 @@ fn size(camera: &CameraMapping, survey: &Survey, number: usize) -> (usize, usize
     let intrinsics = camera.intrinsics.map(PinholeMapping::intrinsics).or(model);
     intrinsics.map_or((0, 0), |intrinsics| (intrinsics.width, intrinsics.height))
 }
+
+#[cfg(test)]
+mod tests;

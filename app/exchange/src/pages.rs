@@ -69,27 +69,24 @@ struct Pages {
     compression: Compression,
 }
 
-impl Pages {
-    /// Returns plain bytes; the first ones are not compressed.
-    fn plain(&self, bytes: &[u8], first: usize) -> Result<Vec<u8>> {
-        let (first, packed) =
-            bytes.split_at_checked(first).ok_or_else(|| ParquetError::General("a page is cut".into()))?;
-        let mut plain = first.to_vec();
-        if packed.is_empty() {
-            return Ok(plain);
-        }
-        let failed = |error: &dyn std::fmt::Display| ParquetError::General(error.to_string());
-        let mut read = |from: &mut dyn Read| from.take(LARGEST).read_to_end(&mut plain).map_err(|error| failed(&error));
-        match self.compression {
-            Compression::ZSTD(_) => read(&mut zstd(packed).map_err(|error| failed(&error))?),
-            Compression::GZIP(_) => read(&mut flate2::read::MultiGzDecoder::new(packed)),
-            Compression::BROTLI(_) => read(&mut brotli_decompressor::Decompressor::new(packed, 1 << 14)),
-            other => Err(ParquetError::General(format!(
-                "its compression {other} is unknown; write it with snappy, gzip, zstd or brotli"
-            ))),
-        }?;
-        if plain.len() as u64 >= LARGEST { Err(ParquetError::General("a page is too large".into())) } else { Ok(plain) }
+/// Returns plain bytes; the first ones are not compressed.
+fn plain(compression: Compression, bytes: &[u8], first: usize) -> Result<Vec<u8>> {
+    let (first, packed) = bytes.split_at_checked(first).ok_or_else(|| ParquetError::General("a page is cut".into()))?;
+    let mut plain = first.to_vec();
+    if packed.is_empty() {
+        return Ok(plain);
     }
+    let failed = |error: &dyn std::fmt::Display| ParquetError::General(error.to_string());
+    let mut read = |from: &mut dyn Read| from.take(LARGEST).read_to_end(&mut plain).map_err(|error| failed(&error));
+    match compression {
+        Compression::ZSTD(_) => read(&mut zstd(packed).map_err(|error| failed(&error))?),
+        Compression::GZIP(_) => read(&mut flate2::read::MultiGzDecoder::new(packed)),
+        Compression::BROTLI(_) => read(&mut brotli_decompressor::Decompressor::new(packed, 1 << 14)),
+        other => Err(ParquetError::General(format!(
+            "its compression {other} is unknown; write it with snappy, gzip, zstd or brotli"
+        ))),
+    }?;
+    if plain.len() as u64 >= LARGEST { Err(ParquetError::General("a page is too large".into())) } else { Ok(plain) }
 }
 
 impl Iterator for Pages {
@@ -105,10 +102,13 @@ impl PageReader for Pages {
         let mut page = self.packed.get_next_page()?;
         match &mut page {
             None => {}
-            Some(Page::DataPage { buf, .. } | Page::DictionaryPage { buf, .. }) => *buf = self.plain(buf, 0)?.into(),
+            Some(Page::DataPage { buf, .. } | Page::DictionaryPage { buf, .. }) => {
+                *buf = plain(self.compression, buf, 0)?.into()
+            }
             Some(Page::DataPageV2 { buf, def_levels_byte_len, rep_levels_byte_len, is_compressed, .. }) => {
                 if *is_compressed {
-                    *buf = self.plain(buf, (*def_levels_byte_len + *rep_levels_byte_len) as usize)?.into();
+                    let levels = def_levels_byte_len.saturating_add(*rep_levels_byte_len) as usize;
+                    *buf = plain(self.compression, buf, levels)?.into();
                 }
             }
         }
@@ -121,5 +121,36 @@ impl PageReader for Pages {
 
     fn skip_next_page(&mut self) -> Result<()> {
         self.packed.skip_next_page()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use ::parquet::basic::{BrotliLevel, GzipLevel, ZstdLevel};
+
+    use super::*;
+
+    #[test]
+    fn bytes_are_plain_whatever_their_compression() {
+        let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        gzip.write_all(b"hello").unwrap();
+        let levels = (ZstdLevel::default(), GzipLevel::default(), BrotliLevel::default());
+        for (compression, packed) in [
+            // A frame with one block that is not compressed.
+            (Compression::ZSTD(levels.0), b"\x28\xb5\x2f\xfd\x00\x58\x29\x00\x00hello".to_vec()),
+            (Compression::GZIP(levels.1), gzip.finish().unwrap()),
+            // A block that is not compressed, and an empty last one.
+            (Compression::BROTLI(levels.2), b"\x0b\x02\x80hello\x03".to_vec()),
+        ] {
+            assert_eq!(plain(compression, &packed, 0).unwrap(), b"hello", "{compression}");
+            let led = [b"12", packed.as_slice()].concat();
+            assert_eq!(plain(compression, &led, 2).unwrap(), b"12hello", "{compression}");
+            assert_eq!(plain(compression, b"12", 2).unwrap(), b"12");
+            assert!(plain(compression, &packed[..packed.len() / 2], 0).is_err(), "{compression}");
+            assert!(plain(compression, b"1", 2).is_err());
+        }
+        assert!(plain(Compression::LZO, b"12", 0).unwrap_err().to_string().contains("LZO is unknown"));
     }
 }

@@ -32,12 +32,17 @@ pub(crate) fn file_of<'a>(
         LogImage::Colours(_) | LogImage::Labels(_) => Some((camera.0 as u32, camera.1 as u32)),
     };
     let mut decoded = match picture.encoding {
-        None => decode(picture.data, expected).map_err(|error| error.to_string())?,
+        None => decode(picture.data, None).map_err(|error| error.to_string())?,
         Some(_) => raw(picture)?,
     };
+    let found = (decoded.width(), decoded.height());
+    if let Some((width, height)) = expected.filter(|expected| *expected != found) {
+        let remedy = "all images of a camera must have the size and view of its depth";
+        return Err(format!("the image is {} x {} and not {width} x {height}; {remedy}", found.0, found.1));
+    }
     match image {
         LogImage::Touch(_) => {
-            let upright_already = turned.is_none() && (decoded.width(), decoded.height()) == DIGIT;
+            let upright_already = turned.is_none() && found == DIGIT;
             // The three colours of a touch sensor show the slopes of its gel.
             let image = colours(decoded).map_err(|error| error.to_string())?;
             if upright_already && picture.encoding.is_none() {
