@@ -83,7 +83,9 @@ def test_episodes_tasks_and_statistics(exported: tuple[list[Log], Path]) -> None
     assert np.shape(statistics["observation.images.touch_ring"]["mean"]) == (3, 1, 1)
 
 
-def test_a_data_set_of_another_writer_is_imported(exported: tuple[list[Log], Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("compression", ["snappy", "zstd", "gzip", "brotli"])
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_a_data_set_of_another_writer_is_imported(exported: tuple[list[Log], Path], tmp_path: Path, compression: str, version: str) -> None:
     logs, folder = exported
     log, camera = logs[1], logs[1].cameras[0]
     # As LeRobot's own recorder writes: both episodes in a file, compressed, with dictionaries, in groups, and columns of other names.
@@ -96,7 +98,7 @@ def test_a_data_set_of_another_writer_is_imported(exported: tuple[list[Log], Pat
     other = tmp_path / "other"
     (other / "data/chunk-000").mkdir(parents=True)
     (other / "meta/episodes/chunk-000").mkdir(parents=True)
-    pq.write_table(table, other / "data/chunk-000/file-000.parquet", compression="snappy", row_group_size=7, data_page_version="2.0")
+    pq.write_table(table, other / "data/chunk-000/file-000.parquet", compression=compression, row_group_size=7, data_page_version=version)
     episodes = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet")
     place = episodes.column_names.index("data/file_index")
     episodes = episodes.set_column(place, "data/file_index", pa.array([0, 0]))

@@ -73,7 +73,7 @@ fn mapping(log: &Log, has_poses: bool) -> String {
             t.z,
         );
     }
-    for finger in Finger::ALL {
+    for finger in Finger::ALL.into_iter().filter(|finger| log.has_touch_images(*finger)) {
         let name = finger.name();
         let _ = write!(text, "\n[touch.{name}]\nimage = \"observation.images.touch_{name}\"\n");
     }

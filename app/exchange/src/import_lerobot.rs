@@ -1,6 +1,6 @@
 //! An episode of a data set of LeRobot as a log.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use mvt_feelsight::npz::NpzReader;
 use mvt_feelsight::{LogAssembler, LogCamera, LogImage, SCENE_FILE, SceneFile, Timeline};
@@ -8,22 +8,23 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry, Object, World};
 use mvt_robot::hand::{Finger, JOINTS, JointAngles};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-use serde_json::Value;
 
+use crate::data_set::{DataSet, EpisodePlace, LARGEST, number_of, whole};
 use crate::error::{Defect, ExchangeError};
 use crate::extras::{self, MAPPING_FILE};
 use crate::foxglove::optical;
-use crate::import_mcap::{Imported, ImportedChannel, in_world};
+use crate::import_mcap::{Imported, ImportedChannel, distance_m, in_world};
+use crate::joints::{Readings, beyond_range};
 use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::Picture;
 use crate::pictures::{depth_of, file_of};
+use crate::plausibility::DepthCheck;
 use crate::record::{RECORD_FILE, agrees, put};
+use crate::skips::Skips;
 use crate::table::{Cell, read_rows};
 
-/// Greatest size of a file that describes the data, bytes.
-const LARGEST: u64 = 256 << 20;
-/// Files of a kind, at most.
-const MOST_FILES: usize = 100_000;
+/// At most one row of so many may have a time that does not increase.
+const MOST_WRONG: usize = 10;
 
 /// Writes an episode of a data set of LeRobot v3.0 in the folder `source` as a log in the folder `out`. Without a mapping file it must be an
 /// export of this program. `progress` receives the number of frames that are done and of all frames.
@@ -53,105 +54,7 @@ pub fn import_lerobot(
     set.import(episode, &mapping, extras.as_deref(), out, &mut progress).map_err(|defect| defect.of(source))
 }
 
-/// Description of a data set.
-struct DataSet {
-    folder: PathBuf,
-    info: Value,
-    fps: f64,
-}
-
-/// Where the rows of an episode are.
-struct Place {
-    file: PathBuf,
-    length: usize,
-}
-
 impl DataSet {
-    fn open(folder: &Path) -> Result<Self, Defect> {
-        let text = mvt_files::input::read_text(&folder.join("meta/info.json"), LARGEST).map_err(|error| {
-            format!("meta/info.json cannot be read: {error}; give the folder of a data set of LeRobot")
-        })?;
-        let info: Value = serde_json::from_str(&text).map_err(|error| format!("meta/info.json is invalid: {error}"))?;
-        let version = info.get("codebase_version").and_then(Value::as_str).unwrap_or("unknown");
-        if !version.starts_with("v3.") {
-            return Err(format!("its version is {version}; convert it to v3.0 with LeRobot first").into());
-        }
-        let fps = info.get("fps").and_then(Value::as_f64).filter(|fps| (1e-3..=1e5).contains(fps));
-        let fps = fps.ok_or_else(|| "meta/info.json states no valid fps".to_owned())?;
-        Ok(Self { folder: folder.to_path_buf(), info, fps })
-    }
-
-    /// Finds an episode in the tables of episodes.
-    fn place(&self, episode: usize) -> Result<Place, Defect> {
-        let columns = ["episode_index", "data/chunk_index", "data/file_index", "length"];
-        let mut found = None;
-        let mut episodes = 0;
-        for path in files(&self.folder.join("meta/episodes")) {
-            read_rows(&path, &columns, &mut |cells| -> Result<bool, Defect> {
-                let numbers: Option<Vec<usize>> = cells.iter().map(|cell| whole(cell.as_ref())).collect();
-                let Some([number, chunk, file, length]) = numbers.as_deref() else {
-                    return Err(format!("{}: a row lacks one of {}", path.display(), columns.join(", ")).into());
-                };
-                episodes += 1;
-                if *number == episode {
-                    found = Some([*chunk, *file, *length]);
-                }
-                Ok(found.is_none())
-            })?;
-            if found.is_some() {
-                break;
-            }
-        }
-        let Some([chunk, file, length]) = found else {
-            return Err(format!("it has {episodes} episodes, and none has the number {episode}").into());
-        };
-        let pattern = self.info.get("data_path").and_then(Value::as_str);
-        let pattern = pattern.unwrap_or("data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet");
-        let name = pattern
-            .replace("{chunk_index:03d}", &format!("{chunk:03}"))
-            .replace("{file_index:03d}", &format!("{file:03}"));
-        if name.contains(['{', '\\']) || name.starts_with('/') || name.split('/').any(|part| part == "..") {
-            return Err(format!("meta/info.json has the data_path {pattern:?}, which is not that of v3.0").into());
-        }
-        Ok(Place { file: self.folder.join(name), length })
-    }
-
-    /// Returns the places of the mapping's joints in a row of angles.
-    fn order(&self, mapping: &Mapping) -> Result<Vec<usize>, String> {
-        let column = &mapping.hand.joints;
-        let feature = self.feature(column)?;
-        // Names are a list, or lists under names of their own.
-        let names = feature
-            .get("names")
-            .map_or(&Value::Null, |names| names.as_object().and_then(|groups| groups.values().next()).unwrap_or(names));
-        let names: Vec<&str> = names.as_array().into_iter().flatten().filter_map(Value::as_str).collect();
-        let place = |name: &String| names.iter().position(|known| known == name);
-        if let Some(order) = mapping.hand.names.iter().map(place).collect::<Option<Vec<_>>>() {
-            return Ok(order);
-        }
-        let missing = mapping.hand.names.iter().find(|name| place(name).is_none());
-        Err(format!(
-            "{column} has no joint {:?} among {}; give hand.names in the mapping",
-            missing.map_or("", String::as_str),
-            names.iter().take(20).copied().collect::<Vec<_>>().join(", ")
-        ))
-    }
-
-    fn feature(&self, column: &str) -> Result<&Value, String> {
-        let features = self.info.get("features").and_then(Value::as_object);
-        let known =
-            || features.map(|all| all.keys().take(40).cloned().collect::<Vec<_>>().join(", ")).unwrap_or_default();
-        let feature = features
-            .and_then(|all| all.get(column))
-            .ok_or_else(|| format!("it has no column {column:?}; its columns are {}", known()))?;
-        if feature.get("dtype").and_then(Value::as_str) == Some("video") {
-            return Err(format!(
-                "{column} is a video, which cannot be imported; convert it to images with LeRobot first"
-            ));
-        }
-        Ok(feature)
-    }
-
     fn import(
         &self,
         episode: usize,
@@ -160,8 +63,9 @@ impl DataSet {
         out: &Path,
         progress: &mut impl FnMut(usize, usize),
     ) -> Result<Imported, Defect> {
-        let Place { file, length } = self.place(episode)?;
-        let order = self.order(mapping)?;
+        let EpisodePlace { file, length } = self.place(episode)?;
+        let mut notes = Vec::new();
+        let (width, order) = self.order(mapping, &mut notes)?;
         let images = Columns::new(mapping);
         let mut names = vec!["episode_index", "frame_index", &mapping.hand.joints];
         for column in mapping.hand.time.iter().chain(&mapping.object.frame) {
@@ -182,9 +86,11 @@ impl DataSet {
         names.extend(images.0.iter().map(|(column, _)| *column));
 
         let (cameras, sizes): (Vec<_>, Vec<_>) = cameras(mapping)?.into_iter().unzip();
+        let distances: Vec<f64> = cameras.iter().map(|camera| distance_m(&camera.camera)).collect();
         let mut writer = LogAssembler::create(out, cameras)?;
         let mut exact = exact_depths(extras, sizes.len())?;
-        let mut log = Rows::default();
+        let mut log = Rows { checks: sizes.iter().map(|_| DepthCheck::default()).collect(), notes, ..Rows::default() };
+        let joint_names = &mapping.hand.names;
         read_rows(&file, &names, &mut |mut cells| -> Result<bool, Defect> {
             let at = |place: usize| cells.get(place).and_then(Option::as_ref);
             let numbers = (whole(at(0)), whole(at(1)));
@@ -192,62 +98,111 @@ impl DataSet {
                 return Err("a row has no episode_index or no frame_index".to_owned().into());
             };
             if of != episode {
-                return Ok(log.joints.is_empty());
+                return Ok(log.count == 0);
             }
-            let frame = log.joints.len();
-            let named = |column: &str, defect: &str| Defect::Words(format!("{column}: frame {frame}: {defect}"));
-            log.joints.push(
-                angles(at(2), &order)
-                    .ok_or_else(|| named(&mapping.hand.joints, "it has not a finite number for each joint"))?,
-            );
+            log.count += 1;
+            let (place, frame) = (format!("frame {number}"), log.times_s.len());
+            let row = match angles(at(2), width, &order) {
+                Err(defect) => Err((&mapping.hand.joints, defect)),
+                Ok(angles) => {
+                    let named = joint_names.iter().map(String::as_str).zip(angles.map(Some)).collect::<Vec<_>>();
+                    let (row, defects) = log.joints.row(&named, joint_names);
+                    match (row, defects.into_iter().next()) {
+                        (Some(row), None) => Ok(row),
+                        (_, defect) => Err((&mapping.hand.joints, defect.unwrap_or_default())),
+                    }
+                }
+            };
             let time = match time_at {
                 None => Some(number as f64 / self.fps),
                 Some(place) => at(place).and_then(number_of).filter(|time| time.is_finite()),
             };
-            let time = time.ok_or_else(|| named("time", "it is no finite number"))?;
-            if log.times_s.last().is_some_and(|last| *last >= time) {
-                return Err(named("time", "it does not increase"));
-            }
-            log.times_s.push(time);
-            log.poses.push(match pose_at.and_then(at) {
-                None => None,
-                Some(cell) => Some(Isometry::new(in_world(
-                    mapping,
-                    pose(cell).ok_or_else(|| {
-                        named("the object's pose", "it is not x, y, z and a quaternion w, x, y, z of length 1")
-                    })?,
-                ))),
+            let later = time.filter(|time| log.times_s.last().is_none_or(|last| last < time));
+            let time_column = mapping.hand.time.as_ref().unwrap_or(&log.frame_index);
+            let later = later.ok_or_else(|| {
+                let defect = if time.is_none() { "it is no finite number" } else { "the time does not increase" };
+                (time_column, defect.to_owned())
             });
+            log.wrong_times += usize::from(later.is_err());
+            let depths = next_depths(&mut exact, &sizes)?;
+            let (row, time_s) = match row.and_then(|row| Ok((row, later?))) {
+                Ok(row) => row,
+                Err((column, defect)) => {
+                    log.skips.add(column, place, defect);
+                    return Ok(true);
+                }
+            };
+            log.joints.rows.push(row);
+            log.times_s.push(time_s);
+            let pose_of = |cell| pose(cell).map(|pose| Isometry::new(in_world(mapping, pose)));
+            let found = pose_at.and_then(at).and_then(pose_of);
+            if let (None, Some(column)) = (found, &mapping.object.frame) {
+                let defect = "it is not x, y, z and a quaternion w, x, y, z of length 1".to_owned();
+                log.skips.add(column, place.clone(), defect);
+            }
+            log.poses.push(found);
             for (&(column, image), cell) in images.0.iter().zip(cells.drain(first_image..)) {
-                let Some(Cell::Bytes(bytes)) = cell else { return Err(named(column, "it has no image file")) };
-                let picture = Picture { data: &bytes, ..Picture::default() };
-                match image {
-                    Kind::Depth(k) => {
-                        let (unit_m, size) = sizes.get(k).copied().unwrap_or_default();
-                        let depth_m = match exact.get_mut(k).and_then(Option::as_mut) {
-                            Some(reader) => next_depth(reader, size).map_err(|d| named(&extras::depth_file(k), &d))?,
-                            None => depth_of(&picture, unit_m, size).map_err(|defect| named(column, &defect))?,
-                        };
-                        writer.push_depth(k, &depth_m)?;
+                let skipped = match cell {
+                    Some(Cell::Bytes(bytes)) => {
+                        let picture = Picture { data: &bytes, ..Picture::default() };
+                        log.image(mapping, &picture, image, frame, (&depths, &sizes), &mut writer, column)?
                     }
-                    Kind::File(image) => {
-                        let turn = match image {
-                            LogImage::Touch(finger) => mapping.touch.of(finger),
-                            _ => None,
-                        };
-                        let file = file_of(&picture, image, turn).map_err(|defect| named(column, &defect))?;
-                        writer.image(image, frame, &file, Path::new(column))?;
-                    }
+                    _ => Some("it has no image file".to_owned()),
+                };
+                if let Some(defect) = skipped {
+                    log.skips.add(column, place.clone(), defect);
                 }
             }
             progress(frame + 1, length);
             Ok(true)
         })?;
-        let frames = log.joints.len();
-        if frames != length || frames == 0 {
-            return Err(format!("episode {episode} has {frames} rows, and the table of episodes says {length}").into());
+        if log.count != length || length == 0 {
+            let words = format!("episode {episode} has {} rows, and the table of episodes says {length}", log.count);
+            return Err(words.into());
+        }
+        self.check(mapping, &images, &log)?;
+        for ((camera, check), distance_m) in mapping.cameras.iter().zip(&log.checks).zip(distances) {
+            log.notes.extend(check.verdict(&camera.name, distance_m)?);
         }
         self.finish(mapping, extras, out, log, writer, &images)
+    }
+
+    /// Refuses an episode of which a column cannot be used.
+    fn check(&self, mapping: &Mapping, images: &Columns<'_>, log: &Rows) -> Result<(), Defect> {
+        let joints = &mapping.hand.joints;
+        if log.wrong_times * MOST_WRONG > log.count {
+            let (column, wrong) = (mapping.hand.time.as_ref().unwrap_or(&log.frame_index), log.wrong_times);
+            return Err(format!(
+                "{column}: the time does not increase in {wrong} of {} rows; leave hand.time out to count frames by fps, since 32 bits are too few for times since 1970",
+                log.count
+            )
+            .into());
+        }
+        if log.times_s.is_empty() || log.skips.count(joints) * 2 > log.count {
+            let first = log.skips.first(joints).unwrap_or_default();
+            let defect = log.joints.defect(&mapping.hand.names);
+            return Err(match defect.filter(|defect| defect.contains("radians")) {
+                Some(defect) => format!("{joints}: {defect}"),
+                None => format!("{joints}: most of its rows cannot be used; first {first}"),
+            }
+            .into());
+        }
+        let columns = images.0.iter().map(|(column, _)| *column).chain(mapping.object.frame.as_deref());
+        for column in columns {
+            if let Some(first) = log.skips.first(column).filter(|_| log.skips.count(column) == log.times_s.len()) {
+                return Err(format!("{column}: none of its rows can be used; first {first}").into());
+            }
+        }
+        let mut steps: Vec<f64> = log.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        match (steps.get(steps.len() / 2), &mapping.hand.time) {
+            (Some(step), Some(column)) if !(0.05..=20.0).contains(&(step * self.fps)) => Err(format!(
+                "{column}: {step} s lie between two frames, and fps is {}; times must be in seconds",
+                self.fps
+            )
+            .into()),
+            _ => Ok(()),
+        }
     }
 
     fn finish(
@@ -259,7 +214,7 @@ impl DataSet {
         writer: LogAssembler,
         images: &Columns<'_>,
     ) -> Result<Imported, Defect> {
-        let Rows { times_s, joints, poses } = log;
+        let Rows { times_s, joints: Readings { rows: joints, .. }, poses, skips, mut notes, .. } = log;
         let frames = joints.len();
         let read = |name: &str| mvt_files::input::read(&extras?.join(name), LARGEST).ok();
         let scene: Option<SceneFile> = read(SCENE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
@@ -269,8 +224,9 @@ impl DataSet {
         let object_name = mapping.object.name.clone().unwrap_or_else(|| "object".to_owned());
         let names = mapping.cameras.iter().map(|camera| camera.name.as_str());
         let record = read(RECORD_FILE).filter(|record| agrees(record, &times_s, &joints, names));
-        let mut notes =
-            vec!["labels and true touch depth are not part of a data set: `run` labels pixels itself".to_owned()];
+        notes.extend(skips.notes());
+        notes.extend(beyond_range(&joints, mapping.hand.side, &mapping.hand.names));
+        notes.push("labels and true touch depth are not part of a data set: `run` labels pixels itself".to_owned());
         for finger in Finger::ALL.into_iter().filter(|finger| mapping.touch.of(*finger).is_none()) {
             notes.push(format!("finger {} has no touch images: it is used without touch", finger.name()));
         }
@@ -314,20 +270,94 @@ fn exact_depths(extras: Option<&Path>, cameras: usize) -> Result<Vec<Option<NpzR
     (0..cameras).map(open).collect()
 }
 
-/// Returns the next depth image, of so many pixels.
-fn next_depth(reader: &mut NpzReader, pixels: usize) -> Result<Vec<f32>, String> {
-    let depth = reader.read().map_err(|error| error.to_string())?.filter(|depth| depth.len() == pixels);
-    // The log has its camera's z, which is negative in front of it.
-    let depth = depth.ok_or("it has too few images, or images of another size")?;
-    Ok(depth.into_iter().map(f32::abs).collect())
+/// Returns the next exact depth image of each camera that has them.
+fn next_depths(exact: &mut [Option<NpzReader>], sizes: &[DepthSize]) -> Result<Vec<Option<Vec<f32>>>, String> {
+    let next = |(camera, (reader, (_, (width, height)))): (usize, (&mut Option<NpzReader>, &DepthSize))| {
+        let Some(reader) = reader else { return Ok(None) };
+        let named = |defect: String| format!("{}: {defect}", extras::depth_file(camera));
+        let depth = reader.read().map_err(|error| named(error.to_string()))?;
+        // The log has its camera's z, which is negative in front of it.
+        let depth = depth.filter(|depth| depth.len() == width * height);
+        let depth = depth.ok_or_else(|| named("it has too few images, or images of another size".to_owned()))?;
+        Ok(Some(depth.into_iter().map(f32::abs).collect()))
+    };
+    exact.iter_mut().zip(sizes).enumerate().map(next).collect()
 }
 
 /// Parts of an episode that are kept until its end.
-#[derive(Default)]
 struct Rows {
+    /// Number of rows, with those that are skipped.
+    count: usize,
+    /// Rows whose time does not increase.
+    wrong_times: usize,
+    /// Name of the column that counts frames.
+    frame_index: String,
     times_s: Vec<f64>,
-    joints: Vec<JointAngles>,
+    joints: Readings,
     poses: Vec<Option<Isometry<Object, World>>>,
+    checks: Vec<DepthCheck>,
+    skips: Skips,
+    notes: Vec<String>,
+}
+
+impl Default for Rows {
+    fn default() -> Self {
+        Self {
+            count: 0,
+            wrong_times: 0,
+            frame_index: "frame_index".to_owned(),
+            times_s: Vec::new(),
+            joints: Readings::default(),
+            poses: Vec::new(),
+            checks: Vec::new(),
+            skips: Skips::default(),
+            notes: Vec::new(),
+        }
+    }
+}
+
+impl Rows {
+    /// Writes an image of a frame. Returns why it is skipped.
+    fn image(
+        &mut self,
+        mapping: &Mapping,
+        picture: &Picture<'_>,
+        image: Kind,
+        frame: usize,
+        (exact, sizes): (&[Option<Vec<f32>>], &[DepthSize]),
+        writer: &mut LogAssembler,
+        column: &str,
+    ) -> Result<Option<String>, Defect> {
+        let of_camera = |camera: usize| sizes.get(camera).copied().unwrap_or_default();
+        match image {
+            Kind::Depth(k) => {
+                let (unit_m, size) = of_camera(k);
+                let depth_m = match exact.get(k).cloned().flatten() {
+                    Some(depth_m) => Ok(depth_m),
+                    None => depth_of(picture, unit_m, size),
+                };
+                writer.depth(k, frame, depth_m.as_deref().ok())?;
+                if let (Ok(depth_m), Some(check)) = (&depth_m, self.checks.get_mut(k)) {
+                    check.add(depth_m);
+                }
+                Ok(depth_m.err())
+            }
+            Kind::File(image) => {
+                let (turn, (_, camera)) = match image {
+                    LogImage::Touch(finger) => (mapping.touch.of(finger), Default::default()),
+                    LogImage::Colours(k) | LogImage::Labels(k) => (None, of_camera(k)),
+                    _ => (None, Default::default()),
+                };
+                match file_of(picture, image, turn, camera) {
+                    Ok(file) => {
+                        writer.image(image, frame, &file, Path::new(column))?;
+                        Ok(None)
+                    }
+                    Err(defect) => Ok(Some(defect)),
+                }
+            }
+        }
+    }
 }
 
 /// The target of a column of images.
@@ -360,8 +390,8 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Unit of depth of a camera, metres, and its number of pixels.
-type DepthSize = (f64, usize);
+/// Unit of depth of a camera, metres, and its width and height.
+type DepthSize = (f64, (usize, usize));
 
 /// Returns the cameras of the log, each with unit and size of its depth.
 fn cameras(mapping: &Mapping) -> Result<Vec<(LogCamera, DepthSize)>, String> {
@@ -373,48 +403,23 @@ fn cameras(mapping: &Mapping) -> Result<Vec<(LogCamera, DepthSize)>, String> {
             return Err(format!("camera {name}: give intrinsics and pose in the mapping; a data set has none"));
         };
         let pose = Isometry::<Camera, World>::new(in_world(mapping, pose)) * optical();
-        let pixels = intrinsics.width * intrinsics.height;
+        let size = (intrinsics.width, intrinsics.height);
         let camera = PosedCamera { name: name.clone(), intrinsics, pose };
-        Ok((LogCamera { camera, distortion: None }, (*depth_unit_m, pixels)))
+        Ok((LogCamera { camera, distortion: None }, (*depth_unit_m, size)))
     };
     mapping.cameras.iter().map(one).collect()
 }
 
-/// Returns the Parquet files below a folder with folders, in the order of their names.
-fn files(folder: &Path) -> Vec<PathBuf> {
-    let list = |folder: &Path| {
-        let mut all: Vec<PathBuf> = std::fs::read_dir(folder)
-            .into_iter()
-            .flatten()
-            .filter_map(|entry| Some(entry.ok()?.path()))
-            .take(MOST_FILES)
-            .collect();
-        all.sort();
-        all
+fn angles(cell: Option<&Cell>, width: usize, order: &[usize]) -> Result<JointAngles, String> {
+    let numbers = match cell {
+        Some(Cell::Numbers(numbers)) if numbers.len() == width => numbers,
+        _ => return Err(format!("it has not {width} numbers")),
     };
-    let is_table = |path: &PathBuf| path.extension().is_some_and(|end| end == "parquet");
-    list(folder).iter().flat_map(|chunk| list(chunk)).filter(is_table).collect()
-}
-
-fn number_of(cell: &Cell) -> Option<f64> {
-    match cell {
-        Cell::Number(number) => Some(*number),
-        Cell::Numbers(numbers) => numbers.first().copied().filter(|_| numbers.len() == 1),
-        Cell::Bytes(_) => None,
-    }
-}
-
-fn whole(cell: Option<&Cell>) -> Option<usize> {
-    number_of(cell?).filter(|number| (0.0..1e15).contains(number)).map(|number| number as usize)
-}
-
-fn angles(cell: Option<&Cell>, order: &[usize]) -> Option<JointAngles> {
-    let Some(Cell::Numbers(numbers)) = cell else { return None };
-    let mut angles = [0.0; JOINTS];
+    let mut angles = [f64::NAN; JOINTS];
     for (angle, place) in angles.iter_mut().zip(order) {
-        *angle = numbers.get(*place).copied().filter(|angle| angle.is_finite())?;
+        *angle = numbers.get(*place).copied().unwrap_or(f64::NAN);
     }
-    Some(angles)
+    Ok(angles)
 }
 
 fn pose(cell: &Cell) -> Option<Isometry3<f64>> {

@@ -7,20 +7,25 @@ use std::path::Path;
 use mvt_feelsight::{LogAssembler, LogCamera, LogImage, SCENE_FILE, SceneFile, Timeline};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, HandBase, Isometry, Object, World};
-use mvt_robot::hand::{Finger, JointAngles, world_from_base};
+use mvt_robot::hand::{Finger, JOINTS, JointAngles, world_from_base};
 use nalgebra::Isometry3;
 use serde::Serialize;
 
-use crate::clock::{Aligned, Stamps, nearest, numbers_at, pose_at, reach};
+use crate::clock::{Aligned, Judged, Stamps, nearest, number_at, period, pose_at, reach};
 use crate::error::{Defect, ExchangeError};
 use crate::foxglove::optical;
+use crate::joints::beyond_range;
 use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::{Decoded, decode};
 use crate::pictures::{depth_of, file_of};
+use crate::plausibility::DepthCheck;
 use crate::reader::{Record, scan};
 use crate::record::{agrees, put};
+use crate::skips::Skips;
 use crate::survey::{CameraModel, Role, Survey, Used, survey, topics};
 
+/// Shortest time between two frames, nanoseconds: no camera is as fast.
+const SHORTEST_NS: i64 = 500_000;
 /// Times from this on are those of a calendar and not of a recording, nanoseconds: a day.
 const CALENDAR_NS: i64 = 86_400_000_000_000;
 
@@ -101,8 +106,18 @@ fn import(
     let survey = survey(source, &mapping)?;
     let mut plan = Plan::new(&mapping, &survey)?;
     let scene = scene(&survey, &mapping)?;
-    let mut writer = LogAssembler::create(out, cameras(&mapping, &survey, &mut plan.notes)?)?;
-    write_images(source, &mapping, &survey, &plan, &mut writer, progress)?;
+    let cameras = cameras(&mapping, &survey, &mut plan.notes)?;
+    let distances: Vec<f64> = cameras.iter().map(|camera| distance_m(&camera.camera)).collect();
+    let mut writer = LogAssembler::create(out, cameras)?;
+    let mut images = Images::new(&mapping, &survey, &plan);
+    images.write(source, &mut writer, progress)?;
+    let Images { checks, skips, .. } = images;
+    for (k, (camera, check)) in mapping.cameras.iter().zip(checks).enumerate() {
+        if survey.of_role(Role::Depth(k)).is_some() {
+            plan.notes.extend(check.verdict(&camera.name, distances.get(k).copied().unwrap_or_default())?);
+        }
+    }
+    plan.notes.splice(0..0, survey.notes.iter().cloned().chain(survey.skips.notes()).chain(skips.notes()));
     let object_name = match (&mapping.object.name, &scene) {
         (Some(name), _) => name.clone(),
         (None, Some(scene)) => scene.object.name.clone(),
@@ -126,8 +141,8 @@ struct Plan {
     times_s: Vec<f64>,
     joints: Vec<JointAngles>,
     object_poses: Vec<Option<Isometry<Object, World>>>,
-    /// Frame of each message of a channel that has one.
-    frames_of: HashMap<u16, Vec<Option<usize>>>,
+    /// Frame of each message of a topic with images, by the topic's place and the message's number.
+    frames_of: HashMap<usize, Vec<Option<usize>>>,
     channels: Vec<ImportedChannel>,
     notes: Vec<String>,
 }
@@ -136,94 +151,161 @@ fn is_image(role: Role) -> bool {
     matches!(role, Role::Image(_) | Role::Depth(_))
 }
 
+/// The frames before their messages are chosen, nanoseconds.
+struct Frames {
+    clock: Judged,
+    times: Vec<i64>,
+    period: i64,
+}
+
 impl Plan {
     fn new(mapping: &Mapping, survey: &Survey) -> Result<Self, Defect> {
-        let used = |role| survey.channel_of(role);
+        let used = |role| survey.of_role(role);
         let touch = || Finger::ALL.into_iter().find_map(|finger| used(Role::Image(LogImage::Touch(finger))));
         let first = if mapping.cameras.is_empty() { touch() } else { used(Role::Depth(0)) };
         let first = first.ok_or_else(|| no_frames(mapping))?;
-        let reference = &first.stamps;
         let joints = used(Role::Joints).ok_or_else(|| {
             format!("there are no joint angles: no message of {}; name a topic in hand.joints", mapping.hand.joints)
         })?;
-
-        let mut frames = in_time(&first.record.topic, reference, reference)?.times;
-        frames.dedup();
-        let period = Aligned { times: frames.clone(), shift: 0, jumps: false }.period();
-        let aligned_joints = in_time(&joints.record.topic, &joints.stamps, reference)?;
-        let joints_reach = reach(period, aligned_joints.period());
-        let all = frames.len();
-        let mut angles = Vec::new();
-        frames.retain(|&at| {
-            let found = numbers_at(&aligned_joints.times, &survey.joints, at, joints_reach);
-            angles.extend(found);
-            found.is_some()
-        });
-        let mut notes = Vec::new();
-        if frames.is_empty() {
-            return Err("no frame is near a message of the joint angles; their clocks differ".to_owned().into());
-        }
-        if frames.len() < all {
-            notes.push(format!(
-                "{} of {all} frames are left out: they are far from all joint angles",
-                all - frames.len()
-            ));
-        }
-
-        let root = mapping.hand.base.as_ref().unwrap_or(&mapping.hand.world);
-        let object = in_time("the object's pose", &survey.object_stamps, reference)?;
-        let object_reach = reach(period, object.period());
-        let poses = survey.object_poses(root)?;
-        let pose =
-            |&at: &i64| Some(Isometry::new(in_world(mapping, pose_at(&object.times, &poses, at, object_reach)?)));
-        let object_poses: Vec<_> = frames.iter().map(pose).collect();
-
         let mut plan = Self {
             times_s: Vec::new(),
-            joints: angles,
-            object_poses,
+            joints: Vec::new(),
+            object_poses: Vec::new(),
             frames_of: HashMap::new(),
             channels: Vec::new(),
-            notes,
+            notes: Vec::new(),
         };
-        for (&id, used) in &survey.channels {
-            plan.channel(id, used, reference, &frames, period)?;
+        let mut frames = plan.frames(first)?;
+        plan.angles(&mut frames, joints, survey)?;
+        plan.notes.extend(beyond_range(&plan.joints, mapping.hand.side, &mapping.hand.names));
+        plan.object(&frames, mapping, survey)?;
+        for (place, used) in survey.used.iter().enumerate() {
+            plan.channel(place, used, &frames)?;
         }
         plan.missing(mapping, survey);
+        let frames = frames.times;
         let zero = frames.first().copied().filter(|first| *first >= CALENDAR_NS).unwrap_or_default();
         plan.times_s = frames.iter().map(|&at| (at - zero) as f64 / 1e9).collect();
         Ok(plan)
     }
 
-    /// Chooses the messages of a channel.
-    fn channel(&mut self, id: u16, used: &Used, reference: &Stamps, frames: &[i64], period: i64) -> Result<(), String> {
-        let topic = &used.record.topic;
-        let aligned = in_time(topic, &used.stamps, reference)?;
-        if aligned.jumps {
-            self.notes.push(format!("the clock of {topic} jumps: the times of recording are used"));
+    /// Returns the frames: the messages of the first sensor.
+    fn frames(&mut self, first: &Used) -> Result<Frames, Defect> {
+        let topic = &first.topic;
+        let clock = judge(topic, &first.stamps)?;
+        let mut times = clock.aligned(&clock).times;
+        let all = times.len();
+        times.dedup();
+        let left_out = all - times.len();
+        if left_out > 0 {
+            self.notes.push(format!(
+                "{left_out} of {all} images of {topic} are left out: they repeat the time of another one"
+            ));
+        }
+        let period = period(&times);
+        if times.len() > 2 && period < SHORTEST_NS {
+            let words = format!("{topic}: {period} ns lie between two images; times must be in nanoseconds");
+            return Err(words.into());
+        }
+        Ok(Frames { clock, times, period })
+    }
+
+    /// Interpolates the joint angles at the frames, and leaves out frames without.
+    fn angles(&mut self, frames: &mut Frames, joints: &Used, survey: &Survey) -> Result<(), Defect> {
+        let aligned = judge(&joints.topic, &joints.stamps)?.aligned(&frames.clock);
+        // Each joint has its own readings: those of the fingers may come in several messages.
+        let readings = |joint: usize| -> (Vec<i64>, Vec<f64>) {
+            let rows = aligned.order.iter().zip(&aligned.times);
+            let reading = |(row, time): (&usize, &i64)| {
+                let angle = survey.joints.rows.get(*row)?.get(joint)?;
+                (!angle.is_nan()).then_some((*time, *angle))
+            };
+            rows.filter_map(reading).unzip()
+        };
+        let readings: [_; JOINTS] = std::array::from_fn(readings);
+        let all = frames.times.len();
+        frames.times.retain(|&at| {
+            let mut angles = [0.0; JOINTS];
+            for (angle, (times, values)) in angles.iter_mut().zip(&readings) {
+                match number_at(times, values, at, reach(frames.period, period(times))) {
+                    Some(value) => *angle = value,
+                    None => return false,
+                }
+            }
+            self.joints.push(angles);
+            true
+        });
+        let left = frames.times.len();
+        if left == 0 {
+            return Err("no frame is near a message of the joint angles; their clocks differ".to_owned().into());
+        }
+        if left < all {
+            self.notes.push(format!("{} of {all} frames are left out: they are far from all joint angles", all - left));
+        }
+        Ok(())
+    }
+
+    /// Interpolates the object's pose at the frames.
+    fn object(&mut self, frames: &Frames, mapping: &Mapping, survey: &Survey) -> Result<(), Defect> {
+        let (poses, moving) = survey.object_poses(root(mapping))?;
+        self.notes.extend(moving.iter().map(|frame| moves(frame)));
+        let object = judge("the object's pose", &survey.object_stamps)?.aligned(&frames.clock);
+        let poses: Vec<_> = object.order.iter().filter_map(|&place| poses.get(place).copied()).collect();
+        let reach = reach(frames.period, object.period());
+        let pose = |&at: &i64| Some(Isometry::new(in_world(mapping, pose_at(&object.times, &poses, at, reach)?)));
+        self.object_poses = frames.times.iter().map(pose).collect();
+        Ok(())
+    }
+
+    /// Chooses the messages of a topic.
+    fn channel(&mut self, place: usize, used: &Used, frames: &Frames) -> Result<(), String> {
+        let topic = &used.topic;
+        // Transforms of several senders have several clocks, and one pose of each frame is used.
+        let is_timed = is_image(used.role) || used.role == Role::Joints;
+        let aligned = match judge(topic, &used.stamps) {
+            Ok(judged) => {
+                self.notes.extend(judged.note.as_ref().filter(|_| is_timed).map(|note| format!("{topic}: {note}")));
+                judged.aligned(&frames.clock)
+            }
+            Err(defect) if is_timed => return Err(defect),
+            Err(_) => Aligned::default(),
+        };
+        if aligned.out_of_order > 0 && is_timed {
+            self.notes.push(format!(
+                "{topic}: {} of {} messages are not in the order of time: all are sorted",
+                aligned.out_of_order,
+                used.stamps.len()
+            ));
         }
         let (mut farthest_ms, mut count) = (None, None);
         if is_image(used.role) {
-            let chosen = nearest(frames, &aligned.times, reach(period, aligned.period()));
-            let mut frames_of = vec![None; aligned.times.len()];
+            let chosen = nearest(&frames.times, &aligned.times, reach(frames.period, aligned.period()));
+            let mut frames_of = vec![None; used.messages];
             let mut farthest = 0;
             for (frame, message) in chosen.iter().enumerate() {
                 let Some(message) = *message else { continue };
-                if let (Some(place), Some(time), Some(at)) =
-                    (frames_of.get_mut(message), aligned.times.get(message), frames.get(frame))
+                let number = aligned.order.get(message).and_then(|&number| used.numbers.get(number));
+                if let (Some(number), Some(time), Some(at)) =
+                    (number, aligned.times.get(message), frames.times.get(frame))
                 {
-                    *place = Some(frame);
+                    if let Some(place) = frames_of.get_mut(*number) {
+                        *place = Some(frame);
+                    }
                     farthest = farthest.max(time.abs_diff(*at));
                 }
             }
+            let found = chosen.iter().flatten().count();
+            if found * 2 < chosen.len() {
+                self.notes.push(format!("only {found} of {} frames have an image of {topic}", chosen.len()));
+            }
             farthest_ms = Some(farthest as f64 / 1e6);
-            count = Some(chosen.iter().flatten().count());
-            self.frames_of.insert(id, frames_of);
+            count = Some(found);
+            self.frames_of.insert(place, frames_of);
         }
         let period = aligned.period();
         self.channels.push(ImportedChannel {
             topic: topic.clone(),
-            messages: used.stamps.len(),
+            messages: used.messages,
             rate_hz: if period > 0 { 1e9 / period as f64 } else { 0.0 },
             offset_ms: aligned.shift as f64 / 1e6,
             farthest_ms,
@@ -234,9 +316,9 @@ impl Plan {
 
     /// Notes the parts that this log lacks.
     fn missing(&mut self, mapping: &Mapping, survey: &Survey) {
-        let has = |image| survey.channel_of(Role::Image(image)).is_some();
+        let has = |image| survey.of_role(Role::Image(image)).is_some();
         for (k, CameraMapping { name, .. }) in mapping.cameras.iter().enumerate() {
-            if survey.channel_of(Role::Depth(k)).is_none() {
+            if survey.of_role(Role::Depth(k)).is_none() {
                 self.notes.push(format!("camera {name} has no depth: all of it counts as not measured"));
             }
             if !has(LogImage::Colours(k)) {
@@ -263,11 +345,6 @@ impl Plan {
                 "the true pose of the object is unknown in {unknown} of {of} frames: they have no scores"
             ));
         }
-        for camera in (0..mapping.cameras.len()).filter_map(|k| camera_frame(mapping, survey, k)) {
-            if survey.moving.contains(&camera) {
-                self.notes.push(format!("the frame {camera} moves: its first pose is used throughout"));
-            }
-        }
     }
 }
 
@@ -278,14 +355,24 @@ fn no_frames(mapping: &Mapping) -> String {
     }
 }
 
-/// Returns the times of a channel on the clock of the frames.
-fn in_time(topic: &str, stamps: &Stamps, reference: &Stamps) -> Result<Aligned, String> {
-    let aligned = stamps.aligned(reference);
-    if aligned.is_sorted() {
-        Ok(aligned)
-    } else {
-        Err(format!("{topic}: its messages are not in the order of time; sort the file with `mcap sort`"))
-    }
+/// Chooses the clock of a topic.
+fn judge(topic: &str, stamps: &Stamps) -> Result<Judged, String> {
+    stamps.judge().map_err(|defect| format!("{topic}: {defect}"))
+}
+
+/// Returns the frame of the mapping's poses.
+fn root(mapping: &Mapping) -> &str {
+    mapping.hand.base.as_ref().unwrap_or(&mapping.hand.world)
+}
+
+fn moves(frame: &str) -> String {
+    format!("the frame {frame} moves: its first pose is used throughout")
+}
+
+/// Returns the distance of a camera from the hand's base, metres.
+pub(crate) fn distance_m(camera: &PosedCamera) -> f64 {
+    let base = world_from_base().origin().coords();
+    (camera.pose.origin().coords() - base).norm()
 }
 
 /// Returns a pose in the world of one in the root of the mapping's poses.
@@ -304,24 +391,33 @@ fn camera_frame(mapping: &Mapping, survey: &Survey, camera: usize) -> Option<Str
 
 /// Returns the cameras of the log.
 fn cameras(mapping: &Mapping, survey: &Survey, notes: &mut Vec<String>) -> Result<Vec<LogCamera>, Defect> {
-    let root = mapping.hand.base.as_ref().unwrap_or(&mapping.hand.world);
     let mut cameras = Vec::new();
     for (k, camera) in mapping.cameras.iter().enumerate() {
         let name = &camera.name;
         let (intrinsics, distortion) = match (camera.intrinsics, survey.model(k)) {
             (Some(given), _) => (given.intrinsics(), None),
-            (None, Some(CameraModel { intrinsics, distortion, .. })) => (*intrinsics, *distortion),
+            (None, Some(CameraModel { intrinsics, distortion, assumed_pinhole, .. })) => {
+                if let Some(model) = assumed_pinhole {
+                    notes.push(format!("the lens model {model:?} of camera {name} has no numbers: read as a pinhole"));
+                }
+                (*intrinsics, *distortion)
+            }
             (None, None) => {
-                return Err(format!(
-                    "camera {name} has no calibration; name a topic in calibration, or give intrinsics"
-                )
-                .into());
+                let topic = camera.calibration.as_deref().unwrap_or_default();
+                let why = match survey.skips.first(topic) {
+                    Some(first) => format!("no message of {topic} is a calibration, first {first}; give intrinsics"),
+                    None => "name a topic in calibration, or give intrinsics".to_owned(),
+                };
+                return Err(format!("camera {name} has no calibration: {why}").into());
             }
         };
         let pose = match (camera.pose.and_then(PoseMapping::isometry), camera_frame(mapping, survey, k)) {
             (Some(pose), _) => pose,
             (None, Some(frame)) => {
-                survey.pose(&frame, root).map_err(|defect| format!("camera {name}: {defect}; give its pose"))?
+                let path = survey.tree.path(&frame, root(mapping));
+                let path = path.map_err(|defect| format!("camera {name}: {defect}; give its pose"))?;
+                notes.extend(path.moving.iter().map(|frame| moves(frame)));
+                path.pose
             }
             (None, None) => return Err(format!("camera {name} has no frame; give frame or pose").into()),
         };
@@ -343,91 +439,134 @@ fn scene(survey: &Survey, mapping: &Mapping) -> Result<Option<SceneFile>, String
     Ok(Some(scene))
 }
 
-/// Writes the chosen images in the order in which they come.
-fn write_images(
-    source: &Path,
-    mapping: &Mapping,
-    survey: &Survey,
-    plan: &Plan,
-    writer: &mut LogAssembler,
-    progress: &mut impl FnMut(usize, usize),
-) -> Result<(), Defect> {
-    let frames = plan.joints.len();
-    let sizes: Vec<usize> = mapping.cameras.iter().enumerate().map(|(k, camera)| pixels(camera, survey, k)).collect();
-    let mut missing = Missing { pushed: vec![0; sizes.len()], sizes };
-    let mut seen: HashMap<u16, usize> = HashMap::new();
-    scan(source, &mut |record| -> Result<bool, Defect> {
-        match record {
-            Record::Channel(id, _) => Ok(plan.frames_of.contains_key(&id)),
-            Record::Attachment(..) => Ok(true),
-            Record::Message(id, _, data) => {
-                let number = seen.entry(id).or_default();
-                let frame = plan.frames_of.get(&id).and_then(|frames_of| frames_of.get(*number).copied().flatten());
-                *number += 1;
-                let (Some(frame), Some(used)) = (frame, survey.channels.get(&id)) else { return Ok(true) };
-                let topic = &used.record.topic;
-                let named = |defect: String| Defect::Words(format!("{topic}: frame {frame}: {defect}"));
-                let (_, decoded) = decode(&used.record.schema, data).map_err(named)?;
-                let Decoded::Image(picture) = decoded else { return Ok(true) };
-                match used.role {
-                    Role::Depth(k) => {
-                        let Some(camera) = mapping.cameras.get(k) else { return Ok(true) };
-                        missing.until(k, frame, writer)?;
-                        let depth_m = depth_of(&picture, camera.depth_unit_m, missing.size(k)).map_err(named)?;
-                        writer.push_depth(k, &depth_m)?;
-                        missing.pushed(k);
-                        if k == 0 {
-                            progress(frame + 1, frames);
-                        }
-                    }
-                    Role::Image(image) => {
-                        let turn = match image {
-                            LogImage::Touch(finger) => mapping.touch.of(finger),
-                            _ => None,
-                        };
-                        let file = file_of(&picture, image, turn).map_err(named)?;
-                        writer.image(image, frame, &file, Path::new(topic))?;
-                    }
-                    _ => {}
+/// The images of a file on their way into the log.
+struct Images<'a> {
+    mapping: &'a Mapping,
+    survey: &'a Survey,
+    plan: &'a Plan,
+    /// Width and height of the cameras.
+    sizes: Vec<(usize, usize)>,
+    checks: Vec<DepthCheck>,
+    skips: Skips,
+}
+
+impl<'a> Images<'a> {
+    fn new(mapping: &'a Mapping, survey: &'a Survey, plan: &'a Plan) -> Self {
+        let sizes = mapping.cameras.iter().enumerate().map(|(k, camera)| size(camera, survey, k)).collect();
+        let checks = mapping.cameras.iter().map(|_| DepthCheck::default()).collect();
+        Self { mapping, survey, plan, sizes, checks, skips: Skips::default() }
+    }
+
+    /// Writes the chosen images in the order in which they come. Those with defects are skipped and counted.
+    fn write(
+        &mut self,
+        source: &Path,
+        writer: &mut LogAssembler,
+        progress: &mut impl FnMut(usize, usize),
+    ) -> Result<(), Defect> {
+        let Self { survey, plan, .. } = *self;
+        for (camera, frame) in self.without_depth() {
+            writer.depth(camera, frame, None)?;
+        }
+        let mut seen = vec![0; survey.used.len()];
+        scan(source, &mut |record| -> Result<bool, Defect> {
+            let (id, data) = match record {
+                Record::Channel(id, _) => {
+                    return Ok(survey.of_channel(id).is_some_and(|(place, _)| plan.frames_of.contains_key(&place)));
                 }
-                Ok(true)
+                Record::Attachment(..) => return Ok(true),
+                Record::Message(id, _, data) => (id, data),
+            };
+            let Some((place, schema)) = survey.of_channel(id) else { return Ok(true) };
+            let (Some(number), Some(used)) = (seen.get_mut(place), survey.used.get(place)) else { return Ok(true) };
+            let frame = plan.frames_of.get(&place).and_then(|frames_of| frames_of.get(*number).copied().flatten());
+            *number += 1;
+            if let Some(frame) = frame {
+                self.message(used, schema, frame, data, writer)?;
+                if used.role == Role::Depth(0) {
+                    progress(frame + 1, plan.joints.len());
+                }
+            }
+            Ok(true)
+        })?;
+        for (place, frames_of) in &plan.frames_of {
+            let Some(Used { topic, .. }) = survey.used.get(*place) else { continue };
+            let chosen = frames_of.iter().flatten().count();
+            if let Some(first) = self.skips.first(topic).filter(|_| chosen > 0 && self.skips.count(topic) == chosen) {
+                return Err(format!("{topic}: none of its {chosen} images can be used; first {first}").into());
             }
         }
-    })?;
-    (0..mapping.cameras.len()).try_for_each(|k| missing.until(k, frames, writer))
-}
-
-/// Pixels of a camera.
-fn pixels(camera: &CameraMapping, survey: &Survey, number: usize) -> usize {
-    let model = survey.model(number).map(|model| model.intrinsics);
-    let intrinsics = camera.intrinsics.map(PinholeMapping::intrinsics).or(model);
-    intrinsics.map_or(0, |intrinsics| intrinsics.width * intrinsics.height)
-}
-
-/// Frames in which a camera has no depth.
-struct Missing {
-    /// Depth images of each camera that are written.
-    pushed: Vec<usize>,
-    sizes: Vec<usize>,
-}
-
-impl Missing {
-    fn size(&self, camera: usize) -> usize {
-        self.sizes.get(camera).copied().unwrap_or_default()
+        Ok(())
     }
 
-    fn pushed(&mut self, camera: usize) {
-        if let Some(count) = self.pushed.get_mut(camera) {
-            *count += 1;
-        }
+    /// Returns the cameras and frames for which no depth comes.
+    fn without_depth(&self) -> Vec<(usize, usize)> {
+        let frames = self.plan.joints.len();
+        let of_camera = |camera: usize| {
+            let mut missing = vec![true; frames];
+            let place = self.survey.used.iter().position(|used| used.role == Role::Depth(camera));
+            let frames_of = place.and_then(|place| self.plan.frames_of.get(&place));
+            for frame in frames_of.into_iter().flatten().flatten() {
+                missing.get_mut(*frame).into_iter().for_each(|missing| *missing = false);
+            }
+            (0..frames).filter(move |frame| missing.get(*frame) == Some(&true)).map(move |frame| (camera, frame))
+        };
+        (0..self.sizes.len()).flat_map(of_camera).collect()
     }
 
-    /// Writes empty depths up to a frame.
-    fn until(&mut self, camera: usize, frame: usize, writer: &mut LogAssembler) -> Result<(), Defect> {
-        while self.pushed.get(camera).is_some_and(|&count| count < frame) {
-            writer.push_depth(camera, &vec![0.0; self.size(camera)])?;
-            self.pushed(camera);
+    /// Writes the image of a frame, or counts it as skipped.
+    fn message(
+        &mut self,
+        used: &Used,
+        schema: &str,
+        frame: usize,
+        data: &[u8],
+        writer: &mut LogAssembler,
+    ) -> Result<(), Defect> {
+        let size = |camera: usize| self.sizes.get(camera).copied().unwrap_or_default();
+        let Ok((_, Decoded::Image(picture))) = decode(schema, data) else { return Ok(()) };
+        let skipped = match used.role {
+            Role::Depth(k) => {
+                let unit_m = self.mapping.cameras.get(k).map_or(0.0, |camera| camera.depth_unit_m);
+                let depth_m = depth_of(&picture, unit_m, size(k));
+                writer.depth(k, frame, depth_m.as_deref().ok())?;
+                if let (Ok(depth_m), Some(check)) = (&depth_m, self.checks.get_mut(k)) {
+                    check.add(depth_m);
+                }
+                depth_m.err()
+            }
+            Role::Image(image) => {
+                let turn = match image {
+                    LogImage::Touch(finger) => self.mapping.touch.of(finger),
+                    _ => None,
+                };
+                let camera = match image {
+                    LogImage::Colours(k) | LogImage::Labels(k) => size(k),
+                    _ => Default::default(),
+                };
+                match file_of(&picture, image, turn, camera) {
+                    Ok(file) => {
+                        writer.image(image, frame, &file, Path::new(&used.topic))?;
+                        None
+                    }
+                    Err(defect) => Some(defect),
+                }
+            }
+            _ => None,
+        };
+        if let Some(defect) = skipped {
+            self.skips.add(&used.topic, format!("frame {frame}"), defect);
         }
         Ok(())
     }
 }
+
+/// Returns width and height of a camera.
+fn size(camera: &CameraMapping, survey: &Survey, number: usize) -> (usize, usize) {
+    let model = survey.model(number).map(|model| model.intrinsics);
+    let intrinsics = camera.intrinsics.map(PinholeMapping::intrinsics).or(model);
+    intrinsics.map_or((0, 0), |intrinsics| (intrinsics.width, intrinsics.height))
+}
+
+#[cfg(test)]
+mod tests;

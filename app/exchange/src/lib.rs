@@ -15,6 +15,7 @@
 
 mod clock;
 pub mod command;
+mod data_set;
 mod error;
 mod export_lerobot;
 mod export_mcap;
@@ -23,17 +24,22 @@ mod extras;
 mod foxglove;
 mod import_lerobot;
 mod import_mcap;
+mod joints;
 mod mapping;
 mod messages;
+mod pages;
 mod parquet;
 mod pictures;
+mod plausibility;
 mod protobuf;
 mod reader;
 mod record;
 mod schema;
+mod skips;
 mod statistics;
 mod survey;
 mod table;
+mod tree;
 mod writer;
 
 pub use error::ExchangeError;

@@ -8,6 +8,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::Deserialize;
 
 use crate::error::ExchangeError;
+use crate::messages::frame_name;
 
 /// Greatest size of a mapping file, bytes.
 const LARGEST: u64 = 1 << 20;
@@ -167,7 +168,7 @@ impl Mapping {
 
     /// Reads the text of a mapping file.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let mapping: Self = toml::from_str(text).map_err(|error| {
+        let mut mapping: Self = toml::from_str(text).map_err(|error| {
             let line = error.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count());
             // One line: the library adds a drawing.
             format!("line {line}: {}", error.message().lines().collect::<Vec<_>>().join(" "))
@@ -190,6 +191,11 @@ impl Mapping {
                 return Err(format!("camera {name}: intrinsics are not those of a camera; sizes are pixels"));
             }
         }
+        let HandMapping { base, world, .. } = &mut mapping.hand;
+        let frames = base.iter_mut().chain([world]).chain(&mut mapping.object.frame);
+        frames
+            .chain(mapping.cameras.iter_mut().filter_map(|camera| camera.frame.as_mut()))
+            .for_each(|frame| *frame = frame_name(frame).to_owned());
         Ok(mapping)
     }
 

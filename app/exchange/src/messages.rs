@@ -14,7 +14,8 @@ pub(crate) enum Decoded<'a> {
     Image(Picture<'a>),
     Calibration(Calibration<'a>),
     Transforms(Vec<Transform<'a>>),
-    Joints(Vec<(&'a str, f64)>),
+    /// Names and positions; `None` where a joint has no position.
+    Joints(Vec<(&'a str, Option<f64>)>),
 }
 
 /// Image as it was sent.
@@ -27,6 +28,8 @@ pub(crate) struct Picture<'a> {
     pub step: u64,
     /// Encoding of the pixels, such as `rgb8`; `None` for an image file.
     pub encoding: Option<&'a str>,
+    /// What the message says about an image file, such as `16UC1; compressedDepth png`.
+    pub format: &'a str,
     pub data: &'a [u8],
 }
 
@@ -44,7 +47,10 @@ pub(crate) struct Calibration<'a> {
 pub(crate) struct Transform<'a> {
     pub parent: &'a str,
     pub child: &'a str,
-    pub pose: Isometry3<f64>,
+    /// A defect if it is no pose.
+    pub pose: Result<Isometry3<f64>, String>,
+    /// The time that it states, nanoseconds; 0 if it states none.
+    pub stated_ns: u64,
 }
 
 /// Decodes a message of a schema with the time that it states, nanoseconds; 0 if it states none.
@@ -61,13 +67,8 @@ pub(crate) fn decode<'a>(schema: &str, message: &'a [u8]) -> Result<(u64, Decode
         "foxglove.JointStates" => joints(message).map(Decoded::Joints),
         _ => return Err(format!("the schema {schema:?} is unknown; messages of foxglove.* in protobuf are read")),
     };
-    let decoded = decoded.ok_or_else(|| format!("a message does not follow the schema {schema}"))?;
-    let stamped = match (schema, bytes_of(message, 1)) {
-        // The time of one of them.
-        ("foxglove.FrameTransforms", Some(one)) => one,
-        _ => message,
-    };
-    Ok((stamp(stamped).unwrap_or_default(), decoded))
+    let decoded = decoded.ok_or_else(|| format!("it does not follow the schema {schema}"))?;
+    Ok((stamp(message).unwrap_or_default(), decoded))
 }
 
 /// Returns the fields of a message.
@@ -125,6 +126,7 @@ fn image(message: &[u8], is_raw: bool) -> Option<Picture<'_>> {
     for (field, value) in whole(message)? {
         match (field, is_raw) {
             (2, false) | (6, true) => picture.data = data(value)?,
+            (3, false) => picture.format = text(value)?,
             (2, true) => picture.width = number(value)?,
             (3, true) => picture.height = number(value)?,
             (4, true) => picture.encoding = Some(text(value)?),
@@ -156,7 +158,7 @@ fn calibration(message: &[u8]) -> Option<Calibration<'_>> {
     let (mut distortion, mut k) = (Vec::new(), Vec::new());
     for (field, value) in whole(message)? {
         match field {
-            9 => frame = text(value)?,
+            9 => frame = frame_name(text(value)?),
             2 => width = number(value)?,
             3 => height = number(value)?,
             4 => model = text(value)?,
@@ -165,6 +167,8 @@ fn calibration(message: &[u8]) -> Option<Calibration<'_>> {
             _ => {}
         }
     }
+    // Without a matrix all of it is 0.
+    k.resize(9, 0.0);
     let [fx, _, cx, _, fy, cy, ..] = k[..] else { return None };
     let (width, height) = (usize::try_from(width).ok()?, usize::try_from(height).ok()?);
     Some(Calibration { frame, intrinsics: Intrinsics { width, height, fx, fy, cx, cy }, model, distortion })
@@ -182,27 +186,40 @@ fn vector<const N: usize>(message: &[u8]) -> Option<[f64; N]> {
     Some(vector)
 }
 
-/// Returns a pose of translation and rotation; a rotation of zeros gives `None`.
-fn pose(translation: &[u8], rotation: &[u8]) -> Option<Isometry3<f64>> {
-    let [x, y, z] = vector(translation)?;
-    let [i, j, k, w] = vector(rotation)?;
-    let is_finite = [x, y, z, i, j, k, w].iter().all(|value| value.is_finite());
-    let rotation = UnitQuaternion::try_new(Quaternion::new(w, i, j, k), 1e-6)?;
-    is_finite.then_some(Isometry3::from_parts(Translation3::new(x, y, z), rotation))
+/// Returns a pose of translation and rotation, or its defect.
+fn pose(translation: [f64; 3], rotation: [f64; 4]) -> Result<Isometry3<f64>, String> {
+    let [i, j, k, w] = rotation;
+    if !translation.iter().chain(&rotation).all(|value| value.is_finite()) {
+        return Err("numbers that are not finite".to_owned());
+    }
+    let quaternion = Quaternion::new(w, i, j, k);
+    // The bound of tf2.
+    if (quaternion.norm() - 1.0).abs() > 0.01 {
+        return Err(format!("a rotation of length {:.3}", quaternion.norm()));
+    }
+    let [x, y, z] = translation;
+    Ok(Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(quaternion)))
 }
 
 fn transform(message: &[u8]) -> Option<Transform<'_>> {
     let (mut parent, mut child, mut translation, mut rotation) = ("", "", &[][..], &[][..]);
     for (field, value) in whole(message)? {
         match field {
-            2 => parent = text(value)?,
-            3 => child = text(value)?,
+            2 => parent = frame_name(text(value)?),
+            3 => child = frame_name(text(value)?),
             4 => translation = data(value)?,
             5 => rotation = data(value)?,
             _ => {}
         }
     }
-    Some(Transform { parent, child, pose: pose(translation, rotation)? })
+    let pose = pose(vector(translation)?, vector(rotation)?)
+        .map_err(|defect| format!("the transform {parent} -> {child} has {defect}"));
+    Some(Transform { parent, child, pose, stated_ns: stamp(message).unwrap_or_default() })
+}
+
+/// Returns a name of a frame or topic without the slash that old programs of ROS put before it.
+pub(crate) fn frame_name(name: &str) -> &str {
+    name.trim_start_matches('/')
 }
 
 fn transforms(message: &[u8]) -> Option<Vec<Transform<'_>>> {
@@ -210,7 +227,7 @@ fn transforms(message: &[u8]) -> Option<Vec<Transform<'_>>> {
     of_list.map(|(_, value)| transform(data(value)?)).collect()
 }
 
-fn joints(message: &[u8]) -> Option<Vec<(&str, f64)>> {
+fn joints(message: &[u8]) -> Option<Vec<(&str, Option<f64>)>> {
     let mut joints = Vec::new();
     for (_, value) in whole(message)?.filter(|(field, _)| *field == 2).take(MOST) {
         let (mut name, mut position) = ("", None);
@@ -221,7 +238,7 @@ fn joints(message: &[u8]) -> Option<Vec<(&str, f64)>> {
                 _ => {}
             }
         }
-        joints.extend(position.map(|position| (name, position)));
+        joints.push((name, position));
     }
     Some(joints)
 }

@@ -11,6 +11,7 @@ use std::path::Path;
 
 use crc32fast::Hasher;
 use lz4_flex::frame::FrameDecoder as Lz4;
+use ruzstd::decoding::errors::FrameDecoderError;
 use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
 
 use crate::writer::MAGIC;
@@ -221,10 +222,8 @@ where
             "" => self.records(&mut packed)?,
             "lz4" => self.records(Lz4::new(&mut packed))?,
             "zstd" => {
-                let mut decoder = FrameDecoder::new();
-                decoder.set_max_window_size(WINDOW);
-                let decoder = StreamingDecoder::new_with_decoder(&mut packed, decoder);
-                self.records(decoder.map_err(|e| ReadError::Damaged(format!("a chunk is not Zstandard: {e}")))?)?
+                let plain = zstd(&mut packed);
+                self.records(plain.map_err(|e| ReadError::Damaged(format!("a chunk is not Zstandard: {e}")))?)?
             }
             other => return Ok(damaged(format!("its chunks have the compression {other:?}; lz4 and zstd are known"))?),
         };
@@ -338,6 +337,13 @@ where
         }
         Ok(())
     }
+}
+
+/// Returns the plain contents of data compressed with Zstandard.
+pub(crate) fn zstd<R: Read>(packed: R) -> Result<impl Read, FrameDecoderError> {
+    let mut decoder = FrameDecoder::new();
+    decoder.set_max_window_size(WINDOW);
+    StreamingDecoder::new_with_decoder(packed, decoder)
 }
 
 /// Reads kind and length of a record; `None` at the end.

@@ -1,25 +1,23 @@
 //! The content of a recording, without its images: times, joints, poses, calibrations.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::path::Path;
 
 use mvt_feelsight::{LogImage, SCENE_FILE};
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::hand::{Finger, JOINTS, JointAngles};
+use mvt_robot::hand::{Finger, JointAngles};
 use nalgebra::Isometry3;
 
 use crate::clock::Stamps;
 use crate::error::Defect;
+use crate::joints::Readings;
 use crate::mapping::{Mapping, is_plausible};
-use crate::messages::{Decoded, Transform, decode};
+use crate::messages::{Calibration, Decoded, Transform, decode, frame_name};
 use crate::reader::{ChannelRecord, Record, scan};
 use crate::record::RECORD_FILE;
+use crate::skips::Skips;
+use crate::tree::Tree;
 
-/// Motion of a camera that counts as moving, metres and radians.
-const STILL_M: f64 = 1e-3;
-const STILL_RAD: f64 = 2e-3;
-/// Steps from a frame to the world, at most.
-const LONGEST_CHAIN: usize = 32;
 /// Least memory that a file may take, bytes.
 const LEAST_KEPT: u64 = 4 << 20;
 
@@ -33,12 +31,17 @@ pub(crate) enum Role {
     Transforms,
 }
 
-/// Channel of a file with its use.
+/// Topic of a file with its use.
 #[derive(Debug)]
 pub(crate) struct Used {
-    pub record: ChannelRecord,
+    pub topic: String,
     pub role: Role,
+    /// Times of the messages that can be used.
     pub stamps: Stamps,
+    /// The number of each of these in the file.
+    pub numbers: Vec<usize>,
+    /// Number of all messages.
+    pub messages: usize,
 }
 
 /// Pinhole model with the frame of the camera.
@@ -47,15 +50,20 @@ pub(crate) struct CameraModel {
     pub frame: String,
     pub intrinsics: Intrinsics,
     pub distortion: Option<[f64; 5]>,
+    /// A lens model without numbers that is read as a pinhole model.
+    pub assumed_pinhole: Option<String>,
 }
 
 /// Contents of a file without images.
 #[derive(Debug)]
 pub(crate) struct Survey {
-    pub channels: BTreeMap<u16, Used>,
-    pub joints: Vec<JointAngles>,
-    /// Parent and first pose of each frame.
-    frames: HashMap<String, (String, Isometry3<f64>)>,
+    pub used: Vec<Used>,
+    /// The place of each channel in `used`, and its schema.
+    channels: HashMap<u16, (usize, String)>,
+    /// Channels whose messages cannot be read, with their role.
+    unread: Vec<(Role, String)>,
+    pub joints: Readings,
+    pub tree: Tree,
     /// Poses of the object in its parent, with their times.
     pub object: Vec<Isometry3<f64>>,
     pub object_stamps: Stamps,
@@ -65,8 +73,8 @@ pub(crate) struct Survey {
     pub scene: Option<Vec<u8>>,
     /// Contents of data.pkl.
     pub record: Option<Vec<u8>>,
-    /// Frames that moved.
-    pub moving: Vec<String>,
+    pub skips: Skips,
+    pub notes: Vec<String>,
     /// Bytes that may still be kept.
     left: u64,
 }
@@ -84,48 +92,59 @@ pub(crate) fn topics(path: &Path) -> Result<Vec<String>, Defect> {
 }
 
 /// Returns the role of each topic.
-fn roles(mapping: &Mapping) -> HashMap<&str, Role> {
-    let mut roles = HashMap::from([(mapping.hand.joints.as_str(), Role::Joints)]);
+fn roles(mapping: &Mapping) -> Result<HashMap<&str, Role>, String> {
+    let mut list = vec![(&mapping.hand.joints, Role::Joints)];
     for (k, camera) in mapping.cameras.iter().enumerate() {
-        roles.insert(&camera.depth, Role::Depth(k));
+        list.push((&camera.depth, Role::Depth(k)));
         let others = [
             (&camera.colours, Role::Image(LogImage::Colours(k))),
             (&camera.labels, Role::Image(LogImage::Labels(k))),
             (&camera.calibration, Role::Calibration(k)),
         ];
-        roles.extend(others.into_iter().filter_map(|(topic, role)| Some((topic.as_deref()?, role))));
+        list.extend(others.into_iter().filter_map(|(topic, role)| Some((topic.as_ref()?, role))));
     }
     for finger in Finger::ALL {
         let Some(touch) = mapping.touch.of(finger) else { continue };
-        roles.insert(&touch.image, Role::Image(LogImage::Touch(finger)));
+        list.push((&touch.image, Role::Image(LogImage::Touch(finger))));
         let truth = [(&touch.depth, LogImage::TouchDepth(finger)), (&touch.contact, LogImage::Contact(finger))];
-        roles.extend(truth.into_iter().filter_map(|(topic, image)| Some((topic.as_deref()?, Role::Image(image)))));
+        list.extend(truth.into_iter().filter_map(|(topic, image)| Some((topic.as_ref()?, Role::Image(image)))));
     }
-    roles
+    let mut roles = HashMap::new();
+    for (topic, role) in list {
+        if roles.insert(frame_name(topic), role).is_some() {
+            return Err(format!("the mapping names {topic} twice; each sensor has a topic of its own"));
+        }
+    }
+    Ok(roles)
 }
 
 /// Reads everything but images.
 pub(crate) fn survey(path: &Path, mapping: &Mapping) -> Result<Survey, Defect> {
-    let roles = roles(mapping);
+    let roles = roles(mapping)?;
     let size = path.metadata().map_or(0, |file| file.len());
     let mut survey = Survey {
-        channels: BTreeMap::new(),
-        joints: Vec::new(),
-        frames: HashMap::new(),
+        used: Vec::new(),
+        channels: HashMap::new(),
+        unread: Vec::new(),
+        joints: Readings::default(),
+        tree: Tree::default(),
         object: Vec::new(),
         object_stamps: Stamps::default(),
         object_parent: String::new(),
         models: vec![None; mapping.cameras.len()],
         scene: None,
         record: None,
-        moving: Vec::new(),
+        skips: Skips::default(),
+        notes: Vec::new(),
         left: size.max(LEAST_KEPT),
     };
     scan(path, &mut |record| match record {
         Record::Channel(id, channel) => survey.channel(id, channel, &roles),
         Record::Message(id, time_ns, data) => {
-            let topic = survey.channels.get(&id).map_or_else(String::new, |used| used.record.topic.clone());
-            survey.message(id, time_ns, data, mapping).map_err(|defect| format!("{topic}: {defect}"))?;
+            let Some((place, schema)) = survey.channels.get(&id) else { return Ok(true) };
+            let (place, schema) = (*place, schema.clone());
+            let topic = survey.used.get(place).map_or_else(String::new, |used| used.topic.clone());
+            survey.message(place, &schema, time_ns, data, mapping).map_err(|defect| format!("{topic}: {defect}"))?;
             Ok(true)
         }
         Record::Attachment(name, data) => {
@@ -139,12 +158,14 @@ pub(crate) fn survey(path: &Path, mapping: &Mapping) -> Result<Survey, Defect> {
             Ok(true)
         }
     })?;
+    survey.check(mapping)?;
     Ok(survey)
 }
 
 impl Survey {
     fn channel(&mut self, id: u16, channel: &ChannelRecord, roles: &HashMap<&str, Role>) -> Result<bool, Defect> {
-        let role = match (roles.get(channel.topic.as_str()), channel.schema.as_str()) {
+        let ChannelRecord { topic, schema, encoding } = channel;
+        let role = match (roles.get(frame_name(topic)), schema.as_str()) {
             (Some(role), _) => *role,
             (None, "foxglove.FrameTransform" | "foxglove.FrameTransforms") => Role::Transforms,
             (None, _) => return Ok(false),
@@ -155,21 +176,48 @@ impl Survey {
             Role::Calibration(_) => &["CameraCalibration"],
             Role::Transforms => &["FrameTransform", "FrameTransforms"],
         };
-        let ChannelRecord { topic, schema, encoding } = channel;
         let fits = schema.strip_prefix("foxglove.").is_some_and(|name| schemas.contains(&name));
         if !fits || encoding != "protobuf" {
             let wanted = schemas.iter().map(|name| format!("foxglove.{name}")).collect::<Vec<_>>().join(" or ");
-            return Err(format!(
-                "{topic} has the schema {schema:?} in {encoding:?}; give a topic with {wanted} in protobuf"
-            )
-            .into());
+            let defect =
+                format!("{topic} has the schema {schema:?} in {encoding:?}; give a topic with {wanted} in protobuf");
+            self.unread.push((role, defect));
+            return Ok(false);
         }
-        let is_twice = role != Role::Transforms && self.channels.values().any(|used| used.role == role);
-        if is_twice {
-            return Err(format!("two channels have the topic {topic}; keep one with `mcap filter`").into());
+        let is_same = |used: &Used| used.role == role && frame_name(&used.topic) == frame_name(topic);
+        let place = self.used.iter().position(is_same).unwrap_or(self.used.len());
+        if place == self.used.len() {
+            let (stamps, numbers) = (Stamps::default(), Vec::new());
+            self.used.push(Used { topic: topic.clone(), role, stamps, numbers, messages: 0 });
         }
-        self.channels.insert(id, Used { record: channel.clone(), role, stamps: Stamps::default() });
+        self.channels.insert(id, (place, schema.clone()));
         Ok(true)
+    }
+
+    /// Refuses a file that lacks a role because of its messages, and notes other channels that are not read.
+    fn check(&mut self, mapping: &Mapping) -> Result<(), String> {
+        for (role, defect) in std::mem::take(&mut self.unread) {
+            let is_read = role == Role::Transforms || self.used.iter().any(|used| used.role == role);
+            if !is_read {
+                return Err(defect);
+            }
+            self.notes.push(format!("a channel is not read: {defect}"));
+        }
+        for used in self.used.iter().filter(|used| used.stamps.len() == 0 && used.messages > 0) {
+            // Without transforms or a calibration, the mapping may give the poses.
+            let is_needed = matches!(used.role, Role::Depth(_) | Role::Image(_));
+            if let Some(first) = self.skips.first(&used.topic).filter(|_| is_needed) {
+                return Err(format!(
+                    "{}: none of its {} messages can be used; first {first}",
+                    used.topic, used.messages
+                ));
+            }
+        }
+        let has_joints = self.used.iter().any(|used| used.role == Role::Joints && used.messages > 0);
+        match self.joints.defect(&mapping.hand.names).filter(|_| has_joints) {
+            Some(defect) => Err(format!("{}: {defect}", mapping.hand.joints)),
+            None => Ok(()),
+        }
     }
 
     /// Counts the kept messages: a few bytes may decompress to very many messages.
@@ -183,94 +231,109 @@ impl Survey {
         }
     }
 
-    fn message(&mut self, id: u16, time_ns: u64, data: &[u8], mapping: &Mapping) -> Result<(), String> {
-        self.keep(Stamps::SIZE)?;
-        let Some(used) = self.channels.get_mut(&id) else { return Ok(()) };
-        let (stated_ns, decoded) = decode(&used.record.schema, data)?;
-        used.stamps.push(time_ns, stated_ns);
-        match (used.role, decoded) {
+    /// Keeps what a message says, or counts it as skipped. An error is a defect of the file.
+    fn message(
+        &mut self,
+        place: usize,
+        schema: &str,
+        time_ns: u64,
+        data: &[u8],
+        mapping: &Mapping,
+    ) -> Result<(), String> {
+        self.keep(Stamps::SIZE + std::mem::size_of::<usize>() as u64)?;
+        let Some(used) = self.used.get_mut(place) else { return Ok(()) };
+        let (role, number, topic) = (used.role, used.messages, used.topic.clone());
+        used.messages += 1;
+        let skip = |skips: &mut Skips, reason| skips.add(&topic, format!("message {number}"), reason);
+        let (stated_ns, decoded) = match decode(schema, data) {
+            Ok(decoded) => decoded,
+            Err(reason) => {
+                skip(&mut self.skips, reason);
+                return Ok(());
+            }
+        };
+        match (role, decoded) {
             (Role::Joints, Decoded::Joints(joints)) => {
-                self.keep(std::mem::size_of::<JointAngles>() as u64)?;
-                self.joints.push(in_order(&joints, &mapping.hand.names)?);
+                let (row, defects) = self.joints.row(&joints, &mapping.hand.names);
+                defects.into_iter().for_each(|defect| skip(&mut self.skips, defect));
+                let Some(row) = row else { return Ok(()) };
+                // The fingers of one instant may come in several messages.
+                let is_last = used.stamps.is_last(time_ns, stated_ns);
+                if let Some(last) = self.joints.rows.last_mut().filter(|last| is_last && are_apart(last, &row)) {
+                    last.iter_mut()
+                        .zip(row)
+                        .filter(|(_, angle)| !angle.is_nan())
+                        .for_each(|(last, angle)| *last = angle);
+                    return Ok(());
+                }
+                self.joints.rows.push(row);
+                used.stamps.push(time_ns, stated_ns);
+                used.numbers.push(number);
+                return self.keep(std::mem::size_of::<JointAngles>() as u64);
             }
             (Role::Calibration(camera), Decoded::Calibration(found)) => {
-                let Some(place @ None) = self.models.get_mut(camera) else { return Ok(()) };
-                if !is_plausible(&found.intrinsics) {
-                    return Err("the calibration is not that of a camera; its sizes are pixels".to_owned());
-                }
-                let distortion = match (found.model, found.distortion.as_slice()) {
-                    (_, numbers) if numbers.iter().all(|&k| k == 0.0) => None,
-                    ("plumb_bob" | "", &[k1, k2, p1, p2, k3]) => Some([k1, k2, p1, p2, k3]),
-                    (model, _) => {
-                        return Err(format!(
-                            "the distortion {model:?} is unknown; undistort the images, or give plumb_bob"
-                        ));
+                match (camera_model(&found), self.models.get_mut(camera)) {
+                    (Ok(model), Some(place @ None)) => *place = Some(model),
+                    (Err(reason), _) => {
+                        skip(&mut self.skips, reason);
+                        return Ok(());
                     }
-                };
-                if distortion.is_some_and(|numbers| numbers.iter().any(|k| !k.is_finite())) {
-                    return Err("a number of the distortion is not finite".to_owned());
+                    _ => {}
                 }
-                *place = Some(CameraModel { frame: found.frame.to_owned(), intrinsics: found.intrinsics, distortion });
             }
             (Role::Transforms, Decoded::Transforms(transforms)) => {
+                used.stamps.push(time_ns, transforms.last().map_or(0, |last| last.stated_ns));
+                used.numbers.push(number);
                 for transform in transforms {
-                    self.transform(&transform, (time_ns, stated_ns), mapping)?;
+                    if let Some(reason) = self.transform(&transform, time_ns, mapping)? {
+                        skip(&mut self.skips, reason);
+                    }
                 }
+                return Ok(());
+            }
+            (_, Decoded::Image(picture)) if picture.data.is_empty() => {
+                skip(&mut self.skips, "the image is empty".to_owned());
+                return Ok(());
             }
             _ => {}
         }
+        used.stamps.push(time_ns, stated_ns);
+        used.numbers.push(number);
         Ok(())
     }
 
-    fn transform(&mut self, found: &Transform<'_>, times: (u64, u64), mapping: &Mapping) -> Result<(), String> {
-        let &Transform { parent, child, pose } = found;
-        if mapping.object.frame.as_deref() == Some(child) {
-            if !self.object.is_empty() && self.object_parent != parent {
-                return Err(format!("the frame {child} has two parents: {} and {parent}", self.object_parent));
+    /// Keeps a transform; returns why not otherwise.
+    fn transform(&mut self, found: &Transform<'_>, time_ns: u64, mapping: &Mapping) -> Result<Option<String>, String> {
+        let Transform { parent, child, pose, stated_ns } = found;
+        let pose = match pose {
+            Ok(pose) => *pose,
+            Err(defect) => {
+                self.tree.add_broken(child, defect);
+                return Ok(Some(defect.clone()));
             }
-            self.keep(Stamps::SIZE + std::mem::size_of_val(&pose) as u64)?;
-            parent.clone_into(&mut self.object_parent);
-            self.object.push(pose);
-            self.object_stamps.push(times.0, times.1);
-            return Ok(());
+        };
+        if mapping.object.frame.as_deref() != Some(*child) {
+            let kept = self.tree.add(parent, child, pose);
+            return self.keep(kept).map(|()| None);
         }
-        if let Some((_, first)) = self.frames.get(child) {
-            let motion = first.inverse() * pose;
-            let is_still = motion.translation.vector.norm() < STILL_M && motion.rotation.angle() < STILL_RAD;
-            if !is_still && !self.moving.iter().any(|name| name == child) {
-                self.keep(child.len() as u64 + 32)?;
-                self.moving.push(child.to_owned());
-            }
-            return Ok(());
+        if !self.object.is_empty() && self.object_parent != *parent {
+            let first = &self.object_parent;
+            return Ok(Some(format!("the frame {child} has two parents: {first}, which is used, and {parent}")));
         }
-        self.keep((child.len() + parent.len()) as u64 + 256)?;
-        self.frames.insert(child.to_owned(), (parent.to_owned(), pose));
-        Ok(())
+        self.keep(Stamps::SIZE + std::mem::size_of_val(&pose) as u64)?;
+        self.object_parent = (*parent).to_owned();
+        self.object.push(pose);
+        self.object_stamps.push(time_ns, *stated_ns);
+        Ok(None)
     }
 
-    /// Returns the pose of a frame in another, by the first pose of each frame between them.
-    pub fn pose(&self, frame: &str, root: &str) -> Result<Isometry3<f64>, String> {
-        let (mut at, mut pose) = (frame, Isometry3::identity());
-        for _ in 0..LONGEST_CHAIN {
-            if at == root {
-                return Ok(pose);
-            }
-            let Some((parent, of)) = self.frames.get(at) else {
-                return Err(format!("no transform leads from {frame:?} to {root:?}: {at:?} has no parent"));
-            };
-            pose = of * pose;
-            at = parent;
-        }
-        Err(format!("the transforms from {frame:?} to {root:?} go in a circle"))
-    }
-
-    /// Returns the poses of the object in a frame.
-    pub fn object_poses(&self, root: &str) -> Result<Vec<Isometry3<f64>>, String> {
+    /// Returns the poses of the object in a frame, and the frames between them that move.
+    pub fn object_poses(&self, root: &str) -> Result<(Vec<Isometry3<f64>>, Vec<String>), String> {
         if self.object.is_empty() {
-            return Ok(Vec::new());
+            return Ok((Vec::new(), Vec::new()));
         }
-        let parent = self.pose(&self.object_parent, root)?;
-        Ok(self.object.iter().map(|pose| parent * pose).collect())
+        let parent = self.tree.path(&self.object_parent, root)?;
+        Ok((self.object.iter().map(|pose| parent.pose * pose).collect(), parent.moving))
     }
 
     /// Returns the pinhole model of a camera of the mapping.
@@ -278,25 +341,56 @@ impl Survey {
         self.models.get(camera)?.as_ref()
     }
 
-    /// Returns the channel of a role.
-    pub fn channel_of(&self, role: Role) -> Option<&Used> {
-        self.channels.values().find(|used| used.role == role && used.stamps.len() > 0)
+    /// Returns the place and the topic of a role.
+    pub fn of_role(&self, role: Role) -> Option<&Used> {
+        self.used.iter().find(|used| used.role == role && used.stamps.len() > 0)
+    }
+
+    /// Returns the place in `used` and the schema of a channel.
+    pub fn of_channel(&self, id: u16) -> Option<(usize, &str)> {
+        self.channels.get(&id).map(|(place, schema)| (*place, schema.as_str()))
     }
 }
 
-/// Returns the joint angles in the hand's order.
-fn in_order(joints: &[(&str, f64)], names: &[String]) -> Result<JointAngles, String> {
-    let mut angles = [0.0; JOINTS];
-    for (angle, name) in angles.iter_mut().zip(names) {
-        let found = joints.iter().find(|(known, _)| known == name);
-        let &(_, position) = found.ok_or_else(|| {
-            let known: Vec<&str> = joints.iter().map(|(name, _)| *name).take(20).collect();
-            format!("there is no joint {name:?} among {}; give hand.names in the mapping", known.join(", "))
-        })?;
-        if !position.is_finite() {
-            return Err(format!("the position of joint {name:?} is not finite"));
-        }
-        *angle = position;
+/// Returns whether no joint has an angle in both.
+fn are_apart(a: &JointAngles, b: &JointAngles) -> bool {
+    a.iter().zip(b).all(|(a, b)| a.is_nan() || b.is_nan())
+}
+
+/// Returns the camera of a calibration, or why it is none.
+fn camera_model(found: &Calibration<'_>) -> Result<CameraModel, String> {
+    let Calibration { frame, intrinsics, model, distortion: numbers } = found;
+    let Intrinsics { width, height, fx, fy, .. } = intrinsics;
+    if *fx == 0.0 && *fy == 0.0 {
+        return Err("the matrix K of the calibration is zero: the camera is not calibrated".to_owned());
     }
-    Ok(angles)
+    if !is_plausible(intrinsics) {
+        return Err(format!(
+            "the calibration is not that of a camera: {width} x {height} pixels, focal lengths {fx} and {fy} pixels"
+        ));
+    }
+    if numbers.iter().any(|k| !k.is_finite()) {
+        return Err("a number of the distortion is not finite".to_owned());
+    }
+    let (first, rest) = numbers.split_at(numbers.len().min(5));
+    let are_zero = |numbers: &[f64]| numbers.iter().all(|&k| k == 0.0);
+    let is_known = matches!(*model, "" | "plumb_bob" | "rational_polynomial");
+    let distortion = match *first {
+        _ if are_zero(numbers) => None,
+        _ if !is_known => {
+            return Err(format!("the lens model {model:?} is unknown; rectify the images, or give plumb_bob"));
+        }
+        [k1, k2, p1, p2] => Some([k1, k2, p1, p2, 0.0]),
+        [k1, k2, p1, p2, k3] if are_zero(rest) => Some([k1, k2, p1, p2, k3]),
+        [_, _, _, _, _] => {
+            return Err(format!(
+                "the lens model {model:?} has {} numbers, of which a log keeps 5 and the others are not 0; rectify the images",
+                numbers.len()
+            ));
+        }
+        _ => return Err(format!("the distortion has {} numbers; give 4, 5 or 8", numbers.len())),
+    };
+    let is_fisheye = !is_known && !numbers.is_empty();
+    let assumed_pinhole = is_fisheye.then(|| (*model).to_owned());
+    Ok(CameraModel { frame: (*frame).to_owned(), intrinsics: *intrinsics, distortion, assumed_pinhole })
 }

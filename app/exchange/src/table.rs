@@ -2,10 +2,14 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
+use std::sync::Arc;
 
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
+use ::parquet::record::reader::TreeBuilder;
 use ::parquet::record::{Field, Row};
-use ::parquet::schema::types::Type;
+use ::parquet::schema::types::{SchemaDescriptor, Type};
+
+use crate::pages::RowGroup;
 
 /// Longest metadata at the end of a file, bytes.
 const LONGEST_FOOTER: u64 = 64 << 20;
@@ -36,17 +40,23 @@ pub(crate) fn read_rows<E: From<String>>(
             None => "it is damaged".to_owned(),
         })
     };
+    let pages = Arc::new(file.try_clone().map_err(|error| words(&error))?);
     let reader = guard(|| SerializedFileReader::new(file)).map_err(guarded)?;
     let schema = reader.metadata().file_metadata().schema();
     let wanted: Vec<_> = schema.get_fields().iter().filter(|field| columns.contains(&field.name())).cloned().collect();
     let projection = Type::group_type_builder("schema").with_fields(wanted).build().map_err(|error| words(&error))?;
-    let mut rows = guard(|| reader.get_row_iter(Some(projection))).map_err(guarded)?.with_batch_size(BATCH);
-    loop {
-        let Some(found) = guard(|| rows.next().transpose()).map_err(guarded)? else { return Ok(()) };
-        if !row(cells(found, columns))? {
-            return Ok(());
+    let described = Arc::new(SchemaDescriptor::new(Arc::new(projection)));
+    for about in reader.metadata().row_groups() {
+        let group = RowGroup::new(Arc::clone(&pages), about);
+        let builder = TreeBuilder::new().with_batch_size(BATCH);
+        let mut rows = guard(|| builder.as_iter(Arc::clone(&described), &group)).map_err(guarded)?;
+        while let Some(found) = guard(|| rows.next().transpose()).map_err(guarded)? {
+            if !row(cells(found, columns))? {
+                return Ok(());
+            }
         }
     }
+    Ok(())
 }
 
 fn one_line(path: &Path, error: &dyn std::fmt::Display) -> String {

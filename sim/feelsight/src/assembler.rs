@@ -1,5 +1,6 @@
 //! Writer of a log from parts that come in any order, as recordings of other programs deliver them.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -59,13 +60,67 @@ pub struct Timeline {
     pub scene: Option<SceneFile>,
 }
 
+/// Depths of a camera.
+struct Depths {
+    path: PathBuf,
+    writer: NpzWriter,
+    pixels: usize,
+    /// The next frame of the file.
+    next: usize,
+    /// Images that came before those of earlier frames; `None` of a frame without depth.
+    waiting: BTreeMap<usize, Option<DeflatedFrame>>,
+    /// Bytes of these images.
+    bytes: usize,
+}
+
+/// Greatest size of depth images that wait for earlier ones, bytes: a minute of a camera.
+const MOST_WAITING: usize = 1 << 30;
+
+impl Depths {
+    fn write(&mut self, image: Option<DeflatedFrame>) -> std::io::Result<()> {
+        self.next += 1;
+        let image = match image {
+            Some(image) => image,
+            None => DeflatedFrame::new(std::iter::repeat_n(0.0, self.pixels))?,
+        };
+        self.writer.push(&image)
+    }
+
+    fn add(&mut self, frame: usize, image: Option<DeflatedFrame>) -> std::io::Result<()> {
+        if frame != self.next {
+            let image = image.map(DeflatedFrame::shrink);
+            self.bytes += image.as_ref().map_or(0, DeflatedFrame::size);
+            self.waiting.insert(frame, image);
+            return match self.bytes > MOST_WAITING {
+                true => Err(std::io::Error::other("its images are too far from the order of time; sort the recording")),
+                false => Ok(()),
+            };
+        }
+        self.write(image)?;
+        while let Some(image) = self.waiting.remove(&self.next) {
+            self.bytes -= image.as_ref().map_or(0, DeflatedFrame::size);
+            self.write(image)?;
+        }
+        Ok(())
+    }
+
+    /// Completes the file with as many frames, those that did not come without depth.
+    fn finish(mut self, frames: usize) -> Result<(), LogError> {
+        while self.next < frames {
+            let image = self.waiting.remove(&self.next).flatten();
+            self.write(image).map_err(LogError::io(&self.path))?;
+        }
+        self.writer.finish(1.0).map_err(LogError::io(self.path))
+    }
+}
+
 /// Writer of a log in FeelSight's layout, whose images may come in any order and may be missing. The folder has its name only when the log is
 /// complete; if the writer is dropped before [`LogAssembler::finish`], it removes its files.
 pub struct LogAssembler {
     place: PathBuf,
     partial: PartialFolder,
     cameras: Vec<LogCamera>,
-    depths: Vec<(PathBuf, NpzWriter)>,
+    depths: Vec<Depths>,
 }
 
 impl LogAssembler {
@@ -92,7 +147,9 @@ impl LogAssembler {
             let path = partial.path().join("realsense").join(name).join("depth.npz");
             fs::create_dir_all(path.with_file_name("")).map_err(LogError::io(&path))?;
             let writer = NpzWriter::create(&path, camera.intrinsics.height, camera.intrinsics.width);
-            depths.push((path.clone(), writer.map_err(LogError::io(path))?));
+            let writer = writer.map_err(LogError::io(&path))?;
+            let pixels = camera.intrinsics.height * camera.intrinsics.width;
+            depths.push(Depths { path, writer, pixels, next: 0, waiting: BTreeMap::new(), bytes: 0 });
         }
         Ok(Self { place: place.to_path_buf(), partial, cameras, depths })
     }
@@ -130,18 +187,21 @@ impl LogAssembler {
         fs::write(&path, file).map_err(LogError::io(path))
     }
 
-    /// Adds the depth of a camera, by its number, in the next frame: metres along the axis, row by row, 0 where nothing was measured.
+    /// Adds the depth of a camera, by its number, in a frame: metres along the axis, row by row, 0 where nothing was measured; `None` of a
+    /// frame without depth. Depth that comes before that of an earlier frame is kept in memory until then, unless it is given as `None` at
+    /// once. A frame of which nothing comes has no depth.
     ///
     /// # Errors
-    /// [`LogError`] if it has not the size of the camera's images or cannot be written.
-    pub fn push_depth(&mut self, camera: usize, depth_m: &[f32]) -> Result<(), LogError> {
-        let Some((path, writer)) = self.depths.get_mut(camera) else {
+    /// [`LogError`] if it has not the size of the camera's images, cannot be written, or too many images wait.
+    pub fn depth(&mut self, camera: usize, frame: usize, depth_m: Option<&[f32]>) -> Result<(), LogError> {
+        let Some(depths) = self.depths.get_mut(camera) else {
             return Err(LogError::defect(&self.place, format!("there is no camera {camera}")));
         };
         // The camera's z is negative in front of it.
-        let signed = depth_m.iter().map(|&depth| if depth > 0.0 { -depth } else { 0.0 });
-        let deflated = DeflatedFrame::new(signed).map_err(LogError::io(&*path))?;
-        writer.push(&deflated).map_err(LogError::io(&*path))
+        let signed =
+            |depth_m: &[f32]| DeflatedFrame::new(depth_m.iter().map(|&depth| if depth > 0.0 { -depth } else { 0.0 }));
+        let image = depth_m.map(signed).transpose();
+        image.and_then(|image| depths.add(frame, image)).map_err(LogError::io(&depths.path))
     }
 
     /// Completes the log and gives its folder the final name.
@@ -155,8 +215,8 @@ impl LogAssembler {
                 format!("{} times, {} joint states, {} poses", times_s.len(), joints.len(), object_poses.len());
             return Err(LogError::defect(&self.place, defect));
         }
-        for (path, writer) in std::mem::take(&mut self.depths) {
-            writer.finish(1.0).map_err(LogError::io(path))?;
+        for depths in std::mem::take(&mut self.depths) {
+            depths.finish(times_s.len())?;
         }
         let object_from_file = match &scene {
             Some(scene) => Isometry::<MeshFile, Object>::from_matrix(&scene.object.object_from_file)

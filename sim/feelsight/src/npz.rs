@@ -78,6 +78,17 @@ impl DeflatedFrame {
         }
         Ok(Self { data, checksum, values: plain.len() / 4 })
     }
+
+    /// Returns the number of its bytes.
+    pub(crate) fn size(&self) -> usize {
+        self.data.len()
+    }
+
+    /// Gives back the memory that is not filled.
+    pub(crate) fn shrink(mut self) -> Self {
+        self.data.shrink_to_fit();
+        self
+    }
 }
 
 /// Writer of depth.npz.
