@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::mesh::EdgeCount;
 
-/// Change of a mesh by [`repair`](crate::repair()), or a fault that it left. The caller shows it.
+/// Change of a mesh by [`read`](crate::read()) or [`repair`](crate::repair()), or a fault that they left. The caller shows it.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct MeshWarning {
@@ -14,7 +14,7 @@ pub struct MeshWarning {
     pub finding: Finding,
 }
 
-/// Change or fault that [`repair`](crate::repair()) reports.
+/// Change or fault that [`read`](crate::read()) or [`repair`](crate::repair()) reports.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Finding {
@@ -23,6 +23,31 @@ pub enum Finding {
         /// Largest side in the units of the file.
         extent: f64,
     },
+    /// Vertices at open edges that lay close together were merged.
+    Seams {
+        /// Number of vertices that were replaced by others.
+        merged: usize,
+        /// Greatest distance to the other vertex, in the units of the file.
+        distance: f64,
+    },
+    /// Lines of a text have more numbers than the header says; those at their ends were ignored.
+    SurplusNumbers {
+        /// First of these lines, from 1.
+        line: usize,
+        /// Number of these lines.
+        count: usize,
+    },
+    /// The header of a binary STL file does not know the number of triangles.
+    Uncounted {
+        /// Number in the header.
+        promised: u32,
+        /// Number of triangles in the file.
+        held: usize,
+    },
+    /// Bytes after the last triangle were ignored.
+    TrailingBytes(usize),
+    /// Free-form surfaces were ignored.
+    FreeFormSurfaces(usize),
     /// Faces without an area were dropped.
     DegenerateFaces(usize),
     /// Faces with the same three corners as another face were dropped.
@@ -48,6 +73,23 @@ impl fmt::Display for MeshWarning {
         match self.finding {
             Finding::ScaledFromMillimetres { extent } => {
                 write!(f, "{file}: largest side is {extent} units, so the file is in millimetres; scaled by 0.001")
+            }
+            Finding::Seams { merged, distance } => {
+                write!(
+                    f,
+                    "{file}: merged {merged} vertices at open edges with others at most {distance:.1e} units away"
+                )
+            }
+            Finding::SurplusNumbers { line, count } => write!(
+                f,
+                "{file}: ignored numbers at the end of {count} line(s), because the header names fewer; the first is line {line}"
+            ),
+            Finding::Uncounted { promised, held } => {
+                write!(f, "{file}: the header promises {promised} triangles; read all {held} in the file")
+            }
+            Finding::TrailingBytes(n) => write!(f, "{file}: ignored {n} byte(s) after the last triangle"),
+            Finding::FreeFormSurfaces(n) => {
+                write!(f, "{file}: ignored {n} free-form surface(s); export them as polygons")
             }
             Finding::DegenerateFaces(n) => write!(f, "{file}: dropped {n} face(s) without area"),
             Finding::DuplicateFaces(n) => write!(f, "{file}: dropped {n} face(s) that were there twice"),

@@ -1,0 +1,641 @@
+//! Files that other programs write, each of which was once read wrongly or refused for a false reason.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
+use std::fmt::Write as _;
+
+use glam::{DVec3, Quat, Vec3};
+use mvt_mesh::{Defect, Finding, Format, Mesh, read, read_bytes, repair};
+
+/// Reads and repairs a file. Returns all findings, too.
+fn load(bytes: impl AsRef<[u8]>, format: Format) -> Result<(Mesh, Vec<Finding>), String> {
+    let (raw, read) = read_bytes(bytes.as_ref(), format, "f").map_err(|error| error.to_string())?;
+    let (mesh, repaired) = repair(&raw, "f").map_err(|error| error.to_string())?;
+    Ok((mesh, read.into_iter().chain(repaired).map(|warning| warning.finding).collect()))
+}
+
+fn defect(bytes: impl AsRef<[u8]>, format: Format) -> String {
+    load(bytes, format).expect_err("a bad file was accepted")
+}
+
+/// Loads a file without any finding, and checks that it encloses a volume.
+#[track_caller]
+fn assert_encloses(bytes: impl AsRef<[u8]>, format: Format, volume_m3: f64) -> Mesh {
+    let (mesh, findings) = load(bytes, format).unwrap();
+    assert!(findings.is_empty(), "{findings:?}");
+    assert!((mesh.volume_m3() / volume_m3 - 1.0).abs() < 1e-4, "{} and not {volume_m3}", mesh.volume_m3());
+    mesh
+}
+
+/// Prism over an outline (counter-clockwise): its vertices, and its faces as polygons.
+struct Prism {
+    vertices: Vec<Vec3>,
+    faces: Vec<Vec<usize>>,
+}
+
+impl Prism {
+    fn new(outline: &[[f32; 2]], height: f32) -> Self {
+        let n = outline.len();
+        let vertices = [0.0, height].into_iter().flat_map(|z| outline.iter().map(move |&[x, y]| Vec3::new(x, y, z)));
+        // The two sides of a bridge to a hole are inside the solid.
+        let is_bridge =
+            |&i: &usize| (0..n).any(|j| [outline[j], outline[(j + 1) % n]] == [outline[(i + 1) % n], outline[i]]);
+        let sides = (0..n).filter(|i| !is_bridge(i)).map(|i| vec![i, (i + 1) % n, (i + 1) % n + n, i + n]);
+        let faces = [(0..n).rev().collect(), (n..2 * n).collect()].into_iter().chain(sides);
+        Self { vertices: vertices.collect(), faces: faces.collect() }
+    }
+
+    /// Begins every face at another corner.
+    fn begun_at(mut self, corner: usize) -> Self {
+        self.faces.iter_mut().for_each(|face| {
+            let corners = face.len();
+            face.rotate_left(corner % corners);
+        });
+        self
+    }
+
+    fn turned(mut self, turn: Quat) -> Self {
+        self.vertices.iter_mut().for_each(|v| *v = turn * *v);
+        self
+    }
+
+    fn obj(&self) -> String {
+        let mut text = String::new();
+        self.vertices.iter().for_each(|v| writeln!(text, "v {} {} {}", v.x, v.y, v.z).unwrap());
+        for face in &self.faces {
+            text += "f";
+            face.iter().for_each(|v| write!(text, " {}", v + 1).unwrap());
+            text += "\n";
+        }
+        text
+    }
+
+    fn ply_header(&self, encoding: &str) -> String {
+        format!(
+            "ply\nformat {encoding} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {}\nproperty list int int vertex_indices\nend_header\n",
+            self.vertices.len(),
+            self.faces.len()
+        )
+    }
+
+    fn ply_text(&self) -> String {
+        let mut text = self.ply_header("ascii");
+        self.vertices.iter().for_each(|v| writeln!(text, "{} {} {}", v.x, v.y, v.z).unwrap());
+        for face in &self.faces {
+            write!(text, "{}", face.len()).unwrap();
+            face.iter().for_each(|v| write!(text, " {v}").unwrap());
+            text += "\n";
+        }
+        text
+    }
+
+    fn ply_binary(&self) -> Vec<u8> {
+        let mut bytes = self.ply_header("binary_little_endian").into_bytes();
+        bytes.extend(self.vertices.iter().flat_map(|v| v.to_array()).flat_map(f32::to_le_bytes));
+        for face in &self.faces {
+            bytes.extend([face.len()].iter().chain(face).flat_map(|&v| (v as i32).to_le_bytes()));
+        }
+        bytes
+    }
+
+    fn corners(&self) -> Vec<[Vec3; 3]> {
+        let (mesh, _) = read_bytes(self.obj().as_bytes(), Format::Obj, "prism").unwrap();
+        mesh.triangles().collect()
+    }
+}
+
+/// A box of 60 x 20 x 40 mm.
+fn cuboid() -> Prism {
+    Prism::new(&[[0.0, 0.0], [0.06, 0.0], [0.06, 0.02], [0.0, 0.02]], 0.04)
+}
+
+const CUBOID_M3: f64 = 0.06 * 0.02 * 0.04;
+
+fn area(outline: &[[f32; 2]]) -> f64 {
+    let next = outline.iter().cycle().skip(1);
+    0.5 * outline
+        .iter()
+        .zip(next)
+        .map(|(&[a, b], &[c, d])| f64::from(a) * f64::from(d) - f64::from(c) * f64::from(b))
+        .sum::<f64>()
+}
+
+/// A comb with teeth of 5 mm.
+fn comb(teeth: usize) -> Vec<[f32; 2]> {
+    let width = 0.01 * teeth as f32 - 0.005;
+    let mut outline = vec![[0.0, 0.0], [width, 0.0]];
+    for tooth in (0..teeth).rev() {
+        let x = 0.01 * tooth as f32;
+        outline.extend([[x + 0.005, 0.06], [x, 0.06]]);
+        if tooth > 0 {
+            outline.extend([[x, 0.012], [x - 0.005, 0.012]]);
+        }
+    }
+    outline
+}
+
+/// A star with narrow spikes.
+fn star(spikes: usize) -> Vec<[f32; 2]> {
+    let corner = |i: usize| {
+        let angle = std::f64::consts::PI * i as f64 / spikes as f64;
+        let radius = if i % 2 == 0 { 0.05 } else { 0.02 };
+        [(radius * angle.cos()) as f32, (radius * angle.sin()) as f32]
+    };
+    (0..2 * spikes).map(corner).collect()
+}
+
+#[test]
+fn polygons_keep_their_shape() {
+    let bracket = vec![[0.0, 0.0], [0.1, 0.0], [0.1, 0.012], [0.012, 0.012], [0.012, 0.1], [0.0, 0.1]];
+    // Corners on the sides, two of them beside the first corner.
+    let marked = vec![
+        [0.0, 0.0],
+        [0.02, 0.0],
+        [0.04, 0.0],
+        [0.06, 0.0],
+        [0.06, 0.01],
+        [0.06, 0.02],
+        [0.03, 0.02],
+        [0.0, 0.02],
+        [0.0, 0.01],
+    ];
+    let arrow = vec![[0.0, 0.0], [0.06, 0.03], [0.0, 0.06], [0.02, 0.03]];
+    // A frame whose hole is reached over a bridge, so that two corners occur twice.
+    let (outer, inner) = (
+        [[0.0, 0.0], [0.06, 0.0], [0.06, 0.06], [0.0, 0.06]],
+        [[0.02, 0.02], [0.02, 0.04], [0.04, 0.04], [0.04, 0.02]],
+    );
+    let bridged = [&outer[..], &outer[..1], &inner[..], &inner[..1]].concat();
+    for outline in [bracket, marked, arrow, comb(4), star(5), star(40), bridged] {
+        for (corner, turn) in (0..outline.len())
+            .zip([Quat::IDENTITY, Quat::from_rotation_x(0.7), Quat::from_rotation_y(2.0)].into_iter().cycle())
+        {
+            let prism = Prism::new(&outline, 0.05).begun_at(corner).turned(turn);
+            let volume_m3 = area(&outline) * 0.05;
+            let surface_m2 = |mesh: &Mesh| mesh.area_m2();
+            let mesh = assert_encloses(prism.obj(), Format::Obj, volume_m3);
+            let sides_m: f64 = outline
+                .iter()
+                .zip(outline.iter().cycle().skip(1))
+                .map(|(&a, &b)| f64::from(Vec3::new(b[0] - a[0], b[1] - a[1], 0.0).length()))
+                .sum();
+            // A bridge has no sides.
+            let bridge_m =
+                if outline.len() == 10 && outline[4] == outline[0] { 2.0 * 0.02 * 2.0_f64.sqrt() } else { 0.0 };
+            let expected_m2 = 2.0 * area(&outline) + (sides_m - bridge_m) * 0.05;
+            assert!((surface_m2(&mesh) / expected_m2 - 1.0).abs() < 1e-4, "{outline:?}, corner {corner}");
+            assert_eq!(assert_encloses(prism.ply_text(), Format::Ply, volume_m3), mesh);
+            assert_eq!(assert_encloses(prism.ply_binary(), Format::Ply, volume_m3), mesh);
+        }
+    }
+}
+
+#[test]
+fn convex_polygons_are_fans_from_the_first_corner() {
+    let prism = Prism::new(&[[0.0, 0.0], [0.05, 0.0], [0.06, 0.03], [0.02, 0.06]], 0.05);
+    let (mesh, _) = read_bytes(prism.obj().as_bytes(), Format::Obj, "f").unwrap();
+    let fans: Vec<[u32; 3]> = prism
+        .faces
+        .iter()
+        .flat_map(|face| [[face[0], face[1], face[2]], [face[0], face[2], face[3]]])
+        .map(|face| face.map(|v| v as u32))
+        .collect();
+    let corners = |mesh: &Mesh| mesh.triangles().collect::<Vec<_>>();
+    assert_eq!(corners(&mesh), corners(&Mesh { vertices: prism.vertices, faces: fans }));
+}
+
+#[test]
+fn polygons_without_a_plane_stay_closed() {
+    // The corners of the top alternate in height, and one of them is named twice.
+    let mut bent = Prism::new(&star(7), 0.05);
+    bent.vertices.iter_mut().skip(14).step_by(2).for_each(|v| v.z += 0.004);
+    bent.faces[1].insert(3, 16);
+    let (mesh, findings) = load(bent.obj(), Format::Obj).unwrap();
+    assert!(findings.is_empty() && mesh.edges().watertight(), "{findings:?}");
+    // A side that bends by 20 degrees keeps the diagonal of its first corner.
+    let mut quad = cuboid();
+    quad.vertices[6].x += 0.01;
+    assert!(load(quad.obj(), Format::Obj).unwrap().0.edges().watertight());
+    // A polygon that runs back on itself, and one of which all corners are one point, have no area.
+    for spike in ["f 1 2 3 2 1\n", "f 1 1 1 1\n", "f 1 2 1 2\n"] {
+        let (mesh, _) = load(cuboid().obj() + spike, Format::Obj).unwrap();
+        assert!(mesh.edges().watertight() && (mesh.volume_m3() / CUBOID_M3 - 1.0).abs() < 1e-4, "{spike}");
+    }
+}
+
+#[test]
+fn large_polygons_are_triangulated_in_a_moment() {
+    let started = std::time::Instant::now();
+    for outline in [
+        star(5_000),
+        comb(2_500).into_iter().map(|[x, y]| [0.02 * x, y]).collect(),
+        comb(2_500).into_iter().map(|[x, y]| [-y, 0.02 * x]).collect(),
+    ] {
+        assert_encloses(Prism::new(&outline, 0.05).obj(), Format::Obj, area(&outline) * 0.05);
+    }
+    assert!(started.elapsed().as_secs() < 20, "{:?}", started.elapsed());
+}
+
+#[test]
+fn lines_and_points_are_no_faces() {
+    let box_obj = cuboid().obj();
+    let helix: String =
+        (0..40).map(|i| format!("v {} {} {}\n", (0.5 * i as f32).cos(), (0.5 * i as f32).sin(), i)).collect();
+    let indices: String = (9..49).map(|i| format!(" {i}")).collect();
+    for lines in [
+        "l 1 2\n",
+        "l 1 2 3\n",
+        "l 1 2 7 8 1\n",
+        "l 1/1 2/1 7/1\n",
+        "p 1\n",
+        "p 1 2 7\n",
+        &format!("{helix}o curve\nl{indices}\n"),
+    ] {
+        assert_encloses(format!("{box_obj}{lines}"), Format::Obj, CUBOID_M3);
+    }
+    let alone: String = box_obj.lines().filter(|line| line.starts_with('v')).map(|line| format!("{line}\n")).collect();
+    assert!(defect(alone.clone() + "l 1 2 3 4\n", Format::Obj).contains("lines or points but no faces"));
+    assert!(
+        defect(alone + "cstype bezier\nsurf 0 1 0 1 1 2 3 4\n", Format::Obj)
+            .contains("free-form surfaces but no faces")
+    );
+    let (_, findings) = load(box_obj + "surf 0 1 0 1 1 2 3 4\n", Format::Obj).unwrap();
+    assert_eq!(findings, [Finding::FreeFormSurfaces(1)]);
+}
+
+#[test]
+fn obj_text_of_every_kind_is_read() {
+    let text = cuboid().obj();
+    let utf16 =
+        |bytes: fn(u16) -> [u8; 2]| format!("\u{feff}{text}").encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
+    let faces = |end: &str| {
+        text.lines().map(|line| format!("{line}{}\n", if line.starts_with('f') { end } else { "" })).collect::<String>()
+    };
+    let vertices = |end: &str| {
+        text.lines().map(|line| format!("{line}{}\n", if line.starts_with('v') { end } else { "" })).collect::<String>()
+    };
+    for (what, bytes) in [
+        ("face goes on", text.replace(" 3 2 1", " 3 \\\n 2 \\  \r\n1").into_bytes()),
+        ("vertex goes on", text.replace(" 0.06 ", "\\\n0.06 ").into_bytes()),
+        ("normal goes on", (text.clone() + "vn 0 0 \\\n1\n").into_bytes()),
+        ("comment ends with a backslash", ("# C:\\models\\\n".to_owned() + &text).into_bytes()),
+        ("name ends with a backslash", ("mtllib C:\\models\\\no part\\\n".to_owned() + &text).into_bytes()),
+        ("comment on the line", faces(" # side \\").into_bytes()),
+        ("comment without a space", faces("#side").into_bytes()),
+        ("mark", [b"\xef\xbb\xbf", text.as_bytes()].concat()),
+        ("UTF-16, little", utf16(u16::to_le_bytes)),
+        ("UTF-16, big", utf16(u16::to_be_bytes)),
+        ("CR", text.replace('\n', "\r").into_bytes()),
+        ("CR LF", text.replace('\n', "\r\n").into_bytes()),
+        ("end of DOS", [text.as_bytes(), b"\x1a"].concat()),
+        ("Latin-1", [b"o W\xfcrfel\nusemtl gr\xfcn\n", text.as_bytes()].concat()),
+        ("weight", vertices(" 1.0").into_bytes()),
+        ("colour", vertices(" 0.1 0.2 0.3").into_bytes()),
+        ("colour with opacity", vertices(" 0.1 0.2 0.3 1").into_bytes()),
+        ("colour of the first vertex", text.replacen("v 0 0 0", "v 0 0 0 1 1 1", 1).into_bytes()),
+        ("tabs", text.replace(' ', "\t").into_bytes()),
+        ("capitals", text.to_uppercase().into_bytes()),
+        ("old name of faces", text.replace("f ", "fo ").into_bytes()),
+        ("curves", (text.clone() + "cstype bezier\ndeg 3\ncurv 0 1 1 2 3 4\nparm u 0 1\nend\n").into_bytes()),
+    ] {
+        let (mesh, findings) = load(&bytes, Format::Obj).unwrap_or_else(|error| panic!("{what}: {error}"));
+        assert!(findings.is_empty(), "{what}: {findings:?}");
+        assert!((mesh.volume_m3() / CUBOID_M3 - 1.0).abs() < 1e-5, "{what}");
+    }
+}
+
+#[test]
+fn faults_of_a_text_are_named_by_line() {
+    let text = cuboid().obj();
+    let obj = |bad: &str| defect(format!("# \\\n\n{text}f 1 2 \\\n3\n{bad}\nf 1 2 3\n"), Format::Obj);
+    // Two lines, eight vertices, six faces and a face on two lines stand before the bad one.
+    for (bad, part) in [
+        ("v 0,06 0,02 0,0", "line 19: \"v 0,06 0,02 0,0\" is not three numbers with decimal points"),
+        ("v 1 2", "line 19: \"v 1 2\""),
+        ("v 1 2 3 0", "weight 0"),
+        ("v 1 2 3 4 5", "five numbers"),
+        ("f 1 2 x", "line 19: \"f 1 2 x\" is not a face of whole numbers"),
+        ("f 1 2 -9", "line 19: a face names vertex -9"),
+        ("f 1 2 0", "line 19: a face names vertex 0"),
+        ("f 1 2 9", "line 19: a face names vertex 9, a vertex that does not exist; the file has 8"),
+    ] {
+        let said = obj(bad);
+        assert!(said.contains(part), "{said}");
+    }
+    let stl =
+        |bad: &str| defect(format!("solid\nfacet normal 0 0 1\nouter loop\nvertex {bad}\nendsolid\n"), Format::Stl);
+    assert!(stl("0,1 0,2 0,3").contains("line 4: \"vertex 0,1 0,2 0,3\" is not three numbers with decimal points"));
+    let ply = |from: &str, to: &str| defect(cuboid().ply_text().replacen(from, to, 1), Format::Ply);
+    for (from, to, part) in [
+        ("0.06 0 0", "0,06 0,0 0,0", "line 11: \"0,06 0,0 0,0\" has no valid \"x\" of element \"vertex\""),
+        ("0.06 0 0", "0.06 0", "line 11: \"0.06 0\" has no valid \"z\""),
+        ("4 3 2 1 0", "4 3 2 1", "line 18: \"4 3 2 1\" has no valid \"vertex_indices\""),
+        ("4 3 2 1 0", "-4 3 2 1 0", "line 18"),
+        ("0 0 0", "comment\n0 0 0", "line 10: \"comment\""),
+        ("property float x", "property real x", "line 4: \"property real x\""),
+    ] {
+        let said = ply(from, to);
+        assert!(said.contains(part), "{said}");
+    }
+}
+
+/// The box as text STL.
+fn stl_text() -> String {
+    let mut text = "solid part\n".to_owned();
+    for corners in cuboid().corners() {
+        text += "facet normal 0 0 0\nouter loop\n";
+        corners.iter().for_each(|v| writeln!(text, "vertex {} {} {}", v.x, v.y, v.z).unwrap());
+        text += "endloop\nendfacet\n";
+    }
+    text + "endsolid part\n"
+}
+
+fn stl_binary(header: &str, corners: &[[Vec3; 3]]) -> Vec<u8> {
+    let mut bytes = header.as_bytes().to_vec();
+    bytes.resize(80, 0);
+    bytes.extend((corners.len() as u32).to_le_bytes());
+    for triangle in corners {
+        bytes.extend([0; 12]);
+        bytes.extend(triangle.iter().flat_map(Vec3::to_array).flat_map(f32::to_le_bytes));
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+#[test]
+fn stl_of_every_kind_is_read() {
+    let text = stl_text();
+    let binary = stl_binary("solid made by a program, one facet each", &cuboid().corners());
+    let (first, second) = text.split_at(text.match_indices("endfacet\n").nth(5).unwrap().0 + 9);
+    for (what, bytes) in [
+        ("capitals", text.to_uppercase().into_bytes()),
+        ("capitals at the end", text.replace("endsolid", "ENDSOLID").into_bytes()),
+        ("mark", [b"\xef\xbb\xbf", text.as_bytes()].concat()),
+        ("UTF-16", text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>()),
+        ("CR", text.replace('\n', "\r").into_bytes()),
+        ("end of DOS", [text.as_bytes(), b"\x1a"].concat()),
+        ("two solids", format!("{first}endsolid part\nsolid vertex facet\n{second}").into_bytes()),
+        ("long name", text.replace("part", &"/".repeat(2000)).into_bytes()),
+        ("one line for a facet", text.replace("\nouter", " outer").replace("\nvertex", " vertex").into_bytes()),
+        ("undefined normal", text.replace("normal 0 0 0", "normal -nan(ind) -1.#IND nan").into_bytes()),
+        ("binary", binary.clone()),
+    ] {
+        let bytes = if what == "UTF-16" { [&[0xff, 0xfe], &bytes[..]].concat() } else { bytes };
+        let (mesh, findings) = load(&bytes, Format::Stl).unwrap_or_else(|error| panic!("{what}: {error}"));
+        assert!(findings.is_empty(), "{what}: {findings:?}");
+        assert!((mesh.volume_m3() / CUBOID_M3 - 1.0).abs() < 1e-5, "{what}");
+    }
+
+    let with_count = |count: u32, more: &[u8]| {
+        let mut bytes = [&binary[..], more].concat();
+        bytes[80..84].copy_from_slice(&count.to_le_bytes());
+        bytes
+    };
+    let uncounted = |promised| Finding::Uncounted { promised, held: 12 };
+    for (bytes, expected) in [
+        (with_count(12, b"\r\n"), vec![Finding::TrailingBytes(2)]),
+        (with_count(12, &[0; 500]), vec![Finding::TrailingBytes(500)]),
+        (with_count(12, b"made by hand"), vec![Finding::TrailingBytes(12)]),
+        (with_count(0, b""), vec![uncounted(0)]),
+        (with_count(u32::MAX, b""), vec![uncounted(u32::MAX)]),
+        (with_count(u32::MAX, b"\n"), vec![uncounted(u32::MAX), Finding::TrailingBytes(1)]),
+    ] {
+        let (mesh, findings) = load(bytes, Format::Stl).unwrap();
+        assert_eq!(findings, expected);
+        assert!((mesh.volume_m3() / CUBOID_M3 - 1.0).abs() < 1e-5);
+    }
+    for count in [11, 13, 774_905_944] {
+        assert!(
+            defect(with_count(count, b""), Format::Stl)
+                .contains(&format!("promises {count} triangles, but the file has 600 bytes, enough for 12"))
+        );
+    }
+    assert!(defect(with_count(0, b"")[..84].to_vec(), Format::Stl).contains("no faces"));
+    let page = format!("<html>{}</html>", "not found ".repeat(20));
+    assert!(defect(page, Format::Stl).contains("the text does not begin with \"solid\""));
+}
+
+/// Moves every corner of every triangle by up to `most` along each axis, each by another amount.
+fn jittered(corners: &[[Vec3; 3]], most: f64) -> Vec<[DVec3; 3]> {
+    let mut state = 1_u64;
+    let mut noise = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 33) as f64 / f64::from(1_u32 << 31) * 2.0 - 1.0) * most
+    };
+    corners.iter().map(|triangle| triangle.map(|v| v.as_dvec3() + DVec3::new(noise(), noise(), noise()))).collect()
+}
+
+/// An OBJ file in which no face shares a vertex, with so many decimals.
+fn obj_soup(corners: &[[DVec3; 3]], decimals: usize) -> String {
+    let mut text = String::new();
+    for (i, triangle) in corners.iter().enumerate() {
+        triangle
+            .iter()
+            .for_each(|v| writeln!(text, "v {:.decimals$} {:.decimals$} {:.decimals$}", v.x, v.y, v.z).unwrap());
+        writeln!(text, "f {} {} {}", 3 * i + 1, 3 * i + 2, 3 * i + 3).unwrap();
+    }
+    text
+}
+
+#[test]
+fn vertices_that_differ_by_rounding_become_one() {
+    let outline: Vec<[f32; 2]> = (0..48)
+        .map(|i| (i as f32 * std::f32::consts::TAU / 48.0).sin_cos())
+        .map(|(y, x)| [0.033 * x, 0.033 * y])
+        .collect();
+    let can = Prism::new(&outline, 0.1);
+    let volume_m3 = area(&outline) * 0.1;
+    let check = |what: &str, bytes: &[u8], format| {
+        let (mesh, findings) = load(bytes, format).unwrap();
+        assert!(matches!(findings[..], [Finding::Seams { .. }]), "{what}: {findings:?}");
+        assert!(mesh.edges().watertight(), "{what}");
+        assert_eq!(mesh.vertices.len(), 96, "{what}");
+        assert!((mesh.volume_m3() / volume_m3 - 1.0).abs() < 1e-3, "{what}: {}", mesh.volume_m3());
+    };
+    let rounded =
+        |corners: Vec<[DVec3; 3]>| corners.iter().map(|triangle| triangle.map(|v| v.as_vec3())).collect::<Vec<_>>();
+    for (most, what) in [(3e-9, "last bit"), (1e-9, "nanometre"), (1e-7, "seventh decimal")] {
+        let noisy = jittered(&can.corners(), most);
+        check(what, &stl_binary("", &rounded(noisy.clone())), Format::Stl);
+        check(what, obj_soup(&noisy, 12).as_bytes(), Format::Obj);
+    }
+    // The last decimal of a text, in metres and in millimetres.
+    check("six decimals", obj_soup(&jittered(&can.corners(), 0.5e-6), 6).as_bytes(), Format::Obj);
+    check("five decimals", obj_soup(&jittered(&can.corners(), 0.2e-5), 5).as_bytes(), Format::Obj);
+    // Far from the origin single precision is coarse.
+    let far: Vec<[Vec3; 3]> =
+        can.corners().iter().map(|triangle| triangle.map(|v| v + Vec3::new(2.0, -3.0, 1.0))).collect();
+    check("far away", &stl_binary("", &rounded(jittered(&far, 2e-7))), Format::Stl);
+}
+
+#[test]
+fn thin_plates_stay_two_sided() {
+    for (thickness_m, noise_m) in [(1e-4, 0.0), (1e-4, 2e-9), (1e-4, 1e-6), (1e-6, 0.0), (1e-6, 2e-9)] {
+        let plate = Prism::new(&[[0.0, 0.0], [0.06, 0.0], [0.06, 0.06], [0.0, 0.06]], thickness_m);
+        let (mesh, findings) = load(obj_soup(&jittered(&plate.corners(), noise_m), 12), Format::Obj).unwrap();
+        assert!(findings.iter().all(|finding| matches!(finding, Finding::Seams { .. })), "{findings:?}");
+        assert_eq!((mesh.vertices.len(), mesh.edges().watertight()), (8, true));
+        assert!(
+            (mesh.volume_m3() / (0.0036 * f64::from(thickness_m)) - 1.0).abs() < 0.05,
+            "{thickness_m}: {}",
+            mesh.volume_m3()
+        );
+    }
+    // Two sheets without sides, a tenth of a millimetre apart, are two open parts and stay so.
+    let mut sheets = Prism::new(&[[0.0, 0.0], [0.06, 0.0], [0.06, 0.06], [0.0, 0.06]], 1e-4);
+    sheets.faces.truncate(2);
+    let (_, findings) = load(sheets.obj(), Format::Obj).unwrap();
+    assert!(
+        matches!(findings[..], [Finding::Components { dropped: 1, .. }, Finding::NotWatertight(_)]),
+        "{findings:?}"
+    );
+}
+
+#[test]
+fn ply_of_every_kind_is_read() {
+    let prism = cuboid();
+    let text = prism.ply_text();
+    let (header, body) = text.split_once("end_header\n").unwrap();
+    let wide = |more: &str, columns: &str| {
+        let header = header.replace("property float z\n", &format!("property float z\n{more}"));
+        let rows = body.lines().enumerate().map(|(i, line)| format!("{line}{}\n", if i < 8 { columns } else { "" }));
+        format!("{header}end_header\n{}", rows.collect::<String>()).into_bytes()
+    };
+    let binary = prism.ply_binary();
+    let at = binary.windows(11).position(|word| word == b"end_header\n").unwrap();
+    let with_end = |end: &str| {
+        [
+            String::from_utf8(binary[..at].to_vec()).unwrap().replace('\n', end).as_bytes(),
+            b"end_header",
+            end.as_bytes(),
+            &binary[at + 11..],
+        ]
+        .concat()
+    };
+    // The first byte of the data looks like the end of a line.
+    let mut line_feed = Prism { vertices: prism.vertices.clone(), faces: prism.faces.clone() };
+    line_feed.vertices[0].x = f32::from_le_bytes([b'\n', 0, 0, 0]);
+    let line_feed = String::from_utf8_lossy(&line_feed.ply_binary()[..at + 11])
+        .replace('\n', "\r")
+        .into_bytes()
+        .into_iter()
+        .chain(line_feed.ply_binary()[at + 11..].iter().copied())
+        .collect();
+    let with_track = |is_first: bool| {
+        let track = "element track 1\nproperty list ushort float descriptor\n";
+        let data = [&2000_u16.to_le_bytes()[..], &[0x0a; 8000]].concat();
+        let header = String::from_utf8(binary[..at].to_vec()).unwrap();
+        let (before, rest) = header.split_at(header.find("element").unwrap());
+        let body = &binary[at + 11..];
+        match is_first {
+            true => [before.as_bytes(), track.as_bytes(), rest.as_bytes(), b"end_header\n", &data, body].concat(),
+            false => [header.as_bytes(), track.as_bytes(), b"end_header\n", body, &data].concat(),
+        }
+    };
+    for (what, bytes) in [
+        ("capitals", text.replace("ply\n", "PLY \n").into_bytes()),
+        ("mark", [b"\xef\xbb\xbf", text.as_bytes()].concat()),
+        ("UTF-16", [&[0xff, 0xfe], &text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>()[..]].concat()),
+        ("CR", text.replace('\n', "\r").into_bytes()),
+        ("CR LF", text.replace('\n', "\r\n").into_bytes()),
+        ("mixed", text.replace("end_header\n", "end_header\r\n").into_bytes()),
+        ("binary after CR LF", with_end("\r\n")),
+        ("binary after CR", with_end("\r")),
+        ("binary after CR that begins with LF", line_feed),
+        ("version 1", text.replace("1.0", "1").into_bytes()),
+        ("blank lines", text.replace("end_header\n", "end_header\n\n").into_bytes()),
+        ("undefined normals", wide("property float nx\nproperty float ny\n", " -nan(ind) 1.#QNAN")),
+        ("name with a space", wide("property float scalar_Scalar field\n", " 1")),
+        ("64 bits", text.replace("list int int", "list uint8 int64").into_bytes()),
+        ("other name", text.replace("vertex_indices", "vertex_indexes").into_bytes()),
+        ("long foreign list, first", with_track(true)),
+        ("long foreign list, last", with_track(false)),
+        ("trailing bytes", [&binary[..], &[0; 9]].concat()),
+        (
+            "unknown point",
+            text.replace("element vertex 8", "element vertex 9")
+                .replace("4 3 2 1 0", "nan nan nan\n4 3 2 1 0")
+                .into_bytes(),
+        ),
+        (
+            "far point",
+            text.replace("element vertex 8", "element vertex 9")
+                .replace("4 3 2 1 0", "1e38 1e38 1e38\n4 3 2 1 0")
+                .into_bytes(),
+        ),
+    ] {
+        let (mesh, findings) = load(&bytes, Format::Ply).unwrap_or_else(|error| panic!("{what}: {error}"));
+        assert!(findings.is_empty(), "{what}: {findings:?}");
+        assert!((mesh.volume_m3() / CUBOID_M3 - 1.0).abs() < 1e-5, "{what}");
+    }
+    let in_a_face = text.replace("element vertex 8", "element vertex 9").replace("4 3 2 1 0", "nan nan nan\n4 3 2 1 8");
+    assert!(defect(in_a_face, Format::Ply).contains("vertex 8 has a coordinate that is not a finite number"));
+}
+
+#[test]
+fn a_line_of_a_ply_text_is_one_entry() {
+    let text = cuboid().ply_text();
+    let face_columns: String =
+        text.lines().map(|line| format!("{line}{}\n", if line.starts_with("4 ") { " 9 1 1 1" } else { "" })).collect();
+    let vertex_columns = text.replace("0.06 0.02 0\n", "0.06 0.02 0 0 0 1\n");
+    for (text, line, count) in [(face_columns, 18, 6), (vertex_columns, 12, 1)] {
+        let (mesh, findings) = load(text, Format::Ply).unwrap();
+        assert_eq!(findings, [Finding::SurplusNumbers { line, count }]);
+        assert!((mesh.volume_m3() / CUBOID_M3 - 1.0).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn units_are_asked_for_where_they_are_not_plain() {
+    let folder = tempfile::tempdir().unwrap();
+    let load_scaled = |side: f32, unit: &str| {
+        let scale = side / 0.06;
+        let mut prism = cuboid();
+        prism.vertices.iter_mut().for_each(|v| *v *= scale);
+        let path = folder.path().join("box.obj");
+        std::fs::write(&path, prism.obj()).unwrap();
+        let path = folder.path().join(format!("box.obj{unit}"));
+        let (raw, _) = read(&path).unwrap();
+        repair(&raw, "box.obj")
+            .map(|(mesh, warnings)| (1e3 * mesh.extents_m().max_element(), warnings.len()))
+            .map_err(|error| error.defect)
+    };
+    let close = |found: Result<(f32, usize), Defect>, side_mm: f32, warnings: usize| {
+        let (found_mm, count) = found.unwrap();
+        assert!((found_mm - side_mm).abs() < 1e-3 && count == warnings, "{found_mm} mm, {count} warnings");
+    };
+    close(load_scaled(0.06, ""), 60.0, 0);
+    close(load_scaled(60.0, ""), 60.0, 1);
+    for side in [1.5, 3.937, 10.0, 30.0] {
+        let defect = load_scaled(side, "").unwrap_err();
+        assert!(matches!(defect, Defect::AmbiguousUnit { .. }), "{defect}");
+    }
+    assert!(
+        load_scaled(10.0, "")
+            .unwrap_err()
+            .to_string()
+            .contains("10 units: centimetres, millimetres or inches? give the unit")
+    );
+    for side in [1.0, 1e5] {
+        let said = load_scaled(side, "").unwrap_err().to_string();
+        assert!(said.contains("give its unit behind the name of the file"), "{said}");
+    }
+    for (side, unit, side_mm) in [
+        (0.06, ":m", 60.0),
+        (0.6, ":dm", 60.0),
+        (10.0, ":cm", 100.0),
+        (10.0, ":mm", 10.0),
+        (100.0, ":mm", 100.0),
+        (1e5, ":um", 100.0),
+        (4.0, ":in", 101.6),
+    ] {
+        close(load_scaled(side, unit), side_mm, 0);
+    }
+    assert!(matches!(read(&folder.path().join("box.obj:yard")).unwrap_err().defect, Defect::UnknownFormat));
+}
