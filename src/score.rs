@@ -46,10 +46,11 @@ pub struct ScoreArguments {
     /// Folder of a run
     #[arg(long, value_name = "DIR", conflicts_with_all = ["mesh", "pose", "truth", "truth_pose", "frame"])]
     run: Option<PathBuf>,
-    /// Estimated mesh in metres (OBJ, STL or PLY)
+    /// Estimated mesh (OBJ, STL or PLY) in metres; another unit stands behind the path, as in mesh.obj:mm
     #[arg(long, value_name = "FILE", requires = "truth")]
     mesh: Option<PathBuf>,
-    /// True object: a name that `assets list` shows, random:SEED, or the path of a mesh in metres
+    /// True object: a name that `assets list` shows, random:SEED, or the path of a mesh in metres; another unit stands behind
+    /// the path, as in can.obj:cm
     #[arg(long, value_name = "OBJECT")]
     truth: Option<String>,
     /// Estimated poses (CSV)

@@ -60,8 +60,9 @@ pub enum Defect {
     NotOrientable,
     /// The size does not tell the unit of the file.
     #[error(
-        "its largest side is {extent} units: centimetres, millimetres or inches? give the unit behind the name of the file: \
-         :cm, :mm or :in"
+        "its largest side is {} units: centimetres, millimetres or inches? give the unit behind the name of the file, as in can.obj:cm \
+         (or :mm, :in)",
+        *extent as f32
     )]
     AmbiguousUnit {
         /// Largest side in the units of the file.
@@ -70,7 +71,7 @@ pub enum Defect {
     /// The size is out of range for a hand, also after the conversion from millimetres.
     #[error(
         "its largest side is {:.3} mm, but it must be from {:.0} to {:.0} mm; scale it, or give its unit behind the name of the \
-         file, such as :cm (without, units are metres, or millimetres if the largest side is above {MILLIMETRES_ABOVE_M})",
+         file, as in can.obj:cm (without, units are metres, or millimetres if the largest side is above {MILLIMETRES_ABOVE_M})",
         extent_m * 1e3,
         MIN_EXTENT_M * 1e3,
         MAX_EXTENT_M * 1e3

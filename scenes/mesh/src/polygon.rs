@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3, Vec3};
 use crate::error::Defect;
 
 /// Number of corners of the largest polygon without a fan that is accepted: its triangles take about a second.
-const MAX_CORNERS: usize = 50_000;
+const MAX_CORNERS: usize = 20_000;
 
 /// Appends the triangles of a polygon to `faces`. They use every corner, so that neighbours still share whole edges.
 ///
@@ -28,11 +28,13 @@ pub(crate) fn triangulate(vertices: &[Vec3], polygon: &[u32], faces: &mut Vec<[u
         fan(polygon, faces);
         return Ok(());
     };
-    if outline.is_fan() {
+    let is_large = corners.len() > MAX_CORNERS;
+    // Rounding dents round outlines with very many corners.
+    if outline.is_fan(if is_large { outline.flat } else { 0.0 }) {
         fan(&corners, faces);
         return Ok(());
     }
-    if corners.len() > MAX_CORNERS {
+    if is_large {
         let count = corners.len();
         return Err(Defect::Syntax(format!(
             "a concave face has {count} corners, the limit is {MAX_CORNERS}; export triangles"
@@ -89,10 +91,11 @@ impl Outline {
         area(a, b, c) > self.flat * longest
     }
 
-    /// Returns whether the triangles from the first corner to all sides make up the polygon.
-    fn is_fan(&self) -> bool {
+    /// Returns whether the triangles from the first corner to all sides make up the polygon. They may be dented by so much.
+    fn is_fan(&self, dent: f64) -> bool {
         let [first, others @ ..] = self.points.as_slice() else { return true };
-        others.windows(2).all(|edge| self.is_proper(*first, edge[0], edge[1]))
+        let reach = others.iter().fold(0.0, |reach: f64, p| reach.max(first.distance(*p)));
+        others.windows(2).all(|edge| area(*first, edge[0], edge[1]) > -dent * reach)
     }
 
     /// Cuts off ears, those with the shortest cuts first.
@@ -111,11 +114,8 @@ impl Outline {
         while triangles.len() + 2 < count {
             let Some(Reverse(ear)) = round.pop() else {
                 if !was_cut {
-                    // The outline crosses itself. The flattest corner does the least harm.
-                    let flatness = |&i: &usize| ring.area(i).abs();
-                    let flattest = ring.left().min_by(|a, b| flatness(a).total_cmp(&flatness(b)));
-                    let Some(flattest) = flattest else { break };
-                    triangles.push(ring.cut(flattest));
+                    // The outline crosses itself, or it is thinner than the rounding errors.
+                    break;
                 }
                 was_cut = false;
                 round.extend(ring.left().map(|i| Reverse(ring.ear(i))));
@@ -128,6 +128,10 @@ impl Outline {
             round.extend([triangle[0], triangle[2]].map(|i| Reverse(ring.ear(i))));
             triangles.push(triangle);
             was_cut = true;
+        }
+        let first = ring.left().next().unwrap_or_default();
+        while triangles.len() + 2 < count {
+            triangles.push(ring.cut(ring.after[first]));
         }
         triangles
     }
@@ -159,11 +163,6 @@ impl Ring<'_> {
 
     fn triangle(&self, tip: usize) -> [DVec2; 3] {
         [self.before[tip], tip, self.after[tip]].map(|i| self.outline.points[i])
-    }
-
-    fn area(&self, tip: usize) -> f64 {
-        let [a, b, c] = self.triangle(tip);
-        area(a, b, c)
     }
 
     fn ear(&self, tip: usize) -> Ear {

@@ -10,6 +10,9 @@ use crate::mesh::{Mesh, triangle_area_m2};
 use crate::warning::{Finding, MeshWarning};
 use crate::{read, seams};
 
+/// Greatest coordinate above which single precision rounds by more than a hundredth of a millimetre, metres.
+const VISIBLY_ROUNDED_ABOVE_M: f64 = 100.0;
+
 /// Makes one clean surface of the mesh in a file, and reports the changes.
 ///
 /// Works in this order: checks coordinates and indices; merges equal vertices, and at open edges those that lie close together; drops
@@ -51,6 +54,10 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     let extent_m = f64::from(mesh.extents_m().max_element());
     if !(MIN_EXTENT_M..=MAX_EXTENT_M).contains(&extent_m) {
         return Err(Defect::Size { extent_m });
+    }
+    let reach_m = mesh.bounds_m().iter().fold(0.0, |reach: f64, corner| reach.max(corner.abs().max_element().into()));
+    if reach_m > VISIBLY_ROUNDED_ABOVE_M {
+        findings.push(Finding::FarFromOrigin { reach_m });
     }
 
     let turned = agree_on_outside(&mut mesh.faces)?;

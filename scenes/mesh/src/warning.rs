@@ -48,6 +48,11 @@ pub enum Finding {
     TrailingBytes(usize),
     /// Free-form surfaces were ignored.
     FreeFormSurfaces(usize),
+    /// The mesh lies so far from the origin that single precision rounds its coordinates visibly.
+    FarFromOrigin {
+        /// Greatest coordinate, metres.
+        reach_m: f64,
+    },
     /// Faces without an area were dropped.
     DegenerateFaces(usize),
     /// Faces with the same three corners as another face were dropped.
@@ -72,7 +77,11 @@ impl fmt::Display for MeshWarning {
         let file = &self.file;
         match self.finding {
             Finding::ScaledFromMillimetres { extent } => {
-                write!(f, "{file}: largest side is {extent} units, so the file is in millimetres; scaled by 0.001")
+                write!(
+                    f,
+                    "{file}: largest side is {} units, so the file is in millimetres; scaled by 0.001",
+                    extent as f32
+                )
             }
             Finding::Seams { merged, distance } => {
                 write!(
@@ -91,6 +100,11 @@ impl fmt::Display for MeshWarning {
             Finding::FreeFormSurfaces(n) => {
                 write!(f, "{file}: ignored {n} free-form surface(s); export them as polygons")
             }
+            Finding::FarFromOrigin { reach_m } => write!(
+                f,
+                "{file}: coordinates of up to {reach_m:.0} m are rounded to {:.3} mm; move the mesh to the origin",
+                1e3 * reach_m * f64::from(f32::EPSILON)
+            ),
             Finding::DegenerateFaces(n) => write!(f, "{file}: dropped {n} face(s) without area"),
             Finding::DuplicateFaces(n) => write!(f, "{file}: dropped {n} face(s) that were there twice"),
             Finding::Components { dropped, area_share } => write!(

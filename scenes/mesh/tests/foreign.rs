@@ -239,7 +239,15 @@ fn large_polygons_are_triangulated_in_a_moment() {
     ] {
         assert_encloses(Prism::new(&outline, 0.05).obj(), Format::Obj, area(&outline) * 0.05);
     }
-    assert!(started.elapsed().as_secs() < 20, "{:?}", started.elapsed());
+    // More corners than a concave polygon may have.
+    let circle: Vec<[f32; 2]> = (0..30_000)
+        .map(|i| (i as f32 * std::f32::consts::TAU / 3e4).sin_cos())
+        .map(|(y, x)| [0.03 * x, 0.03 * y])
+        .collect();
+    let (mesh, _) = load(Prism::new(&circle, 0.05).obj(), Format::Obj).unwrap();
+    assert!((mesh.volume_m3() / (area(&circle) * 0.05) - 1.0).abs() < 1e-4);
+    assert!(defect(Prism::new(&star(12_000), 0.05).obj(), Format::Obj).contains("24000 corners, the limit is 20000"));
+    assert!(started.elapsed().as_secs() < 60, "{:?}", started.elapsed());
 }
 
 #[test]
@@ -592,7 +600,7 @@ fn a_line_of_a_ply_text_is_one_entry() {
 }
 
 #[test]
-fn units_are_asked_for_where_they_are_not_plain() {
+fn units_are_asked_for_where_the_size_does_not_tell_them() {
     let folder = tempfile::tempdir().unwrap();
     let load_scaled = |side: f32, unit: &str| {
         let scale = side / 0.06;
@@ -637,5 +645,8 @@ fn units_are_asked_for_where_they_are_not_plain() {
     ] {
         close(load_scaled(side, unit), side_mm, 0);
     }
+    // The box of 60 mm, a kilometre away.
+    let far = cuboid().obj().replace("v 0", "v 1000");
+    assert!(matches!(load(far, Format::Obj).unwrap().1[..], [Finding::FarFromOrigin { reach_m }] if reach_m > 1000.0));
     assert!(matches!(read(&folder.path().join("box.obj:yard")).unwrap_err().defect, Defect::UnknownFormat));
 }
