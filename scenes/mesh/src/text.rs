@@ -53,7 +53,7 @@ impl<'a> Iterator for Lines<'a> {
 
 /// Returns the words of a line.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
-    line.split(|byte| byte.is_ascii_whitespace()).filter(|word| !word.is_empty())
+    line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
 /// Returns the number that a word spells; `None` if it spells none.
