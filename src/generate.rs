@@ -93,8 +93,8 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     };
     // All names are checked before hours are spent on the first object.
     for name in &names {
-        if catalogue::is_path(name) {
-            fs::metadata(name).with_context(|| format!("cannot read {name}"))?;
+        if let Some(file) = catalogue::mesh_path(name) {
+            fs::metadata(file).with_context(|| format!("cannot read {name}"))?;
         } else {
             catalogue::check(name)?;
         }

@@ -47,10 +47,11 @@ pub struct ScoreArguments {
     /// Folder of a run
     #[arg(long, value_name = "DIR", conflicts_with_all = ["mesh", "pose", "truth", "truth_pose", "frame"])]
     run: Option<PathBuf>,
-    /// Estimated mesh in metres (OBJ, STL or PLY)
+    /// Estimated mesh (OBJ, STL or PLY) in metres; another unit stands behind the path, as in mesh.obj:mm
     #[arg(long, value_name = "FILE", requires = "truth")]
     mesh: Option<PathBuf>,
-    /// True object: a name that `assets list` shows, random:SEED, or the path of a mesh in metres
+    /// True object: a name that `assets list` shows, random:SEED, or the path of a mesh in metres; another unit stands behind
+    /// the path, as in can.obj:cm
     #[arg(long, value_name = "OBJECT")]
     truth: Option<String>,
     /// Estimated poses (CSV)
@@ -236,11 +237,19 @@ fn load_truth(name: &str) -> Result<TrueObject> {
 
 /// Loads a mesh without repairing it, so that stray parts lower its score.
 fn load_estimate(path: &Path) -> Result<Mesh> {
-    let mesh = mvt_mesh::read(path)?;
+    let (mesh, warnings) = mvt_mesh::read(path)?;
+    for warning in warnings {
+        tracing::warn!("{warning}");
+    }
     mvt_mesh::check(&mesh).map_err(|defect| anyhow!("{}: {defect}", path.display()))?;
-    let extent = f64::from(mesh.extents_m().max_element());
+    let corners = mesh.triangles().flatten();
+    let low = corners.clone().reduce(Vec3::min).unwrap_or_default();
+    let extent = f64::from((corners.reduce(Vec3::max).unwrap_or_default() - low).max_element());
     if extent > mvt_mesh::MILLIMETRES_ABOVE_M {
-        bail!("{}: its largest side is {extent} m; a mesh in millimetres must be scaled to metres", path.display());
+        bail!(
+            "{0}: its largest side is {extent} m; if it is not in metres, give the unit: --mesh {0}:mm",
+            path.display()
+        );
     }
     if mesh.area_m2() <= 0.0 {
         bail!("{}: {}", path.display(), mvt_mesh::Defect::NoFaces);

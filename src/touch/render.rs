@@ -46,8 +46,9 @@ pub struct TouchRenderArguments {
 pub fn run(arguments: &TouchRenderArguments) -> Result<()> {
     let TouchRenderArguments { mesh: mesh_path, pose: pose_path, .. } = arguments;
     // Repairs move no vertex, so the pose still fits; a file in millimetres is scaled to the pose's metres.
-    let (mesh, warnings) = mvt_mesh::repair(&mvt_mesh::read(mesh_path)?, &mesh_path.display().to_string())?;
-    for warning in warnings {
+    let (raw, read_warnings) = mvt_mesh::read(mesh_path)?;
+    let (mesh, warnings) = mvt_mesh::repair(&raw, &mesh_path.display().to_string())?;
+    for warning in read_warnings.iter().chain(&warnings) {
         tracing::warn!("{warning}");
     }
     let text =

@@ -155,7 +155,7 @@ fn mistakes_are_explained() {
         ("--run nowhere", vec!["nowhere"]),
         ("--mesh nowhere.obj --truth cube70", vec!["nowhere.obj"]),
         ("--mesh cube.obj --truth cub70", vec!["cub70", "cube70"]),
-        ("--mesh millimetres.obj --truth cube70", vec!["millimetres.obj", "scaled to metres"]),
+        ("--mesh millimetres.obj --truth cube70", vec!["millimetres.obj", "give the unit: --mesh millimetres.obj:mm"]),
         ("--mesh points.obj --truth cube70", vec!["points.obj", "no faces"]),
         ("--mesh index.obj --truth cube70", vec!["index.obj"]),
         ("--pose good.csv --truth cube70", vec!["good.csv", "--truth-pose"]),

@@ -365,7 +365,7 @@ fn read_recording(folder: &Path) -> bool {
 fn mesh(reader: &str, format: Format) {
     let originals: Vec<Original> = originals::meshes(format).into_iter().map(Original::new).collect();
     check(reader, &originals, |_, bytes| {
-        let Ok(mesh) = mvt_mesh::read_bytes(bytes, format, reader) else { return false };
+        let Ok((mesh, _)) = mvt_mesh::read_bytes(bytes, format, reader) else { return false };
         // As `score` does, and every command that takes an object.
         let is_sound = mvt_mesh::check(&mesh).is_ok() && mesh.area_m2() > 0.0;
         mvt_mesh::repair(&mesh, reader).is_ok() && is_sound
@@ -428,5 +428,5 @@ fn poses() {
 }
 
 fn mesh_of_box() -> mvt_mesh::Mesh {
-    mvt_mesh::read_bytes(&originals::meshes(Format::Obj)[0], Format::Obj, "box").unwrap()
+    mvt_mesh::read_bytes(&originals::meshes(Format::Obj)[0], Format::Obj, "box").unwrap().0
 }

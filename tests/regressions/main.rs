@@ -19,6 +19,7 @@ mod duplicates_counted_twice;
 mod empty_first_line;
 mod fifo_in_a_log;
 mod flipped_bits;
+mod foreign_meshes;
 mod full_disk;
 mod implausible_log;
 mod keyframes_from_far_away;

@@ -257,8 +257,8 @@ pub fn ended(end: &End) -> EpisodeEnd {
 
 /// SHA-256 of the file that a mesh came from; `None` for procedural and random objects.
 fn mesh_sha256(name: &str) -> Result<Option<String>> {
-    if catalogue::is_path(name) {
-        return Ok(Some(mvt_pinned::sha256(Path::new(name))?));
+    if let Some(file) = catalogue::mesh_path(name) {
+        return Ok(Some(mvt_pinned::sha256(&file)?));
     }
     catalogue::check(name)?;
     Ok(catalogue::ycb_files().find(|file| file.name == name).map(|file| file.sha256.to_owned()))

@@ -41,7 +41,7 @@ impl PageShapes {
         if !path.exists() {
             return Ok(None);
         }
-        let mut estimate = mvt_mesh::read(&path).map_err(|error| error.to_string())?;
+        let (mut estimate, _) = mvt_mesh::read(&path).map_err(|error| error.to_string())?;
         mvt_mesh::check(&estimate).map_err(|defect| format!("{}: {defect}", path.display()))?;
         let truth = recording.and_then(Recording::true_mesh);
         let moments = recording.map(Recording::moments).unwrap_or_default();

@@ -10,8 +10,8 @@ use mvt_robot::hand::Side;
 /// Object, hand and controller.
 #[derive(Debug, Clone, Args)]
 pub struct Subject {
-    /// Object: a name that `assets list` shows, random:SEED for a shape that the number decides, or the path of a mesh in
-    /// metres (OBJ, STL or PLY)
+    /// Object: a name that `assets list` shows, random:SEED for a shape that the number decides, or the path of a mesh (OBJ,
+    /// STL or PLY) in metres; another unit stands behind the path, as in can.obj:cm
     #[arg(long)]
     pub object: String,
     /// Hand and controller.

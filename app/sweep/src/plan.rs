@@ -75,7 +75,7 @@ pub struct SweepPlan {
 
 /// Checksums of files that tasks name, each read once.
 #[derive(Debug, Default)]
-pub struct InputSums(Mutex<HashMap<String, String>>);
+pub struct InputSums(Mutex<HashMap<PathBuf, String>>);
 
 impl InputSums {
     /// Returns the name of a task with these settings.
@@ -86,8 +86,9 @@ impl InputSums {
         let mut files = Vec::new();
         for key in FILES {
             let Some(name) = settings.get(key).and_then(|value| value.as_str()) else { continue };
-            if key != "object" || mvt_objects::catalogue::is_path(name) {
-                files.push(self.sum(name)?);
+            let file = if key == "object" { mvt_objects::catalogue::mesh_path(name) } else { Some(name.into()) };
+            if let Some(file) = file {
+                files.push(self.sum(&file)?);
             }
         }
         let identity = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), command, settings, files))?;
@@ -96,14 +97,14 @@ impl InputSums {
         Ok(id)
     }
 
-    fn sum(&self, name: &str) -> Result<String> {
+    fn sum(&self, path: &Path) -> Result<String> {
         let mut sums = self.0.lock().map_err(|_| anyhow::anyhow!("a worker panicked"))?;
-        if let Some(sum) = sums.get(name) {
+        if let Some(sum) = sums.get(path) {
             return Ok(sum.clone());
         }
-        let bytes = input::read(Path::new(name), LARGEST_INPUT).with_context(|| format!("cannot read {name}"))?;
+        let bytes = input::read(path, LARGEST_INPUT).with_context(|| format!("cannot read {}", path.display()))?;
         let sum = blake3::hash(&bytes).to_hex().to_string();
-        sums.insert(name.to_owned(), sum.clone());
+        sums.insert(path.to_owned(), sum.clone());
         Ok(sum)
     }
 }

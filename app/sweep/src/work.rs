@@ -113,8 +113,8 @@ fn representative(values: &[Value]) -> Vec<&Value> {
 fn check_task(command: TaskCommand, settings: &TaskSettings) -> Result<()> {
     let object =
         settings.get("object").and_then(Value::as_str).context("object is missing: add it to [axes] or [fixed]")?;
-    if catalogue::is_path(object) {
-        std::fs::metadata(object).with_context(|| format!("cannot read {object}"))?;
+    if let Some(file) = catalogue::mesh_path(object) {
+        std::fs::metadata(file).with_context(|| format!("cannot read {object}"))?;
     } else {
         catalogue::check(object)?;
     }

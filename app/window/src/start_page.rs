@@ -110,7 +110,7 @@ impl StartPage {
         let found: Vec<&Entry> = self.entries.iter().filter(|entry| entry.name.contains(&wanted)).collect();
         if found.is_empty() {
             ui.weak("No object in the catalogue has this name.");
-            if catalogue::is_path(&self.search) && ui.button("Use it as the path of a mesh").clicked() {
+            if catalogue::mesh_path(&self.search).is_some() && ui.button("Use it as the path of a mesh").clicked() {
                 choices.object.clone_from(&self.search);
             }
             if let Some(Ok(_)) = RandomObject::from_name(&self.search)

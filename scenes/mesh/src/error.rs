@@ -24,10 +24,7 @@ pub enum Defect {
     UnknownFormat,
     /// The file is larger than [`MAX_FILE_BYTES`].
     #[error("it has more than {MAX_FILE_BYTES} bytes; simplify the mesh")]
-    FileTooLarge {
-        /// Number of bytes that were read.
-        bytes: u64,
-    },
+    FileTooLarge,
     /// The amount of data differs from the header.
     #[error("the header promises {promised}, but the file has {held}; it is cut off or damaged")]
     WrongLength {
@@ -43,7 +40,7 @@ pub enum Defect {
     #[error("vertex {vertex} has a coordinate that is not a finite number")]
     NotFinite {
         /// Index of the vertex, from 0.
-        vertex: usize,
+        vertex: u32,
     },
     /// A face names a vertex that does not exist.
     #[error("face {face} names vertex {index}, but there are {vertices} vertices")]
@@ -61,10 +58,20 @@ pub enum Defect {
     /// The surface is one-sided, as a Moebius strip, and has no inside.
     #[error("its faces cannot be made to agree on an outside")]
     NotOrientable,
+    /// The size does not tell the unit of the file.
+    #[error(
+        "its largest side is {} units: centimetres, millimetres or inches? give the unit behind the name of the file, as in can.obj:cm \
+         (or :mm, :in)",
+        *extent as f32
+    )]
+    AmbiguousUnit {
+        /// Largest side in the units of the file.
+        extent: f64,
+    },
     /// The size is out of range for a hand, also after the conversion from millimetres.
     #[error(
-        "its largest side is {:.3} mm, but it must be from {:.0} to {:.0} mm; scale it (units are metres, or millimetres if the \
-         largest side is above {MILLIMETRES_ABOVE_M})",
+        "its largest side is {:.3} mm, but it must be from {:.0} to {:.0} mm; scale it, or give its unit behind the name of the \
+         file, as in can.obj:cm (without, units are metres, or millimetres if the largest side is above {MILLIMETRES_ABOVE_M})",
         extent_m * 1e3,
         MIN_EXTENT_M * 1e3,
         MAX_EXTENT_M * 1e3

@@ -6,6 +6,9 @@ pub const MAX_FILE_BYTES: u64 = 64 << 20;
 /// Largest side above which the coordinates of a file are taken for millimetres, metres: a hand can neither turn an
 /// object of one metre nor grip one of one millimetre.
 pub const MILLIMETRES_ABOVE_M: f64 = 1.0;
+/// Largest side above which the coordinates of a file are millimetres and not centimetres: no object that a hand turns is longer than
+/// 350 mm, or shorter than 35 mm. Between [`MILLIMETRES_ABOVE_M`] and this, the user must give the unit.
+pub const MILLIMETRES_FROM: f64 = 35.0;
 /// Least accepted largest side, metres.
 pub const MIN_EXTENT_M: f64 = 0.005;
 /// Greatest accepted largest side, metres.

@@ -1,11 +1,13 @@
 //! Reads a file with the reader of its format.
 
-use std::io::Read as _;
+use std::io;
 use std::path::Path;
 
 use crate::error::{Defect, MeshError};
 use crate::limits::MAX_FILE_BYTES;
 use crate::mesh::Mesh;
+use crate::units::split_unit;
+use crate::warning::{Finding, MeshWarning};
 use crate::{obj, ply, stl};
 
 /// Mesh file format.
@@ -21,9 +23,9 @@ pub enum Format {
 }
 
 impl Format {
-    /// Returns the format for the ending of a file name, in upper or lower case.
+    /// Returns the format for the ending of a file name, in upper or lower case. A unit may stand behind the name.
     pub fn from_path(path: &Path) -> Option<Self> {
-        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        let ending = split_unit(path).0.extension()?.to_str()?.to_ascii_lowercase();
         match ending.as_str() {
             "obj" => Some(Self::Obj),
             "stl" => Some(Self::Stl),
@@ -33,35 +35,49 @@ impl Format {
     }
 }
 
-/// Reads a mesh in the units of the file. Does not repair it (see [`repair`](crate::repair())).
+/// Reads a mesh in the units of the file, or in metres if the path gives the unit, as in `can.obj:cm`. Does not repair it (see
+/// [`repair`](crate::repair())).
 ///
 /// # Errors
 /// [`MeshError`] if the file cannot be read or breaks its format.
-pub fn read(path: &Path) -> Result<Mesh, MeshError> {
+pub fn read(path: &Path) -> Result<(Mesh, Vec<MeshWarning>), MeshError> {
     let name = path.display().to_string();
-    let inner = || -> Result<Mesh, Defect> {
+    let inner = || {
         let format = Format::from_path(path).ok_or(Defect::UnknownFormat)?;
-        let mut bytes = Vec::new();
-        // Limits the bytes that are read, because the file may grow meanwhile.
-        mvt_files::input::open(path)?.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes)?;
-        parse(&bytes, format)
+        let (file, unit_m) = split_unit(path);
+        let bytes = mvt_files::input::read(&file, MAX_FILE_BYTES).map_err(|error| match error.kind() {
+            io::ErrorKind::FileTooLarge => Defect::FileTooLarge,
+            _ => Defect::Io(error),
+        })?;
+        let (mut mesh, findings) = parse(&bytes, format)?;
+        if let Some(unit_m) = unit_m {
+            mesh.vertices.iter_mut().for_each(|v| *v = (v.as_dvec3() * unit_m).as_vec3());
+        }
+        Ok((mesh, findings))
     };
-    inner().map_err(|defect| defect.of(&name))
+    named(inner(), &name)
 }
 
-/// Reads a mesh from memory. Errors contain `name`.
+/// Reads a mesh from memory. Errors and warnings contain `name`.
 ///
 /// # Errors
 /// [`MeshError`] if the bytes break the format.
-pub fn read_bytes(bytes: &[u8], format: Format, name: &str) -> Result<Mesh, MeshError> {
-    parse(bytes, format).map_err(|defect| defect.of(name))
+pub fn read_bytes(bytes: &[u8], format: Format, name: &str) -> Result<(Mesh, Vec<MeshWarning>), MeshError> {
+    let bytes_are_few = bytes.len() as u64 <= MAX_FILE_BYTES;
+    named(if bytes_are_few { parse(bytes, format) } else { Err(Defect::FileTooLarge) }, name)
 }
 
-fn parse(bytes: &[u8], format: Format) -> Result<Mesh, Defect> {
-    let size = bytes.len() as u64;
-    if size > MAX_FILE_BYTES {
-        return Err(Defect::FileTooLarge { bytes: size });
-    }
+/// Adds the name of the file to findings and defects.
+pub(super) fn named(
+    found: Result<(Mesh, Vec<Finding>), Defect>,
+    file: &str,
+) -> Result<(Mesh, Vec<MeshWarning>), MeshError> {
+    let (mesh, findings) = found.map_err(|defect| defect.of(file))?;
+    let warning = |finding| MeshWarning { file: file.to_owned(), finding };
+    Ok((mesh, findings.into_iter().map(warning).collect()))
+}
+
+fn parse(bytes: &[u8], format: Format) -> Result<(Mesh, Vec<Finding>), Defect> {
     match format {
         Format::Obj => obj::parse(bytes),
         Format::Stl => stl::parse(bytes),

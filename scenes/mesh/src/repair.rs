@@ -5,14 +5,18 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use glam::Vec3;
 
 use crate::error::{Defect, MeshError};
-use crate::limits::{MAX_EXTENT_M, MILLIMETRES_ABOVE_M, MIN_EXTENT_M};
+use crate::limits::{MAX_EXTENT_M, MILLIMETRES_ABOVE_M, MILLIMETRES_FROM, MIN_EXTENT_M};
 use crate::mesh::{Mesh, triangle_area_m2};
 use crate::warning::{Finding, MeshWarning};
+use crate::{read, seams};
+
+/// Greatest coordinate above which single precision rounds by more than a hundredth of a millimetre, metres.
+const VISIBLY_ROUNDED_ABOVE_M: f64 = 100.0;
 
 /// Makes one clean surface of the mesh in a file, and reports the changes.
 ///
-/// Works in this order: checks coordinates and indices; merges equal vertices; drops faces without an area and
-/// duplicate faces; keeps the part with the largest area; scales a file in millimetres ([`MILLIMETRES_ABOVE_M`]); turns
+/// Works in this order: checks coordinates and indices; merges equal vertices, and at open edges those that lie close together; drops
+/// faces without an area and duplicate faces; keeps the part with the largest area; scales a file in millimetres ([`MILLIMETRES_ABOVE_M`]); turns
 /// faces until neighbours agree on the outside, and all faces if they looked inward. Reports holes and leaves them.
 ///
 /// # Errors
@@ -20,29 +24,20 @@ use crate::warning::{Finding, MeshWarning};
 /// mesh.
 pub fn repair(mesh: &Mesh, file: &str) -> Result<(Mesh, Vec<MeshWarning>), MeshError> {
     let mut findings = Vec::new();
-    let mesh = clean(mesh, &mut findings).map_err(|defect| defect.of(file))?;
-    let warnings = findings.into_iter().map(|finding| MeshWarning { file: file.to_owned(), finding }).collect();
-    Ok((mesh, warnings))
+    read::named(clean(mesh, &mut findings).map(|mesh| (mesh, findings)), file)
 }
 
 fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     check(raw)?;
-    let mut mesh = merged(raw);
-    let mut count_dropped = |before: usize, after: usize, finding: fn(usize) -> Finding| {
-        if before != after {
-            findings.push(finding(before - after));
-        }
-        after
-    };
-    let all = mesh.faces.len();
-    let vertices = &mesh.vertices;
-    mesh.faces.retain(|&face| {
-        let [a, b, c] = face;
-        a != b && b != c && c != a && triangle_area_m2(face.map(|v| vertices[v as usize])) > 0.0
-    });
-    let solid = count_dropped(all, mesh.faces.len(), Finding::DegenerateFaces);
-    mesh.faces = without_duplicates(mesh.faces);
-    count_dropped(solid, mesh.faces.len(), Finding::DuplicateFaces);
+    let raw = merged(raw);
+    let (mut mesh, mut dropped) = without_scraps(&raw);
+    if mesh.edges().open > 0
+        && let Some((closed, seams)) = seams::close(&raw)
+    {
+        findings.push(seams);
+        (mesh, dropped) = without_scraps(&closed);
+    }
+    findings.extend(dropped);
     if mesh.faces.is_empty() {
         return Err(Defect::NoFaces);
     }
@@ -50,12 +45,19 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     let mut mesh = largest_part(&mesh, findings);
     let extent = f64::from(mesh.extents_m().max_element());
     if extent > MILLIMETRES_ABOVE_M {
+        if extent < MILLIMETRES_FROM {
+            return Err(Defect::AmbiguousUnit { extent });
+        }
         mesh.vertices.iter_mut().for_each(|v| *v *= 0.001);
         findings.push(Finding::ScaledFromMillimetres { extent });
     }
     let extent_m = f64::from(mesh.extents_m().max_element());
     if !(MIN_EXTENT_M..=MAX_EXTENT_M).contains(&extent_m) {
         return Err(Defect::Size { extent_m });
+    }
+    let reach_m = mesh.bounds_m().iter().fold(0.0, |reach: f64, corner| reach.max(corner.abs().max_element().into()));
+    if reach_m > VISIBLY_ROUNDED_ABOVE_M {
+        findings.push(Finding::FarFromOrigin { reach_m });
     }
 
     let turned = agree_on_outside(&mut mesh.faces)?;
@@ -74,18 +76,38 @@ fn clean(raw: &Mesh, findings: &mut Vec<Finding>) -> Result<Mesh, Defect> {
     Ok(mesh)
 }
 
-/// Checks that all coordinates are finite and all faces name existing vertices.
+/// Drops faces without an area and duplicate faces.
+fn without_scraps(mesh: &Mesh) -> (Mesh, Vec<Finding>) {
+    let mut findings = Vec::new();
+    let mut count_dropped = |before: usize, after: usize, finding: fn(usize) -> Finding| {
+        if before != after {
+            findings.push(finding(before - after));
+        }
+    };
+    let has_area = |&&[a, b, c]: &&[u32; 3]| {
+        let corners = [a, b, c].map(|v| mesh.vertices[v as usize]);
+        a != b && b != c && c != a && triangle_area_m2(corners) > 0.0
+    };
+    let solid: Vec<[u32; 3]> = mesh.faces.iter().filter(has_area).copied().collect();
+    count_dropped(mesh.faces.len(), solid.len(), Finding::DegenerateFaces);
+    let (all, faces) = (solid.len(), without_duplicates(solid));
+    count_dropped(all, faces.len(), Finding::DuplicateFaces);
+    (Mesh { vertices: mesh.vertices.clone(), faces }, findings)
+}
+
+/// Checks that all faces name existing vertices with finite coordinates.
 ///
 /// # Errors
 /// [`Defect::NotFinite`] or [`Defect::IndexOutOfRange`].
 pub fn check(mesh: &Mesh) -> Result<(), Defect> {
-    if let Some(vertex) = mesh.vertices.iter().position(|v| !v.is_finite()) {
-        return Err(Defect::NotFinite { vertex });
-    }
     let vertices = mesh.vertices.len();
     for (face, corners) in mesh.faces.iter().enumerate() {
         if let Some(&index) = corners.iter().find(|&&index| index as usize >= vertices) {
             return Err(Defect::IndexOutOfRange { face, index, vertices });
+        }
+        // Some programs write points that they do not know as NaN. No face names them.
+        if let Some(&vertex) = corners.iter().find(|&&index| !mesh.vertices[index as usize].is_finite()) {
+            return Err(Defect::NotFinite { vertex });
         }
     }
     Ok(())

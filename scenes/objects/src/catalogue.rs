@@ -2,7 +2,7 @@
 //! mesh files by path.
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mvt_frames::{Isometry, MeshFile, Object as ObjectFrame};
 use mvt_mesh::{Finding, Format, Mesh, MeshError, MeshWarning};
@@ -81,7 +81,7 @@ impl Entry {
             Source::Procedural(recipe) => Some(recipe().mesh),
             Source::Ycb(ycb) => {
                 let bytes = ycb_library().ok()?.read(ycb.name).ok()?;
-                let raw = mvt_mesh::read_bytes(&bytes, Format::Stl, self.name).ok()?;
+                let (raw, _) = mvt_mesh::read_bytes(&bytes, Format::Stl, self.name).ok()?;
                 Some(stand(&raw, ycb.up).0)
             }
         }
@@ -108,7 +108,7 @@ impl Ycb {
         stl: &[u8],
         warnings: &mut Vec<CatalogueWarning>,
     ) -> Result<(Mesh, Isometry<MeshFile, ObjectFrame>), CatalogueError> {
-        let raw = mvt_mesh::read_bytes(stl, Format::Stl, self.name)?;
+        let (raw, _) = mvt_mesh::read_bytes(stl, Format::Stl, self.name)?;
         let (clean, found) = mvt_mesh::repair(&raw, self.name)?;
         let visible = |finding| matches!(finding, Finding::Components { area_share, .. } if area_share > 1e-3);
         warnings.extend(found.into_iter().filter(|warning| visible(warning.finding)).map(CatalogueWarning::Mesh));
@@ -256,10 +256,12 @@ fn no_hull(object: &str) -> impl FnOnce(NoHull) -> CatalogueError {
     |reason| CatalogueError::Hull { object: object.to_owned(), reason }
 }
 
-/// Returns whether a text is a path of a mesh file and not a name of the catalogue: it contains a path separator or has
-/// the ending of a mesh file.
-pub fn is_path(name_or_path: &str) -> bool {
-    Format::from_path(Path::new(name_or_path)).is_some() || name_or_path.contains(std::path::is_separator)
+/// Returns the file that a text names; `None` if it is not a path but a name of the catalogue. A path contains a separator or has the
+/// ending of a mesh file. Behind it may stand the unit, which does not belong to the file: `can.obj:cm`.
+pub fn mesh_path(name_or_path: &str) -> Option<PathBuf> {
+    let path = Path::new(name_or_path);
+    let is_path = Format::from_path(path).is_some() || name_or_path.contains(std::path::is_separator);
+    is_path.then(|| mvt_mesh::split_unit(path).0)
 }
 
 /// Checks that a name, which is not a path, is that of an object. Loads nothing.
@@ -285,7 +287,7 @@ pub fn load_mesh(name: &str, warnings: &mut Vec<CatalogueWarning>) -> Result<Mes
     }
 }
 
-/// Loads an object by its name: that of the catalogue, or `random:SEED`; or a mesh file by its path (see [`is_path`]).
+/// Loads an object by its name: that of the catalogue, or `random:SEED`; or a mesh file by its path (see [`mesh_path`]).
 /// Fetches the YCB meshes on first use. The z axis of a user's mesh file points up.
 ///
 /// # Errors
@@ -294,7 +296,7 @@ pub fn load(name_or_path: &str, warnings: &mut Vec<CatalogueWarning>) -> Result<
     if Path::new(name_or_path).is_dir() && entries().all(|entry| entry.name != name_or_path) {
         return Err(CatalogueError::Folder(name_or_path.to_owned()));
     }
-    if is_path(name_or_path) {
+    if mesh_path(name_or_path).is_some() {
         load_file(Path::new(name_or_path), warnings)
     } else if let Some(random) = RandomObject::from_name(name_or_path) {
         random?.load().map_err(no_hull(name_or_path))
@@ -305,7 +307,9 @@ pub fn load(name_or_path: &str, warnings: &mut Vec<CatalogueWarning>) -> Result<
 
 fn load_file(path: &Path, warnings: &mut Vec<CatalogueWarning>) -> Result<Object, CatalogueError> {
     let file = path.display().to_string();
-    let (clean, found) = mvt_mesh::repair(&mvt_mesh::read(path)?, &file)?;
+    let (raw, found) = mvt_mesh::read(path)?;
+    warnings.extend(found.into_iter().map(CatalogueWarning::Mesh));
+    let (clean, found) = mvt_mesh::repair(&raw, &file)?;
     warnings.extend(found.into_iter().map(CatalogueWarning::Mesh));
     let (mesh, object_from_file) = stand(&clean, [0.0, 0.0, 1.0]);
     let collision = decompose::pieces(&mesh).map_err(no_hull(&file))?;

@@ -139,3 +139,27 @@ fn a_folder_that_cannot_be_written_is_named() {
     let error = library.unpack(&path, &mut |_, _| {}).unwrap_err();
     assert!(matches!(&error, AssetsError::Io { path, .. } if path.starts_with(&blocked)), "{error}");
 }
+
+#[test]
+fn the_users_folder_may_have_either_layout_and_only_the_object_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let library = Library::read_only(folder.path().to_owned(), FILES.to_vec());
+    let said = |name| library.read(name).unwrap_err().to_string();
+    let named = folder.path().display().to_string();
+    let missing = said("two");
+    for part in ["YCB_DIR", &named, "neither two.stl nor two/google_16k/nontextured.stl"] {
+        assert!(missing.contains(part), "{missing} lacks {part}");
+    }
+    // The file of another object is not needed.
+    fs::create_dir_all(folder.path().join("two/google_16k")).unwrap();
+    fs::write(folder.path().join("two/google_16k/nontextured.stl"), "").unwrap();
+    assert_eq!(library.read("two").unwrap(), b"");
+    fs::write(folder.path().join("one.stl"), "abc").unwrap();
+    assert_eq!(library.read("one").unwrap(), b"abc");
+    assert_eq!(good(&library), 2);
+    fs::write(folder.path().join("one.stl"), "abd").unwrap();
+    let other = said("one");
+    for part in ["one.stl is not the published mesh", ABC, "YCB_DIR", "give the path of the file as the object"] {
+        assert!(other.contains(part), "{other} lacks {part}");
+    }
+}

@@ -69,6 +69,13 @@ fn a_users_mesh_is_loaded_by_path() {
         panic!("{warnings:?}")
     };
 
+    // The same file in another unit.
+    let path = path.to_str().unwrap();
+    let object = catalogue::load(&format!("{path}:cm"), &mut Vec::new()).map(|object| object.name);
+    assert!(object.unwrap_err().to_string().contains("its largest side is 600.000 mm"));
+    assert_eq!(catalogue::mesh_path(&format!("{path}:cm")).unwrap().to_str(), Some(path));
+    assert_eq!(catalogue::mesh_path("cube70"), None);
+
     let missing = catalogue::load("no/such.ply", &mut Vec::new()).unwrap_err();
     assert!(matches!(&missing, CatalogueError::Mesh(_)) && missing.to_string().starts_with("no/such.ply"));
     assert!(matches!(catalogue::load("nothing_like_it", &mut Vec::new()), Err(CatalogueError::Unknown(_))));

@@ -19,7 +19,7 @@ struct Arguments {
 
 fn main() -> anyhow::Result<()> {
     let path = Arguments::parse().mesh;
-    let (mesh, _) = mvt_mesh::repair(&mvt_mesh::read(&path)?, &path.display().to_string())?;
+    let (mesh, _) = mvt_mesh::repair(&mvt_mesh::read(&path)?.0, &path.display().to_string())?;
     let even = TrueSurface::new(&mesh, POINTS, 0);
     let uniform = TrueSurface::of_points(sample_surface(&mesh, POINTS, 0));
     println!("offset   ms/ADD-S  one-directional mm: even points, uniform points; symmetric mm, even points");

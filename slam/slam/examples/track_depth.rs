@@ -5,7 +5,6 @@
 
 #![expect(clippy::print_stdout, reason = "a program that prints")]
 
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
@@ -32,8 +31,6 @@ fn main() -> Result<()> {
         println!("{time_s:.3} s  {:?}  confidence {:.2}  {:?}", estimate.state, estimate.confidence, estimate.pose);
     }
     let mesh = slam.mesh(0.001).context("the object was never seen")?;
-    let mut obj = String::new();
-    mesh.vertices.iter().try_for_each(|v| writeln!(obj, "v {} {} {}", v.x, v.y, v.z))?;
-    mesh.faces.iter().try_for_each(|[a, b, c]| writeln!(obj, "f {} {} {}", a + 1, b + 1, c + 1))?;
+    let obj = mvt_mesh::encode_obj(&mesh, &["metres"]);
     std::fs::write(folder.join("mesh.obj"), obj).context("cannot write mesh.obj")
 }

@@ -42,7 +42,7 @@ impl Coordinates {
     /// Returns the coordinates that a mesh file (PLY or OBJ) states in a comment `coordinates NAME`; `None` if it states none.
     pub fn of_mesh_file(path: &Path) -> Option<Self> {
         let mut head = Vec::new();
-        input::open(path).ok()?.take(HEAD).read_to_end(&mut head).ok()?;
+        input::open(&mvt_mesh::split_unit(path).0).ok()?.take(HEAD).read_to_end(&mut head).ok()?;
         let head = String::from_utf8_lossy(&head);
         let comment = |line: &str| -> Option<Self> {
             let text = line.strip_prefix("comment ").or_else(|| line.strip_prefix("# "))?;

@@ -1,8 +1,6 @@
 //! Meshes as files.
 
-use std::fmt::Write as _;
-
-use mvt_mesh::Mesh;
+use mvt_mesh::{Mesh, encode_obj, encode_ply};
 use mvt_picture::palette;
 
 use super::Coordinates;
@@ -10,39 +8,19 @@ use super::Coordinates;
 /// Encodes a binary PLY, little-endian, metres. A comment states the coordinates. With one error (metres) per vertex, the vertices have colours from pale
 /// (no error) to dark red (5 mm and more).
 pub fn ply(mesh: &Mesh, coordinates: Coordinates, errors_m: Option<&[f32]>) -> Vec<u8> {
-    let colours =
-        if errors_m.is_some() { "property uchar red\nproperty uchar green\nproperty uchar blue\n" } else { "" };
-    let header = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment metres\ncomment coordinates {}\nelement vertex {}\nproperty float x\nproperty float y\n\
-         property float z\n{colours}element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
-        coordinates.name(),
-        mesh.vertices.len(),
-        mesh.faces.len()
-    );
-    let mut bytes = header.into_bytes();
-    for (k, vertex) in mesh.vertices.iter().enumerate() {
-        bytes.extend(vertex.to_array().iter().flat_map(|x| x.to_le_bytes()));
-        if let Some(errors_m) = errors_m {
-            bytes.extend(palette::surface_error(errors_m.get(k).copied().unwrap_or(f32::INFINITY)).0);
-        }
-    }
-    for face in &mesh.faces {
-        bytes.push(3);
-        bytes.extend(face.iter().flat_map(|v| v.to_le_bytes()));
-    }
-    bytes
+    let colour =
+        |k| palette::surface_error(errors_m.and_then(|errors_m| errors_m.get(k)).copied().unwrap_or(f32::INFINITY)).0;
+    let colours: Option<Vec<[u8; 3]>> = errors_m.map(|_| (0..mesh.vertices.len()).map(colour).collect());
+    encode_ply(mesh, &comments(coordinates).each_ref().map(String::as_str), colours.as_deref())
 }
 
 /// Encodes a Wavefront OBJ, metres. A comment states the coordinates.
 pub fn obj(mesh: &Mesh, coordinates: Coordinates) -> String {
-    let mut text = format!("# metres\n# coordinates {}\n", coordinates.name());
-    for v in &mesh.vertices {
-        let _ = writeln!(text, "v {} {} {}", v.x, v.y, v.z);
-    }
-    for [a, b, c] in mesh.faces.iter().map(|face| face.map(|v| v + 1)) {
-        let _ = writeln!(text, "f {a} {b} {c}");
-    }
-    text
+    encode_obj(mesh, &comments(coordinates).each_ref().map(String::as_str))
+}
+
+fn comments(coordinates: Coordinates) -> [String; 2] {
+    ["metres".to_owned(), format!("coordinates {}", coordinates.name())]
 }
 
 #[cfg(test)]
@@ -63,7 +41,7 @@ mod tests {
             (ply(&mesh, Coordinates::Field, None), Format::Ply),
             (obj(&mesh, Coordinates::Object).into_bytes(), Format::Obj),
         ] {
-            assert_eq!(read_bytes(&bytes, format, "mesh").unwrap(), mesh);
+            assert_eq!(read_bytes(&bytes, format, "mesh").unwrap().0, mesh);
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mesh");
