@@ -16,7 +16,10 @@ pub type MeshArrays<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u
 /// Reads the path of an OBJ, STL or PLY file, or a pair of arrays.
 pub fn read(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Mesh> {
     if let Ok(path) = value.extract::<PathBuf>() {
-        return Ok(mvt_mesh::read(&path).map_err(file)?);
+        let (mesh, warnings) = mvt_mesh::read(&path).map_err(file)?;
+        let warn = value.py().import("warnings")?.getattr("warn")?;
+        warnings.iter().try_for_each(|warning| warn.call1((warning.to_string(),)).map(drop))?;
+        return Ok(mesh);
     }
     let (vertices, faces): (Bound<'_, PyAny>, Bound<'_, PyAny>) = value
         .extract()

@@ -40,7 +40,7 @@ pub enum Defect {
     #[error("vertex {vertex} has a coordinate that is not a finite number")]
     NotFinite {
         /// Index of the vertex, from 0.
-        vertex: u32,
+        vertex: usize,
     },
     /// A face names a vertex that does not exist.
     #[error("face {face} names vertex {index}, but there are {vertices} vertices")]

@@ -78,9 +78,29 @@ pub(super) fn named(
 }
 
 fn parse(bytes: &[u8], format: Format) -> Result<(Mesh, Vec<Finding>), Defect> {
-    match format {
+    let (mut mesh, findings) = match format {
         Format::Obj => obj::parse(bytes),
         Format::Stl => stl::parse(bytes),
         Format::Ply => ply::parse(bytes),
+    }?;
+    place_unknown_points(&mut mesh);
+    Ok((mesh, findings))
+}
+
+/// Moves points that no face names to a vertex of a face if they are not finite. Some programs write points that they do not know as NaN.
+fn place_unknown_points(mesh: &mut Mesh) {
+    if mesh.vertices.iter().all(|v| v.is_finite()) {
+        return;
     }
+    let mut is_used = vec![false; mesh.vertices.len()];
+    for &corner in mesh.faces.iter().flatten() {
+        if let Some(is_used) = is_used.get_mut(corner as usize) {
+            *is_used = true;
+        }
+    }
+    let Some(&place) = mesh.faces.iter().flatten().find_map(|&corner| mesh.vertices.get(corner as usize)) else {
+        return;
+    };
+    let unknown = mesh.vertices.iter_mut().zip(is_used).filter(|(v, is_used)| !is_used && !v.is_finite());
+    unknown.for_each(|(v, _)| *v = place);
 }

@@ -95,19 +95,18 @@ fn without_scraps(mesh: &Mesh) -> (Mesh, Vec<Finding>) {
     (Mesh { vertices: mesh.vertices.clone(), faces }, findings)
 }
 
-/// Checks that all faces name existing vertices with finite coordinates.
+/// Checks that all coordinates are finite and all faces name existing vertices.
 ///
 /// # Errors
 /// [`Defect::NotFinite`] or [`Defect::IndexOutOfRange`].
 pub fn check(mesh: &Mesh) -> Result<(), Defect> {
+    if let Some(vertex) = mesh.vertices.iter().position(|v| !v.is_finite()) {
+        return Err(Defect::NotFinite { vertex });
+    }
     let vertices = mesh.vertices.len();
     for (face, corners) in mesh.faces.iter().enumerate() {
         if let Some(&index) = corners.iter().find(|&&index| index as usize >= vertices) {
             return Err(Defect::IndexOutOfRange { face, index, vertices });
-        }
-        // Some programs write points that they do not know as NaN. No face names them.
-        if let Some(&vertex) = corners.iter().find(|&&index| !mesh.vertices[index as usize].is_finite()) {
-            return Err(Defect::NotFinite { vertex });
         }
     }
     Ok(())

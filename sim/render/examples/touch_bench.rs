@@ -25,7 +25,7 @@ fn main() -> anyhow::Result<()> {
         serde_json::from_slice(&std::fs::read(pose)?).context("POSE.json is not a 4 x 4 matrix")?;
     let config = TouchConfig::Tacto;
     let gel_from_object = config.gel_from_sensor() * Isometry::<Object, Gel>::from_matrix(&rows)?;
-    let object = RayMesh::new(&mvt_mesh::repair(&mvt_mesh::read(Path::new(mesh))?, mesh)?.0);
+    let object = RayMesh::new(&mvt_mesh::repair(&mvt_mesh::read(Path::new(mesh))?.0, mesh)?.0);
     let background = Background::Image(image::open(background)?.into_rgb8());
     let renderer = TouchRenderer::new(&TouchOptions { background, ..TouchOptions::new(config) })?;
 

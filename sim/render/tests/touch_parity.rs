@@ -81,7 +81,7 @@ impl Scene {
                         return None;
                     }
                 };
-                repair(&read_bytes(&bytes, Format::Stl, file).unwrap(), file).unwrap().0
+                repair(&read_bytes(&bytes, Format::Stl, file).unwrap().0, file).unwrap().0
             }
             (None, None) => panic!("{} has no object", self.name),
         };
