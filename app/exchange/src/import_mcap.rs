@@ -250,6 +250,13 @@ impl Plan {
         let (poses, moving) = survey.object_poses(root(mapping))?;
         self.notes.extend(moving.iter().map(|frame| moves(frame)));
         let object = judge("the object's pose", &survey.object_stamps)?.aligned(&frames.clock);
+        if object.out_of_order > 0 {
+            self.notes.push(format!(
+                "the object's pose: {} of {} transforms are not in the order of time: all are sorted",
+                object.out_of_order,
+                poses.len()
+            ));
+        }
         let poses: Vec<_> = object.order.iter().filter_map(|&place| poses.get(place).copied()).collect();
         let reach = reach(frames.period, object.period());
         let pose = |&at: &i64| Some(Isometry::new(in_world(mapping, pose_at(&object.times, &poses, at, reach)?)));

@@ -168,9 +168,10 @@ pub(crate) fn depth_of(picture: &Picture<'_>, unit_m: f64, camera: (usize, usize
                     let depth = |&steps: &u16| if steps == 0 { 0.0 } else { a / (f32::from(steps) - b) };
                     Ok(image.iter().map(depth).map(|depth| if depth.is_finite() { depth } else { 0.0 }).collect())
                 }
-                (image, _) => {
-                    Err(format!("the image is no depth: it has {:?} pixels and not 16 bits of grey", image.color()))
-                }
+                (image, _) => Err(format!(
+                    "the image is no depth: it has {:?} pixels and not 16 bits of grey; give 16-bit PNG",
+                    image.color()
+                )),
             }
         }
     }

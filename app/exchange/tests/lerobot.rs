@@ -128,7 +128,7 @@ fn what_is_no_data_set_is_refused_with_the_reason() {
     for (from, to, said) in [
         ("\"observation.state\"", "\"state\"", "no column \"state\""),
         ("\"observation.time_s\"", "\"index_0\"", "no column \"index_0\""),
-        ("\"observation.time_s\"", "\"episode_index\"", "it does not increase"),
+        ("\"observation.time_s\"", "\"episode_index\"", "the time does not increase in 3 of 4 rows"),
         (
             "\"observation.object_pose\"",
             "\"action\"",

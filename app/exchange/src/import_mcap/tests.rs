@@ -210,7 +210,7 @@ fn fingers_in_several_messages_are_merged() {
     let place = Place::new();
     for delay_ns in [0, 1_000_000] {
         let mut sent = recording();
-        for k in 0..FRAMES {
+        for k in (0..FRAMES).rev() {
             replace(&mut sent, "/joints", k, joints(at(k), &hand(k)[..6]));
             let rest = (at(k) + delay_ns, joints(at(k) + delay_ns, &hand(k)[6..]));
             sent.insert(find(&sent, "/depth", k), ("/joints", &JOINT_STATES, rest.0, rest.1));
