@@ -242,9 +242,10 @@ fn load_estimate(path: &Path) -> Result<Mesh> {
         tracing::warn!("{warning}");
     }
     mvt_mesh::check(&mesh).map_err(|defect| anyhow!("{}: {defect}", path.display()))?;
-    let corners = mesh.triangles().flatten();
-    let low = corners.clone().reduce(Vec3::min).unwrap_or_default();
-    let extent = f64::from((corners.reduce(Vec3::max).unwrap_or_default() - low).max_element());
+    // Vertices without faces do not count.
+    let corners = || mesh.triangles().flatten();
+    let (low, high) = (corners().reduce(Vec3::min), corners().reduce(Vec3::max));
+    let extent = f64::from((high.unwrap_or_default() - low.unwrap_or_default()).max_element());
     if extent > mvt_mesh::MILLIMETRES_ABOVE_M {
         bail!(
             "{0}: its largest side is {extent} m; if it is not in metres, give the unit: --mesh {0}:mm",
