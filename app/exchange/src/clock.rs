@@ -67,11 +67,11 @@ impl Stamps {
             } else {
                 format!("its {count} messages state only {} different times", different[0])
             };
-            return Ok(self.recorded(what));
+            return Ok(self.recorded(&what));
         }
         let speeds = [self.speed(), self.speed_of_steps()];
         if is_recorded && speeds.iter().all(|speed| speed.is_some_and(|speed| speed < OTHER_UNIT)) {
-            return Ok(self.recorded("its own times are in another unit".to_owned()));
+            return Ok(self.recorded("its own times are in another unit"));
         }
         // Recordings that were converted have the times of the conversion.
         let is_compressed = speeds.iter().all(|speed| speed.is_none_or(|speed| speed > 1.0 / OTHER_UNIT));
@@ -82,12 +82,12 @@ impl Stamps {
             return Ok(self.stated(self.stated.clone(), None));
         }
         if is_recorded && self.is_coarse() {
-            return Ok(self.recorded("its own times are rounded".to_owned()));
+            return Ok(self.recorded("its own times are rounded"));
         }
         Ok(self.without_steps())
     }
 
-    fn recorded(&self, why: String) -> Judged {
+    fn recorded(&self, why: &str) -> Judged {
         let note = Some(format!("{why}: the times of recording are used"));
         Judged { times: self.recorded.clone(), offset: Some(0), is_recorded: true, note }
     }
@@ -157,7 +157,7 @@ impl Stamps {
             let is_here = delays[k].abs_diff(delays[k - 1]) > step / 2 && (step > SET_NS || goes_back);
             // Messages that were recorded late, and together, come back to the usual distance.
             if is_here && usual(0, k).abs_diff(usual(k, delays.len())) > step / 2 {
-                return self.recorded(format!("its clock jumps by {:.2} s", step as f64 / 1e9));
+                return self.recorded(&format!("its clock jumps by {:.2} s", step as f64 / 1e9));
             }
         }
         let (mut times, mut replaced) = (self.stated.clone(), 0);
