@@ -67,11 +67,11 @@ impl Stamps {
             } else {
                 format!("its {count} messages state only {} different times", different[0])
             };
-            return Ok(self.recorded(what));
+            return Ok(self.recorded(&what));
         }
         let speeds = [self.speed(), self.speed_of_steps()];
         if is_recorded && speeds.iter().all(|speed| speed.is_some_and(|speed| speed < OTHER_UNIT)) {
-            return Ok(self.recorded("its own times are in another unit".to_owned()));
+            return Ok(self.recorded("its own times are in another unit"));
         }
         // Recordings that were converted have the times of the conversion.
         let is_compressed = speeds.iter().all(|speed| speed.is_none_or(|speed| speed > 1.0 / OTHER_UNIT));
@@ -82,12 +82,12 @@ impl Stamps {
             return Ok(self.stated(self.stated.clone(), None));
         }
         if is_recorded && self.is_coarse() {
-            return Ok(self.recorded("its own times are rounded".to_owned()));
+            return Ok(self.recorded("its own times are rounded"));
         }
         Ok(self.without_steps())
     }
 
-    fn recorded(&self, why: String) -> Judged {
+    fn recorded(&self, why: &str) -> Judged {
         let note = Some(format!("{why}: the times of recording are used"));
         Judged { times: self.recorded.clone(), offset: Some(0), is_recorded: true, note }
     }
@@ -150,14 +150,17 @@ impl Stamps {
         let delays: Vec<i64> = recorded.iter().zip(&stated).map(|(r, s)| r.saturating_sub(*s)).collect();
         let usual =
             |from: usize, to: usize| median(delays.get(from..to.min(delays.len())).unwrap_or_default().to_vec());
+        let noise = median(delays.windows(2).map(|pair| pair[1].saturating_sub(pair[0]).saturating_abs()).collect());
         for k in FEWEST..delays.len().saturating_sub(FEWEST - 1) {
             let step = usual(k.saturating_sub(NEAR), k).abs_diff(usual(k, k + NEAR));
             let back = stated[k - 1].saturating_sub(stated[k]);
-            let goes_back = back > 0 && step > (back / 2) as u64 && step > recorded[k].abs_diff(recorded[k - 1]);
+            let least =
+                recorded[k].abs_diff(recorded[k - 1]).max(3 * noise.unsigned_abs()).max((back / 2).unsigned_abs());
+            let goes_back = back > 0 && step > least;
             let is_here = delays[k].abs_diff(delays[k - 1]) > step / 2 && (step > SET_NS || goes_back);
             // Messages that were recorded late, and together, come back to the usual distance.
             if is_here && usual(0, k).abs_diff(usual(k, delays.len())) > step / 2 {
-                return self.recorded(format!("its clock jumps by {:.2} s", step as f64 / 1e9));
+                return self.recorded(&format!("its clock jumps by {:.2} s", step as f64 / 1e9));
             }
         }
         let (mut times, mut replaced) = (self.stated.clone(), 0);
@@ -422,6 +425,15 @@ mod tests {
                 "{what}: {aligned:?}"
             );
         }
+    }
+
+    #[test]
+    fn messages_that_take_long_to_be_recorded_keep_their_times() {
+        let mut late = Stamps::default();
+        // Each takes 0 to 60 ms, so that they overtake one another.
+        (0..90).for_each(|k| late.push((1_700_000_000_000 + 33 * k + k * k * 7919 % 61) * MS, (2_000 + 33 * k) * MS));
+        let judged = late.judge().unwrap();
+        assert!(!judged.is_recorded && judged.note.is_none(), "{judged:?}");
     }
 
     #[test]

@@ -100,17 +100,15 @@ impl Iterator for Pages {
 impl PageReader for Pages {
     fn get_next_page(&mut self) -> Result<Option<Page>> {
         let mut page = self.packed.get_next_page()?;
-        match &mut page {
-            None => {}
-            Some(Page::DataPage { buf, .. } | Page::DictionaryPage { buf, .. }) => {
-                *buf = plain(self.compression, buf, 0)?.into()
+        let packed = match &mut page {
+            Some(Page::DataPage { buf, .. } | Page::DictionaryPage { buf, .. }) => Some((buf, 0)),
+            Some(Page::DataPageV2 { buf, def_levels_byte_len, rep_levels_byte_len, is_compressed: true, .. }) => {
+                Some((buf, def_levels_byte_len.saturating_add(*rep_levels_byte_len)))
             }
-            Some(Page::DataPageV2 { buf, def_levels_byte_len, rep_levels_byte_len, is_compressed, .. }) => {
-                if *is_compressed {
-                    let levels = def_levels_byte_len.saturating_add(*rep_levels_byte_len) as usize;
-                    *buf = plain(self.compression, buf, levels)?.into();
-                }
-            }
+            _ => None,
+        };
+        if let Some((buf, levels)) = packed {
+            *buf = plain(self.compression, buf, levels as usize)?.into();
         }
         Ok(page)
     }

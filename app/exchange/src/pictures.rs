@@ -243,7 +243,7 @@ mod tests {
         }
     }
 
-    fn png(image: DynamicImage) -> Vec<u8> {
+    fn png(image: &DynamicImage) -> Vec<u8> {
         let mut file = Cursor::new(Vec::new());
         image.write_to(&mut file, ImageFormat::Png).unwrap();
         file.into_inner()
@@ -252,7 +252,7 @@ mod tests {
     #[test]
     fn depth_files_are_read_with_and_without_the_head_of_ros() {
         let image = ImageBuffer::<Luma<u16>, _>::from_fn(3, 2, |x, y| Luma([500 * x as u16 + 7 * y as u16]));
-        let bare = png(DynamicImage::ImageLuma16(image));
+        let bare = png(&DynamicImage::ImageLuma16(image));
         let read =
             |data: &[u8], format: &str, size| depth_of(&Picture { data, format, ..Picture::default() }, 0.001, size);
         let expected = [0.0, 0.5, 1.0, 0.007, 0.507, 1.007];
@@ -267,8 +267,8 @@ mod tests {
             (&inverse, "png", "it must say 16UC1 or 32FC1"),
             (&inverse, "16UC1; compressedDepth rvl", "RVL"),
             (&bare[..bare.len() / 2].to_vec(), "png", "damaged"),
-            (&png(DynamicImage::new_luma8(3, 2)), "png", "it has L8 pixels and not 16 bits"),
-            (&png(DynamicImage::new_luma16(2, 3)), "png", "turned by 90 degrees"),
+            (&png(&DynamicImage::new_luma8(3, 2)), "png", "it has L8 pixels and not 16 bits"),
+            (&png(&DynamicImage::new_luma16(2, 3)), "png", "turned by 90 degrees"),
         ] {
             let error = read(data, format, (3, 2)).unwrap_err();
             assert!(error.contains(said), "{error}");
@@ -283,15 +283,15 @@ mod tests {
         };
         let slopes = GrayImage::from_fn(240, 320, |x, y| Luma([(x + y / 2) as u8]));
         for grey in [DynamicImage::ImageLuma8(slopes.clone()), DynamicImage::ImageLuma8(slopes).into_rgb8().into()] {
-            let file = png(grey);
+            let file = png(&grey);
             assert!(as_file(&file, touch).unwrap_err().contains("grey image"));
             assert_eq!(as_file(&file, LogImage::Labels(0)).unwrap(), file);
         }
-        let coloured = png(RgbImage::from_fn(240, 320, |x, y| [x as u8, y as u8, 40].into()).into());
+        let coloured = png(&RgbImage::from_fn(240, 320, |x, y| [x as u8, y as u8, 40].into()).into());
         assert_eq!(as_file(&coloured, touch).unwrap(), coloured);
         assert!(as_file(&coloured, LogImage::Labels(0)).unwrap_err().contains("8-bit grey"));
         assert!(as_file(&coloured[..coloured.len() - 40], LogImage::Colours(0)).unwrap_err().contains("damaged"));
-        let small = png(RgbImage::from_fn(24, 32, |x, y| [x as u8, y as u8, 40].into()).into());
+        let small = png(&RgbImage::from_fn(24, 32, |x, y| [x as u8, y as u8, 40].into()).into());
         assert!(as_file(&small, LogImage::Colours(0)).unwrap_err().contains("24 x 32 and not 240 x 320"));
     }
 

@@ -31,7 +31,7 @@ pub(crate) struct Tree {
 
 /// Pose of a frame in another one.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Path {
+pub(crate) struct Route {
     pub pose: Isometry3<f64>,
     /// Frames between them that move.
     pub moving: Vec<String>,
@@ -59,14 +59,14 @@ impl Tree {
     }
 
     /// Returns the pose of a frame in another by the fewest transforms, whichever of the two is above the other.
-    pub fn path(&self, frame: &str, root: &str) -> Result<Path, String> {
+    pub fn path(&self, frame: &str, root: &str) -> Result<Route, String> {
         let mut around: HashMap<&str, Vec<(&Edge, bool)>> = HashMap::new();
         for edge in &self.edges {
             around.entry(&edge.child).or_default().push((edge, true));
             around.entry(&edge.parent).or_default().push((edge, false));
         }
         let mut seen = HashSet::from([frame]);
-        let mut next = VecDeque::from([(frame, Path { pose: Isometry3::identity(), moving: Vec::new() })]);
+        let mut next = VecDeque::from([(frame, Route { pose: Isometry3::identity(), moving: Vec::new() })]);
         while let Some((at, path)) = next.pop_front() {
             if at == root {
                 return Ok(path);
@@ -76,7 +76,7 @@ impl Tree {
                 if seen.insert(to) {
                     let mut moving = path.moving.clone();
                     moving.extend(edge.moves.then(|| edge.child.clone()));
-                    next.push_back((to, Path { pose: pose * path.pose, moving }));
+                    next.push_back((to, Route { pose: pose * path.pose, moving }));
                 }
             }
         }
