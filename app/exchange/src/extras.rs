@@ -54,7 +54,7 @@ fn mapping(log: &Log, has_poses: bool) -> String {
     if has_poses {
         text += "frame = \"observation.object_pose\"\n";
     }
-    for PosedCamera { name, intrinsics, pose } in log.cameras() {
+    for (k, PosedCamera { name, intrinsics, pose }) in log.cameras().iter().enumerate() {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
         let pose = *pose * optical();
         let t = pose.origin().coords();
@@ -62,12 +62,12 @@ fn mapping(log: &Log, has_poses: bool) -> String {
         let key = |rest: &str| quoted(&format!("observation.images.{name}{rest}"));
         let _ = write!(
             text,
-            "\n[[camera]]\nname = {}\ndepth = {}\ndepth_unit_m = 0.0001\ncolours = {}\n\
+            "\n[[camera]]\nname = {}\ndepth = {}\ndepth_unit_m = 0.0001\n{}\
              intrinsics = {{ width = {width}, height = {height}, fx = {fx:?}, fy = {fy:?}, cx = {cx:?}, cy = {cy:?} }}\n\
              pose = {{ translation_m = [{:?}, {:?}, {:?}], quaternion_xyzw = [{x:?}, {y:?}, {z:?}, {w:?}] }}\n",
             quoted(name),
             key("_depth"),
-            key(""),
+            if log.has_colours(k) { format!("colours = {}\n", key("")) } else { String::new() },
             t.x,
             t.y,
             t.z,
