@@ -290,7 +290,8 @@ fn misfit(estimated_s: &[f64], true_s: &[f64]) -> String {
     let mut gaps: Vec<f64> = estimated_s.iter().map(gap).collect();
     gaps.sort_unstable_by(f64::total_cmp);
     let usual_s = gaps.get(gaps.len() / 2).copied().unwrap_or_default();
-    format!("usually the nearest is {:.1} ms away: give times of the same clock", 1e3 * usual_s)
+    let usually = if usual_s < 1.0 { format!("{:.1} ms", 1e3 * usual_s) } else { format!("{usual_s:.1} s") };
+    format!("usually the nearest is {usually} away: give times of the same clock")
 }
 
 /// Returns the estimates that have a true pose at the same time, with it.

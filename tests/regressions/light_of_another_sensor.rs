@@ -50,6 +50,13 @@ fn a_press_is_as_deep_under_any_light() {
             assert!((found / full - 1.0).abs() < 0.12, "{light:?}: {found} instead of {full} mm");
         }
     }
+    // Where the light is more than a pixel can hold, a depth that is too small is at least not plausible.
+    let ended = lit([2.2; 3]).run(PREDICT);
+    let lines: serde_json::Value = serde_json::from_str(&ended.stdout).unwrap();
+    for (line, full) in lines.as_array().unwrap().iter().zip(&full) {
+        let [found, plausibility] = ["deepest_mm", "plausibility"].map(|key| line[key].as_f64().unwrap());
+        assert!((found / full - 1.0).abs() < 0.12 || plausibility < 0.5, "{line} instead of {full} mm");
+    }
     // Too dark to be read.
     let (_, plausibility) = deepest_mm(&lit([0.06; 3]).run(PREDICT).stdout);
     assert!(plausibility < 0.2, "{plausibility}");

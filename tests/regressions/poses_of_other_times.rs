@@ -30,8 +30,8 @@ fn poses_of_few_common_times_are_refused_and_their_number_is_said() {
         (&|s| s + 1.7e9, "give times of the same clock"),
     ] {
         workplace.write("pose.csv", poses(HEADER, time, 1));
-        let said = workplace.run(SCORE).error();
-        assert!(said.contains(part), "{said}");
+        let ended = workplace.run(SCORE);
+        assert!(ended.code == Some(1) && ended.stderr.contains(part), "{ended:?}");
     }
     workplace.write("pose.csv", poses(&HEADER.replace("time_s", "time_ms"), |s| 1e3 * s, 1));
     assert!(workplace.run(SCORE).good().contains("60 frames"));

@@ -50,6 +50,7 @@ fn poses_are_read_in_the_dialects_of_other_programs() {
         ("quoted", format!("\"{}\"\n{quoted}", HEADER.replace(',', "\",\""))),
         ("a comment first", format!("# made by a program\n\n{plain}")),
         ("comments between", plain.replace("\n0.6", "\n# half\n0.6")),
+        ("an empty line of a spreadsheet", plain.replace("\n0.6", "\n,,,,,,,\n0.6")),
         ("an index", format!(",{HEADER}\n{}", rewritten(",", |cells| [vec!["7".into()], same(cells)].concat()))),
         ("a separator at the end", plain.replace('\n', ",\n")),
         ("a separator at the rows' end", format!("{HEADER}\n{}", ROWS.replace('\n', ",\n"))),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, anyhow, bail, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use image::RgbImage;
 use mvt_files::input::is_litter;
 use mvt_products::Instructions;
@@ -53,14 +53,16 @@ impl SensorImages {
                 Err(error) => defects.push(error),
             }
         }
+        if images.is_empty()
+            && let Some(defect) = defects.pop()
+        {
+            return Err(defect);
+        }
         for defect in defects.iter().take(MOST_DEFECTS) {
             tracing::warn!("{defect:#}; the image is skipped");
         }
         if defects.len() > MOST_DEFECTS {
             tracing::warn!("{} more images are skipped", defects.len() - MOST_DEFECTS);
-        }
-        if images.is_empty() {
-            return Err(defects.into_iter().next().unwrap_or_else(|| anyhow!("there is no image")));
         }
         let untouched = untouched.map(read).transpose()?;
 

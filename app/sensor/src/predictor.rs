@@ -13,7 +13,7 @@ use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_run::io::{png, write_file};
 use mvt_shear::{ShearField, ShearFit, ShearSensor};
-use mvt_touch::contact::plausibility;
+use mvt_touch::contact::{plausibility, unclipped};
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::untouched::UnusualLight;
 use mvt_viewer::live::LiveFrame;
@@ -236,7 +236,8 @@ impl Predictor {
         if (touching as f32) < LEAST_AREA * contact.len() as f32 {
             contact.fill(false);
         }
-        let readable = self.light.map_or(1.0, |light| light.plausibility());
+        let readable =
+            self.light.map_or(1.0, |light| light.plausibility().min(unclipped(seen, &self.untouched, &contact)));
         let plausibility = plausibility(seen, &self.untouched, prediction).min(readable);
         // Images of this size are the only ones that the network reads.
         let field = self.shear.as_ref().and_then(|shear| shear.see(image, &contact, &indentation_mm).ok());

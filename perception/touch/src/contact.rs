@@ -262,6 +262,9 @@ fn feel(
     }
     let summary = decide(config, &state.prediction.contact_logit, indentation_mm, contact);
     plausibility = plausibility.min(summary.agreement);
+    if let (Some(_), Some(untouched)) = (state.light, &state.untouched) {
+        plausibility = plausibility.min(unclipped(image, untouched, contact));
+    }
     let has_contact = summary.area >= config.least_area;
     if !has_contact {
         contact.fill(false);
@@ -282,6 +285,21 @@ pub fn plausibility(image: &RgbImage, untouched: &RgbImage, prediction: &Predict
     let mut contact = Array2::default(contact_logit.dim());
     let agreement = decide(&ContactConfig::default(), contact_logit, indentation_mm, &mut contact).agreement;
     exposure(image).min(contrast(&own)).min(1.0 - ramp(quartile, 8.0, 32.0)).min(agreement)
+}
+
+/// Share of the contact in clipped pixels from which an image is less plausible, and from which not at all.
+const CLIPPED: [f32; 2] = [0.1, 0.5];
+
+/// Returns from 0 to 1 how far a contact lies where neither an image nor the untouched one is as bright as a pixel can be: there its depth is
+/// unknown. For sensors with another light than the usual one.
+pub fn unclipped(image: &RgbImage, untouched: &RgbImage, contact: &Array2<bool>) -> f32 {
+    let is_clipped = |rgb: &[u8; 3]| rgb.contains(&u8::MAX);
+    let pixels = image.as_chunks::<3>().0.iter().zip(untouched.as_chunks::<3>().0);
+    let touching = pixels.zip(contact).filter(|(_, touches)| **touches);
+    let (all, clipped) = touching.fold((0, 0), |(all, clipped), ((image, untouched), _)| {
+        (all + 1, clipped + usize::from(is_clipped(image) || is_clipped(untouched)))
+    });
+    1.0 - ramp(clipped as f32 / all.max(1) as f32, CLIPPED[0], CLIPPED[1])
 }
 
 /// The result of a decision over all pixels.

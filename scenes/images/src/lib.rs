@@ -52,8 +52,8 @@ pub enum DecodeError {
     #[error("the JPEG file is cut or damaged: {0}; copy it again")]
     Damaged(&'static str),
     /// The decoder refuses the file.
-    #[error("the image is damaged or of an unknown kind ({}); copy it again", in_one_line(.0))]
-    Refused(#[from] image::ImageError),
+    #[error("the image is damaged or of an unknown kind ({0}); copy it again")]
+    Refused(String),
     /// The image is grey where colours are needed.
     #[error("it is a grey image; give the sensor's image in colours")]
     Grey,
@@ -65,9 +65,11 @@ pub enum DecodeError {
     Deep,
 }
 
-/// Returns an error of a decoder, which may end its lines, in one line.
-fn in_one_line(error: &image::ImageError) -> String {
-    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+impl From<image::ImageError> for DecodeError {
+    /// Takes the words of a decoder, in one line.
+    fn from(error: image::ImageError) -> Self {
+        Self::Refused(error.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
+    }
 }
 
 /// Decodes a PNG or JPEG file, of this width and height where they are given. The pixels are of the file's own kind. Bytes after the

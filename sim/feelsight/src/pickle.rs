@@ -113,7 +113,9 @@ pub enum PickleError {
     #[error("the pickle is cut off at byte {0}")]
     Truncated(usize),
     /// The pickle refers to a global that is neither plain data nor a NumPy array.
-    #[error("it refers to {0}, which is neither plain data nor a NumPy array; nothing was executed")]
+    #[error(
+        "it refers to {0}, which is neither plain data nor a NumPy array; nothing was executed; save it without such values"
+    )]
     Refused(String),
     /// An opcode is unknown or not needed for plain data.
     #[error("opcode 0x{opcode:02x} at byte {at} does not belong to plain data")]

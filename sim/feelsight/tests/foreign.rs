@@ -128,6 +128,10 @@ fn a_pickle_in_text_mode_and_a_joint_without_a_number_are_named() {
     let place = foreign(folder.path());
     let path = place.join("data.pkl");
     let whole = fs::read(&path).unwrap();
+    // A pickle of protocol 0 is text.
+    fs::write(&path, b"(dp0\r\nS'time'\r\np1\r\n(lp2\r\nF0.5\r\nasg2\r\n.").unwrap();
+    let said = refusal(&place);
+    assert!(said.contains("line ends of Windows"), "{said}");
     let converted: Vec<u8> =
         whole.iter().flat_map(|&byte| if byte == b'\n' { vec![b'\r', byte] } else { vec![byte] }).collect();
     fs::write(&path, converted).unwrap();

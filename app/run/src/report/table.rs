@@ -77,6 +77,10 @@ impl TextTable {
             while cells.len() > names.len() && is_unnamed(&cells) {
                 cells.pop();
             }
+            // Spreadsheets leave lines without content.
+            if cells.iter().all(String::is_empty) {
+                continue;
+            }
             if separator != Separator::Sign(',') {
                 cells.iter_mut().for_each(|cell| *cell = cell.replace(',', "."));
             }

@@ -35,11 +35,10 @@ pub fn from_bytes(data: &[u8]) -> Result<PickleValue, PickleError> {
     Budget { nodes: &machine.nodes, values: MAX_OPERATIONS, bytes: MAX_BYTES }.value(root, 0)
 }
 
-/// Returns whether the line ends of a binary pickle were converted: in other files most bytes 10 follow other bytes than 13.
+/// Returns whether the line ends of a pickle were converted: in other files most bytes 10 follow other bytes than 13.
 fn was_converted(data: &[u8]) -> bool {
     let ends = |pair: &[u8]| pair[1] == b'\n';
-    let is_binary = data.first() == Some(&0x80);
-    is_binary && data.windows(2).any(ends) && data.windows(2).filter(|pair| ends(pair)).all(|pair| pair[0] == b'\r')
+    data.windows(2).any(ends) && data.windows(2).filter(|pair| ends(pair)).all(|pair| pair[0] == b'\r')
 }
 
 /// Index of a node.
