@@ -1,5 +1,5 @@
 //! Files of poses in the dialects of spreadsheets and of other programs.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 
 use mvt_run::report::read_trajectory;
 

@@ -78,8 +78,9 @@ impl WindowProgram {
             return build.run().map(Self);
         }
         let beside = own.parent().map(|folder| folder.join(NAME));
-        let on_path = env::var_os("PATH").map(|path| env::split_paths(&path).map(|folder| folder.join(NAME)).collect());
-        let places = beside.into_iter().chain(on_path.unwrap_or_else(Vec::new));
+        let on_path =
+            env::var_os("PATH").map(|path| env::split_paths(&path).map(|folder| folder.join(NAME)).collect::<Vec<_>>());
+        let places = beside.into_iter().chain(on_path.unwrap_or_default());
         places.into_iter().find(|place| place.is_file()).map(Self).ok_or(NoWindowProgram::Missing)
     }
 

@@ -20,6 +20,9 @@ pub enum Device {
     Gpu,
 }
 
+/// Returns the loss of a batch and its gradients by all weights.
+pub type Gradients = fn(&Architecture, &Tensors, LossConfig, &TrainingBatch) -> Result<(f32, Tensors), TrainError>;
+
 /// A GPU for training.
 #[derive(Debug, Clone, Copy)]
 pub struct Gpu {
@@ -27,8 +30,8 @@ pub struct Gpu {
     pub name: &'static str,
     /// Returns an error that names the missing part if it cannot be used.
     pub find: fn() -> Result<(), NoGpu>,
-    /// Returns the loss of a batch and its gradients by all weights.
-    pub gradients: fn(&Architecture, &Tensors, LossConfig, &TrainingBatch) -> Result<(f32, Tensors), TrainError>,
+    /// Its gradients.
+    pub gradients: Gradients,
 }
 
 static GPU: OnceLock<Gpu> = OnceLock::new();

@@ -47,7 +47,7 @@ mod tokens;
 mod trainer;
 
 pub use batch::{TrainError, TrainingBatch};
-pub use device::{Device, Gpu, NoGpu};
+pub use device::{Device, Gpu, Gradients, NoGpu};
 pub use loss::{LossConfig, Penalty, Targets};
 pub use mvt_touch;
 pub use optimiser::OptimiserConfig;

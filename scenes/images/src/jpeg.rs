@@ -29,7 +29,8 @@ pub(crate) fn check(file: &[u8]) -> Checked<()> {
         let segment = segment(file, &mut at)?;
         match marker {
             0xc0..=0xc2 => {
-                if frame.replace(Frame::read(segment, marker == 0xc2).ok_or(SEGMENTS)?).is_some() {
+                let head = Frame::read(segment, marker == 0xc2).ok_or(SEGMENTS)?;
+                if frame.replace(head).is_some() {
                     return Err("it has two heads");
                 }
             }
