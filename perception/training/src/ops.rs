@@ -41,19 +41,19 @@ pub trait Ops {
     /// Computes a layer norm over the last axis, with weight and bias.
     fn norm(&self, x: Self::Value, parameters: [Self::Value; 2]) -> Self::Value;
 
-    /// Computes the [`Convolution`] of a map, with weight and bias.
+    /// Computes the `Convolution` of a map, with weight and bias.
     fn convolution(&self, x: Self::Value, parameters: [Self::Value; 2], stride: usize, relu: bool) -> Self::Value;
 
-    /// Computes the [`Depthwise`] convolution of a map, with weight and bias.
+    /// Computes the `Depthwise` convolution of a map, with weight and bias.
     fn depthwise(&self, x: Self::Value, parameters: [Self::Value; 2]) -> Self::Value;
 
     /// Multiplies each channel by a number.
     fn scale(&self, x: Self::Value, scale: Self::Value) -> Self::Value;
 
-    /// Computes the inside of a Mamba block, see [`Selective`].
+    /// Computes the inside of a Mamba block, see `Selective`.
     fn selective(&self, order: &Arc<[usize]>, inputs: [Self::Value; 8]) -> Self::Value;
 
-    /// Computes the [`Attention`] of `heads` heads over queries, keys and values.
+    /// Computes the `Attention` of `heads` heads over queries, keys and values.
     fn attention(&self, qkv: Self::Value, heads: usize) -> Self::Value;
 
     /// Computes [`WindowAttention`] over queries, keys and values, with the table of relative positions.
@@ -71,7 +71,7 @@ pub trait Ops {
     /// Resizes a map.
     fn resample(&self, x: Self::Value, resample: Resample) -> Self::Value;
 
-    /// Computes [`DepthToSpace`].
+    /// Computes `DepthToSpace`.
     fn depth_to_space(&self, x: Self::Value, factor: usize) -> Self::Value;
 
     /// Adds a table `[tokens, width]` to the tokens of every image.

@@ -31,11 +31,11 @@ fn engine() -> Engine {
     )
 }
 
-/// Colours that vary over the gel, with a red square of this level and side in the middle.
+/// Colours of the usual light that vary over the gel, with a red square of this level and side in the middle.
 fn picture(level: u8, side: u32) -> RgbImage {
     RgbImage::from_fn(digit::WIDTH as u32, digit::HEIGHT as u32, |u, v| {
         let is_red = u.abs_diff(120) < side / 2 && v.abs_diff(160) < side / 2;
-        Rgb([if is_red { level } else { 100 }, 60 + (u / 4) as u8, 160 - (v / 4) as u8])
+        Rgb([if is_red { level } else { 100 }, 70 + (u / 4) as u8, 135 - (v / 4) as u8])
     })
 }
 
