@@ -25,6 +25,7 @@ use crate::sense::{HISTORY, Part, Sense};
 
 /// Change of a joint's target by an action of 1, radians: at 25 Hz the fastest stroke of the shipped gaits.
 const INCREMENT_RAD: f64 = 1.0 / 24.0;
+
 /// One environment.
 pub(crate) struct Environment {
     scene: Arc<Scene>,
