@@ -4,7 +4,8 @@
 #![expect(clippy::print_stdout, reason = "Cargo reads the output of a build script")]
 
 fn main() {
-    println!("cargo::rerun-if-changed=search_path.rs");
+    // Cargo itself runs this again when this file or the folder of libmujoco changes. Without a line of this kind it would at every change.
+    println!("cargo::rerun-if-env-changed=MUJOCO_LIB_DIR");
     if let Ok(dir) = std::env::var("DEP_MUJOCO_LIBDIR") {
         println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN:$ORIGIN/../lib:{dir}");
     }

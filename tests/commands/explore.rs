@@ -20,7 +20,7 @@ fn explored(workplace: &Workplace, folder: &str, arguments: &str) -> (Vec<Value>
 #[test]
 fn the_hand_changes_the_axis_to_see_the_foot() {
     let workplace = Workplace::new();
-    let (choices, score) = explored(&workplace, "1", "--duration 9 --threads 1");
+    let (choices, score) = explored(&workplace, "1", "--duration 9 --touch-depth truth --threads 1");
     let changes: Vec<&Value> = choices.iter().filter(|choice| choice["chosen"] != "regrasp").collect();
     let first = changes.first().expect("a cube on the palm hides its foot from turns about z");
     let gains = first["gains_cm2_s"].as_object().unwrap();
@@ -29,7 +29,7 @@ fn the_hand_changes_the_axis_to_see_the_foot() {
     assert!(chosen != "cubelet" && gain(chosen) > gain("cubelet") && gains.contains_key("regrasp"), "{first}");
     let events = fs::read_to_string(workplace.path("1/recording/events.jsonl")).unwrap();
     assert!(events.contains(&format!("changes to controller {chosen} (expected to show, cm^2/s: ")), "{events}");
-    assert_eq!(explored(&workplace, "2", "--duration 9 --threads 2"), (choices, score));
+    assert_eq!(explored(&workplace, "2", "--duration 9 --touch-depth truth --threads 2"), (choices, score));
     let config = fs::read_to_string(workplace.path("1/config.toml")).unwrap();
     assert!(config.lines().next().unwrap().contains(" --explore"), "{config}");
 }

@@ -226,7 +226,7 @@ fn runs_are_tasks_and_merge_to_tables() {
 fn a_warned_job_finishes_its_task_and_is_queued_again() {
     use std::os::unix::fs::PermissionsExt as _;
 
-    let workplace = planned(&SPEC.replace("count = 3", "count = 30"));
+    let workplace = planned(&SPEC.replace("count = 3", "count = 10"));
     fs::create_dir(workplace.path("bin")).unwrap();
     for (name, script) in [
         ("sbatch", "#!/bin/sh\necho \"$@\" >> sbatch.txt; echo 17\n"),
@@ -265,10 +265,10 @@ fn a_warned_job_finishes_its_task_and_is_queued_again() {
     };
     assert!(!job(Some("-USR1")));
     let done = results(&workplace).len();
-    assert!((1..60).contains(&done), "{done}");
+    assert!((1..20).contains(&done), "{done}");
     // The task in hand was finished.
     assert!(names(&workplace, "s/partial").is_empty() && names(&workplace, "s/attempts").is_empty());
     assert_eq!(fs::read_to_string(workplace.path("scontrol.txt")).unwrap(), "requeue 17_0\n");
     assert!(job(None));
-    assert_eq!(results(&workplace).len(), 60);
+    assert_eq!(results(&workplace).len(), 20);
 }

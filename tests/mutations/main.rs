@@ -25,5 +25,5 @@ mod small_log;
 #[allow(dead_code, reason = "the tests of commands use more of it")]
 mod workplace;
 
-/// Number of inputs of a reader, if the environment does not say otherwise: a minute for all readers.
-const COUNT: u64 = 500;
+/// Number of inputs of a reader, if the environment does not say otherwise.
+const COUNT: u64 = 200;
