@@ -8,6 +8,7 @@ use mvt_calibration::Calibration;
 use mvt_files::input;
 use mvt_gaits::gait;
 use mvt_live::{Fault, LiveSettings, LiveSource};
+use mvt_perceive::PerceptionSetup;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
@@ -97,9 +98,8 @@ fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Res
             &all
         }
     };
-    let (noise, calibration) = (config.camera_noise, config.calibration);
-    let segmentation = config.segmentation;
-    let mut source = LogSource::open(folder, Some(cameras), Modality::Vi, noise, segmentation, None, calibration)?;
+    let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config: config.perception() };
+    let mut source = LogSource::open(folder, Some(cameras), Modality::Vi, config.camera_noise, &setup)?;
     if let Some(duration_s) = arguments.duration {
         source.limit(duration_s);
     }
@@ -120,8 +120,7 @@ fn live(arguments: &CalibrateArguments, config: &RunConfig) -> Result<LiveSource
         duration_s: arguments.duration.unwrap_or(LIVE_S),
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
         camera_noise: config.camera_noise,
-        segmentation: config.segmentation,
-        calibration: config.calibration,
+        perception: config.perception(),
         modality: Modality::Vi,
         hidden_every: None,
         fault: Fault::default(),

@@ -19,7 +19,6 @@ use mvt_run::io::{print_line, write_file};
 use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline};
 use mvt_run::progress_recorder::ProgressRecorder;
 use mvt_run::report::RunRecord;
-use mvt_run::source::TouchNetwork;
 use mvt_run::truth::Truth;
 use mvt_run::{progress, settings};
 use mvt_slam::map::Map;
@@ -48,13 +47,12 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let window = arguments.view.then(WindowProgram::find).transpose().context("without --view no window is needed")?;
     let profile = arguments.touch.profile()?;
     let weights = arguments.touch.weights(&profile)?.filter(|_| arguments.modality.has_touch());
-    let network = weights.map(|weights| TouchNetwork::new(&weights, config.touch, &profile));
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
     let RunInput { mut source, side, seed, name, object, supervisor, cameras } =
-        RunInput::new(arguments, &config, &profile, network)?;
+        RunInput::new(arguments, &config, &profile, weights.as_ref())?;
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(side))?),

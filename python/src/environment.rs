@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{line, pixels, shaped, singles};
 use crate::camera::{around, read_side};
-use crate::errors::{Kind, argument, detached, general};
+use crate::errors::{Kind, argument, detached, general, warn};
 
 /// Environments that step together on all cores: the base of the classes of `mambavitact.gym`.
 #[pyclass(frozen, module = "mambavitact")]
@@ -32,6 +32,11 @@ type StepOutcome<'py> = (
 );
 
 impl Environments {
+    /// Raises the warnings of perception as Python's.
+    fn warn(&self, py: Python<'_>) -> PyResult<()> {
+        warn(py, self.environments().take_warnings())
+    }
+
     fn environments(&self) -> MutexGuard<'_, Many> {
         self.environments.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -99,6 +104,7 @@ impl Environments {
     /// Starts new episodes with these seeds and returns the first observations.
     fn reset<'py>(&self, py: Python<'py>, seeds: Vec<u64>) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let observations = detached(py, || self.environments().reset(&seeds).map_err(argument))?;
+        self.warn(py)?;
         Ok(self.arrays(py, observations))
     }
 
@@ -108,6 +114,7 @@ impl Environments {
         let actions = singles(actions, "actions", &[Some(self.count), Some(JOINTS)])?;
         let actions: Vec<f32> = actions.into_iter().collect();
         let outcome = detached(py, || self.environments().step(&actions).map_err(general))?;
+        self.warn(py)?;
         let rewards = outcome.rewards.iter().map(Reward::total).collect();
         let parts = outcome.rewards.iter().flat_map(Reward::parts).collect();
         Ok((

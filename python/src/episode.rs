@@ -171,7 +171,7 @@ impl Episode {
                 Some(observer) => observer,
                 none => none.insert(self.observer(seed)?),
             };
-            Ok(observer.empty_touch())
+            Ok(observer.untouched_images())
         })?;
         let [height, width] = [images.0[0].height() as usize, images.0[0].width() as usize];
         let pixels = images.0.each_ref().map(|image| image.as_raw().as_slice()).concat();

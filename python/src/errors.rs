@@ -83,6 +83,15 @@ pub fn detached<T: Send>(py: Python<'_>, call: impl FnOnce() -> Result<T, Failur
     Ok(result?)
 }
 
+/// Raises warnings, which Python shows once each.
+pub fn warn(py: Python<'_>, warnings: Vec<String>) -> PyResult<()> {
+    if warnings.is_empty() {
+        return Ok(());
+    }
+    let warn = py.import("warnings")?.getattr("warn")?;
+    warnings.into_iter().try_for_each(|warning| warn.call1((warning,)).map(drop))
+}
+
 /// Checks a multiple of Redwood's depth noise.
 pub fn check_camera_noise(camera_noise: f64) -> PyResult<()> {
     if (0.0..=100.0).contains(&camera_noise) {

@@ -2,11 +2,12 @@
 
 use image::RgbImage;
 use mvt_frames::{Isometry, Object, World};
+use mvt_perceive::true_press;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::hand::{Finger, JOINTS, JointAngles, PerFinger};
-use mvt_robot::observation::{GroundTruth, Observation, Press};
-use mvt_run::source::true_press;
+use mvt_robot::observation::{GroundTruth, Observation, Press, Rgbd};
+use mvt_run::source::Modality;
 use ndarray::{Array2, ArrayD, Axis, Ix2};
 use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayDyn};
 use pyo3::prelude::*;
@@ -30,6 +31,8 @@ pub struct Frame {
     /// True press of each DIGIT, where it is known.
     pub presses: PerFinger<Option<Press>>,
     pub object_pose: Option<Isometry<Object, World>>,
+    /// Time and joint readings of the next frame, where a log knows them.
+    pub next_joints: Option<(f64, JointAngles)>,
 }
 
 /// Standard deviation of an indentation from Python, millimetres: that of true touch depth in logs.
@@ -52,6 +55,7 @@ impl Frame {
             touch: Some(touch),
             presses: presses.unwrap_or_default(),
             object_pose,
+            next_joints: None,
         }
     }
 }
@@ -106,6 +110,7 @@ impl Frame {
             touch,
             presses,
             object_pose: object_pose.map(|pose| motion(pose, "object_pose")).transpose()?,
+            next_joints: None,
         })
     }
 
@@ -162,6 +167,21 @@ impl Frame {
 }
 
 impl Frame {
+    /// Returns the data as an observation, without cameras if they are not used.
+    pub fn observation(&self, modality: Modality) -> Observation {
+        let depths_m = self.depths_m.iter().filter(|_| modality.has_vision());
+        let camera = |(k, depth_m): (usize, &Array2<f32>)| Rgbd {
+            color: self.colours.get(k).cloned().unwrap_or_default(),
+            depth_m: depth_m.clone(),
+        };
+        Observation {
+            time_s: self.time_s,
+            joints: self.joints,
+            touch: self.touch.clone().unwrap_or_default(),
+            cameras: depths_m.enumerate().map(camera).collect(),
+        }
+    }
+
     /// Returns values of all presses; `None` if one is unknown.
     fn of_presses<'a, T, I: Iterator<Item = T>>(&'a self, values: fn(&'a Press) -> I) -> Option<Vec<T>> {
         let presses: Option<Vec<&Press>> = self.presses.0.iter().map(Option::as_ref).collect();

@@ -7,11 +7,11 @@ use indicatif::ProgressBar;
 use mvt_feelsight::LogFormat;
 use mvt_feelsight::{Log as FeelSight, PartialFrames, TouchPart};
 use mvt_live::recorder::{Noise, Recorder, Settings};
+use mvt_perceive::true_press;
 use mvt_render::touch::TouchConfig;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::PerFinger;
 use mvt_run::object::load_object;
-use mvt_run::source::true_press;
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
@@ -43,6 +43,7 @@ fn complete(log: &FeelSight, index: usize, mut frame: Frame) -> Frame {
     frame.colours = (0..log.cameras().len()).map(|k| log.colour(k, index).unwrap_or_default()).collect();
     frame.presses = PerFinger::from_fn(|finger| true_press(&log.touch_truth(finger, index).ok()?, GelView::tacto()));
     frame.object_pose = log.object_poses().get(index).copied().flatten();
+    frame.next_joints = log.times_s().get(index + 1).copied().zip(log.joints().get(index + 1).copied());
     frame
 }
 
@@ -159,6 +160,7 @@ impl LogFrames {
                 touch: Some(PerFinger(partial.touch_images.0.map(Option::unwrap_or_default))),
                 presses: PerFinger::default(),
                 object_pose: None,
+                next_joints: None,
             };
             Ok(Some(complete(reader.frames.log(), index, frame)))
         })

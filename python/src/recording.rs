@@ -25,8 +25,8 @@ pub struct RecordingFrame {
     depth_m: Vec<Py<PyArray2<f32>>>,
     /// Image of each DIGIT, or None: uint8.
     touch_images: Vec<Option<Py<PyArrayDyn<u8>>>>,
-    /// Depth that the tracker received from each DIGIT, metres, or None: float32.
-    touch_depth_m: Vec<Option<Py<PyArray2<f32>>>>,
+    /// Indentation that the tracker received from each DIGIT, millimetres, or None: float32.
+    touch_indentation_mm: Vec<Option<Py<PyArray2<f32>>>>,
 }
 
 /// Recording in the folder of a run, also while the run goes on.
@@ -173,8 +173,8 @@ impl Recording {
                 touch_images: (images.touch.0.iter())
                     .map(|finger| Some(pixels(py, finger.as_ref()?.image.clone()).unbind()))
                     .collect(),
-                touch_depth_m: (images.touch.0.iter())
-                    .map(|finger| Some(finger.as_ref()?.depth_m.clone().into_pyarray(py).unbind()))
+                touch_indentation_mm: (images.touch.0.iter())
+                    .map(|finger| Some(finger.as_ref()?.indentation_mm.clone().into_pyarray(py).unbind()))
                     .collect(),
             }
         }))

@@ -6,16 +6,14 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use glam::{Mat3A, Vec3, Vec3A};
 use mvt_field::shape::{Distance, Shape as _};
 use mvt_frames::camera::PosedCamera;
-use mvt_robot::digit::gel::GelView;
+use mvt_perceive::{Perception, PerceptionSetup};
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::hand::{Finger, PerFinger, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Estimator;
-use mvt_run::input::Input;
 use mvt_run::settings;
-use mvt_run::source::{Modality, TouchNetwork as HandNetwork};
-use mvt_segmentation::{SegmentationConfig, percept};
+use mvt_run::source::Modality;
 use mvt_slam::TrackState;
 use mvt_slam::map::Map;
 use numpy::{PyArray1, PyArrayDyn};
@@ -23,7 +21,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{images, line, matrix, shaped, singles};
 use crate::camera::{Camera, read_side};
-use crate::errors::{Kind, argument, detached};
+use crate::errors::{Kind, argument, detached, warn};
 use crate::frame::Frame;
 use crate::mesh::{MeshArrays, arrays};
 use crate::touch::TouchNetwork;
@@ -98,17 +96,14 @@ type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Slam {
     side: Side,
-    cameras: Vec<PosedCamera>,
     modality: Modality,
-    segmentation: SegmentationConfig,
     running: Mutex<Running>,
 }
 
 /// The part that changes.
 struct Running {
+    perception: Perception,
     estimator: Estimator,
-    /// Reads touch images; without it the true press is taken.
-    network: Option<HandNetwork>,
 }
 
 impl Slam {
@@ -118,7 +113,7 @@ impl Slam {
 }
 
 /// Groups of settings that have an effect.
-const USED: [&str; 3] = ["slam.", "touch.", "segmentation."];
+const USED: [&str; 4] = ["slam.", "touch.", "calibration.", "segmentation."];
 
 #[pymethods]
 impl Slam {
@@ -150,8 +145,9 @@ impl Slam {
             .collect::<PyResult<_>>()?;
         let config: RunConfig = settings::load(None, &set).map_err(argument)?;
         if let Some(key) = settings.keys().find(|key| !USED.iter().any(|group| key.starts_with(group))) {
-            let words =
-                format!("settings: {key} has no effect here; Slam uses settings of slam, touch and segmentation");
+            let words = format!(
+                "settings: {key} has no effect here; Slam uses settings of slam, touch, calibration and segmentation"
+            );
             return Err(Kind::Argument.error(words).into());
         }
         let cameras: Vec<PosedCamera> = cameras.iter().map(|camera| camera.0.clone()).collect();
@@ -164,15 +160,14 @@ impl Slam {
         }
         let weights = network.map(|network| network.weights.clone());
         detached(py, || {
-            let mut network = weights.map(|weights| HandNetwork::new(&weights, config.touch, &SensorProfile::tacto()));
-            if let Some(network) = &mut network {
-                for (finger, image) in Finger::ALL.into_iter().zip(&untouched) {
-                    network.set_empty(finger, image).map_err(argument)?;
-                }
+            let profile = SensorProfile::tacto();
+            let setup = PerceptionSetup { profile: &profile, weights: weights.as_ref(), config: config.perception() };
+            let mut perception = Perception::new(side, cameras, &setup);
+            for (finger, image) in Finger::ALL.into_iter().zip(&untouched) {
+                perception.set_untouched(finger, image).map_err(argument)?;
             }
             let estimator = Estimator::new(&config.slam, side, seed).map_err(argument)?;
-            let running = Mutex::new(Running { estimator, network });
-            Ok(Self { side, cameras, modality, segmentation: config.segmentation, running })
+            Ok(Self { side, modality, running: Mutex::new(Running { perception, estimator }) })
         })
     }
 
@@ -181,31 +176,25 @@ impl Slam {
         let mut warnings = Vec::new();
         let estimate = detached(py, || {
             let mut running = self.running();
-            let Running { estimator, network } = &mut *running;
-            let touch = match (network, &frame.touch) {
-                _ if !self.modality.has_touch() => PerFinger::default(),
-                (None, _) => frame.presses.clone(),
-                (Some(_), None) => {
-                    return Err(Kind::Argument.error("frame: it has no touch images for the network"));
-                }
-                (Some(network), Some(images)) => {
-                    network.feel(estimator.frames() as u64, images, &mut warnings).map_err(Kind::Argument.of())?
-                }
+            let Running { perception, estimator } = &mut *running;
+            let reads_images = perception.reads_touch_images() && self.modality.has_touch();
+            if reads_images && frame.touch.is_none() {
+                return Err(Kind::Argument.error("frame: it has no touch images for the network"));
+            }
+            let presses = match self.modality.has_touch() {
+                false => Some(PerFinger::default()),
+                true => (!reads_images).then(|| frame.presses.clone()),
             };
-            let has_vision = self.modality.has_vision();
-            let depths_m = if has_vision { frame.depths_m.iter().cloned().map(Some).collect() } else { Vec::new() };
-            let mut percept =
-                percept(frame.time_s, frame.joints, depths_m, touch, &self.cameras, self.side, &self.segmentation)
-                    .map_err(argument)?;
-            percept.set_colours(frame.colours.iter().cloned());
-            let input = Input::new(self.side, &percept, GelView::tacto());
-            let scan = estimator.scan(&input.measured(&percept, self.modality));
-            Ok(Estimate(estimator.step(&scan, None)))
+            if let Some((time_s, joints)) = frame.next_joints {
+                perception.expect(time_s, joints);
+            }
+            let seen = perception
+                .see(estimator.frames() as u64, frame.observation(self.modality), presses)
+                .map_err(argument)?;
+            warnings.extend(seen.warnings);
+            Ok(Estimate(estimator.observe(self.side, &seen.percept, perception.gel(), self.modality)))
         })?;
-        let warn = py.import("warnings")?.getattr("warn")?;
-        for warning in warnings {
-            warn.call1((warning,))?;
-        }
+        warn(py, warnings)?;
         Ok(estimate)
     }
 

@@ -7,6 +7,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::ChosenController;
 use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
 use mvt_objects::object::Object;
+use mvt_perceive::PerceptionSetup;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
@@ -15,8 +16,9 @@ use mvt_run::estimator::Mode;
 use mvt_run::explorer::ExploreStrategy;
 use mvt_run::exploring::direct;
 use mvt_run::object::{default_object, load_object};
-use mvt_run::source::{LogSource, Source, TouchNetwork};
+use mvt_run::source::{LogSource, Source};
 use mvt_run::supervisor::Supervisor;
+use mvt_touch::network::Weights;
 
 use super::RunArguments;
 use crate::calibrate;
@@ -44,11 +46,11 @@ impl RunInput {
         arguments: &RunArguments,
         config: &RunConfig,
         profile: &SensorProfile,
-        network: Option<TouchNetwork>,
+        weights: Option<&Weights>,
     ) -> Result<Self> {
         match &arguments.log {
-            Some(log) => from_log(arguments, log, config, profile, network),
-            None => live(arguments, config, profile, network),
+            Some(log) => from_log(arguments, log, config, profile, weights),
+            None => live(arguments, config, profile, weights),
         }
     }
 }
@@ -58,18 +60,11 @@ fn from_log(
     folder: &Path,
     config: &RunConfig,
     profile: &SensorProfile,
-    network: Option<TouchNetwork>,
+    weights: Option<&Weights>,
 ) -> Result<RunInput> {
     let cameras = arguments.cameras.as_deref();
-    let mut source = LogSource::open(
-        folder,
-        cameras,
-        arguments.modality,
-        config.camera_noise,
-        config.segmentation,
-        network,
-        config.calibration,
-    )?;
+    let setup = PerceptionSetup { profile, weights, config: config.perception() };
+    let mut source = LogSource::open(folder, cameras, arguments.modality, config.camera_noise, &setup)?;
     let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
     let object = match load_object(&name) {
         Ok(object) => Some(object),
@@ -79,7 +74,6 @@ fn from_log(
             None
         }
     };
-    source.wear(profile);
     source.limit_pictures(mvt_recording::has_images, config.slam.tracker.colour_weight > 0.0);
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
@@ -99,7 +93,7 @@ fn live(
     arguments: &RunArguments,
     config: &RunConfig,
     profile: &SensorProfile,
-    network: Option<TouchNetwork>,
+    weights: Option<&Weights>,
 ) -> Result<RunInput> {
     let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
     let (name, object) = match &arguments.object {
@@ -120,14 +114,13 @@ fn live(
         duration_s: arguments.duration.unwrap_or(DURATION_S),
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
         camera_noise: config.camera_noise,
-        segmentation: config.segmentation,
-        calibration: config.calibration,
+        perception: config.perception(),
         modality: arguments.modality,
         hidden_every: Some(HIDDEN_EVERY),
         fault: Fault::default(),
     };
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
-    let mut source = Box::new(LiveSource::new(&object, settings, network)?);
+    let mut source = Box::new(LiveSource::new(&object, settings, weights)?);
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
     }

@@ -29,5 +29,6 @@ mod mesh_of_millions_of_triangles;
 mod named_file_replaced;
 mod poses_of_other_times;
 mod run_replaced;
+mod skipped_image;
 mod users_file_replaced;
 mod words;

@@ -1,4 +1,4 @@
-//! The controller of a run knows no true pose.
+//! The controller of a run knows no true pose, and every source of frames goes through one perception.
 
 use std::path::Path;
 
@@ -13,4 +13,15 @@ fn the_true_place_of_the_object_never_reaches_a_run() {
     let offenders: Vec<String> =
         files.filter(|file| shows_it(&code(file))).map(|file| file.display().to_string()).collect();
     nothing_offends("runs know an estimate of the object's place, not the true one", &offenders);
+}
+
+#[test]
+fn perception_is_assembled_once() {
+    let parts = ["Calibrator::new", "Feeler::new", "TouchSensors::new", "set_colours("];
+    let folders = ["app", "src", "python", "slam", "sim"];
+    let files = folders.iter().flat_map(|folder| rust_files(Path::new(folder)));
+    let assembles = |text: &str| parts.iter().any(|part| text.contains(part));
+    let offenders: Vec<String> =
+        files.filter(|file| assembles(&code(file))).map(|file| file.display().to_string()).collect();
+    nothing_offends("mvt-perceive alone turns observations into percepts", &offenders);
 }

@@ -1,9 +1,9 @@
 //! Reasons why a task cannot go on.
 
 use mvt_gaits::gait::UnknownGait;
+use mvt_perceive::PerceptionError;
 use mvt_physics::simulation::SimulationError;
 use mvt_render::touch::TouchError;
-use mvt_robot::observation::SensorError;
 use mvt_slam::SettingError;
 
 /// Why a task cannot be set up, reset or stepped.
@@ -38,5 +38,5 @@ pub enum TaskError {
     Estimator(#[from] SettingError),
     /// The estimator cannot use an observation.
     #[error(transparent)]
-    Sensor(#[from] SensorError),
+    Perception(#[from] PerceptionError),
 }

@@ -126,6 +126,14 @@ impl Environments {
         Ok(StepOutcome { observations, rewards, terminated, truncated, progress })
     }
 
+    /// Returns the warnings of perception since the last call, each with the number of its environment.
+    pub fn take_warnings(&mut self) -> Vec<String> {
+        let of = |(k, place): (usize, &mut Place)| {
+            place.environment.take_warnings().into_iter().map(move |warning| format!("environment {k}: {warning}"))
+        };
+        self.places.iter_mut().enumerate().flat_map(of).collect()
+    }
+
     /// Returns a picture of an environment for people, 640 x 480; `None` if there is no such environment.
     pub fn picture(&self, index: usize) -> Option<image::RgbImage> {
         self.places.get(index)?.environment.picture()

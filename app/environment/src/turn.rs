@@ -4,17 +4,17 @@ use std::array::from_fn;
 use std::sync::Arc;
 
 use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, true_press};
 use mvt_physics::episode::{End, Episode, EpisodeConfig};
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::observer::ObserverScratch;
 use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{JOINTS, JointAngles, PerFinger, joint_ranges};
 use mvt_robot::observation::{GroundTruth, Observation};
 use mvt_robot::rig::{PALM_CENTRE_M, PLACEMENTS};
 use mvt_run::estimator::Estimator;
-use mvt_run::input::Input;
-use mvt_run::source::{Modality, true_press};
-use mvt_segmentation::{SegmentationConfig, percept};
+use mvt_run::source::Modality;
 use mvt_slam::{Estimate, SlamConfig, TrackState};
 use nalgebra as na;
 
@@ -35,8 +35,10 @@ pub(crate) struct Environment {
     target: JointAngles,
     /// Angles and targets, the latest first.
     history: [[JointAngles; 2]; HISTORY],
-    estimator: Option<Estimator>,
+    /// Perception and estimator, as those of a run, if the estimate is observed.
+    slam: Option<Box<(Perception, Estimator)>>,
     estimate: Option<Estimate>,
+    warnings: Vec<String>,
     scratch: ObserverScratch,
 }
 
@@ -53,8 +55,13 @@ impl Environment {
         };
         let episode = Episode::new(&scene.object, &config)?;
         let joints = episode.start().joints;
-        let estimator = match settings.senses.contains(&Sense::Estimate) {
-            true => Some(Estimator::new(&SlamConfig::default(), settings.side, seed)?),
+        let slam = match settings.senses.contains(&Sense::Estimate) {
+            true => {
+                let profile = SensorProfile::tacto();
+                let setup = PerceptionSetup { profile: &profile, weights: None, config: PerceptionConfig::default() };
+                let perception = Perception::new(settings.side, settings.cameras.clone(), &setup);
+                Some(Box::new((perception, Estimator::new(&SlamConfig::default(), settings.side, seed)?)))
+            }
             false => None,
         };
         Ok(Self {
@@ -63,8 +70,9 @@ impl Environment {
             steps: 0,
             target: joints,
             history: [[joints; 2]; HISTORY],
-            estimator,
+            slam,
             estimate: None,
+            warnings: Vec::new(),
             scratch: ObserverScratch::default(),
             scene,
         })
@@ -105,9 +113,9 @@ impl Environment {
         let state = self.episode.state();
         let images = scene.observer.as_ref().map(|observer| observer.observe(frame, &state.scene, &mut self.scratch));
         if let Some((observation, truth)) = &images
-            && self.estimator.is_some()
+            && self.slam.is_some()
         {
-            self.estimate(observation, truth)?;
+            self.estimate(observation.clone(), truth)?;
         }
         for (&sense, part) in scene.settings().senses.iter().zip(parts) {
             match (sense, &images) {
@@ -147,24 +155,21 @@ impl Environment {
         [self.episode.time_s(), self.episode.turned_rad()]
     }
 
-    /// Takes an observation into the estimator.
-    fn estimate(&mut self, observation: &Observation, truth: &GroundTruth) -> Result<(), TaskError> {
-        let Some(estimator) = &mut self.estimator else { return Ok(()) };
-        let settings = self.scene.settings();
-        let depths_m = observation.cameras.iter().map(|rgbd| Some(rgbd.depth_m.clone())).collect();
-        let percept = percept(
-            observation.time_s,
-            observation.joints,
-            depths_m,
-            PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, GelView::tacto()))),
-            &settings.cameras,
-            settings.side,
-            &SegmentationConfig::default(),
-        )?;
-        let input = Input::new(settings.side, &percept, GelView::tacto());
-        let scan = estimator.scan(&input.measured(&percept, Modality::Vitac));
-        self.estimate = Some(estimator.step(&scan, None));
+    /// Takes an observation into the estimator. Its touch sensors measure the true indentation.
+    fn estimate(&mut self, observation: Observation, truth: &GroundTruth) -> Result<(), TaskError> {
+        let Some((perception, estimator)) = self.slam.as_deref_mut() else { return Ok(()) };
+        let gel = perception.gel();
+        let presses = PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, gel)));
+        let seen = perception.see(u64::from(self.steps), observation, Some(presses))?;
+        self.warnings.extend(seen.warnings);
+        let side = self.scene.settings().side;
+        self.estimate = Some(estimator.observe(side, &seen.percept, perception.gel(), Modality::Vitac));
         Ok(())
+    }
+
+    /// Returns warnings of perception that were not returned before.
+    pub(crate) fn take_warnings(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.warnings)
     }
 
     fn proprioception(&self) -> impl Iterator<Item = f32> {

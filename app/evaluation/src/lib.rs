@@ -52,7 +52,7 @@ use mvt_run::pipeline::{EstimatorSetup, Finished, FrameResult, Meshing, Pipeline
 use mvt_run::report;
 use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
 use mvt_run::settings;
-use mvt_run::source::{Modality, Sensed, TouchArguments, TouchNetwork};
+use mvt_run::source::{Modality, Sensed, TouchArguments};
 use mvt_run::truth::Truth;
 
 use explore::ExploreMode;
@@ -435,14 +435,12 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
         duration_s,
         cameras,
         camera_noise: config.camera_noise,
-        segmentation: config.segmentation,
-        calibration: config.calibration,
+        perception: config.perception(),
         modality: Modality::Vitac,
         hidden_every: Some(HIDDEN_EVERY),
         fault,
     };
-    let network = episode.weights.map(|weights| TouchNetwork::new(weights, config.touch, &episode.touch));
-    LiveSource::new(episode.object, settings, network)
+    LiveSource::new(episode.object, settings, episode.weights)
 }
 
 /// An estimator on the frames of an episode.

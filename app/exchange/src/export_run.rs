@@ -214,12 +214,15 @@ impl RunChannels {
                 });
             messages.push((channels.points, point_cloud(stamp, frame, coloured)));
         }
+        let gel = about.touch_gel();
         for (finger, [image, depth]) in self.touch.iter() {
             let Some(felt) = &images.touch[finger] else { continue };
             let frame = touch_frame(finger);
             messages.extend(picture(stamp, &frame, &felt.image).map(|message| (*image, message)));
-            let depth_m: Vec<f32> = felt.depth_m.iter().copied().collect();
-            messages.push((*depth, raw_image(stamp, &frame, felt.depth_m.ncols(), &depth_m)));
+            if let Some(depth_m) = gel.depth_of(&felt.indentation_mm) {
+                let pixels: Vec<f32> = depth_m.iter().copied().collect();
+                messages.push((*depth, raw_image(stamp, &frame, depth_m.ncols(), &pixels)));
+            }
         }
         Ok(())
     }

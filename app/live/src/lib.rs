@@ -22,8 +22,7 @@
 //!     cameras: Vec::new(),
 //!     camera_noise: 5.0,
 //!     modality: Modality::Tac,
-//!     segmentation: Default::default(),
-//!     calibration: Default::default(),
+//!     perception: Default::default(),
 //!     hidden_every: None,
 //!     fault: Fault::default(),
 //! };

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use anyhow::Result;
-use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
+use mvt_calibration::{Calibration, CalibrationError};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry, World};
 use mvt_gaits::clock::FRAME_HZ;
@@ -13,17 +13,17 @@ use mvt_gaits::feedback::EstimatedPlace;
 use mvt_gaits::gait::Gait;
 use mvt_gaits::schedule::Schedule;
 use mvt_objects::object::Object;
+use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
-use mvt_robot::observation::Observation;
-use mvt_segmentation::{SegmentationConfig, percept};
 
 use crate::recorder;
-use mvt_run::source::{Modality, Pictures, Sensed, Source, TouchNetwork, true_press};
+use mvt_run::source::{Modality, Pictures, Sensed, Source};
+use mvt_touch::network::Weights;
 
 /// Settings of a live episode and its sensors.
 #[derive(Debug, Clone)]
@@ -44,10 +44,8 @@ pub struct LiveSettings {
     pub cameras: Vec<PosedCamera>,
     /// Noise of camera depth as a multiple of Redwood's; 0 for true depth.
     pub camera_noise: f64,
-    /// Settings of the segmentation of camera depth.
-    pub segmentation: SegmentationConfig,
-    /// Whether the poses of the cameras and the joint angles are refined, as for a real hand.
-    pub calibration: CalibrationConfig,
+    /// Settings of perception, as for a real hand.
+    pub perception: PerceptionConfig,
     /// Which sensors are used.
     pub modality: Modality,
     /// At every Nth frame the share of the object that the hand hides is computed; `None` for never. Some milliseconds each;
@@ -78,11 +76,8 @@ pub struct LiveSource {
     settings: LiveSettings,
     episode: Episode,
     observer: Observer,
-    gel: GelView,
-    /// The touch network; without it the true indentation is used.
-    network: Option<TouchNetwork>,
+    perception: Perception,
     scratch: ObserverScratch,
-    calibrator: Calibrator,
     /// The joint readings of the frame before.
     last_joints: Option<JointAngles>,
     /// The hand has begun to lower the object from the air.
@@ -91,11 +86,11 @@ pub struct LiveSource {
 }
 
 impl LiveSource {
-    /// Draws the start and prepares the rendering. Without `network` the true indentation is used.
+    /// Draws the start and prepares the rendering. Without `weights` of a touch network the true indentation is used.
     ///
     /// # Errors
     /// If MuJoCo refuses the object.
-    pub fn new(object: &Object, mut settings: LiveSettings, mut network: Option<TouchNetwork>) -> Result<Self> {
+    pub fn new(object: &Object, mut settings: LiveSettings, weights: Option<&Weights>) -> Result<Self> {
         let LiveSettings { side, seed, duration_s, camera_noise, .. } = settings;
         if !settings.modality.has_vision() {
             settings.cameras.clear();
@@ -124,20 +119,19 @@ impl LiveSource {
             seed,
         };
         let observer = Observer::new(object, options)?;
-        if let Some(network) = &mut network {
-            for (finger, image) in observer.empty_touch().iter() {
-                network.set_empty(finger, image)?;
+        let setup = PerceptionSetup { profile: &settings.touch, weights, config: settings.perception };
+        let mut perception = Perception::new(side, settings.cameras.clone(), &setup);
+        if perception.reads_touch_images() {
+            for (finger, image) in observer.untouched_images().iter() {
+                perception.set_untouched(finger, image)?;
             }
         }
-        let calibrator = Calibrator::new(settings.calibration, side, settings.cameras.clone());
         Ok(Self {
-            gel: settings.touch.gel_view(),
             settings,
             episode,
             observer,
-            network,
+            perception,
             scratch: ObserverScratch::default(),
-            calibrator,
             last_joints: None,
             is_lowered: false,
             frame: 0,
@@ -149,7 +143,7 @@ impl LiveSource {
     /// # Errors
     /// If a number of it is invalid.
     pub fn start_from(&mut self, calibration: &Calibration) -> Result<(), CalibrationError> {
-        self.calibrator.start_from(calibration)
+        self.perception.start_from(calibration)
     }
 }
 
@@ -164,32 +158,24 @@ impl Source for LiveSource {
             self.observer.move_cameras(change);
         }
         let Some(state) = self.episode.next_frame() else { return Ok(None) };
-        let (observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
+        let (mut observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
         self.frame += 1;
-        let LiveSettings { side, modality, segmentation, hidden_every, fault, .. } = &self.settings;
-        let mut warnings = Vec::new();
-        let mut touch = match &mut self.network {
-            _ if !modality.has_touch() => PerFinger::default(),
-            None => PerFinger::from_fn(|finger| true_press(&truth.touch[finger], &self.gel)),
-            Some(network) => network.feel(frame, &observation.touch, &mut warnings)?,
-        };
-        let Observation { time_s, mut joints, touch: touch_images, cameras: seen } = observation;
+        let LiveSettings { modality, hidden_every, fault, .. } = &self.settings;
         if fault.frozen.contains(&frame) {
-            joints = self.last_joints.unwrap_or(joints);
+            observation.joints = self.last_joints.unwrap_or(observation.joints);
         }
-        self.last_joints = Some(joints);
-        let (colours, depths_m): (Vec<_>, Vec<_>) =
-            seen.into_iter().map(|camera| (camera.color, Some(camera.depth_m))).unzip();
-        let mut depths_m = if fault.blank.contains(&frame) { Vec::new() } else { depths_m };
-        let calibrated = self.calibrator.observe(time_s, &joints, None, &depths_m);
-        calibrated.skip(&mut depths_m);
-        if calibrated.is_frozen {
-            touch = PerFinger::default();
+        self.last_joints = Some(observation.joints);
+        if fault.blank.contains(&frame) {
+            observation.cameras.iter_mut().for_each(|rgbd| rgbd.depth_m = Default::default());
         }
-        let Calibrated { joints, cameras, warnings: changes, .. } = calibrated;
-        warnings.extend(changes);
-        let mut percept = percept(time_s, joints, depths_m, touch, &cameras, *side, segmentation)?;
-        percept.set_colours(colours);
+        let is_felt = modality.has_touch() && self.perception.reads_touch_images();
+        let gel = self.perception.gel();
+        let presses = match modality.has_touch() {
+            false => Some(PerFinger::default()),
+            true if is_felt => None,
+            true => Some(PerFinger::from_fn(|finger| true_press(&truth.touch[finger], gel))),
+        };
+        let Seen { percept, touch_images, warnings } = self.perception.see(frame, observation, presses)?;
         let events = match self.episode.in_air().and_then(|air| air.lowered_at_s) {
             Some(_) if !self.is_lowered => {
                 self.is_lowered = true;
@@ -199,14 +185,11 @@ impl Source for LiveSource {
         };
         let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
-        let is_felt = self.network.is_some() && modality.has_touch();
+        let gel = self.perception.gel();
         let pictures = Pictures {
             touch: touch_images,
-            true_touch_m: PerFinger(
-                truth
-                    .touch
-                    .0
-                    .map(|truth| is_felt.then(|| self.gel.depth_in(GelView::tacto(), truth.depth_m)).flatten()),
+            true_indentation_mm: PerFinger(
+                truth.touch.0.map(|truth| is_felt.then(|| gel.indentation_of(&truth.depth_m)).flatten()),
             ),
             forces_n: Some(PerFinger(state.pads.0.map(|pad| pad.force_n))),
         };
@@ -236,7 +219,7 @@ impl Source for LiveSource {
     }
 
     fn gel(&self) -> &GelView {
-        &self.gel
+        self.perception.gel()
     }
 
     fn frame_count(&self) -> usize {
@@ -255,6 +238,6 @@ impl Source for LiveSource {
     }
 
     fn calibration(&self) -> Option<Calibration> {
-        self.calibrator.refined()
+        self.perception.calibration()
     }
 }

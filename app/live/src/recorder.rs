@@ -182,7 +182,7 @@ impl<'a> Recorder<'a> {
                 seed,
             },
         )?;
-        let untouched = (format == LogFormat::Compact).then(|| observer.empty_touch());
+        let untouched = (format == LogFormat::Compact).then(|| observer.untouched_images());
         let meta = LogMeta { scene: self.scene(seed, cameras, &episode), cameras: cameras.to_vec(), untouched };
         if let Some(parent) = folder.parent() {
             fs::create_dir_all(parent).with_context(|| format!("cannot make {}", parent.display()))?;

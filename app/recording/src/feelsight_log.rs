@@ -1,6 +1,7 @@
 //! Presents a FeelSight log as a recording.
 
-use mvt_run::source::{Modality, true_press};
+use mvt_perceive::true_press;
+use mvt_run::source::Modality;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -136,7 +137,10 @@ impl LogImages {
                     images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
                 });
                 let depths = depths.collect();
-                let touching = |truth: Option<TouchTruth>| Touching::of(&true_press(&truth?, GelView::tacto())?, None);
+                let touching = |truth: Option<TouchTruth>| {
+                    let gel = GelView::tacto();
+                    Touching::of(&true_press(&truth?, gel)?, gel, None)
+                };
                 let read = Read { depths, fingers: PerFinger(frame.touch_truth.0.map(touching)) };
                 others.frames().push(read);
             }
@@ -203,13 +207,10 @@ impl LogImages {
             if image.is_none() && truth.is_none() {
                 return None;
             }
-            let truth = truth.unwrap_or_default();
-            Some(FingerImages {
-                image: image.unwrap_or_default(),
-                depth_m: truth.depth_m,
-                contact: truth.contact,
-                true_depth_m: None,
-            })
+            let press = truth.and_then(|truth| true_press(&truth, GelView::tacto()));
+            let (indentation_mm, contact) =
+                press.map_or_else(Default::default, |press| (press.indentation_mm, press.contact));
+            Some(FingerImages { image: image.unwrap_or_default(), indentation_mm, contact, true_indentation_mm: None })
         });
         FrameImages { frame, cameras, touch }
     }

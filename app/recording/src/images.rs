@@ -11,7 +11,6 @@ use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use image::{ImageReader, RgbImage};
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{Finger, PerFinger};
 use ndarray::Array2;
 
@@ -21,9 +20,10 @@ use super::{CameraImages, FingerImages, FrameImages};
 const CAMERA_SIDE: usize = 320;
 /// Longest side of an image that is read, pixels.
 const LARGEST_SIDE: u32 = 4096;
-/// Steps of recorded depth, metres: for cameras a fraction of their noise, for DIGITs a hundredth of a press.
+/// Step of recorded depth, metres: a fraction of a camera's noise.
 const CAMERA_STEP_M: f32 = 1e-4;
-const TOUCH_STEP_M: f32 = 5e-6;
+/// Step of recorded indentation, millimetres: a hundredth of a press.
+const TOUCH_STEP_MM: f32 = 5e-3;
 /// Marks a depth that was not measured.
 const NOTHING: i16 = i16::MIN;
 /// Quality of JPEG, percent.
@@ -35,14 +35,21 @@ enum Kind {
     Depth,
     Segmentation,
     Touch,
-    TouchDepth,
+    Indentation,
     Contact,
-    TrueDepth,
+    TrueIndentation,
 }
 
 impl Kind {
-    const ALL: [Self; 7] =
-        [Self::Colour, Self::Depth, Self::Segmentation, Self::Touch, Self::TouchDepth, Self::Contact, Self::TrueDepth];
+    const ALL: [Self; 7] = [
+        Self::Colour,
+        Self::Depth,
+        Self::Segmentation,
+        Self::Touch,
+        Self::Indentation,
+        Self::Contact,
+        Self::TrueIndentation,
+    ];
 }
 
 /// Returns N, where every Nth row and column of a camera's images is recorded.
@@ -76,12 +83,6 @@ pub fn thinned_array<T: Clone>(array: &Array2<T>, stride: usize) -> Array2<T> {
     array.slice(ndarray::s![..;stride, ..;stride]).to_owned()
 }
 
-/// Whether a DIGIT's depth is that of the untouched gel.
-fn is_gel(depth_m: &Array2<f32>) -> bool {
-    let gel = GelView::tacto().depth_m();
-    depth_m.dim() == gel.dim() && depth_m.iter().zip(gel).all(|(z, gel)| (z - gel).abs() < 0.5 * TOUCH_STEP_M)
-}
-
 /// Encodes the images of a frame.
 pub fn encode(images: &FrameImages) -> Result<Vec<u8>, String> {
     let mut block = Vec::new();
@@ -99,18 +100,19 @@ pub fn encode(images: &FrameImages) -> Result<Vec<u8>, String> {
         put(Kind::Segmentation, k, &pack_levels(labels, |label| label.grey())?);
     }
     for (finger, touch) in images.touch.iter() {
-        let Some(FingerImages { image, depth_m, contact, true_depth_m }) = touch else { continue };
+        let Some(FingerImages { image, indentation_mm, contact, true_indentation_mm }) = touch else { continue };
         let k = finger as usize;
         if !image.is_empty() {
             put(Kind::Touch, k, &jpeg(image)?);
         }
-        // A DIGIT without contact has the depth of the untouched gel, which is not recorded.
-        if image.is_empty() || contact.iter().any(|&touches| touches) || !is_gel(depth_m) {
-            put(Kind::TouchDepth, k, &pack_touch(depth_m)?);
+        // Of a sensor that touches nothing the image is recorded alone.
+        let is_flat = indentation_mm.iter().all(|mm| mm.abs() < 0.5 * TOUCH_STEP_MM);
+        if image.is_empty() || contact.iter().any(|&touches| touches) || !is_flat {
+            put(Kind::Indentation, k, &pack_touch(indentation_mm)?);
             put(Kind::Contact, k, &pack_levels(contact, grey_of_mask)?);
         }
-        if let Some(depth_m) = true_depth_m {
-            put(Kind::TrueDepth, k, &pack_touch(depth_m)?);
+        if let Some(indentation_mm) = true_indentation_mm {
+            put(Kind::TrueIndentation, k, &pack_touch(indentation_mm)?);
         }
     }
     Ok(block)
@@ -134,12 +136,13 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<FrameImages,
             Kind::Touch => {
                 let finger = finger(&mut images, sensor)?;
                 finger.image = unjpeg(bytes)?;
-                finger.depth_m = GelView::tacto().depth_m().clone();
-                finger.contact = Array2::default(GelView::tacto().depth_m().dim());
+                let (width, height) = finger.image.dimensions();
+                finger.indentation_mm = Array2::zeros((height as usize, width as usize));
+                finger.contact = Array2::default(finger.indentation_mm.dim());
             }
-            Kind::TouchDepth => finger(&mut images, sensor)?.depth_m = unpack_touch(bytes)?,
+            Kind::Indentation => finger(&mut images, sensor)?.indentation_mm = unpack_touch(bytes)?,
             Kind::Contact => finger(&mut images, sensor)?.contact = unpack_levels(bytes, |grey| Ok(grey > 127))?,
-            Kind::TrueDepth => finger(&mut images, sensor)?.true_depth_m = Some(unpack_touch(bytes)?),
+            Kind::TrueIndentation => finger(&mut images, sensor)?.true_indentation_mm = Some(unpack_touch(bytes)?),
         }
     }
     Ok(images)
@@ -227,26 +230,16 @@ pub fn unpack_depth(bytes: &[u8]) -> Result<Array2<f32>, String> {
     array(steps.into_iter().map(metres).collect(), shape)
 }
 
-/// Packs the depth of a DIGIT as its indentation, which is 0 nearly everywhere.
-fn pack_touch(depth_m: &Array2<f32>) -> Result<Vec<u8>, String> {
-    let gel = GelView::tacto().depth_m();
-    if depth_m.dim() != gel.dim() {
-        return Err(format!("a touch image of {:?} pixels has the wrong size", depth_m.dim()));
-    }
-    let step = |(&z, &gel): (&f32, &f32)| if z > 0.0 { ((gel - z) / TOUCH_STEP_M).round() as i16 } else { NOTHING };
-    pack(depth_m.iter().zip(gel).map(step), size(depth_m))
+/// Packs the indentation of a touch sensor.
+fn pack_touch(indentation_mm: &Array2<f32>) -> Result<Vec<u8>, String> {
+    pack(indentation_mm.iter().map(|mm| (mm / TOUCH_STEP_MM).round() as i16), size(indentation_mm))
 }
 
+/// Unpacks the indentation of a touch sensor, millimetres; 0 where it was not measured.
 fn unpack_touch(bytes: &[u8]) -> Result<Array2<f32>, String> {
     let (steps, shape) = unpack(bytes)?;
-    let gel = GelView::tacto().depth_m();
-    if shape != size(gel) {
-        return Err(format!("a touch image of {} x {} pixels has the wrong size", shape[0], shape[1]));
-    }
-    let metres = |(&step, &gel): (&i16, &f32)| {
-        if step == NOTHING { 0.0 } else { gel - f32::from(step) * TOUCH_STEP_M }
-    };
-    array(steps.iter().zip(gel).map(metres).collect(), shape)
+    let millimetres = |step| if step == NOTHING { 0.0 } else { f32::from(step) * TOUCH_STEP_MM };
+    array(steps.into_iter().map(millimetres).collect(), shape)
 }
 
 /// Packs an array of grey levels.
@@ -305,12 +298,12 @@ mod tests {
             depth_m: Array2::from_shape_fn((24, 32), |(r, c)| if r < 3 { 0.0 } else { 0.3 + 0.001 * (r * c) as f32 }),
             labels: Array2::from_shape_fn((24, 32), |(_, c)| if c > 9 { Label::Object } else { Label::Hand }),
         };
-        let pressed = GelView::tacto().depth_m().mapv(|z| if z > 0.0219 { z - 0.0007 } else { z });
+        let pressed = Array2::from_shape_fn((320, 240), |(r, c)| if r > 200 { 0.002 * c as f32 } else { 0.0 });
         let touch = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
             contact: pressed.mapv(|_| true),
-            depth_m: pressed.clone(),
-            true_depth_m: Some(pressed.mapv(|z| if z > 0.02195 { 0.0 } else { z })),
+            indentation_mm: pressed.clone(),
+            true_indentation_mm: Some(pressed.mapv(|mm| 0.5 * mm)),
         };
         let mut images = FrameImages { frame: 7, cameras: vec![None, Some(camera)], touch: PerFinger::default() };
         images.touch[Finger::Ring] = Some(touch);
@@ -326,14 +319,15 @@ mod tests {
         assert!(read.cameras[0].is_none() && read.touch[Finger::Thumb].is_none());
         assert_eq!(before.labels, after.labels);
         let close = |a: &Array2<f32>, b: &Array2<f32>, step: f32| {
-            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.51 * step && (*a == 0.0) == (*b == 0.0)));
+            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.51 * step));
         };
         close(&before.depth_m, &after.depth_m, CAMERA_STEP_M);
+        assert!(before.depth_m.iter().zip(&after.depth_m).all(|(a, b)| (*a == 0.0) == (*b == 0.0)));
         let off = before.colour.iter().zip(after.colour.iter()).map(|(a, b)| a.abs_diff(*b)).max();
         assert!(off < Some(24), "{off:?}");
         let [before, after] = [&images, &read].map(|images| images.touch[Finger::Ring].clone().unwrap());
-        close(&before.depth_m, &after.depth_m, TOUCH_STEP_M);
-        close(&before.true_depth_m.unwrap(), &after.true_depth_m.unwrap(), TOUCH_STEP_M);
+        close(&before.indentation_mm, &after.indentation_mm, TOUCH_STEP_MM);
+        close(&before.true_indentation_mm.unwrap(), &after.true_indentation_mm.unwrap(), TOUCH_STEP_MM);
         assert_eq!(before.contact, after.contact);
     }
 
@@ -341,9 +335,9 @@ mod tests {
     fn a_digit_without_contact_takes_no_space() {
         let untouched = FingerImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
-            depth_m: GelView::tacto().depth_m().clone(),
+            indentation_mm: Array2::zeros((320, 240)),
             contact: Array2::default((320, 240)),
-            true_depth_m: None,
+            true_indentation_mm: None,
         };
         let mut images = FrameImages { frame: 0, cameras: vec![], touch: PerFinger::default() };
         images.touch[Finger::Index] = Some(FingerImages { image: RgbImage::default(), ..untouched.clone() });
@@ -351,7 +345,9 @@ mod tests {
         images.touch[Finger::Index] = Some(untouched);
         let block = encode(&images).unwrap();
         let read = decode(&block, 0, 0).unwrap().touch[Finger::Index].clone().unwrap();
-        assert_eq!((&read.depth_m, read.contact.iter().any(|&touches| touches)), (GelView::tacto().depth_m(), false));
+        assert!(
+            read.indentation_mm == Array2::<f32>::zeros((320, 240)) && !read.contact.iter().any(|&touches| touches)
+        );
         assert_eq!(block.len(), 6 + jpeg(&read.image).unwrap().len());
     }
 

@@ -65,7 +65,6 @@ use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, World};
-use mvt_robot::digit;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{JointAngles, PerFinger, Side};
 use mvt_robot::observation::Press;
@@ -106,8 +105,7 @@ pub struct About {
     pub modality: Modality,
     /// Which hand.
     pub side: Side,
-    /// Vertical field of view of the touch sensors' cameras, degrees. The recorded depth of a gel is the one that TACTO's camera would see;
-    /// its difference from the untouched gel is the indentation.
+    /// Vertical field of view of the touch sensors' cameras, degrees.
     pub touch_fov_y_deg: f64,
     /// Difference in depth between the apex of a gel and the corners of a pad of 20 x 30 mm, millimetres; 0 for a flat gel.
     pub touch_bulge_mm: f64,
@@ -132,11 +130,11 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// From a press; `None` if nothing touches the gel.
-    fn of(press: &Press, force_n: Option<f32>) -> Option<Self> {
-        let lens = digit::intrinsics();
+    /// From a press on a gel; `None` if nothing touches it.
+    fn of(press: &Press, gel: &GelView, force_n: Option<f32>) -> Option<Self> {
+        let lens = gel.camera();
         let (mut area_m2, mut deepest_mm) = (0.0, 0.0f32);
-        let pixels = press.contact.iter().zip(&press.indentation_mm).zip(GelView::tacto().depth_m());
+        let pixels = press.contact.iter().zip(&press.indentation_mm).zip(gel.depth_m());
         for ((_, &indentation_mm), &gel_m) in pixels.filter(|((touches, _), _)| **touches) {
             let depth_m = gel_m - 1e-3 * indentation_mm;
             area_m2 += f64::from(depth_m).powi(2) / (lens.fx * lens.fy);
@@ -194,12 +192,12 @@ pub struct CameraImages {
 pub struct FingerImages {
     /// Colours.
     pub image: RgbImage,
-    /// Depth that the tracker received, metres. Indexed (row, column).
-    pub depth_m: Array2<f32>,
+    /// Indentation that the tracker received, millimetres. Indexed (row, column).
+    pub indentation_mm: Array2<f32>,
     /// Where the object touches.
     pub contact: Array2<bool>,
-    /// True depth, metres, where it is known and the tracker received another.
-    pub true_depth_m: Option<Array2<f32>>,
+    /// True indentation, millimetres, where it is known and the tracker received another.
+    pub true_indentation_mm: Option<Array2<f32>>,
 }
 
 /// The images of a frame.

@@ -80,7 +80,7 @@ fn sensed(frame: u64) -> Box<Sensed> {
     let percept = Percept { time_s: frame as f64 / 30.0, joints, cameras: vec![Some(seen)], touch };
     let pictures = Pictures {
         touch: PerFinger::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([90, 90, 140]))),
-        true_touch_m: PerFinger::default(),
+        true_indentation_mm: PerFinger::default(),
         forces_n: Some(PerFinger([0.0, 0.0, 0.0, 1.5])),
     };
     Box::new(Sensed {

@@ -1,5 +1,6 @@
 //! Writes recordings on a thread of its own, so that the run never waits.
 
+use std::borrow::Cow;
 use std::fs::{self, File, TryLockError};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use mvt_frames::depth::CameraDepth;
 use mvt_mesh::Mesh;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{JointAngles, PerFinger};
-use mvt_robot::observation::Percept;
+use mvt_robot::observation::{Percept, Press};
 use mvt_run::io::write_file;
 use mvt_run::pipeline::{FrameResult, Progress};
 use mvt_run::report::{FrameRow, ShapePoint};
@@ -78,6 +79,7 @@ impl RecordingWriter {
             meshes: create(file_names::MESHES)?,
             events: create(file_names::EVENTS)?,
             folder: folder.clone(),
+            gel: about.touch_gel(),
             _lock: lock,
         };
         let truth = truth.map(|mesh| files.meshes.block(&shape::encode(mesh, None))).transpose()?;
@@ -211,6 +213,7 @@ impl Appended {
 
 struct Files {
     folder: PathBuf,
+    gel: Cow<'static, GelView>,
     frames: Appended,
     images: Appended,
     shapes: Appended,
@@ -261,7 +264,7 @@ impl Files {
         let forces_n = pictures.forces_n;
         moment.fingers = PerFinger::from_fn(|finger| {
             let force_n = forces_n.map(|forces| forces[finger] as f32);
-            Touching::of(percept.touch[finger].as_ref()?, force_n)
+            Touching::of(percept.touch[finger].as_ref()?, &self.gel, force_n)
         });
         if has_images(moment.row.frame) {
             let images = pictured(moment.row.frame as usize, percept, pictures, strides);
@@ -275,7 +278,7 @@ impl Files {
 
 /// The images of a frame as they are recorded.
 fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize]) -> FrameImages {
-    let Pictures { touch: mut seen, mut true_touch_m, .. } = pictures;
+    let Pictures { touch: mut seen, mut true_indentation_mm, .. } = pictures;
     let camera = |(camera, &stride): (Option<CameraDepth>, &usize)| {
         let CameraDepth { depth_m, labels, colour, .. } = camera?;
         Some(CameraImages {
@@ -287,11 +290,9 @@ fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize
     let cameras = percept.cameras.into_iter().zip(strides).map(camera).collect();
     let mut felt = percept.touch;
     let touch = PerFinger::from_fn(|finger| {
-        let press = felt[finger].take()?;
-        let depth_m = GelView::tacto().depth_of(&press.indentation_mm)?;
-        let contact = press.contact;
+        let Press { indentation_mm, contact, .. } = felt[finger].take()?;
         let image = std::mem::take(&mut seen[finger]);
-        Some(FingerImages { image, depth_m, contact, true_depth_m: true_touch_m[finger].take() })
+        Some(FingerImages { image, indentation_mm, contact, true_indentation_mm: true_indentation_mm[finger].take() })
     });
     FrameImages { frame, cameras, touch }
 }

@@ -1,6 +1,7 @@
 //! Settings of a run.
 
 use mvt_calibration::CalibrationConfig;
+use mvt_perceive::PerceptionConfig;
 use mvt_segmentation::SegmentationConfig;
 use mvt_settings::settings;
 use mvt_slam::SlamConfig;
@@ -29,5 +30,12 @@ settings! {
         pub slam: SlamConfig, Nested;
         /// The supervisor.
         pub supervisor: SupervisorRules, Nested;
+    }
+}
+
+impl RunConfig {
+    /// The settings of perception.
+    pub fn perception(&self) -> PerceptionConfig {
+        PerceptionConfig { touch: self.touch, calibration: self.calibration, segmentation: self.segmentation }
     }
 }

@@ -11,14 +11,17 @@ use mvt_frames::{Isometry, Model, Object, Point, World};
 use mvt_gaits::feedback::EstimatedPlace;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::Side;
+use mvt_robot::observation::Percept;
 use mvt_robot::rig::PALM_CENTRE_M;
 use mvt_slam::map::Map;
 use mvt_slam::scan::{Measurement, Scan};
 use mvt_slam::{Estimate, SettingError, Slam, SlamBuilder};
 use serde::{Deserialize, Serialize};
 
-use crate::input;
+use crate::input::{self, Input};
+use crate::source::Modality;
 use nalgebra as na;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -174,6 +177,12 @@ impl Estimator {
 
     fn with(builder: SlamBuilder, given_centre: Option<Vec3>) -> Result<Self, SettingError> {
         Ok(Self { slam: builder.build()?, given_centre, last: None, turned_rad: na::Vector3::zeros() })
+    }
+
+    /// Takes the next frame, whose touch sensors have this view of their gels, with the sensors of a modality.
+    pub fn observe(&mut self, side: Side, percept: &Percept, gel: &GelView, modality: Modality) -> Estimate {
+        let scan = self.scan(&Input::new(side, percept, gel).measured(percept, modality));
+        self.step(&scan, None)
     }
 
     /// Draws the rays of an instant for the next step.

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 pub use log::LogSource;
-pub use touch::{TouchArguments, TouchNetwork, TouchOrigin, shipped_weights, true_press};
+pub use touch::{TouchArguments, TouchOrigin, shipped_weights};
 
 /// A frame of a source.
 #[derive(Debug, Clone)]
@@ -46,8 +46,8 @@ pub struct Sensed {
 pub struct Pictures {
     /// Images of each DIGIT.
     pub touch: PerFinger<RgbImage>,
-    /// True touch depth, metres, where it is known and estimation receives another.
-    pub true_touch_m: PerFinger<Option<Array2<f32>>>,
+    /// True indentation, millimetres, where it is known and estimation receives another.
+    pub true_indentation_mm: PerFinger<Option<Array2<f32>>>,
     /// Normal force on each fingertip, newtons, where a simulator knows it.
     pub forces_n: Option<PerFinger<f64>>,
 }

@@ -10,12 +10,13 @@ use clap::{ArgGroup, Args};
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::print_line;
 use mvt_run::progress;
+use mvt_touch::contact::ContactConfig;
 use mvt_viewer::live::{LiveEnd, LiveView};
 use mvt_viewer::window_program::WindowProgram;
 use rayon::prelude::*;
 
 use crate::images::{SensorImages, SensorState, engine, read};
-use crate::predictor::{ContactRule, Predictor, Reading};
+use crate::predictor::{Predictor, Reading};
 use crate::stream::{Pace, StreamSource};
 
 /// Turn images, a video or a camera of a touch sensor into indentation and contact
@@ -61,7 +62,7 @@ pub struct TouchPredictArguments {
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
     /// Least indentation of a pixel in contact, millimetres
-    #[arg(long, value_name = "MM", default_value_t = 0.1)]
+    #[arg(long, value_name = "MM", default_value_t = ContactConfig::default().threshold_mm)]
     threshold_mm: f32,
     /// Least probability of contact of a pixel in contact, between 0 and 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
@@ -91,8 +92,11 @@ const FIRST_FRAMES: usize = 10;
 /// If images, a video, a camera or the profile cannot be read, a camera is lost, no window can be opened, or the results cannot be written.
 pub fn predict(arguments: &TouchPredictArguments, listen: impl FnOnce() -> Result<Arc<AtomicBool>>) -> Result<()> {
     let profile = SensorProfile::load(&arguments.profile)?;
-    let rule = ContactRule::new(arguments.threshold_mm, arguments.probability)?;
-    let mut predictor = Predictor::new(engine(&profile, arguments.weights.as_deref())?, &profile, rule);
+    let &TouchPredictArguments { threshold_mm, probability, .. } = arguments;
+    // The table has the plausibility of each image; whoever reads it decides.
+    let config = ContactConfig { threshold_mm, probability, least_plausibility: 0.0, ..ContactConfig::default() };
+    config.validate().context("--threshold-mm, --probability")?;
+    let mut predictor = Predictor::new(engine(&profile, arguments.weights.as_deref())?, &profile, config);
     let video = arguments.video.clone().map(StreamSource::Video);
     match video.or_else(|| arguments.camera.clone().map(StreamSource::Camera)) {
         Some(source) if arguments.view => {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use mvt_feelsight::array::Array;
 use mvt_feelsight::npy;
@@ -13,15 +13,13 @@ use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_run::io::{png, write_file};
 use mvt_shear::{ShearField, ShearFit, ShearSensor};
-use mvt_touch::contact::{plausibility, unclipped};
-use mvt_touch::engine::{Engine, Prediction};
-use mvt_touch::untouched::UnusualLight;
+use mvt_touch::contact::{ContactConfig, Felt, TouchSensor};
+use mvt_touch::engine::Engine;
 use mvt_viewer::live::LiveFrame;
-use ndarray::{Array2, Zip};
+use ndarray::Array2;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::images::infer;
 use crate::pictures;
 
 /// A line of predictions.csv.
@@ -83,27 +81,6 @@ pub(crate) struct Reading {
     field: Option<ShearField>,
 }
 
-/// When a pixel is in contact.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ContactRule {
-    threshold_mm: f32,
-    logit: f32,
-}
-
-impl ContactRule {
-    /// Returns the rule for a least indentation and a least probability of contact.
-    ///
-    /// # Errors
-    /// If one is out of range.
-    pub fn new(threshold_mm: f32, probability: f32) -> Result<Self> {
-        ensure!((0.0..=5.0).contains(&threshold_mm), "--threshold-mm {threshold_mm}: give 0 to 5");
-        ensure!((0.001..=0.999).contains(&probability), "--probability {probability}: give 0.001 to 0.999");
-        Ok(Self { threshold_mm, logit: (probability / (1.0 - probability)).ln() })
-    }
-}
-
-/// Contacts on a smaller share of the image are discarded.
-const LEAST_AREA: f32 = 0.001;
 /// Indentation that a picture shows brightest, millimetres.
 const DEEPEST_SHOWN_MM: f32 = 1.5;
 
@@ -111,11 +88,8 @@ const DEEPEST_SHOWN_MM: f32 = 1.5;
 pub(crate) struct Predictor {
     pub engine: Engine,
     profile: SensorProfile,
-    rule: ContactRule,
-    /// The untouched image as the network sees it.
-    untouched: RgbImage,
-    /// Its light, if the changes of images must be scaled.
-    light: Option<UnusualLight>,
+    config: ContactConfig,
+    sensor: TouchSensor,
     /// Sees the motion of the dots, for a sensor that has some.
     shear: Option<ShearSensor>,
     /// Area of the gel that a pixel sees, row by row.
@@ -131,13 +105,13 @@ struct OutFolder {
 
 impl Predictor {
     /// Returns a predictor that writes no files.
-    pub fn new(engine: Engine, profile: &SensorProfile, rule: ContactRule) -> Self {
+    pub fn new(engine: Engine, profile: &SensorProfile, config: ContactConfig) -> Self {
         let camera = profile.intrinsics();
         let gel = profile.gel_surface();
         let side_m = |i: usize| gel.point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx;
         let pixel_mm2 = (0..HEIGHT * WIDTH).map(|i| 1e6 * side_m(i).powi(2)).collect();
-        let untouched = RgbImage::default();
-        Self { engine, profile: *profile, rule, untouched, light: None, shear: None, pixel_mm2, out: None }
+        let sensor = TouchSensor::new(profile.gains());
+        Self { engine, profile: *profile, config, sensor, shear: None, pixel_mm2, out: None }
     }
 
     /// Writes files into a folder from now on.
@@ -162,11 +136,9 @@ impl Predictor {
             Some(_) => Some(ShearSensor::new(&self.profile, untouched)?),
             None => None,
         };
-        self.untouched = self.for_network(untouched);
-        // A calibrated profile holds the sensor's own light.
-        let is_calibrated = self.profile.gains() != [1.0; 3];
-        self.light = UnusualLight::of(&self.untouched).filter(|_| !is_calibrated);
-        if let Some(light) = self.light {
+        let seen = self.for_network(untouched);
+        self.sensor.set_untouched(&self.engine, &seen)?;
+        if let Some(light) = self.sensor.light() {
             tracing::warn!("{light}");
         }
         Ok(())
@@ -188,11 +160,10 @@ impl Predictor {
     /// If files cannot be written.
     pub fn predict(&self, ids: &[String], images: &[RgbImage]) -> Result<Vec<Reading>> {
         let seen: Vec<RgbImage> = images.par_iter().map(|image| self.for_network(image)).collect();
-        let gains = self.light.map_or(self.profile.gains(), |light| light.gains);
-        let predictions = infer(&self.engine, gains, &self.untouched, &seen)?;
-        let each = ids.par_iter().zip(images).zip(&seen).zip(&predictions);
-        each.map(|(((id, image), seen), prediction)| {
-            let reading = self.reading(id, image, seen, prediction);
+        let felt = self.sensor.feel_each(&self.engine, &self.config, &seen)?;
+        let each = ids.par_iter().zip(images).zip(felt);
+        each.map(|((id, image), felt)| {
+            let reading = self.reading(id, image, felt);
             self.write(id, image, &reading)?;
             Ok(reading)
         })
@@ -226,19 +197,13 @@ impl Predictor {
         Ok(format!("; see {}", path.join("predictions.csv").display()))
     }
 
-    /// Returns the contact in an image: `seen` is the image as the network sees it.
-    fn reading(&self, id: &str, image: &RgbImage, seen: &RgbImage, prediction: &Prediction) -> Reading {
-        let rule = self.rule;
-        let indentation_mm = prediction.indentation_mm.mapv(|mm| mm.max(0.0));
-        let touches = |&mm: &f32, &logit: &f32| mm > rule.threshold_mm && logit > rule.logit;
-        let mut contact = Zip::from(&indentation_mm).and(&prediction.contact_logit).map_collect(touches);
-        let touching = contact.iter().filter(|&&touches| touches).count();
-        if (touching as f32) < LEAST_AREA * contact.len() as f32 {
-            contact.fill(false);
-        }
-        let readable =
-            self.light.map_or(1.0, |light| light.plausibility().min(unclipped(seen, &self.untouched, &contact)));
-        let plausibility = plausibility(seen, &self.untouched, prediction).min(readable);
+    /// Returns what was felt in an image.
+    fn reading(&self, id: &str, image: &RgbImage, felt: Felt) -> Reading {
+        let Felt { press, plausibility, .. } = felt;
+        let (indentation_mm, contact) = match press {
+            Some(press) => (press.indentation_mm, press.contact),
+            None => (Array2::zeros((HEIGHT, WIDTH)), Array2::from_elem((HEIGHT, WIDTH), false)),
+        };
         // Images of this size are the only ones that the network reads.
         let field = self.shear.as_ref().and_then(|shear| shear.see(image, &contact, &indentation_mm).ok());
         let figures = |field: &ShearField| ShearFigures {

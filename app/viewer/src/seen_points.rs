@@ -8,7 +8,6 @@ use image::Rgb;
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::depth::Label;
 use mvt_frames::{Camera, Isometry, Object};
-use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::world_from_digit_camera;
 use nalgebra as na;
 
@@ -145,8 +144,7 @@ impl SeenPoints {
             let world_from_camera = world_from_digit_camera(recording.about().side, finger, &moment.joints);
             let object_from_camera = Isometry::new(object_from_world * world_from_camera.untyped());
             let touches = |row, column| felt.contact.get((row, column)) == Some(&true);
-            // Recorded as TACTO's camera would see it.
-            let Some(depth_m) = GelView::tacto().depth_in(&gel, felt.depth_m.clone()) else { continue };
+            let Some(depth_m) = gel.depth_of(&felt.indentation_mm) else { continue };
             for (point, _) in points(&depth_m, gel.camera(), object_from_camera, TOUCH_STRIDE, touches) {
                 self.put(index, point, None);
             }

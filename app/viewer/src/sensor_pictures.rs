@@ -5,12 +5,10 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, World};
 use mvt_render::rays::{Caster, Faces, Hits, Instance, PixelWindow, RayMesh};
-use mvt_robot::digit;
 use ndarray::Array2;
 
 use mvt_picture::palette;
 use mvt_recording::{CameraImages, FingerImages};
-use mvt_robot::digit::gel::GelView;
 
 /// Indentation with the lightest colour, millimetres.
 const MOST_MM: f32 = 2.0;
@@ -49,14 +47,14 @@ pub fn segmentation(camera: &CameraImages) -> RgbImage {
 
 /// Paints the measured indentation of a DIGIT with the outline of contact.
 pub fn indentation(finger: &FingerImages) -> RgbImage {
-    let mut picture = of_indentation(&finger.depth_m);
+    let mut picture = of_indentation(&finger.indentation_mm);
     outline(&mut picture, &finger.contact, &true);
     picture
 }
 
 /// Paints the true indentation of a DIGIT, where it is known.
 pub fn true_indentation(finger: &FingerImages) -> Option<RgbImage> {
-    finger.true_depth_m.as_ref().map(of_indentation)
+    finger.true_indentation_mm.as_ref().map(of_indentation)
 }
 
 /// Paints the contact of a DIGIT.
@@ -82,15 +80,8 @@ fn colour_of_label(label: Label) -> Rgb<u8> {
     }
 }
 
-fn of_indentation(depth_m: &Array2<f32>) -> RgbImage {
-    let gel = GelView::tacto().depth_m();
-    let (rows, columns) = depth_m.dim();
-    let is_digit = (rows, columns) == (digit::HEIGHT, digit::WIDTH);
-    RgbImage::from_fn(columns as u32, rows as u32, |x, y| {
-        let at = (y as usize, x as usize);
-        let pressed_m = if is_digit && depth_m[at] > 0.0 { gel[at] - depth_m[at] } else { 0.0 };
-        palette::indentation(pressed_m * 1e3, MOST_MM)
-    })
+fn of_indentation(indentation_mm: &Array2<f32>) -> RgbImage {
+    of_array(indentation_mm, |mm| palette::indentation(mm, MOST_MM))
 }
 
 /// Returns the nearest and farthest depth of the object, or of the whole image if no pixel is labelled as object,

@@ -240,6 +240,11 @@ impl Calibrator {
         }
     }
 
+    /// The cameras with the poses that were given.
+    pub fn given(&self) -> &[PosedCamera] {
+        &self.given
+    }
+
     /// The cameras with their refined poses.
     pub fn cameras(&self) -> Vec<PosedCamera> {
         let refined = |(given, pose): (&PosedCamera, &na::Isometry3<f64>)| PosedCamera {

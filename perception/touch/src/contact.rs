@@ -12,7 +12,7 @@ use rayon::iter::{
 
 use crate::engine::{Engine, Prediction};
 use crate::untouched::{Squares, UnusualLight, differences, scale_change, squares, subtract_untouched};
-use mvt_robot::observation::{Press, SensorError, SensorName, check_size};
+use mvt_robot::observation::{Press, SensorError, SensorName};
 
 settings! {
     /// Thresholds that turn predictions into depth and contact.
@@ -50,18 +50,26 @@ pub struct Felt {
     pub asked: bool,
 }
 
-/// Feels with a network; keeps what it must know of each finger.
-#[derive(Debug)]
-pub struct Feeler {
-    engine: Engine,
-    config: ContactConfig,
-    gains: [f32; 3],
-    fingers: PerFinger<State>,
+/// An image that is not of a DIGIT's size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the image is {} x {} pixels; {} x {} expected", found[0], found[1], digit::WIDTH, digit::HEIGHT)]
+pub struct UnfitImage {
+    /// Width and height, pixels.
+    pub found: [usize; 2],
 }
 
-/// The state of a finger.
-#[derive(Debug)]
-struct State {
+impl UnfitImage {
+    fn check(image: &RgbImage) -> Result<(), Self> {
+        let found = [image.width() as usize, image.height() as usize];
+        if found == [digit::WIDTH, digit::HEIGHT] { Ok(()) } else { Err(Self { found }) }
+    }
+}
+
+/// One touch sensor that a network reads, with what must be remembered of its earlier images. The one place where contact is decided.
+#[derive(Debug, Clone)]
+pub struct TouchSensor {
+    /// Multiply the change of red, green and blue from the untouched image before the network sees it.
+    gains: [f32; 3],
     /// The given image without contact, if any; it is subtracted from each image before the network reads it.
     untouched: Option<RgbImage>,
     /// Its light, if its changes must be scaled.
@@ -74,9 +82,13 @@ struct State {
     press: Press,
 }
 
-impl State {
-    fn new() -> Self {
+impl TouchSensor {
+    /// Starts without an untouched image. The image is corrected after [`TouchSensor::set_untouched`], the prediction after that or after the
+    /// first image without contact. `gains` multiply the change of red, green and blue from the untouched image before the network
+    /// sees it.
+    pub fn new(gains: [f32; 3]) -> Self {
         Self {
+            gains,
             untouched: None,
             light: None,
             empty: None,
@@ -90,30 +102,71 @@ impl State {
         }
     }
 
-    /// Sets the given image without contact. Its light counts only if the sensor was not calibrated, which measures the light itself.
-    fn set_untouched(&mut self, image: &RgbImage, gains: [f32; 3]) {
+    /// Sets the image of the sensor that touches nothing. Its light counts only if the sensor was not calibrated, which measures the light
+    /// itself.
+    ///
+    /// # Errors
+    /// [`UnfitImage`] if the image is not 240 wide and 320 high.
+    pub fn set_untouched(&mut self, engine: &Engine, image: &RgbImage) -> Result<(), UnfitImage> {
+        UnfitImage::check(image)?;
         self.untouched = Some(image.clone());
-        self.light = if gains == [1.0; 3] { UnusualLight::of(image) } else { None };
+        self.light = if self.gains == [1.0; 3] { UnusualLight::of(image) } else { None };
+        self.infer(engine, image)?;
+        self.empty = Some((squares(image), self.prediction.indentation_mm.clone()));
+        Ok(())
+    }
+
+    /// Returns the light of the sensor, if it is not that of other DIGITs. It is known with the untouched image.
+    pub fn light(&self) -> Option<UnusualLight> {
+        self.light
+    }
+
+    /// Returns the contact in the next image.
+    ///
+    /// # Errors
+    /// [`UnfitImage`] if the image is not 240 wide and 320 high.
+    pub fn feel(&mut self, engine: &Engine, config: &ContactConfig, image: &RgbImage) -> Result<Felt, UnfitImage> {
+        UnfitImage::check(image)?;
+        let Outcome { plausibility, asked } = feel(engine, config, image, self)?;
+        let is_plausible = plausibility >= config.least_plausibility;
+        Ok(Felt { press: is_plausible.then(|| self.press.clone()), plausibility, asked })
+    }
+
+    /// Returns the contacts in images that are independent of one another, as if each were the next, one image per thread.
+    ///
+    /// # Errors
+    /// [`UnfitImage`] if an image is not 240 wide and 320 high.
+    pub fn feel_each(
+        &self,
+        engine: &Engine,
+        config: &ContactConfig,
+        images: &[RgbImage],
+    ) -> Result<Vec<Felt>, UnfitImage> {
+        images.par_iter().map(|image| self.clone().feel(engine, config, image)).collect()
     }
 
     /// The network's output for an image.
-    fn infer(&mut self, engine: &Engine, gains: [f32; 3], finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
+    fn infer(&mut self, engine: &Engine, image: &RgbImage) -> Result<(), UnfitImage> {
         let seen = match &self.untouched {
             None => image,
             Some(untouched) => {
                 self.seen.copy_from_slice(image);
                 subtract_untouched(untouched, &mut self.seen);
-                scale_change(self.light.map_or(gains, |light| light.gains), &mut self.seen);
+                scale_change(self.light.map_or(self.gains, |light| light.gains), &mut self.seen);
                 &self.seen
             }
         };
-        engine.infer(seen, &mut self.prediction).map_err(|error| SensorError::Size {
-            sensor: SensorName::Touch(finger),
-            image: "colour",
-            expected: [digit::WIDTH, digit::HEIGHT],
-            found: [error.width as usize, error.height as usize],
-        })
+        let found = [image.width() as usize, image.height() as usize];
+        engine.infer(seen, &mut self.prediction).map_err(|_| UnfitImage { found })
     }
+}
+
+/// The touch sensors of a hand, read by one network.
+#[derive(Debug)]
+pub struct Feeler {
+    engine: Engine,
+    config: ContactConfig,
+    fingers: PerFinger<TouchSensor>,
 }
 
 /// How a finger's image was dealt with.
@@ -124,16 +177,10 @@ struct Outcome {
 }
 
 impl Feeler {
-    /// Knows no untouched sensor yet: until [`Feeler::set_empty`], or an image without contact, nothing is taken off what the network
-    /// finds; and until the former, nothing off what it sees.
-    pub fn new(engine: Engine, config: ContactConfig) -> Self {
-        Self { engine, config, gains: [1.0; 3], fingers: PerFinger::from_fn(|_| State::new()) }
-    }
-
-    /// Multiplies the change of red, green and blue from the untouched image before the network sees it.
-    #[must_use]
-    pub fn with_gains(self, gains: [f32; 3]) -> Self {
-        Self { gains, ..self }
+    /// For sensors without untouched images. `gains` multiply the change of red, green and blue from the untouched image before the network
+    /// sees it.
+    pub fn new(engine: Engine, config: ContactConfig, gains: [f32; 3]) -> Self {
+        Self { engine, config, fingers: PerFinger::from_fn(|_| TouchSensor::new(gains)) }
     }
 
     /// The network.
@@ -145,18 +192,13 @@ impl Feeler {
     ///
     /// # Errors
     /// [`SensorError::Size`] if the image is not 240 wide and 320 high.
-    pub fn set_empty(&mut self, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
-        check(finger, image)?;
-        let state = &mut self.fingers[finger];
-        state.set_untouched(image, self.gains);
-        state.infer(&self.engine, self.gains, finger, image)?;
-        state.empty = Some((squares(image), state.prediction.indentation_mm.clone()));
-        Ok(())
+    pub fn set_untouched(&mut self, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
+        self.fingers[finger].set_untouched(&self.engine, image).map_err(|unfit| unfit.of(finger))
     }
 
     /// Returns the light of a sensor, if it is not that of other DIGITs. It is known with the untouched image.
     pub fn light(&self, finger: Finger) -> Option<UnusualLight> {
-        self.fingers[finger].light
+        self.fingers[finger].light()
     }
 
     /// Returns the contact on each sensor, one image per thread; `None` for a sensor without an image.
@@ -164,75 +206,39 @@ impl Feeler {
     /// # Errors
     /// [`SensorError::Size`] if an image is neither empty nor 240 wide and 320 high.
     pub fn feel(&mut self, images: &PerFinger<RgbImage>) -> Result<PerFinger<Option<Felt>>, SensorError> {
-        let Self { engine, config, gains, fingers } = self;
-        let outcomes: Vec<Option<Outcome>> = Finger::ALL
+        let Self { engine, config, fingers } = self;
+        let felt: Vec<Option<Felt>> = Finger::ALL
             .par_iter()
             .zip(images.0.par_iter())
             .zip(fingers.0.par_iter_mut())
-            .map(|((&finger, image), state)| {
-                if image.is_empty() {
-                    return Ok(None);
-                }
-                check(finger, image)?;
-                feel(engine, config, *gains, finger, image, state).map(Some)
+            .map(|((&finger, image), sensor)| match image.is_empty() {
+                true => Ok(None),
+                false => sensor.feel(engine, config, image).map(Some).map_err(|unfit| unfit.of(finger)),
             })
             .collect::<Result<_, _>>()?;
-        let fingers = &*fingers;
-        Ok(PerFinger::from_fn(|finger| {
-            let Outcome { plausibility, asked } = outcomes.get(finger as usize).copied().flatten()?;
-            let is_plausible = plausibility >= config.least_plausibility;
-            Some(Felt { press: is_plausible.then(|| fingers[finger].press.clone()), plausibility, asked })
-        }))
+        let mut felt = felt.into_iter();
+        Ok(PerFinger::from_fn(|_| felt.next().flatten()))
     }
 }
 
-/// Returns the contacts on one sensor in images that are independent of one another, one image per thread. Without the image of the untouched sensor,
-/// nothing is subtracted before or after the network.
-///
-/// # Errors
-/// [`SensorError::Size`] if an image is not 240 wide and 320 high. It names the index finger, whose place the sensor takes.
-pub fn feel_alone(
-    engine: &Engine,
-    config: &ContactConfig,
-    untouched: Option<&RgbImage>,
-    images: &[RgbImage],
-) -> Result<Vec<Felt>, SensorError> {
-    let finger = Finger::Index;
-    let empty = untouched.map(|image| {
-        check(finger, image)?;
-        let mut state = State::new();
-        state.set_untouched(image, [1.0; 3]);
-        state.infer(engine, [1.0; 3], finger, image)?;
-        Ok((state.light, squares(image), state.prediction.indentation_mm))
-    });
-    let (light, empty) = match empty.transpose()? {
-        Some((light, squares, indentation_mm)) => (light, Some((squares, indentation_mm))),
-        None => (None, None),
-    };
-    let felt = images.par_iter().map(|image| {
-        check(finger, image)?;
-        let mut state = State { untouched: untouched.cloned(), light, empty: empty.clone(), ..State::new() };
-        let Outcome { plausibility, asked } = feel(engine, config, [1.0; 3], finger, image, &mut state)?;
-        let is_plausible = plausibility >= config.least_plausibility;
-        Ok(Felt { press: is_plausible.then_some(state.press), plausibility, asked })
-    });
-    felt.collect()
-}
-
-fn check(finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
-    let found = [image.width() as usize, image.height() as usize];
-    check_size(|| SensorName::Touch(finger), "colour", [digit::WIDTH, digit::HEIGHT], found)
+impl UnfitImage {
+    fn of(self, finger: Finger) -> SensorError {
+        SensorError::Size {
+            sensor: SensorName::Touch(finger),
+            image: "colour",
+            expected: [digit::WIDTH, digit::HEIGHT],
+            found: self.found,
+        }
+    }
 }
 
 /// Depth and contact of one sensor, into `state`.
 fn feel(
     engine: &Engine,
     config: &ContactConfig,
-    gains: [f32; 3],
-    finger: Finger,
     image: &RgbImage,
-    state: &mut State,
-) -> Result<Outcome, SensorError> {
+    state: &mut TouchSensor,
+) -> Result<Outcome, UnfitImage> {
     let squares = squares(image);
     let mut plausibility = exposure(image).min(contrast(&squares));
     plausibility = plausibility.min(state.light.map_or(1.0, |light| light.plausibility()));
@@ -250,7 +256,7 @@ fn feel(
     if plausibility < config.least_plausibility {
         return Ok(Outcome { plausibility, asked: false });
     }
-    state.infer(engine, gains, finger, image)?;
+    state.infer(engine, image)?;
     let raw = &state.prediction.indentation_mm;
     let Press { indentation_mm, contact, sigma_mm } = &mut state.press;
     // An indentation of the untouched sensor is an error of the network, and is subtracted.
@@ -276,23 +282,12 @@ fn feel(
     Ok(Outcome { plausibility, asked: true })
 }
 
-/// Returns from 0 to 1 how far an image is one that a sensor with this untouched image makes, see [`Felt::plausibility`]. `prediction` is
-/// the network's answer to the image from which the untouched one is subtracted. The light of the sensor is not judged.
-pub fn plausibility(image: &RgbImage, untouched: &RgbImage, prediction: &Prediction) -> f32 {
-    let own = squares(image);
-    let (_, quartile) = differences(&own, &squares(untouched));
-    let Prediction { indentation_mm, contact_logit } = prediction;
-    let mut contact = Array2::default(contact_logit.dim());
-    let agreement = decide(&ContactConfig::default(), contact_logit, indentation_mm, &mut contact).agreement;
-    exposure(image).min(contrast(&own)).min(1.0 - ramp(quartile, 8.0, 32.0)).min(agreement)
-}
-
 /// Share of the contact in clipped pixels from which an image is less plausible, and from which not at all.
 const CLIPPED: [f32; 2] = [0.1, 0.5];
 
 /// Returns from 0 to 1 how far a contact lies where neither an image nor the untouched one is as bright as a pixel can be: there its depth is
 /// unknown. For sensors with another light than the usual one.
-pub fn unclipped(image: &RgbImage, untouched: &RgbImage, contact: &Array2<bool>) -> f32 {
+fn unclipped(image: &RgbImage, untouched: &RgbImage, contact: &Array2<bool>) -> f32 {
     let is_clipped = |rgb: &[u8; 3]| rgb.contains(&u8::MAX);
     let pixels = image.as_chunks::<3>().0.iter().zip(untouched.as_chunks::<3>().0);
     let touching = pixels.zip(contact).filter(|(_, touches)| **touches);

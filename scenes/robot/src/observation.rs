@@ -13,9 +13,10 @@ use mvt_frames::{Isometry, Object, World};
 /// Colour and depth of one camera at one instant. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rgbd {
-    /// Colour image.
+    /// Colour image; empty where there is none.
     pub color: RgbImage,
-    /// Depth along the optical axis, metres, positive in front of the camera; 0 where nothing was measured.
+    /// Depth along the optical axis, metres, positive in front of the camera; 0 where nothing was measured, and an empty image from a camera
+    /// that delivered nothing.
     pub depth_m: Array2<f32>,
 }
 
@@ -26,7 +27,7 @@ pub struct Observation {
     pub time_s: f64,
     /// Joint angles as the encoders give them.
     pub joints: JointAngles,
-    /// One DIGIT image per finger, 240 wide and 320 high.
+    /// One DIGIT image per finger, 240 wide and 320 high; empty from a sensor that delivered nothing.
     pub touch: PerFinger<RgbImage>,
     /// One colour and depth image per camera, in the order of the log's cameras.
     pub cameras: Vec<Rgbd>,
@@ -92,11 +93,11 @@ pub struct Percept {
 }
 
 impl Percept {
-    /// Gives each camera its colour image, in their order. A camera that measured no depth has no use for one.
+    /// Gives each camera its colour image, in their order; an empty one is none. A camera that measured no depth has no use for one.
     pub fn set_colours(&mut self, colours: impl IntoIterator<Item = RgbImage>) {
         for (camera, colour) in self.cameras.iter_mut().zip(colours) {
             if let Some(camera) = camera {
-                camera.colour = Some(colour);
+                camera.colour = (!colour.is_empty()).then_some(colour);
             }
         }
     }

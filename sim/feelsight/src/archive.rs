@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Read as _, Write as _};
+use std::io::{BufReader, BufWriter, ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -56,7 +57,10 @@ impl ArchiveReader {
     pub fn read(&self, name: &str, limit: u64) -> Result<Vec<u8>, LogError> {
         let path = self.path(name);
         let mut archive = self.archive.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut file = archive.by_name(name).map_err(|e| defect(&path, &e))?;
+        let mut file = archive.by_name(name).map_err(|error| match error {
+            ZipError::FileNotFound => LogError::io(&path)(ErrorKind::NotFound.into()),
+            error => defect(&path, &error),
+        })?;
         if file.compression() != CompressionMethod::Stored {
             return Err(LogError::defect(path, "it is compressed; files of a compact log are stored (`zip -0`)"));
         }
@@ -69,7 +73,7 @@ impl ArchiveReader {
     }
 }
 
-fn defect(path: &Path, error: &zip::result::ZipError) -> LogError {
+fn defect(path: &Path, error: &ZipError) -> LogError {
     LogError::defect(path, error.to_string())
 }
 

@@ -74,6 +74,11 @@ pub enum LogError {
 }
 
 impl LogError {
+    /// Whether the file does not exist.
+    pub(crate) fn is_missing_file(&self) -> bool {
+        matches!(self, Self::Io { reason, .. } if reason.kind() == std::io::ErrorKind::NotFound)
+    }
+
     /// Describes a defect of a file or folder.
     pub(super) fn defect(path: impl Into<PathBuf>, defect: impl Into<String>) -> Self {
         Self::Defect { path: path.into(), defect: defect.into() }

@@ -70,7 +70,7 @@ impl Observer {
     }
 
     /// Returns the untouched image of each DIGIT, without noise.
-    pub fn empty_touch(&self) -> PerFinger<RgbImage> {
+    pub fn untouched_images(&self) -> PerFinger<RgbImage> {
         PerFinger::from_fn(|finger| self.touch[finger].empty())
     }
 

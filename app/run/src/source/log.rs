@@ -7,21 +7,20 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
 use image::RgbImage;
-use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
+use mvt_calibration::{Calibration, CalibrationError};
 use mvt_feelsight::{Log, LogSensor, PartialFrame, PartialFrames, TouchPart};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object};
+use mvt_perceive::{Perception, PerceptionSetup, Seen, true_press};
 use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
 use mvt_robot::digit;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Finger, PerFinger, Side};
-use mvt_robot::observation::SensorName;
+use mvt_robot::observation::{Observation, Rgbd, SensorName};
 use mvt_robot::rig::Placement;
-use mvt_segmentation::{SegmentationConfig, percept};
+use ndarray::Array2;
 
-use super::touch::{TouchNetwork, true_press};
 use super::{Modality, Pictures, Sensed, Source};
 
 /// A log, read frame by frame.
@@ -33,15 +32,11 @@ pub struct LogSource {
     /// Frames from this time on are left out.
     until_s: f64,
     cameras: Vec<PosedCamera>,
-    calibrator: Calibrator,
+    perception: Perception,
     /// Their numbers in the log.
     chosen: Vec<usize>,
     /// Multiple of Redwood's noise that is added to true depth.
     camera_noise: Option<f64>,
-    segmentation: SegmentationConfig,
-    gel: GelView,
-    /// The touch network; without it the log's true indentation is used.
-    network: Option<TouchNetwork>,
     /// From the coordinates in which the log has the object to ours.
     object_from_log: Isometry<Object, Object>,
     /// Whether the pictures of a frame, by its number, are wanted.
@@ -62,9 +57,9 @@ enum FrameDefect {
 
 impl LogSource {
     /// Opens a log. `cameras` are names or directions; without any the first camera is taken. `camera_noise` (a multiple of Redwood's
-    /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. `network` reads the log's touch
-    /// images, from which each sensor's untouched image is subtracted; without it the log's true indentation is used.
-    /// `calibration` says whether the poses of the cameras and the joint angles are refined.
+    /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. With the weights of a network
+    /// the log's touch images are read, from which each sensor's untouched image is subtracted; without them the log's true
+    /// indentation is used.
     ///
     /// # Errors
     /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
@@ -73,9 +68,7 @@ impl LogSource {
         cameras: Option<&str>,
         modality: Modality,
         camera_noise: f64,
-        segmentation: SegmentationConfig,
-        mut network: Option<TouchNetwork>,
-        calibration: CalibrationConfig,
+        setup: &PerceptionSetup<'_>,
     ) -> Result<Self> {
         let log = Log::open_tolerant(folder)?;
         let mut warnings: Vec<String> = log.notes().to_vec();
@@ -97,22 +90,22 @@ impl LogSource {
                 }
             }
         };
-        let touch = match network {
+        let mut perception = Perception::new(log.side(), posed.clone(), setup);
+        let touch = match perception.reads_touch_images() {
             _ if !modality.has_touch() => TouchPart::None,
-            None => TouchPart::Truth,
-            Some(_) => TouchPart::Images,
+            false => TouchPart::Truth,
+            true => TouchPart::Images,
         };
-        if let Some(network) = network.as_mut().filter(|_| modality.has_touch()) {
+        if touch == TouchPart::Images {
             for finger in Finger::ALL {
-                network.learn_empty(finger, &spread_images(&log, finger))?;
+                perception.learn_untouched(finger, &spread_images(&log, finger))?;
             }
         }
-        let calibrator = Calibrator::new(calibration, log.side(), posed.clone());
         let frames = log.into_partial_frames(&chosen, touch);
         if !frames.has_sensor() {
             let reason = match frames.defects().first() {
                 Some((_, defect)) => defect.to_string(),
-                None if network.is_some() => format!("{}: there are no touch images", folder.display()),
+                None if perception.reads_touch_images() => format!("{}: there are no touch images", folder.display()),
                 None => format!("{}: there is no true touch depth", folder.display()),
             };
             bail!("{reason}; --modality {}", modality.name());
@@ -125,23 +118,15 @@ impl LogSource {
             last_s: None,
             until_s: f64::INFINITY,
             cameras: posed,
-            calibrator,
+            perception,
             chosen,
-            network,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
-            segmentation,
             object_from_log: Isometry::identity(),
-            gel: GelView::tacto().clone(),
             wants_pictures: |_| true,
             uses_colours: true,
             told: HashSet::new(),
             warnings,
         })
-    }
-
-    /// Says which touch sensors the log was made with; without it, TACTO's.
-    pub fn wear(&mut self, profile: &SensorProfile) {
-        self.gel = profile.gel_view();
     }
 
     /// Reads pictures only of frames whose number satisfies `wanted`; without this call, of all. The colours of cameras are read for
@@ -155,7 +140,7 @@ impl LogSource {
     /// # Errors
     /// If a number of it is invalid.
     pub fn start_from(&mut self, calibration: &Calibration) -> Result<(), CalibrationError> {
-        self.calibrator.start_from(calibration)
+        self.perception.start_from(calibration)
     }
 
     /// Ends after this time.
@@ -218,18 +203,52 @@ impl LogSource {
             return Pictures::default();
         }
         let (log, index) = (self.log(), number as usize);
-        let is_felt = self.network.is_some();
+        let is_felt = self.perception.reads_touch_images();
         Pictures {
             touch: match is_felt {
                 true => touch,
                 false => PerFinger::from_fn(|finger| log.touch_image(finger, index).unwrap_or_default()),
             },
-            true_touch_m: match is_felt {
-                true => PerFinger::from_fn(|finger| Some(log.touch_truth(finger, index).ok()?.depth_m)),
+            true_indentation_mm: match is_felt {
+                true => PerFinger::from_fn(|finger| {
+                    self.perception.gel().indentation_of(&log.touch_truth(finger, index).ok()?.depth_m)
+                }),
                 false => PerFinger::default(),
             },
             forces_n: None,
         }
+    }
+
+    /// The depth of a chosen camera, with noise where it is true; empty where it was not delivered.
+    fn depth(&mut self, number: u32, k: usize, depth_m: Option<Array2<f32>>) -> Array2<f32> {
+        let depth_m = depth_m.unwrap_or_default();
+        let wrong = depth_m.iter().filter(|z| !z.is_finite()).count();
+        if wrong > 0 {
+            let name = self.cameras[k].name.clone();
+            self.warn(Some(LogSensor::Camera(k)), &FrameDefect::NoNumbers, || {
+                format!("frame {number}: {wrong} depths of camera {name} are not numbers and count as not measured")
+            });
+        }
+        match self.camera_noise {
+            Some(multiple) => {
+                let id = FrameId { seed: self.seed(), camera: k as u32, frame: number };
+                depth_noise::disturb(&depth_m, multiple, id)
+            }
+            None => depth_m,
+        }
+    }
+
+    /// The colours of the log's camera `k`; empty where they are missing.
+    fn colour(&mut self, number: u32, k: usize) -> RgbImage {
+        if !self.log().has_colours(k) {
+            return RgbImage::default();
+        }
+        self.log().colour(k, number as usize).unwrap_or_else(|error| {
+            self.warn(Some(LogSensor::Camera(k)), &FrameDefect::Colours, || {
+                format!("frame {number}: {error}; such frames are used without these colours")
+            });
+            RgbImage::default()
+        })
     }
 
     /// Runs perception on a frame.
@@ -240,62 +259,36 @@ impl LogSource {
                 format!("frame {number}: {name} is missing: {error}; such frames are used without it")
             });
         }
-        let seed = self.seed();
-        let mut depths_m = Vec::new();
-        for (k, depth_m) in frame.cameras.into_iter().enumerate() {
-            let depth_m = depth_m.unwrap_or_default();
-            let wrong = depth_m.iter().filter(|z| !z.is_finite()).count();
-            if wrong > 0 {
-                let name = self.cameras[k].name.clone();
-                self.warn(Some(LogSensor::Camera(k)), &FrameDefect::NoNumbers, || {
-                    format!("frame {number}: {wrong} depths of camera {name} are not numbers and count as not measured")
-                });
-            }
-            let id = FrameId { seed, camera: k as u32, frame: number };
-            let depth_m = match self.camera_noise {
-                Some(multiple) => depth_noise::disturb(&depth_m, multiple, id),
-                None => depth_m,
-            };
-            depths_m.push(Some(depth_m));
-        }
-        let images = PerFinger(frame.touch_images.0.map(Option::unwrap_or_default));
-        let side = self.side();
-        let mut touch = match &mut self.network {
-            None => PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?, &self.gel)),
-            Some(network) => network.feel(u64::from(number), &images, &mut self.warnings)?,
+        let depths_m = frame.cameras.into_iter().enumerate().map(|(k, depth_m)| self.depth(number, k, depth_m));
+        let depths_m: Vec<Array2<f32>> = depths_m.collect();
+        let wants_colours = self.uses_colours || (self.wants_pictures)(u64::from(number));
+        let colours: Vec<RgbImage> = match wants_colours {
+            true => self.chosen.clone().into_iter().map(|k| self.colour(number, k)).collect(),
+            false => Vec::new(),
         };
+        let mut colours = colours.into_iter();
+        let cameras = depths_m.into_iter().map(|depth_m| Rgbd { color: colours.next().unwrap_or_default(), depth_m });
+        let observation = Observation {
+            time_s: frame.time_s,
+            joints: frame.joints,
+            touch: PerFinger(frame.touch_images.0.map(Option::unwrap_or_default)),
+            cameras: cameras.collect(),
+        };
+        let gel = self.perception.gel();
+        let presses = PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?, gel));
+        let presses = (!self.perception.reads_touch_images()).then_some(presses);
         let after = number as usize + 1;
-        let next = self.log().times_s().get(after).copied().zip(self.log().joints().get(after).copied());
-        let calibrated = self.calibrator.observe(frame.time_s, &frame.joints, next, &depths_m);
-        calibrated.skip(&mut depths_m);
-        if calibrated.is_frozen {
-            touch = PerFinger::default();
+        if let (Some(&time_s), Some(&joints)) = (self.log().times_s().get(after), self.log().joints().get(after)) {
+            self.perception.expect(time_s, joints);
         }
-        let Calibrated { joints, cameras, warnings, .. } = calibrated;
+        let seen = self.perception.see(u64::from(number), observation, presses);
+        let Seen { percept, touch_images, warnings } =
+            seen.map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
         self.warnings.extend(warnings);
-        let mut percept = percept(frame.time_s, joints, depths_m, touch, &cameras, side, &self.segmentation)
-            .map_err(|error| anyhow!("{}: frame {number}: {error}", self.folder.display()))?;
-        if self.uses_colours || (self.wants_pictures)(u64::from(number)) {
-            let mut colours = Vec::new();
-            for k in self.chosen.clone() {
-                let colour = if self.log().has_colours(k) {
-                    self.log().colour(k, number as usize)
-                } else {
-                    Ok(RgbImage::default())
-                };
-                colours.push(colour.unwrap_or_else(|error| {
-                    self.warn(Some(LogSensor::Camera(k)), &FrameDefect::Colours, || {
-                        format!("frame {number}: {error}; such frames are used without these colours")
-                    });
-                    RgbImage::default()
-                }));
-            }
-            percept.set_colours(colours);
-        }
         let truth = frame.object_pose.map(|pose| pose * self.object_from_log.inverse());
         let warnings = std::mem::take(&mut self.warnings);
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
-        let pictures = self.pictures(number, images);
+        let pictures = self.pictures(number, touch_images);
         Ok(Sensed {
             frame: u64::from(number),
             percept,
@@ -333,7 +326,7 @@ impl Source for LogSource {
     }
 
     fn gel(&self) -> &GelView {
-        &self.gel
+        self.perception.gel()
     }
 
     fn frame_count(&self) -> usize {
@@ -345,7 +338,7 @@ impl Source for LogSource {
     }
 
     fn calibration(&self) -> Option<Calibration> {
-        self.calibrator.refined()
+        self.perception.calibration()
     }
 }
 

@@ -161,7 +161,7 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
         truth: row.truth,
         pictures: Pictures {
             touch: PerFinger::from_fn(image),
-            true_touch_m: PerFinger::default(),
+            true_indentation_mm: PerFinger::default(),
             forces_n: Some(PerFinger::from_fn(|finger| if touches && finger == Finger::Index { 1.4 } else { 0.0 })),
         },
         sense_ms: row.stage_ms.sense,

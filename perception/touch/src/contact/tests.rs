@@ -56,7 +56,7 @@ fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<Press>) {
 
 #[test]
 fn a_contact_is_felt_where_it_is() {
-    let mut feeler = Feeler::new(engine(), ContactConfig::default());
+    let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
     let (plausibility, asked, felt) = feel(&mut feeler, picture(191, 60));
     assert!(asked && plausibility > 0.9, "{plausibility}");
     let Press { indentation_mm, contact, sigma_mm } = felt.unwrap();
@@ -72,8 +72,8 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
     let mut felt = Vec::new();
     // Sensors with a more or less reddish spot.
     for level in [100, 150] {
-        let mut feeler = Feeler::new(engine(), ContactConfig::default());
-        feeler.set_empty(Finger::Middle, &picture(level, 60)).unwrap();
+        let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
+        feeler.set_untouched(Finger::Middle, &picture(level, 60)).unwrap();
         let (_, asked, untouched) = feel(&mut feeler, picture(level, 60));
         let Press { indentation_mm, contact, .. } = untouched.unwrap();
         assert!(!asked, "the network was asked about an untouched sensor");
@@ -91,7 +91,7 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
 
 #[test]
 fn the_last_image_without_contact_is_the_untouched_sensor() {
-    let mut feeler = Feeler::new(engine(), ContactConfig::default());
+    let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
     assert!(feel(&mut feeler, picture(100, 60)).1);
     assert!(!feel(&mut feeler, picture(100, 60)).1, "an image that was seen without contact is looked at again");
     assert!(feel(&mut feeler, picture(191, 60)).1);
@@ -105,16 +105,16 @@ fn contact_holds_on_and_lets_go() {
     // 0.39 and 0.03 about 0.5 and 0.35.
     let levels = [163, 158, 148].map(|level| picture(level, 60));
     let touches = |feeler: &mut Feeler, image: &RgbImage| feel(feeler, image.clone()).2.unwrap().contact[[160, 120]];
-    let mut feeler = Feeler::new(engine(), fading);
+    let mut feeler = Feeler::new(engine(), fading, [1.0; 3]);
     assert_eq!([0, 1, 2, 1].map(|k| touches(&mut feeler, &levels[k])), [true, true, false, false]);
-    let mut feeler = Feeler::new(engine(), ContactConfig { hysteresis: 1.0, ..fading });
+    let mut feeler = Feeler::new(engine(), ContactConfig { hysteresis: 1.0, ..fading }, [1.0; 3]);
     assert_eq!([0, 1].map(|k| touches(&mut feeler, &levels[k])), [true, false]);
 }
 
 #[test]
 fn specks_are_no_contact() {
     let feel_speck = |least_area| {
-        let mut feeler = Feeler::new(engine(), ContactConfig { least_area, ..ContactConfig::default() });
+        let mut feeler = Feeler::new(engine(), ContactConfig { least_area, ..ContactConfig::default() }, [1.0; 3]);
         feel(&mut feeler, picture(191, 8)).2.unwrap().contact.iter().any(|&touches| touches)
     };
     assert_eq!([0.002, 0.0].map(feel_speck), [false, true]);
@@ -133,8 +133,8 @@ fn implausible_images_are_told_and_not_used() {
         (RgbImage::from_fn(width, height, |u, v| Rgb([0, 1, 2].map(|c| noise(u, v, c) as u8))), "noise"),
         (RgbImage::from_fn(width, height, |u, v| Rgb([(u + v) as u8 / 3, 40, u as u8])), "another sensor's"),
     ] {
-        let mut feeler = Feeler::new(engine(), ContactConfig::default());
-        feeler.set_empty(Finger::Middle, &picture(100, 60)).unwrap();
+        let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
+        feeler.set_untouched(Finger::Middle, &picture(100, 60)).unwrap();
         let (plausibility, asked, felt) = feel(&mut feeler, image);
         assert!(plausibility < 0.5 && felt.is_none() && !asked, "{what}: {plausibility}");
         let (plausibility, _, felt) = feel(&mut feeler, picture(191, 60));
@@ -154,9 +154,23 @@ fn answers_that_contradict_each_other_are_not_plausible() {
     assert_eq!(agreement(&-same, &mut contact), 0.0);
 }
 
+/// An image by itself is the next image of a sensor that has seen only its untouched image.
+#[test]
+fn independent_images_do_not_change_one_another() {
+    let (engine, config) = (engine(), ContactConfig::default());
+    let mut sensor = TouchSensor::new([1.0; 3]);
+    sensor.set_untouched(&engine, &picture(100, 60)).unwrap();
+    let images = [picture(191, 60), picture(163, 40), picture(100, 60)];
+    let each = sensor.feel_each(&engine, &config, &images).unwrap();
+    for (felt, image) in each.iter().zip(&images) {
+        assert_eq!(*felt, sensor.clone().feel(&engine, &config, image).unwrap());
+    }
+    assert!(sensor.feel_each(&engine, &config, &[RgbImage::new(3, 2)]).unwrap_err().to_string().contains("3 x 2"));
+}
+
 #[test]
 fn images_of_another_size_are_refused() {
-    let mut feeler = Feeler::new(engine(), ContactConfig::default());
+    let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
     let error = feeler.feel(&one(RgbImage::new(320, 240))).unwrap_err().to_string();
     assert!(error.contains("middle") && error.contains("320 x 240") && error.contains("240 x 320"), "{error}");
 }

@@ -64,7 +64,8 @@ impl Log {
         let mut touch = Vec::new();
         let mut touch_truth = Vec::new();
         for finger in Finger::ALL {
-            touch.push(if self.felt[finger] { self.touch_image(finger, i)? } else { RgbImage::default() });
+            let image = self.felt[finger].then(|| self.delivered(self.touch_image(finger, i))).transpose()?;
+            touch.push(image.flatten().unwrap_or_default());
             if self.touch_labels {
                 touch_truth.push(self.touch_truth(finger, i)?);
             }
@@ -72,10 +73,8 @@ impl Log {
         let mut color = Vec::new();
         let mut labels = Vec::new();
         for (camera, lens) in self.lenses.iter().enumerate() {
-            color.push(match self.coloured[camera] {
-                true => straightened(lens.as_ref(), self.raw_colour(camera, i)?),
-                false => RgbImage::default(),
-            });
+            let image = self.coloured[camera].then(|| self.delivered(self.raw_colour(camera, i))).transpose()?;
+            color.push(image.flatten().map(|image| straightened(lens.as_ref(), image)).unwrap_or_default());
             if self.segmentation {
                 labels.push(labels_of(&self.straight_labels(camera, i)?));
             }
@@ -87,6 +86,15 @@ impl Log {
             touch_truth: <[TouchTruth; 4]>::try_from(touch_truth).ok().map(PerFinger),
             labels: self.segmentation.then_some(labels),
         })
+    }
+
+    /// Returns `None` for an image without a file: real sensors skip frames, and a note of the log counts them. In a log of this program, which
+    /// has scene.json, all images exist.
+    fn delivered(&self, image: Result<RgbImage, LogError>) -> Result<Option<RgbImage>, LogError> {
+        match image {
+            Err(error) if self.scene.is_none() && error.is_missing_file() => Ok(None),
+            image => image.map(Some),
+        }
     }
 
     /// Reads the colour image of a camera, by its index, in a frame.
@@ -137,15 +145,15 @@ impl Log {
     pub(crate) fn raw_frame(&self, i: usize, depths: Vec<Vec<f32>>) -> Result<RawFrame, LogError> {
         let touch = |finger: Finger| {
             let labels = self.touch_labels.then(|| self.raw_touch_labels(finger, i)).transpose()?;
-            let image = self.felt[finger].then(|| self.touch_image(finger, i)).transpose()?;
-            Ok(RawTouch { image, labels })
+            let image = self.felt[finger].then(|| self.delivered(self.touch_image(finger, i))).transpose()?;
+            Ok(RawTouch { image: image.flatten(), labels })
         };
         let [index, middle, ring, thumb] = Finger::ALL.map(touch);
         let camera = |(camera, depth_m): (usize, Vec<f32>)| {
             Ok(RawCamera {
                 name: self.cameras[camera].name.clone(),
                 size: (self.cameras[camera].intrinsics.width, self.cameras[camera].intrinsics.height),
-                image: self.coloured[camera].then(|| self.raw_colour(camera, i)).transpose()?,
+                image: self.coloured[camera].then(|| self.delivered(self.raw_colour(camera, i))).transpose()?.flatten(),
                 segmentation: self.segmentation.then(|| self.raw_labels(camera, i)).transpose()?,
                 depth_m,
             })

@@ -1,0 +1,36 @@
+//! One step from the raw observation of a robot to the measurements that its estimator receives.
+//!
+//! [`Perception`] keeps everything that this step must remember of the frames before: calibration, untouched images, contact, and the
+//! warnings it has given. Every source of frames goes through it, so that a log, a simulated episode, an environment of a policy and a
+//! Python program give the same estimates from the same images.
+//!
+//! ```
+//! use mvt_perceive::{Perception, PerceptionSetup};
+//! use mvt_robot::digit::profile::SensorProfile;
+//! use mvt_robot::hand::{PerFinger, Side};
+//! use mvt_robot::observation::{Observation, Rgbd};
+//! use mvt_robot::rig::PLACEMENTS;
+//! use ndarray::Array2;
+//!
+//! // A left hand, one camera, and touch sensors that measure indentation themselves: there are no weights of a network.
+//! let camera = PLACEMENTS[2].camera(Side::Left);
+//! let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config: Default::default() };
+//! let mut perception = Perception::new(Side::Left, vec![camera], &setup);
+//! let observation = Observation {
+//!     time_s: 0.0,
+//!     joints: [0.1; 16],
+//!     touch: PerFinger::default(),
+//!     cameras: vec![Rgbd { color: Default::default(), depth_m: Array2::from_elem((480, 640), 0.3) }],
+//! };
+//! let seen = perception.see(0, observation, None)?;
+//! assert_eq!(seen.percept.cameras[0].as_ref().map(|camera| camera.labels.dim()), Some((480, 640)));
+//! # Ok::<(), mvt_perceive::PerceptionError>(())
+//! ```
+
+mod percept;
+mod perception;
+mod sensors;
+
+pub use perception::{Perception, PerceptionConfig, PerceptionError, PerceptionSetup, Seen};
+pub use sensors::true_press;
+pub use {image, mvt_robot, ndarray};

@@ -1,0 +1,184 @@
+//! From observations to percepts, frame by frame.
+
+use image::RgbImage;
+use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
+use mvt_frames::camera::PosedCamera;
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::hand::solid::HandSolid;
+use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
+use mvt_robot::observation::{Observation, Percept, Press, SensorError, SensorName};
+use mvt_segmentation::SegmentationConfig;
+use mvt_shear::ShearError;
+use mvt_touch::contact::ContactConfig;
+use mvt_touch::network::{ImageSizeError, Weights};
+
+use crate::percept::{check, labelled};
+use crate::sensors::TouchSensors;
+
+/// Settings of perception.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PerceptionConfig {
+    /// Contact from a touch network's predictions.
+    pub touch: ContactConfig,
+    /// Refinement of camera poses and joint angles.
+    pub calibration: CalibrationConfig,
+    /// Labels of camera pixels.
+    pub segmentation: SegmentationConfig,
+}
+
+/// How a hand's sensors are read.
+#[derive(Debug, Clone, Copy)]
+pub struct PerceptionSetup<'a> {
+    /// The touch sensors.
+    pub profile: &'a SensorProfile,
+    /// The network that reads touch images. Without it, presses are given with each observation.
+    pub weights: Option<&'a Weights>,
+    /// Settings.
+    pub config: PerceptionConfig,
+}
+
+/// Reason that an observation cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PerceptionError {
+    /// An image does not fit its sensor, or a number is not finite.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    /// An image has a size with which the network cannot work.
+    #[error("{sensor}: {reason}")]
+    Image {
+        /// The touch sensor.
+        sensor: SensorName,
+        /// Reason.
+        reason: ImageSizeError,
+    },
+    /// The untouched image does not show the dots of the sensor.
+    #[error("{sensor}: {reason}")]
+    Dots {
+        /// The touch sensor.
+        sensor: SensorName,
+        /// Reason.
+        reason: ShearError,
+    },
+}
+
+/// What perception made of a frame.
+#[derive(Debug, Clone)]
+pub struct Seen {
+    /// The measurements: all that estimation receives.
+    pub percept: Percept,
+    /// The touch images of the observation, for recordings.
+    pub touch_images: PerFinger<RgbImage>,
+    /// Warnings that were not given before, in sentences.
+    pub warnings: Vec<String>,
+}
+
+/// Turns observations of a hand into percepts.
+pub struct Perception {
+    side: Side,
+    segmentation: SegmentationConfig,
+    calibrator: Calibrator,
+    /// Without them, presses are given.
+    sensors: Option<TouchSensors>,
+    gel: GelView,
+    /// Time and joint readings of the frame after the next one.
+    expected: Option<(f64, JointAngles)>,
+    warnings: Vec<String>,
+}
+
+impl Perception {
+    /// Starts with the poses that the cameras have, and with touch sensors whose untouched images are unknown.
+    pub fn new(side: Side, cameras: Vec<PosedCamera>, setup: &PerceptionSetup<'_>) -> Self {
+        let PerceptionConfig { touch, calibration, segmentation } = setup.config;
+        Self {
+            side,
+            segmentation,
+            calibrator: Calibrator::new(calibration, side, cameras),
+            sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, setup.profile)),
+            gel: setup.profile.gel_view(),
+            expected: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// The view of the touch sensors' cameras on their gels.
+    pub fn gel(&self) -> &GelView {
+        &self.gel
+    }
+
+    /// Whether touch images are read, so that presses need not be given.
+    pub fn reads_touch_images(&self) -> bool {
+        self.sensors.is_some()
+    }
+
+    /// Sets the image of a touch sensor that touches nothing. Has no effect where touch images are not read.
+    ///
+    /// # Errors
+    /// If the image has another size than the sensor's, or does not show the dots of its profile.
+    pub fn set_untouched(&mut self, finger: Finger, image: &RgbImage) -> Result<(), PerceptionError> {
+        self.sensors.as_mut().map_or(Ok(()), |sensors| sensors.set_untouched(finger, image))
+    }
+
+    /// Estimates the untouched image of a touch sensor from images with contacts at different places. Without images it stays unknown.
+    ///
+    /// # Errors
+    /// As [`Perception::set_untouched`].
+    pub fn learn_untouched(&mut self, finger: Finger, images: &[RgbImage]) -> Result<(), PerceptionError> {
+        self.sensors.as_mut().map_or(Ok(()), |sensors| sensors.learn_untouched(finger, images))
+    }
+
+    /// Starts from a calibration that was measured before, in place of the given one.
+    ///
+    /// # Errors
+    /// If a number of it is invalid.
+    pub fn start_from(&mut self, calibration: &Calibration) -> Result<(), CalibrationError> {
+        self.calibrator.start_from(calibration)
+    }
+
+    /// Tells time and joint readings of the frame after the next one, as a log knows them. With readings that are late, joint angles are
+    /// else extrapolated.
+    pub fn expect(&mut self, time_s: f64, joints: JointAngles) {
+        self.expected = Some((time_s, joints));
+    }
+
+    /// Takes the next frame; `number` is for warnings. A part of the observation that was not delivered is an empty image. `presses` are
+    /// those of touch sensors that measure indentation themselves, as a simulator's do; without them touch images are read, if there is a
+    /// network.
+    ///
+    /// # Errors
+    /// If an image has another size than its sensor's, there are more cameras than poses, or a number is not finite.
+    pub fn see(
+        &mut self,
+        number: u64,
+        observation: Observation,
+        presses: Option<PerFinger<Option<Press>>>,
+    ) -> Result<Seen, PerceptionError> {
+        check(&observation, self.calibrator.given())?;
+        let Observation { time_s, joints, touch: touch_images, cameras } = observation;
+        let mut touch = match (&mut self.sensors, presses) {
+            (_, Some(presses)) => presses,
+            (Some(sensors), None) => sensors.feel(number, &touch_images, &mut self.warnings)?,
+            (None, None) => PerFinger::default(),
+        };
+        let (colours, mut depths_m): (Vec<_>, Vec<_>) =
+            cameras.into_iter().map(|rgbd| (rgbd.color, (!rgbd.depth_m.is_empty()).then_some(rgbd.depth_m))).unzip();
+        let calibrated = self.calibrator.observe(time_s, &joints, self.expected.take(), &depths_m);
+        calibrated.skip(&mut depths_m);
+        if calibrated.is_frozen {
+            touch = PerFinger::default();
+        }
+        let Calibrated { joints, cameras, warnings, .. } = calibrated;
+        self.warnings.extend(warnings);
+        let hand = HandSolid::new(self.side, &joints);
+        let cameras = labelled(depths_m, &cameras, &hand, &self.segmentation);
+        let mut percept = Percept { time_s, joints, cameras, touch };
+        percept.set_colours(colours);
+        Ok(Seen { percept, touch_images, warnings: std::mem::take(&mut self.warnings) })
+    }
+
+    /// The calibration known so far; `None` if it is taken as given.
+    pub fn calibration(&self) -> Option<Calibration> {
+        self.calibrator.refined()
+    }
+}
