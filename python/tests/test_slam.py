@@ -11,8 +11,10 @@ from PIL import Image
 
 from mambavitact import ArgumentError, Camera, Episode, FileError, Frame, Log, Recording, Slam, TouchNetwork, score, score_poses, segment
 
-# Cheap settings, the same for the command and for Python.
-SETTINGS = {"camera_noise": 0, "calibration.refine": False, "slam.map.first_steps": 30}
+# Cheap settings of the estimator, for the command and for Python.
+SETTINGS = {"slam.map.first_steps": 30}
+# What `run` does to a log and `Slam` does not.
+AS_THEY_ARE = {"camera_noise": 0, "calibration.refine": False}
 
 
 def arguments(settings: Mapping[str, object]) -> list[str]:
@@ -23,7 +25,7 @@ def arguments(settings: Mapping[str, object]) -> list[str]:
 def folder(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run on the log."""
     out = tmp_path_factory.mktemp("run") / "out"
-    run("run", "--log", log.folder, "--touch-depth", "truth", "--seed", "7", "--out", out, "--quiet", *arguments(SETTINGS))
+    run("run", "--log", log.folder, "--touch-depth", "truth", "--seed", "7", "--out", out, "--quiet", *arguments(SETTINGS | AS_THEY_ARE))
     return out
 
 
