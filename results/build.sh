@@ -34,21 +34,9 @@ first_command() {
     echo "$1: $(tail -n 1 "$out/$1.seconds") s"
 }
 
-# MuJoCo's library and the meshes are downloaded into the cache that both commits share.
-(cd "$out/present" && CARGO_TARGET_DIR="$out/target-present" cargo run --quiet --locked -- assets fetch)
-for _ in $(seq "$rounds"); do
-    first_command reference
-    first_command present
-done
-
-fastest() { sort -n "$out/$1.seconds" | head -n 1; }
-strip -o "$out/mambavitact" "$out/target-present/release/mambavitact"
-megabytes=$(awk -v bytes="$(wc -c <"$out/mambavitact")" 'BEGIN { printf "%.2f", bytes / 1e6 }')
-
-cd "$out/present"
 # Where the time of a build goes.
 rm -rf "$out/target-present"
-CARGO_TARGET_DIR="$out/target-present" cargo build --release --locked --quiet --timings
+(cd "$out/present" && CARGO_TARGET_DIR="$out/target-present" cargo build --release --locked --quiet --timings)
 python3 - "$out/target-present/cargo-timings/cargo-timing.html" >"$out/build.md" <<'PYTHON'
 import json, re, sys
 
@@ -64,6 +52,18 @@ for name, duration in sorted(seconds.items(), key=lambda item: -item[1])[:10]:
 PYTHON
 cat "$out/build.md"
 
+# MuJoCo's library and the meshes are downloaded into the cache that both commits share.
+"$out/target-present/release/mambavitact" assets fetch
+for _ in $(seq "$rounds"); do
+    first_command reference
+    first_command present
+done
+
+fastest() { sort -n "$out/$1.seconds" | head -n 1; }
+strip -o "$out/mambavitact" "$out/target-present/release/mambavitact"
+megabytes=$(awk -v bytes="$(wc -c <"$out/mambavitact")" 'BEGIN { printf "%.2f", bytes / 1e6 }')
+
+cd "$out/present"
 # Lines of the tracked Rust files that match the patterns.
 lines() { git ls-files -z -- "$@" | xargs -0 --no-run-if-empty cat | wc -l; }
 largest_crate=0
