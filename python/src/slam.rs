@@ -186,7 +186,7 @@ impl Slam {
                 true => (!reads_images).then(|| frame.presses.clone()),
             };
             if let Some((time_s, joints)) = frame.next_joints {
-                perception.expect(time_s, joints);
+                perception.set_next_joints(time_s, joints);
             }
             let seen = perception
                 .see(estimator.frames() as u64, frame.observation(self.modality), presses)

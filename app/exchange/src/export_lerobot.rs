@@ -303,12 +303,19 @@ impl DataSet<'_> {
     ) -> Result<Vec<Cells>, ExchangeError> {
         let observation = &frame.observation;
         let files = log.image_files(k)?;
+        let absent = |sensor: &str| ExchangeError::Source {
+            path: log.folder().to_path_buf(),
+            defect: format!(
+                "frame {k} has no image of {sensor}, and LeRobot needs one in each frame; export the log as MCAP"
+            ),
+        };
         let mut cells = Vec::new();
         let image = |bytes: Vec<u8>| {
             let ending = if bytes.starts_with(b"\x89PNG") { "png" } else { "jpg" };
             Cells::Images(vec![(bytes, format!("frame-{k:06}.{ending}"))])
         };
-        for ((name, ..), (rgbd, file)) in self.layout.cameras.iter().zip(observation.cameras.iter().zip(files.colours))
+        for ((name, _, _, has_colours), (rgbd, file)) in
+            self.layout.cameras.iter().zip(observation.cameras.iter().zip(files.colours))
         {
             let key = format!("observation.images.{name}");
             if let Some(file) = file {
@@ -316,13 +323,20 @@ impl DataSet<'_> {
                     sample(self.statistics.entry(key).or_default(), &rgbd.color);
                 }
                 cells.push(image(file));
+            } else if *has_colours {
+                return Err(absent(name));
             }
             let depth = depth_file(&rgbd.depth_m)
                 .map_err(|defect| ExchangeError::Source { path: log.folder().to_path_buf(), defect })?;
             cells.push(image(depth));
         }
         for (finger, file) in Finger::ALL.into_iter().zip(files.touch.0) {
-            let Some(file) = file else { continue };
+            let Some(file) = file else {
+                if log.has_touch_images(finger) {
+                    return Err(absent(&format!("the DIGIT of the {} finger", finger.name())));
+                }
+                continue;
+            };
             if is_sampled {
                 let key = format!("observation.images.touch_{}", finger.name());
                 sample(self.statistics.entry(key).or_default(), &observation.touch[finger]);

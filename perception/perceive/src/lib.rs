@@ -27,10 +27,12 @@
 //! # Ok::<(), mvt_perceive::PerceptionError>(())
 //! ```
 
+mod error;
 mod percept;
 mod perception;
 mod sensors;
 
-pub use perception::{Perception, PerceptionConfig, PerceptionError, PerceptionSetup, Seen};
+pub use error::PerceptionError;
+pub use perception::{Perception, PerceptionConfig, PerceptionSetup, Seen};
 pub use sensors::true_press;
 pub use {image, mvt_robot, ndarray};

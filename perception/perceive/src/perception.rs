@@ -7,12 +7,12 @@ use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
-use mvt_robot::observation::{Observation, Percept, Press, SensorError, SensorName};
+use mvt_robot::observation::{Observation, Percept, Press};
 use mvt_segmentation::SegmentationConfig;
-use mvt_shear::ShearError;
 use mvt_touch::contact::ContactConfig;
-use mvt_touch::network::{ImageSizeError, Weights};
+use mvt_touch::network::Weights;
 
+use crate::error::PerceptionError;
 use crate::percept::{check, labelled};
 use crate::sensors::TouchSensors;
 
@@ -38,31 +38,6 @@ pub struct PerceptionSetup<'a> {
     pub config: PerceptionConfig,
 }
 
-/// Reason that an observation cannot be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum PerceptionError {
-    /// An image does not fit its sensor, or a number is not finite.
-    #[error(transparent)]
-    Sensor(#[from] SensorError),
-    /// An image has a size with which the network cannot work.
-    #[error("{sensor}: {reason}")]
-    Image {
-        /// The touch sensor.
-        sensor: SensorName,
-        /// Reason.
-        reason: ImageSizeError,
-    },
-    /// The untouched image does not show the dots of the sensor.
-    #[error("{sensor}: {reason}")]
-    Dots {
-        /// The touch sensor.
-        sensor: SensorName,
-        /// Reason.
-        reason: ShearError,
-    },
-}
-
 /// What perception made of a frame.
 #[derive(Debug, Clone)]
 pub struct Seen {
@@ -83,7 +58,7 @@ pub struct Perception {
     sensors: Option<TouchSensors>,
     gel: GelView,
     /// Time and joint readings of the frame after the next one.
-    expected: Option<(f64, JointAngles)>,
+    next_joints: Option<(f64, JointAngles)>,
     warnings: Vec<String>,
 }
 
@@ -97,7 +72,7 @@ impl Perception {
             calibrator: Calibrator::new(calibration, side, cameras),
             sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, setup.profile)),
             gel: setup.profile.gel_view(),
-            expected: None,
+            next_joints: None,
             warnings: Vec::new(),
         }
     }
@@ -138,8 +113,8 @@ impl Perception {
 
     /// Tells time and joint readings of the frame after the next one, as a log knows them. With readings that are late, joint angles are
     /// else extrapolated.
-    pub fn expect(&mut self, time_s: f64, joints: JointAngles) {
-        self.expected = Some((time_s, joints));
+    pub fn set_next_joints(&mut self, time_s: f64, joints: JointAngles) {
+        self.next_joints = Some((time_s, joints));
     }
 
     /// Takes the next frame; `number` is for warnings. A part of the observation that was not delivered is an empty image. `presses` are
@@ -163,7 +138,7 @@ impl Perception {
         };
         let (colours, mut depths_m): (Vec<_>, Vec<_>) =
             cameras.into_iter().map(|rgbd| (rgbd.color, (!rgbd.depth_m.is_empty()).then_some(rgbd.depth_m))).unzip();
-        let calibrated = self.calibrator.observe(time_s, &joints, self.expected.take(), &depths_m);
+        let calibrated = self.calibrator.observe(time_s, &joints, self.next_joints.take(), &depths_m);
         calibrated.skip(&mut depths_m);
         if calibrated.is_frozen {
             touch = PerFinger::default();

@@ -13,7 +13,7 @@ use mvt_touch::network::Weights;
 use mvt_touch::untouched::{UnusualLight, estimate};
 use ndarray::Zip;
 
-use crate::perception::PerceptionError;
+use crate::error::PerceptionError;
 
 /// Standard deviation of true touch depth, millimetres: logs store it in steps of 1/33 mm.
 const TRUTH_SIGMA_MM: f32 = 0.05;

@@ -279,7 +279,7 @@ impl LogSource {
         let presses = (!self.perception.reads_touch_images()).then_some(presses);
         let after = number as usize + 1;
         if let (Some(&time_s), Some(&joints)) = (self.log().times_s().get(after), self.log().joints().get(after)) {
-            self.perception.expect(time_s, joints);
+            self.perception.set_next_joints(time_s, joints);
         }
         let seen = self.perception.see(u64::from(number), observation, presses);
         let Seen { percept, touch_images, warnings } =

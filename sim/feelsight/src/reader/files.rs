@@ -11,11 +11,11 @@ use crate::picture::{MAX_FILE, encode_color, encode_exact, encode_png};
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ImageFiles {
-    /// Colours of each camera; `None` if the log has none.
+    /// Colours of each camera; `None` if the log has none, or none of this instant.
     pub colours: Vec<Option<Vec<u8>>>,
     /// Labels of each camera, grey: 0 background, 127 hand, 255 object. `None` if the log has none.
     pub labels: Option<Vec<Vec<u8>>>,
-    /// Image of each DIGIT; `None` if the log has none.
+    /// Image of each DIGIT; `None` if the log has none, or none of this instant.
     pub touch: PerFinger<Option<Vec<u8>>>,
     /// True depth of each DIGIT, in the levels of [`DigitInfo`](crate::DigitInfo), and its contact mask, grey: 0 or 255. `None` if the log has
     /// none.
@@ -35,8 +35,11 @@ impl Log {
             let defect = |defect: String| LogError::defect(self.folder.join(&folder), defect);
             let distorts = self.lenses.get(k).is_some_and(Option::is_some);
             colours.push(match (self.coloured.get(k), distorts) {
-                (Some(true), true) => Some(encode_color(&self.colour(k, frame)?).map_err(defect)?),
-                (Some(true), false) => Some(self.stored(&format!("{folder}/image/{frame}"), "jpg")?),
+                (Some(true), true) => match self.delivered(self.colour(k, frame))? {
+                    Some(image) => Some(encode_color(&image).map_err(defect)?),
+                    None => None,
+                },
+                (Some(true), false) => self.delivered(self.stored(&format!("{folder}/image/{frame}"), "jpg"))?,
                 _ => None,
             });
             if self.segmentation {
@@ -52,11 +55,11 @@ impl Log {
             if !self.felt[finger] {
                 return Ok(None);
             }
-            let file = match self.compact {
-                None => self.stored(&format!("{folder}/image/{frame}"), "jpg")?,
-                Some(_) => encode_png(&self.touch_image(finger, frame)?)
-                    .map_err(|defect| LogError::defect(self.folder.join(folder), defect))?,
-            };
+            if self.compact.is_none() {
+                return self.delivered(self.stored(&format!("{folder}/image/{frame}"), "jpg"));
+            }
+            let Some(image) = self.delivered(self.touch_image(finger, frame))? else { return Ok(None) };
+            let file = encode_png(&image).map_err(|defect| LogError::defect(self.folder.join(folder), defect))?;
             Ok(Some(file))
         };
         let [index, middle, ring, thumb] = Finger::ALL.map(touch);

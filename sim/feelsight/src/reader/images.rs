@@ -90,7 +90,7 @@ impl Log {
 
     /// Returns `None` for an image without a file: real sensors skip frames, and a note of the log counts them. In a log of this program, which
     /// has scene.json, all images exist.
-    fn delivered(&self, image: Result<RgbImage, LogError>) -> Result<Option<RgbImage>, LogError> {
+    pub(crate) fn delivered<T>(&self, image: Result<T, LogError>) -> Result<Option<T>, LogError> {
         match image {
             Err(error) if self.scene.is_none() && error.is_missing_file() => Ok(None),
             image => image.map(Some),
