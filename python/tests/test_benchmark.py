@@ -16,7 +16,7 @@ LOG = SuiteLog(OBJECT, seed=3)
 SUITE = Suite((LOG,), duration_s=1.0, touch="depth")
 # Cheap settings, the same for the command and for Python.
 SETTINGS = {"camera_noise": 0, "calibration.refine": "false", "slam.map.first_steps": 30}
-OURS = {"slam.map.first_steps": 30}
+OURS = {"calibration.refine": False, "slam.map.first_steps": 30}
 
 
 class Script:
