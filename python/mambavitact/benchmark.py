@@ -88,7 +88,7 @@ class OurSlam:
             side=setup.side,
             seed=setup.seed,
             modality="vi" if setup.touch == "none" else "vitac",
-            network=TouchNetwork() if setup.touch == "images" else None,
+            network=TouchNetwork.of_runs() if setup.touch == "images" else None,
             untouched=setup.untouched,
             settings=settings or {},
         )
