@@ -76,8 +76,8 @@ fn untouched(log: &Log) -> Result<PerFinger<RgbImage>, LogError> {
         if !log.has_touch_images(*finger) {
             return Ok(RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32));
         }
-        let image = |k: usize| log.delivered(log.touch_image(*finger, k * log.len() / samples)).transpose();
-        let images: Vec<RgbImage> = (0..samples).filter_map(image).collect::<Result<_, _>>()?;
+        let images: Vec<RgbImage> =
+            (0..samples).map(|k| log.touch_image(*finger, k * log.len() / samples)).collect::<Result<_, _>>()?;
         let mut levels = Vec::with_capacity(images.len());
         let level = |pixel: usize| {
             levels.clear();

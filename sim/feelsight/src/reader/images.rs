@@ -145,15 +145,15 @@ impl Log {
     pub(crate) fn raw_frame(&self, i: usize, depths: Vec<Vec<f32>>) -> Result<RawFrame, LogError> {
         let touch = |finger: Finger| {
             let labels = self.touch_labels.then(|| self.raw_touch_labels(finger, i)).transpose()?;
-            let image = self.felt[finger].then(|| self.delivered(self.touch_image(finger, i))).transpose()?;
-            Ok(RawTouch { image: image.flatten(), labels })
+            let image = self.felt[finger].then(|| self.touch_image(finger, i)).transpose()?;
+            Ok(RawTouch { image, labels })
         };
         let [index, middle, ring, thumb] = Finger::ALL.map(touch);
         let camera = |(camera, depth_m): (usize, Vec<f32>)| {
             Ok(RawCamera {
                 name: self.cameras[camera].name.clone(),
                 size: (self.cameras[camera].intrinsics.width, self.cameras[camera].intrinsics.height),
-                image: self.coloured[camera].then(|| self.delivered(self.raw_colour(camera, i))).transpose()?.flatten(),
+                image: self.coloured[camera].then(|| self.raw_colour(camera, i)).transpose()?,
                 segmentation: self.segmentation.then(|| self.raw_labels(camera, i)).transpose()?,
                 depth_m,
             })
