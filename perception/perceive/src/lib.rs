@@ -5,7 +5,7 @@
 //! Python program give the same estimates from the same images.
 //!
 //! ```
-//! use mvt_perceive::{Perception, PerceptionSetup};
+//! use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup};
 //! use mvt_robot::digit::profile::SensorProfile;
 //! use mvt_robot::hand::{PerFinger, Side};
 //! use mvt_robot::observation::{Observation, Rgbd};
@@ -14,7 +14,10 @@
 //!
 //! // A left hand, one camera, and touch sensors that measure indentation themselves: there are no weights of a network.
 //! let camera = PLACEMENTS[2].camera(Side::Left);
-//! let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config: Default::default() };
+//! let mut config = PerceptionConfig::default();
+//! // The image shows no hand, from which the camera's pose could be refined.
+//! config.calibration.refine = false;
+//! let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config };
 //! let mut perception = Perception::new(Side::Left, vec![camera], &setup);
 //! let observation = Observation {
 //!     time_s: 0.0,
