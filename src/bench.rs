@@ -10,7 +10,9 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use image::{Rgb, RgbImage};
 use mvt_products::Instructions;
+use mvt_run::device::DeviceArguments;
 use mvt_run::io::print_line;
+use mvt_touch::device::Device;
 use mvt_touch::engine::{Engine, Prediction};
 use mvt_touch::network::{Architecture, Cost, Provenance, WeightTensor, Weights};
 use rand::{RngExt as _, SeedableRng as _};
@@ -27,9 +29,10 @@ pub enum BenchCommand {
     View(view::BenchViewArguments),
 }
 
-/// Measure the speed, memory and energy of touch networks on the CPU
+/// Measure the speed, memory and energy of touch networks
 ///
-/// One thread works on each image. Without --weights the networks have random weights, which does not change their
+/// One thread of the CPU works on each image; a GPU works on all images of a batch. Memory and energy are those of the
+/// CPU. Without --weights the networks have random weights, which does not change their
 /// speed.
 #[derive(Debug, Args)]
 pub struct BenchNetworksArguments {
@@ -57,6 +60,8 @@ pub struct BenchNetworksArguments {
     /// Vector instructions: amx, avx512bf16, avx512, avx2 or scalar [default: the fastest of this machine]
     #[arg(long, value_parser = instructions)]
     instructions: Option<Instructions>,
+    #[command(flatten)]
+    device: DeviceArguments,
     /// Seconds to spend on each row of the table, at most 3600
     #[arg(long, default_value_t = 1.0)]
     seconds: f64,
@@ -104,6 +109,7 @@ pub fn run(command: &BenchCommand) -> Result<()> {
     if !(0.0..=3600.0).contains(&arguments.seconds) {
         bail!("--seconds {}: it must be from 0 to 3600", arguments.seconds);
     }
+    let device = arguments.device.choose()?;
     let set = arguments.instructions.unwrap_or_else(Instructions::best);
     let mut figures = Vec::new();
     let names = if arguments.weights.is_empty() { arguments.networks.as_slice() } else { &[] };
@@ -118,7 +124,10 @@ pub fn run(command: &BenchCommand) -> Result<()> {
         for &input in &arguments.input {
             for &threads in &arguments.threads {
                 for &batch in &arguments.batch {
-                    let figure = measure(&weights, set, input, threads, batch, arguments.seconds)?;
+                    let figure = Figure {
+                        instructions: if device == Device::Gpu { "cuda" } else { set.name() },
+                        ..measure(&weights, set, input, threads, batch, arguments.seconds)?
+                    };
                     if !arguments.json {
                         print_line(&row(&figure))?;
                     }

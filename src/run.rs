@@ -43,6 +43,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         config.calibration.refine = choice == CalibrationChoice::Refine;
     }
     arguments.check()?;
+    arguments.device.choose()?;
     // Before the run claims its folder, because it may be built first.
     let window = arguments.view.then(WindowProgram::find).transpose().context("without --view no window is needed")?;
     let profile = arguments.touch.profile()?;

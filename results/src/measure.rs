@@ -34,8 +34,7 @@ pub fn measure(
     start: Start,
 ) -> Result<()> {
     let groups: Vec<&Group> = names.iter().map(|name| claims.group(name)).collect::<Result<_>>()?;
-    let (commit, machine, date) = (repository.commit()?, machine(), repository.date()?);
-    let origin = Origin { commit: &commit, machine: &machine, date: &date };
+    let (commit, date) = (repository.commit()?, repository.date()?);
     let mut failures = Vec::new();
     for group in groups {
         prepare(repository, group, start)?;
@@ -43,6 +42,10 @@ pub fn measure(
             run(repository, group)?;
         }
         let folder = repository.scratch(&group.name);
+        // Files that another machine wrote come with its name.
+        let machine =
+            fs::read_to_string(folder.join("machine.txt")).map_or_else(|_| machine(), |text| text.trim().to_owned());
+        let origin = Origin { commit: &commit, machine: &machine, date: &date };
         for row in &group.rows {
             match extract::figure(row, &folder) {
                 Ok(Figure { value, error }) => {

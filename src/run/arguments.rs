@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum, value_parser};
 use mvt_run::arguments::{Manner, duration};
+use mvt_run::device::DeviceArguments;
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::io::shell_word;
 use mvt_run::source::{Modality, TouchArguments};
@@ -38,6 +39,8 @@ pub struct RunArguments {
     pub modality: Modality,
     #[command(flatten)]
     pub touch: TouchArguments,
+    #[command(flatten)]
+    pub device: DeviceArguments,
     /// One to three cameras, separated by commas: front-left, back-right, top-down, side, or azimuth/elevation in
     /// degrees such as 330/35 [default: side]. With --log, cameras of the log [default: its first one]
     #[arg(long)]
@@ -145,6 +148,7 @@ impl RunArguments {
         for (key, value) in self.touch.options() {
             add(key, value);
         }
+        add("device", self.device.option());
         add("cameras", self.cameras.clone());
         add("calibration-file", self.calibration_file.as_deref().map(path));
         add("duration", self.duration.map(|seconds| seconds.to_string()));

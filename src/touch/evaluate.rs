@@ -13,6 +13,7 @@ use mvt_files::input;
 use mvt_images::levels;
 use mvt_products::Instructions;
 use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
+use mvt_run::device::DeviceArguments;
 use mvt_run::io::{print_line, read_any_image};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
@@ -48,6 +49,8 @@ pub struct TouchEvaluateArguments {
     /// Do not subtract the untouched image
     #[arg(long, alias = "as-they-are")]
     no_subtraction: bool,
+    #[command(flatten)]
+    device: DeviceArguments,
     /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
@@ -80,6 +83,7 @@ struct Triple {
 
 /// Runs the command.
 pub fn run(arguments: &TouchEvaluateArguments) -> Result<()> {
+    arguments.device.choose()?;
     let engine = Engine::new(&Weights::read(&arguments.weights)?, Instructions::best());
     let ids = ids(&arguments.data)?;
     ensure!(

@@ -2,10 +2,10 @@
 
 mod curve;
 mod panels;
-mod resize;
 
+use std::ops::Range;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
@@ -13,7 +13,7 @@ use clap::{Args, ValueEnum};
 use image::RgbImage;
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_presses::objects::PressedSurface;
-use mvt_presses::{DataConfig, Example, Rack, example, objects};
+use mvt_presses::{DataConfig, Example, PressSensor, Rack, example, objects, resized};
 use mvt_products::Instructions;
 use mvt_render::touch::TouchFrame;
 use mvt_robot::digit::{HEIGHT, WIDTH};
@@ -27,7 +27,6 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use curve::{Curve, Errors, Row};
-use resize::resized;
 
 /// Train a network that turns touch images into indentation and contact
 ///
@@ -66,12 +65,12 @@ pub struct TouchTrainArguments {
 /// Device on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 enum TrainingDevice {
-    /// The first CUDA device if there is one and the program can use it (folder gpu), else the CPU
+    /// The first CUDA device if there is one and the program was built with the feature cuda, else the CPU
     #[default]
     Auto,
     /// The CPU
     Cpu,
-    /// The first CUDA device; needs NVIDIA's driver, the CUDA toolkit and the program in the folder gpu
+    /// The first CUDA device; needs NVIDIA's driver, the CUDA toolkit and a program with the feature cuda
     Cuda,
 }
 
@@ -105,6 +104,10 @@ struct Settings {
 const VALIDATION_SEED: u64 = 0x5eed_0000_0000_0001;
 /// The same for images of objects that the training uses, so that they show other presses than its images.
 const TRAINING_SEED: u64 = 0x5eed_0000_0000_0002;
+/// Batches that are drawn together, ahead of the training: what one core does for a batch then keeps no other waiting.
+const DRAWN_TOGETHER: usize = 4;
+/// Greatest side of the images of a stage, pixels.
+const LARGEST_SIDE: usize = 1024;
 /// Number of images in panels.png.
 const PANELS: usize = 6;
 
@@ -114,10 +117,12 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     let Settings { network, data, training } = settings::read(&arguments.config)?;
     data.objects.check()?;
     data.validate().map_err(|error| error.within("data"))?;
-    let fits = |stage: &Stage| stage.size[0] <= HEIGHT && stage.size[1] <= WIDTH;
+    let most = if training.resizes { [LARGEST_SIDE; 2] } else { [HEIGHT, WIDTH] };
+    let fits = |stage: &Stage| stage.size[0] <= most[0] && stage.size[1] <= most[1];
     ensure!(
         training.stages.iter().all(fits),
-        "training.stages: a size must be at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}]"
+        "training.stages: a size must be at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}], or, with training.resizes = true, \
+         [{LARGEST_SIDE}, {LARGEST_SIDE}]"
     );
     let preset = Architecture::preset(&arguments.network)?;
     let architecture = network.unwrap_or_else(|| preset.clone());
@@ -155,41 +160,63 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
 
     let bar = progress::bar(training.steps(), &format!("{} on the {device}", arguments.network));
     bar.set_position(trainer.step());
-    let (mut losses, mut images, mut since) = (Vec::new(), 0, Instant::now());
-    while trainer.step() < training.steps() {
-        let batch = draw_batch(&surfaces, &mut rack, &data, &training, trainer.step())?;
-        images += batch.shape[0];
-        let progress = trainer.advance(&batch)?;
-        losses.push(progress.loss);
-        bar.inc(1);
-        let step = trainer.step();
-        if step.is_multiple_of(training.validate_every) || step == training.steps() {
-            let trained_s = since.elapsed().as_secs_f64();
-            let weights = trainer.weights(hash.clone())?;
-            let predictions = watched.predictions(&weights)?;
-            let row = Row {
-                step,
-                images_per_s: images as f64 / trained_s,
-                loss: losses.iter().sum::<f32>() / losses.len() as f32,
-                gradient: progress.gradient,
-                rate: progress.rate,
-                validation: watched.errors(&predictions),
-                training: seen.errors(&seen.predictions(&weights)?),
-            };
-            let is_best = curve.is_best(&row);
-            // The checkpoint is written last: a training that is killed before it repeats the steps and writes all
-            // files again.
-            weights.write(&arguments.out.join("last.safetensors"), Precision::F32)?;
-            if is_best {
-                weights.write(&arguments.out.join("best.safetensors"), Precision::F32)?;
+    let first = trainer.step();
+    std::thread::scope(|scope| {
+        // Images of later steps are drawn while a step is computed.
+        let (sender, batches) = mpsc::sync_channel(DRAWN_TOGETHER);
+        scope.spawn(|| {
+            let sender = sender;
+            for begin in (first..training.steps()).step_by(DRAWN_TOGETHER) {
+                let steps = begin..training.steps().min(begin + DRAWN_TOGETHER as u64);
+                let drawn = match draw_batches(&surfaces, &mut rack, &data, &training, steps) {
+                    Ok(drawn) => drawn.into_iter().map(Ok).collect(),
+                    Err(error) => vec![Err(error)],
+                };
+                // The training ends when it fails.
+                if drawn.into_iter().try_for_each(|batch| sender.send(batch)).is_err() {
+                    break;
+                }
             }
-            panels::write(&arguments.out.join("panels.png"), watched.examples.iter().zip(&predictions).take(PANELS))?;
-            curve.push(row)?;
-            trainer.save(&checkpoint)?;
-            tracing::info!("{row:?}");
-            (losses, images, since) = (Vec::new(), 0, Instant::now());
+        });
+        let (mut images, mut since) = (0, Instant::now());
+        while trainer.step() < training.steps() {
+            let batch = batches.recv().context("no more images are drawn")??;
+            images += batch.shape[0];
+            trainer.queue(&batch)?;
+            bar.inc(1);
+            let step = trainer.step();
+            if step.is_multiple_of(training.validate_every) || step == training.steps() {
+                let done = trainer.finish()?;
+                let trained_s = since.elapsed().as_secs_f64();
+                let last = done.last().context("no step was done")?;
+                let weights = trainer.weights(hash.clone())?;
+                let predictions = watched.predictions(&weights)?;
+                let row = Row {
+                    step,
+                    images_per_s: images as f64 / trained_s,
+                    loss: done.iter().map(|done| done.loss).sum::<f32>() / done.len() as f32,
+                    gradient: last.gradient,
+                    rate: last.rate,
+                    validation: watched.errors(&predictions),
+                    training: seen.errors(&seen.predictions(&weights)?),
+                };
+                let is_best = curve.is_best(&row);
+                // The checkpoint is written last: a training that is killed before it repeats the steps and writes all
+                // files again.
+                weights.write(&arguments.out.join("last.safetensors"), Precision::F32)?;
+                if is_best {
+                    weights.write(&arguments.out.join("best.safetensors"), Precision::F32)?;
+                }
+                let shown = watched.examples.iter().zip(&predictions).take(PANELS);
+                panels::write(&arguments.out.join("panels.png"), shown)?;
+                curve.push(row)?;
+                trainer.save(&checkpoint)?;
+                tracing::info!("{row:?}");
+                (images, since) = (0, Instant::now());
+            }
         }
-    }
+        Ok::<_, anyhow::Error>(())
+    })?;
     bar.finish_and_clear();
     Ok(())
 }
@@ -203,21 +230,25 @@ fn data_hash(data: &DataConfig) -> Result<String> {
     Ok(Sha256::digest(description).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// Draws the images of a step.
-fn draw_batch(
+/// Draws the images of some steps.
+fn draw_batches(
     surfaces: &[PressedSurface],
     rack: &mut Rack,
     data: &DataConfig,
     training: &TrainingConfig,
-    step: u64,
-) -> Result<TrainingBatch> {
-    let stage = training.stage(step).context("there is no stage")?;
-    let sensors = rack.of_step(step)?;
-    let first = step << 16;
-    let images = (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
-        resized(subtracted(example(surfaces, &sensors, data, (training.seed, index), frame)), stage.size)
-    });
-    Ok(batch(&images.collect::<Vec<_>>()))
+    steps: Range<u64>,
+) -> Result<Vec<TrainingBatch>> {
+    let sensors = rack.of_steps(steps.clone())?;
+    let draw = |(step, sensors): (u64, Vec<&PressSensor>)| {
+        let stage = training.stage(step).context("there is no stage")?;
+        let first = step << 16;
+        let images =
+            (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
+                resized(subtracted(example(surfaces, &sensors, data, (training.seed, index), frame)), stage.size)
+            });
+        Ok(batch(&images.collect::<Vec<_>>()))
+    };
+    steps.into_iter().zip(sensors).collect::<Vec<_>>().into_par_iter().map(draw).collect()
 }
 
 /// Images of one size, put together.

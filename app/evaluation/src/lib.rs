@@ -45,6 +45,7 @@ use serde::{Deserialize, Serialize};
 use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
+use mvt_run::device::DeviceArguments;
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
@@ -84,6 +85,8 @@ pub struct EvaluateArguments {
     /// Quantities to estimate, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "slam,pose")]
     modes: Vec<Mode>,
+    #[command(flatten)]
+    device: DeviceArguments,
     /// Sensors to use, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "vitac,vi")]
     modalities: Vec<Modality>,
@@ -272,6 +275,7 @@ struct Trial {
 /// Runs the command.
 pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     // Everything is checked before anything is simulated.
+    arguments.device.choose()?;
     let variants = variants(arguments)?;
     for cameras in &arguments.cameras {
         Placement::parse_list(cameras)?;

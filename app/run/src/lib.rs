@@ -41,6 +41,7 @@
 pub mod arguments;
 pub mod belief;
 pub mod config;
+pub mod device;
 pub mod estimator;
 pub mod explorer;
 pub mod exploring;

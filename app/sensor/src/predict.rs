@@ -8,6 +8,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 use clap::{ArgGroup, Args};
 use mvt_robot::digit::profile::SensorProfile;
+use mvt_run::device::DeviceArguments;
 use mvt_run::io::print_line;
 use mvt_run::progress;
 use mvt_touch::contact::ContactConfig;
@@ -47,6 +48,8 @@ pub struct TouchPredictArguments {
     /// Touch sensor that is connected, such as /dev/video0; it is asked for 60 frames/s of 320 x 240 pixels
     #[arg(long, value_name = "DEVICE")]
     camera: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArguments,
     /// Number of frames after which a video or a camera is left
     #[arg(long, value_name = "N", conflicts_with = "images", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
@@ -91,6 +94,7 @@ const FIRST_FRAMES: usize = 10;
 /// # Errors
 /// If images, a video, a camera or the profile cannot be read, a camera is lost, no window can be opened, or the results cannot be written.
 pub fn predict(arguments: &TouchPredictArguments, listen: impl FnOnce() -> Result<Arc<AtomicBool>>) -> Result<()> {
+    arguments.device.choose()?;
     let profile = SensorProfile::load(&arguments.profile)?;
     let &TouchPredictArguments { threshold_mm, probability, .. } = arguments;
     // The table has the plausibility of each image; whoever reads it decides.

@@ -1,7 +1,7 @@
 //! Networks that turn touch images of a DIGIT into indentation and contact.
 //!
 //! [`network`] describes six architectures and reads their weights; [`Weights::shipped`](network::Weights::shipped) needs no file.
-//! [`engine`] runs them on the CPU, faster than a camera delivers images. [`untouched`] finds and subtracts the image of a sensor without
+//! [`engine`] runs them on the CPU, faster than a camera delivers images, or on the [`device`] that the program brings. [`untouched`] finds and subtracts the image of a sensor without
 //! contact, [`contact`] decides which pixels touch, and [`accuracy`] compares predictions with the truth.
 //! The crate `mvt-training` trains them.
 //!
@@ -28,6 +28,7 @@
 
 pub mod accuracy;
 pub mod contact;
+pub mod device;
 pub mod engine;
 pub mod network;
 pub mod untouched;

@@ -8,10 +8,11 @@ use mvt_touch::network::Architecture;
 
 pub use crate::attention::WindowAttention;
 pub use crate::batch::TrainingImages;
+pub use crate::device::{Begin, ResidentTraining, bring};
 pub use crate::lanes::add_to;
 pub use crate::model::{Model, initial};
 pub use crate::ops::Ops;
-pub use crate::optimiser::Tensors;
+pub use crate::optimiser::{OptimiserState, Tensors, Update};
 pub use crate::resample::Resample;
 use crate::{LossConfig, TrainingBatch};
 

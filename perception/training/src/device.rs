@@ -1,103 +1,69 @@
-//! Devices on which networks are trained.
+//! Training on a GPU that the program brings.
 
-use std::fmt;
 use std::sync::OnceLock;
 
+use mvt_touch::device::NoGpu;
 use mvt_touch::network::Architecture;
+use serde::{Deserialize, Serialize};
 
 use crate::batch::{TrainError, TrainingBatch};
 use crate::loss::LossConfig;
-use crate::optimiser::Tensors;
+use crate::optimiser::{OptimiserState, Update};
 
-/// Device that computes gradients in training.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum Device {
-    /// All cores of the CPU.
+/// Numbers in which a GPU stores activations and computes products. Weights, their gradients and all sums are 32-bit floats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Arithmetic {
+    /// 32-bit floats throughout, as on the CPU.
+    Exact,
+    /// 32-bit floats, whose products have the 10 bits of TF32.
     #[default]
-    Cpu,
-    /// The GPU that the program brings; see [`Device::gpu`].
-    Gpu,
+    Tf32,
+    /// Activations and their gradients in bf16, which take half the memory.
+    Bf16,
 }
 
-/// Returns the loss of a batch and its gradients by all weights.
-pub type Gradients = fn(&Architecture, &Tensors, LossConfig, &TrainingBatch) -> Result<(f32, Tensors), TrainError>;
-
-/// A GPU for training.
-#[derive(Debug, Clone, Copy)]
-pub struct Gpu {
-    /// What it is, such as "first CUDA device".
-    pub name: &'static str,
-    /// Returns an error that names the missing part if it cannot be used.
-    pub find: fn() -> Result<(), NoGpu>,
-    /// Its gradients.
-    pub gradients: Gradients,
-}
-
-static GPU: OnceLock<Gpu> = OnceLock::new();
-
-impl Gpu {
-    /// Makes this GPU the one of the program. Call it before training begins; the first one holds.
-    pub fn bring(self) {
-        let _ = GPU.set(self);
-    }
-}
-
-/// Reason that no GPU is available for training.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum NoGpu {
-    /// The program brings none.
-    #[error("this program has no CUDA; build the one in the folder gpu, see its README.md, or train on the CPU")]
-    NotBuilt,
-    /// A library of CUDA is missing.
-    #[error("{0} cannot be loaded; install it, or train on the CPU")]
-    Library(&'static str),
-    /// The driver offers no device.
-    #[error("NVIDIA's driver offers no device ({0}); check it with nvidia-smi, or train on the CPU")]
-    Device(String),
-}
-
-impl fmt::Display for Device {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Cpu => "CPU",
-            Self::Gpu => GPU.get().map_or("GPU", |gpu| gpu.name),
-        })
-    }
-}
-
-impl Device {
-    /// Returns the GPU.
+/// Training whose state lies on a GPU.
+pub trait ResidentTraining: Send {
+    /// Queues a step. If its loss or gradient are not finite, it changes nothing.
     ///
     /// # Errors
-    /// [`NoGpu`] names the missing part.
-    pub fn gpu() -> Result<Self, NoGpu> {
-        let gpu = GPU.get().ok_or(NoGpu::NotBuilt)?;
-        (gpu.find)().map(|()| Self::Gpu)
-    }
+    /// [`TrainError::Gpu`] if the GPU is gone. An error of a step is that of the next [`results`](Self::results).
+    fn advance(&mut self, batch: &TrainingBatch, update: &Update) -> Result<(), TrainError>;
+
+    /// Waits for the queued steps. Returns the loss before each step since the last call, and the length of its gradient.
+    ///
+    /// # Errors
+    /// [`TrainError::Gpu`] if the GPU fails.
+    fn results(&mut self) -> Result<Vec<[f32; 2]>, TrainError>;
+
+    /// Copies weights, averages and moments to a state of the same network.
+    ///
+    /// # Errors
+    /// [`TrainError::Gpu`] if the GPU fails.
+    fn read(&self, state: &mut OptimiserState) -> Result<(), TrainError>;
 }
 
-/// Returns the loss of a batch and its gradients by all weights, computed on the GPU.
-pub(crate) fn gradients(
+/// Begins a training from a state.
+pub type Begin =
+    fn(&Architecture, LossConfig, Arithmetic, &OptimiserState) -> Result<Box<dyn ResidentTraining>, TrainError>;
+
+static BEGIN: OnceLock<Begin> = OnceLock::new();
+
+/// Makes this the way in which the program trains on its GPU. Call it before training begins; the first one holds.
+pub fn bring(begin: Begin) {
+    let _ = BEGIN.set(begin);
+}
+
+/// Begins a training on the GPU.
+pub(crate) fn begin(
     architecture: &Architecture,
-    weights: &Tensors,
-    config: LossConfig,
-    batch: &TrainingBatch,
-) -> Result<(f32, Tensors), TrainError> {
-    match GPU.get() {
-        Some(gpu) => (gpu.gradients)(architecture, weights, config, batch),
+    loss: LossConfig,
+    arithmetic: Arithmetic,
+    state: &OptimiserState,
+) -> Result<Box<dyn ResidentTraining>, TrainError> {
+    match BEGIN.get() {
+        Some(begin) => begin(architecture, loss, arithmetic, state),
         None => Err(TrainError::Gpu(NoGpu::NotBuilt.to_string())),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_missing_gpu_is_reported_with_a_remedy() {
-        let error = Device::gpu().unwrap_err().to_string();
-        assert!(error.ends_with("or train on the CPU"), "{error}");
     }
 }

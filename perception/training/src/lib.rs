@@ -1,4 +1,4 @@
-//! Training of the networks of [`mvt_touch`] on the CPU, or on a [`Gpu`] that another program brings, as the package in the folder `gpu` does.
+//! Training of the networks of [`mvt_touch`] on the CPU, or on a GPU that the program brings ([`backend::bring`]), as `mvt-cuda` does.
 //!
 //! On the CPU, the convolutions and the inside of a Mamba block cost nearly all of the time; each is one op with an analytic backward
 //! pass. Shares of a batch pass through the network side by side. Blocks, images and shares are summed in a fixed order, so the weights
@@ -47,8 +47,9 @@ mod tokens;
 mod trainer;
 
 pub use batch::{TrainError, TrainingBatch};
-pub use device::{Device, Gpu, Gradients, NoGpu};
+pub use device::Arithmetic;
 pub use loss::{LossConfig, Penalty, Targets};
 pub use mvt_touch;
+pub use mvt_touch::device::Device;
 pub use optimiser::OptimiserConfig;
 pub use trainer::{Stage, TouchTrainer, TrainingConfig, TrainingProgress, predict};

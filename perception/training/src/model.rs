@@ -10,7 +10,6 @@ use crate::attention::WindowAttention;
 use crate::batch::TrainingImages;
 use crate::ops::Ops;
 use crate::resample::Resample;
-use crate::tokens::space_to_depth;
 use mvt_touch::network::{
     Architecture, ConvNext, Mamba, NetworkLayer, Op, Pyramid, RobustMamba, ScanOrder, ShiftedWindows, Swin, Vit,
     WeightTensor, squares,
@@ -30,14 +29,14 @@ impl<O: Ops> Model<'_, O> {
     /// Predicts indentation in millimetres, which may be negative, and the logit of contact, `[images, rows, columns, 2]`, for RGB images
     /// `[images, rows, columns, 3]` whose sides are multiples of the stride.
     pub fn forward(&self, images: TrainingImages<'_>) -> O::Value {
-        let TrainingImages { levels, shape, .. } = images;
+        let shape = images.shape;
         match self.architecture {
-            Architecture::Default(pyramid) => self.pyramid(pyramid, self.ops.constant(with_coordinates(images)), shape),
-            Architecture::Vit(vit) => self.vit(vit, levels, shape),
-            Architecture::Mamba(mamba) => self.mamba_network(mamba, levels, shape),
-            Architecture::RobustMamba(robust) => self.robust_mamba(robust, levels, shape),
-            Architecture::Swin(swin) => self.swin(swin, levels, shape),
-            Architecture::ConvNext(convnext) => self.convnext(convnext, levels, shape),
+            Architecture::Default(pyramid) => self.pyramid(pyramid, self.ops.with_coordinates(images), shape),
+            Architecture::Vit(vit) => self.vit(vit, images),
+            Architecture::Mamba(mamba) => self.mamba_network(mamba, images),
+            Architecture::RobustMamba(robust) => self.robust_mamba(robust, images),
+            Architecture::Swin(swin) => self.swin(swin, images),
+            Architecture::ConvNext(convnext) => self.convnext(convnext, images),
         }
     }
 
@@ -104,8 +103,9 @@ impl<O: Ops> Model<'_, O> {
         self.ops.depth_to_space(self.convolution("head", map, 1, true), 2)
     }
 
-    fn vit(&self, vit: &Vit, levels: &[u8], shape: [usize; 3]) -> O::Value {
-        let mut tokens = self.embed(vit.patch, self.learned_positions(vit.positions, vit.patch, shape), levels, shape);
+    fn vit(&self, vit: &Vit, images: TrainingImages<'_>) -> O::Value {
+        let shape = images.shape;
+        let mut tokens = self.embed(vit.patch, self.learned_positions(vit.positions, vit.patch, shape), images);
         let mut hooked = Vec::new();
         for k in 0..vit.depth {
             let block = format!("blocks.{k}");
@@ -120,9 +120,10 @@ impl<O: Ops> Model<'_, O> {
         self.decode(vit.patch, hooked, shape)
     }
 
-    fn mamba_network(&self, mamba: &Mamba, levels: &[u8], shape: [usize; 3]) -> O::Value {
+    fn mamba_network(&self, mamba: &Mamba, images: TrainingImages<'_>) -> O::Value {
+        let shape = images.shape;
         let positions = self.learned_positions(mamba.positions, mamba.patch, shape);
-        let mut tokens = self.embed(mamba.patch, positions, levels, shape);
+        let mut tokens = self.embed(mamba.patch, positions, images);
         let orders = orders(&mamba.scans, grid(shape, mamba.patch), 1);
         let mut hooked = Vec::new();
         for (k, order) in (0..mamba.depth).zip(orders.iter().cycle()) {
@@ -133,10 +134,12 @@ impl<O: Ops> Model<'_, O> {
         self.decode(mamba.patch, hooked, shape)
     }
 
-    fn robust_mamba(&self, robust: &RobustMamba, levels: &[u8], shape: [usize; 3]) -> O::Value {
+    fn robust_mamba(&self, robust: &RobustMamba, images: TrainingImages<'_>) -> O::Value {
+        let shape = images.shape;
         let grid = grid(shape, robust.patch);
-        let positions = self.ops.constant(waves(grid, robust.width));
-        let mut tokens = self.embed(robust.patch, positions, levels, shape);
+        let name = format!("waves of {} x {}", grid[0], grid[1]);
+        let positions = self.ops.fixed(&name, &[grid[0] * grid[1], robust.width], || waves(grid, robust.width));
+        let mut tokens = self.embed(robust.patch, positions, images);
         let orders = orders(&robust.scans, grid, 1);
         let mut hooked = Vec::new();
         for (k, order) in (0..robust.depth).zip(orders.iter().cycle()) {
@@ -150,8 +153,8 @@ impl<O: Ops> Model<'_, O> {
         self.decode(robust.patch, hooked, shape)
     }
 
-    fn swin(&self, swin: &Swin, levels: &[u8], shape: [usize; 3]) -> O::Value {
-        self.stages(swin.depths, true, levels, shape, |[k, b], x, size| {
+    fn swin(&self, swin: &Swin, images: TrainingImages<'_>) -> O::Value {
+        self.stages(swin.depths, true, images, |[k, b], x, size| {
             let block = format!("stages.{k}.blocks.{b}");
             let windows = ShiftedWindows::new(size, swin.window, b % 2 == 1);
             let (count, tokens) = (swin.window * swin.window, size[0] * size[1]);
@@ -173,8 +176,8 @@ impl<O: Ops> Model<'_, O> {
         })
     }
 
-    fn convnext(&self, convnext: &ConvNext, levels: &[u8], shape: [usize; 3]) -> O::Value {
-        self.stages(convnext.depths, false, levels, shape, |[k, b], x, size| {
+    fn convnext(&self, convnext: &ConvNext, images: TrainingImages<'_>) -> O::Value {
+        self.stages(convnext.depths, false, images, |[k, b], x, size| {
             let block = format!("stages.{k}.blocks.{b}");
             let [images, tokens, width] = self.sides(&x);
             let map = self.ops.reshape(x.clone(), &[images, size[0], size[1], width]);
@@ -190,16 +193,16 @@ impl<O: Ops> Model<'_, O> {
         &self,
         depths: [usize; 4],
         is_joined_first: bool,
-        levels: &[u8],
-        shape: [usize; 3],
+        images: TrainingImages<'_>,
         block: impl Fn([usize; 2], O::Value, [usize; 2]) -> O::Value,
     ) -> O::Value {
+        let shape = images.shape;
         let mut size = grid(shape, 4);
         let flat = |x: O::Value, size: [usize; 2]| {
             let width = self.ops.shape(&x).last().copied().unwrap_or(1);
             self.ops.reshape(x, &[shape[0], size[0] * size[1], width])
         };
-        let mut x = flat(self.norm("norm", self.patches(4, levels, shape)), size);
+        let mut x = flat(self.norm("norm", self.patches(4, images)), size);
         let mut maps = Vec::new();
         for (k, depth) in depths.into_iter().enumerate() {
             if k > 0 {
@@ -245,18 +248,17 @@ impl<O: Ops> Model<'_, O> {
     }
 
     /// Returns patches as tokens with positions, and the class token behind them.
-    fn embed(&self, patch: usize, positions: O::Value, levels: &[u8], shape: [usize; 3]) -> O::Value {
-        let map = self.patches(patch, levels, shape);
+    fn embed(&self, patch: usize, positions: O::Value, images: TrainingImages<'_>) -> O::Value {
+        let shape = images.shape;
+        let map = self.patches(patch, images);
         let table = self.ops.shape(&positions);
         let tokens = self.ops.add_table(self.ops.reshape(map, &[shape[0], table[0], table[1]]), positions);
         self.ops.append(tokens, self.get("class"))
     }
 
     /// Returns a linear map of the patches of images.
-    fn patches(&self, patch: usize, levels: &[u8], [images, rows, columns]: [usize; 3]) -> O::Value {
-        let values: Vec<f32> = levels.iter().map(|level| f32::from(*level) / 127.5 - 1.0).collect();
-        let patches = space_to_depth(&values, [images, rows, columns, 3], patch);
-        self.linear("patch", self.ops.constant(patches))
+    fn patches(&self, patch: usize, images: TrainingImages<'_>) -> O::Value {
+        self.linear("patch", self.ops.patches(images, patch))
     }
 
     /// Returns rows and columns of a map.
@@ -323,7 +325,7 @@ fn orders(scans: &[ScanOrder], [rows, columns]: [usize; 2], extra: usize) -> Vec
 }
 
 /// Returns fixed positions: sines and cosines of row and column, a quarter of the width each.
-fn waves([rows, columns]: [usize; 2], width: usize) -> WeightTensor {
+fn waves([rows, columns]: [usize; 2], width: usize) -> Vec<f32> {
     let quarter = width / 4;
     let value = |k: usize| {
         let (token, channel) = (k / width, k % width);
@@ -332,18 +334,7 @@ fn waves([rows, columns]: [usize; 2], width: usize) -> WeightTensor {
         let angle = place as f32 * frequency;
         if (channel / quarter).is_multiple_of(2) { angle.sin() } else { angle.cos() }
     };
-    WeightTensor { shape: vec![rows * columns, width], values: (0..rows * columns * width).map(value).collect() }
-}
-
-/// Returns levels as numbers from -1 to 1, with the coordinates of the pixels as two more channels.
-fn with_coordinates(TrainingImages { levels, shape: [images, rows, columns] }: TrainingImages<'_>) -> WeightTensor {
-    let place = |i: usize, count: usize| 2.0 * (i as f32 + 0.5) / count as f32 - 1.0;
-    let mut values = Vec::with_capacity(levels.len() / 3 * 5);
-    for (k, pixel) in levels.as_chunks::<3>().0.iter().enumerate() {
-        values.extend(pixel.map(|level| f32::from(level) / 127.5 - 1.0));
-        values.extend([place(k % columns, columns), place(k / columns % rows, rows)]);
-    }
-    WeightTensor { shape: vec![images, rows, columns, 5], values }
+    (0..rows * columns * width).map(value).collect()
 }
 
 /// Returns random tensors from which a training starts.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::attention::{Attention, WindowAttention};
+use crate::batch::TrainingImages;
 use crate::convolution::Convolution;
 use crate::depthwise::Depthwise;
 use crate::linear::Linear;
@@ -10,7 +11,7 @@ use crate::pointwise::{DepthToSpace, Norm, Relu, Scale};
 use crate::resample::Resample;
 use crate::scan::Selective;
 use crate::tape::{Var, apply};
-use crate::tokens::{AddTable, Append, Gather, Gelu, Pair, WithLast};
+use crate::tokens::{AddTable, Append, Gather, Gelu, Pair, WithLast, space_to_depth, with_coordinates};
 use mvt_products::Instructions;
 use mvt_touch::network::WeightTensor;
 
@@ -22,6 +23,22 @@ pub trait Ops {
 
     /// Returns a value without a gradient.
     fn constant(&self, tensor: WeightTensor) -> Self::Value;
+
+    /// Returns numbers without a gradient that are the same whenever name and shape are.
+    fn fixed(&self, _: &str, shape: &[usize], make: impl FnOnce() -> Vec<f32>) -> Self::Value {
+        self.constant(WeightTensor { shape: shape.to_vec(), values: make() })
+    }
+
+    /// Returns the squares of `side` x `side` pixels of images, with levels from -1 to 1:
+    /// `[images, rows / side, columns / side, side * side * 3]`.
+    fn patches(&self, images: TrainingImages<'_>, side: usize) -> Self::Value {
+        self.constant(space_to_depth(images, side))
+    }
+
+    /// Returns images with levels from -1 to 1 and the coordinates of the pixels as two more channels: `[images, rows, columns, 5]`.
+    fn with_coordinates(&self, images: TrainingImages<'_>) -> Self::Value {
+        self.constant(with_coordinates(images))
+    }
 
     /// Returns the sides of a value.
     fn shape(&self, x: &Self::Value) -> Vec<usize>;

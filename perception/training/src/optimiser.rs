@@ -62,21 +62,16 @@ impl OptimiserState {
         if !length.is_finite() {
             return length;
         }
-        let scale = (config.clip / length).min(1.0);
-        let rate = config.rate(self.step, steps);
+        let Update { rate, decay, clip, betas: [b1, b2], unbiased: [first, second], keep } =
+            config.update(self.step, steps);
+        let scale = (clip / length).min(1.0);
         self.step += 1;
-        let [b1, b2] = config.betas;
-        let unbiased = |beta: f32| 1.0 - f64::from(beta).powf(self.step as f64) as f32;
-        let (first, second) = (unbiased(b1), unbiased(b2));
-        // The average of the first steps has equal weights, so that the initial weights are soon forgotten.
-        let keep = config.average.min((1 + self.step) as f32 / (10 + self.step) as f32);
         let states = self.mean.values_mut().zip(self.square.values_mut());
         for (((name, weight), average), (mean, square)) in
             self.weights.iter_mut().zip(self.average.values_mut()).zip(states)
         {
             let Some(gradient) = gradients.get(name) else { continue };
-            let is_matrix = weight.shape.len() > 1 && !name.ends_with("A_log");
-            let decay = if is_matrix { rate * config.weight_decay } else { 0.0 };
+            let decay = if Self::is_decayed(name, &weight.shape) { rate * decay } else { 0.0 };
             for i in 0..weight.values.len() {
                 let g = gradient.values[i] * scale;
                 let (m, v, w) = (&mut mean.values[i], &mut square.values[i], &mut weight.values[i]);
@@ -88,9 +83,45 @@ impl OptimiserState {
         }
         length
     }
+
+    /// Returns whether a tensor is a matrix or kernel, which decays.
+    pub fn is_decayed(name: &str, shape: &[usize]) -> bool {
+        shape.len() > 1 && !name.ends_with("A_log")
+    }
+}
+
+/// Numbers of a step of the optimiser.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Update {
+    /// Step size.
+    pub rate: f32,
+    /// Share of a matrix that is subtracted, times the step size.
+    pub decay: f32,
+    /// Greatest length of the gradient.
+    pub clip: f32,
+    /// Shares of the mean gradient and its mean square that are kept.
+    pub betas: [f32; 2],
+    /// Sums of the weights in these means so far; 1 after many steps.
+    pub unbiased: [f32; 2],
+    /// Share of the averaged weights that is kept.
+    pub keep: f32,
 }
 
 impl OptimiserConfig {
+    /// Returns the numbers of the step that follows `step` of `steps` steps.
+    pub fn update(&self, step: u64, steps: u64) -> Update {
+        let done = step + 1;
+        Update {
+            rate: self.rate(step, steps),
+            decay: self.weight_decay,
+            clip: self.clip,
+            betas: self.betas,
+            unbiased: self.betas.map(|beta| 1.0 - f64::from(beta).powf(done as f64) as f32),
+            // The average of the first steps has equal weights, so that the initial weights are soon forgotten.
+            keep: self.average.min((1 + done) as f32 / (10 + done) as f32),
+        }
+    }
+
     /// Returns the step size after `step` of `steps` steps.
     pub fn rate(&self, step: u64, steps: u64) -> f32 {
         let warm_up = ((step + 1) as f32 / self.warm_up.max(1) as f32).min(1.0);

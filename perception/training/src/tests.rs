@@ -7,6 +7,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::attention::Attention;
+use crate::batch::TrainingImages;
 use crate::convolution::Convolution;
 use crate::linear::Linear;
 use crate::loss::TouchLoss;
@@ -270,10 +271,12 @@ fn gelu() {
 
 #[test]
 fn patches_hold_their_pixels_in_order() {
-    let x: Vec<f32> = (0..16).map(|i| i as f32).collect();
-    let patches = space_to_depth(&x, [1, 4, 4, 1], 2);
-    assert_eq!(patches.shape, [1, 2, 2, 4]);
-    assert_eq!(patches.values[..8], [0.0, 1.0, 4.0, 5.0, 2.0, 3.0, 6.0, 7.0]);
+    let levels: Vec<u8> = (0..3 * 16).collect();
+    let patches = space_to_depth(TrainingImages { levels: &levels, shape: [1, 4, 4] }, 2);
+    assert_eq!(patches.shape, [1, 2, 2, 12]);
+    // Red of the first two patches: pixels 0, 1, 4, 5 and 2, 3, 6, 7.
+    let red: Vec<f32> = patches.values[..24].iter().step_by(3).map(|x| ((x + 1.0) * 127.5 / 3.0).round()).collect();
+    assert_eq!(red, [0.0, 1.0, 4.0, 5.0, 2.0, 3.0, 6.0, 7.0]);
 }
 
 /// The inside of a Mamba block as the module's description defines it, token by token.
@@ -367,6 +370,7 @@ fn small() -> Architecture {
 fn config(steps: u64) -> TrainingConfig {
     let optimiser = OptimiserConfig { learning_rate: 3e-3, warm_up: 10, ..OptimiserConfig::default() };
     TrainingConfig {
+        gpu_arithmetic: Arithmetic::default(),
         seed: 5,
         stages: vec![Stage { size: [32, 32], batch: 4, steps }],
         resizes: false,

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::batch::TrainingImages;
 use crate::lanes::{add_to, total};
 use crate::tape::{Inputs, Kernel, Slopes};
 use mvt_touch::network::WeightTensor;
@@ -118,19 +119,36 @@ impl Kernel<1> for Gather {
     }
 }
 
-/// Turns squares of `factor` x `factor` pixels into tokens: a map `[images, rows, columns, channels]`, whose sides are `shape`, into
-/// `[images, rows / factor, columns / factor, factor * factor * channels]`, pixel by pixel. For inputs only: there is no gradient.
-pub fn space_to_depth(x: &[f32], shape: [usize; 4], factor: usize) -> WeightTensor {
-    let [images, rows, columns, channels] = shape;
-    let mut values = Vec::with_capacity(x.len());
-    for top in (0..images * rows).step_by(factor) {
-        for left in (0..columns).step_by(factor) {
-            for row in top..top + factor {
-                values.extend(&x[(row * columns + left) * channels..][..factor * channels]);
+/// Turns squares of `side` x `side` pixels into tokens, pixel by pixel: images into `[images, rows / side, columns / side,
+/// side * side * 3]`, with levels from -1 to 1.
+pub fn space_to_depth(TrainingImages { levels, shape }: TrainingImages<'_>, side: usize) -> WeightTensor {
+    let [images, rows, columns] = shape;
+    let mut values = Vec::with_capacity(levels.len());
+    for top in (0..images * rows).step_by(side) {
+        for left in (0..columns).step_by(side) {
+            for row in top..top + side {
+                let levels = &levels[(row * columns + left) * 3..][..side * 3];
+                values.extend(levels.iter().map(|&level| from_level(level)));
             }
         }
     }
-    WeightTensor { shape: vec![images, rows / factor, columns / factor, factor * factor * channels], values }
+    WeightTensor { shape: vec![images, rows / side, columns / side, side * side * 3], values }
+}
+
+/// Returns a level of 0 to 255 as a number from -1 to 1.
+fn from_level(level: u8) -> f32 {
+    f32::from(level) / 127.5 - 1.0
+}
+
+/// Returns levels as numbers from -1 to 1, with the coordinates of the pixels as two more channels.
+pub fn with_coordinates(TrainingImages { levels, shape: [images, rows, columns] }: TrainingImages<'_>) -> WeightTensor {
+    let place = |i: usize, count: usize| 2.0 * (i as f32 + 0.5) / count as f32 - 1.0;
+    let mut values = Vec::with_capacity(levels.len() / 3 * 5);
+    for (k, pixel) in levels.as_chunks::<3>().0.iter().enumerate() {
+        values.extend(pixel.map(from_level));
+        values.extend([place(k % columns, columns), place(k / columns % rows, rows)]);
+    }
+    WeightTensor { shape: vec![images, rows, columns, 5], values }
 }
 
 /// Joins two maps of one channel to a map of two.

@@ -10,7 +10,7 @@ use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 
 use crate::batch::{TrainError, TrainingBatch, TrainingImages, check_shape};
-use crate::device::Device;
+use crate::device::{self, Arithmetic, ResidentTraining};
 use crate::lanes::add_to;
 use crate::loss::{LossConfig, Targets, TouchLoss};
 use crate::model::{Model, initial};
@@ -19,6 +19,7 @@ use crate::optimiser::{OptimiserConfig, OptimiserState, Tensors};
 use crate::tape::{Shareable as _, TapeValue, Var, apply};
 use mvt_products::Instructions;
 use mvt_settings::{Limit as _, Nested, SettingError};
+use mvt_touch::device::Device;
 use mvt_touch::network::{Architecture, Precision, Provenance, WeightTensor, Weights, WeightsError, write_tensors};
 
 /// Largest checkpoint that is read, bytes: four times the largest weights.
@@ -41,13 +42,20 @@ pub struct TrainingConfig {
     /// The loss.
     #[serde(default)]
     pub loss: LossConfig,
-    /// Precision of the operands of matrix products on CPUs that are faster with bf16. All else, and everything on a GPU, is f32.
+    /// Precision of the operands of matrix products on CPUs that are faster with bf16. All else on a CPU is f32.
     #[serde(default = "bf16")]
     pub precision: Precision,
+    /// Numbers of a training on a GPU.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub gpu_arithmetic: Arithmetic,
     /// Validations and checkpoints follow every so many steps.
     pub validate_every: u64,
     /// Images of a validation.
     pub validation_images: usize,
+}
+
+fn is_default(arithmetic: &Arithmetic) -> bool {
+    *arithmetic == Arithmetic::default()
 }
 
 fn bf16() -> Precision {
@@ -125,7 +133,15 @@ pub struct TouchTrainer {
     architecture: Architecture,
     config: TrainingConfig,
     device: Device,
+    /// The state on the GPU, from the first step on it on.
+    resident: Option<Box<dyn ResidentTraining>>,
+    /// The state; its tensors are older than those on the GPU if it `is_stale`.
     state: OptimiserState,
+    is_stale: bool,
+    /// Step and rate of the steps that the GPU was asked for.
+    queued: Vec<(u64, f32)>,
+    /// Results that nobody has seen.
+    done: Vec<TrainingProgress>,
 }
 
 /// Metadata of a checkpoint.
@@ -162,7 +178,9 @@ impl TouchTrainer {
             Some(_) => return Err(TrainError::OtherStart),
             None => initial(&architecture, config.seed),
         };
-        Ok(Self { architecture, config, device: Device::Cpu, state: OptimiserState::new(weights) })
+        let state = OptimiserState::new(weights);
+        let (device, resident, is_stale, queued, done) = Default::default();
+        Ok(Self { architecture, config, device, resident, state, is_stale, queued, done })
     }
 
     /// Moves the training to another device; it begins on the CPU. A checkpoint may be resumed on any device.
@@ -182,23 +200,53 @@ impl TouchTrainer {
     /// [`TrainError::NotFinite`] if loss or gradient are not finite, [`TrainError::Batch`] if images or targets do not have the batch's
     /// shape, [`TrainError::Gpu`] if the device fails. The training is unchanged after an error.
     pub fn advance(&mut self, batch: &TrainingBatch) -> Result<TrainingProgress, TrainError> {
+        self.queue(batch)?;
+        let progress = self.finish()?.pop();
+        Ok(progress.unwrap_or(TrainingProgress { loss: 0.0, gradient: 0.0, rate: 0.0 }))
+    }
+
+    /// Begins a step. On the CPU it is done at once; on a GPU the call returns while the GPU computes.
+    ///
+    /// # Errors
+    /// As for [`advance`](Self::advance); on a GPU, [`finish`](Self::finish) is the one that finds numbers that are not finite.
+    pub fn queue(&mut self, batch: &TrainingBatch) -> Result<(), TrainError> {
         check_shape(&self.architecture, batch.levels.len(), batch.shape)?;
         let Targets { indentation_mm, contact } = &*batch.targets;
         if 3 * indentation_mm.len() != batch.levels.len() || indentation_mm.len() != contact.len() {
             return Err(TrainError::Batch { shape: batch.shape, levels: batch.levels.len() });
         }
-        let (loss, gradients) = self.gradients(batch)?;
         let (step, rate) = (self.state.step, self.config.optimiser.rate(self.state.step, self.config.steps()));
-        let gradient = if loss.is_finite() {
-            self.state.advance(&gradients, &self.config.optimiser, self.config.steps())
-        } else {
-            f32::NAN
-        };
-        if gradient.is_finite() {
-            Ok(TrainingProgress { loss, gradient, rate })
-        } else {
-            Err(TrainError::NotFinite { step, loss, gradient })
+        match self.device {
+            Device::Cpu => {
+                let (loss, gradient) = self.advance_here(batch);
+                if !gradient.is_finite() {
+                    return Err(TrainError::NotFinite { step, loss, gradient });
+                }
+                self.done.push(TrainingProgress { loss, gradient, rate });
+            }
+            Device::Gpu => {
+                self.advance_there(batch)?;
+                self.queued.push((step, rate));
+            }
         }
+        Ok(())
+    }
+
+    /// Waits for the steps that have begun and returns their results, since the last call.
+    ///
+    /// # Errors
+    /// [`TrainError::NotFinite`] if loss or gradient of a step were not finite; it changed nothing, but later steps may have been done.
+    /// [`TrainError::Gpu`] if the device fails.
+    pub fn finish(&mut self) -> Result<Vec<TrainingProgress>, TrainError> {
+        let mut done = std::mem::take(&mut self.done);
+        let results = self.resident.as_mut().map(|resident| resident.results()).transpose()?.unwrap_or_default();
+        for ((step, rate), [loss, gradient]) in std::mem::take(&mut self.queued).into_iter().zip(results) {
+            if !loss.is_finite() || !gradient.is_finite() {
+                return Err(TrainError::NotFinite { step, loss, gradient });
+            }
+            done.push(TrainingProgress { loss, gradient, rate });
+        }
+        Ok(done)
     }
 
     /// Returns the instructions of the products.
@@ -207,35 +255,67 @@ impl TouchTrainer {
         if self.config.precision == Precision::Bf16 { best } else { best.exact() }
     }
 
-    /// Returns the loss of a batch and its gradients by all weights.
-    fn gradients(&self, batch: &TrainingBatch) -> Result<(f32, Tensors), TrainError> {
+    /// Does a step on the CPU; returns loss and length of the gradient.
+    fn advance_here(&mut self, batch: &TrainingBatch) -> (f32, f32) {
         let (architecture, weights, config) = (&self.architecture, &self.state.weights, self.config.loss);
-        match self.device {
-            Device::Cpu => Ok(gradients(self.instructions(), architecture, weights, config, batch)),
-            Device::Gpu => crate::device::gradients(architecture, weights, config, batch),
+        let (loss, gradients) = gradients(self.instructions(), architecture, weights, config, batch);
+        if !loss.is_finite() {
+            return (loss, f32::NAN);
         }
+        (loss, self.state.advance(&gradients, &self.config.optimiser, self.config.steps()))
+    }
+
+    /// Queues a step on the GPU.
+    fn advance_there(&mut self, batch: &TrainingBatch) -> Result<(), TrainError> {
+        let resident = match &mut self.resident {
+            Some(resident) => resident,
+            none => {
+                let TrainingConfig { loss, gpu_arithmetic, .. } = self.config;
+                none.insert(device::begin(&self.architecture, loss, gpu_arithmetic, &self.state)?)
+            }
+        };
+        let update = self.config.optimiser.update(self.state.step, self.config.steps());
+        resident.advance(batch, &update)?;
+        self.state.step += 1;
+        self.is_stale = true;
+        Ok(())
+    }
+
+    /// Copies the state from the GPU if it is newer there.
+    ///
+    /// # Errors
+    /// [`TrainError::Gpu`] if the GPU fails.
+    fn refresh(&mut self) -> Result<(), TrainError> {
+        if let Some(resident) = self.resident.as_ref().filter(|_| self.is_stale) {
+            resident.read(&mut self.state)?;
+            self.is_stale = false;
+        }
+        Ok(())
     }
 
     /// Returns the averaged weights; `data` is the SHA-256 of the description of the data.
     ///
     /// # Errors
-    /// [`WeightsError`] if a weight is not finite.
-    pub fn weights(&self, data: String) -> Result<Weights, WeightsError> {
+    /// [`TrainError`] if a weight is not finite or the GPU fails.
+    pub fn weights(&mut self, data: String) -> Result<Weights, TrainError> {
+        self.refresh()?;
         let training = serde_json::to_value(&self.config).unwrap_or_default();
         let provenance = Provenance { seed: self.config.seed, step: self.state.step, data, training };
         let source = Path::new("training");
         let weights = Weights::new(self.architecture.clone(), provenance, self.state.average.clone(), source)?;
         let input_size = self.config.stages.last().filter(|_| self.config.resizes).map(|stage| stage.size);
-        weights
+        let weights = weights
             .with_input_size(input_size)
-            .map_err(|error| WeightsError::File { path: source.to_owned(), message: error.to_string() })
+            .map_err(|error| WeightsError::File { path: source.to_owned(), message: error.to_string() })?;
+        Ok(weights)
     }
 
     /// Writes a checkpoint, from which a later run continues with the same results. The file appears whole or not at all.
     ///
     /// # Errors
-    /// [`WeightsError`] if the file cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), WeightsError> {
+    /// [`TrainError`] if the file cannot be written or the GPU fails.
+    pub fn save(&mut self, path: &Path) -> Result<(), TrainError> {
+        self.refresh()?;
         let damaged = |message: String| WeightsError::File { path: path.to_owned(), message };
         let OptimiserState { step, weights, average, mean, square } = &self.state;
         let header = Header { architecture: self.architecture.clone(), config: self.config.clone(), step: *step };
@@ -244,7 +324,7 @@ impl TouchTrainer {
         let tensors = parts.flat_map(|(prefix, tensors)| {
             tensors.iter().map(move |(name, tensor)| (format!("{prefix}{name}"), tensor))
         });
-        write_tensors(path, tensors, Precision::F32, [KEY, &header])
+        Ok(write_tensors(path, tensors, Precision::F32, [KEY, &header])?)
     }
 
     /// Resumes a training from a checkpoint.

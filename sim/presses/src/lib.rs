@@ -27,10 +27,12 @@ mod config;
 mod error;
 mod example;
 pub mod objects;
+mod resize;
 mod sensors;
 
 pub use config::DataConfig;
 pub use error::PressError;
 pub use example::{Example, example};
 pub use image;
+pub use resize::resized;
 pub use sensors::{PressSensor, Rack};

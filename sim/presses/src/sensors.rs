@@ -1,6 +1,7 @@
 //! DIGITs, each with its own lights, background and noise.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use image::RgbImage;
 use mvt_frames::Isometry;
@@ -12,6 +13,7 @@ use mvt_render::touch::{
 use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use crate::backdrop::{disturb, through_jpeg};
 use crate::config::DataConfig;
@@ -144,14 +146,25 @@ impl Rack {
     /// # Errors
     /// [`PressError`] if the configuration is out of range.
     pub fn of_step(&mut self, step: u64) -> Result<Vec<&PressSensor>, PressError> {
-        let wanted = step..step + self.config.sensors as u64;
+        Ok(self.of_steps(step..step + 1)?.pop().unwrap_or_default())
+    }
+
+    /// Returns the sensors of each of some steps, and draws those that are new, side by side.
+    ///
+    /// # Errors
+    /// [`PressError`] if the configuration is out of range.
+    pub fn of_steps(&mut self, steps: Range<u64>) -> Result<Vec<Vec<&PressSensor>>, PressError> {
+        let count = self.config.sensors as u64;
+        let wanted = steps.start..steps.end + count - 1;
         self.sensors.retain(|number, _| wanted.contains(number));
-        for number in wanted {
-            if let std::collections::btree_map::Entry::Vacant(place) = self.sensors.entry(number) {
-                let seed = self.seed ^ (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-                place.insert(PressSensor::draw(&self.config, seed, &self.calibration)?);
-            }
-        }
-        Ok(self.sensors.values().collect())
+        let missing: Vec<u64> = wanted.filter(|number| !self.sensors.contains_key(number)).collect();
+        let drawn = missing.into_par_iter().map(|number| {
+            let seed = self.seed ^ (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            Ok((number, PressSensor::draw(&self.config, seed, &self.calibration)?))
+        });
+        let drawn: Vec<_> = drawn.collect::<Result<_, PressError>>()?;
+        self.sensors.extend(drawn);
+        let of_step = |step: u64| self.sensors.range(step..step + count).map(|(_, sensor)| sensor).collect();
+        Ok(steps.map(of_step).collect())
     }
 }

@@ -1,8 +1,8 @@
-//! Smaller images, on which a training learns coarse structure at a lower cost.
+//! Images of other sizes: a training learns coarse structure from small ones at a lower cost.
 
-use mvt_presses::Example;
+use crate::example::Example;
 
-/// Reduces an example to another size; each pixel becomes the mean over the area that it covers.
+/// Brings an example to another size; each pixel becomes the mean over the area that it covers.
 pub fn resized(example: Example, [rows, columns]: [usize; 2]) -> Example {
     if example.size == [rows, columns] {
         return example;

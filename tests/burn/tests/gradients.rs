@@ -1,4 +1,4 @@
-//! Gradients of whole networks, beside those of burn on the CPU.
+//! Gradients of whole networks, by the tape and by the kernels on the emulator, beside those of burn on the CPU.
 
 #![allow(clippy::unwrap_used, reason = "a failed assumption in a test is a failed test")]
 
@@ -6,8 +6,11 @@ use std::sync::Arc;
 
 use burn_autodiff::Autodiff;
 use burn_ndarray::NdArray;
-use mambavitact_gpu::burn;
+use mvt_cuda::machine::Arithmetic;
+use mvt_cuda::{Gpu, GpuTraining};
+use mvt_cuda_emulator::Emulator;
 use mvt_training::mvt_touch::network::Architecture;
+use mvt_training::backend::{OptimiserState, Tensors};
 use mvt_training::{LossConfig, Penalty, Targets, TrainingBatch, backend};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -42,6 +45,18 @@ fn discs(rng: &mut ChaCha8Rng) -> TrainingBatch {
     TrainingBatch { shape: [2, ROWS, COLUMNS], levels, targets: Arc::new(targets) }
 }
 
+/// Returns the length of the difference of tensors as a share of the length of the second ones.
+fn difference(ours: &Tensors, theirs: &Tensors) -> f64 {
+    let (mut error, mut size) = (0.0, 0.0);
+    for (ours, theirs) in ours.values().zip(theirs.values()) {
+        for (a, b) in ours.values.iter().zip(&theirs.values) {
+            error += f64::from(a - b).powi(2);
+            size += f64::from(*b).powi(2);
+        }
+    }
+    (error / size).sqrt()
+}
+
 /// Loss and gradients of the tape equal those of burn, also if burn sums over passes.
 #[test]
 fn gradients_are_those_of_burn() {
@@ -61,7 +76,12 @@ fn gradients_are_those_of_burn() {
         for pixels in [ROWS * COLUMNS, 2 * ROWS * COLUMNS] {
             let device = Default::default();
             let (exact, theirs) =
-                burn::gradients::<Autodiff<NdArray>>(&device, &network, &weights, loss, &batch, pixels).unwrap();
+                burn_judge::gradients::<Autodiff<NdArray>>(&device, &network, &weights, loss, &batch, pixels).unwrap();
+            let gpu = Gpu::new(Emulator::machine(Arithmetic::Exact));
+            let mut training = GpuTraining::new(gpu, &network, loss, &OptimiserState::new(weights.clone())).unwrap();
+            let (of_kernels, by_kernels) = training.loss_and_gradients(&batch).unwrap();
+            let error = difference(&by_kernels, &theirs);
+            assert!((of_kernels - exact).abs() < 1e-4 * exact && error < 1e-4, "{name}: kernels are off by {error}");
             assert!((value - exact).abs() < 1e-3 * exact, "{name}: loss {value} for {exact}");
             assert!(ours.keys().eq(weights.keys()) && theirs.keys().eq(weights.keys()));
             for ((tensor, ours), theirs) in ours.iter().zip(theirs.values()) {

@@ -1,4 +1,4 @@
-//! Networks on burn's tensors: for GPUs, and to compare the gradients of the tape with burn's.
+//! Networks on burn's tensors, with whose gradients those of the tape and of the GPU's kernels are compared.
 
 use std::sync::Arc;
 

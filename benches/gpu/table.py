@@ -1,0 +1,114 @@
+"""Makes tables of what speed.sh and paper.sh measured: speed.json with all rows, ratios.json with our speed over that of PyTorch, and
+paper.json with the errors of the networks on the validation objects over the steps.
+
+Use: table.py DIR
+"""
+
+import csv
+import datetime
+import json
+import re
+import sys
+from pathlib import Path
+
+folder = Path(sys.argv[1])
+
+
+def lines(name):
+    path = folder / name
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def power_w(span_s):
+    """Returns the mean power between two times, watts; None without samples."""
+    samples = []
+    path = folder / "power.csv"
+    for row in csv.reader(path.open()) if path.exists() else []:
+        try:
+            at = datetime.datetime.strptime(row[0].strip(), "%Y/%m/%d %H:%M:%S.%f").timestamp()
+            if span_s[0] <= at <= span_s[1]:
+                samples.append(float(row[1]))
+        except (ValueError, IndexError):
+            continue
+    return sum(samples) / len(samples) if samples else None
+
+
+speed, profiles, errors = [], [], []
+for row in lines("ours.jsonl"):
+    if "error" in row:
+        sys.exit(f"a measurement failed: {row}")
+    if row["mode"] == "Check":
+        errors.append(row["gradient_error"])
+    elif row["mode"].startswith("Profile"):
+        scan = sum(call[2] for call in row["calls"] if call[0].startswith("scan"))
+        profiles.append({"network": row["network"], "mode": row["mode"], "scan_share": scan / row["calls_ms"]})
+    else:
+        watts = power_w(row["span_s"])
+        speed.append({
+            "program": "ours",
+            "network": row["network"],
+            "mode": row["mode"].lower(),
+            "size": row["size"][0],
+            "batch": row["batch"],
+            "arithmetic": row["arithmetic"].lower(),
+            "images_per_s": row["images_per_s"],
+            "memory_mb": row["peak_memory_mb"],
+            "energy_j": watts and watts / row["images_per_s"],
+        })
+for row in lines("peer.jsonl"):
+    if "error" in row:
+        sys.exit(f"a measurement failed: {row}")
+    speed.append({
+        "program": "PyTorch, channels last" if row["channels_last"] else "PyTorch",
+        "network": row["network"],
+        "mode": row["mode"],
+        "size": row["size"],
+        "batch": row["batch"],
+        "arithmetic": row["precision"],
+        "images_per_s": row["images_per_s"],
+        "memory_mb": row["peak_memory_mb"],
+        "energy_j": None,
+    })
+(folder / "speed.json").write_text(json.dumps(speed, indent=1))
+
+ratios = {}
+what = ("network", "mode", "size", "batch", "arithmetic")
+for ours in (row for row in speed if row["program"] == "ours"):
+    # The faster of PyTorch's two layouts.
+    peers = [row["images_per_s"] for row in speed if row["program"] != "ours" and all(row[k] == ours[k] for k in what)]
+    if peers:
+        name = "_".join(str(ours[k]) for k in ("network", "mode", "size", "arithmetic"))
+        ratios[name] = ours["images_per_s"] / max(peers)
+of = {tuple(row[k] for k in what): row for row in speed if row["program"] == "ours"}
+for mode in ("train", "infer"):
+    for arithmetic in ("tf32", "bf16"):
+        mamba, vit = (of.get((network, mode, 384, 32, arithmetic)) for network in ("mamba", "vit"))
+        if mamba and vit:
+            ratios[f"mamba_over_vit_{mode}_{arithmetic}"] = mamba["images_per_s"] / vit["images_per_s"]
+            ratios[f"mamba_over_vit_memory_{mode}_{arithmetic}"] = mamba["memory_mb"] / vit["memory_mb"]
+for profile in profiles:
+    if profile["network"] == "mamba":
+        ratios[f"scan_share_{profile['mode'].lower()}"] = profile["scan_share"]
+ratios["gradient_error"] = max(errors, default=None)
+(folder / "ratios.json").write_text(json.dumps(ratios, indent=1))
+
+paper = []
+for log in sorted((folder / "paper").glob("*.log")):
+    for step, speed_of, mae, rmse, iou in re.findall(
+        r"Row \{ step: (\d+), images_per_s: ([\d.]+).*?validation: Errors \{ contact_mae_mm: ([\d.]+), rmse_mm: ([\d.]+), "
+        r"mae_mm: [\d.]+, iou: ([\d.]+)",
+        log.read_text(),
+    ):
+        paper.append({
+            "network": log.stem,
+            "step": int(step),
+            "images_per_s": float(speed_of),
+            "contact_mae_mm": float(mae),
+            "rmse_mm": float(rmse),
+            "iou": float(iou),
+        })
+if paper:
+    (folder / "paper.json").write_text(json.dumps(paper, indent=1))
+busy = [float(row[2]) for row in csv.reader((folder / "paper/busy.csv").open())] if (folder / "paper/busy.csv").exists() else []
+if busy:
+    (folder / "busy.json").write_text(json.dumps({"busy_percent": sum(busy) / len(busy)}))
