@@ -108,7 +108,7 @@ def main():
     )
     section(
         "The whole pipeline (its Fig 7)",
-        "The paper states 4 frames/s against less than 3. Ours: a live run with one camera and "
+        "The paper states 4 frames/s against less than 3. Ours: a simulated run with one camera and "
         "four DIGITs on two cores, simulation and rendering included. The networks at the paper's size were trained for two steps only: their runs show "
         "the time that they cost.",
         ["network", "paper: frames/s", "ours: frames/s"],

@@ -3,7 +3,7 @@
 
     results/paper_networks.py OUT [--program FILE] [--seconds S] [--networks NAME,...]
 
-Each network is trained for two steps of 8 images of 240 x 320, and then drives a live run of S seconds (default: 4; 0: no run). Two steps
+Each network is trained for two steps of 8 images of 240 x 320, and then drives a simulated run of S seconds (default: 4; 0: no run). Two steps
 teach nothing: the runs show the time that the network costs, not its accuracy (see paper_trainings.py). Writes OUT/paper_networks.jsonl, a
 line per network. The program needs the feature `train`.
 """

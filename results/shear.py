@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-EXAMPLE = ["cargo", "run", "--quiet", "--release", "-p", "mvt-live", "--example", "shear", "--"]
+EXAMPLE = ["cargo", "run", "--quiet", "--release", "-p", "mvt-simulated", "--example", "shear", "--"]
 # Reported objects; the coefficients of the tracker were chosen on others.
 OBJECTS = "005_tomato_soup_can,010_potted_meat_can,017_orange,061_foam_brick,random:1000,random:1003"
 # Deviation of slip in the tracker: slip_still_sigma_m and slip_changing_sigma_m in millimetres. Parts of the change of shear, and of shear

@@ -7,7 +7,6 @@ use clap::Args;
 use mvt_calibration::Calibration;
 use mvt_files::input;
 use mvt_gaits::gait;
-use mvt_live::{Fault, LiveSettings, LiveSource};
 use mvt_perceive::PerceptionSetup;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
@@ -18,9 +17,10 @@ use mvt_run::io::{check_named, print_line, write_named};
 use mvt_run::object::default_object;
 use mvt_run::settings;
 use mvt_run::source::{LogSource, Modality, Source};
+use mvt_simulated::{Fault, SimulatedSettings, SimulatedSource};
 
-/// Duration of a live calibration without --duration, seconds: the hand has then shown its joints several times.
-const LIVE_S: f64 = 30.0;
+/// Duration of a simulated calibration without --duration, seconds: the hand has then shown its joints several times.
+const SIMULATED_S: f64 = 30.0;
 
 /// Refine the calibration of cameras and joints by the hand in the cameras' images
 ///
@@ -30,16 +30,16 @@ const LIVE_S: f64 = 30.0;
 #[derive(Debug, Args)]
 pub struct CalibrateArguments {
     /// Folder of a FeelSight log
-    #[arg(long, value_name = "LOGDIR", required_unless_present = "live")]
+    #[arg(long, value_name = "LOGDIR", required_unless_present = "simulated")]
     log: Option<PathBuf>,
     /// Simulate the moving hand instead of reading a log; the calibration of its sensors is perfect
     #[arg(long, conflicts_with = "log")]
-    live: bool,
+    simulated: bool,
     /// Cameras, separated by commas [default: all of the log, or side]
     #[arg(long)]
     cameras: Option<String>,
     /// Seed of the simulated episode and of its noise
-    #[arg(long, requires = "live", default_value_t = 0)]
+    #[arg(long, requires = "simulated", default_value_t = 0)]
     seed: u64,
     /// Use only this many seconds [default: the whole log, or 30]
     #[arg(long, value_name = "SECONDS", value_parser = duration)]
@@ -67,7 +67,7 @@ pub fn run(arguments: &CalibrateArguments) -> Result<()> {
     }
     let mut source: Box<dyn Source> = match &arguments.log {
         Some(folder) => Box::new(log(arguments, folder, &config)?),
-        None => Box::new(live(arguments, &config)?),
+        None => Box::new(simulated(arguments, &config)?),
     };
     while let Some(sensed) = source.next()? {
         sensed.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
@@ -107,17 +107,17 @@ fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Res
     Ok(source)
 }
 
-fn live(arguments: &CalibrateArguments, config: &RunConfig) -> Result<LiveSource> {
+fn simulated(arguments: &CalibrateArguments, config: &RunConfig) -> Result<SimulatedSource> {
     let (_, object) = default_object()?;
     let side = Side::Left;
     let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
-    let settings = LiveSettings {
+    let settings = SimulatedSettings {
         side,
         touch: SensorProfile::tacto(),
         gait: gait::choose("auto", &object)?.1.clone(),
         schedule: Default::default(),
         seed: arguments.seed,
-        duration_s: arguments.duration.unwrap_or(LIVE_S),
+        duration_s: arguments.duration.unwrap_or(SIMULATED_S),
         cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
         camera_noise: config.camera_noise,
         perception: config.perception(),
@@ -125,7 +125,7 @@ fn live(arguments: &CalibrateArguments, config: &RunConfig) -> Result<LiveSource
         hidden_every: None,
         fault: Fault::default(),
     };
-    LiveSource::new(&object, settings, None)
+    SimulatedSource::new(&object, settings, None)
 }
 
 /// Largest calibration file that is read, bytes: hundreds of cameras.

@@ -8,7 +8,6 @@ use clap::{Args, value_parser};
 use mvt_feelsight::LogFormat;
 use mvt_files::folder::{ClaimedFolder, Earlier, MARK};
 use mvt_frames::camera::PosedCamera;
-use mvt_live::recorder::{NoiseLevel, Recorder, Settings};
 use mvt_objects::catalogue;
 use mvt_render::touch::TouchConfig;
 use mvt_robot::hand::Side;
@@ -17,6 +16,7 @@ use mvt_run::arguments::{Manner, duration};
 use mvt_run::io::{print_line, shell_word};
 use mvt_run::object::load_object;
 use mvt_run::progress;
+use mvt_simulated::recorder::{NoiseLevel, Recorder, Settings};
 
 /// Simulate episodes and write them as FeelSight logs
 ///

@@ -11,7 +11,7 @@ use mvt_run::io::shell_word;
 use mvt_run::source::{Modality, TouchArguments};
 use mvt_run::supervisor::Goal;
 
-/// Estimate shape and pose of the object in the hand, live or from a log
+/// Estimate shape and pose of the object in the hand, simulated or from a log
 ///
 /// Without --log the program simulates an episode in a closed loop: it renders the sensors' images, estimates the
 /// object from them, and directs the hand by the estimate alone. With --log it reads the images from a FeelSight log.

@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::ChosenController;
-use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
 use mvt_objects::object::Object;
 use mvt_perceive::PerceptionSetup;
 use mvt_robot::digit::profile::SensorProfile;
@@ -18,6 +17,7 @@ use mvt_run::exploring::direct;
 use mvt_run::object::{default_object, load_object};
 use mvt_run::source::{LogSource, Source};
 use mvt_run::supervisor::Supervisor;
+use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
 use mvt_touch::network::Weights;
 
 use super::RunArguments;
@@ -35,13 +35,13 @@ pub struct RunInput {
     pub name: String,
     /// The true object, if it could be loaded.
     pub object: Option<Object>,
-    /// Directs the hand of a live episode.
+    /// Directs the hand of a simulated episode.
     pub supervisor: Option<Supervisor>,
     pub cameras: Vec<PosedCamera>,
 }
 
 impl RunInput {
-    /// Prepares a live episode, or opens the log that the arguments name.
+    /// Prepares a simulated episode, or opens the log that the arguments name.
     pub fn new(
         arguments: &RunArguments,
         config: &RunConfig,
@@ -50,7 +50,7 @@ impl RunInput {
     ) -> Result<Self> {
         match &arguments.log {
             Some(log) => from_log(arguments, log, config, profile, weights),
-            None => live(arguments, config, profile, weights),
+            None => simulated(arguments, config, profile, weights),
         }
     }
 }
@@ -89,7 +89,7 @@ fn from_log(
     Ok(RunInput { side: source.side(), seed, name, object, supervisor: None, cameras, source: Box::new(source) })
 }
 
-fn live(
+fn simulated(
     arguments: &RunArguments,
     config: &RunConfig,
     profile: &SensorProfile,
@@ -105,7 +105,7 @@ fn live(
     let strategy = arguments.explore.then_some(ExploreStrategy::Frontier);
     let (ChosenController { gait, schedule, .. }, supervisor) =
         direct(&arguments.manner, &object, arguments.goal, placements.first(), config.supervisor, strategy)?;
-    let settings = LiveSettings {
+    let settings = SimulatedSettings {
         side,
         touch: *profile,
         gait,
@@ -120,7 +120,7 @@ fn live(
         fault: Fault::default(),
     };
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
-    let mut source = Box::new(LiveSource::new(&object, settings, weights)?);
+    let mut source = Box::new(SimulatedSource::new(&object, settings, weights)?);
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
     }

@@ -62,9 +62,9 @@ fn a_wrong_calibration_is_found_and_written_for_later_runs() {
 }
 
 #[test]
-fn live_sensors_are_calibrated_as_they_are() {
+fn simulated_sensors_are_calibrated_as_they_are() {
     let workplace = Workplace::new();
-    let found = json(&workplace.run("calibrate --live --duration 1.5 --seed 4 --json").good());
+    let found = json(&workplace.run("calibrate --simulated --duration 1.5 --seed 4 --json").good());
     let camera = &found["cameras"][0];
     // The calibration of the simulated sensors is perfect, and their noise is small.
     for (key, bar) in [("turned_deg", 0.2), ("moved_mm", 1.0)] {
@@ -72,7 +72,7 @@ fn live_sensors_are_calibrated_as_they_are() {
     }
     assert!(found["lag_ms"].as_f64().unwrap().abs() < 3.0, "{found}");
     assert!(workplace.run("calibrate").usage().contains("--log"));
-    assert!(workplace.run("calibrate --live --log x").usage().contains("cannot be used with"));
+    assert!(workplace.run("calibrate --simulated --log x").usage().contains("cannot be used with"));
 }
 
 #[test]

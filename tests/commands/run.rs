@@ -1,4 +1,4 @@
-//! `run` and `evaluate`: live episodes, complete and damaged logs, interruptions.
+//! `run` and `evaluate`: simulated episodes, complete and damaged logs, interruptions.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -52,7 +52,7 @@ fn networks_are_timed() {
     assert!(workplace.run("bench networks --instructions mmx").usage().contains("avx512"));
 }
 
-/// Random weights predict nothing useful, but the predictions reach the result, live and from a log, and are the same
+/// Random weights predict nothing useful, but the predictions reach the result, simulated and from a log, and are the same
 /// each time.
 #[test]
 fn runs_use_the_touch_network() {
@@ -60,7 +60,7 @@ fn runs_use_the_touch_network() {
     workplace.run("run --object cube70 --duration 0.4 --touch-depth network --quiet --out shipped").good();
     let network = format!("--touch-depth network --weights {}", weights());
     workplace.run("generate --object cube70 --logs 1 --duration 0.4 --cameras side --out set").good();
-    for (name, source) in [("live", "--object cube70 --duration 0.4"), ("log", "--log set/cube70/00")] {
+    for (name, source) in [("simulated", "--object cube70 --duration 0.4"), ("log", "--log set/cube70/00")] {
         let trajectory = |folder: &str| {
             // Random weights may or may not find an image plausible, which leads to a warning.
             assert_eq!(workplace.run(&format!("run {source} {network} --quiet --out {folder}")).code, Some(0));

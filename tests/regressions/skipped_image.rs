@@ -19,6 +19,12 @@ fn a_log_without_one_image_is_inspected_and_exported() {
     assert!(said.contains("has no image of") && said.contains("export the log as MCAP"), "{said}");
     let said = workplace.run("inspect set/cube70/00").stdout;
     assert!(said.contains("note"), "{said}");
+    // The image is missing in the middle: no frame at the end may be lost for it.
+    let frames = |folder: &str| -> serde_json::Value {
+        let said = workplace.run(&format!("inspect --json {folder}")).stdout;
+        serde_json::from_str::<serde_json::Value>(&said).unwrap()["frames"].clone()
+    };
+    assert_eq!(frames("set/cube70/00"), 6, "0.2 s at 30 frames/s");
     // A compact log has all images of a frame.
     let said = workplace.run("convert set/cube70/00 --out compact").error();
     assert!(said.contains("index/image/3.jpg") && !workplace.path("compact").exists(), "{said}");

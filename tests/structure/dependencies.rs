@@ -15,7 +15,7 @@ const LINKS_MUJOCO: [&str; 9] = [
     "mambavitact",
     "mvt-environment",
     "mvt-evaluation",
-    "mvt-live",
+    "mvt-simulated",
     "mvt-mujoco-lib",
     "mvt-physics",
     "mvt-python",
@@ -24,7 +24,7 @@ const LINKS_MUJOCO: [&str; 9] = [
 ];
 /// The crates that may import the downloader: for meshes of objects, in the build script that brings libmujoco, and for hashes of settings
 /// and files.
-const DOWNLOADS: [&str; 5] = ["mambavitact", "mvt-evaluation", "mvt-live", "mvt-mujoco-lib", "mvt-objects"];
+const DOWNLOADS: [&str; 5] = ["mambavitact", "mvt-evaluation", "mvt-simulated", "mvt-mujoco-lib", "mvt-objects"];
 /// Folders, with the folders from which their crates may import. The binary, in the root, may import from all; the Python package also
 /// imports the binary's library, "".
 const LAYERS: [(&str, &[&str]); 7] = [

@@ -20,8 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::lines::{Keyed, Tell};
-use super::{Episode, EvaluateArguments, Key, SIDE, key, live, setup};
-use mvt_live::Fault;
+use super::{Episode, EvaluateArguments, Key, SIDE, key, setup, simulated};
 use mvt_run::arguments::{Hand, Manner};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
@@ -32,6 +31,7 @@ use mvt_run::report::ShapePoint;
 use mvt_run::source::Modality;
 use mvt_run::supervisor::Goal;
 use mvt_run::truth::Truth;
+use mvt_simulated::Fault;
 
 /// How the controllers of an episode are chosen.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -147,7 +147,7 @@ fn play(
     let manner = Manner { controller: controller.clone(), side: Hand::Left };
     let (controller, supervisor) = direct(&manner, episode.object, Goal::Time, None, config.supervisor, strategy)?;
     let episode = Episode { controller: &controller, ..episode.clone() };
-    let mut source = live(&episode, arguments.duration, config, Fault::default())?;
+    let mut source = simulated(&episode, arguments.duration, config, Fault::default())?;
     let truth = Truth::new(episode.object.clone());
     let pipeline = Pipeline {
         estimators: vec![setup(config, Mode::Slam, Modality::Vitac, episode.seed)],

@@ -11,14 +11,14 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Episode, EvaluateArguments, Key, Keyed, Tell, follow, key, live, setup};
-use mvt_live::Fault;
+use super::{Episode, EvaluateArguments, Key, Keyed, Tell, follow, key, setup, simulated};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::{Mode, random_motion};
 use mvt_run::pipeline::FrameResult;
 use mvt_run::report::TrackState;
 use mvt_run::source::Modality;
 use mvt_run::truth::Truth;
+use mvt_simulated::Fault;
 
 /// Kind of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,13 +132,13 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
         frozen: if fault == FaultKind::Frozen { span } else { 0..0 },
     };
     // Half a frame more, so that the last one is not lost to rounding.
-    let mut source = live(episode, (last as f64 + 0.5) / f64::from(FRAME_HZ), config, trouble)?;
+    let mut source = simulated(episode, (last as f64 + 0.5) / f64::from(FRAME_HZ), config, trouble)?;
     let truth = Truth::new(episode.object.clone());
     let estimators = vec![setup(config, Mode::Pose, modality, episode.seed)];
     let (mut errors_m, mut lost, mut places) = (Vec::new(), Vec::new(), Vec::new());
     follow(&mut source, episode.object, Some(&truth), estimators, config.mesh_cell_mm, |results, sensed| {
         let Some(FrameResult { row, .. }) = results.first().and_then(Option::as_ref) else { return Ok(()) };
-        places.push(sensed.truth.context("a live episode without truth")?.origin().coords());
+        places.push(sensed.truth.context("a simulated episode without truth")?.origin().coords());
         errors_m.push(row.add_s.map_or(f64::INFINITY, |e| e.one_directional_m));
         lost.push(row.state == TrackState::Lost);
         Ok(())

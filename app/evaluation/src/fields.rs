@@ -20,8 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::tsdf::{Tsdf, VOXEL_M};
-use super::{Episode, EvaluateArguments, Key, Keyed, SIDE, Tell, follow, key, live, setup};
-use mvt_live::Fault;
+use super::{Episode, EvaluateArguments, Key, Keyed, SIDE, Tell, follow, key, setup, simulated};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
 use mvt_run::input::map_obstacles;
@@ -29,6 +28,7 @@ use mvt_run::pipeline::FrameResult;
 use mvt_run::report::ShapeScores;
 use mvt_run::source::Modality;
 use mvt_run::truth::Truth;
+use mvt_simulated::Fault;
 
 /// The compared shapes: the map of the run that tracks, which refines the poses of its keyframes and closes loops; the same field,
 /// taught with the poses as they were tracked; one with hashed levels; and a grid of truncated distances.
@@ -114,7 +114,7 @@ pub fn comparisons(
     let hand = Obstacles::new(samples.bodies().map(<[_]>::to_vec));
     let mut spent = [Duration::ZERO; NAMES.len()];
 
-    let mut source = live(episode, arguments.duration, config, Fault::default())?;
+    let mut source = simulated(episode, arguments.duration, config, Fault::default())?;
     let (mut frames, mut learnt) = (0, 0);
     let mut last = None;
     let estimators = vec![setup(config, Mode::Slam, Modality::Vitac, seed)];
@@ -123,7 +123,7 @@ pub fn comparisons(
             let Some(FrameResult { estimate, scan, .. }) = results.first().and_then(Option::as_ref) else {
                 return Ok(());
             };
-            let truth = sensed.truth.context("a live episode without truth")?;
+            let truth = sensed.truth.context("a simulated episode without truth")?;
             last = Some(truth.inverse() * estimate.pose);
             frames += 1;
             if !estimate.state.is_tracking() || estimate.confidence < slam.trust.learn_above {

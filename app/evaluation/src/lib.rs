@@ -42,7 +42,6 @@ use mvt_robot::rig::Placement;
 use mvt_touch::network::Weights;
 use serde::{Deserialize, Serialize};
 
-use mvt_live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
 use mvt_run::device::DeviceArguments;
@@ -55,6 +54,7 @@ use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
 use mvt_run::settings;
 use mvt_run::source::{Modality, Sensed, TouchArguments};
 use mvt_run::truth::Truth;
+use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
 
 use explore::ExploreMode;
 use lines::{Keyed, Tell, all};
@@ -427,10 +427,10 @@ fn key(
 const SIDE: Side = Side::Left;
 
 /// The source of an episode, with trouble that is made on purpose.
-fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault) -> Result<LiveSource> {
+fn simulated(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault) -> Result<SimulatedSource> {
     let cameras: Vec<PosedCamera> =
         Placement::parse_list(episode.cameras)?.iter().map(|placement| placement.camera(SIDE)).collect();
-    let settings = LiveSettings {
+    let settings = SimulatedSettings {
         side: SIDE,
         touch: episode.touch,
         gait: episode.controller.gait.clone(),
@@ -444,7 +444,7 @@ fn live(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault
         hidden_every: Some(HIDDEN_EVERY),
         fault,
     };
-    LiveSource::new(episode.object, settings, episode.weights)
+    SimulatedSource::new(episode.object, settings, episode.weights)
 }
 
 /// An estimator on the frames of an episode.
@@ -454,7 +454,7 @@ fn setup(config: &RunConfig, mode: Mode, modality: Modality, seed: u64) -> Estim
 
 /// Runs estimators on the frames of a source, on the calling thread: episodes, not frames, are what runs in parallel here.
 fn follow<'a>(
-    source: &mut LiveSource,
+    source: &mut SimulatedSource,
     object: &'a Object,
     truth: Option<&'a Truth>,
     estimators: Vec<EstimatorSetup<'a>>,
@@ -486,7 +486,7 @@ fn follow<'a>(
 /// All trials of an episode as estimators of one run, so that all receive the same frames and no frame is kept.
 fn whole(duration_s: f64, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
-    let mut source = live(episode, duration_s, &first.config, Fault::default())?;
+    let mut source = simulated(episode, duration_s, &first.config, Fault::default())?;
     let seed = |trial: &Trial| episode.seed.wrapping_add(trial.key.estimator_seed);
     let estimators = trials.iter().map(|trial| setup(&trial.config, trial.mode, trial.modality, seed(trial))).collect();
     let mut rows: Vec<Vec<FrameRow>> = trials.iter().map(|_| Vec::new()).collect();

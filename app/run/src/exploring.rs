@@ -1,4 +1,4 @@
-//! The supervisor of a live episode: with one controller, on a schedule, or exploring.
+//! The supervisor of a simulated episode: with one controller, on a schedule, or exploring.
 
 use anyhow::{Result, bail};
 use mvt_gaits::axis::TurnAxis;

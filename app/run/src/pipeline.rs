@@ -1,4 +1,4 @@
-//! One loop for live episodes and logs: sense, estimate, score, direct.
+//! One loop for simulated episodes and logs: sense, estimate, score, direct.
 //!
 //! The source runs one frame ahead on a thread of its own. A directive after frame k reaches the episode before it senses frame
 //! k + 2, whatever the machine's speed and its number of threads, so that the result is always the same.

@@ -1,4 +1,4 @@
-//! Where sensed frames come from: a live episode, or a log.
+//! Where sensed frames come from: a simulated episode, or a log.
 
 mod log;
 mod touch;

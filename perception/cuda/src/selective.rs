@@ -47,10 +47,15 @@ pub fn selective(gpu: &Rc<Gpu>, order: &Arc<[usize]>, inputs: &[Var; 8]) -> Var 
             View::rows(&projected, columns),
             Multiply::new([rows, columns], inner),
         )?;
-        let source: DeviceArray<Real> = gpu.array(rows * inner)?;
-        let onto = View::rows(step.values(), rank).transposed();
-        let multiply = Multiply::new([rows, inner], rank);
-        gpu.multiply(View::rows(&projected, columns), onto, View::rows(&source, inner), multiply)?;
+        // The product that leads to the step sizes is not kept: it costs little and is as large as the result.
+        let source_of = move |gpu: &Gpu, step: &DeviceArray<Real>, projected: &DeviceArray<Real>| {
+            let source: DeviceArray<Real> = gpu.array(rows * inner)?;
+            let onto = View::rows(step, rank).transposed();
+            let multiply = Multiply::new([rows, inner], rank);
+            gpu.multiply(View::rows(projected, columns), onto, View::rows(&source, inner), multiply)?;
+            Ok::<_, GpuError>(source)
+        };
+        let source = source_of(gpu, step.values(), &projected)?;
 
         let out: DeviceArray<Real> = gpu.array(rows * inner)?;
         let states = images * tokens.div_ceil(CHUNK) * inner * state;
@@ -83,6 +88,7 @@ pub fn selective(gpu: &Rc<Gpu>, order: &Arc<[usize]>, inputs: &[Var; 8]) -> Var 
         )?;
         let gpu = gpu.clone();
         let back = back(move |g, slopes| {
+            let source = source_of(&gpu, step.values(), &projected)?;
             let by_xz: DeviceArray<Real> = gpu.array(rows * 2 * inner)?;
             let (by_u, by_source): (DeviceArray<Real>, DeviceArray<Real>) =
                 (gpu.array(rows * inner)?, gpu.array(rows * inner)?);

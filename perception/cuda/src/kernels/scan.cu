@@ -21,17 +21,22 @@ KERNEL causal(
     real *__restrict__ u, const real *__restrict__ xz, const float *__restrict__ taps, const float *__restrict__ bias,
     const int *__restrict__ order, unsigned count, unsigned tokens, unsigned inner, unsigned tap_count
 ) {
-    if (inner % 4 == 0) {
+    if (inner % 4 == 0 && tap_count == 4) {
         EACH(four, count / 4) {
             unsigned e = four * 4 % inner, t = four * 4 / inner % tokens, image = four * 4 / inner / tokens;
-            Four sum = load4(bias, e);
-            for (unsigned k = 0; k < tap_count; k++) {
-                int past = (int)(t + k + 1) - (int)tap_count;
+            // The taps of four channels, and the inputs of four tokens.
+            Four sum = load4(bias, e), w[4];
+            #pragma unroll
+            for (int j = 0; j < 4; j++)
+                w[j] = load4(taps, (e + j) * 4);
+            #pragma unroll
+            for (int k = 0; k < 4; k++) {
+                int past = (int)t + k - 3;
                 if (past >= 0) {
                     Four x = load4(xz, (image * tokens + order[past]) * 2 * inner + e);
                     #pragma unroll
                     for (int j = 0; j < 4; j++)
-                        sum.x[j] += x.x[j] * taps[(e + j) * tap_count + k];
+                        sum.x[j] += x.x[j] * w[j].x[k];
                 }
             }
             #pragma unroll

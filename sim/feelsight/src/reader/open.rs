@@ -1,5 +1,6 @@
 //! Opening of a log: data.pkl, scene.json, the number of frames, and the defects that are tolerated.
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -144,25 +145,25 @@ impl Log {
     fn count(&mut self) -> Result<(), LogError> {
         let pkl = self.folder.join("data.pkl");
         let mut counts = vec![
-            (pkl.clone(), "times", self.times_s.len()),
-            (pkl.clone(), "joint states", self.joints.len()),
-            (pkl.clone(), "object poses", self.object_poses.len()),
+            (pkl.clone(), "times", Numbered::all(self.times_s.len())),
+            (pkl.clone(), "joint states", Numbered::all(self.joints.len())),
+            (pkl.clone(), "object poses", Numbered::all(self.object_poses.len())),
         ];
         if let Some(poses) = &self.finger_poses {
-            counts.push((pkl.clone(), "finger poses", poses.len()));
+            counts.push((pkl.clone(), "finger poses", Numbered::all(poses.len())));
         }
         for finger in Finger::ALL {
             let images = match &self.compact {
-                Some(frames) => frames.touch_images(finger),
-                None => count_files(&self.touch_folder(finger).join("image"))?.unwrap_or(0),
+                Some(frames) => Numbered::all(frames.touch_images(finger)),
+                None => Numbered::files(&self.touch_folder(finger).join("image"))?,
             };
-            self.felt[finger] = images > 0;
+            self.felt[finger] = images.count > 0;
             counts.push((self.touch_folder(finger).join("image"), "images", images));
         }
         for i in 0..self.cameras.len() {
             let folder = self.camera_folder(&self.cameras[i].name).join("image");
             let images = self.count_images(&folder)?;
-            self.coloured.push(images > 0);
+            self.coloured.push(images.count > 0);
             counts.push((folder, "images", images));
             match self.depths(i) {
                 Ok(reader) => {
@@ -171,23 +172,23 @@ impl Log {
                         let defect = format!("it has {depths} depth images for {} frames", self.times_s.len());
                         return Err(LogError::defect(path, defect));
                     }
-                    counts.push((path, "depth images", depths));
+                    counts.push((path, "depth images", Numbered::all(depths)));
                 }
                 // Reported when the depths are read.
                 Err(_) if self.tolerant => {}
                 Err(error) => return Err(error),
             }
         }
-        // A sensor without any image is absent.
-        let fewest = counts.iter().map(|&(.., n)| n).filter(|n| *n > 0).min().unwrap_or(0);
+        // A sensor without any image is absent; one without some images reaches as many frames as the others.
+        let fewest = counts.iter().map(|(.., images)| images.end).filter(|end| *end > 0).min().unwrap_or(0);
         let frames = match (&self.scene, self.tolerant) {
             (_, true) => self.times_s.len().min(self.joints.len()),
             (Some(_), false) => self.times_s.len(),
             (None, false) => fewest,
         };
-        for (path, what, n) in counts {
-            if n != frames {
-                let defect = format!("{n} {what} for {frames} frames");
+        for (path, what, Numbered { count, .. }) in counts {
+            if count != frames {
+                let defect = format!("{count} {what} for {frames} frames");
                 self.tolerate(path, defect)?;
             }
         }
@@ -232,7 +233,7 @@ impl Log {
         let mut missing = 0;
         let number = folders.len();
         for folder in folders {
-            let found = self.count_images(&folder)?;
+            let found = self.count_images(&folder)?.count;
             if found != self.len() {
                 complete = false;
                 missing += usize::from(found == 0);
@@ -248,12 +249,12 @@ impl Log {
         Ok(complete)
     }
 
-    /// Returns the number of images in a folder of the log, or of its archive.
-    fn count_images(&self, folder: &Path) -> Result<usize, LogError> {
-        let Some(frames) = &self.compact else { return Ok(count_files(folder)?.unwrap_or(0)) };
+    /// Returns the images in a folder of the log, or of its archive.
+    fn count_images(&self, folder: &Path) -> Result<Numbered, LogError> {
+        let Some(frames) = &self.compact else { return Numbered::files(folder) };
         let inside = folder.strip_prefix(&self.folder).unwrap_or(folder);
         let parts: Vec<_> = inside.iter().map(|part| part.to_string_lossy()).collect();
-        Ok(frames.archive.count(&parts.join("/")))
+        Ok(Numbered::all(frames.archive.count(&parts.join("/"))))
     }
 
     /// Refuses a defect in a log of this program, and notes it in a log of another program.
@@ -284,15 +285,35 @@ fn read_scene(path: &Path) -> Result<Option<SceneFile>, LogError> {
     Ok(Some(scene))
 }
 
-/// Returns the number of files in a folder, by which loaders count frames; `None` if the folder does not exist.
-fn count_files(folder: &Path) -> Result<Option<usize>, LogError> {
-    match fs::read_dir(folder) {
-        Ok(entries) => {
-            let is_file = |entry: &fs::DirEntry| !mvt_files::input::is_litter(&entry.file_name());
-            Ok(Some(entries.filter(|entry| entry.as_ref().map_or(true, is_file)).count()))
+/// Images whose names are the numbers of frames.
+struct Numbered {
+    count: usize,
+    /// The greatest number plus one.
+    end: usize,
+}
+
+impl Numbered {
+    /// Returns as many images without a gap.
+    fn all(count: usize) -> Self {
+        Self { count, end: count }
+    }
+
+    /// Returns the images of a folder; none if it does not exist.
+    fn files(folder: &Path) -> Result<Self, LogError> {
+        let entries = match fs::read_dir(folder) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Self::all(0)),
+            Err(reason) => return Err(LogError::Io { path: folder.to_path_buf(), reason }),
+        };
+        let (mut count, mut end) = (0, 0);
+        let names = entries.map(|entry| entry.map_or_else(|_| OsString::new(), |entry| entry.file_name()));
+        for name in names.filter(|name| !mvt_files::input::is_litter(name)) {
+            count += 1;
+            let number = Path::new(&name).file_stem().and_then(|stem| stem.to_str()?.parse::<usize>().ok());
+            end = end.max(number.map_or(0, |number| number.saturating_add(1)));
         }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(reason) => Err(LogError::Io { path: folder.to_path_buf(), reason }),
+        // Names that are no numbers are found out when the images are read.
+        Ok(Self { count, end: if end == 0 { count } else { end } })
     }
 }
 

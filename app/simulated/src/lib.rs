@@ -1,10 +1,10 @@
-//! Live episodes: MuJoCo, rendering and perception behind one source of frames, and as FeelSight logs.
+//! Simulated episodes: MuJoCo, rendering and perception behind one source of frames, and as FeelSight logs.
 //!
-//! [`LiveSource`] steps an episode and renders it as frames are asked for; a directive of the supervisor reaches the hand two frames later.
+//! [`SimulatedSource`] steps an episode and renders it as frames are asked for; a directive of the supervisor reaches the hand two frames later.
 //! [`recorder`] writes the same episode as a log. This crate links libmujoco.
 //!
 //! ```no_run
-//! use mvt_live::{Fault, LiveSettings, LiveSource};
+//! use mvt_simulated::{Fault, SimulatedSettings, SimulatedSource};
 //! use mvt_objects::catalogue;
 //! use mvt_robot::digit::profile::SensorProfile;
 //! use mvt_robot::hand::Side;
@@ -12,7 +12,7 @@
 //!
 //! let object = catalogue::load("cube70", &mut Vec::new())?;
 //! let (_, gait) = mvt_gaits::gait::choose("auto", &object)?;
-//! let settings = LiveSettings {
+//! let settings = SimulatedSettings {
 //!     side: Side::Left,
 //!     touch: SensorProfile::tacto(),
 //!     gait: gait.clone(),
@@ -26,7 +26,7 @@
 //!     hidden_every: None,
 //!     fault: Fault::default(),
 //! };
-//! let mut source = LiveSource::new(&object, settings, None)?;
+//! let mut source = SimulatedSource::new(&object, settings, None)?;
 //! while let Some(sensed) = source.next()? {
 //!     println!("{:.2} s: {} pads measured", sensed.percept.time_s, sensed.percept.touch.0.iter().flatten().count());
 //! }
@@ -36,7 +36,7 @@
 // Its build script puts libmujoco on the link line.
 use mvt_mujoco_lib as _;
 
-mod live;
 pub mod recorder;
+mod simulated;
 
-pub use live::{Fault, HIDDEN_EVERY, LiveSettings, LiveSource};
+pub use simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};

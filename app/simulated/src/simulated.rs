@@ -25,9 +25,9 @@ use crate::recorder;
 use mvt_run::source::{Modality, Pictures, Sensed, Source};
 use mvt_touch::network::Weights;
 
-/// Settings of a live episode and its sensors.
+/// Settings of a simulated episode and its sensors.
 #[derive(Debug, Clone)]
-pub struct LiveSettings {
+pub struct SimulatedSettings {
     /// Which hand.
     pub side: Side,
     /// The touch sensors.
@@ -55,7 +55,7 @@ pub struct LiveSettings {
     pub fault: Fault,
 }
 
-/// Interval of [`LiveSettings::hidden_every`] for the mean of a run, frames: once per second.
+/// Interval of [`SimulatedSettings::hidden_every`] for the mean of a run, frames: once per second.
 pub const HIDDEN_EVERY: u64 = 30;
 
 /// A fault that is injected to test whether the estimate survives it.
@@ -71,9 +71,9 @@ pub struct Fault {
     pub frozen: Range<u64>,
 }
 
-/// A live episode.
-pub struct LiveSource {
-    settings: LiveSettings,
+/// A simulated episode.
+pub struct SimulatedSource {
+    settings: SimulatedSettings,
     episode: Episode,
     observer: Observer,
     perception: Perception,
@@ -85,13 +85,13 @@ pub struct LiveSource {
     frame: u32,
 }
 
-impl LiveSource {
+impl SimulatedSource {
     /// Draws the start and prepares the rendering. Without `weights` of a touch network the true indentation is used.
     ///
     /// # Errors
     /// If MuJoCo refuses the object.
-    pub fn new(object: &Object, mut settings: LiveSettings, weights: Option<&Weights>) -> Result<Self> {
-        let LiveSettings { side, seed, duration_s, camera_noise, .. } = settings;
+    pub fn new(object: &Object, mut settings: SimulatedSettings, weights: Option<&Weights>) -> Result<Self> {
+        let SimulatedSettings { side, seed, duration_s, camera_noise, .. } = settings;
         if !settings.modality.has_vision() {
             settings.cameras.clear();
         }
@@ -147,7 +147,7 @@ impl LiveSource {
     }
 }
 
-impl Source for LiveSource {
+impl Source for SimulatedSource {
     fn next(&mut self) -> Result<Option<Sensed>> {
         let begun = Instant::now();
         let frame = u64::from(self.frame);
@@ -160,7 +160,7 @@ impl Source for LiveSource {
         let Some(state) = self.episode.next_frame() else { return Ok(None) };
         let (mut observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
         self.frame += 1;
-        let LiveSettings { modality, hidden_every, fault, .. } = &self.settings;
+        let SimulatedSettings { modality, hidden_every, fault, .. } = &self.settings;
         if fault.frozen.contains(&frame) {
             observation.joints = self.last_joints.unwrap_or(observation.joints);
         }

@@ -1,6 +1,6 @@
 //! Shear as a sensor with dots sees it, beside the simulator's: a JSON line per press or touching pad.
 //!
-//! `cargo run --release -p mvt-live --example shear -- presses` presses balls and drags them; `-- episodes` lets the hand turn objects.
+//! `cargo run --release -p mvt-simulated --example shear -- presses` presses balls and drags them; `-- episodes` lets the hand turn objects.
 //! `results/shear.py` makes figures of the lines.
 
 #![expect(clippy::print_stdout, reason = "a program whose output is its lines")]
