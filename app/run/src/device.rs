@@ -15,7 +15,7 @@ pub struct DeviceArguments {
 /// Device on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 enum InferenceDevice {
-    /// The CPU, which is faster for the few images of a hand
+    /// All cores of the CPU
     #[default]
     Cpu,
     /// The first CUDA device; needs NVIDIA's driver, the CUDA toolkit and a program with the feature cuda
