@@ -1,14 +1,15 @@
-# Unpacks what pack.sh packed into /tmp/gpu and sets the paths of CUDA's libraries. Use: source unpack.sh DIR
+# Unpacks what pack.sh packed into a new folder, $unpacked, and sets the paths of CUDA's libraries. Use: source unpack.sh DIR
 packed=$1
-mkdir -p /tmp/gpu/ycb
+unpacked=$(mktemp -d)
+mkdir "$unpacked/ycb"
 for file in "$packed"/*.xz; do
     case $file in
-    */ycb.tar.xz) tar -C /tmp/gpu/ycb -xJf "$file" & ;;
-    *) xz -dc "$file" >"/tmp/gpu/$(basename "$file" .xz)" & ;;
+    */ycb.tar.xz) tar -C "$unpacked/ycb" -xJf "$file" & ;;
+    *) xz -dc "$file" >"$unpacked/$(basename "$file" .xz)" & ;;
     esac
 done
 wait
-chmod +x /tmp/gpu/mambavitact /tmp/gpu/gpu_bench
+chmod +x "$unpacked/mambavitact" "$unpacked/gpu_bench"
 site=$(python3 -c 'import torch, os; print(os.path.dirname(os.path.dirname(torch.__file__)))' 2>/dev/null || true)
 cuda=$(ls -d "$site"/nvidia/*/lib 2>/dev/null | tr '\n' ':')/usr/local/cuda/lib64
-export YCB_DIR=/tmp/gpu/ycb
+export YCB_DIR=$unpacked/ycb

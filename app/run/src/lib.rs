@@ -1,8 +1,8 @@
 //! A run of the estimator: where frames come from, the one loop that every run takes, and the files that it leaves.
 //!
 //! [`source`] delivers frames, [`pipeline::Pipeline`] drives any number of estimators on them and tells listeners, [`supervisor`] directs the
-//! hand by the first estimate, and [`report`] writes the results. Simulated episodes are a source of another crate, mvt-simulated, so that nothing
-//! here needs libmujoco.
+//! hand by the first estimate, and [`report`] writes the results. Simulated episodes are a source of another crate, mvt-simulated, so
+//! that nothing here needs libmujoco.
 //!
 //! ```no_run
 //! use std::sync::atomic::AtomicBool;

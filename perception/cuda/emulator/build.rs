@@ -36,7 +36,7 @@ fn kernels(folder: &Path) -> Vec<(String, bool)> {
             let name = kernel.map(|line| line.strip_prefix("__launch_bounds__(THREADS) ").unwrap_or(line));
             if let Some((name, _)) = name.and_then(|line| line.split_once('(')) {
                 kernels.push((name.to_owned(), false));
-            } else if ["__syncthreads", "warp_", "__shfl"].iter().any(|call| line.contains(call))
+            } else if ["__syncthreads", "block_sum", "warp_", "__shfl"].iter().any(|call| line.contains(call))
                 && let Some((_, waits)) = kernels[first..].last_mut()
             {
                 *waits = true;

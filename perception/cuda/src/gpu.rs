@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use crate::machine::{Argument, Arithmetic, GpuError, Launch, Machine, Operand, Pass, Product, Window};
+use crate::machine::{Argument, GpuError, Launch, Machine, Operand, Pass, Product, Window};
 use crate::memory::{DeviceArray, Number, Pool, Real};
 
 /// Threads of a block of most kernels.
@@ -70,7 +70,7 @@ impl View {
     }
 }
 
-/// Sizes and factors of products, see [`Product`].
+/// Sizes of products, see [`Product`].
 #[derive(Debug, Clone, Copy)]
 pub struct Multiply {
     /// Rows and columns of the results.
@@ -79,8 +79,6 @@ pub struct Multiply {
     pub inner: usize,
     /// Number of products.
     pub batch: usize,
-    /// Factor of the products.
-    pub factor: f32,
     /// Whether the products are added to the results.
     pub is_added: bool,
     /// Whether the results are 32-bit floats.
@@ -90,7 +88,7 @@ pub struct Multiply {
 impl Multiply {
     /// Returns a single product that overwrites activations.
     pub fn new(size: [usize; 2], inner: usize) -> Self {
-        Self { size, inner, batch: 1, factor: 1.0, is_added: false, is_float: false }
+        Self { size, inner, batch: 1, is_added: false, is_float: false }
     }
 
     /// Returns a single product that is added to gradients by weights.
@@ -141,11 +139,6 @@ impl Gpu {
     /// Returns the memory of the machine.
     pub fn pool(&self) -> &Rc<Pool> {
         &self.pool
-    }
-
-    /// Returns the numbers that the kernels were compiled for.
-    pub fn arithmetic(&self) -> Arithmetic {
-        self.pool.machine().arithmetic()
     }
 
     /// Returns the number of the next value of a computation.
@@ -227,7 +220,7 @@ impl Gpu {
     /// # Errors
     /// If a matrix does not fit its array, or the call fails.
     pub fn multiply(&self, a: View, b: View, c: View, multiply: Multiply) -> Result<(), GpuError> {
-        let Multiply { size, inner, batch, factor, is_added, is_float } = multiply;
+        let Multiply { size, inner, batch, is_added, is_float } = multiply;
         if size.contains(&0) || inner == 0 || batch == 0 {
             return Ok(());
         }
@@ -235,10 +228,9 @@ impl Gpu {
         if !fits || c.operand.is_transposed {
             return Err(GpuError::Unsuitable(format!("a product {multiply:?} of {a:?}, {b:?} to {c:?}")));
         }
-        let keep = if is_added { 1.0 } else { 0.0 };
         let (a, b, c) = (a.operand, b.operand, c.operand);
         // SAFETY: checked above.
-        unsafe { self.pool.machine().product(&Product { a, b, c, size, inner, batch, factor, keep, is_float }) }
+        unsafe { self.pool.machine().product(&Product { a, b, c, size, inner, batch, is_added, is_float }) }
     }
 
     /// Fails unless arrays have the lengths that a kernel expects.
@@ -254,14 +246,8 @@ impl Gpu {
     /// Converts 32-bit floats to activations.
     pub fn to_real(&self, x: &DeviceArray<f32>) -> Result<DeviceArray<Real>, GpuError> {
         let y = self.array(x.len())?;
-        self.copy_to_real(&y, x)?;
+        launch!(self, "to_real", each(x.len()), &y, x, x.len())?;
         Ok(y)
-    }
-
-    /// Converts 32-bit floats to activations in an array of the same length.
-    pub fn copy_to_real(&self, y: &DeviceArray<Real>, x: &DeviceArray<f32>) -> Result<(), GpuError> {
-        self.check(&[(y.len(), x.len())])?;
-        launch!(self, "to_real", each(x.len()), y, x, x.len())
     }
 
     /// Converts activations to 32-bit floats.

@@ -59,7 +59,7 @@ pub struct Operand {
     pub is_transposed: bool,
 }
 
-/// `C = factor A B + keep C` for each of `batch` products, where C has `size` rows and columns and A `inner` columns. A and B are
+/// `C = A B`, or `C = A B + C`, for each of `batch` products, where C has `size` rows and columns and A `inner` columns. A and B are
 /// activations or weights as the machine stores activations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Product {
@@ -75,10 +75,8 @@ pub struct Product {
     pub inner: usize,
     /// Number of products.
     pub batch: usize,
-    /// Factor of the product.
-    pub factor: f32,
-    /// Factor of the numbers in C.
-    pub keep: f32,
+    /// Whether the product is added to the numbers in C.
+    pub is_added: bool,
     /// Whether C holds 32-bit floats instead of activations.
     pub is_float: bool,
 }

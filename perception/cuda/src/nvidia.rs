@@ -499,7 +499,8 @@ unsafe impl Machine for Nvidia {
     }
 
     unsafe fn product(&self, product: &Product) -> Result<(), GpuError> {
-        let Product { a, b, c, size: [rows, columns], inner, batch, factor, keep, is_float } = *product;
+        let Product { a, b, c, size: [rows, columns], inner, batch, is_added, is_float } = *product;
+        let (factor, keep) = (1.0_f32, if is_added { 1.0_f32 } else { 0.0 });
         let kind = if self.arithmetic == Arithmetic::Bf16 { Kind::CUDA_R_16BF } else { Kind::CUDA_R_32F };
         let result_kind = if is_float { Kind::CUDA_R_32F } else { kind };
         let compute = match self.arithmetic {

@@ -1,8 +1,9 @@
 //! Networks that turn touch images of a DIGIT into indentation and contact.
 //!
 //! [`network`] describes six architectures and reads their weights; [`Weights::shipped`](network::Weights::shipped) needs no file.
-//! [`engine`] runs them on the CPU, faster than a camera delivers images, or on the [`device`] that the program brings. [`untouched`] finds and subtracts the image of a sensor without
-//! contact, [`contact`] decides which pixels touch, and [`accuracy`] compares predictions with the truth.
+//! [`engine`] runs them on the CPU, faster than a camera delivers images, or on the [`device`] that the program brings. [`untouched`] finds
+//! and subtracts the image of a sensor without contact, [`contact`] decides which pixels touch, and [`accuracy`] compares predictions with
+//! the truth.
 //! The crate `mvt-training` trains them.
 //!
 //! The crate deliberately has no camera driver, no tracking, and no network but these six; it runs no ONNX or PyTorch files.

@@ -201,8 +201,7 @@ impl TouchTrainer {
     /// shape, [`TrainError::Gpu`] if the device fails. The training is unchanged after an error.
     pub fn advance(&mut self, batch: &TrainingBatch) -> Result<TrainingProgress, TrainError> {
         self.queue(batch)?;
-        let progress = self.finish()?.pop();
-        Ok(progress.unwrap_or(TrainingProgress { loss: 0.0, gradient: 0.0, rate: 0.0 }))
+        self.finish()?.pop().ok_or_else(|| TrainError::Gpu("it gave no result of a step".to_owned()))
     }
 
     /// Begins a step. On the CPU it is done at once; on a GPU the call returns while the GPU computes.

@@ -160,15 +160,15 @@ unsafe impl Machine for Emulator {
     }
 
     unsafe fn product(&self, product: &Product) -> Result<(), GpuError> {
-        let &Product { a, b, c, size: [rows, columns], inner, batch, factor, keep, is_float } = product;
+        let &Product { a, b, c, size: [rows, columns], inner, batch, is_added, is_float } = product;
         for k in 0..batch {
             for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
                 // SAFETY: by the caller.
                 unsafe {
                     let terms =
                         (0..inner).map(|i| self.get(a, k, [row, i], false) * self.get(b, k, [i, column], false));
-                    let sum = factor * terms.sum::<f32>();
-                    let kept = if keep == 0.0 { 0.0 } else { keep * self.get(c, k, [row, column], is_float) };
+                    let sum = terms.sum::<f32>();
+                    let kept = if is_added { self.get(c, k, [row, column], is_float) } else { 0.0 };
                     self.set(c, k, [row, column], is_float, sum + kept);
                 }
             }

@@ -105,6 +105,19 @@ static __device__ __forceinline__ float warp_sum(float x) {
     return x;
 }
 
+// Sum over the 256 threads of a block, for thread 0.
+static __device__ __forceinline__ float block_sum(float x) {
+    __shared__ float sums[8];
+    x = warp_sum(x);
+    if (threadIdx.x % 32 == 0)
+        sums[threadIdx.x / 32] = x;
+    __syncthreads();
+    if (threadIdx.x == 0)
+        for (int k = 1; k < 8; k++)
+            x += sums[k];
+    return x;
+}
+
 static __device__ __forceinline__ float warp_max(float x) {
     for (int lanes = 16; lanes > 0; lanes /= 2)
         x = fmaxf(x, __shfl_xor_sync(0xffffffff, x, lanes));

@@ -2,18 +2,11 @@
 
 // Parts of the square of the gradient's length, one per block of 256 threads.
 KERNEL square_parts(float *parts, const float *gradient, unsigned count) {
-    __shared__ float sums[8];
     float sum = 0.0f;
     EACH(i, count) sum += gradient[i] * gradient[i];
-    sum = warp_sum(sum);
-    if (threadIdx.x % 32 == 0)
-        sums[threadIdx.x / 32] = sum;
-    __syncthreads();
-    if (threadIdx.x == 0) {
-        for (int k = 1; k < 8; k++)
-            sum += sums[k];
+    sum = block_sum(sum);
+    if (threadIdx.x == 0)
         parts[blockIdx.x] = sum;
-    }
 }
 
 // Results of a step: its loss and the length of its gradient, from their parts. One thread.

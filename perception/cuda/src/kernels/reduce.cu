@@ -241,7 +241,6 @@ KERNEL touch_loss(
     float *parts, real *slopes, const real *output, const float *indentation_mm, const float *contact, unsigned count,
     float pixels, int penalty, float huber_mm, float contact_weight, float segmentation
 ) {
-    __shared__ float sums[8];
     float sum = 0.0f;
     EACH(i, count) {
         float error = load(output, 2 * i) - indentation_mm[i], logit = load(output, 2 * i + 1), share = contact[i];
@@ -259,13 +258,7 @@ KERNEL touch_loss(
         store(slopes, 2 * i, weight * slope / pixels);
         store(slopes, 2 * i + 1, segmentation * (sigmoid(logit) - share) / pixels);
     }
-    sum = warp_sum(sum);
-    if (threadIdx.x % 32 == 0)
-        sums[threadIdx.x / 32] = sum;
-    __syncthreads();
-    if (threadIdx.x == 0) {
-        for (int k = 1; k < 8; k++)
-            sum += sums[k];
+    sum = block_sum(sum);
+    if (threadIdx.x == 0)
         parts[blockIdx.x] = sum / pixels;
-    }
 }
