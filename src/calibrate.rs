@@ -9,7 +9,7 @@ use mvt_files::input;
 use mvt_gaits::gait;
 use mvt_perceive::PerceptionSetup;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::Placement;
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
@@ -80,8 +80,8 @@ pub fn run(arguments: &CalibrateArguments) -> Result<()> {
     if arguments.json {
         return print_line(&text);
     }
-    calibration.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));
-    print_line(&calibration.to_string())?;
+    calibration.warnings(source.hand()).iter().for_each(|warning| tracing::warn!("{warning}"));
+    print_line(&calibration.described(source.hand()))?;
     match &arguments.out {
         Some(path) => print_line(&format!("next: pass --calibration-file {} to `mambavitact run`", path.display())),
         None => print_line("next: add --out FILE to write it for `mambavitact run --calibration-file FILE`"),
@@ -109,16 +109,16 @@ fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Res
 
 fn simulated(arguments: &CalibrateArguments, config: &RunConfig) -> Result<SimulatedSource> {
     let (_, object) = default_object()?;
-    let side = Side::Left;
+    let hand = Hand::allegro(Side::Left);
     let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
     let settings = SimulatedSettings {
-        side,
         touch: SensorProfile::tacto(),
-        gait: gait::choose("auto", &object)?.1.clone(),
+        gait: gait::choose("auto", &object, &hand)?.1.clone(),
         schedule: Default::default(),
         seed: arguments.seed,
         duration_s: arguments.duration.unwrap_or(SIMULATED_S),
-        cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
+        cameras: placements.iter().map(|placement| placement.camera(&hand)).collect(),
+        hand,
         camera_noise: config.camera_noise,
         perception: config.perception(),
         modality: Modality::Vi,

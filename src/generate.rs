@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, value_parser};
+use mvt_evaluation::manner::Manner;
 use mvt_feelsight::LogFormat;
 use mvt_files::folder::{ClaimedFolder, Earlier, MARK};
 use mvt_frames::camera::PosedCamera;
+use mvt_hands::LoadedHand;
 use mvt_objects::catalogue;
 use mvt_render::touch::TouchConfig;
-use mvt_robot::hand::Side;
-use mvt_robot::rig::Placement;
-use mvt_run::arguments::{Manner, duration};
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_run::arguments::duration;
 use mvt_run::io::{print_line, shell_word};
 use mvt_run::object::load_object;
 use mvt_run::progress;
@@ -83,9 +84,16 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     } else {
         arguments.objects.clone()
     };
+    let rig = arguments.manner.rig()?;
+    if rig.profiles.iter().any(|profile| *profile != SensorProfile::tacto()) {
+        bail!(
+            "{}: logs hold touch images as TACTO draws them; give each pad of the hand file profile = \"tacto\"",
+            arguments.manner.rig
+        );
+    }
     let settings = Settings {
         controller: arguments.manner.controller.clone(),
-        side: arguments.manner.side(),
+        hand: rig.hand.clone(),
         duration_s: arguments.duration,
         noise: arguments.noise.into(),
         touch_config: arguments.touch_config,
@@ -99,7 +107,7 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
             catalogue::check(name)?;
         }
     }
-    let jobs = jobs(arguments, settings.side)?;
+    let jobs = jobs(arguments, &rig)?;
     check_vacant(&arguments.out, arguments.overwrite)?;
     // That the folder contains only logs was just checked, also for data sets of version 0.1.0, which have no mark.
     let _claimed = ClaimedFolder::claim(&arguments.out, "generate", Earlier::Keep, true)?;
@@ -145,15 +153,14 @@ struct Job {
     cameras: Vec<PosedCamera>,
 }
 
-fn jobs(arguments: &GenerateArguments, side: Side) -> Result<Vec<Job>> {
+fn jobs(arguments: &GenerateArguments, rig: &LoadedHand) -> Result<Vec<Job>> {
     if let Some(views) = arguments.occlusion_views {
         // NeuralFeels' loaders look for a camera of this name in every log, whatever its view.
         let view = |camera| PosedCamera { name: "front-left".to_owned(), ..camera };
         let job = |camera| Job { seed: arguments.seed, cameras: vec![view(camera)] };
-        return Ok(mvt_robot::rig::occlusion_rig(views.into(), side).into_iter().map(job).collect());
+        return Ok(mvt_robot::rig::occlusion_rig(views.into(), &rig.hand).into_iter().map(job).collect());
     }
-    let placements = Placement::parse_list(&arguments.cameras)?;
-    let cameras: Vec<PosedCamera> = placements.iter().map(|placement| placement.camera(side)).collect();
+    let cameras = rig.placed(&arguments.cameras)?;
     let job = |k| Job { seed: arguments.seed.wrapping_add(k), cameras: cameras.clone() };
     Ok((0..arguments.logs).map(job).collect())
 }

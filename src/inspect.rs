@@ -9,7 +9,6 @@ use mvt_feelsight::{Log, LogFrame};
 use mvt_mesh::SignedDistance;
 use mvt_objects::distance::MeshDistance;
 use mvt_picture::contact_sheet::{ContactSheet, ContactTimeline, SheetMoment, contact_sheet};
-use mvt_robot::hand::Finger;
 
 use mvt_run::io::{check_named, png, print_line, write_named};
 use mvt_run::object::load_object;
@@ -53,20 +52,23 @@ pub fn run(arguments: &InspectArguments) -> Result<()> {
 /// Number of moments on the picture.
 const MOMENTS: usize = 6;
 
-/// Paints the picture: from each sixth of the log the moment at which most fingers touch.
+/// Paints the picture: from each sixth of the log the moment at which most pads touch.
 fn sheet(log: &Log) -> Result<image::RgbImage> {
     let stretch = log.len().div_ceil(MOMENTS).max(1);
     let mut timeline = ContactTimeline::default();
     let mut moments: Vec<SheetMoment> = Vec::new();
     for (i, frame) in log.frames()?.enumerate() {
         let LogFrame { observation, truth, .. } = frame?;
-        let touches = |finger| truth.as_ref().is_some_and(|t| t.touch[finger].contact.iter().any(|&touches| touches));
-        let contact = Finger::ALL.map(touches);
+        let touches = |pad: usize| {
+            let truth = truth.as_ref().and_then(|truth| truth.touch.get(pad));
+            truth.is_some_and(|truth| truth.contact.iter().any(|&touches| touches))
+        };
+        let contact: Vec<bool> = (0..log.hand().pads().len()).map(touches).collect();
         timeline.times_s.push(observation.time_s);
-        timeline.contact.push(contact);
-        let fingers = |contact: &[bool; 4]| contact.iter().filter(|touches| **touches).count();
+        timeline.contact.push(contact.clone());
+        let pads = |contact: &[bool]| contact.iter().filter(|touches| **touches).count();
         let is_first = i % stretch == 0;
-        if is_first || moments.last().is_some_and(|best| fingers(&best.contact) < fingers(&contact)) {
+        if is_first || moments.last().is_some_and(|best| pads(&best.contact) < pads(&contact)) {
             if !is_first {
                 moments.pop();
             }
@@ -75,8 +77,9 @@ fn sheet(log: &Log) -> Result<image::RgbImage> {
         }
     }
     let subtitle = log.scene().map_or(String::new(), |scene| format!("seed {}, {}", scene.seed, scene.end.reason));
-    let (title, fingers) = (log.object_name().to_owned(), Finger::ALL.map(Finger::name));
-    Ok(contact_sheet(&ContactSheet { title, subtitle, fingers, moments, timeline }))
+    let pads = log.hand().pads().iter().map(|pad| pad.name.clone()).collect();
+    let title = log.object_name().to_owned();
+    Ok(contact_sheet(&ContactSheet { title, subtitle, pads, moments, timeline }))
 }
 
 /// Returns the surface of the object if the log names one (in scene.json) that can be loaded.

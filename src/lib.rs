@@ -70,6 +70,7 @@ enum Command {
     Import(mvt_exchange::command::ImportArguments),
     Simulate(simulate::SimulateArguments),
     Controllers(mvt_evaluation::hand::ControllersArguments),
+    Rigs(mvt_evaluation::rigs::RigsArguments),
     #[command(subcommand)]
     Hand(mvt_evaluation::hand::HandCommand),
     #[command(subcommand)]
@@ -187,6 +188,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Controllers(arguments)) => mvt_evaluation::hand::list(&arguments),
+        Some(Command::Rigs(arguments)) => mvt_evaluation::rigs::list(&arguments),
         Some(Command::Hand(command)) => mvt_evaluation::hand::run(&command),
         Some(Command::Touch(command)) => touch::run(&command),
         Some(Command::Assets(command)) => assets::run(&command),

@@ -6,6 +6,8 @@ mod input;
 
 mod words;
 
+use std::sync::Arc;
+
 use anyhow::{Context as _, Result, bail};
 use clap::{Args as _, Command, FromArgMatches as _};
 use indicatif::ProgressBar;
@@ -46,17 +48,18 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     arguments.device.choose()?;
     // Before the run claims its folder, because it may be built first.
     let window = arguments.view.then(WindowProgram::find).transpose().context("without --view no window is needed")?;
-    let profile = arguments.touch.profile()?;
+    let rig = if arguments.log.is_none() { Some(arguments.manner.rig()?) } else { None };
+    let profile = arguments.touch.profile(rig.as_ref().map_or(&[], |rig| &rig.profiles))?;
     let weights = arguments.touch.weights(&profile)?.filter(|_| arguments.modality.has_touch());
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
-    let RunInput { mut source, side, seed, name, object, supervisor, cameras } =
-        RunInput::new(arguments, &config, &profile, weights.as_ref())?;
+    let RunInput { mut source, seed, name, object, supervisor, cameras } =
+        RunInput::new(arguments, rig, &config, &profile, weights.as_ref())?;
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
-        Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(side))?),
+        Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(source.hand()))?),
         None => None,
     };
     if let Some(file) = arguments.mcap.as_deref().filter(|_| !arguments.overwrite) {
@@ -73,7 +76,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         seed,
         mode: Some(arguments.mode),
         modality: arguments.modality,
-        side,
+        hand: Arc::clone(source.hand()),
         touch_fov_y_deg: profile.fov_y_deg,
         touch_bulge_mm: profile.bulge_mm,
         cameras,
@@ -99,7 +102,6 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
             map,
         }],
         meshing: Meshing { cell_m: (config.mesh_cell_mm * 1e-3) as f32, every: Some(config.score_every) },
-        side,
         object: object.as_ref(),
         truth: truth.as_ref(),
         supervisor,
@@ -128,7 +130,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         map.save(&arguments.out)?;
     }
     if let Some(calibration) = &summary.calibration {
-        calibration.warnings().iter().for_each(|warning| tracing::warn!("{warning}"));
+        calibration.warnings(source.hand()).iter().for_each(|warning| tracing::warn!("{warning}"));
     }
     if arguments.json {
         print_line(&serde_json::to_string_pretty(&summary)?)?;

@@ -2,11 +2,11 @@
 
 use anyhow::Result;
 use clap::Args;
+use mvt_evaluation::manner::Subject;
 use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeOutcome, Randomisation};
-use mvt_robot::hand::{Finger, Side};
-use mvt_run::arguments::Subject;
+use mvt_robot::hand::{Hand, Side};
 use mvt_run::io::print_line;
 use serde::Serialize;
 
@@ -42,9 +42,10 @@ struct Report<'a> {
 
 /// Runs the command.
 pub fn run(arguments: &SimulateArguments) -> Result<()> {
-    let (object, controller) = arguments.subject.load()?;
+    let rig = arguments.subject.manner.rig()?;
+    let (object, controller) = arguments.subject.load(&rig)?;
     let config = EpisodeConfig {
-        side: arguments.subject.side(),
+        hand: rig.hand,
         gait: controller.gait,
         seed: arguments.seed,
         duration_s: arguments.duration,
@@ -54,12 +55,16 @@ pub fn run(arguments: &SimulateArguments) -> Result<()> {
     episode.follow(controller.schedule);
     episode.rehearse(PlaceErrors::default(), arguments.seed);
     let outcome = episode::run(&mut episode);
-    let side = config.side;
+    let side = config.hand.side();
     let report = Report { object: &object.name, gait: &controller.name, side, seed: arguments.seed, outcome };
-    if arguments.json { print_line(&serde_json::to_string(&report)?) } else { print_line(&in_words(&report)) }
+    if arguments.json {
+        print_line(&serde_json::to_string(&report)?)
+    } else {
+        print_line(&in_words(&report, &config.hand))
+    }
 }
 
-fn in_words(report: &Report<'_>) -> String {
+fn in_words(report: &Report<'_>, hand: &Hand) -> String {
     let EpisodeOutcome { survived_s, turned_rad, turn_rate_rad_s, .. } = report.outcome;
     let ended = match &report.outcome.end {
         End::Completed => "stayed in the hand".to_owned(),
@@ -67,9 +72,11 @@ fn in_words(report: &Report<'_>) -> String {
         End::Stopped => "was stopped".to_owned(),
         End::Unstable(reason) => reason.clone(),
     };
-    let pads: Vec<String> = Finger::ALL
+    let pads: Vec<String> = hand
+        .pads()
         .iter()
-        .map(|&f| format!("{} {:.0} %", f.name(), 100.0 * report.outcome.per_pad_contact[f]))
+        .zip(&report.outcome.per_pad_contact)
+        .map(|(pad, contact)| format!("{} {:.0} %", pad.name, 100.0 * contact))
         .collect();
     let air = report.outcome.in_air.map_or(String::new(), |air| format!("\n{air}"));
     format!(

@@ -83,7 +83,7 @@ fn images_and_shapes_of_version_1_are_read() {
     assert_eq!(camera.depth_m.iter().filter(|&&depth_m| depth_m > 0.0).count(), 17_429);
     let sum: f64 = camera.depth_m.iter().map(|&depth_m| f64::from(depth_m)).sum();
     near(&[sum], &[5623.6572], 1e-3);
-    assert!(images.touch.iter().all(|(_, finger)| finger.is_some()));
+    assert!(images.touch.iter().all(Option::is_some));
 
     let truth = recording.true_mesh().unwrap();
     assert_eq!((truth.vertices.len(), truth.faces.len()), (7778, 15_552));

@@ -39,7 +39,7 @@ _Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 class Camera:
     def __new__(cls, name: str, width: int, height: int, intrinsics: ArrayLike, pose: ArrayLike) -> Camera: ...
     @staticmethod
-    def placed(places: str, side: str = "left") -> list[Camera]: ...
+    def placed(places: str, side: str | None = None, rig: str = "allegro_digit") -> list[Camera]: ...
     @property
     def name(self) -> str: ...
     @property
@@ -93,7 +93,8 @@ class Episode:
         object: str,
         *,
         seed: int = 0,
-        side: str = "left",
+        rig: str = "allegro_digit",
+        side: str | None = None,
         gait: str = "auto",
         duration_s: float = 30.0,
         cameras: str = "front-left",
@@ -190,7 +191,8 @@ class Slam:
         cls,
         cameras: Sequence[Camera],
         *,
-        side: str = "left",
+        rig: str = "allegro_digit",
+        side: str | None = None,
         seed: int = 0,
         modality: str = "vitac",
         network: TouchNetwork | None = None,
@@ -237,7 +239,8 @@ def record_log(
     object: str,
     *,
     seed: int = 0,
-    side: str = "left",
+    rig: str = "allegro_digit",
+    side: str | None = None,
     gait: str = "auto",
     duration_s: float = 30.0,
     cameras: str = "front-left",
@@ -298,7 +301,7 @@ def score_poses(
     poses: ArrayLike, true_poses: ArrayLike, truth: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
-def segment(camera: Camera, depth_m: ArrayLike, joints: ArrayLike, side: str = "left") -> NDArray[np.uint8]: ...
+def segment(camera: Camera, depth_m: ArrayLike, joints: ArrayLike, side: str | None = None, rig: str = "allegro_digit") -> NDArray[np.uint8]: ...
 
 @final
 class Environments:
@@ -309,13 +312,16 @@ class Environments:
         count: int,
         senses: Sequence[str],
         *,
-        side: str,
+        rig: str,
+        side: str | None,
         control_hz: int,
         duration_s: float,
         cameras: str,
         randomise: bool,
         autoreset: bool,
     ) -> Environments: ...
+    @property
+    def joints(self) -> int: ...
     @property
     def spaces(self) -> list[tuple[str, list[int], str, float, float]]: ...
     def reset(self, seeds: Sequence[int]) -> list[NDArray[Any]]: ...

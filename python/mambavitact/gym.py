@@ -25,7 +25,6 @@ from .errors import ArgumentError
 __all__ = ["TurnInHandEnv", "TurnInHandVectorEnv"]
 
 _ID = "mambavitact/TurnInHand-v0"
-_JOINTS = 16
 _PICTURES_PER_SECOND = 25
 
 Observation = Any
@@ -37,7 +36,8 @@ def _make(
     autoreset: bool,
     object: str,
     observation: str | Sequence[str],
-    side: str,
+    rig: str,
+    side: str | None,
     control_hz: int,
     duration_s: float,
     cameras: str,
@@ -48,6 +48,7 @@ def _make(
         object,
         count,
         names,
+        rig=rig,
         side=side,
         control_hz=control_hz,
         duration_s=duration_s,
@@ -65,8 +66,8 @@ def _observation_space(environments: Environments, observation: str | Sequence[s
     return boxes[observation] if isinstance(observation, str) else spaces.Dict(boxes)
 
 
-def _action_space() -> spaces.Box:
-    return spaces.Box(-1.0, 1.0, (_JOINTS,), np.float32)
+def _action_space(environments: Environments) -> spaces.Box:
+    return spaces.Box(-1.0, 1.0, (environments.joints,), np.float32)
 
 
 def _actions(actions: Any) -> Any:
@@ -80,13 +81,13 @@ def _actions(actions: Any) -> Any:
 class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """The hand turns an object about the palm's normal.
 
-    Action: float32 (16,) from -1 to 1, the change of each joint's target by up to 1/24 rad, `control_hz` times a second.
+    Action: float32, one number per joint (16 of an Allegro) from -1 to 1, the change of each joint's target by up to 1/24 rad, `control_hz` times a second.
 
     Observation, by `observation`, a name or a sequence of names (then a dictionary):
 
-    - `proprioception`: float32 (96,): angles and targets of the last three instants, -1 to 1 over each joint's range
-    - `touch_depth`: float32 (4, 320, 240): true indentation of each DIGIT, millimetres
-    - `touch_images`: uint8 (4, 320, 240, 3): image of each DIGIT
+    - `proprioception`: float32 (96,) of an Allegro: angles and targets of the last three instants, -1 to 1 over each joint's range
+    - `touch_depth`: float32 (4, 320, 240) of an Allegro: true indentation on each pad, millimetres
+    - `touch_images`: uint8 (4, 320, 240, 3) of an Allegro: image of each touch sensor
     - `cameras`: uint8 (cameras, 480, 640, 3): colours of each camera
     - `estimate`: float32 (11,): position (m, from the palm's centre) and first two columns of the rotation of the object
       by the SLAM that runs inside, its confidence, and 1 while it trusts the pose
@@ -97,8 +98,8 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     time `time_s` and the angle `turned_rad`. An episode is terminated when the object falls off the hand and truncated
     after `duration_s`. `reset(seed=n)` plays the start that `mambavitact simulate --seed n` plays.
 
-    Parameters: `object` is a name that `mambavitact assets list` shows, `random:SEED` or the path of a mesh; `side` is
-    left or right; `control_hz` divides 300; `cameras` are places such as "front-left,top-down"; `randomise` draws start
+    Parameters: `object` is a name that `mambavitact assets list` shows, `random:SEED` or the path of a mesh; `rig`
+    is a name that `mambavitact rigs` lists or the path of a hand file; `side`, left or right, is that of the Allegro; `control_hz` divides 300; `cameras` are places such as "front-left,top-down"; `randomise` draws start
     and physics. `render_mode` is rgb_array (480 x 640 pixels) or human, which needs pygame.
     """
 
@@ -109,7 +110,8 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         *,
         object: str = "cube70",
         observation: str | Sequence[str] = "proprioception",
-        side: str = "left",
+        rig: str = "allegro_digit",
+        side: str | None = None,
         control_hz: int = 25,
         duration_s: float = 20.0,
         cameras: str = "front-left",
@@ -119,11 +121,11 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ArgumentError(f"render_mode: expected rgb_array, human or None, got {render_mode!r}")
         self._environments = _make(
-            1, False, object, observation, side, control_hz, duration_s, cameras, randomise
+            1, False, object, observation, rig, side, control_hz, duration_s, cameras, randomise
         )
         self._is_single = isinstance(observation, str)
         self.observation_space = _observation_space(self._environments, observation)
-        self.action_space: spaces.Space[Any] = _action_space()
+        self.action_space: spaces.Space[Any] = _action_space(self._environments)
         self.render_mode = render_mode
         self._screen: Any = None
 
@@ -195,7 +197,7 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 class TurnInHandVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     """Many environments like `TurnInHandEnv`, stepped by Rust on all cores, without further processes.
 
-    Actions are float32 (num_envs, 16). The parts of the reward stand in `infos` as arrays. The step after the end of an
+    Actions are float32 (num_envs, joints). The parts of the reward stand in `infos` as arrays. The step after the end of an
     episode starts the next one and ignores its action (`AutoresetMode.NEXT_STEP`). With `reset(seed=n)`, environment k
     starts with seed n + k. Results do not depend on the number of cores.
     """
@@ -212,7 +214,8 @@ class TurnInHandVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         *,
         object: str = "cube70",
         observation: str | Sequence[str] = "proprioception",
-        side: str = "left",
+        rig: str = "allegro_digit",
+        side: str | None = None,
         control_hz: int = 25,
         duration_s: float = 20.0,
         cameras: str = "front-left",
@@ -222,14 +225,14 @@ class TurnInHandVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         if render_mode not in (None, "rgb_array"):
             raise ArgumentError(f"render_mode: expected rgb_array or None, got {render_mode!r}")
         self._environments = _make(
-            num_envs, True, object, observation, side, control_hz, duration_s, cameras, randomise
+            num_envs, True, object, observation, rig, side, control_hz, duration_s, cameras, randomise
         )
         self._is_single = isinstance(observation, str)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.single_observation_space = _observation_space(self._environments, observation)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.single_action_space = _action_space()
+        self.single_action_space = _action_space(self._environments)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
     def _observations(self, arrays: list[NDArray[Any]]) -> Observation:

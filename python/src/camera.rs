@@ -1,13 +1,13 @@
 //! Cameras around the hand.
 
 use mvt_frames::camera::{Intrinsics, PosedCamera};
+use mvt_hands::LoadedHand;
 use mvt_robot::hand::Side;
-use mvt_robot::rig::Placement;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
 use crate::arrays::{matrix, motion, numbers, shaped};
-use crate::errors::{Kind, argument};
+use crate::errors::{Kind, argument, detached, warn};
 
 /// Pinhole camera. `intrinsics` is 3 x 3, in pixels; `pose` is 4 x 4 and takes the camera's coordinates (OpenGL axes, metres) to the
 /// world.
@@ -44,9 +44,9 @@ impl Camera {
     /// Returns the cameras of a comma-separated list of places: front-left, back-right, top-down, side, or azimuth/elevation in degrees,
     /// such as 330/35.
     #[staticmethod]
-    #[pyo3(signature = (places, side = "left"))]
-    fn placed(places: &str, side: &str) -> PyResult<Vec<Self>> {
-        Ok(around(places, read_side(side)?)?.into_iter().map(Self).collect())
+    #[pyo3(signature = (places, side = None, rig = "allegro_digit"))]
+    fn placed(py: Python<'_>, places: &str, side: Option<&str>, rig: &str) -> PyResult<Vec<Self>> {
+        Ok(around(places, &read_rig(py, rig, side)?)?.into_iter().map(Self).collect())
     }
 
     /// Name, also of the folder in a log.
@@ -81,28 +81,25 @@ impl Camera {
     }
 }
 
-/// Returns the cameras of a list of places; none for an empty list.
-pub fn around(places: &str, side: Side) -> PyResult<Vec<PosedCamera>> {
+/// Returns the cameras of a list of places or names of the rig; none for an empty list.
+pub fn around(places: &str, rig: &LoadedHand) -> PyResult<Vec<PosedCamera>> {
     if places.is_empty() {
         return Ok(Vec::new());
     }
-    let places = Placement::parse_list(places).map_err(argument)?;
-    Ok(places.iter().map(|place| place.camera(side)).collect())
+    Ok(rig.placed(places).map_err(argument)?)
 }
 
-/// Reads `left` or `right`.
-pub fn read_side(side: &str) -> PyResult<Side> {
-    match side {
-        "left" => Ok(Side::Left),
-        "right" => Ok(Side::Right),
-        other => Err(Kind::Argument.error(format!("side: expected left or right, got {other:?}")).into()),
-    }
-}
-
-/// Returns the name that [`read_side`] reads.
-pub fn side_name(side: Side) -> &'static str {
-    match side {
-        Side::Left => "left",
-        Side::Right => "right",
-    }
+/// Loads a rig by its name or file. `side`, left or right, chooses the side of the built-in hand.
+pub fn read_rig(py: Python<'_>, rig: &str, side: Option<&str>) -> PyResult<LoadedHand> {
+    let side = match side {
+        None => None,
+        Some("left") => Some(Side::Left),
+        Some("right") => Some(Side::Right),
+        Some(other) => {
+            return Err(Kind::Argument.error(format!("side: expected left or right, got {other:?}")).into());
+        }
+    };
+    let mut loaded = detached(py, || LoadedHand::rig(rig, side).map_err(argument))?;
+    warn(py, std::mem::take(&mut loaded.warnings))?;
+    Ok(loaded)
 }

@@ -4,13 +4,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mvt_environment::{Environments as Many, Readings, Reward, Scene, Sense, TurnSettings};
 use mvt_physics::episode::Randomisation;
-use mvt_robot::hand::JOINTS;
 use mvt_run::object::load_object;
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::arrays::{line, pixels, shaped, singles};
-use crate::camera::{around, read_side};
+use crate::camera::{around, read_rig};
 use crate::errors::{Kind, argument, detached, general, warn};
 
 /// Environments that step together on all cores: the base of the classes of `mambavitact.gym`.
@@ -18,6 +17,8 @@ use crate::errors::{Kind, argument, detached, general, warn};
 pub struct Environments {
     senses: Vec<(Sense, Vec<usize>)>,
     count: usize,
+    /// Joints of the hand.
+    joints: usize,
     environments: Mutex<Many>,
 }
 
@@ -57,31 +58,34 @@ impl Environments {
 #[pymethods]
 impl Environments {
     #[new]
-    #[pyo3(signature = (object, count, senses, *, side, control_hz, duration_s, cameras, randomise, autoreset))]
+    #[pyo3(signature = (object, count, senses, *, rig, side, control_hz, duration_s, cameras, randomise, autoreset))]
     fn new(
         py: Python<'_>,
         object: &str,
         count: usize,
         senses: Vec<String>,
-        side: &str,
+        rig: &str,
+        side: Option<&str>,
         control_hz: u32,
         duration_s: f64,
         cameras: &str,
         randomise: bool,
         autoreset: bool,
     ) -> PyResult<Self> {
-        let side = read_side(side)?;
-        let cameras = around(cameras, side)?;
+        let rig = read_rig(py, rig, side)?;
+        let cameras = around(cameras, &rig)?;
+        let hand = rig.hand;
         let senses =
             senses.iter().map(|name| name.parse::<Sense>().map_err(argument)).collect::<Result<Vec<_>, _>>()?;
         let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
-        let settings = TurnSettings { side, control_hz, duration_s, randomisation, senses: senses.clone(), cameras };
+        let settings = TurnSettings { hand, control_hz, duration_s, randomisation, senses: senses.clone(), cameras };
+        let joints = settings.hand.joints().len();
         detached(py, || {
             let object = load_object(object).map_err(argument)?;
             let scene = Arc::new(Scene::new(object, settings).map_err(argument)?);
             let senses = senses.iter().map(|&sense| (sense, scene.shape(sense))).collect();
             let environments = Many::new(scene, count, autoreset).map_err(argument)?;
-            Ok(Self { senses, count, environments: Mutex::new(environments) })
+            Ok(Self { senses, count, joints, environments: Mutex::new(environments) })
         })
     }
 
@@ -89,6 +93,12 @@ impl Environments {
     #[classattr]
     fn reward_names() -> Vec<&'static str> {
         Reward::NAMES.to_vec()
+    }
+
+    /// Number of joints of the hand.
+    #[getter]
+    fn joints(&self) -> usize {
+        self.joints
     }
 
     /// Name, shape, dtype, least and greatest value of each observation.
@@ -108,10 +118,10 @@ impl Environments {
         Ok(self.arrays(py, observations))
     }
 
-    /// Steps all environments with actions (count, 16). Returns observations, rewards, terminated, truncated, parts of the rewards, and time (s)
+    /// Steps all environments with actions (count, J), one for each joint. Returns observations, rewards, terminated, truncated, parts of the rewards, and time (s)
     /// with angle turned (rad).
     fn step<'py>(&self, py: Python<'py>, actions: &Bound<'_, PyAny>) -> PyResult<StepOutcome<'py>> {
-        let actions = singles(actions, "actions", &[Some(self.count), Some(JOINTS)])?;
+        let actions = singles(actions, "actions", &[Some(self.count), Some(self.joints)])?;
         let actions: Vec<f32> = actions.into_iter().collect();
         let outcome = detached(py, || self.environments().step(&actions).map_err(general))?;
         self.warn(py)?;
@@ -137,10 +147,10 @@ impl Environments {
         Ok(pixels(py, picture))
     }
 
-    /// Steps with actions (steps, count, 16) without Python between the steps, and returns the seconds that it took: a measure of what Python
+    /// Steps with actions (steps, count, J) without Python between the steps, and returns the seconds that it took: a measure of what Python
     /// costs.
     fn time_steps(&self, py: Python<'_>, actions: &Bound<'_, PyAny>) -> PyResult<f64> {
-        let actions = singles(actions, "actions", &[None, Some(self.count), Some(JOINTS)])?;
+        let actions = singles(actions, "actions", &[None, Some(self.count), Some(self.joints)])?;
         let (steps, actions): (usize, Vec<f32>) = (actions.shape()[0], actions.into_iter().collect());
         detached(py, || {
             let begun = std::time::Instant::now();

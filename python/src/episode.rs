@@ -1,6 +1,6 @@
 //! Episodes of the simulator.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::PHYSICS_HZ;
@@ -10,14 +10,14 @@ use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode as Simulated, EpisodeConfig, EpisodeSnapshot, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
-use mvt_robot::hand::{Finger, JointAngles, PerFinger};
+use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_run::object::load_object;
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::arrays::{line, matrix, shaped};
-use crate::camera::{Camera, around, read_side, side_name};
-use crate::errors::{Failure, argument, check_camera_noise, check_duration, detached, general};
+use crate::camera::{Camera, around, read_rig};
+use crate::errors::{Failure, Kind, argument, check_camera_noise, check_duration, detached, general};
 use crate::frame::{Frame, read_joints};
 
 /// State of an episode, which `Episode.restore` takes.
@@ -68,14 +68,14 @@ impl Episode {
     }
 
     fn observer(&self, seed: u64) -> Result<Observer, Failure> {
-        let touch = |finger: Finger| TouchOptions {
-            background: Background::Synthetic { seed: finger as u64 },
+        let touch = |pad: usize| TouchOptions {
+            background: Background::Synthetic { seed: pad as u64 },
             ..TouchOptions::new(TouchConfig::Fork)
         };
         let options = ObserverOptions {
-            side: self.config.side,
+            hand: Arc::clone(&self.config.hand),
             cameras: self.cameras.clone(),
-            touch: PerFinger::from_fn(touch),
+            touch: self.config.hand.per_pad(touch),
             touch_noise: self.touch_noise,
             camera_depth_noise: (self.camera_noise > 0.0).then_some(self.camera_noise),
             seed,
@@ -87,12 +87,13 @@ impl Episode {
 #[pymethods]
 impl Episode {
     #[new]
-    #[pyo3(signature = (object, *, seed = 0, side = "left", gait = "auto", duration_s = 30.0, cameras = "front-left", randomise = true, touch_noise = true, camera_noise = 5.0))]
+    #[pyo3(signature = (object, *, seed = 0, rig = "allegro_digit", side = None, gait = "auto", duration_s = 30.0, cameras = "front-left", randomise = true, touch_noise = true, camera_noise = 5.0))]
     fn new(
         py: Python<'_>,
         object: &str,
         seed: u64,
-        side: &str,
+        rig: &str,
+        side: Option<&str>,
         gait: &str,
         duration_s: f64,
         cameras: &str,
@@ -100,15 +101,16 @@ impl Episode {
         touch_noise: bool,
         camera_noise: f64,
     ) -> PyResult<Self> {
-        let side = read_side(side)?;
-        let cameras = around(cameras, side)?;
+        let rig = read_rig(py, rig, side)?;
+        let cameras = around(cameras, &rig)?;
+        let hand = rig.hand;
         check_duration(duration_s)?;
         check_camera_noise(camera_noise)?;
         detached(py, || {
             let object = load_object(object).map_err(argument)?;
-            let (gait_name, gait) = gait::choose(gait, &object).map_err(argument)?;
+            let (gait_name, gait) = gait::choose(gait, &object, &hand).map_err(argument)?;
             let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
-            let config = EpisodeConfig { side, gait: gait.clone(), seed, duration_s, randomisation };
+            let config = EpisodeConfig { hand, gait: gait.clone(), seed, duration_s, randomisation };
             let running = Mutex::new(Running::new(&object, &config)?);
             Ok(Self { object, config, gait_name, cameras, touch_noise, camera_noise, running })
         })
@@ -126,10 +128,14 @@ impl Episode {
     }
 
     /// Simulates `steps` steps of 1/300 s, fewer if the episode ends, and returns whether it goes on. The joints aim at `targets`,
-    /// 16 angles in radians; without them the gait plays, with a command every 12 steps.
+    /// one angle in radians per joint; without them the gait plays, with a command every 12 steps.
     #[pyo3(signature = (targets = None, steps = 12))]
     fn step(&self, py: Python<'_>, targets: Option<&Bound<'_, PyAny>>, steps: u32) -> PyResult<bool> {
         let targets = targets.map(|targets| read_joints(targets, "targets")).transpose()?;
+        let expected = self.config.hand.joints().len();
+        if let Some(found) = targets.as_ref().map(Vec::len).filter(|found| *found != expected) {
+            return Err(Kind::Argument.error(format!("targets: the hand has {expected} joints, got {found}")).into());
+        }
         /// Steps between two looks for Ctrl-C: about a tenth of a second.
         const AT_ONCE: u32 = 3000;
         let mut left = steps;
@@ -138,7 +144,7 @@ impl Episode {
             left -= now;
             let goes_on = detached(py, || {
                 let mut running = self.running();
-                running.episode.advance(now, targets.as_ref());
+                running.episode.advance(now, targets.as_deref());
                 Ok(running.episode.end().is_none())
             })?;
             if left == 0 || !goes_on {
@@ -162,7 +168,7 @@ impl Episode {
         })
     }
 
-    /// Returns the image of each DIGIT that touches nothing, without noise: uint8 (4, 320, 240, 3).
+    /// Returns the image of each touch sensor that touches nothing, without noise: uint8 (P, 320, 240, 3).
     fn untouched<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
         let images = detached(py, || {
             let mut running = self.running();
@@ -173,9 +179,8 @@ impl Episode {
             };
             Ok(observer.untouched_images())
         })?;
-        let [height, width] = [images.0[0].height() as usize, images.0[0].width() as usize];
-        let pixels = images.0.each_ref().map(|image| image.as_raw().as_slice()).concat();
-        Ok(shaped(py, pixels, &[4, height, width, 3]))
+        let pixels: Vec<&[u8]> = images.iter().map(|image| image.as_raw().as_slice()).collect();
+        Ok(shaped(py, pixels.concat(), &[images.len(), HEIGHT, WIDTH, 3]))
     }
 
     /// Returns the state.
@@ -203,7 +208,7 @@ impl Episode {
     /// Hand: left or right.
     #[getter]
     fn side(&self) -> &'static str {
-        side_name(self.config.side)
+        self.config.hand.side().name()
     }
 
     /// Name of the gait.
@@ -253,22 +258,22 @@ impl Episode {
         })
     }
 
-    /// Joint angles, radians: float64 (16,).
+    /// Joint angles, radians: float64, one per joint.
     #[getter]
     fn joints<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        joints(py, self.running().episode.simulation().joints())
+        joints(py, &self.running().episode.simulation().joints())
     }
 
-    /// Joint velocities, rad/s: float64 (16,).
+    /// Joint velocities, rad/s: float64, one per joint.
     #[getter]
     fn joint_velocities<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        joints(py, self.running().episode.simulation().joint_velocities())
+        joints(py, &self.running().episode.simulation().joint_velocities())
     }
 
-    /// Angles at which the joints aim, radians: float64 (16,).
+    /// Angles at which the joints aim, radians: float64, one per joint.
     #[getter]
     fn joint_targets<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        joints(py, *self.running().episode.target())
+        joints(py, self.running().episode.target())
     }
 
     /// True pose of the object in the world: float64 (4, 4).
@@ -286,10 +291,10 @@ impl Episode {
         line(py, linear.iter().chain(angular.iter()).copied().collect())
     }
 
-    /// Normal force between object and each gel, newtons: float64 (4,).
+    /// Normal force between object and each gel, newtons: float64, one per pad.
     #[getter]
     fn pad_forces<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        line(py, self.running().episode.simulation().contacts().0.map(|pad| pad.force_n).to_vec())
+        line(py, self.running().episode.simulation().contacts().iter().map(|pad| pad.force_n).collect())
     }
 
     /// Steps of the physics per second.
@@ -299,6 +304,6 @@ impl Episode {
     }
 }
 
-fn joints(py: Python<'_>, angles: JointAngles) -> Bound<'_, PyArray1<f64>> {
+fn joints<'py>(py: Python<'py>, angles: &[f64]) -> Bound<'py, PyArray1<f64>> {
     line(py, angles.to_vec())
 }

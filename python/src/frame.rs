@@ -5,7 +5,7 @@ use mvt_frames::{Isometry, Object, World};
 use mvt_perceive::true_press;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::{HEIGHT, WIDTH};
-use mvt_robot::hand::{Finger, JOINTS, JointAngles, PerFinger};
+use mvt_robot::hand::{JointAngles, PerPad};
 use mvt_robot::observation::{GroundTruth, Observation, Press, Rgbd};
 use mvt_run::source::Modality;
 use ndarray::{Array2, ArrayD, Axis, Ix2};
@@ -17,8 +17,9 @@ use crate::errors::Kind;
 
 /// Sensor data of one instant, and the truth where it is known.
 ///
-/// `joints` are 16 angles in radians, `depth_m` one image per camera (metres along the optical axis, 0 where nothing was measured),
-/// `touch_images` (4, 320, 240, 3), `indentation_mm` and `contact` (4, 320, 240). Without touch images or indentation the fingers deliver
+/// `joints` are the angles of the hand's joints in radians (16 of an Allegro), `depth_m` one image per camera (metres along the optical axis, 0 where nothing was measured),
+/// `touch_images` (P, 320, 240, 3), `indentation_mm` and `contact` (P, 320, 240) for the P pads of the hand (4 of an Allegro). Without touch images or
+/// indentation the pads deliver
 /// nothing.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Frame {
@@ -26,10 +27,10 @@ pub struct Frame {
     pub joints: JointAngles,
     pub colours: Vec<RgbImage>,
     pub depths_m: Vec<Array2<f32>>,
-    /// Images of the DIGITs; `None` without touch images.
-    pub touch: Option<PerFinger<RgbImage>>,
-    /// True press of each DIGIT, where it is known.
-    pub presses: PerFinger<Option<Press>>,
+    /// Images of the touch sensors; `None` without touch images.
+    pub touch: Option<PerPad<RgbImage>>,
+    /// True press on each touch sensor, where it is known.
+    pub presses: PerPad<Option<Press>>,
     pub object_pose: Option<Isometry<Object, World>>,
     /// Time and joint readings of the next frame, where a log knows them.
     pub next_joints: Option<(f64, JointAngles)>,
@@ -43,9 +44,7 @@ impl Frame {
     pub fn observed(observation: Observation, truth: Option<GroundTruth>) -> Self {
         let Observation { time_s, joints, touch, cameras } = observation;
         let (colours, depths_m) = cameras.into_iter().map(|rgbd| (rgbd.color, rgbd.depth_m)).unzip();
-        let presses = truth
-            .as_ref()
-            .map(|truth| PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, GelView::tacto()))));
+        let presses = truth.as_ref().map(|truth| truth.touch.map(|truth| true_press(truth, GelView::tacto())));
         let object_pose = truth.map(|truth| truth.object_pose);
         Self {
             time_s,
@@ -80,26 +79,29 @@ impl Frame {
         let depths_m = depth_m.iter().enumerate().map(|(k, depth)| plane(depth, &format!("depth_m[{k}]"), [None; 2]));
         let colours = color.iter().enumerate().map(|(k, color)| image(color, &format!("color[{k}]"), [None; 2]));
         let touch = match touch_images {
-            Some(value) => {
-                let mut images = images(value, "touch_images", Some(4), [HEIGHT, WIDTH])?.into_iter();
-                Some(PerFinger::from_fn(|_| images.next().unwrap_or_default()))
-            }
+            Some(value) => Some(PerPad(images(value, "touch_images", None, [HEIGHT, WIDTH])?)),
             None => None,
         };
-        let size = [Some(4), Some(HEIGHT), Some(WIDTH)];
+        let size = [None, Some(HEIGHT), Some(WIDTH)];
         let presses = match (indentation_mm, contact) {
             (Some(indentation), Some(contact)) => {
                 let indentation = singles(indentation, "indentation_mm", &size)?;
                 let contact = truths(contact, "contact", &size)?;
-                PerFinger::from_fn(|finger| {
+                let [pads, others] = [indentation.shape(), contact.shape()].map(|shape| shape.first().copied());
+                if pads != others {
+                    return Err(Kind::Argument
+                        .error("indentation_mm and contact have different numbers of pads")
+                        .into());
+                }
+                PerPad::from_fn(pads.unwrap_or(0), |pad| {
                     Some(Press {
-                        indentation_mm: slice(&indentation, finger)?,
-                        contact: slice(&contact, finger)?,
+                        indentation_mm: slice(&indentation, pad)?,
+                        contact: slice(&contact, pad)?,
                         sigma_mm: SIGMA_MM,
                     })
                 })
             }
-            (None, None) => PerFinger::default(),
+            (None, None) => PerPad::default(),
             _ => return Err(Kind::Argument.error("give both indentation_mm and contact, or none of them").into()),
         };
         Ok(Self {
@@ -120,7 +122,7 @@ impl Frame {
         self.time_s
     }
 
-    /// Joint angles, radians: float64 (16,).
+    /// Joint angles, radians: float64, one per joint.
     #[getter]
     fn joints<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         line(py, self.joints.to_vec())
@@ -138,25 +140,27 @@ impl Frame {
         self.depths_m.iter().map(|depth| depth.clone().into_pyarray(py)).collect()
     }
 
-    /// Images of the DIGITs: uint8 (4, 320, 240, 3), or None.
+    /// Images of the touch sensors: uint8 (P, 320, 240, 3), or None.
     #[getter]
     fn touch_images<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<u8>>> {
-        let images = self.touch.as_ref().filter(|touch| touch.0.iter().all(|image| !image.is_empty()))?;
-        Some(shaped(py, images.0.each_ref().map(|image| image.as_raw().as_slice()).concat(), &[4, HEIGHT, WIDTH, 3]))
+        let images =
+            self.touch.as_ref().filter(|touch| !touch.is_empty() && touch.iter().all(|image| !image.is_empty()))?;
+        let values: Vec<&[u8]> = images.iter().map(|image| image.as_raw().as_slice()).collect();
+        Some(shaped(py, values.concat(), &[images.len(), HEIGHT, WIDTH, 3]))
     }
 
-    /// True indentation of the gels, millimetres: float32 (4, 320, 240), or None.
+    /// True indentation of the gels, millimetres: float32 (P, 320, 240), or None.
     #[getter]
     fn indentation_mm<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<f32>>> {
         let values = self.of_presses(|press| press.indentation_mm.iter().copied())?;
-        Some(shaped(py, values, &[4, HEIGHT, WIDTH]))
+        Some(shaped(py, values, &[self.presses.len(), HEIGHT, WIDTH]))
     }
 
-    /// Where the object truly lies on the gels: bool (4, 320, 240), or None.
+    /// Where the object truly lies on the gels: bool (P, 320, 240), or None.
     #[getter]
     fn contact<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<bool>>> {
         let values = self.of_presses(|press| press.contact.iter().copied())?;
-        Some(shaped(py, values, &[4, HEIGHT, WIDTH]))
+        Some(shaped(py, values, &[self.presses.len(), HEIGHT, WIDTH]))
     }
 
     /// True pose of the object in the world: float64 (4, 4), or None.
@@ -176,25 +180,24 @@ impl Frame {
         };
         Observation {
             time_s: self.time_s,
-            joints: self.joints,
+            joints: self.joints.clone(),
             touch: self.touch.clone().unwrap_or_default(),
             cameras: depths_m.enumerate().map(camera).collect(),
         }
     }
 
-    /// Returns values of all presses; `None` if one is unknown.
+    /// Returns values of all presses; `None` if there are none or one is unknown.
     fn of_presses<'a, T, I: Iterator<Item = T>>(&'a self, values: fn(&'a Press) -> I) -> Option<Vec<T>> {
-        let presses: Option<Vec<&Press>> = self.presses.0.iter().map(Option::as_ref).collect();
-        Some(presses?.into_iter().flat_map(values).collect())
+        let presses: Option<Vec<&Press>> = self.presses.iter().map(Option::as_ref).collect();
+        Some(presses.filter(|presses| !presses.is_empty())?.into_iter().flat_map(values).collect())
     }
 }
 
-fn slice<T: Clone>(array: &ArrayD<T>, finger: Finger) -> Option<Array2<T>> {
-    array.index_axis(Axis(0), finger as usize).to_owned().into_dimensionality::<Ix2>().ok()
+fn slice<T: Clone>(array: &ArrayD<T>, pad: usize) -> Option<Array2<T>> {
+    array.index_axis(Axis(0), pad).to_owned().into_dimensionality::<Ix2>().ok()
 }
 
-/// Reads 16 joint angles.
+/// Reads joint angles, any number of them.
 pub fn read_joints(value: &Bound<'_, PyAny>, name: &str) -> PyResult<JointAngles> {
-    let array = numbers(value, name, &[Some(JOINTS)])?;
-    Ok(std::array::from_fn(|j| array[j]))
+    Ok(numbers(value, name, &[None])?.iter().copied().collect())
 }

@@ -9,7 +9,7 @@ use mvt_feelsight::{Log as FeelSight, PartialFrames, TouchPart};
 use mvt_perceive::true_press;
 use mvt_render::touch::TouchConfig;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::PerFinger;
+use mvt_robot::hand::PerPad;
 use mvt_run::object::load_object;
 use mvt_simulated::recorder::{Noise, Recorder, Settings};
 use numpy::{PyArray1, PyArrayDyn};
@@ -17,7 +17,7 @@ use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 
 use crate::arrays::{line, shaped};
-use crate::camera::{Camera, around, read_side, side_name};
+use crate::camera::{Camera, around, read_rig};
 use crate::errors::{Kind, argument, check_camera_noise, check_duration, detached, file};
 use crate::frame::Frame;
 
@@ -41,9 +41,9 @@ struct Reader {
 /// Returns the data of a frame besides joints, depths and touch images.
 fn complete(log: &FeelSight, index: usize, mut frame: Frame) -> Frame {
     frame.colours = (0..log.cameras().len()).map(|k| log.colour(k, index).unwrap_or_default()).collect();
-    frame.presses = PerFinger::from_fn(|finger| true_press(&log.touch_truth(finger, index).ok()?, GelView::tacto()));
+    frame.presses = log.hand().per_pad(|pad| true_press(&log.touch_truth(pad, index).ok()?, GelView::tacto()));
     frame.object_pose = log.object_poses().get(index).copied().flatten();
-    frame.next_joints = log.times_s().get(index + 1).copied().zip(log.joints().get(index + 1).copied());
+    frame.next_joints = log.times_s().get(index + 1).copied().zip(log.joints().get(index + 1).cloned());
     frame
 }
 
@@ -103,7 +103,7 @@ impl Log {
     /// Hand: left or right.
     #[getter]
     fn side(&self) -> &'static str {
-        side_name(self.log.side())
+        self.log.hand().side().name()
     }
 
     /// The cameras.
@@ -118,10 +118,10 @@ impl Log {
         line(py, self.log.times_s().to_vec())
     }
 
-    /// Joint angles of each frame, radians: float64 (N, 16).
+    /// Joint angles of each frame, radians: float64 (N, J) for the J joints of the hand.
     #[getter]
     fn joints<'py>(&self, py: Python<'py>) -> Bound<'py, PyArrayDyn<f64>> {
-        shaped(py, self.log.joints().concat(), &[self.log.len(), 16])
+        shaped(py, self.log.joints().concat(), &[self.log.len(), self.log.hand().joints().len()])
     }
 
     /// True pose of the object in each frame: float64 (N, 4, 4), NaN where it is unknown.
@@ -157,8 +157,8 @@ impl LogFrames {
                 joints: partial.joints,
                 colours: Vec::new(),
                 depths_m: partial.cameras.into_iter().map(depth).collect(),
-                touch: Some(PerFinger(partial.touch_images.0.map(Option::unwrap_or_default))),
-                presses: PerFinger::default(),
+                touch: Some(partial.touch_images.into_iter().map(Option::unwrap_or_default).collect()),
+                presses: PerPad::default(),
                 object_pose: None,
                 next_joints: None,
             };
@@ -170,13 +170,14 @@ impl LogFrames {
 /// Simulates an episode and writes it as a log, as `mambavitact generate` does. Arguments as of `Episode`. An existing log is replaced only
 /// with `overwrite`.
 #[pyfunction]
-#[pyo3(signature = (folder, object, *, seed = 0, side = "left", gait = "auto", duration_s = 30.0, cameras = "front-left", touch_noise = true, camera_noise = 0.0, overwrite = false))]
+#[pyo3(signature = (folder, object, *, seed = 0, rig = "allegro_digit", side = None, gait = "auto", duration_s = 30.0, cameras = "front-left", touch_noise = true, camera_noise = 0.0, overwrite = false))]
 pub fn record_log(
     py: Python<'_>,
     folder: PathBuf,
     object: &str,
     seed: u64,
-    side: &str,
+    rig: &str,
+    side: Option<&str>,
     gait: &str,
     duration_s: f64,
     cameras: &str,
@@ -184,13 +185,14 @@ pub fn record_log(
     camera_noise: f64,
     overwrite: bool,
 ) -> PyResult<Log> {
-    let side = read_side(side)?;
-    let cameras = around(cameras, side)?;
+    let rig = read_rig(py, rig, side)?;
+    let cameras = around(cameras, &rig)?;
+    let hand = rig.hand;
     check_duration(duration_s)?;
     check_camera_noise(camera_noise)?;
     let settings = Settings {
         controller: gait.to_owned(),
-        side,
+        hand,
         duration_s,
         noise: Noise { touch: touch_noise, camera_depth: (camera_noise > 0.0).then_some(camera_noise) },
         touch_config: TouchConfig::Fork,

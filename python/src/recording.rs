@@ -9,7 +9,7 @@ use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::arrays::{line, pixels, shaped};
-use crate::camera::{Camera, side_name};
+use crate::camera::Camera;
 use crate::errors::{Failure, Kind, detached, file};
 use crate::mesh::{MeshArrays, arrays};
 use crate::slam::state_name;
@@ -89,7 +89,7 @@ impl Recording {
     /// Hand: left or right.
     #[getter]
     fn side(&self) -> &'static str {
-        side_name(self.recorded().about().side)
+        self.recorded().about().hand.side().name()
     }
 
     /// The cameras, with the sizes of the recorded images.

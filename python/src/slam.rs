@@ -1,7 +1,7 @@
 //! The estimator.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use glam::{Mat3A, Vec3, Vec3A};
 use mvt_field::shape::{Distance, Shape as _};
@@ -9,7 +9,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_perceive::{Perception, PerceptionSetup};
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::digit::{HEIGHT, WIDTH};
-use mvt_robot::hand::{Finger, PerFinger, Side};
+use mvt_robot::hand::{Hand, PerPad};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Estimator;
 use mvt_run::settings;
@@ -20,7 +20,7 @@ use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::arrays::{images, line, matrix, shaped, singles};
-use crate::camera::{Camera, read_side};
+use crate::camera::{Camera, read_rig};
 use crate::errors::{Kind, argument, detached, warn};
 use crate::frame::Frame;
 use crate::mesh::{MeshArrays, arrays};
@@ -91,11 +91,11 @@ type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32
 /// Estimates pose and shape of one object, frame by frame.
 ///
 /// `cameras` are those of the frames, in their order. `modality` is vitac (cameras and touch), vi or tac. With a `network`, touch is read
-/// from the touch images, and `untouched`, uint8 (4, 320, 240, 3), are the images without contact; without one the frame's indentation
+/// from the touch images, and `untouched`, uint8 (P, 320, 240, 3), are the images without contact; without one the frame's indentation
 /// is taken. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Slam {
-    side: Side,
+    hand: Arc<Hand>,
     modality: Modality,
     running: Mutex<Running>,
 }
@@ -118,18 +118,19 @@ const USED: [&str; 4] = ["slam.", "touch.", "calibration.", "segmentation."];
 #[pymethods]
 impl Slam {
     #[new]
-    #[pyo3(signature = (cameras, *, side = "left", seed = 0, modality = "vitac", network = None, untouched = None, settings = BTreeMap::new()))]
+    #[pyo3(signature = (cameras, *, rig = "allegro_digit", side = None, seed = 0, modality = "vitac", network = None, untouched = None, settings = BTreeMap::new()))]
     fn new(
         py: Python<'_>,
         cameras: Vec<PyRef<'_, Camera>>,
-        side: &str,
+        rig: &str,
+        side: Option<&str>,
         seed: u64,
         modality: &str,
         network: Option<PyRef<'_, TouchNetwork>>,
         untouched: Option<&Bound<'_, PyAny>>,
         settings: BTreeMap<String, Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let side = read_side(side)?;
+        let hand = read_rig(py, rig, side)?.hand;
         let modality = [Modality::Vitac, Modality::Vi, Modality::Tac]
             .into_iter()
             .find(|known| known.name() == modality)
@@ -152,7 +153,7 @@ impl Slam {
         }
         let cameras: Vec<PosedCamera> = cameras.iter().map(|camera| camera.0.clone()).collect();
         let untouched = match untouched {
-            Some(value) => images(value, "untouched", Some(4), [HEIGHT, WIDTH])?,
+            Some(value) => images(value, "untouched", Some(hand.pads().len()), [HEIGHT, WIDTH])?,
             None => Vec::new(),
         };
         if network.is_none() && !untouched.is_empty() {
@@ -162,12 +163,12 @@ impl Slam {
         detached(py, || {
             let profile = SensorProfile::tacto();
             let setup = PerceptionSetup { profile: &profile, weights: weights.as_ref(), config: config.perception() };
-            let mut perception = Perception::new(side, cameras, &setup);
-            for (finger, image) in Finger::ALL.into_iter().zip(&untouched) {
-                perception.set_untouched(finger, image).map_err(argument)?;
+            let mut perception = Perception::new(Arc::clone(&hand), cameras, &setup);
+            for (pad, image) in untouched.iter().enumerate() {
+                perception.set_untouched(pad, image).map_err(argument)?;
             }
-            let estimator = Estimator::new(&config.slam, side, seed).map_err(argument)?;
-            Ok(Self { side, modality, running: Mutex::new(Running { perception, estimator }) })
+            let estimator = Estimator::new(&config.slam, &hand, seed).map_err(argument)?;
+            Ok(Self { hand, modality, running: Mutex::new(Running { perception, estimator }) })
         })
     }
 
@@ -182,17 +183,17 @@ impl Slam {
                 return Err(Kind::Argument.error("frame: it has no touch images for the network"));
             }
             let presses = match self.modality.has_touch() {
-                false => Some(PerFinger::default()),
+                false => Some(PerPad::default()),
                 true => (!reads_images).then(|| frame.presses.clone()),
             };
-            if let Some((time_s, joints)) = frame.next_joints {
-                perception.set_next_joints(time_s, joints);
+            if let Some((time_s, joints)) = &frame.next_joints {
+                perception.set_next_joints(*time_s, joints.clone());
             }
             let seen = perception
                 .see(estimator.frames() as u64, frame.observation(self.modality), presses)
                 .map_err(argument)?;
             warnings.extend(seen.warnings);
-            Ok(Estimate(estimator.observe(self.side, &seen.percept, perception.gel(), self.modality)))
+            Ok(Estimate(estimator.observe(&self.hand, &seen.percept, perception.gel(), self.modality)))
         })?;
         warn(py, warnings)?;
         Ok(estimate)

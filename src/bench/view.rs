@@ -9,7 +9,7 @@ use glam::Vec3A;
 use mvt_frames::{Isometry, Object, World};
 use mvt_recording::Recording;
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand::Primitive;
+use mvt_robot::hand::{Primitive, UPRIGHT};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
@@ -55,7 +55,7 @@ pub fn run(arguments: &BenchViewArguments) -> Result<()> {
 /// Times a mesh that turns.
 fn turn(arguments: &BenchViewArguments) -> Result<()> {
     let segments = f64::from(arguments.triangles).sqrt() as usize;
-    let shape = Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.1, 0.1, 0.09] };
+    let shape = Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.1, 0.1, 0.09], orientation_wxyz: UPRIGHT };
     let mesh = tessellate(&shape, segments);
     let surface = LitMesh::new(&mesh);
     let size = [arguments.size.width, arguments.size.height].map(|side| side as usize);

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum, value_parser};
-use mvt_run::arguments::{Manner, duration};
+use mvt_evaluation::manner::Manner;
+use mvt_robot::hand::ALLEGRO_DIGIT;
+use mvt_run::arguments::{HandSide, duration};
 use mvt_run::device::DeviceArguments;
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::io::shell_word;
@@ -29,7 +31,7 @@ pub struct RunArguments {
     #[arg(long)]
     pub object: Option<String>,
     /// Read this FeelSight log instead of simulating an episode
-    #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "controller", "side"])]
+    #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "controller", "rig", "side"])]
     pub log: Option<PathBuf>,
     /// Quantities to estimate
     #[arg(long, value_enum, default_value_t = Mode::Slam)]
@@ -157,7 +159,10 @@ impl RunArguments {
         if self.log.is_none() {
             add("goal", Some(self.goal.to_string()));
             add("controller", Some(self.manner.controller.clone()));
-            add("side", Some(self.manner.side.name().to_owned()));
+            add("rig", Some(self.manner.rig.clone()).filter(|rig| rig != ALLEGRO_DIGIT));
+            let is_allegro = self.manner.rig == ALLEGRO_DIGIT;
+            let side = self.manner.side.or(is_allegro.then_some(HandSide::Left));
+            add("side", side.map(|side| side.name().to_owned()));
             command += if self.explore { " --explore" } else { "" };
         }
         command + " --config config.toml"

@@ -1,14 +1,15 @@
 //! Input of a run: the source of its frames, and the facts about them that the arguments or the log give.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::ChosenController;
+use mvt_hands::LoadedHand;
 use mvt_objects::object::Object;
 use mvt_perceive::PerceptionSetup;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::Side;
 use mvt_robot::rig::Placement;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
@@ -29,7 +30,6 @@ const DURATION_S: f64 = 30.0;
 /// Source of frames with its facts.
 pub struct RunInput {
     pub source: Box<dyn Source>,
-    pub side: Side,
     pub seed: u64,
     /// Name of the object in the catalogue, or the path of its mesh.
     pub name: String,
@@ -41,16 +41,20 @@ pub struct RunInput {
 }
 
 impl RunInput {
-    /// Prepares a simulated episode, or opens the log that the arguments name.
+    /// Prepares a simulated episode of a rig, or opens the log that the arguments name.
     pub fn new(
         arguments: &RunArguments,
+        rig: Option<LoadedHand>,
         config: &RunConfig,
         profile: &SensorProfile,
         weights: Option<&Weights>,
     ) -> Result<Self> {
-        match &arguments.log {
-            Some(log) => from_log(arguments, log, config, profile, weights),
-            None => simulated(arguments, config, profile, weights),
+        match (&arguments.log, rig) {
+            (Some(log), _) => from_log(arguments, log, config, profile, weights),
+            (None, rig) => {
+                let rig = rig.map_or_else(|| arguments.manner.rig(), Ok)?;
+                simulated(arguments, &rig, config, profile, weights)
+            }
         }
     }
 }
@@ -86,33 +90,43 @@ fn from_log(
     }
     let seed = arguments.seed.unwrap_or(source.seed());
     let cameras = source.cameras().to_vec();
-    Ok(RunInput { side: source.side(), seed, name, object, supervisor: None, cameras, source: Box::new(source) })
+    Ok(RunInput { seed, name, object, supervisor: None, cameras, source: Box::new(source) })
 }
 
 fn simulated(
     arguments: &RunArguments,
+    rig: &LoadedHand,
     config: &RunConfig,
     profile: &SensorProfile,
     weights: Option<&Weights>,
 ) -> Result<RunInput> {
-    let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
+    let cameras = arguments.cameras.as_deref().unwrap_or("side");
+    // A goal to show a side needs a place around the hand.
+    let placements = Placement::parse_list(cameras).unwrap_or_default();
     let (name, object) = match &arguments.object {
         Some(name) => (name.clone(), load_object(name)?),
         None => default_object()?,
     };
-    let side = arguments.manner.side();
+    let cameras = rig.placed(cameras)?;
     let seed = arguments.seed.unwrap_or(0);
     let strategy = arguments.explore.then_some(ExploreStrategy::Frontier);
-    let (ChosenController { gait, schedule, .. }, supervisor) =
-        direct(&arguments.manner, &object, arguments.goal, placements.first(), config.supervisor, strategy)?;
+    let (ChosenController { gait, schedule, .. }, supervisor) = direct(
+        &rig.hand,
+        &arguments.manner.controller,
+        &object,
+        arguments.goal,
+        placements.first(),
+        config.supervisor,
+        strategy,
+    )?;
     let settings = SimulatedSettings {
-        side,
+        hand: Arc::clone(&rig.hand),
         touch: *profile,
         gait,
         schedule,
         seed,
         duration_s: arguments.duration.unwrap_or(DURATION_S),
-        cameras: placements.iter().map(|placement| placement.camera(side)).collect(),
+        cameras,
         camera_noise: config.camera_noise,
         perception: config.perception(),
         modality: arguments.modality,
@@ -124,5 +138,5 @@ fn simulated(
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
     }
-    Ok(RunInput { source, side, seed, name, object: Some(object), supervisor: Some(supervisor), cameras })
+    Ok(RunInput { source, seed, name, object: Some(object), supervisor: Some(supervisor), cameras })
 }

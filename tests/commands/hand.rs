@@ -61,7 +61,7 @@ fn controllers_that_do_not_fit_are_refused() {
         workplace.run("simulate --object cube70 --controller bad.toml").error()
     };
     assert!(refusal("rate_hz = 25", "rate_hz = 50").contains("takes 25"));
-    assert!(refusal("allegro-digit", "leap").contains("allegro-digit"));
+    assert!(refusal("allegro_digit", "leap").contains("allegro_digit"));
     assert!(refusal("model = \"", "model = \"0").contains("tune it again"));
     assert!(refusal("[\"left\", \"right\"]", "[\"right\"]").contains("--side right"));
     assert!(refusal("period_s = ", "period_s = nan # ").contains("not finite"));

@@ -28,7 +28,7 @@ fn presses(workplace: &Workplace, profile: &SensorProfile) {
         let out = gel::normal(mvt_frames::Point::new(place.x, place.y, place.z)).coords();
         let middle = place - out * (0.003 - 0.0005);
         let pose = Isometry::translation(middle.x, middle.y, middle.z);
-        renderer.render(&ball, pose, Some(NoiseKey { seed: 1, finger: 0, frame: k }), &mut frame);
+        renderer.render(&ball, pose, Some(NoiseKey { seed: 1, pad: 0, frame: k }), &mut frame);
         frame.calibrated().save(workplace.path(&format!("balls/{k:02}_img.png"))).unwrap();
     }
 }

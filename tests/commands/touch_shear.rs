@@ -30,7 +30,7 @@ fn presses(workplace: &Workplace, name: &str) {
         // The ball dents the gel by 0.8 mm.
         let gel_from_object = Isometry::translation(0.022 - 0.0008 + 0.004, 0.001, -0.001);
         let press = GelPress { gel_from_object, shear: GelShear { displacement_mm, twist_rad } };
-        renderer.render_dragged(&ball, press, Some(NoiseKey { seed: 1, finger: 0, frame: k }), &mut frame);
+        renderer.render_dragged(&ball, press, Some(NoiseKey { seed: 1, pad: 0, frame: k }), &mut frame);
         frame.calibrated().save(workplace.path(&format!("{name}/{k}.png"))).unwrap();
     }
 }

@@ -18,7 +18,6 @@ mod readers;
 mod trial;
 
 #[path = "../../sim/feelsight/tests/common/mod.rs"]
-#[allow(dead_code, reason = "the tests of the crate use more of it")]
 mod small_log;
 
 #[path = "../commands/workplace.rs"]

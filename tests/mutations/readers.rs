@@ -9,7 +9,7 @@ use mvt_field::field::NeuralField;
 use mvt_gaits::controller_file::ControllerFile;
 use mvt_mesh::Format;
 use mvt_recording::Recording;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::input::map_obstacles;
 use mvt_run::{report, settings};
@@ -285,7 +285,7 @@ fn controller() {
     let (file, path) = (OneFile::new("controller.toml"), "sim/gaits/assets/controllers/tumble_back.toml");
     let original = fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).unwrap();
     check("controller", &[Original::new(original)], |_, bytes| {
-        ControllerFile::read(file.with(bytes), Side::Right).is_ok()
+        ControllerFile::read(file.with(bytes), &Hand::allegro(Side::Right)).is_ok()
     });
 }
 
@@ -293,18 +293,21 @@ fn controller() {
 fn grasps() {
     let object = mvt_objects::catalogue::load("ball", &mut Vec::new()).unwrap();
     let feedback = mvt_gaits::gait::find("air_ball").unwrap().1.feedback.clone().unwrap();
+    let hand = Hand::allegro(Side::Right);
     let grasp = Grasp {
         place_m: feedback.place_m,
         yaw_rad: 0.5,
-        open_pose: feedback.grasp,
-        touching: feedback.grasp,
+        open_pose: feedback.grasp.clone(),
+        touching: feedback.grasp.clone(),
         grasp: feedback.grasp,
         pads: 3.0,
         touched_beside_tips: 0.25,
     };
-    let original = toml::to_string(&GraspFile::new(&object, vec![grasp.clone(), grasp])).unwrap();
+    let original = toml::to_string(&GraspFile::new(&object, &hand, vec![grasp.clone(), grasp])).unwrap();
     let file = OneFile::new("grasps.toml");
-    check("grasps", &[Original::new(original.into_bytes())], |_, bytes| GraspFile::read(file.with(bytes)).is_ok());
+    check("grasps", &[Original::new(original.into_bytes())], |_, bytes| {
+        GraspFile::read(file.with(bytes), &hand).is_ok()
+    });
 }
 
 #[test]
@@ -331,7 +334,9 @@ fn keyframes() {
     let files = Files { folder: folder.path().to_owned(), names: vec!["keyframes.safetensors"; 2] };
     let config = RunConfig::default().slam.map;
     check("keyframes", &with_and_without_seal(of_run("keyframes.safetensors")), |number, bytes| {
-        files.with(number, bytes, |place| Map::load(place, config.clone(), map_obstacles(Side::Left)).is_ok())
+        files.with(number, bytes, |place| {
+            Map::load(place, config.clone(), map_obstacles(&Hand::allegro(Side::Left))).is_ok()
+        })
     });
 }
 

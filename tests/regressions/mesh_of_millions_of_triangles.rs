@@ -3,13 +3,13 @@
 use mvt_mesh::Mesh;
 use mvt_objects::decompose;
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand::Primitive;
+use mvt_robot::hand::{Primitive, UPRIGHT};
 
 /// A ball whose vertices all lie on its hull is the worst case.
 #[test]
 fn the_hull_of_a_fine_mesh_is_found() {
     let radius_m = 0.035;
-    let ball = Primitive::Ellipsoid { centre: [0.0; 3], semi: [radius_m; 3] };
+    let ball = Primitive::Ellipsoid { centre: [0.0; 3], semi: [radius_m; 3], orientation_wxyz: UPRIGHT };
     let mesh: Mesh = tessellate(&ball, 1000);
     assert!(mesh.vertices.len() > 200_000, "{}", mesh.vertices.len());
     let pieces = decompose::pieces(&mesh).unwrap();

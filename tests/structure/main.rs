@@ -6,6 +6,7 @@ mod build;
 mod dependencies;
 mod modules;
 mod names;
+mod rigs;
 mod sizes;
 mod sources;
 mod truth;

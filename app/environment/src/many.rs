@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use mvt_robot::hand::JOINTS;
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -104,12 +103,13 @@ impl Environments {
         Ok(observations)
     }
 
-    /// Steps all environments with 16 numbers from -1 to 1 for each.
+    /// Steps all environments with a number from -1 to 1 for each joint of each.
     ///
     /// # Errors
     /// [`TaskError`] if the number of actions is wrong or one is not finite.
     pub fn step(&mut self, actions: &[f32]) -> Result<StepOutcome, TaskError> {
-        let expected = JOINTS * self.count();
+        let joints = self.scene.settings().hand.joints().len();
+        let expected = joints * self.count();
         if actions.len() != expected {
             return Err(TaskError::Count { expected, found: actions.len() });
         }
@@ -118,7 +118,7 @@ impl Environments {
         }
         let (scene, autoreset) = (Arc::clone(&self.scene), self.autoreset);
         let (observations, rewards) = self.each(|k, place| {
-            let action = actions.get(JOINTS * k..).unwrap_or_default();
+            let action = actions.get(joints * k..).unwrap_or_default();
             place.step(&scene, action, autoreset)
         })?;
         let (terminated, truncated) = self.places.iter().map(|place| place.environment.ended()).unzip();

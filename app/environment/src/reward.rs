@@ -1,7 +1,6 @@
 //! The reward of turning.
 
 use mvt_physics::simulation::Simulation;
-use mvt_robot::hand::{JOINTS, JointAngles};
 
 /// Weights of the reward. The turn rate counts up to a limit, rad/s, so that a spinning object brings no more.
 const TURNING: f64 = 1.25;
@@ -39,17 +38,17 @@ impl Reward {
     }
 
     /// Returns the reward of a step after which the simulation stands as given; `rate` is that of turning, rad/s.
-    pub(crate) fn of(simulation: &Simulation, start: &JointAngles, rate: f64, has_dropped: bool) -> Self {
+    pub(crate) fn of(simulation: &Simulation, start: &[f64], rate: f64, has_dropped: bool) -> Self {
         let joints = simulation.joints();
         let (torques, velocities) = (simulation.joint_torques(), simulation.joint_velocities());
-        let sum = |term: &dyn Fn(usize) -> f64| (0..JOINTS).map(term).filter(|x| x.is_finite()).sum::<f64>();
+        let sum = |terms: &mut dyn Iterator<Item = f64>| terms.filter(|x| x.is_finite()).sum::<f64>();
         let speed = simulation.object_velocity().norm();
         Self {
             turning: TURNING * rate.clamp(-TURN_LIMIT, TURN_LIMIT),
             drift: DRIFT * if speed.is_finite() { speed.min(1.0) } else { 0.0 },
-            posture: POSTURE * sum(&|j| (joints[j] - start[j]).powi(2)),
-            torque: TORQUE * sum(&|j| torques[j].powi(2)),
-            work: WORK * sum(&|j| (torques[j] * velocities[j]).abs()),
+            posture: POSTURE * sum(&mut joints.iter().zip(start).map(|(angle, start)| (angle - start).powi(2))),
+            torque: TORQUE * sum(&mut torques.iter().map(|torque| torque.powi(2))),
+            work: WORK * sum(&mut torques.iter().zip(&velocities).map(|(torque, velocity)| (torque * velocity).abs())),
             drop: if has_dropped { DROP } else { 0.0 },
         }
     }

@@ -1,6 +1,6 @@
 //! What all environments of a kind share: object, gait, sensors and settings.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::PHYSICS_HZ;
@@ -10,7 +10,7 @@ use mvt_physics::episode::Randomisation;
 use mvt_render::camera::Renderer;
 use mvt_render::observer::{Observer, ObserverOptions};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
-use mvt_robot::hand::{Finger, PerFinger, Side};
+use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::PLACEMENTS;
 
 use crate::error::TaskError;
@@ -19,8 +19,8 @@ use crate::sense::Sense;
 /// Settings of a task.
 #[derive(Debug, Clone)]
 pub struct TurnSettings {
-    /// Which hand.
-    pub side: Side,
+    /// The hand.
+    pub hand: Arc<Hand>,
     /// Actions per second: a divisor of [`PHYSICS_HZ`], such as 20 or 25.
     pub control_hz: u32,
     /// Longest duration of an episode, seconds.
@@ -36,13 +36,14 @@ pub struct TurnSettings {
 impl Default for TurnSettings {
     /// Returns a left hand with 25 actions per second, episodes of 20 s, proprioception, and the camera front-left.
     fn default() -> Self {
+        let hand = Hand::allegro(Side::Left);
         Self {
-            side: Side::Left,
             control_hz: 25,
             duration_s: 20.0,
             randomisation: Randomisation::default(),
             senses: vec![Sense::Proprioception],
-            cameras: PLACEMENTS.first().map(|place| place.camera(Side::Left)).into_iter().collect(),
+            cameras: PLACEMENTS.first().map(|place| place.camera(&hand)).into_iter().collect(),
+            hand,
         }
     }
 }
@@ -65,8 +66,7 @@ impl Scene {
     /// # Errors
     /// [`TaskError::Setting`] if a setting is out of range.
     pub fn new(object: Object, settings: TurnSettings) -> Result<Self, TaskError> {
-        let TurnSettings { side, control_hz, duration_s, senses, cameras, .. } = &settings;
-        let side = *side;
+        let TurnSettings { hand, control_hz, duration_s, senses, cameras, .. } = &settings;
         let check = |holds: bool, text: &str| if holds { Ok(()) } else { Err(TaskError::Setting(text.to_owned())) };
         check(
             *control_hz > 0 && PHYSICS_HZ.is_multiple_of(*control_hz),
@@ -78,16 +78,16 @@ impl Scene {
         check(distinct, "each observation may be named once")?;
         let has_cameras = senses.iter().any(|sense| sense.needs_cameras());
         check(!has_cameras || !cameras.is_empty(), "the observations cameras and estimate need at least one camera")?;
-        let (_, gait) = gait::choose("auto", &object)?;
+        let (_, gait) = gait::choose("auto", &object, hand)?;
         let observer = senses.iter().any(|sense| sense.needs_images()).then(|| {
-            let touch = |finger: Finger| TouchOptions {
-                background: Background::Synthetic { seed: finger as u64 },
+            let touch = |pad: usize| TouchOptions {
+                background: Background::Synthetic { seed: pad as u64 },
                 ..TouchOptions::new(TouchConfig::Fork)
             };
             let options = ObserverOptions {
-                side,
+                hand: Arc::clone(hand),
                 cameras: if has_cameras { cameras.clone() } else { Vec::new() },
-                touch: PerFinger::from_fn(touch),
+                touch: hand.per_pad(touch),
                 touch_noise: true,
                 camera_depth_noise: Some(mvt_run::config::RunConfig::default().camera_noise),
                 seed: 0,
@@ -105,6 +105,6 @@ impl Scene {
 
     /// Returns the shape of an observation of one environment.
     pub fn shape(&self, sense: Sense) -> Vec<usize> {
-        sense.shape(&self.settings.cameras)
+        sense.shape(&self.settings.hand, &self.settings.cameras)
     }
 }

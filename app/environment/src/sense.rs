@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_robot::digit::{HEIGHT, WIDTH};
-use mvt_robot::hand::JOINTS;
+use mvt_robot::hand::Hand;
 
 use crate::error::TaskError;
 
@@ -12,8 +12,8 @@ use crate::error::TaskError;
 pub(crate) const HISTORY: usize = 3;
 /// Numbers of [`Sense::Estimate`].
 pub(crate) const ESTIMATE: usize = 11;
-/// Numbers of [`Sense::Privileged`].
-pub(crate) const PRIVILEGED: usize = 25;
+/// Numbers of [`Sense::Privileged`] beside the forces on the pads.
+pub(crate) const PRIVILEGED: usize = 21;
 /// Bound of the numbers of [`Sense::Privileged`], far above those of a hand.
 const LARGEST: f32 = 100.0;
 /// Bound of a position, metres: the hand is smaller.
@@ -84,18 +84,18 @@ impl Sense {
         matches!(self, Self::Cameras | Self::Estimate)
     }
 
-    pub(crate) fn shape(self, cameras: &[PosedCamera]) -> Vec<usize> {
+    pub(crate) fn shape(self, hand: &Hand, cameras: &[PosedCamera]) -> Vec<usize> {
         match self {
-            Self::Proprioception => vec![HISTORY * 2 * JOINTS],
-            Self::TouchDepth => vec![4, HEIGHT, WIDTH],
-            Self::TouchImages => vec![4, HEIGHT, WIDTH, 3],
+            Self::Proprioception => vec![HISTORY * 2 * hand.joints().len()],
+            Self::TouchDepth => vec![hand.pads().len(), HEIGHT, WIDTH],
+            Self::TouchImages => vec![hand.pads().len(), HEIGHT, WIDTH, 3],
             // All cameras have the same size.
             Self::Cameras => {
                 let (height, width) = cameras.first().map_or((0, 0), |c| (c.intrinsics.height, c.intrinsics.width));
                 vec![cameras.len(), height, width, 3]
             }
             Self::Estimate => vec![ESTIMATE],
-            Self::Privileged => vec![PRIVILEGED],
+            Self::Privileged => vec![PRIVILEGED + hand.pads().len()],
         }
     }
 }

@@ -10,9 +10,9 @@ use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::observer::ObserverScratch;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{JOINTS, JointAngles, PerFinger, joint_ranges};
+use mvt_robot::hand::JointAngles;
 use mvt_robot::observation::{GroundTruth, Observation};
-use mvt_robot::rig::{PALM_CENTRE_M, PLACEMENTS};
+use mvt_robot::rig::PLACEMENTS;
 use mvt_run::estimator::Estimator;
 use mvt_run::source::Modality;
 use mvt_slam::{Estimate, SlamConfig, TrackState};
@@ -47,20 +47,20 @@ impl Environment {
     pub(crate) fn new(scene: Arc<Scene>, seed: u64) -> Result<Self, TaskError> {
         let settings = scene.settings();
         let config = EpisodeConfig {
-            side: settings.side,
+            hand: Arc::clone(&settings.hand),
             gait: scene.gait.clone(),
             seed,
             duration_s: settings.duration_s,
             randomisation: settings.randomisation.clone(),
         };
         let episode = Episode::new(&scene.object, &config)?;
-        let joints = episode.start().joints;
+        let joints = episode.start().joints.clone();
         let slam = match settings.senses.contains(&Sense::Estimate) {
             true => {
                 let profile = SensorProfile::tacto();
                 let setup = PerceptionSetup { profile: &profile, weights: None, config: PerceptionConfig::default() };
-                let perception = Perception::new(settings.side, settings.cameras.clone(), &setup);
-                Some(Box::new((perception, Estimator::new(&SlamConfig::default(), settings.side, seed)?)))
+                let perception = Perception::new(Arc::clone(&settings.hand), settings.cameras.clone(), &setup);
+                Some(Box::new((perception, Estimator::new(&SlamConfig::default(), &settings.hand, seed)?)))
             }
             false => None,
         };
@@ -68,8 +68,8 @@ impl Environment {
             episode,
             seed,
             steps: 0,
+            history: from_fn(|_| [joints.clone(), joints.clone()]),
             target: joints,
-            history: [[joints; 2]; HISTORY],
             slam,
             estimate: None,
             warnings: Vec::new(),
@@ -81,19 +81,19 @@ impl Environment {
     /// Moves the targets by an action and simulates until the next one. Does nothing after the end.
     pub(crate) fn step(&mut self, action: &[f32]) -> Reward {
         let settings = self.scene.settings();
-        let ranges = joint_ranges(settings.side);
-        for ((target, &change), [low, high]) in self.target.iter_mut().zip(action).zip(ranges) {
+        for ((target, &change), joint) in self.target.iter_mut().zip(action).zip(settings.hand.joints()) {
+            let [low, high] = joint.range;
             *target = (*target + INCREMENT_RAD * f64::from(change).clamp(-1.0, 1.0)).clamp(low, high);
         }
         let turned_rad = self.episode.turned_rad();
         self.episode.advance(PHYSICS_HZ / settings.control_hz, Some(&self.target));
         self.steps += 1;
         let simulation = self.episode.simulation();
-        let (joints, start) = (simulation.joints(), self.episode.start().joints);
+        let joints = simulation.joints();
         self.history.rotate_right(1);
-        self.history[0] = [joints, self.target];
+        self.history[0] = [joints, self.target.clone()];
         let rate = (self.episode.turned_rad() - turned_rad) * f64::from(settings.control_hz);
-        Reward::of(simulation, &start, rate, matches!(self.episode.end(), Some(End::Dropped)))
+        Reward::of(simulation, &self.episode.start().joints, rate, matches!(self.episode.end(), Some(End::Dropped)))
     }
 
     /// Returns whether the episode failed, and whether its time is up.
@@ -124,11 +124,11 @@ impl Environment {
                 (Sense::Estimate, _) => part.write(sense, self.estimate_numbers()),
                 (Sense::TouchDepth, Some((_, truth))) => {
                     let gel_m = GelView::tacto().depth_m();
-                    let depths = truth.touch.0.iter().flat_map(|touch| gel_m.iter().zip(&touch.depth_m));
+                    let depths = truth.touch.iter().flat_map(|touch| gel_m.iter().zip(&touch.depth_m));
                     part.write(sense, depths.map(|(gel, depth)| (gel - depth) * 1e3));
                 }
                 (Sense::TouchImages, Some((observation, _))) => {
-                    part.write_images(observation.touch.0.iter().map(|image| image.as_raw().as_slice()));
+                    part.write_images(observation.touch.iter().map(|image| image.as_raw().as_slice()));
                 }
                 (Sense::Cameras, Some((observation, _))) => {
                     part.write_images(observation.cameras.iter().map(|rgbd| rgbd.color.as_raw().as_slice()));
@@ -143,10 +143,10 @@ impl Environment {
     /// Returns colours of the first placement's camera, for people.
     pub(crate) fn picture(&self) -> Option<image::RgbImage> {
         let scene = &self.scene;
-        let side = scene.settings().side;
-        let renderer = scene.renderer.get_or_init(|| Renderer::new(side, &scene.object));
+        let hand = &scene.settings().hand;
+        let renderer = scene.renderer.get_or_init(|| Renderer::new(hand, &scene.object));
         let state = self.episode.state().scene;
-        let camera = PLACEMENTS.first()?.camera(side);
+        let camera = PLACEMENTS.first()?.camera(hand);
         Some(renderer.render(&camera, &state.joints, state.object_pose, &mut CameraScratch::default()).rgbd.color)
     }
 
@@ -159,11 +159,11 @@ impl Environment {
     fn estimate(&mut self, observation: Observation, truth: &GroundTruth) -> Result<(), TaskError> {
         let Some((perception, estimator)) = self.slam.as_deref_mut() else { return Ok(()) };
         let gel = perception.gel();
-        let presses = PerFinger(truth.touch.0.each_ref().map(|truth| true_press(truth, gel)));
+        let presses = truth.touch.map(|truth| true_press(truth, gel));
         let seen = perception.see(u64::from(self.steps), observation, Some(presses))?;
         self.warnings.extend(seen.warnings);
-        let side = self.scene.settings().side;
-        self.estimate = Some(estimator.observe(side, &seen.percept, perception.gel(), Modality::Vitac));
+        let hand = &self.scene.settings().hand;
+        self.estimate = Some(estimator.observe(hand, &seen.percept, perception.gel(), Modality::Vitac));
         Ok(())
     }
 
@@ -173,13 +173,14 @@ impl Environment {
     }
 
     fn proprioception(&self) -> impl Iterator<Item = f32> {
-        let ranges = joint_ranges(self.scene.settings().side);
-        let unit = move |j: usize, angle: f64| {
-            let [low, high] = ranges[j];
-            (2.0 * (angle - low) / (high - low) - 1.0) as f32
-        };
+        let joints = self.scene.settings().hand.joints();
         let instants = self.history.iter().flatten();
-        instants.flat_map(move |angles| (0..JOINTS).map(move |j| unit(j, angles[j])))
+        instants.flat_map(move |angles| {
+            angles.iter().zip(joints).map(|(angle, joint)| {
+                let [low, high] = joint.range;
+                (2.0 * (angle - low) / (high - low) - 1.0) as f32
+            })
+        })
     }
 
     fn privileged(&self) -> impl Iterator<Item = f32> {
@@ -187,9 +188,9 @@ impl Environment {
         let pads = simulation.contacts();
         let [vx, vy, vz]: [f64; 3] = simulation.object_velocity().into();
         let [wx, wy, wz]: [f64; 3] = simulation.object_angular_velocity().into();
-        let forces: [f64; 4] = from_fn(|k| pads.0[k].force_n);
+        let forces = pads.into_iter().map(|pad| pad.force_n);
         let [cx, cy, cz] = physics.com_offset_m;
-        place(&simulation.object_pose().untyped())
+        self.place(&simulation.object_pose().untyped())
             .into_iter()
             .chain([vx, vy, vz, wx, wy, wz])
             .chain(forces)
@@ -197,19 +198,20 @@ impl Environment {
             .map(|x| x as f32)
     }
 
+    /// Returns the position from the palm's centre, and the first two columns of the rotation. Without a palm the position is that in the world.
+    fn place(&self, pose: &na::Isometry3<f64>) -> [f64; 9] {
+        let palm_m = self.scene.settings().hand.palm_centre_m().unwrap_or_default();
+        let position = pose.translation.vector - na::Vector3::from(palm_m);
+        let rotation = pose.rotation.to_rotation_matrix();
+        from_fn(|k| if k < 3 { position[k] } else { rotation[(k % 3, k / 3 - 1)] })
+    }
+
     fn estimate_numbers(&self) -> impl Iterator<Item = f32> {
         let seen = self.estimate.filter(|estimate| estimate.state != TrackState::Waiting);
         let numbers = seen.map(|estimate| {
             let trusted = f64::from(u8::from(estimate.state.is_tracking()));
-            place(&estimate.pose.untyped()).into_iter().chain([estimate.confidence, trusted])
+            self.place(&estimate.pose.untyped()).into_iter().chain([estimate.confidence, trusted])
         });
         numbers.into_iter().flatten().map(|x| x as f32)
     }
-}
-
-/// Returns the position from the palm's centre, and the first two columns of the rotation.
-fn place(pose: &na::Isometry3<f64>) -> [f64; 9] {
-    let position = pose.translation.vector - na::Vector3::from(PALM_CENTRE_M);
-    let rotation = pose.rotation.to_rotation_matrix();
-    from_fn(|k| if k < 3 { position[k] } else { rotation[(k % 3, k / 3 - 1)] })
 }

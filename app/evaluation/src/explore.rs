@@ -20,8 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::lines::{Keyed, Tell};
-use super::{Episode, EvaluateArguments, Key, SIDE, key, setup, simulated};
-use mvt_run::arguments::{Hand, Manner};
+use super::{Episode, EvaluateArguments, Key, key, setup, simulated};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
 use mvt_run::explorer::{ExploreStrategy, ExplorerChoice, UnknownSurface};
@@ -144,15 +143,14 @@ fn play(
         ExploreMode::Oracle => (&arguments.controller, Some(ExploreStrategy::Surface(oracle.clone()))),
         ExploreMode::Fixed(controller) => (controller, None),
     };
-    let manner = Manner { controller: controller.clone(), side: Hand::Left };
-    let (controller, supervisor) = direct(&manner, episode.object, Goal::Time, None, config.supervisor, strategy)?;
+    let (controller, supervisor) =
+        direct(&episode.rig.hand, controller, episode.object, Goal::Time, None, config.supervisor, strategy)?;
     let episode = Episode { controller: &controller, ..episode.clone() };
     let mut source = simulated(&episode, arguments.duration, config, Fault::default())?;
     let truth = Truth::new(episode.object.clone());
     let pipeline = Pipeline {
         estimators: vec![setup(config, Mode::Slam, Modality::Vitac, episode.seed)],
         meshing: Meshing { cell_m: (config.mesh_cell_mm * 1e-3) as f32, every: Some(SCORED_EVERY) },
-        side: SIDE,
         object: Some(episode.object),
         truth: Some(&truth),
         supervisor: Some(supervisor),

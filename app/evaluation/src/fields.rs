@@ -20,7 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::tsdf::{Tsdf, VOXEL_M};
-use super::{Episode, EvaluateArguments, Key, Keyed, SIDE, Tell, follow, key, setup, simulated};
+use super::{Episode, EvaluateArguments, Key, Keyed, Tell, follow, key, setup, simulated};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
 use mvt_run::input::map_obstacles;
@@ -107,11 +107,11 @@ pub fn comparisons(
     let taught = map::MapConfig { refined: 0, loop_turn_deg: 0.0, ..slam.map.clone() };
     let hashed_field =
         field::FieldConfig { levels: HASHED_LEVELS.to_vec(), table_log2: HASHED_TABLE_LOG2, ..slam.field.clone() };
-    let mut dense = Map::new(taught.clone(), &slam.field, map_obstacles(SIDE), seed)?;
-    let mut hashed = Map::new(taught, &hashed_field, map_obstacles(SIDE), seed)?;
+    let mut dense = Map::new(taught.clone(), &slam.field, map_obstacles(&episode.rig.hand), seed)?;
+    let mut hashed = Map::new(taught, &hashed_field, map_obstacles(&episode.rig.hand), seed)?;
     let mut tsdf = Tsdf::new(slam.field.half_extent_m, slam.map.free_reach_m);
-    let samples = HandSamples::new(SIDE, f64::from(VOXEL_M), seed);
-    let hand = Obstacles::new(samples.bodies().map(<[_]>::to_vec));
+    let samples = HandSamples::new(&episode.rig.hand, f64::from(VOXEL_M), seed);
+    let obstacles = Obstacles::new(samples.bodies().map(<[_]>::to_vec));
     let mut spent = [Duration::ZERO; NAMES.len()];
 
     let mut source = simulated(episode, arguments.duration, config, Fault::default())?;
@@ -140,7 +140,7 @@ pub fn comparisons(
             spent[0] += estimate.spent.map;
             spent[1] += time(|| dense.learn(scan, pose, &mut rng()));
             spent[2] += time(|| hashed.learn(scan, pose, &mut rng()));
-            spent[3] += time(|| integrate(&mut tsdf, &hand, scan, pose));
+            spent[3] += time(|| integrate(&mut tsdf, &obstacles, scan, pose));
             Ok(())
         })?;
     let estimator = finished.estimators.pop().flatten().context("there was no frame")?.estimator;
@@ -185,13 +185,13 @@ fn time<T>(work: impl FnOnce() -> T) -> Duration {
     begun.elapsed()
 }
 
-fn integrate(tsdf: &mut Tsdf, hand: &Obstacles, scan: &Scan, pose: Isometry<Field, World>) {
+fn integrate(tsdf: &mut Tsdf, obstacles: &Obstacles, scan: &Scan, pose: Isometry<Field, World>) {
     let (turn, shift) = pose.inverse().to_f32();
     let to_model = |p: Vec3| Vec3::from(turn * Vec3A::from(p) + shift);
     for view in &scan.views {
         tsdf.add(view, to_model);
     }
-    tsdf.add_occupied(hand.posed(&scan.obstacles).map(|o| Occupied { point: to_model(o.point), ..o }));
+    tsdf.add_occupied(obstacles.posed(&scan.obstacles).map(|o| Occupied { point: to_model(o.point), ..o }));
 }
 
 /// The means over objects and seeds, as Markdown.

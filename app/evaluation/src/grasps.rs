@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use mvt_gaits::controller_file;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_run::io::{check_named, print_line, write_named};
 use mvt_run::object::load_object;
 use mvt_run::progress;
@@ -48,13 +48,14 @@ pub fn run(arguments: &HandGraspsArguments) -> Result<()> {
     let HandGraspsArguments { tries, controller, seed, out, overwrite, .. } = arguments;
     check_named(out, *overwrite)?;
     let object = load_object(&arguments.object)?;
-    let from = controller_file::choose(controller, &object, Side::Right)?.gait;
+    let hand = Hand::allegro(Side::Right);
+    let from = controller_file::choose(controller, &object, &hand)?.gait;
     if from.feedback.is_none() {
         bail!("{controller} holds nothing in the air; name a controller with feedback, such as air_ball");
     }
     let bar = progress::bar(*tries, "grasping");
     let attempt = |number| {
-        let grasp = grasp::attempt(&object, &from, *seed, number);
+        let grasp = grasp::attempt(&object, &from, &hand, *seed, number);
         bar.inc(1);
         grasp
     };
@@ -72,7 +73,7 @@ pub fn run(arguments: &HandGraspsArguments) -> Result<()> {
     }
     let on_tips = grasps.iter().filter(|grasp| grasp.touched_beside_tips == 0.0).count();
     let pads = grasps.iter().map(|grasp| grasp.pads).sum::<f64>() / grasps.len() as f64;
-    let file = GraspFile::new(&object, grasps);
+    let file = GraspFile::new(&object, &hand, grasps);
     write_named(out, toml::to_string(&file)?.as_bytes(), *overwrite)?;
     print_line(&format!(
         "in {balanced} of {tries} tries fingertips can carry {}; {} hold it, {on_tips} of them by nothing but fingertips, with {pads:.1} \

@@ -2,18 +2,21 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::controller_file::{self, ControllerFile};
 use mvt_gaits::gait::Gait;
+use mvt_hands::LoadedHand;
 use mvt_objects::object::Object;
-use mvt_robot::hand::Side;
-use mvt_run::arguments::Hand;
+use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
+use mvt_run::arguments::HandSide;
 use mvt_run::io::{check_named, print_line, shell_word, write_named};
 use mvt_run::object::load_object;
 use mvt_run::progress;
+use mvt_tuning::first_stroke::first_stroke;
 use mvt_tuning::grasp::GraspFile;
 use mvt_tuning::search::{GaitScore, Search, SearchSettings, measure};
 use mvt_tuning::seeds;
@@ -21,12 +24,15 @@ use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
 use serde::Serialize;
 
 use crate::grasps::{self, HandGraspsArguments};
+use crate::rigs::{self, HandCheckArguments};
 use crate::speed::{self, HandSpeedArguments};
 use crate::survey::{self, HandSurveyArguments};
 
-/// Tune controllers of the hand, and score them
+/// Check hand files, tune controllers of a hand, and score them
 #[derive(Debug, Subcommand)]
 pub enum HandCommand {
+    #[allow(missing_docs, reason = "the arguments have the help text")]
+    Check(HandCheckArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
     Tune(HandTuneArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
@@ -50,6 +56,9 @@ pub enum HandCommand {
 /// continues from FILE.state. The result does not depend on the number of threads.
 #[derive(Debug, Args)]
 pub struct HandTuneArguments {
+    /// Hand: a name that `rigs` lists, or the path of a hand file (.toml)
+    #[arg(long, value_name = "NAME|FILE", default_value = ALLEGRO_DIGIT)]
+    rig: String,
     /// Objects, separated by commas: names that `assets list` shows, random:SEED, or paths of meshes in metres
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', required = true)]
     object: Vec<String>,
@@ -57,10 +66,11 @@ pub struct HandTuneArguments {
     /// the left hand turns about the mirror image
     #[arg(long, allow_hyphen_values = true)]
     axis: TurnAxis,
-    /// Controller from which the search starts: a name that `controllers` lists, or a file. If it turns the other way
-    /// round, its stroke is first played backwards
-    #[arg(long, value_name = "NAME|FILE", default_value = "tumble_back")]
-    from: String,
+    /// Controller from which the search starts: a name that `controllers` lists, a file, or `first` for a stroke that is computed from the
+    /// hand and the first object. If it turns the other way round, its stroke is first played backwards [default: tumble_back for the
+    /// Allegro, first for any other hand]
+    #[arg(long, value_name = "NAME|FILE")]
+    from: Option<String>,
     /// Start with the first grasp of a file that `hand grasps` wrote, instead of the grasp of the controller, which must hold
     /// objects in the air
     #[arg(long, value_name = "FILE")]
@@ -104,15 +114,18 @@ pub struct HandTuneArguments {
 /// controller's axis, the net turn about the other axes relative to that, and the mean number of touching pads.
 #[derive(Debug, Args)]
 pub struct HandScoreArguments {
+    /// Hand: a name that `rigs` lists, or the path of a hand file (.toml)
+    #[arg(long, value_name = "NAME|FILE", default_value = ALLEGRO_DIGIT)]
+    rig: String,
     /// Objects, separated by commas: names that `assets list` shows, random:SEED, or paths of meshes in metres
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', required = true)]
     object: Vec<String>,
     /// Controller: a name that `controllers` lists, a file, or `auto` to choose by the object's shape
     #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
     controller: String,
-    /// Hand
-    #[arg(long, value_enum, default_value_t = Hand::Left)]
-    side: Hand,
+    /// Side of the hand allegro_digit [default: left, or that of the hand file]
+    #[arg(long, value_enum)]
+    side: Option<HandSide>,
     /// Integration steps per command: 12 as in episodes, 24 for steps of half the length
     #[arg(long, value_name = "N", default_value_t = EPISODE_STEPS, value_parser = value_parser!(u32).range(1..=1000))]
     steps: u32,
@@ -153,6 +166,7 @@ fn positive(text: &str) -> Result<f64, String> {
 /// Runs a command of the group `hand`.
 pub fn run(command: &HandCommand) -> Result<()> {
     match command {
+        HandCommand::Check(arguments) => rigs::check(arguments),
         HandCommand::Tune(arguments) => tune(arguments),
         HandCommand::Score(arguments) => score(arguments),
         HandCommand::Survey(arguments) => survey::run(arguments),
@@ -185,15 +199,19 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
     check_named(out, *overwrite)?;
     let objects = load(&arguments.object)?;
     let first = objects.first().context("name at least one object")?;
-    let mut from = controller_file::choose(&arguments.from, first, Side::Right)?.gait;
+    // The Allegro is tuned as a right hand, and scored as a left one.
+    let is_allegro = arguments.rig == ALLEGRO_DIGIT;
+    let hand = LoadedHand::rig(&arguments.rig, is_allegro.then_some(Side::Right))?.hand;
+    let name = from_name(arguments);
+    let mut from = match name {
+        FIRST => first_stroke(&hand, first, *axis),
+        name => controller_file::choose(name, first, &hand)?.gait,
+    };
     if let Some(path) = &arguments.grasp {
-        from = with_grasp(&from, path, &objects, &arguments.from)?;
+        from = with_grasp(&from, path, &objects, name, &hand)?;
     }
-    if let Some(begin) = arguments.only.iter().find(|begin| !Search::has_parameter(&from, begin)) {
-        bail!(
-            "--only {begin}: {} has no parameter whose name begins so; its file lists them under `params`",
-            arguments.from
-        );
+    if let Some(begin) = arguments.only.iter().find(|begin| !Search::has_parameter(&from, &hand, begin)) {
+        bail!("--only {begin}: {name} has no parameter whose name begins so; its file lists them under `params`");
     }
     let settings = SearchSettings {
         objects: arguments.object.clone(),
@@ -206,7 +224,7 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
         only: arguments.only.clone(),
         seed: arguments.seed,
     };
-    let mut search = Search::resume(&state, settings, &from)?;
+    let mut search = Search::resume(&state, settings, &from, &hand)?;
     let bar = progress::bar(*generations, "tuning");
     bar.set_position(search.generation());
     while search.generation() < *generations {
@@ -217,13 +235,14 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
     }
     bar.finish_and_clear();
     let gait = search.gait(&format!("made by `{}`", command(arguments)));
-    let file = ControllerFile::new(gait, &objects);
+    let file = ControllerFile::new(gait, &objects, &hand);
     write_named(out, toml::to_string(&file)?.as_bytes(), *overwrite)?;
     fs::remove_file(&state).or_else(|error| match error.kind() {
         std::io::ErrorKind::NotFound => Ok(()),
         _ => Err(error).with_context(|| format!("cannot remove {}", state.display())),
     })?;
-    let conditions = TrialConditions { side: Side::Left, duration_s: SCORED_S, steps: EPISODE_STEPS };
+    let scored = if is_allegro { Hand::allegro(Side::Left) } else { hand };
+    let conditions = TrialConditions { hand: scored, duration_s: SCORED_S, steps: EPISODE_STEPS };
     for object in &objects {
         let result = measure(&file.gait, object, seeds::held_out(), arguments.scoring.scored_starts, &conditions)?;
         print(&arguments.scoring, &path_text(out), *axis, result)?;
@@ -232,8 +251,8 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
 }
 
 /// Returns a controller with the first grasp of a file, which must be of one of the objects.
-fn with_grasp(from: &Gait, path: &Path, objects: &[Object], name: &str) -> Result<Gait> {
-    let file = GraspFile::read(path)?;
+fn with_grasp(from: &Gait, path: &Path, objects: &[Object], name: &str, hand: &Hand) -> Result<Gait> {
+    let file = GraspFile::read(path, hand)?;
     if objects.iter().all(|object| object.name != file.object) {
         bail!(
             "{} has grasps of {}; name this object, or make grasps of yours with `hand grasps`",
@@ -241,7 +260,7 @@ fn with_grasp(from: &Gait, path: &Path, objects: &[Object], name: &str) -> Resul
             file.object
         );
     }
-    let gait = file.grasps.first().and_then(|grasp| grasp.gait(from));
+    let gait = file.grasps.first().and_then(|grasp| grasp.gait(from, hand));
     gait.with_context(|| {
         format!("{name} holds nothing in the air; give --from a controller with feedback, such as air_ball")
     })
@@ -251,27 +270,38 @@ fn path_text(path: &Path) -> String {
     path.display().to_string()
 }
 
+/// Name of the stroke that is computed.
+const FIRST: &str = "first";
+
+/// Returns the name of the controller from which a search starts.
+fn from_name(arguments: &HandTuneArguments) -> &str {
+    let default = if arguments.rig == ALLEGRO_DIGIT { "tumble_back" } else { FIRST };
+    arguments.from.as_deref().unwrap_or(default)
+}
+
 /// Returns the command that makes the same controller.
 fn command(arguments: &HandTuneArguments) -> String {
-    let HandTuneArguments { object, axis, from, grasp, generations, starts, duration, rate, step, only, seed, .. } =
+    let HandTuneArguments { object, axis, grasp, generations, starts, duration, rate, step, only, seed, .. } =
         arguments;
-    let (objects, from) = (shell_word(&object.join(",")), shell_word(from));
+    let (objects, from) = (shell_word(&object.join(",")), shell_word(from_name(arguments)));
     let grasp = grasp.as_ref().map_or(String::new(), |path| format!(" --grasp {}", shell_word(&path_text(path))));
+    let rig = &arguments.rig;
+    let rig = if rig == ALLEGRO_DIGIT { String::new() } else { format!(" --rig {}", shell_word(rig)) };
     let rate = rate.map_or(String::new(), |rate| format!(" --rate {rate}"));
     let only = if only.is_empty() { String::new() } else { format!(" --only {}", shell_word(&only.join(","))) };
     format!(
-        "mambavitact hand tune --object {objects} --axis {axis} --from {from}{grasp} --generations {generations} --starts {starts} \
+        "mambavitact hand tune{rig} --object {objects} --axis {axis} --from {from}{grasp} --generations {generations} --starts {starts} \
          --duration {duration}{rate} --step {step}{only} --seed {seed}"
     )
 }
 
 fn score(arguments: &HandScoreArguments) -> Result<()> {
-    let side = arguments.side.side();
-    let conditions = TrialConditions { side, duration_s: SCORED_S, steps: arguments.steps };
+    let hand = LoadedHand::rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
+    let conditions = TrialConditions { hand: Arc::clone(&hand), duration_s: SCORED_S, steps: arguments.steps };
     let bar = progress::bar(arguments.object.len() as u64, "scoring");
     for name in &arguments.object {
         let object = load_object(name)?;
-        let chosen = controller_file::choose(&arguments.controller, &object, side)?;
+        let chosen = controller_file::choose(&arguments.controller, &object, &hand)?;
         let starts = arguments.scoring.scored_starts;
         let result = measure(&chosen.gait, &object, seeds::held_out(), starts, &conditions)?;
         bar.suspend(|| print(&arguments.scoring, &chosen.name, chosen.gait.axis, result))?;

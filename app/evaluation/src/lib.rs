@@ -16,6 +16,8 @@ mod fields;
 mod grasps;
 pub mod hand;
 mod lines;
+pub mod manner;
+pub mod rigs;
 mod single;
 mod speed;
 mod spread;
@@ -25,20 +27,20 @@ mod tsdf;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use mvt_files::folder::{ClaimedFolder, Earlier};
-use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::{self, ChosenController};
 use mvt_gaits::gait;
+use mvt_hands::LoadedHand;
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::Side;
-use mvt_robot::rig::Placement;
+use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
 use mvt_touch::network::Weights;
 use serde::{Deserialize, Serialize};
 
@@ -101,6 +103,9 @@ pub struct EvaluateArguments {
     /// `tumble_back:8,cubelet:8`, or `auto` to choose by the object's shape
     #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
     controller: String,
+    /// Hand with its touch sensors: a name that `rigs` lists, or the path of a hand file (.toml)
+    #[arg(long, value_name = "NAME|FILE", default_value = ALLEGRO_DIGIT)]
+    rig: String,
     #[command(flatten)]
     touch: TouchArguments,
     /// Folder for the results; the results of an earlier `evaluate` in it are kept and not repeated
@@ -261,6 +266,7 @@ struct Episode<'a> {
     /// The touch sensors.
     touch: SensorProfile,
     controller: &'a ChosenController,
+    rig: &'a LoadedHand,
 }
 
 /// A run of an episode.
@@ -277,18 +283,20 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     // Everything is checked before anything is simulated.
     arguments.device.choose()?;
     let variants = variants(arguments)?;
-    for cameras in &arguments.cameras {
-        Placement::parse_list(cameras)?;
-    }
-    let touch = arguments.touch.profile()?;
+    let rig = LoadedHand::rig(&arguments.rig, None)?;
+    rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let touch = arguments.touch.profile(&rig.profiles)?;
     let weights = arguments.touch.weights(&touch)?;
+    for cameras in &arguments.cameras {
+        rig.placed(cameras)?;
+    }
     check_repeated("--objects", &arguments.objects)?;
     check_repeated("--cameras", &arguments.cameras)?;
     check_repeated("--modes", &arguments.modes)?;
     check_repeated("--modalities", &arguments.modalities)?;
     let load = |name: &String| -> Result<(String, Object, ChosenController)> {
         let object = load_object(name)?;
-        let controller = controller_file::choose_all(&arguments.controller, &object, SIDE)?;
+        let controller = controller_file::choose_all(&arguments.controller, &object, &rig.hand)?;
         controller.misfit.iter().for_each(|misfit| tracing::warn!("{misfit}"));
         Ok((name.clone(), object, controller))
     };
@@ -308,6 +316,7 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             weights: weights.as_ref(),
             touch,
             controller,
+            rig: &rig,
         })
         .collect();
     // Exploration, faults and fields have narrow tables, which are printed whole.
@@ -405,8 +414,14 @@ fn key(
         settings += &serde_json::json!(episode.touch).to_string();
     }
     let ChosenController { gait, schedule, .. } = episode.controller;
-    if !schedule.is_empty() || !gait::choose("auto", episode.object).is_ok_and(|(_, suited)| suited == gait) {
+    if !schedule.is_empty()
+        || !gait::choose("auto", episode.object, &episode.rig.hand).is_ok_and(|(_, suited)| suited == gait)
+    {
         settings += &serde_json::json!([gait, schedule]).to_string();
+    }
+    // The results of earlier versions are those of the left Allegro.
+    if episode.rig.hand != Hand::allegro(Side::Left) {
+        settings += &serde_json::json!(episode.rig.hand.description()).to_string();
     }
     if let Some(weights) = episode.weights {
         settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
@@ -423,21 +438,16 @@ fn key(
     }
 }
 
-/// Which hand; its mirror image would do as well.
-const SIDE: Side = Side::Left;
-
 /// The source of an episode, with trouble that is made on purpose.
 fn simulated(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault) -> Result<SimulatedSource> {
-    let cameras: Vec<PosedCamera> =
-        Placement::parse_list(episode.cameras)?.iter().map(|placement| placement.camera(SIDE)).collect();
     let settings = SimulatedSettings {
-        side: SIDE,
+        hand: Arc::clone(&episode.rig.hand),
         touch: episode.touch,
         gait: episode.controller.gait.clone(),
         schedule: episode.controller.schedule.clone(),
         seed: episode.seed,
         duration_s,
-        cameras,
+        cameras: episode.rig.placed(episode.cameras)?,
         camera_noise: config.camera_noise,
         perception: config.perception(),
         modality: Modality::Vitac,
@@ -464,7 +474,6 @@ fn follow<'a>(
     let pipeline = Pipeline {
         estimators,
         meshing: Meshing { cell_m: (cell_mm * 1e-3) as f32, every: None },
-        side: SIDE,
         object: Some(object),
         truth,
         supervisor: None,

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
 use mvt_gaits::controller_file;
+use mvt_hands::LoadedHand;
 use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::hand::Side;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
 use mvt_run::object::load_object;
@@ -13,7 +15,7 @@ use mvt_run::source::{Modality, TouchArguments, TouchOrigin};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use crate::{Episode, FULL, Key, Line, SIDE, Trial, key, spread, table, whole};
+use crate::{Episode, FULL, Key, Line, Trial, key, spread, table, whole};
 
 /// Run that is described by names and numbers, as they stand in a file.
 #[derive(Debug, Clone, Deserialize)]
@@ -80,9 +82,10 @@ impl SingleRun {
     pub fn run(&self) -> Result<Line> {
         let config = self.config()?;
         let object = load_object(&self.object)?;
+        let rig = LoadedHand::allegro(Side::Left);
         let touch = SensorProfile::tacto();
         let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights(&touch)?;
-        let controller = controller_file::choose("auto", &object, SIDE)?;
+        let controller = controller_file::choose("auto", &object, &rig.hand)?;
         let episode = Episode {
             name: &self.object,
             object: &object,
@@ -91,6 +94,7 @@ impl SingleRun {
             weights: weights.as_ref(),
             touch,
             controller: &controller,
+            rig: &rig,
         };
         let key = key(self.duration, &episode, self.mode, self.modality, FULL, &config);
         let key = Key { estimator_seed: self.estimator_seed, ..key };

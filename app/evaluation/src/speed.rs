@@ -3,6 +3,7 @@
 use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use mvt_gaits::gait;
+use mvt_robot::hand::{Hand, Side};
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
 use mvt_tuning::speed;
@@ -44,7 +45,9 @@ pub(crate) fn run(arguments: &HandSpeedArguments) -> Result<()> {
         bail!("{} holds objects in the air; name a controller that turns them on the palm", arguments.controller);
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(arguments.threads)).build()?;
-    let speed = pool.install(|| speed::measure(gait, &object, arguments.starts, DURATION_S, arguments.rounds))?;
+    let speed = pool.install(|| {
+        speed::measure(gait, &object, &Hand::allegro(Side::Right), arguments.starts, DURATION_S, arguments.rounds)
+    })?;
     if arguments.json {
         return print_line(&serde_json::to_string(&speed)?);
     }

@@ -1,13 +1,16 @@
 //! `hand survey`: which controllers turn which objects.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use clap::{Args, value_parser};
 use mvt_files::{input, output};
 use mvt_gaits::{controller_file, gait};
+use mvt_hands::LoadedHand;
 use mvt_objects::catalogue;
-use mvt_run::arguments::Hand;
+use mvt_robot::hand::ALLEGRO_DIGIT;
+use mvt_run::arguments::HandSide;
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
 use mvt_run::progress;
@@ -37,9 +40,12 @@ pub struct HandSurveyArguments {
     /// Seed of the first start [default: the first seed of the search]
     #[arg(long)]
     seed: Option<u64>,
-    /// Hand
-    #[arg(long, value_enum, default_value_t = Hand::Left)]
-    side: Hand,
+    /// Hand: a name that `rigs` lists, or the path of a hand file (.toml)
+    #[arg(long, value_name = "NAME|FILE", default_value = ALLEGRO_DIGIT)]
+    rig: String,
+    /// Side of the hand allegro_digit [default: left, or that of the hand file]
+    #[arg(long, value_enum)]
+    side: Option<HandSide>,
     /// File for the results
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -55,21 +61,21 @@ const LARGEST_FILE: u64 = 64 << 20;
 /// Runs the command.
 pub fn run(arguments: &HandSurveyArguments) -> Result<()> {
     let HandSurveyArguments { starts, seed, out, .. } = arguments;
-    let side = arguments.side.side();
+    let hand = LoadedHand::rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
     let all = |given: &[String], names: Vec<String>| if given.is_empty() { names } else { given.to_vec() };
     let objects = all(&arguments.object, catalogue::entries().map(|entry| entry.name.to_owned()).collect());
     let on_palm = gait::shipped().iter().filter(|(_, gait)| gait.feedback.is_none()).map(|(name, _)| name.clone());
     let controllers = all(&arguments.controller, on_palm.collect());
     let first = seed.unwrap_or_else(|| seeds::tuning().at(0));
     let seeds: Vec<u64> = (0..*starts).map(|start| first.wrapping_add(start)).collect();
-    let conditions = TrialConditions { side, duration_s: DURATION_S, steps: EPISODE_STEPS };
+    let conditions = TrialConditions { hand: Arc::clone(&hand), duration_s: DURATION_S, steps: EPISODE_STEPS };
     let mut rows: Vec<SurveyRow> = if out.exists() { read(arguments)? } else { Vec::new() };
     let bar = progress::bar(objects.len() as u64, "survey");
     let (mut turned, mut kept) = (0, 0);
     for name in &objects {
         let object = load_object(name)?;
         let play = |controller: &String| -> Result<SurveyRow> {
-            let chosen = controller_file::choose(controller, &object, side)?;
+            let chosen = controller_file::choose(controller, &object, &hand)?;
             let is_same =
                 |row: &&SurveyRow| (&row.object, &row.controller, &row.seeds) == (&object.name, &chosen.name, &seeds);
             match rows.iter().find(is_same) {

@@ -16,9 +16,9 @@ use crate::{Exported, export_lerobot, export_mcap, export_run, import_lerobot, i
 pub enum ExportCommand {
     /// Write a log or a run as an MCAP file, which Foxglove and rerun open
     ///
-    /// The file has Foxglove's protobuf schemas: poses of cameras, DIGITs and object in /tf (frame world), joint angles in
+    /// The file has Foxglove's protobuf schemas: poses of cameras, touch sensors and object in /tf (frame world), joint angles in
     /// /hand/joints, colours, labels, depth in metres and calibration of each camera in /camera/NAME, images and labels of
-    /// each DIGIT in /touch/FINGER. Images are the files of the log. The true pose of the object is included where the log
+    /// each touch sensor in /touch/PAD. Images are the files of the log. The true pose of the object is included where the log
     /// has one; the preview is not. Messages are compressed with LZ4.
     ///
     /// Of a run (the folder of `run --out`), the file has the recording: the estimated pose, the shape as it grew, state and scores
@@ -26,7 +26,7 @@ pub enum ExportCommand {
     Mcap(McapArguments),
     /// Write logs as a data set of LeRobot v3.0, one episode for each log
     ///
-    /// Colours and depth of the cameras, images of the DIGITs, joint angles as state, those of the next frame as action, and the
+    /// Colours and depth of the cameras, images of the touch sensors, joint angles as state, those of the next frame as action, and the
     /// object's pose where every frame has it. Images are PNG and JPEG files in Parquet, without video. Depth is in steps of 0.1
     /// mm. All logs need the same cameras and frame rate. docs/exchange.md lists the columns.
     Lerobot(LerobotArguments),

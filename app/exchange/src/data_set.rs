@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use mvt_robot::hand::JOINTS;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::Value;
 
@@ -143,17 +142,17 @@ impl DataSet {
         let feature = self.feature(column)?;
         let width = feature.get("shape").and_then(|shape| shape.get(0)).and_then(Value::as_u64);
         let width = width.ok_or_else(|| format!("{column} has no shape in meta/info.json"))? as usize;
-        let wanted = &mapping.hand.names;
+        let wanted = mapping.hand.names();
         let groups = self.names.get(column).map(Names::groups).unwrap_or_default();
         if groups.is_empty() {
             let places: Option<Vec<usize>> = wanted.iter().map(|name| name.parse().ok()).collect();
             return match places.filter(|places| places.iter().all(|place| *place < width)) {
                 Some(places) => Ok((width, places)),
-                None if width == JOINTS => {
+                None if width == wanted.len() => {
                     notes.push(format!(
-                        "{column} has no names: its {JOINTS} numbers are taken in the order of hand.names"
+                        "{column} has no names: its {width} numbers are taken in the order of hand.names"
                     ));
-                    Ok((width, (0..JOINTS).collect()))
+                    Ok((width, (0..width).collect()))
                 }
                 None => Err(format!(
                     "{column} has {width} numbers without names; give their places in hand.names, such as \"7\""
@@ -248,7 +247,7 @@ mod tests {
         std::fs::create_dir(folder.path().join("meta")).unwrap();
         std::fs::write(folder.path().join("meta/info.json"), info).unwrap();
         let set = DataSet::open(folder.path()).unwrap();
-        let wanted: Vec<String> = (0..JOINTS).map(|k| format!("\"{}\"", wanted.replace('K', &k.to_string()))).collect();
+        let wanted: Vec<String> = (0..16).map(|k| format!("\"{}\"", wanted.replace('K', &k.to_string()))).collect();
         let mapping = format!("[hand]\njoints = \"state\"\nnames = [{}]\n", wanted.join(", "));
         let mut notes = Vec::new();
         let (found, order) = set.order(&Mapping::parse(&mapping).unwrap(), &mut notes)?;

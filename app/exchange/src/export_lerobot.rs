@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mvt_feelsight::image::{ImageBuffer, ImageFormat, Luma, RgbImage};
 use mvt_feelsight::{Log, LogFrame};
@@ -11,7 +12,7 @@ use mvt_files::output::PartialFile;
 use mvt_frames::{Isometry, Object, World};
 use mvt_recording::Recording;
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, JOINTS};
+use mvt_robot::hand::Hand;
 use mvt_robot::ndarray::Array2;
 use serde_json::{Value, json};
 
@@ -44,7 +45,7 @@ pub struct ExportedDataSet {
 /// |---|---|
 /// | `observation.images.NAME` | colours of a camera: the JPEG file of the log |
 /// | `observation.images.NAME_depth` | depth of a camera: PNG with 16 bits, steps of 0.1 mm, 0 where nothing was measured |
-/// | `observation.images.touch_FINGER` | image of a DIGIT: the file of the log |
+/// | `observation.images.touch_PAD` | image of a touch sensor: the file of the log |
 /// | `observation.state` | joint angles, rad |
 /// | `action` | joint angles of the next frame, rad |
 /// | `observation.object_pose` | x, y, z in metres and quaternion w, x, y, z in the world; only if every frame has it |
@@ -95,12 +96,13 @@ pub fn export_lerobot(
 /// What all logs of a data set have in common.
 struct Layout {
     fps: u32,
+    hand: Arc<Hand>,
     has_poses: bool,
     has_estimates: bool,
     /// Name, height and width of each camera, and whether it has colours.
     cameras: Vec<(String, usize, usize, bool)>,
-    /// The DIGITs that have images.
-    touch: Vec<Finger>,
+    /// Names of the pads whose sensors have images.
+    touch: Vec<String>,
 }
 
 impl Layout {
@@ -111,18 +113,22 @@ impl Layout {
             };
             log.cameras().iter().enumerate().map(one).collect::<Vec<_>>()
         };
-        let touch =
-            |log: &Log| Finger::ALL.into_iter().filter(|finger| log.has_touch_images(*finger)).collect::<Vec<_>>();
+        let touch = |log: &Log| {
+            let felt = log.hand().pads().iter().enumerate().filter(|(k, _)| log.has_touch_images(*k));
+            felt.map(|(_, pad)| pad.name.clone()).collect::<Vec<_>>()
+        };
+        // The hands of the logs may be a left and a right one.
+        let joints = |log: &Log| log.hand().joints().iter().map(|joint| joint.name.clone()).collect::<Vec<_>>();
         let refused = |log: &Log, defect: String| ExchangeError::Source { path: log.folder().to_path_buf(), defect };
         let Some(first) = logs.first() else {
             return Err(ExchangeError::Source { path: PathBuf::new(), defect: "give one log or more".to_owned() });
         };
         let (expected, fps) = (cameras(first), rate(first));
         for log in logs {
-            if cameras(log) != expected || touch(log) != touch(first) {
+            if cameras(log) != expected || touch(log) != touch(first) || joints(log) != joints(first) {
                 return Err(refused(
                     log,
-                    "its cameras or touch sensors are not those of the first log; export it alone".to_owned(),
+                    "its cameras, touch sensors or joints are not those of the first log; export it alone".to_owned(),
                 ));
             }
             let found = rate(log);
@@ -131,7 +137,14 @@ impl Layout {
             }
         }
         let has_poses = logs.iter().all(|log| log.object_poses().iter().all(Option::is_some));
-        Ok(Self { fps: fps.round() as u32, has_poses, has_estimates: false, cameras: expected, touch: touch(first) })
+        Ok(Self {
+            fps: fps.round() as u32,
+            hand: Arc::clone(first.hand()),
+            has_poses,
+            has_estimates: false,
+            cameras: expected,
+            touch: touch(first),
+        })
     }
 
     /// Returns the columns of the data, in their order, with what info.json says of each.
@@ -152,14 +165,12 @@ impl Layout {
             let depth = json!({"is_depth_map": true, "depth_unit": DEPTH_STEP_M});
             features.push(image(format!("observation.images.{name}_depth"), *height, *width, 1, depth));
         }
-        for finger in &self.touch {
-            let name = format!("observation.images.touch_{}", finger.name());
-            features.push(image(name, digit::HEIGHT, digit::WIDTH, 3, Value::Null));
+        for pad in &self.touch {
+            features.push(image(extras::touch_column(pad), digit::HEIGHT, digit::WIDTH, 3, Value::Null));
         }
-        let joints: Vec<String> =
-            Finger::ALL.into_iter().flat_map(|finger| (0..4).map(move |k| format!("{}_{k}", finger.name()))).collect();
-        features.push(numbers("observation.state", "float32", JOINTS, json!(joints)));
-        features.push(numbers("action", "float32", JOINTS, json!(joints)));
+        let joints: Vec<&str> = self.hand.joints().iter().map(|joint| joint.name.as_str()).collect();
+        features.push(numbers("observation.state", "float32", joints.len(), json!(joints)));
+        features.push(numbers("action", "float32", joints.len(), json!(joints)));
         let pose = |name: &str| numbers(name, "float64", POSE, json!(["x", "y", "z", "qw", "qx", "qy", "qz"]));
         if self.has_poses {
             features.push(pose("observation.object_pose"));
@@ -330,16 +341,16 @@ impl DataSet<'_> {
                 .map_err(|defect| ExchangeError::Source { path: log.folder().to_path_buf(), defect })?;
             cells.push(image(depth));
         }
-        for (finger, file) in Finger::ALL.into_iter().zip(files.touch.0) {
+        let touch = log.hand().pads().iter().zip(files.touch).zip(&observation.touch);
+        for (k, ((pad, file), picture)) in touch.enumerate() {
             let Some(file) = file else {
-                if log.has_touch_images(finger) {
-                    return Err(absent(&format!("the DIGIT of the {} finger", finger.name())));
+                if log.has_touch_images(k) {
+                    return Err(absent(&format!("the touch sensor {}", pad.name)));
                 }
                 continue;
             };
             if is_sampled {
-                let key = format!("observation.images.touch_{}", finger.name());
-                sample(self.statistics.entry(key).or_default(), &observation.touch[finger]);
+                sample(self.statistics.entry(extras::touch_column(&pad.name)).or_default(), picture);
             }
             cells.push(image(file));
         }
@@ -414,7 +425,7 @@ impl DataSet<'_> {
             self.layout.features().into_iter().map(|(column, value)| (column.name, value)).collect();
         let info = json!({
             "codebase_version": "v3.0",
-            "robot_type": "allegro_digit",
+            "robot_type": self.layout.hand.name(),
             "total_episodes": self.episodes.len(),
             "total_frames": self.frames,
             "total_tasks": count,

@@ -8,7 +8,7 @@ use mvt_feelsight::{ImageFiles, Log, SCENE_FILE};
 use mvt_files::output::PartialFile;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, Object, World};
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, world_from_digit_camera};
+use mvt_robot::hand::{JointAngles, PerPad, TouchPad};
 
 use crate::error::ExchangeError;
 use crate::foxglove::{
@@ -34,12 +34,12 @@ pub struct Exported {
 ///
 /// | channel | schema | contents |
 /// |---|---|---|
-/// | `/tf` | FrameTransforms | frames of all cameras and DIGITs, and `object`, the true pose where it is known, in `world` |
+/// | `/tf` | FrameTransforms | frames of all cameras and touch sensors, and `object`, the true pose where it is known, in `world` |
 /// | `/hand/joints` | JointStates | angles, rad |
 /// | `/camera/NAME/color`, `/labels` | CompressedImage | files of the log, unchanged |
 /// | `/camera/NAME/depth` | RawImage, 32FC1 | metres along the optical axis, 0 where nothing was measured |
 /// | `/camera/NAME/calibration` | CameraCalibration | pinhole model |
-/// | `/touch/FINGER/image`, `/depth`, `/contact` | CompressedImage | files of the log, unchanged |
+/// | `/touch/PAD/image`, `/depth`, `/contact` | CompressedImage | files of the log, unchanged |
 ///
 /// Times are nanoseconds since the log's own zero. scene.json is attached, and data.pkl, which has times and poses to the last bit, unless a lens
 /// distorts. The preview is left out.
@@ -116,7 +116,7 @@ struct Channels {
     tf: Channel,
     joints: Channel,
     cameras: Vec<CameraChannels>,
-    touch: PerFinger<TouchChannels>,
+    touch: PerPad<TouchChannels>,
 }
 
 struct CameraChannels {
@@ -149,17 +149,16 @@ impl Channels {
                 calibration: channel(&format!("/camera/{name}/calibration"), &CAMERA_CALIBRATION)?,
             });
         }
-        let mut touch = |finger: Finger| -> std::io::Result<TouchChannels> {
-            let name = finger.name();
-            Ok(TouchChannels {
+        let mut touch = PerPad(Vec::new());
+        for TouchPad { name, .. } in log.hand().pads() {
+            touch.0.push(TouchChannels {
                 frame: format!("touch/{name}"),
                 image: channel(&format!("/touch/{name}/image"), &COMPRESSED_IMAGE)?,
                 depth: channel(&format!("/touch/{name}/depth"), &COMPRESSED_IMAGE)?,
                 contact: channel(&format!("/touch/{name}/contact"), &COMPRESSED_IMAGE)?,
-            })
-        };
-        let [index, middle, ring, thumb] = Finger::ALL.map(&mut touch);
-        Ok(Self { tf, joints, cameras, touch: PerFinger([index?, middle?, ring?, thumb?]) })
+            });
+        }
+        Ok(Self { tf, joints, cameras, touch })
     }
 
     /// Returns the messages of an instant.
@@ -182,20 +181,18 @@ impl Channels {
         for (channels, file) in self.cameras.iter().zip(labels.iter().flatten()) {
             messages.push((channels.labels, compressed(&stamp, &channels.frame, file)));
         }
-        for (finger, channels) in self.touch.iter() {
-            let pose = world_from_digit_camera(log.side(), finger, &joints);
+        for ((pad, channels), pose) in self.touch.iter().enumerate().zip(log.hand().world_from_touch_cameras(&joints)) {
             poses.push(transform(&stamp, &channels.frame, pose * optical()));
-            let image = touch[finger].as_ref();
+            let image = touch.get(pad).and_then(Option::as_ref);
             messages.extend(image.map(|file| (channels.image, compressed(&stamp, &channels.frame, file))));
-            if let Some(truth) = &touch_truth {
-                let [depth, contact] = &truth[finger];
+            if let Some([depth, contact]) = touch_truth.as_ref().and_then(|truth| truth.get(pad)) {
                 messages.push((channels.depth, compressed(&stamp, &channels.frame, depth)));
                 messages.push((channels.contact, compressed(&stamp, &channels.frame, contact)));
             }
         }
         poses.extend(object_pose.map(|pose| transform(&stamp, "object", pose)));
         let poses = transforms(&poses);
-        let states = joint_states(&stamp, &joints);
+        let states = joint_states(&stamp, log.hand(), &joints);
         messages.extend([(self.tf, poses), (self.joints, states)]);
         messages
     }

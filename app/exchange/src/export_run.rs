@@ -7,7 +7,7 @@ use mvt_feelsight::image::RgbImage;
 use mvt_feelsight::image::codecs::jpeg::JpegEncoder;
 use mvt_frames::camera::PosedCamera;
 use mvt_recording::{CameraImages, RecordedMoment, Recording};
-use mvt_robot::hand::{Finger, PerFinger, world_from_digit_camera};
+use mvt_robot::hand::{PerPad, TouchPad};
 use mvt_run::report::ShapePoint;
 
 use crate::error::ExchangeError;
@@ -56,10 +56,10 @@ const TRUE: [f64; 4] = [0.3, 0.6, 0.9, 0.4];
 ///
 /// | channel | schema | contents |
 /// |---|---|---|
-/// | `/tf` | FrameTransforms | frames of all cameras and DIGITs, `estimate`, the estimated pose of the object, and `object`, the true one where it is known, in `world` |
+/// | `/tf` | FrameTransforms | frames of all cameras and touch sensors, `estimate`, the estimated pose of the object, and `object`, the true one where it is known, in `world` |
 /// | `/hand/joints` | JointStates | angles, rad |
 /// | `/camera/NAME/color`, `/depth`, `/points`, `/calibration` | CompressedImage, RawImage, PointCloud, CameraCalibration | of the recorded images: every third frame, reduced; depth in metres |
-/// | `/touch/FINGER/image`, `/depth` | CompressedImage, RawImage | images of the DIGITs, and the depth that the tracker received, metres |
+/// | `/touch/PAD/image`, `/depth` | CompressedImage, RawImage | images of the touch sensors, and the depth that the tracker received, metres |
 /// | `/estimate/mesh` | SceneUpdate | the shape whenever it grew, in the frame `estimate` |
 /// | `/estimate/state` | mambavitact.Estimate | whether the tracker trusts the pose, its stated deviation, and ADD-S where the truth is known |
 /// | `/estimate/scores` | mambavitact.ShapeScores | scores of the shape, where the true one is known |
@@ -115,7 +115,7 @@ struct RunChannels {
     tf: Channel,
     joints: Channel,
     cameras: Vec<CameraChannels>,
-    touch: PerFinger<[Channel; 2]>,
+    touch: PerPad<[Channel; 2]>,
     mesh: Channel,
     state: Channel,
     scores: Channel,
@@ -144,17 +144,16 @@ impl RunChannels {
                 calibration: channel(&format!("/camera/{name}/calibration"), &CAMERA_CALIBRATION)?,
             });
         }
-        let mut touch = |finger: Finger| -> std::io::Result<[Channel; 2]> {
-            let name = finger.name();
-            Ok([
+        let mut touch = PerPad(Vec::new());
+        for TouchPad { name, .. } in recording.about().hand.pads() {
+            touch.0.push([
                 channel(&format!("/touch/{name}/image"), &COMPRESSED_IMAGE)?,
                 channel(&format!("/touch/{name}/depth"), &RAW_IMAGE)?,
-            ])
-        };
-        let [index, middle, ring, thumb] = Finger::ALL.map(&mut touch);
+            ]);
+        }
         Ok(Self {
             cameras,
-            touch: PerFinger([index?, middle?, ring?, thumb?]),
+            touch,
             tf: channel("/tf", &FRAME_TRANSFORMS)?,
             joints: channel("/hand/joints", &JOINT_STATES)?,
             mesh: channel("/estimate/mesh", &SCENE_UPDATE)?,
@@ -174,15 +173,14 @@ impl RunChannels {
             .zip(&self.cameras)
             .map(|(camera, channels)| transform(stamp, &channels.frame, camera.pose * optical()))
             .collect();
-        for finger in Finger::ALL {
-            let pose = world_from_digit_camera(about.side, finger, &moment.joints);
-            poses.push(transform(stamp, &touch_frame(finger), pose * optical()));
+        for (pad, pose) in about.hand.pads().iter().zip(about.hand.world_from_touch_cameras(&moment.joints)) {
+            poses.push(transform(stamp, &touch_frame(pad), pose * optical()));
         }
         poses.extend(moment.estimate().map(|pose| transform(stamp, "estimate", pose)));
         poses.extend(moment.row.truth.map(|pose| transform(stamp, "object", pose)));
         vec![
             (self.tf, transforms(&poses)),
-            (self.joints, joint_states(stamp, &moment.joints)),
+            (self.joints, joint_states(stamp, &about.hand, &moment.joints)),
             (self.state, state(stamp, moment)),
         ]
     }
@@ -215,9 +213,9 @@ impl RunChannels {
             messages.push((channels.points, point_cloud(stamp, frame, coloured)));
         }
         let gel = about.touch_gel();
-        for (finger, [image, depth]) in self.touch.iter() {
-            let Some(felt) = &images.touch[finger] else { continue };
-            let frame = touch_frame(finger);
+        for ((pad, [image, depth]), felt) in about.hand.pads().iter().zip(&self.touch).zip(&images.touch) {
+            let Some(felt) = felt else { continue };
+            let frame = touch_frame(pad);
             messages.extend(picture(stamp, &frame, &felt.image).map(|message| (*image, message)));
             if let Some(depth_m) = gel.depth_of(&felt.indentation_mm) {
                 let pixels: Vec<f32> = depth_m.iter().copied().collect();
@@ -228,8 +226,8 @@ impl RunChannels {
     }
 }
 
-fn touch_frame(finger: Finger) -> String {
-    format!("touch/{}", finger.name())
+fn touch_frame(pad: &TouchPad) -> String {
+    format!("touch/{}", pad.name)
 }
 
 /// Returns an image as a JPEG file; `None` for an empty one.

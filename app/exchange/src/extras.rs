@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use mvt_feelsight::{Log, SCENE_FILE};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
-use mvt_robot::hand::{Finger, Side};
 
 use crate::error::ExchangeError;
 use crate::foxglove::optical;
@@ -27,6 +26,11 @@ pub(crate) fn files(log: &Log, has_poses: bool) -> Result<Vec<(&'static str, Vec
     Ok(files)
 }
 
+/// Returns the column of a pad's images. LeRobot allows no slash in the name of a column.
+pub(crate) fn touch_column(pad: &str) -> String {
+    format!("observation.images.touch_{}", pad.replace('/', "_"))
+}
+
 /// Returns the name of the exact depth of a camera, by its number.
 pub(crate) fn depth_file(camera: usize) -> String {
     format!("depth-{camera}.npz")
@@ -45,10 +49,7 @@ pub(crate) fn depths(log: &Log) -> Vec<(String, PathBuf)> {
 /// Returns the mapping with which the episode becomes the log again.
 fn mapping(log: &Log, has_poses: bool) -> String {
     let quoted = |text: &str| toml::Value::from(text).to_string();
-    let side = match log.side() {
-        Side::Left => "left",
-        Side::Right => "right",
-    };
+    let side = log.hand().side().name();
     let mut text = format!("[hand]\nside = \"{side}\"\njoints = \"observation.state\"\n");
     let _ = write!(text, "time = \"observation.time_s\"\n\n[object]\nname = {}\n", quoted(log.object_name()));
     if has_poses {
@@ -73,9 +74,11 @@ fn mapping(log: &Log, has_poses: bool) -> String {
             t.z,
         );
     }
-    for finger in Finger::ALL.into_iter().filter(|finger| log.has_touch_images(*finger)) {
-        let name = finger.name();
-        let _ = write!(text, "\n[touch.{name}]\nimage = \"observation.images.touch_{name}\"\n");
+    for (_, pad) in log.hand().pads().iter().enumerate().filter(|(k, _)| log.has_touch_images(*k)) {
+        let is_bare = pad.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+        let key = if is_bare { pad.name.clone() } else { quoted(&pad.name) };
+        let image = quoted(&touch_column(&pad.name));
+        let _ = write!(text, "\n[touch.{key}]\nimage = {image}\n");
     }
     text
 }

@@ -3,7 +3,7 @@
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Frame, Isometry, World};
 use mvt_mesh::Mesh;
-use mvt_robot::hand::{Finger, JointAngles};
+use mvt_robot::hand::Hand;
 
 use crate::protobuf::Message;
 use crate::schema::{Field, Kind, MessageType, many, one, optional};
@@ -296,12 +296,10 @@ pub(crate) fn transforms(poses: &[Message]) -> Message {
     poses.iter().fold(Message::default(), |list, pose| list.message(1, pose))
 }
 
-/// Returns the angles, radians, with the names of the joints.
-pub(crate) fn joint_states(stamp: &Message, joints: &JointAngles) -> Message {
-    let names =
-        Finger::ALL.into_iter().flat_map(|finger| (0..4).map(move |joint| format!("{}_{joint}", finger.name())));
-    names.zip(joints).fold(Message::default().message(1, stamp), |list, (name, &angle)| {
-        list.message(2, &Message::default().text(1, &name).double(2, angle))
+/// Returns the angles, radians, or displacements, metres, with the names of the joints.
+pub(crate) fn joint_states(stamp: &Message, hand: &Hand, joints: &[f64]) -> Message {
+    hand.joints().iter().zip(joints).fold(Message::default().message(1, stamp), |list, (joint, &angle)| {
+        list.message(2, &Message::default().text(1, &joint.name).double(2, angle))
     })
 }
 

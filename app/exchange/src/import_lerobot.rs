@@ -1,12 +1,13 @@
 //! An episode of a data set of LeRobot as a log.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use mvt_feelsight::npz::NpzReader;
 use mvt_feelsight::{LogAssembler, LogCamera, LogImage, SCENE_FILE, SceneFile, Timeline};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry, Object, World};
-use mvt_robot::hand::{Finger, JOINTS, JointAngles};
+use mvt_robot::hand::JointAngles;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::data_set::{DataSet, EpisodePlace, LARGEST, number_of, whole};
@@ -86,11 +87,13 @@ impl DataSet {
         names.extend(images.0.iter().map(|(column, _)| *column));
 
         let (cameras, sizes): (Vec<_>, Vec<_>) = cameras(mapping)?.into_iter().unzip();
-        let distances: Vec<f64> = cameras.iter().map(|camera| distance_m(&camera.camera)).collect();
-        let mut writer = LogAssembler::create(out, cameras)?;
+        let distances: Vec<f64> =
+            cameras.iter().map(|camera| distance_m(&camera.camera, &mapping.hand.hand())).collect();
+        let hand = mapping.hand.hand();
+        let mut writer = LogAssembler::create(out, Arc::clone(&hand), cameras)?;
         let mut exact = exact_depths(extras, sizes.len())?;
         let mut log = Rows { checks: sizes.iter().map(|_| DepthCheck::default()).collect(), notes, ..Rows::default() };
-        let joint_names = &mapping.hand.names;
+        let joint_names = mapping.hand.names();
         read_rows(&file, &names, &mut |mut cells| -> Result<bool, Defect> {
             let at = |place: usize| cells.get(place).and_then(Option::as_ref);
             let numbers = (whole(at(0)), whole(at(1)));
@@ -105,8 +108,9 @@ impl DataSet {
             let row = match angles(at(2), width, &order) {
                 Err(defect) => Err((&mapping.hand.joints, defect)),
                 Ok(angles) => {
-                    let named = joint_names.iter().map(String::as_str).zip(angles.map(Some)).collect::<Vec<_>>();
-                    let (row, defects) = log.joints.row(&named, joint_names);
+                    let named =
+                        joint_names.iter().map(String::as_str).zip(angles.into_iter().map(Some)).collect::<Vec<_>>();
+                    let (row, defects) = log.joints.row(&named, joint_names, &hand);
                     match (row, defects.into_iter().next()) {
                         (Some(row), None) => Ok(row),
                         (_, defect) => Err((&mapping.hand.joints, defect.unwrap_or_default())),
@@ -180,7 +184,7 @@ impl DataSet {
         }
         if log.times_s.is_empty() || log.skips.count(joints) * 2 > log.count {
             let first = log.skips.first(joints).unwrap_or_default();
-            let defect = log.joints.defect(&mapping.hand.names);
+            let defect = log.joints.defect(mapping.hand.names(), &mapping.hand.hand());
             return Err(match defect.filter(|defect| defect.contains("radians")) {
                 Some(defect) => format!("{joints}: {defect}"),
                 None => format!("{joints}: most of its rows cannot be used; first {first}"),
@@ -215,20 +219,20 @@ impl DataSet {
         images: &Columns<'_>,
     ) -> Result<Imported, Defect> {
         let Rows { times_s, joints: Readings { rows: joints, .. }, poses, skips, mut notes, .. } = log;
-        let frames = joints.len();
+        let (frames, hand) = (joints.len(), mapping.hand.hand());
         let read = |name: &str| mvt_files::input::read(&extras?.join(name), LARGEST).ok();
         let scene: Option<SceneFile> = read(SCENE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
         // Damage may have changed it.
         let cameras = || mapping.cameras.iter().map(|camera| &camera.name);
-        let scene = scene.filter(|scene| scene.hand == mapping.hand.side && scene.cameras.iter().eq(cameras()));
+        let scene = scene.filter(|scene| scene.hand == hand && scene.cameras.iter().eq(cameras()));
         let object_name = mapping.object.name.clone().unwrap_or_else(|| "object".to_owned());
         let names = mapping.cameras.iter().map(|camera| camera.name.as_str());
         let record = read(RECORD_FILE).filter(|record| agrees(record, &times_s, &joints, names));
         notes.extend(skips.notes());
-        notes.extend(beyond_range(&joints, mapping.hand.side, &mapping.hand.names));
+        notes.extend(beyond_range(&joints, &hand, mapping.hand.names()));
         notes.push("labels and true touch depth are not part of a data set: `run` labels pixels itself".to_owned());
-        for finger in Finger::ALL.into_iter().filter(|finger| mapping.touch.of(*finger).is_none()) {
-            notes.push(format!("finger {} has no touch images: it is used without touch", finger.name()));
+        for (_, pad) in hand.pads().iter().enumerate().filter(|(k, _)| mapping.touch(*k).is_none()) {
+            notes.push(format!("pad {} has no touch images: it is used without touch", pad.name));
         }
         let unknown = poses.iter().filter(|pose| pose.is_none()).count();
         if unknown > 0 {
@@ -236,14 +240,7 @@ impl DataSet {
                 "the true pose of the object is unknown in {unknown} of {frames} frames: they have no scores"
             ));
         }
-        writer.finish(Timeline {
-            object_name,
-            side: mapping.hand.side,
-            times_s,
-            joints,
-            object_poses: poses,
-            scene,
-        })?;
+        writer.finish(Timeline { object_name, times_s, joints, object_poses: poses, scene })?;
         if let Some(record) = record {
             put(&record, out).map_err(|error| format!("cannot write {}: {error}", out.display()))?;
         }
@@ -344,7 +341,7 @@ impl Rows {
             }
             Kind::File(image) => {
                 let (turn, (_, camera)) = match image {
-                    LogImage::Touch(finger) => (mapping.touch.of(finger), Default::default()),
+                    LogImage::Touch(pad) => (mapping.touch(pad), Default::default()),
                     LogImage::Colours(k) | LogImage::Labels(k) => (None, of_camera(k)),
                     _ => (None, Default::default()),
                 };
@@ -379,10 +376,10 @@ impl<'a> Columns<'a> {
             columns
                 .extend(files.into_iter().filter_map(|(column, image)| Some((column.as_deref()?, Kind::File(image)))));
         }
-        for finger in Finger::ALL {
-            let Some(touch) = mapping.touch.of(finger) else { continue };
-            columns.push((&touch.image, Kind::File(LogImage::Touch(finger))));
-            let truth = [(&touch.depth, LogImage::TouchDepth(finger)), (&touch.contact, LogImage::Contact(finger))];
+        for pad in 0..mapping.hand.hand().pads().len() {
+            let Some(touch) = mapping.touch(pad) else { continue };
+            columns.push((&touch.image, Kind::File(LogImage::Touch(pad))));
+            let truth = [(&touch.depth, LogImage::TouchDepth(pad)), (&touch.contact, LogImage::Contact(pad))];
             columns
                 .extend(truth.into_iter().filter_map(|(column, image)| Some((column.as_deref()?, Kind::File(image)))));
         }
@@ -415,11 +412,7 @@ fn angles(cell: Option<&Cell>, width: usize, order: &[usize]) -> Result<JointAng
         Some(Cell::Numbers(numbers)) if numbers.len() == width => numbers,
         _ => return Err(format!("it has not {width} numbers")),
     };
-    let mut angles = [f64::NAN; JOINTS];
-    for (angle, place) in angles.iter_mut().zip(order) {
-        *angle = numbers.get(*place).copied().unwrap_or(f64::NAN);
-    }
-    Ok(angles)
+    Ok(order.iter().map(|place| numbers.get(*place).copied().unwrap_or(f64::NAN)).collect())
 }
 
 fn pose(cell: &Cell) -> Option<Isometry3<f64>> {

@@ -3,11 +3,13 @@
 use std::collections::HashMap;
 use std::fmt;
 use std::path::Path;
+use std::sync::Arc;
 
+use mvt_feelsight::hand::world_from_base;
 use mvt_feelsight::{LogAssembler, LogCamera, LogImage, SCENE_FILE, SceneFile, Timeline};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, HandBase, Isometry, Object, World};
-use mvt_robot::hand::{Finger, JOINTS, JointAngles, world_from_base};
+use mvt_robot::hand::{Hand, JointAngles};
 use nalgebra::Isometry3;
 use serde::Serialize;
 
@@ -74,7 +76,7 @@ impl fmt::Display for Imported {
 /// Writes an MCAP file as a log in the folder `out`. Without a mapping file it must be an export of this program. `progress` receives the
 /// number of frames that are done and of all frames.
 ///
-/// The frames are the depth images of the first camera; without cameras, the images of the first DIGIT. Each frame takes the nearest image of
+/// The frames are the depth images of the first camera; without cameras, the images of the first touch sensor. Each frame takes the nearest image of
 /// every other sensor, and a message serves one frame. Joint angles and the object's pose are interpolated. Memory does not grow with the
 /// images of the file.
 ///
@@ -107,8 +109,9 @@ fn import(
     let mut plan = Plan::new(&mapping, &survey)?;
     let scene = scene(&survey, &mapping)?;
     let cameras = cameras(&mapping, &survey, &mut plan.notes)?;
-    let distances: Vec<f64> = cameras.iter().map(|camera| distance_m(&camera.camera)).collect();
-    let mut writer = LogAssembler::create(out, cameras)?;
+    let distances: Vec<f64> = cameras.iter().map(|camera| distance_m(&camera.camera, &mapping.hand.hand())).collect();
+    let hand = scene.as_ref().map_or_else(|| mapping.hand.hand(), |scene| Arc::clone(&scene.hand));
+    let mut writer = LogAssembler::create(out, hand, cameras)?;
     let mut images = Images::new(&mapping, &survey, &plan);
     images.write(source, &mut writer, progress)?;
     let Images { checks, skips, .. } = images;
@@ -125,10 +128,9 @@ fn import(
     };
     let Plan { times_s, joints, object_poses, channels, notes, .. } = plan;
     let frames = times_s.len();
-    let side = scene.as_ref().map_or(mapping.hand.side, |scene| scene.hand);
     let names = mapping.cameras.iter().map(|camera| camera.name.as_str());
     let record = survey.record.filter(|record| agrees(record, &times_s, &joints, names));
-    writer.finish(Timeline { object_name, side, times_s, joints, object_poses, scene })?;
+    writer.finish(Timeline { object_name, times_s, joints, object_poses, scene })?;
     if let Some(record) = record {
         // Both are complete logs.
         put(&record, out).map_err(|error| format!("cannot write {}: {error}", out.display()))?;
@@ -161,7 +163,8 @@ struct Frames {
 impl Plan {
     fn new(mapping: &Mapping, survey: &Survey) -> Result<Self, Defect> {
         let used = |role| survey.of_role(role);
-        let touch = || Finger::ALL.into_iter().find_map(|finger| used(Role::Image(LogImage::Touch(finger))));
+        let hand = mapping.hand.hand();
+        let touch = || (0..hand.pads().len()).find_map(|pad| used(Role::Image(LogImage::Touch(pad))));
         let first = if mapping.cameras.is_empty() { touch() } else { used(Role::Depth(0)) };
         let first = first.ok_or_else(|| no_frames(mapping))?;
         let joints = used(Role::Joints).ok_or_else(|| {
@@ -176,8 +179,8 @@ impl Plan {
             notes: Vec::new(),
         };
         let mut frames = plan.frames(first)?;
-        plan.angles(&mut frames, joints, survey)?;
-        plan.notes.extend(beyond_range(&plan.joints, mapping.hand.side, &mapping.hand.names));
+        plan.angles(&mut frames, joints, survey, hand.joints().len())?;
+        plan.notes.extend(beyond_range(&plan.joints, &hand, mapping.hand.names()));
         plan.object(&frames, mapping, survey)?;
         for (place, used) in survey.used.iter().enumerate() {
             plan.channel(place, used, &frames)?;
@@ -211,9 +214,9 @@ impl Plan {
     }
 
     /// Interpolates the joint angles at the frames, and leaves out frames without.
-    fn angles(&mut self, frames: &mut Frames, joints: &Used, survey: &Survey) -> Result<(), Defect> {
+    fn angles(&mut self, frames: &mut Frames, joints: &Used, survey: &Survey, count: usize) -> Result<(), Defect> {
         let aligned = judge(&joints.topic, &joints.stamps)?.aligned(&frames.clock);
-        // Each joint has its own readings: those of the fingers may come in several messages.
+        // Each joint has its own readings, which may come in several messages.
         let readings = |joint: usize| -> (Vec<i64>, Vec<f64>) {
             let rows = aligned.order.iter().zip(&aligned.times);
             let reading = |(row, time): (&usize, &i64)| {
@@ -222,18 +225,16 @@ impl Plan {
             };
             rows.filter_map(reading).unzip()
         };
-        let readings: [_; JOINTS] = std::array::from_fn(readings);
+        let readings: Vec<_> = (0..count).map(readings).collect();
         let all = frames.times.len();
         frames.times.retain(|&at| {
-            let mut angles = [0.0; JOINTS];
-            for (angle, (times, values)) in angles.iter_mut().zip(&readings) {
-                match number_at(times, values, at, reach(frames.period, period(times))) {
-                    Some(value) => *angle = value,
-                    None => return false,
-                }
-            }
-            self.joints.push(angles);
-            true
+            let angle = |(times, values): &(Vec<i64>, Vec<f64>)| {
+                number_at(times, values, at, reach(frames.period, period(times)))
+            };
+            let angles = readings.iter().map(angle).collect::<Option<JointAngles>>();
+            let is_known = angles.is_some();
+            self.joints.extend(angles);
+            is_known
         });
         let left = frames.times.len();
         if left == 0 {
@@ -335,13 +336,14 @@ impl Plan {
                 self.notes.push(format!("camera {name} has no labels: `run` labels its pixels itself"));
             }
         }
-        for finger in Finger::ALL {
-            if !has(LogImage::Touch(finger)) {
-                self.notes.push(format!("finger {} has no touch images: it is used without touch", finger.name()));
+        let hand = mapping.hand.hand();
+        for (k, pad) in hand.pads().iter().enumerate() {
+            if !has(LogImage::Touch(k)) {
+                self.notes.push(format!("pad {} has no touch images: it is used without touch", pad.name));
             }
         }
         let truth = [LogImage::TouchDepth, LogImage::Contact];
-        if Finger::ALL.into_iter().any(|finger| truth.iter().any(|of| !has(of(finger)))) {
+        if (0..hand.pads().len()).any(|pad| truth.iter().any(|of| !has(of(pad)))) {
             self.notes.push("there is no true touch depth: use --touch-depth network, the default".to_owned());
         }
         self.notes.push("untouched images of the DIGITs are estimated as the median of their images".to_owned());
@@ -377,15 +379,15 @@ fn moves(frame: &str) -> String {
 }
 
 /// Returns the distance of a camera from the hand's base, metres.
-pub(crate) fn distance_m(camera: &PosedCamera) -> f64 {
-    let base = world_from_base().origin().coords();
+pub(crate) fn distance_m(camera: &PosedCamera, hand: &Hand) -> f64 {
+    let base = world_from_base(hand).origin().coords();
     (camera.pose.origin().coords() - base).norm()
 }
 
 /// Returns a pose in the world of one in the root of the mapping's poses.
 pub(crate) fn in_world(mapping: &Mapping, pose: Isometry3<f64>) -> Isometry3<f64> {
     match mapping.hand.base {
-        Some(_) => Isometry::<HandBase, World>::untyped(world_from_base()) * pose,
+        Some(_) => Isometry::<HandBase, World>::untyped(world_from_base(&mapping.hand.hand())) * pose,
         None => pose,
     }
 }
@@ -544,7 +546,7 @@ impl<'a> Images<'a> {
             }
             Role::Image(image) => {
                 let turn = match image {
-                    LogImage::Touch(finger) => self.mapping.touch.of(finger),
+                    LogImage::Touch(pad) => self.mapping.touch(pad),
                     _ => None,
                 };
                 let camera = match image {

@@ -1,9 +1,11 @@
 //! Which topics of a recording are which sensors: a short TOML file, or the names of our own export.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::hand::{Finger, JOINTS, PerFinger, Side};
+use mvt_robot::hand::{Hand, Side};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::Deserialize;
 
@@ -22,8 +24,9 @@ pub(crate) struct Mapping {
     pub object: ObjectMapping,
     #[serde(default, rename = "camera")]
     pub cameras: Vec<CameraMapping>,
+    /// By the name of the pad.
     #[serde(default)]
-    pub touch: TouchMappings,
+    touch: BTreeMap<String, TouchMapping>,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -34,8 +37,8 @@ pub(crate) struct HandMapping {
     pub joints: String,
     /// Column of the times in a data set, seconds; without it, the number of the frame by the data set's rate.
     pub time: Option<String>,
-    /// Names of the joints: index, middle, ring, thumb, each from the base to the tip.
-    pub names: Vec<String>,
+    /// Names of the hand's joints in the source, in the order of the hand. A file that gives none has the hand's own.
+    names: Option<Vec<String>>,
     /// Frame of the hand's base in the transforms. Without it poses are given in `world`.
     pub base: Option<String>,
     /// Frame in the transforms that is this program's world.
@@ -44,15 +47,32 @@ pub(crate) struct HandMapping {
 
 impl Default for HandMapping {
     fn default() -> Self {
-        let names = Finger::ALL.into_iter().flat_map(|finger| (0..4).map(move |k| format!("{}_{k}", finger.name())));
         Self {
             side: Side::Left,
             joints: "/hand/joints".into(),
             time: None,
-            names: names.collect(),
+            names: None,
             base: None,
             world: "world".into(),
         }
+    }
+}
+
+impl HandMapping {
+    /// Returns the hand.
+    pub fn hand(&self) -> Arc<Hand> {
+        Hand::allegro(self.side)
+    }
+
+    /// Returns the names of the hand's joints in the source, in the order of the hand.
+    pub fn names(&self) -> &[String] {
+        self.names.as_deref().unwrap_or_default()
+    }
+
+    /// Fills in the names of the joints.
+    fn complete(&mut self) {
+        let hand = self.hand();
+        self.names.get_or_insert_with(|| hand.joints().iter().map(|joint| joint.name.clone()).collect());
     }
 }
 
@@ -128,21 +148,6 @@ impl PoseMapping {
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct TouchMappings {
-    index: Option<TouchMapping>,
-    middle: Option<TouchMapping>,
-    ring: Option<TouchMapping>,
-    thumb: Option<TouchMapping>,
-}
-
-impl TouchMappings {
-    pub fn of(&self, finger: Finger) -> Option<&TouchMapping> {
-        PerFinger([&self.index, &self.middle, &self.ring, &self.thumb])[finger].as_ref()
-    }
-}
-
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TouchMapping {
     pub image: String,
@@ -159,6 +164,11 @@ pub(crate) struct TouchMapping {
 }
 
 impl Mapping {
+    /// Returns the touch sensor of a pad.
+    pub fn touch(&self, pad: usize) -> Option<&TouchMapping> {
+        self.touch.get(&self.hand.hand().pads().get(pad)?.name)
+    }
+
     /// Reads a mapping file.
     pub fn read(path: &Path) -> Result<Self, ExchangeError> {
         let failed = |reason: String| ExchangeError::Mapping { path: path.to_path_buf(), reason };
@@ -173,9 +183,15 @@ impl Mapping {
             // One line: the library adds a drawing.
             format!("line {line}: {}", error.message().lines().collect::<Vec<_>>().join(" "))
         })?;
-        let names = &mapping.hand.names;
-        if names.len() != JOINTS {
-            return Err(format!("hand.names has {} names; give {JOINTS}: index, middle, ring, thumb", names.len()));
+        mapping.hand.complete();
+        let (hand, names) = (mapping.hand.hand(), mapping.hand.names());
+        if names.len() != hand.joints().len() {
+            let own: Vec<&str> = hand.joints().iter().map(|joint| joint.name.as_str()).collect();
+            return Err(format!("hand.names has {} names; give {}: of {}", names.len(), own.len(), own.join(", ")));
+        }
+        if let Some(name) = mapping.touch.keys().find(|name| hand.pads().iter().all(|pad| pad.name != **name)) {
+            let pads: Vec<&str> = hand.pads().iter().map(|pad| pad.name.as_str()).collect();
+            return Err(format!("touch names the pad {name:?}, and the hand's pads are {}", pads.join(", ")));
         }
         if let Some((_, twice)) = names.iter().enumerate().find(|&(k, name)| names.iter().take(k).any(|n| n == name)) {
             return Err(format!("hand.names has {twice:?} twice"));
@@ -203,6 +219,7 @@ impl Mapping {
     /// whose topics come first.
     pub fn of_our_export<'a>(topics: impl Iterator<Item = &'a str>) -> Self {
         let mut mapping = Self { hand: HandMapping::default(), ..Self::default() };
+        mapping.hand.complete();
         mapping.object.frame = Some("object".to_owned());
         for topic in topics {
             let part = |sensor: &str| topic.strip_prefix(&format!("/{sensor}/")).and_then(|rest| rest.rsplit_once('/'));
@@ -226,11 +243,7 @@ impl Mapping {
                     contact: of("contact"),
                     ..TouchMapping::default()
                 };
-                let TouchMappings { index, middle, ring, thumb } = &mut mapping.touch;
-                let fingers = Finger::ALL.into_iter().zip([index, middle, ring, thumb]);
-                if let Some((_, place)) = fingers.into_iter().find(|(finger, _)| finger.name() == name) {
-                    *place = Some(touch);
-                }
+                mapping.touch.insert(name.to_owned(), touch);
             }
         }
         mapping
@@ -263,17 +276,20 @@ mod tests {
                     pose = { translation_m = [0.3, 0, 0.1], quaternion_xyzw = [0, 0, 0, 1] }\n\
                     [touch.thumb]\nimage = \"/digit/D20123\"\nquarter_turns = 1\n";
         let mapping = Mapping::parse(text).unwrap();
-        assert_eq!((mapping.hand.side, mapping.hand.names[15].as_str()), (Side::Right, "thumb_3"));
-        assert_eq!(mapping.touch.of(Finger::Thumb).unwrap().image, "/digit/D20123");
-        assert_eq!(mapping.touch.of(Finger::Ring), None);
+        assert_eq!((mapping.hand.side, mapping.hand.names()[15].as_str()), (Side::Right, "thumb_3"));
+        assert_eq!(mapping.touch(3).unwrap().image, "/digit/D20123");
+        assert_eq!(mapping.touch(2), None);
         assert_eq!(mapping.cameras[0].pose.unwrap().isometry().unwrap().translation.x, 0.3);
         for (wrong, said) in [
             (text.replace("joints =", "joint ="), "line 3: unknown field `joint`"),
-            (text.replace("base =", "names = [\"a\"]\nbase ="), "hand.names has 1 names"),
+            (text.replace("base =", "names = [\"a\"]\nbase ="), "hand.names has 1 names; give 16: of index_0, index_1"),
             (text.replace("0, 0, 0, 1]", "0, 0, 0, 0]"), "length 1"),
             (text.replace("fx = 60", "fx = 0"), "intrinsics"),
             (text.replace("depth = \"/d\"", "depth = \"/d\"\ndepth_unit_m = 0"), "depth_unit_m"),
-            (text.replace("[touch.thumb]", "[touch.toe]"), "toe"),
+            (
+                text.replace("[touch.thumb]", "[touch.toe]"),
+                "the pad \"toe\", and the hand's pads are index, middle, ring, thumb",
+            ),
         ] {
             let error = Mapping::parse(&wrong).unwrap_err();
             assert!(error.contains(said) && !error.contains('\n'), "{error}");
@@ -293,7 +309,7 @@ mod tests {
         let mapping = Mapping::of_our_export(topics.into_iter());
         let names: Vec<&str> = mapping.cameras.iter().map(|camera| camera.name.as_str()).collect();
         assert_eq!(names, ["side", "b"]);
-        assert_eq!(mapping.touch.of(Finger::Ring).unwrap().contact.as_deref(), Some("/touch/ring/contact"));
-        assert_eq!(mapping.touch.of(Finger::Index), None);
+        assert_eq!(mapping.touch(2).unwrap().contact.as_deref(), Some("/touch/ring/contact"));
+        assert_eq!(mapping.touch(0), None);
     }
 }

@@ -15,7 +15,8 @@ use crate::messages::Picture;
 const PNG: &[u8] = b"\x89PNG";
 /// Greatest number of pixels of an image.
 const MAX_PIXELS: u64 = 4096 * 4096;
-const DIGIT: (u32, u32) = (digit::WIDTH as u32, digit::HEIGHT as u32);
+/// Width and height of a touch image of a log.
+const TOUCH: (u32, u32) = (digit::WIDTH as u32, digit::HEIGHT as u32);
 
 /// Returns an image as a JPEG or PNG file. A JPEG or PNG file that lies as a log's images do is returned to the byte. `camera` is the size of
 /// the camera's images.
@@ -28,7 +29,7 @@ pub(crate) fn file_of<'a>(
     let turned = touch.filter(|touch| touch.quarter_turns % 4 != 0 || touch.bgr);
     let expected = match image {
         LogImage::Touch(_) => None,
-        LogImage::TouchDepth(_) | LogImage::Contact(_) => Some(DIGIT),
+        LogImage::TouchDepth(_) | LogImage::Contact(_) => Some(TOUCH),
         LogImage::Colours(_) | LogImage::Labels(_) => Some((camera.0 as u32, camera.1 as u32)),
     };
     let mut decoded = match picture.encoding {
@@ -42,7 +43,7 @@ pub(crate) fn file_of<'a>(
     }
     match image {
         LogImage::Touch(_) => {
-            let upright_already = turned.is_none() && found == DIGIT;
+            let upright_already = turned.is_none() && found == TOUCH;
             // The three colours of a touch sensor show the slopes of its gel.
             let image = colours(decoded).map_err(|error| error.to_string())?;
             if upright_already && picture.encoding.is_none() {
@@ -64,7 +65,7 @@ pub(crate) fn file_of<'a>(
     Ok(Cow::Owned(file.into_inner()))
 }
 
-/// Turns an image of a DIGIT upright, in its size.
+/// Turns an image of a touch sensor upright, in its size.
 fn upright(mut image: RgbImage, touch: Option<&TouchMapping>) -> Result<RgbImage, String> {
     image = match touch.map_or(0, |touch| touch.quarter_turns % 4) {
         1 => rotate90(&image),
@@ -78,10 +79,10 @@ fn upright(mut image: RgbImage, touch: Option<&TouchMapping>) -> Result<RgbImage
     let (width, height) = image.dimensions();
     if width > height {
         return Err(format!(
-            "the image is {width} x {height}, and a DIGIT's is taller than wide; give quarter_turns = 1 or 3 in the mapping"
+            "the image is {width} x {height}, and a touch sensor's is taller than wide; give quarter_turns = 1 or 3 in the mapping"
         ));
     }
-    Ok(if (width, height) == DIGIT { image } else { resize(&image, DIGIT.0, DIGIT.1, FilterType::Triangle) })
+    Ok(if (width, height) == TOUCH { image } else { resize(&image, TOUCH.0, TOUCH.1, FilterType::Triangle) })
 }
 
 /// Returns the rows of an image without their padding, with `bytes` a pixel.
@@ -277,7 +278,7 @@ mod tests {
 
     #[test]
     fn grey_touch_images_and_labels_in_colours_are_refused() {
-        let touch = LogImage::Touch(mvt_robot::hand::Finger::Ring);
+        let touch = LogImage::Touch(2);
         let as_file = |file: &[u8], image| {
             file_of(&Picture { data: file, ..Picture::default() }, image, None, (240, 320)).map(Cow::into_owned)
         };
@@ -301,16 +302,15 @@ mod tests {
         let image = raw(&picture("bgra8", 2, 1, 8, &pixels)).unwrap().into_rgb8();
         assert_eq!(image.as_raw(), &[30, 20, 10, 60, 50, 40]);
         let lying = RgbImage::from_fn(320, 240, |x, _| [if x < 160 { 200 } else { 0 }, 0, 50].into());
-        let finger = mvt_robot::hand::Finger::Ring;
         let sent = picture("rgb8", 320, 240, 960, lying.as_raw());
-        let refused = file_of(&sent, LogImage::Touch(finger), None, (1, 1)).unwrap_err();
+        let refused = file_of(&sent, LogImage::Touch(2), None, (1, 1)).unwrap_err();
         assert!(refused.contains("quarter_turns"), "{refused}");
         let turned = TouchMapping { quarter_turns: 1, bgr: true, ..TouchMapping::default() };
-        let file = file_of(&sent, LogImage::Touch(finger), Some(&turned), (1, 1)).unwrap();
+        let file = file_of(&sent, LogImage::Touch(2), Some(&turned), (1, 1)).unwrap();
         let image = decode(&file, None).unwrap().into_rgb8();
         assert_eq!((image.dimensions(), image.get_pixel(5, 5).0), ((240, 320), [50, 0, 200]));
         // A file that lies as it should is kept to the byte.
         let again = Picture { data: &file, ..Picture::default() };
-        assert!(matches!(file_of(&again, LogImage::Touch(finger), None, (1, 1)).unwrap(), Cow::Borrowed(_)));
+        assert!(matches!(file_of(&again, LogImage::Touch(2), None, (1, 1)).unwrap(), Cow::Borrowed(_)));
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mvt_feelsight::Log;
 use mvt_feelsight::pickle::{self, PickleValue};
-use mvt_robot::hand::{JOINTS, JointAngles};
+use mvt_robot::hand::JointAngles;
 
 /// Name of the file in a log.
 pub(crate) const RECORD_FILE: &str = "data.pkl";
@@ -44,7 +44,7 @@ pub(crate) fn agrees<'a>(
     });
     let state = value.get("allegro").and_then(|allegro| allegro.get("joint_state"));
     let has_joints = numbers(state).is_some_and(|state| {
-        state.len() == JOINTS * joints.len()
+        state.len() == joints.iter().map(Vec::len).sum::<usize>()
             && state.iter().zip(joints.iter().flatten()).all(|(a, b)| (a - b).abs() < SAME_RAD)
     });
     let places = value.get("realsense");

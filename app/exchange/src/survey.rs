@@ -5,7 +5,6 @@ use std::path::Path;
 
 use mvt_feelsight::{LogImage, SCENE_FILE};
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::hand::{Finger, JointAngles};
 use nalgebra::Isometry3;
 
 use crate::clock::Stamps;
@@ -103,10 +102,10 @@ fn roles(mapping: &Mapping) -> Result<HashMap<&str, Role>, String> {
         ];
         list.extend(others.into_iter().filter_map(|(topic, role)| Some((topic.as_ref()?, role))));
     }
-    for finger in Finger::ALL {
-        let Some(touch) = mapping.touch.of(finger) else { continue };
-        list.push((&touch.image, Role::Image(LogImage::Touch(finger))));
-        let truth = [(&touch.depth, LogImage::TouchDepth(finger)), (&touch.contact, LogImage::Contact(finger))];
+    for pad in 0..mapping.hand.hand().pads().len() {
+        let Some(touch) = mapping.touch(pad) else { continue };
+        list.push((&touch.image, Role::Image(LogImage::Touch(pad))));
+        let truth = [(&touch.depth, LogImage::TouchDepth(pad)), (&touch.contact, LogImage::Contact(pad))];
         list.extend(truth.into_iter().filter_map(|(topic, image)| Some((topic.as_ref()?, Role::Image(image)))));
     }
     let mut roles = HashMap::new();
@@ -214,7 +213,7 @@ impl Survey {
             }
         }
         let has_joints = self.used.iter().any(|used| used.role == Role::Joints && used.messages > 0);
-        match self.joints.defect(&mapping.hand.names).filter(|_| has_joints) {
+        match self.joints.defect(mapping.hand.names(), &mapping.hand.hand()).filter(|_| has_joints) {
             Some(defect) => Err(format!("{}: {defect}", mapping.hand.joints)),
             None => Ok(()),
         }
@@ -254,10 +253,10 @@ impl Survey {
         };
         match (role, decoded) {
             (Role::Joints, Decoded::Joints(joints)) => {
-                let (row, defects) = self.joints.row(&joints, &mapping.hand.names);
+                let (row, defects) = self.joints.row(&joints, mapping.hand.names(), &mapping.hand.hand());
                 defects.into_iter().for_each(|defect| skip(&mut self.skips, defect));
                 let Some(row) = row else { return Ok(()) };
-                // The fingers of one instant may come in several messages.
+                // The joints of one instant may come in several messages.
                 let is_last = used.stamps.is_last(time_ns, stated_ns);
                 if let Some(last) = self.joints.rows.last_mut().filter(|last| is_last && are_apart(last, &row)) {
                     last.iter_mut()
@@ -266,10 +265,11 @@ impl Survey {
                         .for_each(|(last, angle)| *last = angle);
                     return Ok(());
                 }
+                let bytes = std::mem::size_of_val(row.as_slice()) as u64;
                 self.joints.rows.push(row);
                 used.stamps.push(time_ns, stated_ns);
                 used.numbers.push(number);
-                return self.keep(std::mem::size_of::<JointAngles>() as u64);
+                return self.keep(bytes);
             }
             (Role::Calibration(camera), Decoded::Calibration(found)) => {
                 match (camera_model(&found), self.models.get_mut(camera)) {
@@ -353,7 +353,7 @@ impl Survey {
 }
 
 /// Returns whether no joint has an angle in both.
-fn are_apart(a: &JointAngles, b: &JointAngles) -> bool {
+fn are_apart(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| a.is_nan() || b.is_nan())
 }
 

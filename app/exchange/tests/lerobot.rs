@@ -7,10 +7,10 @@ mod common;
 use std::fs;
 use std::path::PathBuf;
 
-use common::{FRAMES, write_log};
-use mvt_exchange::{ExchangeError, Imported, export_lerobot, import_lerobot};
+use common::{FRAMES, small_log, write_log};
+use mvt_exchange::{ExchangeError, Imported, export_lerobot, export_mcap, import_lerobot, import_mcap};
 use mvt_feelsight::Log;
-use mvt_robot::hand::Finger;
+use mvt_robot::hand::{Hand, Side};
 
 struct Place {
     folder: tempfile::TempDir,
@@ -68,12 +68,12 @@ fn an_import_of_an_export_is_the_log_again() {
         let (before, after) = (Log::open(&place.path("log")).unwrap(), Log::open_tolerant(&place.path(&name)).unwrap());
         assert_eq!((before.times_s(), before.joints()), (after.times_s(), after.joints()));
         assert_eq!((before.object_poses(), before.cameras()), (after.object_poses(), after.cameras()));
-        assert_eq!((before.side(), before.object_name()), (after.side(), after.object_name()));
+        assert_eq!((before.hand(), before.object_name()), (after.hand(), after.object_name()));
         assert_eq!(before.scene(), after.scene());
         for k in 0..FRAMES {
             let (a, b) = (before.image_files(k).unwrap(), after.image_files(k).unwrap());
             assert_eq!(a.colours, b.colours);
-            assert!(Finger::ALL.into_iter().all(|finger| a.touch[finger] == b.touch[finger]));
+            assert_eq!(a.touch, b.touch);
             let (a, b) = (before.frame(k).unwrap().unwrap(), after.frame(k).unwrap().unwrap());
             for (a, b) in a.observation.cameras.iter().zip(&b.observation.cameras) {
                 assert!(a.depth_m.iter().zip(&b.depth_m).all(|(a, b)| (a - b).abs() < 0.6e-4));
@@ -102,13 +102,14 @@ fn exact_depth_is_that_of_the_log_to_the_bit() {
 #[test]
 fn joints_and_columns_are_those_of_the_mapping() {
     let place = Place::new();
-    let names: Vec<String> = (0..16).rev().map(|k| format!("\"{}_{}\"", Finger::ALL[k / 4].name(), k % 4)).collect();
+    let hand = Hand::allegro(Side::Left);
+    let names: Vec<String> = hand.joints().iter().rev().map(|joint| format!("{:?}", joint.name)).collect();
     let mapping = format!(
         "[hand]\njoints = \"action\"\nnames = [{}]\n[touch.thumb]\nimage = \"observation.images.touch_index\"\nquarter_turns = 2\n",
         names.join(", ")
     );
     let imported = place.import(1, Some(&mapping), "other").unwrap();
-    assert!(imported.notes.iter().any(|note| note.contains("finger ring has no touch images")), "{imported:?}");
+    assert!(imported.notes.iter().any(|note| note.contains("pad ring has no touch images")), "{imported:?}");
     let (before, after) = (Log::open(&place.path("log")).unwrap(), Log::open_tolerant(&place.path("other")).unwrap());
     for k in 0..FRAMES {
         let expected: Vec<f64> =
@@ -117,6 +118,28 @@ fn joints_and_columns_are_those_of_the_mapping() {
         assert!((after.times_s()[k] - k as f64 / 30.0).abs() < 1e-9);
         assert_eq!(after.object_poses()[k], None);
     }
+}
+
+#[test]
+fn a_log_of_another_hand_is_exported_with_its_own_joints_and_pads() {
+    let place = Place { folder: tempfile::tempdir().unwrap() };
+    let hand = Hand::new(small_log::gripper()).unwrap();
+    small_log::write_of(&hand, &place.path("log"), FRAMES, &[small_log::camera("side", 32, 24)]);
+    export_lerobot(&[place.path("log")], &[], &place.path("set"), false, || ()).unwrap();
+    let info = fs::read(place.path("set/meta/info.json")).unwrap();
+    let info: serde_json::Value = serde_json::from_slice(&info).unwrap();
+    assert_eq!(info["robot_type"], "gripper");
+    assert_eq!(info["features"]["observation.state"]["names"], serde_json::json!(["slide", "bend", "turn"]));
+    assert_eq!(info["features"]["observation.images.touch_back_lower"]["dtype"], "image");
+    let mapping = fs::read_to_string(place.path("set/meta/mambavitact/episode-000000/mapping.toml")).unwrap();
+    assert!(mapping.contains("[touch.\"back/lower\"]\nimage = \"observation.images.touch_back_lower\""), "{mapping}");
+    let said = place.refused(None);
+    assert!(said.contains("the pad \"back/lower\", and the hand's pads are index, middle, ring, thumb"), "{said}");
+
+    let log = Log::open(&place.path("log")).unwrap();
+    export_mcap(&log, &place.path("log.mcap"), false, || ()).unwrap();
+    let said = import_mcap(&place.path("log.mcap"), None, &place.path("wrong"), |_, _| ()).unwrap_err().to_string();
+    assert!(said.contains("there is no joint \"index_0\" among slide, bend, turn") && !said.contains('\n'), "{said}");
 }
 
 #[test]

@@ -1,13 +1,10 @@
-//! Contact sheet: one image of an episode, with a few moments and the times at which each finger touched.
+//! Contact sheet: one image of an episode, with a few moments and the times at which each pad touched.
 
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
-use crate::palette::FINGERS;
+use crate::palette::pad_colour;
 use crate::{draw, text};
-
-/// Number of fingers.
-const COUNT: usize = 4;
 
 /// Contents of a contact sheet.
 #[derive(Debug, Clone)]
@@ -16,11 +13,11 @@ pub struct ContactSheet {
     pub title: String,
     /// Line below the headline: seed, gait, outcome.
     pub subtitle: String,
-    /// Names of the fingers.
-    pub fingers: [&'static str; COUNT],
+    /// Names of the pads.
+    pub pads: Vec<String>,
     /// A few moments, early to late; six fit best.
     pub moments: Vec<SheetMoment>,
-    /// Times at which each finger touched.
+    /// Times at which each pad touched.
     pub timeline: ContactTimeline,
 }
 
@@ -31,19 +28,19 @@ pub struct SheetMoment {
     pub time_s: f64,
     /// The camera's image.
     pub camera: RgbImage,
-    /// The four touch images.
-    pub touch: [RgbImage; COUNT],
-    /// Whether each finger touched.
-    pub contact: [bool; COUNT],
+    /// The touch image of each pad.
+    pub touch: Vec<RgbImage>,
+    /// Whether each pad touched.
+    pub contact: Vec<bool>,
 }
 
-/// Contact of each finger, frame by frame.
+/// Contact of each pad, frame by frame.
 #[derive(Debug, Clone, Default)]
 pub struct ContactTimeline {
     /// Times of the frames, seconds, increasing.
     pub times_s: Vec<f64>,
-    /// For each frame whether each finger touched; as many as times.
-    pub contact: Vec<[bool; COUNT]>,
+    /// For each frame whether each pad touched; as many as times.
+    pub contact: Vec<Vec<bool>>,
 }
 
 const PAPER: Rgb<u8> = Rgb([250, 250, 248]);
@@ -69,16 +66,17 @@ const PERCENT_WIDTH: u32 = 62;
 pub fn contact_sheet(sheet: &ContactSheet) -> RgbImage {
     // A sheet without moments is as wide as one with four.
     let columns = if sheet.moments.is_empty() { 4 } else { sheet.moments.len() as u32 };
-    let moment_height = MOMENT_LABEL + CAMERA_HEIGHT + 8 + 2 * (TOUCH_LABEL + TOUCH.1 + 4);
+    let (pads, rows) = (sheet.pads.len() as u32, sheet.pads.len().div_ceil(2) as u32);
+    let moment_height = MOMENT_LABEL + CAMERA_HEIGHT + 8 + rows * (TOUCH_LABEL + TOUCH.1 + 4);
     let width = 2 * MARGIN + columns * COLUMN + (columns - 1) * GAP;
     let timeline_top = MARGIN + HEADER + if sheet.moments.is_empty() { 0 } else { moment_height + 34 };
-    let height = timeline_top + 40 + 4 * BAR_STEP + 44 + MARGIN;
+    let height = timeline_top + 40 + pads * BAR_STEP + 44 + MARGIN;
     let mut page = Page { image: RgbImage::from_pixel(width, height, PAPER) };
 
     page.text(MARGIN, MARGIN, 34.0, INK, &sheet.title);
     page.text(MARGIN, MARGIN + 46, 19.0, FAINT, &sheet.subtitle);
     for (i, moment) in (0..).zip(&sheet.moments) {
-        page.moment(MARGIN + i * (COLUMN + GAP), MARGIN + HEADER, moment, &sheet.fingers);
+        page.moment(MARGIN + i * (COLUMN + GAP), MARGIN + HEADER, moment, &sheet.pads);
     }
     let marks: Vec<f64> = sheet.moments.iter().map(|moment| moment.time_s).collect();
     page.timeline(timeline_top, sheet, &marks);
@@ -90,24 +88,24 @@ struct Page {
 }
 
 impl Page {
-    fn moment(&mut self, x: u32, y: u32, moment: &SheetMoment, names: &[&str; COUNT]) {
+    fn moment(&mut self, x: u32, y: u32, moment: &SheetMoment, names: &[String]) {
         self.text(x, y, 18.0, INK, &format!("{:.1} s", moment.time_s));
         let mut top = y + MOMENT_LABEL;
         self.picture(x, top, (COLUMN, CAMERA_HEIGHT), &moment.camera);
         top += CAMERA_HEIGHT + 8;
-        for (finger, image) in moment.touch.iter().enumerate() {
-            let (row, column) = (finger as u32 / 2, finger as u32 % 2);
+        for (pad, (image, name)) in moment.touch.iter().zip(names).enumerate() {
+            let (row, column) = (pad as u32 / 2, pad as u32 % 2);
             let (x, y) = (x + column * (TOUCH.0 + 6), top + row * (TOUCH_LABEL + TOUCH.1 + 4));
-            let touches = moment.contact[finger];
-            let color = FINGERS[finger];
-            // A finger that touches is marked in the colour of its bar.
+            let touches = moment.contact.get(pad).is_some_and(|touches| *touches);
+            let color = pad_colour(pad);
+            // A pad that touches is marked in the colour of its bar.
             self.disc(x + 6, y + 9, 5.0, if touches { color } else { TRACK });
-            self.text(x + 16, y, 15.0, if touches { INK } else { FAINT }, names[finger]);
+            self.text(x + 16, y, 15.0, if touches { INK } else { FAINT }, name);
             self.picture(x, y + TOUCH_LABEL, TOUCH, image);
         }
     }
 
-    fn timeline(&mut self, top: u32, ContactSheet { fingers, timeline, .. }: &ContactSheet, marks: &[f64]) {
+    fn timeline(&mut self, top: u32, ContactSheet { pads, timeline, .. }: &ContactSheet, marks: &[f64]) {
         self.text(MARGIN, top, 20.0, INK, "Contact");
         let left = MARGIN + NAME_WIDTH;
         let right = self.image.width() - MARGIN - PERCENT_WIDTH;
@@ -121,21 +119,22 @@ impl Page {
         let at = |time: f64| {
             left + ((time - start) / span * f64::from(right - left)).round().clamp(0.0, f64::from(right - left)) as u32
         };
-        for (finger, name) in fingers.iter().enumerate() {
-            let y = bars + finger as u32 * BAR_STEP;
-            let color = FINGERS[finger];
+        let touches = |contact: &Vec<bool>, pad: usize| contact.get(pad).is_some_and(|touches| *touches);
+        for (pad, name) in pads.iter().enumerate() {
+            let y = bars + pad as u32 * BAR_STEP;
+            let color = pad_colour(pad);
             self.text(MARGIN, y + 2, 17.0, INK, name);
             self.fill(left, y, right - left, BAR, TRACK);
-            for i in (0..frames).filter(|&i| timeline.contact[i][finger]) {
+            for i in (0..frames).filter(|&i| touches(&timeline.contact[i], pad)) {
                 let from = at(timeline.times_s[i]);
                 let to = if i + 1 < frames { at(timeline.times_s[i + 1]) } else { right };
                 self.fill(from, y, to.saturating_sub(from).max(1), BAR, color);
             }
-            let touched = timeline.contact[..frames].iter().filter(|contact| contact[finger]).count();
+            let touched = timeline.contact[..frames].iter().filter(|contact| touches(contact, pad)).count();
             let percent = 100.0 * touched as f64 / frames.max(1) as f64;
             self.text(right + 12, y + 2, 17.0, INK, &format!("{percent:.0} %"));
         }
-        let bottom = bars + 4 * BAR_STEP - (BAR_STEP - BAR);
+        let bottom = (bars + pads.len() as u32 * BAR_STEP).saturating_sub(BAR_STEP - BAR);
         for &mark in marks {
             let x = at(mark);
             self.fill(x, bars - 6, 1, bottom - bars + 6, INK);
@@ -200,39 +199,39 @@ mod tests {
     use super::*;
 
     fn sheet(frames: usize, moments: usize) -> ContactSheet {
-        let touch = std::array::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([100, 120, 140])));
+        let touch = vec![RgbImage::from_pixel(240, 320, Rgb([100, 120, 140])); 4];
         let moment = |i: usize| SheetMoment {
             time_s: i as f64,
             camera: RgbImage::from_pixel(640, 480, Rgb([60, 80, 70])),
             touch: touch.clone(),
-            contact: [true, false, true, false],
+            contact: vec![true, false, true, false],
         };
         ContactSheet {
             title: "077_rubiks_cube".into(),
             subtitle: "seed 0".into(),
-            fingers: ["index", "middle", "ring", "thumb"],
+            pads: ["index", "middle", "ring", "thumb"].map(str::to_owned).to_vec(),
             moments: (0..moments).map(moment).collect(),
             timeline: ContactTimeline {
                 times_s: (0..frames).map(|i| i as f64 / 30.0).collect(),
-                contact: (0..frames).map(|i| [true, false, i % 2 == 0, i > frames / 2]).collect(),
+                contact: (0..frames).map(|i| vec![true, false, i % 2 == 0, i > frames / 2]).collect(),
             },
         }
     }
 
-    /// Fraction of the timeline's middle row of a finger that has its colour.
-    fn colored(image: &RgbImage, finger: usize) -> f64 {
-        let color = FINGERS[finger];
+    /// Fraction of the timeline's middle row of a pad that has its colour.
+    fn colored(image: &RgbImage, pad: usize) -> f64 {
+        let color = pad_colour(pad);
         let bar = image.width() - 2 * MARGIN - NAME_WIDTH - PERCENT_WIDTH;
         let bottom = image.height() - MARGIN - 44;
-        let y = bottom - (4 - finger as u32) * BAR_STEP + BAR / 2;
+        let y = bottom - (4 - pad as u32) * BAR_STEP + BAR / 2;
         (0..image.width()).filter(|&x| image.get_pixel(x, y) == &color).count() as f64 / f64::from(bar)
     }
 
     #[test]
     fn bars_are_as_long_as_contacts() {
         let image = contact_sheet(&sheet(600, 0));
-        for (finger, fraction) in [1.0, 0.0, 0.5, 0.5].into_iter().enumerate() {
-            assert!((colored(&image, finger) - fraction).abs() < 0.01, "{finger} {}", colored(&image, finger));
+        for (pad, fraction) in [1.0, 0.0, 0.5, 0.5].into_iter().enumerate() {
+            assert!((colored(&image, pad) - fraction).abs() < 0.01, "{pad} {}", colored(&image, pad));
         }
     }
 
@@ -245,6 +244,11 @@ mod tests {
         empty.moments[0].camera = RgbImage::new(0, 0);
         empty.timeline.contact.truncate(2);
         contact_sheet(&empty);
+        for pads in [0, 2, 8] {
+            let mut other = sheet(3, 2);
+            other.pads = (0..pads).map(|k| format!("pad {k}")).collect();
+            contact_sheet(&other);
+        }
     }
 
     #[test]

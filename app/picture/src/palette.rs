@@ -76,8 +76,21 @@ pub const UNSEEN: Rgb<u8> = Rgb([170, 170, 170]);
 /// Colours of curves in one plot (Okabe and Ito): blue, vermilion, green and purple, readable in both themes.
 pub const CURVES: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([213, 94, 0]), Rgb([0, 158, 115]), Rgb([204, 121, 167])];
 
-/// Colours of index, middle, ring and thumb everywhere (Okabe and Ito), distinct also to people who cannot distinguish red and green.
-pub const FINGERS: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([230, 159, 0]), Rgb([0, 158, 115]), Rgb([204, 121, 167])];
+/// Returns the colour of a pad everywhere (Okabe and Ito), distinct also to people who cannot distinguish red and green. The first four are those
+/// of index, middle, ring and thumb; after eight they repeat.
+pub fn pad_colour(pad: usize) -> Rgb<u8> {
+    const COLOURS: [[u8; 3]; 8] = [
+        [0, 114, 178],
+        [230, 159, 0],
+        [0, 158, 115],
+        [204, 121, 167],
+        [213, 94, 0],
+        [86, 180, 233],
+        [150, 140, 40],
+        [110, 110, 110],
+    ];
+    Rgb(COLOURS[pad % COLOURS.len()])
+}
 
 /// Spans of a plot in which the object is lost (Okabe and Ito's orange), drawn translucent.
 pub const LOST_SPAN: Rgb<u8> = Rgb([230, 159, 0]);

@@ -434,7 +434,7 @@ mod tests {
     use mvt_frames::{Camera, Isometry, Object, World};
     use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
     use mvt_render::tessellation::tessellate;
-    use mvt_robot::hand::Primitive;
+    use mvt_robot::hand::{Primitive, UPRIGHT};
     use nalgebra::Vector3;
 
     const PAPER: Rgb<u8> = Rgb([250, 250, 248]);
@@ -454,8 +454,8 @@ mod tests {
 
     fn shapes() -> [Mesh; 3] {
         [
-            Primitive::Ellipsoid { centre: [0.0, 0.01, 0.0], semi: [0.03, 0.05, 0.02] },
-            Primitive::Box { centre: [0.0, 0.0, 0.01], half: [0.04, 0.02, 0.03] },
+            Primitive::Ellipsoid { centre: [0.0, 0.01, 0.0], semi: [0.03, 0.05, 0.02], orientation_wxyz: UPRIGHT },
+            Primitive::Box { centre: [0.0, 0.0, 0.01], half: [0.04, 0.02, 0.03], orientation_wxyz: UPRIGHT },
             Primitive::Capsule { from: [-0.05, 0.0, 0.0], to: [0.05, 0.02, 0.0], radius: 0.02 },
         ]
         .map(|shape| tessellate(&shape, 48))

@@ -14,7 +14,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_mesh::Mesh;
 use mvt_robot::digit::FOV_Y_DEG;
 use mvt_robot::digit::gel::{BULGE_M, GelView};
-use mvt_robot::hand::PerFinger;
+use mvt_robot::hand::PerPad;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::observation::TouchTruth;
 use mvt_run::object::load_object;
@@ -22,9 +22,7 @@ use mvt_run::report::{FrameRow, StageMs, TrackState};
 use mvt_segmentation::{SegmentationConfig, segment};
 use ndarray::Array2;
 
-use super::{
-    About, CameraImages, FingerImages, FrameImages, RecordedMoment, RecordingError, Touching, VERSION, images,
-};
+use super::{About, CameraImages, FrameImages, RecordedMoment, RecordingError, TouchImages, Touching, VERSION, images};
 
 /// Images of a log. A background thread reads the contacts and the camera depths, which lie in one compressed file;
 /// other images are read on request.
@@ -56,7 +54,7 @@ impl Background {
 struct Read {
     /// Thinned depth of every camera, packed. Unpacked, three cameras and 30 s would take a gigabyte.
     depths: Vec<Option<Vec<u8>>>,
-    fingers: PerFinger<Option<Touching>>,
+    touching: PerPad<Option<Touching>>,
 }
 
 impl Drop for LogImages {
@@ -89,7 +87,7 @@ impl LogImages {
             seed: log.scene().map_or(0, |scene| scene.seed),
             mode: None,
             modality: Modality::Vitac,
-            side: log.side(),
+            hand: Arc::clone(log.hand()),
             touch_fov_y_deg: FOV_Y_DEG,
             touch_bulge_mm: 1e3 * BULGE_M,
             cameras: log
@@ -114,8 +112,8 @@ impl LogImages {
                     add_s: None,
                     stage_ms: StageMs::default(),
                 },
-                joints: log.joints()[k],
-                fingers: PerFinger::default(),
+                joints: log.joints()[k].clone(),
+                touching: log.hand().per_pad(|_| None),
                 is_keyframe: false,
                 is_estimated: false,
                 images: None,
@@ -141,7 +139,7 @@ impl LogImages {
                     let gel = GelView::tacto();
                     Touching::of(&true_press(&truth?, gel)?, gel, None)
                 };
-                let read = Read { depths, fingers: PerFinger(frame.touch_truth.0.map(touching)) };
+                let read = Read { depths, touching: frame.touch_truth.into_iter().map(touching).collect() };
                 others.frames().push(read);
             }
             others.is_complete.store(true, Ordering::Relaxed);
@@ -177,7 +175,7 @@ impl LogImages {
         let before = self.with_contacts;
         let frames = self.background.frames();
         for (moment, read) in moments.iter_mut().zip(&*frames).skip(before) {
-            moment.fingers = read.fingers;
+            moment.touching = read.touching.clone();
         }
         self.with_contacts = frames.len();
         self.with_contacts > before
@@ -186,8 +184,8 @@ impl LogImages {
     /// Returns the images of a frame that can be read.
     pub fn images(&self, frame: usize) -> FrameImages {
         let depths = self.background.frames().get(frame).map(|read| read.depths.clone()).unwrap_or_default();
-        let joints = self.log.joints().get(frame).copied().unwrap_or_default();
-        let hand = HandSolid::new(self.log.side(), &joints);
+        let joints = self.log.joints().get(frame).cloned().unwrap_or_default();
+        let (solid, grasp) = (HandSolid::new(self.log.hand(), &joints), self.log.hand().grasp_centre(&joints));
         let camera = |(k, (camera, &stride)): (usize, (&PosedCamera, &usize))| {
             let colour = self.log.colour(k, frame).map(|colour| images::thinned(&colour, stride)).unwrap_or_default();
             let packed = depths.get(k).and_then(Option::as_ref);
@@ -196,21 +194,21 @@ impl LogImages {
                 Array2::default((0, 0))
             } else {
                 let intrinsics = images::shrunk(&camera.intrinsics);
-                segment(&depth_m, &intrinsics, camera.pose, &hand, &SegmentationConfig::default())
+                segment(&depth_m, &intrinsics, camera.pose, &solid, grasp, &SegmentationConfig::default())
             };
             Some(CameraImages { colour, depth_m, labels })
         };
         let cameras = self.log.cameras().iter().zip(&self.strides).enumerate().map(camera).collect();
-        let touch = PerFinger::from_fn(|finger| {
-            let image = self.log.touch_image(finger, frame).ok();
-            let truth = self.log.touch_truth(finger, frame).ok();
+        let touch = self.log.hand().per_pad(|pad| {
+            let image = self.log.touch_image(pad, frame).ok();
+            let truth = self.log.touch_truth(pad, frame).ok();
             if image.is_none() && truth.is_none() {
                 return None;
             }
             let press = truth.and_then(|truth| true_press(&truth, GelView::tacto()));
             let (indentation_mm, contact) =
                 press.map_or_else(Default::default, |press| (press.indentation_mm, press.contact));
-            Some(FingerImages { image: image.unwrap_or_default(), indentation_mm, contact, true_indentation_mm: None })
+            Some(TouchImages { image: image.unwrap_or_default(), indentation_mm, contact, true_indentation_mm: None })
         });
         FrameImages { frame, cameras, touch }
     }

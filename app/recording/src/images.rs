@@ -11,10 +11,10 @@ use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use image::{ImageReader, RgbImage};
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::PerPad;
 use ndarray::Array2;
 
-use super::{CameraImages, FingerImages, FrameImages};
+use super::{CameraImages, FrameImages, TouchImages};
 
 /// Longest side of a recorded camera image, pixels.
 const CAMERA_SIDE: usize = 320;
@@ -99,9 +99,8 @@ pub fn encode(images: &FrameImages) -> Result<Vec<u8>, String> {
         put(Kind::Depth, k, &pack_depth(depth_m)?);
         put(Kind::Segmentation, k, &pack_levels(labels, |label| label.grey())?);
     }
-    for (finger, touch) in images.touch.iter() {
-        let Some(FingerImages { image, indentation_mm, contact, true_indentation_mm }) = touch else { continue };
-        let k = finger as usize;
+    for (k, touch) in images.touch.iter().enumerate() {
+        let Some(TouchImages { image, indentation_mm, contact, true_indentation_mm }) = touch else { continue };
         if !image.is_empty() {
             put(Kind::Touch, k, &jpeg(image)?);
         }
@@ -119,8 +118,8 @@ pub fn encode(images: &FrameImages) -> Result<Vec<u8>, String> {
 }
 
 /// Decodes the images of a frame.
-pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<FrameImages, String> {
-    let mut images = FrameImages { frame, cameras: vec![None; cameras], touch: PerFinger::default() };
+pub fn decode(block: &[u8], frame: usize, cameras: usize, pads: usize) -> Result<FrameImages, String> {
+    let mut images = FrameImages { frame, cameras: vec![None; cameras], touch: PerPad(vec![None; pads]) };
     let mut rest = block;
     while !rest.is_empty() {
         let (head, after) = rest.split_at_checked(6).ok_or("a block of images ends in the middle")?;
@@ -134,15 +133,15 @@ pub fn decode(block: &[u8], frame: usize, cameras: usize) -> Result<FrameImages,
             Kind::Segmentation => camera(&mut images, sensor)?.labels = unpack_levels(bytes, label)?,
             Kind::Depth => camera(&mut images, sensor)?.depth_m = unpack_depth(bytes)?,
             Kind::Touch => {
-                let finger = finger(&mut images, sensor)?;
-                finger.image = unjpeg(bytes)?;
-                let (width, height) = finger.image.dimensions();
-                finger.indentation_mm = Array2::zeros((height as usize, width as usize));
-                finger.contact = Array2::default(finger.indentation_mm.dim());
+                let touch = touch(&mut images, sensor)?;
+                touch.image = unjpeg(bytes)?;
+                let (width, height) = touch.image.dimensions();
+                touch.indentation_mm = Array2::zeros((height as usize, width as usize));
+                touch.contact = Array2::default(touch.indentation_mm.dim());
             }
-            Kind::Indentation => finger(&mut images, sensor)?.indentation_mm = unpack_touch(bytes)?,
-            Kind::Contact => finger(&mut images, sensor)?.contact = unpack_levels(bytes, |grey| Ok(grey > 127))?,
-            Kind::TrueIndentation => finger(&mut images, sensor)?.true_indentation_mm = Some(unpack_touch(bytes)?),
+            Kind::Indentation => touch(&mut images, sensor)?.indentation_mm = unpack_touch(bytes)?,
+            Kind::Contact => touch(&mut images, sensor)?.contact = unpack_levels(bytes, |grey| Ok(grey > 127))?,
+            Kind::TrueIndentation => touch(&mut images, sensor)?.true_indentation_mm = Some(unpack_touch(bytes)?),
         }
     }
     Ok(images)
@@ -153,9 +152,9 @@ fn camera(images: &mut FrameImages, sensor: usize) -> Result<&mut CameraImages, 
     Ok(camera.get_or_insert_default())
 }
 
-fn finger(images: &mut FrameImages, sensor: usize) -> Result<&mut FingerImages, String> {
-    let finger = Finger::ALL.get(sensor).ok_or_else(|| format!("there is no finger {sensor}"))?;
-    Ok(images.touch[*finger].get_or_insert_default())
+fn touch(images: &mut FrameImages, sensor: usize) -> Result<&mut TouchImages, String> {
+    let touch = images.touch.get_mut(sensor).ok_or_else(|| format!("there is no pad {sensor}"))?;
+    Ok(touch.get_or_insert_default())
 }
 
 fn jpeg(image: &RgbImage) -> Result<Vec<u8>, String> {
@@ -299,24 +298,22 @@ mod tests {
             labels: Array2::from_shape_fn((24, 32), |(_, c)| if c > 9 { Label::Object } else { Label::Hand }),
         };
         let pressed = Array2::from_shape_fn((320, 240), |(r, c)| if r > 200 { 0.002 * c as f32 } else { 0.0 });
-        let touch = FingerImages {
+        let touch = TouchImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
             contact: pressed.mapv(|_| true),
             indentation_mm: pressed.clone(),
             true_indentation_mm: Some(pressed.mapv(|mm| 0.5 * mm)),
         };
-        let mut images = FrameImages { frame: 7, cameras: vec![None, Some(camera)], touch: PerFinger::default() };
-        images.touch[Finger::Ring] = Some(touch);
-        images
+        FrameImages { frame: 7, cameras: vec![None, Some(camera)], touch: PerPad(vec![None, None, Some(touch), None]) }
     }
 
     #[test]
     fn images_are_decoded_up_to_their_steps() {
         let images = example();
         let block = encode(&images).unwrap();
-        let read = decode(&block, 7, 2).unwrap();
+        let read = decode(&block, 7, 2, 4).unwrap();
         let [before, after] = [&images, &read].map(|images| images.cameras[1].clone().unwrap());
-        assert!(read.cameras[0].is_none() && read.touch[Finger::Thumb].is_none());
+        assert!(read.cameras[0].is_none() && read.touch[3].is_none());
         assert_eq!(before.labels, after.labels);
         let close = |a: &Array2<f32>, b: &Array2<f32>, step: f32| {
             assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.51 * step));
@@ -325,7 +322,7 @@ mod tests {
         assert!(before.depth_m.iter().zip(&after.depth_m).all(|(a, b)| (*a == 0.0) == (*b == 0.0)));
         let off = before.colour.iter().zip(after.colour.iter()).map(|(a, b)| a.abs_diff(*b)).max();
         assert!(off < Some(24), "{off:?}");
-        let [before, after] = [&images, &read].map(|images| images.touch[Finger::Ring].clone().unwrap());
+        let [before, after] = [&images, &read].map(|images| images.touch[2].clone().unwrap());
         close(&before.indentation_mm, &after.indentation_mm, TOUCH_STEP_MM);
         close(&before.true_indentation_mm.unwrap(), &after.true_indentation_mm.unwrap(), TOUCH_STEP_MM);
         assert_eq!(before.contact, after.contact);
@@ -333,18 +330,18 @@ mod tests {
 
     #[test]
     fn a_digit_without_contact_takes_no_space() {
-        let untouched = FingerImages {
+        let untouched = TouchImages {
             image: RgbImage::from_pixel(240, 320, image::Rgb([90, 120, 60])),
             indentation_mm: Array2::zeros((320, 240)),
             contact: Array2::default((320, 240)),
             true_indentation_mm: None,
         };
-        let mut images = FrameImages { frame: 0, cameras: vec![], touch: PerFinger::default() };
-        images.touch[Finger::Index] = Some(FingerImages { image: RgbImage::default(), ..untouched.clone() });
-        assert_eq!(decode(&encode(&images).unwrap(), 0, 0).unwrap(), images);
-        images.touch[Finger::Index] = Some(untouched);
+        let mut images = FrameImages { frame: 0, cameras: vec![], touch: PerPad(vec![None; 2]) };
+        images.touch[0] = Some(TouchImages { image: RgbImage::default(), ..untouched.clone() });
+        assert_eq!(decode(&encode(&images).unwrap(), 0, 0, 2).unwrap(), images);
+        images.touch[0] = Some(untouched);
         let block = encode(&images).unwrap();
-        let read = decode(&block, 0, 0).unwrap().touch[Finger::Index].clone().unwrap();
+        let read = decode(&block, 0, 0, 2).unwrap().touch[0].clone().unwrap();
         assert!(
             read.indentation_mm == Array2::<f32>::zeros((320, 240)) && !read.contact.iter().any(|&touches| touches)
         );
@@ -379,7 +376,7 @@ mod tests {
             let mut block = encode(&example()).unwrap();
             let at = at.index(block.len());
             if cut { block.truncate(at) } else { block[at] = byte }
-            let _ = decode(&block, 0, 2);
+            let _ = decode(&block, 0, 2, 4);
         }
     }
 }

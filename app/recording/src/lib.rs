@@ -20,7 +20,7 @@
 //! a run that is killed leaves a valid recording. Lines hold the checksums of their blocks.
 //!
 //! ```
-//! use mvt_recording::mvt_robot::hand::Side;
+//! use mvt_recording::mvt_robot::hand::{Hand, Side};
 //! use mvt_recording::mvt_run::{estimator::Mode, pipeline::Progress, source::Modality};
 //! use mvt_recording::{About, Recording, RecordingWriter, Status, VERSION};
 //!
@@ -31,7 +31,7 @@
 //!     seed: 0,
 //!     mode: Some(Mode::Slam),
 //!     modality: Modality::Vitac,
-//!     side: Side::Left,
+//!     hand: Hand::allegro(Side::Left),
 //!     touch_fov_y_deg: 60.0,
 //!     touch_bulge_mm: 5.0,
 //!     cameras: vec![],
@@ -60,13 +60,14 @@ mod tests;
 mod writer;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, World};
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{JointAngles, PerFinger, Side};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::Press;
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
@@ -103,8 +104,8 @@ pub struct About {
     pub mode: Option<Mode>,
     /// Which sensors are used.
     pub modality: Modality,
-    /// Which hand.
-    pub side: Side,
+    /// The hand.
+    pub hand: Arc<Hand>,
     /// Vertical field of view of the touch sensors' cameras, degrees.
     pub touch_fov_y_deg: f64,
     /// Difference in depth between the apex of a gel and the corners of a pad of 20 x 30 mm, millimetres; 0 for a flat gel.
@@ -117,7 +118,7 @@ pub struct About {
     pub process: u32,
 }
 
-/// Contact of a fingertip.
+/// Contact of a pad.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Touching {
@@ -151,8 +152,8 @@ pub struct RecordedMoment {
     pub row: FrameRow,
     /// Joint angles.
     pub joints: JointAngles,
-    /// Contact of each finger; `None` without contact or if it is unknown.
-    pub fingers: PerFinger<Option<Touching>>,
+    /// Contact of each pad; `None` without contact or if it is unknown.
+    pub touching: PerPad<Option<Touching>>,
     /// Whether the map keeps the frame.
     pub is_keyframe: bool,
     /// Whether the row holds an estimate; a log has none.
@@ -187,9 +188,9 @@ pub struct CameraImages {
     pub labels: Array2<Label>,
 }
 
-/// Images of a DIGIT at one frame. Each may be empty.
+/// Images of a touch sensor at one frame. Each may be empty.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct FingerImages {
+pub struct TouchImages {
     /// Colours.
     pub image: RgbImage,
     /// Indentation that the tracker received, millimetres. Indexed (row, column).
@@ -207,8 +208,8 @@ pub struct FrameImages {
     pub frame: usize,
     /// By camera.
     pub cameras: Vec<Option<CameraImages>>,
-    /// By finger.
-    pub touch: PerFinger<Option<FingerImages>>,
+    /// By pad.
+    pub touch: PerPad<Option<TouchImages>>,
 }
 
 /// Shape on disk.

@@ -1,11 +1,12 @@
 //! Lines of a recording's tables, and about.json and end.json, as they are serialised.
 
+use mvt_feelsight::hand::{restored, stored};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Frame, Isometry};
 use mvt_metrics::AddS;
 use mvt_robot::digit::FOV_Y_DEG;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{JOINTS, PerFinger, Side};
+use mvt_robot::hand::{Hand, HandDescription, JointAngles, PerPad, Side};
 use serde::{Deserialize, Serialize};
 
 use super::{About, BlockPlace, RecordedMoment, Touching};
@@ -53,6 +54,9 @@ pub struct AboutFile {
     mode: String,
     modality: Modality,
     side: Side,
+    /// Of another hand than the Allegro.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    hand: Option<HandDescription>,
     cameras: Vec<Camera>,
     #[serde(default = "tacto_fov_y_deg", skip_serializing_if = "is_tacto")]
     touch_fov_y_deg: f64,
@@ -100,7 +104,8 @@ impl AboutFile {
             seed: about.seed,
             mode: about.mode.map_or(LOG, Mode::name).to_owned(),
             modality: about.modality,
-            side: about.side,
+            side: about.hand.side(),
+            hand: stored(&about.hand).cloned(),
             cameras: about.cameras.iter().map(camera).collect(),
             touch_fov_y_deg: about.touch_fov_y_deg,
             touch_bulge_mm: about.touch_bulge_mm,
@@ -110,7 +115,7 @@ impl AboutFile {
         }
     }
 
-    pub fn about(self, version: u32) -> Result<(About, Option<BlockPlace>), &'static str> {
+    pub fn about(self, version: u32) -> Result<(About, Option<BlockPlace>), String> {
         let camera = |Camera { name, intrinsics, pose }: Camera| {
             let k = intrinsics;
             let is_right = [k.fx, k.fy].iter().all(|f| (1.0..1e5).contains(f))
@@ -122,12 +127,14 @@ impl AboutFile {
                 Err("invalid camera intrinsics")
             }
         };
-        let cameras = self.cameras.into_iter().map(camera).collect::<Result<_, _>>()?;
+        let cameras = self.cameras.into_iter().map(camera).collect::<Result<_, &str>>()?;
+        // A name may hold line ends.
+        let hand = restored(self.side, self.hand).map_err(|error| error.to_string().replace(char::is_control, " "))?;
         if !(10.0..=150.0).contains(&self.touch_fov_y_deg) {
-            return Err("an invalid field of view of the touch sensors");
+            return Err("an invalid field of view of the touch sensors".to_owned());
         }
         if !(0.0..=10.0).contains(&self.touch_bulge_mm) {
-            return Err("an invalid bulge of the touch sensors' gels");
+            return Err("an invalid bulge of the touch sensors' gels".to_owned());
         }
         let about = About {
             version,
@@ -135,7 +142,7 @@ impl AboutFile {
             seed: self.seed,
             mode: mode_of(&self.mode)?,
             modality: self.modality,
-            side: self.side,
+            hand,
             touch_fov_y_deg: self.touch_fov_y_deg,
             touch_bulge_mm: self.touch_bulge_mm,
             cameras,
@@ -179,15 +186,16 @@ pub struct FrameLine {
     add_s_m: Option<[f64; 2]>,
     /// Sense, track, map and mesh.
     stage_ms: [f64; 4],
-    joints: [f64; JOINTS],
-    fingers: PerFinger<Option<Touching>>,
+    joints: JointAngles,
+    /// By pad.
+    fingers: PerPad<Option<Touching>>,
     keyframe: bool,
     images: Option<BlockPlace>,
 }
 
 impl FrameLine {
     pub fn new(moment: &RecordedMoment) -> Self {
-        let RecordedMoment { row, joints, fingers, is_keyframe, images, .. } = moment;
+        let RecordedMoment { row, joints, touching, is_keyframe, images, .. } = moment;
         let StageMs { sense, track, map, mesh } = row.stage_ms;
         Self {
             frame: row.frame,
@@ -203,16 +211,23 @@ impl FrameLine {
             truth: row.truth.map(Pose::of),
             add_s_m: row.add_s.map(|error| [error.one_directional_m, error.symmetric_m]),
             stage_ms: [sense, track, map, mesh],
-            joints: *joints,
-            fingers: *fingers,
+            joints: joints.clone(),
+            fingers: touching.clone(),
             keyframe: *is_keyframe,
             images: *images,
         }
     }
 
-    pub fn moment(self) -> Result<RecordedMoment, &'static str> {
+    pub fn moment(self, hand: &Hand) -> Result<RecordedMoment, String> {
+        let counts =
+            [("joint angles", self.joints.len(), hand.joints().len()), ("pads", self.fingers.len(), hand.pads().len())];
+        for (what, found, expected) in counts {
+            if found != expected {
+                return Err(format!("{found} {what}; hand {} has {expected}", hand.name()));
+            }
+        }
         if self.joints.iter().any(|angle| angle.abs() > 100.0) || self.time_s.abs() > 1e6 {
-            return Err("invalid joint angle or time");
+            return Err("invalid joint angle or time".to_owned());
         }
         let [sense, track, map, mesh] = self.stage_ms;
         let add_s = |[one_directional_m, symmetric_m]: [f64; 2]| AddS { one_directional_m, symmetric_m };
@@ -233,7 +248,7 @@ impl FrameLine {
                 stage_ms: StageMs { sense, track, map, mesh },
             },
             joints: self.joints,
-            fingers: self.fingers,
+            touching: self.fingers,
             is_keyframe: self.keyframe,
             is_estimated: true,
             images: self.images,

@@ -130,6 +130,7 @@ impl Recording {
     /// # Errors
     /// [`RecordingError`] if the appended data cannot be read. The data that was read before remain.
     pub fn refresh(&mut self) -> Result<bool, RecordingError> {
+        let hand = Arc::clone(&self.about.hand);
         let (folder, about, frames, shapes, events) = match &mut self.source {
             Source::Run { folder, about, frames, shapes, events } => (folder, about, frames, shapes, events),
             Source::Log(log) => {
@@ -149,7 +150,7 @@ impl Recording {
         let before = (self.moments.len(), self.shapes.len(), self.events.len(), self.warnings.len(), self.status);
         let warnings = &mut self.warnings;
         for line in frames.read::<FrameLine>(warnings)? {
-            match line.moment() {
+            match line.moment(&hand) {
                 Ok(moment) if self.moments.last().is_some_and(|last| last.row.frame >= moment.row.frame) => {
                     frames.complain(warnings, &"its frame is not greater than the last");
                 }
@@ -245,11 +246,14 @@ impl Recording {
             (Source::Run { folder, .. }, Some(place)) => {
                 let path = folder.join(file_names::IMAGES);
                 let block = block(&path, place)?;
-                images::decode(&block, index, self.about.cameras.len())
+                images::decode(&block, index, self.about.cameras.len(), self.about.hand.pads().len())
                     .map_err(|problem| RecordingError::damaged(path, problem))
             }
             (Source::Log(log), _) => Ok(log.images(index)),
-            (Source::Run { .. }, None) => Ok(FrameImages { frame: index, cameras: vec![], touch: Default::default() }),
+            (Source::Run { .. }, None) => {
+                let touch = self.about.hand.per_pad(|_| None);
+                Ok(FrameImages { frame: index, cameras: vec![], touch })
+            }
         };
         match &self.source {
             // The images of a log may be incomplete until the background thread has read them.

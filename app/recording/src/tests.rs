@@ -7,7 +7,9 @@ use mvt_frames::camera::Intrinsics;
 use mvt_frames::depth::{CameraDepth, Label};
 use mvt_mesh::Mesh;
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand::{Finger, JOINTS, Primitive};
+use mvt_robot::hand::{
+    Body, Drive, HandDescription, Inertial, Joint, JointMotion, Placing, Primitive, Side, TouchPad, UPRIGHT,
+};
 use mvt_robot::observation::{Percept, Press};
 use mvt_robot::rig::PLACEMENTS;
 use proptest::prelude::*;
@@ -21,7 +23,7 @@ use mvt_run::source::{Modality, Pictures, Sensed};
 
 /// Returns a camera of whose images every second row and column is recorded.
 fn camera() -> PosedCamera {
-    let camera = PLACEMENTS[3].camera(Side::Left);
+    let camera = PLACEMENTS[3].camera(&Hand::allegro(Side::Left));
     PosedCamera { intrinsics: Intrinsics { width: 400, height: 30, ..camera.intrinsics }, ..camera }
 }
 
@@ -32,7 +34,7 @@ fn about() -> About {
         seed: 3,
         mode: Some(Mode::Slam),
         modality: Modality::Vitac,
-        side: Side::Left,
+        hand: Hand::allegro(Side::Left),
         touch_fov_y_deg: 60.0,
         touch_bulge_mm: 5.0,
         cameras: vec![camera()],
@@ -42,7 +44,7 @@ fn about() -> About {
 }
 
 fn ball() -> Mesh {
-    tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.02; 3] }, 12)
+    tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.02; 3], orientation_wxyz: UPRIGHT }, 12)
 }
 
 fn row(frame: u64) -> FrameRow {
@@ -61,7 +63,12 @@ fn row(frame: u64) -> FrameRow {
 }
 
 fn sensed(frame: u64) -> Box<Sensed> {
-    let joints = [0.1; JOINTS];
+    sensed_by(&Hand::allegro(Side::Left), frame)
+}
+
+/// Returns a frame in which the last pad touches something.
+fn sensed_by(hand: &Hand, frame: u64) -> Box<Sensed> {
+    let joints = vec![0.1; hand.joints().len()];
     let camera = camera();
     let depth_m = Array2::from_shape_fn((30, 400), |(r, c)| if c < 100 { 0.0 } else { 0.3 + 1e-4 * (r + c) as f32 });
     let seen = CameraDepth {
@@ -71,17 +78,19 @@ fn sensed(frame: u64) -> Box<Sensed> {
         depth_m,
         colour: Some(RgbImage::from_pixel(400, 30, Rgb([200, 60, 30]))),
     };
-    let mut touch = PerFinger::default();
-    touch[Finger::Thumb] = Some(Press {
-        indentation_mm: Array2::from_elem((320, 240), 0.5),
-        contact: Array2::from_shape_fn((320, 240), |(_, x)| x < 120),
-        sigma_mm: 0.05,
+    let last = hand.pads().len() - 1;
+    let touch = hand.per_pad(|pad| {
+        (pad == last).then(|| Press {
+            indentation_mm: Array2::from_elem((320, 240), 0.5),
+            contact: Array2::from_shape_fn((320, 240), |(_, x)| x < 120),
+            sigma_mm: 0.05,
+        })
     });
     let percept = Percept { time_s: frame as f64 / 30.0, joints, cameras: vec![Some(seen)], touch };
     let pictures = Pictures {
-        touch: PerFinger::from_fn(|_| RgbImage::from_pixel(240, 320, Rgb([90, 90, 140]))),
-        true_indentation_mm: PerFinger::default(),
-        forces_n: Some(PerFinger([0.0, 0.0, 0.0, 1.5])),
+        touch: hand.per_pad(|_| RgbImage::from_pixel(240, 320, Rgb([90, 90, 140]))),
+        true_indentation_mm: PerPad::default(),
+        forces_n: Some(hand.per_pad(|pad| if pad == last { 1.5 } else { 0.0 })),
     };
     Box::new(Sensed {
         frame,
@@ -130,12 +139,12 @@ fn a_run_is_recorded_and_read() {
     let rows: Vec<FrameRow> = recording.moments().iter().map(|moment| moment.row).collect();
     assert_eq!(rows, (0..9).map(row).collect::<Vec<_>>());
     let moment = &recording.moments()[2];
-    assert!(moment.is_keyframe && moment.estimate().is_some() && moment.joints == [0.1; JOINTS]);
-    let touching = moment.fingers[Finger::Thumb].unwrap();
+    assert!(moment.is_keyframe && moment.estimate().is_some() && moment.joints == [0.1; 16]);
+    let touching = moment.touching[3].unwrap();
     assert!((touching.deepest_mm - 0.5).abs() < 1e-3 && touching.force_n == Some(1.5), "{touching:?}");
     // Half of the 19 x 25 mm that a DIGIT sees.
     assert!((180.0..260.0).contains(&touching.area_mm2), "{touching:?}");
-    assert_eq!(moment.fingers[Finger::Ring], None);
+    assert_eq!(moment.touching[2], None);
     assert_eq!(recording.events(), [Event { time_s: 0.1, text: "re-grasps".into() }]);
     assert_eq!(recording.warnings(), ["a camera is silent"]);
     assert_eq!(recording.true_mesh(), Some(&ball()));
@@ -147,13 +156,103 @@ fn a_run_is_recorded_and_read() {
     let camera = images.cameras[0].as_ref().unwrap();
     assert_eq!((camera.colour.dimensions(), camera.depth_m.dim()), ((200, 15), (15, 200)));
     assert!((camera.depth_m[(10, 100)] - (0.3 + 1e-4 * 220.0)).abs() < 6e-5 && camera.depth_m[(0, 0)] == 0.0);
-    assert!(images.touch[Finger::Thumb].is_some() && images.touch[Finger::Index].is_none());
+    assert!(images.touch[3].is_some() && images.touch[0].is_none());
 
     assert!(recording.shape(2).unwrap().is_none());
     let known = recording.shape(8).unwrap().unwrap();
     assert_eq!((known.frame, &known.mesh), (3, &ball()));
     assert!((known.sdf.as_ref().unwrap().distance_m(Vec3::ZERO).unwrap() + 0.001).abs() < 1e-7);
     assert!(!recording.refresh().unwrap(), "nothing is new");
+}
+
+/// Returns a gripper with two pads and three joints, one of which slides.
+fn gripper() -> Arc<Hand> {
+    let inertial = Inertial { mass_kg: 0.1, centre_m: [0.0; 3], orientation_wxyz: UPRIGHT, diagonal: [1e-5; 3] };
+    let body = |name: &str, parent| Body {
+        name: name.to_owned(),
+        parent,
+        place: Placing::at([0.01, 0.02, 0.03]),
+        inertial: Some(inertial),
+        parts: vec![],
+    };
+    let joint = |name: &str, body, motion| {
+        let (axis, range, drive) = ([0.0, 1.0, 0.0], [-0.5, 0.5], Drive::default());
+        Joint { name: name.to_owned(), body, motion, axis, range, mirrors: false, drive }
+    };
+    let pad = |name: &str, body| TouchPad { name: name.to_owned(), body, place: Placing::at([0.01, 0.0, 0.02]) };
+    let description = HandDescription {
+        name: "gripper".to_owned(),
+        side: Side::Right,
+        bodies: vec![body("base", None), body("slider", Some(0)), body("jaw", Some(1)), body("lever", Some(0))],
+        joints: vec![
+            joint("slide", 1, JointMotion::Slide),
+            joint("bend", 2, JointMotion::Hinge),
+            joint("turn", 3, JointMotion::Hinge),
+        ],
+        pads: vec![pad("front", 2), pad("back", 3)],
+        apart: vec![],
+        palm_centre_m: None,
+        grasp: None,
+    };
+    Hand::new(description).unwrap()
+}
+
+#[test]
+fn a_run_of_a_gripper_is_recorded_and_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let hand = gripper();
+    let about = About { hand: Arc::clone(&hand), ..about() };
+    let writer = RecordingWriter::create(folder.path(), &about, None).unwrap();
+    for frame in 0..3 {
+        let mut sensed = sensed_by(&hand, frame);
+        if frame == 1 {
+            // No touch sensor delivers anything.
+            (sensed.percept.touch, sensed.pictures) = (PerPad::default(), Pictures::default());
+        }
+        writer.frame(&row(frame), false, sensed);
+        writer.wait();
+    }
+    writer.finish(true).unwrap();
+
+    let recording = Recording::open(folder.path()).unwrap();
+    assert!(recording.warnings().is_empty(), "{:?}", recording.warnings());
+    assert_eq!(recording.about().hand, hand);
+    let joints: Vec<&[f64]> = recording.moments().iter().map(|moment| &*moment.joints).collect();
+    assert_eq!(joints, [[0.1; 3]; 3]);
+    let touching = recording.moments().iter().map(|moment| moment.touching.map(Option::is_some).0);
+    assert_eq!(touching.collect::<Vec<_>>(), [[false, true], [false, false], [false, true]]);
+    assert_eq!(recording.moments()[2].touching[1].unwrap().force_n, Some(1.5));
+    let images = recording.images(2).unwrap().unwrap();
+    assert!(images.touch[0].is_none() && images.touch[1].is_some() && images.touch.len() == 2);
+
+    // Frames of another hand are no frames of this one.
+    let path = folder.path().join(FOLDER).join("about.json");
+    let mut about: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    about.as_object_mut().unwrap().remove("hand");
+    fs::write(&path, about.to_string()).unwrap();
+    let recording = Recording::open(folder.path()).unwrap();
+    assert_eq!((recording.moments().len(), &recording.about().hand), (0, &Hand::allegro(Side::Right)));
+    assert!(
+        recording.warnings()[0].contains("3 joint angles; hand allegro_digit has 16"),
+        "{:?}",
+        recording.warnings()
+    );
+    about["hand"] = serde_json::json!({ "name": "a" });
+    fs::write(&path, about.to_string()).unwrap();
+    let error = Recording::open(folder.path()).err().unwrap().to_string();
+    assert!(error.contains("about.json is damaged: missing field `side`"), "{error}");
+}
+
+#[test]
+fn a_recording_of_an_allegro_says_its_side_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    recorded(folder.path());
+    let read = |name| fs::read_to_string(folder.path().join(FOLDER).join(name)).unwrap();
+    let about: serde_json::Value = serde_json::from_str(&read("about.json")).unwrap();
+    assert_eq!((&about["side"], about.get("hand")), (&serde_json::json!("left"), None));
+    let line: serde_json::Value = serde_json::from_str(read("frames.jsonl").lines().next().unwrap()).unwrap();
+    assert_eq!(line["fingers"].as_array().unwrap()[..3], [(); 3].map(|()| serde_json::Value::Null));
+    assert_eq!(line["joints"].as_array().unwrap().len(), 16);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use std::time::Duration;
 use mvt_frames::depth::CameraDepth;
 use mvt_mesh::Mesh;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{JointAngles, PerFinger};
+use mvt_robot::hand::{Hand, JointAngles};
 use mvt_robot::observation::{Percept, Press};
 use mvt_run::io::write_file;
 use mvt_run::pipeline::{FrameResult, Progress};
@@ -24,7 +24,7 @@ use serde::Serialize;
 
 use super::lines::{AboutFile, EndFile, EventLine, FrameLine, ShapeLine, VersionFile};
 use super::{
-    About, BlockPlace, CameraImages, FOLDER, FingerImages, FrameImages, RecordedMoment, RecordingError, Touching,
+    About, BlockPlace, CameraImages, FOLDER, FrameImages, RecordedMoment, RecordingError, TouchImages, Touching,
     VERSION,
 };
 use super::{file_names, has_images, images, shape};
@@ -79,6 +79,7 @@ impl RecordingWriter {
             meshes: create(file_names::MESHES)?,
             events: create(file_names::EVENTS)?,
             folder: folder.clone(),
+            hand: Arc::clone(&about.hand),
             gel: about.touch_gel(),
             _lock: lock,
         };
@@ -130,7 +131,7 @@ impl RecordingWriter {
     /// Records a frame. Its images are left out while the writer is behind.
     pub fn frame(&self, row: &FrameRow, is_keyframe: bool, sensed: Box<Sensed>) {
         let is_late = self.waiting.fetch_add(1, Ordering::Relaxed) >= PATIENCE;
-        let joints = sensed.percept.joints;
+        let joints = sensed.percept.joints.clone();
         let sensed = (!is_late).then_some(sensed);
         // A thread that has ended says why at the end.
         let _ = self.messages.send(Message::Frame { row: *row, joints, is_keyframe, sensed });
@@ -213,6 +214,7 @@ impl Appended {
 
 struct Files {
     folder: PathBuf,
+    hand: Arc<Hand>,
     gel: Cow<'static, GelView>,
     frames: Appended,
     images: Appended,
@@ -236,7 +238,7 @@ impl Files {
                     let mut moment = RecordedMoment {
                         row,
                         joints,
-                        fingers: PerFinger::default(),
+                        touching: self.hand.per_pad(|_| None),
                         is_keyframe,
                         is_estimated: true,
                         images: None,
@@ -261,13 +263,12 @@ impl Files {
     /// Adds the sensed images to a moment.
     fn see(&mut self, moment: &mut RecordedMoment, sensed: Sensed, strides: &[usize]) -> Result<(), RecordingError> {
         let Sensed { percept, pictures, .. } = sensed;
-        let forces_n = pictures.forces_n;
-        moment.fingers = PerFinger::from_fn(|finger| {
-            let force_n = forces_n.map(|forces| forces[finger] as f32);
-            Touching::of(percept.touch[finger].as_ref()?, &self.gel, force_n)
+        moment.touching = self.hand.per_pad(|pad| {
+            let force_n = pictures.forces_n.as_ref().and_then(|forces| forces.get(pad)).map(|force| *force as f32);
+            Touching::of(percept.touch.get(pad)?.as_ref()?, &self.gel, force_n)
         });
         if has_images(moment.row.frame) {
-            let images = pictured(moment.row.frame as usize, percept, pictures, strides);
+            let images = pictured(moment.row.frame as usize, &self.hand, percept, pictures, strides);
             let block =
                 images::encode(&images).map_err(|problem| RecordingError::damaged(&self.images.path, problem))?;
             moment.images = Some(self.images.block(&block)?);
@@ -277,7 +278,7 @@ impl Files {
 }
 
 /// The images of a frame as they are recorded.
-fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize]) -> FrameImages {
+fn pictured(frame: usize, hand: &Hand, percept: Percept, pictures: Pictures, strides: &[usize]) -> FrameImages {
     let Pictures { touch: mut seen, mut true_indentation_mm, .. } = pictures;
     let camera = |(camera, &stride): (Option<CameraDepth>, &usize)| {
         let CameraDepth { depth_m, labels, colour, .. } = camera?;
@@ -289,10 +290,11 @@ fn pictured(frame: usize, percept: Percept, pictures: Pictures, strides: &[usize
     };
     let cameras = percept.cameras.into_iter().zip(strides).map(camera).collect();
     let mut felt = percept.touch;
-    let touch = PerFinger::from_fn(|finger| {
-        let Press { indentation_mm, contact, .. } = felt[finger].take()?;
-        let image = std::mem::take(&mut seen[finger]);
-        Some(FingerImages { image, indentation_mm, contact, true_indentation_mm: true_indentation_mm[finger].take() })
+    let touch = hand.per_pad(|pad| {
+        let Press { indentation_mm, contact, .. } = felt.get_mut(pad)?.take()?;
+        let image = seen.get_mut(pad).map(std::mem::take).unwrap_or_default();
+        let true_indentation_mm = true_indentation_mm.get_mut(pad).and_then(Option::take);
+        Some(TouchImages { image, indentation_mm, contact, true_indentation_mm })
     });
     FrameImages { frame, cameras, touch }
 }

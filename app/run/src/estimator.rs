@@ -12,9 +12,8 @@ use mvt_gaits::feedback::EstimatedPlace;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::Hand;
 use mvt_robot::observation::Percept;
-use mvt_robot::rig::PALM_CENTRE_M;
 use mvt_slam::map::Map;
 use mvt_slam::scan::{Measurement, Scan};
 use mvt_slam::{Estimate, SettingError, Slam, SlamBuilder};
@@ -147,16 +146,16 @@ impl Estimator {
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn new(config: &mvt_slam::SlamConfig, side: Side, seed: u64) -> Result<Self, SettingError> {
-        Self::with(builder(config, seed).obstacles(input::map_obstacles(side)), None)
+    pub fn new(config: &mvt_slam::SlamConfig, hand: &Arc<Hand>, seed: u64) -> Result<Self, SettingError> {
+        Self::with(builder(config, hand, seed).obstacles(input::map_obstacles(hand)), None)
     }
 
     /// Knows the map of an earlier run, and not the pose.
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn resume(config: &mvt_slam::SlamConfig, seed: u64, map: Map) -> Result<Self, SettingError> {
-        Self::with(builder(config, seed).map(map), None)
+    pub fn resume(config: &mvt_slam::SlamConfig, hand: &Hand, seed: u64, map: Map) -> Result<Self, SettingError> {
+        Self::with(builder(config, hand, seed).map(map), None)
     }
 
     /// Knows the shape and roughly, or not at all, the pose.
@@ -165,13 +164,13 @@ impl Estimator {
     /// If a setting is out of range.
     pub fn with_shape(
         config: &mvt_slam::SlamConfig,
-        side: Side,
+        hand: &Arc<Hand>,
         seed: u64,
         Given { shape, bounds_m }: Given,
         start: Option<Isometry<Model, World>>,
     ) -> Result<Self, SettingError> {
         let centre = 0.5 * (bounds_m[0] + bounds_m[1]);
-        let builder = builder(config, seed).obstacles(input::known_obstacles(side, seed));
+        let builder = builder(config, hand, seed).obstacles(input::known_obstacles(hand, seed));
         Self::with(builder.shape(shape, bounds_m, start), Some(centre))
     }
 
@@ -180,8 +179,8 @@ impl Estimator {
     }
 
     /// Takes the next frame, whose touch sensors have this view of their gels, with the sensors of a modality.
-    pub fn observe(&mut self, side: Side, percept: &Percept, gel: &GelView, modality: Modality) -> Estimate {
-        let scan = self.scan(&Input::new(side, percept, gel).measured(percept, modality));
+    pub fn observe(&mut self, hand: &Hand, percept: &Percept, gel: &GelView, modality: Modality) -> Estimate {
+        let scan = self.scan(&Input::new(hand, percept, gel).measured(percept, modality));
         self.step(&scan, None)
     }
 
@@ -246,6 +245,10 @@ impl Estimator {
     }
 }
 
-fn builder(config: &mvt_slam::SlamConfig, seed: u64) -> SlamBuilder {
-    Slam::builder().config(config.clone()).seed(seed).support(PALM_CENTRE_M[2])
+fn builder(config: &mvt_slam::SlamConfig, hand: &Hand, seed: u64) -> SlamBuilder {
+    let builder = Slam::builder().config(config.clone()).seed(seed);
+    match hand.palm_centre_m() {
+        Some([_, _, height_m]) => builder.support(height_m),
+        None => builder,
+    }
 }

@@ -8,7 +8,7 @@
 //! use mvt_run::{explorer::Outlook, mvt_slam::map::Map};
 //!
 //! fn look<'a>(map: &'a Map, estimate: Isometry<Model, World>, percept: &'a Percept) -> Outlook<'a> {
-//!     Outlook::new(map, estimate, percept, Side::Left)
+//!     Outlook::new(map, estimate, percept, hand)
 //! }
 //! ```
 //!
@@ -18,7 +18,7 @@
 //! use mvt_run::{explorer::Outlook, mvt_slam::map::Map};
 //!
 //! fn cheat<'a>(map: &'a Map, truth: Isometry<Object, World>, percept: &'a Percept) -> Outlook<'a> {
-//!     Outlook::new(map, truth, percept, Side::Left)
+//!     Outlook::new(map, truth, percept, hand)
 //! }
 //! ```
 
@@ -30,7 +30,7 @@ use glam::Vec3;
 use mvt_frames::depth::{CameraDepth, Label};
 use mvt_frames::{Camera, Field, Isometry, Model, Point, World};
 use mvt_gaits::directive::Directive;
-use mvt_robot::hand::{Finger, Side, world_from_tip};
+use mvt_robot::hand::Hand;
 use mvt_robot::observation::Percept;
 use mvt_slam::map::Map;
 use mvt_slam::space::FrontierPatch;
@@ -88,13 +88,13 @@ pub struct Outlook<'a> {
     map: &'a Map,
     pose: Isometry<Model, World>,
     percept: &'a Percept,
-    side: Side,
+    hand: &'a Hand,
 }
 
 impl<'a> Outlook<'a> {
     /// Joins a map with the estimated pose and the measurements of an instant.
-    pub fn new(map: &'a Map, pose: Isometry<Model, World>, percept: &'a Percept, side: Side) -> Self {
-        Self { map, pose, percept, side }
+    pub fn new(map: &'a Map, pose: Isometry<Model, World>, percept: &'a Percept, hand: &'a Hand) -> Self {
+        Self { map, pose, percept, hand }
     }
 
     /// Returns the map.
@@ -312,7 +312,7 @@ struct View<'a> {
 
 impl<'a> View<'a> {
     fn new(outlook: &Outlook<'a>, patches: &'a [FrontierPatch]) -> Self {
-        let Outlook { map, pose, percept, side } = *outlook;
+        let Outlook { map, pose, percept, hand } = *outlook;
         let world_from_field: Isometry<Field, World> = pose * map.field_from_model().inverse();
         let world_from_field = world_from_field.untyped();
         let double = |v: Vec3| na::Vector3::from(v.to_array().map(f64::from));
@@ -326,10 +326,12 @@ impl<'a> View<'a> {
             placed: patches.iter().map(placed).collect(),
             centre,
             cameras: percept.cameras.iter().flatten().collect(),
-            pads: Finger::ALL
+            pads: hand
+                .world_from_pads(&percept.joints)
                 .into_iter()
-                .filter(|&finger| percept.touch[finger].is_some())
-                .map(|finger| world_from_tip(side, finger, &percept.joints).origin().coords())
+                .zip(&percept.touch)
+                .filter(|(_, press)| press.is_some())
+                .map(|(world_from_pad, _)| world_from_pad.origin().coords())
                 .collect(),
         }
     }

@@ -6,10 +6,10 @@ use mvt_gaits::controller_file::{ChosenController, is_path};
 use mvt_gaits::gait;
 use mvt_gaits::safe::{SafeController, safe_controllers};
 use mvt_objects::object::Object;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::Placement;
 
-use crate::arguments::Manner;
+use crate::controller::choose_controller;
 use crate::explorer::{ExploreStrategy, Explorer, ExplorerOption};
 use crate::supervisor::{Goal, Supervisor, SupervisorRules};
 
@@ -18,7 +18,8 @@ use crate::supervisor::{Goal, Supervisor, SupervisorRules};
 /// # Errors
 /// If there is no such controller, or if the controller or the goal does not fit exploration.
 pub fn direct(
-    manner: &Manner,
+    hand: &Hand,
+    controller: &str,
     object: &Object,
     goal: Goal,
     camera: Option<&Placement>,
@@ -29,27 +30,27 @@ pub fn direct(
         if goal == Goal::Explored {
             bail!("--goal explored needs --explore");
         }
-        let chosen = manner.choose(object)?;
-        let supervisor = supervise(&chosen, manner.side(), goal, camera, rules);
+        let chosen = choose_controller(controller, object, hand)?;
+        let supervisor = supervise(&chosen, hand.side(), goal, camera, rules);
         return Ok((chosen, supervisor));
     };
     if !matches!(goal, Goal::Time | Goal::Coverage(_) | Goal::Explored) {
         bail!("--goal {goal} needs a single axis, and --explore changes it; use --goal time, coverage=0.9 or explored");
     }
-    let options = options(&manner.controller, object)?;
+    let options = options(controller, object, hand)?;
     let chosen = match options.as_slice() {
-        [(first, ..), _, ..] => Manner { controller: first.clone(), ..manner.clone() }.choose(object)?,
-        _ => manner.choose(object)?,
+        [(first, ..), _, ..] => choose_controller(first, object, hand)?,
+        _ => choose_controller(controller, object, hand)?,
     };
     let options = options.into_iter().map(|(name, axis, rate_rad_s)| ExplorerOption {
         name,
-        axis: axis.direction(manner.side()),
+        axis: axis.direction(hand.side()),
         rate_rad_s,
     });
     let explorer = Explorer::new(options.collect(), strategy, goal == Goal::Explored);
     // Changes of the axis move the object by plan, so that the supervisor neither pushes it back nor changes the gait.
     let rules = SupervisorRules { drift_begin_m: f64::INFINITY, ..rules };
-    let axis = chosen.gait.axis.direction(manner.side());
+    let axis = chosen.gait.axis.direction(hand.side());
     let supervisor = Supervisor::new(goal, axis, &[chosen.name.as_str()], rules).exploring(explorer);
     Ok((chosen, supervisor))
 }
@@ -80,16 +81,16 @@ fn supervise(
 }
 
 /// Returns the controllers among which an explorer chooses, the first one first, each with its axis and its rate.
-fn options(controller: &str, object: &Object) -> Result<Vec<(String, TurnAxis, f64)>> {
+fn options(controller: &str, object: &Object, hand: &Hand) -> Result<Vec<(String, TurnAxis, f64)>> {
     /// Rate that is assumed where none was measured, radians per second.
     const RATE_RAD_S: f64 = 0.7;
     if controller.contains(',') || is_path(controller) {
         bail!("--explore changes between controllers by name; give --controller auto or one that `controllers` lists");
     }
-    let safe = safe_controllers(object);
+    let safe = safe_controllers(object, hand);
     let first = if controller == gait::AUTO { safe.first() } else { safe.iter().find(|safe| safe.name == controller) };
     let Some(first) = first else {
-        let (name, gait) = gait::choose(controller, object)?;
+        let (name, gait) = gait::choose(controller, object, hand)?;
         if gait.feedback.is_some() {
             bail!("--explore changes between controllers on the palm; {name} holds the object in the air");
         }

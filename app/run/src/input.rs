@@ -1,10 +1,12 @@
 //! From percepts of the hand to the measurements of mvt-slam, which knows no hand.
 
+use std::sync::Arc;
+
 use mvt_frames::depth::TouchDepth;
 use mvt_frames::{Isometry, Obstacle, World};
 use mvt_robot::digit::gel::GelView;
+use mvt_robot::hand::Hand;
 use mvt_robot::hand::solid::HandSamples;
-use mvt_robot::hand::{Finger, Side, world_from_digit_camera, world_from_tip};
 use mvt_robot::observation::Percept;
 use mvt_slam::Obstacles;
 use mvt_slam::scan::Measurement;
@@ -19,13 +21,13 @@ const KNOWN_SPACING_M: f64 = 0.005;
 const MAP_SEED: u64 = 7;
 
 /// The hand as obstacles of an estimator that learns the shape.
-pub fn map_obstacles(side: Side) -> Obstacles {
-    obstacles(&HandSamples::new(side, MAP_SPACING_M, MAP_SEED))
+pub fn map_obstacles(hand: &Arc<Hand>) -> Obstacles {
+    obstacles(&HandSamples::new(hand, MAP_SPACING_M, MAP_SEED))
 }
 
 /// The hand as obstacles of an estimator that knows the shape.
-pub fn known_obstacles(side: Side, seed: u64) -> Obstacles {
-    obstacles(&HandSamples::new(side, KNOWN_SPACING_M, seed))
+pub fn known_obstacles(hand: &Arc<Hand>, seed: u64) -> Obstacles {
+    obstacles(&HandSamples::new(hand, KNOWN_SPACING_M, seed))
 }
 
 fn obstacles(samples: &HandSamples) -> Obstacles {
@@ -41,20 +43,21 @@ pub struct Input {
 
 impl Input {
     /// Poses pads and links by the joint angles, and turns indentation of a gel into depth.
-    pub fn new(side: Side, percept: &Percept, gel: &GelView) -> Self {
+    pub fn new(hand: &Hand, percept: &Percept, gel: &GelView) -> Self {
         let joints = &percept.joints;
-        let touch = Finger::ALL.map(|finger| {
-            let press = percept.touch[finger].as_ref()?;
+        let poses = hand.world_from_touch_cameras(joints).into_iter().zip(hand.world_from_pads(joints));
+        let touch = percept.touch.iter().zip(poses).map(|(press, (world_from_camera, world_from_pad))| {
+            let press = press.as_ref()?;
             Some(TouchDepth {
                 intrinsics: *gel.camera(),
-                world_from_camera: world_from_digit_camera(side, finger, joints),
-                world_from_pad: Isometry::new(world_from_tip(side, finger, joints).untyped()),
+                world_from_camera,
+                world_from_pad,
                 depth_m: gel.depth_of(&press.indentation_mm)?,
                 contact: press.contact.clone(),
                 sigma_m: 1e-3 * press.sigma_mm,
             })
         });
-        Self { touch: touch.into(), obstacles: HandSamples::body_poses(side, joints).collect() }
+        Self { touch: touch.collect(), obstacles: HandSamples::body_poses(hand, joints) }
     }
 
     /// The measurement of the percept that this was made of, with the sensors of a modality.

@@ -23,7 +23,6 @@
 //! let pipeline = Pipeline {
 //!     estimators: vec![setup],
 //!     meshing: Meshing { cell_m: 0.0015, every: None },
-//!     side: source.side(),
 //!     object: None,
 //!     truth: None,
 //!     supervisor: None,
@@ -41,6 +40,7 @@
 pub mod arguments;
 pub mod belief;
 pub mod config;
+pub mod controller;
 pub mod device;
 pub mod estimator;
 pub mod explorer;

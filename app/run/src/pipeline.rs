@@ -20,7 +20,7 @@ use mvt_gaits::feedback::EstimatedPlace;
 use mvt_mesh::Mesh;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::Hand;
 use mvt_robot::observation::Percept;
 use mvt_slam::Estimate;
 use mvt_slam::map::{BoxChange, Map};
@@ -101,8 +101,6 @@ pub struct Pipeline<'a> {
     pub estimators: Vec<EstimatorSetup<'a>>,
     /// When shapes are meshed.
     pub meshing: Meshing,
-    /// Which hand.
-    pub side: Side,
     /// The true object, where it is known.
     pub object: Option<&'a TrueObject>,
     /// The true surface, against which frames and shapes are scored while the run goes on.
@@ -253,7 +251,7 @@ impl Pipeline<'_> {
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Finished> {
         let (object, truth, cell_m) = (self.object, self.truth, self.meshing.cell_m);
-        let (gel, needs_place) = (source.gel().clone(), source.needs_place());
+        let (hand, gel, needs_place) = (Arc::clone(source.hand()), source.gel().clone(), source.needs_place());
         let runners =
             self.estimators.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
         listener(Progress::Started { frames: source.frame_count() });
@@ -277,7 +275,7 @@ impl Pipeline<'_> {
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };
-            self.follow(feed, mesher, runners, (&gel, needs_place), stop, listener)
+            self.follow(feed, mesher, runners, (&hand, &gel, needs_place), stop, listener)
         })?;
         if finished.complete {
             let (reason, as_meant) = source.end();
@@ -301,7 +299,7 @@ impl Pipeline<'_> {
         mut feed: Feed<'_>,
         mut mesher: Mesher<'_>,
         mut runners: Vec<Runner<'_>>,
-        (gel, needs_place): (&GelView, bool),
+        (hand, gel, needs_place): (&Arc<Hand>, &GelView, bool),
         stop: &AtomicBool,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Followed> {
@@ -316,15 +314,15 @@ impl Pipeline<'_> {
             for text in &sensed.events {
                 listener(Progress::Event(&Event { time_s: sensed.percept.time_s, text: text.clone() }));
             }
-            let input = Input::new(self.side, &sensed.percept, gel);
+            let input = Input::new(hand, &sensed.percept, gel);
             let mut scans = Vec::new();
             let mut results = Vec::with_capacity(runners.len());
             for runner in &mut runners {
-                results.push(runner.step(&sensed, &input, self.side, &mut scans, listener)?);
+                results.push(runner.step(&sensed, &input, hand, &mut scans, listener)?);
             }
             let acting = runners.first().and_then(Runner::estimator).zip(results.first().and_then(Option::as_ref));
             let directive = match acting {
-                Some((estimator, result)) => self.decide(estimator, &result.estimate, &sensed.percept, listener),
+                Some((estimator, result)) => self.decide(estimator, &result.estimate, &sensed.percept, hand, listener),
                 None => Directive::Continue,
             };
             let place =
@@ -379,10 +377,11 @@ impl Pipeline<'_> {
         estimator: &Estimator,
         estimate: &Estimate,
         percept: &Percept,
+        hand: &Hand,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Directive {
         let Some(supervisor) = &mut self.supervisor else { return Directive::Continue };
-        let outlook = estimator.map().map(|map| Outlook::new(map, estimate.pose, percept, self.side));
+        let outlook = estimator.map().map(|map| Outlook::new(map, estimate.pose, percept, hand));
         let directive = supervisor.decide_seeing(&estimator.belief(estimate), outlook.as_ref());
         let choice = supervisor.take_choice();
         let text = match &directive {
@@ -460,7 +459,7 @@ impl<'a> Runner<'a> {
         &mut self,
         sensed: &Sensed,
         input: &Input,
-        side: Side,
+        hand: &Arc<Hand>,
         scans: &mut Vec<Shared<'a>>,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Option<FrameResult>> {
@@ -477,10 +476,10 @@ impl<'a> Runner<'a> {
                         Init::Search => None,
                         init => init.start(truth.context(UNKNOWN)?, seed),
                     };
-                    Estimator::with_shape(config, side, seed, given, start)?
+                    Estimator::with_shape(config, hand, seed, given, start)?
                 }
-                (None, Some(map)) => Estimator::resume(config, seed, map)?,
-                (None, None) => Estimator::new(config, side, seed)?,
+                (None, Some(map)) => Estimator::resume(config, hand, seed, map)?,
+                (None, None) => Estimator::new(config, hand, seed)?,
             };
             self.state = RunnerState::Started(Box::new(estimator), &config.scan, seed);
         }

@@ -11,11 +11,12 @@ use mvt_frames::{Isometry, Object, World};
 use mvt_gaits::directive::Directive;
 use mvt_gaits::feedback::EstimatedPlace;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::PerFinger;
+use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::Percept;
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::sync::Arc;
 
 pub use log::LogSource;
 pub use touch::{TouchArguments, TouchOrigin, shipped_weights};
@@ -41,15 +42,15 @@ pub struct Sensed {
     pub events: Vec<String>,
 }
 
-/// Images of touch sensors at one instant for recordings and viewers; estimation does not receive them. Each may be missing or empty.
+/// Images of touch sensors at one instant for recordings and viewers; estimation does not receive them. Each list has one entry per pad or is empty.
 #[derive(Debug, Clone, Default)]
 pub struct Pictures {
-    /// Images of each DIGIT.
-    pub touch: PerFinger<RgbImage>,
+    /// Images of the touch sensors.
+    pub touch: PerPad<RgbImage>,
     /// True indentation, millimetres, where it is known and estimation receives another.
-    pub true_indentation_mm: PerFinger<Option<Array2<f32>>>,
-    /// Normal force on each fingertip, newtons, where a simulator knows it.
-    pub forces_n: Option<PerFinger<f64>>,
+    pub true_indentation_mm: PerPad<Option<Array2<f32>>>,
+    /// Normal force on each pad, newtons, where a simulator knows it.
+    pub forces_n: Option<PerPad<f64>>,
 }
 
 /// A source of frames.
@@ -72,6 +73,9 @@ pub trait Source: Send {
 
     /// Tells a controller that holds the object in the air where the object is, from the next frame on. Only estimates reach it.
     fn see(&mut self, _: EstimatedPlace) {}
+
+    /// The hand that touches the object.
+    fn hand(&self) -> &Arc<Hand>;
 
     /// The view of the touch sensors' cameras on their gels.
     fn gel(&self) -> &GelView {

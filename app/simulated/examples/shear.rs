@@ -15,11 +15,10 @@ use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_physics::shear::stiffness_n_per_m;
 use mvt_render::rays::RayMesh;
 use mvt_render::touch::{Background, GelPress, NoiseKey, TouchConfig, TouchFrame, TouchOptions, TouchRenderer};
-use mvt_robot::digit;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::markers::{GelMotion, GelShear};
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{Finger, PerFinger, Side, world_from_tip};
+use mvt_robot::hand::{Hand, PerPad, Side};
 use mvt_shear::{ShearField, ShearSensor};
 use nalgebra as na;
 use ndarray::Array2;
@@ -170,7 +169,7 @@ fn presses(arguments: &Arguments, profile: &SensorProfile) -> Result<()> {
         let normal = profile.gel_surface().normal(gel).coords();
         let middle = gel.coords() - normal * (wanted_m - pressed_m);
         let pose = Isometry::<ObjectFrame, Gel>::translation(middle.x, middle.y, middle.z);
-        let noise = NoiseKey { seed: arguments.seed, finger: 0, frame: k as u32 };
+        let noise = NoiseKey { seed: arguments.seed, pad: 0, frame: k as u32 };
         let press = GelPress { gel_from_object: pose, shear };
         let Some((field, motion)) = sensor.feel(&RayMesh::new(&ball), press, noise, &mut frame)? else { continue };
         let fit = field.fit.context("the press has no contact")?;
@@ -206,29 +205,30 @@ struct Touching {
 
 /// Plays an episode and prints a line for each pad that touches in two frames after one another.
 fn episode(arguments: &Arguments, profile: &SensorProfile, name: &str, object: &Object, seed: u64) -> Result<()> {
-    let controller = controller_file::choose("auto", object, SIDE)?;
+    let hand = Hand::allegro(SIDE);
+    let controller = controller_file::choose("auto", object, &hand)?;
     let config = EpisodeConfig {
-        side: SIDE,
+        hand: hand.clone(),
         gait: controller.gait.clone(),
         seed,
         duration_s: arguments.duration,
         randomisation: Randomisation::default(),
     };
     let mut episode = Episode::new(object, &config)?;
-    let sensors = Finger::ALL.map(|finger| Sensor::new(profile, finger as u64));
+    let sensors = hand.per_pad(|pad| Sensor::new(profile, pad as u64));
     let rays = RayMesh::new(&object.mesh);
     let mut scratch = TouchFrame::default();
-    let mut before: PerFinger<Option<(Touching, GelShear)>> = PerFinger::default();
+    let mut before: PerPad<Option<(Touching, GelShear)>> = hand.per_pad(|_| None);
     for number in 0.. {
         let Some(state) = episode.next_frame() else { break };
-        for (finger, sensor) in Finger::ALL.into_iter().zip(&sensors) {
+        for (pad, (sensor, world_from_gel)) in sensors.iter().zip(hand.world_from_gels(&state.scene.joints)).enumerate()
+        {
             let sensor = sensor.as_ref().map_err(|error| anyhow::anyhow!("{error}"))?;
-            let world_from_gel = world_from_tip(SIDE, finger, &state.scene.joints) * digit::tip_from_gel();
             let press = GelPress {
                 gel_from_object: world_from_gel.inverse() * state.scene.object_pose,
-                shear: state.scene.shear[finger],
+                shear: state.scene.shear[pad],
             };
-            let noise = NoiseKey { seed, finger: finger as u32, frame: number };
+            let noise = NoiseKey { seed, pad: pad as u32, frame: number };
             let felt = sensor.feel(&rays, press, noise, &mut scratch);
             // Dots that are lost tell nothing; where none touches, nothing is printed.
             let seen = felt.as_ref().ok().and_then(|felt| felt.as_ref()?.0.fit.map(|fit| fit.shear));
@@ -246,18 +246,18 @@ fn episode(arguments: &Arguments, profile: &SensorProfile, name: &str, object: &
                     seen,
                 }
             });
-            let pad = &state.pads[finger];
-            if let (Some((was, shear_before)), Some(now)) = (&before[finger], &now) {
+            let contact = &state.pads[pad];
+            if let (Some((was, shear_before)), Some(now)) = (&before[pad], &now) {
                 // Way of the touched surface over the gel.
                 let material = was.gel_from_object.inverse() * was.place;
                 let slip = now.gel_from_object * material - was.place;
-                let friction = world_from_gel.untyped().rotation.inverse() * na::Vector3::from(pad.friction_n);
+                let friction = world_from_gel.untyped().rotation.inverse() * na::Vector3::from(contact.friction_n);
                 let line = json!({
                     "case": "pad",
                     "object": name,
                     "seed": seed,
                     "frame": number,
-                    "finger": finger as u32,
+                    "pad": pad,
                     "slip_mm": [-1e3 * slip.y, -1e3 * slip.z],
                     "true_mm": [shear_before.displacement_mm, press.shear.displacement_mm],
                     "true_rad": [shear_before.twist_rad, press.shear.twist_rad],
@@ -266,14 +266,14 @@ fn episode(arguments: &Arguments, profile: &SensorProfile, name: &str, object: &
                     "pixels": [was.pixels, now.pixels],
                     "deepest_mm": [was.deepest_mm, now.deepest_mm],
                     "volume_mm3": [was.volume_mm3, now.volume_mm3],
-                    "force_n": pad.force_n,
+                    "force_n": contact.force_n,
                     "friction_n": [-friction.y, -friction.z],
-                    "friction_limit_n": pad.friction_limit_n,
-                    "stiffness_n_per_mm": 1e-3 * stiffness_n_per_m(pad.force_n),
+                    "friction_limit_n": contact.friction_limit_n,
+                    "stiffness_n_per_mm": 1e-3 * stiffness_n_per_m(contact.force_n),
                 });
                 println!("{line}");
             }
-            before[finger] = now.map(|now| (now, press.shear));
+            before[pad] = now.map(|now| (now, press.shear));
         }
     }
     Ok(())

@@ -7,13 +7,14 @@
 //! use mvt_simulated::{Fault, SimulatedSettings, SimulatedSource};
 //! use mvt_objects::catalogue;
 //! use mvt_robot::digit::profile::SensorProfile;
-//! use mvt_robot::hand::Side;
+//! use mvt_robot::hand::{Hand, Side};
 //! use mvt_run::source::{Modality, Source as _};
 //!
 //! let object = catalogue::load("cube70", &mut Vec::new())?;
-//! let (_, gait) = mvt_gaits::gait::choose("auto", &object)?;
+//! let hand = Hand::allegro(Side::Left);
+//! let (_, gait) = mvt_gaits::gait::choose("auto", &object, &hand)?;
 //! let settings = SimulatedSettings {
-//!     side: Side::Left,
+//!     hand,
 //!     touch: SensorProfile::tacto(),
 //!     gait: gait.clone(),
 //!     schedule: Default::default(),

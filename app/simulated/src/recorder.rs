@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
@@ -20,9 +21,9 @@ use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, EpisodeState, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
-use mvt_robot::hand::{Finger, PerFinger, Side};
+use mvt_robot::hand::Hand;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use mvt_run::io::read_image;
 
@@ -32,16 +33,25 @@ pub struct Settings {
     /// Name or file of a controller, or `auto`.
     #[serde(rename = "gait")]
     pub controller: String,
-    /// Which hand.
-    pub side: Side,
+    /// The hand.
+    // The checksums of logs contain the side of the Allegro as text.
+    #[serde(rename = "side", serialize_with = "hand_text")]
+    pub hand: Arc<Hand>,
     /// Longest duration of an episode, seconds.
     pub duration_s: f64,
     /// Noise in the recorded images.
     pub noise: Noise,
-    /// Light configuration of the DIGITs.
+    /// Light configuration of the touch sensors.
     pub touch_config: TouchConfig,
-    /// Image under every touch image; `None` for a synthetic one of its own for each finger.
+    /// Image under every touch image; `None` for a synthetic one of its own for each sensor.
     pub background: Option<PathBuf>,
+}
+
+fn hand_text<S: Serializer>(hand: &Arc<Hand>, serializer: S) -> Result<S::Ok, S::Error> {
+    match mvt_feelsight::hand::stored(hand) {
+        None => hand.side().serialize(serializer),
+        Some(description) => description.serialize(serializer),
+    }
 }
 
 /// Noise in the recorded images.
@@ -94,7 +104,7 @@ const LARGEST_SCENE_FILE: u64 = 1 << 20;
 impl<'a> Recorder<'a> {
     /// Prepares for an object that was loaded by `name`.
     pub fn new(object: &'a Object, name: &str, settings: &'a Settings) -> Result<Self> {
-        let controller = controller_file::choose_all(&settings.controller, object, settings.side)?;
+        let controller = controller_file::choose_all(&settings.controller, object, &settings.hand)?;
         let scene_object = SceneObject {
             name: object.name.clone(),
             mesh: name.to_owned(),
@@ -151,7 +161,7 @@ impl<'a> Recorder<'a> {
         bar: &ProgressBar,
     ) -> Result<EpisodeEnd> {
         let config = EpisodeConfig {
-            side: self.settings.side,
+            hand: Arc::clone(&self.settings.hand),
             gait: self.controller.gait.clone(),
             seed,
             duration_s: self.settings.duration_s,
@@ -164,17 +174,17 @@ impl<'a> Recorder<'a> {
         let snapshots: Vec<EpisodeState> = std::iter::from_fn(|| episode.next_frame()).collect();
         bar.set_length(snapshots.len() as u64);
 
-        let background = |finger: Finger| match &self.background {
+        let background = |pad: usize| match &self.background {
             Some(image) => Background::Image(image.clone()),
-            None => Background::Synthetic { seed: finger as u64 },
+            None => Background::Synthetic { seed: pad as u64 },
         };
         let observer = Observer::new(
             self.object,
             ObserverOptions {
-                side: self.settings.side,
+                hand: Arc::clone(&self.settings.hand),
                 cameras: cameras.to_vec(),
-                touch: PerFinger::from_fn(|finger| TouchOptions {
-                    background: background(finger),
+                touch: self.settings.hand.per_pad(|pad| TouchOptions {
+                    background: background(pad),
                     ..TouchOptions::new(self.settings.touch_config)
                 }),
                 touch_noise: self.settings.noise.touch,
@@ -211,12 +221,14 @@ impl<'a> Recorder<'a> {
         let [cx, cy, cz] = physics.com_offset_m;
         let number = |name: &str, value: f64| (name.to_owned(), value);
         let Settings { noise, touch_config, .. } = self.settings;
+        // All joints of the Allegro have one stiffness; of other hands it is that of the first.
+        let stiffness = self.settings.hand.joints().first().map_or(0.0, |joint| joint.drive.stiffness);
         let touch_sigma = if noise.touch { f64::from(touch_config.noise_sigma()) } else { 0.0 };
         SceneFile {
             format_version: FORMAT_VERSION,
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             object: self.scene_object.clone(),
-            hand: self.settings.side,
+            hand: Arc::clone(&self.settings.hand),
             seed,
             gravity_m_s2: physics.gravity,
             gait: self.controller.name.clone(),
@@ -231,7 +243,7 @@ impl<'a> Recorder<'a> {
             randomised: BTreeMap::from([
                 number("gel_friction", physics.gel_friction),
                 number("link_friction", physics.link_friction),
-                number("joint_stiffness_nm_rad", physics.joint_stiffness),
+                number("joint_stiffness_nm_rad", stiffness * physics.stiffness_factor),
                 number("object_mass_kg", physics.object_mass_kg),
                 number("com_offset_x_m", cx),
                 number("com_offset_y_m", cy),

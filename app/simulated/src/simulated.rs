@@ -1,6 +1,7 @@
 //! Frames of an episode that is simulated and rendered as they are asked for.
 
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -19,7 +20,7 @@ use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{Background, TouchConfig, TouchOptions};
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
+use mvt_robot::hand::{Hand, JointAngles};
 
 use crate::recorder;
 use mvt_run::source::{Modality, Pictures, Sensed, Source};
@@ -28,8 +29,8 @@ use mvt_touch::network::Weights;
 /// Settings of a simulated episode and its sensors.
 #[derive(Debug, Clone)]
 pub struct SimulatedSettings {
-    /// Which hand.
-    pub side: Side,
+    /// The hand.
+    pub hand: Arc<Hand>,
     /// The touch sensors.
     pub touch: SensorProfile,
     /// The gait at the start.
@@ -91,14 +92,15 @@ impl SimulatedSource {
     /// # Errors
     /// If MuJoCo refuses the object.
     pub fn new(object: &Object, mut settings: SimulatedSettings, weights: Option<&Weights>) -> Result<Self> {
-        let SimulatedSettings { side, seed, duration_s, camera_noise, .. } = settings;
+        let SimulatedSettings { seed, duration_s, camera_noise, .. } = settings;
+        let hand = Arc::clone(&settings.hand);
         if !settings.modality.has_vision() {
             settings.cameras.clear();
         }
         let mut episode = Episode::new(
             object,
             &EpisodeConfig {
-                side,
+                hand: Arc::clone(&hand),
                 gait: settings.gait.clone(),
                 seed,
                 duration_s,
@@ -106,24 +108,24 @@ impl SimulatedSource {
             },
         )?;
         episode.follow(settings.schedule.clone());
-        let touch = |finger: Finger| TouchOptions {
-            background: Background::Synthetic { seed: finger as u64 },
+        let touch = |pad: usize| TouchOptions {
+            background: Background::Synthetic { seed: pad as u64 },
             ..TouchOptions::of_profile(&settings.touch, TouchConfig::Fork)
         };
         let options = ObserverOptions {
-            side,
+            hand: Arc::clone(&hand),
             cameras: settings.cameras.clone(),
-            touch: PerFinger::from_fn(touch),
+            touch: hand.per_pad(touch),
             touch_noise: true,
             camera_depth_noise: (camera_noise > 0.0).then_some(camera_noise),
             seed,
         };
         let observer = Observer::new(object, options)?;
         let setup = PerceptionSetup { profile: &settings.touch, weights, config: settings.perception };
-        let mut perception = Perception::new(side, settings.cameras.clone(), &setup);
+        let mut perception = Perception::new(hand, settings.cameras.clone(), &setup);
         if perception.reads_touch_images() {
-            for (finger, image) in observer.untouched_images().iter() {
-                perception.set_untouched(finger, image)?;
+            for (pad, image) in observer.untouched_images().iter().enumerate() {
+                perception.set_untouched(pad, image)?;
             }
         }
         Ok(Self {
@@ -162,18 +164,18 @@ impl Source for SimulatedSource {
         self.frame += 1;
         let SimulatedSettings { modality, hidden_every, fault, .. } = &self.settings;
         if fault.frozen.contains(&frame) {
-            observation.joints = self.last_joints.unwrap_or(observation.joints);
+            observation.joints = self.last_joints.take().unwrap_or(observation.joints);
         }
-        self.last_joints = Some(observation.joints);
+        self.last_joints = Some(observation.joints.clone());
         if fault.blank.contains(&frame) {
             observation.cameras.iter_mut().for_each(|rgbd| rgbd.depth_m = Default::default());
         }
         let is_felt = modality.has_touch() && self.perception.reads_touch_images();
         let gel = self.perception.gel();
         let presses = match modality.has_touch() {
-            false => Some(PerFinger::default()),
+            false => Some(self.settings.hand.per_pad(|_| None)),
             true if is_felt => None,
-            true => Some(PerFinger::from_fn(|finger| true_press(&truth.touch[finger], gel))),
+            true => Some(truth.touch.map(|truth| true_press(truth, gel))),
         };
         let Seen { percept, touch_images, warnings } = self.perception.see(frame, observation, presses)?;
         let events = match self.episode.in_air().and_then(|air| air.lowered_at_s) {
@@ -188,10 +190,8 @@ impl Source for SimulatedSource {
         let gel = self.perception.gel();
         let pictures = Pictures {
             touch: touch_images,
-            true_indentation_mm: PerFinger(
-                truth.touch.0.map(|truth| is_felt.then(|| gel.indentation_of(&truth.depth_m)).flatten()),
-            ),
-            forces_n: Some(PerFinger(state.pads.0.map(|pad| pad.force_n))),
+            true_indentation_mm: truth.touch.map(|truth| is_felt.then(|| gel.indentation_of(&truth.depth_m)).flatten()),
+            forces_n: Some(state.pads.map(|pad| pad.force_n)),
         };
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
         Ok(Some(Sensed {
@@ -216,6 +216,10 @@ impl Source for SimulatedSource {
 
     fn direct(&mut self, directive: Directive) -> Result<()> {
         Ok(self.episode.direct(directive)?)
+    }
+
+    fn hand(&self) -> &Arc<Hand> {
+        &self.settings.hand
     }
 
     fn gel(&self) -> &GelView {

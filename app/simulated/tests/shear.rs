@@ -9,10 +9,9 @@ use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_physics::shear::stiffness_n_per_m;
 use mvt_render::rays::RayMesh;
 use mvt_render::touch::{Background, GelPress, NoiseKey, TouchConfig, TouchFrame, TouchOptions, TouchRenderer};
-use mvt_robot::digit;
 use mvt_robot::digit::markers::GelShear;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{Finger, Side, world_from_tip};
+use mvt_robot::hand::{Hand, Side};
 use mvt_shear::{ShearError, ShearField, ShearSensor};
 use nalgebra as na;
 
@@ -36,7 +35,7 @@ impl Sensor {
     }
 
     fn feel(&mut self, object: &RayMesh, press: GelPress, frame: u32) -> Result<ShearField, ShearError> {
-        let noise = NoiseKey { seed: 3, finger: 1, frame };
+        let noise = NoiseKey { seed: 3, pad: 1, frame };
         self.renderer.render_dragged(object, press, Some(noise), &mut self.frame);
         let indentation_mm = self.profile.gel_view().indentation_of(self.frame.depth_m()).unwrap();
         self.reader.see(self.frame.calibrated(), self.frame.contact(), &indentation_mm)
@@ -131,9 +130,10 @@ fn correlation(pairs: &[[f64; 2]]) -> f64 {
 #[test]
 fn shear_in_the_hand_agrees_with_mujoco() {
     let object = catalogue::load("cube70", &mut Vec::new()).unwrap();
-    let gait = gait::choose("auto", &object).unwrap().1.clone();
+    let hand = Hand::allegro(Side::Left);
+    let gait = gait::choose("auto", &object, &hand).unwrap().1.clone();
     let config =
-        EpisodeConfig { side: Side::Left, gait, seed: 4, duration_s: 4.0, randomisation: Randomisation::default() };
+        EpisodeConfig { hand: hand.clone(), gait, seed: 4, duration_s: 4.0, randomisation: Randomisation::default() };
     let mut episode = Episode::new(&object, &config).unwrap();
     let mut sensor = Sensor::new("digit_markers");
     let rays = RayMesh::new(&object.mesh);
@@ -141,20 +141,18 @@ fn shear_in_the_hand_agrees_with_mujoco() {
     let mut number = 0;
     while let Some(state) = episode.next_frame() {
         number += 1;
-        for finger in Finger::ALL {
-            let world_from_gel = world_from_tip(Side::Left, finger, &state.scene.joints) * digit::tip_from_gel();
+        for (pad, world_from_gel) in hand.world_from_gels(&state.scene.joints).into_iter().enumerate() {
             let gel_from_object = world_from_gel.inverse() * state.scene.object_pose;
-            let shear = state.scene.shear[finger];
+            let shear = state.scene.shear[pad];
             let field = sensor.feel(&rays, GelPress { gel_from_object, shear }, number).unwrap();
             // Contacts at the border show too little.
             let touching = sensor.frame.contact().iter().filter(|touches| **touches).count();
             let Some(fit) = field.fit.filter(|_| touching > 500) else { continue };
-            let friction =
-                world_from_gel.untyped().rotation.inverse() * na::Vector3::from(state.pads[finger].friction_n);
+            let friction = world_from_gel.untyped().rotation.inverse() * na::Vector3::from(state.pads[pad].friction_n);
             for (axis, friction_n) in [-friction.y, -friction.z].into_iter().enumerate() {
                 of_slip.push([fit.shear.displacement_mm[axis], shear.displacement_mm[axis]]);
                 of_force.push([
-                    1e-3 * stiffness_n_per_m(state.pads[finger].force_n) * fit.shear.displacement_mm[axis],
+                    1e-3 * stiffness_n_per_m(state.pads[pad].force_n) * fit.shear.displacement_mm[axis],
                     friction_n,
                 ]);
             }

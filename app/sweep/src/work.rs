@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use mvt_evaluation::SingleRun;
 use mvt_feelsight::LogFormat;
 use mvt_objects::catalogue;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::Placement;
 use mvt_run::arguments::duration;
 use mvt_run::object::load_object;
@@ -63,7 +63,7 @@ impl LogTask {
         duration(&self.duration.to_string()).map_err(|reason| anyhow!("duration = {}: {reason}", self.duration))?;
         Ok(Settings {
             controller: self.gait.clone(),
-            side: self.side,
+            hand: Hand::allegro(self.side),
             duration_s: self.duration,
             noise: self.noise.into(),
             touch_config: self.touch_config.parse()?,
@@ -75,7 +75,7 @@ impl LogTask {
         let settings = self.settings()?;
         let object = load_object(&self.object)?;
         let placements = Placement::parse_list(&self.cameras)?;
-        let cameras: Vec<_> = placements.iter().map(|placement| placement.camera(self.side)).collect();
+        let cameras: Vec<_> = placements.iter().map(|placement| placement.camera(&settings.hand)).collect();
         let recorder = Recorder::new(&object, &self.object, &settings)?;
         let bar = ProgressBar::hidden();
         recorder.record(self.seed, &cameras, folder, self.format, false, &bar).map(drop)

@@ -82,13 +82,14 @@ pub fn moment(recording: &Recording, moment: usize) -> String {
             false => format!(", ADD-S {:.1} mm", error.one_directional_m * 1e3),
         };
     }
-    let touching = now.fingers.iter().filter(|(_, touching)| touching.is_some()).count();
-    sentence += match touching {
-        0 => "",
-        1 => "; one finger touches",
-        2 => "; two fingers touch",
-        3 => "; three fingers touch",
-        _ => "; all fingers touch",
+    let touching = now.touching.iter().flatten().count();
+    sentence += &match touching {
+        0 => String::new(),
+        1 => "; one finger touches".to_owned(),
+        all if all == now.touching.len() => "; all fingers touch".to_owned(),
+        2 => "; two fingers touch".to_owned(),
+        3 => "; three fingers touch".to_owned(),
+        some => format!("; {some} fingers touch"),
     };
     let is_recent = |time_s: f64| (0.0..=RECENT_S).contains(&(row.time_s - time_s));
     for event in recording.events().iter().filter(|event| is_recent(event.time_s)) {

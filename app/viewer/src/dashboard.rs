@@ -3,11 +3,10 @@
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 use mvt_picture::draw::{self, Area, fill};
-use mvt_picture::palette::{FINGERS, Theme};
+use mvt_picture::palette::{Theme, pad_colour};
 use mvt_picture::text;
 use mvt_recording::{FrameImages, Recording};
 use mvt_render::rays::RayMesh;
-use mvt_robot::hand::Finger;
 
 use crate::eye::Eye;
 use crate::layers::Layers;
@@ -42,11 +41,11 @@ pub struct Dashboard {
 
 /// Height of the head line, pixels.
 const HEAD: u32 = 26;
-/// Pictures of a camera and of a finger: three each.
+/// Pictures of a camera and of a touch sensor: three each.
 const PER_SENSOR: u32 = 3;
-/// Width over height of the picture of a camera and of a DIGIT.
+/// Width over height of the picture of a camera and of a touch sensor.
 const CAMERA_ASPECT: f64 = 4.0 / 3.0;
-const FINGER_ASPECT: f64 = 0.75;
+const TOUCH_ASPECT: f64 = 0.75;
 const LETTERS: f32 = 15.0;
 const SMALL: f32 = 12.0;
 
@@ -128,19 +127,20 @@ impl Dashboard {
             }
         };
         let has_cameras = images.cameras.iter().any(Option::is_some);
-        let has_touch = images.touch.iter().any(|(_, finger)| finger.is_some());
+        let has_touch = images.touch.iter().any(Option::is_some);
         let count = images.cameras.len() as u32;
         let cameras = |area: Area| Tiling::best(area, count, PER_SENSOR, CAMERA_ASPECT);
-        let fingers = |area: Area| Tiling::best(area, Finger::ALL.len() as u32, PER_SENSOR, FINGER_ASPECT);
-        let [of_cameras, of_fingers] = match (has_cameras, has_touch) {
-            (true, true) => tiling::share(area, cameras, fingers),
-            _ => [cameras(area), fingers(area)],
+        let pads = recording.about().hand.pads().len() as u32;
+        let touch = |area: Area| Tiling::best(area, pads, PER_SENSOR, TOUCH_ASPECT);
+        let [of_cameras, of_pads] = match (has_cameras, has_touch) {
+            (true, true) => tiling::share(area, cameras, touch),
+            _ => [cameras(area), touch(area)],
         };
         if has_cameras {
             self.cameras(page, &of_cameras, recording, &images);
         }
         if has_touch {
-            self.fingers(page, &of_fingers, recording, &images);
+            self.touch(page, &of_pads, recording, &images);
         }
     }
 
@@ -165,22 +165,23 @@ impl Dashboard {
         }
     }
 
-    /// Draws image, indentation and contact, or true indentation where it is known, of each finger.
-    fn fingers(&self, page: &mut RgbImage, tiling: &Tiling, recording: &Recording, images: &FrameImages) {
+    /// Draws image, indentation and contact, or true indentation where it is known, of each touch sensor.
+    fn touch(&self, page: &mut RgbImage, tiling: &Tiling, recording: &Recording, images: &FrameImages) {
         // Figures and pictures belong to the same frame.
-        let touching = recording.moments().get(images.frame).map(|moment| moment.fingers);
-        for finger in Finger::ALL {
-            let Some(seen) = &images.touch[finger] else { continue };
+        let touching = recording.moments().get(images.frame).map(|moment| &moment.touching);
+        for (k, (pad, seen)) in (0..).zip(recording.about().hand.pads().iter().zip(&images.touch)) {
+            let Some(seen) = seen else { continue };
+            let touching = touching.and_then(|touching| *touching.get(k as usize)?);
             let truth = sensor_pictures::true_indentation(seen);
             let third = match truth {
                 Some(truth) => ("true", truth),
                 None => ("contact", sensor_pictures::contact(seen)),
             };
             let rows =
-                [(finger.name(), seen.image.clone()), ("indentation", sensor_pictures::indentation(seen)), third];
+                [(pad.name.as_str(), seen.image.clone()), ("indentation", sensor_pictures::indentation(seen)), third];
             for (row, (title, picture)) in (0..).zip(rows) {
-                let tile = tiling.cell(finger as u32, row);
-                let title = match touching.and_then(|touching| touching[finger]) {
+                let tile = tiling.cell(k, row);
+                let title = match touching {
                     Some(touch) if row == 0 => match touch.force_n {
                         Some(force_n) => format!("{title}  {force_n:.1} N"),
                         None => format!("{title}  {:.1} mm", touch.deepest_mm),
@@ -188,11 +189,11 @@ impl Dashboard {
                     _ => title.to_owned(),
                 };
                 self.tile(page, tile, &title, Some(&picture));
-                if row == 0 && touching.is_some_and(|touching| touching[finger].is_some()) {
+                if row == 0 && touching.is_some() {
                     let lamp = Area { x: tile.x + text::width(SMALL, &title) + 6, y: tile.y + 3, width: 8, height: 8 };
                     // A lamp that would stand in the next column is left out; the figure says the same.
                     if lamp.x + lamp.width <= tile.x + tile.width {
-                        fill(page, lamp, FINGERS[finger as usize]);
+                        fill(page, lamp, pad_colour(k as usize));
                     }
                 }
             }

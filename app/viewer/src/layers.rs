@@ -30,7 +30,7 @@ pub enum Clouds {
     None,
     /// Points of the cameras.
     Vision,
-    /// Points of the DIGITs.
+    /// Points of the touch sensors.
     Touch,
     /// All points.
     Both,

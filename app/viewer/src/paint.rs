@@ -14,8 +14,7 @@ use mvt_picture::palette::{self, Theme};
 use mvt_picture::raster::{self, Colour, LitMesh, MeshPlacement, Rasteriser};
 use mvt_recording::{RecordedMoment, RecordedShape, Recording};
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand;
-use mvt_robot::hand::{JointAngles, Part, PartSurface as Material, Side, world_from_digit_camera};
+use mvt_robot::hand::{Hand, PartSurface, Primitive};
 use mvt_run::sdf_grid::SdfGrid;
 use nalgebra as na;
 use rayon::prelude::*;
@@ -26,9 +25,9 @@ use crate::seen_points::{SeenBy, SeenPoints, Sighting};
 
 /// Pixels along each side of a pixel of a fine picture.
 const SAMPLES: usize = 2;
-/// Highlights of the links, the DIGITs and the gels.
+/// Highlights of the links, the housings of touch sensors and the gels.
 const LINK_SHINE: f32 = 0.16;
-const DIGIT_SHINE: f32 = 0.1;
+const HOUSING_SHINE: f32 = 0.1;
 const GEL_SHINE: f32 = 0.22;
 /// Part of the trail that is drawn, frames, and its width at both ends, pixels.
 const TRAIL_FRAMES: usize = 150;
@@ -55,7 +54,7 @@ const ZERO_LINE_PX: f32 = 2.5;
 #[derive(Default)]
 pub struct ScenePainter {
     raster: Rasteriser,
-    hand: Option<Hand>,
+    hand: Option<PreparedHand>,
     seen: SeenPoints,
     shown: Option<Shown>,
     truth: Option<Truth>,
@@ -63,10 +62,11 @@ pub struct ScenePainter {
     warning: Option<String>,
 }
 
-/// The hand, prepared: its parts, each with the index of its shape. The fingers share shapes.
-struct Hand {
-    side: Side,
-    parts: Vec<(Part, usize)>,
+/// The hand, prepared. Its fingers share shapes.
+struct PreparedHand {
+    hand: Arc<Hand>,
+    /// Body, material and index of the shape of each part.
+    parts: Vec<(usize, PartSurface, usize)>,
     shapes: Vec<LitMesh>,
 }
 
@@ -132,7 +132,7 @@ impl ScenePainter {
             let view = View { eye: eye.pose().inverse(), pose: recording.pose(moment) };
             self.prepare(recording, moment, layers, theme);
             if layers.hand {
-                self.hand(recording.about().side, &now.joints, &view, theme);
+                self.hand(&recording.about().hand, &now.joints, &view, theme);
             }
             self.objects(recording, moment, layers, &view, theme);
             self.lines(recording, moment, layers, &view, theme);
@@ -212,30 +212,31 @@ impl ScenePainter {
         }
     }
 
-    fn hand(&mut self, side: Side, joints: &JointAngles, view: &View, theme: &Theme) {
-        if self.hand.as_ref().is_none_or(|hand| hand.side != side) {
-            let (mut shapes, mut placed) = (Vec::new(), Vec::new());
-            for part in hand::parts(side) {
-                let known = shapes.iter().position(|&shape| shape == part.shape);
-                placed.push((part, known.unwrap_or(shapes.len())));
+    fn hand(&mut self, hand: &Arc<Hand>, joints: &[f64], view: &View, theme: &Theme) {
+        if self.hand.as_ref().is_none_or(|prepared| prepared.hand != *hand) {
+            let (mut shapes, mut placed) = (Vec::<&Primitive>::new(), Vec::new());
+            for (body, part) in hand.parts() {
+                let known = shapes.iter().position(|&shape| *shape == part.shape);
+                placed.push((body, part.surface, known.unwrap_or(shapes.len())));
                 if known.is_none() {
-                    shapes.push(part.shape);
+                    shapes.push(&part.shape);
                 }
             }
             let surfaces = shapes.iter().map(|shape| LitMesh::new(&tessellate(shape, SEGMENTS))).collect();
-            self.hand = Some(Hand { side, parts: placed, shapes: surfaces });
+            self.hand = Some(PreparedHand { hand: Arc::clone(hand), parts: placed, shapes: surfaces });
         }
-        let Some(Hand { parts, shapes, .. }) = &self.hand else { return };
-        for (part, shape) in parts {
-            let (colour, shine) = match part.surface {
-                Material::Link => (theme.link, LINK_SHINE),
-                Material::Digit => (theme.digit, DIGIT_SHINE),
-                Material::Gel => (theme.gel, GEL_SHINE),
+        let Some(PreparedHand { parts, shapes, .. }) = &self.hand else { return };
+        let poses = hand.body_poses(joints);
+        for (body, material, shape) in parts {
+            let (colour, shine) = match material {
+                PartSurface::Link => (theme.link, LINK_SHINE),
+                PartSurface::Housing => (theme.digit, HOUSING_SHINE),
+                PartSurface::Gel(_) => (theme.gel, GEL_SHINE),
             };
             let colour = raster::colour(colour);
-            let pose = Isometry::<Object, World>::new(part.body.pose(side, joints));
+            let pose = Isometry::<Object, World>::new(poses[*body]);
             let surface = &shapes[*shape];
-            let is_glass = part.surface != Material::Link && view.hides_object(surface, pose);
+            let is_glass = *material != PartSurface::Link && view.hides_object(surface, pose);
             self.raster.surface(surface, |_| colour, MeshPlacement { is_glass, shine, ..view.solid(pose) });
         }
     }
@@ -493,7 +494,7 @@ fn cuboid(raster: &mut Rasteriser, [low, high]: [Vec3; 2], camera_from_object: (
     }
 }
 
-/// Draws the poses of the cameras, and of the fingertips that touched, relative to the object at each keyframe.
+/// Draws the poses of the cameras, and of the pads that touched, relative to the object at each keyframe.
 fn keyframes(
     raster: &mut Rasteriser,
     recording: &Recording,
@@ -518,8 +519,8 @@ fn keyframes(
         for camera in &about.cameras {
             draw_sensor(&camera.intrinsics, camera.pose.untyped(), KEYFRAME_M);
         }
-        for (finger, _) in kept.fingers.iter().filter(|(_, touching)| touching.is_some()) {
-            let pose = world_from_digit_camera(about.side, finger, &kept.joints);
+        let poses = about.hand.world_from_touch_cameras(&kept.joints);
+        for (_, pose) in kept.touching.iter().zip(poses).filter(|(touching, _)| touching.is_some()) {
             draw_sensor(&about.touch_camera(), pose.untyped(), 0.5 * KEYFRAME_M);
         }
     }

@@ -3,9 +3,9 @@
 use image::{Rgb, RgbImage};
 use mvt_picture::chart::{self, ChartLane, ChartLine, ChartPanel, ChartScale, round_top};
 use mvt_picture::draw::Area;
-use mvt_picture::palette::{FINGERS, Theme};
+use mvt_picture::palette::{Theme, pad_colour};
 use mvt_recording::{RecordedMoment, Recording};
-use mvt_robot::hand::Finger;
+use mvt_robot::hand::TouchPad;
 use mvt_run::report::FrameRow;
 
 use crate::captions;
@@ -14,7 +14,7 @@ use crate::captions;
 const GAP: u32 = 8;
 
 /// Draws side by side the error of the pose, the F-score, the confidence, the time per frame, and the contacts of the
-/// fingers. A log has no estimate: only its contacts are drawn.
+/// pads. A log has no estimate: only its contacts are drawn.
 pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usize, theme: &Theme) {
     let panels = panels(recording, moment, theme);
     let width = (area.width + GAP) / (panels.len() as u32).max(1);
@@ -68,12 +68,15 @@ fn panels(recording: &Recording, moment: usize, theme: &Theme) -> Vec<ChartPanel
     }
     // A contact lasts until the next moment.
     let ends_s = || moments.iter().skip(1).map(|m| m.row.time_s).chain([end_s]);
-    let lane = |finger: Finger| {
-        let touching =
-            moments.iter().zip(ends_s()).filter(|(m, _): &(&RecordedMoment, f64)| m.fingers[finger].is_some());
+    let lane = |(k, pad): (usize, &TouchPad)| {
+        let touches = |(m, _): &(&RecordedMoment, f64)| m.touching.get(k).is_some_and(Option::is_some);
+        let touching = moments.iter().zip(ends_s()).filter(touches);
         let spans = touching.map(|(m, end_s)| m.row.time_s..end_s).collect();
-        ChartLane { name: finger.name().to_owned(), colour: FINGERS[finger as usize], spans }
+        ChartLane { name: pad.name.clone(), colour: pad_colour(k), spans }
     };
-    panels.push(ChartPanel { lanes: Finger::ALL.map(lane).into(), ..panel("contact".to_owned()) });
+    let lanes: Vec<ChartLane> = recording.about().hand.pads().iter().enumerate().map(lane).collect();
+    if !lanes.is_empty() {
+        panels.push(ChartPanel { lanes, ..panel("contact".to_owned()) });
+    }
     panels
 }

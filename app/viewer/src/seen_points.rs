@@ -1,4 +1,4 @@
-//! Points of the object that cameras and DIGITs have seen so far, in its coordinates, from the recorded images and the
+//! Points of the object that cameras and touch sensors have seen so far, in its coordinates, from the recorded images and the
 //! estimated poses.
 
 use std::collections::{BTreeSet, HashMap};
@@ -8,7 +8,6 @@ use image::Rgb;
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::depth::Label;
 use mvt_frames::{Camera, Isometry, Object};
-use mvt_robot::hand::world_from_digit_camera;
 use nalgebra as na;
 
 use mvt_picture::palette;
@@ -19,7 +18,7 @@ use mvt_recording::{FrameImages, RecordedMoment, Recording, RecordingError};
 const CELL_M: f32 = 0.002;
 /// Places farther than this from every point count as not seen, metres.
 const REACH_M: f32 = 0.005;
-/// Every Nth row and column of a camera image and of a DIGIT image gives a point.
+/// Every Nth row and column of a camera image and of a touch image gives a point.
 const CAMERA_STRIDE: usize = 3;
 const TOUCH_STRIDE: usize = 6;
 /// Most images that are used. A longer run uses every second, fourth, ... image.
@@ -34,7 +33,7 @@ struct Cell {
     points: Vec3A,
     colours: Colour,
     count: f32,
-    /// Number and sum of the points that a DIGIT saw.
+    /// Number and sum of the points that a touch sensor saw.
     touched: f32,
     touched_points: Vec3A,
     /// Number of images that saw the cell, and the last of them.
@@ -47,7 +46,7 @@ struct Cell {
 pub enum SeenBy {
     /// A camera.
     Vision,
-    /// A DIGIT.
+    /// A touch sensor.
     Touch,
     /// No sensor: the field extrapolates.
     Nothing,
@@ -139,9 +138,9 @@ impl SeenPoints {
         object_from_world: na::Isometry3<f64>,
     ) {
         let gel = recording.about().touch_gel();
-        for (finger, felt) in images.touch.iter() {
+        let poses = recording.about().hand.world_from_touch_cameras(&moment.joints);
+        for (felt, world_from_camera) in images.touch.iter().zip(poses) {
             let Some(felt) = felt else { continue };
-            let world_from_camera = world_from_digit_camera(recording.about().side, finger, &moment.joints);
             let object_from_camera = Isometry::new(object_from_world * world_from_camera.untyped());
             let touches = |row, column| felt.contact.get((row, column)) == Some(&true);
             let Some(depth_m) = gel.depth_of(&felt.indentation_mm) else { continue };

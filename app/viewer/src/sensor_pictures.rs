@@ -8,7 +8,7 @@ use mvt_render::rays::{Caster, Faces, Hits, Instance, PixelWindow, RayMesh};
 use ndarray::Array2;
 
 use mvt_picture::palette;
-use mvt_recording::{CameraImages, FingerImages};
+use mvt_recording::{CameraImages, TouchImages};
 
 /// Indentation with the lightest colour, millimetres.
 const MOST_MM: f32 = 2.0;
@@ -45,21 +45,21 @@ pub fn segmentation(camera: &CameraImages) -> RgbImage {
     of_array(&camera.labels, colour_of_label)
 }
 
-/// Paints the measured indentation of a DIGIT with the outline of contact.
-pub fn indentation(finger: &FingerImages) -> RgbImage {
-    let mut picture = of_indentation(&finger.indentation_mm);
-    outline(&mut picture, &finger.contact, &true);
+/// Paints the measured indentation of a touch sensor with the outline of contact.
+pub fn indentation(touch: &TouchImages) -> RgbImage {
+    let mut picture = of_indentation(&touch.indentation_mm);
+    outline(&mut picture, &touch.contact, &true);
     picture
 }
 
-/// Paints the true indentation of a DIGIT, where it is known.
-pub fn true_indentation(finger: &FingerImages) -> Option<RgbImage> {
-    finger.true_indentation_mm.as_ref().map(of_indentation)
+/// Paints the true indentation of a touch sensor, where it is known.
+pub fn true_indentation(touch: &TouchImages) -> Option<RgbImage> {
+    touch.true_indentation_mm.as_ref().map(of_indentation)
 }
 
-/// Paints the contact of a DIGIT.
-pub fn contact(finger: &FingerImages) -> RgbImage {
-    of_array(&finger.contact, |touches| if touches { palette::TOUCH } else { Rgb([24, 24, 28]) })
+/// Paints the contact of a touch sensor.
+pub fn contact(touch: &TouchImages) -> RgbImage {
+    of_array(&touch.contact, |touches| if touches { palette::TOUCH } else { Rgb([24, 24, 28]) })
 }
 
 fn of_array<T: Copy>(array: &Array2<T>, colour: impl Fn(T) -> Rgb<u8>) -> RgbImage {
@@ -130,8 +130,12 @@ mod tests {
 
     #[test]
     fn the_estimate_has_the_colours_of_the_measured_depth() {
-        let camera = mvt_robot::rig::PLACEMENTS[2].camera(mvt_robot::hand::Side::Left);
-        let ball = mvt_robot::hand::Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.03; 3] };
+        let camera = mvt_robot::rig::PLACEMENTS[2].camera(&mvt_robot::hand::Hand::allegro(mvt_robot::hand::Side::Left));
+        let ball = mvt_robot::hand::Primitive::Ellipsoid {
+            centre: [0.0; 3],
+            semi: [0.03; 3],
+            orientation_wxyz: mvt_robot::hand::UPRIGHT,
+        };
         let mesh = RayMesh::new(&mvt_render::tessellation::tessellate(&ball, 32));
         let pose = Isometry::translation(-0.0475, 0.0, 0.05);
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
@@ -150,9 +154,9 @@ mod tests {
 
     #[test]
     fn images_without_pixels_give_pictures_without_pixels() {
-        let (camera, finger) = (CameraImages::default(), FingerImages::default());
+        let (camera, touch) = (CameraImages::default(), TouchImages::default());
         assert_eq!(depth(&camera).len() + segmentation(&camera).len(), 0);
-        assert_eq!(indentation(&finger).len() + contact(&finger).len(), 0);
-        assert!(true_indentation(&finger).is_none());
+        assert_eq!(indentation(&touch).len() + contact(&touch).len(), 0);
+        assert!(true_indentation(&touch).is_none());
     }
 }

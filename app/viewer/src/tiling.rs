@@ -82,16 +82,31 @@ mod tests {
     #[test]
     fn pictures_of_a_wide_area_fill_most_of_it() {
         let area = Area { x: 6, y: 26, width: 1268, height: 688 };
-        let [cameras, fingers] =
+        let [cameras, touch] =
             share(area, |area| Tiling::best(area, 1, 3, 4.0 / 3.0), |area| Tiling::best(area, 4, 3, 0.75));
-        let covered = 3.0 * cameras.picture_width.powi(2) * 0.75 + 12.0 * fingers.picture_width.powi(2) / 0.75;
+        let covered = 3.0 * cameras.picture_width.powi(2) * 0.75 + 12.0 * touch.picture_width.powi(2) / 0.75;
         let whole = f64::from(area.width * area.height);
         assert!(covered > 0.6 * whole, "{:.2} of the area", covered / whole);
-        for (tiling, groups) in [(cameras, 1), (fingers, 4)] {
+        for (tiling, groups) in [(cameras, 1), (touch, 4)] {
             for (group, picture) in (0..groups).flat_map(|group| (0..3).map(move |picture| (group, picture))) {
                 let cell = tiling.cell(group, picture);
                 assert!(cell.x + cell.width <= area.x + area.width && cell.y + cell.height <= area.y + area.height);
                 assert!(f64::from(cell.width) + 1.0 >= tiling.picture_width);
+            }
+        }
+    }
+
+    #[test]
+    fn any_number_of_pads_fits() {
+        let area = Area { x: 6, y: 26, width: 500, height: 560 };
+        let mut narrower = f64::INFINITY;
+        for pads in 0..=8 {
+            let tiling = Tiling::best(area, pads, 3, 0.75);
+            assert!(tiling.picture_width > 50.0 && tiling.picture_width <= narrower, "{pads}: {tiling:?}");
+            narrower = tiling.picture_width;
+            for (pad, picture) in (0..pads).flat_map(|pad| (0..3).map(move |picture| (pad, picture))) {
+                let cell = tiling.cell(pad, picture);
+                assert!(cell.x + cell.width <= area.x + area.width && cell.y + cell.height <= area.y + area.height);
             }
         }
     }

@@ -5,9 +5,8 @@ use std::ops::RangeInclusive;
 use eframe::egui::{self, Id, Ui, Vec2b};
 use egui_plot::{AxisHints, GridMark, Line, Plot, PlotPoint, PlotPoints, Points, VLine};
 use mvt_picture::chart;
-use mvt_picture::palette::{CURVES, FINGERS, Theme};
-use mvt_recording::Recording;
-use mvt_robot::hand::Finger;
+use mvt_picture::palette::{CURVES, Theme, pad_colour};
+use mvt_recording::{RecordedMoment, Recording};
 use mvt_run::report::{FrameRow, StageMs};
 use serde::{Deserialize, Serialize};
 
@@ -53,8 +52,8 @@ struct RunCurves {
     total_ms: Curve,
     /// At 2 and 5 mm.
     f_scores: [Curve; 2],
-    /// When each finger touches.
-    contacts: [Curve; 4],
+    /// Name of each pad, and when it touches.
+    contacts: Vec<(String, Curve)>,
 }
 
 /// Row of plots of one recording, or of two that are compared.
@@ -82,9 +81,11 @@ impl RunCurves {
         let stage = |ms: fn(&StageMs) -> f64| {
             estimated().step_by(step).map(|row| PlotPoint::new(row.time_s, ms(&row.stage_ms))).collect()
         };
-        let touches = |finger: Finger| {
-            let height = 3.0 - finger as usize as f64;
-            let touching = moments.iter().filter(|moment| moment.fingers[finger].is_some()).step_by(step);
+        let pads = recording.about().hand.pads();
+        let touches = |pad: usize| {
+            let height = (pads.len() - 1 - pad) as f64;
+            let is_touching = |moment: &&RecordedMoment| moment.touching.get(pad).is_some_and(Option::is_some);
+            let touching = moments.iter().filter(is_touching).step_by(step);
             touching.map(|moment| PlotPoint::new(moment.row.time_s, height)).collect()
         };
         let points = || shapes.iter().filter_map(|shape| shape.point);
@@ -98,7 +99,7 @@ impl RunCurves {
                 points().map(|point| PlotPoint::new(point.time_s, point.f2)).collect(),
                 points().map(|point| PlotPoint::new(point.time_s, point.f5)).collect(),
             ],
-            contacts: Finger::ALL.map(touches),
+            contacts: pads.iter().enumerate().map(|(k, pad)| (pad.name.clone(), touches(k))).collect(),
         };
     }
 }
@@ -118,11 +119,8 @@ impl PlotRow {
         // A log has contacts alone.
         let is_estimated = recordings.iter().any(|recording| recording.about().mode.is_some());
         let is_comparison = recordings.len() > 1;
-        let count = match (is_estimated, is_comparison) {
-            (true, false) => 5.0,
-            (true, true) => 4.0,
-            (false, _) => 1.0,
-        };
+        let has_contacts = !is_comparison && runs.iter().any(|run| !run.contacts.is_empty());
+        let count = f32::from(4 * u8::from(is_estimated) + u8::from(has_contacts)).max(1.0);
         // A narrow window scrolls the plots instead of squeezing them.
         let each = ((width - (count - 1.0) * ui.spacing().item_spacing.x) / count).max(170.0);
         let height = ui.available_height();
@@ -183,7 +181,7 @@ impl PlotRow {
                         frame.plot(ui, "Confidence", &of_runs(|run| &run.confidence))
                     });
                 }
-                if let [run] = runs.as_slice() {
+                if let ([run], true) = (runs.as_slice(), has_contacts) {
                     cell(ui, &mut |ui| {
                         title(ui, "Contact by finger");
                         frame.lanes(ui, &run.contacts)
@@ -279,20 +277,27 @@ impl PlotFrame<'_> {
         response.clicked().then(|| plot.pointer_coordinate()).flatten().map(|point| point.x)
     }
 
-    /// Plots a lane per finger, filled where it touches.
-    fn lanes(&mut self, ui: &mut Ui, contacts: &[Curve; 4]) -> Option<f64> {
+    /// Plots a lane per pad, filled where it touches.
+    fn lanes(&mut self, ui: &mut Ui, contacts: &[(String, Curve)]) -> Option<f64> {
         let name = "Contact by finger";
-        let finger =
-            |value: f64| Finger::ALL.into_iter().find(|&finger| (3.0 - finger as usize as f64 - value).abs() < 0.1);
+        let count = contacts.len() as u32;
+        // The first lane is the uppermost.
+        let names: Vec<String> = contacts.iter().rev().map(|(name, _)| name.clone()).collect();
+        let name_at = move |value: f64| {
+            (0..)
+                .zip(&names)
+                .find(|(k, _)| (f64::from(*k) - value).abs() < 0.1)
+                .map_or_else(String::new, |(_, name)| name.clone())
+        };
         let plot = self
             .empty(name, ui.available_size())
-            .y_grid_spacer(|_| (0..4).map(|k| GridMark { value: f64::from(k), step_size: 1.0 }).collect())
-            .y_axis_formatter(move |mark, _| finger(mark.value).map_or_else(String::new, |f| f.name().to_owned()));
+            .y_grid_spacer(move |_| (0..count).map(|k| GridMark { value: f64::from(k), step_size: 1.0 }).collect())
+            .y_axis_formatter(move |mark, _| name_at(mark.value));
         let response = plot.y_axis_min_width(44.0).show(ui, |plot| {
-            plot.set_plot_bounds_y(-0.5..=3.5);
-            for (k, curve) in contacts.iter().enumerate() {
+            plot.set_plot_bounds_y(-0.5..=f64::from(count) - 0.5);
+            for (k, (_, curve)) in contacts.iter().enumerate() {
                 let points = Points::new("", PlotPoints::Borrowed(curve)).radius(2.0);
-                plot.points(points.color(colour(FINGERS[k % FINGERS.len()])).allow_hover(false));
+                plot.points(points.color(colour(pad_colour(k))).allow_hover(false));
             }
             self.time(plot)
         });

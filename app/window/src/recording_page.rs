@@ -141,14 +141,12 @@ impl RecordingPage {
     pub fn title(&self, ui: &mut Ui) {
         let recording = self.shared.read();
         let about = recording.about();
-        let side = match about.side {
-            mvt_robot::hand::Side::Left => "left hand",
-            mvt_robot::hand::Side::Right => "right hand",
-        };
+        let side = if about.hand.is_none() { "no" } else { about.hand.side().name() };
         ui.strong(&about.object).on_hover_text(self.source.folder().display().to_string());
         let mode = about.mode.map_or("log", mvt_run::estimator::Mode::name);
-        let words = format!("mode {mode}   sensors {}   seed {}   {side}", about.modality, about.seed);
-        ui.add(egui::Label::new(&words).truncate()).on_hover_text(words);
+        let words = format!("mode {mode}   sensors {}   seed {}   {side} hand", about.modality, about.seed);
+        let more = format!("{words} ({})", about.hand.name());
+        ui.add(egui::Label::new(words).truncate()).on_hover_text(more);
     }
 
     /// Adds the page's menus to the bar at the top. Returns the run with which this one should be compared.

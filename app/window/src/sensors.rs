@@ -7,7 +7,7 @@ use image::RgbImage;
 use mvt_picture::palette;
 use mvt_recording::{Recording, Touching};
 use mvt_render::rays::RayMesh;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::PerPad;
 
 use super::icons;
 use super::latest_worker::{LatestWorker, Work};
@@ -26,7 +26,8 @@ struct ImagesRequest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sensor {
     Camera(usize),
-    Finger(Finger),
+    /// By the index of the pad.
+    Touch(usize),
 }
 
 /// Picture with its caption.
@@ -75,12 +76,12 @@ impl Work for SensorPainter {
             }
             made.push((Sensor::Camera(k), for_egui(&shown)));
         }
-        for (finger, touch) in images.touch.iter() {
+        for (pad, touch) in images.touch.iter().enumerate() {
             let Some(touch) = touch else { continue };
             let mut shown = vec![("image", touch.image.clone()), ("indentation", sensor_pictures::indentation(touch))];
             shown.push(("contact", sensor_pictures::contact(touch)));
             shown.extend(sensor_pictures::true_indentation(touch).map(|truth| ("true indentation", truth)));
-            made.push((Sensor::Finger(finger), for_egui(&shown)));
+            made.push((Sensor::Touch(pad), for_egui(&shown)));
         }
         Ok(Some(SensorPictures { moment: images.frame, by_sensor: made }))
     }
@@ -93,13 +94,13 @@ fn for_egui(pictures: &[Captioned<RgbImage>]) -> Vec<Captioned<ColorImage>> {
     there.map(|(caption, picture)| (*caption, same(picture))).collect()
 }
 
-/// Least and largest width of the picture of a finger, points.
-const FINGER: egui::Rangef = egui::Rangef { min: 40.0, max: 240.0 };
+/// Least and largest width of the picture of a touch sensor, points.
+const TOUCH: egui::Rangef = egui::Rangef { min: 40.0, max: 240.0 };
 /// Distance between pictures, points.
 const GAP: f32 = 4.0;
-/// Height over width of the picture of a camera and of a DIGIT, with which the room is shared out.
+/// Height over width of the picture of a camera and of a touch sensor, with which the room is shared out.
 const CAMERA_ASPECT: f32 = 0.75;
-const FINGER_ASPECT: f32 = 4.0 / 3.0;
+const TOUCH_ASPECT: f32 = 4.0 / 3.0;
 
 /// Panel of sensor images.
 pub struct SensorPanel {
@@ -145,7 +146,7 @@ impl SensorPanel {
         };
         ui.weak(self.age(recording, moment, shown.moment));
         // Figures and pictures belong to the same frame.
-        let fingers = recording.moments().get(shown.moment).map(|moment| moment.fingers).unwrap_or_default();
+        let touching = recording.moments().get(shown.moment).map(|moment| moment.touching.clone()).unwrap_or_default();
         let is_read = recording.is_read(shown.moment);
         let mut clicked = None;
         let widths = self.widths(ui, height);
@@ -161,12 +162,13 @@ impl SensorPanel {
         ui.horizontal_top(|ui| {
             ui.spacing_mut().item_spacing.x = GAP;
             for (sensor, pictures) in &shown.by_sensor {
-                let Sensor::Finger(finger) = *sensor else { continue };
+                let Sensor::Touch(pad) = *sensor else { continue };
+                let name = pad_name(recording, pad);
                 ui.vertical(|ui| {
                     ui.set_width(widths.column);
-                    finger_head(ui, finger, fingers[finger], is_read);
+                    pad_head(ui, (pad, name), touching.get(pad).copied().flatten(), is_read);
                     for (caption, texture) in pictures {
-                        if picture(ui, texture, caption, widths.finger, finger.name()) {
+                        if picture(ui, texture, caption, widths.touch, name) {
                             clicked = Some((*sensor, *caption));
                         }
                     }
@@ -174,7 +176,7 @@ impl SensorPanel {
             }
         });
         self.enlarged = clicked.or(self.enlarged);
-        self.large(ui.ctx(), recording, &fingers);
+        self.large(ui.ctx(), recording, &touching);
     }
 
     /// Describes the age of the shown pictures.
@@ -195,25 +197,25 @@ impl SensorPanel {
             of.map(|(_, pictures)| pictures.len()).collect::<Vec<_>>()
         };
         let cameras = rows(|sensor| matches!(sensor, Sensor::Camera(_)));
-        let fingers = rows(|sensor| matches!(sensor, Sensor::Finger(_)));
+        let pads = rows(|sensor| matches!(sensor, Sensor::Touch(_)));
         let line = ui.text_style_height(&egui::TextStyle::Body) + ui.spacing().item_spacing.y;
         let caption = ui.text_style_height(&egui::TextStyle::Small) + 2.0 + ui.spacing().item_spacing.y;
         let share = |count: f32| (ui.available_width() - GAP * (count - 1.0)) / count;
-        // Heading, age of the pictures, names and figures of the fingers.
+        // Heading, age of the pictures, names and figures of the pads.
         let room = height - 5.0 * line;
         let of_cameras = |columns: f32| {
             let rows: f32 = cameras.iter().map(|&count| (count as f32 / columns).ceil()).sum();
             cameras.len() as f32 * line + rows * (share(columns) * CAMERA_ASPECT + caption)
         };
-        let column = share(fingers.len().max(1) as f32);
-        let most = fingers.iter().copied().max().unwrap_or(0).max(1) as f32;
-        let of_fingers = |columns: f32| (((room - of_cameras(columns)) / most) - caption) / FINGER_ASPECT;
-        let columns = if fingers.is_empty() || of_fingers(2.0) >= column.min(1.5 * FINGER.min) { 2.0 } else { 4.0 };
-        PictureWidths { camera: share(columns), column, finger: FINGER.clamp(of_fingers(columns)).min(column) }
+        let column = share(pads.len().max(1) as f32);
+        let most = pads.iter().copied().max().unwrap_or(0).max(1) as f32;
+        let of_pads = |columns: f32| (((room - of_cameras(columns)) / most) - caption) / TOUCH_ASPECT;
+        let columns = if pads.is_empty() || of_pads(2.0) >= column.min(1.5 * TOUCH.min) { 2.0 } else { 4.0 };
+        PictureWidths { camera: share(columns), column, touch: TOUCH.clamp(of_pads(columns)).min(column) }
     }
 
     /// Shows a picture over everything else, until it is clicked or Esc is pressed.
-    fn large(&mut self, ctx: &Context, recording: &Recording, fingers: &PerFinger<Option<Touching>>) {
+    fn large(&mut self, ctx: &Context, recording: &Recording, touching: &PerPad<Option<Touching>>) {
         let Some((sensor, caption)) = self.enlarged else { return };
         let pictures = self.shown.iter().flat_map(|shown| &shown.by_sensor).find(|(other, _)| *other == sensor);
         let texture = pictures.and_then(|(_, pictures)| pictures.iter().find(|(other, _)| *other == caption));
@@ -222,9 +224,10 @@ impl SensorPanel {
                 let name = recording.about().cameras.get(k).map_or("camera", |camera| camera.name.as_str());
                 (format!("Camera {name}"), String::new())
             }
-            Sensor::Finger(finger) => {
-                let figures = fingers[finger].map_or_else(|| "touches nothing".to_owned(), touch_text);
-                (finger.name().to_owned(), figures)
+            Sensor::Touch(pad) => {
+                let touching = touching.get(pad).copied().flatten();
+                let figures = touching.map_or_else(|| "touches nothing".to_owned(), touch_text);
+                (pad_name(recording, pad).to_owned(), figures)
             }
         };
         let modal = egui::Modal::new(egui::Id::unique("enlarged")).show(ctx, |ui| {
@@ -276,17 +279,20 @@ impl SensorPanel {
     }
 }
 
-/// Widths of a camera's picture, of the column of a finger and of its pictures, points.
+/// Widths of a camera's picture, of the column of a pad and of its pictures, points.
 #[derive(Debug, Clone, Copy)]
 struct PictureWidths {
     camera: f32,
     column: f32,
-    finger: f32,
+    touch: f32,
 }
 
-/// Draws a finger's name with a lamp, and its contact in figures.
-fn finger_head(ui: &mut Ui, finger: Finger, touching: Option<Touching>, is_read: bool) {
-    let name = finger.name();
+fn pad_name(recording: &Recording, pad: usize) -> &str {
+    recording.about().hand.pads().get(pad).map_or("pad", |pad| pad.name.as_str())
+}
+
+/// Draws a pad's name with a lamp, and its contact in figures.
+fn pad_head(ui: &mut Ui, (pad, name): (usize, &str), touching: Option<Touching>, is_read: bool) {
     let words = match touching {
         Some(touching) => format!("{name}: {}", touch_text(touching)),
         None if is_read => format!("{name} touches nothing"),
@@ -294,7 +300,7 @@ fn finger_head(ui: &mut Ui, finger: Finger, touching: Option<Touching>, is_read:
     };
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
-        icons::lamp(ui, touching.is_some(), colour(palette::FINGERS[finger as usize]), &words);
+        icons::lamp(ui, touching.is_some(), colour(palette::pad_colour(pad)), &words);
         ui.strong(name);
     });
     let figure = match touching {

@@ -1,9 +1,7 @@
 //! A calibration as a result: what differs from the given one, and how sure that is.
 
-use std::fmt;
-
 use mvt_frames::NotRigid;
-use mvt_robot::hand::{Finger, JOINTS_PER_FINGER, JointAngles};
+use mvt_robot::hand::{Hand, Joint, JointMotion};
 use serde::{Deserialize, Serialize};
 
 /// Calibration of cameras and joints, with one standard deviation of each part. It serialises to the file that `calibrate` writes.
@@ -11,10 +9,10 @@ use serde::{Deserialize, Serialize};
 pub struct Calibration {
     /// One per camera.
     pub cameras: Vec<CameraCalibration>,
-    /// True angle minus reading of each joint, degrees.
-    pub joint_offsets_deg: JointAngles,
-    /// Standard deviation of each offset, degrees.
-    pub joint_sigmas_deg: JointAngles,
+    /// True angle minus reading of each joint, degrees; of sliding joints millimetres.
+    pub joint_offsets_deg: Vec<f64>,
+    /// Standard deviation of each offset, in the same units.
+    pub joint_sigmas_deg: Vec<f64>,
     /// By how much joint readings are later than the images, milliseconds; negative if they are earlier.
     pub lag_ms: f64,
     /// Its standard deviation, milliseconds.
@@ -34,7 +32,7 @@ pub struct CameraCalibration {
     pub moved_mm: f64,
     /// Standard deviation of the rotation about the worst of the three axes, degrees.
     pub sigma_deg: f64,
-    /// Standard deviation of the place of the fingers in the camera's view along the worst of the three axes, millimetres.
+    /// Standard deviation of the place of the hand in the camera's view along the worst of the three axes, millimetres.
     pub sigma_mm: f64,
     /// Whether the camera has seen the hand. Otherwise its pose is the given one.
     pub hand_found: bool,
@@ -52,6 +50,18 @@ pub enum CalibrationError {
         /// The reason.
         reason: NotRigid,
     },
+    /// It is that of a hand with another number of joints.
+    #[error(
+        "the calibration has the offsets of {found} joints; hand {hand} has {expected}: was it measured with another hand?"
+    )]
+    Joints {
+        /// Name of the hand.
+        hand: String,
+        /// Joints of the hand.
+        expected: usize,
+        /// Offsets found.
+        found: usize,
+    },
     /// A joint offset or the lag is not a finite number.
     #[error("a joint offset or the lag is not a finite number")]
     NotFinite,
@@ -60,7 +70,7 @@ pub enum CalibrationError {
 /// A camera that is off by more than this was not calibrated or was bumped, degrees and millimetres.
 const LARGE_DEG: f64 = 1.0;
 const LARGE_MM: f64 = 5.0;
-/// A joint that is off by more than this is worth a look at its encoder, degrees.
+/// A joint that is off by more than this is worth a look at its encoder, degrees or millimetres.
 const LARGE_JOINT_DEG: f64 = 2.0;
 /// Joint readings that are off by more than this, a third of a frame, are worth a look at the clocks, milliseconds.
 const LARGE_LAG_MS: f64 = 10.0;
@@ -68,8 +78,9 @@ const LARGE_LAG_MS: f64 = 10.0;
 const SURE_SIGMAS: f64 = 3.0;
 
 impl Calibration {
-    /// Deviations from the given calibration that are large enough for a look, in sentences.
-    pub fn warnings(&self) -> Vec<String> {
+    /// Returns the deviations from the given calibration that are large enough for a look, in sentences. `hand` is the hand of the
+    /// calibration.
+    pub fn warnings(&self, hand: &Hand) -> Vec<String> {
         let mut warnings = Vec::new();
         for camera in &self.cameras {
             let CameraCalibration { name, turned_deg, moved_mm, .. } = camera;
@@ -84,9 +95,10 @@ impl Calibration {
                 ));
             }
         }
-        for (j, (offset, sigma)) in self.joint_offsets_deg.iter().zip(&self.joint_sigmas_deg).enumerate() {
+        for ((offset, sigma), joint) in self.joint_offsets_deg.iter().zip(&self.joint_sigmas_deg).zip(hand.joints()) {
             if offset.abs() > LARGE_JOINT_DEG.max(SURE_SIGMAS * sigma) {
-                warnings.push(format!("{} is off by {offset:.1} degrees, which is corrected", joint_name(j)));
+                let (name, unit) = (&joint.name, unit(joint.motion));
+                warnings.push(format!("joint {name} is off by {offset:.1} {unit}, which is corrected"));
             }
         }
         if self.lag_ms.abs() > LARGE_LAG_MS.max(SURE_SIGMAS * self.lag_sigma_ms) {
@@ -95,34 +107,65 @@ impl Calibration {
         }
         warnings
     }
-}
-
-/// Returns the name of a joint by its index: "joint 2 of the thumb".
-fn joint_name(j: usize) -> String {
-    let finger = Finger::ALL.get(j / JOINTS_PER_FINGER).map_or("hand", |finger| finger.name());
-    format!("joint {} of the {finger}", j % JOINTS_PER_FINGER)
-}
-
-impl fmt::Display for Calibration {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for camera in &self.cameras {
-            let CameraCalibration { name, turned_deg, moved_mm, sigma_deg, sigma_mm, .. } = camera;
-            if camera.hand_found {
-                writeln!(
-                    f,
-                    "camera {name}: turned by {turned_deg:.2} degrees (sigma {sigma_deg:.2}), moved by {moved_mm:.1} mm \
-                     (sigma at the hand {sigma_mm:.1})"
-                )?;
-            } else {
-                writeln!(f, "camera {name}: the hand was not seen")?;
+    /// Returns the calibration in words: a line per camera, per pad for the joints that move it alone, for the other joints, and for the lag.
+    pub fn described(&self, hand: &Hand) -> String {
+        let mut lines: Vec<String> = self.cameras.iter().map(CameraCalibration::described).collect();
+        let pads = hand.pads().iter().enumerate();
+        let mover = |j: usize| {
+            let mut moved = pads.clone().filter(|(pad, _)| hand.pad_chain(*pad).contains(&j));
+            moved.next().filter(|_| moved.next().is_none()).map(|(pad, _)| pad)
+        };
+        let groups = pads.clone().map(|(k, pad)| (Some(k), format!("joints of {}", pad.name)));
+        for (pad, name) in groups.chain([(None, "other joints".to_owned())]) {
+            for motion in [JointMotion::Hinge, JointMotion::Slide] {
+                let offsets = self.joint_offsets_deg.iter().zip(&self.joint_sigmas_deg).zip(hand.joints()).enumerate();
+                let offsets: Vec<String> = offsets
+                    .filter(|(j, (_, joint))| joint.motion == motion && mover(*j) == pad)
+                    .map(|(_, ((offset, sigma), _))| format!("{offset:+.2} ({sigma:.2})"))
+                    .collect();
+                if !offsets.is_empty() {
+                    lines.push(format!("{name}: {} {}", offsets.join(", "), unit(motion)));
+                }
             }
         }
-        for (k, finger) in Finger::ALL.into_iter().enumerate() {
-            let joints = JOINTS_PER_FINGER * k..JOINTS_PER_FINGER * (k + 1);
-            let offsets =
-                joints.map(|j| format!("{:+.2} ({:.2})", self.joint_offsets_deg[j], self.joint_sigmas_deg[j]));
-            writeln!(f, "joints of {}: {} degrees", finger.name(), offsets.collect::<Vec<_>>().join(", "))?;
+        lines.push(format!("joint readings: {:+.1} ms late (sigma {:.1})", self.lag_ms, self.lag_sigma_ms));
+        lines.join("\n")
+    }
+}
+
+impl CameraCalibration {
+    fn described(&self) -> String {
+        let Self { name, turned_deg, moved_mm, sigma_deg, sigma_mm, hand_found, .. } = self;
+        match hand_found {
+            true => format!(
+                "camera {name}: turned by {turned_deg:.2} degrees (sigma {sigma_deg:.2}), moved by {moved_mm:.1} mm \
+                 (sigma at the hand {sigma_mm:.1})"
+            ),
+            false => format!("camera {name}: the hand was not seen"),
         }
-        write!(f, "joint readings: {:+.1} ms late (sigma {:.1})", self.lag_ms, self.lag_sigma_ms)
+    }
+}
+
+/// Returns the unit in which offsets are shown.
+fn unit(motion: JointMotion) -> &'static str {
+    match motion {
+        JointMotion::Hinge => "degrees",
+        JointMotion::Slide => "mm",
+    }
+}
+
+/// Returns the offset of a joint, radians or metres, in the unit in which it is shown.
+pub(crate) fn shown(joint: &Joint, offset: f64) -> f64 {
+    match joint.motion {
+        JointMotion::Hinge => offset.to_degrees(),
+        JointMotion::Slide => offset * 1e3,
+    }
+}
+
+/// Returns the offset of a joint, radians or metres, from that in the unit in which it is shown.
+pub(crate) fn from_shown(joint: &Joint, offset: f64) -> f64 {
+    match joint.motion {
+        JointMotion::Hinge => offset.to_radians(),
+        JointMotion::Slide => offset * 1e-3,
     }
 }

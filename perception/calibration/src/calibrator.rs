@@ -1,15 +1,16 @@
 //! The estimate that goes on while frames arrive.
 
+use std::sync::Arc;
+
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::{Camera, Isometry, World};
+use mvt_frames::{Camera, Isometry, Point, World};
 use mvt_robot::hand::solid::{HandSamples, HandSolid};
-use mvt_robot::hand::{Body, JOINTS, JointAngles, Side};
-use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M};
+use mvt_robot::hand::{Hand, JointAngles};
 use mvt_settings::settings;
 use nalgebra as na;
 use ndarray::Array2;
 
-use crate::calibration::{Calibration, CalibrationError, CameraCalibration};
+use crate::calibration::{Calibration, CalibrationError, CameraCalibration, from_shown, shown};
 use crate::evidence::{Instant, Motion, Reading, Sighted, sight, spread};
 use crate::search::{Look, Misfit, find, misfit, posed};
 use crate::solver::{PER_CAMERA, Prior, State, Weighing, narrow, solve};
@@ -24,7 +25,8 @@ settings! {
         pub camera_sigma_m: f64 = 0.02, 0.0..=1.0;
         /// How far a camera's given orientation may be off, one standard deviation, degrees.
         pub camera_sigma_deg: f64 = 5.0, 0.0..=90.0;
-        /// How far a joint's reading may be off all the time, one standard deviation, degrees. 0 takes joints as they are read.
+        /// How far a joint's reading may be off all the time, one standard deviation, degrees (of sliding joints millimetres). 0 takes joints
+        /// as they are read.
         pub joint_sigma_deg: f64 = 1.0, 0.0..=45.0;
         /// How far joint readings may be late or early, one standard deviation, seconds. 0 takes them as simultaneous with the images.
         pub lag_sigma_s: f64 = 0.03, 0.0..=1.0;
@@ -40,7 +42,7 @@ settings! {
 /// A frame with the calibration known so far.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibrated {
-    /// Joint angles at the time of the images, without their offsets, radians.
+    /// Joint angles at the time of the images, without their offsets.
     pub joints: JointAngles,
     /// The cameras with their refined poses.
     pub cameras: Vec<PosedCamera>,
@@ -56,7 +58,7 @@ pub struct Calibrated {
 #[derive(Debug, Clone)]
 pub struct Calibrator {
     config: CalibrationConfig,
-    side: Side,
+    hand: Arc<Hand>,
     given: Vec<PosedCamera>,
     prior: Prior,
     state: State,
@@ -132,21 +134,26 @@ const GREATEST_MISFIT: Misfit = Misfit { cost: 0.9, seen_through: 0.2 };
 const SAMPLES_M: f64 = 0.008;
 
 impl Calibrator {
-    /// Starts from the poses that the cameras have, and from joints without errors.
-    pub fn new(config: CalibrationConfig, side: Side, cameras: Vec<PosedCamera>) -> Self {
+    /// Starts from the poses that the cameras have, and from joints without errors. By a hand without parts nothing is refined.
+    pub fn new(mut config: CalibrationConfig, hand: Arc<Hand>, cameras: Vec<PosedCamera>) -> Self {
+        config.refine &= hand.parts().next().is_some();
         let poses = cameras.iter().map(|camera| camera.pose.untyped()).collect();
-        let state = State { cameras: poses, joint_offsets_rad: [0.0; JOINTS], lag_s: 0.0 };
-        let mut sigmas = na::DVector::zeros(State::unknowns(cameras.len()));
+        let joints = hand.joints().len();
+        let state = State { cameras: poses, joint_offsets_rad: vec![0.0; joints], lag_s: 0.0 };
+        let mut sigmas = na::DVector::zeros(State::unknowns(cameras.len(), joints));
         for k in 0..cameras.len() {
             sigmas.rows_mut(PER_CAMERA * k, 3).fill(config.camera_sigma_m);
             sigmas.rows_mut(PER_CAMERA * k + 3, 3).fill(config.camera_sigma_deg.to_radians());
         }
         let first = PER_CAMERA * cameras.len();
-        sigmas.rows_mut(first, JOINTS).fill(config.joint_sigma_deg.to_radians());
-        sigmas[first + JOINTS] = config.lag_sigma_s;
+        for (j, joint) in hand.joints().iter().enumerate() {
+            sigmas[first + j] = from_shown(joint, config.joint_sigma_deg);
+        }
+        sigmas[first + joints] = config.lag_sigma_s;
         Self {
+            samples: HandSamples::new(&hand, SAMPLES_M, 0),
             config,
-            side,
+            hand,
             given: cameras,
             watch: vec![Watch::default(); state.cameras.len()],
             still: 0,
@@ -154,7 +161,6 @@ impl Calibrator {
             prior: Prior { state: state.clone(), sigmas: sigmas.clone() },
             state,
             sigmas,
-            samples: HandSamples::new(side, SAMPLES_M, 0),
             instants: Vec::new(),
             waiting: None,
             before: None,
@@ -167,7 +173,7 @@ impl Calibrator {
     /// Starts from a calibration that was measured before. Its cameras replace those of the same name; others keep their pose.
     ///
     /// # Errors
-    /// If a pose is not rigid or a number not finite.
+    /// If a pose is not rigid, a number not finite, or the number of joints not that of the hand.
     pub fn start_from(&mut self, start: &Calibration) -> Result<(), CalibrationError> {
         for camera in &start.cameras {
             let pose = Isometry::from_matrix(&camera.pose)
@@ -176,13 +182,18 @@ impl Calibrator {
                 given.pose = pose;
             }
         }
+        let (expected, found) = (self.hand.joints().len(), start.joint_offsets_deg.len());
+        if found != expected {
+            return Err(CalibrationError::Joints { hand: self.hand.name().to_owned(), expected, found });
+        }
         let numbers = start.joint_offsets_deg.iter().chain([&start.lag_ms]);
         if numbers.into_iter().any(|number| !number.is_finite()) {
             return Err(CalibrationError::NotFinite);
         }
+        let offsets = self.hand.joints().iter().zip(&start.joint_offsets_deg);
         self.state = State {
             cameras: self.given.iter().map(|camera| camera.pose.untyped()).collect(),
-            joint_offsets_rad: start.joint_offsets_deg.map(f64::to_radians),
+            joint_offsets_rad: offsets.map(|(joint, offset)| from_shown(joint, *offset)).collect(),
             lag_s: start.lag_ms * 1e-3,
         };
         self.prior.state = self.state.clone();
@@ -195,25 +206,27 @@ impl Calibrator {
     pub fn observe(
         &mut self,
         time_s: f64,
-        joints: &JointAngles,
+        joints: &[f64],
         next: Option<(f64, JointAngles)>,
         depths_m: &[Option<Array2<f32>>],
     ) -> Calibrated {
-        let now = (time_s, *joints);
-        if let (Some(sighted), Some(before)) = (self.waiting.take(), self.before) {
-            self.instants.push(Instant { motion: Motion::at_reading(self.older, before, Some(now)), sighted });
+        let now = (time_s, self.of_all(joints));
+        let next = next.map(|(time_s, joints)| (time_s, self.of_all(&joints)));
+        if let (Some(sighted), Some(before)) = (self.waiting.take(), &self.before) {
+            let motion = Motion::at_reading(self.older.as_ref(), before, Some(&now));
+            self.instants.push(Instant { motion, sighted });
             self.solve(None, STEPS);
             self.thin_out();
         }
-        let motion = Motion::at_reading(self.before, now, next);
-        let is_same = self.before.is_some_and(|(_, before)| before == *joints);
+        let motion = Motion::at_reading(self.before.as_ref(), &now, next.as_ref());
+        // The readings of no joints cannot stand still.
+        let is_same = !now.1.is_empty() && self.before.as_ref().is_some_and(|(_, before)| *before == now.1);
         self.still = if is_same { self.still + 1 } else { 0 };
         if self.config.refine {
             self.compare(time_s, &motion, depths_m);
             self.refine(time_s, &motion, depths_m);
         }
-        self.older = self.before;
-        self.before = Some(now);
+        self.older = self.before.replace(now);
         self.frame += 1;
         let agrees = |watch: &Watch| !self.config.refine || (watch.found && watch.doubts == 0);
         Calibrated {
@@ -225,6 +238,13 @@ impl Calibrator {
         }
     }
 
+    /// Returns one angle per joint of the hand; missing ones are 0.
+    fn of_all(&self, joints: &[f64]) -> JointAngles {
+        let mut joints = joints.to_vec();
+        joints.resize(self.hand.joints().len(), 0.0);
+        joints
+    }
+
     /// Looks for the hand, and keeps the points of an instant now and then.
     fn refine(&mut self, time_s: f64, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
         self.find_hand(time_s, motion, depths_m);
@@ -232,7 +252,7 @@ impl Calibrator {
             let sighted = self.sighted(motion, depths_m);
             if self.instants.is_empty() {
                 // The first images already tell most of the cameras and of the joints that are seen.
-                let instant = Instant { motion: *motion, sighted: sighted.clone() };
+                let instant = Instant { motion: motion.clone(), sighted: sighted.clone() };
                 self.solve(Some((&instant, FIRST_GATE_M)), FIRST_STEPS);
                 self.solve(Some((&instant, GATE_M)), FIRST_STEPS);
             }
@@ -275,12 +295,13 @@ impl Calibrator {
             }
         });
         let first = PER_CAMERA * self.given.len();
+        let joints = || self.hand.joints().iter();
         Calibration {
             cameras: cameras.collect(),
-            joint_offsets_deg: self.state.joint_offsets_rad.map(f64::to_degrees),
-            joint_sigmas_deg: std::array::from_fn(|j| self.sigmas[first + j].to_degrees()),
+            joint_offsets_deg: joints().zip(&self.state.joint_offsets_rad).map(|(of, by)| shown(of, *by)).collect(),
+            joint_sigmas_deg: joints().zip(self.sigmas.iter().skip(first)).map(|(of, by)| shown(of, *by)).collect(),
             lag_ms: self.state.lag_s * 1e3,
-            lag_sigma_ms: self.sigmas[first + JOINTS] * 1e3,
+            lag_sigma_ms: self.sigmas[first + joints().len()] * 1e3,
         }
     }
 
@@ -291,7 +312,8 @@ impl Calibrator {
             return;
         }
         let joints = self.state.joints(motion);
-        let hand = HandSolid::new(self.side, &joints);
+        let hand = HandSolid::new(&self.hand, &joints);
+        let grasp = self.hand.grasp_centre(&joints);
         let inside = posed(&self.samples, &joints);
         let mut is_frozen = false;
         for (k, depth_m) in depths_m.iter().enumerate().take(self.given.len()) {
@@ -299,7 +321,7 @@ impl Calibrator {
             let camera = &self.given[k];
             let pose = self.state.cameras[k];
             let sighted =
-                sight(depth_m, &camera.intrinsics, COMPARED_POINTS, self.frame, |p| is_near_grasp(&(pose * p)));
+                sight(depth_m, &camera.intrinsics, COMPARED_POINTS, self.frame, |p| is_near(grasp, &(pose * p)));
             let look = Look { depth_m, intrinsics: &camera.intrinsics, sighted: &sighted };
             let agrees = misfit(&look, &pose, &hand, &inside).seen_through < SEEN_THROUGH;
             let watch = &mut self.watch[k];
@@ -341,6 +363,7 @@ impl Calibrator {
     /// Looks for the hand in the images of cameras that have not seen it yet.
     fn find_hand(&mut self, time_s: f64, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
         let joints = self.state.joints(motion);
+        let grasp = self.hand.grasp_centre(&joints);
         for (k, depth_m) in depths_m.iter().enumerate().take(self.given.len()) {
             let watch = &self.watch[k];
             let is_due = !watch.found && (!watch.is_missed || self.frame.is_multiple_of(SEARCHED_EVERY));
@@ -348,9 +371,9 @@ impl Calibrator {
             let camera = &self.given[k];
             let start = self.state.cameras[k];
             let sighted =
-                sight(depth_m, &camera.intrinsics, self.config.points, self.frame, |p| is_near_grasp(&(start * p)));
+                sight(depth_m, &camera.intrinsics, self.config.points, self.frame, |p| is_near(grasp, &(start * p)));
             let look = Look { depth_m, intrinsics: &camera.intrinsics, sighted: &sighted };
-            let found = (!sighted.is_empty()).then(|| find(self.side, &look, start, &joints, &self.samples));
+            let found = (!sighted.is_empty()).then(|| find(&self.hand, &look, start, &joints, &self.samples));
             let is_hand = |misfit: &Misfit| {
                 misfit.cost < GREATEST_MISFIT.cost && misfit.seen_through < GREATEST_MISFIT.seen_through
             };
@@ -377,7 +400,7 @@ impl Calibrator {
 
     /// Points of the hand in the images of the cameras that see it.
     fn sighted(&self, motion: &Motion, depths_m: &[Option<Array2<f32>>]) -> Vec<Vec<Sighted>> {
-        let hand = HandSolid::new(self.side, &self.state.joints(motion));
+        let hand = HandSolid::new(&self.hand, &self.state.joints(motion));
         let points = |k: usize, camera: &PosedCamera| {
             let is_usable = self.watch[k].found && self.watch[k].doubts == 0;
             let depth_m = depths_m.get(k)?.as_ref().filter(|_| is_usable)?;
@@ -396,7 +419,7 @@ impl Calibrator {
             None => (self.instants.iter().collect(), GATE_M),
         };
         let weighing = Weighing { gate_m, independent: self.config.independent };
-        self.sigmas = solve(self.side, &mut self.state, &self.prior, &instants, weighing, steps);
+        self.sigmas = solve(&self.hand, &mut self.state, &self.prior, &instants, weighing, steps);
     }
 
     /// Drops every other instant once there are too many, and keeps half as many from then on.
@@ -412,16 +435,15 @@ impl Calibrator {
     }
 }
 
-/// Whether a point of the world may be the hand's.
-fn is_near_grasp(point: &na::Point3<f64>) -> bool {
-    let [x, y, z] = PALM_CENTRE_M;
-    (point - na::Point3::new(x, y, z + GRASP_HEIGHT_M)).norm() < REACH_M
+/// Whether a point of the world may be that of a hand that holds objects at `grasp`; any point may if that is unknown.
+fn is_near(grasp: Option<Point<World>>, point: &na::Point3<f64>) -> bool {
+    grasp.is_none_or(|grasp| (point.coords - grasp.coords()).norm() < REACH_M)
 }
 
 /// Chooses up to `count` points, as evenly among the bodies of the hand as they are seen: palm and links fill most of an image, and the
 /// last joints move the fingertips alone.
-fn shared_out(points: &[Sighted], count: usize, body: impl Fn(&Sighted) -> Option<Body>) -> Vec<Sighted> {
-    let mut groups: Vec<(Body, Vec<Sighted>)> = Vec::new();
+fn shared_out(points: &[Sighted], count: usize, body: impl Fn(&Sighted) -> Option<usize>) -> Vec<Sighted> {
+    let mut groups: Vec<(usize, Vec<Sighted>)> = Vec::new();
     for sighted in points {
         let Some(body) = body(sighted) else { continue };
         match groups.iter_mut().find(|(known, _)| *known == body) {

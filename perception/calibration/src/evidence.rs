@@ -1,7 +1,7 @@
 //! The evidence of an instant: points that cameras measured, and how the joints moved.
 
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::hand::{JOINTS, JointAngles};
+use mvt_robot::hand::JointAngles;
 use nalgebra as na;
 use ndarray::Array2;
 
@@ -9,7 +9,7 @@ use ndarray::Array2;
 pub(crate) type Reading = (f64, JointAngles);
 
 /// Joint readings around an instant, as a parabola through three readings.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Motion {
     joints: JointAngles,
     rate: JointAngles,
@@ -19,42 +19,50 @@ pub(crate) struct Motion {
 impl Motion {
     /// The joints as they were read, without motion.
     pub fn still(joints: JointAngles) -> Self {
-        Self { joints, rate: [0.0; JOINTS], acceleration: [0.0; JOINTS] }
+        let rest = vec![0.0; joints.len()];
+        Self { joints, rate: rest.clone(), acceleration: rest }
     }
 
     /// The motion at the second of three readings, of which the first and the last may be unknown. Readings out of order are ignored.
-    pub fn at_reading(before: Option<Reading>, now: Reading, after: Option<Reading>) -> Self {
+    pub fn at_reading(before: Option<&Reading>, now: &Reading, after: Option<&Reading>) -> Self {
         match (before.filter(|before| before.0 < now.0), after.filter(|after| now.0 < after.0)) {
             (Some(before), Some(after)) => Self::between(before, now, after),
-            (Some(a), None) => Self::straight(a, now, now.1),
-            (None, Some(b)) => Self::straight(now, b, now.1),
-            (None, None) => Self::still(now.1),
+            (Some(a), None) => Self::straight(a, now, &now.1),
+            (None, Some(b)) => Self::straight(now, b, &now.1),
+            (None, None) => Self::still(now.1.clone()),
         }
     }
 
     /// Motion at a constant rate, from `joints` on.
-    fn straight(a: Reading, b: Reading, joints: JointAngles) -> Self {
-        let rate = std::array::from_fn(|j| (b.1[j] - a.1[j]) / (b.0 - a.0));
-        Self { joints, rate, acceleration: [0.0; JOINTS] }
+    fn straight(a: &Reading, b: &Reading, joints: &[f64]) -> Self {
+        let rate = a.1.iter().zip(&b.1).map(|(a_rad, b_rad)| (b_rad - a_rad) / (b.0 - a.0)).collect();
+        Self { rate, ..Self::still(joints.to_vec()) }
     }
 
-    fn between(before: Reading, now: Reading, after: Reading) -> Self {
+    fn between(before: &Reading, now: &Reading, after: &Reading) -> Self {
         let (a, b) = (now.0 - before.0, after.0 - now.0);
-        let slopes = |j: usize| ((now.1[j] - before.1[j]) / a, (after.1[j] - now.1[j]) / b);
-        let rate = std::array::from_fn(|j| (slopes(j).0 * b + slopes(j).1 * a) / (a + b));
-        let acceleration = std::array::from_fn(|j| 2.0 * (slopes(j).1 - slopes(j).0) / (a + b));
-        Self { joints: now.1, rate, acceleration }
+        let readings = before.1.iter().zip(&now.1).zip(&after.1);
+        let slopes = readings.map(|((before, now), after)| ((now - before) / a, (after - now) / b));
+        let (rate, acceleration) =
+            slopes.map(|slope| ((slope.0 * b + slope.1 * a) / (a + b), 2.0 * (slope.1 - slope.0) / (a + b))).unzip();
+        Self { joints: now.1.clone(), rate, acceleration }
     }
 
-    /// The readings this much later, radians.
+    /// The readings this much later.
     pub fn at(&self, later_s: f64) -> JointAngles {
-        let part = |j: usize| later_s * (self.rate[j] + 0.5 * later_s * self.acceleration[j]);
-        std::array::from_fn(|j| self.joints[j] + part(j))
+        let part = |rate: f64, acceleration: f64| later_s * (rate + 0.5 * later_s * acceleration);
+        self.terms().map(|[joint, rate, acceleration]| joint + part(rate, acceleration)).collect()
     }
 
-    /// How fast the readings change this much later, radians per second.
+    /// How fast the readings change this much later, per second.
     pub fn rate_at(&self, later_s: f64) -> JointAngles {
-        std::array::from_fn(|j| self.rate[j] + later_s * self.acceleration[j])
+        self.terms().map(|[_, rate, acceleration]| rate + later_s * acceleration).collect()
+    }
+
+    /// Reading, rate and acceleration of each joint.
+    fn terms(&self) -> impl Iterator<Item = [f64; 3]> {
+        let terms = self.joints.iter().zip(&self.rate).zip(&self.acceleration);
+        terms.map(|((joint, rate), acceleration)| [*joint, *rate, *acceleration])
     }
 }
 

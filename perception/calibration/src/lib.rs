@@ -6,12 +6,13 @@
 //!
 //! ```
 //! use mvt_calibration::{CalibrationConfig, Calibrator};
-//! use mvt_robot::hand::Side;
+//! use mvt_robot::hand::{Hand, Side};
 //! use mvt_robot::rig::PLACEMENTS;
 //! use ndarray::Array2;
 //!
-//! let cameras = [PLACEMENTS[2].camera(Side::Left)];
-//! let mut calibrator = Calibrator::new(CalibrationConfig::default(), Side::Left, cameras.to_vec());
+//! let hand = Hand::allegro(Side::Left);
+//! let cameras = [PLACEMENTS[2].camera(&hand)];
+//! let mut calibrator = Calibrator::new(CalibrationConfig::default(), hand, cameras.to_vec());
 //! let nothing = Array2::zeros((480, 640));
 //! let frame = calibrator.observe(0.0, &[0.1; 16], None, &[Some(nothing)]);
 //! // An image of nothing changes nothing.

@@ -2,8 +2,8 @@
 
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Occupied, Point};
+use mvt_robot::hand::Hand;
 use mvt_robot::hand::solid::{HandSamples, HandSolid};
-use mvt_robot::hand::{JointAngles, Side};
 use nalgebra as na;
 use ndarray::Array2;
 
@@ -86,38 +86,38 @@ pub(crate) fn misfit(
 }
 
 /// Points inside the hand at these joint angles.
-pub(crate) fn posed(samples: &HandSamples, joints: &JointAngles) -> Vec<na::Point3<f64>> {
+pub(crate) fn posed(samples: &HandSamples, joints: &[f64]) -> Vec<na::Point3<f64>> {
     let point = |o: Occupied| na::Point3::new(f64::from(o.point.x), f64::from(o.point.y), f64::from(o.point.z));
     samples.posed(joints).map(point).collect()
 }
 
 /// Returns the pose of a camera that explains its image best, near `given`, and its misfit.
 pub(crate) fn find(
-    side: Side,
+    hand: &Hand,
     look: &Look<'_>,
     given: na::Isometry3<f64>,
-    joints: &JointAngles,
+    joints: &[f64],
     samples: &HandSamples,
 ) -> (na::Isometry3<f64>, Misfit) {
-    let hand = HandSolid::new(side, joints);
+    let solid = HandSolid::new(hand, joints);
     let inside = posed(samples, joints);
     let every = look.sighted.len().div_ceil(POINTS).max(1);
     let instant = Instant {
-        motion: Motion::still(*joints),
+        motion: Motion::still(joints.to_vec()),
         sighted: vec![look.sighted.iter().step_by(every).copied().collect()],
     };
-    let state = |camera| State { cameras: vec![camera], joint_offsets_rad: [0.0; 16], lag_s: 0.0 };
+    let state = |camera| State { cameras: vec![camera], joint_offsets_rad: vec![0.0; joints.len()], lag_s: 0.0 };
     // The camera alone is free.
-    let mut sigmas = na::DVector::zeros(State::unknowns(1));
+    let mut sigmas = na::DVector::zeros(State::unknowns(1, joints.len()));
     sigmas.rows_mut(0, 6).fill(1.0);
     let prior = Prior { state: state(given), sigmas };
     let fitted = |start: na::Isometry3<f64>| {
         let mut state = state(start);
         for gate_m in GATES_M {
-            solve(side, &mut state, &prior, &[&instant], Weighing { gate_m, independent: f64::INFINITY }, STEPS);
+            solve(hand, &mut state, &prior, &[&instant], Weighing { gate_m, independent: f64::INFINITY }, STEPS);
         }
         let pose = state.cameras[0];
-        (pose, misfit(look, &pose, &hand, &inside))
+        (pose, misfit(look, &pose, &solid, &inside))
     };
     let better = |best: (na::Isometry3<f64>, Misfit), start| {
         let found = fitted(start);

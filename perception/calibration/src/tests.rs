@@ -1,10 +1,12 @@
 //! Calibrations of images that a sphere tracer makes of the hand's solid, without any renderer, and derivatives by finite differences.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use mvt_frames::Isometry;
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_robot::hand::solid::HandSolid;
-use mvt_robot::hand::{Body, JOINTS, JointAngles, Side};
+use mvt_robot::hand::{Hand, HandDescription, Joint, JointAngles, JointMotion, Side};
 use mvt_robot::rig::PLACEMENTS;
 use nalgebra as na;
 use ndarray::Array2;
@@ -14,30 +16,34 @@ use crate::{Calibration, CalibrationConfig, Calibrator};
 
 const FRAME_S: f64 = 1.0 / 30.0;
 
+fn hand() -> Arc<Hand> {
+    Hand::allegro(Side::Left)
+}
+
 /// The side camera with fewer pixels, so that tracing is quick.
 fn camera() -> PosedCamera {
-    let mut camera = PLACEMENTS[3].camera(Side::Left);
+    let mut camera = PLACEMENTS[3].camera(&hand());
     camera.intrinsics = Intrinsics::from_fov_y(212, 160, 45f64.to_radians());
     camera
 }
 
 /// Fingers that close and open at different speeds.
 fn joints(time_s: f64) -> JointAngles {
-    std::array::from_fn(|j| {
-        let middle = if j % 4 == 0 { 0.0 } else { 0.7 };
+    let joint = |j: usize| {
+        let middle = if j.is_multiple_of(4) { 0.0 } else { 0.7 };
         let middle = if j == 12 { 1.0 } else { middle };
         middle + 0.25 * ((3.0 + 0.2 * j as f64) * time_s + j as f64).sin()
-    })
+    };
+    (0..16).map(joint).collect()
 }
 
 /// Depth of the hand, and of a ball that lies between its fingers, along the optical axis.
-fn depth(camera: &PosedCamera, joints: &JointAngles) -> Array2<f32> {
-    depth_with(camera, joints, |p| p.distance(Vec3::new(0.02, -0.01, 0.06)) - 0.025)
+fn depth(camera: &PosedCamera, joints: &[f64]) -> Array2<f32> {
+    depth_with(camera, &HandSolid::new(&hand(), joints), |p| p.distance(Vec3::new(0.02, -0.01, 0.06)) - 0.025)
 }
 
 /// Depth of the hand and of an object, which is given by its signed distance.
-fn depth_with(camera: &PosedCamera, joints: &JointAngles, object: impl Fn(Vec3) -> f32) -> Array2<f32> {
-    let hand = HandSolid::new(Side::Left, joints);
+fn depth_with(camera: &PosedCamera, hand: &HandSolid, object: impl Fn(Vec3) -> f32) -> Array2<f32> {
     let k = camera.intrinsics;
     let eye = narrow(&camera.pose.origin().coords());
     Array2::from_shape_fn((k.height, k.width), |(v, u)| {
@@ -68,7 +74,7 @@ fn calibrate(
     moves: impl Fn(f64) -> JointAngles,
     read: impl Fn(f64) -> JointAngles,
 ) -> Calibration {
-    let mut calibrator = Calibrator::new(config, Side::Left, vec![given]);
+    let mut calibrator = Calibrator::new(config, hand(), vec![given]);
     for frame in 0..frames {
         let time_s = frame as f64 * FRAME_S;
         let depth_m = depth(true_camera, &moves(time_s));
@@ -96,19 +102,19 @@ fn off(camera: &PosedCamera, axis: na::Vector3<f64>, degrees: f64, shift_m: na::
 #[test]
 fn a_wrong_camera_wrong_joints_and_late_readings_are_found_together() {
     let camera = camera();
-    let offsets: JointAngles = std::array::from_fn(|j| if j % 3 == 0 { 0.017 } else { -0.012 });
+    let offsets: JointAngles = (0..16).map(|j| if j % 3 == 0 { 0.017 } else { -0.012 }).collect();
     let lag_s = 0.033;
     let read = |time_s: f64| {
         let late = joints(time_s - lag_s);
-        std::array::from_fn(|j| late[j] - offsets[j])
+        late.iter().zip(&offsets).map(|(late, offset)| late - offset).collect()
     };
     let given = off(&camera, na::Vector3::new(0.3, 1.0, -0.5), 5.0, na::Vector3::new(0.006, -0.006, 0.005));
     let found = calibrate(given, &camera, 40, CalibrationConfig::default(), joints, read);
     let [degrees, millimetres] = misplaced(&found, &camera);
     assert!(degrees < 0.3 && millimetres < 0.7, "{degrees} degrees, {millimetres} mm");
     assert!((found.lag_ms - 33.0).abs() < 2.0, "{} ms", found.lag_ms);
-    let errors: JointAngles = std::array::from_fn(|j| found.joint_offsets_deg[j] - offsets[j].to_degrees());
-    let rms = (errors.iter().map(|e| e * e).sum::<f64>() / JOINTS as f64).sqrt();
+    let errors: Vec<f64> = (0..16).map(|j| found.joint_offsets_deg[j] - offsets[j].to_degrees()).collect();
+    let rms = (errors.iter().map(|e| e * e).sum::<f64>() / 16.0).sqrt();
     assert!(rms < 0.5, "{rms} degrees: {errors:?}");
     for (error, sigma) in errors.iter().zip(&found.joint_sigmas_deg) {
         assert!(error.abs() < 3.5 * sigma, "off by {error} degrees, said to be within {sigma}");
@@ -121,8 +127,8 @@ fn a_right_calibration_stays_right() {
     let found = calibrate(camera.clone(), &camera, 6, CalibrationConfig::default(), joints, joints);
     let [degrees, millimetres] = misplaced(&found, &camera);
     assert!(degrees < 0.15 && millimetres < 0.3, "{degrees} degrees, {millimetres} mm");
-    assert!(found.lag_ms.abs() < 2.0 && found.joint_offsets_deg.iter().all(|offset| offset.abs() < 0.6), "{found}");
-    assert_eq!(found.warnings(), Vec::<String>::new());
+    assert!(found.lag_ms.abs() < 2.0 && found.joint_offsets_deg.iter().all(|offset| offset.abs() < 0.6), "{found:?}");
+    assert_eq!(found.warnings(&hand()), Vec::<String>::new());
 }
 
 #[test]
@@ -132,10 +138,10 @@ fn a_large_object_is_not_taken_for_the_hand() {
     let camera = camera();
     for [degrees, shift_m] in [[0.0, 0.0], [5.0, 0.01]] {
         let given = off(&camera, na::Vector3::new(0.3, 1.0, -0.5), degrees, na::Vector3::x() * shift_m);
-        let mut calibrator = Calibrator::new(CalibrationConfig::default(), Side::Left, vec![given]);
+        let mut calibrator = Calibrator::new(CalibrationConfig::default(), hand(), vec![given]);
         for frame in 0..8 {
             let time_s = f64::from(frame) * FRAME_S;
-            let depth_m = depth_with(&camera, &joints(time_s), can);
+            let depth_m = depth_with(&camera, &HandSolid::new(&hand(), &joints(time_s)), can);
             let seen = calibrator.observe(time_s, &joints(time_s), None, &[Some(depth_m)]);
             assert!(seen.agrees[0] && seen.warnings.is_empty(), "{degrees} degrees: {:?}", seen.warnings);
         }
@@ -156,13 +162,13 @@ fn what_nothing_measures_keeps_its_prior() {
     // Offsets that are held are held.
     let held = CalibrationConfig { joint_sigma_deg: 0.0, lag_sigma_s: 0.0, ..config };
     let found = calibrate(camera.clone(), &camera, 4, held, joints, joints);
-    assert_eq!((found.joint_offsets_deg, found.lag_ms), ([0.0; JOINTS], 0.0));
+    assert_eq!((found.joint_offsets_deg, found.lag_ms), (vec![0.0; 16], 0.0));
     // Without any image everything does.
-    let mut blind = Calibrator::new(config, Side::Left, vec![camera.clone()]);
+    let mut blind = Calibrator::new(config, hand(), vec![camera.clone()]);
     (0..5).for_each(|k| drop(blind.observe(k as f64 * FRAME_S, &joints(0.1 * k as f64), None, &[None])));
     let found = blind.calibration();
     assert!(!found.cameras[0].hand_found && found.joint_sigmas_deg.iter().all(|s| (s - 1.0).abs() < 1e-9));
-    assert!(found.warnings()[0].contains("has not seen the hand"));
+    assert!(found.warnings(&hand())[0].contains("has not seen the hand"));
 }
 
 #[test]
@@ -173,7 +179,7 @@ fn a_calibration_survives_its_file() {
     let text = serde_json::to_string(&found).unwrap();
     let read: Calibration = serde_json::from_str(&text).unwrap();
     let mut calibrator =
-        Calibrator::new(CalibrationConfig { refine: false, ..CalibrationConfig::default() }, Side::Left, vec![given]);
+        Calibrator::new(CalibrationConfig { refine: false, ..CalibrationConfig::default() }, hand(), vec![given]);
     calibrator.start_from(&read).unwrap();
     let frame = calibrator.observe(0.0, &joints(0.0), None, &[None]);
     let pose = frame.cameras[0].pose.to_matrix();
@@ -188,9 +194,23 @@ fn a_calibration_survives_its_file() {
 
 #[test]
 fn derivatives_by_joints_are_those_of_finite_differences() {
+    compare_derivatives(&hand());
+    // The fingers slide out of the palm, and the palm itself, which carries them, turns.
+    let with = |change: fn(&mut HandDescription)| {
+        let mut description = hand().description().clone();
+        change(&mut description);
+        Hand::new(description).unwrap()
+    };
+    compare_derivatives(&with(|of| of.joints[0].motion = JointMotion::Slide));
+    compare_derivatives(&with(|of| {
+        of.joints.insert(0, Joint { name: "wrist".to_owned(), body: 0, ..of.joints[0].clone() });
+    }));
+}
+
+fn compare_derivatives(hand: &Hand) {
     const STEP_RAD: f64 = 1e-3;
-    let at = joints(0.4);
-    let hand = HandSolid::new(Side::Left, &at);
+    let at: Vec<f64> = (0..hand.joints().len()).map(|j| joints(0.4)[j % 16]).collect();
+    let solid = HandSolid::new(hand, &at);
     let mut compared = 0;
     for k in 0..2000 {
         let golden = 0.618_034 * f64::from(k);
@@ -199,17 +219,16 @@ fn derivatives_by_joints_are_those_of_finite_differences() {
             0.12 * (3.7 * golden).fract() - 0.06,
             0.1 * (7.3 * golden).fract(),
         );
-        let Some(nearest) = hand.nearest(narrow(&p), 0.02) else { continue };
+        let Some(nearest) = solid.nearest(narrow(&p), 0.02) else { continue };
         // The distance from a gel is a bound, whose slope is not that of the distance.
-        if matches!(nearest.body, Body::Tip(_)) || nearest.distance_m < 0.001 {
+        if hand.bodies()[nearest.body].name.ends_with("tip") || nearest.distance_m < 0.001 {
             continue;
         }
-        let Some((first, slopes)) = by_joints(Side::Left, &at, p, &nearest) else { continue };
-        for (joint, slope) in slopes.into_iter().enumerate() {
+        for (joint, slope) in by_joints(hand, &solid, p, &nearest) {
             let moved = |step: f64| {
-                let mut moved = at;
-                moved[first + joint] += step;
-                f64::from(HandSolid::new(Side::Left, &moved).distance(narrow(&p)))
+                let mut moved = at.clone();
+                moved[joint] += step;
+                f64::from(HandSolid::new(hand, &moved).distance(narrow(&p)))
             };
             let (ahead, behind) = (moved(STEP_RAD) - moved(0.0), moved(0.0) - moved(-STEP_RAD));
             // Where another part becomes the nearest one there is no derivative.
@@ -223,3 +242,4 @@ fn derivatives_by_joints_are_those_of_finite_differences() {
 }
 
 mod changes;
+mod hands;

@@ -7,22 +7,24 @@
 //! ```
 //! use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup};
 //! use mvt_robot::digit::profile::SensorProfile;
-//! use mvt_robot::hand::{PerFinger, Side};
+//! use mvt_robot::hand::{Hand, PerPad, Side};
 //! use mvt_robot::observation::{Observation, Rgbd};
 //! use mvt_robot::rig::PLACEMENTS;
 //! use ndarray::Array2;
 //!
 //! // A left hand, one camera, and touch sensors that measure indentation themselves: there are no weights of a network.
-//! let camera = PLACEMENTS[2].camera(Side::Left);
+//! let hand = Hand::allegro(Side::Left);
+//! let camera = PLACEMENTS[2].camera(&hand);
 //! let mut config = PerceptionConfig::default();
 //! // The image shows no hand, from which the camera's pose could be refined.
 //! config.calibration.refine = false;
 //! let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config };
-//! let mut perception = Perception::new(Side::Left, vec![camera], &setup);
+//! let mut perception = Perception::new(hand, vec![camera], &setup);
 //! let observation = Observation {
 //!     time_s: 0.0,
-//!     joints: [0.1; 16],
-//!     touch: PerFinger::default(),
+//!     joints: vec![0.1; 16],
+//!     // No touch sensor delivered anything.
+//!     touch: PerPad::default(),
 //!     cameras: vec![Rgbd { color: Default::default(), depth_m: Array2::from_elem((480, 640), 0.3) }],
 //! };
 //! let seen = perception.see(0, observation, None)?;

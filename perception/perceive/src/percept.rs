@@ -2,6 +2,8 @@
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::CameraDepth;
+use mvt_frames::{Point, World};
+use mvt_robot::hand::Hand;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::observation::{Observation, SensorError, SensorName, check_size};
 use mvt_segmentation::{SegmentationConfig, segment};
@@ -10,12 +12,14 @@ use ndarray::Array2;
 /// Checks the numbers of an observation and the sizes of its camera images.
 ///
 /// # Errors
-/// [`SensorError`] if a depth image has another size than its camera's, if there are more images than cameras, or if the time or a joint
-/// angle is not finite.
-pub(crate) fn check(observation: &Observation, cameras: &[PosedCamera]) -> Result<(), SensorError> {
+/// [`SensorError`] if a depth image has another size than its camera's, if there are more images than cameras, if the number of joint angles
+/// or touch images is not that of the hand, or if the time or a joint angle is not finite.
+pub(crate) fn check(observation: &Observation, hand: &Hand, cameras: &[PosedCamera]) -> Result<(), SensorError> {
     if !observation.time_s.is_finite() {
         return Err(SensorError::NotFinite("the time of the observation"));
     }
+    check_count(hand, "joint angles", hand.joints().len(), observation.joints.len())?;
+    check_per_pad(hand, "touch images", &observation.touch)?;
     if observation.joints.iter().any(|angle| !angle.is_finite()) {
         return Err(SensorError::NotFinite("a joint angle"));
     }
@@ -32,12 +36,28 @@ pub(crate) fn check(observation: &Observation, cameras: &[PosedCamera]) -> Resul
     Ok(())
 }
 
+/// Compares the number of values per pad with that of the hand; no values are those of sensors that delivered nothing.
+///
+/// # Errors
+/// [`SensorError::Hand`] if they differ.
+pub(crate) fn check_per_pad<T>(hand: &Hand, what: &'static str, values: &[T]) -> Result<(), SensorError> {
+    if values.is_empty() { Ok(()) } else { check_count(hand, what, hand.pads().len(), values.len()) }
+}
+
+fn check_count(hand: &Hand, what: &'static str, expected: usize, found: usize) -> Result<(), SensorError> {
+    if expected == found {
+        return Ok(());
+    }
+    Err(SensorError::Hand { what, hand: hand.name().to_owned(), expected, found })
+}
+
 /// Labels the pixels of each camera. `depths_m` are in the order of `cameras`; `None` from a camera that delivered nothing, as from
-/// cameras without an entry. Depths that are negative, infinite or NaN count as not measured.
+/// cameras without an entry. `grasp` is where the hand holds objects. Depths that are negative, infinite or NaN count as not measured.
 pub(crate) fn labelled(
     depths_m: Vec<Option<Array2<f32>>>,
     cameras: &[PosedCamera],
     hand: &HandSolid,
+    grasp: Option<Point<World>>,
     config: &SegmentationConfig,
 ) -> Vec<Option<CameraDepth>> {
     let mut depths_m = depths_m.into_iter();
@@ -45,7 +65,7 @@ pub(crate) fn labelled(
         let PosedCamera { intrinsics, pose, .. } = camera;
         let mut depth_m = depths_m.next().flatten()?;
         depth_m.mapv_inplace(|depth| if depth.is_finite() && depth >= 0.0 { depth } else { 0.0 });
-        let labels = segment(&depth_m, intrinsics, *pose, hand, config);
+        let labels = segment(&depth_m, intrinsics, *pose, hand, grasp, config);
         Some(CameraDepth { intrinsics: *intrinsics, world_from_camera: *pose, depth_m, labels, colour: None })
     };
     cameras.iter().map(label).collect()
@@ -53,50 +73,66 @@ pub(crate) fn labelled(
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use image::RgbImage;
     use mvt_frames::depth::Label;
     use mvt_robot::digit::profile::SensorProfile;
-    use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
+    use mvt_robot::hand::{HandDescription, JointAngles, PerPad, Side};
     use mvt_robot::observation::{Percept, Press, Rgbd};
     use mvt_robot::rig::PLACEMENTS;
+    use mvt_touch::network::Weights;
 
     use super::*;
     use crate::{Perception, PerceptionConfig, PerceptionError, PerceptionSetup};
 
-    fn cameras() -> Vec<PosedCamera> {
-        PLACEMENTS[2..].iter().map(|p| p.camera(Side::Left)).collect()
+    fn hand() -> Arc<Hand> {
+        Hand::allegro(Side::Left)
     }
 
-    fn made(depths_m: Vec<Array2<f32>>, joints: JointAngles) -> Result<Percept, PerceptionError> {
-        let press = Press {
-            indentation_mm: Array2::zeros((320, 240)),
-            contact: Array2::from_elem((320, 240), false),
-            sigma_mm: 0.05,
-        };
-        let mut touch = PerFinger::default();
-        touch[Finger::Thumb] = Some(press);
-        let cameras_seen = depths_m.into_iter().map(|depth_m| Rgbd { color: Default::default(), depth_m });
-        let observation =
-            Observation { time_s: 1.5, joints, touch: PerFinger::default(), cameras: cameras_seen.collect() };
-        // The joints and cameras are taken as given.
+    fn cameras(hand: &Hand) -> Vec<PosedCamera> {
+        PLACEMENTS[2..].iter().map(|p| p.camera(hand)).collect()
+    }
+
+    /// Perception that takes joints and cameras as given.
+    fn perception(hand: &Arc<Hand>) -> Perception {
         let mut config = PerceptionConfig::default();
         config.calibration.refine = false;
         let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config };
-        Ok(Perception::new(Side::Left, cameras(), &setup).see(0, observation, Some(touch))?.percept)
+        Perception::new(Arc::clone(hand), cameras(hand), &setup)
+    }
+
+    fn press() -> Press {
+        Press {
+            indentation_mm: Array2::zeros((320, 240)),
+            contact: Array2::from_elem((320, 240), false),
+            sigma_mm: 0.05,
+        }
+    }
+
+    fn observation(depths_m: Vec<Array2<f32>>, joints: JointAngles) -> Observation {
+        let cameras = depths_m.into_iter().map(|depth_m| Rgbd { color: Default::default(), depth_m }).collect();
+        Observation { time_s: 1.5, joints, touch: PerPad::default(), cameras }
+    }
+
+    fn made(depths_m: Vec<Array2<f32>>, joints: JointAngles) -> Result<Percept, PerceptionError> {
+        let touch = hand().per_pad(|pad| (pad == 3).then(press));
+        Ok(perception(&hand()).see(0, observation(depths_m, joints), Some(touch))?.percept)
     }
 
     #[test]
     fn whole_percept() {
-        let percept = made(vec![Array2::from_elem((480, 640), 0.3); 2], [0.1; 16]).unwrap();
-        assert_eq!((percept.time_s, percept.joints), (1.5, [0.1; 16]));
+        let percept = made(vec![Array2::from_elem((480, 640), 0.3); 2], vec![0.1; 16]).unwrap();
+        assert_eq!((percept.time_s, percept.joints), (1.5, vec![0.1; 16]));
         let top = percept.cameras[0].as_ref().unwrap();
         assert_eq!(top.labels[[240, 320]], Label::Object);
-        assert_eq!(top.world_from_camera, cameras()[0].pose);
-        assert!(percept.touch[Finger::Thumb].is_some() && percept.touch[Finger::Ring].is_none());
+        assert_eq!(top.world_from_camera, cameras(&hand())[0].pose);
+        assert!(percept.touch[3].is_some() && percept.touch[2].is_none());
     }
 
     #[test]
     fn a_silent_camera_is_none() {
-        let percept = made(vec![Array2::zeros((0, 0))], [0.1; 16]).unwrap();
+        let percept = made(vec![Array2::zeros((0, 0))], vec![0.1; 16]).unwrap();
         assert_eq!(percept.cameras, [None, None]);
     }
 
@@ -104,7 +140,7 @@ mod tests {
     fn invalid_depth_is_not_measured() {
         let mut depth = Array2::from_elem((480, 640), 0.3);
         (depth[[0, 0]], depth[[240, 320]], depth[[7, 5]]) = (f32::NAN, f32::INFINITY, -0.3);
-        let percept = made(vec![depth], [0.1; 16]).unwrap();
+        let percept = made(vec![depth], vec![0.1; 16]).unwrap();
         let camera = percept.cameras[0].as_ref().unwrap();
         assert_eq!([(0, 0), (240, 320), (7, 5)].map(|at| camera.depth_m[at]), [0.0; 3]);
         assert_ne!(camera.labels[[240, 320]], Label::Object);
@@ -114,11 +150,95 @@ mod tests {
     fn wrong_sizes_name_the_sensor() {
         let message = |depths_m, joints| made(depths_m, joints).unwrap_err().to_string();
         let good = || Array2::zeros((480, 640));
-        let text = message(vec![good(), Array2::zeros((640, 480))], [0.1; 16]);
+        let text = message(vec![good(), Array2::zeros((640, 480))], vec![0.1; 16]);
         assert!(text.starts_with("camera side: its depth image is 480 x 640 pixels; 640 x 480 expected"), "{text}");
-        assert!(message(vec![good(), good(), good()], [0.1; 16]).contains("3 cameras"));
-        let mut joints = [0.1; 16];
+        assert!(message(vec![good(), good(), good()], vec![0.1; 16]).contains("3 cameras"));
+        let mut joints = vec![0.1; 16];
         joints[3] = f64::NAN;
         assert!(message(Vec::new(), joints).contains("joint angle"));
+    }
+
+    /// An Allegro of which `change` leaves a part.
+    fn changed(change: fn(&mut HandDescription)) -> Arc<Hand> {
+        let mut description = hand().description().clone();
+        change(&mut description);
+        Hand::new(description).unwrap()
+    }
+
+    fn two_pads() -> Arc<Hand> {
+        changed(|of| {
+            of.bodies.truncate(11);
+            of.joints.truncate(8);
+            of.pads.truncate(2);
+            of.apart.clear();
+        })
+    }
+
+    #[test]
+    fn a_hand_may_have_two_pads() {
+        let hand = two_pads();
+        let weights = Weights::shipped().unwrap();
+        let setup = PerceptionSetup {
+            profile: &SensorProfile::tacto(),
+            weights: Some(&weights),
+            config: PerceptionConfig::default(),
+        };
+        let mut perception = Perception::new(Arc::clone(&hand), Vec::new(), &setup);
+        let black = || RgbImage::new(240, 320);
+        let touch = PerPad(vec![RgbImage::default(), black()]);
+        let seen = perception.see(7, Observation { touch, ..observation(Vec::new(), vec![0.1; 8]) }, None).unwrap();
+        assert_eq!((seen.percept.touch.0, seen.touch_images.len()), (vec![None, None], 2));
+        let names_it = |text: &String| text.contains("touch sensor middle");
+        assert!(seen.warnings.len() == 2 && seen.warnings.iter().all(names_it), "{:?}", seen.warnings);
+        let seen = perception.see(8, observation(Vec::new(), vec![0.1; 8]), None).unwrap();
+        assert_eq!(seen.percept.touch.0, [None, None]);
+        let given = PerPad(vec![Some(press()), None]);
+        let seen = perception.see(9, observation(Vec::new(), vec![0.1; 8]), Some(given.clone())).unwrap();
+        assert_eq!(seen.percept.touch, given);
+        // There is no pad 2.
+        perception.set_untouched(2, &black()).unwrap();
+        perception.learn_untouched(2, &[black()]).unwrap();
+    }
+
+    #[test]
+    fn observations_of_another_hand_are_refused() {
+        let see = |joints, images, presses| {
+            let touch = PerPad::from_fn(images, |_| RgbImage::default());
+            let observation = Observation { touch, ..observation(Vec::new(), vec![0.1; joints]) };
+            let presses = PerPad::from_fn(presses, |_| None);
+            perception(&two_pads()).see(0, observation, Some(presses))
+        };
+        assert!(see(8, 2, 2).is_ok() && see(8, 0, 0).is_ok());
+        let message = |joints, images, presses| see(joints, images, presses).unwrap_err().to_string();
+        let text = message(16, 2, 2);
+        assert!(text.contains("has 16 joint angles; hand allegro_digit has 8"), "{text}");
+        assert!(message(8, 4, 2).contains("has 4 touch images; hand allegro_digit has 2"));
+        assert!(message(8, 2, 1).contains("has 1 presses; hand allegro_digit has 2"));
+    }
+
+    #[test]
+    fn a_hand_may_have_no_joints() {
+        let hand = changed(|of| of.joints.clear());
+        let depth_m = Array2::from_elem((480, 640), 0.35);
+        let percept = perception(&hand).see(0, observation(vec![depth_m], Vec::new()), None).unwrap().percept;
+        assert_eq!((percept.joints.len(), percept.touch.len()), (0, 4));
+        let labels = &percept.cameras[0].as_ref().unwrap().labels;
+        assert!([Label::Object, Label::Hand, Label::Background].iter().all(|label| labels.iter().any(|l| l == label)));
+    }
+
+    #[test]
+    fn there_may_be_no_hand() {
+        let none = Hand::none();
+        let setup =
+            PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config: PerceptionConfig::default() };
+        let mut perception = Perception::new(Arc::clone(&none), cameras(&none), &setup);
+        for _ in 0..3 {
+            let depth_m = Array2::from_elem((480, 640), 0.3);
+            let seen = perception.see(0, observation(vec![depth_m], Vec::new()), None).unwrap();
+            assert!(seen.warnings.is_empty() && seen.percept.touch.is_empty());
+            let camera = seen.percept.cameras[0].as_ref().unwrap();
+            assert!(camera.labels.iter().all(|&label| label == Label::Object));
+        }
+        assert_eq!(perception.calibration(), None);
     }
 }

@@ -1,19 +1,21 @@
 //! From observations to percepts, frame by frame.
 
+use std::sync::Arc;
+
 use image::RgbImage;
 use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
 use mvt_frames::camera::PosedCamera;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::solid::HandSolid;
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{Observation, Percept, Press};
 use mvt_segmentation::SegmentationConfig;
 use mvt_touch::contact::ContactConfig;
 use mvt_touch::network::Weights;
 
 use crate::error::PerceptionError;
-use crate::percept::{check, labelled};
+use crate::percept::{check, check_per_pad, labelled};
 use crate::sensors::TouchSensors;
 
 /// Settings of perception.
@@ -44,14 +46,14 @@ pub struct Seen {
     /// The measurements: all that estimation receives.
     pub percept: Percept,
     /// The touch images of the observation, for recordings.
-    pub touch_images: PerFinger<RgbImage>,
+    pub touch_images: PerPad<RgbImage>,
     /// Warnings that were not given before, in sentences.
     pub warnings: Vec<String>,
 }
 
 /// Turns observations of a hand into percepts.
 pub struct Perception {
-    side: Side,
+    hand: Arc<Hand>,
     segmentation: SegmentationConfig,
     calibrator: Calibrator,
     /// Without them, presses are given.
@@ -64,16 +66,16 @@ pub struct Perception {
 
 impl Perception {
     /// Starts with the poses that the cameras have, and with touch sensors whose untouched images are unknown.
-    pub fn new(side: Side, cameras: Vec<PosedCamera>, setup: &PerceptionSetup<'_>) -> Self {
+    pub fn new(hand: Arc<Hand>, cameras: Vec<PosedCamera>, setup: &PerceptionSetup<'_>) -> Self {
         let PerceptionConfig { touch, calibration, segmentation } = setup.config;
         Self {
-            side,
             segmentation,
-            calibrator: Calibrator::new(calibration, side, cameras),
-            sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, setup.profile)),
+            calibrator: Calibrator::new(calibration, Arc::clone(&hand), cameras),
+            sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, setup.profile, &hand)),
             gel: setup.profile.gel_view(),
             next_joints: None,
             warnings: Vec::new(),
+            hand,
         }
     }
 
@@ -87,26 +89,26 @@ impl Perception {
         self.sensors.is_some()
     }
 
-    /// Sets the image of a touch sensor that touches nothing. Has no effect where touch images are not read.
+    /// Sets the image of the touch sensor of a pad that touches nothing. Has no effect where touch images are not read.
     ///
     /// # Errors
     /// If the image has another size than the sensor's, or does not show the dots of its profile.
-    pub fn set_untouched(&mut self, finger: Finger, image: &RgbImage) -> Result<(), PerceptionError> {
-        self.sensors.as_mut().map_or(Ok(()), |sensors| sensors.set_untouched(finger, image))
+    pub fn set_untouched(&mut self, pad: usize, image: &RgbImage) -> Result<(), PerceptionError> {
+        self.sensors.as_mut().map_or(Ok(()), |sensors| sensors.set_untouched(pad, image))
     }
 
-    /// Estimates the untouched image of a touch sensor from images with contacts at different places. Without images it stays unknown.
+    /// Estimates the untouched image of the touch sensor of a pad from images with contacts at different places. Without images it stays unknown.
     ///
     /// # Errors
     /// As [`Perception::set_untouched`].
-    pub fn learn_untouched(&mut self, finger: Finger, images: &[RgbImage]) -> Result<(), PerceptionError> {
-        self.sensors.as_mut().map_or(Ok(()), |sensors| sensors.learn_untouched(finger, images))
+    pub fn learn_untouched(&mut self, pad: usize, images: &[RgbImage]) -> Result<(), PerceptionError> {
+        self.sensors.as_mut().map_or(Ok(()), |sensors| sensors.learn_untouched(pad, images))
     }
 
     /// Starts from a calibration that was measured before, in place of the given one.
     ///
     /// # Errors
-    /// If a number of it is invalid.
+    /// If a number of it is invalid, or it is that of another hand.
     pub fn start_from(&mut self, calibration: &Calibration) -> Result<(), CalibrationError> {
         self.calibrator.start_from(calibration)
     }
@@ -117,36 +119,38 @@ impl Perception {
         self.next_joints = Some((time_s, joints));
     }
 
-    /// Takes the next frame; `number` is for warnings. A part of the observation that was not delivered is an empty image. `presses` are
-    /// those of touch sensors that measure indentation themselves, as a simulator's do; without them touch images are read, if there is a
-    /// network.
+    /// Takes the next frame; `number` is for warnings. A part of the observation that was not delivered is an empty image; no touch images
+    /// are those of sensors that delivered nothing. `presses` are those of touch sensors that measure indentation themselves, as a simulator's
+    /// do; without them touch images are read, if there is a network.
     ///
     /// # Errors
-    /// If an image has another size than its sensor's, there are more cameras than poses, or a number is not finite.
+    /// If an image has another size than its sensor's, there are more cameras than poses, the hand has another number of joints or pads, or
+    /// a number is not finite.
     pub fn see(
         &mut self,
         number: u64,
         observation: Observation,
-        presses: Option<PerFinger<Option<Press>>>,
+        presses: Option<PerPad<Option<Press>>>,
     ) -> Result<Seen, PerceptionError> {
-        check(&observation, self.calibrator.given())?;
+        check(&observation, &self.hand, self.calibrator.given())?;
+        check_per_pad(&self.hand, "presses", presses.as_deref().unwrap_or_default())?;
         let Observation { time_s, joints, touch: touch_images, cameras } = observation;
         let mut touch = match (&mut self.sensors, presses) {
-            (_, Some(presses)) => presses,
+            (_, Some(presses)) if !presses.is_empty() => presses,
             (Some(sensors), None) => sensors.feel(number, &touch_images, &mut self.warnings)?,
-            (None, None) => PerFinger::default(),
+            _ => self.hand.per_pad(|_| None),
         };
         let (colours, mut depths_m): (Vec<_>, Vec<_>) =
             cameras.into_iter().map(|rgbd| (rgbd.color, (!rgbd.depth_m.is_empty()).then_some(rgbd.depth_m))).unzip();
         let calibrated = self.calibrator.observe(time_s, &joints, self.next_joints.take(), &depths_m);
         calibrated.skip(&mut depths_m);
         if calibrated.is_frozen {
-            touch = PerFinger::default();
+            touch = self.hand.per_pad(|_| None);
         }
         let Calibrated { joints, cameras, warnings, .. } = calibrated;
         self.warnings.extend(warnings);
-        let hand = HandSolid::new(self.side, &joints);
-        let cameras = labelled(depths_m, &cameras, &hand, &self.segmentation);
+        let (hand, grasp) = (HandSolid::new(&self.hand, &joints), self.hand.grasp_centre(&joints));
+        let cameras = labelled(depths_m, &cameras, &hand, grasp, &self.segmentation);
         let mut percept = Percept { time_s, joints, cameras, touch };
         percept.set_colours(colours);
         Ok(Seen { percept, touch_images, warnings: std::mem::take(&mut self.warnings) })

@@ -4,7 +4,7 @@ use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Press, SensorError, SensorName, TouchTruth};
 use mvt_shear::ShearSensor;
 use mvt_touch::contact::{ContactConfig, Feeler};
@@ -38,107 +38,110 @@ pub fn true_press(truth: &TouchTruth, gel: &GelView) -> Option<Press> {
 /// The touch sensors of a hand, whose images a network reads, with the warnings that were given.
 pub(crate) struct TouchSensors {
     feeler: Feeler,
-    told: PerFinger<bool>,
+    /// Names of the pads.
+    names: Vec<String>,
+    told: PerPad<bool>,
     profile: SensorProfile,
     /// Light of sensors that is not the usual one; said with the next frame.
     unusual: Vec<String>,
     /// Whose light is known, from the untouched image or a first image.
-    judged: PerFinger<bool>,
+    judged: PerPad<bool>,
     /// Find the dots of gels that have some, which the network must not see. Known with the untouched image.
-    dots: PerFinger<Option<ShearSensor>>,
+    dots: PerPad<Option<ShearSensor>>,
 }
 
 impl TouchSensors {
     /// For the sensors of one hand.
-    pub(crate) fn new(weights: &Weights, config: ContactConfig, profile: &SensorProfile) -> Self {
+    pub(crate) fn new(weights: &Weights, config: ContactConfig, profile: &SensorProfile, hand: &Hand) -> Self {
         let engine = Engine::new(weights, Instructions::best());
+        let names: Vec<String> = hand.pads().iter().map(|pad| pad.name.clone()).collect();
         Self {
-            feeler: Feeler::new(engine, config, profile.gains()),
-            told: PerFinger::default(),
+            feeler: Feeler::new(engine, config, profile.gains(), names.clone()),
+            names,
+            told: hand.per_pad(|_| false),
             profile: *profile,
             unusual: Vec::new(),
-            judged: PerFinger::default(),
-            dots: PerFinger::default(),
+            judged: hand.per_pad(|_| false),
+            dots: hand.per_pad(|_| None),
         }
     }
 
-    /// Sets the untouched image of a sensor.
+    /// Sets the untouched image of the sensor of a pad. Has no effect if there is no such pad.
     ///
     /// # Errors
     /// If the image has another size than a DIGIT's, or does not show the dots of the profile.
-    pub(crate) fn set_untouched(&mut self, finger: Finger, image: &RgbImage) -> Result<(), PerceptionError> {
-        if self.profile.markers.is_none() {
-            self.feeler.set_untouched(finger, image)?;
+    pub(crate) fn set_untouched(&mut self, pad: usize, image: &RgbImage) -> Result<(), PerceptionError> {
+        let Self { feeler, names, dots, judged, profile, unusual, .. } = self;
+        let Some(name) = names.get(pad).map(|name| SensorName::Touch(name.clone())) else { return Ok(()) };
+        if profile.markers.is_none() {
+            feeler.set_untouched(pad, image)?;
         } else {
-            let sensor = ShearSensor::new(&self.profile, image)
-                .map_err(|reason| PerceptionError::Dots { sensor: SensorName::Touch(finger), reason })?;
-            self.feeler.set_untouched(finger, &sensor.erased(image))?;
-            self.dots[finger] = Some(sensor);
+            let sensor = ShearSensor::new(profile, image)
+                .map_err(|reason| PerceptionError::Dots { sensor: name.clone(), reason })?;
+            feeler.set_untouched(pad, &sensor.erased(image))?;
+            dots[pad] = Some(sensor);
         }
-        self.judged[finger] = true;
-        let light = self.feeler.light(finger);
-        self.unusual.extend(light.map(|light| format!("{}: {light}", SensorName::Touch(finger))));
+        judged[pad] = true;
+        unusual.extend(feeler.light(pad).map(|light| format!("{name}: {light}")));
         Ok(())
     }
 
-    /// Estimates the untouched image of a sensor from images with contacts at different places. Without images it stays unknown.
+    /// Estimates the untouched image of the sensor of a pad from images with contacts at different places. Without images it stays unknown.
     ///
     /// # Errors
     /// If images have another size than a DIGIT's.
-    pub(crate) fn learn_untouched(&mut self, finger: Finger, images: &[RgbImage]) -> Result<(), PerceptionError> {
-        let unfit = |reason| PerceptionError::Image { sensor: SensorName::Touch(finger), reason };
+    pub(crate) fn learn_untouched(&mut self, pad: usize, images: &[RgbImage]) -> Result<(), PerceptionError> {
+        let Some(name) = self.names.get(pad) else { return Ok(()) };
+        let unfit = |reason| PerceptionError::Image { sensor: SensorName::Touch(name.clone()), reason };
         match estimate(self.feeler.engine(), images).map_err(unfit)? {
-            Some(untouched) => self.set_untouched(finger, &untouched),
+            Some(untouched) => self.set_untouched(pad, &untouched),
             None => Ok(()),
         }
     }
 
-    /// Returns the press of each finger whose image is plausible. The first implausible image of a finger adds a warning.
+    /// Returns the press of each sensor whose image is plausible. The first implausible image of a sensor adds a warning.
     ///
     /// # Errors
     /// If an image has another size than a DIGIT's.
     pub(crate) fn feel(
         &mut self,
         frame: u64,
-        images: &PerFinger<RgbImage>,
+        images: &[RgbImage],
         warnings: &mut Vec<String>,
-    ) -> Result<PerFinger<Option<Press>>, SensorError> {
-        let Self { feeler, told, dots, unusual, judged, profile } = self;
+    ) -> Result<PerPad<Option<Press>>, SensorError> {
+        let Self { feeler, names, told, dots, unusual, judged, profile } = self;
         warnings.append(unusual);
         let is_calibrated = profile.gains() != [1.0; 3];
-        for finger in Finger::ALL {
-            let image = &images[finger];
-            if image.is_empty() || is_calibrated || std::mem::replace(&mut judged[finger], true) {
+        for ((image, judged), name) in images.iter().zip(judged.iter_mut()).zip(names.iter()) {
+            if image.is_empty() || is_calibrated || std::mem::replace(judged, true) {
                 continue;
             }
             if UnusualLight::of(image).is_some() {
                 warnings.push(format!(
                     "frame {frame}: {} has another light than a DIGIT, and its untouched image is unknown: its depths are wrong in proportion; \
                      record 10 s or more",
-                    SensorName::Touch(finger)
+                    SensorName::Touch(name.clone())
                 ));
             }
         }
-        let erased = PerFinger::from_fn(|finger| {
-            let image = &images[finger];
-            dots[finger].as_ref().filter(|_| !image.is_empty()).map(|sensor| sensor.erased(image))
-        });
-        let felt = match erased.0.iter().any(Option::is_some) {
-            true => feeler
-                .feel(&PerFinger::from_fn(|finger| erased[finger].clone().unwrap_or_else(|| images[finger].clone())))?,
-            false => feeler.feel(images)?,
+        let erase = |(image, dots): (&RgbImage, &Option<ShearSensor>)| {
+            dots.as_ref().filter(|_| !image.is_empty()).map(|sensor| sensor.erased(image))
         };
-        for finger in Finger::ALL {
-            if let Some(felt) = felt[finger].as_ref().filter(|felt| felt.press.is_none())
-                && !std::mem::replace(&mut told[finger], true)
+        let erased: Vec<Option<RgbImage>> = images.iter().zip(dots.iter()).map(erase).collect();
+        let seen: Vec<&RgbImage> =
+            images.iter().zip(&erased).map(|(image, erased)| erased.as_ref().unwrap_or(image)).collect();
+        let felt = feeler.feel(&seen)?;
+        for ((felt, told), name) in felt.iter().zip(told.iter_mut()).zip(names.iter()) {
+            if let Some(felt) = felt.as_ref().filter(|felt| felt.press.is_none())
+                && !std::mem::replace(told, true)
             {
                 warnings.push(format!(
                     "frame {frame}: {} is skipped wherever its image is implausible (plausibility {:.2} of 1): black, saturated, of another sensor, or unlike the training images",
-                    SensorName::Touch(finger),
+                    SensorName::Touch(name.clone()),
                     felt.plausibility
                 ));
             }
         }
-        Ok(PerFinger(felt.0.map(|felt| felt?.press)))
+        Ok(felt.into_iter().map(|felt| felt?.press).collect())
     }
 }

@@ -4,16 +4,17 @@
 //! if its point is near the grasp, and background otherwise. Colour plays no part, and there is no network.
 //!
 //! ```
-//! use mvt_robot::hand::Side;
 //! use mvt_robot::hand::solid::HandSolid;
+//! use mvt_robot::hand::{Hand, Side};
 //! use mvt_robot::rig::PLACEMENTS;
 //! use mvt_segmentation::{SegmentationConfig, segment};
 //! use ndarray::Array2;
 //!
-//! let camera = PLACEMENTS[2].camera(Side::Left);
+//! let hand = Hand::allegro(Side::Left);
+//! let (camera, joints) = (PLACEMENTS[2].camera(&hand), [0.1; 16]);
 //! let depth_m = Array2::from_elem((480, 640), 0.3);
-//! let hand = HandSolid::new(Side::Left, &[0.1; 16]);
-//! let labels = segment(&depth_m, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
+//! let (solid, grasp) = (HandSolid::new(&hand, &joints), hand.grasp_centre(&joints));
+//! let labels = segment(&depth_m, &camera.intrinsics, camera.pose, &solid, grasp, &SegmentationConfig::default());
 //! assert_eq!(labels.dim(), (480, 640));
 //! ```
 

@@ -5,9 +5,8 @@ use std::ops::Range;
 use glam::{DVec3, Vec3A};
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::depth::Label;
-use mvt_frames::{Camera, Isometry, World};
+use mvt_frames::{Camera, Isometry, Point, World};
 use mvt_robot::hand::solid::HandSolid;
-use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M};
 use mvt_settings::settings;
 use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Slice, Zip, s};
 
@@ -17,7 +16,7 @@ settings! {
     pub struct SegmentationConfig {
         /// A point nearer to the hand than this belongs to the hand, metres. The margin covers the noise along and across a point's ray.
         pub margin_m: f32 = 0.0025, 0.0..=0.1;
-        /// A point farther from the middle of the grasp than this is background, metres.
+        /// A point farther from the middle of the grasp than this is background, metres. Without a hand there is no limit.
         pub reach_m: f32 = 0.2, 0.0..=10.0;
         /// A point lower than this in the world is background, metres. The default is the outer side of the palm.
         pub lowest_m: f32 = -0.03, -10.0..=10.0;
@@ -33,18 +32,23 @@ settings! {
 const TILE: usize = 8;
 
 /// Labels the pixels of a depth image; where the object's pixels meet others they are [`Label::Unsure`]. Depth is metres along the
-/// optical axis; where it is not positive and finite, nothing was measured.
+/// optical axis; where it is not positive and finite, nothing was measured. `grasp` is where the hand holds objects; without it a point at
+/// any distance may be the object's.
 pub fn segment(
     depth_m: &Array2<f32>,
     intrinsics: &Intrinsics,
     world_from_camera: Isometry<Camera, World>,
     hand: &HandSolid,
+    grasp: Option<Point<World>>,
     config: &SegmentationConfig,
 ) -> Array2<Label> {
     let (height, width) = depth_m.dim();
     let rays = Rays::new(intrinsics, world_from_camera);
-    let [x, y, z] = PALM_CENTRE_M;
-    let grasp = DVec3::new(x, y, z + GRASP_HEIGHT_M).as_vec3a();
+    let grasp = grasp.map(|point| {
+        let point = point.coords();
+        DVec3::new(point.x, point.y, point.z).as_vec3a()
+    });
+    let is_in_reach = |p: Vec3A| grasp.is_none_or(|grasp| p.distance_squared(grasp) < config.reach_m * config.reach_m);
     let mut labels = Array2::from_elem((height, width), Label::Background);
     // The depth of pixels that may show the object, infinite elsewhere.
     let mut object = Array2::from_elem((height, width), f32::INFINITY);
@@ -66,7 +70,7 @@ pub fn segment(
         for &(pixel, depth, p) in &points {
             if hand.is_within(p.into(), config.margin_m) {
                 labels[pixel] = Label::Hand;
-            } else if p.distance_squared(grasp) < config.reach_m * config.reach_m && p.z > config.lowest_m {
+            } else if is_in_reach(p) && p.z > config.lowest_m {
                 (labels[pixel], object[pixel]) = (Label::Object, depth);
             }
         }
@@ -157,18 +161,17 @@ fn windowed(image: &ArrayView2<'_, f32>, reach: usize, pick: impl Fn(f32, f32) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mvt_frames::Point;
     use mvt_frames::camera::PosedCamera;
-    use mvt_robot::hand::{JointAngles, Side};
+    use mvt_robot::hand::{Hand, Side};
     use mvt_robot::rig::PLACEMENTS;
 
-    const JOINTS: JointAngles = [0.0, 0.5, 0.6, 0.5, 0.0, 0.5, 0.6, 0.5, 0.0, 0.5, 0.6, 0.5, 1.2, 0.3, 0.4, 0.4];
+    const JOINTS: [f64; 16] = [0.0, 0.5, 0.6, 0.5, 0.0, 0.5, 0.6, 0.5, 0.0, 0.5, 0.6, 0.5, 1.2, 0.3, 0.4, 0.4];
 
     /// Depth of a ball and the hand's solid from the side camera, by marching along every ray: independent of any renderer.
     fn scene(ball: Vec3A, radius: f32) -> (Array2<f32>, Array2<Label>, PosedCamera) {
-        let mut camera = PLACEMENTS[3].camera(Side::Right);
+        let mut camera = PLACEMENTS[3].camera(&Hand::allegro(Side::Right));
         camera.intrinsics = Intrinsics::from_fov_y(320, 240, 45f64.to_radians());
-        let hand = HandSolid::new(Side::Right, &JOINTS);
+        let hand = HandSolid::new(&Hand::allegro(Side::Right), &JOINTS);
         let rays = Rays::new(&camera.intrinsics, camera.pose);
         let mut truth = Array2::from_elem((240, 320), Label::Background);
         let depth = Array2::from_shape_fn((240, 320), |(v, u)| {
@@ -190,6 +193,12 @@ mod tests {
         (depth, truth, camera)
     }
 
+    /// The labels that a camera's image gets with the default settings; the grasp is that of an Allegro.
+    fn found(depth: &Array2<f32>, camera: &PosedCamera, hand: &HandSolid) -> Array2<Label> {
+        let grasp = Hand::allegro(Side::Right).grasp_centre(&[]);
+        segment(depth, &camera.intrinsics, camera.pose, hand, grasp, &SegmentationConfig::default())
+    }
+
     fn shows(labels: &Array2<Label>, u: usize, v: usize) -> Label {
         labels[[v, u]]
     }
@@ -197,8 +206,8 @@ mod tests {
     #[test]
     fn exact_depth_gives_exact_classes_but_for_the_edges() {
         let (depth, truth, camera) = scene(Vec3A::new(-0.0475, 0.0, 0.05), 0.03);
-        let hand = HandSolid::new(Side::Right, &JOINTS);
-        let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
+        let hand = HandSolid::new(&Hand::allegro(Side::Right), &JOINTS);
+        let found = found(&depth, &camera, &hand);
         let mut object = [0, 0];
         for ((v, u), &true_label) in truth.indexed_iter() {
             let label = shows(&found, u, v);
@@ -220,15 +229,16 @@ mod tests {
     #[test]
     fn edges_are_unsure_for_as_many_pixels_as_configured() {
         // A wall of the object in the middle of nothing, with a step down the middle.
-        let camera = PLACEMENTS[2].camera(Side::Right);
-        let nothing = HandSolid::new(Side::Right, &[0.0; 16]);
+        let camera = PLACEMENTS[2].camera(&Hand::allegro(Side::Right));
+        let nothing = HandSolid::new(&Hand::allegro(Side::Right), &[0.0; 16]);
         let depth = Array2::from_shape_fn((480, 640), |(v, u)| match (u, v) {
             (300..320, 200..240) => 0.25,
             (320..340, 200..240) => 0.28,
             _ => 0.0,
         });
         let config = SegmentationConfig { edge_px: 3, ..SegmentationConfig::default() };
-        let found = segment(&depth, &camera.intrinsics, camera.pose, &nothing, &config);
+        let grasp = Hand::allegro(Side::Right).grasp_centre(&[]);
+        let found = segment(&depth, &camera.intrinsics, camera.pose, &nothing, grasp, &config);
         let row: Vec<Label> = (290..350).map(|u| shows(&found, u, 220)).collect();
         let runs: Vec<(Label, usize)> = row.chunk_by(|a, b| a == b).map(|run| (run[0], run.len())).collect();
         let expected = [
@@ -258,11 +268,11 @@ mod tests {
 
     #[test]
     fn tables_arms_and_holes_are_background() {
-        let camera = PLACEMENTS[2].camera(Side::Left);
-        let hand = HandSolid::new(Side::Left, &[0.0; 16]);
+        let camera = PLACEMENTS[2].camera(&Hand::allegro(Side::Left));
+        let hand = HandSolid::new(&Hand::allegro(Side::Left), &[0.0; 16]);
         let of = |depth| {
             let depth = Array2::from_elem((480, 640), depth);
-            segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default())
+            found(&depth, &camera, &hand)
         };
         for depth in [0.0, -0.3, f32::NAN, f32::INFINITY, 0.42, 1.0, 0.1] {
             assert!(of(depth).iter().all(|&label| label == Label::Background), "{depth}");
@@ -275,8 +285,22 @@ mod tests {
     }
 
     #[test]
+    fn without_a_hand_all_that_is_not_low_may_be_the_object() {
+        let (none, config) = (Hand::none(), SegmentationConfig::default());
+        let camera = PLACEMENTS[2].camera(&none);
+        let solid = HandSolid::new(&none, &[]);
+        let of = |depth| {
+            let depth = Array2::from_elem((480, 640), depth);
+            segment(&depth, &camera.intrinsics, camera.pose, &solid, none.grasp_centre(&[]), &config)
+        };
+        // The camera is 0.35 m above the origin.
+        assert!(of(0.1).iter().all(|&label| label == Label::Object));
+        assert!(of(0.39).iter().all(|&label| label == Label::Background));
+    }
+
+    #[test]
     fn rays_agree_with_the_pinhole_model() {
-        let camera = PLACEMENTS[0].camera(Side::Left);
+        let camera = PLACEMENTS[0].camera(&Hand::allegro(Side::Left));
         let p = Rays::new(&camera.intrinsics, camera.pose).point(600, 31, 0.4);
         let q = (camera.pose * camera.intrinsics.unproject(600.0, 31.0, 0.4)).coords();
         assert!((p.as_dvec3() - DVec3::new(q.x, q.y, q.z)).length() < 5e-7);
@@ -284,11 +308,11 @@ mod tests {
 
     #[test]
     fn images_of_any_size_keep_it() {
-        let camera = PLACEMENTS[0].camera(Side::Left);
-        let hand = HandSolid::new(Side::Left, &[0.0; 16]);
+        let camera = PLACEMENTS[0].camera(&Hand::allegro(Side::Left));
+        let hand = HandSolid::new(&Hand::allegro(Side::Left), &[0.0; 16]);
         for (height, width) in [(0, 0), (1, 1), (3, 17), (9, 8)] {
             let depth = Array2::from_elem((height, width), 0.35);
-            let found = segment(&depth, &camera.intrinsics, camera.pose, &hand, &SegmentationConfig::default());
+            let found = found(&depth, &camera, &hand);
             assert_eq!(found.dim(), (height, width));
         }
     }

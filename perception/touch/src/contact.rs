@@ -3,7 +3,7 @@
 
 use image::RgbImage;
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::PerPad;
 use mvt_settings::settings;
 use ndarray::{Array2, Zip};
 use rayon::iter::{
@@ -166,10 +166,12 @@ impl TouchSensor {
 pub struct Feeler {
     engine: Engine,
     config: ContactConfig,
-    fingers: PerFinger<TouchSensor>,
+    /// Names of the pads, for messages.
+    names: Vec<String>,
+    sensors: PerPad<TouchSensor>,
 }
 
-/// How a finger's image was dealt with.
+/// How a sensor's image was dealt with.
 #[derive(Debug, Clone, Copy)]
 struct Outcome {
     plausibility: f32,
@@ -177,10 +179,11 @@ struct Outcome {
 }
 
 impl Feeler {
-    /// For sensors without untouched images. `gains` multiply the change of red, green and blue from the untouched image before the network
-    /// sees it.
-    pub fn new(engine: Engine, config: ContactConfig, gains: [f32; 3]) -> Self {
-        Self { engine, config, fingers: PerFinger::from_fn(|_| TouchSensor::new(gains)) }
+    /// Starts with a sensor without an untouched image per name of a pad. `gains` multiply the change of red, green and blue from the
+    /// untouched image before the network sees it.
+    pub fn new(engine: Engine, config: ContactConfig, gains: [f32; 3], names: Vec<String>) -> Self {
+        let sensors = PerPad::from_fn(names.len(), |_| TouchSensor::new(gains));
+        Self { engine, config, names, sensors }
     }
 
     /// The network.
@@ -188,43 +191,43 @@ impl Feeler {
         &self.engine
     }
 
-    /// Sets the image of a sensor that touches nothing.
+    /// Sets the image of the sensor of a pad that touches nothing. Has no effect if there is no such pad.
     ///
     /// # Errors
     /// [`SensorError::Size`] if the image is not 240 wide and 320 high.
-    pub fn set_untouched(&mut self, finger: Finger, image: &RgbImage) -> Result<(), SensorError> {
-        self.fingers[finger].set_untouched(&self.engine, image).map_err(|unfit| unfit.of(finger))
+    pub fn set_untouched(&mut self, pad: usize, image: &RgbImage) -> Result<(), SensorError> {
+        let Some((sensor, name)) = self.sensors.get_mut(pad).zip(self.names.get(pad)) else { return Ok(()) };
+        sensor.set_untouched(&self.engine, image).map_err(|unfit| unfit.of(name))
     }
 
     /// Returns the light of a sensor, if it is not that of other DIGITs. It is known with the untouched image.
-    pub fn light(&self, finger: Finger) -> Option<UnusualLight> {
-        self.fingers[finger].light()
+    pub fn light(&self, pad: usize) -> Option<UnusualLight> {
+        self.sensors.get(pad)?.light()
     }
 
-    /// Returns the contact on each sensor, one image per thread; `None` for a sensor without an image.
+    /// Returns the contact on each sensor, one image per thread; `None` for a sensor without an image. Images are in the order of the pads.
     ///
     /// # Errors
     /// [`SensorError::Size`] if an image is neither empty nor 240 wide and 320 high.
-    pub fn feel(&mut self, images: &PerFinger<RgbImage>) -> Result<PerFinger<Option<Felt>>, SensorError> {
-        let Self { engine, config, fingers } = self;
-        let felt: Vec<Option<Felt>> = Finger::ALL
-            .par_iter()
-            .zip(images.0.par_iter())
-            .zip(fingers.0.par_iter_mut())
-            .map(|((&finger, image), sensor)| match image.is_empty() {
-                true => Ok(None),
-                false => sensor.feel(engine, config, image).map(Some).map_err(|unfit| unfit.of(finger)),
+    pub fn feel(&mut self, images: &[&RgbImage]) -> Result<PerPad<Option<Felt>>, SensorError> {
+        let Self { engine, config, names, sensors } = self;
+        let felt: Vec<Result<Option<Felt>, SensorError>> = sensors
+            .par_iter_mut()
+            .zip(names.par_iter())
+            .enumerate()
+            .map(|(pad, (sensor, name))| match images.get(pad).filter(|image| !image.is_empty()) {
+                None => Ok(None),
+                Some(image) => sensor.feel(engine, config, image).map(Some).map_err(|unfit| unfit.of(name)),
             })
-            .collect::<Result<_, _>>()?;
-        let mut felt = felt.into_iter();
-        Ok(PerFinger::from_fn(|_| felt.next().flatten()))
+            .collect();
+        felt.into_iter().collect()
     }
 }
 
 impl UnfitImage {
-    fn of(self, finger: Finger) -> SensorError {
+    fn of(self, pad: &str) -> SensorError {
         SensorError::Size {
-            sensor: SensorName::Touch(finger),
+            sensor: SensorName::Touch(pad.to_owned()),
             image: "colour",
             expected: [digit::WIDTH, digit::HEIGHT],
             found: self.found,

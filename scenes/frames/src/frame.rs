@@ -29,8 +29,6 @@ frames! {
     World
     /// Base link of the hand, as in Allegro's URDF: z along the fingers, x out of the palm, origin at the knuckles.
     HandBase
-    /// Fingertip link, which carries a DIGIT: x out of the gel, z along the finger.
-    Tip
     /// Sensor frame of TACTO: origin at the camera of the DIGIT, x out of the gel, z up in the image, y to the left in
     /// the image.
     Gel
@@ -43,7 +41,7 @@ frames! {
     Model
     /// The neural field and its keyframes. It moves against [`Model`] by fractions of a millimetre as the first keyframe is refined.
     Field
-    /// A pad that touches, fixed to a fingertip.
+    /// The body that carries a touch sensor, such as the fingertip link of an Allegro: x out of the gel, z along the finger.
     Pad
     /// A rigid body that the object cannot occupy, such as a link of a finger.
     Obstacle

@@ -78,6 +78,14 @@ fn by_voxels(mesh: &Mesh) -> Vec<Hull> {
         .collect()
 }
 
+/// Returns at most [`MAX_POINTS`] of some points, whose convex hull is nearly that of all.
+///
+/// # Errors
+/// [`NoHull`] if the points are flat.
+pub fn hull_points(points: &[Vec3]) -> Result<Vec<Vec3>, NoHull> {
+    Ok(Hull::of(points)?.reduced(MAX_POINTS))
+}
+
 /// Returns the volume of the convex hull of a mesh, m^3.
 ///
 /// # Errors

@@ -1,11 +1,11 @@
-//! The DIGIT fingertip sensor: its camera, its gel and their poses on the fingertip.
+//! The DIGIT touch sensor: its camera and its gel.
 
 pub mod gel;
 pub mod markers;
 pub mod profile;
 
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::{Camera, Gel, Isometry, Tip};
+use mvt_frames::{Camera, Gel, Isometry};
 
 /// Width of a DIGIT image, pixels.
 pub const WIDTH: usize = 240;
@@ -17,11 +17,6 @@ pub const FOV_Y_DEG: f64 = 60.0;
 /// Returns the pinhole model of the DIGIT's camera in TACTO.
 pub fn intrinsics() -> Intrinsics {
     Intrinsics::from_fov_y(WIDTH, HEIGHT, FOV_Y_DEG.to_radians())
-}
-
-/// Returns the pose of the sensor on the fingertip link: the inverse of the matrix in NeuralFeels' hand model.
-pub fn tip_from_gel() -> Isometry<Gel, Tip> {
-    Isometry::translation(-0.002_132, 0.000_021, 0.017_545)
 }
 
 /// Returns the pose of the DIGIT's camera: at the origin of the gel frame, looking along x, with z up.

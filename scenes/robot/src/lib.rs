@@ -1,24 +1,25 @@
-//! The Allegro hand with DIGIT fingertips: kinematics, solids, sensors, the cameras around the hand, and its
-//! observations.
+//! Hands with touch sensors as data: kinematics, solids, sensors, the cameras around the hand, and its observations.
 //!
-//! Everything is a function of the side (left or right) and 16 joint angles in radians. The crate holds no state,
-//! simulates no physics and renders no images.
+//! A [`hand::Hand`] describes bodies, joints and pads; everything else is a function of it and of the joint angles. The crate simulates no
+//! physics and renders no images.
 //!
 //! ```
 //! use mvt_robot::hand::solid::HandSolid;
-//! use mvt_robot::hand::{Finger, JOINTS, Side, world_from_tip};
+//! use mvt_robot::hand::{Hand, Side};
 //!
-//! let joints = [0.2; JOINTS];
-//! let tip = world_from_tip(Side::Right, Finger::Index, &joints).origin().coords();
+//! let hand = Hand::allegro(Side::Right);
+//! let joints = vec![0.2; hand.joints().len()];
+//! let tip = hand.world_from_pads(&joints)[0].origin().coords();
 //! assert!(tip.x > 0.0, "the fingers point along the world's x axis");
-//! let hand = HandSolid::new(Side::Right, &joints);
-//! assert!(hand.is_within(mvt_robot::glam::Vec3::new(tip.x as f32, tip.y as f32, tip.z as f32), 0.01));
+//! let solid = HandSolid::new(&hand, &joints);
+//! assert!(solid.is_within(mvt_robot::glam::Vec3::new(tip.x as f32, tip.y as f32, tip.z as f32), 0.01));
 //! ```
 
 pub mod digit;
-mod finger;
 pub mod hand;
+mod joint;
 pub mod observation;
+mod per_pad;
 pub mod rig;
 mod side;
 

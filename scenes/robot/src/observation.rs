@@ -7,7 +7,7 @@ use mvt_frames::depth::{CameraDepth, Label};
 use ndarray::Array2;
 
 use crate::digit::markers::GelShear;
-use crate::hand::{Finger, JointAngles, PerFinger};
+use crate::hand::{JointAngles, PerPad};
 use mvt_frames::{Isometry, Object, World};
 
 /// Colour and depth of one camera at one instant. Arrays are indexed (row, column).
@@ -27,14 +27,14 @@ pub struct Observation {
     pub time_s: f64,
     /// Joint angles as the encoders give them.
     pub joints: JointAngles,
-    /// One DIGIT image per finger, 240 wide and 320 high; empty from a sensor that delivered nothing.
-    pub touch: PerFinger<RgbImage>,
+    /// One touch image per pad; empty from a sensor that delivered nothing.
+    pub touch: PerPad<RgbImage>,
     /// One colour and depth image per camera, in the order of the log's cameras.
     pub cameras: Vec<Rgbd>,
 }
 
 /// Hand and object at one instant, as a simulator knows them: all that rendering needs.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SceneState {
     /// Seconds since the start of the episode.
     pub time_s: f64,
@@ -43,7 +43,7 @@ pub struct SceneState {
     /// Pose of the object.
     pub object_pose: Isometry<Object, World>,
     /// How the object has dragged each gel along.
-    pub shear: PerFinger<GelShear>,
+    pub shear: PerPad<GelShear>,
 }
 
 /// The truth that only a simulator knows. Deliberately not a part of [`Observation`]: perception and tracking never receive it.
@@ -51,27 +51,27 @@ pub struct SceneState {
 pub struct GroundTruth {
     /// Pose of the object.
     pub object_pose: Isometry<Object, World>,
-    /// True depth and contact of each DIGIT.
-    pub touch: PerFinger<TouchTruth>,
+    /// True depth and contact of each touch sensor.
+    pub touch: PerPad<TouchTruth>,
     /// How the object has dragged each gel along; `None` in a log, which does not store it.
-    pub shear: Option<PerFinger<GelShear>>,
+    pub shear: Option<PerPad<GelShear>>,
     /// What every pixel of each camera shows, in the order of [`Observation::cameras`]; never [`Label::Unsure`].
     pub labels: Vec<Array2<Label>>,
 }
 
-/// The measurement of a perfect DIGIT. Arrays are 320 rows by 240 columns.
+/// The measurement of a perfect touch sensor. Arrays are indexed (row, column).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TouchTruth {
-    /// Depth along the DIGIT camera's axis to the nearer of gel and object, metres.
+    /// Depth along the axis of the sensor's camera to the nearer of gel and object, metres.
     pub depth_m: Array2<f32>,
     /// Where the object presses into the gel.
     pub contact: Array2<bool>,
 }
 
-/// How an object presses into the gel of a DIGIT. Arrays are 320 rows by 240 columns.
+/// How an object presses into the gel of a touch sensor. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Press {
-    /// How far the gel is pressed in, millimetres along the DIGIT camera's axis; 0 where it is not.
+    /// How far the gel is pressed in, millimetres along the axis of the sensor's camera; 0 where it is not.
     pub indentation_mm: Array2<f32>,
     /// Where the object lies on the gel.
     pub contact: Array2<bool>,
@@ -84,12 +84,12 @@ pub struct Press {
 pub struct Percept {
     /// Seconds since the start of the episode.
     pub time_s: f64,
-    /// Joint angles of the hand, which give its surface and the poses of the fingertips.
+    /// Joint angles of the hand, which give its surface and the poses of the pads.
     pub joints: JointAngles,
     /// One depth image per camera; `None` from a camera that delivered nothing.
     pub cameras: Vec<Option<CameraDepth>>,
-    /// One press per finger, which may be without contact; `None` from a sensor that delivered nothing.
-    pub touch: PerFinger<Option<Press>>,
+    /// One press per pad, which may be without contact; `None` from a sensor that delivered nothing.
+    pub touch: PerPad<Option<Press>>,
 }
 
 impl Percept {
@@ -108,15 +108,15 @@ impl Percept {
 pub enum SensorName {
     /// A camera by its name.
     Camera(String),
-    /// The DIGIT of a finger.
-    Touch(Finger),
+    /// The sensor of the pad of this name.
+    Touch(String),
 }
 
 impl fmt::Display for SensorName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             SensorName::Camera(name) => write!(f, "camera {name}"),
-            SensorName::Touch(finger) => write!(f, "the DIGIT of the {} finger", finger.name()),
+            SensorName::Touch(pad) => write!(f, "the touch sensor {pad}"),
         }
     }
 }
@@ -146,6 +146,18 @@ pub enum SensorError {
         /// Cameras known.
         expected: usize,
         /// Images found.
+        found: usize,
+    },
+    /// Another number of joint angles or touch images than the hand has.
+    #[error("the observation has {found} {what}; hand {hand} has {expected}: was it recorded with another hand?")]
+    Hand {
+        /// What was counted.
+        what: &'static str,
+        /// Name of the hand.
+        hand: String,
+        /// Number that the hand has.
+        expected: usize,
+        /// Number found.
         found: usize,
     },
     /// The time or a joint angle is not a finite number.

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use nalgebra::Vector3;
 
-use crate::side::Side;
+use crate::hand::Hand;
 
 /// Place around the hand from which a camera looks at the grasp.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,10 +18,6 @@ pub struct Placement {
     pub elevation_deg: f64,
 }
 
-/// Middle of the palm's surface, metres in the world.
-pub const PALM_CENTRE_M: [f64; 3] = [-0.0475, 0.0, 0.0111];
-/// Height above the palm at which the hand holds objects and cameras aim, metres.
-pub const GRASP_HEIGHT_M: f64 = 0.045;
 /// Distance of the named cameras from the palm's centre, metres.
 pub const DISTANCE_M: f64 = 0.35;
 /// Radius of the occlusion rig, metres (NeuralFeels, supplement).
@@ -81,47 +77,48 @@ impl Placement {
         Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
     }
 
-    /// Returns the camera at this place around a right hand, or at its mirror image around a left hand.
-    pub fn camera(&self, side: Side) -> PosedCamera {
-        around_hand(self.name.clone().into_owned(), Vector3::from(PALM_CENTRE_M) + DISTANCE_M * self.direction(), side)
+    /// Returns the camera at this place around a hand; around a left hand it is mirrored. Around a hand that moves, it is that of joint angles 0.
+    pub fn camera(&self, hand: &Hand) -> PosedCamera {
+        let centre = hand.palm_centre_m().map_or_else(|| grasp_centre(hand), Vector3::from);
+        around_hand(self.name.clone().into_owned(), hand, centre, DISTANCE_M * self.direction())
     }
 }
 
 /// Returns the cameras of the occlusion study: `count` places spread evenly (a Fibonacci lattice, from top to bottom)
 /// over a sphere around the grasp, all looking at its centre. The cameras below see only the back of the hand: full
 /// occlusion.
-pub fn occlusion_rig(count: usize, side: Side) -> Vec<PosedCamera> {
+pub fn occlusion_rig(count: usize, hand: &Hand) -> Vec<PosedCamera> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let place = |k: usize| {
         let height = 1.0 - (2 * k + 1) as f64 / count as f64;
         let (sin, cos) = (golden_angle * k as f64).sin_cos();
         let around = (1.0 - height * height).sqrt();
-        grasp_centre() + RIG_RADIUS_M * Vector3::new(around * cos, around * sin, height)
+        RIG_RADIUS_M * Vector3::new(around * cos, around * sin, height)
     };
-    (0..count).map(|k| around_hand(format!("occlusion-{k:03}"), place(k), side)).collect()
+    (0..count).map(|k| around_hand(format!("occlusion-{k:03}"), hand, grasp_centre(hand), place(k))).collect()
 }
 
-/// Returns the point at which the hand holds objects, metres in the world.
-fn grasp_centre() -> Vector3<f64> {
-    Vector3::from(PALM_CENTRE_M) + Vector3::z() * GRASP_HEIGHT_M
+/// Returns the point at which the hand holds objects, metres in the world; the origin without a hand.
+fn grasp_centre(hand: &Hand) -> Vector3<f64> {
+    hand.grasp_centre(&[]).map_or_else(Vector3::zeros, mvt_frames::Point::coords)
 }
 
-/// Returns a camera of 640 x 480 pixels and 45 degrees vertical field of view. `eye` is the position for a right hand,
-/// metres.
-fn around_hand(name: String, mut eye: Vector3<f64>, side: Side) -> PosedCamera {
-    eye.y *= side.sign();
+/// Returns a camera of 640 x 480 pixels and 45 degrees vertical field of view. `offset` is its distance from `centre` at a right hand, metres.
+fn around_hand(name: String, hand: &Hand, centre: Vector3<f64>, mut offset: Vector3<f64>) -> PosedCamera {
+    offset.y *= hand.side().sign();
     let intrinsics = Intrinsics::from_fov_y(640, 480, 45f64.to_radians());
-    PosedCamera { name, intrinsics, pose: look_at(eye, grasp_centre(), Vector3::z()) }
+    PosedCamera { name, intrinsics, pose: look_at(centre + offset, grasp_centre(hand), Vector3::z()) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hand::Side;
     use mvt_frames::{Point, Vector, World};
 
     #[test]
     fn side_camera_stands_where_it_was_measured() {
-        let camera = PLACEMENTS[3].camera(Side::Right);
+        let camera = PLACEMENTS[3].camera(&Hand::allegro(Side::Right));
         assert!((camera.pose.origin().coords() - Vector3::new(-0.0475, 0.2475, 0.2586)).norm() < 1e-4);
         let target = camera.pose.inverse() * Point::new(-0.0475, 0.0, 0.0561);
         let (u, v) = camera.intrinsics.project(target).unwrap();
@@ -132,7 +129,10 @@ mod tests {
 
     #[test]
     fn left_hand_has_the_mirror_image_of_every_camera() {
-        let all = |side| PLACEMENTS.iter().map(|p| p.camera(side)).chain(occlusion_rig(50, side)).collect::<Vec<_>>();
+        let all = |side| {
+            let hand = Hand::allegro(side);
+            PLACEMENTS.iter().map(|p| p.camera(&hand)).chain(occlusion_rig(50, &hand)).collect::<Vec<_>>()
+        };
         for (right, left) in all(Side::Right).iter().zip(all(Side::Left)) {
             let point = Vector3::new(0.01, 0.03, 0.02);
             let mirrored = point.component_mul(&Vector3::new(1.0, -1.0, 1.0));
@@ -149,9 +149,10 @@ mod tests {
 
     #[test]
     fn rig_is_even() {
-        let rig = occlusion_rig(200, Side::Right);
+        let hand = Hand::allegro(Side::Right);
+        let rig = occlusion_rig(200, &hand);
         let directions: Vec<_> =
-            rig.iter().map(|c| (c.pose.origin().coords() - grasp_centre()) / RIG_RADIUS_M).collect();
+            rig.iter().map(|c| (c.pose.origin().coords() - grasp_centre(&hand)) / RIG_RADIUS_M).collect();
         assert!(directions.iter().sum::<Vector3<f64>>().norm() / 200.0 < 0.01);
         for (k, a) in directions.iter().enumerate() {
             assert!((a.norm() - 1.0).abs() < 1e-12);
@@ -159,7 +160,7 @@ mod tests {
             // 200 discs of equal area would have a radius of 0.14.
             assert!(next.fold(f64::INFINITY, f64::min) > 0.2);
         }
-        assert!(occlusion_rig(0, Side::Left).is_empty());
+        assert!(occlusion_rig(0, &Hand::none()).is_empty());
     }
 
     #[test]
@@ -179,9 +180,12 @@ mod tests {
     #[test]
     fn a_direction_is_a_camera() {
         let free = Placement::parse_list("330/35,-7.5/-20").unwrap();
-        assert_eq!(free[0].camera(Side::Left).pose, PLACEMENTS[0].camera(Side::Left).pose);
+        assert_eq!(
+            free[0].camera(&Hand::allegro(Side::Left)).pose,
+            PLACEMENTS[0].camera(&Hand::allegro(Side::Left)).pose
+        );
         assert_eq!((&*free[0].name, &*free[1].name), ("az330el35", "az-7.5el-20"));
-        assert!(free[1].camera(Side::Left).pose.origin().coords().z < PALM_CENTRE_M[2]);
+        assert!(free[1].camera(&Hand::allegro(Side::Left)).pose.origin().coords().z < 0.0111);
         for wrong in ["330", "330/", "/35", "330/35/1", "NaN/35", "330/91", "361/0", "inf/0", "left/35"] {
             let error = Placement::parse_list(wrong).unwrap_err().to_string();
             assert!(error.contains(wrong) && error.contains("azimuth/elevation"), "{error}");

@@ -2,9 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::finger::{Finger, JointAngles};
-
-/// Left or right hand. The left hand is the mirror image of the right hand in the plane y = 0.
+/// Left or right hand. The left Allegro is the mirror image of the right one in the plane y = 0. A gripper is a right hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
@@ -23,15 +21,11 @@ impl Side {
         }
     }
 
-    /// Returns the angles of this hand in the mirror image of the pose that a right hand has at `right`. Its own
-    /// inverse.
-    pub fn mirror_joints(self, mut right: JointAngles) -> JointAngles {
-        if self == Side::Left {
-            for finger in [Finger::Index, Finger::Middle, Finger::Ring] {
-                let abduction = &mut right[finger.first_joint()];
-                *abduction = -*abduction;
-            }
+    /// Returns the name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Side::Left => "left",
+            Side::Right => "right",
         }
-        right
     }
 }

@@ -18,7 +18,7 @@ use mvt_frames::Isometry;
 use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use mvt_frames::depth::Label;
 use mvt_robot::digit;
-use mvt_robot::hand::{PerFinger, Side};
+use mvt_robot::hand::{Hand, PerPad, Side};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
 use ndarray::Array2;
 use rand::{Rng, RngExt, SeedableRng};
@@ -77,7 +77,7 @@ fn scene() -> SceneFile {
             object_from_file: Isometry::<mvt_frames::MeshFile, mvt_frames::Object>::identity().to_matrix(),
             mass_kg: 0.1,
         },
-        hand: Side::Left,
+        hand: Hand::allegro(Side::Left),
         seed: 1,
         gravity_m_s2: [0.0, 0.0, -9.81],
         gait: "none".into(),
@@ -104,7 +104,7 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
         (0.022 - 1e-3 * (1.0 - (x * x + y * y) / 3600.0).max(-0.5)) as f32
     });
     let contact = depth_m.mapv(|z| z < 0.0217);
-    let touch = PerFinger::from_fn(|_| {
+    let touch = PerPad::from_fn(4, |_| {
         RgbImage::from_fn(240, 320, |x, y| {
             Rgb([100 + x / 4, 110 + y / 5, 90 + (x + y) / 8].map(|level| noisy(level, rng)))
         })
@@ -129,10 +129,10 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
         r2 if r2 < 40_000.0 => Label::Hand,
         _ => Label::Background,
     });
-    let observation = Observation { time_s: phase, joints: [0.4; 16], touch, cameras: vec![camera] };
+    let observation = Observation { time_s: phase, joints: vec![0.4; 16], touch, cameras: vec![camera] };
     let truth = GroundTruth {
         object_pose: Isometry::translation(0.0, 0.0, 0.05),
-        touch: PerFinger::from_fn(|_| TouchTruth { depth_m: depth_m.clone(), contact: contact.clone() }),
+        touch: PerPad::from_fn(4, |_| TouchTruth { depth_m: depth_m.clone(), contact: contact.clone() }),
         shear: None,
         labels: vec![labels],
     };

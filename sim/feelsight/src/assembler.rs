@@ -3,14 +3,16 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object, World};
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, JointAngles, Side, world_from_base};
+use mvt_robot::hand::{Hand, JointAngles, Side};
 
 use crate::error::LogError;
 use crate::frame::finger_poses;
+use crate::hand::{pad_folder, world_from_base};
 use crate::io::write_synced;
 use crate::npz::{DeflatedFrame, NpzWriter};
 use crate::pickle;
@@ -26,12 +28,12 @@ pub enum LogImage {
     Colours(usize),
     /// Labels of a camera, by its number, grey: 0 background, 127 hand, 255 object.
     Labels(usize),
-    /// Image of a DIGIT.
-    Touch(Finger),
-    /// True depth of a DIGIT, in the levels of [`DigitInfo`].
-    TouchDepth(Finger),
-    /// Contact mask of a DIGIT, grey: 0 or 255.
-    Contact(Finger),
+    /// Image of a touch sensor, by the index of its pad.
+    Touch(usize),
+    /// True depth of a touch sensor, by the index of its pad, in the levels of [`DigitInfo`].
+    TouchDepth(usize),
+    /// Contact mask of a touch sensor, by the index of its pad, grey: 0 or 255.
+    Contact(usize),
 }
 
 /// Camera of a log that is assembled.
@@ -48,15 +50,13 @@ pub struct LogCamera {
 pub struct Timeline {
     /// Name of the object.
     pub object_name: String,
-    /// Side of the hand; scene.json must have the same.
-    pub side: Side,
     /// Time of each frame, seconds, increasing.
     pub times_s: Vec<f64>,
     /// Joint angles of each frame.
     pub joints: Vec<JointAngles>,
     /// Pose of the object in each frame; `None` where it is unknown.
     pub object_poses: Vec<Option<Isometry<Object, World>>>,
-    /// Contents of scene.json; `None` for a log without it.
+    /// Contents of scene.json, with the same hand; `None` for a log without it.
     pub scene: Option<SceneFile>,
 }
 
@@ -119,17 +119,18 @@ impl Depths {
 pub struct LogAssembler {
     place: PathBuf,
     partial: PartialFolder,
+    hand: Arc<Hand>,
     cameras: Vec<LogCamera>,
     depths: Vec<Depths>,
 }
 
 impl LogAssembler {
-    /// Begins a log in the folder `place` with these cameras.
+    /// Begins a log of a hand in the folder `place` with these cameras.
     ///
     /// # Errors
     /// [`LogError::NotEmpty`] if the folder is not empty; [`LogError::Defect`] for a camera whose name is no file name or occurs twice;
     /// [`LogError::Io`] if the folder cannot be created.
-    pub fn create(place: &Path, cameras: Vec<LogCamera>) -> Result<Self, LogError> {
+    pub fn create(place: &Path, hand: Arc<Hand>, cameras: Vec<LogCamera>) -> Result<Self, LogError> {
         let partial = PartialFolder::begin(place)?;
         fs::create_dir_all(partial.path()).map_err(LogError::io(place))?;
         let mut depths = Vec::new();
@@ -151,7 +152,7 @@ impl LogAssembler {
             let pixels = camera.intrinsics.height * camera.intrinsics.width;
             depths.push(Depths { path, writer, pixels, next: 0, waiting: BTreeMap::new(), bytes: 0 });
         }
-        Ok(Self { place: place.to_path_buf(), partial, cameras, depths })
+        Ok(Self { place: place.to_path_buf(), partial, hand, cameras, depths })
     }
 
     /// Adds an image of a frame: a JPEG or PNG file, which is stored to the byte. `origin` names it in errors.
@@ -159,7 +160,10 @@ impl LogAssembler {
     /// # Errors
     /// [`LogError`] if it cannot be decoded, has not the size of the sensor's images, or cannot be written.
     pub fn image(&mut self, image: LogImage, frame: usize, file: &[u8], origin: &Path) -> Result<(), LogError> {
-        let touch = |finger: Finger, kind| (format!("allegro/{}/{kind}", finger.name()), (digit::WIDTH, digit::HEIGHT));
+        let touch = |pad: usize, kind| match pad < self.hand.pads().len() {
+            true => Ok((format!("{}/{kind}", pad_folder(&self.hand, pad)), (digit::WIDTH, digit::HEIGHT))),
+            false => Err(LogError::defect(origin, format!("there is no pad {pad}"))),
+        };
         let camera = |number: usize, kind| match self.cameras.get(number) {
             Some(LogCamera { camera: PosedCamera { name, intrinsics, .. }, .. }) => {
                 Ok((format!("realsense/{name}/{kind}"), (intrinsics.width, intrinsics.height)))
@@ -169,9 +173,9 @@ impl LogAssembler {
         let (folder, size) = match image {
             LogImage::Colours(number) => camera(number, "image")?,
             LogImage::Labels(number) => camera(number, "seg")?,
-            LogImage::Touch(finger) => touch(finger, "image"),
-            LogImage::TouchDepth(finger) => touch(finger, "depth"),
-            LogImage::Contact(finger) => touch(finger, "mask"),
+            LogImage::Touch(pad) => touch(pad, "image")?,
+            LogImage::TouchDepth(pad) => touch(pad, "depth")?,
+            LogImage::Contact(pad) => touch(pad, "mask")?,
         };
         // Decoded only to be checked: readers must find no damage.
         match image {
@@ -209,10 +213,16 @@ impl LogAssembler {
     /// # Errors
     /// [`LogError::Defect`] if there is no frame or the lists differ in length, else [`LogError::Io`].
     pub fn finish(mut self, timeline: Timeline) -> Result<(), LogError> {
-        let Timeline { object_name, side, times_s, joints, object_poses, scene } = timeline;
+        let Timeline { object_name, times_s, joints, object_poses, scene } = timeline;
         if times_s.is_empty() || joints.len() != times_s.len() || object_poses.len() != times_s.len() {
             let defect =
                 format!("{} times, {} joint states, {} poses", times_s.len(), joints.len(), object_poses.len());
+            return Err(LogError::defect(&self.place, defect));
+        }
+        let hand = &self.hand;
+        if let Some(state) = joints.iter().find(|state| state.len() != hand.joints().len()) {
+            let defect =
+                format!("{} joint angles in a frame; hand {} has {}", state.len(), hand.name(), hand.joints().len());
             return Err(LogError::defect(&self.place, defect));
         }
         for depths in std::mem::take(&mut self.depths) {
@@ -238,9 +248,10 @@ impl LogAssembler {
             object_mesh: scene.as_ref().map_or_else(String::new, |scene| scene.object.mesh.clone()),
             object_name,
             object_poses: object_poses.iter().map(pose).collect(),
-            base_pose: world_from_base().to_matrix(),
-            side: (scene.is_none() && side == Side::Right).then_some(side),
-            finger_poses: Some(joints.iter().map(|joints| finger_poses(side, joints)).collect()),
+            base_pose: world_from_base(hand).to_matrix(),
+            // Without both files readers take the left Allegro.
+            hand: (scene.is_none() && *hand != Hand::allegro(Side::Left)).then(|| Arc::clone(hand)),
+            finger_poses: Some(joints.iter().map(|joints| finger_poses(hand, joints)).collect()),
             times_s,
             joints,
             digit: DigitInfo::published(),

@@ -1,16 +1,17 @@
 //! Images of a compact log. docs/compact_log.md describes the layout.
 
 use std::path::Path;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use mvt_robot::digit;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::{Hand, PerPad};
 use serde::{Deserialize, Serialize};
 
 use crate::archive::{ARCHIVE, ArchiveReader, ArchiveWriter};
 use crate::error::LogError;
+use crate::hand::pad_folder;
 use crate::levels::image_of;
 use crate::picture::{MAX_FILE, color_of, encode_color, encode_png, encode_small, gray_of, levels16_of, touch_of};
 use crate::record::DigitInfo;
@@ -44,14 +45,15 @@ struct Layout {
 #[derive(Debug)]
 pub(crate) struct CompactFrames {
     pub archive: ArchiveReader,
+    hand: Arc<Hand>,
     depth_step_m: f64,
-    untouched: PerFinger<RgbImage>,
+    untouched: PerPad<RgbImage>,
     gel: GrayImage,
 }
 
 impl CompactFrames {
     /// Opens the archive of a log; `None` if the log has none.
-    pub fn open(log: &Path) -> Result<Option<Self>, LogError> {
+    pub fn open(log: &Path, hand: &Arc<Hand>) -> Result<Option<Self>, LogError> {
         let path = log.join(ARCHIVE);
         if path.symlink_metadata().is_err() {
             return Ok(None);
@@ -70,31 +72,33 @@ impl CompactFrames {
         if !DEPTH_STEPS_M.contains(&depth_step_m) {
             return Err(LogError::defect(path, format!("depth_step_m is {depth_step_m} and not 1e-6 to 0.1")));
         }
-        let color = |finger: Finger| {
-            let name = format!("allegro/{}/untouched.png", finger.name());
+        let color = |pad: usize| {
+            let name = format!("{}/untouched.png", pad_folder(hand, pad));
             color_of(&archive.read(&name, MAX_FILE)?, &archive.path(&name), DIGIT_SIZE)
         };
-        let [index, middle, ring, thumb] = Finger::ALL.map(color);
-        let untouched = PerFinger([index?, middle?, ring?, thumb?]);
+        let untouched = (0..hand.pads().len()).map(color).collect::<Result<_, LogError>>()?;
         let gel = gray_of(&archive.read(GEL_FILE, MAX_FILE)?, &archive.path(GEL_FILE), DIGIT_SIZE)?;
-        Ok(Some(Self { archive, depth_step_m, untouched, gel }))
+        Ok(Some(Self { archive, hand: Arc::clone(hand), depth_step_m, untouched, gel }))
     }
 
-    /// Returns the number of images of a finger.
-    pub fn touch_images(&self, finger: Finger) -> usize {
-        let count = |kind: &str| self.archive.count(&format!("allegro/{}/{kind}", finger.name()));
+    /// Returns the number of images of a touch sensor.
+    pub fn touch_images(&self, pad: usize) -> usize {
+        let count = |kind: &str| self.archive.count(&format!("{}/{kind}", pad_folder(&self.hand, pad)));
         count("difference") + count("image")
     }
 
-    /// Reads the image of a DIGIT.
-    pub fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, LogError> {
-        let whole = format!("allegro/{}/image/{frame}.jpg", finger.name());
+    /// Reads the image of a touch sensor.
+    pub fn touch_image(&self, pad: usize, frame: usize) -> Result<RgbImage, LogError> {
+        let folder = pad_folder(&self.hand, pad);
+        let whole = format!("{folder}/image/{frame}.jpg");
         if self.archive.contains(&whole) {
             return touch_of(&self.archive.read(&whole, MAX_FILE)?, &self.archive.path(&whole));
         }
-        let name = format!("allegro/{}/difference/{frame}.jpg", finger.name());
+        let name = format!("{folder}/difference/{frame}.jpg");
         let mut image = color_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
-        for (level, &untouched) in image.iter_mut().zip(self.untouched[finger].iter()) {
+        for (level, &untouched) in
+            image.iter_mut().zip(self.untouched.get(pad).into_iter().flat_map(|image| image.iter()))
+        {
             // The sum is at most 255 after the limits.
             *level = (i16::from(untouched) + i16::from(*level) - MIDDLE).clamp(0, 255) as u8;
         }
@@ -102,8 +106,8 @@ impl CompactFrames {
     }
 
     /// Reads the levels of touch depth.
-    pub fn touch_levels(&self, finger: Finger, frame: usize) -> Result<GrayImage, LogError> {
-        let name = format!("allegro/{}/depth/{frame}.png", finger.name());
+    pub fn touch_levels(&self, pad: usize, frame: usize) -> Result<GrayImage, LogError> {
+        let name = format!("{}/depth/{frame}.png", pad_folder(&self.hand, pad));
         let mut levels = gray_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
         levels.iter_mut().zip(self.gel.iter()).for_each(|(level, &gel)| *level = level.wrapping_add(gel));
         Ok(levels)
@@ -118,7 +122,7 @@ impl CompactFrames {
 }
 
 /// Begins frames.zip with the images from which the others differ.
-pub(crate) fn begin(log: &Path, untouched: &PerFinger<RgbImage>) -> Result<ArchiveWriter, LogError> {
+pub(crate) fn begin(log: &Path, hand: &Hand, untouched: &PerPad<RgbImage>) -> Result<ArchiveWriter, LogError> {
     let path = log.join(ARCHIVE);
     let mut archive = ArchiveWriter::create(path.clone())?;
     let layout = Layout { layout: LAYOUT, depth_step_m: DEPTH_STEP_M };
@@ -128,9 +132,9 @@ pub(crate) fn begin(log: &Path, untouched: &PerFinger<RgbImage>) -> Result<Archi
     )?;
     let failed = |defect: String| LogError::defect(&path, defect);
     archive.add(GEL_FILE, &encode_png(&*GEL_LEVELS).map_err(failed)?)?;
-    for (finger, image) in untouched.iter() {
+    for (pad, image) in untouched.iter().enumerate() {
         let bytes = encode_png(image).map_err(failed)?;
-        archive.add(&format!("allegro/{}/untouched.png", finger.name()), &bytes)?;
+        archive.add(&format!("{}/untouched.png", pad_folder(hand, pad)), &bytes)?;
     }
     Ok(archive)
 }
@@ -141,7 +145,7 @@ static GEL_LEVELS: LazyLock<GrayImage> = LazyLock::new(|| {
     image_of(GelView::tacto().depth_m(), |&depth_m| info.level(depth_m))
 });
 
-/// Encodes the image of a DIGIT, and says whether as difference from the untouched image. A difference that does not fit into a byte is none.
+/// Encodes the image of a touch sensor, and says whether as difference from the untouched image. A difference that does not fit into a byte is none.
 pub(crate) fn encode_touch(image: &RgbImage, untouched: &RgbImage) -> Result<(Vec<u8>, bool), String> {
     let difference =
         |(&level, &untouched): (&u8, &u8)| u8::try_from(i16::from(level) - i16::from(untouched) + MIDDLE).ok();

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use image::RgbImage;
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::PerPad;
 use rayon::prelude::*;
 
 use crate::archive::ARCHIVE;
@@ -17,7 +17,7 @@ use crate::writer::PartialFolder;
 
 /// Frames that are decoded before any of them is written.
 const FRAMES_AT_ONCE: usize = 32;
-/// Images of a finger of which the median is its untouched image, spread over the log.
+/// Images of a touch sensor of which the median is its untouched image, spread over the log.
 const SAMPLES: usize = 31;
 
 /// Writes a log in another layout. `data.pkl`, `scene.json` and previews stay as they are to the byte. `progress` receives the number of
@@ -27,13 +27,14 @@ const SAMPLES: usize = 31;
 /// [`LogError::NotEmpty`] if `out` is not empty, the errors of [`Log::open`], and [`LogError::Io`] if a file cannot be written.
 pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnMut(usize)) -> Result<(), LogError> {
     let source = Log::open(log)?;
+    let hand = source.hand();
     let partial = PartialFolder::begin(out)?;
     let untouched = match format {
         LogFormat::Compact => Some(untouched(&source)?),
         LogFormat::FeelSight => None,
     };
     let cameras = source.cameras().iter().map(|c| (c.name.as_str(), (c.intrinsics.width, c.intrinsics.height)));
-    let mut writer = FrameWriter::create(partial.path(), &cameras.collect::<Vec<_>>(), untouched.as_ref())?;
+    let mut writer = FrameWriter::create(partial.path(), &cameras.collect::<Vec<_>>(), hand, untouched.as_ref())?;
     let mut depths = (0..source.cameras().len()).map(|camera| source.depths(camera)).collect::<Result<Vec<_>, _>>()?;
     for first in (0..source.len()).step_by(FRAMES_AT_ONCE) {
         let mut chunk = Vec::new();
@@ -47,7 +48,7 @@ pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnM
         }
         let encode = |(frame, depths): (usize, Vec<Vec<f32>>)| {
             let raw: RawFrame = source.raw_frame(frame, depths)?;
-            frames::encode(&raw, untouched.as_ref())
+            frames::encode(&raw, hand, untouched.as_ref())
                 .map_err(|defect| LogError::defect(log, format!("frame {frame}: {defect}")))
         };
         let encoded: Vec<EncodedImages> = chunk.into_par_iter().map(encode).collect::<Result<_, _>>()?;
@@ -68,16 +69,16 @@ pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnM
     partial.place(out)
 }
 
-/// Returns an image of each finger that is near to most of its images: the median of some of them, colour by colour. It is black if the log
+/// Returns an image of each touch sensor that is near to most of its images: the median of some of them, colour by colour. It is black if the log
 /// has none.
-fn untouched(log: &Log) -> Result<PerFinger<RgbImage>, LogError> {
+fn untouched(log: &Log) -> Result<PerPad<RgbImage>, LogError> {
     let samples = SAMPLES.min(log.len());
-    let median = |finger: &Finger| {
-        if !log.has_touch_images(*finger) {
+    let median = |pad: usize| {
+        if !log.has_touch_images(pad) {
             return Ok(RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32));
         }
         let images: Vec<RgbImage> =
-            (0..samples).map(|k| log.touch_image(*finger, k * log.len() / samples)).collect::<Result<_, _>>()?;
+            (0..samples).map(|k| log.touch_image(pad, k * log.len() / samples)).collect::<Result<_, _>>()?;
         let mut levels = Vec::with_capacity(images.len());
         let level = |pixel: usize| {
             levels.clear();
@@ -87,8 +88,7 @@ fn untouched(log: &Log) -> Result<PerFinger<RgbImage>, LogError> {
         };
         let raw: Vec<u8> = (0..3 * digit::WIDTH * digit::HEIGHT).map(level).collect();
         RgbImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, raw)
-            .ok_or_else(|| LogError::defect(log.folder(), "a touch image has another size than a DIGIT's"))
+            .ok_or_else(|| LogError::defect(log.folder(), "a touch image has another size than its sensor's"))
     };
-    let [index, middle, ring, thumb] = Finger::ALL.map(|finger| median(&finger));
-    Ok(PerFinger([index?, middle?, ring?, thumb?]))
+    (0..log.hand().pads().len()).map(median).collect()
 }

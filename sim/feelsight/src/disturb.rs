@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use mvt_robot::hand::{JOINTS, JointAngles};
+use mvt_robot::hand::JointAngles;
 use nalgebra as na;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -74,16 +74,17 @@ fn apply(record: &mut Record, disturbance: &Disturbance) -> Result<Disturbed, St
         let shift = direction(&mut rng) * (disturbance.camera_mm * 1e-3);
         camera.pose = moved(&camera.pose, &na::Rotation3::from_scaled_axis(turn), &shift);
     }
-    let offsets_deg: JointAngles = std::array::from_fn(|_| disturbance.joints_deg * normal(&mut rng));
+    let count = record.joints.first().map_or(0, Vec::len);
+    let offsets_deg: JointAngles = (0..count).map(|_| disturbance.joints_deg * normal(&mut rng)).collect();
     if record.times_s.len() != record.joints.len() {
         return Err(format!("{} times and {} joint states", record.times_s.len(), record.joints.len()));
     }
     let truth = record.joints.clone();
     for (frame, joints) in record.joints.iter_mut().enumerate() {
         let late = interpolated(&record.times_s, &truth, record.times_s[frame] - disturbance.lag_ms * 1e-3);
-        for j in 0..JOINTS {
+        for ((joint, late), offset_deg) in joints.iter_mut().zip(late).zip(&offsets_deg) {
             let noise_deg = disturbance.joint_noise_deg * normal(&mut rng);
-            joints[j] = late[j] + (noise_deg - offsets_deg[j]).to_radians();
+            *joint = late + (noise_deg - offset_deg).to_radians();
         }
     }
     // They follow from the true joint angles.
@@ -95,11 +96,11 @@ fn apply(record: &mut Record, disturbance: &Disturbance) -> Result<Disturbed, St
 fn interpolated(times_s: &[f64], joints: &[JointAngles], time_s: f64) -> JointAngles {
     let after = times_s.partition_point(|&t| t < time_s);
     match (after.checked_sub(1), joints.get(after)) {
-        (None, _) => joints.first().copied().unwrap_or([0.0; JOINTS]),
-        (Some(before), None) => joints[before],
+        (None, _) => joints.first().cloned().unwrap_or_default(),
+        (Some(before), None) => joints[before].clone(),
         (Some(before), Some(next)) => {
             let part = (time_s - times_s[before]) / (times_s[after] - times_s[before]);
-            std::array::from_fn(|j| joints[before][j] + part * (next[j] - joints[before][j]))
+            joints[before].iter().zip(next).map(|(angle, next)| angle + part * (next - angle)).collect()
         }
     }
 }
@@ -127,8 +128,8 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
 }
 
-/// Folders of a log lie this deep at most: realsense/CAMERA/image.
-const DEEPEST: usize = 4;
+/// Folders of a log lie this deep at most: realsense/CAMERA/image, or allegro/PAD/image, where a pad's name may hold slashes.
+const DEEPEST: usize = 8;
 
 /// Copies the regular files of a folder and of its folders.
 fn copy_folder(from: &Path, to: &Path, depth: usize) -> Result<(), LogError> {
@@ -152,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_late_reading_is_an_earlier_angle() {
-        let joints: Vec<JointAngles> = [0.0, 1.0, 3.0].map(|angle| [angle; JOINTS]).to_vec();
+        let joints: Vec<JointAngles> = [0.0, 1.0, 3.0].map(|angle| vec![angle; 16]).to_vec();
         let at = |time_s| interpolated(&[0.0, 0.1, 0.2], &joints, time_s)[0];
         assert_eq!([at(-1.0), at(0.0), at(0.2), at(9.0)], [0.0, 0.0, 3.0, 3.0]);
         assert!((at(0.15) - 2.0).abs() < 1e-12 && (at(0.05) - 0.5).abs() < 1e-12);

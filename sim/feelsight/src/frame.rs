@@ -5,12 +5,13 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_digit_camera};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
 use ndarray::Array2;
 
 use crate::error::LogError;
 use crate::frames::{self, EncodedImages, RawCamera, RawFrame, RawTouch};
+use crate::hand::pad_name;
 use crate::levels;
 use crate::preview;
 use crate::record::{DigitInfo, Matrix};
@@ -23,7 +24,7 @@ pub struct EncodedFrame {
     pub(super) joints: JointAngles,
     /// Published mesh to world.
     pub(super) object_pose: Matrix,
-    pub(super) finger_poses: [Matrix; 4],
+    pub(super) finger_poses: Vec<Matrix>,
     pub(super) images: EncodedImages,
     pub(super) preview: RgbImage,
 }
@@ -53,28 +54,37 @@ fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Res
     if observation.cameras.len() != cameras || truth.labels.len() != cameras {
         return Err(format!("it has {} cameras and the log {cameras}", observation.cameras.len()));
     }
-    let touch = |finger: Finger| {
-        raw_touch(&observation.touch[finger], &truth.touch[finger]).map_err(|e| format!("{}: {e}", finger.name()))
-    };
-    let [index, middle, ring, thumb] = Finger::ALL.map(touch);
+    let hand = &meta.scene.hand;
+    for (what, found, expected) in [
+        ("joint angles", observation.joints.len(), hand.joints().len()),
+        ("touch images", observation.touch.len(), hand.pads().len()),
+        ("true touch depths", truth.touch.len(), hand.pads().len()),
+    ] {
+        if found != expected {
+            return Err(format!("it has {found} {what} and hand {} {expected}", hand.name()));
+        }
+    }
+    let touch = observation.touch.iter().zip(&truth.touch).enumerate();
+    let touch =
+        touch.map(|(pad, (image, truth))| raw_touch(image, truth).map_err(|e| format!("{}: {e}", pad_name(hand, pad))));
+    let touch = touch.collect::<Result<PerPad<_>, _>>()?;
     let cameras = observation.cameras.iter().zip(&truth.labels).zip(&meta.cameras);
     let cameras = cameras
         .map(|((rgbd, labels), camera)| raw_camera(rgbd, labels, camera).map_err(|e| format!("{}: {e}", camera.name)));
-    let touch = PerFinger([index?, middle?, ring?, thumb?]);
     let raw = RawFrame { touch, cameras: cameras.collect::<Result<_, _>>()? };
     Ok(EncodedFrame {
         time_s: observation.time_s,
-        joints: observation.joints,
+        joints: observation.joints.clone(),
         object_pose: (truth.object_pose * object_from_file).to_matrix(),
-        finger_poses: finger_poses(meta.scene.hand, &observation.joints),
-        images: frames::encode(&raw, meta.untouched.as_ref())?,
+        finger_poses: finger_poses(hand, &observation.joints),
+        images: frames::encode(&raw, hand, meta.untouched.as_ref())?,
         preview: preview::tile(observation),
     })
 }
 
-/// Returns the poses of the four DIGIT cameras in the world.
-pub(super) fn finger_poses(side: Side, joints: &JointAngles) -> [Matrix; 4] {
-    Finger::ALL.map(|finger| world_from_digit_camera(side, finger, joints).to_matrix())
+/// Returns the poses of the cameras of the touch sensors in the world.
+pub(super) fn finger_poses(hand: &Hand, joints: &[f64]) -> Vec<Matrix> {
+    hand.world_from_touch_cameras(joints).iter().map(|pose| pose.to_matrix()).collect()
 }
 
 fn check(what: &str, size: (usize, usize), expected: (usize, usize)) -> Result<(), String> {

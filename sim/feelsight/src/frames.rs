@@ -4,21 +4,22 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{GrayImage, RgbImage};
-use mvt_robot::hand::PerFinger;
+use mvt_robot::hand::{Hand, PerPad};
 
 use crate::archive::ArchiveWriter;
 use crate::compact;
 use crate::error::LogError;
+use crate::hand::{pad_folder, pad_name};
 use crate::npz::{DeflatedFrame, NpzWriter};
 use crate::picture::{encode_color, encode_exact, encode_png};
 
 /// Images of one instant as they are stored, but decoded.
 pub(super) struct RawFrame {
-    pub touch: PerFinger<RawTouch>,
+    pub touch: PerPad<RawTouch>,
     pub cameras: Vec<RawCamera>,
 }
 
-/// Images of one finger.
+/// Images of one touch sensor.
 pub(super) struct RawTouch {
     /// `None` if the log has none.
     pub image: Option<RgbImage>,
@@ -55,27 +56,32 @@ pub(super) struct EncodedImages {
 }
 
 /// Encodes a frame: as differences from untouched images in a compact log, else in FeelSight's layout.
-pub(super) fn encode(frame: &RawFrame, untouched: Option<&PerFinger<RgbImage>>) -> Result<EncodedImages, String> {
+pub(super) fn encode(
+    frame: &RawFrame,
+    hand: &Hand,
+    untouched: Option<&PerPad<RgbImage>>,
+) -> Result<EncodedImages, String> {
     let (mut files, mut depths) = (Vec::new(), Vec::new());
     let mut add = |folder: String, extension, bytes| files.push(EncodedFile { folder, extension, bytes });
-    for (finger, RawTouch { image, labels }) in frame.touch.iter() {
-        let folder = format!("allegro/{}", finger.name());
-        let of_finger = |e| format!("{}: {e}", finger.name());
+    for (pad, RawTouch { image, labels }) in frame.touch.iter().enumerate() {
+        let folder = pad_folder(hand, pad);
+        let of_pad = |e| format!("{}: {e}", pad_name(hand, pad));
         match (image, untouched) {
             (None, _) => {}
             (Some(image), Some(untouched)) => {
-                let (bytes, is_difference) = compact::encode_touch(image, &untouched[finger]).map_err(of_finger)?;
+                let untouched = untouched.get(pad).ok_or_else(|| of_pad("it has no untouched image".to_owned()))?;
+                let (bytes, is_difference) = compact::encode_touch(image, untouched).map_err(of_pad)?;
                 add(format!("{folder}/{}", if is_difference { "difference" } else { "image" }), "jpg", bytes);
             }
-            (Some(image), None) => add(format!("{folder}/image"), "jpg", encode_color(image).map_err(of_finger)?),
+            (Some(image), None) => add(format!("{folder}/image"), "jpg", encode_color(image).map_err(of_pad)?),
         }
         let Some((levels, mask)) = labels else { continue };
         let (levels, mask, extension) = match untouched {
             Some(_) => (compact::encode_levels(levels), encode_png(mask), "png"),
             None => (encode_exact(levels), encode_exact(mask), "jpg"),
         };
-        add(format!("{folder}/depth"), extension, levels.map_err(of_finger)?);
-        add(format!("{folder}/mask"), extension, mask.map_err(of_finger)?);
+        add(format!("{folder}/depth"), extension, levels.map_err(of_pad)?);
+        add(format!("{folder}/mask"), extension, mask.map_err(of_pad)?);
     }
     for RawCamera { name, size, image, segmentation, depth_m } in &frame.cameras {
         let folder = format!("realsense/{name}");
@@ -119,12 +125,13 @@ impl FrameWriter {
     pub fn create(
         log: &Path,
         cameras: &[(&str, (usize, usize))],
-        untouched: Option<&PerFinger<RgbImage>>,
+        hand: &Hand,
+        untouched: Option<&PerPad<RgbImage>>,
     ) -> Result<Self, LogError> {
         let make = |folder: &Path| fs::create_dir_all(folder).map_err(LogError::io(folder));
         make(log)?;
         let place = if let Some(untouched) = untouched {
-            Place::Archive(Box::new(compact::begin(log, untouched)?))
+            Place::Archive(Box::new(compact::begin(log, hand, untouched)?))
         } else {
             let mut depths = Vec::new();
             for (name, (width, height)) in cameras {

@@ -7,17 +7,18 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, Point};
 use mvt_robot::digit;
+use mvt_robot::hand::PerPad;
 use mvt_robot::hand::solid::HandSolid;
-use mvt_robot::hand::{Finger, PerFinger, world_from_digit_camera};
 use ndarray::Array2;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::LogError;
 use crate::frame::finger_poses;
+use crate::hand::pad_name;
 use crate::reader::Log;
 
-/// Greatest difference between a recorded DIGIT pose and forward kinematics: metres, and elements of the rotation.
+/// Greatest difference between a recorded pose of a touch sensor and forward kinematics: metres, and elements of the rotation.
 const KINEMATICS_TOLERANCE: f64 = 1e-6;
 /// Number of frames in which camera depth is compared with the surface.
 const CAMERA_FRAMES: usize = 12;
@@ -47,11 +48,13 @@ pub struct LogSummary {
     pub reason: Option<String>,
     /// Cameras.
     pub cameras: Vec<CameraSummary>,
-    /// Fraction of frames in which each pad has contact, index to thumb; `None` without labels.
-    pub contact_fraction: Option<[f64; 4]>,
+    /// Fraction of frames in which each pad has contact; `None` without labels.
+    pub contact_fraction: Option<PerPad<f64>>,
+    #[serde(skip)]
+    pads: Vec<String>,
     /// Fraction of frames in which any pad has contact; `None` without labels.
     pub any_contact_fraction: Option<f64>,
-    /// Largest difference between an element of a recorded DIGIT pose and forward kinematics; `None` without recorded
+    /// Largest difference between an element of a touch sensor's recorded pose and forward kinematics; `None` without recorded
     /// poses. In logs without scene.json it is only informative, since their recorded poses are not documented.
     pub kinematics_deviation: Option<f64>,
     /// Distance of points in contact from the surface of the object; `None` without labels, contact or a surface.
@@ -98,7 +101,7 @@ pub struct SurfaceDistance {
 
 /// Facts from the images of one frame.
 struct FrameFacts {
-    contact: Option<PerFinger<bool>>,
+    contact: Option<PerPad<bool>>,
     object_pixels: Option<Vec<usize>>,
     distances: Vec<f64>,
 }
@@ -112,7 +115,7 @@ pub fn inspect(folder: &Path) -> Result<LogSummary, LogError> {
 }
 
 /// Does the same as [`inspect`], and compares the pixels in contact with the object: `distance_m` returns the signed
-/// distance of a point from its surface. Swapped fingers or joints lead to distances of centimetres.
+/// distance of a point from its surface. Swapped pads or joints lead to distances of centimetres.
 ///
 /// # Errors
 /// As [`inspect`]; distances are reported, not judged.
@@ -164,14 +167,9 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
             object_pixels: object.sum::<Option<usize>>().map(|pixels| pixels as f64 / frames),
         }
     };
-    let fraction = |touches: &dyn Fn(&PerFinger<bool>) -> bool| {
+    let fraction = |touches: &dyn Fn(&PerPad<bool>) -> bool| {
         let frames_with = facts.iter().map(|f| f.contact.as_ref().map(|c| usize::from(touches(c))));
         frames_with.sum::<Option<usize>>().map(|n| n as f64 / frames)
-    };
-    let [index, middle, ring, thumb] = Finger::ALL.map(|finger| fraction(&|contact| contact[finger]));
-    let contact_fraction = match (index, middle, ring, thumb) {
-        (Some(index), Some(middle), Some(ring), Some(thumb)) => Some([index, middle, ring, thumb]),
-        _ => None,
     };
     let duration_s = log.times_s().last().copied().unwrap_or_default();
     Ok(LogSummary {
@@ -185,7 +183,8 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
         complete: log.scene().map(|scene| scene.end.complete),
         reason: log.scene().map(|scene| scene.end.reason.clone()),
         cameras: log.cameras().iter().enumerate().map(camera).collect(),
-        contact_fraction,
+        contact_fraction: (0..log.hand().pads().len()).map(|pad| fraction(&|contact| contact[pad])).collect(),
+        pads: log.hand().pads().iter().map(|pad| pad.name.clone()).collect(),
         any_contact_fraction: fraction(&|contact| contact.0.contains(&true)),
         kinematics_deviation,
         contact_distance: surface_distance(facts.iter().flat_map(|f| f.distances.iter().copied()).collect()),
@@ -193,13 +192,13 @@ fn inspect_surface(folder: &Path, surface: Option<Surface<'_>>) -> Result<LogSum
     })
 }
 
-/// Returns the largest deviation of recorded DIGIT poses from forward kinematics.
+/// Returns the largest deviation of recorded poses of touch sensors from forward kinematics.
 fn kinematics(log: &Log) -> Result<Option<f64>, LogError> {
     let Some(recorded) = log.finger_poses() else { return Ok(None) };
     let mut largest = 0.0f64;
     for (i, (recorded, joints)) in recorded.iter().zip(log.joints()).enumerate() {
-        let expected = finger_poses(log.side(), joints);
-        for (finger, (recorded, expected)) in Finger::ALL.into_iter().zip(recorded.iter().zip(&expected)) {
+        let expected = finger_poses(log.hand(), joints);
+        for (pad, (recorded, expected)) in recorded.iter().zip(&expected).enumerate() {
             let recorded = Isometry::<mvt_frames::Camera, mvt_frames::World>::from_matrix(recorded)
                 .map(|pose| (log.world() * pose).to_matrix());
             let deviation = match recorded {
@@ -213,7 +212,7 @@ fn kinematics(log: &Log) -> Result<Option<f64>, LogError> {
             if deviation > KINEMATICS_TOLERANCE && log.scene().is_some() {
                 let defect = format!(
                     "allegro.finger_poses of frame {i}, {}: {deviation:.2e} from forward kinematics",
-                    finger.name()
+                    pad_name(log.hand(), pad)
                 );
                 return Err(LogError::defect(log.folder().join("data.pkl"), defect));
             }
@@ -227,8 +226,7 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
     let mut distances = Vec::new();
     if let (Some(truth), Some(distance_m), Some(object_pose)) = (&images.touch_truth, surface, log.object_poses()[i]) {
         let intrinsics = digit::intrinsics();
-        for (finger, touch) in truth.iter() {
-            let camera = world_from_digit_camera(log.side(), finger, &log.joints()[i]);
+        for (touch, camera) in truth.iter().zip(log.hand().world_from_touch_cameras(&log.joints()[i])) {
             let object_from_camera = object_pose.inverse() * camera;
             let pixels = touch.contact.indexed_iter().filter(|(_, touches)| **touches);
             distances.extend(pixels.step_by(CONTACT_STRIDE).map(|((v, u), _)| {
@@ -239,7 +237,7 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
     }
     let object_pixels = |labels: &Array2<Label>| labels.iter().filter(|&&label| label == Label::Object).count();
     Ok(FrameFacts {
-        contact: images.touch_truth.map(|truth| PerFinger(truth.0.map(|t| t.contact.iter().any(|&touches| touches)))),
+        contact: images.touch_truth.map(|truth| truth.map(|t| t.contact.iter().any(|&touches| touches))),
         object_pixels: images.labels.map(|cameras| cameras.iter().map(object_pixels).collect()),
         distances,
     })
@@ -295,7 +293,7 @@ fn depth_facts(log: &Log, camera: usize, surface: Option<Surface<'_>>) -> Result
             let object_from_camera = object_pose.inverse() * *pose;
             distances.extend(measured(Label::Object).map(|point| distance_m(object_from_camera * point)));
         }
-        let hand = HandSolid::new(log.side(), &log.joints()[frame]);
+        let hand = HandSolid::new(log.hand(), &log.joints()[frame]);
         hand_distances.extend(measured(Label::Hand).map(|point| {
             let [x, y, z] = (*pose * point).coords().map(|x| x as f32).into();
             f64::from(hand.distance(glam::Vec3::new(x, y, z)))
@@ -342,19 +340,21 @@ impl fmt::Display for LogSummary {
                 )?;
             }
         }
-        match (self.contact_fraction, self.any_contact_fraction) {
-            (Some(fingers), Some(any)) => {
+        match (&self.contact_fraction, self.any_contact_fraction) {
+            (Some(pads), Some(any)) => {
                 write!(f, "contact   {:.1} % of frames", 100.0 * any)?;
-                for (finger, fraction) in Finger::ALL.into_iter().zip(fingers) {
-                    write!(f, ", {} {:.1} %", finger.name(), 100.0 * fraction)?;
+                for (name, fraction) in self.pads.iter().zip(pads) {
+                    write!(f, ", {name} {:.1} %", 100.0 * fraction)?;
                 }
                 writeln!(f)?;
             }
             _ => writeln!(f, "contact   no labels")?,
         }
         match self.kinematics_deviation {
-            Some(deviation) => writeln!(f, "joints    recorded DIGIT poses differ by {deviation:.1e} from kinematics")?,
-            None => writeln!(f, "joints    no recorded DIGIT poses to check against")?,
+            Some(deviation) => {
+                writeln!(f, "joints    recorded poses of touch sensors differ by {deviation:.1e} from kinematics")?;
+            }
+            None => writeln!(f, "joints    no recorded poses of touch sensors to check against")?,
         }
         if let Some(SurfaceDistance { points, mean_m, p95_m, .. }) = self.contact_distance {
             let (mean, p95) = (1e3 * mean_m, 1e3 * p95_m);

@@ -11,16 +11,17 @@
 //!   data.pkl                               times, joints, poses, intrinsics (Python pickle)
 //!   scene.json                             everything else about the episode; only in logs of this program
 //!   <object>.mp4 or .gif                   a preview
-//!   allegro/<finger>/image/<i>.jpg         DIGIT colours, 240 x 320
-//!   allegro/<finger>/depth/<i>.jpg         simulated only: height over the plane 22 mm from the camera; 0.03 mm a level
-//!   allegro/<finger>/mask/<i>.jpg          simulated only: 255 in contact
+//!   allegro/<pad>/image/<i>.jpg            touch sensor's colours, 240 x 320
+//!   allegro/<pad>/depth/<i>.jpg            simulated only: height over the plane 22 mm from the camera; 0.03 mm a level
+//!   allegro/<pad>/mask/<i>.jpg             simulated only: 255 in contact
 //!   realsense/<camera>/image/<i>.jpg       colours
 //!   realsense/<camera>/seg/<i>.jpg         simulated only: 0 background, 127 hand, 255 object
 //!   realsense/<camera>/depth.npz           depth [N, H, W]: negative camera z, metres, 0 = not measured; depth_scale
 //! ```
 //!
 //! Frames are numbered from 0 without padding. Masks, segmentations and touch depths are PNG images in spite of their
-//! names.
+//! names. The pads of an Allegro are index, middle, ring and thumb. Logs of other hands have the same layout with their own
+//! pads and joints, and hold the description of the hand.
 //!
 //! Reading a log:
 //!
@@ -65,6 +66,7 @@ mod error;
 mod format;
 mod frame;
 mod frames;
+pub mod hand;
 mod inspect;
 mod io;
 mod lens;
@@ -92,4 +94,4 @@ pub use reader::{ImageFiles, Log, LogFrame, LogFrames};
 pub use record::DigitInfo;
 pub use scene::{EpisodeEnd, FORMAT_VERSION, LogMeta, SCENE_FILE, SceneFile, SceneObject};
 pub use writer::LogWriter;
-pub use {image, ndarray};
+pub use {image, mvt_robot, ndarray};

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use mvt_frames::{Isometry, Object, World};
-use mvt_robot::hand::{Finger, JointAngles, PerFinger};
+use mvt_robot::hand::{JointAngles, PerPad};
 use mvt_robot::observation::TouchTruth;
 use ndarray::Array2;
 
@@ -15,11 +15,11 @@ use crate::reader::Log;
 pub enum LogSensor {
     /// Camera by its index in the log.
     Camera(usize),
-    /// The DIGIT of a finger.
-    Touch(Finger),
+    /// Touch sensor by the index of its pad.
+    Touch(usize),
 }
 
-/// Part of the DIGITs' files that is read.
+/// Part of the touch sensors' files that is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TouchPart {
     /// Nothing.
@@ -41,10 +41,10 @@ pub struct PartialFrame {
     pub object_pose: Option<Isometry<Object, World>>,
     /// Depth of each requested camera, metres, indexed (row, column); NaN or infinite where the log is.
     pub cameras: Vec<Option<Array2<f32>>>,
-    /// True depth and contact of each DIGIT, with [`TouchPart::Truth`].
-    pub touch_truth: PerFinger<Option<TouchTruth>>,
-    /// Image of each DIGIT, with [`TouchPart::Images`].
-    pub touch_images: PerFinger<Option<RgbImage>>,
+    /// True depth and contact of each touch sensor, with [`TouchPart::Truth`].
+    pub touch_truth: PerPad<Option<TouchTruth>>,
+    /// Image of each touch sensor, with [`TouchPart::Images`].
+    pub touch_images: PerPad<Option<RgbImage>>,
     /// Reasons for missing parts. A damaged file of a camera is reported once.
     pub defects: Vec<(LogSensor, LogError)>,
 }
@@ -62,7 +62,7 @@ pub struct PartialFrames {
 
 impl Log {
     /// Iterates over the readable parts of the frames: the depths of these cameras, by index, and this part of the
-    /// DIGITs' files.
+    /// touch sensors' files.
     pub fn into_partial_frames(self, cameras: &[usize], touch: TouchPart) -> PartialFrames {
         let mut defects = Vec::new();
         let mut open = |&camera: &usize| match self.depths(camera) {
@@ -86,10 +86,10 @@ impl PartialFrames {
     /// Returns whether any sensor may still deliver data.
     pub fn has_sensor(&self) -> bool {
         self.cameras.iter().any(|(_, depths)| depths.is_some())
-            || Finger::ALL.into_iter().any(|finger| match self.touch {
+            || (0..self.log.hand().pads().len()).any(|pad| match self.touch {
                 TouchPart::None => false,
-                TouchPart::Truth => self.log.has_touch_truth(finger),
-                TouchPart::Images => self.log.has_touch_images(finger),
+                TouchPart::Truth => self.log.has_touch_truth(pad),
+                TouchPart::Images => self.log.has_touch_images(pad),
             })
     }
 
@@ -105,7 +105,7 @@ impl Iterator for PartialFrames {
     fn next(&mut self) -> Option<PartialFrame> {
         let Self { log, next, cameras, touch, defects } = self;
         let i = *next;
-        let (&time_s, &joints) = log.times_s().get(i).zip(log.joints().get(i))?;
+        let (&time_s, joints) = log.times_s().get(i).zip(log.joints().get(i))?;
         *next += 1;
         let mut defects = std::mem::take(defects);
         let cameras = cameras.iter_mut().map(|(camera, depths)| match log.next_depth(*camera, depths.as_mut()?) {
@@ -117,16 +117,16 @@ impl Iterator for PartialFrames {
             }
         });
         let cameras = cameras.collect();
-        let (mut touch_truth, mut touch_images) = (PerFinger::default(), PerFinger::default());
-        for finger in Finger::ALL {
+        let (mut touch_truth, mut touch_images) = (log.hand().per_pad(|_| None), log.hand().per_pad(|_| None));
+        for pad in 0..log.hand().pads().len() {
             let read = match touch {
                 TouchPart::None => Ok(()),
-                TouchPart::Truth => log.touch_truth(finger, i).map(|truth| touch_truth[finger] = Some(truth)),
-                TouchPart::Images => log.touch_image(finger, i).map(|image| touch_images[finger] = Some(image)),
+                TouchPart::Truth => log.touch_truth(pad, i).map(|truth| touch_truth[pad] = Some(truth)),
+                TouchPart::Images => log.touch_image(pad, i).map(|image| touch_images[pad] = Some(image)),
             };
-            defects.extend(read.err().map(|error| (LogSensor::Touch(finger), error)));
+            defects.extend(read.err().map(|error| (LogSensor::Touch(pad), error)));
         }
         let object_pose = log.object_poses().get(i).copied().flatten();
-        Some(PartialFrame { time_s, joints, object_pose, cameras, touch_truth, touch_images, defects })
+        Some(PartialFrame { time_s, joints: joints.clone(), object_pose, cameras, touch_truth, touch_images, defects })
     }
 }

@@ -82,7 +82,7 @@ pub(super) fn color_of(bytes: &[u8], path: &Path, size: (usize, usize)) -> Resul
     decode(bytes, path, size).map(DynamicImage::into_rgb8)
 }
 
-/// Decodes the image of a DIGIT, which cannot be grey.
+/// Decodes the image of a touch sensor, which cannot be grey.
 pub(super) fn touch_of(bytes: &[u8], path: &Path) -> Result<RgbImage, LogError> {
     mvt_images::colours(decode(bytes, path, (digit::WIDTH, digit::HEIGHT))?).map_err(image_error(path))
 }

@@ -20,17 +20,18 @@ const GIF_EVERY: usize = 5;
 /// Speed of the choice of colours, 1 (best) to 30 (fastest).
 const GIF_SPEED: i32 = 10;
 
-/// Returns a picture of the preview: the first camera on the left, index and middle finger above ring and thumb on the
-/// right.
+/// Returns a picture of the preview: the first camera on the left, the touch images on the right, row by row in a square
+/// grid.
 pub(super) fn tile(observation: &Observation) -> RgbImage {
     let mut tile = RgbImage::from_pixel(WIDTH, HEIGHT, Rgb([0; 3]));
     if let Some(camera) = observation.cameras.first() {
         imageops::replace(&mut tile, &shrink(&camera.color, CAMERA), 0, 0);
     }
-    for (finger, image) in observation.touch.iter() {
-        let (row, column) = (finger as u32 / 2, finger as u32 % 2);
-        let (x, y) = (CAMERA.0 + column * TOUCH.0, row * TOUCH.1);
-        imageops::replace(&mut tile, &shrink(image, TOUCH), i64::from(x), i64::from(y));
+    let columns = (2..).find(|n: &u32| (n * n) as usize >= observation.touch.len()).unwrap_or(2);
+    let (width, height) = (2 * TOUCH.0 / columns, 2 * TOUCH.1 / columns);
+    for (k, image) in (0..).zip(&observation.touch) {
+        let (x, y) = (CAMERA.0 + k % columns * width, k / columns * height);
+        imageops::replace(&mut tile, &shrink(image, (width, height)), i64::from(x), i64::from(y));
     }
     tile
 }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, Object, World};
-use mvt_robot::hand::{JointAngles, PerFinger, Side};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd};
 
 use crate::compact::CompactFrames;
@@ -24,20 +24,19 @@ use crate::scene::SceneFile;
 
 /// Open log. Images and depths are read on demand.
 ///
-/// All poses are in the world of [`mvt_robot::hand::world_from_base`], whatever the log's own world, and depths are
-/// positive. A log without scene.json counts as a recording of a left hand unless data.pkl says otherwise, and its object frame is that of the mesh.
+/// All poses are in the world in which [`Hand`] places its base, whatever the log's own world, and depths are positive. A log without
+/// scene.json counts as a recording of a left Allegro unless data.pkl says otherwise, and its object frame is that of the mesh.
 #[derive(Debug)]
 pub struct Log {
     folder: PathBuf,
     scene: Option<SceneFile>,
-    /// The side that data.pkl says.
-    recorded_side: Side,
+    hand: Arc<Hand>,
     object_name: String,
     times_s: Vec<f64>,
     joints: Vec<JointAngles>,
     /// `None` where the log has only zeros, as it has while a tracker is lost.
     object_poses: Vec<Option<Isometry<Object, World>>>,
-    finger_poses: Option<Vec<[Matrix; 4]>>,
+    finger_poses: Option<Vec<Vec<Matrix>>>,
     /// From the log's world to that of this program.
     world: Isometry<World, World>,
     digit: DigitInfo,
@@ -46,8 +45,8 @@ pub struct Log {
     lenses: Vec<Option<Lens>>,
     /// The images of a compact log; `None` in FeelSight's layout.
     compact: Option<Arc<CompactFrames>>,
-    /// Which DIGITs have images; logs of other programs may lack some.
-    felt: PerFinger<bool>,
+    /// Which touch sensors have images; logs of other programs may lack some.
+    felt: PerPad<bool>,
     /// Which cameras have colours.
     coloured: Vec<bool>,
     /// Whether every frame has true touch depths and masks.
@@ -90,9 +89,9 @@ impl Log {
         &self.object_name
     }
 
-    /// Returns the side of the hand.
-    pub fn side(&self) -> Side {
-        self.scene.as_ref().map_or(self.recorded_side, |scene| scene.hand)
+    /// Returns the hand.
+    pub fn hand(&self) -> &Arc<Hand> {
+        &self.hand
     }
 
     /// Returns the number of frames.
@@ -132,8 +131,8 @@ impl Log {
         &self.notes
     }
 
-    /// Returns the poses of the DIGIT cameras in the log's world, as recorded in data.pkl.
-    pub(super) fn finger_poses(&self) -> Option<&[[Matrix; 4]]> {
+    /// Returns the poses of the touch sensors' cameras in the log's world, as recorded in data.pkl.
+    pub(super) fn finger_poses(&self) -> Option<&[Vec<Matrix>]> {
         self.finger_poses.as_deref()
     }
 
@@ -199,7 +198,8 @@ impl LogFrames<'_> {
             }
             _ => None,
         };
-        let observation = Observation { time_s: log.times_s[i], joints: log.joints[i], touch: images.touch, cameras };
+        let joints = log.joints[i].clone();
+        let observation = Observation { time_s: log.times_s[i], joints, touch: images.touch, cameras };
         Ok(LogFrame { observation, truth })
     }
 }

@@ -1,13 +1,15 @@
 //! data.pkl: everything in a log besides images.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit;
-use mvt_robot::hand::{JOINTS, JointAngles, Side};
+use mvt_robot::hand::{Hand, JointAngles, Side};
 
 use crate::array::Array;
 use crate::error::LogError;
+use crate::hand;
 use crate::io::read_at_most;
 use crate::npz::NpzReader;
 use crate::pickle::{self, PickleValue};
@@ -18,7 +20,7 @@ const LARGEST_FILE: u64 = 256 << 20;
 /// Pose as a 4 x 4 row-major matrix.
 pub(super) type Matrix = [[f64; 4]; 4];
 
-/// Encoding of touch depth as grey levels, the same for all fingers.
+/// Encoding of touch depth as grey levels, the same for all touch sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DigitInfo {
     /// Intrinsics in the log. Published logs round the principal point to (120, 160).
@@ -68,13 +70,14 @@ pub(super) struct Record {
     pub object_mesh: String,
     /// Published mesh to world.
     pub object_poses: Vec<Matrix>,
-    /// Side of the hand, where scene.json does not say it. Other loaders ignore it; without both the hand is the left one.
-    pub side: Option<Side>,
+    /// The hand, where scene.json does not say it. Other loaders ignore it; without both the hand is the left Allegro.
+    pub hand: Option<Arc<Hand>>,
     /// Hand base to world.
     pub base_pose: Matrix,
+    /// As many in each frame.
     pub joints: Vec<JointAngles>,
-    /// DIGIT cameras to world, index to thumb, for checks by other programs.
-    pub finger_poses: Option<Vec<[Matrix; 4]>>,
+    /// Cameras of the touch sensors to world, as many in each frame, for checks by other programs.
+    pub finger_poses: Option<Vec<Vec<Matrix>>>,
     pub digit: DigitInfo,
     pub cameras: Vec<CameraRecord>,
 }
@@ -85,16 +88,24 @@ impl Record {
     /// Returns the dictionary that loaders expect.
     pub fn to_value(&self) -> PickleValue {
         let matrix = |m: &Matrix| PickleValue::Array(Array::from_f64(vec![4, 4], m.iter().flatten().copied()));
-        let frames = self.times_s.len();
+        let (frames, joints) = (self.times_s.len(), self.joints.first().map_or(0, Vec::len));
         let mut allegro = vec![
             ("base_pose".into(), matrix(&self.base_pose)),
-            ("joint_state".into(), Array::from_f64(vec![frames, JOINTS], self.joints.iter().flatten().copied()).into()),
+            ("joint_state".into(), Array::from_f64(vec![frames, joints], self.joints.iter().flatten().copied()).into()),
         ];
-        allegro.extend(self.side.map(|side| ("side".into(), if side == Side::Left { "left" } else { "right" }.into())));
-        if let Some(poses) = &self.finger_poses {
-            let fingers =
-                |four: &[Matrix; 4]| Array::from_f64(vec![4, 4, 4], four.iter().flatten().flatten().copied()).into();
-            allegro.push(("finger_poses".into(), PickleValue::List(poses.iter().map(fingers).collect())));
+        allegro.extend(self.hand.as_ref().map(|hand| match hand::stored(hand) {
+            // JSON has a text for every description: all of its numbers are finite.
+            Some(description) => {
+                ("hand".into(), serde_json::to_string(description).unwrap_or_default().as_str().into())
+            }
+            None => ("side".into(), hand.side().name().into()),
+        }));
+        // A list of arrays without elements has no shape.
+        if let Some(poses) = self.finger_poses.as_ref().filter(|poses| poses.iter().all(|poses| !poses.is_empty())) {
+            let of_frame = |poses: &Vec<Matrix>| {
+                Array::from_f64(vec![poses.len(), 4, 4], poses.iter().flatten().flatten().copied()).into()
+            };
+            allegro.push(("finger_poses".into(), PickleValue::List(poses.iter().map(of_frame).collect())));
         }
         let camera = |camera: &CameraRecord| {
             let description = PickleValue::dict([
@@ -144,28 +155,38 @@ impl Record {
     pub fn from_value(value: &PickleValue) -> Result<Self, String> {
         let object = get(value, "object")?;
         let allegro = get(value, "allegro")?;
+        let text_of = |key| allegro.get(key).and_then(PickleValue::as_str);
         let text = |key| object.get(key).and_then(PickleValue::as_str).unwrap_or_default().to_owned();
         let finger_poses = match allegro.get("finger_poses") {
             None | Some(PickleValue::None) => None,
-            Some(poses) => Some(matrices(poses, &[4], "allegro.finger_poses")?.as_chunks::<4>().0.to_vec()),
+            Some(poses) => {
+                let pads = second_axis(poses);
+                Some(by_frame(&matrices(poses, &[pads], "allegro.finger_poses")?, pads))
+            }
         };
-        let joints = elements(get(allegro, "joint_state")?, &[JOINTS], "allegro.joint_state")?;
+        let times_s = elements(get(value, "time")?, &[], "time")?;
+        let states = get(allegro, "joint_state")?;
+        let joints = match second_axis(states) {
+            0 => vec![Vec::new(); times_s.len()],
+            count => by_frame(&elements(states, &[count], "allegro.joint_state")?, count),
+        };
         let Some(PickleValue::Dict(cameras)) = value.get("realsense") else {
             return Err("realsense is missing".into());
         };
         Ok(Self {
-            times_s: elements(get(value, "time")?, &[], "time")?,
+            times_s,
             object_name: text("name"),
             object_mesh: text("mesh"),
             object_poses: matrices(get(object, "pose")?, &[], "object.pose")?,
-            side: match allegro.get("side").and_then(PickleValue::as_str) {
-                None => None,
-                Some("left") => Some(Side::Left),
-                Some("right") => Some(Side::Right),
-                Some(other) => return Err(format!("allegro.side is {other:?} and not left or right")),
+            hand: match (text_of("hand"), text_of("side")) {
+                (Some(text), _) => Some(hand::from_text(text).map_err(|e| format!("allegro.hand: {e}"))?),
+                (None, None) => None,
+                (None, Some("left")) => Some(Hand::allegro(Side::Left)),
+                (None, Some("right")) => Some(Hand::allegro(Side::Right)),
+                (None, Some(other)) => return Err(format!("allegro.side is {other:?} and not left or right")),
             },
             base_pose: matrix(get(allegro, "base_pose")?, "allegro.base_pose")?,
-            joints: joints.as_chunks::<JOINTS>().0.to_vec(),
+            joints,
             finger_poses,
             digit: value.get("digit_info").map_or(Ok(DigitInfo::published()), digit_from_value)?,
             cameras: cameras.iter().map(|(name, camera)| camera_from_value(name, camera)).collect::<Result<_, _>>()?,
@@ -203,6 +224,16 @@ fn elements(value: &PickleValue, axes: &[usize], key: &str) -> Result<Vec<f64>, 
         ));
     }
     Ok(numbers)
+}
+
+/// Returns the length of the second axis of an array; 0 if it has none.
+fn second_axis(value: &PickleValue) -> usize {
+    value.to_tensor().and_then(|(shape, _)| shape.get(1).copied()).unwrap_or(0)
+}
+
+/// Returns values in groups of `count`, one for each frame.
+fn by_frame<T: Clone>(values: &[T], count: usize) -> Vec<Vec<T>> {
+    values.chunks_exact(count.max(1)).map(<[T]>::to_vec).collect()
 }
 
 /// Returns the matrices of an array of shape [N, axes..., 4, 4].

@@ -1,10 +1,11 @@
 //! scene.json: everything about an episode that data.pkl has no key for.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
-use mvt_robot::hand::{PerFinger, Side};
+use mvt_robot::hand::{Hand, PerPad};
 use serde::{Deserialize, Serialize};
 
 /// Name of this file, which lies beside data.pkl.
@@ -22,8 +23,9 @@ pub struct SceneFile {
     pub program_version: String,
     /// Object in the hand.
     pub object: SceneObject,
-    /// Side of the hand.
-    pub hand: Side,
+    /// The hand. The file holds the side of an Allegro, and the description of any other hand.
+    #[serde(with = "crate::hand")]
+    pub hand: Arc<Hand>,
     /// Seed of everything random in the episode.
     pub seed: u64,
     /// Gravity in the world at the start, m/s^2. The world's axes follow the palm, so a tilted palm is a tilted vector.
@@ -80,7 +82,7 @@ pub struct LogMeta {
     pub scene: SceneFile,
     /// The cameras, in the order of the observations and of `scene.cameras`.
     pub cameras: Vec<PosedCamera>,
-    /// Images of the DIGITs that touch nothing: the log is compact, and its touch images are differences from them. `None` for FeelSight's
-    /// layout.
-    pub untouched: Option<PerFinger<RgbImage>>,
+    /// Images of the touch sensors that touch nothing: the log is compact, and its touch images are differences from them. `None` for
+    /// FeelSight's layout.
+    pub untouched: Option<PerPad<RgbImage>>,
 }

@@ -4,11 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use mvt_frames::camera::{Intrinsics, PosedCamera};
-use mvt_robot::hand::world_from_base;
 
 use crate::error::LogError;
 use crate::frame::EncodedFrame;
 use crate::frames::FrameWriter;
+use crate::hand::world_from_base;
 use crate::io::{sync_folder, write_synced};
 use crate::pickle;
 use crate::preview::Preview;
@@ -47,12 +47,19 @@ impl LogWriter {
         if !meta.cameras.iter().map(|camera| &camera.name).eq(&meta.scene.cameras) {
             return Err(LogError::defect(place, "the cameras are not those of the scene"));
         }
+        let hand = &meta.scene.hand;
+        if meta.untouched.as_ref().is_some_and(|images| images.len() != hand.pads().len()) {
+            return Err(LogError::defect(
+                place,
+                format!("hand {} has another number of untouched images", hand.name()),
+            ));
+        }
         let partial = sibling(place, "partial")?;
         // A killed process leaves this folder behind.
         remove(&partial)?;
         let size = |camera: &Intrinsics| (camera.width, camera.height);
         let sizes = meta.cameras.iter().map(|camera| (camera.name.as_str(), size(&camera.intrinsics)));
-        let frames = FrameWriter::create(&partial, &sizes.collect::<Vec<_>>(), meta.untouched.as_ref())?;
+        let frames = FrameWriter::create(&partial, &sizes.collect::<Vec<_>>(), hand, meta.untouched.as_ref())?;
         let camera = |camera: &PosedCamera| CameraRecord {
             name: camera.name.clone(),
             pose: camera.pose.to_matrix(),
@@ -64,8 +71,8 @@ impl LogWriter {
             object_name: object.clone(),
             object_mesh: meta.scene.object.mesh.clone(),
             object_poses: Vec::new(),
-            side: None,
-            base_pose: world_from_base().to_matrix(),
+            hand: None,
+            base_pose: world_from_base(hand).to_matrix(),
             joints: Vec::new(),
             finger_poses: Some(Vec::new()),
             digit: DigitInfo::published(),
@@ -86,19 +93,21 @@ impl LogWriter {
     /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written.
     pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), LogError> {
         let EncodedFrame { time_s, .. } = *frame;
-        let fits = |frames: &&mut FrameWriter| frames.fits(&frame.images);
+        let joints = self.meta.scene.hand.joints().len();
+        let fits = |frames: &&mut FrameWriter| frames.fits(&frame.images) && frame.joints.len() == joints;
         let is_late = self.record.times_s.last().is_none_or(|&last| time_s > last);
         let Some(frames) = self.frames.as_mut().filter(fits).filter(|_| is_late) else {
             let defect =
-                "its time is not later than that of the last frame, or its cameras are those of another log".into();
+                "its time is not later than that of the last frame, or its hand or cameras are those of another log"
+                    .into();
             return Err(LogError::Frame { time_s, defect });
         };
         frames.push(&frame.images)?;
         self.preview.push(&frame.preview);
         self.record.times_s.push(time_s);
-        self.record.joints.push(frame.joints);
+        self.record.joints.push(frame.joints.clone());
         self.record.object_poses.push(frame.object_pose);
-        self.record.finger_poses.get_or_insert_default().push(frame.finger_poses);
+        self.record.finger_poses.get_or_insert_default().push(frame.finger_poses.clone());
         Ok(())
     }
 

@@ -13,7 +13,7 @@ use image::{Rgb, RgbImage};
 use mvt_feelsight::{EncodedFrame, Log, LogFormat, LogMeta, LogWriter, convert, inspect};
 use mvt_frames::camera::PosedCamera;
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::PerPad;
 use proptest::prelude::*;
 
 /// Bound of camera depth: half a step of 0.1 mm, and the rounding of f32.
@@ -23,7 +23,7 @@ fn cameras() -> Vec<PosedCamera> {
     vec![common::camera("front-left", 48, 40), common::camera("side", 32, 36)]
 }
 
-fn write_compact(place: &Path, frames: usize, untouched: PerFinger<RgbImage>) {
+fn write_compact(place: &Path, frames: usize, untouched: PerPad<RgbImage>) {
     let meta = LogMeta { untouched: Some(untouched), ..common::meta(cameras()) };
     let mut writer = LogWriter::create(place, meta, false).unwrap();
     for i in 0..frames {
@@ -33,8 +33,8 @@ fn write_compact(place: &Path, frames: usize, untouched: PerFinger<RgbImage>) {
     writer.finish(common::end()).unwrap();
 }
 
-fn shade(finger: Finger) -> RgbImage {
-    let level = 100 + 20 * finger as u8;
+fn shade(pad: usize) -> RgbImage {
+    let level = 100 + 20 * pad as u8;
     RgbImage::from_fn(digit::WIDTH as u32, digit::HEIGHT as u32, |x, y| Rgb([level, (x / 2) as u8, (y / 3) as u8]))
 }
 
@@ -51,12 +51,12 @@ fn check(log: &Log, frames: usize) {
         let (observation, truth) = common::frame(i, &cameras());
         let labels = read.truth.unwrap();
         assert_eq!(labels.labels, truth.labels);
-        for finger in Finger::ALL {
-            assert_eq!(labels.touch[finger].contact, truth.touch[finger].contact);
-            let error = (&labels.touch[finger].depth_m - &truth.touch[finger].depth_m).mapv(f32::abs);
+        for pad in 0..4 {
+            assert_eq!(labels.touch[pad].contact, truth.touch[pad].contact);
+            let error = (&labels.touch[pad].depth_m - &truth.touch[pad].depth_m).mapv(f32::abs);
             assert!(error.iter().all(|&error| error <= 0.031e-3), "levels are 0.03 mm apart");
-            let largest = largest_difference(&read.observation.touch[finger], &observation.touch[finger]);
-            assert!(largest <= 12, "{} of frame {i}: {largest}", finger.name());
+            let largest = largest_difference(&read.observation.touch[pad], &observation.touch[pad]);
+            assert!(largest <= 12, "pad {pad} of frame {i}: {largest}");
         }
         for (read, recorded) in read.observation.cameras.iter().zip(&observation.cameras) {
             let largest = largest_difference(&read.color, &recorded.color);
@@ -72,7 +72,7 @@ fn check(log: &Log, frames: usize) {
 fn a_compact_log_is_read_back_within_its_bounds() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("log");
-    write_compact(&place, 3, PerFinger::from_fn(shade));
+    write_compact(&place, 3, PerPad::from_fn(4, shade));
     let mut names: Vec<_> = fs::read_dir(&place).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(&names[1..], ["data.pkl", "frames.zip", "scene.json"], "{names:?}");
@@ -94,18 +94,18 @@ fn a_compact_log_is_read_without_this_program() {
     }
     let folder = tempfile::tempdir().unwrap();
     let (place, dump) = (folder.path().join("log"), folder.path().join("dump"));
-    write_compact(&place, 2, PerFinger::from_fn(shade));
+    write_compact(&place, 2, PerPad::from_fn(4, shade));
     fs::create_dir(&dump).unwrap();
     let write = |name: String, bytes: Vec<u8>| fs::write(dump.join(name), bytes).unwrap();
     let metres = |depth: &ndarray::Array2<f32>| depth.iter().flat_map(|depth_m| depth_m.to_le_bytes()).collect();
     for (i, frame) in Log::open(&place).unwrap().frames().unwrap().enumerate() {
         let frame = frame.unwrap();
         let truth = frame.truth.unwrap();
-        for finger in Finger::ALL {
-            let name = finger.name();
-            write(format!("{name}-{i}"), frame.observation.touch[finger].to_vec());
-            write(format!("{name}-depth-{i}"), metres(&truth.touch[finger].depth_m));
-            write(format!("{name}-contact-{i}"), truth.touch[finger].contact.iter().map(|&is| u8::from(is)).collect());
+        for (k, pad) in common::hand().pads().iter().enumerate() {
+            let name = &pad.name;
+            write(format!("{name}-{i}"), frame.observation.touch[k].to_vec());
+            write(format!("{name}-depth-{i}"), metres(&truth.touch[k].depth_m));
+            write(format!("{name}-contact-{i}"), truth.touch[k].contact.iter().map(|&is| u8::from(is)).collect());
         }
         for (camera, read) in cameras().iter().zip(&frame.observation.cameras) {
             write(format!("{}-{i}", camera.name), read.color.to_vec());
@@ -151,11 +151,7 @@ fn a_difference_that_is_too_large_is_stored_whole() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("log");
     let black = RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32);
-    write_compact(
-        &place,
-        2,
-        PerFinger::from_fn(|finger| if finger == Finger::Thumb { black.clone() } else { shade(finger) }),
-    );
+    write_compact(&place, 2, PerPad::from_fn(4, |pad| if pad == 3 { black.clone() } else { shade(pad) }));
     let archive = zip::ZipArchive::new(fs::File::open(place.join("frames.zip")).unwrap()).unwrap();
     for (name, there) in [
         ("allegro/thumb/image/1.jpg", true),
@@ -171,7 +167,7 @@ fn a_difference_that_is_too_large_is_stored_whole() {
 fn damage_is_found_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("log");
-    write_compact(&place, 2, PerFinger::from_fn(shade));
+    write_compact(&place, 2, PerPad::from_fn(4, shade));
     let path = place.join("frames.zip");
     let whole = fs::read(&path).unwrap();
     let flipped = |at: usize| {
@@ -198,7 +194,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().join("log");
         let cameras = vec![common::camera("front-left", 20, 12)];
-        let meta = LogMeta { untouched: Some(PerFinger::from_fn(shade)), ..common::meta(cameras.clone()) };
+        let meta = LogMeta { untouched: Some(PerPad::from_fn(4, shade)), ..common::meta(cameras.clone()) };
         let mut writer = LogWriter::create(&place, meta, false).unwrap();
         let (mut observation, truth) = common::frame(0, &cameras);
         // Sensors measure in steps of 0.1 or of 1 mm.

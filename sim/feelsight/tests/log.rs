@@ -11,7 +11,6 @@ use mvt_feelsight::array::Array;
 use mvt_feelsight::pickle;
 use mvt_feelsight::pickle::PickleValue;
 use mvt_feelsight::{EncodedFrame, Log, LogError, LogWriter, inspect, inspect_against};
-use mvt_robot::hand::{Finger, Side};
 use rayon::prelude::*;
 
 use common::{RADIUS_M, camera, end, frame, meta, write};
@@ -44,7 +43,7 @@ fn a_log_is_read_back_as_written() {
     write(&place, 5, &cameras());
 
     let log = Log::open(&place).unwrap();
-    assert_eq!((log.len(), log.side(), log.object_name()), (5, Side::Left, "ball"));
+    assert_eq!((log.len(), log.hand(), log.object_name()), (5, &common::hand(), "ball"));
     let scene = log.scene().unwrap();
     assert_eq!((scene.seed, &scene.end), (u64::MAX, &end()));
     for (read, written) in log.cameras().iter().zip(cameras()) {
@@ -63,8 +62,8 @@ fn a_log_is_read_back_as_written() {
             assert!(error.unwrap() <= 12, "JPEG: {error:?}");
         }
         assert_eq!(read_truth.labels, truth.labels);
-        for finger in Finger::ALL {
-            let (a, b) = (&read_truth.touch[finger], &truth.touch[finger]);
+        for pad in 0..4 {
+            let (a, b) = (&read_truth.touch[pad], &truth.touch[pad]);
             assert_eq!(a.contact, b.contact);
             for ((a, b), contact) in a.depth_m.iter().zip(&b.depth_m).zip(a.contact.iter()) {
                 // Half a level, and a whole one where contact may not be level 0.
@@ -72,7 +71,7 @@ fn a_log_is_read_back_as_written() {
                 assert!((a - b).abs() <= tolerance, "{a} {b}");
             }
             let sum = |image: &image::RgbImage| image.iter().map(|&c| f64::from(c)).sum::<f64>() / image.len() as f64;
-            assert!((sum(&read.observation.touch[finger]) - sum(&observation.touch[finger])).abs() < 0.5);
+            assert!((sum(&read.observation.touch[pad]) - sum(&observation.touch[pad])).abs() < 0.5);
         }
         let difference = read_truth.object_pose.inverse() * truth.object_pose;
         assert!(difference.untyped().translation.vector.norm() < 1e-12);
@@ -98,16 +97,15 @@ fn loaders_find_contact_and_fingers_where_they_look() {
     // Loaders take level 0 for no contact, even at the rim, where the indentation is less than half a level.
     let (levels, mask) = (gray("depth"), gray("mask"));
     let (_, truth) = frame(1, &cameras());
-    let depth_m = &truth.touch[Finger::Index].depth_m;
+    let depth_m = &truth.touch[0].depth_m;
     let rim = mask.iter().zip(depth_m).filter(|(mask, depth)| **mask > 0 && **depth > 0.021_99).count();
     assert!(rim > 0 && levels.iter().zip(mask.iter()).all(|(level, mask)| *level > 0 || *mask == 0));
 
     let data = pickle::from_bytes(&fs::read(place.join("data.pkl")).unwrap()).unwrap();
     let (shape, poses) = data.get("allegro").unwrap().get("finger_poses").unwrap().to_tensor().unwrap();
     assert_eq!(shape, [2, 4, 4, 4]);
-    for (i, finger) in [Finger::Index, Finger::Middle, Finger::Ring, Finger::Thumb].into_iter().enumerate() {
-        let pose = mvt_robot::hand::world_from_digit_camera(Side::Left, finger, &common::joints(1)).to_matrix();
-        assert!(pose.iter().flatten().eq(&poses[16 * (4 + i)..16 * (5 + i)]), "{finger:?}");
+    for (pad, pose) in common::hand().world_from_touch_cameras(&common::joints(1)).iter().enumerate() {
+        assert!(pose.to_matrix().iter().flatten().eq(&poses[16 * (4 + pad)..16 * (5 + pad)]), "{pad}");
     }
 }
 
@@ -118,7 +116,7 @@ fn inspection_finds_the_ball_where_it_was_touched() {
     write(&place, 5, &cameras());
     let summary = inspect_against(&place, &|p| p.coords().norm() - RADIUS_M).unwrap();
     assert_eq!((summary.frames, summary.complete), (5, Some(true)));
-    assert_eq!(summary.contact_fraction, Some([1.0, 0.0, 0.0, 0.0]));
+    assert_eq!(summary.contact_fraction.as_ref().unwrap()[..], [1.0, 0.0, 0.0, 0.0]);
     assert!(summary.kinematics_deviation.unwrap() < 1e-12);
     let contact = summary.contact_distance.clone().unwrap();
     assert!(contact.points > 100 && contact.p95_m < 2e-5, "{contact:?}");
@@ -202,7 +200,7 @@ fn unfitting_frames_and_names_are_refused() {
     let (observation, truth) = frame(0, &meta.cameras);
     let refusal = |observation: &_, truth: &_| EncodedFrame::encode(observation, truth, &meta).unwrap_err().to_string();
     let mut small = observation.clone();
-    small.touch[Finger::Ring] = image::RgbImage::new(10, 10);
+    small.touch[2] = image::RgbImage::new(10, 10);
     assert!(refusal(&small, &truth).contains("ring"));
     let mut blind = observation.clone();
     blind.cameras.pop();
@@ -210,6 +208,9 @@ fn unfitting_frames_and_names_are_refused() {
     let mut nan = observation.clone();
     nan.joints[3] = f64::NAN;
     assert!(refusal(&nan, &truth).contains("not finite"));
+    let mut stiff = observation.clone();
+    stiff.joints.pop();
+    assert!(refusal(&stiff, &truth).contains("15 joint angles and hand allegro_digit 16"));
 
     let mut writer = LogWriter::create(&place, meta.clone(), false).unwrap();
     let encoded = EncodedFrame::encode(&observation, &truth, &meta).unwrap();
@@ -289,9 +290,9 @@ fn a_recorded_log_without_labels_is_read_with_notes() {
     let place = folder.path().join("00");
     write(&place, 3, &cameras());
     fs::remove_file(place.join("scene.json")).unwrap();
-    for finger in Finger::ALL {
+    for pad in common::hand().pads() {
         for kind in ["depth", "mask"] {
-            fs::remove_dir_all(place.join("allegro").join(finger.name()).join(kind)).unwrap();
+            fs::remove_dir_all(place.join("allegro").join(&pad.name).join(kind)).unwrap();
         }
     }
     for camera in cameras() {
@@ -408,8 +409,8 @@ fn image_files_are_those_of_the_log_unless_a_lens_distorts() {
     let files = log.image_files(1).unwrap();
     assert_eq!(files.colours[1], Some(read("realsense/top-down/image/1.jpg")));
     assert_eq!(files.labels.unwrap()[0], read("realsense/front-left/seg/1.jpg"));
-    assert_eq!(files.touch[Finger::Ring], Some(read("allegro/ring/image/1.jpg")));
-    let [depth, mask] = files.touch_truth.unwrap()[Finger::Thumb].clone();
+    assert_eq!(files.touch[2], Some(read("allegro/ring/image/1.jpg")));
+    let [depth, mask] = files.touch_truth.unwrap()[3].clone();
     assert_eq!((depth, mask), (read("allegro/thumb/depth/1.jpg"), read("allegro/thumb/mask/1.jpg")));
     assert_eq!(log.scene_file().unwrap().unwrap(), read("scene.json"));
     assert!(log.image_files(2).is_err());

@@ -3,11 +3,11 @@
 use mvt_robot::hand::JointAngles;
 
 /// Input of a controller: the robot's own senses, never the pose of the object.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Proprioception {
     /// Seconds since the start of the episode.
     pub time_s: f64,
-    /// Measured joint angles, radians.
+    /// Measured joint angles, radians; metres of a sliding joint.
     pub joints: JointAngles,
 }
 

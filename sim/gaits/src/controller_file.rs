@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 
 use mvt_files::input;
 use mvt_objects::object::Object;
-use mvt_robot::hand::{self, Body, Finger, JOINTS_PER_FINGER, Side, joint_ranges};
+use mvt_robot::hand::{Hand, Side};
 use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
@@ -20,12 +20,15 @@ use crate::shape::ObjectShape;
 
 /// Version of the format.
 pub const CONTROLLER_FORMAT: u32 = 1;
-/// The hand of this program.
-pub const HAND: &str = "allegro-digit";
+/// Hand and model in files that version 0.1 made for the Allegro. Its checksum is that of another text about the same hand.
+const ALLEGRO_OF_0_1: [&str; 2] = ["allegro-digit", "5c900b98"];
 /// Largest file that is read, bytes.
 const LARGEST_FILE: u64 = 1 << 20;
 /// Most rows of a gait's table.
 const MOST_ROWS: usize = 4096;
+/// Largest distances of an object's start, and of the place of a hand-over, from the grasp along an axis, metres.
+const START_M: f64 = 0.15;
+const PLACE_M: f64 = 0.25;
 
 /// Input and output of a controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,11 +49,11 @@ pub struct ControllerFile {
     pub format: u32,
     /// Input and output.
     pub kind: ControllerKind,
-    /// Name of the hand, [`HAND`].
+    /// Name of the hand.
     pub hand: String,
-    /// Checksum of the hand's joints and shapes, [`hand_model`].
+    /// Checksum of the hand, [`hand_model`].
     pub model: String,
-    /// Hands that it suits. The left hand plays the mirror image.
+    /// Sides of the hand that it suits. The left hand plays the mirror image.
     pub sides: Vec<Side>,
     /// Commands per second, [`CONTROL_HZ`].
     pub rate_hz: u32,
@@ -88,15 +91,16 @@ pub enum ControllerFileError {
 }
 
 impl ControllerFile {
-    /// Returns the file of a gait that was tuned for `objects` on both hands of this program.
-    pub fn new(gait: Gait, objects: &[Object]) -> Self {
+    /// Returns the file of a gait that was tuned for `objects` on this hand.
+    pub fn new(gait: Gait, objects: &[Object], hand: &Hand) -> Self {
         let extents = || objects.iter().flat_map(Object::extents_m).map(|m| 1e3 * m);
         Self {
             format: CONTROLLER_FORMAT,
             kind: if gait.feedback.is_some() { ControllerKind::Feedback } else { ControllerKind::Gait },
-            hand: HAND.to_owned(),
-            model: hand_model(),
-            sides: vec![Side::Left, Side::Right],
+            hand: hand.name().to_owned(),
+            model: hand_model(hand),
+            // Only the built-in hand has a mirror image.
+            sides: if gait::suits(hand) { vec![Side::Left, Side::Right] } else { vec![hand.side()] },
             rate_hz: CONTROL_HZ,
             objects: objects.iter().map(|object| object.name.clone()).collect(),
             sizes_mm: [
@@ -110,40 +114,35 @@ impl ControllerFile {
     /// Reads a file for a hand.
     ///
     /// # Errors
-    /// [`ControllerFileError::File`] if it cannot be read or does not fit this program or this side.
-    pub fn read(path: &Path, side: Side) -> Result<Self, ControllerFileError> {
+    /// [`ControllerFileError::File`] if it cannot be read or does not fit this program or this hand.
+    pub fn read(path: &Path, hand: &Hand) -> Result<Self, ControllerFileError> {
         let failed = |reason: String| ControllerFileError::File { path: path.to_owned(), reason };
         let text = input::read_text(path, LARGEST_FILE).map_err(|e| failed(e.to_string()))?;
         let file: Self = toml::from_str(&text)
             .map_err(|e| failed(format!("it is not a controller: {}", e.message().replace('\n', " "))))?;
-        file.check(side).map_err(failed)?;
+        file.check(hand).map_err(failed)?;
         Ok(file)
     }
 
     /// Returns why it cannot move this hand.
-    fn check(&self, side: Side) -> Result<(), String> {
-        let Self { format, hand, model, sides, rate_hz, .. } = self;
+    fn check(&self, hand: &Hand) -> Result<(), String> {
+        let Self { format, sides, rate_hz, .. } = self;
         let expect = |holds: bool, reason: String| if holds { Ok(()) } else { Err(reason) };
         expect(
             *format == CONTROLLER_FORMAT,
             format!("its format is {format}; this program reads format {CONTROLLER_FORMAT}"),
         )?;
-        expect(hand == HAND, format!("it moves the hand {hand:?}; this program has the hand {HAND:?}"))?;
+        check_hand(&self.hand, &self.model, hand)?;
         let sides: Vec<&str> = sides.iter().map(|side| if *side == Side::Left { "left" } else { "right" }).collect();
-        expect(self.sides.contains(&side), format!("it was made for --side {}", sides.join(" or ")))?;
+        expect(self.sides.contains(&hand.side()), format!("it was made for --side {}", sides.join(" or ")))?;
         expect(
             *rate_hz == CONTROL_HZ,
             format!("it gives {rate_hz} commands per second; this program takes {CONTROL_HZ}"),
         )?;
-        let own = hand_model();
-        expect(
-            *model == own,
-            format!("it was made for model {model} of the hand; this is model {own}: tune it again"),
-        )?;
-        self.check_gait()
+        self.check_gait(hand)
     }
 
-    fn check_gait(&self) -> Result<(), String> {
+    fn check_gait(&self, hand: &Hand) -> Result<(), String> {
         match (self.kind, &self.gait.feedback) {
             (ControllerKind::Gait, Some(_)) => {
                 return Err("a gait senses nothing of the object: write kind = \"feedback\", or remove gait.feedback"
@@ -154,6 +153,7 @@ impl ControllerFile {
             }
             _ => (),
         }
+        self.check_size(hand)?;
         let Gait { period_s, torque_limit_nm, gravity, start_xy_m, open_pose, table, params, .. } = &self.gait;
         let numbers = [period_s, torque_limit_nm].into_iter().chain(gravity).chain(start_xy_m).chain(&self.sizes_mm);
         let fed_back = self.gait.feedback.iter().flat_map(|feedback| feedback.numbers());
@@ -166,15 +166,17 @@ impl ControllerFile {
             if holds { Ok(()) } else { Err(format!("{name} is {value}; it must be from {low} to {high}")) }
         };
         within("gait.period_s", *period_s, [0.1, 60.0])?;
-        within("gait.torque_limit_nm", *torque_limit_nm, [0.01, 0.7])?;
+        let strongest = hand.joints().iter().map(|joint| joint.drive.torque_limit).fold(0.01, f64::max);
+        within("gait.torque_limit_nm", *torque_limit_nm, [0.01, strongest])?;
         within("the strength of gait.gravity", gravity.iter().map(|g| g * g).sum::<f64>().sqrt(), [9.0, 10.5])?;
         within("the number of rows of gait.table", table.len() as f64, [1.0, MOST_ROWS as f64])?;
-        for value in start_xy_m {
-            within("gait.start_xy_m", *value, [-0.1, 0.1])?;
+        let centre_m = hand.grasp_centre(&[]).map_or([0.0; 3], |centre| centre.coords().into());
+        for (value, centre) in start_xy_m.iter().zip(centre_m) {
+            within("gait.start_xy_m", *value, [centre - START_M, centre + START_M])?;
         }
         if let Some(feedback) = &self.gait.feedback {
-            for value in feedback.place_m {
-                within("gait.feedback.place_m", value, [-0.2, 0.2])?;
+            for (value, centre) in feedback.place_m.into_iter().zip(centre_m) {
+                within("gait.feedback.place_m", value, [centre - PLACE_M, centre + PLACE_M])?;
             }
             within("the number of poses of gait.feedback.lowering", feedback.lowering.len() as f64, [1.0, 10.0])?;
         }
@@ -183,13 +185,33 @@ impl ControllerFile {
         // In the air, a joint stays at its limit although feedback moves its target, if the target lies beyond.
         const BEYOND_RAD: f64 = 1.0;
         let beyond = if self.gait.feedback.is_some() { BEYOND_RAD } else { ROUNDING_RAD };
-        let ranges = joint_ranges(Side::Right);
+        let ranges = gait::right_ranges(hand);
         for row in table.iter().chain([open_pose]).chain(self.gait.feedback.iter().flat_map(|f| f.poses())) {
-            for (j, (angle, [low, high])) in row.iter().zip(ranges).enumerate() {
+            for (j, (angle, [low, high])) in row.iter().zip(&ranges).enumerate() {
                 within(&format!("an angle of joint {j}"), *angle, [low - beyond, high + beyond])?;
             }
         }
         Ok(())
+    }
+
+    /// Compares the numbers of joint angles with the hand.
+    fn check_size(&self, hand: &Hand) -> Result<(), String> {
+        let Gait { open_pose, table, feedback, .. } = &self.gait;
+        let rows = table.iter().map(|row| ("a row of gait.table", row.len()));
+        let fed_back = feedback.iter().flat_map(|feedback| {
+            let rates = [
+                ("gait.feedback.gains", feedback.gains.len()),
+                ("gait.feedback.damping", feedback.damping.len()),
+                ("gait.feedback.lift", feedback.lift.len()),
+            ];
+            let poses = feedback.poses().map(|pose| ("a pose of gait.feedback", pose.len()));
+            rates.into_iter().chain(poses)
+        });
+        let own = hand.joints().len();
+        match [("gait.open_pose", open_pose.len())].into_iter().chain(rows).chain(fed_back).find(|(_, n)| *n != own) {
+            Some((name, found)) => Err(format!("{name} is for {found} joints; the hand {} has {own}", hand.name())),
+            None => Ok(()),
+        }
     }
 
     /// Returns why an object is not among those for which the controller was tuned; `None` if it has their size.
@@ -205,24 +227,32 @@ impl ControllerFile {
     }
 }
 
-/// Returns the checksum of the hand's joints, shapes and masses, 8 hexadecimal digits. A hand that differs moves
-/// otherwise with the same angles.
-pub fn hand_model() -> String {
-    let side = Side::Right;
-    let mut text = String::new();
-    for finger in Finger::ALL {
-        for k in 0..JOINTS_PER_FINGER {
-            text += &format!("{:?}", hand::joint(side, finger, k));
-        }
-        text += &format!("{}", hand::tip_offset_m(finger));
-    }
-    for part in hand::parts(side) {
-        text += &format!("{part:?}");
-    }
-    for body in Body::all() {
-        text += &format!("{:?}", hand::inertial(side, body));
-    }
+/// Returns the checksum of a hand, 8 hexadecimal digits. A hand that differs moves otherwise with the same angles. Both sides of the
+/// built-in hand have the same.
+pub fn hand_model(hand: &Hand) -> String {
+    let right = Hand::allegro(Side::Right);
+    let description = if gait::suits(hand) { right.description() } else { hand.description() };
+    // A description serialises always.
+    let text = serde_json::to_string(description).unwrap_or_default();
     format!("{:08x}", crc32fast::hash(text.as_bytes()))
+}
+
+/// Compares the name and the model of the hand for which a file was made with a hand.
+///
+/// # Errors
+/// The difference, and what to do.
+pub fn check_hand(name: &str, model: &str, hand: &Hand) -> Result<(), String> {
+    if gait::suits(hand) && [name, model] == ALLEGRO_OF_0_1 {
+        return Ok(());
+    }
+    let (own_name, own) = (hand.name(), hand_model(hand));
+    if name != own_name {
+        return Err(format!("it was made for the hand {name:?}; this is the hand {own_name:?}"));
+    }
+    if model != own {
+        return Err(format!("it was made for model {model} of the hand {name}; this is model {own}: tune it again"));
+    }
+    Ok(())
 }
 
 /// Controller that an episode plays.
@@ -244,9 +274,9 @@ pub struct ChosenController {
 ///
 /// # Errors
 /// [`ControllerFileError`] if there is no such controller, or it does not fit this hand.
-pub fn choose(text: &str, object: &Object, side: Side) -> Result<ChosenController, ControllerFileError> {
-    let file = if is_path(text) { Some(ControllerFile::read(Path::new(text), side)?) } else { None };
-    if let Some(file) = file.as_ref().or_else(|| shipped().get(text)) {
+pub fn choose(text: &str, object: &Object, hand: &Hand) -> Result<ChosenController, ControllerFileError> {
+    let file = if is_path(text) { Some(ControllerFile::read(Path::new(text), hand)?) } else { None };
+    if let Some(file) = file.as_ref().or_else(|| shipped().get(text).filter(|_| gait::suits(hand))) {
         let (gait, misfit) = (file.gait.clone(), file.misfit(object));
         return Ok(ChosenController {
             name: text.to_owned(),
@@ -256,7 +286,7 @@ pub fn choose(text: &str, object: &Object, side: Side) -> Result<ChosenControlle
             falls: false,
         });
     }
-    let (name, gait) = gait::choose(text, object)?;
+    let (name, gait) = gait::choose(text, object, hand)?;
     let unsuited = if text == AUTO { ObjectShape::of(object).unsuited() } else { None };
     Ok(ChosenController {
         name: name.to_owned(),
@@ -272,9 +302,9 @@ pub fn choose(text: &str, object: &Object, side: Side) -> Result<ChosenControlle
 ///
 /// # Errors
 /// [`ControllerFileError`] if there is no such controller, one does not fit this hand, or the text is no schedule.
-pub fn choose_all(text: &str, object: &Object, side: Side) -> Result<ChosenController, ControllerFileError> {
+pub fn choose_all(text: &str, object: &Object, hand: &Hand) -> Result<ChosenController, ControllerFileError> {
     if !text.contains(',') {
-        return choose(text, object, side);
+        return choose(text, object, hand);
     }
     let part = |part: &str| {
         let invalid = || ControllerFileError::Schedule(text.to_owned());
@@ -283,7 +313,7 @@ pub fn choose_all(text: &str, object: &Object, side: Side) -> Result<ChosenContr
         if !(SHORTEST_PART_S..=3600.0).contains(&duration_s) {
             return Err(invalid());
         }
-        let chosen = choose(name, object, side)?;
+        let chosen = choose(name, object, hand)?;
         if chosen.gait.feedback.is_some() {
             return Err(ControllerFileError::InAir(chosen.name));
         }
@@ -331,13 +361,18 @@ pub fn list() -> Vec<(String, TurnAxis, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Arc;
 
     fn object(name: &str) -> Object {
         mvt_objects::catalogue::load(name, &mut Vec::new()).unwrap()
     }
 
+    fn left() -> Arc<Hand> {
+        Hand::allegro(Side::Left)
+    }
+
     fn file() -> ControllerFile {
-        ControllerFile::new(gait::find("bal").unwrap().1.clone(), &[object("cube70")])
+        ControllerFile::new(gait::find("bal").unwrap().1.clone(), &[object("cube70")], &left())
     }
 
     fn refusal(change: impl FnOnce(&mut ControllerFile)) -> String {
@@ -345,15 +380,16 @@ mod tests {
         change(&mut file);
         // Through text, as from a file.
         let file: ControllerFile = toml::from_str(&toml::to_string(&file).unwrap()).unwrap();
-        file.check(Side::Left).unwrap_err()
+        file.check(&left()).unwrap_err()
     }
 
     #[test]
     fn shipped_files_fit_this_hand() {
         assert_eq!(shipped().len(), gait::CONTROLLER_FILES.len());
         for (name, file) in shipped() {
-            assert_eq!(file.check(Side::Left), Ok(()), "{name}");
-            assert_eq!(file.check(Side::Right), Ok(()), "{name}");
+            assert_eq!(file.check(&left()), Ok(()), "{name}");
+            assert_eq!(file.check(&Hand::allegro(Side::Right)), Ok(()), "{name}");
+            assert_eq!((file.hand.as_str(), file.model.as_str()), ("allegro_digit", &*hand_model(&left())), "{name}");
             assert_eq!(gait::find(name).unwrap().1, &file.gait);
         }
         assert_eq!(list().len(), gait::shipped().len());
@@ -367,9 +403,9 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_refused_with_the_reason() {
-        assert_eq!(file().check(Side::Left), Ok(()));
+        assert_eq!(file().check(&left()), Ok(()));
         assert!(refusal(|f| f.format = 9).contains("format 1"));
-        assert!(refusal(|f| f.hand = "leap".to_owned()).contains("allegro-digit"));
+        assert!(refusal(|f| f.hand = "leap".to_owned()).contains("\"allegro_digit\""));
         assert!(refusal(|f| f.sides = vec![Side::Right]).contains("--side right"));
         assert!(refusal(|f| f.rate_hz = 50).contains("takes 25"));
         assert!(refusal(|f| f.model = "00000000".to_owned()).contains("tune it again"));
@@ -380,16 +416,54 @@ mod tests {
         assert!(refusal(|f| f.gait.table[0][0] = 2.0).contains("joint 0"));
         assert!(refusal(|f| f.gait.table.clear()).contains("rows"));
         assert!(refusal(|f| f.gait.gravity = [0.0; 3]).contains("gravity"));
+        assert!(refusal(|f| f.gait.start_xy_m[1] = 70.0).contains("start_xy_m"));
+        let short = refusal(|f| _ = f.gait.table[2].pop());
+        assert_eq!(short, "a row of gait.table is for 15 joints; the hand allegro_digit has 16");
+        assert!(refusal(|f| f.gait.open_pose.push(0.0)).starts_with("gait.open_pose is for 17 joints"));
+    }
+
+    #[test]
+    fn files_of_version_0_1_are_read_for_the_built_in_hand_alone() {
+        let [name, model] = ALLEGRO_OF_0_1.map(str::to_owned);
+        let old = ControllerFile { hand: name, model, ..file() };
+        assert_eq!(old.check(&left()), Ok(()));
+        let newer = ControllerFile { model: "5c900b99".to_owned(), ..old.clone() };
+        assert!(newer.check(&left()).unwrap_err().contains("allegro-digit"));
+        let mut description = left().description().clone();
+        description.joints[3].drive.damping = 0.2;
+        let other = Hand::new(description).unwrap();
+        assert!(old.check(&other).unwrap_err().contains("made for the hand"));
+        assert!(file().check(&other).unwrap_err().contains("tune it again"));
+    }
+
+    #[test]
+    fn another_hand_plays_files_that_were_made_for_it_and_nothing_that_is_shipped() {
+        let mut description = Hand::allegro(Side::Right).description().clone();
+        // The index finger alone.
+        description.bodies.truncate(6);
+        (description.name, description.apart) = ("pointer".to_owned(), Vec::new());
+        description.joints.truncate(4);
+        description.pads.truncate(1);
+        let hand = Hand::new(description).unwrap();
+        let mut gait = gait::find("bal").unwrap().1.clone();
+        gait.table.iter_mut().chain([&mut gait.open_pose]).for_each(|row| row.truncate(4));
+        let own = ControllerFile::new(gait, &[object("cube70")], &hand);
+        assert_eq!((own.check(&hand), own.sides.len()), (Ok(()), 1));
+        assert!(own.check(&left()).unwrap_err().contains("pointer"));
+        for name in ["auto", "bal", "air_ball", "bal:8,low:8"] {
+            let refused = choose_all(name, &object("cube70"), &hand).unwrap_err().to_string();
+            assert!(refused.contains("pointer has no shipped gaits"), "{name}: {refused}");
+        }
     }
 
     #[test]
     fn kind_and_content_must_agree() {
         let in_air = || shipped()["air_ball"].clone();
-        assert_eq!((in_air().kind, in_air().check(Side::Left)), (ControllerKind::Feedback, Ok(())));
+        assert_eq!((in_air().kind, in_air().check(&left())), (ControllerKind::Feedback, Ok(())));
         let refusal = |change: fn(&mut ControllerFile)| {
             let mut file = in_air();
             change(&mut file);
-            file.check(Side::Left).unwrap_err()
+            file.check(&left()).unwrap_err()
         };
         assert!(refusal(|f| f.kind = ControllerKind::Gait).contains("kind = \"feedback\""));
         assert!(refusal(|f| f.gait.feedback = None).contains("needs the table gait.feedback"));
@@ -397,6 +471,8 @@ mod tests {
         assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().lowering[0][0] = 2.0).contains("joint 0"));
         assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().lowering.clear()).contains("lowering"));
         assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().place_m[2] = 1.0).contains("place_m"));
+        assert!(refusal(|f| f.gait.feedback.as_mut().unwrap().grasp.clear()).contains("for 0 joints"));
+        assert!(refusal(|f| _ = f.gait.feedback.as_mut().unwrap().lift.pop()).contains("gait.feedback.lift is for 15"));
         // A controller that wants the true place has no kind.
         let teacher = toml::to_string(&in_air()).unwrap().replace("kind = \"feedback\"", "kind = \"teacher\"");
         let error = toml::from_str::<ControllerFile>(&teacher).unwrap_err();
@@ -405,7 +481,7 @@ mod tests {
 
     #[test]
     fn the_air_is_no_part_of_a_schedule() {
-        let error = choose_all("cubelet:8,air_ball:8", &object("cube70"), Side::Left).unwrap_err();
+        let error = choose_all("cubelet:8,air_ball:8", &object("cube70"), &left()).unwrap_err();
         assert!(error.to_string().starts_with("air_ball takes the object over in the air"), "{error}");
     }
 
@@ -418,11 +494,11 @@ mod tests {
     #[test]
     fn names_and_files_are_told_apart() {
         assert!(is_path("bal.toml") && is_path("./bal") && !is_path("bal"));
-        let error = choose("gallop", &object("cube70"), Side::Left).unwrap_err();
+        let error = choose("gallop", &object("cube70"), &left()).unwrap_err();
         assert!(error.to_string().contains("bal, "));
-        let error = choose("none/such.toml", &object("cube70"), Side::Left).unwrap_err();
+        let error = choose("none/such.toml", &object("cube70"), &left()).unwrap_err();
         assert!(error.to_string().starts_with("none/such.toml: "));
-        let chosen = choose("auto", &object("cube70"), Side::Left).unwrap();
+        let chosen = choose("auto", &object("cube70"), &left()).unwrap();
         assert_eq!(chosen.gait, *gait::find(&chosen.name).unwrap().1);
     }
 }

@@ -3,7 +3,9 @@
 //! The place is an estimate. Only [`EstimatedPlace`] reaches the controller of a run, and it is made from an estimated
 //! pose; [`RehearsedPlace`] is made from the true one, for searches and for simulations without cameras.
 
-use mvt_robot::hand::{JointAngles, Side, joint_ranges};
+use std::sync::Arc;
+
+use mvt_robot::hand::{Hand, JointAngles};
 use nalgebra::Vector3;
 
 use crate::clock::CONTROL_HZ;
@@ -36,7 +38,7 @@ const JUMP_M: f64 = 0.03;
 pub struct FeedbackController {
     gait: Gait,
     feedback: PlaceFeedback,
-    side: Side,
+    hand: Arc<Hand>,
     seen: Option<Place>,
     /// Mean velocity of the object, m/s.
     velocity: Vector3<f64>,
@@ -57,19 +59,19 @@ pub struct FeedbackController {
 
 impl FeedbackController {
     /// Starts with open fingers around a supported object. `None` if the gait has no feedback.
-    pub fn new(gait: &Gait, side: Side) -> Option<Self> {
+    pub fn new(gait: &Gait, hand: &Arc<Hand>) -> Option<Self> {
         let feedback = gait.feedback.as_deref()?.clone();
         Some(Self {
-            closed: feedback.grasp,
+            closed: feedback.grasp.clone(),
             feedback,
             gait: gait.clone(),
-            side,
+            hand: Arc::clone(hand),
             seen: None,
             velocity: Vector3::zeros(),
             summed: Vector3::zeros(),
             before: (Vector3::zeros(), 0),
             lowering: None,
-            aimed_at: gait.open_pose,
+            aimed_at: gait.open_pose.clone(),
             paused_at_s: None,
             paused_s: 0.0,
             time_s: 0.0,
@@ -90,7 +92,7 @@ impl FeedbackController {
     fn take(&mut self, place: Place) {
         let Place { time_s, mut middle_m } = place;
         // Everything below is that of the right hand.
-        middle_m.y *= self.side.sign();
+        middle_m.y *= self.hand.side().sign();
         if !(time_s.is_finite() && middle_m.iter().all(|v| v.is_finite())) {
             return;
         }
@@ -111,7 +113,7 @@ impl FeedbackController {
     /// Returns the time at which the hand began to lower the object, because its place was unknown, seconds; `None` if it
     /// holds it.
     pub fn lowered_at_s(&self) -> Option<f64> {
-        self.lowering.map(|(since, _)| since)
+        self.lowering.as_ref().map(|(since, _)| *since)
     }
 
     /// Stops the turning, or lets it go on. The object stays in the air.
@@ -134,23 +136,24 @@ impl FeedbackController {
     }
 
     /// Returns the targets of the right hand, whose joints are at `measured`.
-    fn targets(&mut self, time_s: f64, measured: &JointAngles) -> JointAngles {
+    fn targets(&mut self, time_s: f64, measured: &[f64]) -> JointAngles {
         let PlaceFeedback { grasp, touching, gains, damping, lift, lowering, .. } = &self.feedback;
         if time_s < HANDED_OVER_S {
             if let Some(touching) = touching
                 && time_s >= CLOSING_S
             {
-                self.closed = std::array::from_fn(|j| measured[j] + grasp[j] - touching[j]);
-                return self.closed;
+                let pressed = measured.iter().zip(grasp).zip(touching);
+                self.closed = pressed.map(|((measured, grasp), touching)| measured + grasp - touching).collect();
+                return self.closed.clone();
             }
             return blend(&self.gait.open_pose, grasp, smooth(time_s / CLOSING_S));
         }
-        if let Some((since, from)) = self.lowering {
-            return along(&from, lowering, time_s - since);
+        if let Some((since, from)) = &self.lowering {
+            return along(from, lowering, time_s - since);
         }
         let Some(displacement) = self.displacement(time_s) else {
-            self.lowering = Some((time_s, self.aimed_at));
-            return self.aimed_at;
+            self.lowering = Some((time_s, self.aimed_at.clone()));
+            return self.aimed_at.clone();
         };
         let period_s = 1.0 / f64::from(CONTROL_HZ);
         let summed = self.summed * (1.0 - period_s / FORGETTING_S) + displacement * period_s;
@@ -158,26 +161,28 @@ impl FeedbackController {
         let turning_s = self.paused_at_s.unwrap_or(time_s) - self.paused_s - HANDED_OVER_S;
         let swing = self.gait.row(turning_s);
         let size = (turning_s / GROWING_S).clamp(0.0, 1.0);
-        std::array::from_fn(|j| {
-            let [gain, damping, lift] = [gains, damping, lift].map(|rates| Vector3::from(rates[j]));
+        let aims = self.closed.iter().zip(swing).zip(grasp).enumerate().map(|(j, ((closed, swing), grasp))| {
+            let rates = |of: &[[f64; 3]]| of.get(j).map_or_else(Vector3::zeros, |rates| Vector3::from(*rates));
+            let [gain, damping, lift] = [gains, damping, lift].map(|of| rates(of));
             let fed_back = gain.dot(&displacement) + damping.dot(&self.velocity) + lift.dot(&self.summed);
-            self.closed[j] + size * (swing[j] - grasp[j]) + fed_back
-        })
+            closed + size * (swing - grasp) + fed_back
+        });
+        aims.collect()
     }
 }
 
 impl Controller for FeedbackController {
     fn command(&mut self, sensed: &Proprioception) -> JointAngles {
         self.time_s = sensed.time_s;
-        let targets = self.targets(sensed.time_s, &self.side.mirror_joints(sensed.joints));
-        let ranges = joint_ranges(Side::Right);
-        self.aimed_at = std::array::from_fn(|j| targets[j].clamp(ranges[j][0], ranges[j][1]));
-        self.side.mirror_joints(self.aimed_at)
+        let targets = self.targets(sensed.time_s, &self.hand.mirrored(&sensed.joints));
+        let targets = self.hand.within_ranges(&self.hand.mirrored(&targets));
+        self.aimed_at = self.hand.mirrored(&targets);
+        targets
     }
 }
 
 /// Returns the targets on the way from one pose through others, one per second; the last one is kept.
-fn along(from: &JointAngles, poses: &[JointAngles], elapsed_s: f64) -> JointAngles {
+fn along(from: &[f64], poses: &[JointAngles], elapsed_s: f64) -> JointAngles {
     let mut last = from;
     for (begins_s, pose) in (0_u32..).zip(poses) {
         let part = elapsed_s - f64::from(begins_s);
@@ -186,7 +191,7 @@ fn along(from: &JointAngles, poses: &[JointAngles], elapsed_s: f64) -> JointAngl
         }
         last = pose;
     }
-    *last
+    last.to_vec()
 }
 
 #[cfg(test)]
@@ -194,12 +199,12 @@ mod tests {
     use super::*;
     use crate::gait;
     use mvt_frames::{Isometry, Point};
-    use mvt_robot::hand::JOINTS;
+    use mvt_robot::hand::Side;
 
     const PERIOD_S: f64 = 0.04;
 
     fn controller(side: Side) -> FeedbackController {
-        FeedbackController::new(gait::find("air_ball").unwrap().1, side).unwrap()
+        FeedbackController::new(gait::find("air_ball").unwrap().1, &Hand::allegro(side)).unwrap()
     }
 
     /// Returns an estimate at a time, displaced from the place of the hand-over on this hand.
@@ -221,7 +226,7 @@ mod tests {
             if let Some(displacement) = place(time_s) {
                 controller.see(seen(side, time_s, displacement));
             }
-            controller.command(&Proprioception { time_s, joints: [0.0; JOINTS] })
+            controller.command(&Proprioception { time_s, joints: vec![0.0; 16] })
         });
         let targets = commands.collect();
         (targets, controller)
@@ -232,8 +237,8 @@ mod tests {
         let sway = |t: f64| Some([0.002 * t.sin(), 0.003 * t.cos(), -0.001 * t]);
         let [(left, _), (right, _)] = [Side::Left, Side::Right].map(|side| play(side, 4.0, sway));
         for (left, right) in left.iter().zip(right) {
-            let mirrored = Side::Left.mirror_joints(right);
-            assert!((0..JOINTS).all(|j| (left[j] - mirrored[j]).abs() < 1e-9));
+            let mirrored = Hand::allegro(Side::Left).mirrored(&right);
+            assert!((0..16).all(|j| (left[j] - mirrored[j]).abs() < 1e-9));
         }
     }
 
@@ -242,7 +247,7 @@ mod tests {
         let (still, _) = play(Side::Right, 3.0, |_| Some([0.0; 3]));
         let (elsewhere, _) = play(Side::Right, 3.0, |_| Some([0.004, -0.003, 0.002]));
         let (sagged, _) = play(Side::Right, 3.0, |t| Some([0.0, 0.0, if t < 2.0 { 0.0 } else { -0.005 }]));
-        let apart = |a: &JointAngles, b: &JointAngles| (0..JOINTS).map(|j| (a[j] - b[j]).abs()).fold(0.0, f64::max);
+        let apart = |a: &[f64], b: &[f64]| (0..16).map(|j| (a[j] - b[j]).abs()).fold(0.0, f64::max);
         for (k, targets) in still.iter().enumerate() {
             assert!(apart(targets, &elsewhere[k]) < 1e-9);
             assert_eq!(apart(targets, &sagged[k]) > 1e-3, k >= 50, "{k}");
@@ -254,10 +259,10 @@ mod tests {
         let (targets, controller) = play(Side::Right, 20.0, |t| (t < 3.0).then_some([0.0; 3]));
         let lowered_at_s = controller.lowered_at_s().unwrap();
         assert!((2.96 + STALE_S..2.96 + STALE_S + 2.0 * PERIOD_S).contains(&lowered_at_s), "{lowered_at_s}");
-        let last = *gait::find("air_ball").unwrap().1.feedback.as_ref().unwrap().lowering.last().unwrap();
-        assert_eq!(*targets.last().unwrap(), last);
+        let last = gait::find("air_ball").unwrap().1.feedback.as_ref().unwrap().lowering.last().unwrap();
+        assert_eq!(targets.last().unwrap(), last);
         // No target jumps while it is lowered.
-        let step = |pair: &[JointAngles]| (0..JOINTS).map(|j| (pair[1][j] - pair[0][j]).abs()).fold(0.0, f64::max);
+        let step = |pair: &[JointAngles]| (0..16).map(|j| (pair[1][j] - pair[0][j]).abs()).fold(0.0, f64::max);
         let first = (lowered_at_s / PERIOD_S).round() as usize;
         assert!(targets[first - 1..].windows(2).map(step).fold(0.0, f64::max) < 0.1);
         // A place that comes afterwards changes nothing.
@@ -286,21 +291,21 @@ mod tests {
         for side in [Side::Left, Side::Right] {
             let mut gait = gait::find("air_ball").unwrap().1.clone();
             let feedback = gait.feedback.as_mut().unwrap();
-            let touching = feedback.grasp.map(|angle| angle - 0.1);
-            feedback.touching = Some(touching);
+            let lower = |angles: &[f64], by: f64| -> JointAngles { angles.iter().map(|angle| angle - by).collect() };
+            let touching = lower(&feedback.grasp, 0.1);
+            feedback.touching = Some(touching.clone());
             // A larger object stops the fingers earlier.
-            let stopped = touching.map(|angle| angle - 0.05);
-            let mut controller = FeedbackController::new(&gait, side).unwrap();
-            let mut last = [0.0; JOINTS];
+            let stopped = lower(&touching, 0.05);
+            let hand = Hand::allegro(side);
+            let mut controller = FeedbackController::new(&gait, &hand).unwrap();
+            let mut last = Vec::new();
             for k in 0..25 {
                 let time_s = f64::from(k) * PERIOD_S;
                 controller.see(seen(side, time_s, [0.0; 3]));
-                last = controller.command(&Proprioception { time_s, joints: side.mirror_joints(stopped) });
+                last = controller.command(&Proprioception { time_s, joints: hand.mirrored(&stopped) });
             }
-            let ranges = joint_ranges(Side::Right);
-            let aimed = side.mirror_joints(last);
-            for j in 0..JOINTS {
-                let [low, high] = ranges[j];
+            let aimed = hand.mirrored(&last);
+            for (j, [low, high]) in Hand::allegro(Side::Right).ranges().into_iter().enumerate() {
                 assert!((aimed[j] - (stopped[j] + 0.1).clamp(low, high)).abs() < 1e-9, "joint {j}");
             }
         }
@@ -314,13 +319,13 @@ mod tests {
                 let time_s = f64::from(k) * PERIOD_S;
                 controller.pause((75..100).contains(&k));
                 controller.see(seen(Side::Right, time_s, [0.0; 3]));
-                controller.command(&Proprioception { time_s, joints: [0.0; JOINTS] })
+                controller.command(&Proprioception { time_s, joints: vec![0.0; 16] })
             })
             .collect();
         let (plain, _) = play(Side::Right, 6.0, |_| Some([0.0; 3]));
         assert_eq!(targets[..75], plain[..75]);
-        assert!(targets[76..100].iter().all(|row| (0..JOINTS).all(|j| (row[j] - targets[75][j]).abs() < 1e-9)));
+        assert!(targets[76..100].iter().all(|row| (0..16).all(|j| (row[j] - targets[75][j]).abs() < 1e-9)));
         let resumed = targets[101..].iter().zip(&plain[76..]);
-        assert!(resumed.into_iter().all(|(a, b)| (0..JOINTS).all(|j| (a[j] - b[j]).abs() < 1e-9)));
+        assert!(resumed.into_iter().all(|(a, b)| (0..16).all(|j| (a[j] - b[j]).abs() < 1e-9)));
     }
 }

@@ -1,14 +1,14 @@
-//! Gaits: periodic strokes of the four fingertips that turn an object standing on the palm.
+//! Gaits: periodic strokes of the fingertips that turn an object standing on the palm.
 //!
 //! A gait is a table of joint angles over its phase. The controller clips the targets around the measured angles, so
 //! that a finger that meets the object pushes with a bounded force. One table therefore fits objects of a range of
 //! sizes. Gaits are written for the right hand; the left hand plays the mirror image.
 
 use std::collections::BTreeMap;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use mvt_objects::object::Object;
-use mvt_robot::hand::{JointAngles, Side};
+use mvt_robot::hand::{Hand, JointAngles};
 use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
@@ -53,12 +53,12 @@ impl Gait {
     /// Returns the joint angles of the table at a time since its start, radians, for the right hand.
     pub(crate) fn row(&self, time_s: f64) -> JointAngles {
         if self.table.is_empty() {
-            return self.open_pose;
+            return self.open_pose.clone();
         }
         let phase = (time_s / self.period_s).rem_euclid(1.0) * self.table.len() as f64;
         let (row, fraction) = (phase as usize % self.table.len(), phase.fract());
         let (a, b) = (&self.table[row], &self.table[(row + 1) % self.table.len()]);
-        std::array::from_fn(|j| a[j] * (1.0 - fraction) + b[j] * fraction)
+        a.iter().zip(b).map(|(a, b)| a * (1.0 - fraction) + b * fraction).collect()
     }
 }
 
@@ -116,15 +116,30 @@ pub fn shipped() -> &'static BTreeMap<String, Gait> {
 /// Stands for the gait that suits the object.
 pub const AUTO: &str = "auto";
 
-/// Name that no shipped gait has.
+/// Reason that there is no such gait.
 #[derive(Debug, thiserror::Error)]
-#[error("unknown gait {name:?}; choose one of {}", shipped().keys().map(String::as_str).collect::<Vec<_>>().join(", "))]
-pub struct UnknownGait {
-    /// The unknown name.
-    pub name: String,
+#[non_exhaustive]
+pub enum UnknownGait {
+    /// Name that no shipped gait has.
+    #[error("unknown gait {0:?}; choose one of {names}", names = shipped().keys().map(String::as_str).collect::<Vec<_>>().join(", "))]
+    Name(String),
+    /// Name of a hand for which no gaits are shipped.
+    #[error("the hand {0} has no shipped gaits: give a controller file that `hand tune` made for it")]
+    Hand(String),
 }
 
-/// Returns a shipped gait with its name.
+/// Returns whether the shipped gaits were made for this hand.
+pub fn suits(hand: &Hand) -> bool {
+    *hand == *Hand::allegro(hand.side())
+}
+
+/// Returns the limits of a hand's joints in the coordinates of gaits, which are those of the right hand.
+pub fn right_ranges(hand: &Hand) -> Vec<[f64; 2]> {
+    let [low, high] = [0, 1].map(|end| hand.mirrored(&hand.joints().iter().map(|j| j.range[end]).collect::<Vec<_>>()));
+    low.into_iter().zip(high).map(|(a, b)| [a.min(b), a.max(b)]).collect()
+}
+
+/// Returns a shipped gait with its name, whichever hand plays it.
 ///
 /// # Errors
 /// [`UnknownGait`], which lists the names.
@@ -132,15 +147,23 @@ pub fn find(name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
     shipped()
         .get_key_value(name)
         .map(|(name, gait)| (name.as_str(), gait))
-        .ok_or_else(|| UnknownGait { name: name.to_owned() })
+        .ok_or_else(|| UnknownGait::Name(name.to_owned()))
 }
 
-/// Returns the shipped gait of this name, or for `auto` the gait that suits the object, with its name.
+/// Returns the shipped gait of this name with its name, for this hand.
 ///
 /// # Errors
-/// [`UnknownGait`], which lists the names.
-pub fn choose(name: &str, object: &Object) -> Result<(&'static str, &'static Gait), UnknownGait> {
-    find(if name == AUTO { suited_to(object) } else { name })
+/// [`UnknownGait`], which lists the names, or says that the hand has no shipped gaits.
+pub fn find_for(hand: &Hand, name: &str) -> Result<(&'static str, &'static Gait), UnknownGait> {
+    if suits(hand) { find(name) } else { Err(UnknownGait::Hand(hand.name().to_owned())) }
+}
+
+/// Returns the shipped gait of this name for this hand, or for `auto` the gait that suits the object, with its name.
+///
+/// # Errors
+/// [`UnknownGait`], which lists the names, or says that the hand has no shipped gaits.
+pub fn choose(name: &str, object: &Object, hand: &Hand) -> Result<(&'static str, &'static Gait), UnknownGait> {
+    find_for(hand, if name == AUTO { suited_to(object) } else { name })
 }
 
 /// Returns the name of the shipped gait that suits an object, by its size and by whether it rolls. Each choice is the one that
@@ -177,8 +200,6 @@ pub fn suited_to(object: &Object) -> &'static str {
 
 /// Time over which the fingers close from the open pose into the gait, seconds.
 const CLOSING_S: f64 = 0.8;
-/// Joint stiffness that the compliance clip assumes, Nm/rad.
-const STIFFNESS_NM_RAD: f64 = 3.0;
 /// Distance by which a target may exceed the torque limit, radians, so that the position controllers reach their full
 /// torque.
 const CLIP_MARGIN_RAD: f64 = 0.05;
@@ -187,24 +208,28 @@ const CLIP_MARGIN_RAD: f64 = 0.05;
 #[derive(Debug, Clone)]
 pub struct GaitController {
     gait: Gait,
-    side: Side,
+    hand: Arc<Hand>,
 }
 
 impl GaitController {
-    /// Plays `gait`, mirrored for the left hand.
-    pub fn new(gait: Gait, side: Side) -> Self {
-        Self { gait, side }
+    /// Plays `gait`, mirrored for a left hand.
+    pub fn new(gait: Gait, hand: Arc<Hand>) -> Self {
+        Self { gait, hand }
     }
 
     /// Returns the unclipped targets of this hand at a time since the start, radians.
     pub fn targets(&self, time_s: f64) -> JointAngles {
-        self.side.mirror_joints(self.target(time_s))
+        self.hand.mirrored(&self.target(time_s))
     }
 
     /// Clips targets around the measured angles to the reach of the torque limit.
-    pub fn within_reach(&self, targets: &JointAngles, measured: &JointAngles) -> JointAngles {
-        let reach = self.gait.torque_limit_nm / STIFFNESS_NM_RAD + CLIP_MARGIN_RAD;
-        std::array::from_fn(|j| targets[j].clamp(measured[j] - reach, measured[j] + reach))
+    pub fn within_reach(&self, targets: &[f64], measured: &[f64]) -> JointAngles {
+        let clipped = targets.iter().zip(measured).zip(self.hand.joints()).map(|((target, measured), joint)| {
+            // A joint without a position controller aims at nothing, so that any reach will do.
+            let reach = self.gait.torque_limit_nm / joint.drive.stiffness.max(f64::MIN_POSITIVE) + CLIP_MARGIN_RAD;
+            target.max(measured - reach).min(measured + reach)
+        });
+        clipped.collect()
     }
 
     /// Returns the right-hand targets at a time since the start, radians.
@@ -212,7 +237,7 @@ impl GaitController {
         let gait = self.gait.row(time_s);
         let t = (time_s / CLOSING_S).clamp(0.0, 1.0);
         let closed = t * t * (3.0 - 2.0 * t);
-        std::array::from_fn(|j| self.gait.open_pose[j] * (1.0 - closed) + gait[j] * closed)
+        self.gait.open_pose.iter().zip(gait).map(|(open, gait)| open * (1.0 - closed) + gait * closed).collect()
     }
 }
 
@@ -225,19 +250,20 @@ impl Controller for GaitController {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mvt_robot::hand::{JOINTS, joint_ranges};
+    use mvt_robot::hand::Side;
 
     #[test]
     fn shipped_gaits_are_whole_and_within_the_joint_limits() {
         let gaits: BTreeMap<String, Gait> = serde_json::from_str(include_str!("../assets/gaits.json")).unwrap();
         assert!(gaits.len() >= 5);
-        let ranges = joint_ranges(Side::Right);
+        let ranges = right_ranges(&Hand::allegro(Side::Left));
+        assert_eq!(ranges, Hand::allegro(Side::Right).ranges());
         for (name, gait) in gaits {
             assert_eq!(gait.table.len(), 32, "{name}");
             for row in gait.table.iter().chain([&gait.open_pose]) {
-                for j in 0..JOINTS {
-                    let [low, high] = ranges[j];
-                    assert!((low - 1e-3..=high + 1e-3).contains(&row[j]), "{name}: joint {j} at {}", row[j]);
+                assert_eq!(row.len(), ranges.len(), "{name}");
+                for (j, (angle, [low, high])) in row.iter().zip(&ranges).enumerate() {
+                    assert!((low - 1e-3..=high + 1e-3).contains(angle), "{name}: joint {j} at {angle}");
                 }
             }
         }
@@ -261,11 +287,25 @@ mod tests {
 
     #[test]
     fn targets_stay_within_reach_of_the_measured_angles() {
-        let mut controller = GaitController::new(find("bal").unwrap().1.clone(), Side::Left);
-        let joints = [0.2; JOINTS];
+        let mut controller = GaitController::new(find("bal").unwrap().1.clone(), Hand::allegro(Side::Left));
+        let joints = vec![0.2; 16];
         let command = controller.command(&Proprioception { time_s: 3.0, joints });
         let reach = find("bal").unwrap().1.torque_limit_nm / 3.0 + 0.05;
         assert!(command.iter().all(|c| (c - 0.2).abs() <= reach + 1e-12));
         assert!(find("gallop").unwrap_err().to_string().contains("bal, "));
+    }
+
+    #[test]
+    fn a_stiffer_joint_has_less_reach_and_other_hands_have_no_shipped_gaits() {
+        let mut description = Hand::allegro(Side::Right).description().clone();
+        description.joints[1].drive.stiffness = 6.0;
+        description.joints[2].drive.stiffness = 0.0;
+        let hand = Hand::new(description).unwrap();
+        let gait = Gait { torque_limit_nm: 0.3, ..find("bal").unwrap().1.clone() };
+        let clipped = GaitController::new(gait, Arc::clone(&hand)).within_reach(&[9.0; 16], &[0.0; 16]);
+        assert!((clipped[0] - 0.15).abs() < 1e-12 && (clipped[1] - 0.1).abs() < 1e-12 && clipped[2] == 9.0);
+        let cube = mvt_objects::catalogue::load("cube70", &mut Vec::new()).unwrap();
+        let refused = choose(AUTO, &cube, &hand).unwrap_err().to_string();
+        assert!(refused.contains("allegro_digit has no shipped gaits") && refused.contains("hand tune"), "{refused}");
     }
 }

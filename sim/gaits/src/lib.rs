@@ -1,20 +1,20 @@
-//! Gaits that turn objects in an Allegro hand, the directives that change them, and the rates of an episode.
+//! Gaits that turn objects in a robot hand, the directives that change them, and the rates of an episode.
 //!
 //! A [`Controller`](controller::Controller) receives proprioception, never the pose of the object. One that holds an
-//! object in the air also receives its estimated place: see [`feedback`]. The shipped
-//! gaits are tables of joint angles for the right hand; the left hand plays the mirror image. The crate does not
-//! simulate: it only computes joint angles to aim at.
+//! object in the air also receives its estimated place: see [`feedback`]. Gaits are
+//! tables of joint angles for the right hand; the left hand plays the mirror image. Those that are shipped were made for
+//! [`Hand::allegro`](mvt_robot::hand::Hand::allegro). The crate does not simulate: it only computes joint angles to aim at.
 //!
 //! ```
 //! use mvt_gaits::controller::{Controller, Proprioception};
 //! use mvt_gaits::directive::DirectedController;
 //! use mvt_gaits::gait;
-//! use mvt_robot::hand::Side;
+//! use mvt_robot::hand::{Hand, Side};
 //!
 //! let (_, gait) = gait::find("bal")?;
-//! let mut controller = DirectedController::new(gait, Side::Left);
+//! let mut controller = DirectedController::new(gait, &Hand::allegro(Side::Left));
 //! controller.regrasp();
-//! let targets = controller.command(&Proprioception { time_s: 0.0, joints: [0.2; 16] });
+//! let targets = controller.command(&Proprioception { time_s: 0.0, joints: vec![0.2; 16] });
 //! assert!(targets.iter().all(|angle| angle.is_finite()));
 //! # Ok::<(), gait::UnknownGait>(())
 //! ```

@@ -1,7 +1,7 @@
 //! Places of an object in the air, and feedback on them.
 
 use mvt_frames::{Isometry, Model, Object as ObjectFrame, Point, World};
-use mvt_robot::hand::{JOINTS, JointAngles};
+use mvt_robot::hand::JointAngles;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -21,12 +21,12 @@ pub struct PlaceFeedback {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub touching: Option<JointAngles>,
     /// Change of each joint's target per displacement of the object, along x, y and z of the world, rad/m.
-    pub gains: [[f64; 3]; JOINTS],
+    pub gains: Vec<[f64; 3]>,
     /// Change of each joint's target per velocity of the object, along x, y and z of the world, rad per m/s.
-    pub damping: [[f64; 3]; JOINTS],
+    pub damping: Vec<[f64; 3]>,
     /// Change of each joint's target per displacement of the object summed over time, along x, y and z of the world, rad per
     /// m s. It lifts heavy objects.
-    pub lift: [[f64; 3]; JOINTS],
+    pub lift: Vec<[f64; 3]>,
     /// Joint angles through which the hand lowers the object to the palm if its place is unknown, one per second, radians.
     pub lowering: Vec<JointAngles>,
 }

@@ -3,8 +3,10 @@
 use std::sync::LazyLock;
 
 use mvt_objects::object::Object;
+use mvt_robot::hand::Hand;
 use serde::Deserialize;
 
+use crate::gait;
 use crate::shape::ObjectShape;
 
 /// A controller that keeps an object, also when it follows another one of the object's safe controllers.
@@ -34,8 +36,11 @@ const SIZE_MARGIN: f64 = 0.05;
 const FILL_MARGIN: f64 = 0.05;
 
 /// Returns the safe controllers of the most similar object on which changes were tried; an episode begins with the first of them. It is
-/// empty if no object is similar, or if the object has a single safe controller.
-pub fn safe_controllers(object: &Object) -> &'static [SafeController] {
+/// empty if no object is similar, if the object has a single safe controller, or if the hand has no shipped ones.
+pub fn safe_controllers(object: &Object, hand: &Hand) -> &'static [SafeController] {
+    if !gait::suits(hand) {
+        return &[];
+    }
     let shape = ObjectShape::of(object);
     let difference = |tried: &TriedObject| {
         let sizes = [shape.length_mm, shape.width_mm, shape.height_mm].into_iter().zip(tried.size_mm);
@@ -61,8 +66,8 @@ fn tried() -> &'static [TriedObject] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gait;
     use mvt_objects::catalogue;
+    use mvt_robot::hand::Side;
 
     #[test]
     fn every_object_of_the_file_has_two_axes_and_shipped_controllers() {
@@ -82,12 +87,14 @@ mod tests {
     #[test]
     fn objects_find_their_own_entry_and_others_none() {
         let load = |name: &str| catalogue::load(name, &mut Vec::new()).unwrap();
+        let hand = Hand::allegro(Side::Left);
         for tried in
             tried().iter().filter(|tried| catalogue::entries().any(|e| e.is_procedural() && e.name == tried.name))
         {
-            assert_eq!(safe_controllers(&load(&tried.name)), tried.controllers, "{}", tried.name);
+            assert_eq!(safe_controllers(&load(&tried.name), &hand), tried.controllers, "{}", tried.name);
         }
-        assert!(!safe_controllers(&load("cube70")).is_empty());
-        assert!(safe_controllers(&load("pepper_grinder")).is_empty());
+        assert!(!safe_controllers(&load("cube70"), &hand).is_empty());
+        assert!(safe_controllers(&load("pepper_grinder"), &hand).is_empty());
+        assert!(safe_controllers(&load("cube70"), &Hand::none()).is_empty());
     }
 }

@@ -101,8 +101,8 @@ pub(crate) fn smooth(t: f64) -> f64 {
 }
 
 /// Interpolates between targets; `t` is from 0 to 1.
-pub(crate) fn blend(from: &JointAngles, to: &JointAngles, t: f64) -> JointAngles {
-    std::array::from_fn(|j| from[j] * (1.0 - t) + to[j] * t)
+pub(crate) fn blend(from: &[f64], to: &[f64], t: f64) -> JointAngles {
+    from.iter().zip(to).map(|(from, to)| from * (1.0 - t) + to * t).collect()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use clap::Parser;
 use mvt_gaits::gait;
 use mvt_physics::episode;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeOutcome, Randomisation};
-use mvt_robot::hand::{Finger, Side};
+use mvt_robot::hand::{Hand, Side};
 use rayon::prelude::*;
 
 /// Evaluate gaits over randomised starts.
@@ -51,11 +51,12 @@ const QUOTED: [&str; 10] = [
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let side = if arguments.right { Side::Right } else { Side::Left };
+    let hand = Hand::allegro(if arguments.right { Side::Right } else { Side::Left });
     let quoted = || QUOTED.map(str::to_owned).to_vec();
     let names = if arguments.objects.is_empty() { quoted() } else { arguments.objects };
+    let names_of_pads = hand.pads().iter().map(|pad| pad.name.as_str()).collect::<Vec<_>>().join(" ");
     println!(
-        "| object | gait | alive % | rad/s median (q10-q90) | any pad % | pads | index middle ring thumb % | depth mm | tilt deg |"
+        "| object | gait | alive % | rad/s median (q10-q90) | any pad % | pads | {names_of_pads} % | depth mm | tilt deg |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     for name in names {
@@ -63,8 +64,8 @@ fn main() -> Result<()> {
         let object = mvt_objects::catalogue::load(&name, &mut warnings)?;
         let (gait_name, gait) = gait::find(arguments.gait.as_deref().unwrap_or_else(|| gait::suited_to(&object)))?;
         let play = |seed| -> Result<EpisodeOutcome> {
-            let (gait, duration_s) = (gait.clone(), arguments.duration);
-            let config = EpisodeConfig { side, gait, seed, duration_s, randomisation: Randomisation::default() };
+            let (hand, gait, duration_s) = (hand.clone(), gait.clone(), arguments.duration);
+            let config = EpisodeConfig { hand, gait, seed, duration_s, randomisation: Randomisation::default() };
             Ok(episode::run(&mut Episode::new(&object, &config)?))
         };
         let seeds = arguments.seed..arguments.seed + arguments.starts;
@@ -74,7 +75,7 @@ fn main() -> Result<()> {
         let mut rates: Vec<f64> = outcomes.iter().map(|o| o.turn_rate_rad_s).collect();
         rates.sort_by(f64::total_cmp);
         let quantile = |q: f64| rates[((rates.len() - 1) as f64 * q).round() as usize];
-        let pads = Finger::ALL.map(|f| format!("{:.0}", 100.0 * mean(&|o| o.per_pad_contact[f])));
+        let pads = hand.per_pad(|pad| format!("{:.0}", 100.0 * mean(&|o| o.per_pad_contact[pad])));
         println!(
             "| {name} | {gait_name} | {:.0} | {:.2} ({:.2}-{:.2}) | {:.0} | {:.2} | {} | {:.2} | {:.0} |",
             100.0 * alive,

@@ -3,11 +3,13 @@
 use mvt_frames::{Isometry, Object as ObjectFrame, World as WorldFrame};
 use mvt_gaits::feedback::RehearsedPlace;
 use mvt_objects::object::Object;
-use mvt_robot::rig::PALM_CENTRE_M;
+use mvt_robot::hand::Hand;
 use nalgebra as na;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+
+use crate::start::floor_m;
 
 /// Errors of a place that a rehearsal shows, along each axis, metres, one standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,7 +79,7 @@ impl Rehearsal {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct AirOutcome {
-    /// Least height of the object's lowest point over the palm, millimetres.
+    /// Least height of the object's lowest point over the palm, millimetres; over a plane 100 mm below the grasp for a hand without a palm.
     pub least_height_mm: f64,
     /// Share of the time in which something else than fingertips touched the object.
     pub touched_beside_tips: f64,
@@ -110,6 +112,8 @@ impl AirOutcome {
 pub struct AirTally {
     /// Corners of the collision shape.
     corners: Vec<na::Point3<f64>>,
+    /// Height of the palm, metres.
+    floor_m: f64,
     steps: u64,
     beside: u64,
     least_height_m: f64,
@@ -118,11 +122,12 @@ pub struct AirTally {
 }
 
 impl AirTally {
-    /// Starts with no step.
-    pub fn new(object: &Object) -> Self {
+    /// Starts with no step of a hand at these joint angles.
+    pub fn new(object: &Object, hand: &Hand, joints: &[f64]) -> Self {
         let corners = object.collision.iter().flatten().map(|v| na::Point3::from(v.to_array().map(f64::from)));
         Self {
             corners: corners.collect(),
+            floor_m: floor_m(hand, joints),
             steps: 0,
             beside: 0,
             least_height_m: f64::INFINITY,
@@ -134,7 +139,7 @@ impl AirTally {
     /// Adds a step.
     pub fn add(&mut self, pose: Isometry<ObjectFrame, WorldFrame>, is_touched_beside: bool) {
         let pose = pose.untyped();
-        let height = |corner: &na::Point3<f64>| (pose * corner).z - PALM_CENTRE_M[2];
+        let height = |corner: &na::Point3<f64>| (pose * corner).z - self.floor_m;
         self.least_height_m = self.corners.iter().map(height).fold(self.least_height_m, f64::min);
         let last = self.rotation.replace(pose.rotation).unwrap_or(pose.rotation);
         self.net += (pose.rotation * last.inverse()).scaled_axis();

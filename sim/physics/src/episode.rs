@@ -1,5 +1,7 @@
 //! Episodes: a randomised start, the controller in the loop, and the conditions that end them.
 
+use std::sync::Arc;
+
 use mvt_frames::{Isometry, Object as ObjectFrame, Vector, World as WorldFrame};
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
 use mvt_gaits::controller::{Controller as _, Proprioception};
@@ -9,7 +11,7 @@ use mvt_gaits::gait;
 use mvt_gaits::gait::{Gait, UnknownGait};
 use mvt_gaits::schedule::{Schedule, TiltChange};
 use mvt_objects::object::Object;
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::SceneState;
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
@@ -40,15 +42,15 @@ pub enum End {
 pub struct EpisodeState {
     /// Hand and object.
     pub scene: SceneState,
-    /// Contact of each fingertip with the object.
-    pub pads: PerFinger<PadContact>,
+    /// Contact of each pad with the object.
+    pub pads: PerPad<PadContact>,
 }
 
 /// Configuration of an episode.
 #[derive(Debug, Clone)]
 pub struct EpisodeConfig {
-    /// Left or right hand.
-    pub side: Side,
+    /// The hand. The gait must be one for it; joints for which the gait has no angle rest.
+    pub hand: Arc<Hand>,
     /// Gait of the controller, which also sets gravity, torque limit and start.
     pub gait: Gait,
     /// Seed of the start.
@@ -93,7 +95,7 @@ pub struct Episode {
     simulation: Simulation,
     controller: DirectedController,
     start: EpisodeStart,
-    side: Side,
+    hand: Arc<Hand>,
     schedule: Schedule,
     target: JointAngles,
     plan: Plan,
@@ -115,21 +117,21 @@ impl Episode {
     /// # Errors
     /// [`SimulationError`] if MuJoCo refuses the object.
     pub fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, SimulationError> {
-        let EpisodeConfig { side, gait, seed, duration_s, randomisation } = config;
-        let start = EpisodeStart::draw(object, gait, *side, randomisation, *seed);
-        let mut simulation = Simulation::new(*side, object, &start.physics)?;
+        let EpisodeConfig { hand, gait, seed, duration_s, randomisation } = config;
+        let start = EpisodeStart::draw(object, gait, hand, randomisation, *seed);
+        let mut simulation = Simulation::new(hand, object, &start.physics)?;
         simulation.reset(&start.joints, start.object);
         Ok(Self {
             simulation,
-            controller: DirectedController::new(gait, *side),
-            side: *side,
+            controller: DirectedController::new(gait, hand),
+            hand: Arc::clone(hand),
             schedule: Schedule::default(),
-            target: start.joints,
-            start,
-            plan: Plan { changes: 0, turn_axis: gait.axis.direction(*side), tilting: None },
+            target: start.joints.clone(),
+            plan: Plan { changes: 0, turn_axis: gait.axis.direction(hand.side()), tilting: None },
             rehearsal: None,
-            air: gait.feedback.as_ref().map(|_| AirTally::new(object)),
-            shears: GelShears::default(),
+            air: gait.feedback.as_ref().map(|_| AirTally::new(object, hand, &start.joints)),
+            shears: GelShears::new(hand),
+            start,
             tick: 0,
             last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
             turned_rad: 0.0,
@@ -166,6 +168,11 @@ impl Episode {
         &self.start
     }
 
+    /// Returns the hand.
+    pub fn hand(&self) -> &Arc<Hand> {
+        &self.hand
+    }
+
     /// Returns the reason for the end; `None` while the episode runs.
     pub fn end(&self) -> Option<&End> {
         self.end.as_ref()
@@ -184,7 +191,7 @@ impl Episode {
     /// Obeys a directive of the supervisor from the next command on.
     ///
     /// # Errors
-    /// [`UnknownGait`], which lists the names; the episode then continues unchanged.
+    /// [`UnknownGait`], which lists the names, or says that the hand has no shipped gaits; the episode then continues unchanged.
     pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
         if directive != Directive::Hold {
             self.controller.release();
@@ -192,8 +199,8 @@ impl Episode {
         match directive {
             Directive::Continue => self.controller.recentre([0.0; 2]),
             Directive::Hold => self.controller.hold(),
-            Directive::SwitchGait(name) => self.controller.switch(gait::find(&name)?.1),
-            Directive::ChangeController(name) => self.change(gait::find(&name)?.1),
+            Directive::SwitchGait(name) => self.controller.switch(gait::find_for(&self.hand, &name)?.1),
+            Directive::ChangeController(name) => self.change(gait::find_for(&self.hand, &name)?.1),
             Directive::Regrasp => self.controller.regrasp(),
             Directive::Recentre { offset_m } => self.controller.recentre(offset_m),
             Directive::Stop => {
@@ -249,7 +256,7 @@ impl Episode {
                 time_s: self.time_s(),
                 joints: self.simulation.joints(),
                 object_pose: self.simulation.object_pose(),
-                shear: self.shears.shear(),
+                shear: self.shears.shear().clone(),
             },
             pads: self.simulation.contacts(),
         }
@@ -261,13 +268,13 @@ impl Episode {
     }
 
     /// Returns the joint angles at which the joints aim, radians.
-    pub fn target(&self) -> &JointAngles {
+    pub fn target(&self) -> &[f64] {
         &self.target
     }
 
     /// Makes so many integration steps, fewer if the episode ends. The joints aim at `targets`, radians; without them the
     /// gait plays.
-    pub fn advance(&mut self, steps: u32, targets: Option<&JointAngles>) {
+    pub fn advance(&mut self, steps: u32, targets: Option<&[f64]>) {
         for _ in 0..steps {
             if self.end.is_some() {
                 return;
@@ -285,7 +292,7 @@ impl Episode {
             start: self.start.clone(),
             simulation: self.simulation.save(),
             controller: self.controller.clone(),
-            target: self.target,
+            target: self.target.clone(),
             plan: self.plan.clone(),
             gravity: self.simulation.gravity(),
             rehearsal: self.rehearsal.clone(),
@@ -331,8 +338,8 @@ impl Episode {
     /// Changes to a gait: the hand opens, the palm is levelled and tilted as the gait needs it, and the hand closes.
     fn change(&mut self, gait: &Gait) {
         self.controller.change(gait);
-        let tilt = TiltChange { from: self.simulation.gravity(), to: gravity_of(gait, self.side) };
-        self.plan.turn_axis = gait.axis.direction(self.side);
+        let tilt = TiltChange { from: self.simulation.gravity(), to: gravity_of(gait, self.hand.side()) };
+        self.plan.turn_axis = gait.axis.direction(self.hand.side());
         self.plan.tilting = Some((tilt, self.tick));
     }
 
@@ -355,13 +362,13 @@ impl Episode {
     }
 
     /// Makes one integration step towards `targets`, or of the gait with a new command if one is due.
-    fn step(&mut self, targets: Option<&JointAngles>) {
+    fn step(&mut self, targets: Option<&[f64]>) {
         const STEPS_PER_COMMAND: u64 = (PHYSICS_HZ / CONTROL_HZ) as u64;
         /// Limit of the counted turn rate, rad/s. A free object may spin faster for an instant than a pad can turn it.
         const FASTEST_TURN: f64 = 10.0;
         self.follow_plan();
         if let Some(targets) = targets {
-            self.target = *targets;
+            self.target = targets.to_vec();
         } else if self.tick.is_multiple_of(STEPS_PER_COMMAND) {
             let sensed = Proprioception { time_s: self.time_s(), joints: self.simulation.joints() };
             self.target = self.controller.command(&sensed);
@@ -373,7 +380,7 @@ impl Episode {
         self.simulation.step(&self.target);
         self.tick += 1;
         let (joints, object) = (self.simulation.joints(), self.simulation.object_pose());
-        self.shears.step(self.side, &joints, object, &self.simulation.contacts());
+        self.shears.step(&self.hand, &joints, object, &self.simulation.contacts());
         if self.air.is_some() {
             self.watch_air(is_supported);
         }
@@ -403,15 +410,22 @@ impl Episode {
         if let Some(reason) = self.simulation.fault() {
             return Some(End::Unstable(reason));
         }
-        (!is_on_the_hand(self.simulation.object_pose())).then_some(End::Dropped)
+        let (joints, object) = (self.simulation.joints(), self.simulation.object_pose());
+        (!is_on_the_hand(&self.hand, &joints, object)).then_some(End::Dropped)
     }
 }
 
-/// Returns whether an object at this pose has not fallen off the hand.
-pub fn is_on_the_hand(pose: Isometry<ObjectFrame, WorldFrame>) -> bool {
+/// Returns whether an object at this pose has not fallen off the hand: it is over a palm of human size or its fingers, which point along x,
+/// or, for a hand without a palm, near the grasp.
+pub fn is_on_the_hand(hand: &Hand, joints: &[f64], pose: Isometry<ObjectFrame, WorldFrame>) -> bool {
+    /// Distance from the grasp up to which a hand without a palm holds an object, metres.
+    const NEAR_M: f64 = 0.15;
     let p = pose.origin().coords();
-    // The palm spans x from -95 to 0 mm and |y| < 57 mm at z = 11 mm; the fingers reach to x = 160 mm.
-    p.z > -0.01 && p.y.abs() < 0.11 && (-0.12..0.16).contains(&p.x)
+    match hand.palm_centre_m() {
+        // A palm reaches to 48 mm along x and 57 mm along y from its middle, stretched fingers to 205 mm along x.
+        Some([x, y, z]) => p.z > z - 0.0211 && (p.y - y).abs() < 0.11 && (x - 0.0725..x + 0.2075).contains(&p.x),
+        None => hand.grasp_centre(joints).is_none_or(|centre| (p - centre.coords()).norm() < NEAR_M),
+    }
 }
 
 /// Outcome of an episode. Fractions are of its camera frames.
@@ -428,8 +442,8 @@ pub struct EpisodeOutcome {
     pub any_contact_fraction: f64,
     /// Mean number of pads that touched the object.
     pub mean_pads_in_contact: f64,
-    /// Fraction in which each pad touched the object: index, middle, ring, thumb.
-    pub per_pad_contact: PerFinger<f64>,
+    /// Fraction in which each pad touched the object.
+    pub per_pad_contact: PerPad<f64>,
     /// Mean penetration of the object into a touching gel, millimetres.
     pub penetration_mm: f64,
     /// Angle between the object's own z axis and the palm's normal at the end, degrees.
@@ -446,7 +460,8 @@ pub struct EpisodeOutcome {
 pub struct Tally {
     frames: usize,
     any: usize,
-    pads: PerFinger<usize>,
+    /// Number of frames in which each pad touched; empty before the first frame.
+    pads: PerPad<usize>,
     penetration_m: f64,
     tilt_rad: f64,
 }
@@ -455,11 +470,11 @@ impl Tally {
     /// Adds one frame.
     pub fn add(&mut self, state: &EpisodeState) {
         self.frames += 1;
-        let touching = |f: Finger| state.pads[f].is_touching();
-        self.any += usize::from(Finger::ALL.into_iter().any(touching));
-        for finger in Finger::ALL.into_iter().filter(|&f| touching(f)) {
-            self.pads[finger] += 1;
-            self.penetration_m += state.pads[finger].penetration_m;
+        self.any += usize::from(state.pads.iter().any(PadContact::is_touching));
+        self.pads.0.resize(state.pads.len(), 0);
+        for (count, pad) in self.pads.iter_mut().zip(&state.pads).filter(|(_, pad)| pad.is_touching()) {
+            *count += 1;
+            self.penetration_m += pad.penetration_m;
         }
         let up = (state.scene.object_pose * Vector::<ObjectFrame>::new(0.0, 0.0, 1.0)).coords();
         self.tilt_rad = up.z.clamp(-1.0, 1.0).acos();
@@ -468,7 +483,7 @@ impl Tally {
     /// Returns the outcome of the episode whose frames were added.
     pub fn outcome(&self, episode: &Episode) -> EpisodeOutcome {
         let of_frames = |count: usize| count as f64 / self.frames.max(1) as f64;
-        let touches: usize = self.pads.0.iter().sum();
+        let touches: usize = self.pads.iter().sum();
         let survived_s = episode.time_s();
         EpisodeOutcome {
             survived_s,
@@ -476,7 +491,7 @@ impl Tally {
             turn_rate_rad_s: if survived_s > 0.0 { episode.turned_rad() / survived_s } else { 0.0 },
             any_contact_fraction: of_frames(self.any),
             mean_pads_in_contact: of_frames(touches),
-            per_pad_contact: PerFinger(self.pads.0.map(of_frames)),
+            per_pad_contact: episode.hand.per_pad(|pad| of_frames(self.pads.get(pad).copied().unwrap_or(0))),
             penetration_mm: 1e3 * self.penetration_m / touches.max(1) as f64,
             tilt_deg: self.tilt_rad.to_degrees(),
             in_air: episode.in_air(),

@@ -7,12 +7,12 @@
 //! use mvt_gaits::gait;
 //! use mvt_objects::catalogue;
 //! use mvt_physics::episode::{self, Episode, EpisodeConfig, Randomisation};
-//! use mvt_robot::hand::Side;
+//! use mvt_robot::hand::{Hand, Side};
 //!
 //! let cube = catalogue::load("cube70", &mut Vec::new())?;
-//! let gait = gait::choose("auto", &cube)?.1.clone();
-//! let config =
-//!     EpisodeConfig { side: Side::Left, gait, seed: 1, duration_s: 0.2, randomisation: Randomisation::default() };
+//! let hand = Hand::allegro(Side::Left);
+//! let gait = gait::choose("auto", &cube, &hand)?.1.clone();
+//! let config = EpisodeConfig { hand, gait, seed: 1, duration_s: 0.2, randomisation: Randomisation::default() };
 //! let outcome = episode::run(&mut Episode::new(&cube, &config)?);
 //! assert!(outcome.survived_s > 0.1);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -23,6 +23,7 @@ use mvt_mujoco_lib as _;
 
 pub mod air;
 pub mod episode;
+pub mod messages;
 pub mod mjcf;
 pub mod shear;
 pub mod simulation;

@@ -6,12 +6,11 @@
 use std::fmt::Write as _;
 
 use mvt_objects::object::Object;
-use mvt_robot::hand;
-use mvt_robot::hand::{Body, Finger, JOINTS_PER_FINGER, Part, PartSurface, Primitive, Side};
+use mvt_robot::hand::{Body, Hand, Inertial, Joint, JointMotion, Part, PartSurface, Placing, Primitive};
 use nalgebra as na;
 
-/// Name of the object's body and of its free joint.
-pub const OBJECT: &str = "object";
+/// Name of the object's body and of its free joint. No name of a hand has a colon.
+pub const OBJECT: &str = "object:";
 
 /// Physical quantities of one episode.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -24,9 +23,9 @@ pub struct Physics {
     pub gel_friction: f64,
     /// Sliding friction between the object and all other parts.
     pub link_friction: f64,
-    /// Stiffness of the joints' position controllers, Nm/rad.
-    pub joint_stiffness: f64,
-    /// Largest joint torque, Nm.
+    /// Stiffness of the joints' position controllers, relative to that of their drives.
+    pub stiffness_factor: f64,
+    /// Largest joint torque, Nm; drives may have a lower limit of their own.
     pub torque_limit: f64,
     /// Mass of the object, kg.
     pub object_mass_kg: f64,
@@ -34,20 +33,24 @@ pub struct Physics {
     pub com_offset_m: [f64; 3],
 }
 
-/// First part of the model: joints, and how each kind of surface touches.
+/// First part of the model: how each kind of surface touches.
 pub(crate) const HEADER: &str = r#"<mujoco model="mambavitact">
 <compiler angle="radian" autolimits="true"/>
 <default>
-<joint damping="0.1" armature="0.001" frictionloss="0.01" limited="true"/>
+<joint limited="true"/>
 <default class="link"><geom contype="2" conaffinity="1" condim="3" density="0"/></default>
-<default class="digit"><geom contype="6" conaffinity="5" condim="3" density="0"/></default>
+<default class="housing"><geom contype="6" conaffinity="5" condim="3" density="0"/></default>
 <default class="gel"><geom contype="2" conaffinity="1" condim="4" priority="2" density="0" solref="0.015 1" solimp="0.5 0.95 0.0015 0.5 2"/></default>
 <default class="object"><geom contype="1" conaffinity="2" condim="3" density="0"/></default>
 </default>
 "#;
 
-/// Returns the model of the hand and the object. The free joint of the object sets its pose.
-pub fn model(side: Side, object: &Object, physics: &Physics) -> String {
+/// Least limit of a drive's torque that MuJoCo takes, Nm.
+const WEAKEST: f64 = 1e-9;
+
+/// Returns the model of the hand and the object. The joints of the hand come first, in their order; the free joint of the object sets its
+/// pose.
+pub fn model(hand: &Hand, object: &Object, physics: &Physics) -> String {
     let mut xml = String::from(HEADER);
     let [gx, gy, gz] = physics.gravity;
     // Elliptic cones with impratio 10 are essential: with MuJoCo's defaults a static grasp creeps by 12 to 60 mm/s.
@@ -65,88 +68,134 @@ pub fn model(side: Side, object: &Object, physics: &Physics) -> String {
         }
         xml.push_str("\"/>\n");
     }
+    for (body, Body { parts, .. }) in hand.bodies().iter().enumerate() {
+        for (k, part) in parts.iter().enumerate() {
+            if let Primitive::Hull(hull) = &part.shape {
+                let vertices = numbers(hull.vertices().iter().flatten());
+                let _ = writeln!(xml, r#"<mesh name="{}" vertex="{vertices}"/>"#, geom_name(body, k));
+            }
+        }
+    }
     xml.push_str("</asset>\n<worldbody>\n");
-    hand_bodies(&mut xml, side, physics);
+    hand_bodies(&mut xml, hand, physics);
     object_body(&mut xml, object, physics);
     xml.push_str("</worldbody>\n<contact>\n");
-    for finger in Finger::ALL {
-        let (tip, link) = (Body::Tip(finger).name(), Body::Link(finger, 2).name());
-        let _ = writeln!(xml, r#"<exclude body1="{tip}" body2="{link}"/>"#);
+    for [a, b] in hand.description().apart.iter().map(|pair| pair.map(|body| body_name(hand, body))) {
+        let _ = writeln!(xml, r#"<exclude body1="{a}" body2="{b}"/>"#);
     }
     xml.push_str("</contact>\n<actuator>\n");
-    for name in joint_names() {
-        let (kp, limit) = (physics.joint_stiffness, physics.torque_limit);
+    for Joint { name, drive, .. } in hand.joints() {
+        let kp = drive.stiffness * physics.stiffness_factor;
+        let limit = physics.torque_limit.min(drive.torque_limit).max(WEAKEST);
         let _ = writeln!(
             xml,
-            r#"<position name="{name}" joint="{name}" kp="{kp}" forcerange="-{limit} {limit}" inheritrange="1"/>"#
+            r#"<position name="hand:{name}" joint="hand:{name}" kp="{kp}" forcerange="-{limit} {limit}" inheritrange="1"/>"#
         );
     }
     xml.push_str("</actuator>\n</mujoco>\n");
     xml
 }
 
-/// Returns the names of the joints and actuators, in the order of [`JointAngles`](hand::JointAngles).
-pub fn joint_names() -> impl Iterator<Item = String> {
-    Finger::ALL.into_iter().flat_map(|f| (0..JOINTS_PER_FINGER).map(move |k| Body::Link(f, k).name()))
+/// Returns the name of a body of the hand. The prefix keeps it apart from the world and the object.
+pub(crate) fn body_name(hand: &Hand, body: usize) -> String {
+    format!("hand:{}", hand.bodies().get(body).map_or("", |body| &body.name))
 }
 
-/// Returns the name of the gel geom of a finger.
-pub fn gel_geom(finger: Finger) -> String {
-    format!("{}_gel", finger.prefix())
+/// Returns the name of the geom of a body's part, and of the mesh of a hull.
+pub(crate) fn geom_name(body: usize, part: usize) -> String {
+    format!("part:{body}:{part}")
 }
 
-fn hand_bodies(xml: &mut String, side: Side, physics: &Physics) {
-    let parts = hand::parts(side);
-    let [w, x, y, z] = hand::world_from_base().quaternion_wxyz();
-    let _ = writeln!(xml, r#"<body name="{}" quat="{w} {x} {y} {z}">"#, Body::Palm.name());
-    body_content(xml, side, Body::Palm, &parts, physics);
-    for finger in Finger::ALL {
-        for k in 0..JOINTS_PER_FINGER {
-            let body = Body::Link(finger, k);
-            let joint = hand::joint(side, finger, k);
-            let ([px, py, pz], [w, x, y, z]) = (joint.origin_m, joint.orientation_wxyz);
-            let ([ax, ay, az], [low, high]) = (joint.axis, joint.range_rad);
-            let name = body.name();
-            let _ = writeln!(
-                xml,
-                r#"<body name="{name}" pos="{px} {py} {pz}" quat="{w} {x} {y} {z}" gravcomp="1"><joint name="{name}" axis="{ax} {ay} {az}" range="{low} {high}"/>"#
-            );
-            body_content(xml, side, body, &parts, physics);
+fn numbers<'a>(values: impl IntoIterator<Item = &'a f64>) -> String {
+    values.into_iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
+}
+
+/// Returns an attribute with an orientation, empty without rotation.
+fn turned(orientation_wxyz: &[f64; 4]) -> String {
+    let is_upright = orientation_wxyz.iter().skip(1).all(|q| *q == 0.0);
+    if is_upright { String::new() } else { format!(r#" quat="{}""#, numbers(orientation_wxyz)) }
+}
+
+fn hand_bodies(xml: &mut String, hand: &Hand, physics: &Physics) {
+    let mut path: Vec<usize> = Vec::new();
+    for (k, body) in hand.bodies().iter().enumerate() {
+        // Bodies stand depth first: those that are open and not its parent are complete.
+        while path.last() != body.parent.as_ref() && path.pop().is_some() {
+            xml.push_str("</body>\n");
         }
-        let tip = Body::Tip(finger);
-        let _ = writeln!(xml, r#"<body name="{}" pos="0 0 {}" gravcomp="1">"#, tip.name(), hand::tip_offset_m(finger));
-        body_content(xml, side, tip, &parts, physics);
-        xml.push_str(&"</body>".repeat(JOINTS_PER_FINGER + 1));
-        xml.push('\n');
+        path.push(k);
+        let Placing { position_m, orientation_wxyz } = &body.place;
+        // What no joint moves needs no compensation.
+        let compensated = if hand.chain(k).is_empty() { "" } else { r#" gravcomp="1""# };
+        let _ = writeln!(
+            xml,
+            r#"<body name="{}" pos="{}"{}{compensated}>"#,
+            body_name(hand, k),
+            numbers(position_m),
+            turned(orientation_wxyz)
+        );
+        if let Some(joint) = hand.joint_of(k).and_then(|j| hand.joints().get(j)) {
+            joint_element(xml, joint);
+        }
+        body_content(xml, k, body, physics);
     }
-    xml.push_str("</body>\n");
+    xml.push_str(&"</body>\n".repeat(path.len()));
 }
 
-fn body_content(xml: &mut String, side: Side, body: Body, parts: &[Part], physics: &Physics) {
-    let hand::Inertial { mass_kg, centre_m: [x, y, z], diagonal: [ix, iy, iz] } = hand::inertial(side, body);
-    let _ = writeln!(xml, r#"<inertial pos="{x} {y} {z}" mass="{mass_kg}" diaginertia="{ix} {iy} {iz}"/>"#);
-    for part in parts.iter().filter(|part| part.body == body) {
-        let link = format!("{} 0.002 0.0001", physics.link_friction);
-        let (class, friction, name) = match (part.surface, body) {
+fn joint_element(xml: &mut String, joint: &Joint) {
+    let Joint { name, motion, axis, range, drive, .. } = joint;
+    let motion = match motion {
+        JointMotion::Hinge => "hinge",
+        JointMotion::Slide => "slide",
+    };
+    let _ = writeln!(
+        xml,
+        r#"<joint name="hand:{name}" type="{motion}" axis="{}" range="{}" damping="{}" armature="{}" frictionloss="{}"/>"#,
+        numbers(axis),
+        numbers(range),
+        drive.damping,
+        drive.armature,
+        drive.friction
+    );
+}
+
+fn body_content(xml: &mut String, index: usize, body: &Body, physics: &Physics) {
+    if let Some(Inertial { mass_kg, centre_m, orientation_wxyz, diagonal }) = &body.inertial {
+        let _ = writeln!(
+            xml,
+            r#"<inertial pos="{}"{} mass="{mass_kg}" diaginertia="{}"/>"#,
+            numbers(centre_m),
+            turned(orientation_wxyz),
+            numbers(diagonal)
+        );
+    }
+    for (k, Part { surface, shape }) in body.parts.iter().enumerate() {
+        let (class, friction) = match surface {
             // With torsional friction, the gel twists an object that it touches in one point.
-            (PartSurface::Gel, Body::Tip(finger)) => {
-                ("gel", format!("{} 0.004 0.0001", physics.gel_friction), format!(r#" name="{}""#, gel_geom(finger)))
-            }
-            (PartSurface::Digit, _) => ("digit", link, String::new()),
-            _ => ("link", link, String::new()),
+            PartSurface::Gel(_) => ("gel", format!("{} 0.004 0.0001", physics.gel_friction)),
+            PartSurface::Housing => ("housing", format!("{} 0.002 0.0001", physics.link_friction)),
+            PartSurface::Link => ("link", format!("{} 0.002 0.0001", physics.link_friction)),
         };
-        let _ = write!(xml, r#"<geom{name} class="{class}" friction="{friction}" "#);
-        let _ = match part.shape {
-            Primitive::Box { centre: [x, y, z], half: [a, b, c] } => {
-                writeln!(xml, r#"type="box" pos="{x} {y} {z}" size="{a} {b} {c}"/>"#)
-            }
-            Primitive::Ellipsoid { centre: [x, y, z], semi: [a, b, c] } => {
-                writeln!(xml, r#"type="ellipsoid" pos="{x} {y} {z}" size="{a} {b} {c}"/>"#)
-            }
-            Primitive::Capsule { from: [a, b, c], to: [d, e, f], radius } => {
-                writeln!(xml, r#"type="capsule" fromto="{a} {b} {c} {d} {e} {f}" size="{radius}"/>"#)
-            }
+        let name = geom_name(index, k);
+        let _ = write!(xml, r#"<geom name="{name}" class="{class}" friction="{friction}" "#);
+        let placed = |kind: &str, centre: &[f64; 3], orientation: &[f64; 4], size: &[f64; 3]| {
+            format!(r#"type="{kind}" pos="{}"{} size="{}"/>"#, numbers(centre), turned(orientation), numbers(size))
         };
+        let shape = match shape {
+            Primitive::Box { centre, half, orientation_wxyz } => placed("box", centre, orientation_wxyz, half),
+            Primitive::Ellipsoid { centre, semi, orientation_wxyz } => {
+                placed("ellipsoid", centre, orientation_wxyz, semi)
+            }
+            // MuJoCo takes no capsule without an axis.
+            Primitive::Capsule { from, to, radius } if from == to => {
+                format!(r#"type="sphere" pos="{}" size="{radius}"/>"#, numbers(from))
+            }
+            Primitive::Capsule { from, to, radius } => {
+                format!(r#"type="capsule" fromto="{}" size="{radius}"/>"#, numbers(from.iter().chain(to)))
+            }
+            Primitive::Hull(_) => format!(r#"type="mesh" mesh="{name}"/>"#),
+        };
+        let _ = writeln!(xml, "{shape}");
     }
 }
 

@@ -1,13 +1,12 @@
-//! How an object drags the gels of the fingertips along.
+//! How an object drags the gels of the pads along.
 //!
 //! The gel is a spring between pad and object, as bristles are in Dahl's model of friction: where the object sticks, the surface of the gel
 //! moves with it; once the spring pulls as strongly as friction can hold, the object slides. The motion of the object, the normal force and
 //! friction are those of MuJoCo, whose own gel is rigid along its surface.
 
 use mvt_frames::{Gel, Isometry, Object, World};
-use mvt_robot::digit;
 use mvt_robot::digit::markers::GelShear;
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_tip};
+use mvt_robot::hand::{Hand, PerPad};
 use nalgebra as na;
 
 use crate::simulation::PadContact;
@@ -34,39 +33,34 @@ pub fn stiffness_nm_per_rad(force_n: f64) -> f64 {
 }
 
 /// Shear of all gels of a hand, step by step.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct GelShears {
-    shear: PerFinger<GelShear>,
+    shear: PerPad<GelShear>,
     /// Pose of the object at each gel, one step ago.
-    before: Option<PerFinger<Isometry<Object, Gel>>>,
+    before: Option<PerPad<Isometry<Object, Gel>>>,
 }
 
 impl GelShears {
+    /// Starts with gels at rest.
+    pub fn new(hand: &Hand) -> Self {
+        Self { shear: hand.per_pad(|_| GelShear::default()), before: None }
+    }
+
     /// Returns the shear of each gel.
-    pub fn shear(&self) -> PerFinger<GelShear> {
-        self.shear
+    pub fn shear(&self) -> &PerPad<GelShear> {
+        &self.shear
     }
 
     /// Adds one integration step, after which hand, object and contacts are these.
-    pub fn step(
-        &mut self,
-        side: Side,
-        joints: &JointAngles,
-        object: Isometry<Object, World>,
-        pads: &PerFinger<PadContact>,
-    ) {
-        let world_from_gel = PerFinger::from_fn(|finger| world_from_tip(side, finger, joints) * digit::tip_from_gel());
-        let now = PerFinger::from_fn(|finger| world_from_gel[finger].inverse() * object);
-        let before = self.before.replace(now).unwrap_or(now);
-        for finger in Finger::ALL {
-            let pad = &pads[finger];
-            let touched = world_from_gel[finger].untyped().inverse_transform_point(&pad.point_m.into());
-            let motion = now[finger].untyped() * before[finger].untyped().inverse();
-            self.shear[finger] = if pad.is_touching() {
-                dragged(self.shear[finger], &motion, touched, pad)
-            } else {
-                GelShear::default()
-            };
+    pub fn step(&mut self, hand: &Hand, joints: &[f64], object: Isometry<Object, World>, pads: &PerPad<PadContact>) {
+        let world_from_gels = hand.world_from_gels(joints);
+        let now: PerPad<_> = world_from_gels.iter().map(|gel| gel.inverse() * object).collect();
+        let before = self.before.replace(now.clone()).unwrap_or_else(|| now.clone());
+        let poses = world_from_gels.iter().zip(before.iter().zip(&now));
+        for (shear, (pad, (world_from_gel, (before, now)))) in self.shear.iter_mut().zip(pads.iter().zip(poses)) {
+            let touched = world_from_gel.untyped().inverse_transform_point(&pad.point_m.into());
+            let motion = now.untyped() * before.untyped().inverse();
+            *shear = if pad.is_touching() { dragged(*shear, &motion, touched, pad) } else { GelShear::default() };
         }
     }
 }
@@ -94,10 +88,12 @@ mod tests {
 
     /// A plate that a motor presses onto the gel with 1 N and a servo drags along y, in the gel frame.
     fn plate_on_gel() -> MjData<Box<MjModel>> {
+        const DRIVE: &str = r#"damping="0.1" armature="0.001" frictionloss="0.01""#;
         let xml = format!(
             r#"{HEADER}<option timestep="{}" gravity="0 0 0" integrator="implicitfast" cone="elliptic" impratio="10"/>
 <worldbody><geom name="gel" class="gel" friction="0.9 0.004 0.0001" type="ellipsoid" pos="0.0132 0 -0.001" size="0.009 0.0128 0.0165"/>
-<body pos="0.0325 0 0"><joint name="x" type="slide" axis="1 0 0" limited="false"/><joint name="y" type="slide" axis="0 1 0" limited="false"/>
+<body pos="0.0325 0 0"><joint name="x" type="slide" axis="1 0 0" limited="false" {DRIVE}/>
+<joint name="y" type="slide" axis="0 1 0" limited="false" {DRIVE}/>
 <geom class="object" type="box" size="0.01 0.04 0.04" mass="0.1" friction="0.9 0.002 0.0001"/></body></worldbody>
 <actuator><motor joint="x"/><position joint="y" kp="5000" dampratio="1"/></actuator></mujoco>"#,
             1.0 / f64::from(mvt_gaits::clock::PHYSICS_HZ)

@@ -1,20 +1,19 @@
 //! The hand and one object in MuJoCo: step, read, save and restore.
 
-use std::sync::Once;
-
 use mujoco_rs::error::MjDataError;
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_auxiliary::MjContact;
 use mvt_frames::{Isometry, Object as ObjectFrame, World as WorldFrame};
 use mvt_objects::object::Object;
-use mvt_robot::hand::{Body, Finger, JOINTS, JointAngles, PerFinger, Side};
+use mvt_robot::hand::{Hand, JointAngles, PartSurface, PerPad};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
+use crate::messages;
 use crate::mjcf;
 use crate::mjcf::Physics;
 
-/// Contact of a fingertip with the object.
+/// Contact of a pad with the object.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct PadContact {
     /// Sum of the normal forces between gel and object, newtons.
@@ -78,10 +77,16 @@ pub enum SimulationError {
 /// Simulation of the hand and one object in MuJoCo.
 pub struct Simulation {
     data: MjData<Box<MjModel>>,
-    gels: PerFinger<usize>,
+    /// Number of joints of the hand, which stand before that of the object.
+    joints: usize,
+    /// Bodies of the hand, in their order.
+    bodies: Vec<usize>,
+    pads: usize,
+    /// Geoms of the gels, each with its pad.
+    gels: Vec<(usize, usize)>,
     object_body: usize,
-    /// Bodies of the fingertips.
-    tips: [i32; 4],
+    /// Bodies of the fingertips: those that carry pads.
+    tips: Vec<i32>,
 }
 
 /// Components of the state on which the next step depends, including the warm start.
@@ -92,62 +97,65 @@ impl Simulation {
     ///
     /// # Errors
     /// [`SimulationError::Model`] if MuJoCo refuses the model.
-    pub fn new(side: Side, object: &Object, physics: &Physics) -> Result<Self, SimulationError> {
-        route_messages();
+    pub fn new(hand: &Hand, object: &Object, physics: &Physics) -> Result<Self, SimulationError> {
+        messages::route();
         let refused = |reason: String| SimulationError::Model { object: object.name.clone(), reason };
         let model =
-            MjModel::from_xml_string(&mjcf::model(side, object, physics)).map_err(|e| refused(e.to_string()))?;
+            MjModel::from_xml_string(&mjcf::model(hand, object, physics)).map_err(|e| refused(e.to_string()))?;
         let id = |kind, name: &str| {
             model.name_to_id(kind, name).ok_or_else(|| refused(format!("the model has no element {name}")))
         };
-        let mut gels = PerFinger::default();
-        for finger in Finger::ALL {
-            gels[finger] = id(MjtObjBase::mjOBJ_GEOM, &mjcf::gel_geom(finger))?;
+        let body = |body: usize| id(MjtObjBase::mjOBJ_BODY, &mjcf::body_name(hand, body));
+        let bodies = (0..hand.bodies().len()).map(body).collect::<Result<Vec<usize>, _>>()?;
+        let mut gels = Vec::new();
+        for (index, body) in hand.bodies().iter().enumerate() {
+            for (k, part) in body.parts.iter().enumerate() {
+                if let PartSurface::Gel(pad) = part.surface {
+                    gels.push((id(MjtObjBase::mjOBJ_GEOM, &mjcf::geom_name(index, k))?, pad));
+                }
+            }
         }
         let object_body = id(MjtObjBase::mjOBJ_BODY, mjcf::OBJECT)?;
-        let mut tips = [0; 4];
-        for (tip, finger) in tips.iter_mut().zip(Finger::ALL) {
-            let body = id(MjtObjBase::mjOBJ_BODY, &Body::Tip(finger).name())?;
-            *tip = i32::try_from(body).map_err(|e| refused(e.to_string()))?;
-        }
-        Ok(Self { data: MjData::new(Box::new(model)), gels, object_body, tips })
+        let tips = hand.pads().iter().filter_map(|pad| i32::try_from(*bodies.get(pad.body)?).ok()).collect();
+        let (joints, pads) = (hand.joints().len(), hand.pads().len());
+        Ok(Self { data: MjData::new(Box::new(model)), joints, bodies, pads, gels, object_body, tips })
     }
 
-    /// Puts the hand at rest at `joints`, which its position controllers hold, and the object at rest at `object`.
-    pub fn reset(&mut self, joints: &JointAngles, object: Isometry<ObjectFrame, WorldFrame>) {
+    /// Puts the hand at rest at `joints`, which its position controllers hold, and the object at rest at `object`. Joints without a value
+    /// are at 0.
+    pub fn reset(&mut self, joints: &[f64], object: Isometry<ObjectFrame, WorldFrame>) {
         self.data.reset();
-        let qpos = self.data.qpos_mut();
-        qpos[..JOINTS].copy_from_slice(joints);
-        qpos[JOINTS..JOINTS + 3].copy_from_slice(object.origin().coords().as_slice());
-        qpos[JOINTS + 3..].copy_from_slice(&object.quaternion_wxyz());
-        self.data.ctrl_mut().copy_from_slice(joints);
+        overwrite(&mut self.data.qpos_mut()[..self.joints], joints);
+        self.put_object(object);
+        overwrite(self.data.ctrl_mut(), joints);
         self.data.forward();
     }
 
-    /// Advances one integration step. The joints' position controllers aim at `targets`, radians.
-    pub fn step(&mut self, targets: &JointAngles) {
-        self.data.ctrl_mut().copy_from_slice(targets);
+    /// Advances one integration step. The joints' position controllers aim at `targets`, radians; those without a value aim as before.
+    pub fn step(&mut self, targets: &[f64]) {
+        overwrite(self.data.ctrl_mut(), targets);
         self.data.step();
     }
 
     /// Puts the object at rest at a pose. Does not change the hand.
     pub fn place_object(&mut self, pose: Isometry<ObjectFrame, WorldFrame>) {
-        let qpos = &mut self.data.qpos_mut()[JOINTS..];
-        qpos[..3].copy_from_slice(pose.origin().coords().as_slice());
-        qpos[3..].copy_from_slice(&pose.quaternion_wxyz());
-        self.data.qvel_mut()[JOINTS..].fill(0.0);
+        self.support(pose);
         self.data.forward();
     }
 
     /// Keeps the object at rest at a pose for the next step, as a support does.
     pub fn support(&mut self, pose: Isometry<ObjectFrame, WorldFrame>) {
-        let qpos = &mut self.data.qpos_mut()[JOINTS..];
-        qpos[..3].copy_from_slice(pose.origin().coords().as_slice());
-        qpos[3..].copy_from_slice(&pose.quaternion_wxyz());
-        self.data.qvel_mut()[JOINTS..].fill(0.0);
+        self.put_object(pose);
+        self.data.qvel_mut()[self.joints..].fill(0.0);
     }
 
-    /// Returns whether anything but the fingertips touches the object: the palm or a link of a finger.
+    fn put_object(&mut self, pose: Isometry<ObjectFrame, WorldFrame>) {
+        let qpos = &mut self.data.qpos_mut()[self.joints..];
+        qpos[..3].copy_from_slice(pose.origin().coords().as_slice());
+        qpos[3..].copy_from_slice(&pose.quaternion_wxyz());
+    }
+
+    /// Returns whether anything but the fingertips touches the object: another body of the hand.
     pub fn touches_beside_fingertips(&self) -> bool {
         let model = self.data.model();
         let object = i32::try_from(self.object_body).ok();
@@ -163,9 +171,9 @@ impl Simulation {
         self.data.time()
     }
 
-    /// Returns the joint angles, radians.
+    /// Returns the joint angles, radians; metres of sliding joints.
     pub fn joints(&self) -> JointAngles {
-        std::array::from_fn(|j| self.data.qpos()[j])
+        self.data.qpos()[..self.joints].to_vec()
     }
 
     /// Returns gravity in the world, m/s^2.
@@ -180,45 +188,45 @@ impl Simulation {
 
     /// Returns the pose of the object.
     pub fn object_pose(&self) -> Isometry<ObjectFrame, WorldFrame> {
-        let q = &self.data.qpos()[JOINTS..];
+        let q = &self.data.qpos()[self.joints..];
         Isometry::from_parts([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]])
     }
 
     /// Returns the angular velocity of the object in the world, rad/s.
     pub fn object_angular_velocity(&self) -> na::Vector3<f64> {
-        let v = &self.data.qvel()[JOINTS + 3..];
+        let v = &self.data.qvel()[self.joints + 3..];
         // In MuJoCo the angular velocity of a free joint is in the body's own frame.
         self.object_pose().untyped().rotation * na::Vector3::new(v[0], v[1], v[2])
     }
 
     /// Returns the velocity of the object's origin in the world, m/s.
     pub fn object_velocity(&self) -> na::Vector3<f64> {
-        let v = &self.data.qvel()[JOINTS..];
+        let v = &self.data.qvel()[self.joints..];
         na::Vector3::new(v[0], v[1], v[2])
     }
 
     /// Returns the joint velocities, rad/s.
     pub fn joint_velocities(&self) -> JointAngles {
-        std::array::from_fn(|j| self.data.qvel()[j])
+        self.data.qvel()[..self.joints].to_vec()
     }
 
     /// Returns the torques with which the position controllers drive the joints, Nm, from the last step.
     pub fn joint_torques(&self) -> JointAngles {
-        std::array::from_fn(|j| self.data.qfrc_actuator()[j])
+        self.data.qfrc_actuator()[..self.joints].to_vec()
     }
 
-    /// Returns the contact of each fingertip with the object.
-    pub fn contacts(&self) -> PerFinger<PadContact> {
-        let mut pads = PerFinger::<PadContact>::default();
+    /// Returns the contact of each pad with the object.
+    pub fn contacts(&self) -> PerPad<PadContact> {
+        let mut pads = PerPad::from_fn(self.pads, |_| PadContact::default());
         for (i, contact) in self.object_contacts() {
-            let finger =
-                Finger::ALL.into_iter().find(|&f| contact.geom.iter().any(|&g| usize::try_from(g) == Ok(self.gels[f])));
-            if let Some(finger) = finger {
-                pads[finger].add(contact, self.data.try_contact_force(i).unwrap_or_default(), self.gels[finger]);
+            let touches = |gel: usize| contact.geom.iter().any(|&geom| usize::try_from(geom) == Ok(gel));
+            if let Some(&(gel, pad)) = self.gels.iter().find(|(gel, _)| touches(*gel))
+                && let Some(pad) = pads.get_mut(pad)
+            {
+                pad.add(contact, self.data.try_contact_force(i).unwrap_or_default(), gel);
             }
         }
-        for finger in Finger::ALL {
-            let pad = &mut pads[finger];
+        for pad in pads.iter_mut() {
             let weight = if pad.force_n > 0.0 { 1.0 / pad.force_n } else { 0.0 };
             pad.point_m = pad.point_m.map(|sum| weight * sum);
         }
@@ -270,27 +278,17 @@ impl Simulation {
         self.data.set_state(&state.0, STATE).map_err(foreign)
     }
 
-    /// Returns the pose of a body by name, from the last step; `None` for an unknown name. Serves the test that
+    /// Returns the pose of a body of the hand, from the last step; `None` if the hand has no such body. Serves the test that
     /// compares the kinematics of the hand with MuJoCo's.
-    pub fn body_pose(&self, name: &str) -> Option<na::Isometry3<f64>> {
-        let id = self.data.model().name_to_id(MjtObjBase::mjOBJ_BODY, name)?;
+    pub fn body_pose(&self, body: usize) -> Option<na::Isometry3<f64>> {
+        let id = *self.bodies.get(body)?;
         let (p, q) = (self.data.xpos().get(id)?, self.data.xquat().get(id)?);
         let rotation = na::UnitQuaternion::from_quaternion(na::Quaternion::new(q[0], q[1], q[2], q[3]));
         Some(na::Isometry3::from_parts(na::Vector3::from(*p).into(), rotation))
     }
 }
 
-/// Sends MuJoCo's messages to the log instead of to a file in the working folder.
-fn route_messages() {
-    static ROUTED: Once = Once::new();
-    ROUTED.call_once(|| {
-        // SAFETY: every use of MuJoCo in this crate comes after this call, which runs once.
-        unsafe {
-            set_log_handler(|message| match message.level() {
-                MjtLogLevel::mjLOG_DEBUG | MjtLogLevel::mjLOG_INFO => tracing::debug!("MuJoCo: {}", message.subject()),
-                MjtLogLevel::mjLOG_WARNING => tracing::warn!("MuJoCo: {}", message.subject()),
-                MjtLogLevel::mjLOG_ERROR => tracing::error!("MuJoCo: {}", message.subject()),
-            });
-        }
-    });
+/// Overwrites the first numbers.
+fn overwrite(numbers: &mut [f64], with: &[f64]) {
+    numbers.iter_mut().zip(with).for_each(|(number, with)| *number = *with);
 }

@@ -4,7 +4,7 @@ use mvt_frames::{Isometry, Object as ObjectFrame, World as WorldFrame};
 use mvt_gaits::clock::PHYSICS_HZ;
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
-use mvt_robot::hand::{JointAngles, Side, joint_ranges};
+use mvt_robot::hand::{Hand, JointAngles, Side};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -64,10 +64,10 @@ impl Randomisation {
 const GEL_FRICTION: f64 = 1.05;
 /// Nominal friction of palm, links and object. Higher values stop the object on the palm.
 const LINK_FRICTION: f64 = 0.35;
-/// Nominal stiffness of the joints, Nm/rad.
-const JOINT_STIFFNESS: f64 = 3.0;
-/// Start height of the object's lowest point, metres: 4 mm above the palm.
-const START_HEIGHT_M: f64 = 0.015;
+/// Start height of the object's lowest point above the palm, metres: 4 mm.
+const START_HEIGHT_M: f64 = 0.0039;
+/// Depth below the grasp at which heights begin for a hand without a palm, metres: as deep as an object of 20 cm reaches.
+const NO_PALM_M: f64 = 0.1;
 /// Shift of a place at which an object is handed over, relative to that of a start on the palm: 2 mm by default.
 const HAND_OVER_SHARE: f64 = 0.25;
 /// Turn of an object that is handed over at a given turn, relative to that of a start on the palm: 5 degrees by default.
@@ -86,26 +86,32 @@ pub struct EpisodeStart {
 }
 
 impl EpisodeStart {
-    /// Draws a start. With the same seed, the starts of the left and the right hand are mirror images.
-    pub fn draw(object: &Object, gait: &Gait, side: Side, randomisation: &Randomisation, seed: u64) -> Self {
+    /// Draws a start. With the same seed, the starts of the left and the right hand are mirror images. A hand without a palm gets the middle
+    /// of the object to its grasp.
+    pub fn draw(object: &Object, gait: &Gait, hand: &Hand, randomisation: &Randomisation, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut within = |amplitude: f64| amplitude * rng.random_range(-1.0..=1.0);
         let r = randomisation;
-        let mirror = side.sign();
+        let mirror = hand.side().sign();
         let gel_friction = GEL_FRICTION * (1.0 + within(r.friction));
         let link_friction = LINK_FRICTION * (1.0 + within(r.friction));
         let object_mass_kg = object.mass_kg * within((1.0 + r.mass).ln()).exp();
         let [cx, cy, cz] = std::array::from_fn(|_| within(r.centre_of_mass_m));
-        let joint_stiffness = JOINT_STIFFNESS * (1.0 + within(r.stiffness));
+        let stiffness_factor = 1.0 + within(r.stiffness);
         let shift = [within(r.position_m), within(r.position_m)];
         let drawn = within(r.yaw_rad);
         let given = gait.feedback.as_ref().and_then(|feedback| feedback.yaw_rad);
         let yaw = mirror * given.map_or(drawn, |yaw| yaw + drawn * HAND_OVER_TURN_SHARE);
-        let right = gait.open_pose.map(|angle| angle + within(r.joints_rad));
-        let ranges = joint_ranges(side);
-        let joints = side.mirror_joints(right);
-        let lowest = object.mesh.vertices.iter().fold(f32::INFINITY, |low, v| low.min(v.z));
-        let height = START_HEIGHT_M - if lowest.is_finite() { f64::from(lowest) } else { 0.0 };
+        let open = |j: usize| gait.open_pose.get(j).copied().unwrap_or(0.0);
+        let right: JointAngles = (0..hand.joints().len()).map(|j| open(j) + within(r.joints_rad)).collect();
+        let joints = hand.within_ranges(&hand.mirrored(&right));
+        let heights = || object.mesh.vertices.iter().map(|v| v.z);
+        let lowest = Some(heights().fold(f32::INFINITY, f32::min)).filter(|z| z.is_finite()).map_or(0.0, f64::from);
+        let highest = heights().fold(lowest as f32, f32::max);
+        let height = match hand.palm_centre_m() {
+            Some([.., palm]) => palm + START_HEIGHT_M - lowest,
+            None => floor_m(hand, &joints) + NO_PALM_M - (lowest + f64::from(highest)) / 2.0,
+        };
         let [x, y, z] = match &gait.feedback {
             None => [gait.start_xy_m[0] + shift[0], gait.start_xy_m[1] + shift[1], height],
             Some(feedback) => {
@@ -117,18 +123,25 @@ impl EpisodeStart {
         Self {
             physics: Physics {
                 timestep_s: 1.0 / f64::from(PHYSICS_HZ),
-                gravity: gravity_of(gait, side),
+                gravity: gravity_of(gait, hand.side()),
                 gel_friction,
                 link_friction,
-                joint_stiffness,
+                stiffness_factor,
                 torque_limit: gait.torque_limit_nm,
                 object_mass_kg,
                 com_offset_m: [cx, mirror * cy, cz],
             },
-            joints: std::array::from_fn(|j| joints[j].clamp(ranges[j][0], ranges[j][1])),
+            joints,
             object: Isometry::from_parts([x, mirror * y, z], [(yaw / 2.0).cos(), 0.0, 0.0, (yaw / 2.0).sin()]),
         }
     }
+}
+
+/// Returns the height from which those of objects are counted, metres in the world: that of the palm's surface, or of a plane below the
+/// grasp.
+pub(crate) fn floor_m(hand: &Hand, joints: &[f64]) -> f64 {
+    let grasp = || hand.grasp_centre(joints).map_or(0.0, |centre| centre.coords().z) - NO_PALM_M;
+    hand.palm_centre_m().map_or_else(grasp, |[.., z]| z)
 }
 
 /// Returns gravity in the world with which a hand plays a gait, m/s^2.

@@ -8,7 +8,7 @@ use mvt_gaits::gait;
 use mvt_objects::catalogue;
 use mvt_physics::air::{AirOutcome, PlaceErrors};
 use mvt_physics::episode::{Episode, EpisodeConfig, EpisodeState, Randomisation};
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use nalgebra as na;
 
 /// Returns an episode with a ball of 75 mm and 110 g.
@@ -18,7 +18,7 @@ fn episode(side: Side, duration_s: f64) -> Episode {
     (ball.exact, ball.mass_kg) = (None, 0.11);
     let gait = gait::find("air_ball").unwrap().1.clone();
     let randomisation = Randomisation { yaw_rad: 1.0, ..Randomisation::none() };
-    Episode::new(&ball, &EpisodeConfig { side, gait, seed: 3, duration_s, randomisation }).unwrap()
+    Episode::new(&ball, &EpisodeConfig { hand: Hand::allegro(side), gait, seed: 3, duration_s, randomisation }).unwrap()
 }
 
 fn play(episode: &mut Episode) -> Vec<EpisodeState> {

@@ -10,15 +10,17 @@ use mvt_mesh::Mesh;
 use mvt_objects::object::Object;
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand;
-use mvt_robot::hand::{JointAngles, Primitive, Side};
+use mvt_robot::hand::{Hand, Primitive, Side, UPRIGHT};
 use mvt_robot::rig::PLACEMENTS;
 use nalgebra as na;
 
-const JOINTS: JointAngles = [0.1, 0.7, 0.8, 0.6, 0.0, 0.6, 0.9, 0.5, -0.1, 0.8, 0.7, 0.6, 1.2, 0.4, 0.5, 0.6];
+const JOINTS: [f64; 16] = [0.1, 0.7, 0.8, 0.6, 0.0, 0.6, 0.9, 0.5, -0.1, 0.8, 0.7, 0.6, 1.2, 0.4, 0.5, 0.6];
 
 fn object() -> Object {
-    let mut mesh = tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.03, 0.025, 0.035] }, 48);
+    let mut mesh = tessellate(
+        &Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.03, 0.025, 0.035], orientation_wxyz: UPRIGHT },
+        48,
+    );
     for p in &mut mesh.vertices {
         let d = p.normalize();
         *p *= 1.0 + 0.12 * (6.0 * d.x).sin() * (5.0 * d.y + 1.0).cos();
@@ -50,23 +52,28 @@ fn list(values: impl IntoIterator<Item = f64>) -> String {
 
 /// Returns the depth per pixel from MuJoCo's camera rangefinder, with MuJoCo's own primitives; negative where a ray
 /// hits nothing.
-fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Result<Vec<f64>, MjModelError> {
+fn rangefinder(hand: &Hand, camera: &PosedCamera, mesh: &Mesh) -> Result<Vec<f64>, MjModelError> {
     let pose = |pose: na::Isometry3<f64>| {
         let q = pose.rotation;
         format!("pos=\"{}\" quat=\"{}\"", list(pose.translation.vector.iter().copied()), list([q.w, q.i, q.j, q.k]))
     };
     let mut bodies = format!("<body {}><geom type=\"mesh\" mesh=\"object\"/></body>", pose(object_pose().untyped()));
-    for part in hand::parts(side) {
-        let geom = match part.shape {
-            Primitive::Box { centre, half } => format!("type=\"box\" pos=\"{}\" size=\"{}\"", list(centre), list(half)),
-            Primitive::Ellipsoid { centre, semi } => {
-                format!("type=\"ellipsoid\" pos=\"{}\" size=\"{}\"", list(centre), list(semi))
+    let poses = hand.body_poses(&JOINTS);
+    for (body, part) in hand.parts() {
+        let geom = match &part.shape {
+            Primitive::Box { centre, half, .. } => {
+                format!("type=\"box\" pos=\"{}\" size=\"{}\"", list(*centre), list(*half))
+            }
+            Primitive::Ellipsoid { centre, semi, .. } => {
+                format!("type=\"ellipsoid\" pos=\"{}\" size=\"{}\"", list(*centre), list(*semi))
             }
             Primitive::Capsule { from, to, radius } => {
-                format!("type=\"capsule\" fromto=\"{}\" size=\"{radius}\"", list(from.into_iter().chain(to)))
+                format!("type=\"capsule\" fromto=\"{}\" size=\"{radius}\"", list(from.iter().chain(to).copied()))
             }
+            // The built-in hand has none.
+            Primitive::Hull(_) => continue,
         };
-        let _ = write!(bodies, "<body {}><geom {geom}/></body>", pose(part.body.pose(side, &JOINTS)));
+        let _ = write!(bodies, "<body {}><geom {geom}/></body>", pose(poses[body]));
     }
     let k = camera.intrinsics;
     let xml = format!(
@@ -89,11 +96,12 @@ fn rangefinder(side: Side, camera: &PosedCamera, mesh: &Mesh) -> Result<Vec<f64>
 fn depth_is_that_of_mujocos_rangefinder() {
     let object = object();
     for side in [Side::Left, Side::Right] {
-        let renderer = Renderer::new(side, &object);
+        let hand = Hand::allegro(side);
+        let renderer = Renderer::new(&hand, &object);
         for placement in PLACEMENTS {
-            let camera = placement.camera(side);
+            let camera = placement.camera(&hand);
             let k = camera.intrinsics;
-            let expected = rangefinder(side, &camera, &object.mesh).unwrap();
+            let expected = rangefinder(&hand, &camera, &object.mesh).unwrap();
             assert_eq!(expected.len(), k.width * k.height);
             let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut CameraScratch::default());
             let found = frame.rgbd.depth_m.as_slice().unwrap();
@@ -142,12 +150,13 @@ fn depth_is_that_of_mujocos_rangefinder() {
 #[test]
 fn the_hand_hides_what_is_behind_it() {
     let object = object();
-    let renderer = Renderer::new(Side::Left, &object);
-    let camera = small(PLACEMENTS[2].camera(Side::Left));
+    let hand = Hand::allegro(Side::Left);
+    let renderer = Renderer::new(&hand, &object);
+    let camera = small(PLACEMENTS[2].camera(&hand));
     let hidden = |height_m: f64| {
         let pose = Isometry::translation(-0.0475, 0.0, height_m);
         let mut scratch = CameraScratch::default();
-        let frame = renderer.render(&camera, &[0.0; hand::JOINTS], pose, &mut scratch);
+        let frame = renderer.render(&camera, &[0.0; 16], pose, &mut scratch);
         renderer.hidden_share(&camera, pose, &frame.labels, &mut scratch)
     };
     // From above: above the open hand, below the palm, and behind the camera.
@@ -159,8 +168,9 @@ fn the_hand_hides_what_is_behind_it() {
 #[test]
 fn images_show_hand_and_object() {
     let object = object();
-    let renderer = Renderer::new(Side::Left, &object);
-    let camera = small(PLACEMENTS[3].camera(Side::Left));
+    let hand = Hand::allegro(Side::Left);
+    let renderer = Renderer::new(&hand, &object);
+    let camera = small(PLACEMENTS[3].camera(&hand));
     let frame = renderer.render(&camera, &JOINTS, object_pose(), &mut CameraScratch::default());
     for label in [Label::Background, Label::Hand, Label::Object] {
         assert!(frame.labels.iter().filter(|&&found| found == label).count() > 2_000, "{label:?}");

@@ -10,13 +10,13 @@ use mvt_objects::catalogue;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeState, Randomisation};
 use mvt_physics::simulation::PadContact;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use nalgebra as na;
 
 fn episode(object: &Object, seed: u64) -> Episode {
-    let gait = gait::choose("auto", object).unwrap().1.clone();
-    let config =
-        EpisodeConfig { side: Side::Left, gait, seed, duration_s: 8.0, randomisation: Randomisation::default() };
+    let hand = Hand::allegro(Side::Left);
+    let gait = gait::choose("auto", object, &hand).unwrap().1.clone();
+    let config = EpisodeConfig { hand, gait, seed, duration_s: 8.0, randomisation: Randomisation::default() };
     Episode::new(object, &config).unwrap()
 }
 

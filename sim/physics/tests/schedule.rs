@@ -9,7 +9,7 @@ use mvt_gaits::gait;
 use mvt_gaits::safe::safe_controllers;
 use mvt_objects::catalogue;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation};
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use nalgebra as na;
 
 /// Seconds of a part.
@@ -19,9 +19,10 @@ const PARTS: usize = 4;
 fn episode(side: Side, seed: u64) -> Episode {
     let object = catalogue::load("rubiks_cube_small", &mut Vec::new()).unwrap();
     let text = format!("tumble_back:{PART_S},cubelet:{PART_S}");
-    let ChosenController { gait, schedule, .. } = choose_all(&text, &object, side).unwrap();
+    let hand = Hand::allegro(side);
+    let ChosenController { gait, schedule, .. } = choose_all(&text, &object, &hand).unwrap();
     let duration_s = PART_S * PARTS as f64;
-    let config = EpisodeConfig { side, gait, seed, duration_s, randomisation: Randomisation::default() };
+    let config = EpisodeConfig { hand, gait, seed, duration_s, randomisation: Randomisation::default() };
     let mut episode = Episode::new(&object, &config).unwrap();
     episode.follow(schedule);
     episode
@@ -60,12 +61,13 @@ fn a_cube_survives_three_changes_and_turns_about_both_axes() {
 #[test]
 fn directed_changes_keep_a_cube_for_20_s() {
     let object = catalogue::load("rubiks_cube_small", &mut Vec::new()).unwrap();
-    let safe: Vec<&str> = safe_controllers(&object).iter().map(|safe| safe.name.as_str()).collect();
+    let hand = Hand::allegro(Side::Left);
+    let safe: Vec<&str> = safe_controllers(&object, &hand).iter().map(|safe| safe.name.as_str()).collect();
     assert!(safe.len() >= 2, "{safe:?}");
     for seed in 0..3 {
         let gait = gait::find(safe[0]).unwrap().1.clone();
-        let config =
-            EpisodeConfig { side: Side::Left, gait, seed, duration_s: 20.0, randomisation: Randomisation::default() };
+        let (hand, randomisation) = (hand.clone(), Randomisation::default());
+        let config = EpisodeConfig { hand, gait, seed, duration_s: 20.0, randomisation };
         let mut episode = Episode::new(&object, &config).unwrap();
         for part in 1..=4 {
             episode.advance(1500, None);

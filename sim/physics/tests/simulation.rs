@@ -10,7 +10,7 @@ use mvt_mesh::Mesh;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, Randomisation, run};
 use mvt_physics::simulation::Simulation;
-use mvt_robot::hand::{Body, JointAngles, Side, joint_ranges};
+use mvt_robot::hand::{Hand, JointAngles, Side};
 use rand::{RngExt as _, SeedableRng as _};
 
 fn cube(edge_m: f32) -> Object {
@@ -31,22 +31,24 @@ fn cube(edge_m: f32) -> Object {
 
 fn config(side: Side, seed: u64) -> EpisodeConfig {
     let gait = gait::find("bal").unwrap().1.clone();
-    EpisodeConfig { side, gait, seed, duration_s: 20.0, randomisation: Randomisation::default() }
+    EpisodeConfig { hand: Hand::allegro(side), gait, seed, duration_s: 20.0, randomisation: Randomisation::default() }
 }
 
 #[test]
 fn forward_kinematics_agree_with_mujoco_on_random_joints() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     for side in [Side::Left, Side::Right] {
-        let start = EpisodeStart::draw(&cube(0.07), gait::find("bal").unwrap().1, side, &Randomisation::none(), 0);
-        let mut simulation = Simulation::new(side, &cube(0.07), &start.physics).unwrap();
+        let hand = Hand::allegro(side);
+        let start = EpisodeStart::draw(&cube(0.07), gait::find("bal").unwrap().1, &hand, &Randomisation::none(), 0);
+        let mut simulation = Simulation::new(&hand, &cube(0.07), &start.physics).unwrap();
         for _ in 0..200 {
-            let joints: JointAngles = joint_ranges(side).map(|[low, high]| rng.random_range(low..=high));
+            let drawn = hand.ranges().into_iter().map(|[low, high]| rng.random_range(low..=high));
+            let joints: JointAngles = drawn.collect();
             simulation.reset(&joints, start.object);
-            for body in Body::all() {
-                let (ours, theirs) = (body.pose(side, &joints), simulation.body_pose(&body.name()).unwrap());
+            for (body, ours) in hand.body_poses(&joints).into_iter().enumerate() {
+                let theirs = simulation.body_pose(body).unwrap();
                 let distance = (ours.to_homogeneous() - theirs.to_homogeneous()).abs().max();
-                assert!(distance < 1e-9, "{side:?} {body:?}: {distance:e}");
+                assert!(distance < 1e-9, "{side:?} {}: {distance:e}", hand.bodies()[body].name);
             }
         }
     }
@@ -55,8 +57,9 @@ fn forward_kinematics_agree_with_mujoco_on_random_joints() {
 #[test]
 fn a_restored_simulation_continues_bit_for_bit() {
     let object = cube(0.07);
-    let start = EpisodeStart::draw(&object, gait::find("bal").unwrap().1, Side::Left, &Randomisation::default(), 3);
-    let mut simulation = Simulation::new(Side::Left, &object, &start.physics).unwrap();
+    let hand = Hand::allegro(Side::Left);
+    let start = EpisodeStart::draw(&object, gait::find("bal").unwrap().1, &hand, &Randomisation::default(), 3);
+    let mut simulation = Simulation::new(&hand, &object, &start.physics).unwrap();
     simulation.reset(&start.joints, start.object);
     let run = |simulation: &mut Simulation, steps| (0..steps).for_each(|_| simulation.step(&start.joints));
     run(&mut simulation, 150);
@@ -93,9 +96,9 @@ fn an_episode_is_the_same_in_steps_and_in_frames() {
 
     let mut other = Episode::new(&object, &config(Side::Left, 6)).unwrap();
     assert!(other.restore(&snapshot).unwrap_err().to_string().contains("another object, seed"));
-    let target = other.start().joints.map(|angle| angle + 0.05);
+    let target: JointAngles = other.start().joints.iter().map(|angle| angle + 0.05).collect();
     other.advance(30, Some(&target));
-    assert_eq!(other.target(), &target);
+    assert_eq!(other.target(), target);
     other.advance(1_000_000, None);
     assert!(other.end().is_some());
 }
@@ -112,7 +115,7 @@ fn the_left_hand_plays_the_mirror_image() {
         let (lp, rp) = (l.scene.object_pose.origin().coords(), r.scene.object_pose.origin().coords());
         let mirrored = nalgebra::Vector3::new(rp.x, -rp.y, rp.z);
         assert!((lp - mirrored).norm() < 5e-4, "at {} s: {lp} against {mirrored}", l.scene.time_s);
-        let joints = Side::Left.mirror_joints(r.scene.joints);
+        let joints = Hand::allegro(Side::Left).mirrored(&r.scene.joints);
         assert!((0..16).all(|j| (joints[j] - l.scene.joints[j]).abs() < 0.01), "at {} s", l.scene.time_s);
     }
 }

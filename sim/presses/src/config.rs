@@ -14,7 +14,7 @@ settings! {
         pub untouched: f64 = 0.06, 0.0..=1.0;
         /// Share of the images with contact that follow MidasTouch's protocol.
         pub protocol: f64 = 0.5, 0.0..=1.0;
-        /// Share of contacts in which the finger is not withdrawn if another part of the object is deeper than the press depth: an edge
+        /// Share of contacts in which the sensor is not withdrawn if another part of the object is deeper than the press depth: an edge
         /// beside the touched point may be as deep as the object allows.
         pub deep: f64 = 0.04, 0.0..=1.0;
         /// Least and greatest press depth beyond the protocol, millimetres.

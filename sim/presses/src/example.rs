@@ -1,7 +1,7 @@
 //! Touch images with their ground truth.
 //!
 //! Each image shows a press of its own, drawn from (seed, index). No two belong to one slide, so that a split by object
-//! is also one by trajectory. Half of the presses follow MidasTouch's protocol for YCB-Slide: the finger stands on a
+//! is also one by trajectory. Half of the presses follow MidasTouch's protocol for YCB-Slide: the sensor stands on a
 //! point of the surface within a few degrees of its normal. The others are like those in a hand: anywhere on the pad,
 //! tilted, deeper or lighter.
 
@@ -131,7 +131,7 @@ pub fn example(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(index);
     let sensor = sensors[rng.random_range(0..sensors.len())];
-    let noise = Some(NoiseKey { seed: seed ^ index, finger: 0, frame: 0 });
+    let noise = Some(NoiseKey { seed: seed ^ index, pad: 0, frame: 0 });
     let mut press_mm = 0.0;
     if rng.random_bool(config.untouched) {
         sensor.renderer.render(&surfaces[0].rays, Isometry::translation(1.0, 0.0, 0.0), noise, frame);
@@ -153,9 +153,9 @@ pub fn example(
             if may_be_deep || (excess < SLACK * press_mm && covers_enough(frame, press_mm)) {
                 break;
             }
-            // As in MidasTouch, the finger is withdrawn if another part than the touched point is too deep.
+            // As in MidasTouch, the sensor is withdrawn if another part than the touched point is too deep.
             sensor.renderer.render(&surface.rays, contact.withdrawn(excess), noise, frame);
-            // Where a finger does not fit, for example in a cup, another part may still be too deep.
+            // Where a sensor does not fit, for example in a cup, another part may still be too deep.
             if sensor.deepest_mm(frame) < (1.0 + SLACK) * press_mm && covers_enough(frame, press_mm) {
                 break;
             }

@@ -2,7 +2,7 @@
 //! of touch networks.
 //!
 //! A press is drawn from a seed and an index alone: an object of the catalogue, a point of its surface, a pose of the
-//! finger, a DIGIT with its own lights, background and noise. Objects are split into sets for training, validation and
+//! sensor, a DIGIT with its own lights, background and noise. Objects are split into sets for training, validation and
 //! test ([`objects`]). The crate neither trains networks nor simulates physics: each press is a single image of a rigid
 //! object.
 //!

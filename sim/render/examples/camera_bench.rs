@@ -15,7 +15,7 @@ use mvt_frames::{Isometry, Object as ObjectFrame, World};
 use mvt_objects::object::Object;
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand::{Primitive, Side};
+use mvt_robot::hand::{Hand, Primitive, Side, UPRIGHT};
 use mvt_robot::rig::PLACEMENTS;
 use rayon::prelude::*;
 
@@ -33,7 +33,10 @@ fn cpu_seconds() -> f64 {
 }
 
 fn main() -> anyhow::Result<()> {
-    let mesh = tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.034, 0.03, 0.036] }, 128);
+    let mesh = tessellate(
+        &Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.034, 0.03, 0.036], orientation_wxyz: UPRIGHT },
+        128,
+    );
     let object = Object {
         name: "ellipsoid".into(),
         mesh,
@@ -43,10 +46,11 @@ fn main() -> anyhow::Result<()> {
         mass_kg: 0.1,
     };
     let joints = [0.1, 0.7, 0.8, 0.6, 0.0, 0.6, 0.9, 0.5, -0.1, 0.8, 0.7, 0.6, 1.2, 0.4, 0.5, 0.6];
-    let renderer = Renderer::new(Side::Left, &object);
+    let hand = Hand::allegro(Side::Left);
+    let renderer = Renderer::new(&hand, &object);
     if let Some(dir) = std::env::args().nth(1) {
         for placement in PLACEMENTS {
-            let frame = renderer.render(&placement.camera(Side::Left), &joints, pose(4), &mut CameraScratch::default());
+            let frame = renderer.render(&placement.camera(&hand), &joints, pose(4), &mut CameraScratch::default());
             let path = |suffix| Path::new(&dir).join(format!("{}{suffix}.png", placement.name));
             frame.rgbd.color.save(path("")).with_context(|| dir.clone())?;
             let (height, width) = frame.labels.dim();
@@ -55,7 +59,7 @@ fn main() -> anyhow::Result<()> {
             image.save(path("-segmentation"))?;
         }
     }
-    let camera = PLACEMENTS[3].camera(Side::Left);
+    let camera = PLACEMENTS[3].camera(&hand);
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         let (start, cpu) = (Instant::now(), cpu_seconds());

@@ -20,8 +20,7 @@ use mvt_mesh::Mesh;
 use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayInstructions, RayMesh};
 use mvt_render::tessellation::tessellate;
 use mvt_robot::digit;
-use mvt_robot::hand;
-use mvt_robot::hand::{Primitive, Side};
+use mvt_robot::hand::{Hand, Primitive, Side, UPRIGHT};
 use nalgebra as na;
 
 struct View {
@@ -56,9 +55,11 @@ fn main() -> anyhow::Result<()> {
 
     let grasp = [-0.0475, 0.0, 0.0561];
     let mut scene = vec![(object, Isometry::<Object, World>::translation(grasp[0], grasp[1], grasp[2]))];
-    let joints = std::array::from_fn(|k| if k % 4 == 0 { 0.0 } else { 0.6 });
-    for part in hand::parts(Side::Right) {
-        scene.push((tessellate(&part.shape, 96), Isometry::new(part.body.pose(Side::Right, &joints))));
+    let hand = Hand::allegro(Side::Right);
+    let joints: Vec<f64> = (0..hand.joints().len()).map(|k| if k % 4 == 0 { 0.0 } else { 0.6 }).collect();
+    let poses = hand.body_poses(&joints);
+    for (body, part) in hand.parts() {
+        scene.push((tessellate(&part.shape, 96), Isometry::new(poses[body])));
     }
     let meshes: Vec<RayMesh> = scene.iter().map(|(mesh, _)| RayMesh::new(mesh)).collect();
 
@@ -152,7 +153,8 @@ fn write(path: &Path, scene: &[(Mesh, Isometry<Object, World>)], view: &View, de
 
 /// Returns a bumpy body of 16,000 triangles, 75 mm across.
 fn blob() -> Mesh {
-    let mut mesh = tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.032; 3] }, 128);
+    let mut mesh =
+        tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.032; 3], orientation_wxyz: UPRIGHT }, 128);
     for p in &mut mesh.vertices {
         let d = p.normalize();
         *p *= 1.0 + 0.1 * (7.0 * d.x).sin() * (5.0 * d.y + 1.0).cos() + 0.07 * (9.0 * d.z).sin();

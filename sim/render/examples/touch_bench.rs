@@ -35,7 +35,7 @@ fn main() -> anyhow::Result<()> {
     (0..10).for_each(|_| render(None));
     let (wall, cpu) = (Instant::now(), cpu_ns()?);
     for k in 0..frames {
-        render(Some(NoiseKey { seed: 0, finger: 0, frame: k }));
+        render(Some(NoiseKey { seed: 0, pad: 0, frame: k }));
     }
     let cpu_ms = (cpu_ns()? - cpu) / 1e6 / f64::from(frames);
     let wall_ms = wall.elapsed().as_secs_f64() * 1e3 / f64::from(frames);

@@ -1,13 +1,14 @@
 //! Colour, depth and segmentation images of a hand and an object, all from one cast of rays.
 
+use std::sync::Arc;
+
 use glam::{Vec3, Vec3A};
 use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object as ObjectFrame, World};
 use mvt_objects::object::Object;
-use mvt_robot::hand;
-use mvt_robot::hand::{JointAngles, Part, PartSurface, Side};
+use mvt_robot::hand::{Hand, PartSurface, Primitive};
 use mvt_robot::observation::Rgbd;
 use ndarray::Array2;
 use pulp::Arch;
@@ -23,12 +24,20 @@ const SEGMENTS: usize = 48;
 /// Renderer of one hand and one object.
 #[derive(Debug)]
 pub struct Renderer {
-    side: Side,
-    /// The parts of the hand, each with the index of its shape's mesh. Parts of the same shape share a mesh.
-    parts: Vec<(Part, usize)>,
+    hand: Arc<Hand>,
+    /// The parts of the hand.
+    parts: Vec<PosedPart>,
     shapes: Vec<RayMesh>,
     object: RayMesh,
     texture: Texture,
+}
+
+/// Part of a hand: its body, its material and the mesh of its shape, by index. Parts of the same shape share a mesh.
+#[derive(Debug)]
+struct PosedPart {
+    body: usize,
+    surface: PartSurface,
+    shape: usize,
 }
 
 /// Images of one camera, with the labels that only a simulator knows.
@@ -56,28 +65,29 @@ impl Default for CameraScratch {
 
 impl Renderer {
     /// Prepares the meshes in some tenths of a second of CPU time.
-    pub fn new(side: Side, object: &Object) -> Self {
-        let mut shapes = Vec::new();
-        let parts = hand::parts(side)
-            .into_iter()
-            .map(|part| {
-                let known = shapes.iter().position(|&shape| shape == part.shape);
+    pub fn new(hand: &Arc<Hand>, object: &Object) -> Self {
+        let mut shapes: Vec<&Primitive> = Vec::new();
+        let parts = hand
+            .parts()
+            .map(|(body, part)| {
+                let known = shapes.iter().position(|shape| **shape == part.shape);
                 let shape = known.unwrap_or_else(|| {
-                    shapes.push(part.shape);
+                    shapes.push(&part.shape);
                     shapes.len() - 1
                 });
-                (part, shape)
+                PosedPart { body, surface: part.surface, shape }
             })
             .collect();
         let shapes = shapes.par_iter().map(|shape| RayMesh::new(&tessellate(shape, SEGMENTS))).collect();
-        Self { side, parts, shapes, object: RayMesh::new(&object.mesh), texture: Texture::new(&object.name) }
+        let (object, texture) = (RayMesh::new(&object.mesh), Texture::new(&object.name));
+        Self { hand: Arc::clone(hand), parts, shapes, object, texture }
     }
 
     /// Renders the view of a camera on the calling thread.
     pub fn render(
         &self,
         camera: &PosedCamera,
-        joints: &JointAngles,
+        joints: &[f64],
         object_pose: Isometry<ObjectFrame, World>,
         scratch: &mut CameraScratch,
     ) -> RenderedView {
@@ -106,14 +116,15 @@ impl Renderer {
     fn pose<'a>(
         &'a self,
         camera: &'a PosedCamera,
-        joints: &JointAngles,
+        joints: &[f64],
         object_pose: Isometry<ObjectFrame, World>,
     ) -> PosedScene<'a> {
         let camera_from_world = camera.pose.inverse();
         let object = Instance::new(&self.object, camera_from_world * object_pose);
-        let hand = self.parts.iter().map(|(part, shape)| {
-            let pose = Isometry::<ObjectFrame, World>::new(part.body.pose(self.side, joints));
-            Instance::new(&self.shapes[*shape], camera_from_world * pose)
+        let poses = self.hand.body_poses(joints);
+        let hand = self.parts.iter().map(|part| {
+            let pose = Isometry::<ObjectFrame, World>::new(poses[part.body]);
+            Instance::new(&self.shapes[part.shape], camera_from_world * pose)
         });
         let (axes, _) = camera_from_world.to_f32();
         let light = axes * KEY_LIGHT.normalize();
@@ -184,7 +195,7 @@ impl PosedScene<'_> {
             let mesh = placed.mesh();
             let albedo = match instance.checked_sub(1) {
                 None => self.renderer.texture.albedo(mesh.point(triangle, u[pixel], v[pixel])),
-                Some(part) => surface_albedo(self.renderer.parts[part].0.surface),
+                Some(part) => surface_albedo(self.renderer.parts[part].surface),
             };
             let normal = placed.mesh_from_camera().transpose() * mesh.smooth_normal(triangle, u[pixel], v[pixel]);
             let towards_camera = -Vec3A::new(
@@ -208,12 +219,12 @@ fn shade(albedo: Vec3, normal: Vec3A, light: Vec3A, towards_camera: Vec3A) -> [u
     (albedo * brightness).to_array().map(|c| (c.clamp(0.0, 1.0).sqrt() * 255.0 + 0.5) as u8)
 }
 
-/// Returns the linear albedo of a material of the hand: black links, grey DIGITs, orange gels.
+/// Returns the linear albedo of a material of the hand: black links, grey housings, orange gels.
 fn surface_albedo(surface: PartSurface) -> Vec3 {
     match surface {
         PartSurface::Link => Vec3::new(0.05, 0.05, 0.055),
-        PartSurface::Digit => Vec3::new(0.55, 0.56, 0.58),
-        PartSurface::Gel => Vec3::new(0.75, 0.33, 0.09),
+        PartSurface::Housing => Vec3::new(0.55, 0.56, 0.58),
+        PartSurface::Gel(_) => Vec3::new(0.75, 0.33, 0.09),
     }
 }
 

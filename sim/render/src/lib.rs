@@ -14,9 +14,10 @@
 //! use mvt_render::tessellation::tessellate;
 //! use mvt_render::touch::{TouchConfig, TouchFrame, TouchOptions, TouchRenderer};
 //! use mvt_robot::digit::gel;
-//! use mvt_robot::hand::Primitive;
+//! use mvt_robot::hand::{Primitive, UPRIGHT};
 //!
-//! let ball = RayMesh::new(&tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.010; 3] }, 64));
+//! let ball = Primitive::Ellipsoid { centre: [0.0; 3], semi: [0.010; 3], orientation_wxyz: UPRIGHT };
+//! let ball = RayMesh::new(&tessellate(&ball, 64));
 //! let renderer = TouchRenderer::new(&TouchOptions::new(TouchConfig::Fork))?;
 //! let mut frame = TouchFrame::default();
 //! let gel_from_ball = Isometry::translation(gel::APEX_M + 0.010 - 0.001, 0.0, 0.0);

@@ -1,11 +1,12 @@
 //! Rendered touch and camera images of a state of the scene, with the ground truth.
 
+use std::sync::Arc;
+
 use image::RgbImage;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry};
 use mvt_objects::object::Object;
-use mvt_robot::digit;
-use mvt_robot::hand::{PerFinger, Side, world_from_tip};
+use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{GroundTruth, Observation, SceneState, TouchTruth};
 
 use crate::camera;
@@ -16,12 +17,12 @@ use crate::touch::{GelPress, NoiseKey, TouchError, TouchFrame, TouchOptions, Tou
 /// Options of an [`Observer`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObserverOptions {
-    /// Which hand.
-    pub side: Side,
+    /// The hand.
+    pub hand: Arc<Hand>,
     /// The cameras, in the order of the observations.
     pub cameras: Vec<PosedCamera>,
-    /// Options of each DIGIT.
-    pub touch: PerFinger<TouchOptions>,
+    /// Options of the touch sensor of each pad.
+    pub touch: PerPad<TouchOptions>,
     /// Whether touch images have noise.
     pub touch_noise: bool,
     /// Redwood-style noise on camera depth, as a multiple of its level (see [`depth_noise::disturb`]); `None` for true
@@ -36,7 +37,7 @@ pub struct ObserverOptions {
 pub struct Observer {
     options: ObserverOptions,
     object: RayMesh,
-    touch: PerFinger<TouchRenderer>,
+    touch: PerPad<TouchRenderer>,
     camera: camera::Renderer,
 }
 
@@ -53,11 +54,10 @@ impl Observer {
     /// # Errors
     /// [`TouchError`] if a touch option is out of range.
     pub fn new(object: &Object, options: ObserverOptions) -> Result<Self, TouchError> {
-        let [index, middle, ring, thumb] = options.touch.0.each_ref().map(TouchRenderer::new);
         Ok(Self {
             object: RayMesh::new(&object.mesh),
-            touch: PerFinger([index?, middle?, ring?, thumb?]),
-            camera: camera::Renderer::new(options.side, object),
+            touch: options.touch.iter().map(TouchRenderer::new).collect::<Result<_, _>>()?,
+            camera: camera::Renderer::new(&options.hand, object),
             options,
         })
     }
@@ -69,25 +69,25 @@ impl Observer {
         }
     }
 
-    /// Returns the untouched image of each DIGIT, without noise.
-    pub fn untouched_images(&self) -> PerFinger<RgbImage> {
-        PerFinger::from_fn(|finger| self.touch[finger].empty())
+    /// Returns the untouched image of each touch sensor, without noise.
+    pub fn untouched_images(&self) -> PerPad<RgbImage> {
+        self.touch.map(TouchRenderer::empty)
     }
 
     /// Renders a state as frame number `frame`.
     pub fn observe(&self, frame: u32, state: &SceneState, scratch: &mut ObserverScratch) -> (Observation, GroundTruth) {
-        let mut touch_truth = PerFinger::from_fn(|_| TouchTruth::default());
-        let touch = PerFinger::from_fn(|finger| {
-            let world_from_gel = world_from_tip(self.options.side, finger, &state.joints) * digit::tip_from_gel();
-            let gel_from_object = world_from_gel.inverse() * state.object_pose;
-            let key = NoiseKey { seed: self.options.seed, finger: finger as u32, frame };
-            let noise = self.options.touch_noise.then_some(key);
-            let press = GelPress { gel_from_object, shear: state.shear[finger] };
-            self.touch[finger].render_dragged(&self.object, press, noise, &mut scratch.touch);
-            let (image, truth) = scratch.touch.take();
-            touch_truth[finger] = truth;
-            image
-        });
+        let world_from_gels = self.options.hand.world_from_gels(&state.joints);
+        let sensors = (0..).zip(self.touch.iter().zip(world_from_gels));
+        let (touch, touch_truth): (Vec<RgbImage>, Vec<TouchTruth>) = sensors
+            .map(|(pad, (renderer, world_from_gel))| {
+                let gel_from_object = world_from_gel.inverse() * state.object_pose;
+                let noise = self.options.touch_noise.then_some(NoiseKey { seed: self.options.seed, pad, frame });
+                let shear = state.shear.get(pad as usize).copied().unwrap_or_default();
+                let press = GelPress { gel_from_object, shear };
+                renderer.render_dragged(&self.object, press, noise, &mut scratch.touch);
+                scratch.touch.take()
+            })
+            .unzip();
         let (cameras, labels) = (0..)
             .zip(&self.options.cameras)
             .map(|(i, camera)| {
@@ -100,10 +100,16 @@ impl Observer {
                 (rgbd, rendered.labels)
             })
             .unzip();
-        let observation = Observation { time_s: state.time_s, joints: state.joints, touch, cameras };
+        let observation =
+            Observation { time_s: state.time_s, joints: state.joints.clone(), touch: PerPad(touch), cameras };
         (
             observation,
-            GroundTruth { object_pose: state.object_pose, touch: touch_truth, shear: Some(state.shear), labels },
+            GroundTruth {
+                object_pose: state.object_pose,
+                touch: PerPad(touch_truth),
+                shear: Some(state.shear.clone()),
+                labels,
+            },
         )
     }
 

@@ -539,7 +539,7 @@ mod tests {
             let options = TouchOptions { membrane, ..TouchOptions::new(TouchConfig::Fork) };
             let renderer = TouchRenderer::new(&options).unwrap();
             let [mut best, mut plain] = [TouchFrame::default(), TouchFrame::default()];
-            let noise = Some(NoiseKey { seed: 1, finger: 2, frame: 3 });
+            let noise = Some(NoiseKey { seed: 1, pad: 2, frame: 3 });
             renderer.render(&object, pose, noise, &mut best);
             let press = GelPress { gel_from_object: pose, shear: GelShear::default() };
             let job = Rendering { renderer: &renderer, object: &object, press, noise, frame: &mut plain };

@@ -7,7 +7,7 @@ use mvt_frames::{Camera, Isometry, Object, World};
 use mvt_mesh::Mesh;
 use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayInstructions, RayMesh};
 use mvt_render::tessellation::tessellate;
-use mvt_robot::hand::Primitive;
+use mvt_robot::hand::{Primitive, UPRIGHT};
 use nalgebra as na;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -17,7 +17,7 @@ use obvhs::{Boundable, BvhBuildParams};
 use proptest::prelude::*;
 
 fn ellipsoid(semi: [f64; 3]) -> Mesh {
-    tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi }, 64)
+    tessellate(&Primitive::Ellipsoid { centre: [0.0; 3], semi, orientation_wxyz: UPRIGHT }, 64)
 }
 
 /// A closed shape with bumps and hollows, like objects that hands turn.
@@ -111,7 +111,7 @@ fn cast(
 }
 
 fn scene() -> (RayMesh, RayMesh, Isometry<Object, World>) {
-    let box_ = tessellate(&Primitive::Box { centre: [0.0; 3], half: [0.02, 0.05, 0.01] }, 0);
+    let box_ = tessellate(&Primitive::Box { centre: [0.0; 3], half: [0.02, 0.05, 0.01], orientation_wxyz: UPRIGHT }, 0);
     let pose = Isometry::from_parts([0.01, 0.02, -0.03], [0.8, 0.3, -0.5, 0.1]);
     (RayMesh::new(&blob()), RayMesh::new(&box_), pose)
 }
@@ -182,8 +182,8 @@ fn sphere_box_and_cylinder_have_their_analytic_depth() {
     // The cylinder is the middle of a long capsule.
     let radius = 0.03;
     let shapes = [
-        Primitive::Ellipsoid { centre: [0.0; 3], semi: [radius; 3] },
-        Primitive::Box { centre: [0.0; 3], half: [radius; 3] },
+        Primitive::Ellipsoid { centre: [0.0; 3], semi: [radius; 3], orientation_wxyz: UPRIGHT },
+        Primitive::Box { centre: [0.0; 3], half: [radius; 3], orientation_wxyz: UPRIGHT },
         Primitive::Capsule { from: [0.0, 0.0, -2.0], to: [0.0, 0.0, 2.0], radius },
     ];
     let k = image(320, 240);
@@ -234,8 +234,11 @@ fn sphere_box_and_cylinder_have_their_analytic_depth() {
 #[test]
 fn closed_meshes_have_no_pin_holes() {
     // From inside every ray hits, whichever edges and corners it meets; straight views put many pixels exactly on them.
-    let meshes =
-        [blob(), ellipsoid([0.04, 0.03, 0.05]), tessellate(&Primitive::Box { centre: [0.0; 3], half: [0.04; 3] }, 0)];
+    let meshes = [
+        blob(),
+        ellipsoid([0.04, 0.03, 0.05]),
+        tessellate(&Primitive::Box { centre: [0.0; 3], half: [0.04; 3], orientation_wxyz: UPRIGHT }, 0),
+    ];
     let mut rays = 0;
     for mesh in meshes.iter().map(RayMesh::new) {
         for (n, target) in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 1.0, 1.0], [0.3, -0.2, 0.9]]

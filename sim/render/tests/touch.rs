@@ -88,7 +88,7 @@ fn an_object_behind_the_gel_or_without_a_place_leaves_no_trace() {
 #[test]
 fn a_reused_frame_holds_nothing_of_the_last_one() {
     let options = TouchOptions { membrane: Some(Membrane { reach_m: 2e-4 }), ..TouchOptions::new(TouchConfig::Tacto) };
-    let (cube, key) = (slab(Vec3::splat(0.01)), NoiseKey { seed: 3, finger: 1, frame: 9 });
+    let (cube, key) = (slab(Vec3::splat(0.01)), NoiseKey { seed: 3, pad: 1, frame: 9 });
     let turned = |z| rotated(nalgebra::Vector3::new(0.4, 0.2, 0.1), [0.033, 0.001, z]);
     for options in [options.clone(), TouchOptions { membrane: None, ..options }] {
         let renderer = renderer(&options);
@@ -109,7 +109,7 @@ fn taken_images_are_those_of_the_frame_and_do_not_change_the_next_one() {
     let renderer = renderer(&TouchOptions::new(TouchConfig::Fork));
     let (object, mut frame) = (RayMesh::new(&slab(Vec3::splat(0.01))), TouchFrame::default());
     let render = |y, frame: &mut TouchFrame| {
-        let key = NoiseKey { seed: 3, finger: 1, frame: 9 };
+        let key = NoiseKey { seed: 3, pad: 1, frame: 9 };
         renderer.render(&object, Isometry::translation(0.0315, y, 0.0), Some(key), frame);
     };
     for y in [0.0, 0.004] {
@@ -131,7 +131,7 @@ fn noise_has_tactos_bias_and_spread() {
     for config in TouchConfig::ALL {
         let options = TouchOptions { background: background.clone(), ..TouchOptions::new(config) };
         let clean = rendered(&options, &slab(Vec3::splat(0.01)), pose, None);
-        let noisy = rendered(&options, &slab(Vec3::splat(0.01)), pose, Some(NoiseKey { seed: 1, finger: 2, frame: 3 }));
+        let noisy = rendered(&options, &slab(Vec3::splat(0.01)), pose, Some(NoiseKey { seed: 1, pad: 2, frame: 3 }));
         assert_eq!(clean.raw(), noisy.raw());
         let pairs = clean.calibrated().as_raw().iter().zip(noisy.calibrated().as_raw());
         let differences: Vec<f64> =

@@ -4,6 +4,7 @@
 //! errors and as late as a run sees the estimate.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ};
@@ -14,77 +15,75 @@ use mvt_objects::object::Object;
 use mvt_physics::air::{AirOutcome, AirTally, PlaceErrors, Rehearsal};
 use mvt_physics::episode::{EpisodeStart, Randomisation};
 use mvt_physics::simulation::{Simulation, SimulationError};
-use mvt_robot::hand::{Finger, JOINTS, JOINTS_PER_FINGER, Side};
+use mvt_robot::hand::{Hand, JointAngles};
 use nalgebra as na;
 
+use crate::pads::{damped_inverse, jacobian, named_joints, own_joints};
 use crate::stroke::{self, StrokeParameters};
 
 /// Number of phases of the table.
 const PHASES: usize = 32;
-/// Damping of the inverse of a finger's Jacobian, metres per radian.
-const DAMPING_M: f64 = 0.01;
-/// Parts of the motion of a fingertip, in the order of its parameters.
+/// Parts of the motion of a pad, in the order of its parameters.
 const WAVES: [&str; 4] = ["sin", "cos", "sin2", "cos2"];
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Returns the names and scales of the parameters, in the order of a search vector: the period; the joint angles at which the
-/// fingers aim; per finger the path of its tip, and the motion of the tip per displacement and per velocity of the object along
-/// each axis, and per sag of the object summed over time.
-pub(crate) fn parameters() -> Vec<(String, f64)> {
+/// fingers aim; per pad its path, and its motion per displacement and per velocity of the object along each axis, and per sag of the
+/// object summed over time.
+pub(crate) fn parameters(hand: &Hand) -> Vec<(String, f64)> {
     let mut names = vec![("period_s".to_owned(), 0.15)];
-    for finger in Finger::ALL {
-        names.extend((0..JOINTS_PER_FINGER).map(|k| (format!("pose_{}_{k}", finger.name()), 0.05)));
-    }
+    names.extend(named_joints(hand).map(|(name, _)| (format!("pose_{name}"), 0.05)));
     let parts =
         WAVES.into_iter().zip([0.004, 0.004, 0.002, 0.002]).chain([("gain", 0.4), ("damping", 0.04), ("lift", 0.3)]);
     for (part, scale) in parts {
-        for finger in Finger::ALL {
-            names.extend(AXES.map(|axis| (format!("{part}_{}_{axis}", finger.name()), scale)));
+        for pad in hand.pads() {
+            names.extend(AXES.map(|axis| (format!("{part}_{}_{axis}", pad.name), scale)));
         }
     }
     names
 }
 
 /// Returns the controller of these parameters, which takes its start, its lowering and the joint angles of the grasp, at which
-/// tips move as the parameters say, from another one. `None` if that one has no feedback.
-pub fn gait(params: &StrokeParameters, from: &Gait, axis: TurnAxis, description: &str) -> Option<Gait> {
+/// pads move as the parameters say, from another one. A joint that moves no pad stays as in that one. `None` if it has no feedback.
+pub fn gait(params: &StrokeParameters, hand: &Hand, from: &Gait, axis: TurnAxis, description: &str) -> Option<Gait> {
     let feedback = from.feedback.as_deref()?;
     let params: StrokeParameters = params.iter().map(|(name, value)| (name.clone(), stroke::rounded(*value))).collect();
     let p = |name: &str| -> f64 { params.get(name).copied().unwrap_or(0.0) };
-    let mut grasp = [0.0; JOINTS];
-    let mut gains = [[0.0; 3]; JOINTS];
-    let mut damping = [[0.0; 3]; JOINTS];
-    let mut lift = [[0.0; 3]; JOINTS];
-    let mut touching = [0.0; JOINTS];
-    for finger in Finger::ALL {
-        for k in 0..JOINTS_PER_FINGER {
-            let j = finger.first_joint() + k;
-            grasp[j] = p(&format!("pose_{}_{k}", finger.name()));
-            touching[j] = p(&format!("touching_{}_{k}", finger.name()));
-        }
+    let joints = hand.joints().len();
+    let all = |angles: Option<&JointAngles>| -> JointAngles {
+        let mut angles = angles.cloned().unwrap_or_default();
+        angles.resize(joints, 0.0);
+        angles
+    };
+    let (mut grasp, mut touching) = (all(Some(&feedback.grasp)), all(feedback.touching.as_ref()));
+    for (name, j) in named_joints(hand) {
+        grasp[j] = p(&format!("pose_{name}"));
+        touching[j] = p(&format!("touching_{name}"));
     }
-    let mut table = vec![grasp; PHASES];
-    for finger in Finger::ALL {
-        let inverse = damped_inverse(&stroke::jacobian(finger, &touching));
-        let part = |name: &str| na::Vector3::from(AXES.map(|axis| p(&format!("{name}_{}_{axis}", finger.name()))));
+    let mut gains = vec![[0.0; 3]; joints];
+    let (mut damping, mut lift) = (gains.clone(), gains.clone());
+    let mut table = vec![grasp.clone(); PHASES];
+    for (pad, touch) in hand.pads().iter().enumerate() {
+        let inverse = damped_inverse(&jacobian(hand, pad, &touching));
+        let part = |name: &str| na::Vector3::from(AXES.map(|axis| p(&format!("{name}_{}_{axis}", touch.name))));
         let [sine, cosine, sine2, cosine2] = WAVES.map(part);
-        let rates = ["gain", "damping"].map(|name| inverse * na::Matrix3::from_diagonal(&part(name)));
-        for k in 0..JOINTS_PER_FINGER {
-            let j = finger.first_joint() + k;
+        let [gain, damp] = ["gain", "damping"].map(|name| &inverse * na::Matrix3::from_diagonal(&part(name)));
+        for (k, j) in own_joints(hand, pad) {
             // Only the sag counts, which grows with the weight.
-            lift[j] = [0.0, 0.0, stroke::rounded((inverse * part("lift"))[k])];
-            [gains[j], damping[j]] = rates.map(|rate| std::array::from_fn(|axis| stroke::rounded(rate[(k, axis)])));
+            lift[j] = [0.0, 0.0, stroke::rounded((&inverse * part("lift"))[k])];
+            gains[j] = std::array::from_fn(|axis| stroke::rounded(gain[(k, axis)]));
+            damping[j] = std::array::from_fn(|axis| stroke::rounded(damp[(k, axis)]));
             for (row, joints) in table.iter_mut().enumerate() {
                 let phase = TAU * row as f64 / PHASES as f64;
                 let tip = sine * phase.sin()
                     + cosine * phase.cos()
                     + sine2 * (2.0 * phase).sin()
                     + cosine2 * (2.0 * phase).cos();
-                joints[j] = stroke::rounded(grasp[j] + (inverse * tip)[k]);
+                joints[j] = stroke::rounded(grasp[j] + (&inverse * tip)[k]);
             }
         }
     }
-    let touching = feedback.touching.map(|_| touching);
+    let touching = feedback.touching.as_ref().map(|_| touching);
     Some(Gait {
         description: description.to_owned(),
         period_s: stroke::rounded(p("period_s").clamp(0.4, 4.0)),
@@ -96,18 +95,11 @@ pub fn gait(params: &StrokeParameters, from: &Gait, axis: TurnAxis, description:
     })
 }
 
-/// Returns the controller that holds as another one does, but with fingertips that neither move nor follow the object.
-pub(crate) fn still(from: &Gait) -> Gait {
-    let mut params = stroke::parameters_of(from);
+/// Returns the controller that holds as another one does, but with pads that neither move nor follow the object.
+pub(crate) fn still(from: &Gait, hand: &Hand) -> Gait {
+    let mut params = stroke::parameters_of(from, hand);
     params.retain(|name, _| ["period_s", "pose_", "touching_"].iter().any(|kept| name.starts_with(kept)));
     Gait { params, ..from.clone() }
-}
-
-/// Returns the damped inverse of a finger's Jacobian.
-pub(crate) fn damped_inverse(jacobian: &na::Matrix3x4<f64>) -> na::Matrix4x3<f64> {
-    let damped = jacobian * jacobian.transpose() + na::Matrix3::identity() * DAMPING_M * DAMPING_M;
-    // The damping makes it positive definite; angles that are not finite cause no motion.
-    damped.try_inverse().map_or(na::Matrix4x3::zeros(), |inverse| jacobian.transpose() * inverse)
 }
 
 /// Result of a trial in the air.
@@ -134,19 +126,19 @@ pub struct AirTrial {
 pub fn run(
     gait: &Gait,
     object: &Object,
-    side: Side,
+    hand: &Arc<Hand>,
     seed: u64,
     duration_s: f64,
     steps: u32,
 ) -> Result<Option<AirTrial>, SimulationError> {
-    let Some(mut controller) = FeedbackController::new(gait, side) else { return Ok(None) };
-    let mut start = EpisodeStart::draw(object, gait, side, &Randomisation::default(), seed);
+    let Some(mut controller) = FeedbackController::new(gait, hand) else { return Ok(None) };
+    let mut start = EpisodeStart::draw(object, gait, hand, &Randomisation::default(), seed);
     start.physics.timestep_s = 1.0 / f64::from(CONTROL_HZ * steps);
-    let mut simulation = Simulation::new(side, object, &start.physics)?;
+    let mut simulation = Simulation::new(hand, object, &start.physics)?;
     simulation.reset(&start.joints, start.object);
     let mut rehearsal = Rehearsal::new(PlaceErrors::default(), seed);
-    let mut air = AirTally::new(object);
-    let axis = gait.axis.direction(side);
+    let mut air = AirTally::new(object, hand, &start.joints);
+    let axis = gait.axis.direction(hand.side());
     let supported = (HANDED_OVER_S * f64::from(CONTROL_HZ)).round() as u32;
     let last = supported + (duration_s * f64::from(CONTROL_HZ)).round() as u32;
     let frames = |ticks: u32| ticks * FRAME_HZ / (CONTROL_HZ * steps);
@@ -176,8 +168,7 @@ pub fn run(
         let turn = (pose.untyped().rotation * rotation.inverse()).scaled_axis();
         rotation = pose.untyped().rotation;
         rocked_rad += (turn - axis * turn.dot(&axis)).norm();
-        let contacts = simulation.contacts();
-        pads += Finger::ALL.into_iter().filter(|&f| contacts[f].is_touching()).count();
+        pads += simulation.contacts().iter().filter(|pad| pad.is_touching()).count();
         alive = simulation.fault().is_none() && air.outcome(None).least_height_mm >= AirOutcome::IN_AIR_MM;
     }
     let held = command.saturating_sub(supported);

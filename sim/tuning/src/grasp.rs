@@ -5,18 +5,19 @@
 //! the fingers close until they are stopped, and press from there with the forces that carry the object.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use mvt_files::input;
 use mvt_frames::{Isometry, Object as ObjectFrame, Point};
-use mvt_gaits::controller_file::{HAND, hand_model};
+use mvt_gaits::controller_file::{check_hand, hand_model};
 use mvt_gaits::feedback::PlaceFeedback;
-use mvt_gaits::gait::Gait;
+use mvt_gaits::gait::{Gait, right_ranges};
 use mvt_mesh::SignedDistance as _;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{EpisodeStart, Randomisation};
 use mvt_physics::simulation::{Simulation, SimulationError};
-use mvt_robot::hand::{Finger, JOINTS, JOINTS_PER_FINGER, JointAngles, Side, joint_ranges};
+use mvt_robot::hand::{Hand, JointAngles};
 use nalgebra as na;
 use rand::seq::IndexedRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
@@ -25,12 +26,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::air;
 use crate::equilibrium::{self, Contact};
+use crate::pads::{self, damped_inverse, from_columns, jacobian, named_joints, own_joints};
 use crate::search::SearchError;
 use crate::seeds;
 use crate::stroke;
 use crate::trial::EPISODE_STEPS;
 
-/// A grasp of the right hand that held an object in the air.
+/// A grasp that held an object in the air, in the coordinates of gaits: those of the right hand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Grasp {
@@ -56,9 +58,9 @@ pub struct Grasp {
 pub struct GraspFile {
     /// Version of the format, [`GRASP_FORMAT`].
     pub format: u32,
-    /// Name of the hand, [`HAND`].
+    /// Name of the hand.
     pub hand: String,
-    /// Checksum of the hand's joints and shapes, [`hand_model`].
+    /// Checksum of the hand, [`hand_model`].
     pub model: String,
     /// Name of the object.
     pub object: String,
@@ -71,11 +73,13 @@ pub const GRASP_FORMAT: u32 = 1;
 /// Largest file that is read, bytes.
 const LARGEST_FILE: u64 = 16 << 20;
 
-/// Places of an object that all fingertips reach from several sides, metres in the world.
-const PLACES_M: [[f64; 2]; 3] = [[-0.015, 0.025], [-0.022, 0.012], [0.098, 0.126]];
-/// Starts of the search for joint angles, per finger.
+/// Places of an object that all fingertips over a palm reach from several sides, metres from the grasp.
+const PLACES_M: [[f64; 2]; 3] = [[0.0325, 0.0725], [-0.022, 0.012], [0.0419, 0.0699]];
+/// Places of an object in a hand without a palm, metres from the grasp along each axis.
+const AROUND_M: [f64; 2] = [-0.02, 0.02];
+/// Starts of the search for joint angles, per pad.
 const STARTS: usize = 20;
-/// Sets of four contacts that are tried.
+/// Sets of contacts that are tried.
 const SETS: usize = 100;
 /// Depth to which a gel is pressed in by the object at the contact that is aimed at, metres.
 const PRESSED_M: f64 = 4e-4;
@@ -87,47 +91,44 @@ const TOUCHING_M: f64 = 0.0015;
 const MOST_PRESSED_M: f64 = 0.002;
 /// Distance by which a fingertip is away from the object before it closes, metres.
 const OPEN_M: f64 = 0.012;
-/// Stiffness of the joints, Nm/rad.
-const STIFFNESS: f64 = 3.0;
 const GRAVITY: f64 = 9.81;
 /// Trials of a grasp, all of which must hold the object, and their length, seconds.
 const TRIALS: u64 = 4;
 const TRIAL_S: f64 = 2.5;
 
 impl GraspFile {
-    /// Returns the file of grasps of an object, sorted.
-    pub fn new(object: &Object, mut grasps: Vec<Grasp>) -> Self {
+    /// Returns the file of grasps of an object by a hand, sorted.
+    pub fn new(object: &Object, hand: &Hand, mut grasps: Vec<Grasp>) -> Self {
         // Housings of the sensors are hard and smooth: what rests on them slips when it is turned.
         grasps.sort_by(|a, b| a.touched_beside_tips.total_cmp(&b.touched_beside_tips).then(b.pads.total_cmp(&a.pads)));
-        Self { format: GRASP_FORMAT, hand: HAND.to_owned(), model: hand_model(), object: object.name.clone(), grasps }
+        let (name, model) = (hand.name().to_owned(), hand_model(hand));
+        Self { format: GRASP_FORMAT, hand: name, model, object: object.name.clone(), grasps }
     }
 
-    /// Reads a file.
+    /// Reads a file for a hand.
     ///
     /// # Errors
     /// [`SearchError::File`] if it cannot be read, contains no grasp, or belongs to another hand or model.
-    pub fn read(path: &Path) -> Result<Self, SearchError> {
+    pub fn read(path: &Path, hand: &Hand) -> Result<Self, SearchError> {
         let failed = |reason: String| SearchError::File { path: path.to_owned(), reason };
         let text = input::read_text(path, LARGEST_FILE).map_err(|e| failed(e.to_string()))?;
         let file: Self = toml::from_str(&text)
             .map_err(|e| failed(format!("it is not a file of grasps: {}", e.message().replace('\n', " "))))?;
-        file.check().map_err(failed)?;
+        file.check(hand).map_err(failed)?;
         Ok(file)
     }
 
-    fn check(&self) -> Result<(), String> {
-        let Self { format, hand, model, grasps, .. } = self;
+    fn check(&self, hand: &Hand) -> Result<(), String> {
+        let Self { format, grasps, .. } = self;
         if *format != GRASP_FORMAT {
             return Err(format!("its format is {format}; this program reads format {GRASP_FORMAT}"));
         }
-        if hand != HAND {
-            return Err(format!("it has grasps of the hand {hand:?}; this program has the hand {HAND:?}"));
-        }
-        let own = hand_model();
-        if *model != own {
-            return Err(format!("it was made for model {model} of the hand; this is model {own}: make it again"));
-        }
+        check_hand(&self.hand, &self.model, hand)?;
         for Grasp { place_m, yaw_rad, open_pose, touching, grasp, .. } in grasps {
+            let joints = hand.joints().len();
+            if let Some(pose) = [open_pose, touching, grasp].into_iter().find(|pose| pose.len() != joints) {
+                return Err(format!("a grasp is for {} joints; the hand {} has {joints}", pose.len(), hand.name()));
+            }
             let mut numbers = place_m.iter().chain([yaw_rad]).chain(open_pose).chain(touching).chain(grasp);
             // Angles in radians and places in metres are all smaller.
             if !numbers.all(|number| number.abs() < 10.0) {
@@ -143,22 +144,25 @@ impl GraspFile {
 impl Grasp {
     /// Returns the controller that holds the object by this grasp. Path, gains, lowering, torque and gravity are those of another
     /// controller with feedback; `None` if it has none.
-    pub fn gait(&self, from: &Gait) -> Option<Gait> {
+    pub fn gait(&self, from: &Gait, hand: &Hand) -> Option<Gait> {
         let feedback = from.feedback.as_deref()?;
-        let mut params = stroke::parameters_of(from);
-        for finger in Finger::ALL {
-            for k in 0..JOINTS_PER_FINGER {
-                let j = finger.first_joint() + k;
-                params.insert(format!("pose_{}_{k}", finger.name()), stroke::rounded(self.grasp[j]));
-                params.insert(format!("touching_{}_{k}", finger.name()), stroke::rounded(self.touching[j]));
-            }
+        let mut params = stroke::parameters_of(from, hand);
+        let angle = |pose: &JointAngles, j: usize| stroke::rounded(pose.get(j).copied().unwrap_or(0.0));
+        for (name, j) in named_joints(hand) {
+            params.insert(format!("pose_{name}"), angle(&self.grasp, j));
+            params.insert(format!("touching_{name}"), angle(&self.touching, j));
         }
         let place_m = self.place_m.map(stroke::rounded);
         let yaw_rad = Some(stroke::rounded(self.yaw_rad));
-        let feedback =
-            Some(Box::new(PlaceFeedback { place_m, yaw_rad, touching: Some(self.touching), ..feedback.clone() }));
-        let from = Gait { open_pose: self.open_pose.map(stroke::rounded), feedback, ..from.clone() };
-        air::gait(&params, &from, from.axis, &from.description)
+        let feedback = Some(Box::new(PlaceFeedback {
+            place_m,
+            yaw_rad,
+            touching: Some(self.touching.clone()),
+            ..feedback.clone()
+        }));
+        let open_pose = self.open_pose.iter().map(|angle| stroke::rounded(*angle)).collect();
+        let from = Gait { open_pose, feedback, ..from.clone() };
+        air::gait(&params, hand, &from, from.axis, &from.description)
     }
 }
 
@@ -174,21 +178,27 @@ pub enum Attempt {
     Held(Box<Grasp>),
 }
 
-/// Makes one try, which the seed and its number decide, with the hand of a controller with feedback.
+/// Makes one try, which the seed and its number decide, with the torque and gravity of a controller with feedback.
 ///
 /// # Errors
 /// [`SimulationError`] if MuJoCo refuses the object.
-pub fn attempt(object: &Object, from: &Gait, seed: u64, number: u64) -> Result<Attempt, SimulationError> {
+pub fn attempt(
+    object: &Object,
+    from: &Gait,
+    hand: &Arc<Hand>,
+    seed: u64,
+    number: u64,
+) -> Result<Attempt, SimulationError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(number);
-    let physics = EpisodeStart::draw(object, from, Side::Right, &Randomisation::none(), 0).physics;
-    let mut simulation = Simulation::new(Side::Right, object, &physics)?;
-    let Some(mut grasp) = draw(object, &mut simulation, &mut rng) else { return Ok(Attempt::Unbalanced) };
-    let Some(gait) = grasp.gait(&air::still(from)) else { return Ok(Attempt::Unbalanced) };
+    let physics = EpisodeStart::draw(object, from, hand, &Randomisation::none(), 0).physics;
+    let mut simulation = Simulation::new(hand, object, &physics)?;
+    let Some(mut grasp) = draw(object, hand, &mut simulation, &mut rng) else { return Ok(Attempt::Unbalanced) };
+    let Some(gait) = grasp.gait(&air::still(from, hand), hand) else { return Ok(Attempt::Unbalanced) };
     let (mut pads, mut beside) = (0.0, 0.0);
     for trial in 0..TRIALS {
         let seed = seeds::tuning().at(number.wrapping_mul(TRIALS).wrapping_add(trial));
-        let held = air::run(&gait, object, Side::Right, seed, TRIAL_S, EPISODE_STEPS)?.filter(|trial| trial.alive);
+        let held = air::run(&gait, object, hand, seed, TRIAL_S, EPISODE_STEPS)?.filter(|trial| trial.alive);
         let Some(held) = held else { return Ok(Attempt::Fell) };
         pads += held.pads / TRIALS as f64;
         beside += held.outcome.touched_beside_tips / TRIALS as f64;
@@ -199,34 +209,36 @@ pub fn attempt(object: &Object, from: &Gait, seed: u64, number: u64) -> Result<A
 
 /// Draws a place of the object, and joint angles at which fingertips can carry it there. Fingertips that are in each other's way push
 /// each other aside when they close.
-fn draw(object: &Object, simulation: &mut Simulation, rng: &mut ChaCha8Rng) -> Option<Grasp> {
-    let place_m = PLACES_M.map(|[low, high]| rng.random_range(low..=high));
+fn draw(object: &Object, hand: &Hand, simulation: &mut Simulation, rng: &mut ChaCha8Rng) -> Option<Grasp> {
+    let mirror = hand.side().sign();
+    let place_m = places_m(hand).map(|[low, high]| rng.random_range(low..=high));
     let yaw_rad = rng.random_range(-std::f64::consts::PI..=std::f64::consts::PI);
-    let rotation = na::UnitQuaternion::from_axis_angle(&na::Vector3::z_axis(), yaw_rad);
-    let world_from_object = na::Isometry3::from_parts(na::Vector3::from(place_m).into(), rotation);
-    let surface =
-        Surface { distance: MeshDistance::new(&object.mesh)?, object_from_world: world_from_object.inverse() };
-    let ranges = joint_ranges(Side::Right);
+    let rotation = na::UnitQuaternion::from_axis_angle(&na::Vector3::z_axis(), mirror * yaw_rad);
+    let [x, y, z] = place_m;
+    let world_from_object = na::Isometry3::from_parts(na::Translation3::new(x, mirror * y, z), rotation);
+    let distance = MeshDistance::new(&object.mesh)?;
+    let surface = Surface { distance, object_from_world: world_from_object.inverse(), hand };
+    let ranges = right_ranges(hand);
     let mut touching = Vec::new();
-    for finger in Finger::ALL {
+    for pad in 0..hand.pads().len() {
         let mut found: Vec<Touch> = Vec::new();
         for _ in 0..STARTS {
-            let start = ranges.map(|[low, high]| rng.random_range(low..=high));
-            let Some((touching, contact)) = surface.touch(finger, &start) else { continue };
-            let opening = air::damped_inverse(&stroke::jacobian(finger, &touching)) * (contact.normal * -OPEN_M);
+            let start: JointAngles = ranges.iter().map(|&[low, high]| rng.random_range(low..=high)).collect();
+            let Some((touching, contact)) = surface.touch(pad, &start) else { continue };
+            let opening = damped_inverse(&jacobian(hand, pad, &touching)) * (contact.normal * -OPEN_M);
             // The other fingers are stretched out below the object.
-            let mut poses = [[0.0; JOINTS]; 2];
-            for k in 0..JOINTS_PER_FINGER {
-                let j = finger.first_joint() + k;
+            let mut poses = [vec![0.0; ranges.len()], vec![0.0; ranges.len()]];
+            for (k, j) in own_joints(hand, pad) {
                 poses[0][j] = touching[j];
                 poses[1][j] = (touching[j] + opening[k]).clamp(ranges[j][0], ranges[j][1]);
             }
-            let mut is_free = |joints: &JointAngles, pressed_m: f64| {
-                simulation.reset(joints, Isometry::new(world_from_object));
+            let mut is_free = |joints: &[f64], pressed_m: f64| {
+                simulation.reset(&hand.mirrored(joints), Isometry::new(world_from_object));
                 simulation.penetration_m() <= pressed_m && !simulation.touches_beside_fingertips()
             };
             if is_free(&poses[0], MOST_PRESSED_M) && is_free(&poses[1], 0.0) {
-                found.push(Touch { finger, touching: poses[0], open: poses[1], contact });
+                let [touching, open] = poses;
+                found.push(Touch { pad, touching, open, contact });
             }
         }
         touching.push(found);
@@ -234,9 +246,9 @@ fn draw(object: &Object, simulation: &mut Simulation, rng: &mut ChaCha8Rng) -> O
     let centre = na::Point3::from(na::Vector3::from(place_m));
     let mut best: Option<(f64, Vec<Touch>, Vec<na::Vector3<f64>>)> = None;
     for _ in 0..SETS {
-        // Around most objects the index finger and its neighbour have no room beside each other. Nothing holds without the others.
+        // Around most objects the first finger and its neighbour have no room beside each other. Nothing holds without the others.
         let first = usize::from(rng.random_bool(0.3));
-        let chosen = touching.iter().skip(first).map(|found| found.choose(rng).copied());
+        let chosen = touching.iter().skip(first).map(|found| found.choose(rng).cloned());
         let Some(set) = chosen.collect::<Option<Vec<Touch>>>() else { continue };
         let contacts: Vec<Contact> = set.iter().map(|touch| touch.contact).collect();
         let Some(forces) = equilibrium::balance(&contacts, centre, object.mass_kg * GRAVITY) else { continue };
@@ -247,47 +259,59 @@ fn draw(object: &Object, simulation: &mut Simulation, rng: &mut ChaCha8Rng) -> O
         }
     }
     let (_, set, forces) = best?;
-    let touching = together(&set, |touch| touch.touching);
-    let mut grasp = touching;
-    for (Touch { finger, .. }, force) in set.iter().zip(&forces) {
-        let pressing = stroke::jacobian(*finger, &touching).transpose() * force / STIFFNESS;
-        for k in 0..JOINTS_PER_FINGER {
-            grasp[finger.first_joint() + k] += pressing[k];
+    let touching = together(&set, ranges.len(), |touch| &touch.touching);
+    let mut grasp = touching.clone();
+    for (Touch { pad, .. }, force) in set.iter().zip(&forces) {
+        let torques = jacobian(hand, *pad, &touching).transpose() * force;
+        for (k, j) in own_joints(hand, *pad) {
+            let stiffness = hand.joints()[j].drive.stiffness;
+            grasp[j] += if stiffness > 0.0 { torques[k] / stiffness } else { 0.0 };
         }
     }
-    let open_pose = together(&set, |touch| touch.open);
+    let open_pose = together(&set, ranges.len(), |touch| &touch.open);
     Some(Grasp { place_m, yaw_rad, open_pose, touching, grasp, pads: 0.0, touched_beside_tips: 0.0 })
 }
 
-/// A finger that touches the object; the angles of the others are 0.
-#[derive(Debug, Clone, Copy)]
+/// Returns the ranges of the place of an object along each axis, metres in the world.
+fn places_m(hand: &Hand) -> [[f64; 2]; 3] {
+    let around = if hand.palm_centre_m().is_some() { PLACES_M } else { [AROUND_M; 3] };
+    let centre = hand.grasp_centre(&[]).map_or_else(na::Vector3::zeros, Point::coords);
+    // On the right hand.
+    let centre = [centre.x, hand.side().sign() * centre.y, centre.z];
+    std::array::from_fn(|axis| around[axis].map(|offset| stroke::rounded(centre[axis] + offset)))
+}
+
+/// A pad that touches the object; the angles of joints that are not its own are 0.
+#[derive(Debug, Clone)]
 struct Touch {
-    finger: Finger,
+    pad: usize,
     touching: JointAngles,
-    /// The finger is [`OPEN_M`] away.
+    /// The pad is [`OPEN_M`] away.
     open: JointAngles,
     contact: Contact,
 }
 
-/// Returns the joint angles of all fingers.
-fn together(set: &[Touch], pose: impl Fn(&Touch) -> JointAngles) -> JointAngles {
-    let poses: Vec<JointAngles> = set.iter().map(pose).collect();
-    std::array::from_fn(|j| poses.iter().map(|pose| pose[j]).sum())
+/// Returns the joint angles of all pads.
+fn together(set: &[Touch], joints: usize, pose: impl Fn(&Touch) -> &JointAngles) -> JointAngles {
+    (0..joints).map(|j| set.iter().map(|touch| pose(touch)[j]).sum()).collect()
 }
 
-/// Surface of an object at a place.
-struct Surface {
+/// Surface of an object at a place, in the coordinates of gaits.
+struct Surface<'a> {
     distance: MeshDistance,
     object_from_world: na::Isometry3<f64>,
+    hand: &'a Hand,
 }
 
-impl Surface {
-    /// Returns the signed distance of a point, metres, and its gradient: both in the world.
+impl Surface<'_> {
+    /// Returns the signed distance of a point, metres, and its gradient: both in the world of a right hand.
     fn look(&self, point: na::Point3<f64>) -> (f64, na::Vector3<f64>) {
         /// Step of the difference, metres. Edges are rounded by as much.
         const STEP_M: f64 = 5e-4;
         let at = |offset: na::Vector3<f64>| {
-            let p = self.object_from_world * (point + offset);
+            let mut p = point + offset;
+            p.y *= self.hand.side().sign();
+            let p = self.object_from_world * p;
             self.distance.distance_m(Point::<ObjectFrame>::new(p.x, p.y, p.z))
         };
         let here = at(na::Vector3::zeros());
@@ -295,43 +319,42 @@ impl Surface {
         (here, gradient.try_normalize(1e-6).unwrap_or_else(na::Vector3::z))
     }
 
-    /// Returns the error of a finger whose gel should touch with its apex, metres: the distance, and the directions' difference
+    /// Returns the error of a pad whose gel should touch with its apex, metres: the distance, and the directions' difference
     /// on a ball of [`RADIUS_M`].
-    fn missing(&self, finger: Finger, joints: &JointAngles) -> na::Vector3<f64> {
-        let (apex, normal) = stroke::gel(finger, joints);
+    fn missing(&self, pad: usize, joints: &[f64]) -> na::Vector3<f64> {
+        let (apex, normal) = pads::gel(self.hand, pad, joints);
         let (distance_m, outward) = self.look(apex);
         outward * (distance_m + PRESSED_M) + (normal + outward) * RADIUS_M
     }
 
-    /// Moves a finger until its gel touches, by Gauss-Newton. `None` if it does not.
-    fn touch(&self, finger: Finger, start: &JointAngles) -> Option<(JointAngles, Contact)> {
+    /// Moves a pad until its gel touches, by Gauss-Newton. `None` if it does not.
+    fn touch(&self, pad: usize, start: &[f64]) -> Option<(JointAngles, Contact)> {
         const ITERATIONS: usize = 18;
         const STEP_RAD: f64 = 1e-4;
         /// Largest change of a joint in one iteration, radians.
         const MOST_RAD: f64 = 0.4;
-        let ranges = joint_ranges(Side::Right);
-        let mut joints = *start;
+        let ranges = right_ranges(self.hand);
+        let mut joints = start.to_vec();
         for _ in 0..ITERATIONS {
-            let missing = self.missing(finger, &joints);
+            let missing = self.missing(pad, &joints);
             if missing.norm() < 0.1 * TOUCHING_M {
                 break;
             }
-            let column = |k: usize| {
-                let mut moved = joints;
-                moved[finger.first_joint() + k] += STEP_RAD;
-                (self.missing(finger, &moved) - missing) / STEP_RAD
+            let column = |&j: &usize| {
+                let mut moved = joints.clone();
+                moved[j] += STEP_RAD;
+                (self.missing(pad, &moved) - missing) / STEP_RAD
             };
-            let jacobian = na::Matrix3x4::from_columns(&std::array::from_fn::<_, JOINTS_PER_FINGER, _>(column));
-            let step = air::damped_inverse(&jacobian) * missing;
-            for k in 0..JOINTS_PER_FINGER {
-                let j = finger.first_joint() + k;
+            let columns: Vec<na::Vector3<f64>> = self.hand.pad_chain(pad).iter().map(column).collect();
+            let step = damped_inverse(&from_columns(&columns)) * missing;
+            for (&j, step) in self.hand.pad_chain(pad).iter().zip(&step) {
                 let [low, high] = ranges[j];
-                joints[j] = (joints[j] - step[k].clamp(-MOST_RAD, MOST_RAD)).clamp(low, high);
+                joints[j] = (joints[j] - step.clamp(-MOST_RAD, MOST_RAD)).clamp(low, high);
             }
         }
-        let (point, _) = stroke::gel(finger, &joints);
+        let (point, _) = pads::gel(self.hand, pad, &joints);
         let contact = Contact { point, normal: -self.look(point).1 };
-        (self.missing(finger, &joints).norm() < TOUCHING_M).then_some((joints, contact))
+        (self.missing(pad, &joints).norm() < TOUCHING_M).then_some((joints, contact))
     }
 }
 
@@ -339,6 +362,11 @@ impl Surface {
 mod tests {
     use super::*;
     use mvt_gaits::gait;
+    use mvt_robot::hand::Side;
+
+    fn right() -> Arc<Hand> {
+        Hand::allegro(Side::Right)
+    }
 
     fn file() -> GraspFile {
         let object = mvt_objects::catalogue::load("ball", &mut Vec::new()).unwrap();
@@ -346,13 +374,19 @@ mod tests {
         let grasp = |pads: f64, touched_beside_tips: f64| Grasp {
             place_m: feedback.place_m,
             yaw_rad: 0.5,
-            open_pose: [0.1; JOINTS],
-            touching: [0.2; JOINTS],
-            grasp: [0.3; JOINTS],
+            open_pose: vec![0.1; 16],
+            touching: vec![0.2; 16],
+            grasp: vec![0.3; 16],
             pads,
             touched_beside_tips,
         };
-        GraspFile::new(&object, vec![grasp(4.0, 0.5), grasp(2.0, 0.0), grasp(3.0, 0.0)])
+        GraspFile::new(&object, &right(), vec![grasp(4.0, 0.5), grasp(2.0, 0.0), grasp(3.0, 0.0)])
+    }
+
+    #[test]
+    fn places_are_reached_by_all_fingertips() {
+        let places = [[-0.015, 0.025], [-0.022, 0.012], [0.098, 0.126]];
+        assert_eq!((places_m(&right()), places_m(&Hand::allegro(Side::Left))), (places, places));
     }
 
     #[test]
@@ -368,7 +402,7 @@ mod tests {
         let text = toml::to_string(&file()).unwrap();
         let read = |text: &str| {
             std::fs::write(&path, text).unwrap();
-            GraspFile::read(&path).map_err(|e| e.to_string())
+            GraspFile::read(&path, &right()).map_err(|e| e.to_string())
         };
         assert_eq!(read(&text), Ok(file()));
         let refusal = |from: &str, to: &str| {
@@ -376,10 +410,13 @@ mod tests {
             read(&text.replacen(from, to, 1)).unwrap_err()
         };
         assert!(refusal("format = 1", "format = 2").contains("reads format 1"));
-        assert!(refusal("allegro-digit", "leap").contains("allegro-digit"));
-        assert!(refusal("model = \"", "model = \"0").contains("make it again"));
+        assert!(refusal("allegro_digit", "leap").contains("allegro_digit"));
+        assert!(refusal("model = \"", "model = \"0").contains("tune it again"));
         assert!(refusal("yaw_rad = 0.5", "yaw_rad = nan").contains("no angle of a joint"));
         assert!(refusal("yaw_rad = 0.5", "yaw_rad = 1e300").contains("no angle of a joint"));
+        assert!(
+            refusal("touching = [0.2, ", "touching = [").ends_with("is for 15 joints; the hand allegro_digit has 16")
+        );
         let empty = GraspFile { grasps: Vec::new(), ..file() };
         assert!(read(&toml::to_string(&empty).unwrap()).unwrap_err().contains("no grasp"));
         assert!(read("a ball").unwrap_err().contains("not a file of grasps"));
@@ -389,12 +426,12 @@ mod tests {
     fn a_grasp_keeps_its_angles_in_the_controller() {
         let from = gait::find("air_ball").unwrap().1;
         let grasp = &file().grasps[0];
-        let gait = grasp.gait(&air::still(from)).unwrap();
+        let gait = grasp.gait(&air::still(from, &right()), &right()).unwrap();
         let feedback = gait.feedback.unwrap();
         assert_eq!(
             (feedback.grasp, feedback.touching, gait.open_pose),
-            (grasp.grasp, Some(grasp.touching), grasp.open_pose)
+            (grasp.grasp.clone(), Some(grasp.touching.clone()), grasp.open_pose.clone())
         );
-        assert_eq!(grasp.gait(gait::find("bal").unwrap().1), None);
+        assert_eq!(grasp.gait(gait::find("bal").unwrap().1, &right()), None);
     }
 }

@@ -4,6 +4,7 @@
 //! use mvt_gaits::axis::TurnAxis;
 //! use mvt_gaits::gait;
 //! use mvt_objects::catalogue;
+//! use mvt_robot::hand::{Hand, Side};
 //! use mvt_tuning::search::{Search, SearchSettings};
 //!
 //! let cube = catalogue::load("cube70", &mut Vec::new())?;
@@ -19,7 +20,7 @@
 //!     only: vec![],
 //!     seed: 1,
 //! };
-//! let mut search = Search::new(settings, from);
+//! let mut search = Search::new(settings, from, &Hand::allegro(Side::Right));
 //! search.advance(&[cube])?;
 //! assert_eq!(search.gait("an example").table.len(), 32);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -31,7 +32,9 @@ use mvt_mujoco_lib as _;
 pub mod air;
 mod equilibrium;
 pub mod evolution;
+pub mod first_stroke;
 pub mod grasp;
+mod pads;
 pub mod search;
 pub mod seeds;
 pub mod speed;

@@ -1,13 +1,15 @@
 //! A search for a gait that turns given objects, and the scores of a gait.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mvt_files::{input, output};
 use mvt_gaits::axis::TurnAxis;
-use mvt_gaits::gait::Gait;
+use mvt_gaits::controller_file::hand_model;
+use mvt_gaits::gait::{self, Gait};
 use mvt_objects::object::Object;
 use mvt_physics::simulation::SimulationError;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -45,10 +47,15 @@ pub struct SearchSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Search {
+    /// Checksum of the hand; `None` for the built-in one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    model: Option<String>,
     settings: SearchSettings,
     from: Gait,
     origin: StrokeParameters,
     evolution: Evolution,
+    #[serde(skip, default = "Hand::none")]
+    hand: Arc<Hand>,
 }
 
 /// Reason why a search cannot go on.
@@ -80,28 +87,29 @@ pub(crate) const SEARCH_STEPS: u32 = 6;
 const LARGEST_STATE: u64 = 4 << 20;
 
 impl Search {
-    /// Returns whether a search from this gait has a parameter whose name begins so.
-    pub fn has_parameter(from: &Gait, begin: &str) -> bool {
-        !scales(from, &[begin.to_owned()]).is_empty()
+    /// Returns whether a search from this gait with this hand has a parameter whose name begins so.
+    pub fn has_parameter(from: &Gait, hand: &Hand, begin: &str) -> bool {
+        !scales(from, hand, &[begin.to_owned()]).is_empty()
     }
 
-    /// Starts from a gait. If it turns the opposite way, the search starts from the same stroke played backwards.
-    pub fn new(settings: SearchSettings, from: &Gait) -> Self {
+    /// Starts from a gait for a hand. If it turns the opposite way, the search starts from the same stroke played backwards.
+    pub fn new(settings: SearchSettings, from: &Gait, hand: &Arc<Hand>) -> Self {
         let is_opposite =
             from.feedback.is_none() && settings.axis.direction(Side::Right) == -from.axis.direction(Side::Right);
-        let params = stroke::parameters_of(from);
+        let params = stroke::parameters_of(from, hand);
         let origin = if is_opposite { stroke::backwards(params) } else { params };
-        let dimensions = scales(from, &settings.only).len();
+        let dimensions = scales(from, hand, &settings.only).len();
         let evolution = Evolution::new(dimensions, settings.population, settings.sigma, settings.seed);
-        Self { settings, from: from.clone(), origin, evolution }
+        let model = (!gait::suits(hand)).then(|| hand_model(hand));
+        Self { model, settings, from: from.clone(), origin, evolution, hand: Arc::clone(hand) }
     }
 
     /// Continues with the state in a file, or starts as [`Search::new`] if there is no file.
     ///
     /// # Errors
     /// [`SearchError`] if the file is no state, or that of another search.
-    pub fn resume(path: &Path, settings: SearchSettings, from: &Gait) -> Result<Self, SearchError> {
-        let fresh = Self::new(settings, from);
+    pub fn resume(path: &Path, settings: SearchSettings, from: &Gait, hand: &Arc<Hand>) -> Result<Self, SearchError> {
+        let fresh = Self::new(settings, from, hand);
         if !path.exists() {
             return Ok(fresh);
         }
@@ -109,8 +117,9 @@ impl Search {
         let text = input::read_text(path, LARGEST_STATE).map_err(|e| failed(e.to_string()))?;
         let read: Self = toml::from_str(&text)
             .map_err(|e| failed(format!("it is not the state of a search: {}; remove it", e.message())))?;
-        let Self { settings, from, origin, evolution } = &fresh;
-        let is_same = (settings, from, origin) == (&read.settings, &read.from, &read.origin);
+        let read = Self { hand: Arc::clone(hand), ..read };
+        let Self { model, settings, from, origin, evolution, .. } = &fresh;
+        let is_same = (model, settings, from, origin) == (&read.model, &read.settings, &read.from, &read.origin);
         if !is_same || !read.evolution.continues(evolution) {
             return Err(SearchError::Other { path: path.to_owned() });
         }
@@ -140,11 +149,12 @@ impl Search {
     /// Returns the gait at so many scales from the origin; parameters that the origin lacks are 0 there.
     fn gait_at(&self, steps: &[f64], description: &str) -> Gait {
         let mut params = self.origin.clone();
-        for ((name, scale), step) in scales(&self.from, &self.settings.only).into_iter().zip(steps) {
+        for ((name, scale), step) in scales(&self.from, &self.hand, &self.settings.only).into_iter().zip(steps) {
             *params.entry(name).or_default() += scale * step;
         }
-        air::gait(&params, &self.from, self.settings.axis, description)
-            .unwrap_or_else(|| stroke::gait(&params, self.from.open_pose, self.settings.axis, description))
+        let (from, hand, axis) = (&self.from, &self.hand, self.settings.axis);
+        air::gait(&params, hand, from, axis, description)
+            .unwrap_or_else(|| stroke::gait(&params, hand, from.open_pose.clone(), axis, description))
     }
 
     /// Tries one generation of candidates on the objects, in parallel, and returns their mean score. The result does not
@@ -157,7 +167,7 @@ impl Search {
         let candidates = self.evolution.candidates();
         let gaits: Vec<Gait> = candidates.iter().map(|steps| self.gait_at(steps, "")).collect();
         let first = self.generation() * starts;
-        let conditions = TrialConditions { side: Side::Right, duration_s, steps: SEARCH_STEPS };
+        let conditions = TrialConditions { hand: Arc::clone(&self.hand), duration_s, steps: SEARCH_STEPS };
         let tries: Vec<(&Gait, &Object, u64)> = gaits
             .iter()
             .flat_map(|gait| {
@@ -180,8 +190,8 @@ impl Search {
 }
 
 /// Returns the names and scales of the parameters that a search from this gait changes.
-fn scales(from: &Gait, only: &[String]) -> Vec<(String, f64)> {
-    let mut scales = if from.feedback.is_some() { air::parameters() } else { stroke::parameters() };
+fn scales(from: &Gait, hand: &Hand, only: &[String]) -> Vec<(String, f64)> {
+    let mut scales = if from.feedback.is_some() { air::parameters(hand) } else { stroke::parameters(hand) };
     scales.retain(|(name, _)| only.is_empty() || only.iter().any(|begin| name.starts_with(begin)));
     scales
 }

@@ -1,11 +1,12 @@
 //! Speed of trials beside bare steps of MuJoCo.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
 use mvt_physics::simulation::SimulationError;
-use mvt_robot::hand::{JointAngles, Side};
+use mvt_robot::hand::{Hand, JointAngles};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -32,11 +33,12 @@ pub struct SearchSpeed {
 pub fn measure(
     gait: &Gait,
     object: &Object,
+    hand: &Arc<Hand>,
     starts: u64,
     duration_s: f64,
     rounds: u32,
 ) -> Result<SearchSpeed, SimulationError> {
-    let conditions = TrialConditions { side: Side::Right, duration_s, steps: SEARCH_STEPS };
+    let conditions = TrialConditions { hand: Arc::clone(hand), duration_s, steps: SEARCH_STEPS };
     let seeds: Vec<u64> = (0..starts).map(|place| seeds::tuning().at(place)).collect();
     let commands = seeds.par_iter().map(|&seed| {
         let mut commands = Vec::new();

@@ -1,22 +1,24 @@
 //! Trials: a gait, an object and a start in the simulator, and how far the object turned about each axis.
 
+use std::sync::Arc;
+
 use mvt_gaits::clock::{CONTROL_HZ, PHYSICS_HZ};
 use mvt_gaits::controller::{Controller as _, Proprioception};
 use mvt_gaits::gait::{Gait, GaitController};
 use mvt_objects::object::Object;
 use mvt_physics::episode::{EpisodeStart, Randomisation, is_on_the_hand};
 use mvt_physics::simulation::{Simulation, SimulationError};
-use mvt_robot::hand::{Finger, JointAngles, Side};
+use mvt_robot::hand::{Hand, JointAngles};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
 use crate::air;
 
 /// Conditions of a trial.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TrialConditions {
-    /// Which hand.
-    pub side: Side,
+    /// The hand.
+    pub hand: Arc<Hand>,
     /// Longest duration, seconds.
     pub duration_s: f64,
     /// Integration steps per command. An episode makes [`EPISODE_STEPS`]; a search makes fewer, to be faster.
@@ -71,9 +73,9 @@ pub(crate) fn run_watched(
     conditions: &TrialConditions,
     mut watch: impl FnMut(JointAngles),
 ) -> Result<TrialResult, SimulationError> {
-    let TrialConditions { side, duration_s, steps } = *conditions;
-    let axis = gait.axis.direction(side);
-    if let Some(trial) = air::run(gait, object, side, seed, duration_s, steps.max(1))? {
+    let &TrialConditions { ref hand, duration_s, steps } = conditions;
+    let axis = gait.axis.direction(hand.side());
+    if let Some(trial) = air::run(gait, object, hand, seed, duration_s, steps.max(1))? {
         let net = na::Vector3::from(trial.outcome.net_rad);
         let turned_rad = net.dot(&axis);
         return Ok(TrialResult {
@@ -88,7 +90,7 @@ pub(crate) fn run_watched(
         });
     }
     let mut simulation = simulation_at_start(gait, object, seed, conditions)?;
-    let mut controller = GaitController::new(gait.clone(), side);
+    let mut controller = GaitController::new(gait.clone(), Arc::clone(hand));
     let commands = (duration_s * f64::from(CONTROL_HZ)).round() as u32;
     let mut rotation = simulation.object_pose().untyped().rotation;
     let mut net = na::Vector3::zeros();
@@ -97,13 +99,13 @@ pub(crate) fn run_watched(
     while alive && done < commands {
         let time_s = f64::from(done) / f64::from(CONTROL_HZ);
         let targets = controller.command(&Proprioception { time_s, joints: simulation.joints() });
-        watch(targets);
         for _ in 0..steps.max(1) {
             simulation.step(&targets);
         }
+        watch(targets);
         done += 1;
         let pose = simulation.object_pose();
-        alive = simulation.fault().is_none() && is_on_the_hand(pose);
+        alive = simulation.fault().is_none() && is_on_the_hand(hand, &simulation.joints(), pose);
         if !alive {
             break;
         }
@@ -111,8 +113,7 @@ pub(crate) fn run_watched(
         rotation = pose.untyped().rotation;
         net += turn;
         rocked_rad += (turn - axis * turn.dot(&axis)).norm();
-        let contacts = simulation.contacts();
-        pads += Finger::ALL.into_iter().filter(|&f| contacts[f].is_touching()).count();
+        pads += simulation.contacts().iter().filter(|pad| pad.is_touching()).count();
     }
     let turned_rad = net.dot(&axis);
     Ok(TrialResult {
@@ -134,9 +135,9 @@ pub(crate) fn simulation_at_start(
     seed: u64,
     conditions: &TrialConditions,
 ) -> Result<Simulation, SimulationError> {
-    let mut start = EpisodeStart::draw(object, gait, conditions.side, &Randomisation::default(), seed);
+    let mut start = EpisodeStart::draw(object, gait, &conditions.hand, &Randomisation::default(), seed);
     start.physics.timestep_s = 1.0 / f64::from(CONTROL_HZ * conditions.steps.max(1));
-    let mut simulation = Simulation::new(conditions.side, object, &start.physics)?;
+    let mut simulation = Simulation::new(&conditions.hand, object, &start.physics)?;
     simulation.reset(&start.joints, start.object);
     Ok(simulation)
 }

@@ -7,7 +7,7 @@ use mvt_gaits::gait::{self, Gait};
 use mvt_objects::object::Object;
 use mvt_physics::air::{AirOutcome, PlaceErrors};
 use mvt_physics::episode::{self, Episode, EpisodeConfig, Randomisation};
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_tuning::search::{Search, SearchSettings, measure};
 use mvt_tuning::seeds;
 use mvt_tuning::trial::{self, EPISODE_STEPS, TrialConditions};
@@ -29,12 +29,12 @@ fn a_trial_in_the_air_is_an_episode() {
     let (object, seed) = (ball(), 3);
     let gait = air_ball().clone();
     let randomisation = Randomisation::default();
-    let config = EpisodeConfig { side: Side::Left, gait, seed, duration_s: 5.0, randomisation };
+    let config = EpisodeConfig { hand: Hand::allegro(Side::Left), gait, seed, duration_s: 5.0, randomisation };
     let mut episode = Episode::new(&object, &config).unwrap();
     episode.rehearse(PlaceErrors::default(), seed);
     episode::run(&mut episode);
     let air = episode.in_air().unwrap();
-    let conditions = TrialConditions { side: Side::Left, duration_s: 4.0, steps: EPISODE_STEPS };
+    let conditions = TrialConditions { hand: Hand::allegro(Side::Left), duration_s: 4.0, steps: EPISODE_STEPS };
     let trial = trial::run(air_ball(), &object, seed, &conditions).unwrap();
     assert!(trial.alive && air.least_height_mm >= AirOutcome::IN_AIR_MM, "{trial:?} {air:?}");
     for axis in 0..3 {
@@ -45,7 +45,7 @@ fn a_trial_in_the_air_is_an_episode() {
 #[test]
 fn steps_of_half_the_length_hold_the_ball_as_well() {
     let score = |steps: u32| {
-        let conditions = TrialConditions { side: Side::Right, duration_s: 10.0, steps };
+        let conditions = TrialConditions { hand: Hand::allegro(Side::Right), duration_s: 10.0, steps };
         measure(air_ball(), &ball(), seeds::tuning(), 10, &conditions).unwrap()
     };
     for score in [EPISODE_STEPS, 2 * EPISODE_STEPS].map(score) {
@@ -68,14 +68,15 @@ fn a_search_begins_at_the_controller_in_its_file_and_resumes() {
         only: vec![],
         seed: 5,
     };
-    let mut search = Search::new(settings.clone(), air_ball());
+    let hand = Hand::allegro(Side::Right);
+    let mut search = Search::new(settings.clone(), air_ball(), &hand);
     let (begun, file) = (search.gait(""), air_ball());
     let feedback = |gait: &Gait| gait.feedback.as_deref().unwrap().clone();
-    assert_eq!((begun.axis, begun.period_s, begun.open_pose), (file.axis, file.period_s, file.open_pose));
+    assert_eq!((begun.axis, begun.period_s, &begun.open_pose), (file.axis, file.period_s, &file.open_pose));
     assert_eq!(feedback(&begun), feedback(file));
     assert_eq!(begun.table, file.table);
     search.save(&path).unwrap();
-    let mut resumed = Search::resume(&path, settings, air_ball()).unwrap();
+    let mut resumed = Search::resume(&path, settings, air_ball(), &hand).unwrap();
     let objects = [ball()];
     assert_eq!(search.advance(&objects).unwrap(), resumed.advance(&objects).unwrap());
     assert_eq!(search, resumed);

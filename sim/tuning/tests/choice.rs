@@ -7,7 +7,7 @@ use mvt_gaits::gait::AUTO;
 use mvt_gaits::shape::ObjectShape;
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_tuning::seeds;
 use mvt_tuning::survey::{SurveyRow, survey};
 use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
@@ -29,8 +29,9 @@ fn block(sides_mm: [f64; 3]) -> Object {
 }
 
 fn play(object: &Object) -> SurveyRow {
-    let chosen = controller_file::choose(AUTO, object, Side::Left).unwrap();
-    let conditions = TrialConditions { side: Side::Left, duration_s: 12.0, steps: EPISODE_STEPS };
+    let hand = Hand::allegro(Side::Left);
+    let chosen = controller_file::choose(AUTO, object, &hand).unwrap();
+    let conditions = TrialConditions { hand, duration_s: 12.0, steps: EPISODE_STEPS };
     let seeds = [seeds::tuning().at(5), seeds::tuning().at(6)];
     survey((&chosen.name, &chosen.gait), object, &seeds, &conditions).unwrap()
 }

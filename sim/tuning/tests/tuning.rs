@@ -2,11 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 
+use std::sync::Arc;
+
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::gait::{self, Gait};
 use mvt_objects::object::Object;
 use mvt_physics::episode::{self, End, Episode, EpisodeConfig, Randomisation};
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_tuning::search::{Search, SearchError, SearchSettings, measure};
 use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
 use mvt_tuning::{seeds, stroke, trial};
@@ -19,8 +21,12 @@ fn gait_named(name: &str) -> &'static Gait {
     gait::find(name).unwrap().1
 }
 
+fn right() -> Arc<Hand> {
+    Hand::allegro(Side::Right)
+}
+
 fn conditions(duration_s: f64) -> TrialConditions {
-    TrialConditions { side: Side::Left, duration_s, steps: EPISODE_STEPS }
+    TrialConditions { hand: Hand::allegro(Side::Left), duration_s, steps: EPISODE_STEPS }
 }
 
 fn settings() -> SearchSettings {
@@ -42,7 +48,7 @@ fn a_trial_is_an_episode() {
     for (name, seed) in [("bal", 3), ("tumble_back", 4)] {
         let (gait, object) = (gait_named(name), object("cube70"));
         let config = EpisodeConfig {
-            side: Side::Left,
+            hand: Hand::allegro(Side::Left),
             gait: gait.clone(),
             seed,
             duration_s: 4.0,
@@ -69,22 +75,22 @@ fn a_search_does_not_depend_on_threads_and_resumes_bit_for_bit() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| search.advance(&objects)).unwrap()
     };
-    let mut whole = Search::new(settings(), from);
+    let mut whole = Search::new(settings(), from, &right());
     let scores = [on(1, &mut whole), on(1, &mut whole)];
 
-    let mut first = Search::resume(&path, settings(), from).unwrap();
+    let mut first = Search::resume(&path, settings(), from, &right()).unwrap();
     assert_eq!(on(3, &mut first), scores[0]);
     first.save(&path).unwrap();
-    let mut second = Search::resume(&path, settings(), from).unwrap();
+    let mut second = Search::resume(&path, settings(), from, &right()).unwrap();
     assert_eq!(on(2, &mut second), scores[1]);
     assert_eq!(second, whole);
     assert_eq!(second.generation(), 2);
 
     let other = SearchSettings { starts: 2, ..settings() };
-    assert!(matches!(Search::resume(&path, other, from), Err(SearchError::Other { .. })));
-    assert!(matches!(Search::resume(&path, settings(), gait_named("bal")), Err(SearchError::Other { .. })));
+    assert!(matches!(Search::resume(&path, other, from, &right()), Err(SearchError::Other { .. })));
+    assert!(matches!(Search::resume(&path, settings(), gait_named("bal"), &right()), Err(SearchError::Other { .. })));
     std::fs::write(&path, "mean = 1").unwrap();
-    assert!(Search::resume(&path, settings(), from).unwrap_err().to_string().contains("remove it"));
+    assert!(Search::resume(&path, settings(), from, &right()).unwrap_err().to_string().contains("remove it"));
 }
 
 #[test]
@@ -96,7 +102,7 @@ fn a_search_beats_its_start() {
     }
     let objects = [object("cube70")];
     let settings = SearchSettings { duration_s: 8.0, population: 14, ..settings() };
-    let mut search = Search::new(settings, &from);
+    let mut search = Search::new(settings, &from, &right());
     let rate = |search: &Search| {
         measure(&search.gait(""), &objects[0], seeds::held_out(), 6, &conditions(8.0)).unwrap().rate_rad_s
     };
@@ -111,10 +117,11 @@ fn a_search_beats_its_start() {
 #[test]
 fn strokes_are_gaits_and_back() {
     let from = gait_named("tumble_back");
-    let again = stroke::gait(&stroke::parameters_of(from), from.open_pose, from.axis, &from.description);
+    let params = |gait: &Gait| stroke::parameters_of(gait, &right());
+    let again = stroke::gait(&params(from), &right(), from.open_pose.clone(), from.axis, &from.description);
     assert_eq!(&again, from);
     // A gait without a stroke becomes the nearest one.
-    let near = stroke::gait(&stroke::parameters_of(gait_named("low")), [0.3; 16], TurnAxis::MinusZ, "");
+    let near = stroke::gait(&params(gait_named("low")), &right(), vec![0.3; 16], TurnAxis::MinusZ, "");
     let rows = near.table.iter().zip(&gait_named("low").table);
     let difference = rows.flat_map(|(a, b)| (0..16).map(|j| (a[j] - b[j]).abs()).collect::<Vec<_>>()).sum::<f64>();
     assert!(difference / (32.0 * 16.0) < 0.2, "{}", difference / (32.0 * 16.0));
@@ -148,7 +155,7 @@ fn shipped_controllers_turn_objects_also_with_half_the_step() {
 fn only_the_named_parameters_change() {
     let from = gait_named("tumble_back");
     let settings = SearchSettings { only: vec!["pose_thumb".to_owned()], ..settings() };
-    let mut search = Search::new(settings, from);
+    let mut search = Search::new(settings, from, &right());
     let begun = search.gait("").params;
     search.advance(&[object("cube70")]).unwrap();
     let changed: Vec<String> = search
@@ -159,5 +166,5 @@ fn only_the_named_parameters_change() {
         .map(|(name, _)| name)
         .collect();
     assert_eq!(changed, ["pose_thumb_0", "pose_thumb_1", "pose_thumb_2", "pose_thumb_3"]);
-    assert!(Search::has_parameter(from, "sin_") && !Search::has_parameter(from, "lift_"));
+    assert!(Search::has_parameter(from, &right(), "sin_") && !Search::has_parameter(from, &right(), "lift_"));
 }

@@ -28,9 +28,9 @@ settings! {
         pub camera_misses: usize = 1500, 0..=1_000_000;
         /// Places kept per camera at which the colours of images are compared; 0 keeps none.
         pub colour_patches: usize = 120, 0..=10_000;
-        /// Rays kept per touching finger that hit the object.
+        /// Rays kept per touching pad that hit the object.
         pub touch_hits: usize = 300, 1..=1_000_000;
-        /// Rays kept per finger that end at the undisturbed gel.
+        /// Rays kept per pad that end at the undisturbed gel.
         pub touch_misses: usize = 60, 0..=1_000_000;
         /// Standard deviation of a camera's depth, metres per square metre of depth. The default is the disparity noise and rounding of
         /// Redwood's model at five times its level (0.144 pixels of disparity over 35.13 pixel metres).

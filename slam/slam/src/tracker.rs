@@ -52,7 +52,7 @@ settings! {
         pub camera_points: usize = 700, 1..=1_000_000;
         /// Points of the outline used per camera and frame.
         pub outline_points: usize = 200, 0..=1_000_000;
-        /// Measured points used per touching finger and frame.
+        /// Measured points used per touching pad and frame.
         pub touch_points: usize = 100, 1..=1_000_000;
         /// Weight of the factor: camera depth lies on the surface.
         pub camera_weight: f64 = 1.0, 0.0..=1e6;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use mvt_feelsight::{Log, TouchPart};
 use mvt_frames::{Camera, World};
+use mvt_robot::hand::Side;
 
 use super::*;
 use crate::foxglove::{
@@ -28,7 +29,7 @@ fn at(k: usize) -> u64 {
 }
 
 fn names() -> Vec<String> {
-    Finger::ALL.into_iter().flat_map(|finger| (0..4).map(move |k| format!("{}_{k}", finger.name()))).collect()
+    Hand::allegro(Side::Left).joints().iter().map(|joint| joint.name.clone()).collect()
 }
 
 /// Joint J of message K is 0.3 + J / 100 + K / 1000.

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 #[path = "../../../../sim/feelsight/tests/common/mod.rs"]
-#[allow(dead_code, reason = "the tests of the log use more of it")]
 pub mod small_log;
 
 /// Number of its frames.

@@ -1,5 +1,5 @@
 use mvt_frames::ndarray::Array2;
-use mvt_robot::hand::PerFinger;
+use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::Placement;
 use mvt_slam::SlamConfig;
 
@@ -40,7 +40,7 @@ fn map() -> Map {
 
 /// The image of camera `side`: one label everywhere, as near as `depth_m`.
 fn percept(label: Label, depth_m: f32) -> Percept {
-    let camera = Placement::parse_list("side").unwrap().remove(0).camera(Side::Left);
+    let camera = Placement::parse_list("side").unwrap().remove(0).camera(&Hand::allegro(Side::Left));
     let size = (camera.intrinsics.height, camera.intrinsics.width);
     let depth = CameraDepth {
         intrinsics: camera.intrinsics,
@@ -49,7 +49,12 @@ fn percept(label: Label, depth_m: f32) -> Percept {
         labels: Array2::from_elem(size, label),
         colour: None,
     };
-    Percept { time_s: 0.0, joints: [0.0; 16], cameras: vec![Some(depth)], touch: PerFinger::default() }
+    Percept {
+        time_s: 0.0,
+        joints: vec![0.0; 16],
+        cameras: vec![Some(depth)],
+        touch: Hand::allegro(Side::Left).per_pad(|_| None),
+    }
 }
 
 fn belief(time_s: f64, turned_rad: na::Vector3<f64>) -> Belief {
@@ -71,7 +76,8 @@ fn watch(mut explorer: Explorer, percept: &Percept, seconds: f64) -> (Vec<(f64, 
     let (mut directives, mut choices) = (Vec::new(), Vec::new());
     for k in 0..(seconds / FRAME_S) as usize {
         let belief = belief(k as f64 * FRAME_S, turned);
-        let outlook = Outlook::new(&map, belief.pose, percept, Side::Left);
+        let hand = Hand::allegro(Side::Left);
+        let outlook = Outlook::new(&map, belief.pose, percept, &hand);
         let directive = explorer.decide(&belief, &outlook);
         directives.extend(directive.map(|directive| (belief.time_s, directive)));
         choices.extend(explorer.take_choice());
@@ -86,7 +92,7 @@ fn unseen(centre: [f32; 3], normal: Vec3) -> ExploreStrategy {
 
 /// From the object to the camera.
 fn to_camera() -> na::Vector3<f64> {
-    let camera = Placement::parse_list("side").unwrap().remove(0).camera(Side::Left);
+    let camera = Placement::parse_list("side").unwrap().remove(0).camera(&Hand::allegro(Side::Left));
     camera.pose.origin().coords() - na::Vector3::new(-0.03, 0.0, 0.05)
 }
 

@@ -1,16 +1,22 @@
 use super::*;
 use crate::source::Pictures;
-use mvt_robot::hand::{JOINTS, PerFinger};
+use mvt_robot::hand::Hand;
 use mvt_robot::observation::Percept;
 
 /// Remembers in which order it was asked and directed.
-#[derive(Default)]
 struct Witness {
+    hand: Arc<Hand>,
     asked: Vec<String>,
     frames: u64,
 }
 
 const FRAMES: u64 = 5;
+
+impl Default for Witness {
+    fn default() -> Self {
+        Self { hand: Hand::none(), asked: Vec::new(), frames: 0 }
+    }
+}
 
 impl Source for Witness {
     fn next(&mut self) -> Frame {
@@ -21,7 +27,7 @@ impl Source for Witness {
         let frame = self.frames;
         self.frames += 1;
         let time_s = frame as f64;
-        let percept = Percept { time_s, joints: [0.0; JOINTS], cameras: vec![], touch: PerFinger::default() };
+        let percept = Percept { time_s, joints: Vec::new(), cameras: vec![], touch: Default::default() };
         Ok(Some(Sensed {
             frame,
             percept,
@@ -32,6 +38,10 @@ impl Source for Witness {
             warnings: vec![],
             events: vec![],
         }))
+    }
+
+    fn hand(&self) -> &Arc<Hand> {
+        &self.hand
     }
 
     fn direct(&mut self, directive: Directive) -> Result<()> {

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::mem::Discriminant;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Result, anyhow, bail};
@@ -16,7 +17,7 @@ use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
 use mvt_robot::digit;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Finger, PerFinger, Side};
+use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Observation, Rgbd, SensorName};
 use mvt_robot::rig::Placement;
 use ndarray::Array2;
@@ -79,7 +80,7 @@ impl LogSource {
             Some(list) => indices(folder, &names, list)?,
         };
         let posed: Vec<PosedCamera> = chosen.iter().filter_map(|&k| log.cameras().get(k).cloned()).collect();
-        let is_simulated = Finger::ALL.into_iter().any(|finger| log.has_touch_truth(finger));
+        let is_simulated = (0..log.hand().pads().len()).any(|pad| log.has_touch_truth(pad));
         let recorded_noise = match log.scene() {
             Some(scene) => scene.noise.get("camera_depth_multiple_of_redwood").copied().unwrap_or(0.0),
             None => {
@@ -90,15 +91,15 @@ impl LogSource {
                 }
             }
         };
-        let mut perception = Perception::new(log.side(), posed.clone(), setup);
+        let mut perception = Perception::new(Arc::clone(log.hand()), posed.clone(), setup);
         let touch = match perception.reads_touch_images() {
             _ if !modality.has_touch() => TouchPart::None,
             false => TouchPart::Truth,
             true => TouchPart::Images,
         };
         if touch == TouchPart::Images {
-            for finger in Finger::ALL {
-                perception.learn_untouched(finger, &spread_images(&log, finger))?;
+            for pad in 0..log.hand().pads().len() {
+                perception.learn_untouched(pad, &spread_images(&log, pad))?;
             }
         }
         let frames = log.into_partial_frames(&chosen, touch);
@@ -153,11 +154,6 @@ impl LogSource {
         self.frames.log()
     }
 
-    /// Which hand.
-    pub fn side(&self) -> Side {
-        self.log().side()
-    }
-
     /// Seed of the episode; 0 where it is unknown.
     pub fn seed(&self) -> u64 {
         self.log().scene().map_or(0, |scene| scene.seed)
@@ -184,7 +180,9 @@ impl LogSource {
 
     fn name(&self, sensor: LogSensor) -> SensorName {
         match sensor {
-            LogSensor::Touch(finger) => SensorName::Touch(finger),
+            LogSensor::Touch(pad) => {
+                SensorName::Touch(self.log().hand().pads().get(pad).map_or_else(String::new, |pad| pad.name.clone()))
+            }
             LogSensor::Camera(k) => {
                 SensorName::Camera(self.log().cameras().get(k).map_or_else(String::new, |c| c.name.clone()))
             }
@@ -198,7 +196,7 @@ impl LogSource {
 
     /// Touch images of a frame for recordings; `touch` are those that were read already, if any. An image that cannot be read is left
     /// out: nothing depends on it.
-    fn pictures(&self, number: u32, touch: PerFinger<RgbImage>) -> Pictures {
+    fn pictures(&self, number: u32, touch: PerPad<RgbImage>) -> Pictures {
         if !(self.wants_pictures)(u64::from(number)) {
             return Pictures::default();
         }
@@ -207,13 +205,13 @@ impl LogSource {
         Pictures {
             touch: match is_felt {
                 true => touch,
-                false => PerFinger::from_fn(|finger| log.touch_image(finger, index).unwrap_or_default()),
+                false => log.hand().per_pad(|pad| log.touch_image(pad, index).unwrap_or_default()),
             },
             true_indentation_mm: match is_felt {
-                true => PerFinger::from_fn(|finger| {
-                    self.perception.gel().indentation_of(&log.touch_truth(finger, index).ok()?.depth_m)
-                }),
-                false => PerFinger::default(),
+                true => log
+                    .hand()
+                    .per_pad(|pad| self.perception.gel().indentation_of(&log.touch_truth(pad, index).ok()?.depth_m)),
+                false => PerPad::default(),
             },
             forces_n: None,
         }
@@ -271,15 +269,16 @@ impl LogSource {
         let observation = Observation {
             time_s: frame.time_s,
             joints: frame.joints,
-            touch: PerFinger(frame.touch_images.0.map(Option::unwrap_or_default)),
+            touch: frame.touch_images.into_iter().map(Option::unwrap_or_default).collect(),
             cameras: cameras.collect(),
         };
         let gel = self.perception.gel();
-        let presses = PerFinger::from_fn(|finger| true_press(frame.touch_truth[finger].as_ref()?, gel));
+        let presses = frame.touch_truth.map(|truth| true_press(truth.as_ref()?, gel));
         let presses = (!self.perception.reads_touch_images()).then_some(presses);
         let after = number as usize + 1;
-        if let (Some(&time_s), Some(&joints)) = (self.log().times_s().get(after), self.log().joints().get(after)) {
-            self.perception.set_next_joints(time_s, joints);
+        let log = self.frames.log();
+        if let (Some(&time_s), Some(joints)) = (log.times_s().get(after), log.joints().get(after)) {
+            self.perception.set_next_joints(time_s, joints.clone());
         }
         let seen = self.perception.see(u64::from(number), observation, presses);
         let Seen { percept, touch_images, warnings } =
@@ -325,6 +324,10 @@ impl Source for LogSource {
         Ok(None)
     }
 
+    fn hand(&self) -> &Arc<Hand> {
+        self.log().hand()
+    }
+
     fn gel(&self) -> &GelView {
         self.perception.gel()
     }
@@ -348,7 +351,7 @@ const UNTOUCHED_FROM: usize = 31;
 const UNTOUCHED_SPAN_S: f64 = 10.0;
 
 /// Images of a sensor over a log's length; empty if the log is too short or too few can be read.
-fn spread_images(log: &Log, finger: Finger) -> Vec<RgbImage> {
+fn spread_images(log: &Log, pad: usize) -> Vec<RgbImage> {
     let times_s = log.times_s();
     let span_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);
     if span_s < UNTOUCHED_SPAN_S {
@@ -356,7 +359,7 @@ fn spread_images(log: &Log, finger: Finger) -> Vec<RgbImage> {
     }
     let every = times_s.len().div_ceil(UNTOUCHED_FROM).max(1);
     let size = (digit::WIDTH as u32, digit::HEIGHT as u32);
-    let images = (0..times_s.len()).step_by(every).filter_map(|i| log.touch_image(finger, i).ok());
+    let images = (0..times_s.len()).step_by(every).filter_map(|i| log.touch_image(pad, i).ok());
     let images: Vec<RgbImage> = images.filter(|image| image.dimensions() == size).collect();
     if images.len() > UNTOUCHED_FROM / 2 { images } else { Vec::new() }
 }

@@ -8,9 +8,6 @@ use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_touch::network::Weights;
 use serde::Deserialize;
 
-/// Name of TACTO's sensor.
-const TACTO: &str = "tacto";
-
 /// Where touch depth comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -30,8 +27,9 @@ pub struct TouchArguments {
     touch_depth: TouchOrigin,
     /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), digit_markers (with dots on its gel),
     /// gelsight_mini or gelsight_mini_markers (need --weights, or --touch-depth truth), or the path of a profile (.toml)
-    #[arg(long, value_name = "NAME", default_value = TACTO)]
-    touch_profile: String,
+    /// [default: that of the rig; tacto for a log]
+    #[arg(long, value_name = "NAME")]
+    touch_profile: Option<String>,
     /// Weights of a touch network, for --touch-depth network; without it those that are shipped for the sensor
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
@@ -47,24 +45,35 @@ impl TouchOrigin {
 }
 
 impl TouchArguments {
-    /// Returns the options with these values, for TACTO's sensor.
+    /// Returns the options with these values, for the sensor of the rig.
     pub fn new(touch_depth: TouchOrigin, weights: Option<PathBuf>) -> Self {
-        Self { touch_depth, touch_profile: TACTO.to_owned(), weights }
+        Self { touch_depth, touch_profile: None, weights }
     }
 
     /// The options as they stand on a command line: names and values.
     pub fn options(&self) -> [(&'static str, Option<String>); 3] {
         let weights = self.weights.as_ref().map(|path| path.display().to_string());
-        let profile = (self.touch_profile != TACTO).then(|| self.touch_profile.clone());
-        [("touch-depth", Some(self.touch_depth.name().to_owned())), ("touch-profile", profile), ("weights", weights)]
+        [
+            ("touch-depth", Some(self.touch_depth.name().to_owned())),
+            ("touch-profile", self.touch_profile.clone()),
+            ("weights", weights),
+        ]
     }
 
-    /// The touch sensor.
+    /// Returns the profile of all touch sensors: the given one, or that of the pads of a rig; without pads that of TACTO.
     ///
     /// # Errors
-    /// If its profile cannot be used.
-    pub fn profile(&self) -> Result<SensorProfile> {
-        Ok(SensorProfile::load(&self.touch_profile)?)
+    /// If the profile cannot be used, or the pads of the rig have different ones.
+    pub fn profile(&self, of_rig: &[SensorProfile]) -> Result<SensorProfile> {
+        if let Some(name) = &self.touch_profile {
+            return Ok(SensorProfile::load(name)?);
+        }
+        let first = of_rig.first().copied().unwrap_or_else(SensorProfile::tacto);
+        ensure!(
+            of_rig.iter().all(|profile| *profile == first),
+            "the pads of the rig have different touch sensors; choose one profile for all with --touch-profile"
+        );
+        Ok(first)
     }
 
     /// The network's weights for a sensor; `None` if the true indentation is used. Without a file those that need least time.

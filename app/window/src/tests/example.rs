@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use image::{Rgb, RgbImage};
@@ -14,9 +15,9 @@ use mvt_objects::catalogue;
 use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use mvt_robot::digit;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Finger, JOINTS, PerFinger, Side};
+use mvt_robot::hand::{Hand, PerPad, Side};
 use mvt_robot::observation::{Percept, Press};
-use mvt_robot::rig::{GRASP_HEIGHT_M, PALM_CENTRE_M, PLACEMENTS};
+use mvt_robot::rig::PLACEMENTS;
 use nalgebra::{Isometry3, Vector3};
 use ndarray::Array2;
 
@@ -42,16 +43,21 @@ pub fn record(folder: &Path, frames: u64) -> RecordingWriter {
 
 /// Records as [`record`] does, in a mode; without one nothing is estimated, as in a log.
 pub fn record_as(folder: &Path, frames: u64, mode: Option<Mode>) -> RecordingWriter {
+    record_with(&Hand::allegro(Side::Left), folder, frames, mode)
+}
+
+/// Records as [`record_as`] does, with another hand, whose first pad touches.
+pub fn record_with(hand: &Arc<Hand>, folder: &Path, frames: u64, mode: Option<Mode>) -> RecordingWriter {
     let cube = catalogue::find("cube70").unwrap().mesh_without_download().unwrap();
     let placement = PLACEMENTS.into_iter().find(|placement| placement.name == "side").unwrap();
-    let camera = placement.camera(Side::Left);
+    let camera = placement.camera(&Hand::allegro(Side::Left));
     let about = About {
         version: VERSION,
         object: "cube70".to_owned(),
         seed: 7,
         mode,
         modality: Modality::Vitac,
-        side: Side::Left,
+        hand: Arc::clone(hand),
         touch_fov_y_deg: 60.0,
         touch_bulge_mm: 5.0,
         cameras: vec![camera.clone()],
@@ -62,7 +68,7 @@ pub fn record_as(folder: &Path, frames: u64, mode: Option<Mode>) -> RecordingWri
     let rays = RayMesh::new(&cube);
     for frame in 0..frames {
         let row = row(frame);
-        let sensed = Box::new(sensed(&row, &camera, &rays));
+        let sensed = Box::new(sensed(hand, &row, &camera, &rays));
         writer.frame(&row, frame % 10 == 0, sensed);
         if frame == LOST.start {
             let event = Event { time_s: row.time_s, text: "lost the object".to_owned() };
@@ -90,8 +96,8 @@ fn wait_for(folder: &Path, frames: u64) {
 }
 
 fn pose(frame: u64, offset_m: f64) -> Isometry<Object, World> {
-    let [x, y, z] = PALM_CENTRE_M;
-    let translation = Vector3::new(x + offset_m, y, z + GRASP_HEIGHT_M);
+    let grasp = Hand::allegro(Side::Left).grasp_centre(&[]).unwrap().coords();
+    let translation = grasp + Vector3::x() * offset_m;
     Isometry::new(Isometry3::new(translation, Vector3::z() * (0.02 * frame as f64)))
 }
 
@@ -119,28 +125,28 @@ fn row(frame: u64) -> FrameRow {
     }
 }
 
-fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
-    let joints = [0.3; JOINTS];
+fn sensed(hand: &Hand, row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
+    let joints = vec![0.3; hand.joints().len()];
     let (depth, colour) = seen(&camera.intrinsics, camera.pose.inverse() * pose(row.frame, 0.0), cube);
     let labels = depth.mapv(|z| if z > 0.0 { Label::Object } else { Label::Background });
     let touches = TOUCHING.contains(&row.frame);
     let is_pressed = move |x: u32, y: u32| touches && (x as f32 - 110.0).hypot(y as f32 - 150.0) < 45.0;
     let (width, height) = (digit::WIDTH as u32, digit::HEIGHT as u32);
-    let touch = |finger: Finger| {
+    let touch = |pad: usize| {
         let depth_m = Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(y, x)| {
-            if finger == Finger::Index && is_pressed(x as u32, y as u32) { 0.0205 } else { 0.0217 }
+            if pad == 0 && is_pressed(x as u32, y as u32) { 0.0205 } else { 0.0217 }
         });
         Press {
             indentation_mm: GelView::tacto().indentation_of(&depth_m).unwrap(),
             contact: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(y, x)| {
-                finger == Finger::Index && is_pressed(x as u32, y as u32)
+                pad == 0 && is_pressed(x as u32, y as u32)
             }),
             sigma_mm: 0.05,
         }
     };
-    let image = |finger: Finger| {
+    let image = |pad: usize| {
         RgbImage::from_fn(width, height, |x, y| {
-            let light = if finger == Finger::Index && is_pressed(x, y) { 60 } else { 0 };
+            let light = if pad == 0 && is_pressed(x, y) { 60 } else { 0 };
             Rgb([90 + light, 100 + (x / 8) as u8, 110 + (y / 10) as u8])
         })
     };
@@ -156,13 +162,13 @@ fn sensed(row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> Sensed {
                 labels,
                 colour: Some(colour),
             })],
-            touch: PerFinger::from_fn(|finger| Some(touch(finger))),
+            touch: hand.per_pad(|pad| Some(touch(pad))),
         },
         truth: row.truth,
         pictures: Pictures {
-            touch: PerFinger::from_fn(image),
-            true_indentation_mm: PerFinger::default(),
-            forces_n: Some(PerFinger::from_fn(|finger| if touches && finger == Finger::Index { 1.4 } else { 0.0 })),
+            touch: hand.per_pad(image),
+            true_indentation_mm: PerPad::default(),
+            forces_n: Some(hand.per_pad(|pad| if touches && pad == 0 { 1.4 } else { 0.0 })),
         },
         sense_ms: row.stage_ms.sense,
         hidden: None,

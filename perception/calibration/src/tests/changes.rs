@@ -24,7 +24,7 @@ fn observe(
 fn a_bumped_camera_is_noticed_within_a_second_and_estimated_anew() {
     let camera = camera();
     let bumped = off(&camera, na::Vector3::new(1.0, 0.4, -0.2), 4.0, na::Vector3::new(0.005, -0.006, 0.006));
-    let mut calibrator = Calibrator::new(CalibrationConfig::default(), Side::Left, vec![camera.clone()]);
+    let mut calibrator = Calibrator::new(CalibrationConfig::default(), hand(), vec![camera.clone()]);
     let stands = |frame| if frame < BEFORE { camera.clone() } else { bumped.clone() };
     let seen = observe(&mut calibrator, 0..BEFORE + 30, stands, |frame| frame);
     let warned: Vec<usize> = (0..seen.len()).filter(|&k| !seen[k].warnings.is_empty()).collect();
@@ -45,7 +45,7 @@ fn a_bumped_camera_is_noticed_within_a_second_and_estimated_anew() {
 #[test]
 fn frozen_joints_are_no_bump() {
     let camera = camera();
-    let mut calibrator = Calibrator::new(CalibrationConfig::default(), Side::Left, vec![camera.clone()]);
+    let mut calibrator = Calibrator::new(CalibrationConfig::default(), hand(), vec![camera.clone()]);
     // The readings stand still for a second, and then go on.
     let read = |frame: usize| if (BEFORE..BEFORE + 30).contains(&frame) { BEFORE } else { frame };
     let seen = observe(&mut calibrator, 0..BEFORE + 40, |_| camera.clone(), read);
@@ -60,10 +60,10 @@ fn frozen_joints_are_no_bump() {
 #[test]
 fn images_of_another_hand_or_from_another_place_are_skipped() {
     let camera = camera();
-    let mut other = PLACEMENTS[0].camera(Side::Left);
+    let mut other = PLACEMENTS[0].camera(&hand());
     other.intrinsics = camera.intrinsics;
-    let mirrored = Calibrator::new(CalibrationConfig::default(), Side::Right, vec![camera.clone()]);
-    let swapped = Calibrator::new(CalibrationConfig::default(), Side::Left, vec![other]);
+    let mirrored = Calibrator::new(CalibrationConfig::default(), Hand::allegro(Side::Right), vec![camera.clone()]);
+    let swapped = Calibrator::new(CalibrationConfig::default(), hand(), vec![other]);
     for (name, mut calibrator) in [("mirrored", mirrored), ("swapped", swapped)] {
         let seen = observe(&mut calibrator, 0..15, |_| camera.clone(), |frame| frame);
         assert!(seen[7..].iter().all(|frame| !frame.agrees[0]), "{name}");

@@ -39,25 +39,26 @@ fn picture(level: u8, side: u32) -> RgbImage {
     })
 }
 
-fn one(image: RgbImage) -> PerFinger<RgbImage> {
-    let mut images = PerFinger::from_fn(|_| RgbImage::default());
-    images[Finger::Middle] = image;
-    images
+/// The pad that the tests press.
+const MIDDLE: usize = 1;
+
+fn three(config: ContactConfig) -> Feeler {
+    Feeler::new(engine(), config, [1.0; 3], ["index", "middle", "thumb"].map(str::to_owned).to_vec())
 }
 
-/// The contact on the middle finger.
-fn feel(feeler: &mut Feeler, image: RgbImage) -> (f32, bool, Option<Press>) {
-    let images = one(image);
-    let felt = feeler.feel(&images).unwrap();
-    assert!(felt[Finger::Thumb].is_none(), "a finger without an image feels");
-    let Felt { press, plausibility, asked } = felt[Finger::Middle].clone().unwrap();
+/// The contact on the middle pad.
+fn feel(feeler: &mut Feeler, image: &RgbImage) -> (f32, bool, Option<Press>) {
+    let felt = feeler.feel(&[&RgbImage::default(), image]).unwrap();
+    assert_eq!(felt.len(), 3);
+    assert!(felt[0].is_none() && felt[2].is_none(), "a pad without an image feels");
+    let Felt { press, plausibility, asked } = felt[MIDDLE].clone().unwrap();
     (plausibility, asked, press)
 }
 
 #[test]
 fn a_contact_is_felt_where_it_is() {
-    let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
-    let (plausibility, asked, felt) = feel(&mut feeler, picture(191, 60));
+    let mut feeler = three(ContactConfig::default());
+    let (plausibility, asked, felt) = feel(&mut feeler, &picture(191, 60));
     assert!(asked && plausibility > 0.9, "{plausibility}");
     let Press { indentation_mm, contact, sigma_mm } = felt.unwrap();
     // 191 is level 0.498.
@@ -72,14 +73,14 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
     let mut felt = Vec::new();
     // Sensors with a more or less reddish spot.
     for level in [100, 150] {
-        let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
-        feeler.set_untouched(Finger::Middle, &picture(level, 60)).unwrap();
-        let (_, asked, untouched) = feel(&mut feeler, picture(level, 60));
+        let mut feeler = three(ContactConfig::default());
+        feeler.set_untouched(MIDDLE, &picture(level, 60)).unwrap();
+        let (_, asked, untouched) = feel(&mut feeler, &picture(level, 60));
         let Press { indentation_mm, contact, .. } = untouched.unwrap();
         assert!(!asked, "the network was asked about an untouched sensor");
         assert!(!contact.iter().any(|&touches| touches));
         assert_eq!(indentation_mm[[160, 120]], 0.0);
-        let (_, asked, touched) = feel(&mut feeler, picture(level + 100, 60));
+        let (_, asked, touched) = feel(&mut feeler, &picture(level + 100, 60));
         assert!(asked);
         felt.push(touched.unwrap());
     }
@@ -91,11 +92,11 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
 
 #[test]
 fn the_last_image_without_contact_is_the_untouched_sensor() {
-    let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
-    assert!(feel(&mut feeler, picture(100, 60)).1);
-    assert!(!feel(&mut feeler, picture(100, 60)).1, "an image that was seen without contact is looked at again");
-    assert!(feel(&mut feeler, picture(191, 60)).1);
-    assert!(!feel(&mut feeler, picture(100, 60)).1, "a touch has replaced the untouched sensor");
+    let mut feeler = three(ContactConfig::default());
+    assert!(feel(&mut feeler, &picture(100, 60)).1);
+    assert!(!feel(&mut feeler, &picture(100, 60)).1, "an image that was seen without contact is looked at again");
+    assert!(feel(&mut feeler, &picture(191, 60)).1);
+    assert!(!feel(&mut feeler, &picture(100, 60)).1, "a touch has replaced the untouched sensor");
 }
 
 #[test]
@@ -104,18 +105,18 @@ fn contact_holds_on_and_lets_go() {
     // Indentations of 0.56, 0.48 and 0.32 mm about the threshold of 0.5 mm and, once in contact, 0.35 mm; the probabilities are 0.76,
     // 0.39 and 0.03 about 0.5 and 0.35.
     let levels = [163, 158, 148].map(|level| picture(level, 60));
-    let touches = |feeler: &mut Feeler, image: &RgbImage| feel(feeler, image.clone()).2.unwrap().contact[[160, 120]];
-    let mut feeler = Feeler::new(engine(), fading, [1.0; 3]);
+    let touches = |feeler: &mut Feeler, image: &RgbImage| feel(feeler, image).2.unwrap().contact[[160, 120]];
+    let mut feeler = three(fading);
     assert_eq!([0, 1, 2, 1].map(|k| touches(&mut feeler, &levels[k])), [true, true, false, false]);
-    let mut feeler = Feeler::new(engine(), ContactConfig { hysteresis: 1.0, ..fading }, [1.0; 3]);
+    let mut feeler = three(ContactConfig { hysteresis: 1.0, ..fading });
     assert_eq!([0, 1].map(|k| touches(&mut feeler, &levels[k])), [true, false]);
 }
 
 #[test]
 fn specks_are_no_contact() {
     let feel_speck = |least_area| {
-        let mut feeler = Feeler::new(engine(), ContactConfig { least_area, ..ContactConfig::default() }, [1.0; 3]);
-        feel(&mut feeler, picture(191, 8)).2.unwrap().contact.iter().any(|&touches| touches)
+        let mut feeler = three(ContactConfig { least_area, ..ContactConfig::default() });
+        feel(&mut feeler, &picture(191, 8)).2.unwrap().contact.iter().any(|&touches| touches)
     };
     assert_eq!([0.002, 0.0].map(feel_speck), [false, true]);
 }
@@ -133,11 +134,11 @@ fn implausible_images_are_told_and_not_used() {
         (RgbImage::from_fn(width, height, |u, v| Rgb([0, 1, 2].map(|c| noise(u, v, c) as u8))), "noise"),
         (RgbImage::from_fn(width, height, |u, v| Rgb([(u + v) as u8 / 3, 40, u as u8])), "another sensor's"),
     ] {
-        let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
-        feeler.set_untouched(Finger::Middle, &picture(100, 60)).unwrap();
-        let (plausibility, asked, felt) = feel(&mut feeler, image);
+        let mut feeler = three(ContactConfig::default());
+        feeler.set_untouched(MIDDLE, &picture(100, 60)).unwrap();
+        let (plausibility, asked, felt) = feel(&mut feeler, &image);
         assert!(plausibility < 0.5 && felt.is_none() && !asked, "{what}: {plausibility}");
-        let (plausibility, _, felt) = feel(&mut feeler, picture(191, 60));
+        let (plausibility, _, felt) = feel(&mut feeler, &picture(191, 60));
         assert!(plausibility > 0.9 && felt.is_some(), "after a {what} image the sensor is not used any more");
     }
 }
@@ -170,8 +171,9 @@ fn independent_images_do_not_change_one_another() {
 
 #[test]
 fn images_of_another_size_are_refused() {
-    let mut feeler = Feeler::new(engine(), ContactConfig::default(), [1.0; 3]);
-    let error = feeler.feel(&one(RgbImage::new(320, 240))).unwrap_err().to_string();
+    let mut feeler = three(ContactConfig::default());
+    let error =
+        feeler.feel(&[&RgbImage::new(0, 0), &RgbImage::new(320, 240), &RgbImage::new(7, 7)]).unwrap_err().to_string();
     assert!(error.contains("middle") && error.contains("320 x 240") && error.contains("240 x 320"), "{error}");
 }
 

@@ -1,22 +1,25 @@
 //! The hand as a solid: signed distances, and points that it occupies.
 //!
-//! Distances are to the union of the hand's [`parts`]. Outside, the distance to a union is the least of the distances
+//! Distances are to the union of the hand's [`parts`](Hand::parts). Outside, the distance to a union is the least of the distances
 //! to its members; inside, it is the depth below the surface of the member that covers the point most deeply.
+
+use std::sync::Arc;
 
 use glam::{Mat3A, Vec3, Vec3A};
 use nalgebra as na;
 
-use mvt_frames::{HandBase, Isometry, Obstacle, Occupied, World};
+use mvt_frames::{Isometry, Obstacle, Occupied, World};
 
-use super::parts::{Body, Part, Primitive, parts};
-use crate::finger::{Finger, JointAngles};
-use crate::side::Side;
+use super::parts::{Part, Primitive};
+use super::{Hand, Hull};
 
 /// Solid of the hand at given joint angles. Lengths are metres, points are in the world.
 #[derive(Debug, Clone)]
 pub struct HandSolid {
     /// The palm and the fingers.
     limbs: Vec<Limb>,
+    /// Poses of all bodies in the world.
+    poses: Vec<na::Isometry3<f64>>,
 }
 
 /// Primitives that lie close together, with a sphere around them.
@@ -26,9 +29,9 @@ struct Limb {
     members: Vec<Member>,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Member {
-    body: Body,
+    body: usize,
     bound: Sphere,
     shape: Shape,
 }
@@ -40,17 +43,18 @@ pub struct Nearest {
     pub distance_m: f32,
     /// Unit direction in which the distance grows, world frame.
     pub normal: Vec3,
-    /// Body to which the surface belongs.
-    pub body: Body,
+    /// Index of the body to which the surface belongs.
+    pub body: usize,
 }
 
 /// Primitive in the world. Matrices take world directions to the primitive's axes; the centre is that of the bounding
 /// sphere.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 enum Shape {
     Box { axes: Mat3A, half: Vec3A },
     Capsule { half_axis: Vec3A, inverse_square: f32, radius: f32 },
     Ellipsoid { axes: Mat3A, inverse_semi: Vec3A, longest: f32 },
+    Hull { axes: Mat3A, hull: Hull },
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -69,19 +73,23 @@ impl Sphere {
 
 impl HandSolid {
     /// Places all parts of the hand.
-    pub fn new(side: Side, joints: &JointAngles) -> Self {
-        Self::of(&parts(side), side, joints)
+    pub fn new(hand: &Hand, joints: &[f64]) -> Self {
+        let poses = hand.body_poses(joints);
+        let placed: Vec<(usize, &Part)> = hand.parts().collect();
+        let member = |&(body, part): &(usize, &Part)| Member::new(body, part, &poses[body]);
+        let limb = |parts: &[(usize, &Part)]| Limb::new(parts.iter().map(member).collect());
+        let limbs = placed.chunk_by(|a, b| hand.limbs[a.0] == hand.limbs[b.0]).map(limb).collect();
+        Self { limbs, poses }
     }
 
-    /// Places some parts, body by body.
-    fn of(parts: &[Part], side: Side, joints: &JointAngles) -> Self {
-        let limb = |parts: &[Part]| Limb::new(parts.iter().map(|part| Member::new(part, side, joints)).collect());
-        Self { limbs: parts.chunk_by(|a, b| finger(a.body) == finger(b.body)).map(limb).collect() }
+    /// Returns the poses of all bodies in the world.
+    pub fn body_poses(&self) -> &[na::Isometry3<f64>] {
+        &self.poses
     }
 
     /// Returns the signed distance of a point, negative inside the hand.
     ///
-    /// Exact for boxes and capsules. Near an ellipsoid it is exact to first order in the distance and never above the
+    /// Exact for boxes, capsules and hulls. Near an ellipsoid it is exact to first order in the distance and never above the
     /// true signed distance: the gauge g(p) = |p / semi-axes| is convex, so the distance to its tangent plane at level
     /// 1, (g - 1) / |grad g|, is a lower bound.
     pub fn distance(&self, p: Vec3) -> f32 {
@@ -141,25 +149,26 @@ impl HandSolid {
         let limbs = self.limbs.iter().filter(|limb| !limb.bound.is_beyond(centre, radius));
         let members = limbs.flat_map(|limb| &limb.members);
         let near = members.filter(|m| !m.bound.is_beyond(centre, radius) && m.distance(centre) < radius);
-        let members: Vec<Member> = near.copied().collect();
-        Self { limbs: if members.is_empty() { Vec::new() } else { vec![Limb::new(members)] } }
+        let members: Vec<Member> = near.cloned().collect();
+        let limbs = if members.is_empty() { Vec::new() } else { vec![Limb::new(members)] };
+        Self { limbs, poses: self.poses.clone() }
     }
 }
 
 /// Points inside the hand, drawn once in the coordinates of its bodies and posed at any joint angles.
 #[derive(Debug, Clone)]
 pub struct HandSamples {
-    side: Side,
-    /// Points in the coordinates of their body.
-    bodies: Vec<(Body, Vec<Occupied>)>,
+    hand: Arc<Hand>,
+    /// Bodies that have parts, and points in their coordinates.
+    bodies: Vec<(usize, Vec<Occupied>)>,
 }
 
 impl HandSamples {
     /// Draws one random point per cube of edge `spacing_m` and keeps those inside the hand. `seed` sets the random
     /// positions.
-    pub fn new(side: Side, spacing_m: f64, seed: u64) -> Self {
-        let parts = parts(side);
-        let bodies = parts.chunk_by(|a, b| a.body == b.body).map(|parts| {
+    pub fn new(hand: &Arc<Hand>, spacing_m: f64, seed: u64) -> Self {
+        let bodies = Self::sampled(hand).map(|body| {
+            let parts = &hand.bodies()[body].parts;
             let mut points = Vec::new();
             for (k, part) in parts.iter().enumerate() {
                 // Keeps a point that lies in two parts of a body once.
@@ -169,9 +178,14 @@ impl HandSamples {
                     (depth > 0.0).then(|| Occupied { point: vec3a(p).into(), depth_m: depth as f32 })
                 }));
             }
-            (parts[0].body, points)
+            (body, points)
         });
-        Self { side, bodies: bodies.collect() }
+        Self { hand: Arc::clone(hand), bodies: bodies.collect() }
+    }
+
+    /// The bodies that have parts.
+    fn sampled(hand: &Hand) -> impl Iterator<Item = usize> {
+        hand.bodies().iter().enumerate().filter(|(_, body)| !body.parts.is_empty()).map(|(k, _)| k)
     }
 
     /// The points of each body, in its coordinates.
@@ -180,15 +194,16 @@ impl HandSamples {
     }
 
     /// Where each body is at given joint angles, in the order of [`HandSamples::bodies`].
-    pub fn body_poses(side: Side, joints: &JointAngles) -> impl Iterator<Item = Isometry<Obstacle, World>> {
-        let bodies: Vec<Body> = parts(side).chunk_by(|a, b| a.body == b.body).map(|parts| parts[0].body).collect();
-        bodies.into_iter().map(move |body| Isometry::new(body.pose(side, joints)))
+    pub fn body_poses(hand: &Hand, joints: &[f64]) -> Vec<Isometry<Obstacle, World>> {
+        let poses = hand.body_poses(joints);
+        Self::sampled(hand).map(|body| Isometry::new(poses[body])).collect()
     }
 
     /// The points in the world at given joint angles, in an order that does not depend on them.
-    pub fn posed(&self, joints: &JointAngles) -> impl Iterator<Item = Occupied> {
+    pub fn posed(&self, joints: &[f64]) -> impl Iterator<Item = Occupied> {
+        let poses = self.hand.body_poses(joints);
         self.bodies.iter().flat_map(move |(body, points)| {
-            let (rotation, translation) = Isometry::<HandBase, World>::new(body.pose(self.side, joints)).to_f32();
+            let (rotation, translation) = Isometry::<Obstacle, World>::new(poses[*body]).to_f32();
             points.iter().map(move |&Occupied { point, depth_m }| Occupied {
                 point: (rotation * point) + Vec3::from(translation),
                 depth_m,
@@ -199,13 +214,23 @@ impl HandSamples {
 
 /// Returns one random point in each cube of a grid around a primitive.
 fn jittered_grid(shape: &Primitive, spacing_m: f64, seed: u64) -> impl Iterator<Item = na::Vector3<f64>> {
-    let (centre, half) = match *shape {
-        Primitive::Box { centre, half: extent } | Primitive::Ellipsoid { centre, semi: extent } => {
-            (centre.into(), extent.into())
+    let (centre, half, rotation) = match shape {
+        Primitive::Box { centre, half: extent, orientation_wxyz }
+        | Primitive::Ellipsoid { centre, semi: extent, orientation_wxyz } => {
+            let is_turned = orientation_wxyz[1..].iter().any(|q| *q != 0.0);
+            let turned = is_turned.then(|| turn(orientation_wxyz));
+            (na::Vector3::from(*centre), na::Vector3::from(*extent), turned)
         }
         Primitive::Capsule { from, to, radius } => {
-            let (from, to) = (na::Vector3::from(from), na::Vector3::from(to));
-            ((from + to) / 2.0, (to - from).abs() / 2.0 + na::Vector3::repeat(radius))
+            let (from, to) = (na::Vector3::from(*from), na::Vector3::from(*to));
+            let half = (to - from).abs() / 2.0 + na::Vector3::repeat(*radius);
+            ((from + to) / 2.0, half, None)
+        }
+        Primitive::Hull(hull) => {
+            let corners = || hull.vertices().iter().map(|v| na::Vector3::from(*v));
+            let low = corners().fold(na::Vector3::repeat(f64::INFINITY), |low, v| low.inf(&v));
+            let high = corners().fold(na::Vector3::repeat(f64::NEG_INFINITY), |high, v| high.sup(&v));
+            ((low + high) / 2.0, (high - low) / 2.0, None)
         }
     };
     let cells: na::Vector3<u64> = (half * 2.0 / spacing_m).map(|n| n.ceil().max(1.0) as u64);
@@ -213,7 +238,8 @@ fn jittered_grid(shape: &Primitive, spacing_m: f64, seed: u64) -> impl Iterator<
     let corner = centre - cells.map(|n| n as f64) * (spacing_m / 2.0);
     cubes.enumerate().map(move |(cube, cell)| {
         let within = |axis: usize| uniform(seed ^ (3 * cube as u64 + axis as u64));
-        corner + na::Vector3::from_fn(|axis, _| (cell[axis] as f64 + within(axis)) * spacing_m)
+        let point = corner + na::Vector3::from_fn(|axis, _| (cell[axis] as f64 + within(axis)) * spacing_m);
+        rotation.map_or(point, |rotation| centre + rotation * (point - centre))
     })
 }
 
@@ -227,28 +253,31 @@ fn uniform(seed: u64) -> f64 {
 
 /// Returns a lower bound of the depth of a point in a primitive, in a body's coordinates; negative or 0 outside.
 fn depth(shape: &Primitive, p: &na::Vector3<f64>) -> f64 {
-    match *shape {
-        Primitive::Box { centre, half } => (na::Vector3::from(half) - (p - na::Vector3::from(centre)).abs()).min(),
+    let from_centre = |centre: &[f64; 3], orientation_wxyz: &[f64; 4]| {
+        turn(orientation_wxyz).inverse_transform_vector(&(p - na::Vector3::from(*centre)))
+    };
+    match shape {
+        Primitive::Box { centre, half, orientation_wxyz } => {
+            (na::Vector3::from(*half) - from_centre(centre, orientation_wxyz).abs()).min()
+        }
         Primitive::Capsule { from, to, radius } => {
-            let (from, to) = (na::Vector3::from(from), na::Vector3::from(to));
+            let (from, to) = (na::Vector3::from(*from), na::Vector3::from(*to));
             let axis = to - from;
             let along = (axis.dot(&(p - from)) / axis.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
             radius - (p - from - axis * along).norm()
         }
-        Primitive::Ellipsoid { centre, semi } => {
+        Primitive::Ellipsoid { centre, semi, orientation_wxyz } => {
             // The gauge changes by at most 1 over the shortest semi-axis per metre.
-            let semi = na::Vector3::from(semi);
-            (1.0 - (p - na::Vector3::from(centre)).component_div(&semi).norm()) * semi.min()
+            let semi = na::Vector3::from(*semi);
+            (1.0 - from_centre(centre, orientation_wxyz).component_div(&semi).norm()) * semi.min()
         }
+        Primitive::Hull(hull) => f64::from(-hull.distance(vec3a(*p)).0),
     }
 }
 
-/// Returns the finger of a body, `None` for the palm.
-fn finger(body: Body) -> Option<Finger> {
-    match body {
-        Body::Palm => None,
-        Body::Link(finger, _) | Body::Tip(finger) => Some(finger),
-    }
+/// Returns the rotation of a quaternion (w, x, y, z).
+fn turn(&[w, x, y, z]: &[f64; 4]) -> na::UnitQuaternion<f64> {
+    na::UnitQuaternion::from_quaternion(na::Quaternion::new(w, x, y, z))
 }
 
 impl Limb {
@@ -263,55 +292,63 @@ impl Limb {
 }
 
 impl Member {
-    fn new(part: &Part, side: Side, joints: &JointAngles) -> Self {
-        let world_from_body = part.body.pose(side, joints);
+    fn new(body: usize, part: &Part, world_from_body: &na::Isometry3<f64>) -> Self {
         // There is no frame type for bodies; any frame serves for the conversion.
-        let (rotation, _) = Isometry::<HandBase, World>::new(world_from_body).to_f32();
-        let axes = rotation.transpose();
+        let axes_of = |rotation: na::UnitQuaternion<f64>| {
+            let pose = na::Isometry3::from_parts(world_from_body.translation, world_from_body.rotation * rotation);
+            Isometry::<Obstacle, World>::new(pose).to_f32().0.transpose()
+        };
         let place = |p: na::Vector3<f64>| vec3a((world_from_body * na::Point3::from(p)).coords);
-        let (centre, radius, shape) = match part.shape {
-            Primitive::Box { centre, half } => {
-                let half = vec3a(half.into());
-                (centre.into(), half.length(), Shape::Box { axes, half })
+        let (centre, radius, shape) = match &part.shape {
+            Primitive::Box { centre, half, orientation_wxyz } => {
+                let half = vec3a((*half).into());
+                ((*centre).into(), half.length(), Shape::Box { axes: axes_of(turn(orientation_wxyz)), half })
             }
             Primitive::Capsule { from, to, radius } => {
-                let (from, to) = (na::Vector3::from(from), na::Vector3::from(to));
+                let (from, to) = (na::Vector3::from(*from), na::Vector3::from(*to));
                 let half_axis = vec3a(world_from_body.rotation * (to - from) / 2.0);
-                let radius = radius as f32;
+                let radius = *radius as f32;
                 // A capsule of zero length is a ball, without an axis to project on.
                 let square = half_axis.length_squared();
                 let inverse_square = if square > 0.0 { 1.0 / square } else { 0.0 };
                 let shape = Shape::Capsule { half_axis, inverse_square, radius };
                 ((from + to) / 2.0, half_axis.length() + radius, shape)
             }
-            Primitive::Ellipsoid { centre, semi } => {
-                let semi = vec3a(semi.into());
-                let longest = semi.max_element();
-                (centre.into(), longest, Shape::Ellipsoid { axes, inverse_semi: semi.recip(), longest })
+            Primitive::Ellipsoid { centre, semi, orientation_wxyz } => {
+                let semi = vec3a((*semi).into());
+                let (axes, longest) = (axes_of(turn(orientation_wxyz)), semi.max_element());
+                ((*centre).into(), longest, Shape::Ellipsoid { axes, inverse_semi: semi.recip(), longest })
+            }
+            Primitive::Hull(hull) => {
+                let (centre, radius) = hull.bound();
+                let axes = axes_of(na::UnitQuaternion::identity());
+                let centre = na::Vector3::from(centre.to_array().map(f64::from));
+                (centre, radius, Shape::Hull { axes, hull: hull.clone() })
             }
         };
-        Self { body: part.body, bound: Sphere { centre: place(centre), radius }, shape }
+        Self { body, bound: Sphere { centre: place(centre), radius }, shape }
     }
 
     fn distance(&self, p: Vec3A) -> f32 {
         let p = p - self.bound.centre;
-        match self.shape {
-            Shape::Box { axes, half } => {
+        match &self.shape {
+            &Shape::Box { axes, half } => {
                 let beyond = (axes * p).abs() - half;
                 beyond.max(Vec3A::ZERO).length() + beyond.max_element().min(0.0)
             }
-            Shape::Capsule { half_axis, inverse_square, radius } => {
+            &Shape::Capsule { half_axis, inverse_square, radius } => {
                 from_axis(p, half_axis, inverse_square).length() - radius
             }
-            Shape::Ellipsoid { axes, inverse_semi, longest } => gauge(axes * p, inverse_semi, longest),
+            &Shape::Ellipsoid { axes, inverse_semi, longest } => gauge(axes * p, inverse_semi, longest),
+            Shape::Hull { axes, hull } => hull.distance(*axes * p + hull.bound().0).0,
         }
     }
 
     /// Returns the unit direction in which the distance grows, world frame. Any such direction where there are several.
     fn gradient(&self, p: Vec3A) -> Vec3A {
         let p = p - self.bound.centre;
-        let direction = match self.shape {
-            Shape::Box { axes, half } => {
+        let direction = match &self.shape {
+            &Shape::Box { axes, half } => {
                 let local = axes * p;
                 let beyond = local.abs() - half;
                 let outside = beyond.max(Vec3A::ZERO);
@@ -325,11 +362,12 @@ impl Member {
                 };
                 axes.transpose() * (away * local.signum())
             }
-            Shape::Capsule { half_axis, inverse_square, .. } => from_axis(p, half_axis, inverse_square),
-            Shape::Ellipsoid { axes, inverse_semi, .. } => {
+            &Shape::Capsule { half_axis, inverse_square, .. } => from_axis(p, half_axis, inverse_square),
+            &Shape::Ellipsoid { axes, inverse_semi, .. } => {
                 let local = axes * p;
                 axes.transpose() * (local * inverse_semi * inverse_semi)
             }
+            Shape::Hull { axes, hull } => axes.transpose() * hull.distance(*axes * p + hull.bound().0).1,
         };
         direction.normalize_or(Vec3A::Z)
     }
@@ -359,30 +397,29 @@ fn vec3a(v: na::Vector3<f64>) -> Vec3A {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::finger::JOINTS;
-    use crate::hand::kinematics::joint_ranges;
-    use crate::hand::parts::PartSurface;
+    use crate::hand::{JointAngles, PartSurface, Side};
     use parry3d::math::Vector as Parry;
     use parry3d::query::PointQuery as _;
     use parry3d::shape::{Capsule, Cuboid};
     use proptest::prelude::*;
 
     /// Returns the signed distance to one part, computed by parry, and by bisection for ellipsoids.
-    fn reference(part: &Part, side: Side, joints: &JointAngles, p: Vec3) -> f32 {
-        let p = part.body.pose(side, joints).inverse() * na::Point3::new(p.x.into(), p.y.into(), p.z.into());
+    fn reference(part: &Part, pose: &na::Isometry3<f64>, p: Vec3) -> f32 {
+        let p = pose.inverse() * na::Point3::new(p.x.into(), p.y.into(), p.z.into());
         let local = |origin: [f64; 3]| {
             let d = p.coords - na::Vector3::from(origin);
             Parry::new(d.x as f32, d.y as f32, d.z as f32)
         };
         let v = |a: [f64; 3]| Parry::new(a[0] as f32, a[1] as f32, a[2] as f32);
-        match part.shape {
-            Primitive::Box { centre, half } => Cuboid::new(v(half)).distance_to_local_point(local(centre), false),
+        match &part.shape {
+            Primitive::Box { centre, half, .. } => Cuboid::new(v(*half)).distance_to_local_point(local(*centre), false),
             Primitive::Capsule { from, to, radius } => {
-                Capsule::new(v(from), v(to), radius as f32).distance_to_local_point(local([0.0; 3]), false)
+                Capsule::new(v(*from), v(*to), *radius as f32).distance_to_local_point(local([0.0; 3]), false)
             }
-            Primitive::Ellipsoid { centre, semi } => {
-                ellipsoid_distance(p.coords - na::Vector3::from(centre), semi.into()) as f32
+            Primitive::Ellipsoid { centre, semi, .. } => {
+                ellipsoid_distance(p.coords - na::Vector3::from(*centre), (*semi).into()) as f32
             }
+            Primitive::Hull(_) => unreachable!("the Allegro has no hulls"),
         }
     }
 
@@ -399,16 +436,27 @@ mod tests {
         (p - nearest(high)).norm() * sign
     }
 
+    fn is_gel(part: &Part) -> bool {
+        matches!(part.surface, PartSurface::Gel(_))
+    }
+
     /// The hand without its gels, whose distances are only bounds.
     fn without_gels(side: Side, joints: &JointAngles) -> HandSolid {
-        let hard: Vec<Part> = parts(side).into_iter().filter(|part| part.surface != PartSurface::Gel).collect();
-        HandSolid::of(&hard, side, joints)
+        let mut description = Hand::allegro(side).description().clone();
+        for body in &mut description.bodies {
+            body.parts.retain(|part| !is_gel(part));
+        }
+        HandSolid::new(&Hand::new(description).unwrap(), joints)
+    }
+
+    fn solid(side: Side, joints: &JointAngles) -> HandSolid {
+        HandSolid::new(&Hand::allegro(side), joints)
     }
 
     fn posture() -> impl Strategy<Value = JointAngles> {
         proptest::array::uniform16(0.0..1.0f64).prop_map(|t| {
-            let ranges = joint_ranges(Side::Right);
-            std::array::from_fn(|j| ranges[j][0] + t[j] * (ranges[j][1] - ranges[j][0]))
+            let ranges = Hand::allegro(Side::Right).ranges();
+            ranges.iter().zip(t).map(|([low, high], t)| low + t * (high - low)).collect()
         })
     }
 
@@ -425,9 +473,10 @@ mod tests {
 
         #[test]
         fn distance_is_that_of_the_nearest_part(side in side(), joints in posture(), p in place()) {
-            for (solid, with_gels) in [(HandSolid::new(side, &joints), true), (without_gels(side, &joints), false)] {
-                let wanted = |part: &Part| with_gels || part.surface != PartSurface::Gel;
-                let exact = parts(side).iter().filter(|part| wanted(part)).map(|part| reference(part, side, &joints, p)).fold(f32::INFINITY, f32::min);
+            for (solid, with_gels) in [(solid(side, &joints), true), (without_gels(side, &joints), false)] {
+                let (hand, poses) = (Hand::allegro(side), solid.body_poses());
+                let wanted = hand.parts().filter(|(_, part)| with_gels || !is_gel(part));
+                let exact = wanted.map(|(body, part)| reference(part, &poses[body], p)).fold(f32::INFINITY, f32::min);
                 let distance = solid.distance(p);
                 prop_assert!(distance <= exact + 1e-6, "{distance} is more than {exact}");
                 // Boxes and capsules are exact; the error of a gel's bound grows with the square of the distance.
@@ -459,14 +508,14 @@ mod tests {
 
         #[test]
         fn limit_changes_nothing_below_it(joints in posture(), p in place(), limit in -0.01..0.05f32) {
-            let solid = HandSolid::new(Side::Left, &joints);
+            let solid = solid(Side::Left, &joints);
             prop_assert!((solid.distance_within(p, limit) - solid.distance(p).min(limit)).abs() < 1e-7);
             prop_assert!(solid.is_within(p, limit) == (solid.distance(p) < limit) || (solid.distance(p) - limit).abs() < 1e-7);
         }
 
         #[test]
         fn crop_answers_for_points_around_its_centre(joints in posture(), p in place(), to in place(), ball in 0.001..0.03f32) {
-            let solid = HandSolid::new(Side::Left, &joints);
+            let solid = solid(Side::Left, &joints);
             const MARGIN: f32 = 0.003;
             let q = p + (to - p).normalize_or_zero() * (0.999 * ball);
             let cropped = solid.cropped(p, ball + MARGIN);
@@ -479,15 +528,15 @@ mod tests {
         #[test]
         fn left_hand_is_the_mirror_image(joints in posture(), p in place()) {
             let mirror = Vec3::new(1.0, -1.0, 1.0);
-            let right = HandSolid::new(Side::Right, &joints).distance(p);
-            let left = HandSolid::new(Side::Left, &Side::Left.mirror_joints(joints)).distance(p * mirror);
+            let right = solid(Side::Right, &joints).distance(p);
+            let left = solid(Side::Left, &Hand::allegro(Side::Left).mirrored(&joints)).distance(p * mirror);
             prop_assert!((right - left).abs() < 1e-6);
         }
 
         #[test]
         fn samples_are_inside_and_no_nearer_to_the_outside_than_they_say(joints in posture(), side in side()) {
-            let solid = HandSolid::new(side, &joints);
-            for Occupied { point, depth_m } in HandSamples::new(side, 0.008, 5).posed(&joints) {
+            let solid = solid(side, &joints);
+            for Occupied { point, depth_m } in HandSamples::new(&Hand::allegro(side), 0.008, 5).posed(&joints) {
                 prop_assert!(solid.distance(point) <= -depth_m + 1e-6, "{point}: {} and {depth_m}", solid.distance(point));
             }
         }
@@ -495,24 +544,24 @@ mod tests {
 
     #[test]
     fn samples_fill_the_volume_and_follow_the_seed() {
-        let joints = [0.3; JOINTS];
-        let of = |spacing, seed| HandSamples::new(Side::Right, spacing, seed).posed(&joints).collect::<Vec<_>>();
+        let (joints, hand) = ([0.3; 16], Hand::allegro(Side::Right));
+        let of = |spacing, seed| HandSamples::new(&hand, spacing, seed).posed(&joints).collect::<Vec<_>>();
         assert_eq!(of(0.005, 1), of(0.005, 1));
         assert_ne!(of(0.005, 1), of(0.005, 2));
-        let palm = HandSamples::new(Side::Right, 0.004, 9);
+        let palm = HandSamples::new(&hand, 0.004, 9);
         let (body, points) = &palm.bodies[0];
-        assert_eq!(*body, Body::Palm);
+        assert_eq!(hand.bodies()[*body].name, "palm");
         let volume = points.len() as f64 * 0.004f64.powi(3) / (8.0 * 0.0204 * 0.0565 * 0.0475);
         assert!((volume - 1.0).abs() < 0.05, "{volume}");
-        assert!(palm.bodies.iter().any(|(body, points)| *body == Body::Tip(Finger::Thumb) && points.len() > 50));
+        assert!(palm.bodies.iter().any(|(body, points)| hand.bodies()[*body].name == "thumb_tip" && points.len() > 50));
     }
 
     #[test]
     fn centre_of_a_gel_is_deep_inside() {
-        let joints = [0.2; JOINTS];
-        let pose = Body::Tip(Finger::Index).pose(Side::Right, &joints);
+        let joints = vec![0.2; 16];
+        let pose = Hand::allegro(Side::Right).world_from_pads(&joints)[0].untyped();
         let centre = pose * na::Point3::new(0.0111, 0.0, 0.0165);
         let centre = Vec3::new(centre.x as f32, centre.y as f32, centre.z as f32);
-        assert!(HandSolid::new(Side::Right, &joints).distance(centre) < -0.008);
+        assert!(solid(Side::Right, &joints).distance(centre) < -0.008);
     }
 }

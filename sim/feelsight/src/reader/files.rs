@@ -1,9 +1,10 @@
 //! Image files of a log, for other containers.
 
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::PerPad;
 
 use super::Log;
 use crate::error::LogError;
+use crate::hand::pad_folder;
 use crate::io::read_at_most;
 use crate::picture::{MAX_FILE, encode_color, encode_exact, encode_png};
 
@@ -15,11 +16,11 @@ pub struct ImageFiles {
     pub colours: Vec<Option<Vec<u8>>>,
     /// Labels of each camera, grey: 0 background, 127 hand, 255 object. `None` if the log has none.
     pub labels: Option<Vec<Vec<u8>>>,
-    /// Image of each DIGIT; `None` if the log has none, or none of this instant.
-    pub touch: PerFinger<Option<Vec<u8>>>,
-    /// True depth of each DIGIT, in the levels of [`DigitInfo`](crate::DigitInfo), and its contact mask, grey: 0 or 255. `None` if the log has
-    /// none.
-    pub touch_truth: Option<PerFinger<[Vec<u8>; 2]>>,
+    /// Image of each touch sensor; `None` if the log has none, or none of this instant.
+    pub touch: PerPad<Option<Vec<u8>>>,
+    /// True depth of each touch sensor, in the levels of [`DigitInfo`](crate::DigitInfo), and its contact mask, grey: 0 or 255. `None` if the
+    /// log has none.
+    pub touch_truth: Option<PerPad<[Vec<u8>; 2]>>,
 }
 
 impl Log {
@@ -50,35 +51,30 @@ impl Log {
                 });
             }
         }
-        let touch = |finger: Finger| {
-            let folder = format!("allegro/{}", finger.name());
-            if !self.felt[finger] {
+        let pads = 0..self.hand.pads().len();
+        let touch = |pad: usize| {
+            let folder = pad_folder(&self.hand, pad);
+            if !self.has_touch_images(pad) {
                 return Ok(None);
             }
             if self.compact.is_none() {
                 return self.delivered(self.stored(&format!("{folder}/image/{frame}"), "jpg"));
             }
-            let Some(image) = self.delivered(self.touch_image(finger, frame))? else { return Ok(None) };
+            let Some(image) = self.delivered(self.touch_image(pad, frame))? else { return Ok(None) };
             let file = encode_png(&image).map_err(|defect| LogError::defect(self.folder.join(folder), defect))?;
             Ok(Some(file))
         };
-        let [index, middle, ring, thumb] = Finger::ALL.map(touch);
-        let touch = PerFinger([index?, middle?, ring?, thumb?]);
-        let truth = |finger: Finger| {
-            let folder = format!("allegro/{}", finger.name());
+        let touch = pads.clone().map(touch).collect::<Result<_, LogError>>()?;
+        let truth = |pad: usize| {
+            let folder = pad_folder(&self.hand, pad);
             let depth = match &self.compact {
                 None => self.stored(&format!("{folder}/depth/{frame}"), "jpg")?,
-                Some(frames) => encode_exact(&frames.touch_levels(finger, frame)?)
+                Some(frames) => encode_exact(&frames.touch_levels(pad, frame)?)
                     .map_err(|defect| LogError::defect(self.folder.join(&folder), defect))?,
             };
             Ok([depth, self.stored(&format!("{folder}/mask/{frame}"), "png")?])
         };
-        let touch_truth = if self.touch_labels {
-            let [index, middle, ring, thumb] = Finger::ALL.map(truth);
-            Some(PerFinger([index?, middle?, ring?, thumb?]))
-        } else {
-            None
-        };
+        let touch_truth = self.touch_labels.then(|| pads.map(truth).collect::<Result<_, LogError>>()).transpose()?;
         Ok(ImageFiles { colours, labels: self.segmentation.then_some(labels), touch, touch_truth })
     }
 

@@ -7,7 +7,7 @@ use image::{GrayImage, ImageBuffer, Pixel, RgbImage};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::depth::Label;
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, PerFinger};
+use mvt_robot::hand::PerPad;
 use mvt_robot::observation::TouchTruth;
 use ndarray::Array2;
 
@@ -16,6 +16,7 @@ use crate::compact::CompactFrames;
 use crate::depths::DepthReader;
 use crate::error::LogError;
 use crate::frames::{RawCamera, RawFrame, RawTouch};
+use crate::hand::pad_folder;
 use crate::io::read_at_most;
 use crate::lens::Lens;
 use crate::levels::{is_level, labels_of};
@@ -23,9 +24,9 @@ use crate::picture::{MAX_FILE, color_of, gray_of, read_color, read_gray, touch_o
 
 /// Images of one instant, without the depths of the cameras. Those of sensors that the log lacks are empty.
 pub(crate) struct Images {
-    pub touch: PerFinger<RgbImage>,
+    pub touch: PerPad<RgbImage>,
     pub color: Vec<RgbImage>,
-    pub touch_truth: Option<PerFinger<TouchTruth>>,
+    pub touch_truth: Option<PerPad<TouchTruth>>,
     pub labels: Option<Vec<Array2<Label>>>,
 }
 
@@ -51,8 +52,8 @@ impl Log {
         Array2::from_shape_vec((height, width), depth).map_err(|e| LogError::defect(reader.path(), e.to_string()))
     }
 
-    pub(super) fn touch_folder(&self, finger: Finger) -> PathBuf {
-        self.folder.join("allegro").join(finger.name())
+    pub(super) fn touch_folder(&self, pad: usize) -> PathBuf {
+        self.folder.join(pad_folder(&self.hand, pad))
     }
 
     pub(super) fn camera_folder(&self, camera: &str) -> PathBuf {
@@ -63,11 +64,11 @@ impl Log {
     pub(crate) fn images(&self, i: usize) -> Result<Images, LogError> {
         let mut touch = Vec::new();
         let mut touch_truth = Vec::new();
-        for finger in Finger::ALL {
-            let image = self.felt[finger].then(|| self.delivered(self.touch_image(finger, i))).transpose()?;
+        for pad in 0..self.hand.pads().len() {
+            let image = self.has_touch_images(pad).then(|| self.delivered(self.touch_image(pad, i))).transpose()?;
             touch.push(image.flatten().unwrap_or_default());
             if self.touch_labels {
-                touch_truth.push(self.touch_truth(finger, i)?);
+                touch_truth.push(self.touch_truth(pad, i)?);
             }
         }
         let mut color = Vec::new();
@@ -79,11 +80,10 @@ impl Log {
                 labels.push(labels_of(&self.straight_labels(camera, i)?));
             }
         }
-        let four = |images: Vec<RgbImage>| <[RgbImage; 4]>::try_from(images).map(PerFinger);
         Ok(Images {
-            touch: four(touch).map_err(|_| LogError::defect(&self.folder, "a finger is missing"))?,
+            touch: PerPad(touch),
             color,
-            touch_truth: <[TouchTruth; 4]>::try_from(touch_truth).ok().map(PerFinger),
+            touch_truth: self.touch_labels.then_some(PerPad(touch_truth)),
             labels: self.segmentation.then_some(labels),
         })
     }
@@ -143,12 +143,12 @@ impl Log {
 
     /// Reads all images of a frame as they are stored; `depths` are those of the cameras.
     pub(crate) fn raw_frame(&self, i: usize, depths: Vec<Vec<f32>>) -> Result<RawFrame, LogError> {
-        let touch = |finger: Finger| {
-            let labels = self.touch_labels.then(|| self.raw_touch_labels(finger, i)).transpose()?;
-            let image = self.felt[finger].then(|| self.touch_image(finger, i)).transpose()?;
+        let touch = |pad: usize| {
+            let labels = self.touch_labels.then(|| self.raw_touch_labels(pad, i)).transpose()?;
+            let image = self.has_touch_images(pad).then(|| self.touch_image(pad, i)).transpose()?;
             Ok(RawTouch { image, labels })
         };
-        let [index, middle, ring, thumb] = Finger::ALL.map(touch);
+        let touch = (0..self.hand.pads().len()).map(touch).collect::<Result<_, LogError>>()?;
         let camera = |(camera, depth_m): (usize, Vec<f32>)| {
             Ok(RawCamera {
                 name: self.cameras[camera].name.clone(),
@@ -159,27 +159,27 @@ impl Log {
             })
         };
         let cameras = depths.into_iter().enumerate().map(camera).collect::<Result<_, LogError>>()?;
-        Ok(RawFrame { touch: PerFinger([index?, middle?, ring?, thumb?]), cameras })
+        Ok(RawFrame { touch, cameras })
     }
 
-    /// Reads the image of a DIGIT in a frame.
+    /// Reads the image of a touch sensor, by the index of its pad, in a frame.
     ///
     /// # Errors
     /// [`LogError`] if the image does not exist or cannot be read.
-    pub fn touch_image(&self, finger: Finger, frame: usize) -> Result<RgbImage, LogError> {
+    pub fn touch_image(&self, pad: usize, frame: usize) -> Result<RgbImage, LogError> {
         if let Some(frames) = &self.compact {
-            return frames.touch_image(finger, frame);
+            return frames.touch_image(pad, frame);
         }
-        let path = self.touch_folder(finger).join("image").join(format!("{frame}.jpg"));
+        let path = self.touch_folder(pad).join("image").join(format!("{frame}.jpg"));
         touch_of(&read_at_most(&path, MAX_FILE)?, &path)
     }
 
-    /// Reads the true depth and contact of a DIGIT in a frame.
+    /// Reads the true depth and contact of a touch sensor, by the index of its pad, in a frame.
     ///
     /// # Errors
     /// [`LogError`] if they do not exist or cannot be read.
-    pub fn touch_truth(&self, finger: Finger, frame: usize) -> Result<TouchTruth, LogError> {
-        let (levels, mask) = self.raw_touch_labels(finger, frame)?;
+    pub fn touch_truth(&self, pad: usize, frame: usize) -> Result<TouchTruth, LogError> {
+        let (levels, mask) = self.raw_touch_labels(pad, frame)?;
         let depth = |row, column| self.digit.depth_m(levels.get_pixel(column as u32, row as u32).0[0]);
         Ok(TouchTruth {
             depth_m: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| depth(row, column)),
@@ -191,15 +191,15 @@ impl Log {
     }
 
     /// Reads the levels of touch depth and the mask.
-    fn raw_touch_labels(&self, finger: Finger, frame: usize) -> Result<(GrayImage, GrayImage), LogError> {
+    fn raw_touch_labels(&self, pad: usize, frame: usize) -> Result<(GrayImage, GrayImage), LogError> {
         let size = (digit::WIDTH, digit::HEIGHT);
         let (levels, mask, path) = if let Some(frames) = &self.compact {
-            let file = format!("allegro/{}/mask/{frame}.png", finger.name());
+            let file = format!("{}/mask/{frame}.png", pad_folder(&self.hand, pad));
             let path = frames.archive.path(&file);
             let mask = gray_of(&frames.archive.read(&file, MAX_FILE)?, &path, size)?;
-            (frames.touch_levels(finger, frame)?, mask, path)
+            (frames.touch_levels(pad, frame)?, mask, path)
         } else {
-            let (folder, name) = (self.touch_folder(finger), format!("{frame}.jpg"));
+            let (folder, name) = (self.touch_folder(pad), format!("{frame}.jpg"));
             let path = folder.join("mask").join(&name);
             (read_gray(&folder.join("depth").join(&name), size)?, read_gray(&path, size)?, path)
         };
@@ -209,9 +209,9 @@ impl Log {
         Ok((levels, mask))
     }
 
-    /// Returns whether a DIGIT has images.
-    pub fn has_touch_images(&self, finger: Finger) -> bool {
-        self.felt[finger]
+    /// Returns whether a touch sensor, by the index of its pad, has images.
+    pub fn has_touch_images(&self, pad: usize) -> bool {
+        self.felt.get(pad).copied().unwrap_or_default()
     }
 
     /// Returns whether a camera, by its index, has colours.
@@ -219,11 +219,11 @@ impl Log {
         self.coloured.get(camera).copied().unwrap_or_default()
     }
 
-    /// Returns whether a DIGIT has true depths.
-    pub fn has_touch_truth(&self, finger: Finger) -> bool {
+    /// Returns whether a touch sensor, by the index of its pad, has true depths.
+    pub fn has_touch_truth(&self, pad: usize) -> bool {
         match &self.compact {
-            Some(frames) => frames.archive.count(&format!("allegro/{}/depth", finger.name())) > 0,
-            None => self.touch_folder(finger).join("depth").is_dir(),
+            Some(frames) => frames.archive.count(&format!("{}/depth", pad_folder(&self.hand, pad))) > 0,
+            None => self.touch_folder(pad).join("depth").is_dir(),
         }
     }
 }

@@ -7,22 +7,23 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, HandBase, Isometry, MeshFile, Object, World};
-use mvt_robot::hand::{Finger, PerFinger, Side, world_from_base};
+use mvt_robot::hand::{Hand, JointMotion, Side};
 
 use super::Log;
 use crate::compact::CompactFrames;
 use crate::error::LogError;
+use crate::hand::world_from_base;
 use crate::io::read_at_most;
 use crate::lens::Lens;
 use crate::record::{Matrix, Record};
 use crate::scene::{FORMAT_VERSION, SCENE_FILE, SceneFile};
 
-/// Greatest size of scene.json, bytes: some thousand times its usual size.
-const MAX_SCENE: u64 = 1 << 20;
+/// Greatest size of scene.json, bytes: some times that of a hand whose every body has a hull.
+const MAX_SCENE: u64 = 16 << 20;
 /// Greatest distance of a camera or the object from the hand, metres: more than any room has.
 const FARTHEST_M: f64 = 100.0;
-/// Greatest absolute joint angle, radians. No joint of the hand reaches half of it.
-const LARGEST_ANGLE_RAD: f64 = std::f64::consts::TAU;
+/// Greatest absolute joint angle of a joint with narrow limits, radians or metres. No joint of an Allegro reaches half of it.
+const LARGEST_ANGLE: f64 = std::f64::consts::TAU;
 /// Longest time between two frames, seconds: a log in milliseconds or nanoseconds has more.
 const LONGEST_GAP_S: f64 = 3600.0;
 
@@ -59,9 +60,23 @@ impl Log {
         let scene = read_scene(&folder.join(SCENE_FILE))?;
         let defect = |defect: String| LogError::defect(&path, defect);
 
+        let hand = match &scene {
+            Some(scene) => Arc::clone(&scene.hand),
+            None => record.hand.unwrap_or_else(|| Hand::allegro(Side::Left)),
+        };
+        let counts = |what: &str, found: usize, expected: usize| match found == expected {
+            true => Ok(()),
+            false => Err(defect(format!("{what}: {found} per frame, and hand {} has {expected}", hand.name()))),
+        };
+        for joints in &record.joints {
+            counts("allegro.joint_state", joints.len(), hand.joints().len())?;
+        }
+        for poses in record.finger_poses.iter().flatten() {
+            counts("allegro.finger_poses", poses.len(), hand.pads().len())?;
+        }
         let base = Isometry::<HandBase, World>::from_matrix(&record.base_pose);
         let base = base.map_err(|e| defect(format!("allegro.base_pose is {e}")))?;
-        let world = world_from_base() * base.inverse();
+        let world = world_from_base(&hand) * base.inverse();
         let object_from_file = match &scene {
             Some(scene) => Isometry::<MeshFile, Object>::from_matrix(&scene.object.object_from_file)
                 .map_err(|e| LogError::defect(folder.join(SCENE_FILE), format!("object_from_file is {e}")))?,
@@ -89,7 +104,6 @@ impl Log {
         let mut log = Self {
             folder: folder.to_path_buf(),
             scene,
-            recorded_side: record.side.unwrap_or(Side::Left),
             object_name: record.object_name,
             times_s: record.times_s,
             joints: record.joints,
@@ -99,8 +113,9 @@ impl Log {
             digit: record.digit,
             cameras,
             lenses,
-            compact: CompactFrames::open(folder)?.map(Arc::new),
-            felt: PerFinger([false; 4]),
+            compact: CompactFrames::open(folder, &hand)?.map(Arc::new),
+            felt: hand.per_pad(|_| false),
+            hand,
             coloured: Vec::new(),
             touch_labels: false,
             segmentation: false,
@@ -127,9 +142,15 @@ impl Log {
             }
         }
         for (i, joints) in self.joints.iter().enumerate() {
-            let is_possible = |angle: &f64| (-LARGEST_ANGLE_RAD..=LARGEST_ANGLE_RAD).contains(angle);
-            if let Some(angle) = joints.iter().find(|angle| !is_possible(angle)) {
-                return Err(format!("a joint angle of frame {i} is {angle:.3e} rad; a finger turns by at most a few"));
+            for (angle, joint) in joints.iter().zip(self.hand.joints()) {
+                let [low, high] = joint.range;
+                if angle.abs() > LARGEST_ANGLE.max(2.0 * low.abs().max(high.abs())) {
+                    let unit = if joint.motion == JointMotion::Hinge { "rad" } else { "m" };
+                    let name = &joint.name;
+                    return Err(format!(
+                        "the joint angle of {name} in frame {i} is {angle:.3e} {unit}; it lies between {low} and {high}"
+                    ));
+                }
             }
         }
         let gaps = self.times_s.windows(2).map(|t| t[1] - t[0]).enumerate();
@@ -152,13 +173,14 @@ impl Log {
         if let Some(poses) = &self.finger_poses {
             counts.push((pkl.clone(), "finger poses", Numbered::all(poses.len())));
         }
-        for finger in Finger::ALL {
+        for pad in 0..self.hand.pads().len() {
+            let folder = self.touch_folder(pad).join("image");
             let images = match &self.compact {
-                Some(frames) => Numbered::all(frames.touch_images(finger)),
-                None => Numbered::files(&self.touch_folder(finger).join("image"))?,
+                Some(frames) => Numbered::all(frames.touch_images(pad)),
+                None => Numbered::files(&folder)?,
             };
-            self.felt[finger] = images.count > 0;
-            counts.push((self.touch_folder(finger).join("image"), "images", images));
+            self.felt[pad] = images.count > 0;
+            counts.push((folder, "images", images));
         }
         for i in 0..self.cameras.len() {
             let folder = self.camera_folder(&self.cameras[i].name).join("image");
@@ -220,7 +242,8 @@ impl Log {
             self.notes.push(defect.to_string());
         }
         self.notes.extend(jump(&self.times_s));
-        let touch = ["depth", "mask"].iter().flat_map(|kind| Finger::ALL.map(|f| self.touch_folder(f).join(kind)));
+        let of_pads = |kind| self.hand.per_pad(|pad| self.touch_folder(pad).join(kind));
+        let touch = ["depth", "mask"].into_iter().flat_map(of_pads);
         self.touch_labels = self.has_all(touch.collect())?;
         let segmentation = self.cameras.iter().map(|camera| self.camera_folder(&camera.name).join("seg"));
         self.segmentation = self.has_all(segmentation.collect())?;

@@ -1,7 +1,9 @@
 //! A small synthetic log, the same for all tests.
+#![allow(dead_code, reason = "not every test uses every function")]
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use image::{Rgb, RgbImage};
 use mvt_feelsight::{EncodedFrame, EpisodeEnd, FORMAT_VERSION, LogMeta, LogWriter, SceneFile, SceneObject};
@@ -9,7 +11,10 @@ use mvt_frames::camera::{Intrinsics, PosedCamera, look_at};
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, MeshFile, Object, Point, World};
 use mvt_robot::digit;
-use mvt_robot::hand::{Finger, JointAngles, PerFinger, Side, world_from_digit_camera};
+use mvt_robot::hand::{
+    Body, Drive, Hand, HandDescription, Hull, Inertial, Joint, JointAngles, JointMotion, Part, PartSurface, Placing,
+    Primitive, Side, TouchPad, UPRIGHT,
+};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
 use ndarray::Array2;
 
@@ -29,7 +34,56 @@ pub fn object_from_file() -> Isometry<MeshFile, Object> {
     Isometry::from_parts([0.01, -0.02, 0.005], [0.8, 0.0, 0.0, 0.6])
 }
 
+/// Hand of the synthetic log.
+pub fn hand() -> Arc<Hand> {
+    Hand::allegro(Side::Left)
+}
+
+/// A gripper with two pads and three joints, one of which slides. Its base lies across the world.
+pub fn gripper() -> HandDescription {
+    let h = std::f64::consts::FRAC_1_SQRT_2;
+    let inertial = Inertial { mass_kg: 0.1, centre_m: [0.0; 3], orientation_wxyz: UPRIGHT, diagonal: [1e-5; 3] };
+    let corner = |k: usize| [k & 1, k >> 1 & 1, k >> 2 & 1].map(|bit| 0.02 * bit as f64);
+    let hull = Primitive::Hull(Hull::of(&(0..8).map(corner).collect::<Vec<_>>()).unwrap());
+    let body = |name: &str, parent, place, shape| Body {
+        name: name.to_owned(),
+        parent,
+        place,
+        inertial: Some(inertial),
+        parts: vec![Part { surface: PartSurface::Link, shape }],
+    };
+    let capsule = |radius| Primitive::Capsule { from: [0.0; 3], to: [0.05, 0.0, 0.0], radius };
+    let joint = |name: &str, body, motion, range| {
+        let (axis, drive) = ([0.0, 1.0, 0.0], Drive::default());
+        Joint { name: name.to_owned(), body, motion, axis, range, mirrors: false, drive }
+    };
+    let pad = |name: &str, body| TouchPad { name: name.to_owned(), body, place: Placing::at([0.01, 0.0, 0.02]) };
+    HandDescription {
+        name: "gripper".to_owned(),
+        side: Side::Right,
+        bodies: vec![
+            body("base", None, Placing { position_m: [0.1, 0.2, 0.3], orientation_wxyz: [h, h, 0.0, 0.0] }, hull),
+            body("slider", Some(0), Placing::at([0.0, 0.03, 0.0]), capsule(0.01)),
+            body("jaw", Some(1), Placing::at([0.05, 0.0, 0.0]), capsule(0.008)),
+            body("lever", Some(0), Placing::at([0.0, -0.03, 0.0]), capsule(0.009)),
+        ],
+        joints: vec![
+            joint("slide", 1, JointMotion::Slide, [0.0, 0.04]),
+            joint("bend", 2, JointMotion::Hinge, [-0.5, 0.5]),
+            joint("turn", 3, JointMotion::Hinge, [-20.0, 20.0]),
+        ],
+        pads: vec![pad("front", 2), pad("back/lower", 3)],
+        apart: vec![[2, 3]],
+        palm_centre_m: None,
+        grasp: None,
+    }
+}
+
 pub fn meta(cameras: Vec<PosedCamera>) -> LogMeta {
+    meta_of(hand(), cameras)
+}
+
+pub fn meta_of(hand: Arc<Hand>, cameras: Vec<PosedCamera>) -> LogMeta {
     let scene = SceneFile {
         format_version: FORMAT_VERSION,
         program_version: "0.1.0".into(),
@@ -40,7 +94,7 @@ pub fn meta(cameras: Vec<PosedCamera>) -> LogMeta {
             object_from_file: object_from_file().to_matrix(),
             mass_kg: 0.1,
         },
-        hand: Side::Left,
+        hand,
         seed: u64::MAX,
         gravity_m_s2: [0.5, 0.0, -9.8],
         gait: "bal".into(),
@@ -61,12 +115,16 @@ pub fn end() -> EpisodeEnd {
 }
 
 pub fn joints(i: usize) -> JointAngles {
-    std::array::from_fn(|j| 0.2 + 0.03 * j as f64 + 0.02 * i as f64)
+    joints_of(&hand(), i)
+}
+
+pub fn joints_of(hand: &Hand, i: usize) -> JointAngles {
+    (0..hand.joints().len()).map(|j| 0.2 + 0.03 * j as f64 + 0.02 * i as f64).collect()
 }
 
 /// A ball whose centre lies in front of the index finger's gel and drifts with the frames.
 pub fn object_pose(i: usize) -> Isometry<Object, World> {
-    let camera = world_from_digit_camera(Side::Left, Finger::Index, &joints(i));
+    let camera = hand().world_from_touch_cameras(&joints(i))[0];
     // 21 mm to the surface, 1 mm in front of the gel's apex plane.
     let centre = (camera * Point::new(0.0, 0.0, -0.021 - RADIUS_M)).coords();
     let turn = Isometry::<Object, World>::from_parts([0.0; 3], [1.0, 0.1 * i as f64, 0.2, 0.3]).untyped().rotation;
@@ -84,14 +142,18 @@ fn ball_depth(u: f64, v: f64) -> Option<f64> {
 }
 
 pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
+    frame_of(&hand(), i, cameras)
+}
+
+pub fn frame_of(hand: &Hand, i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
     let (w, h) = (digit::WIDTH as u32, digit::HEIGHT as u32);
-    let touch = PerFinger::from_fn(|finger| {
-        let shade = 100 + 20 * finger as u8;
+    let touch = hand.per_pad(|pad| {
+        let shade = 100 + 20 * pad as u8;
         RgbImage::from_fn(w, h, |x, y| Rgb([shade, (x / 2 + 5 * i as u32) as u8, (y / 3) as u8]))
     });
-    let touch_truth = PerFinger::from_fn(|finger| {
+    let touch_truth = hand.per_pad(|pad| {
         let depth_m = Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| {
-            let ball = (finger == Finger::Index).then(|| ball_depth(column as f64, row as f64)).flatten();
+            let ball = (pad == 0).then(|| ball_depth(column as f64, row as f64)).flatten();
             ball.unwrap_or(0.022).min(0.022) as f32
         });
         let contact = depth_m.mapv(|z| z < 0.022);
@@ -113,22 +175,25 @@ pub fn frame(i: usize, cameras: &[PosedCamera]) -> (Observation, GroundTruth) {
             _ => Label::Object,
         }));
     }
-    let observation = Observation { time_s: i as f64 / 30.0, joints: joints(i), touch, cameras: rgbds };
+    let observation = Observation { time_s: i as f64 / 30.0, joints: joints_of(hand, i), touch, cameras: rgbds };
     (observation, GroundTruth { object_pose: object_pose(i), touch: touch_truth, shear: None, labels })
 }
 
 /// Writes a log of a few frames.
 pub fn write(place: &Path, frames: usize, cameras: &[PosedCamera]) {
-    let mut writer = LogWriter::create(place, meta(cameras.to_vec()), false).unwrap();
+    write_of(&hand(), place, frames, cameras);
+}
+
+pub fn write_of(hand: &Arc<Hand>, place: &Path, frames: usize, cameras: &[PosedCamera]) {
+    let mut writer = LogWriter::create(place, meta_of(Arc::clone(hand), cameras.to_vec()), false).unwrap();
     for i in 0..frames {
-        let (observation, truth) = frame(i, cameras);
+        let (observation, truth) = frame_of(hand, i, cameras);
         writer.push(&EncodedFrame::encode(&observation, &truth, writer.meta()).unwrap()).unwrap();
     }
     writer.finish(end()).unwrap();
 }
 
 /// Says that a test is skipped, and fails where every test must run. Written past the test harness, which hides what passing tests say.
-#[allow(dead_code, reason = "not every test needs another program")]
 pub fn skip(reason: impl std::fmt::Display) {
     use std::io::Write as _;
     let _ = writeln!(std::io::stderr(), "SKIPPED: {reason}");

@@ -5,8 +5,8 @@
 pub struct NoiseKey {
     /// Seed of the episode.
     pub seed: u64,
-    /// Number of the sensor.
-    pub finger: u32,
+    /// Index of the pad.
+    pub pad: u32,
     /// Number of the frame.
     pub frame: u32,
 }
@@ -44,7 +44,7 @@ impl Noise {
     /// Adds noise to every byte of an image. Their number must be a multiple of [`BLOCK`].
     #[inline(always)]
     pub fn add(&self, key: NoiseKey, image: &mut [u8]) {
-        let stream = mix(mix(key.seed) ^ (u64::from(key.finger) << 32 | u64::from(key.frame)));
+        let stream = mix(mix(key.seed) ^ (u64::from(key.pad) << 32 | u64::from(key.frame)));
         // One 64-bit hash gives four draws. Hashes and sums become SIMD in loops of their own.
         for (block, bytes) in image.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
             let mut hashes = [0; BLOCK / 4];
@@ -124,9 +124,9 @@ mod tests {
     #[test]
     fn draws_are_repeatable_uncorrelated_and_different_for_every_key() {
         let noise = Noise::new(7.0);
-        let draw = |seed, finger, frame| {
+        let draw = |seed, pad, frame| {
             let mut image = vec![128; 240 * 320 * 3];
-            noise.add(NoiseKey { seed, finger, frame }, &mut image);
+            noise.add(NoiseKey { seed, pad, frame }, &mut image);
             image
         };
         let (a, again) = (draw(1, 2, 3), draw(1, 2, 3));
@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn saturates_at_both_ends() {
         let mut image = [0, 255].repeat(BLOCK);
-        Noise::new(2.0).add(NoiseKey { seed: 0, finger: 0, frame: 0 }, &mut image);
+        Noise::new(2.0).add(NoiseKey { seed: 0, pad: 0, frame: 0 }, &mut image);
         assert!(image.iter().all(|&c| !(30..=225).contains(&c)), "{image:?}");
     }
 }
