@@ -202,8 +202,8 @@ fn a_damaged_log_is_used_as_far_as_possible() {
     fs::remove_dir_all(workplace.path(LOG).join(format!("allegro/{}/mask", "thumb"))).unwrap();
     let said = run("").warned();
     let told = |part: &str| said.lines().filter(|line| line.contains(part)).count();
-    assert!(told("the DIGIT of the index finger is missing") == 1 && told("frame 10: ") == 1, "{said}");
-    assert!(told("the DIGIT of the thumb finger is missing") == 1, "{said}");
+    assert!(told("the touch sensor index is missing") == 1 && told("frame 10: ") == 1, "{said}");
+    assert!(told("the touch sensor thumb is missing") == 1, "{said}");
     assert_eq!(summary(&workplace, "out")["frames"], 20);
 
     // Without the camera, whose file ends early, touch is used.
