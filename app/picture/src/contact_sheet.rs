@@ -134,7 +134,7 @@ impl Page {
             let percent = 100.0 * touched as f64 / frames.max(1) as f64;
             self.text(right + 12, y + 2, 17.0, INK, &format!("{percent:.0} %"));
         }
-        let bottom = (bars + pads.len() as u32 * BAR_STEP).saturating_sub(BAR_STEP - BAR);
+        let bottom = bars + (pads.len() as u32 * BAR_STEP).saturating_sub(BAR_STEP - BAR);
         for &mark in marks {
             let x = at(mark);
             self.fill(x, bars - 6, 1, bottom - bars + 6, INK);

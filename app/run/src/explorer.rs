@@ -4,20 +4,20 @@
 //!
 //! ```
 //! use mvt_frames::{Isometry, Model, World};
-//! use mvt_robot::{hand::Side, observation::Percept};
+//! use mvt_robot::{hand::Hand, observation::Percept};
 //! use mvt_run::{explorer::Outlook, mvt_slam::map::Map};
 //!
-//! fn look<'a>(map: &'a Map, estimate: Isometry<Model, World>, percept: &'a Percept) -> Outlook<'a> {
+//! fn look<'a>(map: &'a Map, estimate: Isometry<Model, World>, percept: &'a Percept, hand: &'a Hand) -> Outlook<'a> {
 //!     Outlook::new(map, estimate, percept, hand)
 //! }
 //! ```
 //!
 //! ```compile_fail,E0308
 //! use mvt_frames::{Isometry, Object, World};
-//! use mvt_robot::{hand::Side, observation::Percept};
+//! use mvt_robot::{hand::Hand, observation::Percept};
 //! use mvt_run::{explorer::Outlook, mvt_slam::map::Map};
 //!
-//! fn cheat<'a>(map: &'a Map, truth: Isometry<Object, World>, percept: &'a Percept) -> Outlook<'a> {
+//! fn cheat<'a>(map: &'a Map, truth: Isometry<Object, World>, percept: &'a Percept, hand: &'a Hand) -> Outlook<'a> {
 //!     Outlook::new(map, truth, percept, hand)
 //! }
 //! ```

@@ -2,8 +2,8 @@
 //!
 //! The TOML file says which link is the base and how it stands in the world, where the touch sensors are and which, how strong the joints are,
 //! and where cameras stand. MuJoCo reads MJCF, the crate urdf-rs reads URDF. [`HandFile::load`] returns the hand with its cameras, and
-//! warnings for all that was left out or looks wrong. It writes nothing, except that the files of [`HandFile::SHIPPED`] hands are fetched into
-//! the user's cache on first use.
+//! warnings for all that was left out or looks wrong. It writes nothing, except that the files of hands that are
+//! brought along are fetched into the user's cache on first use.
 //!
 //! ```
 //! use mvt_hands::HandFile;
