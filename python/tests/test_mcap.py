@@ -217,7 +217,7 @@ def test_a_recording_of_another_program_becomes_a_log(log: Log, tmp_path: Path) 
     assert channels["/d435/depth"]["offset_ms"] == channels["/joint_states"]["offset_ms"] == 0
     assert channels["/d435/color"]["frames"] == len(frames) and channels["/d435/color"]["farthest_ms"] == 0
     notes = " ".join(imported["notes"])
-    for said in ("labels", "finger ring has no touch", "true pose", "median"):
+    for said in ("labels", "pad ring has no touch", "true pose", "median"):
         assert said in notes, notes
 
     data = pickle.loads((tmp_path / "log/data.pkl").read_bytes())

@@ -8,7 +8,7 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::controller_file::{self, ControllerFile};
-use mvt_gaits::gait::Gait;
+use mvt_gaits::gait::{self, Gait};
 use mvt_hands::LoadedHand;
 use mvt_objects::object::Object;
 use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
@@ -16,6 +16,7 @@ use mvt_run::arguments::HandSide;
 use mvt_run::io::{check_named, print_line, shell_word, write_named};
 use mvt_run::object::load_object;
 use mvt_run::progress;
+use mvt_tuning::carried::carried_over;
 use mvt_tuning::first_stroke::first_stroke;
 use mvt_tuning::grasp::GraspFile;
 use mvt_tuning::search::{GaitScore, Search, SearchSettings, measure};
@@ -67,8 +68,8 @@ pub struct HandTuneArguments {
     #[arg(long, allow_hyphen_values = true)]
     axis: TurnAxis,
     /// Controller from which the search starts: a name that `controllers` lists, a file, or `first` for a stroke that is computed from the
-    /// hand and the first object. If it turns the other way round, its stroke is first played backwards [default: tumble_back for the
-    /// Allegro, first for any other hand]
+    /// hand and the first object. A controller of the Allegro is carried over to the pads of the same names of another hand. If it turns
+    /// the other way round, its stroke is first played backwards [default: tumble_back for the Allegro, first for any other hand]
     #[arg(long, value_name = "NAME|FILE")]
     from: Option<String>,
     /// Start with the first grasp of a file that `hand grasps` wrote, instead of the grasp of the controller, which must hold
@@ -205,7 +206,13 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
     let name = from_name(arguments);
     let mut from = match name {
         FIRST => first_stroke(&hand, first, *axis),
-        name => controller_file::choose(name, first, &hand)?.gait,
+        name => match gait::find(name) {
+            Ok((_, of_allegro)) if !gait::suits(&hand) => carried_over(of_allegro, &Hand::allegro(Side::Right), &hand)
+                .with_context(|| {
+                    format!("{name} moves an Allegro on its palm, and a pad of {} has no namesake there; choose --from {FIRST}", hand.name())
+                })?,
+            _ => controller_file::choose(name, first, &hand)?.gait,
+        },
     };
     if let Some(path) = &arguments.grasp {
         from = with_grasp(&from, path, &objects, name, &hand)?;

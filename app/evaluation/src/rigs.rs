@@ -50,7 +50,6 @@ pub struct HandCheckArguments {
 #[derive(Debug, Serialize)]
 struct RigLine {
     name: &'static str,
-    joints: usize,
     pads: Vec<String>,
 }
 
@@ -60,24 +59,20 @@ struct RigLine {
 /// If a shipped hand file is invalid, or the output is closed.
 pub fn list(arguments: &RigsArguments) -> Result<()> {
     let allegro = Hand::allegro(Side::Left);
-    let of_allegro = RigLine {
-        name: ALLEGRO_DIGIT,
-        joints: allegro.joints().len(),
-        pads: allegro.pads().iter().map(|pad| pad.name.clone()).collect(),
-    };
+    let of_allegro = RigLine { name: ALLEGRO_DIGIT, pads: allegro.pads().iter().map(|pad| pad.name.clone()).collect() };
     // The files alone: models are fetched when they are used.
     let of_files = HandFile::shipped().map(|name| -> Result<RigLine> {
         let file = HandFile::read(name)?;
         let pads = file.pads.into_iter().map(|pad| pad.name).collect();
-        Ok(RigLine { name, joints: file.fingers.values().map(Vec::len).sum(), pads })
+        Ok(RigLine { name, pads })
     });
     let lines: Vec<RigLine> = std::iter::once(Ok(of_allegro)).chain(of_files).collect::<Result<_>>()?;
     if arguments.json {
         return print_line(&serde_json::to_string(&lines)?);
     }
-    for RigLine { name, joints, pads } in &lines {
+    for RigLine { name, pads } in &lines {
         let default = if *name == ALLEGRO_DIGIT { " (default)" } else { "" };
-        print_line(&format!("{name:<16} {joints} joints, touch sensors {}{default}", pads.join(", ")))?;
+        print_line(&format!("{name:<16} touch sensors {}{default}", pads.join(", ")))?;
     }
     print_line("next: choose one with --rig NAME, or check your own with `mambavitact hand check FILE.toml`")
 }

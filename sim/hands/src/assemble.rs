@@ -106,7 +106,15 @@ impl<'a> Builder<'a> {
                 *root
             }
         };
-        let links = (0..model.links.len()).filter(|&link| model.carries(base, link)).collect();
+        let mut links: Vec<usize> = (0..model.links.len()).filter(|&link| model.carries(base, link)).collect();
+        for name in &file.without {
+            let known = || links[1..].iter().map(|&link| model.links[link].name.as_str());
+            let left_out = model
+                .link(name)
+                .filter(|link| *link != base && links.contains(link))
+                .ok_or_else(|| format!("without: {}", unknown("link", name, known())))?;
+            links.retain(|&link| !model.carries(left_out, link));
+        }
         Ok(Self { file, model, base, links })
     }
 
@@ -360,7 +368,7 @@ impl<'a> Builder<'a> {
             warnings
                 .push(format!("link {} is fixed in the world, so its joint {} does not move", base.name, joint.name));
         }
-        let outside = self.model.links.len() - self.links.len();
+        let outside = (0..self.model.links.len()).filter(|&link| !self.model.carries(self.base, link)).count();
         if outside > 0 {
             warnings.push(format!("{outside} links that do not hang on {} are left out", base.name));
         }
@@ -371,9 +379,11 @@ impl<'a> Builder<'a> {
     fn parts<'m>(&self, link: &Link, mounts: impl Iterator<Item = (usize, &'m Mount)>) -> Vec<(Option<String>, Part)> {
         let gels: Vec<(usize, &str)> =
             mounts.filter_map(|(pad, _)| Some((pad, self.file.pads[pad].gel.as_deref()?))).collect();
+        // A link with a gel is a sensor.
+        let other = if gels.is_empty() { PartSurface::Link } else { PartSurface::Housing };
         let part = |shape: &crate::model::LinkShape| {
             let gel = gels.iter().find(|(_, gel)| shape.name.as_deref() == Some(*gel));
-            let surface = gel.map_or(PartSurface::Link, |(pad, _)| PartSurface::Gel(*pad));
+            let surface = gel.map_or(other, |(pad, _)| PartSurface::Gel(*pad));
             (shape.name.clone(), Part { surface, shape: shape.shape.clone() })
         };
         link.shapes.iter().map(part).collect()

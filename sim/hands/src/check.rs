@@ -58,10 +58,14 @@ pub(crate) fn middle_of_pads(description: &HandDescription) -> Option<GraspPoint
     (!apexes.is_empty()).then(|| GraspPoint { body: None, point_m: (sum / apexes.len() as f64).into() })
 }
 
-/// Returns the hand with the pairs of bodies that overlap at rest set apart, and warns of them.
+/// Returns the hand with the pairs of bodies whose sensors overlap at rest set apart, and warns of them. Links do not collide with links.
 pub(crate) fn without_overlaps(hand: &Arc<Hand>, warnings: &mut Vec<String>) -> Result<Arc<Hand>, HandError> {
     let poses = hand.body_poses(&hand.within_ranges(&vec![0.0; hand.joints().len()]));
     let bodies = hand.bodies();
+    let housing = |body: &Body| -> Vec<Part> {
+        body.parts.iter().filter(|part| part.surface == PartSurface::Housing).cloned().collect()
+    };
+    let housings: Vec<Vec<Part>> = bodies.iter().map(housing).collect();
     let mut description = hand.description().clone();
     // Bodies that no joint moves against one another, and neighbours, do not collide anyway.
     let anchored = |body: usize| hand.chain(body).last().copied();
@@ -76,7 +80,7 @@ pub(crate) fn without_overlaps(hand: &Arc<Hand>, warnings: &mut Vec<String>) -> 
             if neighbours || description.apart.iter().any(known) {
                 continue;
             }
-            if overlap(&bodies[a].parts, &poses[a], &bodies[b].parts, &poses[b]) {
+            if overlap(&housings[a], &poses[a], &housings[b], &poses[b]) {
                 description.apart.push([a, b]);
                 found.push(format!("{} and {}", bodies[a].name, bodies[b].name));
             }
@@ -85,7 +89,10 @@ pub(crate) fn without_overlaps(hand: &Arc<Hand>, warnings: &mut Vec<String>) -> 
     if found.is_empty() {
         return Ok(Arc::clone(hand));
     }
-    warnings.push(format!("these links overlap at joint angles 0, so they do not collide: {}", found.join(", ")));
+    warnings.push(format!(
+        "the sensors of these links overlap at joint angles 0, so they do not collide: {}",
+        found.join(", ")
+    ));
     Hand::new(description)
 }
 
@@ -200,6 +207,20 @@ mod tests {
         assert!(overlaps(0.0) && overlaps(0.028) && overlaps(-0.028));
         assert!(!overlaps(0.0305) && !overlaps(0.5));
         assert!(!overlap(&[], &at(0.0), &cube(0.02), &at(0.0)));
+    }
+
+    #[test]
+    fn sensors_that_overlap_at_rest_do_not_collide() {
+        let hand = Hand::allegro(Side::Right);
+        let mut description = hand.description().clone();
+        let mut warnings = Vec::new();
+        assert_eq!(without_overlaps(&hand, &mut warnings).unwrap(), hand);
+        assert_eq!(warnings, Vec::<String>::new());
+        // The middle finger where the index finger is.
+        description.bodies[6].place = description.bodies[1].place;
+        let hand = without_overlaps(&Hand::new(description).unwrap(), &mut warnings).unwrap();
+        assert_eq!(hand.description().apart.last(), Some(&[5, 10]));
+        assert!(warnings[0].contains("index_tip and middle_tip"), "{warnings:?}");
     }
 
     #[test]

@@ -23,6 +23,9 @@ pub struct HandFile {
     /// Path of the MJCF (.xml) or URDF (.urdf), relative to this file. `leap:` before it stands for the folder of the LEAP hand, which is
     /// fetched.
     pub model: String,
+    /// Names of links that are left out, with all that they carry.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<String>,
     /// Middle of the palm's surface in the world. Without it the hand carries nothing on its palm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub palm_centre_m: Option<[f64; 3]>,

@@ -10,7 +10,17 @@ use crate::{assemble, leap, mjcf, urdf};
 /// Largest hand file that is read, bytes.
 const LARGEST_FILE: u64 = 1 << 20;
 /// The hands that the program brings along, by name.
-const SHIPPED: [(&str, &str); 1] = [("leap_digit", include_str!("../rigs/leap_digit.toml"))];
+const SHIPPED: [(&str, &str); 4] = [
+    ("leap_digit", include_str!("../rigs/leap_digit.toml")),
+    ("leap_gelsight", include_str!("../rigs/leap_gelsight.toml")),
+    ("gripper_gelsight", include_str!("../rigs/gripper_gelsight.toml")),
+    ("three_fingers", include_str!("../rigs/three_fingers.toml")),
+];
+/// Models of these hands that are not fetched, by name.
+const SHIPPED_MODELS: [(&str, &str); 2] = [
+    ("allegro_right.xml", include_str!("../rigs/allegro_right.xml")),
+    ("gripper.xml", include_str!("../rigs/gripper.xml")),
+];
 /// First letters of the path of a model in the package of the LEAP hand.
 const IN_LEAP: &str = "leap:";
 
@@ -37,9 +47,8 @@ impl HandFile {
     /// [`HandFileError`] if the file cannot be read, or is not a hand file.
     pub fn read(name_or_path: impl AsRef<Path>) -> Result<Self, HandFileError> {
         let path = name_or_path.as_ref();
-        let shipped = SHIPPED.into_iter().find(|(name, _)| path.to_str() == Some(name));
-        let text = match shipped {
-            Some((_, text)) => text.to_owned(),
+        let text = match shipped(path) {
+            Some(text) => text.to_owned(),
             None => mvt_files::input::read_text(path, LARGEST_FILE)
                 .map_err(|source| HandFileError::Read { path: path.to_owned(), source })?,
         };
@@ -57,6 +66,11 @@ impl HandFile {
             None => path.with_file_name(&self.model),
         };
         let fault = HandFileError::model(&model);
+        let brought = SHIPPED_MODELS.into_iter().find(|(name, _)| shipped(path).is_some() && self.model == *name);
+        if let Some((_, text)) = brought {
+            let content = mjcf::parse(text).map_err(fault)?;
+            return Ok((model, content));
+        }
         let ending = model.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
         let content = match ending.as_str() {
             "xml" | "mjcf" => mjcf::read(&model).map_err(fault)?,
@@ -68,4 +82,9 @@ impl HandFile {
         };
         Ok((model, content))
     }
+}
+
+/// Returns the text of a hand file that the program brings along.
+fn shipped(path: &Path) -> Option<&'static str> {
+    SHIPPED.into_iter().find(|(name, _)| path.to_str() == Some(name)).map(|(_, text)| text)
 }

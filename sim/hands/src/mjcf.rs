@@ -18,13 +18,26 @@ const LARGEST_FILE: u64 = 16 << 20;
 /// # Errors
 /// What is wrong, and what to do.
 pub(crate) fn read(path: &Path) -> Result<Model, String> {
-    messages::route();
     // MuJoCo's own message for a missing file names the file alone. It refuses no FIFO.
     mvt_files::input::read_text(path, LARGEST_FILE).map_err(|error| format!("cannot be read: {error}"))?;
     if path.to_string_lossy().contains('\0') {
         return Err("the path contains a zero byte; rename the file".to_owned());
     }
-    let compiled = MjModel::from_xml(path).map_err(|error| {
+    messages::route();
+    links(MjModel::from_xml(path))
+}
+
+/// Reads the text of an MJCF without meshes.
+///
+/// # Errors
+/// What is wrong.
+pub(crate) fn parse(text: &str) -> Result<Model, String> {
+    messages::route();
+    links(MjModel::from_xml_string(text))
+}
+
+fn links(compiled: Result<MjModel, impl std::fmt::Display>) -> Result<Model, String> {
+    let compiled = compiled.map_err(|error| {
         let reason = error.to_string();
         let reason = reason.strip_prefix("model load failed: ").unwrap_or(&reason);
         let advice = if reason.contains("opening file") { "; put the file there, or correct the MJCF" } else { "" };

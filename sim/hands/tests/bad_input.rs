@@ -273,19 +273,6 @@ fn pads_that_face_into_their_link_are_reported() {
 }
 
 #[test]
-fn links_that_overlap_at_rest_do_not_collide() {
-    let copy = Copy::new().replace(
-        "pincer.xml",
-        "name=\"right_tip\" pos=\"0.01 -0.03 0\"",
-        "name=\"right_tip\" pos=\"0.01 0.03 0\"",
-    );
-    let copy = copy.replace("pincer.toml", "replaces = true", "");
-    let loaded = copy.loaded("pincer.toml");
-    warned(&loaded, "these links overlap at joint angles 0");
-    assert!(loaded.hand.description().apart.contains(&[1, 5]), "{:?}", loaded.hand.description().apart);
-}
-
-#[test]
 fn cameras() {
     let pincer = |from: &str, to: &str| Copy::new().replace("pincer.toml", from, to).refused("pincer.toml");
     says(

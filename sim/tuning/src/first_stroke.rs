@@ -5,22 +5,15 @@ use mvt_gaits::gait::{Gait, right_ranges};
 use mvt_objects::object::Object;
 use mvt_robot::hand::{Hand, JointAngles, Side};
 use nalgebra as na;
-use rand::{RngExt as _, SeedableRng as _};
-use rand_chacha::ChaCha8Rng;
 
-use crate::pads::{gel, own_joints};
+use crate::pads::{gel, own_joints, reach};
 use crate::stroke::{self, StrokeParameters};
 
-/// Postures that are tried for each pad, and steps of the descent from the best of them.
-const TRIES: usize = 4000;
-const STEPS: usize = 300;
 /// Distance by which an open hand stays away from the object, metres.
 const OPEN_M: f64 = 0.025;
 /// Amplitudes of the stroke along the object and into it, metres.
 const ALONG_M: f64 = 0.012;
 const PRESS_M: f64 = 0.006;
-/// Metres that a gel may lie off its target for a normal that is off by one radian.
-const METRES_PER_RADIAN: f64 = 0.02;
 
 /// Makes a stroke of a hand for an object that stands on its palm, or hangs between its pads: each pad stands around the object at half its
 /// height, looks at it, and moves along it in one direction while it presses; neighbours take turns. It holds few objects as it is.
@@ -46,8 +39,8 @@ pub fn first_stroke(hand: &Hand, object: &Object, axis: TurnAxis) -> Gait {
     let along = axis.direction(Side::Right);
     for (pad, touch) in hand.pads().iter().enumerate() {
         let inward = inward(hand, pad, &middle);
-        place(hand, pad, &mut pose, &(middle - inward * radius), &inward);
-        place(hand, pad, &mut open_pose, &(middle - inward * (radius + OPEN_M)), &inward);
+        reach(hand, pad, &mut pose, &(middle - inward * radius), &inward);
+        reach(hand, pad, &mut open_pose, &(middle - inward * (radius + OPEN_M)), &inward);
         params.extend(own_joints(hand, pad).map(|(k, j)| (format!("pose_{}_{k}", touch.name), pose[j])));
         // Neighbours take turns.
         let turn = if pad % 2 == 0 { 1.0 } else { -1.0 };
@@ -70,41 +63,6 @@ fn inward(hand: &Hand, pad: usize, middle: &na::Vector3<f64>) -> na::Vector3<f64
     let mut way = middle - mean;
     way.z = 0.0;
     way.try_normalize(1e-6).unwrap_or_else(na::Vector3::x)
-}
-
-/// Moves the joints of a pad so that the apex of its gel comes to `target` and looks along `outward`, as near as they can.
-fn place(hand: &Hand, pad: usize, joints: &mut JointAngles, target: &na::Vector3<f64>, outward: &na::Vector3<f64>) {
-    let ranges = right_ranges(hand);
-    let own: Vec<usize> = own_joints(hand, pad).map(|(_, j)| j).collect();
-    let cost = |joints: &[f64]| {
-        let (apex, normal) = gel(hand, pad, joints);
-        let turned = normal.dot(outward).clamp(-1.0, 1.0).acos();
-        (apex.coords - target).norm_squared() + (METRES_PER_RADIAN * turned).powi(2)
-    };
-    let mut rng = ChaCha8Rng::seed_from_u64(pad as u64);
-    let mut best = (cost(joints), joints.clone());
-    for _ in 0..TRIES {
-        let mut tried = joints.clone();
-        own.iter().for_each(|&j| tried[j] = rng.random_range(ranges[j][0]..=ranges[j][1]));
-        let reached = cost(&tried);
-        if reached < best.0 {
-            best = (reached, tried);
-        }
-    }
-    // A random walk whose steps shrink: the posture need not be exact.
-    for step in 0..STEPS {
-        let share = 0.1 * (1.0 - step as f64 / STEPS as f64);
-        let mut tried = best.1.clone();
-        for &j in &own {
-            let [low, high] = ranges[j];
-            tried[j] = (tried[j] + share * (high - low) * rng.random_range(-1.0..=1.0)).clamp(low, high);
-        }
-        let reached = cost(&tried);
-        if reached < best.0 {
-            best = (reached, tried);
-        }
-    }
-    *joints = best.1;
 }
 
 #[cfg(test)]

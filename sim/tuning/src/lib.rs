@@ -30,6 +30,7 @@
 use mvt_mujoco_lib as _;
 
 pub mod air;
+pub mod carried;
 mod equilibrium;
 pub mod evolution;
 pub mod first_stroke;

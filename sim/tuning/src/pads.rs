@@ -1,11 +1,19 @@
 //! Pads in the coordinates of gaits: those of the right hand, whose mirror image a left hand plays.
 
 use mvt_frames::{Gel, Pad};
-use mvt_robot::hand::{Hand, PartSurface, Primitive};
+use mvt_gaits::gait::right_ranges;
+use mvt_robot::hand::{Hand, JointAngles, PartSurface, Primitive};
 use nalgebra as na;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
 
 /// Damping of the inverse of a pad's Jacobian, metres per radian.
 const DAMPING_M: f64 = 0.01;
+/// Postures that are tried for a pad, and steps of the descent from the best of them.
+const TRIES: usize = 4000;
+const STEPS: usize = 300;
+/// Metres that a gel may lie off its target for a normal that is off by one radian.
+const METRES_PER_RADIAN: f64 = 0.02;
 
 /// Returns the joints that a pad moves with, each with its place along the chain and its index, but for those that an earlier pad has.
 pub(crate) fn own_joints(hand: &Hand, pad: usize) -> impl Iterator<Item = (usize, usize)> {
@@ -56,6 +64,47 @@ pub(crate) fn damped_inverse(jacobian: &na::Matrix3xX<f64>) -> na::MatrixXx3<f64
     // The damping makes it positive definite; angles that are not finite cause no motion.
     let inverse = damped.try_inverse().unwrap_or_else(na::Matrix3::zeros);
     jacobian.transpose() * inverse
+}
+
+/// Moves the joints of a pad so that the apex of its gel comes to `target` and looks along `outward`, as near as they can.
+pub(crate) fn reach(
+    hand: &Hand,
+    pad: usize,
+    joints: &mut JointAngles,
+    target: &na::Vector3<f64>,
+    outward: &na::Vector3<f64>,
+) {
+    let ranges = right_ranges(hand);
+    let own: Vec<usize> = own_joints(hand, pad).map(|(_, j)| j).collect();
+    let cost = |joints: &[f64]| {
+        let (apex, normal) = gel(hand, pad, joints);
+        let turned = normal.dot(outward).clamp(-1.0, 1.0).acos();
+        (apex.coords - target).norm_squared() + (METRES_PER_RADIAN * turned).powi(2)
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(pad as u64);
+    let mut best = (cost(joints), joints.clone());
+    for _ in 0..TRIES {
+        let mut tried = joints.clone();
+        own.iter().for_each(|&j| tried[j] = rng.random_range(ranges[j][0]..=ranges[j][1]));
+        let reached = cost(&tried);
+        if reached < best.0 {
+            best = (reached, tried);
+        }
+    }
+    // A random walk whose steps shrink: the posture need not be exact.
+    for step in 0..STEPS {
+        let share = 0.1 * (1.0 - step as f64 / STEPS as f64);
+        let mut tried = best.1.clone();
+        for &j in &own {
+            let [low, high] = ranges[j];
+            tried[j] = (tried[j] + share * (high - low) * rng.random_range(-1.0..=1.0)).clamp(low, high);
+        }
+        let reached = cost(&tried);
+        if reached < best.0 {
+            best = (reached, tried);
+        }
+    }
+    *joints = best.1;
 }
 
 /// Returns the point of a pad's gel that lies farthest along the outward axis of its sensor, and that axis, both on its body.
