@@ -270,21 +270,29 @@ pub struct ChosenController {
     pub falls: bool,
 }
 
+impl ChosenController {
+    fn of_file(name: &str, file: &ControllerFile, object: &Object) -> Self {
+        Self {
+            name: name.to_owned(),
+            gait: file.gait.clone(),
+            schedule: Schedule::default(),
+            misfit: file.misfit(object),
+            falls: false,
+        }
+    }
+}
+
 /// Returns the controller of a name or file; for `auto` the gait that suits the object.
 ///
 /// # Errors
 /// [`ControllerFileError`] if there is no such controller, or it does not fit this hand.
 pub fn choose(text: &str, object: &Object, hand: &Hand) -> Result<ChosenController, ControllerFileError> {
+    if let Some((name, file)) = of_rig(text, hand)? {
+        return Ok(ChosenController::of_file(name, &file, object));
+    }
     let file = if is_path(text) { Some(ControllerFile::read(Path::new(text), hand)?) } else { None };
     if let Some(file) = file.as_ref().or_else(|| shipped().get(text).filter(|_| gait::suits(hand))) {
-        let (gait, misfit) = (file.gait.clone(), file.misfit(object));
-        return Ok(ChosenController {
-            name: text.to_owned(),
-            gait,
-            schedule: Schedule::default(),
-            misfit,
-            falls: false,
-        });
+        return Ok(ChosenController::of_file(text, file, object));
     }
     let (name, gait) = gait::choose(text, object, hand)?;
     let unsuited = if text == AUTO { ObjectShape::of(object).unsuited() } else { None };
@@ -346,6 +354,26 @@ pub fn shipped() -> &'static BTreeMap<String, ControllerFile> {
     &FILES
 }
 
+/// Returns the shipped controllers of a hand that is not the Allegro, by name.
+fn shipped_of(hand: &str) -> Vec<(&'static str, ControllerFile)> {
+    let of_hand = gait::RIG_CONTROLLERS.iter().filter(|(owner, ..)| *owner == hand);
+    // A test parses them.
+    of_hand.filter_map(|(_, name, text)| Some((*name, toml::from_str(text).ok()?))).collect()
+}
+
+/// Returns the shipped controller of this name, or of `auto`, for a hand that is not the Allegro. `None` if none is shipped for this hand.
+fn of_rig(name: &str, hand: &Hand) -> Result<Option<(&'static str, ControllerFile)>, ControllerFileError> {
+    let files = if is_path(name) || gait::suits(hand) { Vec::new() } else { shipped_of(hand.name()) };
+    if files.is_empty() {
+        return Ok(None);
+    }
+    let names = files.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
+    let unknown = || UnknownGait::OfHand { hand: hand.name().to_owned(), name: name.to_owned(), names };
+    let (name, file) = files.into_iter().find(|(known, _)| [*known, AUTO].contains(&name)).ok_or_else(unknown)?;
+    file.check(hand).map_err(|reason| ControllerFileError::File { path: PathBuf::from(name), reason })?;
+    Ok(Some((name, file)))
+}
+
 /// Returns a line for each shipped controller: name, axis and purpose.
 pub fn list() -> Vec<(String, TurnAxis, String)> {
     let line = |(name, gait): (&String, &Gait)| {
@@ -355,7 +383,14 @@ pub fn list() -> Vec<(String, TurnAxis, String)> {
         });
         (name.clone(), gait.axis, sizes.unwrap_or_default() + &gait.description)
     };
-    gait::shipped().iter().map(line).collect()
+    let of_rig = |(hand, name, text): &(&str, &str, &str)| {
+        let file: ControllerFile = toml::from_str(text).ok()?;
+        let [least, most] = file.sizes_mm;
+        let purpose =
+            format!("{hand}: {least:.0} to {most:.0} mm ({}); {}", file.objects.join(", "), file.gait.description);
+        Some(((*name).to_owned(), file.gait.axis, purpose))
+    };
+    gait::shipped().iter().map(line).chain(gait::RIG_CONTROLLERS.iter().filter_map(of_rig)).collect()
 }
 
 #[cfg(test)]
@@ -392,7 +427,7 @@ mod tests {
             assert_eq!((file.hand.as_str(), file.model.as_str()), ("allegro_digit", &*hand_model(&left())), "{name}");
             assert_eq!(gait::find(name).unwrap().1, &file.gait);
         }
-        assert_eq!(list().len(), gait::shipped().len());
+        assert_eq!(list().len(), gait::shipped().len() + gait::RIG_CONTROLLERS.len());
     }
 
     #[test]

@@ -96,6 +96,13 @@ pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
     ("tumble_can", include_str!("../assets/controllers/tumble_can.toml")),
 ];
 
+/// The shipped controllers of other hands than the Allegro: hand, name and text. The first one of a hand is its choice for `auto`.
+pub(crate) const RIG_CONTROLLERS: &[(&str, &str, &str)] = &[
+    ("gripper_gelsight", "carry", include_str!("../assets/controllers/gripper_gelsight/carry.toml")),
+    ("leap_digit", "turn", include_str!("../assets/controllers/leap_digit/turn.toml")),
+    ("three_fingers", "turn", include_str!("../assets/controllers/three_fingers/turn.toml")),
+];
+
 /// Returns the shipped gaits by name, among them those of controllers that are files.
 pub fn shipped() -> &'static BTreeMap<String, Gait> {
     #[derive(Deserialize)]
@@ -123,6 +130,16 @@ pub enum UnknownGait {
     /// Name that no shipped gait has.
     #[error("unknown gait {0:?}; choose one of {names}", names = shipped().keys().map(String::as_str).collect::<Vec<_>>().join(", "))]
     Name(String),
+    /// Name that no shipped controller of another hand than the Allegro has.
+    #[error("the hand {hand} has no controller {name:?}; choose {names} or auto, or give a controller file")]
+    OfHand {
+        /// Name of the hand.
+        hand: String,
+        /// Name that was given.
+        name: String,
+        /// Names of the controllers of this hand.
+        names: String,
+    },
     /// Name of a hand for which no gaits are shipped.
     #[error("the hand {0} has no shipped gaits: give a controller file that `hand tune` made for it")]
     Hand(String),

@@ -13,7 +13,7 @@ use mvt_gaits::feedback::{FeedbackController, HANDED_OVER_S, PlaceFeedback};
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
 use mvt_physics::air::{AirOutcome, AirTally, PlaceErrors, Rehearsal};
-use mvt_physics::episode::{EpisodeStart, Randomisation};
+use mvt_physics::episode::{EpisodeStart, Randomisation, is_on_the_hand};
 use mvt_physics::simulation::{Simulation, SimulationError};
 use mvt_robot::hand::{Hand, JointAngles};
 use nalgebra as na;
@@ -169,7 +169,11 @@ pub fn run(
         rotation = pose.untyped().rotation;
         rocked_rad += (turn - axis * turn.dot(&axis)).norm();
         pads += simulation.contacts().iter().filter(|pad| pad.is_touching()).count();
-        alive = simulation.fault().is_none() && air.outcome(None).least_height_mm >= AirOutcome::IN_AIR_MM;
+        let is_held = match hand.palm_centre_m() {
+            Some(_) => air.outcome(None).least_height_mm >= AirOutcome::IN_AIR_MM,
+            None => is_on_the_hand(hand, &simulation.joints(), pose),
+        };
+        alive = simulation.fault().is_none() && is_held;
     }
     let held = command.saturating_sub(supported);
     Ok(Some(AirTrial {
