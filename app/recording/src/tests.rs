@@ -35,8 +35,6 @@ fn about() -> About {
         mode: Some(Mode::Slam),
         modality: Modality::Vitac,
         hand: Hand::allegro(Side::Left),
-        touch_fov_y_deg: 60.0,
-        touch_bulge_mm: 5.0,
         cameras: vec![camera()],
         frames: 9,
         process: 1,

@@ -164,11 +164,17 @@ impl Hand {
         self.description.side
     }
 
-    /// Returns the hand with other touch sensors in the places of all pads. Its bodies stay.
+    /// Returns the hand with this touch sensor on all pads. Its bodies stay.
     #[must_use]
     pub fn with_profile(&self, profile: &SensorProfile) -> Arc<Self> {
+        self.with_profiles(|_| profile.clone())
+    }
+
+    /// Returns the hand with a touch sensor for each pad. Its bodies stay.
+    #[must_use]
+    pub fn with_profiles(&self, profile: impl Fn(&TouchPad) -> SensorProfile) -> Arc<Self> {
         let mut hand = self.clone();
-        hand.description.pads.iter_mut().for_each(|pad| pad.profile.clone_from(profile));
+        hand.description.pads.iter_mut().for_each(|pad| pad.profile = profile(pad));
         Arc::new(hand)
     }
 

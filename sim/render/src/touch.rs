@@ -28,6 +28,7 @@ use mvt_mesh::Mesh;
 use mvt_robot::digit::gel::GelSurface;
 use mvt_robot::digit::markers::{GelShear, MarkerPattern};
 use mvt_robot::digit::profile::{Appearance, SensorProfile};
+use mvt_robot::hand::{Hand, PerPad, TouchPad};
 use mvt_robot::observation::TouchTruth;
 use ndarray::{Array2, Array3};
 
@@ -155,6 +156,16 @@ impl TouchOptions {
             membrane: None,
             markers: None,
         }
+    }
+
+    /// Returns the options of the sensors of a hand, each with a synthetic background of its own unless one is given for all.
+    pub fn of_hand(hand: &Hand, config: TouchConfig, background: Option<&RgbImage>) -> PerPad<Self> {
+        let options = |(pad, of): (usize, &TouchPad)| {
+            let synthetic = Background::Synthetic { seed: pad as u64 };
+            let background = background.map_or(synthetic, |image| Background::Image(image.clone()));
+            Self { background, ..Self::of_profile(&of.profile, config) }
+        };
+        hand.pads().iter().enumerate().map(options).collect()
     }
 
     /// Returns the options of a sensor. For the profile of TACTO they are those of TACTO's configuration.
