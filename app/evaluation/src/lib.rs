@@ -39,7 +39,7 @@ use mvt_hands::LoadedHand;
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
-use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
+use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, PerPad, Side};
 use mvt_touch::network::Weights;
 use serde::{Deserialize, Serialize};
 
@@ -416,7 +416,7 @@ fn key(
     if episode.rig.hand != Hand::allegro(Side::Left) {
         settings += &serde_json::json!(episode.rig.hand.description()).to_string();
     }
-    let weights = episode.weights.map_or_default(|weights| weights.as_slice());
+    let weights = episode.weights.map_or(&[][..], |weights| weights);
     let is_new = |pad: usize| !weights[..pad].iter().any(|earlier| Arc::ptr_eq(earlier, &weights[pad]));
     for weights in (0..weights.len()).filter(|&pad| is_new(pad)).map(|pad| &weights[pad]) {
         settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();

@@ -170,7 +170,8 @@ pub(crate) struct TouchMapping {
 impl Mapping {
     /// Returns the hand with the touch sensors of the mapping.
     pub fn hand(&self) -> Arc<Hand> {
-        let sensor = |pad: &TouchPad| self.touch.get(&pad.name).map_or_else(SensorProfile::tacto, |of| of.profile.clone());
+        let sensor =
+            |pad: &TouchPad| self.touch.get(&pad.name).map_or_else(SensorProfile::tacto, |of| of.profile.clone());
         self.hand.hand().with_profiles(sensor)
     }
 

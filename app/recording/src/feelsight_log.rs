@@ -134,9 +134,8 @@ impl LogImages {
                     images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
                 });
                 let depths = depths.collect();
-                let touching = |(truth, gel): (Option<TouchTruth>, &GelView)| {
-                    Touching::of(&true_press(&truth?, gel)?, gel, None)
-                };
+                let touching =
+                    |(truth, gel): (Option<TouchTruth>, &GelView)| Touching::of(&true_press(&truth?, gel)?, gel, None);
                 let touched = frame.touch_truth.into_iter().zip(others_gels.iter());
                 let read = Read { depths, touching: touched.map(touching).collect() };
                 others.frames().push(read);

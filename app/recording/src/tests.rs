@@ -177,7 +177,12 @@ fn gripper() -> Arc<Hand> {
         let (axis, range, drive) = ([0.0, 1.0, 0.0], [-0.5, 0.5], Drive::default());
         Joint { name: name.to_owned(), body, motion, axis, range, mirrors: false, drive }
     };
-    let pad = |name: &str, body| TouchPad { name: name.to_owned(), body, place: Placing::at([0.01, 0.0, 0.02]), profile: Default::default() };
+    let pad = |name: &str, body| TouchPad {
+        name: name.to_owned(),
+        body,
+        place: Placing::at([0.01, 0.0, 0.02]),
+        profile: Default::default(),
+    };
     let description = HandDescription {
         name: "gripper".to_owned(),
         side: Side::Right,

@@ -12,7 +12,7 @@ use std::time::Duration;
 use mvt_frames::depth::CameraDepth;
 use mvt_mesh::Mesh;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Hand, JointAngles};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{Percept, Press};
 use mvt_run::io::write_file;
 use mvt_run::pipeline::{FrameResult, Progress};

@@ -179,11 +179,7 @@ impl<'a> Recorder<'a> {
             ObserverOptions {
                 hand: Arc::clone(&self.settings.hand),
                 cameras: cameras.to_vec(),
-                touch: TouchOptions::of_hand(
-                    &self.settings.hand,
-                    self.settings.touch_config,
-                    self.background.as_ref(),
-                ),
+                touch: TouchOptions::of_hand(&self.settings.hand, self.settings.touch_config, self.background.as_ref()),
                 touch_noise: self.settings.noise.touch,
                 camera_depth_noise: self.settings.noise.camera_depth,
                 seed,

@@ -87,7 +87,11 @@ impl SimulatedSource {
     ///
     /// # Errors
     /// If MuJoCo refuses the object.
-    pub fn new(object: &Object, mut settings: SimulatedSettings, weights: Option<&PerPad<Arc<Weights>>>) -> Result<Self> {
+    pub fn new(
+        object: &Object,
+        mut settings: SimulatedSettings,
+        weights: Option<&PerPad<Arc<Weights>>>,
+    ) -> Result<Self> {
         let SimulatedSettings { seed, duration_s, camera_noise, .. } = settings;
         let hand = Arc::clone(&settings.hand);
         if !settings.modality.has_vision() {

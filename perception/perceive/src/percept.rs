@@ -178,10 +178,7 @@ mod tests {
         let hand = two_pads();
         let weights = Arc::new(Weights::shipped().unwrap());
         let weights = hand.per_pad(|_| Arc::clone(&weights));
-        let setup = PerceptionSetup {
-            weights: Some(&weights),
-            config: PerceptionConfig::default(),
-        };
+        let setup = PerceptionSetup { weights: Some(&weights), config: PerceptionConfig::default() };
         let mut perception = Perception::new(Arc::clone(&hand), Vec::new(), &setup);
         let black = || RgbImage::new(240, 320);
         let touch = PerPad(vec![RgbImage::default(), black()]);
@@ -228,8 +225,7 @@ mod tests {
     #[test]
     fn there_may_be_no_hand() {
         let none = Hand::none();
-        let setup =
-            PerceptionSetup { weights: None, config: PerceptionConfig::default() };
+        let setup = PerceptionSetup { weights: None, config: PerceptionConfig::default() };
         let mut perception = Perception::new(Arc::clone(&none), cameras(&none), &setup);
         for _ in 0..3 {
             let depth_m = Array2::from_elem((480, 640), 0.3);

@@ -64,8 +64,9 @@ fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Res
         }
     }
     let touch = observation.touch.iter().zip(truth.touch.iter());
-    let touch =
-        touch.zip(hand.pads()).map(|((image, truth), pad)| raw_touch(image, truth, &pad.profile).map_err(|e| format!("{}: {e}", pad.name)));
+    let touch = touch
+        .zip(hand.pads())
+        .map(|((image, truth), pad)| raw_touch(image, truth, &pad.profile).map_err(|e| format!("{}: {e}", pad.name)));
     let touch = touch.collect::<Result<PerPad<_>, _>>()?;
     let cameras = observation.cameras.iter().zip(&truth.labels).zip(&meta.cameras);
     let cameras = cameras

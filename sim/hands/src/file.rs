@@ -8,7 +8,6 @@ use mvt_frames::camera::PosedCamera;
 use mvt_robot::hand::{Drive, Hand, Side, UPRIGHT};
 use serde::{Deserialize, Serialize};
 
-
 /// A hand with touch sensors, as its file describes it. Lengths are metres, angles radians unless the name says degrees.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

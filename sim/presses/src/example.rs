@@ -105,7 +105,8 @@ impl Contact {
         let mut around_middle = |side: usize| (side as f64 - 1.0) * (0.5 + reach * (2.0 * rng.random::<f64>() - 1.0));
         let [width, height] = profile.size_px;
         let (u, v) = (around_middle(width), around_middle(height));
-        let place = profile.gel_surface().point(&profile.intrinsics(), u, v).coords() - Vector3::new(press_mm * 1e-3, 0.0, 0.0);
+        let place =
+            profile.gel_surface().point(&profile.intrinsics(), u, v).coords() - Vector3::new(press_mm * 1e-3, 0.0, 0.0);
         let moved = place - rotation * Vector3::new(f64::from(point.x), f64::from(point.y), f64::from(point.z));
         let pose = nalgebra::Isometry3::from_parts(Translation3::from(moved), rotation);
         Self { gel_from_object: Isometry::new(pose), press_mm }

@@ -112,7 +112,8 @@ fn draw_profile(of: &SensorProfile, rng: &mut ChaCha8Rng) -> SensorProfile {
         return SensorProfile { fov_y_deg, reach_mm, appearance: Some(digit), markers: None, ..of.clone() };
     };
     let usual = Appearance::default();
-    let scaled = |own: [f32; 3], digit: [f32; 3], usual: [f32; 3]| std::array::from_fn(|c| own[c] * digit[c] / usual[c]);
+    let scaled =
+        |own: [f32; 3], digit: [f32; 3], usual: [f32; 3]| std::array::from_fn(|c| own[c] * digit[c] / usual[c]);
     let appearance = Appearance {
         led_angles_deg: std::array::from_fn(|c| {
             own.led_angles_deg[c] + digit.led_angles_deg[c] - usual.led_angles_deg[c]

@@ -312,15 +312,21 @@ impl TouchRenderer {
         let background = match background {
             Background::Rendered => empty.clone(),
             Background::Synthetic { seed } => synthetic_background(size, *seed).into_raw(),
-            Background::Image(image) if image.dimensions() == (size[0] as u32, size[1] as u32) => image.as_raw().clone(),
+            Background::Image(image) if image.dimensions() == (size[0] as u32, size[1] as u32) => {
+                image.as_raw().clone()
+            }
             Background::Image(image) => {
-                return Err(TouchError::BackgroundSize { expected: size, width: image.width(), height: image.height() });
+                return Err(TouchError::BackgroundSize {
+                    expected: size,
+                    width: image.width(),
+                    height: image.height(),
+                });
             }
         };
         let blur_px = appearance.map_or(0.0, |appearance| appearance.blur_px);
-        let light = appearance.as_ref().map(|appearance| {
-            GelLight::new(appearance, &image_of(camera, background.clone()), &gel_depth, &shader)
-        });
+        let light = appearance
+            .as_ref()
+            .map(|appearance| GelLight::new(appearance, &image_of(camera, background.clone()), &gel_depth, &shader));
         Ok(Self {
             shader,
             light,

@@ -100,11 +100,8 @@ impl LogSource {
                 }
             }
         };
-        let mut perception = Perception::new(
-            Arc::clone(&hand),
-            posed.clone(),
-            &PerceptionSetup { weights: weights.as_ref(), config },
-        );
+        let mut perception =
+            Perception::new(Arc::clone(&hand), posed.clone(), &PerceptionSetup { weights: weights.as_ref(), config });
         let touch = match perception.reads_touch_images() {
             _ if !modality.has_touch() => TouchPart::None,
             false => TouchPart::Truth,

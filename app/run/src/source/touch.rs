@@ -1,5 +1,7 @@
 //! Options that choose touch sensors and the network that reads them.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -80,8 +82,8 @@ impl TouchArguments {
             ensure!(self.weights.is_none(), "--weights is for --touch-depth network");
             return Ok(None);
         }
-        // What each weights were read for: a file, or a sensor that looks like a real one or not.
-        let mut known: Vec<((Option<&PathBuf>, bool), Arc<Weights>)> = Vec::new();
+        // By their origin: a file, or the shipped ones for a sensor that looks like a real one or not.
+        let mut known = BTreeMap::new();
         let mut by_pad = PerPad(Vec::new());
         for TouchPad { profile, .. } in hand.pads() {
             let path = self.weights.as_ref().or(profile.weights.as_ref());
@@ -94,12 +96,11 @@ impl TouchArguments {
                 (None, false) => Ok::<_, anyhow::Error>(Weights::shipped_half()?),
                 (None, true) => Ok(Weights::shipped_for(profile)?),
             };
-            let weights = match known.iter().find(|(known, _)| *known == origin) {
-                Some((_, weights)) => Arc::clone(weights),
-                None => Arc::new(read()?),
+            let weights = match known.entry(origin) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(Arc::new(read()?)),
             };
-            known.push((origin, Arc::clone(&weights)));
-            by_pad.0.push(weights);
+            by_pad.0.push(Arc::clone(weights));
         }
         Ok(Some(by_pad))
     }

@@ -87,6 +87,11 @@ impl GelView {
         &self.camera
     }
 
+    /// Returns the surface of the undeformed gel.
+    pub fn surface(&self) -> GelSurface {
+        self.surface
+    }
+
     /// Returns the depth of the undeformed gel at every pixel, metres along the camera's axis, indexed (row, column).
     pub fn depth_m(&self) -> &Array2<f32> {
         &self.depth_m
@@ -130,7 +135,10 @@ mod tests {
             let [back_u, back_v] = digit().pixel(&camera, digit().place_mm(&camera, [u, v]));
             assert!((back_u - u).abs() < 1e-9 && (back_v - v).abs() < 1e-9);
         }
-        assert!((digit().point(&camera, 119.5, 159.5).coords().x - APEX_M).abs() < 1e-15, "the apex is on the optical axis");
+        assert!(
+            (digit().point(&camera, 119.5, 159.5).coords().x - APEX_M).abs() < 1e-15,
+            "the apex is on the optical axis"
+        );
     }
 
     #[test]

@@ -7,7 +7,7 @@ use mvt_settings::{Limit as _, Nested, SettingError, settings};
 use serde::{Deserialize, Serialize};
 
 use super::body::SensorBody;
-use super::gel::{APEX_M, GelSurface, GelView};
+use super::gel::{GelSurface, GelView};
 use super::markers::MarkerPattern;
 use super::{FOV_Y_DEG, HEIGHT, WIDTH};
 
@@ -72,7 +72,7 @@ impl Default for SensorProfile {
         Self {
             size_px: [WIDTH, HEIGHT],
             fov_y_deg: FOV_Y_DEG,
-            apex_mm: 1e3 * APEX_M,
+            apex_mm: 22.0,
             size_mm: [20.0, 30.0],
             // TACTO's `curvatureMax`.
             bulge_mm: 5.0,
@@ -160,7 +160,9 @@ impl SensorProfile {
         let mut profile: Self = toml::from_str(&text)
             .map_err(|reason| ProfileError::Format { path: name_or_path.to_owned(), reason: Box::new(reason) })?;
         profile.validate().map_err(|reason| ProfileError::Range { path: name_or_path.to_owned(), reason })?;
-        profile.weights = profile.weights.map(|weights| Path::new(name_or_path).with_file_name(weights));
+        // Absolute, so that the profile can be written to another file.
+        let beside = |weights: PathBuf| Path::new(name_or_path).with_file_name(weights);
+        profile.weights = profile.weights.map(beside).map(|path| std::path::absolute(&path).unwrap_or(path));
         Ok(profile)
     }
 
@@ -223,6 +225,7 @@ impl SensorProfile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::digit::gel::APEX_M;
 
     #[test]
     fn shipped_profiles_are_valid() {

@@ -67,7 +67,12 @@ pub(super) fn describe(side: Side) -> HandDescription {
             inertial: Some(inertial(0.020, [0.005, 0.0, 0.017], [3.5e-6, 3e-6, 2.5e-6])),
             parts: fingertip(finger),
         });
-        pads.push(TouchPad { name: name.to_owned(), body: tip, place: Placing::at(TIP_FROM_GEL_M), profile: SensorProfile::tacto() });
+        pads.push(TouchPad {
+            name: name.to_owned(),
+            body: tip,
+            place: Placing::at(TIP_FROM_GEL_M),
+            profile: SensorProfile::tacto(),
+        });
         // When a finger bends, its tip meets the link before the last.
         apart.push([tip, tip - 2]);
     }

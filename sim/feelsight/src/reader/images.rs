@@ -185,9 +185,7 @@ impl Log {
         Ok(TouchTruth {
             depth_m: Array2::from_shape_fn(shape, |(row, column)| depth(row, column)),
             // A JPEG mask has every level; loaders use this threshold, too.
-            contact: Array2::from_shape_fn(shape, |(row, column)| {
-                mask.get_pixel(column as u32, row as u32).0[0] > 127
-            }),
+            contact: Array2::from_shape_fn(shape, |(row, column)| mask.get_pixel(column as u32, row as u32).0[0] > 127),
         })
     }
 

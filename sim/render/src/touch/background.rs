@@ -81,7 +81,8 @@ mod tests {
         assert_eq!(small.dimensions(), (97, 62));
         for image in [a, b, small] {
             for c in 0..3 {
-                let mean = image.pixels().map(|p| f32::from(p.0[c])).sum::<f32>() / (image.width() * image.height()) as f32;
+                let mean =
+                    image.pixels().map(|p| f32::from(p.0[c])).sum::<f32>() / (image.width() * image.height()) as f32;
                 assert!((mean - MEAN[c]).abs() < 7.0, "channel {c}: {mean}");
             }
         }

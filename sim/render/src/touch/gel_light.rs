@@ -57,18 +57,14 @@ pub(super) struct Scratch {
 
 impl GelLight {
     /// Prepares the light for an untouched image.
-    pub fn new(
-        appearance: &Appearance,
-        background: &RgbImage,
-        gel_depth: &[f32],
-        shader: &Shader,
-    ) -> Self {
+    pub fn new(appearance: &Appearance, background: &RgbImage, gel_depth: &[f32], shader: &Shader) -> Self {
         let elevation = appearance.led_elevation_deg.to_radians();
         let distance_m = 1e-3 * appearance.led_distance_mm;
         let leds = appearance.led_angles_deg.map(|degrees| {
             let (down, right) = degrees.to_radians().sin_cos();
             // Columns run towards -y, rows towards -z.
-            [shader.gel.apex_m() - distance_m * elevation.tan(), -distance_m * right, -distance_m * down].map(|x| x as f32)
+            [shader.gel.apex_m() - distance_m * elevation.tan(), -distance_m * right, -distance_m * down]
+                .map(|x| x as f32)
         });
         let Intrinsics { width, height, .. } = shader.camera;
         let count = (width * height) as f32;
@@ -190,14 +186,7 @@ impl GelLight {
 
     /// Blurs the change of the `rows` that hold it, and adds it to the background.
     #[inline(always)]
-    pub fn overlay(
-        &self,
-        width: usize,
-        rows: Range<usize>,
-        scratch: &mut Scratch,
-        background: &[u8],
-        out: &mut [u8],
-    ) {
+    pub fn overlay(&self, width: usize, rows: Range<usize>, scratch: &mut Scratch, background: &[u8], out: &mut [u8]) {
         let (reach, height) = (self.kernel.len() - 1, out.len() / (3 * width));
         let pixels = |v: usize| v * width..(v + 1) * width;
         let Scratch { change, blurred, padded, sums, .. } = scratch;

@@ -197,7 +197,8 @@ mod tests {
         let block = |i: usize| if i % WIDTH < EDGE && (40..280).contains(&(i / WIDTH)) { 1e-3 } else { 0.0 };
         for reach_m in [1e-4, 2e-4, 5e-4, 1e-3] {
             let mut depth: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| gel_depth[i] - block(i)).collect();
-            let (camera, gel, scratch) = (intrinsics(), GelSurface::new(gel::APEX_M, [0.02, 0.03], 0.0), &mut Scratch::default());
+            let (camera, gel, scratch) =
+                (intrinsics(), GelSurface::new(gel::APEX_M, [0.02, 0.03], 0.0), &mut Scratch::default());
             let rows = Membrane { reach_m }.relax(&camera, gel, 40..280, &gel_depth, &mut depth, scratch);
             assert!(rows.start < 40 && rows.end > 280);
             let indentation = |u: usize| gel_depth[0] - depth[160 * WIDTH + u];
