@@ -1,4 +1,4 @@
-//! How the images of a DIGIT lie: upright or turned, in RGB or BGR order.
+//! How the images of a touch sensor lie: upright or turned, in RGB or BGR order.
 
 use image::RgbImage;
 use image::imageops::{FilterType, flip_horizontal, resize, rotate90, rotate180, rotate270};

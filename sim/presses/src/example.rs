@@ -42,7 +42,7 @@ const TRIES: usize = 8;
 /// Greatest indentation in the ground truth, millimetres: the gel is not much thicker.
 const DEEPEST_MM: f32 = 4.0;
 
-/// Touch image with its ground truth, of 320 rows and 240 columns or a whole fraction of that.
+/// Touch image with its ground truth, of the size of its sensor or resized.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
     /// Rows and columns.

@@ -141,3 +141,40 @@ fn check_light(profile: &SensorProfile) -> Result<()> {
     );
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use mvt_robot::hand::Side;
+
+    use super::*;
+
+    #[test]
+    fn pads_with_the_same_weights_share_them() {
+        let hand = Hand::allegro(Side::Left);
+        let touch = TouchArguments::new(TouchOrigin::Network, None);
+        let digit = SensorProfile::load("digit").unwrap();
+        let mixed = hand.with_profiles(|pad| match pad.name.as_str() {
+            "index" | "thumb" => digit.clone(),
+            _ => SensorProfile { size_px: [100, 80], ..SensorProfile::tacto() },
+        });
+        let weights = touch.weights(&mixed).unwrap().unwrap();
+        let same = |a: usize, b: usize| Arc::ptr_eq(&weights[a], &weights[b]);
+        assert!(same(0, 3) && same(1, 2) && !same(0, 1));
+        assert!(TouchArguments::new(TouchOrigin::Truth, None).weights(&mixed).unwrap().is_none());
+    }
+
+    #[test]
+    fn profiles_name_their_weights() {
+        let profile = |weights: &str| SensorProfile { weights: Some(weights.into()), ..SensorProfile::tacto() };
+        let hand = Hand::allegro(Side::Left).with_profile(&profile("/nowhere/a.safetensors"));
+        let refused =
+            |weights| TouchArguments::new(TouchOrigin::Network, weights).weights(&hand).unwrap_err().to_string();
+        assert!(refused(None).contains("/nowhere/a.safetensors"));
+        assert!(refused(Some("/nowhere/b.safetensors".into())).contains("b.safetensors"));
+        let mini = Hand::allegro(Side::Left).with_profile(&SensorProfile::load("gelsight_mini").unwrap());
+        let touch = TouchArguments::new(TouchOrigin::Network, None);
+        assert!(touch.weights(&mini).unwrap_err().to_string().contains("no weights are shipped"));
+        assert_eq!(touch.equipped(&mini).unwrap(), mini);
+        assert!(equipped(&mini, Some("tacto")).unwrap().pads()[0].profile.is_tacto());
+    }
+}
