@@ -178,7 +178,9 @@ fn logs_keep_the_sensors() {
         assert!(error.contains(part), "{error}");
     }
     let scene = fs::read_to_string(plain.join("scene.json")).unwrap();
-    fs::write(plain.join("scene.json"), scene.replacen("128", "0", 1)).unwrap();
+    let damaged = scene.replacen("\"apex_mm\": 20.0", "\"apex_mm\": -1.0", 1);
+    assert_ne!(damaged, scene);
+    fs::write(plain.join("scene.json"), damaged).unwrap();
     let error = Log::open(&plain).unwrap_err().to_string();
-    assert!(error.contains("size_px"), "{error}");
+    assert!(error.contains("pad index: apex_mm"), "{error}");
 }

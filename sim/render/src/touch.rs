@@ -555,6 +555,7 @@ mod tests {
             let [mut best, mut plain] = [TouchFrame::default(), TouchFrame::default()];
             let noise = Some(NoiseKey { seed: 1, pad: 2, frame: 3 });
             renderer.render(&object, pose, noise, &mut best);
+            plain.resize(&renderer.shader.camera);
             let press = GelPress { gel_from_object: pose, shear: GelShear::default() };
             let job = Rendering { renderer: &renderer, object: &object, press, noise, frame: &mut plain };
             pulp::Scalar128b.vectorize(job);

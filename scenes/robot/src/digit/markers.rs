@@ -135,7 +135,10 @@ mod tests {
         assert!(refused(|p| p.pitch_mm = 0.1).contains("pitch_mm must be from 0.4"));
         assert!(refused(|p| p.pitch_mm = f64::NAN).contains("pitch_mm"));
         assert!(refused(|p| p.diameter_mm = 1.2).contains("diameter_mm must be at most 0.6 times pitch_mm"));
-        assert!(refused(|p| p.pitch_mm = 4.0).contains("columns must be so few that they lie on a gel of 20 mm"));
+        let wide = MarkerPattern { pitch_mm: 4.0, ..MarkerPattern::default() };
+        wide.check_on([40.0, 40.0]).unwrap();
+        let error = wide.check_on([20.0, 30.0]).unwrap_err().to_string();
+        assert!(error.contains("columns must be so few that they lie on a gel of 20 mm"), "{error}");
     }
 
     #[test]

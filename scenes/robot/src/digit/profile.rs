@@ -180,7 +180,7 @@ impl SensorProfile {
         // The gel comes nearest to the camera in the corners of the image. NaN: the corner shows no gel.
         let corner_m = self.gel_surface().point(&self.intrinsics(), 0.0, 0.0).coords().x;
         if corner_m.is_nan() || corner_m < 1e-3 {
-            let range = "so small that the gel is before the camera in the whole image";
+            let range = "such that the gel fills the image, 1 mm or more before the camera";
             return Err(SettingError::new("bulge_mm", self.bulge_mm.to_string(), range));
         }
         self.appearance.as_ref().map_or(Ok(()), |appearance| Nested.check("appearance", appearance))?;
@@ -271,8 +271,8 @@ mod tests {
             let error = invalid(wrong).unwrap().unwrap_err();
             assert!(error.to_string().starts_with(wrong.split(' ').next().unwrap()), "{wrong}: {error}");
         }
-        let behind = invalid("apex_mm = 4.0\nbulge_mm = 8.0\nsize_mm = [5.0, 5.0]").unwrap().unwrap_err();
-        assert!(behind.to_string().contains("bulge_mm must be so small"), "{behind}");
+        let beyond = invalid("apex_mm = 100.0\nbulge_mm = 0.1\nfov_y_deg = 100.0").unwrap().unwrap_err();
+        assert!(beyond.to_string().contains("bulge_mm must be such that the gel fills the image"), "{beyond}");
         let error = invalid("[body]\nmass_kg = 0.0").unwrap().unwrap_err();
         assert!(error.to_string().contains("body.mass_kg"), "{error}");
         let error = invalid("size_mm = [8.0, 8.0]\n[markers]").unwrap().unwrap_err();
