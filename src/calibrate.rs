@@ -7,8 +7,6 @@ use clap::Args;
 use mvt_calibration::Calibration;
 use mvt_files::input;
 use mvt_gaits::gait;
-use mvt_perceive::PerceptionSetup;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::Placement;
 use mvt_run::arguments::duration;
@@ -16,7 +14,7 @@ use mvt_run::config::RunConfig;
 use mvt_run::io::{check_named, print_line, write_named};
 use mvt_run::object::default_object;
 use mvt_run::settings;
-use mvt_run::source::{LogSource, Modality, Source};
+use mvt_run::source::{LogSource, Modality, Source, TouchArguments, TouchOrigin};
 use mvt_simulated::{Fault, SimulatedSettings, SimulatedSource};
 
 /// Duration of a simulated calibration without --duration, seconds: the hand has then shown its joints several times.
@@ -98,8 +96,9 @@ fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Res
             &all
         }
     };
-    let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config: config.perception() };
-    let mut source = LogSource::open(folder, Some(cameras), Modality::Vi, config.camera_noise, &setup)?;
+    let touch = TouchArguments::new(TouchOrigin::Truth, None);
+    let (noise, perception) = (config.camera_noise, config.perception());
+    let mut source = LogSource::open(folder, Some(cameras), Modality::Vi, noise, &touch, perception)?;
     if let Some(duration_s) = arguments.duration {
         source.limit(duration_s);
     }
@@ -112,7 +111,6 @@ fn simulated(arguments: &CalibrateArguments, config: &RunConfig) -> Result<Simul
     let hand = Hand::allegro(Side::Left);
     let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
     let settings = SimulatedSettings {
-        touch: SensorProfile::tacto(),
         gait: gait::choose("auto", &object, &hand)?.1.clone(),
         schedule: Default::default(),
         seed: arguments.seed,

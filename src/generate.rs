@@ -12,18 +12,18 @@ use mvt_frames::camera::PosedCamera;
 use mvt_hands::LoadedHand;
 use mvt_objects::catalogue;
 use mvt_render::touch::TouchConfig;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::arguments::duration;
 use mvt_run::io::{print_line, shell_word};
 use mvt_run::object::load_object;
 use mvt_run::progress;
+use mvt_run::source::equipped;
 use mvt_simulated::recorder::{NoiseLevel, Recorder, Settings};
 
 /// Simulate episodes and write them as FeelSight logs
 ///
 /// Each log is one episode in DIR/OBJECT/00, DIR/OBJECT/01 and so on. NeuralFeels' own loaders read it; scene.json
-/// holds its settings. The touch sensors are TACTO's DIGITs: those loaders would take the images of any other sensor for
-/// images of a DIGIT with TACTO's view.
+/// holds its settings, and the touch sensors where they are not TACTO's DIGITs: NeuralFeels' loaders take the images of any
+/// other sensor for images of a DIGIT with TACTO's view.
 ///
 /// A log appears under its name only when it is complete. After an interruption, the same command skips complete logs
 /// and continues. Log k has the seed SEED + k; `simulate` with that seed plays the same episode.
@@ -59,7 +59,12 @@ pub struct GenerateArguments {
     /// Lights of the DIGITs: `fork` as in FeelSight, or `tacto` as in TACTO 0.0.3
     #[arg(long, default_value = "fork")]
     touch_config: TouchConfig,
-    /// Untouched image of a real DIGIT, 240 x 320 pixels, as background of all touch images [default: a synthetic one]
+    /// Touch sensor of all pads: tacto, digit, digit_markers, gelsight_mini, gelsight_mini_markers, or the path of a profile
+    /// (.toml) [default: that of each pad of the rig]
+    #[arg(long, value_name = "NAME")]
+    touch_profile: Option<String>,
+    /// Untouched image of a real sensor, in the size of its images, as background of all touch images [default: a
+    /// synthetic one]
     #[arg(long, value_name = "FILE")]
     background: Option<PathBuf>,
     #[command(flatten)]
@@ -84,13 +89,8 @@ pub fn run(arguments: &GenerateArguments) -> Result<()> {
     } else {
         arguments.objects.clone()
     };
-    let rig = arguments.manner.rig()?;
-    if rig.profiles.iter().any(|profile| *profile != SensorProfile::tacto()) {
-        bail!(
-            "{}: logs hold touch images as TACTO draws them; give each pad of the hand file profile = \"tacto\"",
-            arguments.manner.rig
-        );
-    }
+    let mut rig = arguments.manner.rig()?;
+    rig.hand = equipped(&rig.hand, arguments.touch_profile.as_deref())?;
     let settings = Settings {
         controller: arguments.manner.controller.clone(),
         hand: rig.hand.clone(),

@@ -48,15 +48,11 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     arguments.device.choose()?;
     // Before the run claims its folder, because it may be built first.
     let window = arguments.view.then(WindowProgram::find).transpose().context("without --view no window is needed")?;
-    let rig = if arguments.log.is_none() { Some(arguments.manner.rig()?) } else { None };
-    let profile = arguments.touch.profile(rig.as_ref().map_or(&[], |rig| &rig.profiles))?;
-    let weights = arguments.touch.weights(&profile)?.filter(|_| arguments.modality.has_touch());
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
-    let RunInput { mut source, seed, name, object, supervisor, cameras } =
-        RunInput::new(arguments, rig, &config, &profile, weights.as_ref())?;
+    let RunInput { mut source, seed, name, object, supervisor, cameras } = RunInput::new(arguments, &config)?;
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(source.hand()))?),
@@ -77,8 +73,6 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         mode: Some(arguments.mode),
         modality: arguments.modality,
         hand: Arc::clone(source.hand()),
-        touch_fov_y_deg: profile.fov_y_deg,
-        touch_bulge_mm: profile.bulge_mm,
         cameras,
         frames: source.frame_count(),
         process: std::process::id(),

@@ -90,11 +90,16 @@ pub fn truths(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usize>]) -> 
 }
 
 /// Reads images of colours with the shape (N, height, width, 3), or one of (height, width, 3).
-pub fn images(value: &Bound<'_, PyAny>, name: &str, count: Option<usize>, size: [usize; 2]) -> PyResult<Vec<RgbImage>> {
-    let [height, width] = size;
-    let array = bytes(value, name, &[count, Some(height), Some(width), Some(3)])?;
+pub fn images(
+    value: &Bound<'_, PyAny>,
+    name: &str,
+    count: Option<usize>,
+    size: [Option<usize>; 2],
+) -> PyResult<Vec<RgbImage>> {
+    let array = bytes(value, name, &[count, size[0], size[1], Some(3)])?;
+    let (height, width) = (array.shape()[1], array.shape()[2]);
     let pixels = array.into_raw_vec_and_offset().0;
-    let images = pixels.chunks_exact(3 * height * width);
+    let images = pixels.chunks_exact((3 * height * width).max(1));
     Ok(images.filter_map(|part| RgbImage::from_raw(width as u32, height as u32, part.to_vec())).collect())
 }
 
@@ -138,6 +143,28 @@ pub fn shaped<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize])
         // Every caller passes as many values as the shape has.
         Err(_) => {
             ndarray::ArrayD::from_shape_fn(vec![0; shape.len()], |_| unreachable!("an empty array")).into_pyarray(py)
+        }
+    }
+}
+
+/// Returns the images of all touch sensors as an array of shape (pads, height, width, 3).
+pub fn stacked<'py>(py: Python<'py>, images: &[RgbImage]) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
+    let (width, height) = images.first().map_or((0, 0), RgbImage::dimensions);
+    same_size(images.iter().map(|image| (image.height() as usize, image.width() as usize)))?;
+    let pixels: Vec<&[u8]> = images.iter().map(|image| image.as_raw().as_slice()).collect();
+    Ok(shaped(py, pixels.concat(), &[images.len(), height as usize, width as usize, 3]))
+}
+
+/// Checks that the touch sensors of a hand have one number of rows and columns, as one array needs, and returns it.
+pub fn same_size(mut sizes: impl Iterator<Item = (usize, usize)>) -> PyResult<(usize, usize)> {
+    let first = sizes.next().unwrap_or_default();
+    match sizes.find(|size| *size != first) {
+        None => Ok(first),
+        Some(other) => {
+            let text = format!(
+                "the touch sensors of this hand have images of {first:?} and {other:?} pixels, which no one array holds"
+            );
+            Err(Kind::General.error(text).into())
         }
     }
 }

@@ -9,13 +9,12 @@ use mvt_objects::object::Object;
 use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode as Simulated, EpisodeConfig, EpisodeSnapshot, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
-use mvt_render::touch::{Background, TouchConfig, TouchOptions};
-use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_render::touch::{TouchConfig, TouchOptions};
 use mvt_run::object::load_object;
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 
-use crate::arrays::{line, matrix, shaped};
+use crate::arrays::{line, matrix, stacked};
 use crate::camera::{Camera, around, read_rig};
 use crate::errors::{Failure, Kind, argument, check_camera_noise, check_duration, detached, general};
 use crate::frame::{Frame, read_joints};
@@ -68,14 +67,10 @@ impl Episode {
     }
 
     fn observer(&self, seed: u64) -> Result<Observer, Failure> {
-        let touch = |pad: usize| TouchOptions {
-            background: Background::Synthetic { seed: pad as u64 },
-            ..TouchOptions::new(TouchConfig::Fork)
-        };
         let options = ObserverOptions {
             hand: Arc::clone(&self.config.hand),
             cameras: self.cameras.clone(),
-            touch: self.config.hand.per_pad(touch),
+            touch: TouchOptions::of_hand(&self.config.hand, TouchConfig::Fork, None),
             touch_noise: self.touch_noise,
             camera_depth_noise: (self.camera_noise > 0.0).then_some(self.camera_noise),
             seed,
@@ -164,11 +159,11 @@ impl Episode {
             };
             let (observation, truth) = observer.observe(*frame, &episode.state().scene, scratch);
             *frame += 1;
-            Ok(Frame::observed(observation, Some(truth)))
+            Ok(Frame::observed(&self.config.hand, observation, Some(truth)))
         })
     }
 
-    /// Returns the image of each touch sensor that touches nothing, without noise: uint8 (P, 320, 240, 3).
+    /// Returns the image of each touch sensor that touches nothing, without noise: uint8 (P, height, width, 3).
     fn untouched<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
         let images = detached(py, || {
             let mut running = self.running();
@@ -179,8 +174,7 @@ impl Episode {
             };
             Ok(observer.untouched_images())
         })?;
-        let pixels: Vec<&[u8]> = images.iter().map(|image| image.as_raw().as_slice()).collect();
-        Ok(shaped(py, pixels.concat(), &[images.len(), HEIGHT, WIDTH, 3]))
+        stacked(py, &images)
     }
 
     /// Returns the state.

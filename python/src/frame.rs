@@ -3,24 +3,23 @@
 use image::RgbImage;
 use mvt_frames::{Isometry, Object, World};
 use mvt_perceive::true_press;
-use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::{HEIGHT, WIDTH};
-use mvt_robot::hand::{JointAngles, PerPad};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{GroundTruth, Observation, Press, Rgbd};
 use mvt_run::source::Modality;
 use ndarray::{Array2, ArrayD, Axis, Ix2};
 use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayDyn};
 use pyo3::prelude::*;
 
-use crate::arrays::{image, images, line, matrix, motion, numbers, pixels, plane, shaped, singles, truths};
+use crate::arrays::{
+    image, images, line, matrix, motion, numbers, pixels, plane, same_size, shaped, singles, stacked, truths,
+};
 use crate::errors::Kind;
 
 /// Sensor data of one instant, and the truth where it is known.
 ///
 /// `joints` are the angles of the hand's joints in radians (16 of an Allegro), `depth_m` one image per camera (metres along the optical axis, 0 where nothing was measured),
-/// `touch_images` (P, 320, 240, 3), `indentation_mm` and `contact` (P, 320, 240) for the P pads of the hand (4 of an Allegro). Without touch images or
-/// indentation the pads deliver
-/// nothing.
+/// `touch_images` (P, height, width, 3), `indentation_mm` and `contact` (P, height, width) for the P pads of the hand (4 of an Allegro, with 320 x 240
+/// pixels). Without touch images or indentation the pads deliver nothing.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Frame {
     pub time_s: f64,
@@ -40,22 +39,14 @@ pub struct Frame {
 const SIGMA_MM: f32 = 0.05;
 
 impl Frame {
-    /// Takes an observation with its truth.
-    pub fn observed(observation: Observation, truth: Option<GroundTruth>) -> Self {
+    /// Takes an observation of a hand with its truth.
+    pub fn observed(hand: &Hand, observation: Observation, truth: Option<GroundTruth>) -> Self {
         let Observation { time_s, joints, touch, cameras } = observation;
         let (colours, depths_m) = cameras.into_iter().map(|rgbd| (rgbd.color, rgbd.depth_m)).unzip();
-        let presses = truth.as_ref().map(|truth| truth.touch.map(|truth| true_press(truth, GelView::tacto())));
+        let touched = truth.iter().flat_map(|truth| truth.touch.iter().zip(hand.gel_views()));
+        let presses = touched.map(|(truth, gel)| true_press(truth, &gel)).collect();
         let object_pose = truth.map(|truth| truth.object_pose);
-        Self {
-            time_s,
-            joints,
-            colours,
-            depths_m,
-            touch: Some(touch),
-            presses: presses.unwrap_or_default(),
-            object_pose,
-            next_joints: None,
-        }
+        Self { time_s, joints, colours, depths_m, touch: Some(touch), presses, object_pose, next_joints: None }
     }
 }
 
@@ -79,21 +70,20 @@ impl Frame {
         let depths_m = depth_m.iter().enumerate().map(|(k, depth)| plane(depth, &format!("depth_m[{k}]"), [None; 2]));
         let colours = color.iter().enumerate().map(|(k, color)| image(color, &format!("color[{k}]"), [None; 2]));
         let touch = match touch_images {
-            Some(value) => Some(PerPad(images(value, "touch_images", None, [HEIGHT, WIDTH])?)),
+            Some(value) => Some(PerPad(images(value, "touch_images", None, [None; 2])?)),
             None => None,
         };
-        let size = [None, Some(HEIGHT), Some(WIDTH)];
+        let size = [None; 3];
         let presses = match (indentation_mm, contact) {
             (Some(indentation), Some(contact)) => {
                 let indentation = singles(indentation, "indentation_mm", &size)?;
                 let contact = truths(contact, "contact", &size)?;
-                let [pads, others] = [indentation.shape(), contact.shape()].map(|shape| shape.first().copied());
-                if pads != others {
+                if indentation.shape() != contact.shape() {
                     return Err(Kind::Argument
-                        .error("indentation_mm and contact have different numbers of pads")
+                        .error("indentation_mm and contact have different numbers of pads or pixels")
                         .into());
                 }
-                PerPad::from_fn(pads.unwrap_or(0), |pad| {
+                PerPad::from_fn(contact.shape()[0], |pad| {
                     Some(Press {
                         indentation_mm: slice(&indentation, pad)?,
                         contact: slice(&contact, pad)?,
@@ -140,27 +130,25 @@ impl Frame {
         self.depths_m.iter().map(|depth| depth.clone().into_pyarray(py)).collect()
     }
 
-    /// Images of the touch sensors: uint8 (P, 320, 240, 3), or None.
+    /// Images of the touch sensors: uint8 (P, height, width, 3), or None.
     #[getter]
-    fn touch_images<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<u8>>> {
-        let images =
-            self.touch.as_ref().filter(|touch| !touch.is_empty() && touch.iter().all(|image| !image.is_empty()))?;
-        let values: Vec<&[u8]> = images.iter().map(|image| image.as_raw().as_slice()).collect();
-        Some(shaped(py, values.concat(), &[images.len(), HEIGHT, WIDTH, 3]))
+    fn touch_images<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArrayDyn<u8>>>> {
+        let is_whole = |touch: &&PerPad<RgbImage>| !touch.is_empty() && touch.iter().all(|image| !image.is_empty());
+        self.touch.as_ref().filter(is_whole).map(|images| stacked(py, images)).transpose()
     }
 
-    /// True indentation of the gels, millimetres: float32 (P, 320, 240), or None.
+    /// True indentation of the gels, millimetres: float32 (P, height, width), or None.
     #[getter]
-    fn indentation_mm<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<f32>>> {
-        let values = self.of_presses(|press| press.indentation_mm.iter().copied())?;
-        Some(shaped(py, values, &[self.presses.len(), HEIGHT, WIDTH]))
+    fn indentation_mm<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArrayDyn<f32>>>> {
+        let presses = self.of_presses(|press| press.indentation_mm.iter().copied())?;
+        Ok(presses.map(|(values, shape)| shaped(py, values, &shape)))
     }
 
-    /// Where the object truly lies on the gels: bool (P, 320, 240), or None.
+    /// Where the object truly lies on the gels: bool (P, height, width), or None.
     #[getter]
-    fn contact<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<bool>>> {
-        let values = self.of_presses(|press| press.contact.iter().copied())?;
-        Some(shaped(py, values, &[self.presses.len(), HEIGHT, WIDTH]))
+    fn contact<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArrayDyn<bool>>>> {
+        let presses = self.of_presses(|press| press.contact.iter().copied())?;
+        Ok(presses.map(|(values, shape)| shaped(py, values, &shape)))
     }
 
     /// True pose of the object in the world: float64 (4, 4), or None.
@@ -186,10 +174,16 @@ impl Frame {
         }
     }
 
-    /// Returns values of all presses; `None` if there are none or one is unknown.
-    fn of_presses<'a, T, I: Iterator<Item = T>>(&'a self, values: fn(&'a Press) -> I) -> Option<Vec<T>> {
+    /// Returns values of all presses with their shape; `None` if there are none or one is unknown.
+    fn of_presses<'a, T, I: Iterator<Item = T>>(
+        &'a self,
+        values: fn(&'a Press) -> I,
+    ) -> PyResult<Option<(Vec<T>, [usize; 3])>> {
         let presses: Option<Vec<&Press>> = self.presses.iter().map(Option::as_ref).collect();
-        Some(presses.filter(|presses| !presses.is_empty())?.into_iter().flat_map(values).collect())
+        let Some(presses) = presses.filter(|presses| !presses.is_empty()) else { return Ok(None) };
+        let (rows, columns) = same_size(presses.iter().map(|press| press.contact.dim()))?;
+        let shape = [presses.len(), rows, columns];
+        Ok(Some((presses.into_iter().flat_map(values).collect(), shape)))
     }
 }
 

@@ -8,8 +8,7 @@ use mvt_feelsight::LogFormat;
 use mvt_feelsight::{Log as FeelSight, PartialFrames, TouchPart};
 use mvt_perceive::true_press;
 use mvt_render::touch::TouchConfig;
-use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::PerPad;
+use mvt_robot::hand::{PerPad, TouchPad};
 use mvt_run::object::load_object;
 use mvt_simulated::recorder::{Noise, Recorder, Settings};
 use numpy::{PyArray1, PyArrayDyn};
@@ -41,7 +40,9 @@ struct Reader {
 /// Returns the data of a frame besides joints, depths and touch images.
 fn complete(log: &FeelSight, index: usize, mut frame: Frame) -> Frame {
     frame.colours = (0..log.cameras().len()).map(|k| log.colour(k, index).unwrap_or_default()).collect();
-    frame.presses = log.hand().per_pad(|pad| true_press(&log.touch_truth(pad, index).ok()?, GelView::tacto()));
+    let pads = log.hand().pads().iter().enumerate();
+    let press = |(pad, of): (usize, &TouchPad)| true_press(&log.touch_truth(pad, index).ok()?, &of.profile.gel_view());
+    frame.presses = pads.map(press).collect();
     frame.object_pose = log.object_poses().get(index).copied().flatten();
     frame.next_joints = log.times_s().get(index + 1).copied().zip(log.joints().get(index + 1).cloned());
     frame
@@ -69,7 +70,7 @@ impl Log {
             let frame = self.log.frame(place).map_err(file)?;
             let frame = frame
                 .ok_or_else(|| Kind::File.error(format!("{}: frame {place} is missing", self.folder.display())))?;
-            Ok(complete(&self.log, place, Frame::observed(frame.observation, None)))
+            Ok(complete(&self.log, place, Frame::observed(self.log.hand(), frame.observation, None)))
         })
     }
 

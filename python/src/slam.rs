@@ -7,8 +7,6 @@ use glam::{Mat3A, Vec3, Vec3A};
 use mvt_field::shape::{Distance, Shape as _};
 use mvt_frames::camera::PosedCamera;
 use mvt_perceive::{Perception, PerceptionSetup};
-use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Estimator;
@@ -91,7 +89,7 @@ type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32
 /// Estimates pose and shape of one object, frame by frame.
 ///
 /// `cameras` are those of the frames, in their order. `modality` is vitac (cameras and touch), vi or tac. With a `network`, touch is read
-/// from the touch images, and `untouched`, uint8 (P, 320, 240, 3), are the images without contact; without one the frame's indentation
+/// from the touch images, and `untouched`, uint8 (P, height, width, 3), are the images without contact; without one the frame's indentation
 /// is taken. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Slam {
@@ -153,16 +151,15 @@ impl Slam {
         }
         let cameras: Vec<PosedCamera> = cameras.iter().map(|camera| camera.0.clone()).collect();
         let untouched = match untouched {
-            Some(value) => images(value, "untouched", Some(hand.pads().len()), [HEIGHT, WIDTH])?,
+            Some(value) => images(value, "untouched", Some(hand.pads().len()), [None; 2])?,
             None => Vec::new(),
         };
         if network.is_none() && !untouched.is_empty() {
             return Err(Kind::Argument.error("untouched is for a network: give network, too").into());
         }
-        let weights = network.map(|network| network.weights.clone());
+        let weights = network.map(|network| hand.per_pad(|_| Arc::clone(&network.weights)));
         detached(py, || {
-            let profile = SensorProfile::tacto();
-            let setup = PerceptionSetup { profile: &profile, weights: weights.as_ref(), config: config.perception() };
+            let setup = PerceptionSetup { weights: weights.as_ref(), config: config.perception() };
             let mut perception = Perception::new(Arc::clone(&hand), cameras, &setup);
             for (pad, image) in untouched.iter().enumerate() {
                 perception.set_untouched(pad, image).map_err(argument)?;
@@ -193,7 +190,7 @@ impl Slam {
                 .see(estimator.frames() as u64, frame.observation(self.modality), presses)
                 .map_err(argument)?;
             warnings.extend(seen.warnings);
-            Ok(Estimate(estimator.observe(&self.hand, &seen.percept, perception.gel(), self.modality)))
+            Ok(Estimate(estimator.observe(&self.hand, &seen.percept, perception.gels(), self.modality)))
         })?;
         warn(py, warnings)?;
         Ok(estimate)

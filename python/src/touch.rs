@@ -1,10 +1,12 @@
 //! Touch images: rendering, and networks that read them.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use mvt_products::Instructions;
 use mvt_render::touch::{Background, TouchConfig, render_contact};
-use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_run::source::shipped_weights;
 use mvt_touch::contact::{ContactConfig, TouchSensor};
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
@@ -12,22 +14,24 @@ use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArray3, PyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::arrays::{image, line, numbers, shaped};
-use crate::errors::{argument, detached, file, general, warn};
+use crate::errors::{Kind, argument, detached, file, general, warn};
 use crate::mesh;
 
-/// Network that reads images of DIGITs. `weights` is a file of weights; without it those that are shipped.
+/// Network that reads images of touch sensors. `weights` is a file of weights; without it those of the sensor's `profile` (a name such as digit, or
+/// the path of a profile), or those that are shipped.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct TouchNetwork {
-    pub weights: Weights,
+    pub weights: Arc<Weights>,
+    profile: SensorProfile,
     engine: Engine,
 }
 
 /// The contacts that a network finds in touch images.
 #[pyclass(frozen, get_all, module = "mambavitact")]
 pub struct TouchPrediction {
-    /// How far the gel is pressed in, millimetres, 0 in implausible images: float32 (N, 320, 240).
+    /// How far the gel is pressed in, millimetres, 0 in implausible images: float32 (N, height, width).
     indentation_mm: Py<PyArrayDyn<f32>>,
-    /// Where the object lies on the gel: bool (N, 320, 240).
+    /// Where the object lies on the gel: bool (N, height, width).
     contact: Py<PyArrayDyn<bool>>,
     /// How far each image looks like one that a DIGIT makes, 0 to 1: float32 (N,).
     plausibility: Py<PyArray1<f32>>,
@@ -45,33 +49,37 @@ pub struct TouchRendering {
 }
 
 impl TouchNetwork {
-    fn of(weights: Weights) -> Self {
+    fn of(weights: Weights, profile: SensorProfile) -> Self {
         let engine = Engine::new(&weights, Instructions::best());
-        Self { weights, engine }
+        Self { weights: Arc::new(weights), profile, engine }
     }
 }
 
 #[pymethods]
 impl TouchNetwork {
     #[new]
-    #[pyo3(signature = (weights = None))]
-    fn new(py: Python<'_>, weights: Option<PathBuf>) -> PyResult<Self> {
+    #[pyo3(signature = (weights = None, profile = "tacto"))]
+    fn new(py: Python<'_>, weights: Option<PathBuf>, profile: &str) -> PyResult<Self> {
         detached(py, || {
-            let weights = match weights {
-                Some(path) => Weights::read(&path).map_err(file)?,
-                None => Weights::shipped().map_err(general)?,
+            let profile = SensorProfile::load(profile).map_err(argument)?;
+            let weights = match weights.as_ref().or(profile.weights.as_ref()) {
+                Some(path) => Weights::read(path).map_err(file)?,
+                None => shipped_weights(&profile).map_err(Kind::Argument.of())?,
             };
-            Ok(Self::of(weights))
+            Ok(Self::of(weights, profile))
         })
     }
 
     /// Returns the network that runs use: it sees images of half the width and height, and takes a quarter of the time.
     #[staticmethod]
     fn of_runs(py: Python<'_>) -> PyResult<Self> {
-        detached(py, || Weights::shipped_half().map(Self::of).map_err(general))
+        detached(py, || {
+            let weights = Weights::shipped_half().map_err(general)?;
+            Ok(Self::of(weights, SensorProfile::tacto()))
+        })
     }
 
-    /// Predicts indentation, contact and plausibility of images, uint8 (N, 320, 240, 3), each by itself. `untouched`, uint8 (320, 240, 3), is
+    /// Predicts indentation, contact and plausibility of images, uint8 (N, height, width, 3), each by itself. `untouched`, uint8 (height, width, 3), is
     /// the image of the same sensor without contact; with it the prediction is better.
     #[pyo3(signature = (images, untouched = None))]
     fn predict(
@@ -82,16 +90,17 @@ impl TouchNetwork {
     ) -> PyResult<TouchPrediction> {
         /// Images between two looks for Ctrl-C: a fraction of a second.
         const AT_ONCE: usize = 32;
-        let seen = crate::arrays::images(images, "images", None, [HEIGHT, WIDTH])?;
-        let size = [Some(HEIGHT), Some(WIDTH)];
+        let [height, width] = self.profile.shape();
+        let size = [Some(height), Some(width)];
+        let seen = crate::arrays::images(images, "images", None, size)?;
         let untouched = untouched.map(|untouched| image(untouched, "untouched", size)).transpose()?;
-        let mut sensor = TouchSensor::new([1.0; 3]);
+        let mut sensor = TouchSensor::new(self.profile.size_px, self.profile.gains());
         if let Some(untouched) = &untouched {
             detached(py, || sensor.set_untouched(&self.engine, untouched).map_err(argument))?;
             warn(py, sensor.light().map(|light| light.to_string()).into_iter().collect())?;
         }
         let count = seen.len();
-        let (mut indentation, mut contact) = (Vec::with_capacity(count * HEIGHT * WIDTH), Vec::new());
+        let (mut indentation, mut contact) = (Vec::with_capacity(count * height * width), Vec::new());
         let mut plausibility = Vec::with_capacity(count);
         for part in seen.chunks(AT_ONCE) {
             let felt =
@@ -104,13 +113,13 @@ impl TouchNetwork {
                         contact.extend(press.contact);
                     }
                     None => {
-                        indentation.resize(indentation.len() + HEIGHT * WIDTH, 0.0);
-                        contact.resize(contact.len() + HEIGHT * WIDTH, false);
+                        indentation.resize(indentation.len() + height * width, 0.0);
+                        contact.resize(contact.len() + height * width, false);
                     }
                 }
             }
         }
-        let shape = [count, HEIGHT, WIDTH];
+        let shape = [count, height, width];
         Ok(TouchPrediction {
             indentation_mm: shaped(py, indentation, &shape).unbind(),
             contact: shaped(py, contact, &shape).unbind(),
@@ -137,7 +146,7 @@ pub fn render_touch(
     let pose: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| pose[[i, j]]));
     let config: TouchConfig = sensor.parse().map_err(argument)?;
     let background = match background {
-        Some(value) => Background::Image(image(value, "background", [Some(HEIGHT), Some(WIDTH)])?),
+        Some(value) => Background::Image(image(value, "background", SensorProfile::tacto().shape().map(Some))?),
         None => Background::Rendered,
     };
     let rendered = detached(py, || {

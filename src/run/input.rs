@@ -6,10 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::ChosenController;
-use mvt_hands::LoadedHand;
 use mvt_objects::object::Object;
-use mvt_perceive::PerceptionSetup;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::rig::Placement;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
@@ -19,7 +16,6 @@ use mvt_run::object::{default_object, load_object};
 use mvt_run::source::{LogSource, Source};
 use mvt_run::supervisor::Supervisor;
 use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
-use mvt_touch::network::Weights;
 
 use super::RunArguments;
 use crate::calibrate;
@@ -41,34 +37,19 @@ pub struct RunInput {
 }
 
 impl RunInput {
-    /// Prepares a simulated episode of a rig, or opens the log that the arguments name.
-    pub fn new(
-        arguments: &RunArguments,
-        rig: Option<LoadedHand>,
-        config: &RunConfig,
-        profile: &SensorProfile,
-        weights: Option<&Weights>,
-    ) -> Result<Self> {
-        match (&arguments.log, rig) {
-            (Some(log), _) => from_log(arguments, log, config, profile, weights),
-            (None, rig) => {
-                let rig = rig.map_or_else(|| arguments.manner.rig(), Ok)?;
-                simulated(arguments, &rig, config, profile, weights)
-            }
+    /// Prepares a simulated episode, or opens the log that the arguments name.
+    pub fn new(arguments: &RunArguments, config: &RunConfig) -> Result<Self> {
+        match &arguments.log {
+            Some(log) => from_log(arguments, log, config),
+            None => simulated(arguments, config),
         }
     }
 }
 
-fn from_log(
-    arguments: &RunArguments,
-    folder: &Path,
-    config: &RunConfig,
-    profile: &SensorProfile,
-    weights: Option<&Weights>,
-) -> Result<RunInput> {
-    let cameras = arguments.cameras.as_deref();
-    let setup = PerceptionSetup { profile, weights, config: config.perception() };
-    let mut source = LogSource::open(folder, cameras, arguments.modality, config.camera_noise, &setup)?;
+fn from_log(arguments: &RunArguments, folder: &Path, config: &RunConfig) -> Result<RunInput> {
+    let RunArguments { cameras, modality, touch, .. } = arguments;
+    let (noise, perception) = (config.camera_noise, config.perception());
+    let mut source = LogSource::open(folder, cameras.as_deref(), *modality, noise, touch, perception)?;
     let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
     let object = match load_object(&name) {
         Ok(object) => Some(object),
@@ -93,13 +74,10 @@ fn from_log(
     Ok(RunInput { seed, name, object, supervisor: None, cameras, source: Box::new(source) })
 }
 
-fn simulated(
-    arguments: &RunArguments,
-    rig: &LoadedHand,
-    config: &RunConfig,
-    profile: &SensorProfile,
-    weights: Option<&Weights>,
-) -> Result<RunInput> {
+fn simulated(arguments: &RunArguments, config: &RunConfig) -> Result<RunInput> {
+    let mut rig = arguments.manner.rig()?;
+    rig.hand = arguments.touch.equipped(&rig.hand)?;
+    let weights = arguments.touch.weights(&rig.hand)?.filter(|_| arguments.modality.has_touch());
     let cameras = arguments.cameras.as_deref().unwrap_or("side");
     // A goal to show a side needs a place around the hand.
     let placements = Placement::parse_list(cameras).unwrap_or_default();
@@ -121,7 +99,6 @@ fn simulated(
     )?;
     let settings = SimulatedSettings {
         hand: Arc::clone(&rig.hand),
-        touch: *profile,
         gait,
         schedule,
         seed,
@@ -134,7 +111,7 @@ fn simulated(
         fault: Fault::default(),
     };
     let cameras = if arguments.modality.has_vision() { settings.cameras.clone() } else { Vec::new() };
-    let mut source = Box::new(SimulatedSource::new(&object, settings, weights)?);
+    let mut source = Box::new(SimulatedSource::new(&object, settings, weights.as_ref())?);
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
     }

@@ -9,7 +9,7 @@ use mvt_feelsight::array::Array;
 use mvt_feelsight::npy;
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_render::touch::TouchFrame;
-use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_robot::digit::profile::SensorProfile;
 use rayon::prelude::*;
 use serde::Deserialize;
 
@@ -19,7 +19,7 @@ use mvt_run::{progress, settings};
 
 /// Render touch images of random presses, with depth and contact mask, for `touch evaluate`
 ///
-/// DIR receives four files for each image: ID_img.png, ID_depth_m.npy (32-bit floats, 320 x 240, metres along the
+/// DIR receives four files for each image: ID_img.png, ID_depth_m.npy (32-bit floats, rows x columns, metres along the
 /// camera's axis), ID_mask.png (white where the object touches the gel) and, if the untouched image of the sensor is
 /// known, ID_untouched.png.
 ///
@@ -34,6 +34,9 @@ pub struct TouchDataArguments {
     /// Number of images
     #[arg(long, value_name = "N", default_value_t = 200)]
     images: u32,
+    /// Touch sensor: tacto (a DIGIT), digit, gelsight_mini, or the path of a profile (.toml)
+    #[arg(long, value_name = "NAME", default_value = "tacto")]
+    profile: String,
     /// Seed of the presses, the sensors and the noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -63,6 +66,7 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
     };
     config.objects.check()?;
     config.validate().map_err(|error| error.within("data"))?;
+    let profile = SensorProfile::load(&arguments.profile)?;
     let out = &arguments.out;
     ensure!(arguments.images > 0, "--images 0: give at least 1");
     let claimed = ClaimedFolder::claim(out, "touch data", Earlier::Move, arguments.overwrite)?;
@@ -70,7 +74,7 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
         tracing::warn!("{} contained earlier images, which are now in {}", out.display(), moved.display());
     }
     let surfaces = objects::load(&objects::resolve(&arguments.objects))?;
-    let mut rack = Rack::new(&config, arguments.seed)?;
+    let mut rack = Rack::new(&config, &profile, arguments.seed)?;
     let sensors = rack.of_step(0)?;
     let bar = progress::bar(u64::from(arguments.images), "presses");
     (0..u64::from(arguments.images)).into_par_iter().try_for_each_init(TouchFrame::default, |frame, index| {
@@ -82,18 +86,19 @@ pub fn run(arguments: &TouchDataArguments) -> Result<()> {
     let images = arguments.images;
     print_line(&format!("{images} image{} in {}", if images == 1 { "" } else { "s" }, out.display()))?;
     print_line(&format!(
-        "next: score a network with `mambavitact touch evaluate --weights FILE --data {}`",
-        shell_word(&out.to_string_lossy())
+        "next: score a network with `mambavitact touch evaluate --weights FILE --data {}{}`",
+        shell_word(&out.to_string_lossy()),
+        if profile.is_tacto() { String::new() } else { format!(" --profile {}", shell_word(&arguments.profile)) }
     ))
 }
 
 /// Writes the files of an image. The image itself is the last: without it, `touch evaluate` passes over the others.
 fn write(folder: &Path, index: u64, example: &Example, frame: &TouchFrame) -> Result<()> {
     let put = |what: &str, bytes: &[u8]| write_file(folder, &format!("{index:05}_{what}"), bytes);
-    let depth_m = Array::from_f32(vec![HEIGHT, WIDTH], frame.depth_m().iter().copied());
+    let depth_m = Array::from_f32(example.size.to_vec(), frame.depth_m().iter().copied());
     put("depth_m.npy", &npy::to_bytes(&depth_m))?;
     let mask = example.contact.iter().map(|&contact| if contact > 0.5 { u8::MAX } else { 0 }).collect();
-    let mask: GrayImage = ImageBuffer::from_raw(WIDTH as u32, HEIGHT as u32, mask)
+    let mask: GrayImage = ImageBuffer::from_raw(example.size[1] as u32, example.size[0] as u32, mask)
         .context("the mask does not have the size of its image")?;
     put("mask.png", &png(&mask)?)?;
     if let Some(untouched) = example.untouched() {

@@ -12,7 +12,8 @@ use mvt_feelsight::npy;
 use mvt_files::input;
 use mvt_images::levels;
 use mvt_products::Instructions;
-use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::device::DeviceArguments;
 use mvt_run::io::{print_line, read_any_image};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
@@ -26,8 +27,8 @@ use crate::image_size::ImageSize;
 
 /// Score a touch network on images with known depth and contact
 ///
-/// DIR holds three files for each image, as `touch data` writes them: ID_img.png (RGB, 240 x 320), ID_depth_m.npy
-/// (32-bit floats, 320 x 240, metres along the camera's axis) and ID_mask.png (contact where it exceeds 127).
+/// DIR holds three files for each image, as `touch data` writes them: ID_img.png (RGB), ID_depth_m.npy (32-bit
+/// floats, rows x columns, metres along the camera's axis) and ID_mask.png (contact where it exceeds 127).
 ///
 /// The untouched image of the sensor is subtracted before the network sees an image. It is read from ID_untouched.png;
 /// where that file is missing, it is estimated from all images, provided that they show one sensor.
@@ -39,6 +40,9 @@ pub struct TouchEvaluateArguments {
     /// Folder of the images
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
+    /// Touch sensor of the images: tacto (a DIGIT), digit, gelsight_mini, or the path of a profile (.toml)
+    #[arg(long, value_name = "NAME", default_value = "tacto")]
+    profile: String,
     /// Leave out images whose indentation exceeds this anywhere, millimetres
     #[arg(long, value_name = "MM")]
     deepest_mm: Option<f32>,
@@ -84,6 +88,7 @@ struct Triple {
 /// Runs the command.
 pub fn run(arguments: &TouchEvaluateArguments) -> Result<()> {
     arguments.device.choose()?;
+    let gel = SensorProfile::load(&arguments.profile)?.gel_view();
     let engine = Engine::new(&Weights::read(&arguments.weights)?, Instructions::best());
     let ids = ids(&arguments.data)?;
     ensure!(
@@ -95,8 +100,8 @@ pub fn run(arguments: &TouchEvaluateArguments) -> Result<()> {
     let (mut accuracy, mut busy_s, mut prediction) = (Accuracy::default(), 0.0, Prediction::default());
     let mut untouched = Untouched::default();
     for id in &ids {
-        let mut triple = Triple::read(&arguments.data, id)?;
-        if arguments.deepest_mm.is_some_and(|most| triple.truth().any(|pixel| pixel.millimetres > most)) {
+        let mut triple = Triple::read(&arguments.data, id, &gel)?;
+        if arguments.deepest_mm.is_some_and(|most| triple.truth(&gel).any(|pixel| pixel.millimetres > most)) {
             continue;
         }
         let own = if arguments.no_subtraction { None } else { triple.untouched.take() };
@@ -117,7 +122,7 @@ pub fn run(arguments: &TouchEvaluateArguments) -> Result<()> {
             Some(size) => prediction = infer_at(&engine, &triple.image, size)?,
         }
         busy_s += started.elapsed().as_secs_f64();
-        accuracy.add(Pixel::all(&prediction).zip(triple.truth()));
+        accuracy.add(Pixel::all(&prediction).zip(triple.truth(&gel)));
     }
     let scores = accuracy.scores();
     ensure!(scores.images > 0, "every image exceeds --deepest-mm; give a larger depth");
@@ -202,7 +207,7 @@ fn colours(folder: &Path, id: &str, rest: &str) -> Result<RgbImage> {
 }
 
 impl Triple {
-    fn read(folder: &Path, id: &str) -> Result<Self> {
+    fn read(folder: &Path, id: &str, gel: &GelView) -> Result<Self> {
         let path = |rest: &str| path(folder, id, rest);
         let image = colours(folder, id, IMAGE)?;
         let mask = levels(open(folder, id, MASK)?).with_context(|| path(MASK).display().to_string())?;
@@ -219,10 +224,11 @@ impl Triple {
         let depth_size = (depth_m.ncols() as u32, depth_m.nrows() as u32);
         let mut sizes = vec![(image.dimensions(), IMAGE), (mask.dimensions(), MASK), (depth_size, "depth_m.npy")];
         sizes.extend(untouched.as_ref().map(|image| (image.dimensions(), UNTOUCHED)));
+        let (width, height) = (gel.camera().width, gel.camera().height);
         for ((columns, rows), name) in sizes {
             ensure!(
-                (columns, rows) == (WIDTH as u32, HEIGHT as u32),
-                "{} is {columns} x {rows} pixels; images of a DIGIT are {WIDTH} wide and {HEIGHT} high",
+                (columns, rows) == (width as u32, height as u32),
+                "{} is {columns} x {rows} pixels; images of this sensor are {width} wide and {height} high: give its --profile",
                 path(name).display()
             );
         }
@@ -231,9 +237,9 @@ impl Triple {
     }
 
     /// Returns the indentation of the gel and the contact of each pixel.
-    fn truth(&self) -> impl Iterator<Item = Pixel> {
-        self.depth_m.indexed_iter().zip(self.mask.iter()).map(|(((v, u), depth), level)| {
-            let gel_m = gel::point(&intrinsics(), u as f64, v as f64).coords().x;
+    fn truth(&self, gel: &GelView) -> impl Iterator<Item = Pixel> {
+        self.depth_m.indexed_iter().zip(self.mask.iter()).map(move |(((v, u), depth), level)| {
+            let gel_m = gel.surface().point(gel.camera(), u as f64, v as f64).coords().x;
             Pixel { millimetres: ((gel_m - f64::from(*depth)) * 1e3) as f32, contact: *level > 127 }
         })
     }

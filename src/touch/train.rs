@@ -16,7 +16,7 @@ use mvt_presses::objects::PressedSurface;
 use mvt_presses::{DataConfig, Example, PressSensor, Rack, example, objects, resized};
 use mvt_products::Instructions;
 use mvt_render::touch::TouchFrame;
-use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::{progress, settings};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
@@ -45,6 +45,10 @@ pub struct TouchTrainArguments {
     /// its preset; perception/touch/training/ has examples
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
+    /// Touch sensor: tacto (a DIGIT; `data.real` says how many look like real ones), digit, gelsight_mini, or the path of a
+    /// profile (.toml)
+    #[arg(long, value_name = "NAME", default_value = "tacto")]
+    profile: String,
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -117,11 +121,13 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     let Settings { network, data, training } = settings::read(&arguments.config)?;
     data.objects.check()?;
     data.validate().map_err(|error| error.within("data"))?;
-    let most = if training.resizes { [LARGEST_SIDE; 2] } else { [HEIGHT, WIDTH] };
+    let profile = SensorProfile::load(&arguments.profile)?;
+    let [rows, columns] = profile.shape();
+    let most = if training.resizes { [LARGEST_SIDE; 2] } else { [rows, columns] };
     let fits = |stage: &Stage| stage.size[0] <= most[0] && stage.size[1] <= most[1];
     ensure!(
         training.stages.iter().all(fits),
-        "training.stages: a size must be at most that of a DIGIT's image, [{HEIGHT}, {WIDTH}], or, with training.resizes = true, \
+        "training.stages: a size must be at most that of the sensor's images, [{rows}, {columns}], or, with training.resizes = true, \
          [{LARGEST_SIDE}, {LARGEST_SIDE}]"
     );
     let preset = Architecture::preset(&arguments.network)?;
@@ -151,12 +157,12 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     // Trainings of version 0.1.0 have no mark.
     let overwrite = arguments.resume || arguments.overwrite;
     let _claimed = ClaimedFolder::claim(&arguments.out, "touch train", earlier, overwrite)?;
-    let hash = data_hash(&data)?;
+    let hash = data_hash(&data, &profile)?;
     let surfaces = objects::load(&data.objects.train)?;
-    let watched = WatchedImages::new(&data.objects.validate, &data, &training, VALIDATION_SEED)?;
-    let seen = WatchedImages::new(&data.objects.train, &data, &training, TRAINING_SEED)?;
+    let watched = WatchedImages::new(&data.objects.validate, &data, &profile, &training, VALIDATION_SEED)?;
+    let seen = WatchedImages::new(&data.objects.train, &data, &profile, &training, TRAINING_SEED)?;
     let mut curve = Curve::open(&arguments.out, trainer.step())?;
-    let mut rack = Rack::new(&data, training.seed)?;
+    let mut rack = Rack::new(&data, &profile, training.seed)?;
 
     let bar = progress::bar(training.steps(), &format!("{} on the {device}", arguments.network));
     bar.set_position(trainer.step());
@@ -225,8 +231,11 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
 const IMAGES_VERSION: u32 = 3;
 
 /// Returns the SHA-256 of everything that decides which images a seed draws.
-fn data_hash(data: &DataConfig) -> Result<String> {
-    let description = serde_json::to_string(&(data, &data.objects.train, IMAGES_VERSION))?;
+fn data_hash(data: &DataConfig, profile: &SensorProfile) -> Result<String> {
+    let mut description = serde_json::to_string(&(data, &data.objects.train, IMAGES_VERSION))?;
+    if !profile.is_tacto() {
+        description += &serde_json::to_string(profile)?;
+    }
     Ok(Sha256::digest(description).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
@@ -271,12 +280,18 @@ struct WatchedImages {
 }
 
 impl WatchedImages {
-    fn new(objects: &[String], data: &DataConfig, training: &TrainingConfig, seed: u64) -> Result<Self> {
+    fn new(
+        objects: &[String],
+        data: &DataConfig,
+        profile: &SensorProfile,
+        training: &TrainingConfig,
+        seed: u64,
+    ) -> Result<Self> {
         // A single image of a far too deep press would outweigh all others.
         let data = &DataConfig { deep: 0.0, ..data.clone() };
         let surfaces = objects::load(objects)?;
         let seed = training.seed ^ seed;
-        let mut rack = Rack::new(data, seed)?;
+        let mut rack = Rack::new(data, profile, seed)?;
         let sensors = rack.of_step(0)?;
         let images = (0..training.validation_images as u64).into_par_iter();
         let images = images.map_init(TouchFrame::default, |frame, index| {

@@ -1,5 +1,6 @@
 //! `touch describe`, `touch data`, `touch evaluate`, `bench networks`, and runs with a touch network.
 
+use mvt_robot::digit::profile::SensorProfile;
 use std::path::Path;
 
 use serde_json::Value;
@@ -11,6 +12,11 @@ use crate::workplace::Workplace;
 fn weights() -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("perception/touch/tests/fixtures");
     folder.join("default.safetensors").display().to_string()
+}
+
+/// The point of a DIGIT's gel at a pixel.
+fn digit_point(u: f64, v: f64) -> mvt_frames::Point<mvt_frames::Gel> {
+    SensorProfile::tacto().gel_surface().point(&SensorProfile::tacto().intrinsics(), u, v)
 }
 
 #[test]
@@ -102,9 +108,7 @@ fn weights_are_scored_on_images_with_known_depth() {
     let workplace = Workplace::new();
     let folder = workplace.path("triples");
     std::fs::create_dir(&folder).unwrap();
-    let depth = ndarray::Array2::from_shape_fn((320, 240), |(v, u)| {
-        mvt_robot::digit::gel::point(&mvt_robot::digit::intrinsics(), u as f64, v as f64).coords().x as f32
-    });
+    let depth = ndarray::Array2::from_shape_fn((320, 240), |(v, u)| digit_point(u as f64, v as f64).coords().x as f32);
     let image = image::RgbImage::from_pixel(240, 320, image::Rgb([90, 100, 95]));
     let mask = image::GrayImage::from_fn(240, 320, |u, _| image::Luma([if u < 120 { 255 } else { 0 }]));
     image.save(folder.join("a_img.png")).unwrap();
@@ -149,10 +153,9 @@ fn presses_are_rendered_for_the_scoring_of_networks() {
             assert!(bytes("a", &file) == bytes("b", &file), "{file} differs");
         }
         let depth_m = npy::read_f32(&workplace.path(&format!("a/{id:05}_depth_m.npy")));
-        let indentation_mm = depth_m.indexed_iter().map(|((v, u), depth)| {
-            1e3 * (mvt_robot::digit::gel::point(&mvt_robot::digit::intrinsics(), u as f64, v as f64).coords().x
-                - f64::from(*depth))
-        });
+        let indentation_mm = depth_m
+            .indexed_iter()
+            .map(|((v, u), depth)| 1e3 * (digit_point(u as f64, v as f64).coords().x - f64::from(*depth)));
         let deepest = indentation_mm.fold(0.0, f64::max);
         assert!((0.4..1.6).contains(&deepest), "{deepest} mm");
     }

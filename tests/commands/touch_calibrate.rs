@@ -6,14 +6,13 @@ use mvt_render::rays::RayMesh;
 use mvt_render::touch::{
     Background, NoiseKey, TouchConfig, TouchFrame, TouchOptions, TouchRenderer, synthetic_background,
 };
-use mvt_robot::digit::gel;
 use mvt_robot::digit::profile::SensorProfile;
 
 use crate::workplace::Workplace;
 
 /// Writes images of a ball of 6 mm at twelve places of a sensor, and its untouched image.
 fn presses(workplace: &Workplace, profile: &SensorProfile) {
-    let background = Background::Image(synthetic_background(5));
+    let background = Background::Image(synthetic_background(profile.size_px, 5));
     let options = TouchOptions { background, ..TouchOptions::of_profile(profile, TouchConfig::Fork) };
     let renderer = TouchRenderer::new(&options).unwrap();
     let mut ball = catalogue::find("ball").unwrap().mesh_without_download().unwrap();
@@ -23,9 +22,10 @@ fn presses(workplace: &Workplace, profile: &SensorProfile) {
     std::fs::create_dir(workplace.path("balls")).unwrap();
     renderer.empty().save(workplace.path("balls/untouched.png")).unwrap();
     for k in 0..12_u32 {
-        let place = gel::point(&options.camera, f64::from(60 + 60 * (k % 3)), f64::from(70 + 60 * (k / 3))).coords();
+        let place =
+            options.gel.point(&options.camera, f64::from(60 + 60 * (k % 3)), f64::from(70 + 60 * (k / 3))).coords();
         // The ball's middle lies on the gel's normal, 0.5 mm deeper than it touches.
-        let out = gel::normal(mvt_frames::Point::new(place.x, place.y, place.z)).coords();
+        let out = options.gel.normal(mvt_frames::Point::new(place.x, place.y, place.z)).coords();
         let middle = place - out * (0.003 - 0.0005);
         let pose = Isometry::translation(middle.x, middle.y, middle.z);
         renderer.render(&ball, pose, Some(NoiseKey { seed: 1, pad: 0, frame: k }), &mut frame);

@@ -9,8 +9,9 @@ use mvt_objects::object::Object;
 use mvt_physics::episode::Randomisation;
 use mvt_render::camera::Renderer;
 use mvt_render::observer::{Observer, ObserverOptions};
-use mvt_render::touch::{Background, TouchConfig, TouchOptions};
-use mvt_robot::hand::{Hand, Side};
+use mvt_render::touch::{TouchConfig, TouchOptions};
+use mvt_robot::digit::gel::GelView;
+use mvt_robot::hand::{Hand, PerPad, Side};
 use mvt_robot::rig::PLACEMENTS;
 
 use crate::error::TaskError;
@@ -54,6 +55,8 @@ pub struct Scene {
     /// Gait that suits the object: it sets gravity, torque limit and start.
     pub(crate) gait: &'static Gait,
     pub(crate) settings: TurnSettings,
+    /// The undeformed gels of the touch sensors.
+    pub(crate) gels: PerPad<GelView>,
     /// `None` if no image is observed.
     pub(crate) observer: Option<Observer>,
     /// Renderer of pictures for people, made on first use.
@@ -76,18 +79,20 @@ impl Scene {
         check(!senses.is_empty(), "observe at least one thing")?;
         let distinct = senses.iter().enumerate().all(|(k, sense)| !senses.iter().take(k).any(|other| other == sense));
         check(distinct, "each observation may be named once")?;
+        let sizes = || hand.pads().iter().map(|pad| pad.profile.size_px);
+        let is_touch = |sense: &Sense| matches!(sense, Sense::TouchDepth | Sense::TouchImages);
+        check(
+            !senses.iter().any(is_touch) || sizes().all(|size| sizes().next() == Some(size)),
+            "touch_depth and touch_images need touch sensors whose images have one size; choose a rig with one profile for all pads",
+        )?;
         let has_cameras = senses.iter().any(|sense| sense.needs_cameras());
         check(!has_cameras || !cameras.is_empty(), "the observations cameras and estimate need at least one camera")?;
         let (_, gait) = gait::choose("auto", &object, hand)?;
         let observer = senses.iter().any(|sense| sense.needs_images()).then(|| {
-            let touch = |pad: usize| TouchOptions {
-                background: Background::Synthetic { seed: pad as u64 },
-                ..TouchOptions::new(TouchConfig::Fork)
-            };
             let options = ObserverOptions {
                 hand: Arc::clone(hand),
                 cameras: if has_cameras { cameras.clone() } else { Vec::new() },
-                touch: hand.per_pad(touch),
+                touch: TouchOptions::of_hand(hand, TouchConfig::Fork, None),
                 touch_noise: true,
                 camera_depth_noise: Some(mvt_run::config::RunConfig::default().camera_noise),
                 seed: 0,
@@ -95,7 +100,8 @@ impl Scene {
             Observer::new(&object, options)
         });
         let observer = observer.transpose()?;
-        Ok(Self { object, gait, settings, observer, renderer: OnceLock::new() })
+        let gels = hand.gel_views();
+        Ok(Self { object, gait, gels, settings, observer, renderer: OnceLock::new() })
     }
 
     /// Returns the settings.

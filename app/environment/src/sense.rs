@@ -3,7 +3,6 @@
 use std::str::FromStr;
 
 use mvt_frames::camera::PosedCamera;
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_robot::hand::Hand;
 
 use crate::error::TaskError;
@@ -18,7 +17,7 @@ pub(crate) const PRIVILEGED: usize = 21;
 const LARGEST: f32 = 100.0;
 /// Bound of a position, metres: the hand is smaller.
 const FARTHEST_M: f32 = 1.0;
-/// Greatest indentation, millimetres: the distance from gel to camera.
+/// Greatest indentation, millimetres: the distance from a DIGIT's gel to its camera.
 const DEEPEST_MM: f32 = 22.0;
 
 /// A quantity that a policy may observe.
@@ -27,9 +26,9 @@ const DEEPEST_MM: f32 = 22.0;
 pub enum Sense {
     /// Joint angles and targets of the last three instants, the latest first, from -1 to 1 over each joint's range.
     Proprioception,
-    /// True indentation of each DIGIT, millimetres: 4 x 320 x 240.
+    /// True indentation of each touch sensor, millimetres: pads x height x width.
     TouchDepth,
-    /// Image of each DIGIT: 4 x 320 x 240 x 3.
+    /// Image of each touch sensor: pads x height x width x 3.
     TouchImages,
     /// Colours of each camera: cameras x height x width x 3.
     Cameras,
@@ -85,10 +84,12 @@ impl Sense {
     }
 
     pub(crate) fn shape(self, hand: &Hand, cameras: &[PosedCamera]) -> Vec<usize> {
+        // All touch sensors have the same size.
+        let [rows, columns] = hand.pads().first().map_or([0, 0], |pad| pad.profile.shape());
         match self {
             Self::Proprioception => vec![HISTORY * 2 * hand.joints().len()],
-            Self::TouchDepth => vec![hand.pads().len(), HEIGHT, WIDTH],
-            Self::TouchImages => vec![hand.pads().len(), HEIGHT, WIDTH, 3],
+            Self::TouchDepth => vec![hand.pads().len(), rows, columns],
+            Self::TouchImages => vec![hand.pads().len(), rows, columns, 3],
             // All cameras have the same size.
             Self::Cameras => {
                 let (height, width) = cameras.first().map_or((0, 0), |c| (c.intrinsics.height, c.intrinsics.width));

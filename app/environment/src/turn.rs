@@ -9,7 +9,6 @@ use mvt_physics::episode::{End, Episode, EpisodeConfig};
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::observer::ObserverScratch;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::JointAngles;
 use mvt_robot::observation::{GroundTruth, Observation};
 use mvt_robot::rig::PLACEMENTS;
@@ -57,8 +56,7 @@ impl Environment {
         let joints = episode.start().joints.clone();
         let slam = match settings.senses.contains(&Sense::Estimate) {
             true => {
-                let profile = SensorProfile::tacto();
-                let setup = PerceptionSetup { profile: &profile, weights: None, config: PerceptionConfig::default() };
+                let setup = PerceptionSetup { weights: None, config: PerceptionConfig::default() };
                 let perception = Perception::new(Arc::clone(&settings.hand), settings.cameras.clone(), &setup);
                 Some(Box::new((perception, Estimator::new(&SlamConfig::default(), &settings.hand, seed)?)))
             }
@@ -123,8 +121,8 @@ impl Environment {
                 (Sense::Privileged, _) => part.write(sense, self.privileged()),
                 (Sense::Estimate, _) => part.write(sense, self.estimate_numbers()),
                 (Sense::TouchDepth, Some((_, truth))) => {
-                    let gel_m = GelView::tacto().depth_m();
-                    let depths = truth.touch.iter().flat_map(|touch| gel_m.iter().zip(&touch.depth_m));
+                    let touch = truth.touch.iter().zip(scene.gels.iter().map(GelView::depth_m));
+                    let depths = touch.flat_map(|(touch, gel_m)| gel_m.iter().zip(&touch.depth_m));
                     part.write(sense, depths.map(|(gel, depth)| (gel - depth) * 1e3));
                 }
                 (Sense::TouchImages, Some((observation, _))) => {
@@ -158,12 +156,12 @@ impl Environment {
     /// Takes an observation into the estimator. Its touch sensors measure the true indentation.
     fn estimate(&mut self, observation: Observation, truth: &GroundTruth) -> Result<(), TaskError> {
         let Some((perception, estimator)) = self.slam.as_deref_mut() else { return Ok(()) };
-        let gel = perception.gel();
-        let presses = truth.touch.map(|truth| true_press(truth, gel));
+        let touched = truth.touch.iter().zip(self.scene.gels.iter());
+        let presses = touched.map(|(truth, gel)| true_press(truth, gel)).collect();
         let seen = perception.see(u64::from(self.steps), observation, Some(presses))?;
         self.warnings.extend(seen.warnings);
         let hand = &self.scene.settings().hand;
-        self.estimate = Some(estimator.observe(hand, &seen.percept, perception.gel(), Modality::Vitac));
+        self.estimate = Some(estimator.observe(hand, &seen.percept, perception.gels(), Modality::Vitac));
         Ok(())
     }
 

@@ -39,8 +39,7 @@ use mvt_hands::LoadedHand;
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
-use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
+use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, PerPad, Side};
 use mvt_touch::network::Weights;
 use serde::{Deserialize, Serialize};
 
@@ -261,10 +260,8 @@ struct Episode<'a> {
     object: &'a Object,
     seed: u64,
     cameras: &'a str,
-    /// Weights of the touch network; without them the true indentation is used.
-    weights: Option<&'a Weights>,
-    /// The touch sensors.
-    touch: SensorProfile,
+    /// Weights of the touch networks, by pad; without them the true indentation is used.
+    weights: Option<&'a PerPad<Arc<Weights>>>,
     controller: &'a ChosenController,
     rig: &'a LoadedHand,
 }
@@ -283,10 +280,10 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     // Everything is checked before anything is simulated.
     arguments.device.choose()?;
     let variants = variants(arguments)?;
-    let rig = LoadedHand::rig(&arguments.rig, None)?;
+    let mut rig = LoadedHand::rig(&arguments.rig, None)?;
     rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-    let touch = arguments.touch.profile(&rig.profiles)?;
-    let weights = arguments.touch.weights(&touch)?;
+    rig.hand = arguments.touch.equipped(&rig.hand)?;
+    let weights = arguments.touch.weights(&rig.hand)?;
     for cameras in &arguments.cameras {
         rig.placed(cameras)?;
     }
@@ -314,7 +311,6 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
             seed,
             cameras,
             weights: weights.as_ref(),
-            touch,
             controller,
             rig: &rig,
         })
@@ -410,9 +406,6 @@ fn key(
     config: &RunConfig,
 ) -> Key {
     let mut settings = serde_json::json!([config, duration_s, env!("CARGO_PKG_VERSION")]).to_string();
-    if episode.touch != SensorProfile::tacto() {
-        settings += &serde_json::json!(episode.touch).to_string();
-    }
     let ChosenController { gait, schedule, .. } = episode.controller;
     if !schedule.is_empty()
         || !gait::choose("auto", episode.object, &episode.rig.hand).is_ok_and(|(_, suited)| suited == gait)
@@ -423,7 +416,9 @@ fn key(
     if episode.rig.hand != Hand::allegro(Side::Left) {
         settings += &serde_json::json!(episode.rig.hand.description()).to_string();
     }
-    if let Some(weights) = episode.weights {
+    let weights = episode.weights.map_or(&[][..], |weights| weights);
+    let is_new = |pad: usize| !weights[..pad].iter().any(|earlier| Arc::ptr_eq(earlier, &weights[pad]));
+    for weights in (0..weights.len()).filter(|&pad| is_new(pad)).map(|pad| &weights[pad]) {
         settings += &serde_json::json!([weights.architecture(), weights.provenance()]).to_string();
     }
     Key {
@@ -442,7 +437,6 @@ fn key(
 fn simulated(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: Fault) -> Result<SimulatedSource> {
     let settings = SimulatedSettings {
         hand: Arc::clone(&episode.rig.hand),
-        touch: episode.touch,
         gait: episode.controller.gait.clone(),
         schedule: episode.controller.schedule.clone(),
         seed: episode.seed,

@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, bail};
 use mvt_gaits::controller_file;
 use mvt_hands::LoadedHand;
-use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::Side;
+use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
 use mvt_run::object::load_object;
@@ -70,7 +69,7 @@ impl SingleRun {
             bail!("duration = {}: {reason}", self.duration);
         }
         if let Some(path) = &self.weights {
-            TouchArguments::new(self.touch_depth, Some(path.clone())).weights(&SensorProfile::tacto())?;
+            TouchArguments::new(self.touch_depth, Some(path.clone())).weights(&Hand::allegro(Side::Left))?;
         }
         self.config().map(drop)
     }
@@ -83,8 +82,7 @@ impl SingleRun {
         let config = self.config()?;
         let object = load_object(&self.object)?;
         let rig = LoadedHand::allegro(Side::Left);
-        let touch = SensorProfile::tacto();
-        let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights(&touch)?;
+        let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights(&rig.hand)?;
         let controller = controller_file::choose("auto", &object, &rig.hand)?;
         let episode = Episode {
             name: &self.object,
@@ -92,7 +90,6 @@ impl SingleRun {
             seed: self.seed,
             cameras: &self.cameras,
             weights: weights.as_ref(),
-            touch,
             controller: &controller,
             rig: &rig,
         };

@@ -11,7 +11,6 @@ use mvt_feelsight::{Log, LogFrame};
 use mvt_files::output::PartialFile;
 use mvt_frames::{Isometry, Object, World};
 use mvt_recording::Recording;
-use mvt_robot::digit;
 use mvt_robot::hand::Hand;
 use mvt_robot::ndarray::Array2;
 use serde_json::{Value, json};
@@ -101,8 +100,8 @@ struct Layout {
     has_estimates: bool,
     /// Name, height and width of each camera, and whether it has colours.
     cameras: Vec<(String, usize, usize, bool)>,
-    /// Names of the pads whose sensors have images.
-    touch: Vec<String>,
+    /// Names of the pads whose sensors have images, with rows and columns.
+    touch: Vec<(String, [usize; 2])>,
 }
 
 impl Layout {
@@ -115,7 +114,7 @@ impl Layout {
         };
         let touch = |log: &Log| {
             let felt = log.hand().pads().iter().enumerate().filter(|(k, _)| log.has_touch_images(*k));
-            felt.map(|(_, pad)| pad.name.clone()).collect::<Vec<_>>()
+            felt.map(|(_, pad)| (pad.name.clone(), pad.profile.shape())).collect::<Vec<_>>()
         };
         // The hands of the logs may be a left and a right one.
         let joints = |log: &Log| log.hand().joints().iter().map(|joint| joint.name.clone()).collect::<Vec<_>>();
@@ -165,8 +164,8 @@ impl Layout {
             let depth = json!({"is_depth_map": true, "depth_unit": DEPTH_STEP_M});
             features.push(image(format!("observation.images.{name}_depth"), *height, *width, 1, depth));
         }
-        for pad in &self.touch {
-            features.push(image(extras::touch_column(pad), digit::HEIGHT, digit::WIDTH, 3, Value::Null));
+        for (pad, [rows, columns]) in &self.touch {
+            features.push(image(extras::touch_column(pad), *rows, *columns, 3, Value::Null));
         }
         let joints: Vec<&str> = self.hand.joints().iter().map(|joint| joint.name.as_str()).collect();
         features.push(numbers("observation.state", "float32", joints.len(), json!(joints)));

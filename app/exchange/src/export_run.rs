@@ -212,12 +212,11 @@ impl RunChannels {
                 });
             messages.push((channels.points, point_cloud(stamp, frame, coloured)));
         }
-        let gel = about.touch_gel();
         for ((pad, [image, depth]), felt) in about.hand.pads().iter().zip(&self.touch).zip(&images.touch) {
             let Some(felt) = felt else { continue };
             let frame = touch_frame(pad);
             messages.extend(picture(stamp, &frame, &felt.image).map(|message| (*image, message)));
-            if let Some(depth_m) = gel.depth_of(&felt.indentation_mm) {
+            if let Some(depth_m) = pad.profile.gel_view().depth_of(&felt.indentation_mm) {
                 let pixels: Vec<f32> = depth_m.iter().copied().collect();
                 messages.push((*depth, raw_image(stamp, &frame, depth_m.ncols(), &pixels)));
             }

@@ -79,6 +79,11 @@ fn mapping(log: &Log, has_poses: bool) -> String {
         let key = if is_bare { pad.name.clone() } else { quoted(&pad.name) };
         let image = quoted(&touch_column(&pad.name));
         let _ = write!(text, "\n[touch.{key}]\nimage = {image}\n");
+        if !pad.profile.is_tacto() {
+            // A profile has no value that TOML cannot express.
+            let profile = toml::Value::try_from(&pad.profile).map(|profile| profile.to_string()).unwrap_or_default();
+            let _ = writeln!(text, "profile = {profile}");
+        }
     }
     text
 }

@@ -18,7 +18,7 @@ use crate::import_mcap::{Imported, ImportedChannel, distance_m, in_world};
 use crate::joints::{Readings, beyond_range};
 use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::Picture;
-use crate::pictures::{depth_of, file_of};
+use crate::pictures::{depth_of, file_of, touch_size};
 use crate::plausibility::DepthCheck;
 use crate::record::{RECORD_FILE, agrees, put};
 use crate::skips::Skips;
@@ -89,7 +89,7 @@ impl DataSet {
         let (cameras, sizes): (Vec<_>, Vec<_>) = cameras(mapping)?.into_iter().unzip();
         let distances: Vec<f64> =
             cameras.iter().map(|camera| distance_m(&camera.camera, &mapping.hand.hand())).collect();
-        let hand = mapping.hand.hand();
+        let hand = mapping.hand();
         let mut writer = LogAssembler::create(out, Arc::clone(&hand), cameras)?;
         let mut exact = exact_depths(extras, sizes.len())?;
         let mut log = Rows { checks: sizes.iter().map(|_| DepthCheck::default()).collect(), notes, ..Rows::default() };
@@ -219,7 +219,7 @@ impl DataSet {
         images: &Columns<'_>,
     ) -> Result<Imported, Defect> {
         let Rows { times_s, joints: Readings { rows: joints, .. }, poses, skips, mut notes, .. } = log;
-        let (frames, hand) = (joints.len(), mapping.hand.hand());
+        let (frames, hand) = (joints.len(), mapping.hand());
         let read = |name: &str| mvt_files::input::read(&extras?.join(name), LARGEST).ok();
         let scene: Option<SceneFile> = read(SCENE_FILE).and_then(|bytes| serde_json::from_slice(&bytes).ok());
         // Damage may have changed it.
@@ -340,12 +340,12 @@ impl Rows {
                 Ok(depth_m.err())
             }
             Kind::File(image) => {
-                let (turn, (_, camera)) = match image {
-                    LogImage::Touch(pad) => (mapping.touch(pad), Default::default()),
-                    LogImage::Colours(k) | LogImage::Labels(k) => (None, of_camera(k)),
-                    _ => (None, Default::default()),
+                let (turn, size) = match image {
+                    LogImage::Touch(pad) => (mapping.touch(pad), touch_size(writer.hand(), pad)),
+                    LogImage::TouchDepth(pad) | LogImage::Contact(pad) => (None, touch_size(writer.hand(), pad)),
+                    LogImage::Colours(k) | LogImage::Labels(k) => (None, of_camera(k).1),
                 };
-                match file_of(picture, image, turn, camera) {
+                match file_of(picture, image, turn, size) {
                     Ok(file) => {
                         writer.image(image, frame, &file, Path::new(column))?;
                         Ok(None)

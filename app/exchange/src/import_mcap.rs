@@ -19,7 +19,7 @@ use crate::foxglove::optical;
 use crate::joints::beyond_range;
 use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::{Decoded, decode};
-use crate::pictures::{depth_of, file_of};
+use crate::pictures::{depth_of, file_of, touch_size};
 use crate::plausibility::DepthCheck;
 use crate::reader::{Record, scan};
 use crate::record::{agrees, put};
@@ -110,7 +110,7 @@ fn import(
     let scene = scene(&survey, &mapping)?;
     let cameras = cameras(&mapping, &survey, &mut plan.notes)?;
     let distances: Vec<f64> = cameras.iter().map(|camera| distance_m(&camera.camera, &mapping.hand.hand())).collect();
-    let hand = scene.as_ref().map_or_else(|| mapping.hand.hand(), |scene| Arc::clone(&scene.hand));
+    let hand = scene.as_ref().map_or_else(|| mapping.hand(), |scene| Arc::clone(&scene.hand));
     let mut writer = LogAssembler::create(out, hand, cameras)?;
     let mut images = Images::new(&mapping, &survey, &plan);
     images.write(source, &mut writer, progress)?;
@@ -549,11 +549,13 @@ impl<'a> Images<'a> {
                     LogImage::Touch(pad) => self.mapping.touch(pad),
                     _ => None,
                 };
-                let camera = match image {
+                let size = match image {
                     LogImage::Colours(k) | LogImage::Labels(k) => size(k),
-                    _ => Default::default(),
+                    LogImage::Touch(pad) | LogImage::TouchDepth(pad) | LogImage::Contact(pad) => {
+                        touch_size(writer.hand(), pad)
+                    }
                 };
-                match file_of(&picture, image, turn, camera) {
+                match file_of(&picture, image, turn, size) {
                     Ok(file) => {
                         writer.image(image, frame, &file, Path::new(&used.topic))?;
                         None

@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::hand::{Hand, Side};
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::hand::{Hand, Side, TouchPad};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::Deserialize;
 
@@ -161,9 +162,19 @@ pub(crate) struct TouchMapping {
     /// Whether red and blue are exchanged.
     #[serde(default)]
     pub bgr: bool,
+    /// The sensor, by the keys of a profile's file; by default TACTO's DIGIT.
+    #[serde(default)]
+    pub profile: SensorProfile,
 }
 
 impl Mapping {
+    /// Returns the hand with the touch sensors of the mapping.
+    pub fn hand(&self) -> Arc<Hand> {
+        let sensor =
+            |pad: &TouchPad| self.touch.get(&pad.name).map_or_else(SensorProfile::tacto, |of| of.profile.clone());
+        self.hand.hand().with_profiles(sensor)
+    }
+
     /// Returns the touch sensor of a pad.
     pub fn touch(&self, pad: usize) -> Option<&TouchMapping> {
         self.touch.get(&self.hand.hand().pads().get(pad)?.name)
@@ -195,6 +206,9 @@ impl Mapping {
         }
         if let Some((_, twice)) = names.iter().enumerate().find(|&(k, name)| names.iter().take(k).any(|n| n == name)) {
             return Err(format!("hand.names has {twice:?} twice"));
+        }
+        for (name, TouchMapping { profile, .. }) in &mapping.touch {
+            profile.validate().map_err(|error| format!("touch.{name}.profile: {error}"))?;
         }
         for CameraMapping { name, depth_unit_m, intrinsics, pose, .. } in &mapping.cameras {
             if !(1e-7..=1.0).contains(depth_unit_m) {

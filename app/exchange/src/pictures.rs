@@ -7,7 +7,7 @@ use mvt_feelsight::LogImage;
 use mvt_images::image::imageops::{FilterType, resize, rotate90, rotate180, rotate270};
 use mvt_images::image::{DynamicImage, GrayImage, ImageFormat, RgbImage};
 use mvt_images::{colours, decode, levels};
-use mvt_robot::digit;
+use mvt_robot::hand::Hand;
 
 use crate::mapping::TouchMapping;
 use crate::messages::Picture;
@@ -15,23 +15,23 @@ use crate::messages::Picture;
 const PNG: &[u8] = b"\x89PNG";
 /// Greatest number of pixels of an image.
 const MAX_PIXELS: u64 = 4096 * 4096;
-/// Width and height of a touch image of a log.
-const TOUCH: (u32, u32) = (digit::WIDTH as u32, digit::HEIGHT as u32);
 
-/// Returns an image as a JPEG or PNG file. A JPEG or PNG file that lies as a log's images do is returned to the byte. `camera` is the size of
-/// the camera's images.
+/// Returns width and height of the images of a touch sensor, pixels. A pad that does not exist has none.
+pub(crate) fn touch_size(hand: &Hand, pad: usize) -> (usize, usize) {
+    hand.pads().get(pad).map_or((0, 0), |pad| pad.profile.size_px.into())
+}
+
+/// Returns an image as a JPEG or PNG file. A JPEG or PNG file that lies as a log's images do is returned to the byte. `size` is the width and
+/// height of the sensor's images.
 pub(crate) fn file_of<'a>(
     picture: &Picture<'a>,
     image: LogImage,
     touch: Option<&TouchMapping>,
-    camera: (usize, usize),
+    size: (usize, usize),
 ) -> Result<Cow<'a, [u8]>, String> {
     let turned = touch.filter(|touch| touch.quarter_turns % 4 != 0 || touch.bgr);
-    let expected = match image {
-        LogImage::Touch(_) => None,
-        LogImage::TouchDepth(_) | LogImage::Contact(_) => Some(TOUCH),
-        LogImage::Colours(_) | LogImage::Labels(_) => Some((camera.0 as u32, camera.1 as u32)),
-    };
+    let size = (size.0 as u32, size.1 as u32);
+    let expected = (!matches!(image, LogImage::Touch(_))).then_some(size);
     let mut decoded = match picture.encoding {
         None => decode(picture.data, None).map_err(|error| error.to_string())?,
         Some(_) => raw(picture)?,
@@ -43,13 +43,13 @@ pub(crate) fn file_of<'a>(
     }
     match image {
         LogImage::Touch(_) => {
-            let upright_already = turned.is_none() && found == TOUCH;
+            let upright_already = turned.is_none() && found == size;
             // The three colours of a touch sensor show the slopes of its gel.
             let image = colours(decoded).map_err(|error| error.to_string())?;
             if upright_already && picture.encoding.is_none() {
                 return Ok(Cow::Borrowed(picture.data));
             }
-            decoded = DynamicImage::ImageRgb8(upright(image, turned)?);
+            decoded = DynamicImage::ImageRgb8(upright(image, turned, size)?);
         }
         LogImage::Colours(_) if picture.encoding.is_none() => return Ok(Cow::Borrowed(picture.data)),
         LogImage::Colours(_) => {}
@@ -65,8 +65,8 @@ pub(crate) fn file_of<'a>(
     Ok(Cow::Owned(file.into_inner()))
 }
 
-/// Turns an image of a touch sensor upright, in its size.
-fn upright(mut image: RgbImage, touch: Option<&TouchMapping>) -> Result<RgbImage, String> {
+/// Turns an image of a touch sensor upright, in the size of its images.
+fn upright(mut image: RgbImage, touch: Option<&TouchMapping>, size: (u32, u32)) -> Result<RgbImage, String> {
     image = match touch.map_or(0, |touch| touch.quarter_turns % 4) {
         1 => rotate90(&image),
         2 => rotate180(&image),
@@ -77,12 +77,13 @@ fn upright(mut image: RgbImage, touch: Option<&TouchMapping>) -> Result<RgbImage
         image.pixels_mut().for_each(|pixel| pixel.0.swap(0, 2));
     }
     let (width, height) = image.dimensions();
-    if width > height {
+    if (size.0 < size.1 && width > height) || (size.0 > size.1 && width < height) {
         return Err(format!(
-            "the image is {width} x {height}, and a touch sensor's is taller than wide; give quarter_turns = 1 or 3 in the mapping"
+            "the image is {width} x {height}, and the touch sensor's is {} x {}; give quarter_turns = 1 or 3 in the mapping",
+            size.0, size.1
         ));
     }
-    Ok(if (width, height) == TOUCH { image } else { resize(&image, TOUCH.0, TOUCH.1, FilterType::Triangle) })
+    Ok(if (width, height) == size { image } else { resize(&image, size.0, size.1, FilterType::Triangle) })
 }
 
 /// Returns the rows of an image without their padding, with `bytes` a pixel.
@@ -303,14 +304,14 @@ mod tests {
         assert_eq!(image.as_raw(), &[30, 20, 10, 60, 50, 40]);
         let lying = RgbImage::from_fn(320, 240, |x, _| [if x < 160 { 200 } else { 0 }, 0, 50].into());
         let sent = picture("rgb8", 320, 240, 960, lying.as_raw());
-        let refused = file_of(&sent, LogImage::Touch(2), None, (1, 1)).unwrap_err();
+        let refused = file_of(&sent, LogImage::Touch(2), None, (240, 320)).unwrap_err();
         assert!(refused.contains("quarter_turns"), "{refused}");
         let turned = TouchMapping { quarter_turns: 1, bgr: true, ..TouchMapping::default() };
-        let file = file_of(&sent, LogImage::Touch(2), Some(&turned), (1, 1)).unwrap();
+        let file = file_of(&sent, LogImage::Touch(2), Some(&turned), (240, 320)).unwrap();
         let image = decode(&file, None).unwrap().into_rgb8();
         assert_eq!((image.dimensions(), image.get_pixel(5, 5).0), ((240, 320), [50, 0, 200]));
         // A file that lies as it should is kept to the byte.
         let again = Picture { data: &file, ..Picture::default() };
-        assert!(matches!(file_of(&again, LogImage::Touch(2), None, (1, 1)).unwrap(), Cow::Borrowed(_)));
+        assert!(matches!(file_of(&again, LogImage::Touch(2), None, (240, 320)).unwrap(), Cow::Borrowed(_)));
     }
 }

@@ -12,8 +12,7 @@ use mvt_feelsight::{Log, TouchPart};
 use mvt_frames::Isometry;
 use mvt_frames::camera::PosedCamera;
 use mvt_mesh::Mesh;
-use mvt_robot::digit::FOV_Y_DEG;
-use mvt_robot::digit::gel::{BULGE_M, GelView};
+use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::PerPad;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::observation::TouchTruth;
@@ -28,6 +27,7 @@ use super::{About, CameraImages, FrameImages, RecordedMoment, RecordingError, To
 /// other images are read on request.
 pub struct LogImages {
     log: Log,
+    gels: Arc<PerPad<GelView>>,
     strides: Vec<usize>,
     background: Arc<Background>,
     /// Number of frames whose contacts were added to the moments.
@@ -88,8 +88,6 @@ impl LogImages {
             mode: None,
             modality: Modality::Vitac,
             hand: Arc::clone(log.hand()),
-            touch_fov_y_deg: FOV_Y_DEG,
-            touch_bulge_mm: 1e3 * BULGE_M,
             cameras: log
                 .cameras()
                 .iter()
@@ -121,7 +119,8 @@ impl LogImages {
         };
         let moments = (0..log.len()).map(moment).collect();
         let background = Arc::new(Background::default());
-        let (others, thinning) = (Arc::clone(&background), strides.clone());
+        let gels = Arc::new(log.hand().gel_views());
+        let (others, others_gels, thinning) = (Arc::clone(&background), Arc::clone(&gels), strides.clone());
         // A second reader, because the first one serves images.
         let frames =
             Log::open_tolerant(folder)?.into_partial_frames(&(0..strides.len()).collect::<Vec<_>>(), TouchPart::Truth);
@@ -135,17 +134,16 @@ impl LogImages {
                     images::pack_depth(&depth_m.mapv(|z| if z.is_finite() { z } else { 0.0 })).ok()
                 });
                 let depths = depths.collect();
-                let touching = |truth: Option<TouchTruth>| {
-                    let gel = GelView::tacto();
-                    Touching::of(&true_press(&truth?, gel)?, gel, None)
-                };
-                let read = Read { depths, touching: frame.touch_truth.into_iter().map(touching).collect() };
+                let touching =
+                    |(truth, gel): (Option<TouchTruth>, &GelView)| Touching::of(&true_press(&truth?, gel)?, gel, None);
+                let touched = frame.touch_truth.into_iter().zip(others_gels.iter());
+                let read = Read { depths, touching: touched.map(touching).collect() };
                 others.frames().push(read);
             }
             others.is_complete.store(true, Ordering::Relaxed);
         });
         Ok((
-            Self { log, strides, background, with_contacts: 0 },
+            Self { log, gels, strides, background, with_contacts: 0 },
             about,
             moments,
             object.map(|object| object.mesh),
@@ -205,7 +203,7 @@ impl LogImages {
             if image.is_none() && truth.is_none() {
                 return None;
             }
-            let press = truth.and_then(|truth| true_press(&truth, GelView::tacto()));
+            let press = truth.zip(self.gels.get(pad)).and_then(|(truth, gel)| true_press(&truth, gel));
             let (indentation_mm, contact) =
                 press.map_or_else(Default::default, |press| (press.indentation_mm, press.contact));
             Some(TouchImages { image: image.unwrap_or_default(), indentation_mm, contact, true_indentation_mm: None })

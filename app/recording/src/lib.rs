@@ -32,8 +32,6 @@
 //!     mode: Some(Mode::Slam),
 //!     modality: Modality::Vitac,
 //!     hand: Hand::allegro(Side::Left),
-//!     touch_fov_y_deg: 60.0,
-//!     touch_bulge_mm: 5.0,
 //!     cameras: vec![],
 //!     frames: 2,
 //!     process: std::process::id(),
@@ -104,12 +102,8 @@ pub struct About {
     pub mode: Option<Mode>,
     /// Which sensors are used.
     pub modality: Modality,
-    /// The hand.
+    /// The hand, with its touch sensors.
     pub hand: Arc<Hand>,
-    /// Vertical field of view of the touch sensors' cameras, degrees.
-    pub touch_fov_y_deg: f64,
-    /// Difference in depth between the apex of a gel and the corners of a pad of 20 x 30 mm, millimetres; 0 for a flat gel.
-    pub touch_bulge_mm: f64,
     /// The cameras, with the sizes of the recorded images.
     pub cameras: Vec<PosedCamera>,
     /// Largest number of frames.

@@ -4,7 +4,6 @@ use mvt_feelsight::hand::{restored, stored};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::{Frame, Isometry};
 use mvt_metrics::AddS;
-use mvt_robot::digit::FOV_Y_DEG;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, HandDescription, JointAngles, PerPad, Side};
 use serde::{Deserialize, Serialize};
@@ -54,34 +53,19 @@ pub struct AboutFile {
     mode: String,
     modality: Modality,
     side: Side,
-    /// Of another hand than the Allegro.
+    /// Of another hand than the Allegro with TACTO's DIGITs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     hand: Option<HandDescription>,
     cameras: Vec<Camera>,
-    #[serde(default = "tacto_fov_y_deg", skip_serializing_if = "is_tacto")]
-    touch_fov_y_deg: f64,
-    #[serde(default = "digit_bulge_mm", skip_serializing_if = "is_digit")]
-    touch_bulge_mm: f64,
+    /// Of recordings in which the hand has no profiles; of all its touch sensors.
+    #[serde(default, skip_serializing)]
+    touch_fov_y_deg: Option<f64>,
+    #[serde(default, skip_serializing)]
+    touch_bulge_mm: Option<f64>,
     frames: usize,
     process: u32,
     /// BlockPlace of the true shape in shapes.bin.
     truth: Option<BlockPlace>,
-}
-
-fn tacto_fov_y_deg() -> f64 {
-    FOV_Y_DEG
-}
-
-fn is_tacto(fov_y_deg: &f64) -> bool {
-    (*fov_y_deg - FOV_Y_DEG).abs() < 1e-9
-}
-
-fn digit_bulge_mm() -> f64 {
-    SensorProfile::tacto().bulge_mm
-}
-
-fn is_digit(bulge_mm: &f64) -> bool {
-    (*bulge_mm - digit_bulge_mm()).abs() < 1e-9
 }
 
 /// Part of about.json that every version has.
@@ -107,8 +91,8 @@ impl AboutFile {
             side: about.hand.side(),
             hand: stored(&about.hand).cloned(),
             cameras: about.cameras.iter().map(camera).collect(),
-            touch_fov_y_deg: about.touch_fov_y_deg,
-            touch_bulge_mm: about.touch_bulge_mm,
+            touch_fov_y_deg: None,
+            touch_bulge_mm: None,
             frames: about.frames,
             process: about.process,
             truth,
@@ -130,12 +114,15 @@ impl AboutFile {
         let cameras = self.cameras.into_iter().map(camera).collect::<Result<_, &str>>()?;
         // A name may hold line ends.
         let hand = restored(self.side, self.hand).map_err(|error| error.to_string().replace(char::is_control, " "))?;
-        if !(10.0..=150.0).contains(&self.touch_fov_y_deg) {
-            return Err("an invalid field of view of the touch sensors".to_owned());
-        }
-        if !(0.0..=10.0).contains(&self.touch_bulge_mm) {
-            return Err("an invalid bulge of the touch sensors' gels".to_owned());
-        }
+        let hand = if self.touch_fov_y_deg.is_none() && self.touch_bulge_mm.is_none() {
+            hand
+        } else {
+            let mut profile = SensorProfile::tacto();
+            profile.fov_y_deg = self.touch_fov_y_deg.unwrap_or(profile.fov_y_deg);
+            profile.bulge_mm = self.touch_bulge_mm.unwrap_or(profile.bulge_mm);
+            profile.validate().map_err(|error| format!("touch sensors: {error}"))?;
+            hand.with_profile(&profile)
+        };
         let about = About {
             version,
             object: self.object,
@@ -143,8 +130,6 @@ impl AboutFile {
             mode: mode_of(&self.mode)?,
             modality: self.modality,
             hand,
-            touch_fov_y_deg: self.touch_fov_y_deg,
-            touch_bulge_mm: self.touch_bulge_mm,
             cameras,
             frames: self.frames,
             process: self.process,

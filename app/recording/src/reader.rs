@@ -1,6 +1,5 @@
 //! Reads recordings, including those that still grow.
 
-use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fs::TryLockError;
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -8,11 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use mvt_files::input;
-use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Isometry, World};
 use mvt_mesh::Mesh;
-use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::report::Event;
 use serde::de::DeserializeOwned;
 
@@ -339,21 +335,6 @@ fn read_about(folder: &Path) -> Result<(About, Option<BlockPlace>, Vec<u8>), Rec
 }
 
 impl About {
-    /// Returns the pinhole model of the touch sensors' cameras.
-    pub fn touch_camera(&self) -> Intrinsics {
-        self.touch_sensor().intrinsics()
-    }
-
-    /// Returns the undeformed gel of the touch sensors.
-    pub fn touch_gel(&self) -> Cow<'static, GelView> {
-        GelView::of(self.touch_camera(), self.touch_sensor().gel_surface())
-    }
-
-    fn touch_sensor(&self) -> SensorProfile {
-        let Self { touch_fov_y_deg: fov_y_deg, touch_bulge_mm: bulge_mm, .. } = *self;
-        SensorProfile { fov_y_deg, bulge_mm, ..SensorProfile::tacto() }
-    }
-
     /// Reads the description of the run in a folder, without its frames.
     ///
     /// # Errors

@@ -35,8 +35,6 @@ fn about() -> About {
         mode: Some(Mode::Slam),
         modality: Modality::Vitac,
         hand: Hand::allegro(Side::Left),
-        touch_fov_y_deg: 60.0,
-        touch_bulge_mm: 5.0,
         cameras: vec![camera()],
         frames: 9,
         process: 1,
@@ -179,7 +177,12 @@ fn gripper() -> Arc<Hand> {
         let (axis, range, drive) = ([0.0, 1.0, 0.0], [-0.5, 0.5], Drive::default());
         Joint { name: name.to_owned(), body, motion, axis, range, mirrors: false, drive }
     };
-    let pad = |name: &str, body| TouchPad { name: name.to_owned(), body, place: Placing::at([0.01, 0.0, 0.02]) };
+    let pad = |name: &str, body| TouchPad {
+        name: name.to_owned(),
+        body,
+        place: Placing::at([0.01, 0.0, 0.02]),
+        profile: Default::default(),
+    };
     let description = HandDescription {
         name: "gripper".to_owned(),
         side: Side::Right,

@@ -1,6 +1,5 @@
 //! Writes recordings on a thread of its own, so that the run never waits.
 
-use std::borrow::Cow;
 use std::fs::{self, File, TryLockError};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,7 +12,7 @@ use std::time::Duration;
 use mvt_frames::depth::CameraDepth;
 use mvt_mesh::Mesh;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Hand, JointAngles};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{Percept, Press};
 use mvt_run::io::write_file;
 use mvt_run::pipeline::{FrameResult, Progress};
@@ -80,7 +79,7 @@ impl RecordingWriter {
             events: create(file_names::EVENTS)?,
             folder: folder.clone(),
             hand: Arc::clone(&about.hand),
-            gel: about.touch_gel(),
+            gels: about.hand.gel_views(),
             _lock: lock,
         };
         let truth = truth.map(|mesh| files.meshes.block(&shape::encode(mesh, None))).transpose()?;
@@ -215,7 +214,7 @@ impl Appended {
 struct Files {
     folder: PathBuf,
     hand: Arc<Hand>,
-    gel: Cow<'static, GelView>,
+    gels: PerPad<GelView>,
     frames: Appended,
     images: Appended,
     shapes: Appended,
@@ -265,7 +264,7 @@ impl Files {
         let Sensed { percept, pictures, .. } = sensed;
         moment.touching = self.hand.per_pad(|pad| {
             let force_n = pictures.forces_n.as_ref().and_then(|forces| forces.get(pad)).map(|force| *force as f32);
-            Touching::of(percept.touch.get(pad)?.as_ref()?, &self.gel, force_n)
+            Touching::of(percept.touch.get(pad)?.as_ref()?, self.gels.get(pad)?, force_n)
         });
         if has_images(moment.row.frame) {
             let images = pictured(moment.row.frame as usize, &self.hand, percept, pictures, strides);

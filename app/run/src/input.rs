@@ -5,8 +5,8 @@ use std::sync::Arc;
 use mvt_frames::depth::TouchDepth;
 use mvt_frames::{Isometry, Obstacle, World};
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::Hand;
 use mvt_robot::hand::solid::HandSamples;
+use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::Percept;
 use mvt_slam::Obstacles;
 use mvt_slam::scan::Measurement;
@@ -42,11 +42,12 @@ pub struct Input {
 }
 
 impl Input {
-    /// Poses pads and links by the joint angles, and turns indentation of a gel into depth.
-    pub fn new(hand: &Hand, percept: &Percept, gel: &GelView) -> Self {
+    /// Poses pads and links by the joint angles, and turns indentation of each gel into depth.
+    pub fn new(hand: &Hand, percept: &Percept, gels: &PerPad<GelView>) -> Self {
         let joints = &percept.joints;
         let poses = hand.world_from_touch_cameras(joints).into_iter().zip(hand.world_from_pads(joints));
-        let touch = percept.touch.iter().zip(poses).map(|(press, (world_from_camera, world_from_pad))| {
+        let pads = percept.touch.iter().zip(gels.iter()).zip(poses);
+        let touch = pads.map(|((press, gel), (world_from_camera, world_from_pad))| {
             let press = press.as_ref()?;
             Some(TouchDepth {
                 intrinsics: *gel.camera(),

@@ -7,17 +7,15 @@
 //! ```no_run
 //! use std::sync::atomic::AtomicBool;
 //!
-//! use mvt_perceive::PerceptionSetup;
-//! use mvt_robot::digit::profile::SensorProfile;
 //! use mvt_run::estimator::{Init, Mode};
 //! use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline, Progress};
-//! use mvt_run::source::{LogSource, Modality};
+//! use mvt_run::source::{LogSource, Modality, TouchArguments, TouchOrigin};
 //! use mvt_slam::SlamConfig;
 //!
 //! // Tracks and maps the object of a FeelSight log with its first camera.
 //! let log = "data/077_rubiks_cube/00".as_ref();
-//! let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config: Default::default() };
-//! let mut source = LogSource::open(log, None, Modality::Vi, 5.0, &setup)?;
+//! let touch = TouchArguments::new(TouchOrigin::Truth, None);
+//! let mut source = LogSource::open(log, None, Modality::Vi, 5.0, &touch, Default::default())?;
 //! let config = SlamConfig::default();
 //! let setup = EstimatorSetup { config: &config, mode: Mode::Slam, modality: Modality::Vi, init: Init::Near, seed: 0, map: None };
 //! let pipeline = Pipeline {

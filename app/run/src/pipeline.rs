@@ -19,7 +19,6 @@ use mvt_gaits::directive::Directive;
 use mvt_gaits::feedback::EstimatedPlace;
 use mvt_mesh::Mesh;
 use mvt_objects::object::Object as TrueObject;
-use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::Hand;
 use mvt_robot::observation::Percept;
 use mvt_slam::Estimate;
@@ -251,7 +250,7 @@ impl Pipeline<'_> {
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Finished> {
         let (object, truth, cell_m) = (self.object, self.truth, self.meshing.cell_m);
-        let (hand, gel, needs_place) = (Arc::clone(source.hand()), source.gel().clone(), source.needs_place());
+        let (hand, needs_place) = (Arc::clone(source.hand()), source.needs_place());
         let runners =
             self.estimators.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
         listener(Progress::Started { frames: source.frame_count() });
@@ -275,7 +274,7 @@ impl Pipeline<'_> {
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };
-            self.follow(feed, mesher, runners, (&hand, &gel, needs_place), stop, listener)
+            self.follow(feed, mesher, runners, (&hand, needs_place), stop, listener)
         })?;
         if finished.complete {
             let (reason, as_meant) = source.end();
@@ -299,11 +298,12 @@ impl Pipeline<'_> {
         mut feed: Feed<'_>,
         mut mesher: Mesher<'_>,
         mut runners: Vec<Runner<'_>>,
-        (hand, gel, needs_place): (&Arc<Hand>, &GelView, bool),
+        (hand, needs_place): (&Arc<Hand>, bool),
         stop: &AtomicBool,
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Followed> {
         let mut complete = false;
+        let gels = hand.gel_views();
         let begun = Instant::now();
         while !stop.load(Ordering::Relaxed) {
             let Some(sensed) = feed.next()? else {
@@ -314,7 +314,7 @@ impl Pipeline<'_> {
             for text in &sensed.events {
                 listener(Progress::Event(&Event { time_s: sensed.percept.time_s, text: text.clone() }));
             }
-            let input = Input::new(hand, &sensed.percept, gel);
+            let input = Input::new(hand, &sensed.percept, &gels);
             let mut scans = Vec::new();
             let mut results = Vec::with_capacity(runners.len());
             for runner in &mut runners {

@@ -10,7 +10,6 @@ use mvt_calibration::Calibration;
 use mvt_frames::{Isometry, Object, World};
 use mvt_gaits::directive::Directive;
 use mvt_gaits::feedback::EstimatedPlace;
-use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::Percept;
 use ndarray::Array2;
@@ -19,7 +18,7 @@ use std::fmt;
 use std::sync::Arc;
 
 pub use log::LogSource;
-pub use touch::{TouchArguments, TouchOrigin, shipped_weights};
+pub use touch::{TouchArguments, TouchOrigin, equipped, shipped_weights};
 
 /// A frame of a source.
 #[derive(Debug, Clone)]
@@ -74,13 +73,8 @@ pub trait Source: Send {
     /// Tells a controller that holds the object in the air where the object is, from the next frame on. Only estimates reach it.
     fn see(&mut self, _: EstimatedPlace) {}
 
-    /// The hand that touches the object.
+    /// The hand that touches the object, with its touch sensors.
     fn hand(&self) -> &Arc<Hand>;
-
-    /// The view of the touch sensors' cameras on their gels.
-    fn gel(&self) -> &GelView {
-        GelView::tacto()
-    }
 
     /// The number of frames that there will be at most.
     fn frame_count(&self) -> usize;

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
-use mvt_robot::digit::gel;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::{check_named, print_line, write_named};
 use mvt_shear::ShearSensor;
@@ -61,15 +60,15 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
     let mut profile = SensorProfile::load(&arguments.profile)?;
     if let Some(px_per_mm) = px_per_mm {
         ensure!((8.0..=40.0).contains(&px_per_mm), "--px-per-mm {px_per_mm}: a DIGIT has 8 to 40");
-        let focal_px = 1e3 * px_per_mm * gel::APEX_M;
-        profile.fov_y_deg = 2.0 * (0.5 * mvt_robot::digit::HEIGHT as f64 / focal_px).atan().to_degrees();
+        let focal_px = px_per_mm * profile.apex_mm;
+        profile.fov_y_deg = 2.0 * (0.5 * profile.size_px[1] as f64 / focal_px).atan().to_degrees();
     }
     let engine = engine(&profile, None)?;
     let mut appearance = profile.appearance.with_context(|| {
         format!("--profile {}: this sensor has no LEDs to calibrate; start from digit", arguments.profile)
     })?;
     let SensorImages { mut images, mut untouched, .. } =
-        SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &engine)?;
+        SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &profile, &engine)?;
     if profile.markers.is_some() {
         // Neither the network nor the slopes of a ball know dots.
         let shear = ShearSensor::new(&profile, &untouched)?;
@@ -80,7 +79,7 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
     let contacts: Vec<Array2<bool>> =
         predictions.iter().map(|prediction| prediction.contact_logit.mapv(|logit| logit > 0.0)).collect();
     let presses: Vec<_> = images.iter().zip(&contacts).collect();
-    let px_per_mm = profile.intrinsics().fx / (1e3 * gel::APEX_M);
+    let px_per_mm = profile.intrinsics().fx / profile.apex_mm;
     let BallFit { presses, sensitivity, led_angles_deg, explained } = fit(
         &presses,
         &untouched,

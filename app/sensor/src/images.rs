@@ -23,7 +23,7 @@ const FEW_IMAGES: usize = 15;
 /// Greatest difference between an untouched image and the images where nothing touches, grey levels: two DIGITs differ by more.
 const OTHER_SENSOR: f32 = 40.0;
 
-/// Images of one sensor, upright, in RGB order and of a DIGIT's size.
+/// Images of one sensor, upright, in RGB order and of the size that its profile states.
 pub struct SensorImages {
     /// Names for results, one per image.
     pub ids: Vec<String>,
@@ -39,7 +39,7 @@ impl SensorImages {
     ///
     /// # Errors
     /// If there is no image that can be read, images differ in size, or the untouched image comes from another sensor.
-    pub fn read(paths: &[PathBuf], untouched: Option<&Path>, engine: &Engine) -> Result<Self> {
+    pub fn read(paths: &[PathBuf], untouched: Option<&Path>, profile: &SensorProfile, engine: &Engine) -> Result<Self> {
         let files = files(paths)?;
         ensure!(!files.is_empty(), "--images: there is no image (.png, .jpg) in {}", list(paths));
         let ids = ids(&files)?;
@@ -76,7 +76,7 @@ impl SensorImages {
                 tracing::info!("there is no --untouched image; the median of {} images is used", images.len());
             }
         }
-        let SensorState { untouched, .. } = SensorState::of(untouched, &mut images, engine)?;
+        let SensorState { untouched, .. } = SensorState::of(untouched, &mut images, profile, engine)?;
         Ok(Self { ids: known, images, untouched })
     }
 }
@@ -84,7 +84,7 @@ impl SensorImages {
 /// How the images of a sensor lie, and its untouched image.
 pub(crate) struct SensorState {
     pub layout: ImageLayout,
-    /// Upright, in RGB order and of a DIGIT's size.
+    /// Upright, in RGB order and of the size of the sensor's images.
     pub untouched: RgbImage,
 }
 
@@ -93,11 +93,17 @@ impl SensorState {
     ///
     /// # Errors
     /// If there is no image, sizes differ, or the untouched image comes from another sensor.
-    pub fn of(untouched: Option<RgbImage>, images: &mut [RgbImage], engine: &Engine) -> Result<Self> {
-        let layout = place(untouched.as_ref(), images)?;
-        images.iter_mut().for_each(|image| *image = layout.upright(image));
+    pub fn of(
+        untouched: Option<RgbImage>,
+        images: &mut [RgbImage],
+        profile: &SensorProfile,
+        engine: &Engine,
+    ) -> Result<Self> {
+        let size_px = profile.size_px;
+        let layout = place(untouched.as_ref(), images, size_px)?;
+        images.iter_mut().for_each(|image| *image = layout.upright(image, size_px));
         let untouched = match untouched {
-            Some(image) => layout.upright(&image),
+            Some(image) => layout.upright(&image, size_px),
             None => estimate(engine, images)?.context("there is no image")?,
         };
         let mut differences: Vec<f32> =
@@ -130,9 +136,9 @@ pub(crate) fn infer(
     Ok(predictions)
 }
 
-/// Returns the network for a sensor: that of a file, or the shipped one.
+/// Returns the network for a sensor: that of a file, that of its profile, or the shipped one.
 pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<Engine> {
-    let weights = match weights {
+    let weights = match weights.or(profile.weights.as_deref()) {
         Some(path) => Weights::read(path)?,
         None => shipped_weights(profile)?,
     };
@@ -140,7 +146,7 @@ pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<
 }
 
 /// Returns how the sensor's images lie, and warns unless they stand upright in RGB order.
-fn place(untouched: Option<&RgbImage>, images: &[RgbImage]) -> Result<ImageLayout> {
+fn place(untouched: Option<&RgbImage>, images: &[RgbImage], size_px: [usize; 2]) -> Result<ImageLayout> {
     let Some(first) = images.first() else { return Ok(ImageLayout::default()) };
     if let Some(odd) = images.iter().chain(untouched).find(|image| image.dimensions() != first.dimensions()) {
         let ((width, height), (other_width, other_height)) = (first.dimensions(), odd.dimensions());
@@ -148,7 +154,7 @@ fn place(untouched: Option<&RgbImage>, images: &[RgbImage]) -> Result<ImageLayou
             "the images differ in size: {width} x {height} and {other_width} x {other_height} pixels; give images of one sensor"
         );
     }
-    let layout = ImageLayout::of(untouched.unwrap_or(first));
+    let layout = ImageLayout::of(untouched.unwrap_or(first), size_px);
     if layout.quarter_turns > 0 {
         tracing::warn!(
             "the images are turned by {} degrees: the light of the LEDs comes from another side",

@@ -1,8 +1,7 @@
-//! How the images of a DIGIT lie: upright or turned, in RGB or BGR order.
+//! How the images of a touch sensor lie: upright or turned, in RGB or BGR order.
 
 use image::RgbImage;
 use image::imageops::{FilterType, flip_horizontal, resize, rotate90, rotate180, rotate270};
-use mvt_robot::digit::{HEIGHT, WIDTH};
 
 /// Turn and order of the colours of a sensor's images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,12 +21,13 @@ const UPRIGHT: [[f32; 2]; 3] = [[-0.18, -0.10], [0.05, -0.09], [-0.07, 0.0]];
 const MARGIN: f32 = 0.08;
 
 impl ImageLayout {
-    /// Returns the layout of a sensor's untouched image. Where no other layout fits clearly better than upright and RGB, it is that.
-    /// A sensor is taller than wide, so that only two turns are possible for an image that is not square.
-    pub fn of(untouched: &RgbImage) -> Self {
+    /// Returns the layout of the untouched image of a sensor with upright images of this width and height. Where no other layout fits
+    /// clearly better than upright and RGB, it is that. Only two turns are possible for an image that is not square.
+    pub fn of(untouched: &RgbImage, size_px: [usize; 2]) -> Self {
         let (width, height) = untouched.dimensions();
         let found = slopes(untouched);
-        let possible = |turns: u8| width == height || (turns % 2 == 1) == (width > height);
+        let is_wide = size_px[0] > size_px[1];
+        let possible = |turns: u8| width == height || (turns % 2 == 1) == ((width > height) != is_wide);
         let all = (0..4)
             .filter(|&turns| possible(turns))
             .flat_map(|quarter_turns| [false, true].map(|is_bgr| Self { quarter_turns, is_bgr, is_mirrored: false }));
@@ -44,8 +44,8 @@ impl ImageLayout {
         if misfit(&best) + MARGIN < misfit(&plain) { best } else { plain }
     }
 
-    /// Returns an image upright, in RGB order and in the size of a DIGIT's image.
-    pub fn upright(self, image: &RgbImage) -> RgbImage {
+    /// Returns an image upright, in RGB order and of this width and height.
+    pub fn upright(self, image: &RgbImage, size_px: [usize; 2]) -> RgbImage {
         let mut image = match self.quarter_turns {
             1 => rotate90(image),
             2 => rotate180(image),
@@ -58,11 +58,8 @@ impl ImageLayout {
         if self.is_bgr {
             image.pixels_mut().for_each(|pixel| pixel.0.swap(0, 2));
         }
-        if image.dimensions() == (WIDTH as u32, HEIGHT as u32) {
-            image
-        } else {
-            resize(&image, WIDTH as u32, HEIGHT as u32, FilterType::Triangle)
-        }
+        let [width, height] = size_px.map(|side| side as u32);
+        if image.dimensions() == (width, height) { image } else { resize(&image, width, height, FilterType::Triangle) }
     }
 
     /// Returns how far the slopes of an image are from those of an upright sensor once the image is put upright.
@@ -104,6 +101,8 @@ mod tests {
     use super::*;
     use image::Rgb;
 
+    const DIGIT: [usize; 2] = [240, 320];
+
     fn sensor() -> RgbImage {
         RgbImage::from_fn(240, 320, |u, v| {
             let place = [u as f32 / 120.0 - 1.0, v as f32 / 160.0 - 1.0];
@@ -114,26 +113,30 @@ mod tests {
     #[test]
     fn turns_and_orders_of_colours_are_found() {
         let image = sensor();
-        assert_eq!(ImageLayout::of(&image), ImageLayout::default());
+        assert_eq!(ImageLayout::of(&image, DIGIT), ImageLayout::default());
         let layout = |quarter_turns, is_bgr| ImageLayout { quarter_turns, is_bgr, is_mirrored: false };
-        assert_eq!(ImageLayout::of(&rotate90(&image)), layout(3, false));
-        assert_eq!(ImageLayout::of(&rotate180(&image)), layout(2, false));
-        assert_eq!(ImageLayout::of(&rotate270(&image)), layout(1, false));
+        assert_eq!(ImageLayout::of(&rotate90(&image), DIGIT), layout(3, false));
+        assert_eq!(ImageLayout::of(&rotate180(&image), DIGIT), layout(2, false));
+        assert_eq!(ImageLayout::of(&rotate270(&image), DIGIT), layout(1, false));
         // A mirror is no half turn, whichever sides it exchanges.
         let mirrored = |quarter_turns| ImageLayout { is_mirrored: true, ..layout(quarter_turns, false) };
-        assert_eq!(ImageLayout::of(&flip_horizontal(&image)), mirrored(0));
-        assert_eq!(ImageLayout::of(&image::imageops::flip_vertical(&image)), mirrored(2));
-        assert_eq!(mirrored(2).upright(&image::imageops::flip_vertical(&image)), image);
+        assert_eq!(ImageLayout::of(&flip_horizontal(&image), DIGIT), mirrored(0));
+        assert_eq!(ImageLayout::of(&image::imageops::flip_vertical(&image), DIGIT), mirrored(2));
+        assert_eq!(mirrored(2).upright(&image::imageops::flip_vertical(&image), DIGIT), image);
         let mut swapped = image;
         swapped.pixels_mut().for_each(|pixel| pixel.0.swap(0, 2));
-        assert_eq!(ImageLayout::of(&swapped), layout(0, true));
-        assert_eq!(ImageLayout::of(&rotate90(&swapped)), layout(3, true));
+        assert_eq!(ImageLayout::of(&swapped, DIGIT), layout(0, true));
+        assert_eq!(ImageLayout::of(&rotate90(&swapped), DIGIT), layout(3, true));
     }
 
     #[test]
     fn an_even_image_stays_as_it_is() {
-        assert_eq!(ImageLayout::of(&RgbImage::from_pixel(240, 320, Rgb([90; 3]))), ImageLayout::default());
+        assert_eq!(ImageLayout::of(&RgbImage::from_pixel(240, 320, Rgb([90; 3])), DIGIT), ImageLayout::default());
         // Only a quarter turn makes it upright.
-        assert_eq!(ImageLayout::of(&RgbImage::from_pixel(320, 240, Rgb([90; 3]))).quarter_turns, 1);
+        assert_eq!(ImageLayout::of(&RgbImage::from_pixel(320, 240, Rgb([90; 3])), DIGIT).quarter_turns, 1);
+        // A sensor that is wider than tall.
+        let wide = RgbImage::from_pixel(128, 96, Rgb([90; 3]));
+        assert_eq!(ImageLayout::of(&wide, [64, 48]), ImageLayout::default());
+        assert_eq!(ImageLayout::default().upright(&wide, [64, 48]).dimensions(), (64, 48));
     }
 }

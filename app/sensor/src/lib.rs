@@ -10,8 +10,8 @@
 //!
 //! // Of a sensor that lies on its side: a quarter turn makes its image taller than wide.
 //! let lying = RgbImage::from_pixel(320, 240, Rgb([90, 95, 92]));
-//! let layout = ImageLayout::of(&lying);
-//! assert_eq!(layout.upright(&lying).dimensions(), (240, 320));
+//! let layout = ImageLayout::of(&lying, [240, 320]);
+//! assert_eq!(layout.upright(&lying, [240, 320]).dimensions(), (240, 320));
 //! ```
 
 pub mod ball;

@@ -145,7 +145,7 @@ fn watch(source: &StreamSource, stop: &AtomicBool, work: impl FnOnce(&LiveView) 
 
 fn predict_images(arguments: &TouchPredictArguments, predictor: &mut Predictor) -> Result<()> {
     let SensorImages { ids, images, untouched } =
-        SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &predictor.engine)?;
+        SensorImages::read(&arguments.images, arguments.untouched.as_deref(), &predictor.profile, &predictor.engine)?;
     predictor.set_untouched(&untouched)?;
     claim(arguments, predictor)?;
     let bar = progress::bar(images.len() as u64, "images");
@@ -186,7 +186,8 @@ fn predict_stream(
             images.len()
         );
     }
-    let SensorState { layout, untouched } = SensorState::of(untouched, &mut images, &predictor.engine)?;
+    let SensorState { layout, untouched } =
+        SensorState::of(untouched, &mut images, &predictor.profile, &predictor.engine)?;
     predictor.set_untouched(&untouched)?;
     claim(arguments, predictor)?;
     let bar = progress::counter("frames");
@@ -214,7 +215,7 @@ fn predict_stream(
         bar.inc(images.len() as u64);
         // All frames that wait, so that all cores work, and no more, so that none waits for a later one.
         images = stream.receive(1, BATCH.min(most - done), stop);
-        images.par_iter_mut().for_each(|image| *image = layout.upright(image));
+        images.par_iter_mut().for_each(|image| *image = layout.upright(image, predictor.profile.size_px));
     }
     let rate_hz = done as f64 / begun.elapsed().as_secs_f64();
     bar.finish_and_clear();

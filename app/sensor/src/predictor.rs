@@ -10,7 +10,6 @@ use mvt_files::cells::quoted;
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_picture::palette;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_run::io::{png, write_file};
 use mvt_shear::{ShearField, ShearFit, ShearSensor};
 use mvt_touch::contact::{ContactConfig, Felt, TouchSensor};
@@ -87,7 +86,7 @@ const DEEPEST_SHOWN_MM: f32 = 1.5;
 /// The settings for images of one sensor.
 pub(crate) struct Predictor {
     pub engine: Engine,
-    profile: SensorProfile,
+    pub profile: SensorProfile,
     config: ContactConfig,
     sensor: TouchSensor,
     /// Sees the motion of the dots, for a sensor that has some.
@@ -108,10 +107,11 @@ impl Predictor {
     pub fn new(engine: Engine, profile: &SensorProfile, config: ContactConfig) -> Self {
         let camera = profile.intrinsics();
         let gel = profile.gel_surface();
-        let side_m = |i: usize| gel.point(&camera, (i % WIDTH) as f64, (i / WIDTH) as f64).coords().x / camera.fx;
-        let pixel_mm2 = (0..HEIGHT * WIDTH).map(|i| 1e6 * side_m(i).powi(2)).collect();
-        let sensor = TouchSensor::new(profile.gains());
-        Self { engine, profile: *profile, config, sensor, shear: None, pixel_mm2, out: None }
+        let [width, height] = profile.size_px;
+        let side_m = |i: usize| gel.point(&camera, (i % width) as f64, (i / width) as f64).coords().x / camera.fx;
+        let pixel_mm2 = (0..height * width).map(|i| 1e6 * side_m(i).powi(2)).collect();
+        let sensor = TouchSensor::new(profile.size_px, profile.gains());
+        Self { engine, profile: profile.clone(), config, sensor, shear: None, pixel_mm2, out: None }
     }
 
     /// Writes files into a folder from now on.
@@ -202,7 +202,7 @@ impl Predictor {
         let Felt { press, plausibility, .. } = felt;
         let (indentation_mm, contact) = match press {
             Some(press) => (press.indentation_mm, press.contact),
-            None => (Array2::zeros((HEIGHT, WIDTH)), Array2::from_elem((HEIGHT, WIDTH), false)),
+            None => (Array2::zeros(self.profile.shape()), Array2::from_elem(self.profile.shape(), false)),
         };
         // Images of this size are the only ones that the network reads.
         let field = self.shear.as_ref().and_then(|shear| shear.see(image, &contact, &indentation_mm).ok());
@@ -226,14 +226,14 @@ impl Predictor {
     fn write(&self, id: &str, image: &RgbImage, reading: &Reading) -> Result<()> {
         let Some(OutFolder { path, .. }) = &self.out else { return Ok(()) };
         let Reading { indentation_mm, contact, field, .. } = reading;
-        let depth = Array::from_f32(vec![HEIGHT, WIDTH], indentation_mm.iter().copied());
+        let depth = Array::from_f32(self.profile.shape().to_vec(), indentation_mm.iter().copied());
         write_file(path, &format!("{id}_indentation_mm.npy"), &npy::to_bytes(&depth))?;
         let touches = |u: u32, v: u32| contact[[v as usize, u as usize]];
-        let mask =
-            GrayImage::from_fn(WIDTH as u32, HEIGHT as u32, |u, v| Luma([if touches(u, v) { u8::MAX } else { 0 }]));
+        let [width, height] = self.profile.size_px.map(|side| side as u32);
+        let mask = GrayImage::from_fn(width, height, |u, v| Luma([if touches(u, v) { u8::MAX } else { 0 }]));
         write_file(path, &format!("{id}_contact.png"), &png(&mask)?)?;
-        let picture = RgbImage::from_fn(3 * WIDTH as u32, HEIGHT as u32, |u, v| {
-            let (panel, u) = (u as usize / WIDTH, u % WIDTH as u32);
+        let picture = RgbImage::from_fn(3 * width, height, |u, v| {
+            let (panel, u) = (u / width, u % width);
             match panel {
                 0 => *image.get_pixel(u, v),
                 1 => palette::indentation(indentation_mm[[v as usize, u as usize]], DEEPEST_SHOWN_MM),

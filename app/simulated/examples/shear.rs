@@ -93,7 +93,7 @@ impl Sensor {
         };
         let renderer = TouchRenderer::new(&options)?;
         let reader = ShearSensor::new(profile, &renderer.empty())?;
-        Ok(Self { profile: *profile, renderer, reader, view: profile.gel_view() })
+        Ok(Self { profile: profile.clone(), renderer, reader, view: profile.gel_view() })
     }
 
     /// Renders a press and reads it, with the true contact and indentation. Returns the motion of the gel by the formula of FOTS, too; `None`

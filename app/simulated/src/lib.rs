@@ -6,7 +6,6 @@
 //! ```no_run
 //! use mvt_simulated::{Fault, SimulatedSettings, SimulatedSource};
 //! use mvt_objects::catalogue;
-//! use mvt_robot::digit::profile::SensorProfile;
 //! use mvt_robot::hand::{Hand, Side};
 //! use mvt_run::source::{Modality, Source as _};
 //!
@@ -15,7 +14,6 @@
 //! let (_, gait) = mvt_gaits::gait::choose("auto", &object, &hand)?;
 //! let settings = SimulatedSettings {
 //!     hand,
-//!     touch: SensorProfile::tacto(),
 //!     gait: gait.clone(),
 //!     schedule: Default::default(),
 //!     seed: 0,

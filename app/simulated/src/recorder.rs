@@ -20,7 +20,7 @@ use mvt_objects::object::Object;
 use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, EpisodeStart, EpisodeState, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
-use mvt_render::touch::{Background, TouchConfig, TouchOptions};
+use mvt_render::touch::{TouchConfig, TouchOptions};
 use mvt_robot::hand::Hand;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize, Serializer};
@@ -174,19 +174,12 @@ impl<'a> Recorder<'a> {
         let snapshots: Vec<EpisodeState> = std::iter::from_fn(|| episode.next_frame()).collect();
         bar.set_length(snapshots.len() as u64);
 
-        let background = |pad: usize| match &self.background {
-            Some(image) => Background::Image(image.clone()),
-            None => Background::Synthetic { seed: pad as u64 },
-        };
         let observer = Observer::new(
             self.object,
             ObserverOptions {
                 hand: Arc::clone(&self.settings.hand),
                 cameras: cameras.to_vec(),
-                touch: self.settings.hand.per_pad(|pad| TouchOptions {
-                    background: background(pad),
-                    ..TouchOptions::new(self.settings.touch_config)
-                }),
+                touch: TouchOptions::of_hand(&self.settings.hand, self.settings.touch_config, self.background.as_ref()),
                 touch_noise: self.settings.noise.touch,
                 camera_depth_noise: self.settings.noise.camera_depth,
                 seed,

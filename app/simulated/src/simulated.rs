@@ -17,10 +17,8 @@ use mvt_objects::object::Object;
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
-use mvt_render::touch::{Background, TouchConfig, TouchOptions};
-use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{Hand, JointAngles};
+use mvt_render::touch::{TouchConfig, TouchOptions};
+use mvt_robot::hand::{Hand, JointAngles, PerPad};
 
 use crate::recorder;
 use mvt_run::source::{Modality, Pictures, Sensed, Source};
@@ -29,10 +27,8 @@ use mvt_touch::network::Weights;
 /// Settings of a simulated episode and its sensors.
 #[derive(Debug, Clone)]
 pub struct SimulatedSettings {
-    /// The hand.
+    /// The hand, with its touch sensors.
     pub hand: Arc<Hand>,
-    /// The touch sensors.
-    pub touch: SensorProfile,
     /// The gait at the start.
     pub gait: Gait,
     /// The controllers that follow one another; empty if there is only one.
@@ -87,11 +83,15 @@ pub struct SimulatedSource {
 }
 
 impl SimulatedSource {
-    /// Draws the start and prepares the rendering. Without `weights` of a touch network the true indentation is used.
+    /// Draws the start and prepares the rendering. Without `weights` of touch networks, by pad, the true indentation is used.
     ///
     /// # Errors
     /// If MuJoCo refuses the object.
-    pub fn new(object: &Object, mut settings: SimulatedSettings, weights: Option<&Weights>) -> Result<Self> {
+    pub fn new(
+        object: &Object,
+        mut settings: SimulatedSettings,
+        weights: Option<&PerPad<Arc<Weights>>>,
+    ) -> Result<Self> {
         let SimulatedSettings { seed, duration_s, camera_noise, .. } = settings;
         let hand = Arc::clone(&settings.hand);
         if !settings.modality.has_vision() {
@@ -108,20 +108,16 @@ impl SimulatedSource {
             },
         )?;
         episode.follow(settings.schedule.clone());
-        let touch = |pad: usize| TouchOptions {
-            background: Background::Synthetic { seed: pad as u64 },
-            ..TouchOptions::of_profile(&settings.touch, TouchConfig::Fork)
-        };
         let options = ObserverOptions {
             hand: Arc::clone(&hand),
             cameras: settings.cameras.clone(),
-            touch: hand.per_pad(touch),
+            touch: TouchOptions::of_hand(&hand, TouchConfig::Fork, None),
             touch_noise: true,
             camera_depth_noise: (camera_noise > 0.0).then_some(camera_noise),
             seed,
         };
         let observer = Observer::new(object, options)?;
-        let setup = PerceptionSetup { profile: &settings.touch, weights, config: settings.perception };
+        let setup = PerceptionSetup { weights, config: settings.perception };
         let mut perception = Perception::new(hand, settings.cameras.clone(), &setup);
         if perception.reads_touch_images() {
             for (pad, image) in observer.untouched_images().iter().enumerate() {
@@ -171,11 +167,11 @@ impl Source for SimulatedSource {
             observation.cameras.iter_mut().for_each(|rgbd| rgbd.depth_m = Default::default());
         }
         let is_felt = modality.has_touch() && self.perception.reads_touch_images();
-        let gel = self.perception.gel();
+        let touched = || truth.touch.iter().zip(self.perception.gels().iter());
         let presses = match modality.has_touch() {
             false => Some(self.settings.hand.per_pad(|_| None)),
             true if is_felt => None,
-            true => Some(truth.touch.map(|truth| true_press(truth, gel))),
+            true => Some(touched().map(|(truth, gel)| true_press(truth, gel)).collect()),
         };
         let Seen { percept, touch_images, warnings } = self.perception.see(frame, observation, presses)?;
         let events = match self.episode.in_air().and_then(|air| air.lowered_at_s) {
@@ -187,10 +183,12 @@ impl Source for SimulatedSource {
         };
         let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
-        let gel = self.perception.gel();
+        let touched = truth.touch.iter().zip(self.perception.gels().iter());
         let pictures = Pictures {
             touch: touch_images,
-            true_indentation_mm: truth.touch.map(|truth| is_felt.then(|| gel.indentation_of(&truth.depth_m)).flatten()),
+            true_indentation_mm: touched
+                .map(|(truth, gel)| is_felt.then(|| gel.indentation_of(&truth.depth_m)).flatten())
+                .collect(),
             forces_n: Some(state.pads.map(|pad| pad.force_n)),
         };
         let sense_ms = begun.elapsed().as_secs_f64() * 1e3;
@@ -220,10 +218,6 @@ impl Source for SimulatedSource {
 
     fn hand(&self) -> &Arc<Hand> {
         &self.settings.hand
-    }
-
-    fn gel(&self) -> &GelView {
-        self.perception.gel()
     }
 
     fn frame_count(&self) -> usize {

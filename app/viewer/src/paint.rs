@@ -520,8 +520,9 @@ fn keyframes(
             draw_sensor(&camera.intrinsics, camera.pose.untyped(), KEYFRAME_M);
         }
         let poses = about.hand.world_from_touch_cameras(&kept.joints);
-        for (_, pose) in kept.touching.iter().zip(poses).filter(|(touching, _)| touching.is_some()) {
-            draw_sensor(&about.touch_camera(), pose.untyped(), 0.5 * KEYFRAME_M);
+        let pads = kept.touching.iter().zip(about.hand.pads()).zip(poses);
+        for ((_, pad), pose) in pads.filter(|((touching, _), _)| touching.is_some()) {
+            draw_sensor(&pad.profile.intrinsics(), pose.untyped(), 0.5 * KEYFRAME_M);
         }
     }
 }

@@ -137,9 +137,9 @@ impl SeenPoints {
         images: &FrameImages,
         object_from_world: na::Isometry3<f64>,
     ) {
-        let gel = recording.about().touch_gel();
+        let gels = recording.about().hand.gel_views();
         let poses = recording.about().hand.world_from_touch_cameras(&moment.joints);
-        for (felt, world_from_camera) in images.touch.iter().zip(poses) {
+        for ((felt, gel), world_from_camera) in images.touch.iter().zip(gels.iter()).zip(poses) {
             let Some(felt) = felt else { continue };
             let object_from_camera = Isometry::new(object_from_world * world_from_camera.untyped());
             let touches = |row, column| felt.contact.get((row, column)) == Some(&true);

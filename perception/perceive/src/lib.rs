@@ -6,7 +6,6 @@
 //!
 //! ```
 //! use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup};
-//! use mvt_robot::digit::profile::SensorProfile;
 //! use mvt_robot::hand::{Hand, PerPad, Side};
 //! use mvt_robot::observation::{Observation, Rgbd};
 //! use mvt_robot::rig::PLACEMENTS;
@@ -18,7 +17,7 @@
 //! let mut config = PerceptionConfig::default();
 //! // The image shows no hand, from which the camera's pose could be refined.
 //! config.calibration.refine = false;
-//! let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config };
+//! let setup = PerceptionSetup { weights: None, config };
 //! let mut perception = Perception::new(hand, vec![camera], &setup);
 //! let observation = Observation {
 //!     time_s: 0.0,

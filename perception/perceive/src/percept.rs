@@ -77,7 +77,6 @@ mod tests {
 
     use image::RgbImage;
     use mvt_frames::depth::Label;
-    use mvt_robot::digit::profile::SensorProfile;
     use mvt_robot::hand::{HandDescription, JointAngles, PerPad, Side};
     use mvt_robot::observation::{Percept, Press, Rgbd};
     use mvt_robot::rig::PLACEMENTS;
@@ -98,7 +97,7 @@ mod tests {
     fn perception(hand: &Arc<Hand>) -> Perception {
         let mut config = PerceptionConfig::default();
         config.calibration.refine = false;
-        let setup = PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config };
+        let setup = PerceptionSetup { weights: None, config };
         Perception::new(Arc::clone(hand), cameras(hand), &setup)
     }
 
@@ -177,12 +176,9 @@ mod tests {
     #[test]
     fn a_hand_may_have_two_pads() {
         let hand = two_pads();
-        let weights = Weights::shipped().unwrap();
-        let setup = PerceptionSetup {
-            profile: &SensorProfile::tacto(),
-            weights: Some(&weights),
-            config: PerceptionConfig::default(),
-        };
+        let weights = Arc::new(Weights::shipped().unwrap());
+        let weights = hand.per_pad(|_| Arc::clone(&weights));
+        let setup = PerceptionSetup { weights: Some(&weights), config: PerceptionConfig::default() };
         let mut perception = Perception::new(Arc::clone(&hand), Vec::new(), &setup);
         let black = || RgbImage::new(240, 320);
         let touch = PerPad(vec![RgbImage::default(), black()]);
@@ -229,8 +225,7 @@ mod tests {
     #[test]
     fn there_may_be_no_hand() {
         let none = Hand::none();
-        let setup =
-            PerceptionSetup { profile: &SensorProfile::tacto(), weights: None, config: PerceptionConfig::default() };
+        let setup = PerceptionSetup { weights: None, config: PerceptionConfig::default() };
         let mut perception = Perception::new(Arc::clone(&none), cameras(&none), &setup);
         for _ in 0..3 {
             let depth_m = Array2::from_elem((480, 640), 0.3);

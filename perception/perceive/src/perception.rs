@@ -6,7 +6,6 @@ use image::RgbImage;
 use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
 use mvt_frames::camera::PosedCamera;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{Observation, Percept, Press};
@@ -32,10 +31,9 @@ pub struct PerceptionConfig {
 /// How a hand's sensors are read.
 #[derive(Debug, Clone, Copy)]
 pub struct PerceptionSetup<'a> {
-    /// The touch sensors.
-    pub profile: &'a SensorProfile,
-    /// The network that reads touch images. Without it, presses are given with each observation.
-    pub weights: Option<&'a Weights>,
+    /// The networks that read touch images, by pad; pads with the same weights share one. Without them, presses are given with each
+    /// observation.
+    pub weights: Option<&'a PerPad<Arc<Weights>>>,
     /// Settings.
     pub config: PerceptionConfig,
 }
@@ -58,7 +56,7 @@ pub struct Perception {
     calibrator: Calibrator,
     /// Without them, presses are given.
     sensors: Option<TouchSensors>,
-    gel: GelView,
+    gels: PerPad<GelView>,
     /// Time and joint readings of the frame after the next one.
     next_joints: Option<(f64, JointAngles)>,
     warnings: Vec<String>,
@@ -71,17 +69,17 @@ impl Perception {
         Self {
             segmentation,
             calibrator: Calibrator::new(calibration, Arc::clone(&hand), cameras),
-            sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, setup.profile, &hand)),
-            gel: setup.profile.gel_view(),
+            sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, &hand)),
+            gels: hand.gel_views(),
             next_joints: None,
             warnings: Vec::new(),
             hand,
         }
     }
 
-    /// The view of the touch sensors' cameras on their gels.
-    pub fn gel(&self) -> &GelView {
-        &self.gel
+    /// The views of the touch sensors' cameras on their gels.
+    pub fn gels(&self) -> &PerPad<GelView> {
+        &self.gels
     }
 
     /// Whether touch images are read, so that presses need not be given.

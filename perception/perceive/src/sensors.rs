@@ -1,10 +1,11 @@
 //! Indentation of the touch sensors: from a network that sees their images, or the true one.
 
+use std::sync::Arc;
+
 use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{Hand, PerPad};
+use mvt_robot::hand::{Hand, PerPad, TouchPad};
 use mvt_robot::observation::{Press, SensorError, SensorName, TouchTruth};
 use mvt_shear::ShearSensor;
 use mvt_touch::contact::{ContactConfig, Feeler};
@@ -18,7 +19,7 @@ use crate::error::PerceptionError;
 /// Standard deviation of true touch depth, millimetres: logs store it in steps of 1/33 mm.
 const TRUTH_SIGMA_MM: f32 = 0.05;
 
-/// True touch on a gel as a press. Pixels without a valid depth are no contact. `None` without images of a DIGIT's size.
+/// True touch on a gel as a press. Pixels without a valid depth are no contact. `None` without images of the sensor's size.
 pub fn true_press(truth: &TouchTruth, gel: &GelView) -> Option<Press> {
     let mut indentation_mm = gel.indentation_of(&truth.depth_m)?;
     if truth.contact.dim() != truth.depth_m.dim() {
@@ -38,10 +39,9 @@ pub fn true_press(truth: &TouchTruth, gel: &GelView) -> Option<Press> {
 /// The touch sensors of a hand, whose images a network reads, with the warnings that were given.
 pub(crate) struct TouchSensors {
     feeler: Feeler,
-    /// Names of the pads.
-    names: Vec<String>,
+    /// The hand, with the profiles of its sensors.
+    hand: Arc<Hand>,
     told: PerPad<bool>,
-    profile: SensorProfile,
     /// Light of sensors that is not the usual one; said with the next frame.
     unusual: Vec<String>,
     /// Whose light is known, from the untouched image or a first image.
@@ -51,15 +51,19 @@ pub(crate) struct TouchSensors {
 }
 
 impl TouchSensors {
-    /// For the sensors of one hand.
-    pub(crate) fn new(weights: &Weights, config: ContactConfig, profile: &SensorProfile, hand: &Hand) -> Self {
-        let engine = Engine::new(weights, Instructions::best());
-        let names: Vec<String> = hand.pads().iter().map(|pad| pad.name.clone()).collect();
+    /// For the sensors of one hand, with the weights of each.
+    pub(crate) fn new(weights: &PerPad<Arc<Weights>>, config: ContactConfig, hand: &Arc<Hand>) -> Self {
+        let mut engines: Vec<(&Arc<Weights>, Arc<Engine>)> = Vec::new();
+        let engine = |weights| {
+            let known = engines.iter().find(|(known, _)| Arc::ptr_eq(known, weights)).map(|(_, engine)| engine);
+            let engine = known.cloned().unwrap_or_else(|| Arc::new(Engine::new(weights, Instructions::best())));
+            engines.push((weights, Arc::clone(&engine)));
+            engine
+        };
         Self {
-            feeler: Feeler::new(engine, config, profile.gains(), names.clone()),
-            names,
+            feeler: Feeler::new(hand, weights.iter().map(engine).collect(), config),
+            hand: Arc::clone(hand),
             told: hand.per_pad(|_| false),
-            profile: *profile,
             unusual: Vec::new(),
             judged: hand.per_pad(|_| false),
             dots: hand.per_pad(|_| None),
@@ -69,10 +73,11 @@ impl TouchSensors {
     /// Sets the untouched image of the sensor of a pad. Has no effect if there is no such pad.
     ///
     /// # Errors
-    /// If the image has another size than a DIGIT's, or does not show the dots of the profile.
+    /// If the image has another size than the sensor's, or does not show the dots of the profile.
     pub(crate) fn set_untouched(&mut self, pad: usize, image: &RgbImage) -> Result<(), PerceptionError> {
-        let Self { feeler, names, dots, judged, profile, unusual, .. } = self;
-        let Some(name) = names.get(pad).map(|name| SensorName::Touch(name.clone())) else { return Ok(()) };
+        let Self { feeler, hand, dots, judged, unusual, .. } = self;
+        let Some(TouchPad { name, profile, .. }) = hand.pads().get(pad) else { return Ok(()) };
+        let name = SensorName::Touch(name.clone());
         if profile.markers.is_none() {
             feeler.set_untouched(pad, image)?;
         } else {
@@ -89,11 +94,11 @@ impl TouchSensors {
     /// Estimates the untouched image of the sensor of a pad from images with contacts at different places. Without images it stays unknown.
     ///
     /// # Errors
-    /// If images have another size than a DIGIT's.
+    /// If images have another size than the sensor's.
     pub(crate) fn learn_untouched(&mut self, pad: usize, images: &[RgbImage]) -> Result<(), PerceptionError> {
-        let Some(name) = self.names.get(pad) else { return Ok(()) };
-        let unfit = |reason| PerceptionError::Image { sensor: SensorName::Touch(name.clone()), reason };
-        match estimate(self.feeler.engine(), images).map_err(unfit)? {
+        let Some((pad_of, engine)) = self.hand.pads().get(pad).zip(self.feeler.engine(pad)) else { return Ok(()) };
+        let unfit = |reason| PerceptionError::Image { sensor: SensorName::Touch(pad_of.name.clone()), reason };
+        match estimate(engine, images).map_err(unfit)? {
             Some(untouched) => self.set_untouched(pad, &untouched),
             None => Ok(()),
         }
@@ -102,17 +107,18 @@ impl TouchSensors {
     /// Returns the press of each sensor whose image is plausible. The first implausible image of a sensor adds a warning.
     ///
     /// # Errors
-    /// If an image has another size than a DIGIT's.
+    /// If an image has another size than its sensor's.
     pub(crate) fn feel(
         &mut self,
         frame: u64,
         images: &[RgbImage],
         warnings: &mut Vec<String>,
     ) -> Result<PerPad<Option<Press>>, SensorError> {
-        let Self { feeler, names, told, dots, unusual, judged, profile } = self;
+        let Self { feeler, hand, told, dots, unusual, judged } = self;
         warnings.append(unusual);
-        let is_calibrated = profile.gains() != [1.0; 3];
-        for ((image, judged), name) in images.iter().zip(judged.iter_mut()).zip(names.iter()) {
+        let sensors = || hand.pads().iter().map(|TouchPad { name, profile, .. }| (name, profile));
+        for ((image, judged), (name, profile)) in images.iter().zip(judged.iter_mut()).zip(sensors()) {
+            let is_calibrated = profile.gains() != [1.0; 3];
             if image.is_empty() || is_calibrated || std::mem::replace(judged, true) {
                 continue;
             }
@@ -131,7 +137,7 @@ impl TouchSensors {
         let seen: Vec<&RgbImage> =
             images.iter().zip(&erased).map(|(image, erased)| erased.as_ref().unwrap_or(image)).collect();
         let felt = feeler.feel(&seen)?;
-        for ((felt, told), name) in felt.iter().zip(told.iter_mut()).zip(names.iter()) {
+        for ((felt, told), (name, _)) in felt.iter().zip(told.iter_mut()).zip(sensors()) {
             if let Some(felt) = felt.as_ref().filter(|felt| felt.press.is_none())
                 && !std::mem::replace(told, true)
             {

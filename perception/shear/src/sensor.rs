@@ -4,7 +4,6 @@ use image::RgbImage;
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit::gel::GelSurface;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use ndarray::Array2;
 
 use crate::dots::DotFinder;
@@ -37,8 +36,10 @@ pub enum ShearError {
         expected: usize,
     },
     /// An image has another size.
-    #[error("the image is {width} x {height} pixels; 240 x 320 are expected")]
+    #[error("the image is {width} x {height} pixels; {} x {} are expected", expected[0], expected[1])]
     Size {
+        /// Width and height of the sensor's images, pixels.
+        expected: [usize; 2],
         /// Width, pixels.
         width: u32,
         /// Height, pixels.
@@ -94,8 +95,8 @@ impl ShearSensor {
     /// [`ShearError`] if the profile has no dots, or the image does not show them.
     pub fn new(profile: &SensorProfile, untouched: &RgbImage) -> Result<Self, ShearError> {
         let pattern = profile.markers.ok_or(ShearError::NoMarkers)?;
-        check(untouched)?;
         let (camera, gel) = (profile.intrinsics(), profile.gel_surface());
+        check(untouched, &camera)?;
         let px_per_mm = gel.pixel(&camera, [1.0, 0.0])[0] - camera.cx;
         let finder = DotFinder {
             radius_px: 0.5 * pattern.diameter_mm * px_per_mm,
@@ -105,7 +106,7 @@ impl ShearSensor {
         let is_in_view = |place: &[f64; 2]| {
             let [u, v] = gel.pixel(&camera, *place);
             let rim = 0.5 * finder.pitch_px;
-            u > rim && v > rim && u < WIDTH as f64 - rim && v < HEIGHT as f64 - rim
+            u > rim && v > rim && u < camera.width as f64 - rim && v < camera.height as f64 - rim
         };
         let expected = pattern.places_mm().filter(is_in_view).count();
         let untouched = finder.find(untouched);
@@ -116,8 +117,8 @@ impl ShearSensor {
         Ok(Self { camera, gel, finder, untouched })
     }
 
-    /// Follows the dots into an image, and fits shear where the object touches. Both arrays have 320 rows and 240 columns; indentation is
-    /// in millimetres.
+    /// Follows the dots into an image, and fits shear where the object touches. Both arrays have a value per pixel; indentation is in
+    /// millimetres.
     ///
     /// # Errors
     /// [`ShearError`] if the image has another size or does not show the dots.
@@ -127,7 +128,7 @@ impl ShearSensor {
         contact: &Array2<bool>,
         indentation_mm: &Array2<f32>,
     ) -> Result<ShearField, ShearError> {
-        check(image)?;
+        check(image, &self.camera)?;
         let place_mm = |pixel: [f64; 2]| self.gel.place_mm(&self.camera, pixel);
         let pressed = self.untouched.iter().filter_map(|dot| {
             let at = (dot[1].round() as usize, dot[0].round() as usize);
@@ -176,9 +177,10 @@ impl ShearSensor {
     }
 }
 
-fn check(image: &RgbImage) -> Result<(), ShearError> {
-    let (width, height) = image.dimensions();
-    if [width as usize, height as usize] == [WIDTH, HEIGHT] { Ok(()) } else { Err(ShearError::Size { width, height }) }
+fn check(image: &RgbImage, camera: &Intrinsics) -> Result<(), ShearError> {
+    let ((width, height), expected) = (image.dimensions(), [camera.width, camera.height]);
+    let is_same = [width as usize, height as usize] == expected;
+    if is_same { Ok(()) } else { Err(ShearError::Size { expected, width, height }) }
 }
 
 /// Returns the middle of a contact, column and row.

@@ -1,9 +1,10 @@
 //! From touch images to depth and contact by a network: the prediction for the untouched sensor is subtracted, contact depends on the
 //! frame before, and images that no such sensor makes are reported.
 
+use std::sync::Arc;
+
 use image::RgbImage;
-use mvt_robot::digit;
-use mvt_robot::hand::PerPad;
+use mvt_robot::hand::{Hand, PerPad, TouchPad};
 use mvt_settings::settings;
 use ndarray::{Array2, Zip};
 use rayon::iter::{
@@ -38,7 +39,7 @@ settings! {
     }
 }
 
-/// The contact on a DIGIT.
+/// The contact on a touch sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Felt {
     /// The press; `None` if the image is not plausible.
@@ -50,19 +51,14 @@ pub struct Felt {
     pub asked: bool,
 }
 
-/// An image that is not of a DIGIT's size.
+/// An image that is not of its sensor's size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the image is {} x {} pixels; {} x {} expected", found[0], found[1], digit::WIDTH, digit::HEIGHT)]
+#[error("the image is {} x {} pixels; {} x {} expected", found[0], found[1], expected[0], expected[1])]
 pub struct UnfitImage {
+    /// Width and height of the sensor's images, pixels.
+    pub expected: [usize; 2],
     /// Width and height, pixels.
     pub found: [usize; 2],
-}
-
-impl UnfitImage {
-    fn check(image: &RgbImage) -> Result<(), Self> {
-        let found = [image.width() as usize, image.height() as usize];
-        if found == [digit::WIDTH, digit::HEIGHT] { Ok(()) } else { Err(Self { found }) }
-    }
 }
 
 /// One touch sensor that a network reads, with what must be remembered of its earlier images. The one place where contact is decided.
@@ -85,30 +81,39 @@ pub struct TouchSensor {
 impl TouchSensor {
     /// Starts without an untouched image. The image is corrected after [`TouchSensor::set_untouched`], the prediction after that or after the
     /// first image without contact. `gains` multiply the change of red, green and blue from the untouched image before the network
-    /// sees it.
-    pub fn new(gains: [f32; 3]) -> Self {
+    /// sees it. `size` is the width and height of the sensor's images, pixels.
+    pub fn new([width, height]: [usize; 2], gains: [f32; 3]) -> Self {
         Self {
             gains,
             untouched: None,
             light: None,
             empty: None,
-            seen: RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32),
+            seen: RgbImage::new(width as u32, height as u32),
             prediction: Prediction::default(),
             press: Press {
-                indentation_mm: Array2::zeros((digit::HEIGHT, digit::WIDTH)),
-                contact: Array2::from_elem((digit::HEIGHT, digit::WIDTH), false),
+                indentation_mm: Array2::zeros((height, width)),
+                contact: Array2::from_elem((height, width), false),
                 sigma_mm: 0.0,
             },
         }
+    }
+
+    fn unfit(&self, image: &RgbImage) -> UnfitImage {
+        let [expected, found] = [&self.seen, image].map(|of| [of.width() as usize, of.height() as usize]);
+        UnfitImage { expected, found }
+    }
+
+    fn check(&self, image: &RgbImage) -> Result<(), UnfitImage> {
+        if image.dimensions() == self.seen.dimensions() { Ok(()) } else { Err(self.unfit(image)) }
     }
 
     /// Sets the image of the sensor that touches nothing. Its light counts only if the sensor was not calibrated, which measures the light
     /// itself.
     ///
     /// # Errors
-    /// [`UnfitImage`] if the image is not 240 wide and 320 high.
+    /// [`UnfitImage`] if the image has another size than the sensor's.
     pub fn set_untouched(&mut self, engine: &Engine, image: &RgbImage) -> Result<(), UnfitImage> {
-        UnfitImage::check(image)?;
+        self.check(image)?;
         self.untouched = Some(image.clone());
         self.light = if self.gains == [1.0; 3] { UnusualLight::of(image) } else { None };
         self.infer(engine, image)?;
@@ -124,9 +129,9 @@ impl TouchSensor {
     /// Returns the contact in the next image.
     ///
     /// # Errors
-    /// [`UnfitImage`] if the image is not 240 wide and 320 high.
+    /// [`UnfitImage`] if the image has another size than the sensor's.
     pub fn feel(&mut self, engine: &Engine, config: &ContactConfig, image: &RgbImage) -> Result<Felt, UnfitImage> {
-        UnfitImage::check(image)?;
+        self.check(image)?;
         let Outcome { plausibility, asked } = feel(engine, config, image, self)?;
         let is_plausible = plausibility >= config.least_plausibility;
         Ok(Felt { press: is_plausible.then(|| self.press.clone()), plausibility, asked })
@@ -135,7 +140,7 @@ impl TouchSensor {
     /// Returns the contacts in images that are independent of one another, as if each were the next, one image per thread.
     ///
     /// # Errors
-    /// [`UnfitImage`] if an image is not 240 wide and 320 high.
+    /// [`UnfitImage`] if an image has another size than the sensor's.
     pub fn feel_each(
         &self,
         engine: &Engine,
@@ -156,19 +161,20 @@ impl TouchSensor {
                 &self.seen
             }
         };
-        let found = [image.width() as usize, image.height() as usize];
-        engine.infer(seen, &mut self.prediction).map_err(|_| UnfitImage { found })
+        if engine.infer(seen, &mut self.prediction).is_err() {
+            return Err(self.unfit(image));
+        }
+        Ok(())
     }
 }
 
-/// The touch sensors of a hand, read by one network.
+/// The touch sensors of a hand, each with the network that reads it.
 #[derive(Debug)]
 pub struct Feeler {
-    engine: Engine,
     config: ContactConfig,
     /// Names of the pads, for messages.
     names: Vec<String>,
-    sensors: PerPad<TouchSensor>,
+    sensors: PerPad<(Arc<Engine>, TouchSensor)>,
 }
 
 /// How a sensor's image was dealt with.
@@ -179,43 +185,48 @@ struct Outcome {
 }
 
 impl Feeler {
-    /// Starts with a sensor without an untouched image per name of a pad. `gains` multiply the change of red, green and blue from the
-    /// untouched image before the network sees it.
-    pub fn new(engine: Engine, config: ContactConfig, gains: [f32; 3], names: Vec<String>) -> Self {
-        let sensors = PerPad::from_fn(names.len(), |_| TouchSensor::new(gains));
-        Self { engine, config, names, sensors }
+    /// Starts with the sensors of a hand without untouched images, and the network of each.
+    pub fn new(hand: &Hand, engines: PerPad<Arc<Engine>>, config: ContactConfig) -> Self {
+        let sensors = engines
+            .into_iter()
+            .zip(hand.pads())
+            .map(|(engine, TouchPad { profile, .. })| (engine, TouchSensor::new(profile.size_px, profile.gains())));
+        let names = hand.pads().iter().map(|pad| pad.name.clone()).collect();
+        Self { config, names, sensors: sensors.collect() }
     }
 
-    /// The network.
-    pub fn engine(&self) -> &Engine {
-        &self.engine
+    /// The network of the sensor of a pad.
+    pub fn engine(&self, pad: usize) -> Option<&Engine> {
+        self.sensors.get(pad).map(|(engine, _)| engine.as_ref())
     }
 
     /// Sets the image of the sensor of a pad that touches nothing. Has no effect if there is no such pad.
     ///
     /// # Errors
-    /// [`SensorError::Size`] if the image is not 240 wide and 320 high.
+    /// [`SensorError::Size`] if the image has another size than the sensor's.
     pub fn set_untouched(&mut self, pad: usize, image: &RgbImage) -> Result<(), SensorError> {
-        let Some((sensor, name)) = self.sensors.get_mut(pad).zip(self.names.get(pad)) else { return Ok(()) };
-        sensor.set_untouched(&self.engine, image).map_err(|unfit| unfit.of(name))
+        let Some(((engine, sensor), name)) = self.sensors.get_mut(pad).zip(self.names.get(pad)) else {
+            return Ok(());
+        };
+        sensor.set_untouched(engine, image).map_err(|unfit| unfit.of(name))
     }
 
     /// Returns the light of a sensor, if it is not that of other DIGITs. It is known with the untouched image.
     pub fn light(&self, pad: usize) -> Option<UnusualLight> {
-        self.sensors.get(pad)?.light()
+        self.sensors.get(pad)?.1.light()
     }
 
     /// Returns the contact on each sensor, one image per thread; `None` for a sensor without an image. Images are in the order of the pads.
     ///
     /// # Errors
-    /// [`SensorError::Size`] if an image is neither empty nor 240 wide and 320 high.
+    /// [`SensorError::Size`] if an image is neither empty nor of its sensor's size.
     pub fn feel(&mut self, images: &[&RgbImage]) -> Result<PerPad<Option<Felt>>, SensorError> {
-        let Self { engine, config, names, sensors } = self;
+        let Self { config, names, sensors } = self;
         let felt: Vec<Result<Option<Felt>, SensorError>> = sensors
             .par_iter_mut()
             .zip(names.par_iter())
             .enumerate()
-            .map(|(pad, (sensor, name))| match images.get(pad).filter(|image| !image.is_empty()) {
+            .map(|(pad, ((engine, sensor), name))| match images.get(pad).filter(|image| !image.is_empty()) {
                 None => Ok(None),
                 Some(image) => sensor.feel(engine, config, image).map(Some).map_err(|unfit| unfit.of(name)),
             })
@@ -229,7 +240,7 @@ impl UnfitImage {
         SensorError::Size {
             sensor: SensorName::Touch(pad.to_owned()),
             image: "colour",
-            expected: [digit::WIDTH, digit::HEIGHT],
+            expected: self.expected,
             found: self.found,
         }
     }

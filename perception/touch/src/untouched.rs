@@ -164,7 +164,7 @@ pub fn difference_from_untouched(image: &RgbImage, untouched: &RgbImage) -> f32 
     differences(&squares(image), &squares(untouched)).1
 }
 
-/// Side of the squares whose means are compared, pixels; it divides both sides of the image.
+/// Side of the squares whose means are compared, pixels. It divides both sides of a DIGIT's image; of others the last pixels are left out.
 const SQUARE: usize = 16;
 
 /// Mean colours of the squares of an image, row by row.
@@ -172,11 +172,11 @@ pub(crate) type Squares = Vec<[f32; 3]>;
 
 /// Returns the mean colours of squares.
 pub(crate) fn squares(image: &RgbImage) -> Squares {
-    let columns = image.width() as usize / SQUARE;
-    let rows = image.as_chunks::<3>().0.chunks_exact(image.width() as usize * SQUARE);
+    let (width, columns) = (image.width() as usize, image.width() as usize / SQUARE);
+    let rows = image.as_chunks::<3>().0.chunks_exact((width * SQUARE).max(1));
     rows.flat_map(|rows| {
         let mut sums = vec![[0_u32; 3]; columns];
-        for row in rows.chunks_exact(columns * SQUARE) {
+        for row in rows.chunks_exact(width) {
             for (sum, pixels) in sums.iter_mut().zip(row.chunks_exact(SQUARE)) {
                 for rgb in pixels {
                     for (sum, &level) in sum.iter_mut().zip(rgb) {

@@ -1,5 +1,6 @@
-//! The DIGIT touch sensor: its camera and its gel.
+//! Touch sensors of the DIGIT's kind: their camera, gel and body. The constants are those of the DIGIT.
 
+pub mod body;
 pub mod gel;
 pub mod markers;
 pub mod profile;

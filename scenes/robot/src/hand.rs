@@ -16,6 +16,8 @@ use mvt_frames::{Point, World};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
+use crate::digit::gel::GelView;
+use crate::digit::profile::SensorProfile;
 pub use crate::joint::{Drive, Joint, JointAngles, JointMotion};
 pub use crate::per_pad::PerPad;
 pub use crate::side::Side;
@@ -36,6 +38,9 @@ pub struct TouchPad {
     pub body: usize,
     /// Where the gel frame of the sensor is on that body: origin at the camera, x out of the gel, z up in the image.
     pub place: Placing,
+    /// The sensor.
+    #[serde(default, skip_serializing_if = "SensorProfile::is_tacto")]
+    pub profile: SensorProfile,
 }
 
 /// Point around which a hand holds objects.
@@ -82,7 +87,7 @@ pub struct HandError {
 }
 
 /// A hand, checked. It is immutable and shared.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Hand {
     description: HandDescription,
     /// Index of the joint of each body.
@@ -159,9 +164,23 @@ impl Hand {
         self.description.side
     }
 
-    /// Returns whether it is the built-in Allegro, whose files name its side alone.
+    /// Returns the hand with this touch sensor on all pads. Its bodies stay.
+    #[must_use]
+    pub fn with_profile(&self, profile: &SensorProfile) -> Arc<Self> {
+        self.with_profiles(|_| profile.clone())
+    }
+
+    /// Returns the hand with a touch sensor for each pad. Its bodies stay.
+    #[must_use]
+    pub fn with_profiles(&self, profile: impl Fn(&TouchPad) -> SensorProfile) -> Arc<Self> {
+        let mut hand = self.clone();
+        hand.description.pads.iter_mut().for_each(|pad| pad.profile = profile(pad));
+        Arc::new(hand)
+    }
+
+    /// Returns whether it is the built-in Allegro, whatever the profiles of its touch sensors.
     pub fn is_allegro(&self) -> bool {
-        self.description == Self::allegro(self.side()).description
+        self.with_profile(&SensorProfile::tacto()).description == Self::allegro(self.side()).description
     }
 
     /// Returns whether there is no hand.
@@ -202,6 +221,11 @@ impl Hand {
     /// Returns the joints that move a pad, from the base outwards.
     pub fn pad_chain(&self, pad: usize) -> &[usize] {
         self.pads().get(pad).map_or(&[], |pad| self.chain(pad.body))
+    }
+
+    /// Returns the view of the camera of each touch sensor on its undeformed gel.
+    pub fn gel_views(&self) -> PerPad<GelView> {
+        self.pads().iter().map(|pad| pad.profile.gel_view()).collect()
     }
 
     /// Returns the limits of all joints, radians or metres.
@@ -281,6 +305,7 @@ impl Hand {
                 return Err(format!("pad {}: there is no body {}", pad.name, pad.body));
             }
             check_placing(&pad.place).map_err(|fault| format!("pad {}: {fault}", pad.name))?;
+            pad.profile.validate().map_err(|fault| format!("pad {}: {fault}", pad.name))?;
         }
         if apart
             .iter()

@@ -7,12 +7,11 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object, World};
-use mvt_robot::digit;
 use mvt_robot::hand::{Hand, JointAngles, Side};
 
 use crate::error::LogError;
 use crate::frame::finger_poses;
-use crate::hand::{pad_folder, world_from_base};
+use crate::hand::{pad_folder, pad_size, world_from_base};
 use crate::io::write_synced;
 use crate::npz::{DeflatedFrame, NpzWriter};
 use crate::pickle;
@@ -155,13 +154,18 @@ impl LogAssembler {
         Ok(Self { place: place.to_path_buf(), partial, hand, cameras, depths })
     }
 
+    /// Returns the hand of the log.
+    pub fn hand(&self) -> &Hand {
+        &self.hand
+    }
+
     /// Adds an image of a frame: a JPEG or PNG file, which is stored to the byte. `origin` names it in errors.
     ///
     /// # Errors
     /// [`LogError`] if it cannot be decoded, has not the size of the sensor's images, or cannot be written.
     pub fn image(&mut self, image: LogImage, frame: usize, file: &[u8], origin: &Path) -> Result<(), LogError> {
         let touch = |pad: usize, kind| match pad < self.hand.pads().len() {
-            true => Ok((format!("{}/{kind}", pad_folder(&self.hand, pad)), (digit::WIDTH, digit::HEIGHT))),
+            true => Ok((format!("{}/{kind}", pad_folder(&self.hand, pad)), pad_size(&self.hand, pad))),
             false => Err(LogError::defect(origin, format!("there is no pad {pad}"))),
         };
         let camera = |number: usize, kind| match self.cameras.get(number) {
@@ -180,7 +184,7 @@ impl LogAssembler {
         // Decoded only to be checked: readers must find no damage.
         match image {
             LogImage::Colours(_) => drop(color_of(file, origin, size)?),
-            LogImage::Touch(_) => drop(touch_of(file, origin)?),
+            LogImage::Touch(_) => drop(touch_of(file, origin, size)?),
             _ => drop(gray_of(file, origin, size)?),
         }
         let folder = self.partial.path().join(folder);

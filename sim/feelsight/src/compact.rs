@@ -1,17 +1,17 @@
 //! Images of a compact log. docs/compact_log.md describes the layout.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
 
 use image::{GrayImage, ImageBuffer, Luma, RgbImage};
-use mvt_robot::digit;
-use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, PerPad};
 use serde::{Deserialize, Serialize};
 
 use crate::archive::{ARCHIVE, ArchiveReader, ArchiveWriter};
 use crate::error::LogError;
-use crate::hand::pad_folder;
+use crate::hand::{pad_folder, pad_size};
 use crate::levels::image_of;
 use crate::picture::{MAX_FILE, color_of, encode_color, encode_png, encode_small, gray_of, levels16_of, touch_of};
 use crate::record::DigitInfo;
@@ -20,7 +20,7 @@ use crate::record::DigitInfo;
 const LAYOUT: u32 = 1;
 /// Name of the file that says the version.
 const LAYOUT_FILE: &str = "layout.json";
-/// Name of the image of the untouched gel's levels.
+/// Name of the image of the levels of the untouched gel of TACTO's DIGIT. Other sensors have one in their folders.
 const GEL_FILE: &str = "allegro/gel.png";
 /// Step of camera depth, metres: sensors measure in steps of 0.1 or 1 mm, so that their values are kept exactly.
 const DEPTH_STEP_M: f64 = 1e-4;
@@ -32,7 +32,6 @@ const DIFFERENCE_QUALITY: u8 = 70;
 const CAMERA_QUALITY: u8 = 60;
 /// Level of no difference.
 const MIDDLE: i16 = 128;
-const DIGIT_SIZE: (usize, usize) = (digit::WIDTH, digit::HEIGHT);
 
 /// Contents of layout.json.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -48,7 +47,7 @@ pub(crate) struct CompactFrames {
     hand: Arc<Hand>,
     depth_step_m: f64,
     untouched: PerPad<RgbImage>,
-    gel: GrayImage,
+    gels: PerPad<GrayImage>,
 }
 
 impl CompactFrames {
@@ -74,11 +73,15 @@ impl CompactFrames {
         }
         let color = |pad: usize| {
             let name = format!("{}/untouched.png", pad_folder(hand, pad));
-            color_of(&archive.read(&name, MAX_FILE)?, &archive.path(&name), DIGIT_SIZE)
+            color_of(&archive.read(&name, MAX_FILE)?, &archive.path(&name), pad_size(hand, pad))
         };
         let untouched = (0..hand.pads().len()).map(color).collect::<Result<_, LogError>>()?;
-        let gel = gray_of(&archive.read(GEL_FILE, MAX_FILE)?, &archive.path(GEL_FILE), DIGIT_SIZE)?;
-        Ok(Some(Self { archive, hand: Arc::clone(hand), depth_step_m, untouched, gel }))
+        let gel = |pad: usize| {
+            let name = gel_file(hand, pad);
+            gray_of(&archive.read(&name, MAX_FILE)?, &archive.path(&name), pad_size(hand, pad))
+        };
+        let gels = (0..hand.pads().len()).map(gel).collect::<Result<_, LogError>>()?;
+        Ok(Some(Self { archive, hand: Arc::clone(hand), depth_step_m, untouched, gels }))
     }
 
     /// Returns the number of images of a touch sensor.
@@ -90,12 +93,12 @@ impl CompactFrames {
     /// Reads the image of a touch sensor.
     pub fn touch_image(&self, pad: usize, frame: usize) -> Result<RgbImage, LogError> {
         let folder = pad_folder(&self.hand, pad);
-        let whole = format!("{folder}/image/{frame}.jpg");
+        let (whole, size) = (format!("{folder}/image/{frame}.jpg"), pad_size(&self.hand, pad));
         if self.archive.contains(&whole) {
-            return touch_of(&self.archive.read(&whole, MAX_FILE)?, &self.archive.path(&whole));
+            return touch_of(&self.archive.read(&whole, MAX_FILE)?, &self.archive.path(&whole), size);
         }
         let name = format!("{folder}/difference/{frame}.jpg");
-        let mut image = color_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
+        let mut image = color_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), size)?;
         for (level, &untouched) in
             image.iter_mut().zip(self.untouched.get(pad).into_iter().flat_map(|image| image.iter()))
         {
@@ -108,8 +111,10 @@ impl CompactFrames {
     /// Reads the levels of touch depth.
     pub fn touch_levels(&self, pad: usize, frame: usize) -> Result<GrayImage, LogError> {
         let name = format!("{}/depth/{frame}.png", pad_folder(&self.hand, pad));
-        let mut levels = gray_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), DIGIT_SIZE)?;
-        levels.iter_mut().zip(self.gel.iter()).for_each(|(level, &gel)| *level = level.wrapping_add(gel));
+        let size = pad_size(&self.hand, pad);
+        let mut levels = gray_of(&self.archive.read(&name, MAX_FILE)?, &self.archive.path(&name), size)?;
+        let gel = self.gels.get(pad).into_iter().flat_map(|gel| gel.iter());
+        levels.iter_mut().zip(gel).for_each(|(level, &gel)| *level = level.wrapping_add(gel));
         Ok(levels)
     }
 
@@ -136,14 +141,32 @@ pub(crate) fn begin(log: &Path, hand: &Hand, untouched: &PerPad<RgbImage>) -> Re
         let bytes = encode_png(image).map_err(failed)?;
         archive.add(&format!("{}/untouched.png", pad_folder(hand, pad)), &bytes)?;
     }
+    for (pad, of) in hand.pads().iter().enumerate().filter(|(_, pad)| !pad.profile.is_tacto()) {
+        archive.add(&gel_file(hand, pad), &encode_png(&*gel_levels(&of.profile)).map_err(failed)?)?;
+    }
     Ok(archive)
 }
 
-/// Levels of the untouched gel.
-static GEL_LEVELS: LazyLock<GrayImage> = LazyLock::new(|| {
-    let info = DigitInfo::published();
-    image_of(GelView::tacto().depth_m(), |&depth_m| info.level(depth_m))
-});
+/// Levels of the untouched gel of TACTO's DIGIT.
+static GEL_LEVELS: LazyLock<GrayImage> = LazyLock::new(|| levels_of(&SensorProfile::tacto()));
+
+/// Returns the levels of the untouched gel of a sensor.
+fn gel_levels(profile: &SensorProfile) -> Cow<'static, GrayImage> {
+    if profile.is_tacto() { Cow::Borrowed(&GEL_LEVELS) } else { Cow::Owned(levels_of(profile)) }
+}
+
+fn levels_of(profile: &SensorProfile) -> GrayImage {
+    let info = DigitInfo::published().of(profile);
+    image_of(profile.gel_view().depth_m(), |&depth_m| info.level(depth_m))
+}
+
+/// Returns the name of the image of the levels of a pad's untouched gel.
+fn gel_file(hand: &Hand, pad: usize) -> String {
+    match hand.pads().get(pad).is_none_or(|pad| pad.profile.is_tacto()) {
+        true => GEL_FILE.to_owned(),
+        false => format!("{}/gel.png", pad_folder(hand, pad)),
+    }
+}
 
 /// Encodes the image of a touch sensor, and says whether as difference from the untouched image. A difference that does not fit into a byte is none.
 pub(crate) fn encode_touch(image: &RgbImage, untouched: &RgbImage) -> Result<(Vec<u8>, bool), String> {
@@ -156,10 +179,11 @@ pub(crate) fn encode_touch(image: &RgbImage, untouched: &RgbImage) -> Result<(Ve
     }
 }
 
-/// Encodes levels of touch depth as their difference from the untouched gel.
-pub(crate) fn encode_levels(levels: &GrayImage) -> Result<Vec<u8>, String> {
+/// Encodes levels of touch depth as their difference from the untouched gel of a pad.
+pub(crate) fn encode_levels(levels: &GrayImage, hand: &Hand, pad: usize) -> Result<Vec<u8>, String> {
+    let gel = hand.pads().get(pad).map(|pad| gel_levels(&pad.profile)).ok_or("there is no such pad")?;
     let mut difference = levels.clone();
-    difference.iter_mut().zip(GEL_LEVELS.iter()).for_each(|(level, &gel)| *level = level.wrapping_sub(gel));
+    difference.iter_mut().zip(gel.iter()).for_each(|(level, &gel)| *level = level.wrapping_sub(gel));
     encode_png(&difference)
 }
 

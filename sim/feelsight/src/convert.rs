@@ -4,7 +4,6 @@ use std::fs;
 use std::path::Path;
 
 use image::RgbImage;
-use mvt_robot::digit;
 use mvt_robot::hand::PerPad;
 use rayon::prelude::*;
 
@@ -12,6 +11,7 @@ use crate::archive::ARCHIVE;
 use crate::error::LogError;
 use crate::format::LogFormat;
 use crate::frames::{self, EncodedImages, FrameWriter, RawFrame};
+use crate::hand::pad_size;
 use crate::reader::Log;
 use crate::writer::PartialFolder;
 
@@ -74,8 +74,9 @@ pub fn convert(log: &Path, out: &Path, format: LogFormat, mut progress: impl FnM
 fn untouched(log: &Log) -> Result<PerPad<RgbImage>, LogError> {
     let samples = SAMPLES.min(log.len());
     let median = |pad: usize| {
+        let (width, height) = pad_size(log.hand(), pad);
         if !log.has_touch_images(pad) {
-            return Ok(RgbImage::new(digit::WIDTH as u32, digit::HEIGHT as u32));
+            return Ok(RgbImage::new(width as u32, height as u32));
         }
         let images: Vec<RgbImage> =
             (0..samples).map(|k| log.touch_image(pad, k * log.len() / samples)).collect::<Result<_, _>>()?;
@@ -86,8 +87,8 @@ fn untouched(log: &Log) -> Result<PerPad<RgbImage>, LogError> {
             let middle = levels.len() / 2;
             if levels.is_empty() { 0 } else { *levels.select_nth_unstable(middle).1 }
         };
-        let raw: Vec<u8> = (0..3 * digit::WIDTH * digit::HEIGHT).map(level).collect();
-        RgbImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, raw)
+        let raw: Vec<u8> = (0..3 * width * height).map(level).collect();
+        RgbImage::from_raw(width as u32, height as u32, raw)
             .ok_or_else(|| LogError::defect(log.folder(), "a touch image has another size than its sensor's"))
     };
     (0..log.hand().pads().len()).map(median).collect()

@@ -4,14 +4,13 @@ use image::{GrayImage, RgbImage};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, MeshFile, Object};
-use mvt_robot::digit;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{GroundTruth, Observation, Rgbd, TouchTruth};
 use ndarray::Array2;
 
 use crate::error::LogError;
 use crate::frames::{self, EncodedImages, RawCamera, RawFrame, RawTouch};
-use crate::hand::pad_name;
 use crate::levels;
 use crate::preview;
 use crate::record::{DigitInfo, Matrix};
@@ -32,7 +31,7 @@ pub struct EncodedFrame {
 impl EncodedFrame {
     /// Encodes the observation and the ground truth of one instant.
     ///
-    /// Touch depth is the height over the plane 22 mm from the camera, in steps of 0.03 mm, for the whole pad: object
+    /// Touch depth is the height over the plane of the gel's apex (22 mm from the camera of a DIGIT), in steps of 0.03 mm, for the whole pad: object
     /// or untouched gel. TACTO's height maps and the networks trained on them use the same encoding. Loaders multiply
     /// it by the contact mask and take level 0 for no contact, so a pixel in contact has at least level 1.
     ///
@@ -64,9 +63,10 @@ fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Res
             return Err(format!("it has {found} {what} and hand {} {expected}", hand.name()));
         }
     }
-    let touch = observation.touch.iter().zip(&truth.touch).enumerate();
-    let touch =
-        touch.map(|(pad, (image, truth))| raw_touch(image, truth).map_err(|e| format!("{}: {e}", pad_name(hand, pad))));
+    let touch = observation.touch.iter().zip(truth.touch.iter());
+    let touch = touch
+        .zip(hand.pads())
+        .map(|((image, truth), pad)| raw_touch(image, truth, &pad.profile).map_err(|e| format!("{}: {e}", pad.name)));
     let touch = touch.collect::<Result<PerPad<_>, _>>()?;
     let cameras = observation.cameras.iter().zip(&truth.labels).zip(&meta.cameras);
     let cameras = cameras
@@ -98,17 +98,17 @@ fn image_size(dimensions: (u32, u32)) -> (usize, usize) {
     (dimensions.0 as usize, dimensions.1 as usize)
 }
 
-fn raw_touch(image: &RgbImage, truth: &TouchTruth) -> Result<RawTouch, String> {
-    let size = (digit::WIDTH, digit::HEIGHT);
+fn raw_touch(image: &RgbImage, truth: &TouchTruth, profile: &SensorProfile) -> Result<RawTouch, String> {
+    let size = profile.size_px.into();
     check("the image", image_size(image.dimensions()), size)?;
     let (rows, columns) = truth.contact.dim();
     check("the contact mask", (columns, rows), size)?;
     let (rows, columns) = truth.depth_m.dim();
     check("the depth", (columns, rows), size)?;
-    let info = DigitInfo::published();
+    let info = DigitInfo::published().of(profile);
     let level = |(&depth, &touches): (&f32, &bool)| info.level(depth).max(u8::from(touches));
     let levels = truth.depth_m.iter().zip(&truth.contact).map(level).collect();
-    let levels = GrayImage::from_raw(digit::WIDTH as u32, digit::HEIGHT as u32, levels).ok_or("the depth has holes")?;
+    let levels = GrayImage::from_raw(image.width(), image.height(), levels).ok_or("the depth has holes")?;
     let mask = levels::image_of(&truth.contact, |&touches| if touches { 255 } else { 0 });
     Ok(RawTouch { image: Some(image.clone()), labels: Some((levels, mask)) })
 }

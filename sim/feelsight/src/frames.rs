@@ -77,7 +77,7 @@ pub(super) fn encode(
         }
         let Some((levels, mask)) = labels else { continue };
         let (levels, mask, extension) = match untouched {
-            Some(_) => (compact::encode_levels(levels), encode_png(mask), "png"),
+            Some(_) => (compact::encode_levels(levels, hand, pad), encode_png(mask), "png"),
             None => (encode_exact(levels), encode_exact(mask), "jpg"),
         };
         add(format!("{folder}/depth"), extension, levels.map_err(of_pad)?);

@@ -1,6 +1,6 @@
 //! The hand of a log or recording: in its JSON and in data.pkl.
 //!
-//! Files hold only the side of an Allegro, and the whole [`HandDescription`] of any other hand.
+//! Files hold only the side of an Allegro with TACTO's DIGITs, and the whole [`HandDescription`] of any other hand.
 
 use std::sync::Arc;
 
@@ -9,9 +9,9 @@ use mvt_robot::hand::{Hand, HandDescription, HandError, Side};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::Value;
 
-/// Returns the description of a hand that files hold; `None` for the Allegro, of which they hold only the side.
+/// Returns the description of a hand that files hold; `None` for the Allegro with TACTO's DIGITs, of which they hold only the side.
 pub fn stored(hand: &Hand) -> Option<&HandDescription> {
-    (!hand.is_allegro()).then(|| hand.description())
+    (*hand != *Hand::allegro(hand.side())).then(|| hand.description())
 }
 
 /// Returns the hand of a file: the described one, or the Allegro of this side.
@@ -32,12 +32,17 @@ pub(crate) fn pad_name(hand: &Hand, pad: usize) -> &str {
     hand.pads().get(pad).map_or("", |pad| &pad.name)
 }
 
+/// Returns width and height of a pad's images, pixels. A pad that does not exist has none.
+pub(crate) fn pad_size(hand: &Hand, pad: usize) -> (usize, usize) {
+    hand.pads().get(pad).map_or((0, 0), |pad| pad.profile.size_px.into())
+}
+
 /// Returns the folder of a pad's images in a log. FeelSight fixes the name of the folder around it.
 pub(crate) fn pad_folder(hand: &Hand, pad: usize) -> String {
     format!("allegro/{}", pad_name(hand, pad))
 }
 
-/// Writes the side of an Allegro or the description of another hand. For `serde(with)`.
+/// Writes the side of an Allegro with TACTO's DIGITs or the description of another hand. For `serde(with)`.
 pub(crate) fn serialize<S: Serializer>(hand: &Arc<Hand>, serializer: S) -> Result<S::Ok, S::Error> {
     match stored(hand) {
         Some(description) => description.serialize(serializer),

@@ -6,7 +6,6 @@ use std::path::Path;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::Label;
 use mvt_frames::{Isometry, Object, Point};
-use mvt_robot::digit;
 use mvt_robot::hand::PerPad;
 use mvt_robot::hand::solid::HandSolid;
 use ndarray::Array2;
@@ -225,8 +224,9 @@ fn frame_facts(log: &Log, i: usize, surface: Option<Surface<'_>>) -> Result<Fram
     let images = log.images(i)?;
     let mut distances = Vec::new();
     if let (Some(truth), Some(distance_m), Some(object_pose)) = (&images.touch_truth, surface, log.object_poses()[i]) {
-        let intrinsics = digit::intrinsics();
-        for (touch, camera) in truth.iter().zip(log.hand().world_from_touch_cameras(&log.joints()[i])) {
+        let pads = truth.iter().zip(log.hand().pads());
+        for ((touch, pad), camera) in pads.zip(log.hand().world_from_touch_cameras(&log.joints()[i])) {
+            let intrinsics = pad.profile.intrinsics();
             let object_from_camera = object_pose.inverse() * camera;
             let pixels = touch.contact.indexed_iter().filter(|(_, touches)| **touches);
             distances.extend(pixels.step_by(CONTACT_STRIDE).map(|((v, u), _)| {

@@ -6,7 +6,6 @@ use std::path::Path;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, EncodableLayout, GrayImage, ImageBuffer, ImageEncoder, PixelWithColorType, RgbImage};
 use mvt_images::DecodeError;
-use mvt_robot::digit;
 
 use crate::error::LogError;
 use crate::io::read_at_most;
@@ -74,7 +73,13 @@ fn decode(bytes: &[u8], path: &Path, (width, height): (usize, usize)) -> Result<
 }
 
 fn image_error(path: &Path) -> impl FnOnce(DecodeError) -> LogError {
-    |reason| LogError::Image { path: path.to_path_buf(), reason }
+    move |reason| match reason {
+        DecodeError::Size { .. } => {
+            let remedy = "give the image the size of its sensor, which is size_px in scene.json for touch, or w and h in data.pkl";
+            LogError::defect(path, format!("{reason}; {remedy}"))
+        }
+        reason => LogError::Image { path: path.to_path_buf(), reason },
+    }
 }
 
 /// Decodes a colour image of this width and height. A grey one becomes colours. `path` is for messages.
@@ -82,9 +87,9 @@ pub(super) fn color_of(bytes: &[u8], path: &Path, size: (usize, usize)) -> Resul
     decode(bytes, path, size).map(DynamicImage::into_rgb8)
 }
 
-/// Decodes the image of a touch sensor, which cannot be grey.
-pub(super) fn touch_of(bytes: &[u8], path: &Path) -> Result<RgbImage, LogError> {
-    mvt_images::colours(decode(bytes, path, (digit::WIDTH, digit::HEIGHT))?).map_err(image_error(path))
+/// Decodes the image of a touch sensor of this width and height, which cannot be grey.
+pub(super) fn touch_of(bytes: &[u8], path: &Path, size: (usize, usize)) -> Result<RgbImage, LogError> {
+    mvt_images::colours(decode(bytes, path, size)?).map_err(image_error(path))
 }
 
 /// Decodes an image of 8-bit grey of this width and height.

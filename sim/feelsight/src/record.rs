@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit;
+use mvt_robot::digit::gel::APEX_M;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, JointAngles, Side};
 
 use crate::array::Array;
@@ -20,7 +22,7 @@ const LARGEST_FILE: u64 = 256 << 20;
 /// Pose as a 4 x 4 row-major matrix.
 pub(super) type Matrix = [[f64; 4]; 4];
 
-/// Encoding of touch depth as grey levels, the same for all touch sensors.
+/// Encoding of touch depth as grey levels, of a DIGIT.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DigitInfo {
     /// Intrinsics in the log. Published logs round the principal point to (120, 160).
@@ -37,6 +39,11 @@ impl DigitInfo {
         let intrinsics =
             Intrinsics { fx: 277.128_129_2, fy: 277.128_129_2, cx: 120.0, cy: 160.0, ..digit::intrinsics() };
         Self { intrinsics, cam_dist_m: -0.022, depth_scale: 33_333.333_34 }
+    }
+
+    /// Returns the encoding for a sensor: level 0 is the plane of the apex of its gel.
+    pub(crate) fn of(&self, profile: &SensorProfile) -> Self {
+        Self { cam_dist_m: self.cam_dist_m + (APEX_M - profile.apex_mm / 1e3), ..*self }
     }
 
     /// Returns the level of a depth along the camera's axis, metres; 0 beyond the apex plane.

@@ -9,6 +9,7 @@ use std::sync::LazyLock;
 
 use mvt_files::input;
 use mvt_objects::object::Object;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, Side};
 use serde::{Deserialize, Serialize};
 
@@ -227,13 +228,13 @@ impl ControllerFile {
     }
 }
 
-/// Returns the checksum of a hand, 8 hexadecimal digits. A hand that differs moves otherwise with the same angles. Both sides of the
-/// built-in hand have the same.
+/// Returns the checksum of a hand, 8 hexadecimal digits. A hand that differs moves otherwise with the same angles, whatever the profiles of
+/// its touch sensors. Both sides of the built-in hand have the same.
 pub fn hand_model(hand: &Hand) -> String {
     let right = Hand::allegro(Side::Right);
-    let description = if gait::suits(hand) { right.description() } else { hand.description() };
+    let hand = if gait::suits(hand) { &right } else { &hand.with_profile(&SensorProfile::tacto()) };
     // A description serialises always.
-    let text = serde_json::to_string(description).unwrap_or_default();
+    let text = serde_json::to_string(hand.description()).unwrap_or_default();
     format!("{:08x}", crc32fast::hash(text.as_bytes()))
 }
 

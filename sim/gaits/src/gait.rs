@@ -147,7 +147,7 @@ pub enum UnknownGait {
 
 /// Returns whether the shipped gaits were made for this hand.
 pub fn suits(hand: &Hand) -> bool {
-    *hand == *Hand::allegro(hand.side())
+    hand.is_allegro()
 }
 
 /// Returns the limits of a hand's joints in the coordinates of gaits, which are those of the right hand.

@@ -17,7 +17,6 @@ use crate::check;
 use crate::error::{HandFileError, unknown};
 use crate::file::{GraspMount, HandFile, LoadedHand, PadMount};
 use crate::model::{Coupling, Link, LinkJoint, LinkMotion, Model};
-use crate::sensor::SensorHousing;
 use crate::shape::{self, placing};
 
 /// Extents at joint angles 0 that a hand can have, metres. Others are due to another unit.
@@ -57,8 +56,7 @@ pub(crate) fn assemble(
     warnings.extend(check::covered_gels(&hand));
     let fingers = fingers(file, &hand).map_err(&content)?;
     let cameras = camera::cameras(file, &hand, |name| builder.fixed_link(name, &hand)).map_err(&content)?;
-    let profiles = mounts.into_iter().map(|mount| mount.profile).collect();
-    Ok(LoadedHand { hand, cameras, profiles, fingers, model: model_path, warnings })
+    Ok(LoadedHand { hand, cameras, fingers, model: model_path, warnings })
 }
 
 /// How a link of the hand moves against its parent.
@@ -76,8 +74,8 @@ struct Mount {
     /// Place of the gel's frame on the link.
     place: na::Isometry3<f64>,
     profile: SensorProfile,
-    /// Body of the sensor; `None` if a shape of the link is its gel.
-    housing: Option<SensorHousing>,
+    /// Whether a shape of the link is its gel, so that the link is the sensor.
+    is_link: bool,
 }
 
 pub(crate) struct Builder<'a> {
@@ -239,29 +237,17 @@ impl<'a> Builder<'a> {
             pad: name.clone(),
             source: Box::new(source),
         })?;
-        let housing = match (&pad.gel, pad.housing.or_else(|| SensorHousing::of_profile(&pad.profile))) {
-            (Some(_), _) if pad.housing.is_some() || pad.replaces => {
-                return Err(fault(
-                    "`gel` names a shape of the link, so `housing` and `replaces` have no meaning; drop them"
-                        .to_owned(),
-                ));
+        if let Some(gel) = &pad.gel {
+            if pad.replaces {
+                let reason = "`gel` names a shape of the link, so `replaces` has no meaning; drop it";
+                return Err(fault(reason.to_owned()));
             }
-            (Some(gel), _) => {
-                let named = || self.model.links[link].shapes.iter().filter_map(|shape| shape.name.as_deref());
-                if !named().any(|name| name == gel) {
-                    return Err(fault(unknown("shape", gel, named())));
-                }
-                None
+            let named = || self.model.links[link].shapes.iter().filter_map(|shape| shape.name.as_deref());
+            if !named().any(|name| name == gel) {
+                return Err(fault(unknown("shape", gel, named())));
             }
-            (None, None) => {
-                return Err(fault(format!(
-                    "the profile {} does not say how large its sensor is; write `housing = \"digit\"` or `housing = \"gelsight_mini\"`",
-                    pad.profile
-                )));
-            }
-            (None, housing) => housing,
-        };
-        Ok(Mount { link, place, profile, housing })
+        }
+        Ok(Mount { link, place, profile, is_link: pad.gel.is_some() })
     }
 
     /// Returns the description of the hand, and warnings.
@@ -294,9 +280,8 @@ impl<'a> Builder<'a> {
             let here = || mounts.iter().enumerate().filter(|(_, mount)| mount.link == k);
             let mut parts = self.parts(link, here());
             for (pad, mount) in here() {
-                let Some(housing) = mount.housing else { continue };
-                if let Some(warning) = self.make_room(pad, mount, housing, link, &mut parts) {
-                    warnings.push(warning);
+                if !mount.is_link {
+                    warnings.extend(self.make_room(pad, mount, link, &mut parts));
                 }
             }
             let mut inertial = link.inertial;
@@ -323,18 +308,19 @@ impl<'a> Builder<'a> {
                 parts: parts.into_iter().map(|(_, part)| part).collect(),
             });
             for (pad, mount) in here() {
-                let name = self.file.pads[pad].name.clone();
-                let Some(housing) = mount.housing else {
-                    pads[pad] = Some(TouchPad { name, body, place: placed(&mount.place) });
+                let (name, profile) = (self.file.pads[pad].name.clone(), mount.profile.clone());
+                if mount.is_link {
+                    pads[pad] = Some(TouchPad { name, body, place: placed(&mount.place), profile });
                     continue;
-                };
-                pads[pad] = Some(TouchPad { name: name.clone(), body: bodies.len(), place: Placing::at([0.0; 3]) });
+                }
+                let place = Placing::at([0.0; 3]);
+                pads[pad] = Some(TouchPad { name: name.clone(), body: bodies.len(), place, profile });
                 bodies.push(Body {
                     name: format!("{name}_sensor"),
                     parent: Some(body),
                     place: placed(&mount.place),
-                    inertial: Some(housing.inertial()),
-                    parts: housing.parts(pad),
+                    inertial: Some(mount.profile.body.inertial()),
+                    parts: mount.profile.body.parts(pad),
                 });
             }
         }
@@ -394,13 +380,13 @@ impl<'a> Builder<'a> {
         &self,
         pad: usize,
         mount: &Mount,
-        housing: SensorHousing,
         link: &Link,
         parts: &mut Vec<(Option<String>, Part)>,
     ) -> Option<String> {
         let PadMount { name, replaces, .. } = &self.file.pads[pad];
+        let sensor = mount.profile.body.parts(0);
         let overlaps = |(_, part): &(Option<String>, Part)| {
-            check::overlap(std::slice::from_ref(part), &na::Isometry3::identity(), &housing.parts(0), &mount.place)
+            check::overlap(std::slice::from_ref(part), &na::Isometry3::identity(), &sensor, &mount.place)
         };
         let inside: Vec<bool> = parts.iter().map(overlaps).collect();
         let count = inside.iter().filter(|inside| **inside).count();

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use mvt_robot::digit::gel::APEX_M;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::hand::{Body, GraspPoint, Hand, HandDescription, HandError, Part, PartSurface, Placing, Side, TouchPad};
 use nalgebra as na;
@@ -16,8 +15,8 @@ const DEPTH_M: f32 = 0.5e-3;
 const SAMPLES: usize = 12;
 /// Distances before the gel at which it must be free of its own link, metres.
 const BEFORE_GEL_M: [f64; 4] = [0.001, 0.003, 0.006, 0.010];
-/// Half the sides of the middle of a gel, metres.
-const MIDDLE_M: [f64; 2] = [0.006, 0.008];
+/// Half the sides of the middle of a gel, in shares of the pad's.
+const MIDDLE: f64 = 0.3;
 /// Share of the space before a gel that may be covered.
 const COVERED: f64 = 0.1;
 
@@ -51,8 +50,10 @@ fn poses(description: &HandDescription) -> Vec<na::Isometry3<f64>> {
 /// Returns the middle of the apexes of the pads at joint angles 0, which moves with no body.
 pub(crate) fn middle_of_pads(description: &HandDescription) -> Option<GraspPoint> {
     let poses = poses(description);
-    let apex =
-        |pad: &TouchPad| poses.get(pad.body).map(|pose| pose * untyped(&pad.place) * na::Point3::new(APEX_M, 0.0, 0.0));
+    let apex = |pad: &TouchPad| {
+        let apex_m = pad.profile.gel_surface().apex_m();
+        poses.get(pad.body).map(|pose| pose * untyped(&pad.place) * na::Point3::new(apex_m, 0.0, 0.0))
+    };
     let apexes: Vec<na::Point3<f64>> = description.pads.iter().filter_map(apex).collect();
     let sum = apexes.iter().fold(na::Vector3::zeros(), |sum, apex| sum + apex.coords);
     (!apexes.is_empty()).then(|| GraspPoint { body: None, point_m: (sum / apexes.len() as f64).into() })
@@ -157,10 +158,11 @@ pub(crate) fn covered_gels(hand: &Hand) -> Vec<String> {
             })
             .collect();
         let world_from_gel = poses[pad.body] * untyped(&pad.place);
+        let (apex_m, middle_m) = (pad.profile.gel_surface().apex_m(), pad.profile.size_mm.map(|mm| MIDDLE * mm / 1e3));
         let steps = || [-1.0, -0.5, 0.0, 0.5, 1.0].into_iter();
         let points = BEFORE_GEL_M.iter().flat_map(|before| {
             steps().flat_map(move |y| {
-                steps().map(move |z| na::Point3::new(APEX_M + before, y * MIDDLE_M[0], z * MIDDLE_M[1]))
+                steps().map(move |z| na::Point3::new(apex_m + before, y * middle_m[0], z * middle_m[1]))
             })
         });
         let points: Vec<na::Point3<f64>> = points.map(|point| world_from_gel * point).collect();

@@ -5,11 +5,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
-use mvt_robot::digit::profile::SensorProfile;
-use mvt_robot::hand::{Drive, Hand, PerPad, Side, UPRIGHT};
+use mvt_robot::hand::{Drive, Hand, Side, UPRIGHT};
 use serde::{Deserialize, Serialize};
-
-use crate::sensor::SensorHousing;
 
 /// A hand with touch sensors, as its file describes it. Lengths are metres, angles radians unless the name says degrees.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -166,8 +163,7 @@ impl JointChange {
     }
 }
 
-/// Touch sensor on a link. Its frame is that of the gel: x out of the gel from the camera, whose view ends at the apex 22 mm before it, z
-/// up in the image.
+/// Touch sensor on a link. Its frame is that of the gel: x out of the gel from the camera, z up in the image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PadMount {
@@ -185,13 +181,10 @@ pub struct PadMount {
     /// Orientation of the gel's frame on the link or site, quaternion (w, x, y, z).
     #[serde(default = "upright")]
     pub orientation_wxyz: [f64; 4],
-    /// Name or file of the sensor's profile; the path of a file is relative to the hand file.
+    /// Name or file of the sensor's profile, with its body; the path of a file is relative to the hand file.
     #[serde(default = "digit")]
     pub profile: String,
-    /// Body of the sensor. Without it: that of the profile's name.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub housing: Option<SensorHousing>,
-    /// Name of a shape of the link that is the gel. The link then is the sensor, and gets no housing.
+    /// Name of a shape of the link that is the gel. The link then is the sensor, and gets no body of one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gel: Option<String>,
     /// Whether the sensor takes the place of the shapes of its link into which it reaches.
@@ -254,8 +247,6 @@ pub struct LoadedHand {
     pub hand: Arc<Hand>,
     /// The cameras of the file.
     pub cameras: Vec<PosedCamera>,
-    /// Profiles of the touch sensors.
-    pub profiles: PerPad<SensorProfile>,
     /// Indices of the joints of each finger that the file names, from base to tip.
     pub fingers: BTreeMap<String, Vec<usize>>,
     /// Path of the MJCF or URDF.

@@ -27,12 +27,10 @@ mod load;
 mod mjcf;
 mod model;
 mod rig;
-mod sensor;
 mod shape;
 mod urdf;
 
 pub use error::HandFileError;
 pub use file::{BaseLink, CameraMount, DriveChange, GraspMount, HandFile, JointChange, LoadedHand, PadMount};
 pub use leap::{LEAP, leap_folder};
-pub use sensor::SensorHousing;
 pub use {mvt_frames, mvt_robot};

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use mvt_frames::camera::PosedCamera;
-use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
 use mvt_robot::rig::{Placement, UnknownCamera};
 
@@ -24,7 +23,6 @@ impl LoadedHand {
         let fingers = fingers.map(|(pad, of)| (of.name.clone(), hand.pad_chain(pad).to_vec()));
         Self {
             fingers: fingers.collect::<BTreeMap<_, _>>(),
-            profiles: hand.per_pad(|_| SensorProfile::tacto()),
             cameras: Vec::new(),
             model: PathBuf::new(),
             warnings: Vec::new(),

@@ -132,21 +132,22 @@ fn unknown_names_get_a_suggestion() {
 }
 
 #[test]
-fn profiles_and_housings() {
+fn profiles() {
     let own = "fov_y_deg = 40.0\nreach_mm = 0.5\n";
     let copy = || {
         let copy = Copy::new().replace("pincer.toml", "profile = \"gelsight_mini\"", "profile = \"own.toml\"");
         fs::write(copy.path("own.toml"), own).unwrap();
         copy
     };
-    says(
-        &copy().refused("pincer.toml"),
-        &["pad right: the profile own.toml does not say how large", "housing = \"digit\""],
-    );
-    let housed = copy().replace("pincer.toml", "\"own.toml\"", "\"own.toml\"\nhousing = \"digit\"");
-    assert_eq!(housed.loaded("pincer.toml").profiles[1].fov_y_deg, 40.0);
-    fs::write(housed.path("own.toml"), "fov_y_deg = \"wide\"\n").unwrap();
-    says(&housed.refused("pincer.toml"), &["pad right: ", "own.toml is no sensor profile"]);
+    let own = copy();
+    let hand = own.loaded("pincer.toml").hand;
+    assert_eq!(hand.pads()[1].profile.fov_y_deg, 40.0);
+    assert_eq!(hand.bodies()[hand.pads()[1].body].parts, hand.pads()[1].profile.body.parts(1));
+    fs::write(own.path("own.toml"), "fov_y_deg = \"wide\"\n").unwrap();
+    says(&own.refused("pincer.toml"), &["pad right: ", "own.toml is no sensor profile"]);
+    let own = copy();
+    fs::write(own.path("own.toml"), "size_px = [0, 0]\n").unwrap();
+    says(&own.refused("pincer.toml"), &["pad right: ", "own.toml: size_px must be 2 numbers, each from 32 to 1024"]);
 }
 
 #[test]

@@ -85,8 +85,18 @@ fn gripper() -> Arc<Hand> {
             joint("plinth", 4, JointMotion::Hinge, [0.0, 0.0, 1.0], [-1.0, 1.0]),
         ],
         pads: vec![
-            TouchPad { name: "left".to_owned(), body: 1, place: Placing::at([0.0, 0.0, 0.02]) },
-            TouchPad { name: "right".to_owned(), body: 3, place: Placing::at([0.0, 0.0, 0.02]) },
+            TouchPad {
+                name: "left".to_owned(),
+                body: 1,
+                place: Placing::at([0.0, 0.0, 0.02]),
+                profile: Default::default(),
+            },
+            TouchPad {
+                name: "right".to_owned(),
+                body: 3,
+                place: Placing::at([0.0, 0.0, 0.02]),
+                profile: Default::default(),
+            },
         ],
         apart: vec![[1, 3]],
         palm_centre_m: None,

@@ -4,7 +4,6 @@
 use std::f32::consts::TAU;
 
 use image::RgbImage;
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
@@ -68,10 +67,11 @@ const STRIPES: f32 = 0.5;
 /// Changes an image as a sensor changes by itself, with warmth and time: colours and their slow course over the image change by up to
 /// `height` grey levels. Some cameras add faint stripes along the columns, and a gel that is dragged shows long soft folds.
 pub fn drift(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
+    let [width, rows] = size(image);
     let mut color = |height: f32| -> [f32; 3] { std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0)) };
     // Offset and slopes; together they reach the height at a corner.
     let [offset, across, down] = [color(0.5 * height), color(0.25 * height), color(0.25 * height)];
-    let stripes: Vec<[f32; 3]> = (0..WIDTH.div_ceil(STRIPE) + 1).map(|_| color(STRIPES * height)).collect();
+    let stripes: Vec<[f32; 3]> = (0..width.div_ceil(STRIPE) + 1).map(|_| color(STRIPES * height)).collect();
     let folds = rng.random_range(0..4);
     for _ in 0..folds {
         fold(image, height, rng);
@@ -79,7 +79,7 @@ pub fn drift(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
     let striped = if rng.random_bool(0.4) { 1.0 } else { 0.0 };
     for (u, v, pixel) in image.enumerate_pixels_mut() {
         let stripe = stripes[u as usize / STRIPE];
-        let [x, y] = [2.0 * u as f32 / WIDTH as f32 - 1.0, 2.0 * v as f32 / HEIGHT as f32 - 1.0];
+        let [x, y] = [2.0 * u as f32 / width as f32 - 1.0, 2.0 * v as f32 / rows as f32 - 1.0];
         for (c, level) in pixel.0.iter_mut().enumerate() {
             *level = (f32::from(*level) + offset[c] + x * across[c] + y * down[c] + striped * stripe[c]).round() as u8;
         }
@@ -98,11 +98,12 @@ pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
     let offset = color(height, rng);
     let shapes: Vec<(Shape, [f32; 3])> =
         Shape::draw(rng).into_iter().map(|(shape, share)| (shape, color(share * height, rng))).collect();
-    const COLUMNS: usize = WIDTH / SPACING + 1;
-    let light: Vec<[f32; 3]> = (0..COLUMNS * (HEIGHT / SPACING + 1))
+    let [width, rows] = size(image);
+    let columns = width.div_ceil(SPACING) + 1;
+    let light: Vec<[f32; 3]> = (0..columns * (rows.div_ceil(SPACING) + 1))
         .map(|i| {
-            let place = [i % COLUMNS * SPACING, i / COLUMNS * SPACING];
-            let place = [place[0] as f32 / WIDTH as f32, place[1] as f32 / HEIGHT as f32];
+            let place = [i % columns * SPACING, i / columns * SPACING];
+            let place = [place[0] as f32 / width as f32, place[1] as f32 / rows as f32];
             shapes.iter().fold(offset, |sum, (shape, color)| {
                 let share = shape.share(place);
                 std::array::from_fn(|c| sum[c] + share * color[c])
@@ -112,11 +113,11 @@ pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
     let between =
         |a: &[f32; 3], b: &[f32; 3], t: f32| -> [f32; 3] { std::array::from_fn(|c| a[c] + t * (b[c] - a[c])) };
     let pixels: &mut [u8] = image;
-    for (v, row) in pixels.chunks_exact_mut(3 * WIDTH).enumerate() {
-        let upper = v / SPACING * COLUMNS;
+    for (v, row) in pixels.chunks_exact_mut(3 * width).enumerate() {
+        let upper = v / SPACING * columns;
         let down = (v % SPACING) as f32 / SPACING as f32;
         let knots: Vec<[f32; 3]> =
-            (upper..upper + COLUMNS).map(|i| between(&light[i], &light[i + COLUMNS], down)).collect();
+            (upper..upper + columns).map(|i| between(&light[i], &light[i + columns], down)).collect();
         for (u, pixel) in row.as_chunks_mut::<3>().0.iter_mut().enumerate() {
             let across = (u % SPACING) as f32 / SPACING as f32;
             let added = between(&knots[u / SPACING], &knots[u / SPACING + 1], across);
@@ -132,13 +133,14 @@ pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
 
 /// Adds a fold: a long soft streak in any colour.
 fn fold(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
-    let (x, y) = (rng.random::<f32>() * WIDTH as f32, rng.random::<f32>() * HEIGHT as f32);
+    let [width, rows] = size(image);
+    let (x, y) = (rng.random::<f32>() * width as f32, rng.random::<f32>() * rows as f32);
     let (sin, cos) = (rng.random::<f32>() * TAU).sin_cos();
-    let (length, width) = (rng.random_range(30.0..120.0_f32), rng.random_range(8.0..30.0_f32));
+    let (length, breadth) = (rng.random_range(30.0..120.0_f32), rng.random_range(8.0..30.0_f32));
     let heights: [f32; 3] = std::array::from_fn(|_| height * (2.0 * rng.random::<f32>() - 1.0));
     for (u, v, pixel) in image.enumerate_pixels_mut() {
         let (dx, dy) = (u as f32 - x, v as f32 - y);
-        let (along, across) = ((dx * cos + dy * sin) / length, (dy * cos - dx * sin) / width);
+        let (along, across) = ((dx * cos + dy * sin) / length, (dy * cos - dx * sin) / breadth);
         let square = along * along + across * across;
         if square < 9.0 {
             let share = (-0.5 * square).exp();
@@ -151,18 +153,24 @@ fn fold(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
 
 /// Adds a grain of dust or the end of a scratch: a small round spot, darker or lighter.
 fn speck(image: &mut RgbImage, rng: &mut ChaCha8Rng) {
-    let (x, y) = (rng.random_range(0..WIDTH) as f32, rng.random_range(0..HEIGHT) as f32);
+    let [width, rows] = size(image);
+    let (x, y) = (rng.random_range(0..width) as f32, rng.random_range(0..rows) as f32);
     let radius = rng.random_range(1.0..4.0_f32);
     let heights: [f32; 3] = std::array::from_fn(|_| rng.random_range(-10.0..6.0_f32));
     let reach = (3.0 * radius).ceil();
     let span = |at: f32, side: usize| ((at - reach).max(0.0) as u32)..((at + reach) as u32 + 1).min(side as u32);
-    for (v, u) in span(y, HEIGHT).flat_map(|v| span(x, WIDTH).map(move |u| (v, u))) {
+    for (v, u) in span(y, rows).flat_map(|v| span(x, width).map(move |u| (v, u))) {
         let (dx, dy) = (u as f32 - x, v as f32 - y);
         let share = (-(dx * dx + dy * dy) / (2.0 * radius * radius)).exp();
         for (level, height) in image.get_pixel_mut(u, v).0.iter_mut().zip(heights) {
             *level = (f32::from(*level) + share * height).round() as u8;
         }
     }
+}
+
+/// Returns width and height of an image.
+fn size(image: &RgbImage) -> [usize; 2] {
+    [image.width() as usize, image.height() as usize]
 }
 
 /// Encodes and decodes an image as JPEG, since TACTO's backgrounds are JPEG files.
@@ -176,7 +184,18 @@ pub fn through_jpeg(image: &RgbImage, quality: u8) -> image::ImageResult<RgbImag
 mod tests {
     use rand::SeedableRng as _;
 
+    use mvt_robot::digit::{HEIGHT, WIDTH};
+
     use super::*;
+
+    #[test]
+    fn images_of_any_size_are_disturbed() {
+        let mut image = RgbImage::from_pixel(97, 33, image::Rgb([128; 3]));
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        disturb(&mut image, 20.0, &mut rng);
+        drift(&mut image, 20.0, &mut rng);
+        assert!(image.pixels().any(|pixel| pixel.0 != [128; 3]));
+    }
 
     fn disturbed(height: f32, seed: u64) -> RgbImage {
         let mut image = RgbImage::from_pixel(WIDTH as u32, HEIGHT as u32, image::Rgb([128; 3]));

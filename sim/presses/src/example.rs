@@ -8,10 +8,9 @@
 use std::f64::consts::TAU;
 
 use image::RgbImage;
-use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Gel, Isometry, Object};
 use mvt_render::touch::{NoiseKey, TouchFrame};
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_robot::digit::profile::SensorProfile;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -43,7 +42,7 @@ const TRIES: usize = 8;
 /// Greatest indentation in the ground truth, millimetres: the gel is not much thicker.
 const DEEPEST_MM: f32 = 4.0;
 
-/// Touch image with its ground truth, of 320 rows and 240 columns or a whole fraction of that.
+/// Touch image with its ground truth, of the size of its sensor or resized.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
     /// Rows and columns.
@@ -85,7 +84,7 @@ struct Contact {
 }
 
 impl Contact {
-    fn draw(surface: &PressedSurface, camera: &Intrinsics, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
+    fn draw(surface: &PressedSurface, profile: &SensorProfile, config: &DataConfig, rng: &mut ChaCha8Rng) -> Self {
         let follows_protocol = rng.random_bool(config.protocol);
         let ([least, most], tilt_deg, reach) = if follows_protocol {
             (PROTOCOL_PRESS_MM, PROTOCOL_SHEAR_DEG, 0.0)
@@ -104,8 +103,10 @@ impl Contact {
         let roll = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), rng.random::<f64>() * TAU);
         let rotation = roll * turn;
         let mut around_middle = |side: usize| (side as f64 - 1.0) * (0.5 + reach * (2.0 * rng.random::<f64>() - 1.0));
-        let (u, v) = (around_middle(WIDTH), around_middle(HEIGHT));
-        let place = gel::point(camera, u, v).coords() - Vector3::new(press_mm * 1e-3, 0.0, 0.0);
+        let [width, height] = profile.size_px;
+        let (u, v) = (around_middle(width), around_middle(height));
+        let place =
+            profile.gel_surface().point(&profile.intrinsics(), u, v).coords() - Vector3::new(press_mm * 1e-3, 0.0, 0.0);
         let moved = place - rotation * Vector3::new(f64::from(point.x), f64::from(point.y), f64::from(point.z));
         let pose = nalgebra::Isometry3::from_parts(Translation3::from(moved), rotation);
         Self { gel_from_object: Isometry::new(pose), press_mm }
@@ -131,6 +132,7 @@ pub fn example(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(index);
     let sensor = sensors[rng.random_range(0..sensors.len())];
+    let [width, height] = sensor.profile.size_px;
     let noise = Some(NoiseKey { seed: seed ^ index, pad: 0, frame: 0 });
     let mut press_mm = 0.0;
     if rng.random_bool(config.untouched) {
@@ -139,14 +141,14 @@ pub fn example(
         let covers_enough = |frame: &TouchFrame, press_mm: f64| {
             let least_mm = contact_threshold_mm(press_mm) as f32;
             let covered = sensor.indentation_mm(frame).filter(|mm| *mm > least_mm).count();
-            covered as f64 > if sensor.is_real { LEAST_REAL_AREA } else { LEAST_AREA } * (WIDTH * HEIGHT) as f64
+            covered as f64 > if sensor.is_real { LEAST_REAL_AREA } else { LEAST_AREA } * (width * height) as f64
         };
         let may_be_deep = rng.random_bool(config.deep);
         for _ in 0..TRIES {
             let surfaces =
                 if config.small > 0.0 && rng.random_bool(config.small) { objects::small() } else { surfaces };
             let surface = &surfaces[rng.random_range(0..surfaces.len())];
-            let contact = Contact::draw(surface, &sensor.camera, config, &mut rng);
+            let contact = Contact::draw(surface, &sensor.profile, config, &mut rng);
             press_mm = contact.press_mm;
             sensor.renderer.render(&surface.rays, contact.gel_from_object, noise, frame);
             let excess = sensor.deepest_mm(frame) - press_mm;
@@ -185,7 +187,7 @@ pub fn example(
             image = through_jpeg(&image, rng.random_range(60..=95)).unwrap_or(image);
         }
     }
-    Example { size: [HEIGHT, WIDTH], levels: image.into_raw(), untouched, indentation_mm, contact }
+    Example { size: [height, width], levels: image.into_raw(), untouched, indentation_mm, contact }
 }
 
 /// Returns the indentation above which a pixel is in contact: MidasTouch's share of the press depth, which is clamped
@@ -204,13 +206,13 @@ mod tests {
     fn images_depend_on_seed_and_index_alone() {
         let config = DataConfig { sensors: 2, untouched: 0.0, deep: 0.0, ..DataConfig::default() };
         let surfaces = objects::load(&["mug", "large_dice"]).unwrap();
-        let mut rack = Rack::new(&config, 3).unwrap();
+        let mut rack = Rack::new(&config, &SensorProfile::tacto(), 3).unwrap();
         let sensors = rack.of_step(5).unwrap();
         let mut frame = TouchFrame::default();
         let mut image = |index| example(&surfaces, &sensors, &config, (3, index), &mut frame);
         let (first, second) = (image(0), image(1));
         assert_ne!(first, second);
-        let mut again = Rack::new(&config, 3).unwrap();
+        let mut again = Rack::new(&config, &SensorProfile::tacto(), 3).unwrap();
         let fresh = example(&surfaces, &again.of_step(5).unwrap(), &config, (3, 0), &mut TouchFrame::default());
         assert_eq!(fresh, first);
         for Example { indentation_mm, contact, .. } in [first, second] {

@@ -9,11 +9,12 @@
 //! ```
 //! use mvt_presses::{DataConfig, Rack, example, objects};
 //! use mvt_render::touch::TouchFrame;
+//! use mvt_robot::digit::profile::SensorProfile;
 //!
 //! // One sensor, and only images with contact.
 //! let config = DataConfig { sensors: 1, untouched: 0.0, ..DataConfig::default() };
 //! let surfaces = objects::load(&["ball"])?;
-//! let mut rack = Rack::new(&config, 7)?;
+//! let mut rack = Rack::new(&config, &SensorProfile::tacto(), 7)?;
 //! let press = example(&surfaces, &rack.of_step(0)?, &config, (7, 0), &mut TouchFrame::default());
 //!
 //! assert_eq!(press.image().dimensions(), (240, 320));

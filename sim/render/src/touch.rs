@@ -1,4 +1,4 @@
-//! DIGIT images of an object that is pressed into the gel: colour, depth and contact, as TACTO renders them.
+//! Touch images of an object that is pressed into the gel: colour, depth and contact, as TACTO renders them.
 //!
 //! TACTO draws the gel and the rigid object that pokes through it; nothing deforms. Each pixel shows the nearer
 //! surface, shaded by three LEDs. All of this has a closed form, and only pixels in contact differ from the untouched
@@ -20,7 +20,6 @@ mod raster;
 mod shade;
 
 use std::mem::take;
-use std::ops::Range;
 
 use image::RgbImage;
 use mvt_frames::camera::Intrinsics;
@@ -29,7 +28,7 @@ use mvt_mesh::Mesh;
 use mvt_robot::digit::gel::GelSurface;
 use mvt_robot::digit::markers::{GelShear, MarkerPattern};
 use mvt_robot::digit::profile::{Appearance, SensorProfile};
-use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_robot::hand::{Hand, PerPad, TouchPad};
 use mvt_robot::observation::TouchTruth;
 use ndarray::{Array2, Array3};
 
@@ -106,7 +105,7 @@ pub enum Background {
         /// Seed of the image.
         seed: u64,
     },
-    /// The untouched image of a real sensor, 240 wide and 320 high.
+    /// The untouched image of a real sensor, of the size of its images.
     Image(RgbImage),
 }
 
@@ -145,9 +144,10 @@ pub struct TouchOptions {
 impl TouchOptions {
     /// Returns the options with which the renderer reproduces TACTO in this configuration.
     pub fn new(config: TouchConfig) -> Self {
+        let tacto = SensorProfile::tacto();
         Self {
-            camera: mvt_robot::digit::intrinsics(),
-            gel: GelSurface::digit(),
+            camera: tacto.intrinsics(),
+            gel: tacto.gel_surface(),
             appearance: None,
             lights: Lights::of(config),
             background: Background::Rendered,
@@ -156,6 +156,16 @@ impl TouchOptions {
             membrane: None,
             markers: None,
         }
+    }
+
+    /// Returns the options of the sensors of a hand, each with a synthetic background of its own unless one is given for all.
+    pub fn of_hand(hand: &Hand, config: TouchConfig, background: Option<&RgbImage>) -> PerPad<Self> {
+        let options = |(pad, of): (usize, &TouchPad)| {
+            let synthetic = Background::Synthetic { seed: pad as u64 };
+            let background = background.map_or(synthetic, |image| Background::Image(image.clone()));
+            Self { background, ..Self::of_profile(&of.profile, config) }
+        };
+        hand.pads().iter().enumerate().map(options).collect()
     }
 
     /// Returns the options of a sensor. For the profile of TACTO they are those of TACTO's configuration.
@@ -184,8 +194,10 @@ pub enum TouchError {
     #[error("T_sensor_object is {0}")]
     Pose(#[from] NotRigid),
     /// The background has another size than the sensor's images.
-    #[error("the background is {width} x {height} pixels; a DIGIT's image is 240 wide and 320 high: resize it")]
+    #[error("the background is {width} x {height} pixels; this sensor's images are {} wide and {} high: resize it", expected[0], expected[1])]
     BackgroundSize {
+        /// Width and height of the sensor's images, pixels.
+        expected: [usize; 2],
         /// Its width, pixels.
         width: u32,
         /// Its height, pixels.
@@ -205,7 +217,9 @@ pub enum TouchError {
     },
 }
 
-/// One image of a DIGIT with its ground truth, and the working memory of the renderer: reuse it from frame to frame.
+/// One touch image with its ground truth, and the working memory of the renderer: reuse it from frame to frame. It is empty before the
+/// first rendering.
+#[derive(Default)]
 pub struct TouchFrame {
     raw: RgbImage,
     calibrated: RgbImage,
@@ -216,23 +230,6 @@ pub struct TouchFrame {
     blur: Blur,
     smoothing: membrane::Scratch,
     lighting: gel_light::Scratch,
-}
-
-impl Default for TouchFrame {
-    fn default() -> Self {
-        let image = || RgbImage::new(WIDTH as u32, HEIGHT as u32);
-        Self {
-            raw: image(),
-            calibrated: image(),
-            depth_m: Array2::zeros((HEIGHT, WIDTH)),
-            contact: Array2::default((HEIGHT, WIDTH)),
-            raster: Raster::new(),
-            row: Row::new(),
-            blur: Blur::new(),
-            smoothing: membrane::Scratch::default(),
-            lighting: gel_light::Scratch::default(),
-        }
-    }
 }
 
 impl TouchFrame {
@@ -247,7 +244,7 @@ impl TouchFrame {
         &self.calibrated
     }
 
-    /// Returns the depth along the camera's axis to the nearer of gel and object, metres, 320 rows by 240 columns.
+    /// Returns the depth along the camera's axis to the nearer of gel and object, metres, indexed (row, column).
     pub fn depth_m(&self) -> &Array2<f32> {
         &self.depth_m
     }
@@ -265,17 +262,23 @@ impl TouchFrame {
         (take(&mut self.calibrated), truth)
     }
 
-    /// Replaces the images that were taken.
-    fn complete(&mut self) {
-        if self.calibrated.is_empty() {
-            self.calibrated = RgbImage::new(WIDTH as u32, HEIGHT as u32);
-            self.contact = Array2::default((HEIGHT, WIDTH));
-            self.depth_m = Array2::zeros((HEIGHT, WIDTH));
+    /// Makes room for the images of a camera: replaces those that were taken, or that were of another sensor.
+    fn resize(&mut self, camera: &Intrinsics) {
+        let &Intrinsics { width, height, .. } = camera;
+        for image in [&mut self.raw, &mut self.calibrated] {
+            if image.dimensions() != (width as u32, height as u32) {
+                *image = RgbImage::new(width as u32, height as u32);
+            }
         }
+        if self.depth_m.dim() != (height, width) {
+            self.contact = Array2::default((height, width));
+            self.depth_m = Array2::zeros((height, width));
+        }
+        self.row.resize(width);
     }
 }
 
-/// Renderer of DIGIT images. It is immutable, so that all threads share one; each thread brings its own [`TouchFrame`].
+/// Renderer of touch images. It is immutable, so that all threads share one; each thread brings its own [`TouchFrame`].
 pub struct TouchRenderer {
     shader: Shader,
     light: Option<GelLight>,
@@ -283,7 +286,7 @@ pub struct TouchRenderer {
     contact_threshold_m: f32,
     membrane: Option<Membrane>,
     markers: Option<Markers>,
-    /// Depth of the untouched gel and its inverse, its colours, and the background, each of 320 rows by 240 columns.
+    /// Depth of the untouched gel and its inverse, its colours, and the background, row by row.
     gel_depth: Vec<f32>,
     gel_inverse_depth: Vec<f32>,
     empty: Vec<u8>,
@@ -294,31 +297,36 @@ impl TouchRenderer {
     /// Renders the untouched gel.
     ///
     /// # Errors
-    /// [`TouchError`] if the background has another size than a DIGIT's image or a number is out of range.
+    /// [`TouchError`] if the background has another size than the sensor's images or a number is out of range.
     pub fn new(options: &TouchOptions) -> Result<Self, TouchError> {
         let TouchOptions { camera, gel, appearance, lights, background, noise_sigma, .. } = options;
         let TouchOptions { contact_threshold_m, membrane, markers, .. } = options;
         in_range("the noise's sigma", *noise_sigma, 0.0, SIGMA_MAX)?;
-        in_range("the contact threshold in metres", *contact_threshold_m, 0.0, mvt_robot::digit::gel::APEX_M as f32)?;
+        in_range("the contact threshold in metres", *contact_threshold_m, 0.0, gel.apex_m() as f32)?;
         if let Some(membrane) = membrane {
             in_range("the membrane's reach in metres", membrane.reach_m, 0.0, membrane::REACH_MAX_M)?;
         }
-        let shader = Shader::new(lights, *camera);
-        let (gel_depth, empty) = render_empty(&shader, *gel);
+        let shader = Shader::new(lights, *camera, *gel);
+        let (gel_depth, empty) = render_empty(&shader);
+        let size = [camera.width, camera.height];
         let background = match background {
             Background::Rendered => empty.clone(),
-            Background::Synthetic { seed } => synthetic_background(*seed).into_raw(),
-            Background::Image(image) if image.dimensions() == (WIDTH as u32, HEIGHT as u32) => image.as_raw().clone(),
+            Background::Synthetic { seed } => synthetic_background(size, *seed).into_raw(),
+            Background::Image(image) if image.dimensions() == (size[0] as u32, size[1] as u32) => {
+                image.as_raw().clone()
+            }
             Background::Image(image) => {
-                return Err(TouchError::BackgroundSize { width: image.width(), height: image.height() });
+                return Err(TouchError::BackgroundSize {
+                    expected: size,
+                    width: image.width(),
+                    height: image.height(),
+                });
             }
         };
         let blur_px = appearance.map_or(0.0, |appearance| appearance.blur_px);
-        let light = appearance.as_ref().map(|appearance| {
-            // The buffer has the image's size.
-            let image = RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, background.clone()).unwrap_or_default();
-            GelLight::new(appearance, *gel, &image, &gel_depth, &shader)
-        });
+        let light = appearance
+            .as_ref()
+            .map(|appearance| GelLight::new(appearance, &image_of(camera, background.clone()), &gel_depth, &shader));
         Ok(Self {
             shader,
             light,
@@ -335,17 +343,17 @@ impl TouchRenderer {
 
     /// Returns the untouched image, without noise.
     pub fn empty(&self) -> RgbImage {
-        // The buffer has the image's size.
-        let mut image = RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, self.background.clone()).unwrap_or_default();
+        let mut image = image_of(&self.shader.camera, self.background.clone());
         if let Some(markers) = &self.markers {
             markers.paint_untouched(&mut image);
         }
         image
     }
 
-    /// Returns the depth of the untouched gel, metres, 320 rows by 240 columns.
+    /// Returns the depth of the untouched gel, metres, indexed (row, column).
     pub fn gel_depth_m(&self) -> Array2<f32> {
-        Array2::from_shape_fn((HEIGHT, WIDTH), |(v, u)| self.gel_depth[v * WIDTH + u])
+        let Intrinsics { width, height, .. } = self.shader.camera;
+        Array2::from_shape_fn((height, width), |(v, u)| self.gel_depth[v * width + u])
     }
 
     /// Renders an object at a pose into `frame`, with noise on the calibrated image if a key is given.
@@ -363,7 +371,7 @@ impl TouchRenderer {
 
     /// Renders as [`TouchRenderer::render`] does an object that drags the gel along, which moves the dots of a gel that has some.
     pub fn render_dragged(&self, object: &RayMesh, press: GelPress, noise: Option<NoiseKey>, frame: &mut TouchFrame) {
-        frame.complete();
+        frame.resize(&self.shader.camera);
         pulp::Arch::new().dispatch(Rendering { renderer: self, object, press, noise, frame });
     }
 }
@@ -394,6 +402,8 @@ impl pulp::WithSimd for Rendering<'_> {
         let Self { renderer, object, press: GelPress { gel_from_object, shear }, noise, frame } = self;
         let TouchRenderer { shader, light, membrane, gel_depth, gel_inverse_depth, empty, background, .. } = renderer;
         let TouchFrame { raw, calibrated, depth_m, contact, raster, row, blur, smoothing, lighting } = frame;
+        let Intrinsics { width, .. } = shader.camera;
+        let pixels = |v: usize| v * width..(v + 1) * width;
         let raw: &mut [u8] = raw;
         raw.copy_from_slice(empty);
         calibrated.copy_from_slice(background);
@@ -409,14 +419,14 @@ impl pulp::WithSimd for Rendering<'_> {
                 raster.depth(v, &gel_depth[pixels(v)], &mut depth_m[pixels(v)]);
             }
             if let Some(membrane) = membrane {
-                rows = membrane.relax(&shader.camera, rows, gel_depth, depth_m, smoothing);
+                rows = membrane.relax(&shader.camera, shader.gel, rows, gel_depth, depth_m, smoothing);
             }
             if let Some(light) = light {
                 light.cast(gel_depth, depth_m, shader, lighting);
             }
             for v in rows.clone() {
                 let (gel, depth, facets) = (&gel_depth[pixels(v)], &depth_m[pixels(v)], raster.facets(v));
-                let rgb = &mut raw[3 * v * WIDTH..3 * (v + 1) * WIDTH];
+                let rgb = &mut raw[3 * v * width..3 * (v + 1) * width];
                 row.depth.copy_from_slice(depth);
                 let columns = raster.normals(v, shader, row);
                 if let Some(light) = light {
@@ -432,7 +442,7 @@ impl pulp::WithSimd for Rendering<'_> {
                 if membrane.is_some() {
                     let off_object = |u: usize| membrane::is_indented(raster.depth_at(u, v), depth[u]);
                     membrane::normals(v, depth_m, shader, off_object, row);
-                    shader.shade(v, 0..WIDTH, row, |u| membrane::is_indented(gel[u], depth[u]), rgb);
+                    shader.shade(v, 0..width, row, |u| membrane::is_indented(gel[u], depth[u]), rgb);
                 } else if let Some(columns) = columns {
                     shader.shade(v, columns, row, |u| facets[u] != MISS, rgb);
                 }
@@ -441,8 +451,8 @@ impl pulp::WithSimd for Rendering<'_> {
                 }
             }
             match light {
-                Some(light) => light.overlay(rows, lighting, background, calibrated),
-                None => blur.overlay(rows, raw, empty, background, calibrated),
+                Some(light) => light.overlay(width, rows, lighting, background, calibrated),
+                None => blur.overlay(width, rows, [raw, empty, background], calibrated),
             }
         }
         if let Some(markers) = &renderer.markers {
@@ -454,17 +464,20 @@ impl pulp::WithSimd for Rendering<'_> {
     }
 }
 
-/// Returns the range of row `v` in an image of one value per pixel.
-fn pixels(v: usize) -> Range<usize> {
-    v * WIDTH..(v + 1) * WIDTH
+/// Returns the image of a camera from its colours.
+fn image_of(camera: &Intrinsics, rgb: Vec<u8>) -> RgbImage {
+    // The buffer has the image's size.
+    RgbImage::from_raw(camera.width as u32, camera.height as u32, rgb).unwrap_or_default()
 }
 
 /// Returns depth and colours of the untouched gel.
-fn render_empty(shader: &Shader, gel: GelSurface) -> (Vec<f32>, Vec<u8>) {
-    let (mut depth, mut rgb) = (vec![0.0; WIDTH * HEIGHT], vec![0; 3 * WIDTH * HEIGHT]);
-    let mut row = Row::new();
-    for v in 0..HEIGHT {
-        for u in 0..WIDTH {
+fn render_empty(shader: &Shader) -> (Vec<f32>, Vec<u8>) {
+    let (gel, Intrinsics { width, height, .. }) = (shader.gel, shader.camera);
+    let (mut depth, mut rgb) = (vec![0.0; width * height], vec![0; 3 * width * height]);
+    let mut row = Row::default();
+    row.resize(width);
+    for v in 0..height {
+        for u in 0..width {
             let point = gel.point(&shader.camera, u as f64, v as f64);
             let normal = gel.normal(point).coords();
             row.depth[u] = point.coords().x as f32;
@@ -472,8 +485,8 @@ fn render_empty(shader: &Shader, gel: GelSurface) -> (Vec<f32>, Vec<u8>) {
                 lane[u] = *value as f32;
             }
         }
-        depth[pixels(v)].copy_from_slice(&row.depth);
-        shader.shade(v, 0..WIDTH, &mut row, |_| true, &mut rgb[3 * v * WIDTH..3 * (v + 1) * WIDTH]);
+        depth[v * width..(v + 1) * width].copy_from_slice(&row.depth);
+        shader.shade(v, 0..width, &mut row, |_| true, &mut rgb[3 * v * width..3 * (v + 1) * width]);
     }
     (depth, rgb)
 }
@@ -506,7 +519,8 @@ pub fn render_contact(
     let mut frame = TouchFrame::default();
     renderer.render(&RayMesh::new(mesh), gel_from_object, None, &mut frame);
     let array = |image: &RgbImage| {
-        Array3::from_shape_fn((HEIGHT, WIDTH, 3), |(v, u, c)| image.get_pixel(u as u32, v as u32).0[c])
+        let shape = (image.height() as usize, image.width() as usize, 3);
+        Array3::from_shape_fn(shape, |(v, u, c)| image.get_pixel(u as u32, v as u32).0[c])
     };
     Ok(ContactArrays { raw: array(&frame.raw), calibrated: array(&frame.calibrated), depth_m: frame.depth_m })
 }
@@ -541,6 +555,7 @@ mod tests {
             let [mut best, mut plain] = [TouchFrame::default(), TouchFrame::default()];
             let noise = Some(NoiseKey { seed: 1, pad: 2, frame: 3 });
             renderer.render(&object, pose, noise, &mut best);
+            plain.resize(&renderer.shader.camera);
             let press = GelPress { gel_from_object: pose, shear: GelShear::default() };
             let job = Rendering { renderer: &renderer, object: &object, press, noise, frame: &mut plain };
             pulp::Scalar128b.vectorize(job);

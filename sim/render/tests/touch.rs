@@ -58,7 +58,7 @@ fn a_face_that_reaches_behind_the_camera_is_an_exact_plane() {
     let offset = 0.0315 * normal.x - 0.01;
     let mut touched = 0;
     for (v, u) in (0..HEIGHT).flat_map(|v| (0..WIDTH).map(move |u| (v, u))) {
-        let point = gel::point(&intrinsics(), u as f64, v as f64).coords();
+        let point = SensorProfile::tacto().gel_surface().point(&intrinsics(), u as f64, v as f64).coords();
         let plane = offset / normal.dot(&(point / point.x));
         let expected = if plane > 0.0 { point.x.min(plane) } else { point.x };
         touched += usize::from(expected < point.x - 1e-4);

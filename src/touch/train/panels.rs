@@ -6,7 +6,6 @@ use anyhow::{Context as _, Result};
 use image::{Rgb, RgbImage};
 use mvt_files::output;
 use mvt_presses::Example;
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use mvt_run::io::png;
 use mvt_touch::engine::Prediction;
 
@@ -17,7 +16,9 @@ const ERROR_MM: f32 = 0.2;
 /// Writes a row per image: the image, its true indentation, the predicted one, their difference (red: too deep, blue:
 /// too shallow), and contact (green: both, red: predicted only, blue: missed).
 pub fn write<'a>(path: &Path, examples: impl ExactSizeIterator<Item = (&'a Example, &'a Prediction)>) -> Result<()> {
-    let mut image = RgbImage::new(5 * WIDTH as u32, (examples.len() * HEIGHT) as u32);
+    let mut examples = examples.peekable();
+    let [rows, columns] = examples.peek().map_or([0, 0], |(example, _)| example.size);
+    let mut image = RgbImage::new(5 * columns as u32, (examples.len() * rows) as u32);
     for (k, (example, prediction)) in examples.enumerate() {
         for (at, (&mm, &logit)) in prediction.indentation_mm.iter().zip(&prediction.contact_logit).enumerate() {
             let (truth_mm, contact) = (example.indentation_mm[at], example.contact[at] > 0.5);
@@ -38,7 +39,7 @@ pub fn write<'a>(path: &Path, examples: impl ExactSizeIterator<Item = (&'a Examp
                 Rgb(agreement),
             ];
             for (panel, colour) in panels.into_iter().enumerate() {
-                image.put_pixel((panel * WIDTH + at % WIDTH) as u32, (k * HEIGHT + at / WIDTH) as u32, colour);
+                image.put_pixel((panel * columns + at % columns) as u32, (k * rows + at / columns) as u32, colour);
             }
         }
     }

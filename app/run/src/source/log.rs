@@ -12,21 +12,21 @@ use mvt_calibration::{Calibration, CalibrationError};
 use mvt_feelsight::{Log, LogSensor, PartialFrame, PartialFrames, TouchPart};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object};
-use mvt_perceive::{Perception, PerceptionSetup, Seen, true_press};
+use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
 use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
-use mvt_robot::digit;
-use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Observation, Rgbd, SensorName};
 use mvt_robot::rig::Placement;
 use ndarray::Array2;
 
-use super::{Modality, Pictures, Sensed, Source};
+use super::{Modality, Pictures, Sensed, Source, TouchArguments};
 
 /// A log, read frame by frame.
 pub struct LogSource {
     folder: PathBuf,
+    /// The hand of the log, or with other touch sensors.
+    hand: Arc<Hand>,
     frames: PartialFrames,
     next: u32,
     last_s: Option<f64>,
@@ -58,9 +58,9 @@ enum FrameDefect {
 
 impl LogSource {
     /// Opens a log. `cameras` are names or directions; without any the first camera is taken. `camera_noise` (a multiple of Redwood's
-    /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. With the weights of a network
-    /// the log's touch images are read, from which each sensor's untouched image is subtracted; without them the log's true
-    /// indentation is used.
+    /// level, 0 for none) is added to depths that are true, as NeuralFeels' loader does. Unless `touch` chooses the
+    /// log's true indentation, networks read its touch images, from which each sensor's untouched image is subtracted. The sensors are those of
+    /// the log, or the given one.
     ///
     /// # Errors
     /// If the log cannot be used at all, has no such camera, or nothing that the modality needs.
@@ -69,10 +69,19 @@ impl LogSource {
         cameras: Option<&str>,
         modality: Modality,
         camera_noise: f64,
-        setup: &PerceptionSetup<'_>,
+        touch: &TouchArguments,
+        config: PerceptionConfig,
     ) -> Result<Self> {
         let log = Log::open_tolerant(folder)?;
         let mut warnings: Vec<String> = log.notes().to_vec();
+        let hand = touch.equipped(log.hand())?;
+        if log.scene().is_some() && hand != *log.hand() {
+            warnings.push(format!(
+                "{}: the log was made with other touch sensors than --touch-profile; leave it out to use those of the log",
+                folder.display()
+            ));
+        }
+        let weights = touch.weights(&hand)?.filter(|_| modality.has_touch());
         let names: Vec<&str> = log.cameras().iter().map(|camera| camera.name.as_str()).collect();
         let chosen = match cameras {
             _ if !modality.has_vision() => Vec::new(),
@@ -91,15 +100,16 @@ impl LogSource {
                 }
             }
         };
-        let mut perception = Perception::new(Arc::clone(log.hand()), posed.clone(), setup);
+        let mut perception =
+            Perception::new(Arc::clone(&hand), posed.clone(), &PerceptionSetup { weights: weights.as_ref(), config });
         let touch = match perception.reads_touch_images() {
             _ if !modality.has_touch() => TouchPart::None,
             false => TouchPart::Truth,
             true => TouchPart::Images,
         };
         if touch == TouchPart::Images {
-            for pad in 0..log.hand().pads().len() {
-                perception.learn_untouched(pad, &spread_images(&log, pad))?;
+            for (pad, of) in hand.pads().iter().enumerate() {
+                perception.learn_untouched(pad, &spread_images(&log, pad, of.profile.size_px))?;
             }
         }
         let frames = log.into_partial_frames(&chosen, touch);
@@ -114,6 +124,7 @@ impl LogSource {
         warnings.dedup();
         Ok(Self {
             folder: folder.to_path_buf(),
+            hand,
             frames,
             next: 0,
             last_s: None,
@@ -208,9 +219,9 @@ impl LogSource {
                 false => log.hand().per_pad(|pad| log.touch_image(pad, index).unwrap_or_default()),
             },
             true_indentation_mm: match is_felt {
-                true => log
-                    .hand()
-                    .per_pad(|pad| self.perception.gel().indentation_of(&log.touch_truth(pad, index).ok()?.depth_m)),
+                true => log.hand().per_pad(|pad| {
+                    self.perception.gels().get(pad)?.indentation_of(&log.touch_truth(pad, index).ok()?.depth_m)
+                }),
                 false => PerPad::default(),
             },
             forces_n: None,
@@ -272,8 +283,8 @@ impl LogSource {
             touch: frame.touch_images.into_iter().map(Option::unwrap_or_default).collect(),
             cameras: cameras.collect(),
         };
-        let gel = self.perception.gel();
-        let presses = frame.touch_truth.map(|truth| true_press(truth.as_ref()?, gel));
+        let truths = frame.touch_truth.iter().zip(self.perception.gels().iter());
+        let presses = truths.map(|(truth, gel)| true_press(truth.as_ref()?, gel)).collect();
         let presses = (!self.perception.reads_touch_images()).then_some(presses);
         let after = number as usize + 1;
         let log = self.frames.log();
@@ -325,11 +336,7 @@ impl Source for LogSource {
     }
 
     fn hand(&self) -> &Arc<Hand> {
-        self.log().hand()
-    }
-
-    fn gel(&self) -> &GelView {
-        self.perception.gel()
+        &self.hand
     }
 
     fn frame_count(&self) -> usize {
@@ -351,14 +358,14 @@ const UNTOUCHED_FROM: usize = 31;
 const UNTOUCHED_SPAN_S: f64 = 10.0;
 
 /// Images of a sensor over a log's length; empty if the log is too short or too few can be read.
-fn spread_images(log: &Log, pad: usize) -> Vec<RgbImage> {
+fn spread_images(log: &Log, pad: usize, size_px: [usize; 2]) -> Vec<RgbImage> {
     let times_s = log.times_s();
     let span_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);
     if span_s < UNTOUCHED_SPAN_S {
         return Vec::new();
     }
     let every = times_s.len().div_ceil(UNTOUCHED_FROM).max(1);
-    let size = (digit::WIDTH as u32, digit::HEIGHT as u32);
+    let size = (size_px[0] as u32, size_px[1] as u32);
     let images = (0..times_s.len()).step_by(every).filter_map(|i| log.touch_image(pad, i).ok());
     let images: Vec<RgbImage> = images.filter(|image| image.dimensions() == size).collect();
     if images.len() > UNTOUCHED_FROM / 2 { images } else { Vec::new() }

@@ -14,7 +14,7 @@ use mvt_metrics::AddS;
 use mvt_objects::catalogue;
 use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
 use mvt_robot::digit;
-use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, PerPad, Side};
 use mvt_robot::observation::{Percept, Press};
 use mvt_robot::rig::PLACEMENTS;
@@ -58,8 +58,6 @@ pub fn record_with(hand: &Arc<Hand>, folder: &Path, frames: u64, mode: Option<Mo
         mode,
         modality: Modality::Vitac,
         hand: Arc::clone(hand),
-        touch_fov_y_deg: 60.0,
-        touch_bulge_mm: 5.0,
         cameras: vec![camera.clone()],
         frames: FRAMES as usize,
         process: std::process::id(),
@@ -137,7 +135,7 @@ fn sensed(hand: &Hand, row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> 
             if pad == 0 && is_pressed(x as u32, y as u32) { 0.0205 } else { 0.0217 }
         });
         Press {
-            indentation_mm: GelView::tacto().indentation_of(&depth_m).unwrap(),
+            indentation_mm: SensorProfile::tacto().gel_view().indentation_of(&depth_m).unwrap(),
             contact: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(y, x)| {
                 pad == 0 && is_pressed(x as u32, y as u32)
             }),

@@ -26,7 +26,12 @@ fn gripper(joints: bool) -> Arc<Hand> {
         drive: Default::default(),
     };
     let [y, z] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    let pad = |name: &str, body| TouchPad { name: name.to_owned(), body, place: Placing::at([0.0; 3]) };
+    let pad = |name: &str, body| TouchPad {
+        name: name.to_owned(),
+        body,
+        place: Placing::at([0.0; 3]),
+        profile: Default::default(),
+    };
     let mut description = HandDescription {
         name: "gripper".to_owned(),
         bodies: vec![

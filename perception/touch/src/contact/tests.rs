@@ -7,6 +7,9 @@ use super::*;
 use crate::network::{Architecture, Provenance, Pyramid, WeightTensor, Weights};
 use crate::untouched::EVEN;
 use mvt_products::Instructions;
+use mvt_robot::digit;
+use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::hand::Side;
 
 /// A network that sees `2 relu(r)` millimetres and a logit of `40 relu(r) - 10` where the level r of red, from -1 to 1, is at the even
 /// row and column of a square of four pixels.
@@ -42,14 +45,15 @@ fn picture(level: u8, side: u32) -> RgbImage {
 /// The pad that the tests press.
 const MIDDLE: usize = 1;
 
-fn three(config: ContactConfig) -> Feeler {
-    Feeler::new(engine(), config, [1.0; 3], ["index", "middle", "thumb"].map(str::to_owned).to_vec())
+fn four(config: ContactConfig) -> Feeler {
+    let (hand, engine) = (Hand::allegro(Side::Left), Arc::new(engine()));
+    Feeler::new(&hand, hand.per_pad(|_| Arc::clone(&engine)), config)
 }
 
 /// The contact on the middle pad.
 fn feel(feeler: &mut Feeler, image: &RgbImage) -> (f32, bool, Option<Press>) {
     let felt = feeler.feel(&[&RgbImage::default(), image]).unwrap();
-    assert_eq!(felt.len(), 3);
+    assert_eq!(felt.len(), 4);
     assert!(felt[0].is_none() && felt[2].is_none(), "a pad without an image feels");
     let Felt { press, plausibility, asked } = felt[MIDDLE].clone().unwrap();
     (plausibility, asked, press)
@@ -57,7 +61,7 @@ fn feel(feeler: &mut Feeler, image: &RgbImage) -> (f32, bool, Option<Press>) {
 
 #[test]
 fn a_contact_is_felt_where_it_is() {
-    let mut feeler = three(ContactConfig::default());
+    let mut feeler = four(ContactConfig::default());
     let (plausibility, asked, felt) = feel(&mut feeler, &picture(191, 60));
     assert!(asked && plausibility > 0.9, "{plausibility}");
     let Press { indentation_mm, contact, sigma_mm } = felt.unwrap();
@@ -73,7 +77,7 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
     let mut felt = Vec::new();
     // Sensors with a more or less reddish spot.
     for level in [100, 150] {
-        let mut feeler = three(ContactConfig::default());
+        let mut feeler = four(ContactConfig::default());
         feeler.set_untouched(MIDDLE, &picture(level, 60)).unwrap();
         let (_, asked, untouched) = feel(&mut feeler, &picture(level, 60));
         let Press { indentation_mm, contact, .. } = untouched.unwrap();
@@ -92,7 +96,7 @@ fn what_the_untouched_sensor_shows_is_taken_off() {
 
 #[test]
 fn the_last_image_without_contact_is_the_untouched_sensor() {
-    let mut feeler = three(ContactConfig::default());
+    let mut feeler = four(ContactConfig::default());
     assert!(feel(&mut feeler, &picture(100, 60)).1);
     assert!(!feel(&mut feeler, &picture(100, 60)).1, "an image that was seen without contact is looked at again");
     assert!(feel(&mut feeler, &picture(191, 60)).1);
@@ -106,16 +110,16 @@ fn contact_holds_on_and_lets_go() {
     // 0.39 and 0.03 about 0.5 and 0.35.
     let levels = [163, 158, 148].map(|level| picture(level, 60));
     let touches = |feeler: &mut Feeler, image: &RgbImage| feel(feeler, image).2.unwrap().contact[[160, 120]];
-    let mut feeler = three(fading);
+    let mut feeler = four(fading);
     assert_eq!([0, 1, 2, 1].map(|k| touches(&mut feeler, &levels[k])), [true, true, false, false]);
-    let mut feeler = three(ContactConfig { hysteresis: 1.0, ..fading });
+    let mut feeler = four(ContactConfig { hysteresis: 1.0, ..fading });
     assert_eq!([0, 1].map(|k| touches(&mut feeler, &levels[k])), [true, false]);
 }
 
 #[test]
 fn specks_are_no_contact() {
     let feel_speck = |least_area| {
-        let mut feeler = three(ContactConfig { least_area, ..ContactConfig::default() });
+        let mut feeler = four(ContactConfig { least_area, ..ContactConfig::default() });
         feel(&mut feeler, &picture(191, 8)).2.unwrap().contact.iter().any(|&touches| touches)
     };
     assert_eq!([0.002, 0.0].map(feel_speck), [false, true]);
@@ -134,7 +138,7 @@ fn implausible_images_are_told_and_not_used() {
         (RgbImage::from_fn(width, height, |u, v| Rgb([0, 1, 2].map(|c| noise(u, v, c) as u8))), "noise"),
         (RgbImage::from_fn(width, height, |u, v| Rgb([(u + v) as u8 / 3, 40, u as u8])), "another sensor's"),
     ] {
-        let mut feeler = three(ContactConfig::default());
+        let mut feeler = four(ContactConfig::default());
         feeler.set_untouched(MIDDLE, &picture(100, 60)).unwrap();
         let (plausibility, asked, felt) = feel(&mut feeler, &image);
         assert!(plausibility < 0.5 && felt.is_none() && !asked, "{what}: {plausibility}");
@@ -159,7 +163,7 @@ fn answers_that_contradict_each_other_are_not_plausible() {
 #[test]
 fn independent_images_do_not_change_one_another() {
     let (engine, config) = (engine(), ContactConfig::default());
-    let mut sensor = TouchSensor::new([1.0; 3]);
+    let mut sensor = TouchSensor::new([digit::WIDTH, digit::HEIGHT], [1.0; 3]);
     sensor.set_untouched(&engine, &picture(100, 60)).unwrap();
     let images = [picture(191, 60), picture(163, 40), picture(100, 60)];
     let each = sensor.feel_each(&engine, &config, &images).unwrap();
@@ -171,10 +175,26 @@ fn independent_images_do_not_change_one_another() {
 
 #[test]
 fn images_of_another_size_are_refused() {
-    let mut feeler = three(ContactConfig::default());
+    let mut feeler = four(ContactConfig::default());
     let error =
         feeler.feel(&[&RgbImage::new(0, 0), &RgbImage::new(320, 240), &RgbImage::new(7, 7)]).unwrap_err().to_string();
     assert!(error.contains("middle") && error.contains("320 x 240") && error.contains("240 x 320"), "{error}");
+}
+
+/// The pads of a hand may have different sensors.
+#[test]
+fn each_sensor_has_its_own_size() {
+    let mut description = Hand::allegro(Side::Left).description().clone();
+    description.pads[MIDDLE].profile = SensorProfile { size_px: [128, 100], ..SensorProfile::tacto() };
+    let (hand, engine) = (Hand::new(description).unwrap(), Arc::new(engine()));
+    let mut feeler = Feeler::new(&hand, hand.per_pad(|_| Arc::clone(&engine)), ContactConfig::default());
+    let small = image::imageops::crop_imm(&picture(191, 60), 50, 110, 128, 100).to_image();
+    let felt = feeler.feel(&[&picture(191, 60), &small]).unwrap();
+    let press = |pad: usize| felt[pad].as_ref().and_then(|felt| felt.press.as_ref()).unwrap();
+    assert_eq!([press(0), press(1)].map(|press| press.contact.dim()), [(320, 240), (100, 128)]);
+    assert!(press(0).contact[[160, 120]] && press(1).contact[[50, 70]] && !press(1).contact[[5, 5]]);
+    let error = feeler.set_untouched(MIDDLE, &picture(100, 60)).unwrap_err().to_string();
+    assert!(error.contains("middle") && error.contains("240 x 320") && error.contains("128 x 100"), "{error}");
 }
 
 #[test]

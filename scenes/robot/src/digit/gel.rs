@@ -2,54 +2,44 @@
 //!
 //! TACTO tessellates this surface with 100 x 150 vertices, which deviates by 0.2 micrometres between the vertices. A
 //! point at distance rho from the camera's axis lies at x = apex - k h with h = R - sqrt(R^2 - rho^2), and k scales h
-//! so that the corners of the pad lie [`BULGE_M`] behind the apex. A gel with another bulge has another k, a flat one k = 0.
-
-use std::borrow::Cow;
-use std::sync::LazyLock;
+//! so that the corners of the pad lie a given bulge behind the apex. A flat gel has k = 0.
 
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Gel, Point, Vector};
 use ndarray::{Array2, Zip};
 
-use super::{HEIGHT, WIDTH, intrinsics};
-
-/// Distance from the camera to the apex of the gel, which lies on the optical axis, metres.
+/// Distance from a DIGIT's camera to the apex of its gel, which lies on the optical axis, metres.
 pub const APEX_M: f64 = 0.022;
-/// Size of the pad along y, metres.
-pub const WIDTH_M: f64 = 0.020;
-/// Size of the pad along z, metres.
-pub const HEIGHT_M: f64 = 0.030;
-/// Difference in depth between the apex and the pad's corners, which are nearer to the camera, metres (TACTO's
-/// `curvatureMax`).
-pub const BULGE_M: f64 = 0.005;
 /// Radius of the sphere whose cap, stretched along x, is the pad, metres (TACTO's `R`).
 pub const CAP_RADIUS_M: f64 = 0.1;
 
 /// Surface of an undeformed gel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GelSurface {
+    apex_m: f64,
     /// Stretch k of the spherical cap along x: about 3.05 for a DIGIT, 0 for a flat gel.
     stretch: f64,
 }
 
 impl GelSurface {
-    /// Returns a surface of which the corners of a pad of a DIGIT's size lie this far behind the apex, metres.
-    pub fn with_bulge(bulge_m: f64) -> Self {
-        let corner = CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - (WIDTH_M.powi(2) + HEIGHT_M.powi(2)) / 4.0).sqrt();
-        Self { stretch: bulge_m / corner }
+    /// Returns the surface of a pad of this size along y and z, of which the corners lie `bulge_m` behind the apex, metres. The apex lies
+    /// on the optical axis at a distance from the camera.
+    pub fn new(apex_m: f64, [width_m, height_m]: [f64; 2], bulge_m: f64) -> Self {
+        let corner = CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - (width_m.powi(2) + height_m.powi(2)) / 4.0).sqrt();
+        Self { apex_m, stretch: bulge_m / corner }
     }
 
-    /// Returns the surface of a DIGIT's gel.
-    pub fn digit() -> Self {
-        Self::with_bulge(BULGE_M)
+    /// Returns the distance from the camera to the apex, metres.
+    pub fn apex_m(self) -> f64 {
+        self.apex_m
     }
 
-    /// Returns the point at pixel (column u, row v) of a camera in the DIGIT's place; its x coordinate is the depth.
+    /// Returns the point at pixel (column u, row v) of the sensor's camera; its x coordinate is the depth.
     pub fn point(self, camera: &Intrinsics, u: f64, v: f64) -> Point<Gel> {
         // The ray is (1, y, z) times depth; the stretched sphere gives a quadratic equation for the depth.
         let (y, z) = (-(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy);
         let k2 = self.stretch.powi(2);
-        let centre = APEX_M - self.stretch * CAP_RADIUS_M;
+        let centre = self.apex_m - self.stretch * CAP_RADIUS_M;
         let a = 1.0 + k2 * (y * y + z * z);
         let c = centre * centre - k2 * CAP_RADIUS_M.powi(2);
         let depth = (centre + (centre * centre - a * c).sqrt()) / a;
@@ -65,7 +55,7 @@ impl GelSurface {
     /// Returns the pixel, column and row, that shows a place on the gel: the inverse of [`GelSurface::place_mm`].
     pub fn pixel(self, camera: &Intrinsics, [right_mm, down_mm]: [f64; 2]) -> [f64; 2] {
         let (y, z) = (-1e-3 * right_mm, -1e-3 * down_mm);
-        let depth = APEX_M - self.stretch * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - y * y - z * z).sqrt());
+        let depth = self.apex_m - self.stretch * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - y * y - z * z).sqrt());
         [camera.cx - camera.fx * y / depth, camera.cy - camera.fy * z / depth]
     }
 
@@ -77,16 +67,6 @@ impl GelSurface {
     }
 }
 
-/// Returns the point of a DIGIT's gel at pixel (column u, row v) of a camera in the DIGIT's place; its x coordinate is the depth.
-pub fn point(camera: &Intrinsics, u: f64, v: f64) -> Point<Gel> {
-    GelSurface::digit().point(camera, u, v)
-}
-
-/// Returns the unit normal of a DIGIT's gel at one of its points, towards the camera.
-pub fn normal(point: Point<Gel>) -> Vector<Gel> {
-    GelSurface::digit().normal(point)
-}
-
 /// A camera's view of the undeformed gel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GelView {
@@ -96,27 +76,20 @@ pub struct GelView {
 }
 
 impl GelView {
-    /// Computes the view of a camera in the DIGIT's place, with images of a DIGIT's size.
+    /// Computes the view of a sensor's camera.
     pub fn new(camera: Intrinsics, surface: GelSurface) -> Self {
         let depth = |(row, column)| surface.point(&camera, column as f64, row as f64).coords().x as f32;
-        Self { camera, surface, depth_m: Array2::from_shape_fn((HEIGHT, WIDTH), depth) }
-    }
-
-    /// Returns the view of TACTO's DIGIT.
-    pub fn tacto() -> &'static Self {
-        static TACTO: LazyLock<GelView> = LazyLock::new(|| GelView::new(intrinsics(), GelSurface::digit()));
-        &TACTO
-    }
-
-    /// Returns the view of a camera; that of TACTO's DIGIT is not computed again.
-    pub fn of(camera: Intrinsics, surface: GelSurface) -> Cow<'static, Self> {
-        let is_tacto = camera == intrinsics() && surface == GelSurface::digit();
-        if is_tacto { Cow::Borrowed(Self::tacto()) } else { Cow::Owned(Self::new(camera, surface)) }
+        Self { camera, surface, depth_m: Array2::from_shape_fn((camera.height, camera.width), depth) }
     }
 
     /// Returns the camera.
     pub fn camera(&self) -> &Intrinsics {
         &self.camera
+    }
+
+    /// Returns the surface of the undeformed gel.
+    pub fn surface(&self) -> GelSurface {
+        self.surface
     }
 
     /// Returns the depth of the undeformed gel at every pixel, metres along the camera's axis, indexed (row, column).
@@ -141,28 +114,36 @@ impl GelView {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::digit::gel_from_camera;
+    use crate::digit::profile::SensorProfile;
+    use crate::digit::{HEIGHT, WIDTH, gel_from_camera, intrinsics};
+
+    fn digit() -> GelSurface {
+        SensorProfile::tacto().gel_surface()
+    }
 
     #[test]
     fn pixels_show_the_gel_points_that_project_to_them() {
         let camera = intrinsics();
         for (u, v) in [(0.0, 0.0), (119.5, 159.5), (17.0, 301.0), (WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0)] {
-            let p = point(&camera, u, v);
+            let p = digit().point(&camera, u, v);
             let (pu, pv) = camera.project(gel_from_camera().inverse() * p).unwrap();
             assert!((pu - u).abs() < 1e-9 && (pv - v).abs() < 1e-9, "({u}, {v}) projects to ({pu}, {pv})");
             let q = p.coords();
             let rho2 = q.y * q.y + q.z * q.z;
-            let on_gel = APEX_M - GelSurface::digit().stretch * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - rho2).sqrt());
+            let on_gel = APEX_M - digit().stretch * (CAP_RADIUS_M - (CAP_RADIUS_M.powi(2) - rho2).sqrt());
             assert!((q.x - on_gel).abs() < 1e-15);
-            let [back_u, back_v] = GelSurface::digit().pixel(&camera, GelSurface::digit().place_mm(&camera, [u, v]));
+            let [back_u, back_v] = digit().pixel(&camera, digit().place_mm(&camera, [u, v]));
             assert!((back_u - u).abs() < 1e-9 && (back_v - v).abs() < 1e-9);
         }
-        assert!((point(&camera, 119.5, 159.5).coords().x - APEX_M).abs() < 1e-15, "the apex is on the optical axis");
+        assert!(
+            (digit().point(&camera, 119.5, 159.5).coords().x - APEX_M).abs() < 1e-15,
+            "the apex is on the optical axis"
+        );
     }
 
     #[test]
     fn a_flat_gel_is_a_plane() {
-        let flat = GelSurface::with_bulge(0.0);
+        let flat = GelSurface::new(APEX_M, [0.02, 0.03], 0.0);
         for (u, v) in [(0.0, 0.0), (119.5, 159.5), (230.0, 7.0)] {
             let point = flat.point(&intrinsics(), u, v);
             assert!((point.coords().x - APEX_M).abs() < 1e-15);
@@ -176,8 +157,8 @@ mod tests {
     #[test]
     fn normals_are_perpendicular_to_finite_differences() {
         let (u, v) = (40.0, 250.0);
-        let point = |u, v| point(&intrinsics(), u, v);
-        let n = normal(point(u, v)).coords();
+        let point = |u, v| digit().point(&intrinsics(), u, v);
+        let n = digit().normal(point(u, v)).coords();
         for (du, dv) in [(1e-3, 0.0), (0.0, 1e-3)] {
             let along = point(u + du, v + dv).coords() - point(u - du, v - dv).coords();
             assert!(n.dot(&along.normalize()).abs() < 1e-6);

@@ -6,8 +6,6 @@
 
 use mvt_settings::{SettingError, settings};
 
-use super::gel::{HEIGHT_M, WIDTH_M};
-
 settings! {
     /// Rectangular pattern of dark dots on the gel.
     #[derive(Copy)]
@@ -23,21 +21,25 @@ settings! {
         /// Share of the light that a dot swallows.
         pub darkness: f32 = 0.6, 0.1..=1.0;
     }
-    rule = MarkerPattern::fits;
+    rule = MarkerPattern::lie_apart;
 }
 
 /// Widest dot, in shares of the pitch: neighbours that move must stay apart.
 const WIDEST: f64 = 0.6;
 
 impl MarkerPattern {
-    /// Checks that dots lie apart, and on the gel.
-    fn fits(&self) -> Result<(), SettingError> {
+    /// Checks that dots lie apart.
+    fn lie_apart(&self) -> Result<(), SettingError> {
         if self.diameter_mm > WIDEST * self.pitch_mm {
             let range = format!("at most {WIDEST} times pitch_mm");
             return Err(SettingError::new("diameter_mm", self.diameter_mm.to_string(), range));
         }
-        let gel_mm = [1e3 * WIDTH_M, 1e3 * HEIGHT_M];
-        for (name, count, gel_mm) in [("columns", self.columns, gel_mm[0]), ("rows", self.rows, gel_mm[1])] {
+        Ok(())
+    }
+
+    /// Checks that the dots lie on a gel of this size along the image's columns and rows, millimetres.
+    pub(super) fn check_on(&self, size_mm: [f64; 2]) -> Result<(), SettingError> {
+        for (name, count, gel_mm) in [("columns", self.columns, size_mm[0]), ("rows", self.rows, size_mm[1])] {
             let wide_mm = (count - 1) as f64 * self.pitch_mm;
             if wide_mm > gel_mm {
                 let range = format!("so few that they lie on a gel of {gel_mm} mm (they take {wide_mm:.1} mm)");
@@ -133,7 +135,10 @@ mod tests {
         assert!(refused(|p| p.pitch_mm = 0.1).contains("pitch_mm must be from 0.4"));
         assert!(refused(|p| p.pitch_mm = f64::NAN).contains("pitch_mm"));
         assert!(refused(|p| p.diameter_mm = 1.2).contains("diameter_mm must be at most 0.6 times pitch_mm"));
-        assert!(refused(|p| p.pitch_mm = 4.0).contains("columns must be so few that they lie on a gel of 20 mm"));
+        let wide = MarkerPattern { pitch_mm: 4.0, ..MarkerPattern::default() };
+        wide.check_on([40.0, 40.0]).unwrap();
+        let error = wide.check_on([20.0, 30.0]).unwrap_err().to_string();
+        assert!(error.contains("columns must be so few that they lie on a gel of 20 mm"), "{error}");
     }
 
     #[test]

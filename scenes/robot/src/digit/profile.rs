@@ -1,12 +1,13 @@
 //! Descriptions of touch sensors of the DIGIT's kind, in files that anybody can write.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mvt_frames::camera::Intrinsics;
 use mvt_settings::{Limit as _, Nested, SettingError, settings};
 use serde::{Deserialize, Serialize};
 
-use super::gel::{BULGE_M, GelSurface, GelView};
+use super::body::SensorBody;
+use super::gel::{GelSurface, GelView};
 use super::markers::MarkerPattern;
 use super::{FOV_Y_DEG, HEIGHT, WIDTH};
 
@@ -36,23 +37,52 @@ settings! {
     }
 }
 
-/// A touch sensor: its camera's view of the gel, and the softness and look of the gel.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A touch sensor: its camera's view of the gel, the softness and look of the gel, and its body. A key that a file lacks has the value of
+/// TACTO's DIGIT, which is the default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct SensorProfile {
+    /// Width and height of its images, pixels.
+    pub size_px: [usize; 2],
     /// Vertical field of view of the camera, degrees.
     pub fov_y_deg: f64,
+    /// Distance from the camera to the apex of the gel, which lies on the camera's axis, millimetres.
+    pub apex_mm: f64,
+    /// Size of the pad along the columns and rows of its images, millimetres.
+    pub size_mm: [f64; 2],
+    /// Difference in depth between the apex of the gel and the corners of the pad, millimetres; 0 for a flat gel.
+    pub bulge_mm: f64,
     /// Distance beyond a contact over which the gel's indentation fades to 1/e, millimetres. 0: the gel does not deform around a contact.
     pub reach_mm: f32,
-    /// Difference in depth between the apex of the gel and the corners of a pad of 20 x 30 mm, millimetres; 0 for a flat gel.
-    #[serde(default = "digit_bulge_mm")]
-    pub bulge_mm: f64,
+    /// Weights of the network that reads its images, relative to the file of the profile. Without it: those that are shipped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weights: Option<PathBuf>,
     /// How the gel looks. Without it: as TACTO renders it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub appearance: Option<Appearance>,
     /// Dots on the gel, by whose motion shear is seen. Without it: none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub markers: Option<MarkerPattern>,
+    /// Its body on a hand.
+    pub body: SensorBody,
+}
+
+impl Default for SensorProfile {
+    fn default() -> Self {
+        Self {
+            size_px: [WIDTH, HEIGHT],
+            fov_y_deg: FOV_Y_DEG,
+            apex_mm: 22.0,
+            size_mm: [20.0, 30.0],
+            // TACTO's `curvatureMax`.
+            bulge_mm: 5.0,
+            reach_mm: 0.0,
+            weights: None,
+            appearance: None,
+            markers: None,
+            body: SensorBody::default(),
+        }
+    }
 }
 
 /// Names and files of the profiles that the program brings along.
@@ -63,10 +93,6 @@ const SHIPPED: [(&str, &str); 5] = [
     ("gelsight_mini_markers", include_str!("profiles/gelsight_mini_markers.toml")),
     ("tacto", include_str!("profiles/tacto.toml")),
 ];
-
-fn digit_bulge_mm() -> f64 {
-    1e3 * BULGE_M
-}
 
 /// Largest file of a profile that is read, bytes.
 const LARGEST_FILE: u64 = 1 << 16;
@@ -109,8 +135,13 @@ pub enum ProfileError {
 
 impl SensorProfile {
     /// Returns the profile of TACTO's DIGIT.
-    pub const fn tacto() -> Self {
-        Self { fov_y_deg: FOV_Y_DEG, reach_mm: 0.0, bulge_mm: 1e3 * BULGE_M, appearance: None, markers: None }
+    pub fn tacto() -> Self {
+        Self::default()
+    }
+
+    /// Returns whether it is the profile of TACTO's DIGIT.
+    pub fn is_tacto(&self) -> bool {
+        *self == Self::default()
     }
 
     /// Returns the profile of a name (`digit`, `digit_markers`, `gelsight_mini`, `gelsight_mini_markers`, `tacto`) or of a file whose path ends in `.toml`.
@@ -126,9 +157,12 @@ impl SensorProfile {
             }
             None => return Err(ProfileError::Unknown(name_or_path.to_owned())),
         };
-        let profile: Self = toml::from_str(&text)
+        let mut profile: Self = toml::from_str(&text)
             .map_err(|reason| ProfileError::Format { path: name_or_path.to_owned(), reason: Box::new(reason) })?;
         profile.validate().map_err(|reason| ProfileError::Range { path: name_or_path.to_owned(), reason })?;
+        // Absolute, so that the profile can be written to another file.
+        let beside = |weights: PathBuf| Path::new(name_or_path).with_file_name(weights);
+        profile.weights = profile.weights.map(beside).map(|path| std::path::absolute(&path).unwrap_or(path));
         Ok(profile)
     }
 
@@ -137,11 +171,24 @@ impl SensorProfile {
     /// # Errors
     /// [`SettingError`] names the first value that is out of range.
     pub fn validate(&self) -> Result<(), SettingError> {
+        (32..=1024).check("size_px", &self.size_px)?;
         (20.0..=100.0).check("fov_y_deg", &self.fov_y_deg)?;
-        (0.0..=1.5).check("reach_mm", &self.reach_mm)?;
+        (2.0..=100.0).check("apex_mm", &self.apex_mm)?;
+        (2.0..=100.0).check("size_mm", &self.size_mm)?;
         (0.0..=8.0).check("bulge_mm", &self.bulge_mm)?;
+        (0.0..=1.5).check("reach_mm", &self.reach_mm)?;
+        // The gel comes nearest to the camera in the corners of the image. NaN: the corner shows no gel.
+        let corner_m = self.gel_surface().point(&self.intrinsics(), 0.0, 0.0).coords().x;
+        if corner_m.is_nan() || corner_m < 1e-3 {
+            let range = "such that the gel fills the image, 1 mm or more before the camera";
+            return Err(SettingError::new("bulge_mm", self.bulge_mm.to_string(), range));
+        }
         self.appearance.as_ref().map_or(Ok(()), |appearance| Nested.check("appearance", appearance))?;
-        self.markers.as_ref().map_or(Ok(()), |markers| Nested.check("markers", markers))
+        if let Some(markers) = &self.markers {
+            Nested.check("markers", markers)?;
+            markers.check_on(self.size_mm).map_err(|error| error.within("markers"))?;
+        }
+        Nested.check("body", &self.body)
     }
 
     /// Returns by how much the change of red, green and blue must be multiplied to look as on the shipped profile `digit`, for which the
@@ -159,29 +206,38 @@ impl SensorProfile {
 
     /// Returns the surface of the undeformed gel.
     pub fn gel_surface(&self) -> GelSurface {
-        GelSurface::with_bulge(self.bulge_mm / 1e3)
+        GelSurface::new(self.apex_mm / 1e3, self.size_mm.map(|mm| mm / 1e3), self.bulge_mm / 1e3)
     }
 
     /// Returns the pinhole model of the camera.
     pub fn intrinsics(&self) -> Intrinsics {
-        Intrinsics::from_fov_y(WIDTH, HEIGHT, self.fov_y_deg.to_radians())
+        let [width, height] = self.size_px;
+        Intrinsics::from_fov_y(width, height, self.fov_y_deg.to_radians())
+    }
+
+    /// Returns rows and columns of its images.
+    pub fn shape(&self) -> [usize; 2] {
+        let [width, height] = self.size_px;
+        [height, width]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::digit::gel::APEX_M;
 
     #[test]
     fn shipped_profiles_are_valid() {
         assert_eq!(SensorProfile::load("tacto").unwrap(), SensorProfile::tacto());
         let digit = SensorProfile::load("digit").unwrap();
         // 18.8 pixels per millimetre at the apex of the gel, as an edge of known length shows.
-        let px_per_mm = digit.intrinsics().fx / (1e3 * crate::digit::gel::APEX_M);
+        let px_per_mm = digit.intrinsics().fx / (1e3 * APEX_M);
         assert!((px_per_mm - 18.8).abs() < 0.1, "{px_per_mm}");
         assert_eq!(digit.appearance, Some(Appearance::default()));
         assert_eq!(digit.gains(), [1.0; 3]);
-        assert!([SensorProfile::tacto(), digit].iter().all(|profile| profile.gel_surface() == GelSurface::digit()));
+        assert_eq!(digit.gel_surface(), SensorProfile::tacto().gel_surface());
+        assert_eq!(SensorProfile::tacto().gel_surface(), GelSurface::new(APEX_M, [0.02, 0.03], 0.005));
         // Those with markers differ by their dots alone.
         for name in ["digit", "gelsight_mini"] {
             let marked = SensorProfile::load(&format!("{name}_markers")).unwrap();
@@ -204,6 +260,23 @@ mod tests {
         assert!(refused("/nowhere/a.toml").contains("cannot read"));
         let invalid = |text: &str| toml::from_str::<SensorProfile>(text).map(|profile| profile.validate());
         assert!(invalid("fov_y_deg = 40.0\nreach_mm = 0.5\nrange = 1").is_err());
+        for wrong in [
+            "size_px = [0, 0]",
+            "size_px = [240, 2000]",
+            "apex_mm = -1.0",
+            "apex_mm = nan",
+            "size_mm = [20.0, inf]",
+            "bulge_mm = nan",
+        ] {
+            let error = invalid(wrong).unwrap().unwrap_err();
+            assert!(error.to_string().starts_with(wrong.split(' ').next().unwrap()), "{wrong}: {error}");
+        }
+        let beyond = invalid("apex_mm = 100.0\nbulge_mm = 0.1\nfov_y_deg = 100.0").unwrap().unwrap_err();
+        assert!(beyond.to_string().contains("bulge_mm must be such that the gel fills the image"), "{beyond}");
+        let error = invalid("[body]\nmass_kg = 0.0").unwrap().unwrap_err();
+        assert!(error.to_string().contains("body.mass_kg"), "{error}");
+        let error = invalid("size_mm = [8.0, 8.0]\n[markers]").unwrap().unwrap_err();
+        assert!(error.to_string().contains("markers.columns"), "{error}");
         let error = invalid("fov_y_deg = 400.0\nreach_mm = 0.5").unwrap().unwrap_err();
         assert!(error.to_string().contains("fov_y_deg"), "{error}");
         let error = invalid("fov_y_deg = 40.0\nreach_mm = 0.5\n[appearance]\nblur_px = nan").unwrap().unwrap_err();

@@ -9,6 +9,7 @@ use nalgebra as na;
 
 use super::parts::{Body, Inertial, Part, PartSurface, Placing, Primitive, UPRIGHT};
 use super::{GraspPoint, HandDescription, TouchPad};
+use crate::digit::profile::SensorProfile;
 use crate::joint::{Drive, Joint, JointMotion};
 use crate::side::Side;
 
@@ -66,7 +67,12 @@ pub(super) fn describe(side: Side) -> HandDescription {
             inertial: Some(inertial(0.020, [0.005, 0.0, 0.017], [3.5e-6, 3e-6, 2.5e-6])),
             parts: fingertip(finger),
         });
-        pads.push(TouchPad { name: name.to_owned(), body: tip, place: Placing::at(TIP_FROM_GEL_M) });
+        pads.push(TouchPad {
+            name: name.to_owned(),
+            body: tip,
+            place: Placing::at(TIP_FROM_GEL_M),
+            profile: SensorProfile::tacto(),
+        });
         // When a finger bends, its tip meets the link before the last.
         apart.push([tip, tip - 2]);
     }

@@ -4,6 +4,7 @@ use mvt_frames::{Frame, Isometry};
 use serde::{Deserialize, Serialize};
 
 use super::hull::Hull;
+use crate::digit::body::SensorBody;
 
 /// No rotation, quaternion (w, x, y, z).
 pub const UPRIGHT: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
@@ -126,4 +127,57 @@ pub enum Primitive {
     },
     /// Convex hull of points.
     Hull(Hull),
+}
+
+impl SensorBody {
+    /// Returns the housing and the gel, which is that of the pad of this index, in the gel frame.
+    pub fn parts(&self, pad: usize) -> Vec<Part> {
+        let half = |size: [f64; 3]| size.map(|side| side / 2.0);
+        let (centre, orientation_wxyz) = (self.gel_centre_m, UPRIGHT);
+        let housing =
+            Primitive::Box { centre: self.housing_centre_m, half: half(self.housing_size_m), orientation_wxyz };
+        let gel = match half(self.gel_size_m) {
+            semi if self.is_domed => Primitive::Ellipsoid { centre, semi, orientation_wxyz },
+            half => Primitive::Box { centre, half, orientation_wxyz },
+        };
+        vec![
+            Part { surface: PartSurface::Housing, shape: housing },
+            Part { surface: PartSurface::Gel(pad), shape: gel },
+        ]
+    }
+
+    /// Returns the mass in the gel frame.
+    pub fn inertial(&self) -> Inertial {
+        let Self { mass_kg, mass_centre_m, inertia_kg_m2, .. } = *self;
+        Inertial { mass_kg, centre_m: mass_centre_m, orientation_wxyz: UPRIGHT, diagonal: inertia_kg_m2 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::digit::profile::SensorProfile;
+
+    #[test]
+    fn gels_end_at_the_apex_and_stand_out_of_their_housing() {
+        for name in ["digit", "gelsight_mini"] {
+            let profile = SensorProfile::load(name).unwrap();
+            let parts = profile.body.parts(2);
+            let front = |part: &Part| match &part.shape {
+                Primitive::Box { centre, half, .. } => centre[0] + half[0],
+                Primitive::Ellipsoid { centre, semi, .. } => centre[0] + semi[0],
+                other => panic!("{other:?}"),
+            };
+            assert_eq!(parts[1].surface, PartSurface::Gel(2));
+            assert!((front(&parts[1]) - 1e-3 * profile.apex_mm).abs() < 0.3e-3);
+            assert!(front(&parts[0]) < front(&parts[1]) - 2e-3);
+        }
+    }
+
+    #[test]
+    fn half_sizes_are_exact() {
+        let [housing, gel] = [0, 1].map(|part| SensorBody::default().parts(0)[part].shape.clone());
+        assert!(matches!(housing, Primitive::Box { half: [0.009_75, 0.0115, 0.0155], .. }));
+        assert!(matches!(gel, Primitive::Ellipsoid { semi: [0.009, 0.0128, 0.0165], .. }));
+    }
 }

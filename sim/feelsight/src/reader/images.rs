@@ -6,7 +6,6 @@ use std::sync::Arc;
 use image::{GrayImage, ImageBuffer, Pixel, RgbImage};
 use mvt_frames::camera::{Intrinsics, PosedCamera};
 use mvt_frames::depth::Label;
-use mvt_robot::digit;
 use mvt_robot::hand::PerPad;
 use mvt_robot::observation::TouchTruth;
 use ndarray::Array2;
@@ -16,7 +15,7 @@ use crate::compact::CompactFrames;
 use crate::depths::DepthReader;
 use crate::error::LogError;
 use crate::frames::{RawCamera, RawFrame, RawTouch};
-use crate::hand::pad_folder;
+use crate::hand::{pad_folder, pad_size};
 use crate::io::read_at_most;
 use crate::lens::Lens;
 use crate::levels::{is_level, labels_of};
@@ -171,7 +170,7 @@ impl Log {
             return frames.touch_image(pad, frame);
         }
         let path = self.touch_folder(pad).join("image").join(format!("{frame}.jpg"));
-        touch_of(&read_at_most(&path, MAX_FILE)?, &path)
+        touch_of(&read_at_most(&path, MAX_FILE)?, &path, pad_size(&self.hand, pad))
     }
 
     /// Reads the true depth and contact of a touch sensor, by the index of its pad, in a frame.
@@ -180,19 +179,19 @@ impl Log {
     /// [`LogError`] if they do not exist or cannot be read.
     pub fn touch_truth(&self, pad: usize, frame: usize) -> Result<TouchTruth, LogError> {
         let (levels, mask) = self.raw_touch_labels(pad, frame)?;
-        let depth = |row, column| self.digit.depth_m(levels.get_pixel(column as u32, row as u32).0[0]);
+        let digit = self.hand.pads().get(pad).map_or(self.digit, |pad| self.digit.of(&pad.profile));
+        let shape = (levels.height() as usize, levels.width() as usize);
+        let depth = |row, column| digit.depth_m(levels.get_pixel(column as u32, row as u32).0[0]);
         Ok(TouchTruth {
-            depth_m: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| depth(row, column)),
+            depth_m: Array2::from_shape_fn(shape, |(row, column)| depth(row, column)),
             // A JPEG mask has every level; loaders use this threshold, too.
-            contact: Array2::from_shape_fn((digit::HEIGHT, digit::WIDTH), |(row, column)| {
-                mask.get_pixel(column as u32, row as u32).0[0] > 127
-            }),
+            contact: Array2::from_shape_fn(shape, |(row, column)| mask.get_pixel(column as u32, row as u32).0[0] > 127),
         })
     }
 
     /// Reads the levels of touch depth and the mask.
     fn raw_touch_labels(&self, pad: usize, frame: usize) -> Result<(GrayImage, GrayImage), LogError> {
-        let size = (digit::WIDTH, digit::HEIGHT);
+        let size = pad_size(&self.hand, pad);
         let (levels, mask, path) = if let Some(frames) = &self.compact {
             let file = format!("{}/mask/{frame}.png", pad_folder(&self.hand, pad));
             let path = frames.archive.path(&file);

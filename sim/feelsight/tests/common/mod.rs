@@ -57,7 +57,12 @@ pub fn gripper() -> HandDescription {
         let (axis, drive) = ([0.0, 1.0, 0.0], Drive::default());
         Joint { name: name.to_owned(), body, motion, axis, range, mirrors: false, drive }
     };
-    let pad = |name: &str, body| TouchPad { name: name.to_owned(), body, place: Placing::at([0.01, 0.0, 0.02]) };
+    let pad = |name: &str, body| TouchPad {
+        name: name.to_owned(),
+        body,
+        place: Placing::at([0.01, 0.0, 0.02]),
+        profile: Default::default(),
+    };
     HandDescription {
         name: "gripper".to_owned(),
         side: Side::Right,

@@ -1,7 +1,6 @@
 //! Synthetic untouched images like those of a real DIGIT.
 
 use image::RgbImage;
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -30,9 +29,9 @@ const UNEVENNESS: f32 = 2.0;
 /// Size of a patch of paint, pixels.
 const PATCH: usize = 4;
 
-/// Returns an untouched image like that of a real DIGIT, 240 wide and 320 high. Each seed is another sensor: positions
+/// Returns an untouched image like that of a real DIGIT, of this width and height. Each seed is another sensor: positions
 /// and brightness of the LEDs and the paint of the gel differ.
-pub fn synthetic_background(seed: u64) -> RgbImage {
+pub fn synthetic_background([width, height]: [usize; 2], seed: u64) -> RgbImage {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut around = |value: f32, spread: f32| value + spread * (2.0 * rng.random::<f32>() - 1.0);
     let pools = POOLS.map(|pool| Pool {
@@ -41,15 +40,15 @@ pub fn synthetic_background(seed: u64) -> RgbImage {
         radius: pool.radius.map(|r| r * around(1.0, 0.12)),
     });
     let mean = MEAN.map(|m| around(m, 6.0));
-    const COLUMNS: usize = WIDTH / PATCH + 2;
-    let paint: Vec<f32> = (0..COLUMNS * (HEIGHT / PATCH + 2)).map(|_| around(0.0, UNEVENNESS)).collect();
+    let columns = width / PATCH + 2;
+    let paint: Vec<f32> = (0..columns * (height / PATCH + 2)).map(|_| around(0.0, UNEVENNESS)).collect();
 
     let light = |u: usize, v: usize| -> [f32; 3] {
-        let at = [(u as f32 + 0.5) / WIDTH as f32, (v as f32 + 0.5) / HEIGHT as f32];
-        let corner = (v / PATCH) * COLUMNS + u / PATCH;
+        let at = [(u as f32 + 0.5) / width as f32, (v as f32 + 0.5) / height as f32];
+        let corner = (v / PATCH) * columns + u / PATCH;
         let [s, t] = [u, v].map(|i| (i % PATCH) as f32 / PATCH as f32);
         let upper = paint[corner] * (1.0 - s) + paint[corner + 1] * s;
-        let lower = paint[corner + COLUMNS] * (1.0 - s) + paint[corner + COLUMNS + 1] * s;
+        let lower = paint[corner + columns] * (1.0 - s) + paint[corner + columns + 1] * s;
         let mut color = AMBIENT.map(|a| a + upper * (1.0 - t) + lower * t);
         for Pool { color: added, centre, radius } in &pools {
             let [x, y] = [0, 1].map(|k| (at[k] - centre[k]) / radius[k]);
@@ -60,11 +59,11 @@ pub fn synthetic_background(seed: u64) -> RgbImage {
         }
         color
     };
-    let pixels: Vec<[f32; 3]> = (0..WIDTH * HEIGHT).map(|i| light(i % WIDTH, i / WIDTH)).collect();
+    let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| light(i % width, i / width)).collect();
     let gain: [f32; 3] =
         std::array::from_fn(|c| mean[c] * pixels.len() as f32 / pixels.iter().map(|p| p[c]).sum::<f32>());
-    RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |u, v| {
-        let pixel = pixels[v as usize * WIDTH + u as usize];
+    RgbImage::from_fn(width as u32, height as u32, |u, v| {
+        let pixel = pixels[v as usize * width + u as usize];
         image::Rgb(std::array::from_fn(|c| (pixel[c] * gain[c]).round() as u8))
     })
 }
@@ -75,12 +74,15 @@ mod tests {
 
     #[test]
     fn seeds_repeat_differ_and_keep_the_mean() {
-        let (a, b) = (synthetic_background(1), synthetic_background(2));
-        assert_eq!(a, synthetic_background(1));
+        let (a, b) = (synthetic_background([240, 320], 1), synthetic_background([240, 320], 2));
+        assert_eq!(a, synthetic_background([240, 320], 1));
         assert_ne!(a, b);
-        for image in [a, b] {
+        let small = synthetic_background([97, 62], 1);
+        assert_eq!(small.dimensions(), (97, 62));
+        for image in [a, b, small] {
             for c in 0..3 {
-                let mean = image.pixels().map(|p| f32::from(p.0[c])).sum::<f32>() / (WIDTH * HEIGHT) as f32;
+                let mean =
+                    image.pixels().map(|p| f32::from(p.0[c])).sum::<f32>() / (image.width() * image.height()) as f32;
                 assert!((mean - MEAN[c]).abs() < 7.0, "channel {c}: {mean}");
             }
         }

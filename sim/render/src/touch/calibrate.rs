@@ -6,46 +6,48 @@
 
 use std::ops::Range;
 
-use mvt_robot::digit::{HEIGHT, WIDTH};
-
 /// Half of OpenCV's 7-tap kernel for the window (7, 7) and sigma 0, from the centre outwards, times 64.
 const KERNEL: [i16; 4] = [18, 14, 7, 2];
 /// Reach of the kernel.
 pub(super) const REACH: usize = KERNEL.len() - 1;
-/// Bytes of an image row.
-const ROW: usize = 3 * WIDTH;
 /// The two passes scale by 64 each, the factor 0.5 by another 2.
 const SHIFT: u32 = 13;
 
 /// Rows of an image after the horizontal pass.
+#[derive(Default)]
 pub(super) struct Blur {
-    rows: Vec<[i16; ROW]>,
-    padded: [i16; ROW + 6 * REACH],
+    rows: Vec<i16>,
+    padded: Vec<i16>,
+    zero: Vec<i16>,
 }
 
 impl Blur {
-    pub fn new() -> Self {
-        Self { rows: vec![[0; ROW]; HEIGHT], padded: [0; ROW + 6 * REACH] }
-    }
-
     /// Overwrites the rows of `out` that differ from `background`: those within the kernel's reach of `changed`, the
-    /// only rows in which `raw` differs from `empty`. All are images of 240 x 320 RGB pixels.
+    /// only rows in which `raw` differs from `empty`. All are images of this width of RGB pixels.
     #[inline(always)]
-    pub fn overlay(&mut self, changed: Range<usize>, raw: &[u8], empty: &[u8], background: &[u8], out: &mut [u8]) {
-        let [(raw, _), (empty, _), (background, _)] = [raw, empty, background].map(|image| image.as_chunks::<ROW>());
-        let (out, _) = out.as_chunks_mut::<ROW>();
+    pub fn overlay(
+        &mut self,
+        width: usize,
+        changed: Range<usize>,
+        [raw, empty, background]: [&[u8]; 3],
+        out: &mut [u8],
+    ) {
+        let (length, height) = (3 * width, out.len() / (3 * width));
+        self.rows.resize(length * height, 0);
+        self.padded.resize(length + 6 * REACH, 0);
+        self.zero.resize(length, 0);
+        let row = |v: usize| v * length..(v + 1) * length;
         for v in changed.clone() {
-            self.horizontal(&raw[v], &empty[v], v);
+            self.horizontal(&raw[row(v)], &empty[row(v)], v);
         }
-        let zero = [0; ROW];
         let [k0, k1, k2, k3] = KERNEL.map(i32::from);
-        for v in changed.start.saturating_sub(REACH)..(changed.end + REACH).min(HEIGHT) {
-            let taps: [&[i16; ROW]; 7] = std::array::from_fn(|k| {
-                let row = mirrored(v as isize + k as isize - REACH as isize, HEIGHT);
-                if changed.contains(&row) { &self.rows[row] } else { &zero }
+        for v in changed.start.saturating_sub(REACH)..(changed.end + REACH).min(height) {
+            let taps: [&[i16]; 7] = std::array::from_fn(|k| {
+                let at = mirrored(v as isize + k as isize - REACH as isize, height);
+                if changed.contains(&at) { &self.rows[row(at)] } else { &self.zero[..length] }
             });
-            let (out, under) = (&mut out[v], &background[v]);
-            for i in 0..ROW {
+            let (out, under) = (&mut out[row(v)], &background[row(v)]);
+            for i in 0..length {
                 let [a, b, c, d, e, f, g] = taps.map(|row| i32::from(row[i]));
                 let sum = k0 * d + k1 * (c + e) + k2 * (b + f) + k3 * (a + g);
                 let value = (i32::from(under[i]) << SHIFT) + sum;
@@ -56,20 +58,21 @@ impl Blur {
 
     /// Blurs the difference of row `v` along the row, times 64; fits 16 bits because the kernel's weights add up to 64.
     #[inline(always)]
-    fn horizontal(&mut self, raw: &[u8; ROW], empty: &[u8; ROW], v: usize) {
-        let (padded, out) = (&mut self.padded, &mut self.rows[v]);
-        for i in 0..ROW {
-            padded[3 * REACH + i] = i16::from(raw[i]) - i16::from(empty[i]);
+    fn horizontal(&mut self, raw: &[u8], empty: &[u8], v: usize) {
+        let (length, width) = (raw.len(), raw.len() / 3);
+        let (padded, out) = (&mut self.padded[..length + 6 * REACH], &mut self.rows[v * length..(v + 1) * length]);
+        for ((padded, raw), empty) in padded[3 * REACH..].iter_mut().zip(raw).zip(empty) {
+            *padded = i16::from(*raw) - i16::from(*empty);
         }
         for k in 1..=REACH {
             for c in 0..3 {
                 padded[3 * (REACH - k) + c] = padded[3 * (REACH + k) + c];
-                padded[3 * (REACH + WIDTH - 1 + k) + c] = padded[3 * (REACH + WIDTH - 1 - k) + c];
+                padded[3 * (REACH + width - 1 + k) + c] = padded[3 * (REACH + width - 1 - k) + c];
             }
         }
         let [k0, k1, k2, k3] = KERNEL;
-        for i in 0..ROW {
-            out[i] = k0 * padded[i + 9]
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = k0 * padded[i + 9]
                 + k1 * (padded[i + 6] + padded[i + 12])
                 + k2 * (padded[i + 3] + padded[i + 15])
                 + k3 * (padded[i] + padded[i + 18]);
@@ -87,6 +90,10 @@ fn mirrored(i: isize, size: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const WIDTH: usize = 240;
+    const HEIGHT: usize = 320;
+    const ROW: usize = 3 * WIDTH;
 
     #[test]
     fn border_mirrors_at_the_outermost_pixel() {
@@ -107,7 +114,7 @@ mod tests {
                 }
             }
             let mut out = background.clone();
-            Blur::new().overlay(changed, &raw, &empty, &background, &mut out);
+            Blur::default().overlay(WIDTH, changed, [&raw, &empty, &background], &mut out);
             for (v, u, c) in
                 (0..HEIGHT).step_by(3).flat_map(|v| (0..WIDTH).step_by(7).map(move |u| (v, u, (u + v) % 3)))
             {

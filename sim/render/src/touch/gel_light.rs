@@ -7,12 +7,10 @@
 use std::ops::Range;
 
 use image::RgbImage;
-use mvt_robot::digit::gel::GelSurface;
+use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit::profile::Appearance;
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
 
 use super::membrane::between;
-use super::pixels;
 use super::shade::{Row, Shader};
 
 /// Least elevation at which the untouched gel counts as lit, as a sine: beyond the horizon of an LED it shows no change of its colour.
@@ -23,8 +21,6 @@ const BRIGHTEST: f32 = 16.0;
 const ENTRIES: usize = 1024;
 /// Pixels of a cell of the grid on which shadows are cast, along either axis.
 const CELL: usize = 4;
-const COLUMNS: usize = WIDTH / CELL;
-const ROWS: usize = HEIGHT / CELL;
 /// Cells over which a shadow is looked for: gel that is 1.5 mm high at 15 degrees throws one of 5.6 mm, or 26 cells.
 const LONGEST: usize = 26;
 /// An obstacle that rises this much over the ray hides the whole LED, metres: real shadows have no border, since an LED is no point and
@@ -54,32 +50,31 @@ pub(super) struct Scratch {
     /// Indentation of each cell, metres, and the share of each LED's light that reaches it.
     height_m: Vec<f32>,
     light: [Vec<f32>; 3],
+    /// A row with its borders, and a row of each colour.
+    padded: Vec<f32>,
+    sums: [Vec<f32>; 3],
 }
 
 impl GelLight {
     /// Prepares the light for an untouched image.
-    pub fn new(
-        appearance: &Appearance,
-        surface: GelSurface,
-        background: &RgbImage,
-        gel_depth: &[f32],
-        shader: &Shader,
-    ) -> Self {
+    pub fn new(appearance: &Appearance, background: &RgbImage, gel_depth: &[f32], shader: &Shader) -> Self {
         let elevation = appearance.led_elevation_deg.to_radians();
         let distance_m = 1e-3 * appearance.led_distance_mm;
         let leds = appearance.led_angles_deg.map(|degrees| {
             let (down, right) = degrees.to_radians().sin_cos();
             // Columns run towards -y, rows towards -z.
-            [gel::APEX_M - distance_m * elevation.tan(), -distance_m * right, -distance_m * down].map(|x| x as f32)
+            [shader.gel.apex_m() - distance_m * elevation.tan(), -distance_m * right, -distance_m * down]
+                .map(|x| x as f32)
         });
-        let count = (WIDTH * HEIGHT) as f32;
+        let Intrinsics { width, height, .. } = shader.camera;
+        let count = (width * height) as f32;
         let mean: [f32; 3] =
             std::array::from_fn(|c| background.pixels().map(|p| f32::from(p.0[c])).sum::<f32>() / count);
         let (mut direct, mut inverse_flat) = ([const { Vec::new() }; 3], [const { Vec::new() }; 3]);
         for (i, pixel) in background.pixels().enumerate() {
-            let point = shader.point(i % WIDTH, i / WIDTH, gel_depth[i]);
+            let point = shader.point(i % width, i / width, gel_depth[i]);
             let [px, py, pz] = point.map(f64::from);
-            let normal = surface.normal(mvt_frames::Point::new(px, py, pz)).coords();
+            let normal = shader.gel.normal(mvt_frames::Point::new(px, py, pz)).coords();
             let normal = [normal.x as f32, normal.y as f32, normal.z as f32];
             for c in 0..3 {
                 let level = f32::from(pixel.0[c]);
@@ -109,27 +104,30 @@ impl GelLight {
     #[inline(always)]
     pub fn cast(&self, gel_depth: &[f32], depth: &[f32], shader: &Shader, scratch: &mut Scratch) {
         let Scratch { height_m, light, change, .. } = scratch;
+        let Intrinsics { width, height, .. } = shader.camera;
+        let [columns, rows] = cells(&shader.camera);
         for change in change {
             change.clear();
-            change.resize(WIDTH * HEIGHT, 0.0);
+            change.resize(width * height, 0.0);
         }
         height_m.clear();
-        height_m.resize(COLUMNS * ROWS, 0.0);
-        for v in 0..HEIGHT {
-            let cells = &mut height_m[v / CELL * COLUMNS..(v / CELL + 1) * COLUMNS];
+        height_m.resize(columns * rows, 0.0);
+        for v in 0..height {
+            let cells = &mut height_m[v / CELL * columns..(v / CELL + 1) * columns];
+            let pixels = |v: usize| v * width..(v + 1) * width;
             let (gel, depth) = (&gel_depth[pixels(v)], &depth[pixels(v)]);
-            for (cell, (gel, depth)) in cells.iter_mut().zip(gel.chunks_exact(CELL).zip(depth.chunks_exact(CELL))) {
+            for (cell, (gel, depth)) in cells.iter_mut().zip(gel.chunks(CELL).zip(depth.chunks(CELL))) {
                 *cell += gel.iter().zip(depth).map(|(gel, depth)| gel - depth).sum::<f32>() / (CELL * CELL) as f32;
             }
         }
         let highest = height_m.iter().copied().fold(0.0, |a: f32, b| if b > a { b } else { a });
         for (led, light) in self.leds.iter().zip(light) {
             light.clear();
-            light.resize(COLUMNS * ROWS, 1.0);
+            light.resize(columns * rows, 1.0);
             for (cell, light) in light.iter_mut().enumerate() {
-                let (u, v) = (cell % COLUMNS, cell / COLUMNS);
-                let middle = [u * CELL + CELL / 2, v * CELL + CELL / 2];
-                let [x, y, z] = shader.point(middle[0], middle[1], gel_depth[middle[1] * WIDTH + middle[0]]);
+                let (u, v) = (cell % columns, cell / columns);
+                let middle = [(u * CELL + CELL / 2).min(width - 1), (v * CELL + CELL / 2).min(height - 1)];
+                let [x, y, z] = shader.point(middle[0], middle[1], gel_depth[middle[1] * width + middle[0]]);
                 // Towards the LED: metres to the right, down and out of the gel.
                 let to = [y - led[1], z - led[2], x - led[0]];
                 let along = (to[0] * to[0] + to[1] * to[1]).sqrt();
@@ -141,15 +139,15 @@ impl GelLight {
                     ray += rise;
                     let at = [u as f32 + k as f32 * step[0], v as f32 + k as f32 * step[1]];
                     let inside =
-                        at[0] >= 0.0 && at[1] >= 0.0 && at[0] < (COLUMNS - 1) as f32 && at[1] < (ROWS - 1) as f32;
+                        at[0] >= 0.0 && at[1] >= 0.0 && at[0] < (columns - 1) as f32 && at[1] < (rows - 1) as f32;
                     if !inside || ray > highest || k as f32 * step_m > along {
                         break;
                     }
                     let (left, up) = (at[0] as usize, at[1] as usize);
                     let [across, down] = [at[0] - left as f32, at[1] - up as f32];
                     let row = |at: usize| height_m[at] + across * (height_m[at + 1] - height_m[at]);
-                    let first = up * COLUMNS + left;
-                    let height = row(first) + down * (row(first + COLUMNS) - row(first));
+                    let first = up * columns + left;
+                    let height = row(first) + down * (row(first + columns) - row(first));
                     over = if height - ray > over { height - ray } else { over };
                 }
                 *light = 1.0 - self.cast_shadow * (over / PENUMBRA_M).min(1.0);
@@ -160,21 +158,22 @@ impl GelLight {
     /// Computes the change of the pixels of row `v` for which `changed` holds. The row's normals have any length.
     #[inline(always)]
     pub fn shade(&self, v: usize, row: &Row, shader: &Shader, changed: impl Fn(usize) -> bool, scratch: &mut Scratch) {
-        let (upper, lower, down) = between(v, CELL, ROWS);
-        for u in (0..WIDTH).filter(|&u| changed(u)) {
+        let [columns, rows] = cells(&shader.camera);
+        let (upper, lower, down) = between(v, CELL, rows);
+        for u in (0..shader.camera.width).filter(|&u| changed(u)) {
             let point = shader.point(u, v, row.depth[u]);
             let normal = row.normal.each_ref().map(|lane| lane[u]);
             let length = (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
             let normal = normal.map(|x| x / length);
-            let (left, right, across) = between(u, CELL, COLUMNS);
+            let (left, right, across) = between(u, CELL, columns);
             for c in 0..3 {
                 let cells = &scratch.light[c];
                 let at = |row: usize| {
-                    let row = &cells[row * COLUMNS..(row + 1) * COLUMNS];
+                    let row = &cells[row * columns..(row + 1) * columns];
                     row[left] + across * (row[right] - row[left])
                 };
                 let light = at(upper) + down * (at(lower) - at(upper));
-                let i = v * WIDTH + u;
+                let i = v * shader.camera.width + u;
                 let ratio = light * arriving(self.leds[c], point, normal, 0.0) * self.inverse_flat[c][i];
                 let place = (ratio * (ENTRIES as f32 / BRIGHTEST)).min(ENTRIES as f32 - 1.0);
                 let entry = place as usize;
@@ -187,33 +186,35 @@ impl GelLight {
 
     /// Blurs the change of the `rows` that hold it, and adds it to the background.
     #[inline(always)]
-    pub fn overlay(&self, rows: Range<usize>, scratch: &mut Scratch, background: &[u8], out: &mut [u8]) {
-        let reach = self.kernel.len() - 1;
-        let Scratch { change, blurred, .. } = scratch;
+    pub fn overlay(&self, width: usize, rows: Range<usize>, scratch: &mut Scratch, background: &[u8], out: &mut [u8]) {
+        let (reach, height) = (self.kernel.len() - 1, out.len() / (3 * width));
+        let pixels = |v: usize| v * width..(v + 1) * width;
+        let Scratch { change, blurred, padded, sums, .. } = scratch;
+        padded.resize(width + 2 * MOST_REACH, 0.0);
         for (change, blurred) in change.iter().zip(blurred.iter_mut()) {
             blurred.clear();
-            blurred.resize(WIDTH * HEIGHT, 0.0);
+            blurred.resize(width * height, 0.0);
             for v in rows.clone() {
-                let mut padded = [0.0; WIDTH + 2 * MOST_REACH];
-                padded[MOST_REACH..MOST_REACH + WIDTH].copy_from_slice(&change[pixels(v)]);
-                padded[..MOST_REACH].fill(change[v * WIDTH]);
-                padded[MOST_REACH + WIDTH..].fill(change[(v + 1) * WIDTH - 1]);
+                padded[MOST_REACH..MOST_REACH + width].copy_from_slice(&change[pixels(v)]);
+                padded[..MOST_REACH].fill(change[v * width]);
+                padded[MOST_REACH + width..].fill(change[(v + 1) * width - 1]);
                 let out = &mut blurred[pixels(v)];
                 for (k, weight) in self.kernel.iter().enumerate() {
                     let weight = if k == 0 { 0.5 * weight } else { *weight };
-                    let (before, after) = (&padded[MOST_REACH - k..][..WIDTH], &padded[MOST_REACH + k..][..WIDTH]);
+                    let (before, after) = (&padded[MOST_REACH - k..][..width], &padded[MOST_REACH + k..][..width]);
                     for ((out, before), after) in out.iter_mut().zip(before).zip(after) {
                         *out += weight * (before + after);
                     }
                 }
             }
         }
-        for v in rows.start.saturating_sub(reach)..(rows.end + reach).min(HEIGHT) {
-            let mut sums = [[0.0; WIDTH]; 3];
+        for v in rows.start.saturating_sub(reach)..(rows.end + reach).min(height) {
             for (sum, blurred) in sums.iter_mut().zip(blurred.iter()) {
+                sum.clear();
+                sum.resize(width, 0.0);
                 for (k, weight) in self.kernel.iter().enumerate() {
                     let weight = if k == 0 { 0.5 * weight } else { *weight };
-                    let (above, below) = (v.saturating_sub(k), (v + k).min(HEIGHT - 1));
+                    let (above, below) = (v.saturating_sub(k), (v + k).min(height - 1));
                     for ((sum, above), below) in
                         sum.iter_mut().zip(&blurred[pixels(above)]).zip(&blurred[pixels(below)])
                     {
@@ -221,7 +222,7 @@ impl GelLight {
                     }
                 }
             }
-            let row = 3 * v * WIDTH..3 * (v + 1) * WIDTH;
+            let row = 3 * v * width..3 * (v + 1) * width;
             let levels = out[row.clone()].as_chunks_mut::<3>().0.iter_mut().zip(background[row].as_chunks::<3>().0);
             for (u, (out, under)) in levels.enumerate() {
                 for c in 0..3 {
@@ -231,6 +232,11 @@ impl GelLight {
             }
         }
     }
+}
+
+/// Returns the numbers of columns and rows of cells of a camera's images.
+fn cells(camera: &Intrinsics) -> [usize; 2] {
+    [camera.width, camera.height].map(|pixels| pixels.div_ceil(CELL))
 }
 
 /// Pixels that the widest blur reaches.

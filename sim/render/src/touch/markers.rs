@@ -4,7 +4,6 @@ use image::RgbImage;
 use mvt_frames::camera::Intrinsics;
 use mvt_robot::digit::gel::GelSurface;
 use mvt_robot::digit::markers::{GelMotion, GelShear, MarkerPattern};
-use mvt_robot::digit::{HEIGHT, WIDTH};
 use ndarray::Array2;
 
 /// Half of the width over which a dot fades without blur, pixels: that of a pixel.
@@ -73,7 +72,7 @@ impl Markers {
             // A place out of view has no such pixel.
             let at = (u >= 0.0 && v >= 0.0).then_some((v as usize, u as usize))?;
             contact.get(at).filter(|touches| **touches)?;
-            Some((*place, 1e3 * f64::from(gel_depth_m.get(at.0 * WIDTH + at.1)? - depth_m.get(at)?)))
+            Some((*place, 1e3 * f64::from(gel_depth_m.get(at.0 * self.camera.width + at.1)? - depth_m.get(at)?)))
         });
         Some(GelMotion { centre_mm: self.gel.place_mm(&self.camera, middle), shear, pressed: pressed.collect() })
     }
@@ -86,8 +85,8 @@ impl Markers {
         let reach = radius_px + self.edge_px;
         // Conversions of negative and invalid numbers saturate at 0.
         let span = |at: f32, size: usize| (at - reach).ceil() as usize..((at + reach) as usize + 1).min(size);
-        for row in span(v, HEIGHT) {
-            for column in span(u, WIDTH) {
+        for row in span(v, self.camera.height) {
+            for column in span(u, self.camera.width) {
                 let (dx, dy) = (column as f32 - u, row as f32 - v);
                 let inside = radius_px - (dx * dx + dy * dy).sqrt();
                 let covered = (0.5 + 0.5 * inside / self.edge_px).clamp(0.0, 1.0);

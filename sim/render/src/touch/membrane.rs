@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
+use mvt_robot::digit::gel::GelSurface;
 
 use super::shade::{Row, Shader};
 
@@ -43,31 +43,33 @@ impl Membrane {
     pub(super) fn relax(
         &self,
         camera: &Intrinsics,
+        gel: GelSurface,
         contact_rows: Range<usize>,
         gel_depth: &[f32],
         depth: &mut [f32],
         scratch: &mut Scratch,
     ) -> Range<usize> {
         // Lateral size of a pixel at the apex; nearer parts of the gel are up to 13 % finer.
-        let reach = f64::from(self.reach_m) / (gel::APEX_M / camera.fx);
+        let reach = f64::from(self.reach_m) / (gel.apex_m() / camera.fx);
+        let width = camera.width;
         let margin = (6.0 * reach).ceil() as usize;
-        let rows = contact_rows.start.saturating_sub(margin)..(contact_rows.end + margin).min(HEIGHT);
-        let window = rows.start * WIDTH..rows.end * WIDTH;
+        let rows = contact_rows.start.saturating_sub(margin)..(contact_rows.end + margin).min(camera.height);
+        let window = rows.start * width..rows.end * width;
 
         let Scratch { fields: [from, to], obstacle, coarse } = scratch;
         obstacle.clear();
         obstacle.extend(gel_depth[window.clone()].iter().zip(&depth[window.clone()]).map(|(gel, d)| gel - d));
         from.clone_from(obstacle);
         let sweeps = if reach > FINE_PX {
-            solve_coarsely::<4, { WIDTH / 4 }>(reach, 2 * sweeps(reach / 4.0), obstacle, from, coarse);
-            solve_coarsely::<2, { WIDTH / 2 }>(reach, FINISH, obstacle, from, coarse);
+            solve_coarsely::<4>(width, reach, 2 * sweeps(reach / 4.0), obstacle, from, coarse);
+            solve_coarsely::<2>(width, reach, FINISH, obstacle, from, coarse);
             FINISH / 2
         } else {
             sweeps(reach)
         };
         to.clone_from(from);
         for _ in 0..sweeps {
-            sweep::<WIDTH>(weight(reach), obstacle, from, to);
+            sweep(width, weight(reach), obstacle, from, to);
             std::mem::swap(from, to);
         }
         for ((d, gel), u) in depth[window.clone()].iter_mut().zip(&gel_depth[window]).zip(from.iter()) {
@@ -90,36 +92,37 @@ fn sweeps(reach_px: f64) -> usize {
 
 /// Improves a membrane by sweeps on a grid of cells of `CELL` pixels along either axis.
 #[inline(always)]
-fn solve_coarsely<const CELL: usize, const COLUMNS: usize>(
+fn solve_coarsely<const CELL: usize>(
+    width: usize,
     reach: f64,
     sweeps: usize,
     obstacle: &[f32],
     field: &mut [f32],
     scratch: &mut [Vec<f32>; 3],
 ) {
-    let rows = (obstacle.len() / WIDTH).div_ceil(CELL);
+    let (rows, columns) = ((obstacle.len() / width).div_ceil(CELL), width.div_ceil(CELL));
     let [coarse, from, to] = scratch;
     for (cells, pixels) in [(&mut *coarse, obstacle), (&mut *from, &*field)] {
         cells.clear();
-        cells.resize(rows * COLUMNS, 0.0);
-        for (v, row) in pixels.chunks_exact(WIDTH).enumerate() {
-            let cells = &mut cells[v / CELL * COLUMNS..(v / CELL + 1) * COLUMNS];
-            for (cell, pixels) in cells.iter_mut().zip(row.chunks_exact(CELL)) {
+        cells.resize(rows * columns, 0.0);
+        for (v, row) in pixels.chunks_exact(width).enumerate() {
+            let cells = &mut cells[v / CELL * columns..(v / CELL + 1) * columns];
+            for (cell, pixels) in cells.iter_mut().zip(row.chunks(CELL)) {
                 *cell += pixels.iter().sum::<f32>() / (CELL * CELL) as f32;
             }
         }
     }
     to.clone_from(from);
     for _ in 0..sweeps {
-        sweep::<COLUMNS>(weight(reach / CELL as f64), coarse, from, to);
+        sweep(columns, weight(reach / CELL as f64), coarse, from, to);
         std::mem::swap(from, to);
     }
-    for (v, (row, obstacle)) in field.chunks_exact_mut(WIDTH).zip(obstacle.chunks_exact(WIDTH)).enumerate() {
+    for (v, (row, obstacle)) in field.chunks_exact_mut(width).zip(obstacle.chunks_exact(width)).enumerate() {
         let (upper, lower, down) = between(v, CELL, rows);
-        let row_of = |k: usize| &from[k * COLUMNS..(k + 1) * COLUMNS];
+        let row_of = |k: usize| &from[k * columns..(k + 1) * columns];
         let (upper, lower) = (row_of(upper), row_of(lower));
         for (u, (value, &obstacle)) in row.iter_mut().zip(obstacle).enumerate() {
-            let (left, right, across) = between(u, CELL, COLUMNS);
+            let (left, right, across) = between(u, CELL, columns);
             let at = |row: &[f32]| row[left] + across * (row[right] - row[left]);
             let membrane = at(upper) + down * (at(lower) - at(upper));
             *value = if membrane > obstacle { membrane } else { obstacle };
@@ -135,22 +138,22 @@ pub(super) fn between(pixel: usize, cell: usize, cells: usize) -> (usize, usize,
     (first, (first + 1).min(cells - 1), (at - first as f32).min(1.0))
 }
 
-/// Does one Jacobi sweep of rows of `COLUMNS` values. At the border of the window the membrane is level.
+/// Does one Jacobi sweep of rows of `columns` values. At the border of the window the membrane is level.
 #[inline(always)]
-fn sweep<const COLUMNS: usize>(weight: f32, obstacle: &[f32], from: &[f32], to: &mut [f32]) {
-    let last = from.len() / COLUMNS - 1;
-    for (v, (to, obstacle)) in to.chunks_exact_mut(COLUMNS).zip(obstacle.chunks_exact(COLUMNS)).enumerate() {
-        let row = |v: usize| &from[v * COLUMNS..(v + 1) * COLUMNS];
+fn sweep(columns: usize, weight: f32, obstacle: &[f32], from: &[f32], to: &mut [f32]) {
+    let last = from.len() / columns - 1;
+    for (v, (to, obstacle)) in to.chunks_exact_mut(columns).zip(obstacle.chunks_exact(columns)).enumerate() {
+        let row = |v: usize| &from[v * columns..(v + 1) * columns];
         let (above, here, below) = (row(v.saturating_sub(1)), row(v), row((v + 1).min(last)));
         let relax = |left: usize, u: usize, right: usize| {
             let u_new = weight * (above[u] + below[u] + here[left] + here[right]);
             if u_new > obstacle[u] { u_new } else { obstacle[u] }
         };
         to[0] = relax(0, 0, 1);
-        for u in 1..COLUMNS - 1 {
+        for u in 1..columns - 1 {
             to[u] = relax(u - 1, u, u + 1);
         }
-        to[COLUMNS - 1] = relax(COLUMNS - 2, COLUMNS - 1, COLUMNS - 1);
+        to[columns - 1] = relax(columns - 2, columns - 1, columns - 1);
     }
 }
 
@@ -158,10 +161,11 @@ fn sweep<const COLUMNS: usize>(weight: f32, obstacle: &[f32], from: &[f32], to: 
 /// one-sided at the image's border.
 #[inline(always)]
 pub(super) fn normals(v: usize, depth: &[f32], shader: &Shader, free: impl Fn(usize) -> bool, row: &mut Row) {
-    let point = |u: usize, v: usize| glam::Vec3::from(shader.point(u, v, depth[v * WIDTH + u]));
-    let (above, below) = (v.saturating_sub(1), (v + 1).min(HEIGHT - 1));
-    for u in (0..WIDTH).filter(|&u| free(u)) {
-        let along_row = point((u + 1).min(WIDTH - 1), v) - point(u.saturating_sub(1), v);
+    let (width, height) = (shader.camera.width, shader.camera.height);
+    let point = |u: usize, v: usize| glam::Vec3::from(shader.point(u, v, depth[v * width + u]));
+    let (above, below) = (v.saturating_sub(1), (v + 1).min(height - 1));
+    for u in (0..width).filter(|&u| free(u)) {
+        let along_row = point((u + 1).min(width - 1), v) - point(u.saturating_sub(1), v);
         let along_column = point(u, below) - point(u, above);
         // Columns run towards -y, rows towards -z: this order points back to the camera.
         let normal = along_column.cross(along_row);
@@ -180,7 +184,7 @@ pub(super) fn is_indented(reference: f32, depth: f32) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use mvt_robot::digit::intrinsics;
+    use mvt_robot::digit::{HEIGHT, WIDTH, gel, intrinsics};
 
     use super::*;
 
@@ -193,8 +197,9 @@ mod tests {
         let block = |i: usize| if i % WIDTH < EDGE && (40..280).contains(&(i / WIDTH)) { 1e-3 } else { 0.0 };
         for reach_m in [1e-4, 2e-4, 5e-4, 1e-3] {
             let mut depth: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| gel_depth[i] - block(i)).collect();
-            let rows =
-                Membrane { reach_m }.relax(&intrinsics(), 40..280, &gel_depth, &mut depth, &mut Scratch::default());
+            let (camera, gel, scratch) =
+                (intrinsics(), GelSurface::new(gel::APEX_M, [0.02, 0.03], 0.0), &mut Scratch::default());
+            let rows = Membrane { reach_m }.relax(&camera, gel, 40..280, &gel_depth, &mut depth, scratch);
             assert!(rows.start < 40 && rows.end > 280);
             let indentation = |u: usize| gel_depth[0] - depth[160 * WIDTH + u];
             let reach = f64::from(reach_m) * intrinsics().fx / gel::APEX_M;

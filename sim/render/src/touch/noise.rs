@@ -41,12 +41,12 @@ impl Noise {
         Self { quantiles }
     }
 
-    /// Adds noise to every byte of an image. Their number must be a multiple of [`BLOCK`].
+    /// Adds noise to every byte of an image.
     #[inline(always)]
     pub fn add(&self, key: NoiseKey, image: &mut [u8]) {
         let stream = mix(mix(key.seed) ^ (u64::from(key.pad) << 32 | u64::from(key.frame)));
         // One 64-bit hash gives four draws. Hashes and sums become SIMD in loops of their own.
-        for (block, bytes) in image.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
+        for (block, bytes) in image.chunks_mut(BLOCK).enumerate() {
             let mut hashes = [0; BLOCK / 4];
             for (k, hash) in hashes.iter_mut().enumerate() {
                 let counter = (block * (BLOCK / 4) + k + 1) as u64;
@@ -63,7 +63,7 @@ impl Noise {
     }
 }
 
-/// Bytes that get their noise together; it divides the size of a DIGIT's image.
+/// Bytes that get their noise together; the last ones of an image may be fewer.
 const BLOCK: usize = 256;
 
 /// Increment of SplitMix64: 2^64 over the golden ratio.

@@ -8,8 +8,6 @@
 use std::ops::Range;
 
 use glam::{Mat3A, Vec3A, Vec4};
-use mvt_frames::camera::Intrinsics;
-use mvt_robot::digit::{HEIGHT, WIDTH, gel};
 
 use super::shade::{Row, Shader};
 use crate::rays::{MISS, RayMesh};
@@ -21,7 +19,10 @@ const NEAR_M: f32 = 1e-3;
 const MARGIN_PX: f32 = 0.01;
 
 /// Nearest surface at each pixel, and working memory.
+#[derive(Default)]
 pub(super) struct Raster {
+    /// Pixels of a row.
+    width: usize,
     /// Inverse of the depth, 1/m.
     inverse_depth: Vec<f32>,
     /// Index of the facet, or [`MISS`] for the gel.
@@ -45,17 +46,6 @@ impl Linear {
 }
 
 impl Raster {
-    pub fn new() -> Self {
-        let pixels = WIDTH * HEIGHT;
-        Self {
-            inverse_depth: vec![0.0; pixels],
-            facet: vec![MISS; pixels],
-            facets: vec![],
-            candidates: vec![],
-            stack: vec![],
-        }
-    }
-
     /// Draws the outside of an object over the gel. Returns the rows in which the object may be visible.
     #[inline(always)]
     pub fn draw(
@@ -65,12 +55,15 @@ impl Raster {
         gel_inverse_depth: &[f32],
         shader: &Shader,
     ) -> Range<usize> {
-        let Self { inverse_depth, facet, facets, candidates, stack } = self;
-        inverse_depth.copy_from_slice(gel_inverse_depth);
-        facet.fill(MISS);
+        let Self { width, inverse_depth, facet, facets, candidates, stack } = self;
+        *width = shader.camera.width;
+        inverse_depth.clear();
+        inverse_depth.extend_from_slice(gel_inverse_depth);
+        facet.clear();
+        facet.resize(gel_inverse_depth.len(), MISS);
         facets.clear();
-        let (mut first, mut end) = (HEIGHT, 0);
-        object.find_inside(&view_volume(&shader.camera, rotation, translation), stack, candidates);
+        let (mut first, mut end) = (shader.camera.height, 0);
+        object.find_inside(&view_volume(shader, rotation, translation), stack, candidates);
         for &triangle in candidates.iter() {
             let p = object.corners(triangle).map(|corner| rotation * corner + translation);
             let normal = (p[1] - p[0]).cross(p[2] - p[0]);
@@ -79,7 +72,7 @@ impl Raster {
             if height >= 0.0 || height.is_nan() {
                 continue;
             }
-            let Some((columns, lines)) = bounds(&shader.camera, p) else { continue };
+            let Some((columns, lines)) = bounds(shader, p) else { continue };
             // 2 p x q, precise also for short edges.
             let edge = |p: Vec3A, q: Vec3A| (p + q).cross(q - p);
             let edges = [edge(p[2], p[1]), edge(p[0], p[2]), edge(p[1], p[0])];
@@ -87,7 +80,7 @@ impl Raster {
             let name = facets.len() as u32;
             let mut shows = false;
             for v in lines.clone() {
-                let span = v * WIDTH + columns.start..v * WIDTH + columns.end;
+                let span = v * *width + columns.start..v * *width + columns.end;
                 let (depths, names) = (&mut inverse_depth[span.clone()], &mut facet[span]);
                 let y_slopes = &shader.y_slope[columns.clone()];
                 let [(a, da), (b, db), (c, dc)] = edges.map(|e| Linear(e).along_row(shader.z_slope[v]));
@@ -113,13 +106,13 @@ impl Raster {
 
     /// Returns the index of the facet at each pixel of row `v`, [`MISS`] for the gel.
     pub fn facets(&self, v: usize) -> &[u32] {
-        &self.facet[v * WIDTH..(v + 1) * WIDTH]
+        &self.facet[v * self.width..(v + 1) * self.width]
     }
 
     /// Writes the depths of row `v`, metres.
     #[inline(always)]
     pub fn depth(&self, v: usize, gel_depth: &[f32], depth: &mut [f32]) {
-        let inverse = &self.inverse_depth[v * WIDTH..(v + 1) * WIDTH];
+        let inverse = &self.inverse_depth[v * self.width..(v + 1) * self.width];
         for (((depth, gel), inverse), &facet) in depth.iter_mut().zip(gel_depth).zip(inverse).zip(self.facets(v)) {
             *depth = if facet == MISS { *gel } else { 1.0 / inverse };
         }
@@ -128,7 +121,7 @@ impl Raster {
     /// Returns the depth at column `u` of row `v`, metres.
     #[inline(always)]
     pub fn depth_at(&self, u: usize, v: usize) -> f32 {
-        1.0 / self.inverse_depth[v * WIDTH + u]
+        1.0 / self.inverse_depth[v * self.width + u]
     }
 
     /// Fills in the object's interpolated vertex normals where it is visible in row `v`. Returns the columns from the
@@ -161,11 +154,11 @@ impl Raster {
 
 /// Returns the planes, in the object's frame, around the space between camera and gel that is in view: inward normals
 /// and offsets.
-fn view_volume(camera: &Intrinsics, rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
+fn view_volume(Shader { camera, gel, .. }: &Shader, rotation: Mat3A, translation: Vec3A) -> [Vec4; 5] {
     // To the borders of the outermost pixels, half a pixel beyond their centres.
     let (y, z) = ((camera.width as f64 / 2.0 / camera.fx) as f32, (camera.height as f64 / 2.0 / camera.fy) as f32);
     let planes = [
-        (Vec3A::NEG_X, gel::APEX_M as f32),
+        (Vec3A::NEG_X, gel.apex_m() as f32),
         (Vec3A::new(y, -1.0, 0.0), 0.0),
         (Vec3A::new(y, 1.0, 0.0), 0.0),
         (Vec3A::new(z, 0.0, -1.0), 0.0),
@@ -178,13 +171,13 @@ fn view_volume(camera: &Intrinsics, rotation: Mat3A, translation: Vec3A) -> [Vec
 /// Returns the columns and rows of the pixels that a triangle may cover; `None` if there are no such pixels or it lies
 /// behind the gel.
 #[inline(always)]
-fn bounds(camera: &Intrinsics, p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
+fn bounds(Shader { camera, gel, .. }: &Shader, p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usize>)> {
     let nearest = p[0].x.min(p[1].x).min(p[2].x);
-    if nearest > gel::APEX_M as f32 {
+    if nearest > gel.apex_m() as f32 {
         return None;
     }
     if nearest < NEAR_M {
-        return Some((0..WIDTH, 0..HEIGHT));
+        return Some((0..camera.width, 0..camera.height));
     }
     let (f, cx, cy) = (camera.fx as f32, camera.cx as f32, camera.cy as f32);
     let pixels = |centre: f32, coordinates: [f32; 3], size: usize| {
@@ -194,6 +187,6 @@ fn bounds(camera: &Intrinsics, p: [Vec3A; 3]) -> Option<(Range<usize>, Range<usi
         let range = (low - MARGIN_PX).ceil() as usize..((high + MARGIN_PX).floor() + 1.0).min(size as f32) as usize;
         (!range.is_empty()).then_some(range)
     };
-    let columns = pixels(cx, p.map(|p| p.y), WIDTH)?;
-    Some((columns, pixels(cy, p.map(|p| p.z), HEIGHT)?))
+    let columns = pixels(cx, p.map(|p| p.y), camera.width)?;
+    Some((columns, pixels(cy, p.map(|p| p.z), camera.height)?))
 }

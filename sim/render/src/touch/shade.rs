@@ -7,7 +7,7 @@
 use std::f32::consts::PI;
 
 use mvt_frames::camera::Intrinsics;
-use mvt_robot::digit::{HEIGHT, WIDTH};
+use mvt_robot::digit::gel::GelSurface;
 use nalgebra::Vector3;
 
 use super::light::{Light, Lights};
@@ -28,17 +28,22 @@ const K: f32 = (ROUGHNESS + 1.0) * (ROUGHNESS + 1.0) / 8.0;
 const ALPHA2: f32 = ROUGHNESS * ROUGHNESS * ROUGHNESS * ROUGHNESS;
 
 /// Surface of one image row: depth along the optical axis in metres and normals towards the camera, of any length.
+#[derive(Default)]
 pub(super) struct Row {
-    pub depth: [f32; WIDTH],
-    pub normal: [[f32; WIDTH]; 3],
+    pub depth: Vec<f32>,
+    pub normal: [Vec<f32>; 3],
     /// Inverse length of the ray (1, y, z).
-    inverse_ray: [f32; WIDTH],
-    radiance: [[f32; WIDTH]; 3],
+    inverse_ray: Vec<f32>,
+    radiance: [Vec<f32>; 3],
 }
 
 impl Row {
-    pub fn new() -> Self {
-        Self { depth: [0.0; WIDTH], normal: [[0.0; WIDTH]; 3], inverse_ray: [0.0; WIDTH], radiance: [[0.0; WIDTH]; 3] }
+    /// Makes room for rows of `width` pixels.
+    pub fn resize(&mut self, width: usize) {
+        let Self { depth, normal, inverse_ray, radiance } = self;
+        for lane in [depth, inverse_ray].into_iter().chain(normal).chain(radiance) {
+            lane.resize(width, 0.0);
+        }
     }
 }
 
@@ -67,24 +72,26 @@ impl From<&Light> for Lamp {
     }
 }
 
-/// Shader of the rows of a DIGIT image.
+/// Shader of the rows of a touch image.
 pub(super) struct Shader {
     pub camera: Intrinsics,
+    pub gel: GelSurface,
     lamps: [Lamp; 3],
     gamma: Gamma,
     /// Ray of pixel (u, v): (1, y_slope[u], z_slope[v]) times depth, in the gel frame.
-    pub y_slope: [f32; WIDTH],
-    pub z_slope: [f32; HEIGHT],
+    pub y_slope: Vec<f32>,
+    pub z_slope: Vec<f32>,
 }
 
 impl Shader {
-    pub fn new(lights: &Lights, camera: Intrinsics) -> Self {
+    pub fn new(lights: &Lights, camera: Intrinsics, gel: GelSurface) -> Self {
         Self {
             camera,
+            gel,
             lamps: std::array::from_fn(|i| Lamp::from(&lights.0[i])),
             gamma: Gamma::new(),
-            y_slope: std::array::from_fn(|u| (-(u as f64 - camera.cx) / camera.fx) as f32),
-            z_slope: std::array::from_fn(|v| (-(v as f64 - camera.cy) / camera.fy) as f32),
+            y_slope: (0..camera.width).map(|u| (-(u as f64 - camera.cx) / camera.fx) as f32).collect(),
+            z_slope: (0..camera.height).map(|v| (-(v as f64 - camera.cy) / camera.fy) as f32).collect(),
         }
     }
 
@@ -124,9 +131,12 @@ impl Shader {
         for channel in &mut row.radiance {
             channel.fill(0.0);
         }
-        let Row { normal: [x, y, z], inverse_ray, .. } = row;
-        for u in columns.start..columns.end.min(WIDTH) {
-            let y_slope = self.y_slope[u];
+        let Row { normal, inverse_ray, .. } = row;
+        // Slices of one length, so that the loop has no checks of bounds.
+        let [x, y, z] = normal.each_mut().map(|lane| &mut lane[columns.clone()]);
+        let (inverse_ray, y_slopes) = (&mut inverse_ray[columns.clone()], &self.y_slope[columns.clone()]);
+        for u in 0..columns.len() {
+            let y_slope = y_slopes[u];
             inverse_ray[u] = 1.0 / (1.0 + y_slope * y_slope + z_slope * z_slope).sqrt();
             let inverse_length = 1.0 / (x[u] * x[u] + y[u] * y[u] + z[u] * z[u]).sqrt();
             x[u] *= inverse_length;
@@ -139,9 +149,13 @@ impl Shader {
     #[inline(always)]
     fn add_lamp(&self, lamp: &Lamp, v: usize, columns: std::ops::Range<usize>, row: &mut Row) {
         let z_slope = self.z_slope[v];
-        let Row { depth, normal: [normal_x, normal_y, normal_z], inverse_ray, radiance: [red, green, blue] } = row;
-        for u in columns.start..columns.end.min(WIDTH) {
-            let (d, y_slope) = (depth[u], self.y_slope[u]);
+        let Row { depth, normal, inverse_ray, radiance } = row;
+        let [normal_x, normal_y, normal_z] = normal.each_ref().map(|lane| &lane[columns.clone()]);
+        let [red, green, blue] = radiance.each_mut().map(|lane| &mut lane[columns.clone()]);
+        let (depth, inverse_ray) = (&depth[columns.clone()], &inverse_ray[columns.clone()]);
+        let y_slopes = &self.y_slope[columns.clone()];
+        for u in 0..columns.len() {
+            let (d, y_slope) = (depth[u], y_slopes[u]);
             // View vector: back along the ray.
             let back = -inverse_ray[u];
             let view = [back, back * y_slope, back * z_slope];
