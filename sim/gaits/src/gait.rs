@@ -100,6 +100,7 @@ pub(crate) const CONTROLLER_FILES: &[(&str, &str)] = &[
 pub(crate) const RIG_CONTROLLERS: &[(&str, &str, &str)] = &[
     ("gripper_gelsight", "carry", include_str!("../assets/controllers/gripper_gelsight/carry.toml")),
     ("leap_digit", "turn", include_str!("../assets/controllers/leap_digit/turn.toml")),
+    ("leap_gelsight", "turn", include_str!("../assets/controllers/leap_gelsight/turn.toml")),
     ("three_fingers", "turn", include_str!("../assets/controllers/three_fingers/turn.toml")),
 ];
 
