@@ -43,8 +43,8 @@ impl Frame {
     pub fn observed(hand: &Hand, observation: Observation, truth: Option<GroundTruth>) -> Self {
         let Observation { time_s, joints, touch, cameras } = observation;
         let (colours, depths_m) = cameras.into_iter().map(|rgbd| (rgbd.color, rgbd.depth_m)).unzip();
-        let touched = truth.iter().flat_map(|truth| truth.touch.iter().zip(hand.gel_views()));
-        let presses = touched.map(|(truth, gel)| true_press(truth, &gel)).collect();
+        let touched = truth.iter().flat_map(|truth| truth.touch.iter().zip(hand.gel_views().iter()));
+        let presses = touched.map(|(truth, gel)| true_press(truth, gel)).collect();
         let object_pose = truth.map(|truth| truth.object_pose);
         Self { time_s, joints, colours, depths_m, touch: Some(touch), presses, object_pose, next_joints: None }
     }

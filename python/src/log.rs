@@ -8,7 +8,7 @@ use mvt_feelsight::LogFormat;
 use mvt_feelsight::{Log as FeelSight, PartialFrames, TouchPart};
 use mvt_perceive::true_press;
 use mvt_render::touch::TouchConfig;
-use mvt_robot::hand::{PerPad, TouchPad};
+use mvt_robot::hand::PerPad;
 use mvt_run::object::load_object;
 use mvt_simulated::recorder::{Noise, Recorder, Settings};
 use numpy::{PyArray1, PyArrayDyn};
@@ -40,9 +40,8 @@ struct Reader {
 /// Returns the data of a frame besides joints, depths and touch images.
 fn complete(log: &FeelSight, index: usize, mut frame: Frame) -> Frame {
     frame.colours = (0..log.cameras().len()).map(|k| log.colour(k, index).unwrap_or_default()).collect();
-    let pads = log.hand().pads().iter().enumerate();
-    let press = |(pad, of): (usize, &TouchPad)| true_press(&log.touch_truth(pad, index).ok()?, &of.profile.gel_view());
-    frame.presses = pads.map(press).collect();
+    let gels = log.hand().gel_views();
+    frame.presses = log.hand().per_pad(|pad| true_press(&log.touch_truth(pad, index).ok()?, gels.get(pad)?));
     frame.object_pose = log.object_poses().get(index).copied().flatten();
     frame.next_joints = log.times_s().get(index + 1).copied().zip(log.joints().get(index + 1).cloned());
     frame

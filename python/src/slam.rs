@@ -190,7 +190,7 @@ impl Slam {
                 .see(estimator.frames() as u64, frame.observation(self.modality), presses)
                 .map_err(argument)?;
             warnings.extend(seen.warnings);
-            Ok(Estimate(estimator.observe(&self.hand, &seen.percept, perception.gels(), self.modality)))
+            Ok(Estimate(estimator.observe(&self.hand, &seen.percept, self.modality)))
         })?;
         warn(py, warnings)?;
         Ok(estimate)

@@ -10,8 +10,7 @@ use mvt_physics::episode::Randomisation;
 use mvt_render::camera::Renderer;
 use mvt_render::observer::{Observer, ObserverOptions};
 use mvt_render::touch::{TouchConfig, TouchOptions};
-use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Hand, PerPad, Side};
+use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::PLACEMENTS;
 
 use crate::error::TaskError;
@@ -55,8 +54,6 @@ pub struct Scene {
     /// Gait that suits the object: it sets gravity, torque limit and start.
     pub(crate) gait: &'static Gait,
     pub(crate) settings: TurnSettings,
-    /// The undeformed gels of the touch sensors.
-    pub(crate) gels: PerPad<GelView>,
     /// `None` if no image is observed.
     pub(crate) observer: Option<Observer>,
     /// Renderer of pictures for people, made on first use.
@@ -100,8 +97,7 @@ impl Scene {
             Observer::new(&object, options)
         });
         let observer = observer.transpose()?;
-        let gels = hand.gel_views();
-        Ok(Self { object, gait, gels, settings, observer, renderer: OnceLock::new() })
+        Ok(Self { object, gait, settings, observer, renderer: OnceLock::new() })
     }
 
     /// Returns the settings.

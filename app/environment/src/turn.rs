@@ -121,7 +121,7 @@ impl Environment {
                 (Sense::Privileged, _) => part.write(sense, self.privileged()),
                 (Sense::Estimate, _) => part.write(sense, self.estimate_numbers()),
                 (Sense::TouchDepth, Some((_, truth))) => {
-                    let touch = truth.touch.iter().zip(scene.gels.iter().map(GelView::depth_m));
+                    let touch = truth.touch.iter().zip(scene.settings.hand.gel_views().iter().map(GelView::depth_m));
                     let depths = touch.flat_map(|(touch, gel_m)| gel_m.iter().zip(&touch.depth_m));
                     part.write(sense, depths.map(|(gel, depth)| (gel - depth) * 1e3));
                 }
@@ -156,12 +156,12 @@ impl Environment {
     /// Takes an observation into the estimator. Its touch sensors measure the true indentation.
     fn estimate(&mut self, observation: Observation, truth: &GroundTruth) -> Result<(), TaskError> {
         let Some((perception, estimator)) = self.slam.as_deref_mut() else { return Ok(()) };
-        let touched = truth.touch.iter().zip(self.scene.gels.iter());
+        let hand = &self.scene.settings.hand;
+        let touched = truth.touch.iter().zip(hand.gel_views().iter());
         let presses = touched.map(|(truth, gel)| true_press(truth, gel)).collect();
         let seen = perception.see(u64::from(self.steps), observation, Some(presses))?;
         self.warnings.extend(seen.warnings);
-        let hand = &self.scene.settings().hand;
-        self.estimate = Some(estimator.observe(hand, &seen.percept, perception.gels(), Modality::Vitac));
+        self.estimate = Some(estimator.observe(hand, &seen.percept, Modality::Vitac));
         Ok(())
     }
 

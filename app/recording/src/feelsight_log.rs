@@ -27,7 +27,6 @@ use super::{About, CameraImages, FrameImages, RecordedMoment, RecordingError, To
 /// other images are read on request.
 pub struct LogImages {
     log: Log,
-    gels: Arc<PerPad<GelView>>,
     strides: Vec<usize>,
     background: Arc<Background>,
     /// Number of frames whose contacts were added to the moments.
@@ -119,8 +118,7 @@ impl LogImages {
         };
         let moments = (0..log.len()).map(moment).collect();
         let background = Arc::new(Background::default());
-        let gels = Arc::new(log.hand().gel_views());
-        let (others, others_gels, thinning) = (Arc::clone(&background), Arc::clone(&gels), strides.clone());
+        let (others, hand, thinning) = (Arc::clone(&background), Arc::clone(log.hand()), strides.clone());
         // A second reader, because the first one serves images.
         let frames =
             Log::open_tolerant(folder)?.into_partial_frames(&(0..strides.len()).collect::<Vec<_>>(), TouchPart::Truth);
@@ -136,14 +134,14 @@ impl LogImages {
                 let depths = depths.collect();
                 let touching =
                     |(truth, gel): (Option<TouchTruth>, &GelView)| Touching::of(&true_press(&truth?, gel)?, gel, None);
-                let touched = frame.touch_truth.into_iter().zip(others_gels.iter());
+                let touched = frame.touch_truth.into_iter().zip(hand.gel_views().iter());
                 let read = Read { depths, touching: touched.map(touching).collect() };
                 others.frames().push(read);
             }
             others.is_complete.store(true, Ordering::Relaxed);
         });
         Ok((
-            Self { log, gels, strides, background, with_contacts: 0 },
+            Self { log, strides, background, with_contacts: 0 },
             about,
             moments,
             object.map(|object| object.mesh),
@@ -203,7 +201,8 @@ impl LogImages {
             if image.is_none() && truth.is_none() {
                 return None;
             }
-            let press = truth.zip(self.gels.get(pad)).and_then(|(truth, gel)| true_press(&truth, gel));
+            let press =
+                truth.zip(self.log.hand().gel_views().get(pad)).and_then(|(truth, gel)| true_press(&truth, gel));
             let (indentation_mm, contact) =
                 press.map_or_else(Default::default, |press| (press.indentation_mm, press.contact));
             Some(TouchImages { image: image.unwrap_or_default(), indentation_mm, contact, true_indentation_mm: None })

@@ -11,8 +11,7 @@ use std::time::Duration;
 
 use mvt_frames::depth::CameraDepth;
 use mvt_mesh::Mesh;
-use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Hand, JointAngles, PerPad};
+use mvt_robot::hand::{Hand, JointAngles};
 use mvt_robot::observation::{Percept, Press};
 use mvt_run::io::write_file;
 use mvt_run::pipeline::{FrameResult, Progress};
@@ -79,7 +78,6 @@ impl RecordingWriter {
             events: create(file_names::EVENTS)?,
             folder: folder.clone(),
             hand: Arc::clone(&about.hand),
-            gels: about.hand.gel_views(),
             _lock: lock,
         };
         let truth = truth.map(|mesh| files.meshes.block(&shape::encode(mesh, None))).transpose()?;
@@ -214,7 +212,6 @@ impl Appended {
 struct Files {
     folder: PathBuf,
     hand: Arc<Hand>,
-    gels: PerPad<GelView>,
     frames: Appended,
     images: Appended,
     shapes: Appended,
@@ -264,7 +261,7 @@ impl Files {
         let Sensed { percept, pictures, .. } = sensed;
         moment.touching = self.hand.per_pad(|pad| {
             let force_n = pictures.forces_n.as_ref().and_then(|forces| forces.get(pad)).map(|force| *force as f32);
-            Touching::of(percept.touch.get(pad)?.as_ref()?, self.gels.get(pad)?, force_n)
+            Touching::of(percept.touch.get(pad)?.as_ref()?, self.hand.gel_views().get(pad)?, force_n)
         });
         if has_images(moment.row.frame) {
             let images = pictured(moment.row.frame as usize, &self.hand, percept, pictures, strides);

@@ -11,8 +11,7 @@ use mvt_frames::{Isometry, Model, Object, Point, World};
 use mvt_gaits::feedback::EstimatedPlace;
 use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
-use mvt_robot::digit::gel::GelView;
-use mvt_robot::hand::{Hand, PerPad};
+use mvt_robot::hand::Hand;
 use mvt_robot::observation::Percept;
 use mvt_slam::map::Map;
 use mvt_slam::scan::{Measurement, Scan};
@@ -178,9 +177,9 @@ impl Estimator {
         Ok(Self { slam: builder.build()?, given_centre, last: None, turned_rad: na::Vector3::zeros() })
     }
 
-    /// Takes the next frame, whose touch sensors have this view of their gels, with the sensors of a modality.
-    pub fn observe(&mut self, hand: &Hand, percept: &Percept, gels: &PerPad<GelView>, modality: Modality) -> Estimate {
-        let scan = self.scan(&Input::new(hand, percept, gels).measured(percept, modality));
+    /// Takes the next frame of a hand, with the sensors of a modality.
+    pub fn observe(&mut self, hand: &Hand, percept: &Percept, modality: Modality) -> Estimate {
+        let scan = self.scan(&Input::new(hand, percept).measured(percept, modality));
         self.step(&scan, None)
     }
 

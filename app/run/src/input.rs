@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use mvt_frames::depth::TouchDepth;
 use mvt_frames::{Isometry, Obstacle, World};
-use mvt_robot::digit::gel::GelView;
+use mvt_robot::hand::Hand;
 use mvt_robot::hand::solid::HandSamples;
-use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::Percept;
 use mvt_slam::Obstacles;
 use mvt_slam::scan::Measurement;
@@ -43,10 +42,10 @@ pub struct Input {
 
 impl Input {
     /// Poses pads and links by the joint angles, and turns indentation of each gel into depth.
-    pub fn new(hand: &Hand, percept: &Percept, gels: &PerPad<GelView>) -> Self {
+    pub fn new(hand: &Hand, percept: &Percept) -> Self {
         let joints = &percept.joints;
         let poses = hand.world_from_touch_cameras(joints).into_iter().zip(hand.world_from_pads(joints));
-        let pads = percept.touch.iter().zip(gels.iter()).zip(poses);
+        let pads = percept.touch.iter().zip(hand.gel_views().iter()).zip(poses);
         let touch = pads.map(|((press, gel), (world_from_camera, world_from_pad))| {
             let press = press.as_ref()?;
             Some(TouchDepth {

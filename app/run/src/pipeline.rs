@@ -303,7 +303,6 @@ impl Pipeline<'_> {
         listener: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Followed> {
         let mut complete = false;
-        let gels = hand.gel_views();
         let begun = Instant::now();
         while !stop.load(Ordering::Relaxed) {
             let Some(sensed) = feed.next()? else {
@@ -314,7 +313,7 @@ impl Pipeline<'_> {
             for text in &sensed.events {
                 listener(Progress::Event(&Event { time_s: sensed.percept.time_s, text: text.clone() }));
             }
-            let input = Input::new(hand, &sensed.percept, &gels);
+            let input = Input::new(hand, &sensed.percept);
             let mut scans = Vec::new();
             let mut results = Vec::with_capacity(runners.len());
             for runner in &mut runners {

@@ -167,7 +167,7 @@ impl Source for SimulatedSource {
             observation.cameras.iter_mut().for_each(|rgbd| rgbd.depth_m = Default::default());
         }
         let is_felt = modality.has_touch() && self.perception.reads_touch_images();
-        let touched = || truth.touch.iter().zip(self.perception.gels().iter());
+        let touched = || truth.touch.iter().zip(self.settings.hand.gel_views().iter());
         let presses = match modality.has_touch() {
             false => Some(self.settings.hand.per_pad(|_| None)),
             true if is_felt => None,
@@ -183,7 +183,7 @@ impl Source for SimulatedSource {
         };
         let is_wanted = hidden_every.is_some_and(|every| frame.is_multiple_of(every));
         let hidden = if is_wanted { self.observer.hidden_share(&truth, &mut self.scratch) } else { None };
-        let touched = truth.touch.iter().zip(self.perception.gels().iter());
+        let touched = truth.touch.iter().zip(self.settings.hand.gel_views().iter());
         let pictures = Pictures {
             touch: touch_images,
             true_indentation_mm: touched

@@ -85,7 +85,7 @@ fn each_pad_is_rendered_estimated_and_recorded_with_its_own_sensor() {
         process: 1,
     };
     let writer = RecordingWriter::create(folder.path(), &about, None).unwrap();
-    let (config, gels) = (RunConfig::default(), hand.gel_views());
+    let config = RunConfig::default();
     let setup = EstimatorSetup {
         config: &config.slam,
         mode: Mode::Slam,
@@ -108,7 +108,7 @@ fn each_pad_is_rendered_estimated_and_recorded_with_its_own_sensor() {
             let presses = sensed.percept.touch.iter().map(|press| press.as_ref().unwrap());
             assert_eq!(presses.clone().map(|press| press.contact.dim()).collect::<Vec<_>>(), SHAPES);
             flat_contacts += usize::from(presses.clone().next().unwrap().contact.iter().any(|&touches| touches));
-            let input = Input::new(&hand, &sensed.percept, &gels);
+            let input = Input::new(&hand, &sensed.percept);
             let measured = input.measured(&sensed.percept, Modality::Vitac);
             for (touch, (rows, columns)) in measured.touch.iter().flatten().zip(SHAPES) {
                 assert_eq!(touch.depth_m.dim(), (rows, columns));
@@ -149,14 +149,14 @@ fn logs_keep_the_sensors() {
     record(&plain, LogFormat::FeelSight);
     record(&compact, LogFormat::Compact);
     let logs = [&plain, &compact].map(|path| Log::open(path).unwrap());
-    let gels = hand().gel_views();
+    let hand = hand();
     for log in &logs {
-        assert_eq!(*log.hand(), hand());
+        assert_eq!(*log.hand(), hand);
         for (pad, (rows, columns)) in SHAPES.into_iter().enumerate() {
             assert_eq!(log.touch_image(pad, 4).unwrap().dimensions(), (columns as u32, rows as u32));
             let truth = log.touch_truth(pad, 4).unwrap();
             assert_eq!(truth.depth_m, logs[0].touch_truth(pad, 4).unwrap().depth_m);
-            let indentation_mm = gels[pad].indentation_of(&truth.depth_m).unwrap();
+            let indentation_mm = hand.gel_views()[pad].indentation_of(&truth.depth_m).unwrap();
             // A log has steps of 0.03 mm.
             assert!(indentation_mm.iter().all(|mm| (-0.02..4.0).contains(mm)), "pad {pad}");
         }
@@ -166,7 +166,7 @@ fn logs_keep_the_sensors() {
         LogSource::open(path, None, Modality::Vitac, 0.0, &touch, Default::default())
     };
     let mut source = open(&plain).unwrap();
-    assert_eq!(*source.hand(), hand());
+    assert_eq!(*source.hand(), hand);
     let sensed = source.next().unwrap().unwrap();
     let shapes = sensed.percept.touch.iter().map(|press| press.as_ref().unwrap().contact.dim());
     assert_eq!(shapes.collect::<Vec<_>>(), SHAPES);

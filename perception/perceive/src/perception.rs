@@ -5,7 +5,6 @@ use std::sync::Arc;
 use image::RgbImage;
 use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationError, Calibrator};
 use mvt_frames::camera::PosedCamera;
-use mvt_robot::digit::gel::GelView;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{Observation, Percept, Press};
@@ -56,7 +55,6 @@ pub struct Perception {
     calibrator: Calibrator,
     /// Without them, presses are given.
     sensors: Option<TouchSensors>,
-    gels: PerPad<GelView>,
     /// Time and joint readings of the frame after the next one.
     next_joints: Option<(f64, JointAngles)>,
     warnings: Vec<String>,
@@ -70,16 +68,10 @@ impl Perception {
             segmentation,
             calibrator: Calibrator::new(calibration, Arc::clone(&hand), cameras),
             sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, &hand)),
-            gels: hand.gel_views(),
             next_joints: None,
             warnings: Vec::new(),
             hand,
         }
-    }
-
-    /// The views of the touch sensors' cameras on their gels.
-    pub fn gels(&self) -> &PerPad<GelView> {
-        &self.gels
     }
 
     /// Whether touch images are read, so that presses need not be given.

@@ -10,7 +10,7 @@ mod parts;
 pub mod solid;
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, OnceLock};
 
 use mvt_frames::{Point, World};
 use nalgebra as na;
@@ -87,7 +87,7 @@ pub struct HandError {
 }
 
 /// A hand, checked. It is immutable and shared.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Hand {
     description: HandDescription,
     /// Index of the joint of each body.
@@ -96,6 +96,15 @@ pub struct Hand {
     chains: Vec<Vec<usize>>,
     /// Number of the limb of each body: bodies that follow one another without a branch.
     limbs: Vec<usize>,
+    /// Views of the touch sensors' cameras on their gels, computed on first use.
+    gel_views: OnceLock<PerPad<GelView>>,
+}
+
+/// All else follows from the description.
+impl PartialEq for Hand {
+    fn eq(&self, other: &Self) -> bool {
+        self.description == other.description
+    }
 }
 
 impl Hand {
@@ -120,7 +129,7 @@ impl Hand {
             let next = limbs.iter().max().map_or(0, |last| last + 1);
             limbs.push(parent.filter(|_| siblings == 1).map_or(next, |parent| limbs[parent]));
         }
-        Ok(Arc::new(Self { description, joint_of, chains, limbs }))
+        Ok(Arc::new(Self { description, joint_of, chains, limbs, gel_views: OnceLock::new() }))
     }
 
     /// Returns the Allegro hand with four DIGITs, palm up, fingers along the world's x axis.
@@ -146,7 +155,13 @@ impl Hand {
             palm_centre_m: None,
             grasp: None,
         };
-        Arc::new(Self { description, joint_of: Vec::new(), chains: Vec::new(), limbs: Vec::new() })
+        Arc::new(Self {
+            description,
+            joint_of: Vec::new(),
+            chains: Vec::new(),
+            limbs: Vec::new(),
+            gel_views: OnceLock::new(),
+        })
     }
 
     /// Returns the description.
@@ -224,8 +239,8 @@ impl Hand {
     }
 
     /// Returns the view of the camera of each touch sensor on its undeformed gel.
-    pub fn gel_views(&self) -> PerPad<GelView> {
-        self.pads().iter().map(|pad| pad.profile.gel_view()).collect()
+    pub fn gel_views(&self) -> &PerPad<GelView> {
+        self.gel_views.get_or_init(|| self.pads().iter().map(|pad| pad.profile.gel_view()).collect())
     }
 
     /// Returns the limits of all joints, radians or metres.

@@ -377,18 +377,17 @@ fn of_rig(name: &str, hand: &Hand) -> Result<Option<(&'static str, ControllerFil
 
 /// Returns a line for each shipped controller: name, axis and purpose.
 pub fn list() -> Vec<(String, TurnAxis, String)> {
+    let sizes = |file: &ControllerFile| {
+        let [least, most] = file.sizes_mm;
+        format!("{least:.0} to {most:.0} mm ({}); ", file.objects.join(", "))
+    };
     let line = |(name, gait): (&String, &Gait)| {
-        let sizes = shipped().get(name).map(|file| {
-            let [least, most] = file.sizes_mm;
-            format!("{least:.0} to {most:.0} mm ({}); ", file.objects.join(", "))
-        });
-        (name.clone(), gait.axis, sizes.unwrap_or_default() + &gait.description)
+        let sizes = shipped().get(name).map(sizes).unwrap_or_default();
+        (name.clone(), gait.axis, sizes + &gait.description)
     };
     let of_rig = |(hand, name, text): &(&str, &str, &str)| {
         let file: ControllerFile = toml::from_str(text).ok()?;
-        let [least, most] = file.sizes_mm;
-        let purpose =
-            format!("{hand}: {least:.0} to {most:.0} mm ({}); {}", file.objects.join(", "), file.gait.description);
+        let purpose = format!("{hand}: {}{}", sizes(&file), file.gait.description);
         Some(((*name).to_owned(), file.gait.axis, purpose))
     };
     gait::shipped().iter().map(line).chain(gait::RIG_CONTROLLERS.iter().filter_map(of_rig)).collect()

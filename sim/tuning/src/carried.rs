@@ -1,10 +1,10 @@
 //! Strokes of one hand, carried over to another.
 
-use mvt_gaits::gait::{Gait, right_ranges};
-use mvt_robot::hand::{Hand, JointAngles};
+use mvt_gaits::gait::Gait;
+use mvt_robot::hand::Hand;
 use nalgebra as na;
 
-use crate::pads::{gel, own_joints, reach};
+use crate::pads::{gel, own_joints, reach, rest};
 use crate::stroke::{self, StrokeParameters};
 
 /// Carries a gait of the hand `of` over to another hand: each pad moves over the palm as the pad of the same name does on `of`, as near as
@@ -12,10 +12,7 @@ use crate::stroke::{self, StrokeParameters};
 pub fn carried_over(gait: &Gait, of: &Hand, to: &Hand) -> Option<Gait> {
     let palms = [of, to].map(|hand| hand.palm_centre_m().map(na::Vector3::from));
     let shift = palms[1]? - palms[0]?;
-    let count = gait.table.len().max(1) as f64;
-    let angle = |row: &JointAngles, j: usize| row.get(j).copied().unwrap_or(0.0);
-    let mean: JointAngles =
-        (0..of.joints().len()).map(|j| gait.table.iter().map(|row| angle(row, j)).sum::<f64>() / count).collect();
+    let mean = stroke::mean_pose(gait, of);
     let theirs = stroke::parameters_of(gait, of);
     // What moves the pads stays as it is, but for the joints.
     let mut params: StrokeParameters =
@@ -23,8 +20,7 @@ pub fn carried_over(gait: &Gait, of: &Hand, to: &Hand) -> Option<Gait> {
     for (name, along) in [("x_m", shift.x), ("y_m", shift.y)] {
         *params.entry(name.to_owned()).or_default() += along;
     }
-    let rest: JointAngles = right_ranges(to).iter().map(|[low, high]| 0.0_f64.clamp(*low, *high)).collect();
-    let (mut pose, mut open_pose) = (rest.clone(), rest);
+    let (mut pose, mut open_pose) = (rest(to), rest(to));
     for (pad, touch) in to.pads().iter().enumerate() {
         let namesake = of.pads().iter().position(|other| other.name == touch.name)?;
         for (joints, reached) in [(&mean, &mut pose), (&gait.open_pose, &mut open_pose)] {

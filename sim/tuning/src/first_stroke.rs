@@ -6,7 +6,7 @@ use mvt_objects::object::Object;
 use mvt_robot::hand::{Hand, JointAngles, Side};
 use nalgebra as na;
 
-use crate::pads::{gel, own_joints, reach};
+use crate::pads::{gel, own_joints, reach, rest};
 use crate::stroke::{self, StrokeParameters};
 
 /// Distance by which an open hand stays away from the object, metres.
@@ -25,9 +25,7 @@ pub fn first_stroke(hand: &Hand, object: &Object, axis: TurnAxis) -> Gait {
     if let Some([_, _, palm]) = hand.palm_centre_m() {
         middle.z = palm + 0.5 * height;
     }
-    let ranges = right_ranges(hand);
-    let rest: JointAngles = ranges.iter().map(|[low, high]| 0.0_f64.clamp(*low, *high)).collect();
-    let (mut pose, mut open_pose) = (rest.clone(), rest);
+    let (mut pose, mut open_pose) = (rest(hand), rest(hand));
     let mut params = StrokeParameters::from([
         ("period_s".to_owned(), 1.2),
         ("tilt_rad".to_owned(), if hand.palm_centre_m().is_some() { 0.15 } else { 0.0 }),

@@ -66,6 +66,11 @@ pub(crate) fn damped_inverse(jacobian: &na::Matrix3xX<f64>) -> na::MatrixXx3<f64
     jacobian.transpose() * inverse
 }
 
+/// Returns the joint angles that are nearest to 0.
+pub(crate) fn rest(hand: &Hand) -> JointAngles {
+    right_ranges(hand).iter().map(|[low, high]| 0.0_f64.clamp(*low, *high)).collect()
+}
+
 /// Moves the joints of a pad so that the apex of its gel comes to `target` and looks along `outward`, as near as they can.
 pub(crate) fn reach(
     hand: &Hand,

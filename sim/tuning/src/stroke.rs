@@ -48,10 +48,7 @@ pub fn parameters_of(gait: &Gait, hand: &Hand) -> StrokeParameters {
     if named_joints(hand).next().is_some_and(|(name, _)| gait.params.contains_key(&format!("pose_{name}"))) {
         return gait.params.clone();
     }
-    let count = gait.table.len().max(1) as f64;
-    let angle = |row: &JointAngles, j: usize| row.get(j).copied().unwrap_or(0.0);
-    let joints = 0..hand.joints().len();
-    let mean: JointAngles = joints.map(|j| gait.table.iter().map(|row| angle(row, j)).sum::<f64>() / count).collect();
+    let (count, mean) = (gait.table.len().max(1) as f64, mean_pose(gait, hand));
     let [gx, gy, gz] = gait.gravity;
     let mut params = StrokeParameters::from([
         ("period_s".to_owned(), gait.period_s),
@@ -75,6 +72,14 @@ pub fn parameters_of(gait: &Gait, hand: &Hand) -> StrokeParameters {
         }
     }
     params
+}
+
+/// Returns the mean of a gait's table.
+pub(crate) fn mean_pose(gait: &Gait, hand: &Hand) -> JointAngles {
+    let count = gait.table.len().max(1) as f64;
+    let angle = |row: &JointAngles, j: usize| row.get(j).copied().unwrap_or(0.0);
+    let joints = 0..hand.joints().len();
+    joints.map(|j| gait.table.iter().map(|row| angle(row, j)).sum::<f64>() / count).collect()
 }
 
 /// Returns the parameters of the same stroke played backwards: the pads run along their paths in the opposite direction.

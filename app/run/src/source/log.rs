@@ -220,7 +220,7 @@ impl LogSource {
             },
             true_indentation_mm: match is_felt {
                 true => log.hand().per_pad(|pad| {
-                    self.perception.gels().get(pad)?.indentation_of(&log.touch_truth(pad, index).ok()?.depth_m)
+                    self.hand.gel_views().get(pad)?.indentation_of(&log.touch_truth(pad, index).ok()?.depth_m)
                 }),
                 false => PerPad::default(),
             },
@@ -283,7 +283,7 @@ impl LogSource {
             touch: frame.touch_images.into_iter().map(Option::unwrap_or_default).collect(),
             cameras: cameras.collect(),
         };
-        let truths = frame.touch_truth.iter().zip(self.perception.gels().iter());
+        let truths = frame.touch_truth.iter().zip(self.hand.gel_views().iter());
         let presses = truths.map(|(truth, gel)| true_press(truth.as_ref()?, gel)).collect();
         let presses = (!self.perception.reads_touch_images()).then_some(presses);
         let after = number as usize + 1;
