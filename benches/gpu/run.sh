@@ -12,7 +12,7 @@ benches/gpu/pack.sh "$target/mambavitact" "$target/examples/gpu_bench" "$out/pac
 for part in "${@:-speed}"; do
     case $part in
     speed) "$out/packed/speed.sh" "$out/packed" "$out" ;;
-    paper) "$out/packed/paper.sh" "$out/packed" "$out/paper" ;;
+    paper) "$out/packed/paper.sh" "$out/packed" "$out/paper" "$out/packed/paper/long.txt" ;;
     *) echo "$part: choose speed or paper" >&2 && exit 2 ;;
     esac
 done

@@ -1,5 +1,5 @@
 """Makes tables of what speed.sh and paper.sh measured: speed.json with all rows, ratios.json with our speed over that of PyTorch, and
-paper.json with the errors of the networks on the validation objects over the steps.
+paper.json with the errors of the networks on the validation objects over the steps, tested.json with those on the test objects.
 
 Use: table.py DIR
 """
@@ -92,21 +92,20 @@ for profile in profiles:
 ratios["gradient_error"] = max(errors, default=None)
 (folder / "ratios.json").write_text(json.dumps(ratios, indent=1))
 
-paper = []
-for log in sorted((folder / "paper").glob("*.log")):
-    for step, speed_of, mae, rmse, iou in re.findall(
-        r"Row \{ step: (\d+), images_per_s: ([\d.]+).*?validation: Errors \{ contact_mae_mm: ([\d.]+), rmse_mm: ([\d.]+), "
-        r"mae_mm: [\d.]+, iou: ([\d.]+)",
-        log.read_text(),
-    ):
-        paper.append({
-            "network": log.stem,
-            "step": int(step),
-            "images_per_s": float(speed_of),
-            "contact_mae_mm": float(mae),
-            "rmse_mm": float(rmse),
-            "iou": float(iou),
-        })
+paper, tested = [], []
+for curve in sorted((folder / "paper").glob("*-*-*-*.csv")):
+    network, seed, rate, steps = re.fullmatch(r"(\w+)-(\d+)-(.+)-(\d+)", curve.stem).groups()
+    training = {"network": network, "seed": int(seed), "learning_rate": float(rate), "steps": int(steps)}
+    figures = ("images_per_s", "loss", "contact_mae_mm", "rmse_mm", "iou", "training_contact_mae_mm", "training_iou")
+    paper += [
+        {**training, "step": int(row["step"]), **{name: float(row[name]) for name in figures}}
+        for row in csv.DictReader(curve.open())
+    ]
+    scores = curve.with_suffix(".json")
+    if scores.exists():
+        tested.append({**training, **json.loads(scores.read_text())})
+if tested:
+    (folder / "tested.json").write_text(json.dumps(tested, indent=1))
 if paper:
     (folder / "paper.json").write_text(json.dumps(paper, indent=1))
 busy = [float(row[2]) for row in csv.reader((folder / "paper/busy.csv").open())] if (folder / "paper/busy.csv").exists() else []

@@ -118,6 +118,8 @@ const PANELS: usize = 6;
 /// Runs the command.
 pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
     let device = arguments.device.device()?;
+    // Validations, too.
+    device.use_for_inference();
     let Settings { network, data, training } = settings::read(&arguments.config)?;
     data.objects.check()?;
     data.validate().map_err(|error| error.within("data"))?;
@@ -196,7 +198,8 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
                 let trained_s = since.elapsed().as_secs_f64();
                 let last = done.last().context("no step was done")?;
                 let weights = trainer.weights(hash.clone())?;
-                let predictions = watched.predictions(&weights)?;
+                let engine = Engine::new(&weights, Instructions::best());
+                let predictions = watched.predictions(&engine)?;
                 let row = Row {
                     step,
                     images_per_s: images as f64 / trained_s,
@@ -204,7 +207,7 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
                     gradient: last.gradient,
                     rate: last.rate,
                     validation: watched.errors(&predictions),
-                    training: seen.errors(&seen.predictions(&weights)?),
+                    training: seen.errors(&seen.predictions(&engine)?),
                 };
                 let is_best = curve.is_best(&row);
                 // The checkpoint is written last: a training that is killed before it repeats the steps and writes all
@@ -251,27 +254,25 @@ fn draw_batches(
     let draw = |(step, sensors): (u64, Vec<&PressSensor>)| {
         let stage = training.stage(step).context("there is no stage")?;
         let first = step << 16;
-        let images =
-            (first..first + stage.batch as u64).into_par_iter().map_init(TouchFrame::default, |frame, index| {
-                resized(subtracted(example(surfaces, &sensors, data, (training.seed, index), frame)), stage.size)
-            });
-        Ok(batch(&images.collect::<Vec<_>>()))
+        let [rows, columns] = stage.size;
+        let pixels = rows * columns;
+        let mut levels = vec![0; 3 * stage.batch * pixels];
+        let mut indentation_mm = vec![0.0; stage.batch * pixels];
+        let mut contact = vec![0.0; stage.batch * pixels];
+        let places = levels.par_chunks_exact_mut(3 * pixels).zip(indentation_mm.par_chunks_exact_mut(pixels));
+        let places = places.zip(contact.par_chunks_exact_mut(pixels)).enumerate();
+        places.for_each_init(TouchFrame::default, |frame, (k, ((levels, indentation_mm), contact))| {
+            let index = first + k as u64;
+            let drawn = subtracted(example(surfaces, &sensors, data, (training.seed, index), frame));
+            let drawn = resized(drawn, stage.size);
+            levels.copy_from_slice(&drawn.levels);
+            indentation_mm.copy_from_slice(&drawn.indentation_mm);
+            contact.copy_from_slice(&drawn.contact);
+        });
+        let targets = Arc::new(Targets { indentation_mm, contact });
+        Ok(TrainingBatch { shape: [stage.batch, rows, columns], levels, targets })
     };
     steps.into_iter().zip(sensors).collect::<Vec<_>>().into_par_iter().map(draw).collect()
-}
-
-/// Images of one size, put together.
-fn batch(examples: &[Example]) -> TrainingBatch {
-    let [rows, columns] = examples.first().map_or([0, 0], |example| example.size);
-    let mut batch = TrainingBatch { shape: [examples.len(), rows, columns], ..TrainingBatch::default() };
-    let mut targets = Targets::default();
-    for example in examples {
-        batch.levels.extend(&example.levels);
-        targets.indentation_mm.extend(&example.indentation_mm);
-        targets.contact.extend(&example.contact);
-    }
-    batch.targets = Arc::new(targets);
-    batch
 }
 
 /// Images on which the errors are measured while the training goes on, and from which it does not learn.
@@ -300,8 +301,7 @@ impl WatchedImages {
         Ok(Self { examples: images.collect() })
     }
 
-    fn predictions(&self, weights: &Weights) -> Result<Vec<Prediction>> {
-        let engine = Engine::new(weights, Instructions::best());
+    fn predictions(&self, engine: &Engine) -> Result<Vec<Prediction>> {
         let images: Vec<RgbImage> = self.examples.iter().map(Example::image).collect();
         let mut predictions = Vec::new();
         engine.infer_each(&images.iter().collect::<Vec<_>>(), &mut predictions)?;

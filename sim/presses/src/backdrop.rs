@@ -81,7 +81,7 @@ pub fn drift(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
         let stripe = stripes[u as usize / STRIPE];
         let [x, y] = [2.0 * u as f32 / width as f32 - 1.0, 2.0 * v as f32 / rows as f32 - 1.0];
         for (c, level) in pixel.0.iter_mut().enumerate() {
-            *level = (f32::from(*level) + offset[c] + x * across[c] + y * down[c] + striped * stripe[c]).round() as u8;
+            *level = grey_level(f32::from(*level) + offset[c] + x * across[c] + y * down[c] + striped * stripe[c]);
         }
     }
 }
@@ -122,7 +122,7 @@ pub fn disturb(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
             let across = (u % SPACING) as f32 / SPACING as f32;
             let added = between(&knots[u / SPACING], &knots[u / SPACING + 1], across);
             for (level, added) in pixel.iter_mut().zip(added) {
-                *level = (f32::from(*level) + added).round() as u8;
+                *level = grey_level(f32::from(*level) + added);
             }
         }
     }
@@ -145,7 +145,7 @@ fn fold(image: &mut RgbImage, height: f32, rng: &mut ChaCha8Rng) {
         if square < 9.0 {
             let share = (-0.5 * square).exp();
             for (level, height) in pixel.0.iter_mut().zip(heights) {
-                *level = (f32::from(*level) + share * height).round() as u8;
+                *level = grey_level(f32::from(*level) + share * height);
             }
         }
     }
@@ -163,9 +163,15 @@ fn speck(image: &mut RgbImage, rng: &mut ChaCha8Rng) {
         let (dx, dy) = (u as f32 - x, v as f32 - y);
         let share = (-(dx * dx + dy * dy) / (2.0 * radius * radius)).exp();
         for (level, height) in image.get_pixel_mut(u, v).0.iter_mut().zip(heights) {
-            *level = (f32::from(*level) + share * height).round() as u8;
+            *level = grey_level(f32::from(*level) + share * height);
         }
     }
+}
+
+/// Rounds to a grey level, halves upwards. Unlike [`f32::round`] it is no call of a function for each pixel.
+pub fn grey_level(value: f32) -> u8 {
+    let whole = value as i32;
+    (whole + i32::from(value - whole as f32 >= 0.5)).clamp(0, 255) as u8
 }
 
 /// Returns width and height of an image.

@@ -1,5 +1,6 @@
 //! Images of other sizes: a training learns coarse structure from small ones at a lower cost.
 
+use crate::backdrop::grey_level;
 use crate::example::Example;
 
 /// Brings an example to another size; each pixel becomes the mean over the area that it covers.
@@ -7,23 +8,48 @@ pub fn resized(example: Example, [rows, columns]: [usize; 2]) -> Example {
     if example.size == [rows, columns] {
         return example;
     }
-    let (down, across) = (cover(example.size[0], rows), cover(example.size[1], columns));
-    let image = |of: &dyn Fn(usize) -> f32| -> Vec<f32> {
+    let width = example.size[1];
+    let covers = [cover(example.size[0], rows), cover(width, columns)];
+    let levels = means::<3, u8>(&example.levels, width, &covers);
+    Example {
+        size: [rows, columns],
+        levels: levels.as_flattened().iter().map(|&level| grey_level(level)).collect(),
+        untouched: None,
+        indentation_mm: means::<1, f32>(&example.indentation_mm, width, &covers).into_flattened(),
+        contact: means::<1, f32>(&example.contact, width, &covers).into_flattened(),
+    }
+}
+
+/// Returns the means over the areas of `covers` (down and across) of an image with `N` channels in each pixel.
+fn means<const N: usize, T: Copy + Into<f32>>(
+    pixels: &[T],
+    width: usize,
+    [down, across]: &[Vec<Vec<(usize, f32)>>; 2],
+) -> Vec<[f32; N]> {
+    let (pixels, _) = pixels.as_chunks::<N>();
+    let mut means = Vec::with_capacity(down.len() * across.len());
+    let mut sums = vec![[0.0; N]; width];
+    for parts in down {
         // Rows first, so that only one row is kept at a time.
-        let mut resized = Vec::with_capacity(rows * columns);
-        for parts in &down {
-            let mut row = vec![0.0; example.size[1]];
-            for &(v, share) in parts {
-                row.iter_mut().enumerate().for_each(|(u, sum)| *sum += share * of(v * example.size[1] + u));
+        sums.fill([0.0; N]);
+        for &(v, share) in parts {
+            for (sums, pixel) in sums.iter_mut().zip(&pixels[v * width..]) {
+                for (sum, &level) in sums.iter_mut().zip(pixel) {
+                    *sum += share * level.into();
+                }
             }
-            resized.extend(across.iter().map(|parts| parts.iter().map(|&(u, share)| share * row[u]).sum::<f32>()));
         }
-        resized
-    };
-    let colours: [Vec<f32>; 3] = std::array::from_fn(|c| image(&|i| f32::from(example.levels[3 * i + c])));
-    let levels = (0..3 * rows * columns).map(|k| colours[k % 3][k / 3].round() as u8).collect();
-    let (indentation_mm, contact) = (image(&|i| example.indentation_mm[i]), image(&|i| example.contact[i]));
-    Example { size: [rows, columns], levels, untouched: None, indentation_mm, contact }
+        for parts in across {
+            let mut mean = [0.0; N];
+            for &(u, share) in parts {
+                for (mean, sum) in mean.iter_mut().zip(sums[u]) {
+                    *mean += share * sum;
+                }
+            }
+            means.push(mean);
+        }
+    }
+    means
 }
 
 /// For each of `to` pixels, returns the pixels among `from` that it covers and the share of each in the mean.
