@@ -6,7 +6,7 @@ use std::sync::Arc;
 use mvt_products::Instructions;
 use mvt_render::touch::{Background, TouchConfig, render_contact};
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_run::source::shipped_weights;
+use mvt_run::source::{shipped_weights, weights_of};
 use mvt_touch::contact::{ContactConfig, TouchSensor};
 use mvt_touch::engine::Engine;
 use mvt_touch::network::Weights;
@@ -63,7 +63,7 @@ impl TouchNetwork {
         detached(py, || {
             let profile = SensorProfile::load(profile).map_err(argument)?;
             let weights = match weights.as_ref().or(profile.weights.as_ref()) {
-                Some(path) => Weights::read(path).map_err(file)?,
+                Some(path) => weights_of(path, &profile).map_err(file)?,
                 None => shipped_weights(&profile).map_err(Kind::Argument.of())?,
             };
             Ok(Self::of(weights, profile))
@@ -94,7 +94,7 @@ impl TouchNetwork {
         let size = [Some(height), Some(width)];
         let seen = crate::arrays::images(images, "images", None, size)?;
         let untouched = untouched.map(|untouched| image(untouched, "untouched", size)).transpose()?;
-        let mut sensor = TouchSensor::new(self.profile.size_px, self.profile.gains());
+        let mut sensor = TouchSensor::new(self.profile.size_px, self.engine.gains(&self.profile));
         if let Some(untouched) = &untouched {
             detached(py, || sensor.set_untouched(&self.engine, untouched).map_err(argument))?;
             warn(py, sensor.light().map(|light| light.to_string()).into_iter().collect())?;

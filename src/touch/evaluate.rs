@@ -16,9 +16,9 @@ use mvt_robot::digit::gel::GelView;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::device::DeviceArguments;
 use mvt_run::io::{print_line, read_any_image};
+use mvt_run::source::weights_of;
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
-use mvt_touch::network::Weights;
 use mvt_touch::untouched::{estimate, is_of_same_sensor, subtract_untouched};
 use ndarray::Array2;
 use serde::Serialize;
@@ -88,8 +88,9 @@ struct Triple {
 /// Runs the command.
 pub fn run(arguments: &TouchEvaluateArguments) -> Result<()> {
     arguments.device.choose()?;
-    let gel = SensorProfile::load(&arguments.profile)?.gel_view();
-    let engine = Engine::new(&Weights::read(&arguments.weights)?, Instructions::best());
+    let profile = SensorProfile::load(&arguments.profile)?;
+    let gel = profile.gel_view();
+    let engine = Engine::new(&weights_of(&arguments.weights, &profile)?, Instructions::best());
     let ids = ids(&arguments.data)?;
     ensure!(
         !ids.is_empty(),

@@ -197,7 +197,7 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
                 let done = trainer.finish()?;
                 let trained_s = since.elapsed().as_secs_f64();
                 let last = done.last().context("no step was done")?;
-                let weights = trainer.weights(hash.clone())?;
+                let weights = trainer.weights(hash.clone())?.for_sensor(profile.appearance);
                 let engine = Engine::new(&weights, Instructions::best());
                 let predictions = watched.predictions(&engine)?;
                 let row = Row {

@@ -18,7 +18,7 @@ use std::fmt;
 use std::sync::Arc;
 
 pub use log::LogSource;
-pub use touch::{TouchArguments, TouchOrigin, equipped, shipped_weights};
+pub use touch::{TouchArguments, TouchOrigin, equipped, shipped_weights, weights_of};
 
 /// A frame of a source.
 #[derive(Debug, Clone)]

@@ -75,7 +75,7 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
         untouched = shear.erased(&untouched);
         images.iter_mut().for_each(|image| *image = shear.erased(image));
     }
-    let predictions = infer(&engine, profile.gains(), &untouched, &images)?;
+    let predictions = infer(&engine, engine.gains(&profile), &untouched, &images)?;
     let contacts: Vec<Array2<bool>> =
         predictions.iter().map(|prediction| prediction.contact_logit.mapv(|logit| logit > 0.0)).collect();
     let presses: Vec<_> = images.iter().zip(&contacts).collect();

@@ -8,9 +8,8 @@ use mvt_files::input::is_litter;
 use mvt_products::Instructions;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::read_any_image;
-use mvt_run::source::shipped_weights;
+use mvt_run::source::{shipped_weights, weights_of};
 use mvt_touch::engine::{Engine, Prediction};
-use mvt_touch::network::Weights;
 use mvt_touch::untouched::{difference_from_untouched, estimate, scale_change, subtract_untouched};
 use rayon::prelude::*;
 
@@ -139,7 +138,7 @@ pub(crate) fn infer(
 /// Returns the network for a sensor: that of a file, that of its profile, or the shipped one.
 pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<Engine> {
     let weights = match weights.or(profile.weights.as_deref()) {
-        Some(path) => Weights::read(path)?,
+        Some(path) => weights_of(path, profile)?,
         None => shipped_weights(profile)?,
     };
     Ok(Engine::new(&weights, Instructions::best()))

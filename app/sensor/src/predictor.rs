@@ -110,7 +110,7 @@ impl Predictor {
         let [width, height] = profile.size_px;
         let side_m = |i: usize| gel.point(&camera, (i % width) as f64, (i / width) as f64).coords().x / camera.fx;
         let pixel_mm2 = (0..height * width).map(|i| 1e6 * side_m(i).powi(2)).collect();
-        let sensor = TouchSensor::new(profile.size_px, profile.gains());
+        let sensor = TouchSensor::new(profile.size_px, engine.gains(profile));
         Self { engine, profile: profile.clone(), config, sensor, shear: None, pixel_mm2, out: None }
     }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::gel::GelView;
+use mvt_robot::digit::profile::Appearance;
 use mvt_robot::hand::{Hand, PerPad, TouchPad};
 use mvt_robot::observation::{Press, SensorError, SensorName, TouchTruth};
 use mvt_shear::ShearSensor;
@@ -118,7 +119,7 @@ impl TouchSensors {
         warnings.append(unusual);
         let sensors = || hand.pads().iter().map(|TouchPad { name, profile, .. }| (name, profile));
         for ((image, judged), (name, profile)) in images.iter().zip(judged.iter_mut()).zip(sensors()) {
-            let is_calibrated = profile.gains() != [1.0; 3];
+            let is_calibrated = profile.gains(&Appearance::default()) != [1.0; 3];
             if image.is_empty() || is_calibrated || std::mem::replace(judged, true) {
                 continue;
             }

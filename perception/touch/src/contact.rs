@@ -187,10 +187,10 @@ struct Outcome {
 impl Feeler {
     /// Starts with the sensors of a hand without untouched images, and the network of each.
     pub fn new(hand: &Hand, engines: PerPad<Arc<Engine>>, config: ContactConfig) -> Self {
-        let sensors = engines
-            .into_iter()
-            .zip(hand.pads())
-            .map(|(engine, TouchPad { profile, .. })| (engine, TouchSensor::new(profile.size_px, profile.gains())));
+        let sensors = engines.into_iter().zip(hand.pads()).map(|(engine, TouchPad { profile, .. })| {
+            let gains = engine.gains(profile);
+            (engine, TouchSensor::new(profile.size_px, gains))
+        });
         let names = hand.pads().iter().map(|pad| pad.name.clone()).collect();
         Self { config, names, sensors: sensors.collect() }
     }

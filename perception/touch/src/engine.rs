@@ -19,6 +19,7 @@ mod transformer;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use ::image::RgbImage;
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use ndarray::Array2;
 use rayon::iter::{
     IndexedParallelIterator as _, IntoParallelRefIterator as _, IntoParallelRefMutIterator as _, ParallelIterator as _,
@@ -39,6 +40,8 @@ use transformer::Transformer;
 pub struct Engine {
     architecture: Architecture,
     input_size: Option<[usize; 2]>,
+    /// Look of the sensors that it was trained for.
+    trained_for: Appearance,
     instructions: Instructions,
     network: Network,
     /// The network on a GPU, which computes it instead.
@@ -77,12 +80,19 @@ impl Engine {
             other => Network::Transformer(Box::new(Runner::new(Transformer::new(instructions, other, weights)))),
         };
         let (accelerator, has_failed) = (Device::load(weights), AtomicBool::new(false));
-        Self { architecture, input_size: weights.input_size(), instructions, network, accelerator, has_failed }
+        let trained_for = weights.trained_for().copied().unwrap_or_default();
+        let input_size = weights.input_size();
+        Self { architecture, input_size, trained_for, instructions, network, accelerator, has_failed }
     }
 
     /// Returns the architecture.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
+    }
+
+    /// Returns by how much the change of red, green and blue of a sensor is multiplied before the network sees it.
+    pub fn gains(&self, sensor: &SensorProfile) -> [f32; 3] {
+        sensor.gains(&self.trained_for)
     }
 
     /// Returns the instruction set that the engine uses.

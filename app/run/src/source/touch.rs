@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_robot::hand::{Hand, PerPad, TouchPad};
@@ -82,27 +82,43 @@ impl TouchArguments {
             ensure!(self.weights.is_none(), "--weights is for --touch-depth network");
             return Ok(None);
         }
-        // By their origin: a file, or the shipped ones for a sensor that looks like a real one or not.
         let mut known = BTreeMap::new();
         let mut by_pad = PerPad(Vec::new());
         for TouchPad { profile, .. } in hand.pads() {
-            let path = self.weights.as_ref().or(profile.weights.as_ref());
-            let origin = (path, path.is_none() && profile.appearance.is_some());
-            if path.is_none() {
-                check_light(profile)?;
-            }
-            let read = || match origin {
-                (Some(path), _) => Ok(Weights::read(path)?),
-                (None, false) => Ok::<_, anyhow::Error>(Weights::shipped_half()?),
-                (None, true) => Ok(Weights::shipped_for(profile)?),
+            let origin = match (self.weights.as_ref().or(profile.weights.as_ref()), &profile.appearance) {
+                (Some(path), _) => WeightsOrigin::File(path),
+                (None, None) => WeightsOrigin::Half,
+                (None, Some(_)) => WeightsOrigin::Digit,
             };
             let weights = match known.entry(origin) {
                 Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(new) => new.insert(Arc::new(read()?)),
+                Entry::Vacant(new) => new.insert(Arc::new(origin.read()?)),
             };
+            check_light(profile, weights, origin == WeightsOrigin::Digit)?;
             by_pad.0.push(Arc::clone(weights));
         }
         Ok(Some(by_pad))
+    }
+}
+
+/// Where weights come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum WeightsOrigin<'a> {
+    /// A file of the user's.
+    File(&'a Path),
+    /// The shipped ones for images of half the size, for TACTO's DIGITs.
+    Half,
+    /// The shipped ones for sensors that look like real DIGITs.
+    Digit,
+}
+
+impl WeightsOrigin<'_> {
+    fn read(self) -> Result<Weights> {
+        Ok(match self {
+            Self::File(path) => Weights::read(path)?,
+            Self::Half => Weights::shipped_half()?,
+            Self::Digit => Weights::shipped_digit()?,
+        })
     }
 }
 
@@ -117,29 +133,54 @@ pub fn equipped(hand: &Arc<Hand>, touch_profile: Option<&str>) -> Result<Arc<Han
     }
 }
 
-/// LEDs of a sensor that stand farther from those of a DIGIT are unknown to the shipped weights, degrees. They were trained with up to 15.
+/// LEDs of a sensor that stand farther from those of a training are unknown to its weights, degrees. They were trained with up to 15.
 const MOST_TURNED_DEG: f64 = 45.0;
 
-/// Returns the shipped weights for a sensor.
+/// Returns the shipped weights for a sensor, for whole images.
 ///
 /// # Errors
 /// If its LEDs stand elsewhere than those of a DIGIT, so that no shipped weights can read it.
 pub fn shipped_weights(profile: &SensorProfile) -> Result<Weights> {
-    check_light(profile)?;
-    Ok(Weights::shipped_for(profile)?)
+    if profile.appearance.is_none() {
+        return Ok(Weights::shipped()?);
+    }
+    let weights = Weights::shipped_digit()?;
+    check_light(profile, &weights, true)?;
+    Ok(weights)
 }
 
-/// Checks that the LEDs of a sensor stand where the shipped weights know them.
-fn check_light(profile: &SensorProfile) -> Result<()> {
-    let known = Appearance::default().led_angles_deg;
-    let angles = profile.appearance.iter().flat_map(|appearance| appearance.led_angles_deg.into_iter().zip(known));
-    let turned_deg = angles.map(|(a, b)| ((a - b + 540.0).rem_euclid(360.0) - 180.0).abs()).fold(0.0, f64::max);
-    ensure!(
-        turned_deg <= MOST_TURNED_DEG,
-        "no weights are shipped for this touch sensor, whose LEDs stand up to {turned_deg:.0} degrees from those of a DIGIT; give --weights \
-         of a network that was trained for it, or, for a run, --touch-depth truth"
-    );
-    Ok(())
+/// Reads weights for a sensor from a file.
+///
+/// # Errors
+/// If the file cannot be read, or says that it is for sensors with other lights.
+pub fn weights_of(path: &Path, profile: &SensorProfile) -> Result<Weights> {
+    let weights = Weights::read(path)?;
+    check_light(profile, &weights, false)?;
+    Ok(weights)
+}
+
+/// Checks that weights know the light of a sensor: that of the sensors for which they were trained. Files that do not say for which are taken
+/// to be right, the shipped ones to be for DIGITs.
+fn check_light(profile: &SensorProfile, weights: &Weights, is_shipped: bool) -> Result<()> {
+    let digit = Appearance::default();
+    let Some(trained_for) = weights.trained_for().or(is_shipped.then_some(&digit)) else { return Ok(()) };
+    let turned_deg = |appearance: &Appearance| {
+        let pairs = appearance.led_angles_deg.into_iter().zip(trained_for.led_angles_deg);
+        pairs.map(|(a, b)| ((a - b + 540.0).rem_euclid(360.0) - 180.0).abs()).fold(0.0, f64::max)
+    };
+    let apart_deg = profile.appearance.as_ref().map(turned_deg);
+    if apart_deg.is_some_and(|deg| deg <= MOST_TURNED_DEG) {
+        return Ok(());
+    }
+    let stand = apart_deg.map_or("it has the light of TACTO".to_owned(), |deg| {
+        format!("its LEDs stand up to {deg:.0} degrees from those of the sensors for which the weights were trained")
+    });
+    let which = if is_shipped {
+        "no weights are shipped for this touch sensor"
+    } else {
+        "--weights: they are of another touch sensor"
+    };
+    bail!("{which}: {stand}; give --weights of a network that was trained for it, or, for a run, --touch-depth truth")
 }
 
 #[cfg(test)]
@@ -174,6 +215,18 @@ mod tests {
         let mini = Hand::allegro(Side::Left).with_profile(&SensorProfile::load("gelsight_mini").unwrap());
         let touch = TouchArguments::new(TouchOrigin::Network, None);
         assert!(touch.weights(&mini).unwrap_err().to_string().contains("no weights are shipped"));
+        // Weights that say for which sensor they are.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mini.safetensors");
+        let weights = Weights::shipped().unwrap().for_sensor(mini.pads()[0].profile.appearance);
+        weights.write(&path, mvt_touch::network::Precision::F32).unwrap();
+        let touch = TouchArguments::new(TouchOrigin::Network, Some(path));
+        assert!(touch.weights(&mini).unwrap().is_some());
+        for (other, said) in [("tacto", "light of TACTO"), ("digit", "degrees")] {
+            let hand = Hand::allegro(Side::Left).with_profile(&SensorProfile::load(other).unwrap());
+            let error = touch.weights(&hand).unwrap_err().to_string();
+            assert!(error.contains("another touch sensor") && error.contains(said), "{error}");
+        }
         assert_eq!(touch.equipped(&mini).unwrap(), mini);
         assert!(equipped(&mini, Some("tacto")).unwrap().pads()[0].profile.is_tacto());
     }

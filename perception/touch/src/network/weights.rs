@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use half::{bf16, f16};
 use mvt_files::{input, output, seal};
-use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::digit::profile::Appearance;
 use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +19,7 @@ const MAX_BYTES: u64 = 4 << 30;
 /// Shipped weights of `default`, trained on images of simulated DIGITs.
 const SHIPPED: &[u8] = include_bytes!("../../weights/default.safetensors");
 const SHIPPED_HALF: &[u8] = include_bytes!("../../weights/half.safetensors");
-const SHIPPED_FOR_REAL: &[u8] = include_bytes!("../../weights/digit.safetensors");
+const SHIPPED_DIGIT: &[u8] = include_bytes!("../../weights/digit.safetensors");
 /// Key of the header in the metadata.
 const KEY: &str = "mambavitact";
 
@@ -59,6 +59,7 @@ pub struct Weights {
     architecture: Architecture,
     provenance: Provenance,
     input_size: Option<[usize; 2]>,
+    trained_for: Option<Appearance>,
     tensors: BTreeMap<String, WeightTensor>,
 }
 
@@ -114,6 +115,9 @@ struct Header {
     /// Files of 0.1 do not have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     input_size: Option<[usize; 2]>,
+    /// Files for DIGITs do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    trained_for: Option<Appearance>,
 }
 
 impl Weights {
@@ -134,17 +138,12 @@ impl Weights {
         Self::from_bytes(SHIPPED_HALF, Path::new("the shipped weights for half the size"))
     }
 
-    /// Returns the shipped weights for a sensor: for one that looks like a real DIGIT those of `default` that were trained on such sensors, else
-    /// [`Weights::shipped`].
+    /// Returns the shipped weights of `default` that were trained on sensors like real DIGITs.
     ///
     /// # Errors
-    /// None in practice: a test reads the shipped files.
-    pub fn shipped_for(profile: &SensorProfile) -> Result<Self, WeightsError> {
-        if profile.appearance.is_some() {
-            Self::from_bytes(SHIPPED_FOR_REAL, Path::new("the shipped weights for real sensors"))
-        } else {
-            Self::shipped()
-        }
+    /// None in practice: a test reads the shipped file.
+    pub fn shipped_digit() -> Result<Self, WeightsError> {
+        Self::from_bytes(SHIPPED_DIGIT, Path::new("the shipped weights for real DIGITs"))
     }
 
     /// Builds weights from tensors by name; errors name `source`.
@@ -177,7 +176,7 @@ impl Weights {
         if let Some((name, tensor)) = tensors.iter().find(|(name, _)| !expected.contains_key(*name)) {
             return Err(wrong(name, format!("{:?} does not belong to the architecture", tensor.shape)));
         }
-        Ok(Self { architecture, provenance, input_size: None, tensors })
+        Ok(Self { architecture, provenance, input_size: None, trained_for: None, tensors })
     }
 
     /// Reads weights from a file.
@@ -199,7 +198,7 @@ impl Weights {
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| damaged(error.to_string()))?;
         let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
         let header = header.ok_or_else(|| damaged(format!("there is no {KEY} in its metadata")))?;
-        let Header { architecture, provenance, input_size } =
+        let Header { architecture, provenance, input_size, trained_for } =
             serde_json::from_str(header).map_err(|error| damaged(format!("metadata {KEY}: {error}")))?;
         let file = SafeTensors::deserialize(bytes).map_err(|error| damaged(error.to_string()))?;
         let network = architecture.name();
@@ -221,6 +220,7 @@ impl Weights {
             tensors.insert(name, WeightTensor { shape: view.shape().to_vec(), values });
         }
         Self::new(architecture, provenance, tensors, source)?
+            .for_sensor(trained_for)
             .with_input_size(input_size)
             .map_err(|error| damaged(error.to_string()))
     }
@@ -235,6 +235,17 @@ impl Weights {
             ImageSizeError::check(width, height)?;
         }
         Ok(Self { input_size, ..self })
+    }
+
+    /// Returns the weights of a network that was trained for sensors which look so; with `None` for DIGITs.
+    #[must_use]
+    pub fn for_sensor(self, trained_for: Option<Appearance>) -> Self {
+        Self { trained_for, ..self }
+    }
+
+    /// Returns the look of the sensors that the network was trained for, unless they are DIGITs.
+    pub fn trained_for(&self) -> Option<&Appearance> {
+        self.trained_for.as_ref()
     }
 
     /// Returns the rows and columns to which the network resizes images, if it does.
@@ -252,6 +263,7 @@ impl Weights {
             architecture: self.architecture.clone(),
             provenance: self.provenance.clone(),
             input_size: self.input_size,
+            trained_for: self.trained_for,
         };
         let header = serde_json::to_string(&header).map_err(|error| damaged(error.to_string()))?;
         write_tensors(path, &self.tensors, precision, [KEY, &header])
@@ -344,6 +356,7 @@ mod tests {
         let provenance = Provenance { seed: 3, step: 7, data: "ab".to_owned(), training: serde_json::json!({"lr": 1}) };
         let tensors = tensors.collect();
         let weights = Weights::new(architecture, provenance, tensors, Path::new("memory")).unwrap();
+        let weights = weights.for_sensor(Some(Appearance { led_distance_mm: 14.0, ..Appearance::default() }));
         weights.with_input_size(Some([160, 128])).unwrap()
     }
 

@@ -191,12 +191,11 @@ impl SensorProfile {
         Nested.check("body", &self.body)
     }
 
-    /// Returns by how much the change of red, green and blue must be multiplied to look as on the shipped profile `digit`, for which the
-    /// network for real sensors is meant. Without an appearance nothing is multiplied.
-    pub fn gains(&self) -> [f32; 3] {
+    /// Returns by how much the change of red, green and blue must be multiplied to look as on the sensor that a network was trained for.
+    /// Without an appearance nothing is multiplied.
+    pub fn gains(&self, trained_for: &Appearance) -> [f32; 3] {
         let Some(appearance) = &self.appearance else { return [1.0; 3] };
-        let nominal = Appearance::default().sensitivity;
-        std::array::from_fn(|c| (nominal[c] / appearance.sensitivity[c]).clamp(0.25, 4.0))
+        std::array::from_fn(|c| (trained_for.sensitivity[c] / appearance.sensitivity[c]).clamp(0.25, 4.0))
     }
 
     /// Returns the camera's view of the undeformed gel.
@@ -235,7 +234,7 @@ mod tests {
         let px_per_mm = digit.intrinsics().fx / (1e3 * APEX_M);
         assert!((px_per_mm - 18.8).abs() < 0.1, "{px_per_mm}");
         assert_eq!(digit.appearance, Some(Appearance::default()));
-        assert_eq!(digit.gains(), [1.0; 3]);
+        assert_eq!(digit.gains(&Appearance::default()), [1.0; 3]);
         assert_eq!(digit.gel_surface(), SensorProfile::tacto().gel_surface());
         assert_eq!(SensorProfile::tacto().gel_surface(), GelSurface::new(APEX_M, [0.02, 0.03], 0.005));
         // Those with markers differ by their dots alone.
