@@ -498,11 +498,12 @@ mod tests {
                 return Ok(());
             };
             prop_assert!((nearest.distance_m - solid.distance(p)).abs() < 1e-7);
-            // Of the nearest primitive alone: at its own creases, and where another is as near, there is no gradient.
+            // Of the nearest primitive alone: at its own creases, and where another is as near, there is no gradient. A mean of two normals that is
+            // shorter than one by 1e-3 is up to 0.045 from either.
             let along = |axis: Vec3| (solid.distance(p + axis * STEP_M) - solid.distance(p - axis * STEP_M)) / (2.0 * STEP_M);
             let gradient = Vec3::new(along(Vec3::X), along(Vec3::Y), along(Vec3::Z));
             if (gradient.length() - 1.0).abs() < 1e-3 && nearest.distance_m.abs() > 1e-3 {
-                prop_assert!(gradient.angle_between(nearest.normal) < 0.03, "{gradient} {:?}", nearest);
+                prop_assert!(gradient.angle_between(nearest.normal) < 0.05, "{gradient} {:?}", nearest);
             }
         }
 
