@@ -12,7 +12,7 @@ from pathlib import Path
 EXAMPLE = ["cargo", "run", "--quiet", "--release", "-p", "mvt-simulated", "--example", "shear", "--"]
 # Reported objects; the coefficients of the tracker were chosen on others.
 OBJECTS = "005_tomato_soup_can,010_potted_meat_can,017_orange,061_foam_brick,random:1000,random:1003"
-# Deviation of slip in the tracker: slip_still_sigma_m and slip_changing_sigma_m in millimetres. Parts of the change of shear, and of shear
+# Deviation of slip in the tracker between frames at 30 Hz, from slip_still_1s_sigma_m and slip_changing_sigma_m, in millimetres. Parts of the change of shear, and of shear
 # times that deviation, that predict slip best on six tuning objects of seed 50.
 STILL, CHANGING, FOLLOWED, SLID = 0.05, 2.0, 0.7, 0.7
 

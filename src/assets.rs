@@ -3,8 +3,7 @@
 use anyhow::{Result, bail};
 use clap::Subcommand;
 use mvt_objects::assets::{AssetsError, FileState, Library, YCB};
-use mvt_objects::catalogue;
-use mvt_objects::catalogue::CatalogueError;
+use mvt_objects::catalogue::{self, CatalogueError};
 use mvt_pinned::DownloadProgress;
 
 use mvt_run::io::print_line;
@@ -19,8 +18,12 @@ use mvt_run::progress;
 pub enum AssetsCommand {
     /// Print name, mass and origin of every object
     List,
-    /// Download the YCB meshes now instead of on first use (31 MB)
-    Fetch,
+    /// Download the YCB meshes (31 MB) or the LEAP hand (89 MB) now instead of on first use
+    Fetch {
+        /// What to download
+        #[arg(default_value = "ycb", value_parser = ["ycb", "leap"])]
+        set: String,
+    },
     /// Compare every mesh with its SHA-256 sum
     Verify,
     /// Remove the downloaded meshes
@@ -48,8 +51,16 @@ pub fn run(command: &AssetsCommand) -> Result<()> {
     let library = catalogue::ycb_library()?;
     match command {
         AssetsCommand::List => list(Some(&library)),
-        AssetsCommand::Fetch => {
-            fetch(&library)?;
+        AssetsCommand::Fetch { set } if set == "leap" => {
+            print_line(&format!("the LEAP hand is ready in {}", mvt_hands::leap_folder()?.display()))
+        }
+        AssetsCommand::Fetch { .. } => {
+            let bar = progress::bar(0, "unpacking the YCB meshes");
+            library.fetch(&YCB, DownloadProgress::Shown, &mut |done, of| {
+                bar.set_length(of as u64);
+                bar.set_position(done as u64);
+            })?;
+            bar.finish_and_clear();
             print_line(&format!("{} YCB meshes are ready in {}", library.list().len(), library.folder().display()))
         }
         AssetsCommand::Verify => verify(&library),
@@ -58,17 +69,6 @@ pub fn run(command: &AssetsCommand) -> Result<()> {
             print_line(&format!("removed {} files, {:.1} MB", cleaned.files, cleaned.bytes as f64 / 1e6))
         }
     }
-}
-
-/// Downloads the YCB meshes if they are missing, with a progress bar.
-fn fetch(library: &Library) -> Result<()> {
-    let bar = progress::bar(0, "unpacking the YCB meshes");
-    library.fetch(&YCB, DownloadProgress::Shown, &mut |done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    Ok(())
 }
 
 /// Lists all objects. Without a library, because there is no cache folder, nothing is downloaded.

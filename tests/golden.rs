@@ -123,8 +123,10 @@ fn settings_of_version_0_1_0_are_read() {
     assert_eq!(value("slam.map.first_steps"), Some(40.into()));
     assert_eq!(value("slam.field.levels"), Some(vec![4].into()));
     // `velocity_sigma = [0.002, 0.04]` in version 0.1.0. Fails until renamed settings are migrated.
-    assert_eq!(value("slam.tracker.velocity_sigma_m"), Some(0.002.into()));
-    assert_eq!(value("slam.tracker.velocity_sigma_rad"), Some(0.04.into()));
+    assert_eq!(value("slam.tracker.velocity_sigma_m_s"), Some(0.075.into()));
+    assert_eq!(value("slam.tracker.velocity_sigma_rad_s"), Some(1.5.into()));
+    // `steps`, per frame.
+    assert_eq!(value("slam.map.steps_per_s").and_then(|steps| steps.as_float()).map(|steps| steps % 30.0), Some(0.0));
 }
 
 /// Keyframes of version 0.1.0 hold joint angles where later ones hold the poses of obstacles. Fails until they do.

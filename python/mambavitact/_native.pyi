@@ -60,6 +60,8 @@ class Frame:
         *,
         depth_m: Sequence[ArrayLike] = ...,
         color: Sequence[ArrayLike] = ...,
+        masks: Sequence[ArrayLike] = ...,
+        labels: Sequence[ArrayLike] = ...,
         touch_images: ArrayLike | None = None,
         indentation_mm: ArrayLike | None = None,
         contact: ArrayLike | None = None,

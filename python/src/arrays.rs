@@ -112,7 +112,7 @@ pub fn image(value: &Bound<'_, PyAny>, name: &str, size: [Option<usize>; 2]) -> 
 }
 
 /// Reads bytes: no other dtype is taken for colours.
-fn bytes(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usize>]) -> PyResult<ArrayD<u8>> {
+pub fn bytes(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usize>]) -> PyResult<ArrayD<u8>> {
     let (_, _, found) = as_array(value, name)?;
     // Another dtype has no kind that fits.
     read::<u8>(value, name, "uint8", if found == "uint8" { "u" } else { "" }, shape)

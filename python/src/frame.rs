@@ -1,6 +1,7 @@
 //! Sensor data of one instant.
 
 use image::RgbImage;
+use mvt_frames::depth::{GivenLabels, Label};
 use mvt_frames::{Isometry, Object, World};
 use mvt_perceive::true_press;
 use mvt_robot::hand::{Hand, JointAngles, PerPad};
@@ -11,7 +12,7 @@ use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::arrays::{
-    image, images, line, matrix, motion, numbers, pixels, plane, same_size, shaped, singles, stacked, truths,
+    bytes, image, images, line, matrix, motion, numbers, pixels, plane, same_size, shaped, singles, stacked, truths,
 };
 use crate::errors::Kind;
 
@@ -19,13 +20,17 @@ use crate::errors::Kind;
 ///
 /// `joints` are the angles of the hand's joints in radians (16 of an Allegro), `depth_m` one image per camera (metres along the optical axis, 0 where nothing was measured),
 /// `touch_images` (P, height, width, 3), `indentation_mm` and `contact` (P, height, width) for the P pads of the hand (4 of an Allegro, with 320 x 240
-/// pixels). Without touch images or indentation the pads deliver nothing.
+/// pixels). Without touch images or indentation the pads deliver nothing. `masks`, one bool (height, width) per depth image, show where the object
+/// is visible; or `labels`, uint8 (height, width), show 0 background, 127 hand, 255 object and 64 unsure. Without them the pixels are labelled
+/// from the hand's geometry.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Frame {
     pub time_s: f64,
     pub joints: JointAngles,
     pub colours: Vec<RgbImage>,
     pub depths_m: Vec<Array2<f32>>,
+    /// What is known of the pixels of each camera beforehand, in their order.
+    pub labels: Vec<GivenLabels>,
     /// Images of the touch sensors; `None` without touch images.
     pub touch: Option<PerPad<RgbImage>>,
     /// True press on each touch sensor, where it is known.
@@ -46,19 +51,22 @@ impl Frame {
         let touched = truth.iter().flat_map(|truth| truth.touch.iter().zip(hand.gel_views().iter()));
         let presses = touched.map(|(truth, gel)| true_press(truth, gel)).collect();
         let object_pose = truth.map(|truth| truth.object_pose);
-        Self { time_s, joints, colours, depths_m, touch: Some(touch), presses, object_pose, next_joints: None }
+        let labels = Vec::new();
+        Self { time_s, joints, colours, depths_m, labels, touch: Some(touch), presses, object_pose, next_joints: None }
     }
 }
 
 #[pymethods]
 impl Frame {
     #[new]
-    #[pyo3(signature = (time_s, joints, *, depth_m = Vec::new(), color = Vec::new(), touch_images = None, indentation_mm = None, contact = None, object_pose = None))]
+    #[pyo3(signature = (time_s, joints, *, depth_m = Vec::new(), color = Vec::new(), masks = Vec::new(), labels = Vec::new(), touch_images = None, indentation_mm = None, contact = None, object_pose = None))]
     fn new(
         time_s: f64,
         joints: &Bound<'_, PyAny>,
         depth_m: Vec<Bound<'_, PyAny>>,
         color: Vec<Bound<'_, PyAny>>,
+        masks: Vec<Bound<'_, PyAny>>,
+        labels: Vec<Bound<'_, PyAny>>,
         touch_images: Option<&Bound<'_, PyAny>>,
         indentation_mm: Option<&Bound<'_, PyAny>>,
         contact: Option<&Bound<'_, PyAny>>,
@@ -69,6 +77,7 @@ impl Frame {
         }
         let depths_m = depth_m.iter().enumerate().map(|(k, depth)| plane(depth, &format!("depth_m[{k}]"), [None; 2]));
         let colours = color.iter().enumerate().map(|(k, color)| image(color, &format!("color[{k}]"), [None; 2]));
+        let labels = read_labels(&masks, &labels, depth_m.len())?;
         let touch = match touch_images {
             Some(value) => Some(PerPad(images(value, "touch_images", None, [None; 2])?)),
             None => None,
@@ -99,6 +108,7 @@ impl Frame {
             joints: read_joints(joints, "joints")?,
             colours: colours.collect::<PyResult<_>>()?,
             depths_m: depths_m.collect::<PyResult<_>>()?,
+            labels,
             touch,
             presses,
             object_pose: object_pose.map(|pose| motion(pose, "object_pose")).transpose()?,
@@ -165,6 +175,8 @@ impl Frame {
         let camera = |(k, depth_m): (usize, &Array2<f32>)| Rgbd {
             color: self.colours.get(k).cloned().unwrap_or_default(),
             depth_m: depth_m.clone(),
+            labels: self.labels.get(k).cloned(),
+            world_from_camera: None,
         };
         Observation {
             time_s: self.time_s,
@@ -184,6 +196,40 @@ impl Frame {
         let (rows, columns) = same_size(presses.iter().map(|press| press.contact.dim()))?;
         let shape = [presses.len(), rows, columns];
         Ok(Some((presses.into_iter().flat_map(values).collect(), shape)))
+    }
+}
+
+/// Reads the masks or the labels of `cameras` images; both are empty where nothing is known.
+fn read_labels(masks: &[Bound<'_, PyAny>], labels: &[Bound<'_, PyAny>], cameras: usize) -> PyResult<Vec<GivenLabels>> {
+    if !masks.is_empty() && !labels.is_empty() {
+        return Err(Kind::Argument.error("give masks or labels, not both").into());
+    }
+    for (name, given) in [("masks", masks.len()), ("labels", labels.len())] {
+        if given != 0 && given != cameras {
+            return Err(Kind::Argument
+                .error(format!("{name}: expected one per depth image ({cameras}), got {given}"))
+                .into());
+        }
+    }
+    let mask = |(k, mask): (usize, &Bound<'_, PyAny>)| {
+        let mask = truths(mask, &format!("masks[{k}]"), &[None; 2])?;
+        Ok(GivenLabels::Mask(mask.into_dimensionality::<Ix2>().unwrap_or_default()))
+    };
+    let label = |(k, levels): (usize, &Bound<'_, PyAny>)| {
+        let name = format!("labels[{k}]");
+        let levels = bytes(levels, &name, &[None; 2])?;
+        let known = |grey: &u8| {
+            let words =
+                || format!("{name}: expected 0 (background), 127 (hand), 255 (object) and 64 (unsure), got {grey}");
+            Label::from_grey(*grey).ok_or_else(|| Kind::Argument.error(words()))
+        };
+        let labels = levels.iter().map(known).collect::<Result<Vec<_>, _>>()?;
+        let size = levels.into_dimensionality::<Ix2>().map(|levels| levels.dim()).unwrap_or_default();
+        Ok(GivenLabels::Labels(Array2::from_shape_vec(size, labels).unwrap_or_default()))
+    };
+    match masks.is_empty() {
+        true => labels.iter().enumerate().map(label).collect(),
+        false => masks.iter().enumerate().map(mask).collect(),
     }
 }
 

@@ -130,6 +130,37 @@ def test_labels_are_the_true_ones_but_for_edges(log: Log) -> None:
         segment(camera, frame.depth_m[0][1:], frame.joints)
 
 
+def test_masks_and_labels_may_be_given(log: Log) -> None:
+    camera, settings = log.cameras[0], {"calibration.refine": False, "slam.map.first_steps": 10}
+    frame = log[5]
+    with Image.open(log.folder / "realsense" / camera.name / "seg" / "5.jpg") as image:
+        labels = np.asarray(image)
+
+    def pose(**given: list[np.ndarray]) -> np.ndarray:
+        slam = Slam(log.cameras, settings=settings)
+        return slam.observe(Frame(frame.time_s, frame.joints, depth_m=frame.depth_m, **given)).pose
+
+    by_mask, by_labels = pose(masks=[labels == 255]), pose(labels=[labels])
+    assert np.linalg.norm(by_mask[:3, 3] - by_labels[:3, 3]) < 0.002 and not np.array_equal(by_labels, pose())
+    with pytest.raises(ArgumentError, match="masks or labels, not both"):
+        pose(masks=[labels == 255], labels=[labels])
+    with pytest.raises(ArgumentError, match="masks: expected one per depth image"):
+        pose(masks=[labels == 255, labels == 255])
+    with pytest.raises(ArgumentError, match=r"labels\[0\]: expected 0 .*, got 9"):
+        pose(labels=[np.full_like(labels, 9)])
+    with pytest.raises(ArgumentError, match="label image is 640 x 479 pixels; 640 x 480 expected"):
+        pose(masks=[labels[1:] == 255])
+    with pytest.raises(ArgumentError, match="there are no labels"):
+        Slam(log.cameras, settings=settings | {"segmentation.labels": "given"}).observe(frame)
+
+
+def test_frames_come_in_the_order_of_their_times(log: Log) -> None:
+    slam = Slam([], modality="tac")
+    slam.observe(Frame(1.0, np.zeros(16)))
+    with pytest.raises(ArgumentError, match="does not come after that of 1 s"):
+        slam.observe(Frame(0.5, np.zeros(16)))
+
+
 def test_touch_alone_and_the_network_serve(log: Log) -> None:
     frames = list(log)
     untouched = Episode(OBJECT).untouched()

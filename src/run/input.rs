@@ -13,7 +13,7 @@ use mvt_run::estimator::Mode;
 use mvt_run::explorer::ExploreStrategy;
 use mvt_run::exploring::direct;
 use mvt_run::object::{default_object, load_object};
-use mvt_run::source::{LogSource, Source};
+use mvt_run::source::{Recorded, RecordedOptions, Source};
 use mvt_run::supervisor::Supervisor;
 use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
 
@@ -47,31 +47,21 @@ impl RunInput {
 }
 
 fn from_log(arguments: &RunArguments, folder: &Path, config: &RunConfig) -> Result<RunInput> {
-    let RunArguments { cameras, modality, touch, .. } = arguments;
-    let (noise, perception) = (config.camera_noise, config.perception());
-    let mut source = LogSource::open(folder, cameras.as_deref(), *modality, noise, touch, perception)?;
-    let name = arguments.object.clone().unwrap_or_else(|| source.object().to_owned());
-    let object = match load_object(&name) {
-        Ok(object) => Some(object),
-        Err(error) if arguments.object.is_some() || arguments.mode == Mode::Pose => return Err(error),
-        Err(error) => {
-            tracing::warn!("{error:#}; the run continues without scores");
-            None
-        }
+    let calibration =
+        arguments.calibration_file.as_deref().map(|path| calibrate::read(path).map(|calibration| (path, calibration)));
+    let options = RecordedOptions {
+        cameras: arguments.cameras.as_deref(),
+        modality: arguments.modality,
+        touch: &arguments.touch,
+        object: arguments.object.as_deref(),
+        needs_object: arguments.mode == Mode::Pose,
+        calibration: calibration.transpose()?,
+        duration_s: arguments.duration,
+        wants_pictures: mvt_recording::has_images,
+        config,
     };
-    source.limit_pictures(mvt_recording::has_images, config.slam.tracker.colour_weight > 0.0);
-    if let Some(path) = &arguments.calibration_file {
-        source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
-    }
-    if let Some(object) = &object {
-        source.set_object_from_file(object.object_from_file);
-    }
-    if let Some(duration_s) = arguments.duration {
-        source.limit(duration_s);
-    }
-    let seed = arguments.seed.unwrap_or(source.seed());
-    let cameras = source.cameras().to_vec();
-    Ok(RunInput { seed, name, object, supervisor: None, cameras, source: Box::new(source) })
+    let Recorded { source, seed, name, object, cameras } = Recorded::open(folder, &options)?;
+    Ok(RunInput { seed: arguments.seed.unwrap_or(seed), name, object, supervisor: None, cameras, source })
 }
 
 fn simulated(arguments: &RunArguments, config: &RunConfig) -> Result<RunInput> {

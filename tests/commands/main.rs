@@ -21,6 +21,7 @@ mod mesh_files;
 mod npy;
 mod old_names;
 mod report;
+mod rgbd;
 mod rigs;
 mod run;
 mod score;

@@ -145,6 +145,25 @@ fn a_log_serves_all_modes() {
 }
 
 #[test]
+fn labels_of_a_log_take_the_place_of_the_hands_geometry() {
+    let workplace = with_log();
+    let given = format!("run --log {LOG} --set segmentation.labels=given --out given");
+    workplace.run(&format!("{given} --quiet")).good();
+    assert!(summary(&workplace, "given")["add_s_mm"]["mean"].as_f64().unwrap() < 3.0);
+    workplace.run(&format!("run --log {LOG} --quiet")).good();
+    assert_ne!(trajectory(&workplace, "given"), trajectory(&workplace, "out"));
+    let labels = workplace.path(LOG).join("realsense/side/seg");
+    fs::write(labels.join("3.jpg"), "no image").unwrap();
+    let said = workplace.run(&given).warned();
+    assert!(said.contains("frame 3: ") && said.contains("used without this camera"), "{said}");
+    fs::remove_dir_all(labels).unwrap();
+    let said = workplace.run(&given).error();
+    assert!(said.contains("no labels") && said.contains("segmentation.labels=given"), "{said}");
+    // A simulator has its own.
+    workplace.run("run --object cube70 --duration 0.3 --set segmentation.labels=given --quiet --out simulated").good();
+}
+
+#[test]
 fn an_estimated_shape_is_continued_and_meshed() {
     let workplace = with_log();
     workplace.run(&format!("run --log {LOG} --quiet")).good();

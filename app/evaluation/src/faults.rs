@@ -130,6 +130,7 @@ fn trial(episode: &Episode<'_>, config: &RunConfig, modality: Modality, fault: F
         blank: if fault == FaultKind::Frozen { 0..0 } else { span.clone() },
         bump: (fault == FaultKind::Bump).then_some((fault_frame as u64, bump)),
         frozen: if fault == FaultKind::Frozen { span } else { 0..0 },
+        dropped: 0.0,
     };
     // Half a frame more, so that the last one is not lost to rounding.
     let mut source = simulated(episode, (last as f64 + 0.5) / f64::from(FRAME_HZ), config, trouble)?;

@@ -104,7 +104,7 @@ pub fn comparisons(
         return Ok(keys);
     }
     let (slam, seed) = (&config.slam, episode.seed);
-    let taught = map::MapConfig { refined: 0, loop_turn_deg: 0.0, ..slam.map.clone() };
+    let taught = map::MapConfig { refined_per_s: 0.0, loop_turn_deg: 0.0, ..slam.map.clone() };
     let hashed_field =
         field::FieldConfig { levels: HASHED_LEVELS.to_vec(), table_log2: HASHED_TABLE_LOG2, ..slam.field.clone() };
     let mut dense = Map::new(taught.clone(), &slam.field, map_obstacles(&episode.rig.hand), seed)?;
@@ -116,7 +116,7 @@ pub fn comparisons(
 
     let mut source = simulated(episode, arguments.duration, config, Fault::default())?;
     let (mut frames, mut learnt) = (0, 0);
-    let mut last = None;
+    let (mut last, mut before_s) = (None, None);
     let estimators = vec![setup(config, Mode::Slam, Modality::Vitac, seed)];
     let mut finished =
         follow(&mut source, episode.object, None, estimators, config.mesh_cell_mm, |results, sensed| {
@@ -126,6 +126,7 @@ pub fn comparisons(
             let truth = sensed.truth.context("a simulated episode without truth")?;
             last = Some(truth.inverse() * estimate.pose);
             frames += 1;
+            let interval_s = estimate.time_s - before_s.replace(estimate.time_s).unwrap_or(estimate.time_s);
             if !estimate.state.is_tracking() || estimate.confidence < slam.trust.learn_above {
                 return Ok(());
             }
@@ -138,8 +139,8 @@ pub fn comparisons(
             // Of the others the model and the field are one: they refine no poses.
             let pose = Isometry::new(estimate.pose.untyped());
             spent[0] += estimate.spent.map;
-            spent[1] += time(|| dense.learn(scan, pose, &mut rng()));
-            spent[2] += time(|| hashed.learn(scan, pose, &mut rng()));
+            spent[1] += time(|| dense.learn(scan, pose, interval_s, &mut rng()));
+            spent[2] += time(|| hashed.learn(scan, pose, interval_s, &mut rng()));
             spent[3] += time(|| integrate(&mut tsdf, &obstacles, scan, pose));
             Ok(())
         })?;

@@ -11,12 +11,14 @@
 //! ```
 
 mod explore;
+mod factors;
 mod faults;
 mod fields;
 mod grasps;
 pub mod hand;
 mod lines;
 pub mod manner;
+mod rates;
 pub mod rigs;
 mod single;
 mod speed;
@@ -25,7 +27,7 @@ mod survey;
 mod table;
 mod tsdf;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -49,15 +51,16 @@ use mvt_run::device::DeviceArguments;
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
+use mvt_run::observed::Observed;
 use mvt_run::pipeline::{EstimatorSetup, Finished, FrameResult, Meshing, Pipeline, Progress};
 use mvt_run::report;
-use mvt_run::report::{ErrorStatistics, FrameRow, ShapeScores, TrackState};
-use mvt_run::settings;
+use mvt_run::report::{ErrorStatistics, FrameRow, ObservedScores, ShapeScores, TrackState};
 use mvt_run::source::{Modality, Sensed, TouchArguments};
 use mvt_run::truth::Truth;
 use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
 
 use explore::ExploreMode;
+use factors::{FULL, matters, variants};
 use lines::{Keyed, Tell, all};
 pub use single::{SingleRun, tables};
 
@@ -125,11 +128,14 @@ pub struct EvaluateArguments {
     /// poses later. DIR/fields.jsonl receives the lines
     #[arg(long, conflicts_with_all = ["ablate", "faults", "modes", "modalities"])]
     fields: bool,
+    /// Run each episode with 10, 15, 30 and 60 frames per second, and with a third of 30 dropped at random
+    #[arg(long, conflicts_with_all = ["ablate", "faults", "fields"])]
+    rates: bool,
     /// Let a supervisor direct the hand, and follow the F-score over time (mode slam, camera and touch). MODES, separated by
     /// semicolons, are played from the same starts: frontier chooses the controller by the estimate as `run --explore`,
     /// round-robin takes them in turn for 6 s each, random draws them, fixed=CONTROLLER plays one or a schedule as `run` without --explore, and oracle
     /// knows the true surface and plans as frontier does: an upper bound. DIR/explore.jsonl receives the lines
-    #[arg(long, value_name = "MODES", value_delimiter = ';', conflicts_with_all = ["ablate", "faults", "fields", "modes", "modalities"])]
+    #[arg(long, value_name = "MODES", value_delimiter = ';', conflicts_with_all = ["ablate", "faults", "fields", "rates", "modes", "modalities"])]
     explore: Vec<ExploreMode>,
     /// Number of episodes at a time
     #[arg(long, default_value_t = 2, value_parser = value_parser!(u16).range(1..=256))]
@@ -140,43 +146,6 @@ pub struct EvaluateArguments {
     /// Override a setting (repeatable)
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-}
-
-/// The variant with all factors.
-const FULL: &str = "full";
-
-/// Settings that are 0 in an ablation.
-const FACTORS: [&str; 15] = [
-    "slam.tracker.camera_weight",
-    "slam.tracker.touch_weight",
-    "slam.tracker.free_space_weight",
-    "slam.tracker.icp_weight",
-    "slam.tracker.colour_weight",
-    "slam.tracker.velocity_weight",
-    "slam.tracker.contact_weight",
-    "slam.tracker.penetration_weight",
-    "slam.tracker.outline_points",
-    "slam.map.refined",
-    "slam.map.loop_turn_deg",
-    "slam.map.hand_part",
-    "slam.map.inside_weight",
-    "slam.map.core_weight",
-    "slam.field.eikonal_weight",
-];
-
-/// Whether a factor has any effect.
-fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
-    match factor {
-        "slam.tracker.camera_weight"
-        | "slam.tracker.icp_weight"
-        | "slam.tracker.colour_weight"
-        | "slam.tracker.free_space_weight"
-        | "slam.tracker.outline_points" => mode != Mode::Map && modality.has_vision(),
-        "slam.tracker.touch_weight" | "slam.tracker.contact_weight" => mode != Mode::Map && modality.has_touch(),
-        "slam.map.refined" | "slam.map.loop_turn_deg" => mode == Mode::Slam,
-        _ if factor.starts_with("slam.map.") || factor.starts_with("slam.field.") => mode != Mode::Pose,
-        _ => mode != Mode::Map,
-    }
 }
 
 /// Identity of a run.
@@ -217,6 +186,12 @@ pub struct Line {
     pub f_score: BTreeMap<u32, f64>,
     /// F-score by threshold from 100,000 points.
     pub f_score_fine: BTreeMap<u32, f64>,
+    /// F-score by threshold from 10,000 points of the part of the surface that was measured.
+    #[serde(default)]
+    pub f_score_observed: BTreeMap<u32, f64>,
+    /// Sum of the true object's rotations from half second to half second, radians.
+    #[serde(default)]
+    pub turned_rad: f64,
     /// One-directional ADD-S; `None` if the object was never seen.
     pub add_s_mm: Option<Errors>,
     /// Symmetric ADD-S.
@@ -341,10 +316,15 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
         let path = arguments.out.join("runs.jsonl");
         let lines = all(arguments, &episodes, &path, |episode, done, tell| {
             let mut trials = trials(arguments, episode, &variants);
-            let keys = trials.iter().map(|trial| trial.key.clone()).collect();
+            let keys: HashSet<Key> = trials.iter().map(|trial| trial.key.clone()).collect();
+            let at_rates = if arguments.rates {
+                rates::runs(arguments.duration, episode, &trials, done, tell)?
+            } else {
+                HashSet::new()
+            };
             trials.retain(|trial| !done.contains(&trial.key));
             whole(arguments.duration, episode, &trials, tell)?;
-            Ok(keys)
+            Ok(&keys | &at_rates)
         })?;
         let spread = spread::table(&lines);
         (table::tables(&lines) + &spread, table::summary(&lines) + &spread)
@@ -360,22 +340,6 @@ fn check_repeated<T: PartialEq + std::fmt::Debug>(option: &str, list: &[T]) -> R
         Some((_, item)) => bail!("{option} names {item:?} twice"),
         None => Ok(()),
     }
-}
-
-/// The settings of each variant by its name: those asked for, and each with a factor at 0.
-fn variants(arguments: &EvaluateArguments) -> Result<Vec<(&'static str, RunConfig)>> {
-    let load = |set: &[String]| -> Result<RunConfig> {
-        let config: RunConfig = settings::load(arguments.config.as_deref(), set)?;
-        Ok(config)
-    };
-    let mut variants = vec![(FULL, load(&arguments.set)?)];
-    if arguments.ablate {
-        for factor in FACTORS {
-            let set = [arguments.set.as_slice(), &[format!("{factor}=0")]].concat();
-            variants.push((factor, load(&set)?));
-        }
-    }
-    Ok(variants)
 }
 
 fn trials(arguments: &EvaluateArguments, episode: &Episode<'_>, variants: &[(&str, RunConfig)]) -> Vec<Trial> {
@@ -489,34 +453,46 @@ fn follow<'a>(
 /// All trials of an episode as estimators of one run, so that all receive the same frames and no frame is kept.
 fn whole(duration_s: f64, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
     let Some(first) = trials.first() else { return Ok(()) };
-    let mut source = simulated(episode, duration_s, &first.config, Fault::default())?;
+    let source = simulated(episode, duration_s, &first.config, Fault::default())?;
+    scored(source, episode, trials, tell)
+}
+
+/// The same on a source of its own.
+fn scored(mut source: SimulatedSource, episode: &Episode<'_>, trials: &[Trial], tell: Tell<'_, Line>) -> Result<()> {
+    let Some(first) = trials.first() else { return Ok(()) };
     let seed = |trial: &Trial| episode.seed.wrapping_add(trial.key.estimator_seed);
     let estimators = trials.iter().map(|trial| setup(&trial.config, trial.mode, trial.modality, seed(trial))).collect();
     let mut rows: Vec<Vec<FrameRow>> = trials.iter().map(|_| Vec::new()).collect();
+    let mut observed: Vec<Observed> = trials.iter().map(|_| Observed::default()).collect();
     let mut hidden = Vec::new();
     // Errors are computed at the end, with all points.
     let finished =
         follow(&mut source, episode.object, None, estimators, first.config.mesh_cell_mm, |results, sensed| {
-            for (rows, result) in rows.iter_mut().zip(results) {
-                rows.extend(result.as_ref().map(|result| result.row));
+            for ((rows, observed), result) in rows.iter_mut().zip(&mut observed).zip(results) {
+                let Some(result) = result else { continue };
+                rows.push(result.row);
+                if let Some(truth) = sensed.truth {
+                    observed.add(&result.scan, truth);
+                }
             }
             hidden.extend(sensed.hidden);
             Ok(())
         })?;
     let hidden = (!hidden.is_empty()).then(|| hidden.iter().sum::<f64>() / hidden.len() as f64);
     let truth = Truth::new(episode.object.clone());
-    for ((trial, rows), estimated) in trials.iter().zip(rows).zip(&finished.estimators) {
+    let results = rows.into_iter().zip(&observed).zip(&finished.estimators);
+    for (trial, ((rows, observed), estimated)) in trials.iter().zip(results) {
         // A known shape needs no score.
         let learned = estimated.as_ref().filter(|estimated| estimated.estimator.map().is_some());
         let mesh = learned.and_then(|estimated| estimated.mesh.as_ref());
-        tell(line(trial, rows, mesh, &truth, &finished.end, hidden))?;
+        tell(line(trial, (rows, observed), mesh, &truth, &finished.end, hidden))?;
     }
     Ok(())
 }
 
 fn line(
     trial: &Trial,
-    rows: Vec<FrameRow>,
+    (rows, observed): (Vec<FrameRow>, &Observed),
     mesh: Option<&Mesh>,
     truth: &Truth,
     end: &str,
@@ -526,6 +502,7 @@ fn line(
     let motion = rows.last().and_then(|row| Some(row.truth?.inverse() * row.estimate));
     let surface = mesh.filter(|mesh| mesh.area_m2() > 0.0).zip(motion);
     let shape = surface.map(|(mesh, motion)| ShapeScores::new(mesh, truth, motion)).unwrap_or_default();
+    let of_observed = surface.map(|(mesh, motion)| ObservedScores::new(mesh, truth, observed, motion));
     let count = |state| rows.iter().filter(|row| row.state == state).count();
     let failed = rows.last().and_then(|row| row.add_s).is_some_and(|e| e.one_directional_m > FAILURE_M);
     let ms: f64 = rows.iter().map(|row| row.stage_ms.track + row.stage_ms.map).sum();
@@ -536,6 +513,8 @@ fn line(
         hidden,
         f_score: shape.f_score.unwrap_or_default(),
         f_score_fine: shape.f_score_fine.unwrap_or_default(),
+        f_score_observed: of_observed.map(|scores| scores.f_score).unwrap_or_default(),
+        turned_rad: turned_rad(&rows),
         add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m).map(Into::into),
         add_s_symmetric_mm: ErrorStatistics::new(&rows, |e| e.symmetric_m).map(Into::into),
         lost_frames: count(TrackState::Lost),
@@ -543,4 +522,19 @@ fn line(
         undeclared: failed && rows.last().is_some_and(|row| row.state != TrackState::Lost),
         frames_per_second: Some(if ms > 0.0 { rows.len() as f64 / ms * 1e3 } else { 0.0 }),
     }
+}
+
+/// Sum of the true rotations from half second to half second, radians: vibrations do not count.
+fn turned_rad(rows: &[FrameRow]) -> f64 {
+    const SPAN_S: f64 = 0.5;
+    let mut poses = rows.iter().filter_map(|row| Some((row.time_s, row.truth?.untyped().rotation)));
+    let Some(mut from) = poses.next() else { return 0.0 };
+    let mut sum = 0.0;
+    for (time_s, rotation) in poses {
+        if time_s - from.0 >= SPAN_S {
+            sum += from.1.angle_to(&rotation);
+            from = (time_s, rotation);
+        }
+    }
+    sum
 }

@@ -65,6 +65,8 @@ mod tests {
             hidden: None,
             f_score: Default::default(),
             f_score_fine: Default::default(),
+            f_score_observed: Default::default(),
+            turned_rad: 0.0,
             add_s_mm: Some(Errors { mean, median: mean, p95: mean, last: mean }),
             add_s_symmetric_mm: None,
             lost_frames: 0,

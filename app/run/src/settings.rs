@@ -13,14 +13,58 @@ use toml::{Table, Value};
 
 /// Largest settings file that is read, bytes.
 const LARGEST_FILE: u64 = 1 << 20;
-/// Keys of version 0.1.0 that held two numbers, each with the keys that hold them now.
-const RENAMED: [(&str, [&str; 2]); 5] = [
-    ("slam.tracker.velocity_sigma", ["slam.tracker.velocity_sigma_m", "slam.tracker.velocity_sigma_rad"]),
-    ("slam.tracker.slip_sigma_m", ["slam.tracker.slip_still_sigma_m", "slam.tracker.slip_changing_sigma_m"]),
-    ("slam.map.refine_sigma", ["slam.map.refine_sigma_m", "slam.map.refine_sigma_rad"]),
-    ("slam.trust.surprise", ["slam.trust.surprise_m", "slam.trust.surprise_rad"]),
-    ("supervisor.drift_m", ["supervisor.drift_begin_m", "supervisor.drift_end_m"]),
+/// Keys of version 0.1.0, each with the keys that hold its numbers now and how the numbers become theirs. Frames came at 30 Hz then.
+const RENAMED: [(&str, &[(&str, Conversion)]); 10] = [
+    ("slam.tracker.velocity_kept", &[("slam.tracker.velocity_memory_s", Some(|kept| -PERIOD_S / kept.ln()))]),
+    (
+        "slam.tracker.velocity_sigma",
+        &[
+            ("slam.tracker.velocity_sigma_m_s", Some(velocity_of_change)),
+            ("slam.tracker.velocity_sigma_rad_s", Some(velocity_of_change)),
+        ],
+    ),
+    (
+        "slam.tracker.slip_sigma_m",
+        &[
+            ("slam.tracker.slip_still_1s_sigma_m", Some(|slip_m| slip_m / PERIOD_S.sqrt())),
+            ("slam.tracker.slip_changing_sigma_m", None),
+        ],
+    ),
+    ("slam.map.steps", &[("slam.map.steps_per_s", Some(per_second))]),
+    ("slam.map.refined", &[("slam.map.refined_per_s", Some(per_second))]),
+    ("slam.map.refine_sigma", &[("slam.map.refine_sigma_m", None), ("slam.map.refine_sigma_rad", None)]),
+    (
+        "slam.trust.surprise",
+        &[("slam.trust.surprise_m_s", Some(per_second)), ("slam.trust.surprise_rad_s", Some(per_second))],
+    ),
+    ("slam.trust.lost_after", &[("slam.trust.lost_after_s", Some(|frames| 0.03 * (frames - 1.0)))]),
+    ("slam.trust.search_every", &[("slam.trust.search_interval_s", Some(|frames| 0.03 * frames))]),
+    ("supervisor.drift_m", &[("supervisor.drift_begin_m", None), ("supervisor.drift_end_m", None)]),
 ];
+
+/// How a number of version 0.1.0 becomes one of now; `None` if it stays.
+type Conversion = Option<fn(f64) -> f64>;
+
+/// Time between two frames of version 0.1.0, seconds.
+const PERIOD_S: f64 = 1.0 / 30.0;
+
+fn per_second(per_frame: f64) -> f64 {
+    per_frame / PERIOD_S
+}
+
+/// The velocity of which a change per frame is that of version 0.1.0, which kept 0.6 of it.
+fn velocity_of_change(per_frame: f64) -> f64 {
+    per_second(per_frame) / 0.8
+}
+
+/// Rounds to four digits: what a conversion gives is not exact.
+fn converted(value: Value, conversion: Conversion) -> Value {
+    let number = value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
+    match (number, conversion) {
+        (Some(number), Some(convert)) => Value::Float(format!("{:.3e}", convert(number)).parse().unwrap_or(number)),
+        _ => value,
+    }
+}
 
 /// Settings that cannot be read. Each message is one line.
 #[derive(Debug, thiserror::Error)]
@@ -191,12 +235,21 @@ fn assigned<T: DeserializeOwned>(
     let wrong = |wanted: String| {
         Err(LoadSettingsError::WrongKind { origin: origin.to_owned(), key: key.to_owned(), wanted, given })
     };
-    if let Some((_, names)) = RENAMED.iter().find(|(old, _)| *old == key) {
-        let Value::Array(values) = value else { return wrong("a list of 2 numbers".to_owned()) };
-        let Ok(values) = <[Value; 2]>::try_from(values) else { return wrong("a list of 2 numbers".to_owned()) };
+    if let Some((_, parts)) = RENAMED.iter().find(|(old, _)| *old == key) {
+        let values = match (parts.len(), value) {
+            (1, value) => vec![value],
+            (_, Value::Array(values)) => values,
+            _ => Vec::new(),
+        };
+        if values.len() != parts.len() {
+            return wrong(format!("a list of {} numbers", parts.len()));
+        }
+        let names: Vec<&str> = parts.iter().map(|(name, _)| *name).collect();
         tracing::warn!("{origin}: {key} is replaced by {}", names.join(" and "));
-        let mut pairs = names.iter().zip(values);
-        return pairs.try_fold(table, |table, (name, value)| assigned::<T>(table, listing, origin, name, value));
+        let mut pairs = parts.iter().zip(values);
+        return pairs.try_fold(table, |table, ((name, conversion), value)| {
+            assigned::<T>(table, listing, origin, name, converted(value, *conversion))
+        });
     }
     let range = listing.iter().find(|setting| setting.key == key).map(|setting| setting.range.as_str());
     let (Some(place), Some(range)) = (lookup(&mut table, key), range) else {

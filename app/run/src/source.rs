@@ -1,6 +1,8 @@
-//! Where sensed frames come from: a simulated episode, or a log.
+//! Where sensed frames come from: a simulated episode, a log, or an RGB-D sequence.
 
 mod log;
+mod recorded;
+mod rgbd;
 mod touch;
 
 use anyhow::Result;
@@ -18,6 +20,8 @@ use std::fmt;
 use std::sync::Arc;
 
 pub use log::LogSource;
+pub use recorded::{Recorded, RecordedOptions};
+pub use rgbd::RgbdSource;
 pub use touch::{TouchArguments, TouchOrigin, equipped, shipped_weights, weights_of};
 
 /// A frame of a source.

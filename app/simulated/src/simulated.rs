@@ -7,6 +7,7 @@ use std::time::Instant;
 use anyhow::Result;
 use mvt_calibration::{Calibration, CalibrationError};
 use mvt_frames::camera::PosedCamera;
+use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Camera, Isometry, World};
 use mvt_gaits::clock::FRAME_HZ;
 use mvt_gaits::directive::Directive;
@@ -14,7 +15,7 @@ use mvt_gaits::feedback::EstimatedPlace;
 use mvt_gaits::gait::Gait;
 use mvt_gaits::schedule::Schedule;
 use mvt_objects::object::Object;
-use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
+use mvt_perceive::{LabelSource, Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
 use mvt_physics::episode::{Episode, EpisodeConfig, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{TouchConfig, TouchOptions};
@@ -23,6 +24,8 @@ use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use crate::recorder;
 use mvt_run::source::{Modality, Pictures, Sensed, Source};
 use mvt_touch::network::Weights;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
 
 /// Settings of a simulated episode and its sensors.
 #[derive(Debug, Clone)]
@@ -66,6 +69,8 @@ pub struct Fault {
     pub bump: Option<(u64, Isometry<Camera, Camera>)>,
     /// Frames in which the joint readings stay as they were.
     pub frozen: Range<u64>,
+    /// Share of the frames after the first that do not arrive, drawn at random.
+    pub dropped: f64,
 }
 
 /// A simulated episode.
@@ -80,7 +85,13 @@ pub struct SimulatedSource {
     /// The hand has begun to lower the object from the air.
     is_lowered: bool,
     frame: u32,
+    frame_hz: u32,
+    /// Draws the frames that do not arrive.
+    fault_rng: ChaCha8Rng,
 }
+
+/// Combined with the seed for the frames that do not arrive.
+const DROPPED: u64 = 0xd209;
 
 impl SimulatedSource {
     /// Draws the start and prepares the rendering. Without `weights` of touch networks, by pad, the true indentation is used.
@@ -133,7 +144,15 @@ impl SimulatedSource {
             last_joints: None,
             is_lowered: false,
             frame: 0,
+            frame_hz: FRAME_HZ,
+            fault_rng: ChaCha8Rng::seed_from_u64(seed ^ DROPPED),
         })
+    }
+
+    /// Sets how many images each sensor takes per second, a divisor of 300; without this call [`FRAME_HZ`].
+    pub fn set_frame_rate(&mut self, hz: u32) {
+        self.frame_hz = hz;
+        self.episode.set_frame_rate(hz);
     }
 
     /// Starts from a calibration that was measured before, in place of the given one.
@@ -155,6 +174,13 @@ impl Source for SimulatedSource {
         if let Some((_, change)) = self.settings.fault.bump.filter(|(at, _)| *at == frame) {
             self.observer.move_cameras(change);
         }
+        while self.frame > 0 && self.fault_rng.random_bool(self.settings.fault.dropped) {
+            self.frame += 1;
+            if self.episode.next_frame().is_none() {
+                return Ok(None);
+            }
+        }
+        let frame = u64::from(self.frame);
         let Some(state) = self.episode.next_frame() else { return Ok(None) };
         let (mut observation, truth) = self.observer.observe(self.frame, &state.scene, &mut self.scratch);
         self.frame += 1;
@@ -165,6 +191,11 @@ impl Source for SimulatedSource {
         self.last_joints = Some(observation.joints.clone());
         if fault.blank.contains(&frame) {
             observation.cameras.iter_mut().for_each(|rgbd| rgbd.depth_m = Default::default());
+        }
+        if self.settings.perception.segmentation.labels == LabelSource::Given {
+            for (rgbd, labels) in observation.cameras.iter_mut().zip(&truth.labels) {
+                rgbd.labels = Some(GivenLabels::Labels(labels.clone()));
+            }
         }
         let is_felt = modality.has_touch() && self.perception.reads_touch_images();
         let touched = || truth.touch.iter().zip(self.settings.hand.gel_views().iter());
@@ -221,7 +252,7 @@ impl Source for SimulatedSource {
     }
 
     fn frame_count(&self) -> usize {
-        (self.settings.duration_s * f64::from(FRAME_HZ)).ceil() as usize
+        (self.settings.duration_s * f64::from(self.frame_hz)).ceil() as usize
     }
 
     fn end(&self) -> (String, bool) {

@@ -28,6 +28,8 @@ settings! {
         /// How far a joint's reading may be off all the time, one standard deviation, degrees (of sliding joints millimetres). 0 takes joints
         /// as they are read.
         pub joint_sigma_deg: f64 = 1.0, 0.0..=45.0;
+        /// The same of the joints of an arm, which move all touch sensors: at most joint_sigma_deg.
+        pub arm_joint_sigma_deg: f64 = 0.05, 0.0..=45.0;
         /// How far joint readings may be late or early, one standard deviation, seconds. 0 takes them as simultaneous with the images.
         pub lag_sigma_s: f64 = 0.03, 0.0..=1.0;
         /// Points of the hand used per image.
@@ -66,8 +68,10 @@ pub struct Calibrator {
     samples: HandSamples,
     /// How each camera's images agree with the hand.
     watch: Vec<Watch>,
-    /// Frames in a row with the same joint readings.
-    still: usize,
+    /// Time of the first of the frames in a row with the present joint readings, seconds.
+    still_since_s: Option<f64>,
+    /// Time of the first frame, seconds.
+    begun_s: Option<f64>,
     warnings: Vec<String>,
     instants: Vec<Instant>,
     /// Points of the frame before, if it is kept: they wait for the next reading, from which the motion of the joints is known.
@@ -75,8 +79,8 @@ pub struct Calibrator {
     /// The readings of the frame before, and of the one before that.
     before: Option<Reading>,
     older: Option<Reading>,
-    /// Every how many frames an instant is kept.
-    every: usize,
+    /// Time between instants that are kept, seconds.
+    every_s: f64,
     frame: usize,
 }
 
@@ -101,19 +105,19 @@ struct Watch {
     doubts: usize,
 }
 
-/// Every how many frames images are compared with the hand.
-const COMPARED_EVERY: usize = 3;
+/// Time between comparisons of images with the hand, seconds.
+const COMPARED_EVERY_S: f64 = 0.1;
 /// An image that sees through more than this share of the hand does not agree with it. With the right pose less than 0.005 of a hand is seen
 /// through, at a camera that was turned by 4 degrees or that shows the other hand mostly more than 0.05.
 const SEEN_THROUGH: f64 = 0.03;
 /// Doubts in a row that make a change: one image may be bad.
 const DOUBTS: usize = 2;
-/// The same joint readings in so many frames in a row, while the images change, are no readings.
-const FROZEN_FRAMES: usize = 5;
+/// The same joint readings for so long, while the images change, are no readings, seconds.
+const FROZEN_S: f64 = 0.16;
 /// Points of an image that are compared with the hand.
 const COMPARED_POINTS: usize = 300;
-/// Every how many frames a hand that was not found is searched for: a search takes as long as three frames.
-const SEARCHED_EVERY: usize = 30;
+/// Time between searches for a hand that was not found, seconds: a search takes as long as three frames.
+const SEARCHED_EVERY_S: f64 = 1.0;
 
 /// Points farther from the middle of the grasp than this are not the hand's, metres: its length, and the error of a camera.
 const REACH_M: f64 = 0.24;
@@ -123,8 +127,10 @@ const NEAR_M: f32 = 0.008;
 const GATE_M: f64 = 0.004;
 /// The gate while offsets of joints are still unknown, metres: a degree at the length of a finger.
 const FIRST_GATE_M: f64 = 0.008;
-/// Every how many frames an instant is kept at first.
-const FIRST_EVERY: usize = 2;
+/// Time between instants that are kept at first, seconds.
+const FIRST_EVERY_S: f64 = 1.0 / 15.0;
+/// Stamps are rounded: an interval is over when so small a part of it is left.
+const ROUNDING: f64 = 0.05;
 /// Steps of the solver per new instant: the state is near its optimum.
 const STEPS: usize = 3;
 const FIRST_STEPS: usize = 10;
@@ -147,7 +153,12 @@ impl Calibrator {
         }
         let first = PER_CAMERA * cameras.len();
         for (j, joint) in hand.joints().iter().enumerate() {
-            sigmas[first + j] = from_shown(joint, config.joint_sigma_deg);
+            // An arm reads its joints more exactly than a hand, and what it may be off cannot be told from a wrong pose of the camera.
+            let is_of_arm =
+                !hand.pads().is_empty() && (0..hand.pads().len()).all(|pad| hand.pad_chain(pad).contains(&j));
+            let sigma =
+                if is_of_arm { config.arm_joint_sigma_deg.min(config.joint_sigma_deg) } else { config.joint_sigma_deg };
+            sigmas[first + j] = from_shown(joint, sigma);
         }
         sigmas[first + joints] = config.lag_sigma_s;
         Self {
@@ -156,7 +167,8 @@ impl Calibrator {
             hand,
             given: cameras,
             watch: vec![Watch::default(); state.cameras.len()],
-            still: 0,
+            still_since_s: None,
+            begun_s: None,
             warnings: Vec::new(),
             prior: Prior { state: state.clone(), sigmas: sigmas.clone() },
             state,
@@ -165,7 +177,7 @@ impl Calibrator {
             waiting: None,
             before: None,
             older: None,
-            every: FIRST_EVERY,
+            every_s: FIRST_EVERY_S,
             frame: 0,
         }
     }
@@ -221,7 +233,8 @@ impl Calibrator {
         let motion = Motion::at_reading(self.before.as_ref(), &now, next.as_ref());
         // The readings of no joints cannot stand still.
         let is_same = !now.1.is_empty() && self.before.as_ref().is_some_and(|(_, before)| *before == now.1);
-        self.still = if is_same { self.still + 1 } else { 0 };
+        self.still_since_s = self.still_since_s.filter(|_| is_same).or(Some(time_s));
+        self.begun_s = self.begun_s.or(Some(time_s));
         if self.config.refine {
             self.compare(time_s, &motion, depths_m);
             self.refine(time_s, &motion, depths_m);
@@ -233,9 +246,20 @@ impl Calibrator {
             joints: self.state.joints(&motion),
             cameras: self.cameras(),
             agrees: self.watch.iter().map(agrees).collect(),
-            is_frozen: self.still >= FROZEN_FRAMES && self.watch.iter().any(|watch| watch.doubts >= DOUBTS),
+            is_frozen: self.is_still(time_s) && self.watch.iter().any(|watch| watch.doubts >= DOUBTS),
             warnings: std::mem::take(&mut self.warnings),
         }
+    }
+
+    /// Whether the joint readings have stood still for so long that they are no readings.
+    fn is_still(&self, time_s: f64) -> bool {
+        self.still_since_s.is_some_and(|since_s| time_s - since_s >= FROZEN_S)
+    }
+
+    /// Whether something that is done now and then is due in the frame of this time. It is in the first frame.
+    fn is_due(&self, time_s: f64, every_s: f64) -> bool {
+        let times = |time_s: f64| ((time_s - self.begun_s.unwrap_or(time_s)) / every_s + ROUNDING).floor();
+        self.before.as_ref().is_none_or(|(before_s, _)| times(time_s) > times(*before_s))
     }
 
     /// Returns one angle per joint of the hand; missing ones are 0.
@@ -248,7 +272,7 @@ impl Calibrator {
     /// Looks for the hand, and keeps the points of an instant now and then.
     fn refine(&mut self, time_s: f64, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
         self.find_hand(time_s, motion, depths_m);
-        if self.frame.is_multiple_of(self.every) && self.watch.iter().any(|watch| watch.found && watch.doubts == 0) {
+        if self.is_due(time_s, self.every_s) && self.watch.iter().any(|watch| watch.found && watch.doubts == 0) {
             let sighted = self.sighted(motion, depths_m);
             if self.instants.is_empty() {
                 // The first images already tell most of the cameras and of the joints that are seen.
@@ -308,14 +332,14 @@ impl Calibrator {
     /// Compares images with the hand, now and then. A camera whose images have become worse has moved, unless the joints are not read any
     /// more.
     fn compare(&mut self, time_s: f64, motion: &Motion, depths_m: &[Option<Array2<f32>>]) {
-        if !self.frame.is_multiple_of(COMPARED_EVERY) {
+        if !self.is_due(time_s, COMPARED_EVERY_S) {
             return;
         }
         let joints = self.state.joints(motion);
         let hand = HandSolid::new(&self.hand, &joints);
         let grasp = self.hand.grasp_centre(&joints);
         let inside = posed(&self.samples, &joints);
-        let mut is_frozen = false;
+        let (mut is_frozen, is_still) = (false, self.is_still(time_s));
         for (k, depth_m) in depths_m.iter().enumerate().take(self.given.len()) {
             let Some(depth_m) = depth_m.as_ref().filter(|_| self.watch[k].found) else { continue };
             let camera = &self.given[k];
@@ -327,7 +351,7 @@ impl Calibrator {
             let watch = &mut self.watch[k];
             watch.doubts = if agrees { 0 } else { watch.doubts + 1 };
             watch.has_agreed |= agrees;
-            if watch.doubts >= DOUBTS && self.still >= FROZEN_FRAMES {
+            if watch.doubts >= DOUBTS && is_still {
                 is_frozen |= watch.doubts == DOUBTS;
             } else if watch.doubts >= DOUBTS {
                 let moved = watch.has_agreed;
@@ -357,7 +381,7 @@ impl Calibrator {
             }
         }
         self.prior.state.cameras[camera] = self.state.cameras[camera];
-        self.every = FIRST_EVERY;
+        self.every_s = FIRST_EVERY_S;
     }
 
     /// Looks for the hand in the images of cameras that have not seen it yet.
@@ -366,7 +390,7 @@ impl Calibrator {
         let grasp = self.hand.grasp_centre(&joints);
         for (k, depth_m) in depths_m.iter().enumerate().take(self.given.len()) {
             let watch = &self.watch[k];
-            let is_due = !watch.found && (!watch.is_missed || self.frame.is_multiple_of(SEARCHED_EVERY));
+            let is_due = !watch.found && (!watch.is_missed || self.is_due(time_s, SEARCHED_EVERY_S));
             let Some(depth_m) = depth_m.as_ref().filter(|_| is_due) else { continue };
             let camera = &self.given[k];
             let start = self.state.cameras[k];
@@ -430,7 +454,7 @@ impl Calibrator {
                 index += 1;
                 index % 2 == 1
             });
-            self.every *= 2;
+            self.every_s *= 2.0;
         }
     }
 }

@@ -24,7 +24,7 @@
 //!     joints: vec![0.1; 16],
 //!     // No touch sensor delivered anything.
 //!     touch: PerPad::default(),
-//!     cameras: vec![Rgbd { color: Default::default(), depth_m: Array2::from_elem((480, 640), 0.3) }],
+//!     cameras: vec![Rgbd { color: Default::default(), depth_m: Array2::from_elem((480, 640), 0.3), labels: None, world_from_camera: None }],
 //! };
 //! let seen = perception.see(0, observation, None)?;
 //! assert_eq!(seen.percept.cameras[0].as_ref().map(|camera| camera.labels.dim()), Some((480, 640)));
@@ -37,6 +37,7 @@ mod perception;
 mod sensors;
 
 pub use error::PerceptionError;
+pub use mvt_segmentation::LabelSource;
 pub use perception::{Perception, PerceptionConfig, PerceptionSetup, Seen};
 pub use sensors::true_press;
 pub use {image, mvt_robot, ndarray};

@@ -1,20 +1,26 @@
 //! The measurements of one instant: checked, then labelled.
 
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::depth::CameraDepth;
+use mvt_frames::depth::{CameraDepth, GivenLabels};
 use mvt_frames::{Point, World};
 use mvt_robot::hand::Hand;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::observation::{Observation, SensorError, SensorName, check_size};
-use mvt_segmentation::{SegmentationConfig, segment};
+use mvt_segmentation::{LabelSource, SegmentationConfig, segment};
 use ndarray::Array2;
 
 /// Checks the numbers of an observation and the sizes of its camera images.
 ///
 /// # Errors
-/// [`SensorError`] if a depth image has another size than its camera's, if there are more images than cameras, if the number of joint angles
+/// [`SensorError`] if a depth image or its labels have another size than their camera's, if labels are to be given and are not, if there are more
+/// images than cameras, if the number of joint angles
 /// or touch images is not that of the hand, or if the time or a joint angle is not finite.
-pub(crate) fn check(observation: &Observation, hand: &Hand, cameras: &[PosedCamera]) -> Result<(), SensorError> {
+pub(crate) fn check(
+    observation: &Observation,
+    hand: &Hand,
+    cameras: &[PosedCamera],
+    labels: LabelSource,
+) -> Result<(), SensorError> {
     if !observation.time_s.is_finite() {
         return Err(SensorError::NotFinite("the time of the observation"));
     }
@@ -31,7 +37,13 @@ pub(crate) fn check(observation: &Observation, hand: &Hand, cameras: &[PosedCame
     for (rgbd, camera) in images {
         let expected = [camera.intrinsics.width, camera.intrinsics.height];
         let found = [rgbd.depth_m.ncols(), rgbd.depth_m.nrows()];
-        check_size(|| SensorName::Camera(camera.name.clone()), "depth", expected, found)?;
+        let name = || SensorName::Camera(camera.name.clone());
+        check_size(name, "depth", expected, found)?;
+        match (&rgbd.labels, labels) {
+            (Some(given), _) => check_size(name, "label", expected, given.size())?,
+            (None, LabelSource::Given) => return Err(SensorError::NoLabels(name())),
+            (None, LabelSource::Geometry) => {}
+        }
     }
     Ok(())
 }
@@ -51,24 +63,28 @@ fn check_count(hand: &Hand, what: &'static str, expected: usize, found: usize) -
     Err(SensorError::Hand { what, hand: hand.name().to_owned(), expected, found })
 }
 
-/// Labels the pixels of each camera. `depths_m` are in the order of `cameras`; `None` from a camera that delivered nothing, as from
-/// cameras without an entry. `grasp` is where the hand holds objects. Depths that are negative, infinite or NaN count as not measured.
+/// Labels the pixels of each camera. `depths_m` and `given` labels are in the order of `cameras`; a depth is `None` from a camera that delivered
+/// nothing, as from cameras without an entry. `grasp` is where the hand holds objects. Depths that are negative, infinite or NaN count as not measured.
 pub(crate) fn labelled(
     depths_m: Vec<Option<Array2<f32>>>,
+    given: &[Option<GivenLabels>],
     cameras: &[PosedCamera],
     hand: &HandSolid,
     grasp: Option<Point<World>>,
     config: &SegmentationConfig,
 ) -> Vec<Option<CameraDepth>> {
     let mut depths_m = depths_m.into_iter();
-    let label = |camera: &PosedCamera| {
+    let label = |(k, camera): (usize, &PosedCamera)| {
         let PosedCamera { intrinsics, pose, .. } = camera;
         let mut depth_m = depths_m.next().flatten()?;
         depth_m.mapv_inplace(|depth| if depth.is_finite() && depth >= 0.0 { depth } else { 0.0 });
-        let labels = segment(&depth_m, intrinsics, *pose, hand, grasp, config);
+        let labels = match given.get(k).and_then(Option::as_ref) {
+            Some(given) => mvt_segmentation::labelled(&depth_m, given, intrinsics, *pose, hand, config),
+            None => segment(&depth_m, intrinsics, *pose, hand, grasp, config),
+        };
         Some(CameraDepth { intrinsics: *intrinsics, world_from_camera: *pose, depth_m, labels, colour: None })
     };
-    cameras.iter().map(label).collect()
+    cameras.iter().enumerate().map(label).collect()
 }
 
 #[cfg(test)]
@@ -110,7 +126,10 @@ mod tests {
     }
 
     fn observation(depths_m: Vec<Array2<f32>>, joints: JointAngles) -> Observation {
-        let cameras = depths_m.into_iter().map(|depth_m| Rgbd { color: Default::default(), depth_m }).collect();
+        let cameras = depths_m
+            .into_iter()
+            .map(|depth_m| Rgbd { color: Default::default(), depth_m, labels: None, world_from_camera: None })
+            .collect();
         Observation { time_s: 1.5, joints, touch: PerPad::default(), cameras }
     }
 
@@ -186,10 +205,11 @@ mod tests {
         assert_eq!((seen.percept.touch.0, seen.touch_images.len()), (vec![None, None], 2));
         let names_it = |text: &String| text.contains("touch sensor middle");
         assert!(seen.warnings.len() == 2 && seen.warnings.iter().all(names_it), "{:?}", seen.warnings);
-        let seen = perception.see(8, observation(Vec::new(), vec![0.1; 8]), None).unwrap();
+        let later = |time_s| Observation { time_s, ..observation(Vec::new(), vec![0.1; 8]) };
+        let seen = perception.see(8, later(2.0), None).unwrap();
         assert_eq!(seen.percept.touch.0, [None, None]);
         let given = PerPad(vec![Some(press()), None]);
-        let seen = perception.see(9, observation(Vec::new(), vec![0.1; 8]), Some(given.clone())).unwrap();
+        let seen = perception.see(9, later(3.0), Some(given.clone())).unwrap();
         assert_eq!(seen.percept.touch, given);
         // There is no pad 2.
         perception.set_untouched(2, &black()).unwrap();
@@ -223,13 +243,49 @@ mod tests {
     }
 
     #[test]
+    fn labels_that_are_given_are_used() {
+        let mut config = PerceptionConfig::default();
+        (config.calibration.refine, config.segmentation.labels) = (false, LabelSource::Given);
+        let setup = PerceptionSetup { weights: None, config };
+        let see = |labels, setup: &PerceptionSetup<'_>| {
+            let mut observation = observation(vec![Array2::from_elem((480, 640), 0.3)], vec![0.1; 16]);
+            observation.cameras[0].labels = labels;
+            Perception::new(hand(), cameras(&hand()), setup).see(0, observation, None)
+        };
+        let mask =
+            |width| Array2::from_shape_fn((480, width), |(v, u)| (200..280).contains(&v) && (300..340).contains(&u));
+        let seen = see(Some(GivenLabels::Mask(mask(640))), &setup).unwrap();
+        let labels = &seen.percept.cameras[0].as_ref().unwrap().labels;
+        assert_eq!([(240, 320), (240, 290), (40, 40)].map(|at| labels[at]), [Label::Object, Label::Hand, Label::Hand]);
+        let refused = see(None, &setup).unwrap_err().to_string();
+        assert!(refused.contains("camera top-down: there are no labels") && refused.contains("geometry"), "{refused}");
+        let refused = see(Some(GivenLabels::Mask(mask(320))), &setup).unwrap_err().to_string();
+        assert!(refused.contains("its label image is 320 x 480 pixels; 640 x 480 expected"), "{refused}");
+    }
+
+    #[test]
+    fn a_frame_that_is_not_newer_is_refused() {
+        let mut perception = perception(&hand());
+        let mut see = |time_s| {
+            let observation = Observation { time_s, ..observation(Vec::new(), vec![0.1; 16]) };
+            perception.see(0, observation, None).map(|_| ()).map_err(|error| error.to_string())
+        };
+        assert!(see(1.5).is_ok() && see(1.51).is_ok());
+        for older_s in [1.51, 1.2] {
+            assert!(see(older_s).unwrap_err().contains("does not come after that of 1.51 s"), "{older_s}");
+        }
+        assert!(see(1.6).is_ok());
+    }
+
+    #[test]
     fn there_may_be_no_hand() {
         let none = Hand::none();
         let setup = PerceptionSetup { weights: None, config: PerceptionConfig::default() };
         let mut perception = Perception::new(Arc::clone(&none), cameras(&none), &setup);
-        for _ in 0..3 {
+        for k in 0..3 {
             let depth_m = Array2::from_elem((480, 640), 0.3);
-            let seen = perception.see(0, observation(vec![depth_m], Vec::new()), None).unwrap();
+            let observation = Observation { time_s: f64::from(k), ..observation(vec![depth_m], Vec::new()) };
+            let seen = perception.see(0, observation, None).unwrap();
             assert!(seen.warnings.is_empty() && seen.percept.touch.is_empty());
             let camera = seen.percept.cameras[0].as_ref().unwrap();
             assert!(camera.labels.iter().all(|&label| label == Label::Object));

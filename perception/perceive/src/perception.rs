@@ -7,7 +7,7 @@ use mvt_calibration::{Calibrated, Calibration, CalibrationConfig, CalibrationErr
 use mvt_frames::camera::PosedCamera;
 use mvt_robot::hand::solid::HandSolid;
 use mvt_robot::hand::{Hand, JointAngles, PerPad};
-use mvt_robot::observation::{Observation, Percept, Press};
+use mvt_robot::observation::{Observation, Percept, Press, Rgbd, SensorError};
 use mvt_segmentation::SegmentationConfig;
 use mvt_touch::contact::ContactConfig;
 use mvt_touch::network::Weights;
@@ -57,6 +57,8 @@ pub struct Perception {
     sensors: Option<TouchSensors>,
     /// Time and joint readings of the frame after the next one.
     next_joints: Option<(f64, JointAngles)>,
+    /// Time of the frame before, seconds.
+    newest_s: Option<f64>,
     warnings: Vec<String>,
 }
 
@@ -69,6 +71,7 @@ impl Perception {
             calibrator: Calibrator::new(calibration, Arc::clone(&hand), cameras),
             sensors: setup.weights.map(|weights| TouchSensors::new(weights, touch, &hand)),
             next_joints: None,
+            newest_s: None,
             warnings: Vec::new(),
             hand,
         }
@@ -109,38 +112,51 @@ impl Perception {
         self.next_joints = Some((time_s, joints));
     }
 
-    /// Takes the next frame; `number` is for warnings. A part of the observation that was not delivered is an empty image; no touch images
+    /// Takes the next frame; `number` is for warnings. Labels that come with an image are used in place of the hand's geometry. A part of the observation that was not delivered is an empty image; no touch images
     /// are those of sensors that delivered nothing. `presses` are those of touch sensors that measure indentation themselves, as a simulator's
     /// do; without them touch images are read, if there is a network.
     ///
     /// # Errors
-    /// If an image has another size than its sensor's, there are more cameras than poses, the hand has another number of joints or pads, or
-    /// a number is not finite.
+    /// If an image or its labels have another size than its sensor's, labels are to be given and are not, there are more cameras than poses, the hand has another number of joints or pads, a
+    /// number is not finite, or the frame is not newer than the one before.
     pub fn see(
         &mut self,
         number: u64,
         observation: Observation,
         presses: Option<PerPad<Option<Press>>>,
     ) -> Result<Seen, PerceptionError> {
-        check(&observation, &self.hand, self.calibrator.given())?;
+        check(&observation, &self.hand, self.calibrator.given(), self.segmentation.labels)?;
         check_per_pad(&self.hand, "presses", presses.as_deref().unwrap_or_default())?;
-        let Observation { time_s, joints, touch: touch_images, cameras } = observation;
+        let time_s = observation.time_s;
+        if let Some(newest_s) = self.newest_s.filter(|newest_s| time_s <= *newest_s) {
+            return Err(SensorError::Time { time_s, newest_s }.into());
+        }
+        self.newest_s = Some(time_s);
+        let Observation { joints, touch: touch_images, cameras, .. } = observation;
         let mut touch = match (&mut self.sensors, presses) {
             (_, Some(presses)) if !presses.is_empty() => presses,
             (Some(sensors), None) => sensors.feel(number, &touch_images, &mut self.warnings)?,
             _ => self.hand.per_pad(|_| None),
         };
-        let (colours, mut depths_m): (Vec<_>, Vec<_>) =
-            cameras.into_iter().map(|rgbd| (rgbd.color, (!rgbd.depth_m.is_empty()).then_some(rgbd.depth_m))).unzip();
+        let (mut colours, mut depths_m, mut labels, mut poses) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for Rgbd { color, depth_m, labels: given, world_from_camera } in cameras {
+            colours.push(color);
+            depths_m.push((!depth_m.is_empty()).then_some(depth_m));
+            labels.push(given);
+            poses.push(world_from_camera);
+        }
         let calibrated = self.calibrator.observe(time_s, &joints, self.next_joints.take(), &depths_m);
         calibrated.skip(&mut depths_m);
         if calibrated.is_frozen {
             touch = self.hand.per_pad(|_| None);
         }
-        let Calibrated { joints, cameras, warnings, .. } = calibrated;
+        let Calibrated { joints, mut cameras, warnings, .. } = calibrated;
+        for (camera, pose) in cameras.iter_mut().zip(poses) {
+            camera.pose = pose.unwrap_or(camera.pose);
+        }
         self.warnings.extend(warnings);
         let (hand, grasp) = (HandSolid::new(&self.hand, &joints), self.hand.grasp_centre(&joints));
-        let cameras = labelled(depths_m, &cameras, &hand, grasp, &self.segmentation);
+        let cameras = labelled(depths_m, &labels, &cameras, &hand, grasp, &self.segmentation);
         let mut percept = Percept { time_s, joints, cameras, touch };
         percept.set_colours(colours);
         Ok(Seen { percept, touch_images, warnings: std::mem::take(&mut self.warnings) })

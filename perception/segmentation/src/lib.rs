@@ -1,7 +1,8 @@
 //! Labels for depth images: which pixels show the object, which the hand, which neither.
 //!
 //! The hand's shape and joint angles are known and the object's are not, so a pixel shows the hand if its point lies in the hand, the object
-//! if its point is near the grasp, and background otherwise. Colour plays no part, and there is no network.
+//! if its point is near the grasp, and background otherwise. Colour plays no part, and there is no network. Masks or images of labels that
+//! others made take the place of the hand's geometry ([`labelled`]).
 //!
 //! ```
 //! use mvt_robot::hand::solid::HandSolid;
@@ -21,4 +22,4 @@
 mod segmentation;
 
 pub use ndarray;
-pub use segmentation::{SegmentationConfig, segment};
+pub use segmentation::{LabelSource, SegmentationConfig, labelled, segment};

@@ -1,19 +1,22 @@
-//! Labels of camera pixels, from depth and the hand's joint angles alone.
+//! Labels of camera pixels: from depth and the hand's joint angles alone, or from what is known beforehand.
 
 use std::ops::Range;
 
 use glam::{DVec3, Vec3A};
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::depth::Label;
+use mvt_frames::depth::{GivenLabels, Label};
 use mvt_frames::{Camera, Isometry, Point, World};
 use mvt_robot::hand::solid::HandSolid;
-use mvt_settings::settings;
+use mvt_settings::{Unlimited, settings};
 use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Slice, Zip, s};
+use serde::{Deserialize, Serialize};
 
 settings! {
     /// Thresholds that separate object, hand and background.
     #[derive(Copy)]
     pub struct SegmentationConfig {
+        /// Where labels come from: `geometry`, that of the hand, or `given`, with the images of a log.
+        pub labels: LabelSource;
         /// A point nearer to the hand than this belongs to the hand, metres. The margin covers the noise along and across a point's ray.
         pub margin_m: f32 = 0.0025, 0.0..=0.1;
         /// A point farther from the middle of the grasp than this is background, metres. Without a hand there is no limit.
@@ -27,6 +30,19 @@ settings! {
         pub jump_m: f32 = 0.02, 0.0..=10.0;
     }
 }
+
+/// Where labels come from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LabelSource {
+    /// From depth and the geometry of the hand.
+    #[default]
+    Geometry,
+    /// With each image: masks of the object, or images of labels.
+    Given,
+}
+
+impl Unlimited for LabelSource {}
 
 /// Edge of the square tiles of pixels that are compared with the hand together.
 const TILE: usize = 8;
@@ -103,6 +119,64 @@ impl Rays {
     fn point(&self, u: usize, v: usize, depth_m: f32) -> Vec3A {
         self.eye + depth_m * (self.corner + u as f32 * self.column + v as f32 * self.row)
     }
+}
+
+/// Labels the pixels of a depth image from what is known of them beforehand. Where the object's pixels meet others they are
+/// [`Label::Unsure`], as those that show the object and were not measured. `depth_m` and the labels have the same size.
+///
+/// Outside of a mask, a pixel that is not farther than the object may be reaches counts as [`Label::Hand`], whatever stands there: only the
+/// space before it is free. What is farther, was looked through. Where nothing was measured, the space is free only if the hand's geometry
+/// says that no finger stands there; without a hand it is unsure.
+pub fn labelled(
+    depth_m: &Array2<f32>,
+    given: &GivenLabels,
+    intrinsics: &Intrinsics,
+    world_from_camera: Isometry<Camera, World>,
+    hand: &HandSolid,
+    config: &SegmentationConfig,
+) -> Array2<Label> {
+    let is_measured = |depth: f32| depth > 0.0 && depth.is_finite();
+    let mut object = Array2::from_elem(depth_m.dim(), f32::INFINITY);
+    let mut labels = match given {
+        GivenLabels::Labels(labels) => labels.clone(),
+        GivenLabels::Mask(mask) => {
+            let rays = Rays::new(intrinsics, world_from_camera);
+            let far_m = far_side_m(depth_m, mask, intrinsics);
+            let nothing = if hand.is_empty() { Label::Unsure } else { Label::Background };
+            Array2::from_shape_fn(depth_m.dim(), |at| match depth_m[at] {
+                _ if mask[at] => Label::Object,
+                depth if !is_measured(depth) => nothing,
+                depth if depth <= far_m => Label::Hand,
+                depth if hand.is_within(rays.point(at.1, at.0, depth).into(), config.margin_m) => Label::Hand,
+                _ => Label::Background,
+            })
+        }
+    };
+    Zip::from(&mut labels).and(&mut object).and(depth_m).for_each(|label, object, &depth| {
+        if *label == Label::Object {
+            if is_measured(depth) { *object = depth } else { *label = Label::Unsure }
+        }
+    });
+    mark_edges(&mut labels, &object, config);
+    labels
+}
+
+/// The depth behind which nothing of the object is to be expected, metres: that of its farthest visible parts and as much again as it is
+/// wide. Nothing is far where nothing of it was measured.
+fn far_side_m(depth_m: &Array2<f32>, mask: &Array2<bool>, intrinsics: &Intrinsics) -> f32 {
+    let mut depths: Vec<f32> = Vec::new();
+    let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+    for (((v, u), _), &depth) in mask.indexed_iter().filter(|(_, inside)| **inside).map(|at| (at, &depth_m[at.0])) {
+        if depth > 0.0 && depth.is_finite() {
+            depths.push(depth);
+            (low, high) = ([low[0].min(u), low[1].min(v)], [high[0].max(u), high[1].max(v)]);
+        }
+    }
+    // Some pixels of a mask show the background.
+    let Some(last) = depths.len().checked_sub(1) else { return f32::INFINITY };
+    let farthest_m = *depths.select_nth_unstable_by(last * 19 / 20, f32::total_cmp).1;
+    let across = |k: usize, focal_px: f64| (high[k] - low[k] + 1) as f32 / focal_px as f32;
+    farthest_m * (1.0 + across(0, intrinsics.fx).max(across(1, intrinsics.fy)))
 }
 
 /// The part of the hand that can be within `margin_m` of any of the points.
@@ -296,6 +370,67 @@ mod tests {
         // The camera is 0.35 m above the origin.
         assert!(of(0.1).iter().all(|&label| label == Label::Object));
         assert!(of(0.39).iter().all(|&label| label == Label::Background));
+    }
+
+    /// A wall of an object 40 px wide at 0.3 m, something nearer to its left, a table as far to its right, a wall of the room above, and nothing below.
+    fn masked(hand: &HandSolid) -> Array2<Label> {
+        let camera = PLACEMENTS[2].camera(&Hand::allegro(Side::Right));
+        let depth = Array2::from_shape_fn((480, 640), |(v, u)| match (v, u) {
+            (210, 310) => 0.0,
+            (200..240, 300..340) => 0.3,
+            (200..240, ..300) => 0.2,
+            (200..240, 340..) => 0.31,
+            (..200, _) => 0.9,
+            _ => 0.0,
+        });
+        let mask = Array2::from_shape_fn((480, 640), |(v, u)| (200..240).contains(&v) && (300..340).contains(&u));
+        let config = SegmentationConfig::default();
+        labelled(&depth, &GivenLabels::Mask(mask), &camera.intrinsics, camera.pose, hand, &config)
+    }
+
+    #[test]
+    fn outside_of_a_mask_only_what_was_looked_through_is_background() {
+        let of = |labels: &Array2<Label>| {
+            [(220, 320), (210, 310), (220, 100), (220, 500), (100, 320), (400, 320)].map(|at| labels[at])
+        };
+        let none = HandSolid::new(&Hand::none(), &[]);
+        let [object, hole, before, beside, behind, nothing] = of(&masked(&none));
+        assert_eq!([object, hole], [Label::Object, Label::Unsure]);
+        assert_eq!([before, beside, behind, nothing], [Label::Hand, Label::Hand, Label::Background, Label::Unsure]);
+        // The hand is known, so that nothing else stands where nothing was measured.
+        let hand = HandSolid::new(&Hand::allegro(Side::Right), &JOINTS);
+        assert_eq!(of(&masked(&hand))[5], Label::Background);
+    }
+
+    #[test]
+    fn the_edges_of_a_mask_are_unsure() {
+        let labels = masked(&HandSolid::new(&Hand::none(), &[]));
+        let row: Vec<Label> = (297..304).map(|u| labels[(220, u)]).collect();
+        let [hand, unsure, object] = [Label::Hand, Label::Unsure, Label::Object];
+        assert_eq!(row, [hand, hand, hand, unsure, object, object, object]);
+    }
+
+    #[test]
+    fn given_labels_stay_but_for_edges_and_holes_and_empty_masks_show_nothing() {
+        let camera = PLACEMENTS[2].camera(&Hand::none());
+        let none = HandSolid::new(&Hand::none(), &[]);
+        let config = SegmentationConfig::default();
+        let depth = Array2::from_shape_fn((480, 640), |(v, _)| if v == 250 { 0.0 } else { 0.3 });
+        let given = Array2::from_shape_fn((480, 640), |(_, u)| match u {
+            ..200 => Label::Hand,
+            200..400 => Label::Object,
+            _ => Label::Background,
+        });
+        let of = |given| labelled(&depth, &given, &camera.intrinsics, camera.pose, &none, &config);
+        let labels = of(GivenLabels::Labels(given.clone()));
+        let kept = labels.indexed_iter().filter(|(at, label)| given[*at] == **label).count();
+        assert!(kept > 480 * 640 - 3000, "{kept}");
+        assert_eq!(
+            [(100, 300), (250, 300), (100, 400)].map(|at| labels[at]),
+            [Label::Object, Label::Unsure, Label::Unsure]
+        );
+        let labels = of(GivenLabels::Mask(Array2::from_elem((480, 640), false)));
+        assert!(labels.iter().all(|label| [Label::Hand, Label::Unsure].contains(label)), "all may stand before it");
     }
 
     #[test]

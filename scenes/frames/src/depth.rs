@@ -43,6 +43,26 @@ impl Label {
     }
 }
 
+/// What is known beforehand of the pixels of a camera image. Arrays are indexed (row, column).
+#[derive(Debug, Clone, PartialEq)]
+pub enum GivenLabels {
+    /// What every pixel shows.
+    Labels(Array2<Label>),
+    /// Where the object is visible. Of the other pixels nothing is known.
+    Mask(Array2<bool>),
+}
+
+impl GivenLabels {
+    /// Returns width and height, pixels.
+    pub fn size(&self) -> [usize; 2] {
+        let (rows, columns) = match self {
+            Self::Labels(labels) => labels.dim(),
+            Self::Mask(mask) => mask.dim(),
+        };
+        [columns, rows]
+    }
+}
+
 /// Depth of one camera with what each pixel shows. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraDepth {

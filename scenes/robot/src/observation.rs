@@ -3,12 +3,12 @@
 use std::fmt;
 
 use image::RgbImage;
-use mvt_frames::depth::{CameraDepth, Label};
+use mvt_frames::depth::{CameraDepth, GivenLabels, Label};
 use ndarray::Array2;
 
 use crate::digit::markers::GelShear;
 use crate::hand::{JointAngles, PerPad};
-use mvt_frames::{Isometry, Object, World};
+use mvt_frames::{Camera, Isometry, Object, World};
 
 /// Colour and depth of one camera at one instant. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +18,10 @@ pub struct Rgbd {
     /// Depth along the optical axis, metres, positive in front of the camera; 0 where nothing was measured, and an empty image from a camera
     /// that delivered nothing.
     pub depth_m: Array2<f32>,
+    /// What is known of the pixels beforehand; without it, they are labelled from the depth and the hand's geometry.
+    pub labels: Option<GivenLabels>,
+    /// Where the camera is, if it moves and that is known; without it, where it stands in the rig.
+    pub world_from_camera: Option<Isometry<Camera, World>>,
 }
 
 /// The record of a robot at one instant.
@@ -159,6 +163,21 @@ pub enum SensorError {
         expected: usize,
         /// Number found.
         found: usize,
+    },
+    /// Labels are to be given with each image, and there are none.
+    #[error(
+        "{0}: there are no labels with its image, but segmentation.labels is given; set it to geometry to label from the hand's geometry"
+    )]
+    NoLabels(SensorName),
+    /// An observation is not newer than the one before.
+    #[error(
+        "the observation of {time_s} s does not come after that of {newest_s} s: give observations in the order of their times, in seconds"
+    )]
+    Time {
+        /// Its time, seconds.
+        time_s: f64,
+        /// Time of the one before, seconds.
+        newest_s: f64,
     },
     /// The time or a joint angle is not a finite number.
     #[error("{0} is not a finite number")]

@@ -123,6 +123,8 @@ fn frame(i: usize, rng: &mut ChaCha8Rng) -> (Observation, GroundTruth) {
     let camera = Rgbd {
         depth_m: Array2::from_shape_fn((480, 640), depth),
         color: RgbImage::from_fn(640, 480, |x, y| Rgb([noisy(x / 3, rng), noisy(y / 2, rng), 80])),
+        labels: None,
+        world_from_camera: None,
     };
     let labels = Array2::from_shape_fn((480, 640), |(row, column)| match radius2(row, column) {
         r2 if r2 < 6400.0 => Label::Object,

@@ -190,7 +190,7 @@ impl LogFrames<'_> {
         for ((camera, color), depths) in images.color.into_iter().enumerate().zip(&mut self.depths) {
             let mut depth_m = log.next_depth(camera, depths)?;
             depth_m.mapv_inplace(|z| if z.is_finite() { z } else { 0.0 });
-            cameras.push(Rgbd { color, depth_m });
+            cameras.push(Rgbd { color, depth_m, labels: None, world_from_camera: None });
         }
         let truth = match (images.touch_truth, images.labels, log.object_poses[i]) {
             (Some(touch), Some(labels), Some(object_pose)) => {

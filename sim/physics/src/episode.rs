@@ -105,6 +105,8 @@ pub struct Episode {
     shears: GelShears,
     /// Number of integration steps so far, and at the end.
     tick: u64,
+    /// Integration steps between two camera frames.
+    steps_per_frame: u64,
     last_tick: u64,
     /// Angle turned about the gait's axis, radians.
     turned_rad: f64,
@@ -133,6 +135,7 @@ impl Episode {
             shears: GelShears::new(hand),
             start,
             tick: 0,
+            steps_per_frame: u64::from(PHYSICS_HZ / FRAME_HZ),
             last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
             turned_rad: 0.0,
             end: None,
@@ -230,10 +233,14 @@ impl Episode {
         }
     }
 
+    /// Sets how many camera frames there are per second; without this call [`FRAME_HZ`]. The nearest rate that divides [`PHYSICS_HZ`] is taken.
+    pub fn set_frame_rate(&mut self, hz: u32) {
+        self.steps_per_frame = u64::from((PHYSICS_HZ / hz.max(1)).max(1));
+    }
+
     /// Returns the state at the next camera frame, the first one at time 0; `None` after the end of the episode.
     pub fn next_frame(&mut self) -> Option<EpisodeState> {
-        const STEPS_PER_FRAME: u64 = (PHYSICS_HZ / FRAME_HZ) as u64;
-        let due = if self.tick == 0 { 0 } else { self.tick.next_multiple_of(STEPS_PER_FRAME) };
+        let due = if self.tick == 0 { 0 } else { self.tick.next_multiple_of(self.steps_per_frame) };
         while self.tick < due && self.end.is_none() {
             self.step(None);
         }
@@ -393,10 +400,9 @@ impl Episode {
 
     /// Shows the place to the controller in a rehearsal, and notes how the object is held.
     fn watch_air(&mut self, is_supported: bool) {
-        const STEPS_PER_FRAME: u64 = (PHYSICS_HZ / FRAME_HZ) as u64;
         let (pose, time_s) = (self.simulation.object_pose(), self.time_s());
         if let Some((rehearsal, in_air)) = self.rehearsal.as_mut().zip(self.controller.in_air()) {
-            let is_frame = self.tick.is_multiple_of(STEPS_PER_FRAME);
+            let is_frame = self.tick.is_multiple_of(self.steps_per_frame);
             if let Some(place) = rehearsal.step(is_frame.then_some((time_s, pose))) {
                 in_air.rehearse(place);
             }

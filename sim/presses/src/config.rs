@@ -35,6 +35,9 @@ settings! {
         /// pixel is in contact where the object lies on the gel.
         #[serde(skip_serializing_if = "is_zero")]
         pub real: f64 = 0.0, 0.0..=1.0;
+        /// How far sensors of a profile with an appearance lie from it: 1 as DIGITs differ from one another, less for one that was calibrated.
+        #[serde(skip_serializing_if = "is_one")]
+        pub spread: f64 = 1.0, 0.0..=1.0;
         /// Greatest slow change of such a sensor between its untouched image and the others, grey levels.
         #[serde(skip_serializing_if = "is_zero_f32")]
         pub drift: f32 = 0.0, 0.0..=20.0;
@@ -47,9 +50,13 @@ settings! {
     rule = ranges_rise;
 }
 
-// Settings at 0 are left out of the file and of the hash of the data, which then stay those of versions without them.
+// These values are left out of the file and of the hash of the data, which then stay those of versions without them.
 fn is_zero(share: &f64) -> bool {
     *share == 0.0
+}
+
+fn is_one(share: &f64) -> bool {
+    *share == 1.0
 }
 
 fn is_zero_f32(levels: &f32) -> bool {
@@ -71,7 +78,7 @@ fn ranges_rise(config: &DataConfig) -> Result<(), SettingError> {
 impl Unlimited for Split {}
 
 impl DataConfig {
-    /// Returns MidasTouch's protocol for YCB-Slide alone, on sensors with the lights of their calibration.
+    /// Returns MidasTouch's protocol for YCB-Slide alone, on sensors with the lights of their calibration or the look of their profile.
     pub fn protocol() -> Self {
         Self {
             untouched: 0.0,
@@ -81,6 +88,7 @@ impl DataConfig {
             noise: [2.0, 2.0],
             background: 0.0,
             known_untouched: 1.0,
+            spread: 0.0,
             ..Self::default()
         }
     }

@@ -43,7 +43,7 @@ impl PressSensor {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let is_real = profile.appearance.is_some() || (config.real > 0.0 && rng.random_bool(config.real));
         if is_real {
-            return Self::draw_real(config, draw_profile(profile, &mut rng), seed, &mut rng);
+            return Self::draw_real(config, draw_profile(profile, config.spread, &mut rng), seed, &mut rng);
         }
         let mut options = TouchOptions { markers: None, ..TouchOptions::of_profile(profile, TouchConfig::Fork) };
         options.noise_sigma = rng.random_range(config.noise[0]..=config.noise[1]);
@@ -103,33 +103,36 @@ const USUAL_FOV_Y_DEG: f64 = 42.3;
 const USUAL_REACH_MM: f32 = 0.75;
 
 /// Draws the profile of a real sensor: a DIGIT if the profile is TACTO's, one with a DIGIT's look if it has no appearance, else one that differs
-/// from the profile as DIGITs differ from one another. Its gel has no dots, which networks never see. The ranges are those that images of ball
-/// presses on several sensors show, and a little more.
-fn draw_profile(of: &SensorProfile, rng: &mut ChaCha8Rng) -> SensorProfile {
+/// from the profile as DIGITs differ from one another, or by the part `spread` of it. Its gel has no dots, which networks never see. The ranges
+/// are those that images of ball presses on several sensors show, and a little more.
+fn draw_profile(of: &SensorProfile, spread: f64, rng: &mut ChaCha8Rng) -> SensorProfile {
     let (fov_y_deg, reach_mm, digit) = draw_digit(rng);
     let Some(own) = &of.appearance else {
         let fov_y_deg = if of.is_tacto() { fov_y_deg } else { of.fov_y_deg };
         return SensorProfile { fov_y_deg, reach_mm, appearance: Some(digit), markers: None, ..of.clone() };
     };
     let usual = Appearance::default();
-    let scaled =
-        |own: [f32; 3], digit: [f32; 3], usual: [f32; 3]| std::array::from_fn(|c| own[c] * digit[c] / usual[c]);
+    let factor = |digit: f64, usual: f64| (digit / usual).powf(spread);
+    let factor_f32 = |digit: f32, usual: f32| (digit / usual).powf(spread as f32);
+    let scaled = |own: [f32; 3], digit: [f32; 3], usual: [f32; 3]| {
+        std::array::from_fn(|c| own[c] * factor_f32(digit[c], usual[c]))
+    };
     let appearance = Appearance {
         led_angles_deg: std::array::from_fn(|c| {
-            own.led_angles_deg[c] + digit.led_angles_deg[c] - usual.led_angles_deg[c]
+            own.led_angles_deg[c] + spread * (digit.led_angles_deg[c] - usual.led_angles_deg[c])
         }),
-        led_distance_mm: own.led_distance_mm * digit.led_distance_mm / usual.led_distance_mm,
-        led_elevation_deg: (own.led_elevation_deg * digit.led_elevation_deg / usual.led_elevation_deg).min(80.0),
+        led_distance_mm: own.led_distance_mm * factor(digit.led_distance_mm, usual.led_distance_mm),
+        led_elevation_deg: (own.led_elevation_deg * factor(digit.led_elevation_deg, usual.led_elevation_deg)).min(80.0),
         sensitivity: scaled(own.sensitivity, digit.sensitivity, usual.sensitivity),
         background_exponent: scaled(own.background_exponent, digit.background_exponent, usual.background_exponent),
-        response: own.response * digit.response,
-        cast_shadow: digit.cast_shadow,
-        blur_px: (own.blur_px * digit.blur_px / usual.blur_px).min(4.0),
+        response: own.response * factor_f32(digit.response, 1.0),
+        cast_shadow: (1.0 - spread as f32) * own.cast_shadow + spread as f32 * digit.cast_shadow,
+        blur_px: (own.blur_px * factor_f32(digit.blur_px, usual.blur_px)).min(4.0),
         noise_grey: 0.0,
     };
     SensorProfile {
-        fov_y_deg: of.fov_y_deg * fov_y_deg / USUAL_FOV_Y_DEG,
-        reach_mm: (of.reach_mm * reach_mm / USUAL_REACH_MM).min(1.5),
+        fov_y_deg: of.fov_y_deg * factor(fov_y_deg, USUAL_FOV_Y_DEG),
+        reach_mm: (of.reach_mm * factor_f32(reach_mm, USUAL_REACH_MM)).min(1.5),
         appearance: Some(appearance),
         markers: None,
         ..of.clone()

@@ -139,7 +139,12 @@ impl RenderedView {
     fn new(camera: &PosedCamera) -> Self {
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
         Self {
-            rgbd: Rgbd { color: RgbImage::new(width as u32, height as u32), depth_m: Array2::zeros((height, width)) },
+            rgbd: Rgbd {
+                color: RgbImage::new(width as u32, height as u32),
+                depth_m: Array2::zeros((height, width)),
+                labels: None,
+                world_from_camera: None,
+            },
             labels: Array2::default((height, width)),
         }
     }

@@ -29,27 +29,28 @@ settings! {
     pub struct TrustConfig {
         /// Below this confidence a frame counts as doubtful.
         pub doubt_below: f64 = 0.7, 0.0..=1.0;
-        /// After this many doubtful frames in a row the object is lost.
-        pub lost_after: usize = 3, 1..=1_000_000;
+        /// If frames in a row are doubtful for this long, the object is lost, seconds. A single frame never loses it. The default is that of
+        /// three frames at 30 Hz.
+        pub lost_after_s: f64 = 0.06, 0.0..=1e6;
         /// From this confidence on, a frame trains the field.
         pub learn_above: f64 = 0.85, 0.0..=1.0;
         /// Least confidence of a pose that ends a search.
         pub found_above: f64 = 0.85, 0.0..=1.0;
-        /// Greatest plausible distance between a pose and the pose predicted from the frame before, metres. A pose farther away needs
-        /// the confidence found_above.
-        pub surprise_m: f64 = 0.02, 1e-4..=1000.0;
-        /// Greatest plausible rotation between the two, radians.
-        pub surprise_rad: f64 = 0.8, 1e-4..=1000.0;
+        /// Greatest plausible distance between a pose and the pose predicted from the frame before, over the time between them, metres per
+        /// second. A pose farther away needs the confidence found_above.
+        pub surprise_m_s: f64 = 0.6, 1e-4..=1e6;
+        /// Greatest plausible rotation between the two, radians per second.
+        pub surprise_rad_s: f64 = 24.0, 1e-4..=1e6;
         /// If half of the points are farther than this from the surface at the predicted pose, in standard deviations, the tracker also
         /// tries poses around it.
         pub jerk_sigmas: f64 = 2.0, 0.1..=1e6;
         /// A confidence that is lower than usual by more than this is a surprise: poses farther away are tried, and no frame trains the field
         /// until one agrees as usual.
         pub surprise_confidence: f64 = 0.05, 0.0..=1.0;
-        /// After this many surprising frames in a row they are the usual ones.
-        pub surprised_for: usize = 20, 0..=1_000_000;
-        /// While the object is lost, a search runs every Nth frame.
-        pub search_every: usize = 3, 1..=1_000_000;
+        /// If frames in a row are surprising for longer than this, they are the usual ones, seconds.
+        pub surprised_for_s: f64 = 0.66, 0.0..=1e6;
+        /// While the object is lost, searches are at least so far apart, seconds. The default is that of every third frame at 30 Hz.
+        pub search_interval_s: f64 = 0.09, 0.0..=1e6;
     }
 }
 
@@ -68,7 +69,8 @@ mod tests {
         assert_eq!(refused(|c| c.map.batch = 0), "map.batch must be from 1 to 1000000 (it is 0)");
         assert!(refused(|c| c.tracker.window = 0).starts_with("tracker.window must be from 1 to 30 (it is 0)"));
         assert!(
-            refused(|c| c.trust.surprise_rad = f64::NAN).starts_with("trust.surprise_rad must be from 0.0001 to 1000")
+            refused(|c| c.trust.surprise_rad_s = f64::NAN)
+                .starts_with("trust.surprise_rad_s must be from 0.0001 to 1000000")
         );
         assert!(refused(|c| c.map.band_part = 0.9).contains("must be at most 1"));
         assert!(refused(|c| c.field.hidden = 7).contains("hidden"));

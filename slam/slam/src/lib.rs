@@ -40,6 +40,7 @@ mod obstacles;
 pub mod scan;
 mod slam;
 pub mod space;
+mod start;
 pub mod tracker;
 
 pub use config::{SlamConfig, TrustConfig};

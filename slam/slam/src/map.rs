@@ -32,8 +32,8 @@ settings! {
     pub struct MapConfig {
         /// Steps of the optimiser on the first frame.
         pub first_steps: usize = 200, 0..=100_000;
-        /// Steps of the optimiser on every later frame.
-        pub steps: usize = 12, 0..=100_000;
+        /// Steps of the optimiser per second on later frames.
+        pub steps_per_s: f64 = 360.0, 0.0..=1e6;
         /// Samples per step.
         pub batch: usize = 2048, 1..=1_000_000;
         /// Depth of the samples behind a measured surface that count as inside, metres. Thin walls need less, uncertain poses more.
@@ -69,8 +69,8 @@ settings! {
         pub keyframe_interval_s: f64 = 0.5, 0.0..=1e6;
         /// Most keyframes. Beyond this, every second one of the older half is dropped.
         pub keyframes: usize = 600, 4..=1_000_000;
-        /// Keyframes whose pose is refined against the field per frame.
-        pub refined: usize = 2, 0..=1000;
+        /// Keyframes whose pose is refined against the field per second.
+        pub refined_per_s: f64 = 60.0, 0.0..=1e5;
         /// How far the refinement may move a keyframe, one standard deviation, metres.
         pub refine_sigma_m: f64 = 0.0005, 1e-6..=1.0;
         /// How far the refinement may turn a keyframe, one standard deviation, radians.
@@ -111,11 +111,18 @@ pub struct Map {
     first_pose: Option<Isometry<Model, World>>,
     /// Whose turn it is to be refined.
     next_refined: usize,
+    /// Parts of steps of the optimiser and of refinements that are due.
+    due: [f64; 2],
     /// Keyframes in a row that reach out of the box.
     outside: usize,
     /// Seed of fields.
     seed: u64,
 }
+
+/// After a longer pause no more is learnt than after this, seconds.
+const LONGEST_INTERVAL_S: f64 = 0.5;
+/// Stamps are rounded: so little less than a whole step is one.
+const ROUNDING: f64 = 1e-3;
 
 /// The result of learning from a frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -156,6 +163,7 @@ impl Map {
             samples: Vec::new(),
             first_pose: None,
             next_refined: 0,
+            due: [0.0; 2],
             outside: 0,
             seed: 0,
         }
@@ -200,8 +208,14 @@ impl Map {
         self.obstacles.posed(&scan.obstacles)
     }
 
-    /// Learns from a frame at its estimated pose.
-    pub fn learn(&mut self, scan: &Arc<Scan>, pose: Isometry<Field, World>, rng: &mut ChaCha8Rng) -> Learnt {
+    /// Learns from a frame at its estimated pose. `interval_s` is the time since the frame before: the more, the more is learnt.
+    pub fn learn(
+        &mut self,
+        scan: &Arc<Scan>,
+        pose: Isometry<Field, World>,
+        interval_s: f64,
+        rng: &mut ChaCha8Rng,
+    ) -> Learnt {
         let first = self.keyframes.is_empty();
         let promoted = self.is_new(scan, pose);
         let mut current = Keyframe::new(Arc::clone(scan), pose, self.occupied(scan), self.half_extent_m());
@@ -211,7 +225,8 @@ impl Map {
             self.take_in(&current);
         }
         current.thin_occupied();
-        let steps = if first { self.config.first_steps } else { self.config.steps };
+        let [steps, refined] = self.due(interval_s);
+        let steps = if first { self.config.first_steps } else { steps };
         for _ in 0..steps {
             self.samples.clear();
             self.draw(&current, rng);
@@ -226,10 +241,22 @@ impl Map {
             }
             self.thin_out();
         }
-        for _ in 0..self.config.refined {
+        for _ in 0..refined {
             self.refine_one();
         }
         Learnt { keyframe: promoted, correction, box_change }
+    }
+
+    /// Whole steps of the optimiser and refinements of keyframes that are due after an interval.
+    fn due(&mut self, interval_s: f64) -> [usize; 2] {
+        let interval_s = if interval_s.is_finite() { interval_s.clamp(0.0, LONGEST_INTERVAL_S) } else { 0.0 };
+        let rates = [self.config.steps_per_s, self.config.refined_per_s];
+        std::array::from_fn(|k| {
+            let due = self.due[k] + rates[k] * interval_s;
+            let whole = (due + ROUNDING).floor();
+            self.due[k] = due - whole;
+            whole as usize
+        })
     }
 
     fn half_extent_m(&self) -> f32 {

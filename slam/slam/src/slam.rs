@@ -8,7 +8,6 @@ use mvt_field::exact::KnownShape;
 use mvt_field::shape::{Distance, Shape};
 use mvt_frames::{Field, Isometry, Model, Occupied, World};
 use mvt_mesh::Mesh;
-use nalgebra as na;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -20,6 +19,7 @@ use crate::earlier::{self, EarlierView};
 use crate::map::{BoxChange, Keyframe, Learnt, Map};
 use crate::obstacles::Obstacles;
 use crate::scan::{Measurement, Scan};
+use crate::start::first_pose;
 use crate::tracker::assess::Assessment;
 use crate::tracker::relocalise::Reach;
 use crate::tracker::{self, Reference, Tracker};
@@ -123,9 +123,6 @@ const GIVEN_SIGMA_M: f32 = 0.0001;
 const OBSTACLE_STRIDE: usize = 8;
 /// Another pose takes the place of the one that was followed if the part of the measurements that agrees is larger by this.
 const BETTER: f64 = 0.03;
-/// The middle of an object lies about so far behind its visible surface, metres.
-const BEHIND_SURFACE_M: f32 = 0.015;
-
 impl Shape for Given {
     fn distances(&self, points: &[Vec3], out: &mut [f32]) {
         self.shape.distances(points, out);
@@ -153,13 +150,17 @@ pub struct Slam {
     state: TrackState,
     /// The last pose that was trusted.
     pose: Isometry<Field, World>,
-    doubts: usize,
+    /// Time of the first of the doubtful frames in a row, seconds.
+    doubted_s: Option<f64>,
     /// Of the frame before.
     confidence: f64,
+    /// Time of the frame before, seconds.
+    before_s: Option<f64>,
     agreement: Agreement,
     drift: Drift,
     frame: usize,
-    last_search: usize,
+    /// Time of the last search, or of the frame in which the object was lost, seconds.
+    searched_s: Option<f64>,
     /// Height in the world that nothing of the object is below, metres.
     support_z_m: Option<f64>,
 }
@@ -268,12 +269,13 @@ impl SlamBuilder {
             knowledge,
             state,
             pose,
-            doubts: 0,
+            doubted_s: None,
             confidence: 1.0,
+            before_s: None,
             agreement: Agreement::new(),
             drift,
             frame: 0,
-            last_search: 0,
+            searched_s: None,
             support_z_m,
         })
     }
@@ -323,6 +325,11 @@ impl Slam {
         rng
     }
 
+    /// The time since the frame before, seconds; 0 at the first frame.
+    fn interval_s(&self, scan: &Scan) -> f64 {
+        self.before_s.map_or(0.0, |before_s| tracker::interval_s(before_s, scan.time_s))
+    }
+
     /// Learns from a frame whose pose is known, as a motion-capture system would give it.
     pub fn step_at(&mut self, scan: &Arc<Scan>, pose: Isometry<Model, World>) -> Estimate {
         self.state = TrackState::Tracking;
@@ -364,7 +371,8 @@ impl Slam {
         let track = begun.elapsed();
         let begun = Instant::now();
         let trust = &self.config.trust;
-        let is_usual = !is_tracking || self.agreement.take(confidence, trust.surprise_confidence, trust.surprised_for);
+        let is_usual = !is_tracking
+            || self.agreement.take(scan.time_s, confidence, trust.surprise_confidence, trust.surprised_for_s);
         let is_trusted = is_tracking && is_usual && confidence >= trust.learn_above;
         let learnt = if is_trusted { self.learn(scan) } else { Learnt::default() };
         if learnt.keyframe {
@@ -389,6 +397,7 @@ impl Slam {
     ) -> Estimate {
         let frame = self.frame;
         self.frame += 1;
+        self.before_s = Some(scan.time_s);
         let pose = match &self.knowledge {
             Knowledge::Growing(map) => self.pose * map.field_from_model(),
             Knowledge::Known(_) => Isometry::new(self.pose.untyped()),
@@ -429,7 +438,7 @@ impl Slam {
     /// Follows the object into a frame; returns the confidence.
     fn track(&mut self, scan: &Arc<Scan>) -> f64 {
         let start = match self.state {
-            TrackState::Tracking => self.tracker.predicted().unwrap_or(self.pose),
+            TrackState::Tracking => self.tracker.predicted(scan.time_s).unwrap_or(self.pose),
             _ => self.pose,
         };
         if self.state == TrackState::Lost {
@@ -458,15 +467,18 @@ impl Slam {
             (*tracker, solution, confidence) = (other, other_solution, assessment.confidence);
         }
         if self.state == TrackState::Lost {
-            return self.search(solution.pose(), confidence);
+            return self.search(scan.time_s, solution.pose(), confidence);
         }
         let [distance, angle] = solution.surprise();
-        let is_far = distance > trust.surprise_m || angle > trust.surprise_rad;
+        let interval_s = self.interval_s(scan);
+        let is_far = distance > trust.surprise_m_s * interval_s || angle > trust.surprise_rad_s * interval_s;
         let jumped = self.frame > 0 && is_far && confidence < trust.found_above;
-        self.doubts = if confidence < trust.doubt_below { self.doubts + 1 } else { 0 };
-        if jumped || self.doubts >= trust.lost_after {
+        let is_doubtful = confidence < trust.doubt_below;
+        self.doubted_s = is_doubtful.then(|| self.doubted_s.unwrap_or(scan.time_s));
+        let doubted_for_s = self.doubted_s.map_or(0.0, |since_s| scan.time_s - since_s);
+        if jumped || (doubted_for_s > 0.0 && doubted_for_s >= trust.lost_after_s) {
             self.state = TrackState::Lost;
-            self.last_search = self.frame;
+            self.searched_s = Some(scan.time_s);
             return confidence.min(trust.doubt_below);
         }
         self.pose = solution.pose();
@@ -474,11 +486,12 @@ impl Slam {
     }
 
     /// While lost: takes the pose that tracking found if it is convincing, else searches now and then.
-    fn search(&mut self, followed: Isometry<Field, World>, confidence: f64) -> f64 {
+    fn search(&mut self, time_s: f64, followed: Isometry<Field, World>, confidence: f64) -> f64 {
         let trust = self.config.trust.clone();
         let mut best = (followed, confidence);
-        if confidence < trust.found_above && self.frame >= self.last_search + trust.search_every {
-            self.last_search = self.frame;
+        let is_due = self.searched_s.is_none_or(|before_s| time_s - before_s >= trust.search_interval_s);
+        if confidence < trust.found_above && is_due {
+            self.searched_s = Some(time_s);
             let centre = match &self.knowledge {
                 Knowledge::Growing(map) => map.space().bounds().map_or(Vec3::ZERO, |[a, b]| 0.5 * (a + b)),
                 Knowledge::Known(given) => given.centre,
@@ -497,13 +510,14 @@ impl Slam {
             self.tracker.restart(best.0);
             self.pose = best.0;
             self.state = TrackState::Tracking;
-            self.doubts = 0;
+            self.doubted_s = None;
         }
         best.1
     }
 
     fn learn(&mut self, scan: &Arc<Scan>) -> Learnt {
         let mut rng = self.generator(2);
+        let interval_s = self.interval_s(scan);
         let map = match &mut self.knowledge {
             Knowledge::Growing(map) => map,
             Knowledge::Known(given) => {
@@ -511,7 +525,7 @@ impl Slam {
                 return Learnt::default();
             }
         };
-        let learnt = map.learn(scan, self.pose, &mut rng);
+        let learnt = map.learn(scan, self.pose, interval_s, &mut rng);
         if let Some(correction) = &learnt.correction {
             self.tracker.rebase(correction);
             self.pose = Isometry::new(self.pose.untyped() * correction);
@@ -522,69 +536,3 @@ impl Slam {
 
 /// Points of obstacles that are farther from the object than this cannot touch it, metres.
 const REACH_M: f32 = 0.12;
-
-/// Of the field's box nothing nearer to its faces than this should be needed, metres.
-const BORDER_M: f64 = 0.005;
-
-/// The frame that the first measurements fix: parallel to the world, in the middle of the probable object. Nothing that is
-/// farther than `half_extent_m` from it will be mapped, so that of a tall object seen from above it lies low enough to reach the support.
-fn first_pose(scan: &Scan, half_extent_m: f64, support_z_m: Option<f64>) -> Option<Isometry<Field, World>> {
-    if scan.hits() == 0 {
-        return None;
-    }
-    let (mut sum, mut count, mut top) = (Vec3::ZERO, 0.0, f32::MIN);
-    for view in &scan.views {
-        let behind = if view.is_camera() { BEHIND_SURFACE_M } else { 0.0 };
-        for hit in &view.hits {
-            let point = view.point(hit);
-            top = top.max(point.z);
-            sum += point + hit.direction * behind;
-            count += 1.0;
-        }
-    }
-    let mut centre = tracker::to_na(sum / count);
-    if let Some(support) = support_z_m {
-        let (top, reach) = (f64::from(top), half_extent_m - BORDER_M);
-        // What reaches higher does not stand on the support, or does not fit.
-        if top <= support + 2.0 * half_extent_m {
-            centre.z = centre.z.min((support + reach).max(top - reach));
-        }
-    }
-    Some(Isometry::new(na::Isometry3::from_parts(centre.into(), na::UnitQuaternion::identity())))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scan::{Detail, Hit, View};
-
-    #[test]
-    fn the_first_frame_reaches_from_the_palm_to_the_top() {
-        let palm = 0.0111_f32;
-        // The upper part of a tall object, from 8 to 13 cm above the palm, seen from the side.
-        let origin = Vec3::new(0.4, 0.0, palm + 0.105);
-        let hit = |height: f32| {
-            let ray = Vec3::new(0.0, 0.0, palm + height) - origin;
-            let (direction, range_m) = (ray.normalize(), ray.length());
-            Hit { direction, range_m, normal: Vec3::X, cosine: 0.9, sigma_m: 0.001 }
-        };
-        let view = View {
-            origin,
-            hits: (0..=50).map(|k| hit(0.08 + 0.001 * k as f32)).collect(),
-            misses: Vec::new(),
-            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None, picture: None },
-        };
-        let scan = Scan { frame: 0, time_s: 0.0, obstacles: Vec::new(), views: vec![view] };
-        let support = f64::from(palm);
-        let height =
-            |half_extent_m: f64| first_pose(&scan, half_extent_m, Some(support)).unwrap().origin().coords().z - support;
-        // In the middle of the seen points where they reach the palm,
-        assert!((height(0.2) - 0.105).abs() < 1e-3);
-        // else low enough,
-        assert!((height(0.09) - (0.09 - BORDER_M)).abs() < 1e-6);
-        // but not so low that seen points are left out;
-        assert!((height(0.066) - (0.13 - 0.066 + BORDER_M)).abs() < 1e-6);
-        // and where it cannot reach from palm to top, in the middle again.
-        assert_eq!(height(0.06), height(0.2));
-    }
-}

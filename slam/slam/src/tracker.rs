@@ -78,14 +78,15 @@ settings! {
         pub colour_sigma_px: f64 = 0.4, 1e-3..=100.0;
         /// Points of a touch image with independent errors.
         pub touch_independent: f64 = 6.0, 1e-3..=1e6;
-        /// Part of the velocity that is kept from frame to frame. An object in a hand soon comes to rest.
-        pub velocity_kept: f64 = 0.6, 0.0..=1.0;
-        /// Change of velocity from frame to frame, one standard deviation, metres per frame.
-        pub velocity_sigma_m: f64 = 0.001, 1e-6..=1.0;
-        /// Change of angular velocity from frame to frame, one standard deviation, radians per frame.
-        pub velocity_sigma_rad: f64 = 0.03, 1e-6..=10.0;
-        /// Slip of a pad over the surface from frame to frame while the pressed area stays the same, one standard deviation, metres.
-        pub slip_still_sigma_m: f64 = 0.00005, 1e-6..=1.0;
+        /// Time over which an object's velocity falls to 1/e, seconds. An object in a hand soon comes to rest.
+        pub velocity_memory_s: f64 = 0.06525, 1e-4..=1e6;
+        /// Velocity that an object may have, one standard deviation, metres per second.
+        pub velocity_sigma_m_s: f64 = 0.0375, 1e-6..=1000.0;
+        /// Angular velocity that it may have, one standard deviation, radians per second.
+        pub velocity_sigma_rad_s: f64 = 1.125, 1e-6..=1000.0;
+        /// Slip of a pad over the surface within a second while the pressed area stays the same, one standard deviation, metres. It grows with
+        /// the square root of time.
+        pub slip_still_1s_sigma_m: f64 = 0.0002739, 1e-6..=1.0;
         /// Slip that is added when the whole pressed area changes, one standard deviation, metres.
         pub slip_changing_sigma_m: f64 = 0.002, 0.0..=1.0;
         /// Depth of the hand inside the object that counts as touching only, metres. Gels give way.
@@ -195,17 +196,26 @@ impl Tracker {
         Self { config, window: VecDeque::new(), expected: na::Isometry3::identity() }
     }
 
-    /// Where the motion so far leads to, for the frame after the newest; `None` before the first frame.
-    pub fn predicted(&self) -> Option<Isometry<Field, World>> {
+    /// Where the motion so far leads to at a time after the newest frame; `None` before the first frame.
+    pub fn predicted(&self, time_s: f64) -> Option<Isometry<Field, World>> {
         let newest = self.window.back()?;
-        let motion = match self.window.len() {
-            1 => na::Isometry3::identity(),
-            n => {
-                let motion = se3::log(&(self.window[n - 2].pose.inverse() * newest.pose));
-                se3::exp(&(motion * self.config.velocity_kept))
-            }
-        };
+        let before = self.window.iter().rev().nth(1);
+        let motion = before.map_or_else(na::Isometry3::identity, |before| {
+            let pace = self.pace(before.scan.time_s, newest.scan.time_s, time_s);
+            se3::exp(&(se3::log(&(before.pose.inverse() * newest.pose)) * pace.kept))
+        });
         Some(Isometry::new(newest.pose * motion))
+    }
+
+    /// How the motion between two frames goes on to a third.
+    fn pace(&self, first_s: f64, second_s: f64, third_s: f64) -> Pace {
+        let (before_s, after_s) = (interval_s(first_s, second_s), interval_s(second_s, third_s));
+        let kept = (-after_s / self.config.velocity_memory_s).exp();
+        let spread_s = after_s * (1.0 - kept * kept).sqrt();
+        Pace {
+            kept: kept * after_s / before_s,
+            sigma: [self.config.velocity_sigma_m_s * spread_s, self.config.velocity_sigma_rad_s * spread_s],
+        }
     }
 
     /// Moves all poses to another model frame: `correction` takes coordinates of the new one to the old.
@@ -524,11 +534,13 @@ impl Tracker {
             }
             if k > 1 && config.velocity_weight > 0.0 {
                 let poses = [&self.window[k - 2].pose, &self.window[k - 1].pose, &instant.pose];
-                let (r, jacobians) = velocity(poses, config.velocity_kept);
+                let time_s = |k: usize| self.window[k].scan.time_s;
+                let pace = self.pace(time_s(k - 2), time_s(k - 1), time_s(k));
+                let (r, jacobians) = velocity(poses, pace.kept);
                 // A camera can tell that an object was thrown; a pad fits wherever it goes.
                 let loss = if instant.is_seen() { Loss::Cauchy(3.0) } else { Loss::Square };
                 for row in 0..6 {
-                    let s = 1.0 / [config.velocity_sigma_m, config.velocity_sigma_rad][row / 3];
+                    let s = 1.0 / pace.sigma[row / 3];
                     let block = |b: usize| -> Block { (index(k + b - 2), jacobians[b].row(row).transpose() * s) };
                     let blocks = [block(0), block(1), block(2)];
                     system.add(r[row] * s, &blocks, config.velocity_weight, loss);
@@ -537,6 +549,22 @@ impl Tracker {
         }
         system
     }
+}
+
+/// How motion goes on: velocity is a first-order autoregressive process.
+struct Pace {
+    /// The motion between two frames times this is the expected one to the third.
+    kept: f64,
+    /// Standard deviation of the difference, metres and radians.
+    sigma: [f64; 2],
+}
+
+/// Shortest time between two frames, seconds. Stamps that are nearer, or in the wrong order, say nothing of a velocity.
+const LEAST_INTERVAL_S: f64 = 1e-3;
+
+/// The time from one frame to the next, seconds.
+pub(crate) fn interval_s(before_s: f64, after_s: f64) -> f64 {
+    (after_s - before_s).max(LEAST_INTERVAL_S)
 }
 
 /// The farthest that a step may move and turn a pose, metres and radians: a direction that nothing measures may not carry an object away.

@@ -291,7 +291,7 @@ fn the_same_seed_gives_the_same_bits() {
 fn a_long_run_does_not_grow() {
     let mut config = SlamConfig::default();
     config.map.first_steps = 40;
-    config.map.steps = 2;
+    config.map.steps_per_s = 60.0;
     config.map.batch = 512;
     config.map.keyframes = 16;
     config.map.keyframe_turn_deg = 4.0;

@@ -163,7 +163,7 @@ fn every_setting_of_a_run_is_listed() {
     keys.sort();
     assert_eq!(listed, keys);
     assert!(keys.iter().filter(|key| key.starts_with("supervisor.")).count() == 17);
-    assert!(keys.iter().filter(|key| key.starts_with("segmentation.")).count() == 5);
+    assert!(keys.iter().filter(|key| key.starts_with("segmentation.")).count() == 6);
     for setting in RunConfig::listing() {
         assert!(!setting.doc.is_empty(), "{}", setting.key);
         let [low, high] = setting.bounds.unwrap_or([0.0, 1.0]);
@@ -182,7 +182,7 @@ fn every_number_out_of_range_is_refused_with_its_key_and_range() {
             default => (None, default.is_integer()),
         };
         let Some([low, high]) = bounds else {
-            assert!(default.is_bool(), "{key} has no range");
+            assert!(default.is_bool() || default.is_str(), "{key} has no range");
             continue;
         };
         for text in ["nan", "inf", "-inf", "-1", "0", "1e30"] {
@@ -225,6 +225,7 @@ fn settings_that_contradict_each_other_are_refused() {
             "supervisor.drift_end_m must be at most drift_begin_m, 0.012 (it is 0.02)",
         ),
         (vec!["slam.field.hidden=24"], "slam.field.hidden must be a multiple of 16 from 16 to 256 (it is 24)"),
+        (vec!["segmentation.labels=masks"], "segmentation.labels must be "),
         (vec!["slam.field.levels=[]"], "slam.field.levels must be 1 to 8 numbers"),
         (vec!["slam.scan.camera_shift_px=[1]"], "slam.scan.camera_shift_px must be a list"),
     ] {
@@ -241,9 +242,11 @@ fn settings_of_version_0_1_0_are_read() {
     assert_eq!(run_config(old, &[]).unwrap(), RunConfig::default());
     let changed = old.replace("    0.8,", "    0.7,").replace("    0.004,", "    0.003,");
     let config = run_config(&changed, &["slam.tracker.velocity_sigma=[0.002, 1]", "supervisor.push_s=3"]).unwrap();
-    assert_eq!((config.slam.trust.surprise_m, config.slam.trust.surprise_rad), (0.02, 0.7));
+    assert_eq!((config.slam.trust.surprise_m_s, config.slam.trust.surprise_rad_s), (0.6, 21.0));
     assert_eq!((config.supervisor.drift_begin_m, config.supervisor.drift_end_m), (0.012, 0.003));
-    assert_eq!((config.slam.tracker.velocity_sigma_m, config.slam.tracker.velocity_sigma_rad), (0.002, 1.0));
+    assert_eq!((config.slam.tracker.velocity_sigma_m_s, config.slam.tracker.velocity_sigma_rad_s), (0.075, 37.5));
+    let config = run_config(old, &["slam.map.steps=6", "slam.tracker.velocity_kept=0"]);
+    assert!(config.unwrap_err().to_string().contains("slam.tracker.velocity_memory_s must be from 0.0001"));
     for (assignment, expected) in [
         ("supervisor.drift_m=0.01", "supervisor.drift_m must be a list of 2 numbers, not 0.01"),
         ("supervisor.drift_m=[0.01]", "supervisor.drift_m must be a list of 2 numbers, not [0.01]"),

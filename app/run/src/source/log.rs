@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail, ensure};
 use image::RgbImage;
 use mvt_calibration::{Calibration, CalibrationError};
 use mvt_feelsight::{Log, LogSensor, PartialFrame, PartialFrames, TouchPart};
 use mvt_frames::camera::PosedCamera;
+use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Isometry, MeshFile, Object};
-use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
+use mvt_perceive::{LabelSource, Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
 use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
 use mvt_robot::hand::{Hand, PerPad};
@@ -40,6 +41,8 @@ pub struct LogSource {
     camera_noise: Option<f64>,
     /// From the coordinates in which the log has the object to ours.
     object_from_log: Isometry<Object, Object>,
+    /// Whether the labels of the log are read in place of labelling from the hand's geometry.
+    reads_labels: bool,
     /// Whether the pictures of a frame, by its number, are wanted.
     wants_pictures: fn(u64) -> bool,
     /// Whether the estimation uses the colours of the cameras, so that those of all frames are read.
@@ -54,6 +57,7 @@ enum FrameDefect {
     NoNumbers,
     Time,
     Colours,
+    Labels,
 }
 
 impl LogSource {
@@ -82,6 +86,12 @@ impl LogSource {
             ));
         }
         let weights = touch.weights(&hand)?.filter(|_| modality.has_touch());
+        let reads_labels = config.segmentation.labels == LabelSource::Given && modality.has_vision();
+        ensure!(
+            !reads_labels || log.has_labels(),
+            "{}: there are no labels of all images (seg/); leave out segmentation.labels=given to label from the hand's geometry",
+            folder.display()
+        );
         let names: Vec<&str> = log.cameras().iter().map(|camera| camera.name.as_str()).collect();
         let chosen = match cameras {
             _ if !modality.has_vision() => Vec::new(),
@@ -134,6 +144,7 @@ impl LogSource {
             chosen,
             camera_noise: (camera_noise > 0.0 && recorded_noise == 0.0).then_some(camera_noise),
             object_from_log: Isometry::identity(),
+            reads_labels,
             wants_pictures: |_| true,
             uses_colours: true,
             told: HashSet::new(),
@@ -260,6 +271,20 @@ impl LogSource {
         })
     }
 
+    /// The labels of the log's camera `k`, if they are read.
+    fn labels(&mut self, number: u32, k: usize) -> Option<GivenLabels> {
+        let labels = self.reads_labels.then(|| self.log().labels(k, number as usize))?;
+        match labels {
+            Ok(labels) => Some(GivenLabels::Labels(labels)),
+            Err(error) => {
+                self.warn(Some(LogSensor::Camera(k)), &FrameDefect::Labels, || {
+                    format!("frame {number}: {error}; such frames are used without this camera")
+                });
+                None
+            }
+        }
+    }
+
     /// Runs perception on a frame.
     fn sensed(&mut self, number: u32, frame: PartialFrame, begun: Instant) -> Result<Sensed> {
         for (sensor, error) in frame.defects {
@@ -275,13 +300,19 @@ impl LogSource {
             true => self.chosen.clone().into_iter().map(|k| self.colour(number, k)).collect(),
             false => Vec::new(),
         };
-        let mut colours = colours.into_iter();
-        let cameras = depths_m.into_iter().map(|depth_m| Rgbd { color: colours.next().unwrap_or_default(), depth_m });
+        let (mut colours, mut cameras) = (colours.into_iter(), Vec::new());
+        for (k, mut depth_m) in self.chosen.clone().into_iter().zip(depths_m) {
+            let labels = self.labels(number, k);
+            if self.reads_labels && labels.is_none() {
+                depth_m = Array2::default((0, 0));
+            }
+            cameras.push(Rgbd { color: colours.next().unwrap_or_default(), depth_m, labels, world_from_camera: None });
+        }
         let observation = Observation {
             time_s: frame.time_s,
             joints: frame.joints,
             touch: frame.touch_images.into_iter().map(Option::unwrap_or_default).collect(),
-            cameras: cameras.collect(),
+            cameras,
         };
         let truths = frame.touch_truth.iter().zip(self.hand.gel_views().iter());
         let presses = truths.map(|(truth, gel)| true_press(truth.as_ref()?, gel)).collect();

@@ -88,13 +88,15 @@ impl TouchArguments {
             let origin = match (self.weights.as_ref().or(profile.weights.as_ref()), &profile.appearance) {
                 (Some(path), _) => WeightsOrigin::File(path),
                 (None, None) => WeightsOrigin::Half,
-                (None, Some(_)) => WeightsOrigin::Digit,
+                (None, Some(look)) => WeightsOrigin::of_look(look)?,
             };
             let weights = match known.entry(origin) {
                 Entry::Occupied(known) => known.into_mut(),
                 Entry::Vacant(new) => new.insert(Arc::new(origin.read()?)),
             };
-            check_light(profile, weights, origin == WeightsOrigin::Digit)?;
+            if let WeightsOrigin::File(path) = origin {
+                check_light(profile, weights, path)?;
+            }
             by_pad.0.push(Arc::clone(weights));
         }
         Ok(Some(by_pad))
@@ -110,14 +112,30 @@ enum WeightsOrigin<'a> {
     Half,
     /// The shipped ones for sensors that look like real DIGITs.
     Digit,
+    /// The shipped ones for sensors that look like a GelSight Mini.
+    GelSightMini,
 }
 
 impl WeightsOrigin<'_> {
+    /// The shipped ones for sensors with the LEDs of this look.
+    fn of_look(look: &Appearance) -> Result<Self> {
+        let gelsight_mini = SensorProfile::load("gelsight_mini")?.appearance.unwrap_or_default();
+        let known = [(Self::Digit, Appearance::default()), (Self::GelSightMini, gelsight_mini)];
+        let apart_deg = known.map(|(origin, known)| (turned_deg(look, &known), origin));
+        match apart_deg.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((deg, origin)) if deg <= MOST_TURNED_DEG => Ok(origin),
+            _ => bail!(
+                "no weights are shipped for this touch sensor: its LEDs stand elsewhere than those of a DIGIT or a GelSight Mini; {REMEDY}"
+            ),
+        }
+    }
+
     fn read(self) -> Result<Weights> {
         Ok(match self {
             Self::File(path) => Weights::read(path)?,
             Self::Half => Weights::shipped_half()?,
             Self::Digit => Weights::shipped_digit()?,
+            Self::GelSightMini => Weights::shipped_gelsight_mini()?,
         })
     }
 }
@@ -136,17 +154,18 @@ pub fn equipped(hand: &Arc<Hand>, touch_profile: Option<&str>) -> Result<Arc<Han
 /// LEDs of a sensor that stand farther from those of a training are unknown to its weights, degrees. They were trained with up to 15.
 const MOST_TURNED_DEG: f64 = 45.0;
 
+/// What to do where no weights know a sensor.
+const REMEDY: &str = "give --weights of a network that was trained for it, or, for a run, --touch-depth truth";
+
 /// Returns the shipped weights for a sensor, for whole images.
 ///
 /// # Errors
-/// If its LEDs stand elsewhere than those of a DIGIT, so that no shipped weights can read it.
+/// If no shipped weights know LEDs where those of the sensor stand, or they cannot be read.
 pub fn shipped_weights(profile: &SensorProfile) -> Result<Weights> {
-    if profile.appearance.is_none() {
-        return Ok(Weights::shipped()?);
+    match &profile.appearance {
+        None => Ok(Weights::shipped()?),
+        Some(look) => WeightsOrigin::of_look(look)?.read(),
     }
-    let weights = Weights::shipped_digit()?;
-    check_light(profile, &weights, true)?;
-    Ok(weights)
 }
 
 /// Reads weights for a sensor from a file.
@@ -155,32 +174,28 @@ pub fn shipped_weights(profile: &SensorProfile) -> Result<Weights> {
 /// If the file cannot be read, or says that it is for sensors with other lights.
 pub fn weights_of(path: &Path, profile: &SensorProfile) -> Result<Weights> {
     let weights = Weights::read(path)?;
-    check_light(profile, &weights, false)?;
+    check_light(profile, &weights, path)?;
     Ok(weights)
 }
 
-/// Checks that weights know the light of a sensor: that of the sensors for which they were trained. Files that do not say for which are taken
-/// to be right, the shipped ones to be for DIGITs.
-fn check_light(profile: &SensorProfile, weights: &Weights, is_shipped: bool) -> Result<()> {
-    let digit = Appearance::default();
-    let Some(trained_for) = weights.trained_for().or(is_shipped.then_some(&digit)) else { return Ok(()) };
-    let turned_deg = |appearance: &Appearance| {
-        let pairs = appearance.led_angles_deg.into_iter().zip(trained_for.led_angles_deg);
-        pairs.map(|(a, b)| ((a - b + 540.0).rem_euclid(360.0) - 180.0).abs()).fold(0.0, f64::max)
-    };
-    let apart_deg = profile.appearance.as_ref().map(turned_deg);
+/// The greatest angle between LEDs of the same colour, degrees.
+fn turned_deg(a: &Appearance, b: &Appearance) -> f64 {
+    let pairs = a.led_angles_deg.into_iter().zip(b.led_angles_deg);
+    pairs.map(|(a, b)| ((a - b + 540.0).rem_euclid(360.0) - 180.0).abs()).fold(0.0, f64::max)
+}
+
+/// Checks that weights of a file know the light of a sensor: that of the sensors for which they were trained. Files that do not say for which
+/// are taken to be right.
+fn check_light(profile: &SensorProfile, weights: &Weights, path: &Path) -> Result<()> {
+    let Some(trained_for) = weights.trained_for() else { return Ok(()) };
+    let apart_deg = profile.appearance.as_ref().map(|look| turned_deg(look, trained_for));
     if apart_deg.is_some_and(|deg| deg <= MOST_TURNED_DEG) {
         return Ok(());
     }
     let stand = apart_deg.map_or("it has the light of TACTO".to_owned(), |deg| {
-        format!("its LEDs stand up to {deg:.0} degrees from those of the sensors for which the weights were trained")
+        format!("its LEDs stand up to {deg:.0} degrees from those of the sensors for which they were trained")
     });
-    let which = if is_shipped {
-        "no weights are shipped for this touch sensor"
-    } else {
-        "--weights: they are of another touch sensor"
-    };
-    bail!("{which}: {stand}; give --weights of a network that was trained for it, or, for a run, --touch-depth truth")
+    bail!("the weights {} are of another touch sensor: {stand}; {REMEDY}", path.display())
 }
 
 #[cfg(test)]
@@ -214,7 +229,12 @@ mod tests {
         assert!(refused(Some("/nowhere/b.safetensors".into())).contains("b.safetensors"));
         let mini = Hand::allegro(Side::Left).with_profile(&SensorProfile::load("gelsight_mini").unwrap());
         let touch = TouchArguments::new(TouchOrigin::Network, None);
-        assert!(touch.weights(&mini).unwrap_err().to_string().contains("no weights are shipped"));
+        let turned = |weights: &Weights| weights.trained_for().map(|look| look.led_angles_deg[0]);
+        assert_eq!(turned(&touch.weights(&mini).unwrap().unwrap()[0]), Some(-6.0));
+        let mut odd = SensorProfile::load("gelsight_mini").unwrap();
+        odd.appearance.as_mut().unwrap().led_angles_deg = [60.0, 180.0, -60.0];
+        let odd = Hand::allegro(Side::Left).with_profile(&odd);
+        assert!(touch.weights(&odd).unwrap_err().to_string().contains("no weights are shipped"));
         // Weights that say for which sensor they are.
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mini.safetensors");

@@ -78,7 +78,12 @@ fn seen(config: CalibrationConfig, hand: &Arc<Hand>, given: PosedCamera, offsets
 fn sliding_joints_have_offsets_in_millimetres() {
     let hand = gripper(true);
     // A camera that is right, so that the turn of the base is not taken for the camera's.
-    let config = CalibrationConfig { camera_sigma_m: 1e-4, camera_sigma_deg: 0.01, ..CalibrationConfig::default() };
+    let config = CalibrationConfig {
+        camera_sigma_m: 1e-4,
+        camera_sigma_deg: 0.01,
+        arm_joint_sigma_deg: 1.0,
+        ..CalibrationConfig::default()
+    };
     let found = seen(config, &hand, camera(), &[0.01, 0.0015, -0.001]).calibration();
     let [wrist, left, right] = found.joint_offsets_deg[..] else { panic!("{found:?}") };
     assert!((wrist - 0.01f64.to_degrees()).abs() < 0.2, "{wrist} degrees: {found:?}");
@@ -90,6 +95,16 @@ fn sliding_joints_have_offsets_in_millimetres() {
     assert!(lines[2].ends_with(" degrees") && lines[3].starts_with("joint readings: "), "{text}");
     let off = Calibration { joint_offsets_deg: vec![0.0, 3.0, 0.0], ..found };
     assert_eq!(off.warnings(&hand), ["joint left_slide is off by 3.0 mm, which is corrected"]);
+}
+
+/// With joints of an arm that may be off by a degree, the camera would be misplaced by several millimetres.
+#[test]
+fn the_joints_of_an_arm_are_believed_and_the_camera_is_corrected() {
+    let given = off(&camera(), na::Vector3::new(0.3, 1.0, -0.5), 3.0, na::Vector3::new(0.004, -0.003, 0.005));
+    let found = seen(CalibrationConfig::default(), &gripper(true), given, &[0.0, 0.0015, -0.001]).calibration();
+    let [degrees, millimetres] = misplaced(&found, &camera());
+    assert!(degrees < 0.2 && millimetres < 1.0, "{degrees} degrees, {millimetres} mm");
+    assert!(found.joint_offsets_deg[0].abs() < 0.05 && (found.joint_offsets_deg[1] - 1.5).abs() < 0.3, "{found:?}");
 }
 
 #[test]

@@ -146,6 +146,23 @@ impl Weights {
         Self::from_bytes(SHIPPED_DIGIT, Path::new("the shipped weights for real DIGITs"))
     }
 
+    /// Returns the weights of `default` that were trained on sensors like a GelSight Mini. They are a file: in the folder `weights` beside the
+    /// program, or in the sources from which it was built.
+    ///
+    /// # Errors
+    /// [`WeightsError`] if the file is in neither place, or damaged.
+    pub fn shipped_gelsight_mini() -> Result<Self, WeightsError> {
+        const NAME: &str = "gelsight_mini.safetensors";
+        let program = std::env::current_exe().unwrap_or_default();
+        let beside = program.parent().unwrap_or(Path::new("")).join("weights").join(NAME);
+        let sources = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/weights")).join(NAME);
+        if let Some(path) = [&beside, &sources].into_iter().find(|path| path.exists()) {
+            return Self::read(path);
+        }
+        let reason = "it is missing; copy it there from perception/touch/weights of the sources";
+        Err(WeightsError::Io { path: beside, source: std::io::Error::new(std::io::ErrorKind::NotFound, reason) })
+    }
+
     /// Builds weights from tensors by name; errors name `source`.
     ///
     /// # Errors

@@ -142,6 +142,11 @@ impl HandSolid {
         limbs.flat_map(|limb| &limb.members).any(|m| !m.bound.is_beyond(p, margin) && m.distance(p) < margin)
     }
 
+    /// Returns whether there is no hand, or nothing of it.
+    pub fn is_empty(&self) -> bool {
+        self.limbs.is_empty()
+    }
+
     /// Returns the primitives within `radius` of `centre`. For a point at distance d from `centre`, they give the same
     /// answer as the whole hand to [`HandSolid::is_within`] with margins up to `radius` - d.
     pub fn cropped(&self, centre: Vec3, radius: f32) -> Self {

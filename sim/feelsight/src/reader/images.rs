@@ -117,6 +117,17 @@ impl Log {
         read_color(&self.camera_folder(name).join("image").join(format!("{frame}.jpg")), (*width, *height))
     }
 
+    /// Reads what the pixels of a camera, by its index, show in a frame.
+    ///
+    /// # Errors
+    /// [`LogError`] if the image does not exist or cannot be read.
+    pub fn labels(&self, camera: usize, frame: usize) -> Result<Array2<Label>, LogError> {
+        if camera >= self.cameras.len() {
+            return Err(LogError::defect(&self.folder, format!("there is no camera {camera}")));
+        }
+        Ok(labels_of(&self.straight_labels(camera, frame)?))
+    }
+
     /// Reads a camera's segmentation.
     pub(super) fn straight_labels(&self, camera: usize, frame: usize) -> Result<GrayImage, LogError> {
         let lens = self.lenses.get(camera).and_then(Option::as_ref);
@@ -216,6 +227,11 @@ impl Log {
     /// Returns whether a camera, by its index, has colours.
     pub fn has_colours(&self, camera: usize) -> bool {
         self.coloured.get(camera).copied().unwrap_or_default()
+    }
+
+    /// Returns whether every frame has labels of all cameras.
+    pub fn has_labels(&self) -> bool {
+        self.segmentation
     }
 
     /// Returns whether a touch sensor, by the index of its pad, has true depths.

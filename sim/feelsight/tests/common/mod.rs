@@ -173,6 +173,8 @@ pub fn frame_of(hand: &Hand, i: usize, cameras: &[PosedCamera]) -> (Observation,
             depth_m: Array2::from_shape_fn((height, width), |(row, column)| {
                 if row < 10 { 0.0 } else { 0.3 + 1e-4 * (row * 7 % 11) as f32 + 1e-5 * (column + i) as f32 }
             }),
+            labels: None,
+            world_from_camera: None,
         });
         labels.push(Array2::from_shape_fn((height, width), |(row, column)| match (row, column) {
             (..10, _) => Label::Background,

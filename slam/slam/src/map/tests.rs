@@ -8,9 +8,12 @@ use crate::synthetic::{BRICK, Solid, pose, seen};
 use crate::tracker::{apply, to_na};
 use mvt_frames::se3;
 
+/// Time between frames, seconds.
+const INTERVAL_S: f64 = 1.0 / 30.0;
+
 /// A little field that is taught little, where only what surrounds it matters.
 fn quick() -> (MapConfig, field::FieldConfig) {
-    (MapConfig { first_steps: 2, steps: 1, batch: 64, ..MapConfig::default() }, field::FieldConfig::default())
+    (MapConfig { first_steps: 2, steps_per_s: 30.0, batch: 64, ..MapConfig::default() }, field::FieldConfig::default())
 }
 
 fn map(config: &MapConfig) -> Map {
@@ -35,7 +38,7 @@ fn learn(
         .map(|k| {
             let depth = seen(k, BRICK, pose([0.0; 3], [0.0, 0.0, turn_deg * k as f64]));
             let scan = Arc::new(Scan::new(k, &depth.measured(), &few(), 1));
-            let learnt = map.learn(&scan, Isometry::new(tracked(k).untyped() * correction), &mut rng);
+            let learnt = map.learn(&scan, Isometry::new(tracked(k).untyped() * correction), INTERVAL_S, &mut rng);
             correction *= learnt.correction.unwrap_or_default();
             assert_in_order(map);
             learnt
@@ -58,7 +61,7 @@ fn turned(by_deg: f64) -> impl Fn(usize) -> Isometry<Field, World> {
 
 #[test]
 fn keyframes_come_with_turn_distance_and_time() {
-    let config = MapConfig { refined: 0, loop_turn_deg: 0.0, ..quick().0 };
+    let config = MapConfig { refined_per_s: 0.0, loop_turn_deg: 0.0, ..quick().0 };
     let became = |learnt: &[Learnt]| -> Vec<usize> { (0..learnt.len()).filter(|&k| learnt[k].keyframe).collect() };
     // At 30 Hz: every 3rd frame of 3 degrees, every 2nd of 3 mm, and the first after half a second.
     assert_eq!(became(&learn(&mut map(&config), 9, 3.0, turned(3.0))), [0, 3, 6]);
@@ -69,7 +72,7 @@ fn keyframes_come_with_turn_distance_and_time() {
 
 #[test]
 fn keyframes_are_bounded_and_the_first_is_kept() {
-    let config = MapConfig { keyframes: 12, keyframe_turn_deg: 0.5, refined: 1, ..quick().0 };
+    let config = MapConfig { keyframes: 12, keyframe_turn_deg: 0.5, refined_per_s: 30.0, ..quick().0 };
     let mut map = map(&config);
     let mut most = 0;
     for frames in learn(&mut map, 60, 2.0, turned(2.0)) {
@@ -88,7 +91,7 @@ fn keyframes_are_bounded_and_the_first_is_kept() {
 #[test]
 fn a_loop_brings_drift_back() {
     // Over a turn the object seems to have turned by 5.4 degrees too much.
-    let config = MapConfig { refined: 0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
+    let config = MapConfig { refined_per_s: 0.0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
     let drifting = |k| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64]);
     let mut map = map(&config);
     let learnt = learn(&mut map, 121, 3.0, drifting);
@@ -113,7 +116,7 @@ fn a_loop_brings_drift_back() {
 #[test]
 fn a_loop_does_not_undo_refinement() {
     // Tracking was off at the start by a turn that refinement found out later; then the loop of the test above closes.
-    let config = MapConfig { refined: 0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
+    let config = MapConfig { refined_per_s: 0.0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
     let mut map = map(&config);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let seen_as = |k: usize, off_deg: f64| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64 + off_deg]);
@@ -121,7 +124,7 @@ fn a_loop_does_not_undo_refinement() {
     let tracked = |k: usize| seen_as(k, if (4..8).contains(&k) { 8.0 } else { 0.0 });
     let closed = (0..121).find(|&k| {
         let depth = seen(k, BRICK, turned(3.0)(k));
-        let learnt = map.learn(&Arc::new(Scan::new(k, &depth.measured(), &few(), 1)), tracked(k), &mut rng);
+        let learnt = map.learn(&Arc::new(Scan::new(k, &depth.measured(), &few(), 1)), tracked(k), INTERVAL_S, &mut rng);
         for keyframe in &mut map.keyframes {
             let frame = keyframe.scan().frame;
             if learnt.correction.is_none() && (4..8).contains(&frame) {
@@ -140,14 +143,15 @@ fn a_loop_does_not_undo_refinement() {
 
 #[test]
 fn no_loop_closes_where_nothing_disagrees() {
-    let config = MapConfig { refined: 0, keyframe_turn_deg: 5.0, ..quick().0 };
+    let config = MapConfig { refined_per_s: 0.0, keyframe_turn_deg: 5.0, ..quick().0 };
     let learnt = learn(&mut map(&config), 125, 3.0, turned(3.0));
     assert!(learnt.iter().all(|learnt| learnt.correction.is_none()));
 }
 
 #[test]
 fn loops_survive_thinning() {
-    let config = MapConfig { keyframes: 20, refined: 1, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
+    let config =
+        MapConfig { keyframes: 20, refined_per_s: 30.0, keyframe_turn_deg: 5.0, loop_turn_deg: 20.0, ..quick().0 };
     let mut map = map(&config);
     let learnt = learn(&mut map, 150, 3.0, |k| pose([0.0; 3], [0.0, 0.0, 3.045 * k as f64]));
     assert!(learnt.iter().any(|learnt| learnt.correction.is_some()));
@@ -163,7 +167,7 @@ fn what_is_taught_agrees_with_the_solid() {
     let at = pose([0.0; 3], [0.0; 3]);
     let scan = Arc::new(Scan::new(0, &seen(0, solid, at).measured(), &scan::ScanConfig::default(), 1));
     let mut map = map(&MapConfig { batch: 4096, ..quick().0 });
-    map.learn(&scan, at, &mut ChaCha8Rng::seed_from_u64(1));
+    map.learn(&scan, at, INTERVAL_S, &mut ChaCha8Rng::seed_from_u64(1));
     let current = map.keyframes[0].clone();
     map.samples.clear();
     map.draw(&current, &mut ChaCha8Rng::seed_from_u64(2));
@@ -206,7 +210,7 @@ fn what_nobody_saw_weighs_more_deep_inside() {
         let pose = pose([0.0; 3], [0.0, 0.0, turn]);
         let scan =
             Arc::new(Scan::new(k, &seen(k, Solid::Ball(0.03), pose).measured(), &scan::ScanConfig::default(), 1));
-        map.learn(&scan, pose, &mut ChaCha8Rng::seed_from_u64(1));
+        map.learn(&scan, pose, INTERVAL_S, &mut ChaCha8Rng::seed_from_u64(1));
     }
     let current = map.keyframes[0].clone();
     map.samples.clear();
@@ -226,7 +230,8 @@ fn what_nobody_saw_weighs_more_deep_inside() {
 #[test]
 fn refinement_returns_a_keyframe_to_the_surface() {
     // The field learns from frames at their true poses; one keyframe is then put wrong.
-    let config = MapConfig { batch: 1024, first_steps: 150, steps: 10, refined: 0, ..MapConfig::default() };
+    let config =
+        MapConfig { batch: 1024, first_steps: 150, steps_per_s: 300.0, refined_per_s: 0.0, ..MapConfig::default() };
     let mut map = map(&config);
     learn(&mut map, 30, 3.0, turned(3.0));
     let k = 5;
@@ -274,7 +279,7 @@ fn the_box_grows_until_the_object_fits_or_the_largest_box_is_reached() {
             .map(|k| {
                 let at = pose([0.0; 3], [0.0, 0.0, 2.0 * k as f64]);
                 let scan = Arc::new(Scan::new(k, &seen(k, tall, at).measured(), &few(), 1));
-                map.learn(&scan, at, &mut rng).box_change
+                map.learn(&scan, at, INTERVAL_S, &mut rng).box_change
             })
             .collect();
         assert_eq!(map.keyframes.len(), 8, "keyframes survive");

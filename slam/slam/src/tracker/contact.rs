@@ -4,7 +4,7 @@ use glam::Vec3;
 use nalgebra as na;
 
 use super::system::{Loss, System, along};
-use super::{Instant, ROBUST_SIGMAS, Tracker, to_na};
+use super::{Instant, ROBUST_SIGMAS, Tracker, interval_s, to_na};
 use crate::scan::{Detail, View};
 
 /// A pad that touches: which one, where it is, where its contact is, and which way its gel faces.
@@ -23,9 +23,10 @@ impl Tracker {
         if self.config.contact_weight == 0.0 {
             return;
         }
+        let still = self.config.slip_still_1s_sigma_m * interval_s(a.1.scan.time_s, b.1.scan.time_s).sqrt();
+        let changing = self.config.slip_changing_sigma_m;
         for pad in &a.1.pads {
             let Some(after) = b.1.pads.iter().find(|after| after.index == pad.index) else { continue };
-            let (still, changing) = (self.config.slip_still_sigma_m, self.config.slip_changing_sigma_m);
             let s = 1.0 / (still + changing * change(pad.pressed_px, after.pressed_px));
             let carried = after.world_from_pad * (pad.world_from_pad.inverse() * pad.contact);
             let material = a.1.pose.inverse() * pad.contact;

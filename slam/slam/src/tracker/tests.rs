@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::relocalise::Reach;
 use super::*;
 use crate::scan;
+use crate::scan::Measurement;
 use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, blotches, camera, feel, frame, pose, see, seen, seen_painted};
 use mvt_field::shape::Distance;
 use mvt_frames::depth::TouchDepth;
@@ -325,7 +326,7 @@ fn scans_without_a_camera_in_common_do_not_match() {
 fn the_window_slides() {
     let shape = BALL;
     let mut tracker = Tracker::new(TrackerConfig::default());
-    assert!(tracker.solve(&shape).is_none() && tracker.predicted().is_none());
+    assert!(tracker.solve(&shape).is_none() && tracker.predicted(0.0).is_none());
     assert_eq!(tracker.assess(&shape).confidence, 0.0);
     let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::ScanConfig::default(), 1));
     for k in 0..50 {
@@ -340,19 +341,26 @@ fn the_window_slides() {
     );
     assert_eq!(tracker.assess(&shape).confidence, 0.0);
     tracker.reset();
-    assert!(tracker.predicted().is_none());
+    assert!(tracker.predicted(0.0).is_none());
 }
 
 #[test]
 fn prediction_goes_on_as_the_object_moves() {
-    let mut tracker = Tracker::new(TrackerConfig { velocity_kept: 0.5, ..TrackerConfig::default() });
-    let empty = Arc::new(Scan::new(0, &frame(0.0, Vec::new()).measured(), &scan::ScanConfig::default(), 1));
-    for at in [pose([0.0; 3], [0.0; 3]), pose([0.002, 0.0, 0.0], [0.0, 0.0, 8.0])] {
-        tracker.push(&BALL, Arc::clone(&empty), at, std::iter::empty());
+    // The velocity halves in 50 ms.
+    let memory_s = 0.05 / 2_f64.ln();
+    let mut tracker = Tracker::new(TrackerConfig { velocity_memory_s: memory_s, ..TrackerConfig::default() });
+    for (time_s, at) in [(0.0, pose([0.0; 3], [0.0; 3])), (0.05, pose([0.002, 0.0, 0.0], [0.0, 0.0, 8.0]))] {
+        let empty = Measurement { time_s, cameras: &[], touch: &[], obstacles: &[] };
+        let empty = Arc::new(Scan::new(0, &empty, &scan::ScanConfig::default(), 1));
+        tracker.push(&BALL, empty, at, std::iter::empty());
     }
-    let predicted = tracker.predicted().unwrap().untyped();
-    assert!((predicted.rotation.angle().to_degrees() - 12.0).abs() < 1e-9);
-    assert!((predicted.translation.vector.x - 0.003).abs() < 1e-4);
+    for (time_s, turned_deg, x_m) in
+        [(0.1, 12.0, 0.003), (0.15, 12.0, 0.003), (0.075, 8.0 + 8.0 * 0.5 * 0.5_f64.sqrt(), 0.0027)]
+    {
+        let predicted = tracker.predicted(time_s).unwrap().untyped();
+        assert!((predicted.rotation.angle().to_degrees() - turned_deg).abs() < 1e-9, "{time_s}");
+        assert!((predicted.translation.vector.x - x_m).abs() < 1e-4, "{time_s}");
+    }
 }
 
 #[test]

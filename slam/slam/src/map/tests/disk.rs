@@ -9,7 +9,7 @@ use super::*;
 
 fn learnt() -> Map {
     // Poses that are refined later would have space differ, which is filled from them as they are.
-    let mut map = map(&MapConfig { refined: 0, ..quick().0 });
+    let mut map = map(&MapConfig { refined_per_s: 0.0, ..quick().0 });
     learn(&mut map, 12, 5.0, turned(5.0));
     map
 }

@@ -1,0 +1,59 @@
+//! `rgbd.toml`: what a folder does not say by its files.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::error::RgbdError;
+use crate::text;
+
+/// Name of the file in the folder.
+pub(crate) const FILE: &str = "rgbd.toml";
+
+/// The contents; every key may be missing.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Description {
+    /// Pattern of the colour images.
+    pub color: Option<String>,
+    /// Pattern of the depth images.
+    pub depth: Option<String>,
+    /// Pattern of the masks.
+    pub masks: Option<String>,
+    /// Level of the object in masks that hold labels, or its number in BOP.
+    pub object: Option<u32>,
+    /// fx, fy, cx, cy of the colour images, pixels.
+    pub intrinsics: Option<[f64; 4]>,
+    /// Metres per level of depth.
+    pub depth_unit_m: Option<f64>,
+    /// Frames per second.
+    pub frame_hz: Option<f64>,
+    /// Pattern of the poses of the camera in the world.
+    pub camera_poses: Option<String>,
+    /// Pattern of the true poses of the object in the camera.
+    pub object_poses: Option<String>,
+}
+
+impl Description {
+    /// Reads the file of a folder; an empty description if there is none.
+    pub fn of(folder: &Path) -> Result<Self, RgbdError> {
+        let path = folder.join(FILE);
+        if !path.exists() {
+            return Ok(Self::default());
+        }
+        let contents: Self = toml::from_str(&text::read(&path)?)
+            .map_err(|error| RgbdError::fault(&path, error.message().replace('\n', "; ")))?;
+        let positive = |name: &str, number: Option<f64>| match number {
+            Some(number) if !(number.is_finite() && number > 0.0) => {
+                Err(RgbdError::fault(&path, format!("{name} must be above 0 (it is {number})")))
+            }
+            _ => Ok(()),
+        };
+        positive("depth_unit_m", contents.depth_unit_m)?;
+        positive("frame_hz", contents.frame_hz)?;
+        if contents.intrinsics.is_some_and(|[fx, fy, ..]| !(fx > 0.0 && fy > 0.0)) {
+            return Err(RgbdError::fault(&path, "intrinsics are fx, fy, cx and cy of the colour images, pixels"));
+        }
+        Ok(contents)
+    }
+}

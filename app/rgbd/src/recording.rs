@@ -1,0 +1,295 @@
+//! A sequence of RGB-D images with what is known of each.
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use mvt_frames::camera::Intrinsics;
+use mvt_frames::depth::GivenLabels;
+use mvt_frames::{Camera, Isometry, MeshFile, World};
+use ndarray::Array2;
+
+use crate::description::{self, Description};
+use crate::error::RgbdError;
+use crate::parts::{FrameFiles, Parts};
+use crate::pixels::{self, DepthCode};
+use crate::{bop, folders, ho3d, tum};
+
+/// How the files of a folder are laid out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RgbdLayout {
+    /// `rgb/ depth/ cam_K.txt`, as BundleSDF, FoundationPose and YCBInEOAT have it.
+    Folders,
+    /// A scene of BOP.
+    Bop,
+    /// A sequence of HO3D.
+    Ho3d,
+    /// A sequence of the TUM RGB-D benchmark.
+    Tum,
+    /// As rgbd.toml says.
+    Described,
+}
+
+impl RgbdLayout {
+    /// Recognises a folder by its files; `None` if it is no RGB-D sequence.
+    pub fn of(folder: &Path) -> Option<Self> {
+        let has = |names: &[&str]| names.iter().any(|name| folder.join(name).is_dir());
+        if bop::is_here(folder) {
+            Some(Self::Bop)
+        } else if tum::is_here(folder) {
+            Some(Self::Tum)
+        } else if ho3d::is_here(folder) {
+            Some(Self::Ho3d)
+        } else if has(&["rgb", "color"]) && has(&["depth"]) {
+            Some(Self::Folders)
+        } else {
+            folder.join(description::FILE).is_file().then_some(Self::Described)
+        }
+    }
+
+    /// Its name, for messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Folders => "folders of rgb, depth and masks",
+            Self::Bop => "a scene of BOP",
+            Self::Ho3d => "a sequence of HO3D",
+            Self::Tum => "a sequence of TUM",
+            Self::Described => "files that rgbd.toml describes",
+        }
+    }
+}
+
+/// A sequence of RGB-D images.
+#[derive(Debug, Clone)]
+pub struct RgbdRecording {
+    folder: PathBuf,
+    layout: RgbdLayout,
+    frames: Vec<FrameFiles>,
+    code: DepthCode,
+    object: Option<u32>,
+    object_name: Option<String>,
+    notes: Vec<String>,
+    /// Width and height of colours and of depth, pixels.
+    sizes: [[usize; 2]; 2],
+}
+
+/// A frame of a sequence.
+#[derive(Debug, Clone)]
+pub struct RgbdFrame {
+    /// Its name in the data set, such as `000123`.
+    pub name: String,
+    /// Seconds, as the data set counts them.
+    pub time_s: f64,
+    /// Colours, of the size of depth.
+    pub color: RgbImage,
+    /// Depth along the optical axis, metres, 0 where nothing was measured.
+    pub depth_m: Array2<f32>,
+    /// Where the object is visible, of the size of depth; `None` in a frame without a mask.
+    pub mask: Option<GivenLabels>,
+    /// Pinhole model of the depth image.
+    pub intrinsics: Intrinsics,
+    /// Pose of the camera; that of the first frame if the data set knows none.
+    pub world_from_camera: Isometry<Camera, World>,
+    /// True pose of the object, if the data set knows it, in the coordinates of its mesh.
+    pub camera_from_object: Option<Isometry<MeshFile, Camera>>,
+}
+
+/// Distances of an object between which a unit of depth is plausible, metres.
+const PLAUSIBLE_M: std::ops::Range<f32> = 0.1..8.0;
+/// The principal point lies in this part of the width and height: else the intrinsics are of another resolution.
+const MIDDLE: std::ops::Range<f64> = 0.25..0.75;
+
+impl RgbdRecording {
+    /// Opens a folder.
+    ///
+    /// # Errors
+    /// [`RgbdError`] if it is not recognised, lacks a part, or its intrinsics, sizes or unit of depth cannot be right.
+    pub fn open(folder: &Path) -> Result<Self, RgbdError> {
+        let description = Description::of(folder)?;
+        let layout = RgbdLayout::of(folder).ok_or_else(|| {
+            RgbdError::fault(folder, "it is no RGB-D sequence: there are neither rgb/ and depth/ nor rgb.txt, scene_camera.json or rgbd.toml")
+        })?;
+        let parts = match layout {
+            RgbdLayout::Folders | RgbdLayout::Described => folders::parts(folder, &description)?,
+            RgbdLayout::Bop => bop::parts(folder, &description)?,
+            RgbdLayout::Ho3d => ho3d::parts(folder, &description)?,
+            RgbdLayout::Tum => tum::parts(folder, &description)?,
+        };
+        let Parts { mut frames, code, object, mut notes, object_name } = parts;
+        let before = frames.len();
+        let mut newest_s = f64::NEG_INFINITY;
+        frames.retain(|frame| {
+            let is_newer = frame.time_s > newest_s;
+            newest_s = newest_s.max(frame.time_s);
+            is_newer
+        });
+        if frames.len() < before {
+            notes.push(format!("{} frames that are not newer than the one before are left out", before - frames.len()));
+        }
+        let Some(first) = frames.first() else {
+            return Err(RgbdError::fault(folder, "no colour image belongs to a depth image: are their names alike?"));
+        };
+        let depth = pixels::depth_m(&first.depth, code)?;
+        let depth_size = [depth.ncols(), depth.nrows()];
+        let color_size = first.color.as_deref().map(pixels::size).transpose()?.unwrap_or(depth_size);
+        let mut recording = Self {
+            folder: folder.to_owned(),
+            layout,
+            frames,
+            code,
+            object,
+            object_name,
+            notes,
+            sizes: [color_size, depth_size],
+        };
+        recording.check_sizes()?;
+        recording.check_masks()?;
+        Ok(recording)
+    }
+
+    fn check_sizes(&self) -> Result<(), RgbdError> {
+        let [[width, height], [depth_width, depth_height]] = self.sizes;
+        if width * depth_height != height * depth_width {
+            return Err(RgbdError::fault(
+                &self.folder,
+                format!(
+                    "colours are {width} x {height} pixels and depth {depth_width} x {depth_height}, of another shape: register depth to the colours first"
+                ),
+            ));
+        }
+        let odd = self.frames.iter().find(|frame| {
+            let [_, _, cx, cy] = frame.intrinsics;
+            !MIDDLE.contains(&(cx / width as f64)) || !MIDDLE.contains(&(cy / height as f64))
+        });
+        odd.map_or(Ok(()), |frame| {
+            let [_, _, cx, cy] = frame.intrinsics;
+            let fault = format!(
+                "the principal point ({cx:.0}, {cy:.0}) is not in the middle of images of {width} x {height} pixels: the intrinsics are of another resolution"
+            );
+            Err(RgbdError::fault(&self.folder, fault))
+        })
+    }
+
+    /// Checks that there are masks, and that the object has a plausible distance in the first of them.
+    fn check_masks(&mut self) -> Result<(), RgbdError> {
+        let with = self.frames.iter().filter(|frame| frame.mask.is_some()).count();
+        if with == 0 {
+            let fault = format!(
+                "there are no masks of the object: put them into masks/, or name them in {}",
+                description::FILE
+            );
+            return Err(RgbdError::fault(&self.folder, fault));
+        }
+        if with < self.frames.len() {
+            self.notes.push(format!("{with} of {} frames have a mask; the others are not used", self.frames.len()));
+        }
+        let first = self.frames.iter().position(|frame| frame.mask.is_some()).unwrap_or(0);
+        let RgbdFrame { name, depth_m, mask, .. } = self.frame(first)?;
+        let Some(GivenLabels::Mask(mask)) = mask else { return Ok(()) };
+        let inside = mask.iter().filter(|inside| **inside).count();
+        let mut depths: Vec<f32> = mask
+            .iter()
+            .zip(&depth_m)
+            .filter(|(inside, depth)| **inside && **depth > 0.0)
+            .map(|(_, depth)| *depth)
+            .collect();
+        if depths.is_empty() {
+            let what = if inside == 0 { "its mask is empty" } else { "nothing was measured inside of its mask" };
+            return Err(RgbdError::fault(
+                &self.folder,
+                format!("frame {name} is the first with a mask, and {what}: start at a frame that shows the object"),
+            ));
+        }
+        let middle = depths.len() / 2;
+        let median_m = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
+        if !PLAUSIBLE_M.contains(&median_m) {
+            let fault = format!(
+                "the object is {median_m:.3} m away in frame {name}: is the unit of depth right? `depth_unit_m` in {} states it",
+                description::FILE
+            );
+            return Err(RgbdError::fault(&self.folder, fault));
+        }
+        Ok(())
+    }
+
+    /// Returns the folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Returns how its files are laid out.
+    pub fn layout(&self) -> RgbdLayout {
+        self.layout
+    }
+
+    /// Returns the number of frames.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Returns whether there are no frames: never, because such a folder is refused.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// Returns the times of the frames, seconds, rising.
+    pub fn times_s(&self) -> impl Iterator<Item = f64> {
+        self.frames.iter().map(|frame| frame.time_s)
+    }
+
+    /// Returns the names of the frames in the data set.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.frames.iter().map(|frame| frame.name.as_str())
+    }
+
+    /// Returns the object's name in the data set, if it has one.
+    pub fn object_name(&self) -> Option<&str> {
+        self.object_name.as_deref()
+    }
+
+    /// Returns what was assumed or left out, in sentences.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Returns the pinhole model of the depth image of a frame.
+    pub fn intrinsics(&self, k: usize) -> Option<Intrinsics> {
+        let [fx, fy, cx, cy] = self.frames.get(k)?.intrinsics;
+        let [[color_width, _], [width, height]] = self.sizes;
+        let scale = width as f64 / color_width as f64;
+        // Centres of pixels are at whole numbers.
+        let place = |c: f64| (c + 0.5) * scale - 0.5;
+        Some(Intrinsics { width, height, fx: fx * scale, fy: fy * scale, cx: place(cx), cy: place(cy) })
+    }
+
+    /// Reads a frame.
+    ///
+    /// # Errors
+    /// [`RgbdError`] if there is no such frame, or an image is damaged or has another size than those of the first frame.
+    pub fn frame(&self, k: usize) -> Result<RgbdFrame, RgbdError> {
+        let (Some(files), Some(intrinsics)) = (self.frames.get(k), self.intrinsics(k)) else {
+            return Err(RgbdError::fault(
+                &self.folder,
+                format!("there is no frame {k}; there are {}", self.frames.len()),
+            ));
+        };
+        let depth_m = pixels::depth_m(&files.depth, self.code)?;
+        let (size, found) = (self.sizes[1], [depth_m.ncols(), depth_m.nrows()]);
+        if found != size {
+            let fault =
+                format!("{} x {} pixels; the first depth image has {} x {}", found[0], found[1], size[0], size[1]);
+            return Err(RgbdError::fault(&files.depth, fault));
+        }
+        let color = files.color.as_deref().map(|path| pixels::colour(path, size)).transpose()?.unwrap_or_default();
+        let mask = files.mask.as_deref().map(|path| pixels::mask(path, self.object, size)).transpose()?;
+        Ok(RgbdFrame {
+            name: files.name.clone(),
+            time_s: files.time_s,
+            color,
+            depth_m,
+            mask: mask.map(GivenLabels::Mask),
+            intrinsics,
+            world_from_camera: files.world_from_camera.unwrap_or_else(Isometry::identity),
+            camera_from_object: files.camera_from_object,
+        })
+    }
+}

@@ -1,0 +1,125 @@
+//! Frames of an RGB-D sequence without a hand.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Result, anyhow};
+use mvt_calibration::Calibration;
+use mvt_frames::camera::PosedCamera;
+use mvt_frames::{Isometry, MeshFile, Object};
+use mvt_perceive::{LabelSource, Perception, PerceptionConfig, PerceptionSetup, Seen};
+use mvt_rgbd::{RgbdFrame, RgbdRecording};
+use mvt_robot::hand::{Hand, PerPad};
+use mvt_robot::observation::{Observation, Rgbd};
+
+use super::{Pictures, Sensed, Source};
+
+/// A sequence, read frame by frame. There is no hand, and the labels are those of its masks.
+pub struct RgbdSource {
+    hand: Arc<Hand>,
+    recording: RgbdRecording,
+    perception: Perception,
+    camera: PosedCamera,
+    next: usize,
+    /// Frames from this time on are left out.
+    until_s: f64,
+    object_from_file: Isometry<MeshFile, Object>,
+    warnings: Vec<String>,
+}
+
+impl RgbdSource {
+    /// Opens the folder of a sequence.
+    ///
+    /// # Errors
+    /// If it cannot be used.
+    pub fn open(folder: &Path, mut config: PerceptionConfig) -> Result<Self> {
+        let recording = RgbdRecording::open(folder)?;
+        config.segmentation.labels = LabelSource::Given;
+        let first = recording.frame(0)?;
+        let camera =
+            PosedCamera { name: "camera".to_owned(), intrinsics: first.intrinsics, pose: first.world_from_camera };
+        let hand = Hand::none();
+        let setup = PerceptionSetup { weights: None, config };
+        let perception = Perception::new(Arc::clone(&hand), vec![camera.clone()], &setup);
+        let notes = recording.notes().iter().map(|note| format!("{}: {note}", folder.display()));
+        Ok(Self {
+            warnings: notes.collect(),
+            hand,
+            perception,
+            camera,
+            next: 0,
+            until_s: f64::INFINITY,
+            object_from_file: Isometry::identity(),
+            recording,
+        })
+    }
+
+    /// Ends after this time.
+    pub fn limit(&mut self, duration_s: f64) {
+        self.until_s = self.recording.times_s().next().unwrap_or(0.0) + duration_s;
+    }
+
+    /// Says how the mesh, whose poses the data set holds, lies in the object's frame.
+    pub fn set_object_from_file(&mut self, object_from_file: Isometry<MeshFile, Object>) {
+        self.object_from_file = object_from_file;
+    }
+
+    /// The sequence.
+    pub fn recording(&self) -> &RgbdRecording {
+        &self.recording
+    }
+
+    /// The camera, as it stands in the first frame.
+    pub fn camera(&self) -> &PosedCamera {
+        &self.camera
+    }
+}
+
+impl Source for RgbdSource {
+    fn next(&mut self) -> Result<Option<Sensed>> {
+        let begun = Instant::now();
+        let number = self.next;
+        if self.recording.times_s().nth(number).is_none_or(|time_s| time_s >= self.until_s) {
+            return Ok(None);
+        }
+        self.next += 1;
+        let RgbdFrame { time_s, color, depth_m, mask, world_from_camera, camera_from_object, .. } =
+            self.recording.frame(number)?;
+        // Without a mask nothing is known of a pixel.
+        let depth_m = if mask.is_some() { depth_m } else { Default::default() };
+        let camera = Rgbd { color, depth_m, labels: mask, world_from_camera: Some(world_from_camera) };
+        let observation = Observation { time_s, joints: Vec::new(), touch: PerPad::default(), cameras: vec![camera] };
+        let seen = self.perception.see(number as u64, observation, None);
+        let Seen { percept, warnings, .. } =
+            seen.map_err(|error| anyhow!("{}: frame {number}: {error}", self.recording.folder().display()))?;
+        self.warnings.extend(warnings);
+        let truth = camera_from_object.map(|pose| world_from_camera * pose * self.object_from_file.inverse());
+        Ok(Some(Sensed {
+            frame: number as u64,
+            percept,
+            truth,
+            pictures: Pictures::default(),
+            sense_ms: begun.elapsed().as_secs_f64() * 1e3,
+            hidden: None,
+            warnings: std::mem::take(&mut self.warnings),
+            events: Vec::new(),
+        }))
+    }
+
+    fn hand(&self) -> &Arc<Hand> {
+        &self.hand
+    }
+
+    fn frame_count(&self) -> usize {
+        self.recording.times_s().filter(|&time_s| time_s < self.until_s).count()
+    }
+
+    fn end(&self) -> (String, bool) {
+        ("the sequence ended".to_owned(), true)
+    }
+
+    fn calibration(&self) -> Option<Calibration> {
+        None
+    }
+}

@@ -1,0 +1,81 @@
+//! `run --log` of RGB-D sequences without a hand.
+
+use std::fs;
+use std::path::Path;
+
+use image::{GrayImage, ImageBuffer, Luma};
+use mvt_feelsight::Log;
+use mvt_frames::depth::Label;
+
+use crate::workplace::Workplace;
+
+/// Writes the frames of a simulated log as `rgb/ depth/ masks/ cam_K.txt annotated_poses/`.
+fn as_folders(log: &Path, to: &Path) {
+    let log = Log::open(log).unwrap();
+    let camera = log.cameras()[0].clone();
+    for name in ["rgb", "depth", "masks", "annotated_poses"] {
+        fs::create_dir_all(to.join(name)).unwrap();
+    }
+    let k = camera.intrinsics;
+    fs::write(to.join("cam_K.txt"), format!("{} 0 {}\n0 {} {}\n0 0 1\n", k.fx, k.cx, k.fy, k.cy)).unwrap();
+    for (i, frame) in log.frames().unwrap().enumerate() {
+        let (frame, labels) = (frame.unwrap(), log.labels(0, i).unwrap());
+        let rgbd = &frame.observation.cameras[0];
+        rgbd.color.save(to.join(format!("rgb/{i:06}.png"))).unwrap();
+        let (rows, columns) = rgbd.depth_m.dim();
+        let size = (columns as u32, rows as u32);
+        let millimetres = rgbd.depth_m.iter().map(|depth_m| (1e3 * depth_m).round() as u16).collect();
+        let depth = ImageBuffer::<Luma<u16>, _>::from_vec(size.0, size.1, millimetres).unwrap();
+        depth.save(to.join(format!("depth/{i:06}.png"))).unwrap();
+        let mask = labels.iter().map(|label| if *label == Label::Object { 255 } else { 0 }).collect();
+        GrayImage::from_vec(size.0, size.1, mask).unwrap().save(to.join(format!("masks/{i:06}.png"))).unwrap();
+        // OpenCV axes: y and z are turned.
+        let pose = (camera.pose.inverse() * log.object_poses()[i].unwrap()).to_matrix();
+        let row = |row: usize, sign: f64| pose[row].map(|x| (sign * x).to_string()).join(" ");
+        let text = [row(0, 1.0), row(1, -1.0), row(2, -1.0), "0 0 0 1".to_owned()].join("\n");
+        fs::write(to.join(format!("annotated_poses/{i:06}.txt")), text).unwrap();
+    }
+}
+
+#[test]
+fn a_folder_of_images_and_masks_is_a_log_without_a_hand() {
+    let workplace = Workplace::new();
+    workplace.run("generate --object cube70 --logs 1 --duration 0.6 --cameras side --out set").good();
+    as_folders(&workplace.path("set/cube70/00"), &workplace.path("folder"));
+    let said = workplace.run("run --log folder --object cube70 --out out").warned();
+    assert!(said.contains("30 frames per second are assumed"), "{said}");
+    let summary: serde_json::Value =
+        serde_json::from_slice(&fs::read(workplace.path("out/summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["frames"], 18, "{summary}");
+    assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < 2.0, "{summary}");
+    // The object is not named, so that there is nothing to score.
+    workplace.run("run --log folder --out unnamed --quiet").good();
+    let error = |line: &str| workplace.run(line).error();
+    assert!(error("run --log folder --modality tac").contains("no touch sensors"));
+    assert!(error("run --log folder --mode pose").contains("--object"));
+    workplace.write("folder/rgbd.toml", "depth_unit_m = 1.0\n");
+    assert!(error("run --log folder").contains("is the unit of depth right?"));
+    fs::create_dir(workplace.path("other")).unwrap();
+    assert!(error("run --log other").contains("other"));
+}
+
+/// A box that stands still, seen by a real camera.
+#[test]
+fn a_real_sequence_does_not_drift() {
+    let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/real_rgbd/standing_box");
+    if !place.exists() {
+        eprintln!("NOT TESTED: the real sequence {} is missing", place.display());
+        return;
+    }
+    let workplace = Workplace::new();
+    workplace.run(&format!("run --log {} --out out --quiet", place.display())).good();
+    let table = fs::read_to_string(workplace.path("out/trajectory.csv")).unwrap();
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().unwrap();
+    let columns = ["x_m", "y_m", "z_m", "qw"].map(|name| head.iter().position(|column| *column == name).unwrap());
+    let poses: Vec<[f64; 4]> = lines.map(|line| columns.map(|column| line[column].parse().unwrap())).collect();
+    let (first, last) = (poses[0], poses[10]);
+    let moved_m = (0..3).map(|axis| (last[axis] - first[axis]).powi(2)).sum::<f64>().sqrt();
+    let turned_deg = 2.0 * last[3].abs().min(1.0).acos().to_degrees();
+    assert!(moved_m < 0.001 && turned_deg < 1.0, "{moved_m} m, {turned_deg} degrees");
+}
