@@ -19,8 +19,8 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use crate::image_size::ImageSize;
 use crate::touch::architecture;
+use mvt_run::image_size::ImageSize;
 
 /// Measure the speed of touch networks or of the viewer on this machine
 #[derive(Debug, Subcommand)]

@@ -6,7 +6,6 @@ mod calibrate;
 mod convert;
 mod disturb;
 mod generate;
-mod image_size;
 mod inspect;
 mod mesh;
 mod report;

@@ -52,7 +52,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
-    let RunInput { mut source, seed, name, object, supervisor, cameras } = RunInput::new(arguments, &config)?;
+    let RunInput { mut source, seed, name, object, supervisor, cameras, frame_cameras } =
+        RunInput::new(arguments, &config)?;
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(source.hand()))?),
@@ -101,8 +102,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         supervisor,
         single_threaded: arguments.threads == Some(1),
     };
-    let record =
-        RunRecord { object: name, seed, mode: arguments.mode, modality: arguments.modality, ..RunRecord::default() };
+    let (mode, modality) = (arguments.mode, arguments.modality);
+    let record = RunRecord { object: name, seed, mode, modality, cameras: frame_cameras, ..RunRecord::default() };
     let bar = if arguments.quiet { ProgressBar::hidden() } else { progress::bar(0, "") };
     let mut recorder = ProgressRecorder::new(&arguments.out, record, bar);
     let finished = pipeline.run(source.as_mut(), &stop, &mut |progress| {

@@ -90,7 +90,7 @@ type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32
 ///
 /// `cameras` are those of the frames, in their order. `modality` is vitac (cameras and touch), vi or tac. With a `network`, touch is read
 /// from the touch images, and `untouched`, uint8 (P, height, width, 3), are the images without contact; without one the frame's indentation
-/// is taken. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
+/// is taken. With `rig="none"` there is no hand: joints are empty, and each frame has masks or labels. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Slam {
     hand: Arc<Hand>,
@@ -110,6 +110,9 @@ impl Slam {
     }
 }
 
+/// The rig of cameras alone.
+const NO_HAND: &str = "none";
+
 /// Groups of settings that have an effect.
 const USED: [&str; 4] = ["slam.", "touch.", "calibration.", "segmentation."];
 
@@ -128,7 +131,7 @@ impl Slam {
         untouched: Option<&Bound<'_, PyAny>>,
         settings: BTreeMap<String, Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let hand = read_rig(py, rig, side)?.hand;
+        let hand = if rig == NO_HAND { Hand::none() } else { read_rig(py, rig, side)?.hand };
         let modality = [Modality::Vitac, Modality::Vi, Modality::Tac]
             .into_iter()
             .find(|known| known.name() == modality)

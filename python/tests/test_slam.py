@@ -154,6 +154,22 @@ def test_masks_and_labels_may_be_given(log: Log) -> None:
         Slam(log.cameras, settings=settings | {"segmentation.labels": "given"}).observe(frame)
 
 
+def test_cameras_alone_track_an_object_by_its_masks(log: Log) -> None:
+    camera = log.cameras[0]
+    slam = Slam(log.cameras, rig="none", settings={"slam.map.first_steps": 40})
+    poses = []
+    for k, frame in enumerate(log):
+        with Image.open(log.folder / "realsense" / camera.name / "seg" / f"{k}.jpg") as image:
+            mask = np.asarray(image) > 191
+        estimate = slam.observe(Frame(frame.time_s, [], depth_m=frame.depth_m, color=frame.color, masks=[mask]))
+        poses.append(estimate.pose)
+        assert estimate.is_tracking and estimate.confidence > 0.8
+    true = [frame.object_pose for frame in log]
+    moved = np.linalg.inv(poses[0]) @ poses[-1], np.linalg.inv(true[0]) @ true[-1]
+    assert abs(np.trace(moved[0][:3, :3]) - np.trace(moved[1][:3, :3])) < 0.1
+    assert slam.mesh() is not None
+
+
 def test_frames_come_in_the_order_of_their_times(log: Log) -> None:
     slam = Slam([], modality="tac")
     slam.observe(Frame(1.0, np.zeros(16)))

@@ -18,7 +18,7 @@ use mvt_picture::raster::{LitMesh, MeshPlacement, Rasteriser};
 use mvt_run::io::print_line;
 use mvt_viewer::{Eye, Layers, Preset, ScenePainter};
 
-use crate::image_size::ImageSize;
+use mvt_run::image_size::ImageSize;
 
 /// Measure how fast the viewer paints a turning mesh and random moments of a run
 ///

@@ -13,6 +13,7 @@ use mvt_run::estimator::Mode;
 use mvt_run::explorer::ExploreStrategy;
 use mvt_run::exploring::direct;
 use mvt_run::object::{default_object, load_object};
+use mvt_run::report::FrameCamera;
 use mvt_run::source::{Recorded, RecordedOptions, Source};
 use mvt_run::supervisor::Supervisor;
 use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
@@ -34,6 +35,8 @@ pub struct RunInput {
     /// Directs the hand of a simulated episode.
     pub supervisor: Option<Supervisor>,
     pub cameras: Vec<PosedCamera>,
+    /// The frames of a recording without a hand.
+    pub frame_cameras: Vec<FrameCamera>,
 }
 
 impl RunInput {
@@ -60,8 +63,16 @@ fn from_log(arguments: &RunArguments, folder: &Path, config: &RunConfig) -> Resu
         wants_pictures: mvt_recording::has_images,
         config,
     };
-    let Recorded { source, seed, name, object, cameras } = Recorded::open(folder, &options)?;
-    Ok(RunInput { seed: arguments.seed.unwrap_or(seed), name, object, supervisor: None, cameras, source })
+    let Recorded { source, seed, name, object, cameras, frame_cameras } = Recorded::open(folder, &options)?;
+    Ok(RunInput {
+        seed: arguments.seed.unwrap_or(seed),
+        name,
+        object,
+        supervisor: None,
+        cameras,
+        frame_cameras,
+        source,
+    })
 }
 
 fn simulated(arguments: &RunArguments, config: &RunConfig) -> Result<RunInput> {
@@ -105,5 +116,13 @@ fn simulated(arguments: &RunArguments, config: &RunConfig) -> Result<RunInput> {
     if let Some(path) = &arguments.calibration_file {
         source.start_from(&calibrate::read(path)?).with_context(|| path.display().to_string())?;
     }
-    Ok(RunInput { source, seed, name, object: Some(object), supervisor: Some(supervisor), cameras })
+    Ok(RunInput {
+        source,
+        seed,
+        name,
+        object: Some(object),
+        supervisor: Some(supervisor),
+        cameras,
+        frame_cameras: Vec::new(),
+    })
 }

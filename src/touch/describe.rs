@@ -9,7 +9,7 @@ use mvt_run::settings;
 use mvt_touch::network::{Architecture, Cost, NetworkLayer};
 use serde::{Deserialize, Serialize};
 
-use crate::image_size::ImageSize;
+use mvt_run::image_size::ImageSize;
 
 /// Count the parameters, multiplications and activations of a touch network
 ///

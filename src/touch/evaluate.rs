@@ -23,7 +23,7 @@ use mvt_touch::untouched::{estimate, is_of_same_sensor, subtract_untouched};
 use ndarray::Array2;
 use serde::Serialize;
 
-use crate::image_size::ImageSize;
+use mvt_run::image_size::ImageSize;
 
 /// Score a touch network on images with known depth and contact
 ///

@@ -20,6 +20,10 @@ mod trial;
 #[path = "../../sim/feelsight/tests/common/mod.rs"]
 mod small_log;
 
+#[path = "../../app/rgbd/tests/sequences/mod.rs"]
+#[allow(dead_code, reason = "the tests of layouts use more of it")]
+mod sequences;
+
 #[path = "../commands/workplace.rs"]
 #[allow(dead_code, reason = "the tests of commands use more of it")]
 mod workplace;

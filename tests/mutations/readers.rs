@@ -9,6 +9,7 @@ use mvt_field::field::NeuralField;
 use mvt_gaits::controller_file::ControllerFile;
 use mvt_mesh::Format;
 use mvt_recording::Recording;
+use mvt_rgbd::RgbdRecording;
 use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::input::map_obstacles;
@@ -22,8 +23,8 @@ use crate::originals::{
     self, copy_run, mcap_without_checksums, npz, of_run, pictures, png_with_checksums, with_and_without_seal,
     zip_with_checksums,
 };
-use crate::small_log;
 use crate::trial::{Original, check};
+use crate::{sequences, small_log};
 
 /// Folder with one file that is written anew for each input.
 struct OneFile {
@@ -434,4 +435,36 @@ fn poses() {
 
 fn mesh_of_box() -> mvt_mesh::Mesh {
     mvt_mesh::read_bytes(&originals::meshes(Format::Obj)[0], Format::Obj, "box").unwrap().0
+}
+
+/// RGB-D sequences of other programs.
+#[test]
+fn rgbd() {
+    let stamp = "1581120424100262102";
+    let owned = |name: String| -> &'static str { Box::leak(name.into_boxed_str()) };
+    let cases = [
+        (
+            sequences::folders(),
+            vec![
+                "cam_K.txt",
+                "annotated_poses/0000000.txt",
+                owned(format!("depth/{stamp}.png")),
+                owned(format!("masks/{stamp}.png")),
+                owned(format!("rgb/{stamp}.png")),
+            ],
+        ),
+        (sequences::bop(), vec!["scene_camera.json", "scene_gt.json", "rgbd.toml", "rgb/000000.jpg"]),
+        (sequences::ho3d(), vec!["meta/0000.pkl", "depth/0000.png", "seg/0000.png"]),
+        (sequences::tum(), vec!["rgb.txt", "depth.txt", "groundtruth.txt"]),
+        (sequences::described(), vec!["rgbd.toml"]),
+    ];
+    for (folder, names) in &cases {
+        let files = Files { folder: folder.path().to_owned(), names: names.clone() };
+        check("rgbd", &files.originals(), |number, bytes| {
+            files.with(number, bytes, |place| {
+                RgbdRecording::open(place)
+                    .is_ok_and(|recording| (0..recording.len()).all(|k| recording.frame(k).is_ok()))
+            })
+        });
+    }
 }

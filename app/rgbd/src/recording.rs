@@ -241,6 +241,11 @@ impl RgbdRecording {
         self.frames.iter().map(|frame| frame.name.as_str())
     }
 
+    /// Returns the poses of the camera in the frames; all are the identity if the data set knows none.
+    pub fn camera_poses(&self) -> impl Iterator<Item = Isometry<Camera, World>> {
+        self.frames.iter().map(|frame| frame.world_from_camera.unwrap_or_else(Isometry::identity))
+    }
+
     /// Returns the object's name in the data set, if it has one.
     pub fn object_name(&self) -> Option<&str> {
         self.object_name.as_deref()

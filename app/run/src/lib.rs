@@ -43,6 +43,7 @@ pub mod device;
 pub mod estimator;
 pub mod explorer;
 pub mod exploring;
+pub mod image_size;
 pub mod input;
 pub mod io;
 pub mod object;

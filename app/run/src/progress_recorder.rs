@@ -115,6 +115,9 @@ impl<'a> ProgressRecorder<'a> {
                 report::write_partial(self.out, record)?
             }
         };
+        if !record.cameras.is_empty() {
+            report::write_camera_poses(self.out, &record.frames, &record.cameras)?;
+        }
         self.bar.finish_and_clear();
         match self.failure {
             Some(failure) => Err(failure),

@@ -21,6 +21,7 @@ use crate::source::Modality;
 use crate::truth::Truth;
 pub use mvt_slam::{Deviation, TrackState};
 
+mod camera_poses;
 mod coordinates;
 mod curves;
 pub mod mesh_file;
@@ -31,6 +32,7 @@ mod tests;
 mod trajectory;
 mod turntable;
 
+pub use camera_poses::{FrameCamera, write_camera_poses};
 pub use coordinates::Coordinates;
 pub use summary::{ErrorStatistics, ObservedScores, ShapeScores, Summary};
 pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
@@ -84,6 +86,8 @@ pub struct RunRecord {
     pub peak_memory_mb: Option<f64>,
     /// The refined calibration; `None` before the end, and if it was taken as given.
     pub calibration: Option<Calibration>,
+    /// The frames of a recording of which the poses of the camera are known, in their order.
+    pub cameras: Vec<FrameCamera>,
     /// Whether the run came to its end.
     pub complete: bool,
 }

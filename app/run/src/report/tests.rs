@@ -65,6 +65,7 @@ fn run() -> RunRecord {
         simulated_s: 20.0,
         peak_memory_mb: peak_memory_mb(),
         calibration: None,
+        cameras: Vec::new(),
         complete: true,
     }
 }

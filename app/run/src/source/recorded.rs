@@ -11,6 +11,7 @@ use mvt_rgbd::RgbdLayout;
 use super::{LogSource, Modality, RgbdSource, Source, TouchArguments};
 use crate::config::RunConfig;
 use crate::object::load_object;
+use crate::report::FrameCamera;
 
 /// How a recording is used.
 pub struct RecordedOptions<'a> {
@@ -46,6 +47,8 @@ pub struct Recorded {
     pub object: Option<Object>,
     /// Its cameras.
     pub cameras: Vec<PosedCamera>,
+    /// Its frames with the poses of the camera, if it has no hand.
+    pub frame_cameras: Vec<FrameCamera>,
 }
 
 impl Recorded {
@@ -70,7 +73,14 @@ impl Recorded {
         if let Some(duration_s) = options.duration_s {
             source.limit(duration_s);
         }
-        Ok(Self { seed: source.seed(), name, object, cameras: source.cameras().to_vec(), source: Box::new(source) })
+        Ok(Self {
+            seed: source.seed(),
+            name,
+            object,
+            cameras: source.cameras().to_vec(),
+            frame_cameras: Vec::new(),
+            source: Box::new(source),
+        })
     }
 
     fn rgbd(folder: &Path, options: &RecordedOptions<'_>) -> Result<Self> {
@@ -88,7 +98,11 @@ impl Recorded {
         if let Some(duration_s) = options.duration_s {
             source.limit(duration_s);
         }
-        Ok(Self { seed: 0, name, object, cameras: vec![source.camera().clone()], source: Box::new(source) })
+        let frames = source.recording().names().zip(source.recording().camera_poses());
+        let frame_cameras =
+            frames.map(|(name, world_from_camera)| FrameCamera { name: name.to_owned(), world_from_camera }).collect();
+        let cameras = vec![source.camera().clone()];
+        Ok(Self { seed: 0, name, object, cameras, frame_cameras, source: Box::new(source) })
     }
 }
 
