@@ -157,6 +157,7 @@ impl LogFrames {
                 joints: partial.joints,
                 colours: Vec::new(),
                 depths_m: partial.cameras.into_iter().map(depth).collect(),
+                labels: Vec::new(),
                 touch: Some(partial.touch_images.into_iter().map(Option::unwrap_or_default).collect()),
                 presses: PerPad::default(),
                 object_pose: None,
