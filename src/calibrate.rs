@@ -6,9 +6,9 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use mvt_calibration::Calibration;
 use mvt_files::input;
-use mvt_gaits::gait;
-use mvt_robot::hand::{Hand, Side};
-use mvt_robot::rig::Placement;
+use mvt_gaits::controller_file;
+use mvt_hands::LoadedHand;
+use mvt_robot::hand::ALLEGRO_DIGIT;
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
 use mvt_run::io::{check_named, print_line, write_named};
@@ -33,6 +33,9 @@ pub struct CalibrateArguments {
     /// Simulate the moving hand instead of reading a log; the calibration of its sensors is perfect
     #[arg(long, conflicts_with = "log")]
     simulated: bool,
+    /// Hand that is simulated: a name that `rigs` lists, or the path of a hand file (.toml)
+    #[arg(long, value_name = "NAME|FILE", requires = "simulated", default_value = ALLEGRO_DIGIT)]
+    rig: String,
     /// Cameras, separated by commas [default: all of the log, or side]
     #[arg(long)]
     cameras: Option<String>,
@@ -108,14 +111,16 @@ fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Res
 
 fn simulated(arguments: &CalibrateArguments, config: &RunConfig) -> Result<SimulatedSource> {
     let (_, object) = default_object()?;
-    let hand = Hand::allegro(Side::Left);
-    let placements = Placement::parse_list(arguments.cameras.as_deref().unwrap_or("side"))?;
+    let rig = LoadedHand::rig(&arguments.rig, None)?;
+    rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let cameras = rig.placed(arguments.cameras.as_deref().unwrap_or("side"))?;
+    let hand = rig.hand;
     let settings = SimulatedSettings {
-        gait: gait::choose("auto", &object, &hand)?.1.clone(),
+        gait: controller_file::choose("auto", &object, &hand)?.gait,
         schedule: Default::default(),
         seed: arguments.seed,
         duration_s: arguments.duration.unwrap_or(SIMULATED_S),
-        cameras: placements.iter().map(|placement| placement.camera(&hand)).collect(),
+        cameras,
         hand,
         camera_noise: config.camera_noise,
         perception: config.perception(),

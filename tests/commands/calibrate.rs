@@ -71,6 +71,9 @@ fn simulated_sensors_are_calibrated_as_they_are() {
         assert!(camera[key].as_f64().unwrap() < bar, "{camera}");
     }
     assert!(found["lag_ms"].as_f64().unwrap().abs() < 3.0, "{found}");
+    let found = json(&workplace.run("calibrate --simulated --rig three_fingers --duration 0.5 --json").good());
+    assert_eq!(found["joint_offsets_deg"].as_array().unwrap().len(), 12, "{found}");
+    assert!(workplace.run("calibrate --simulated --rig four_fingers").error().contains("three_fingers"));
     assert!(workplace.run("calibrate").usage().contains("--log"));
     assert!(workplace.run("calibrate --simulated --log x").usage().contains("cannot be used with"));
 }
