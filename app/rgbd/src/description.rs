@@ -56,4 +56,13 @@ impl Description {
         }
         Ok(contents)
     }
+
+    /// Returns fx, fy, cx and cy as stated, or else those of `cam_K.txt`; `None` if there is neither.
+    pub fn intrinsics_or_cam_k(&self, folder: &Path) -> Result<Option<[f64; 4]>, RgbdError> {
+        let path = folder.join("cam_K.txt");
+        match self.intrinsics {
+            None if path.exists() => text::camera_matrix(&path).map(Some),
+            stated => Ok(stated),
+        }
+    }
 }

@@ -21,15 +21,11 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
     let color = files(folder, description.color.as_deref(), &["rgb", "color"], &IMAGES)?;
     let depth = files(folder, description.depth.as_deref(), &["depth"], &["png", "npy"])?;
     let masks = masks(folder, description)?;
-    let intrinsics = match (description.intrinsics, folder.join("cam_K.txt")) {
-        (Some(intrinsics), _) => intrinsics,
-        (None, path) if path.exists() => text::camera_matrix(&path)?,
-        (None, _) => {
-            let fault =
-                format!("there is no cam_K.txt: write it, or `intrinsics = [fx, fy, cx, cy]` in {}", description::FILE);
-            return Err(RgbdError::fault(folder, fault));
-        }
-    };
+    let intrinsics = description.intrinsics_or_cam_k(folder)?.ok_or_else(|| {
+        let fault =
+            format!("there is no cam_K.txt: write it, or `intrinsics = [fx, fy, cx, cy]` in {}", description::FILE);
+        RgbdError::fault(folder, fault)
+    })?;
     let truth = files(folder, description.object_poses.as_deref(), &["annotated_poses"], &["txt"])?;
     let motion = files(folder, description.camera_poses.as_deref(), &[], &["txt"])?;
     let mut notes = Vec::new();
@@ -45,7 +41,7 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
         frames.push(FrameFiles {
             name: name.text.clone(),
             time_s,
-            color: Some(color.clone()),
+            color: color.clone(),
             depth,
             mask: masks[k].cloned(),
             intrinsics,

@@ -56,7 +56,7 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
         frames.push(FrameFiles {
             name: name.text.clone(),
             time_s: times_s[k],
-            color: Some(color.clone()),
+            color: color.clone(),
             depth: depth.clone(),
             mask: masks[k].cloned(),
             intrinsics,

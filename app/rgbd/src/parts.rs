@@ -12,7 +12,7 @@ pub(crate) struct FrameFiles {
     /// Its name in the data set.
     pub name: String,
     pub time_s: f64,
-    pub color: Option<PathBuf>,
+    pub color: PathBuf,
     pub depth: PathBuf,
     pub mask: Option<PathBuf>,
     /// fx, fy, cx, cy of the colour image.

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Camera, Isometry, MeshFile, World};
 use ndarray::Array2;
 
@@ -45,17 +44,6 @@ impl RgbdLayout {
             folder.join(description::FILE).is_file().then_some(Self::Described)
         }
     }
-
-    /// Its name, for messages.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Folders => "folders of rgb, depth and masks",
-            Self::Bop => "a scene of BOP",
-            Self::Ho3d => "a sequence of HO3D",
-            Self::Tum => "a sequence of TUM",
-            Self::Described => "files that rgbd.toml describes",
-        }
-    }
 }
 
 /// A sequence of RGB-D images.
@@ -84,7 +72,7 @@ pub struct RgbdFrame {
     /// Depth along the optical axis, metres, 0 where nothing was measured.
     pub depth_m: Array2<f32>,
     /// Where the object is visible, of the size of depth; `None` in a frame without a mask.
-    pub mask: Option<GivenLabels>,
+    pub mask: Option<Array2<bool>>,
     /// Pinhole model of the depth image.
     pub intrinsics: Intrinsics,
     /// Pose of the camera; that of the first frame if the data set knows none.
@@ -130,7 +118,7 @@ impl RgbdRecording {
         };
         let depth = pixels::depth_m(&first.depth, code)?;
         let depth_size = [depth.ncols(), depth.nrows()];
-        let color_size = first.color.as_deref().map(pixels::size).transpose()?.unwrap_or(depth_size);
+        let color_size = pixels::size(&first.color)?;
         let mut recording = Self {
             folder: folder.to_owned(),
             layout,
@@ -184,7 +172,7 @@ impl RgbdRecording {
         }
         let first = self.frames.iter().position(|frame| frame.mask.is_some()).unwrap_or(0);
         let RgbdFrame { name, depth_m, mask, .. } = self.frame(first)?;
-        let Some(GivenLabels::Mask(mask)) = mask else { return Ok(()) };
+        let mask = mask.unwrap_or_default();
         let inside = mask.iter().filter(|inside| **inside).count();
         let mut depths: Vec<f32> = mask
             .iter()
@@ -284,14 +272,14 @@ impl RgbdRecording {
                 format!("{} x {} pixels; the first depth image has {} x {}", found[0], found[1], size[0], size[1]);
             return Err(RgbdError::fault(&files.depth, fault));
         }
-        let color = files.color.as_deref().map(|path| pixels::colour(path, size)).transpose()?.unwrap_or_default();
+        let color = pixels::colour(&files.color, size)?;
         let mask = files.mask.as_deref().map(|path| pixels::mask(path, self.object, size)).transpose()?;
         Ok(RgbdFrame {
             name: files.name.clone(),
             time_s: files.time_s,
             color,
             depth_m,
-            mask: mask.map(GivenLabels::Mask),
+            mask,
             intrinsics,
             world_from_camera: files.world_from_camera.unwrap_or_else(Isometry::identity),
             camera_from_object: files.camera_from_object,

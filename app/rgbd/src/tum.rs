@@ -30,16 +30,10 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
     let trajectory = folder.join("groundtruth.txt");
     let trajectory = if trajectory.exists() { poses(&trajectory)? } else { Vec::new() };
     let mut notes = Vec::new();
-    let intrinsics = match (description.intrinsics, folder.join("cam_K.txt")) {
-        (Some(intrinsics), _) => intrinsics,
-        (None, path) if path.exists() => text::camera_matrix(&path)?,
-        (None, _) => {
-            notes.push(
-                "there is no cam_K.txt: the intrinsics of the benchmark's registered Kinect are assumed".to_owned(),
-            );
-            KINECT
-        }
-    };
+    let intrinsics = description.intrinsics_or_cam_k(folder)?.unwrap_or_else(|| {
+        notes.push("there is no cam_K.txt: the intrinsics of the benchmark's registered Kinect are assumed".to_owned());
+        KINECT
+    });
     let masks = folders::masks(folder, description)?;
     let mut frames = Vec::new();
     for (time_s, color) in &colours {
@@ -54,7 +48,7 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
         frames.push(FrameFiles {
             name: name(color).text,
             time_s: *time_s,
-            color: Some(folder.join(color)),
+            color: folder.join(color),
             depth: folder.join(depth),
             mask,
             intrinsics,

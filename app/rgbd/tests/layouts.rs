@@ -8,7 +8,6 @@ use std::fs;
 
 use image::{GrayImage, Luma};
 use mvt_frames::Point;
-use mvt_frames::depth::GivenLabels;
 use mvt_rgbd::{RgbdLayout, RgbdRecording};
 use tempfile::TempDir;
 
@@ -34,7 +33,7 @@ fn all_layouts_give_the_same_frames() {
                 let expected = 1e-3 * f32::from(depth_mm(k, u as u32, v as u32));
                 assert!((depth_m - expected).abs() < 1e-4, "{layout:?}, frame {k} at ({u}, {v}): {depth_m}");
             }
-            let Some(GivenLabels::Mask(mask)) = &frame.mask else { panic!("{layout:?}: no mask") };
+            let Some(mask) = &frame.mask else { panic!("{layout:?}: no mask") };
             assert!(mask.indexed_iter().all(|((v, u), inside)| *inside == is_object(u as u32, v as u32)), "{layout:?}");
             let i = frame.intrinsics;
             assert_eq!([i.fx, i.fy, i.cx, i.cy], K, "{layout:?}");
@@ -156,7 +155,7 @@ fn colours_and_masks_of_another_size_are_brought_to_that_of_depth() {
     write(&folder.path().join("cam_K.txt"), "80 0 30.5\n0 82 25.5\n0 0 1\n");
     let frame = RgbdRecording::open(folder.path()).unwrap().frame(0).unwrap();
     assert_eq!([frame.intrinsics.fx, frame.intrinsics.fy, frame.intrinsics.cx, frame.intrinsics.cy], K);
-    let Some(GivenLabels::Mask(mask)) = &frame.mask else { panic!() };
+    let Some(mask) = &frame.mask else { panic!() };
     assert!(mask.indexed_iter().all(|((v, u), inside)| *inside == is_object(u as u32, v as u32)));
     assert_eq!(frame.color.dimensions(), SIZE);
 }

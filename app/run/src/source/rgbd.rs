@@ -4,9 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context as _, Result, anyhow};
 use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
+use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_perceive::{LabelSource, Perception, PerceptionConfig, PerceptionSetup, Seen};
 use mvt_rgbd::{RgbdFrame, RgbdRecording};
@@ -22,8 +23,8 @@ pub struct RgbdSource {
     perception: Perception,
     camera: PosedCamera,
     next: usize,
-    /// Frames from this time on are left out.
-    until_s: f64,
+    /// Frames from this number on are left out.
+    end: usize,
     object_from_file: Isometry<MeshFile, Object>,
     warnings: Vec<String>,
 }
@@ -36,9 +37,9 @@ impl RgbdSource {
     pub fn open(folder: &Path, mut config: PerceptionConfig) -> Result<Self> {
         let recording = RgbdRecording::open(folder)?;
         config.segmentation.labels = LabelSource::Given;
-        let first = recording.frame(0)?;
-        let camera =
-            PosedCamera { name: "camera".to_owned(), intrinsics: first.intrinsics, pose: first.world_from_camera };
+        let first = recording.intrinsics(0).zip(recording.camera_poses().next());
+        let (intrinsics, pose) = first.with_context(|| format!("{}: there are no frames", folder.display()))?;
+        let camera = PosedCamera { name: "camera".to_owned(), intrinsics, pose };
         let hand = Hand::none();
         let setup = PerceptionSetup { weights: None, config };
         let perception = Perception::new(Arc::clone(&hand), vec![camera.clone()], &setup);
@@ -49,7 +50,7 @@ impl RgbdSource {
             perception,
             camera,
             next: 0,
-            until_s: f64::INFINITY,
+            end: recording.len(),
             object_from_file: Isometry::identity(),
             recording,
         })
@@ -57,7 +58,8 @@ impl RgbdSource {
 
     /// Ends after this time.
     pub fn limit(&mut self, duration_s: f64) {
-        self.until_s = self.recording.times_s().next().unwrap_or(0.0) + duration_s;
+        let until_s = self.recording.times_s().next().unwrap_or(0.0) + duration_s;
+        self.end = self.recording.times_s().take_while(|&time_s| time_s < until_s).count();
     }
 
     /// Says how the mesh, whose poses the data set holds, lies in the object's frame.
@@ -80,7 +82,7 @@ impl Source for RgbdSource {
     fn next(&mut self) -> Result<Option<Sensed>> {
         let begun = Instant::now();
         let number = self.next;
-        if self.recording.times_s().nth(number).is_none_or(|time_s| time_s >= self.until_s) {
+        if number == self.end {
             return Ok(None);
         }
         self.next += 1;
@@ -88,7 +90,8 @@ impl Source for RgbdSource {
             self.recording.frame(number)?;
         // Without a mask nothing is known of a pixel.
         let depth_m = if mask.is_some() { depth_m } else { Default::default() };
-        let camera = Rgbd { color, depth_m, labels: mask, world_from_camera: Some(world_from_camera) };
+        let camera =
+            Rgbd { color, depth_m, labels: mask.map(GivenLabels::Mask), world_from_camera: Some(world_from_camera) };
         let observation = Observation { time_s, joints: Vec::new(), touch: PerPad::default(), cameras: vec![camera] };
         let seen = self.perception.see(number as u64, observation, None);
         let Seen { percept, warnings, .. } =
@@ -112,7 +115,7 @@ impl Source for RgbdSource {
     }
 
     fn frame_count(&self) -> usize {
-        self.recording.times_s().filter(|&time_s| time_s < self.until_s).count()
+        self.end
     }
 
     fn end(&self) -> (String, bool) {
