@@ -1,9 +1,11 @@
 //! Bags of other programs are read as these programs read them: rosbags, mcap and OpenCV wrote `tests/data` (`make_bags.py`).
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
+
 mod common;
 
 use common::data;
-use mvt_bag::{Bag, RgbdBag, RosCameraInfo, RosCompressedImage, RosImage, RosLens};
+use mvt_bag::{Bag, RgbdBag, RgbdTopics, RosCameraInfo, RosCompressedImage, RosImage, RosJointState, RosLens};
 use serde_json::Value;
 
 /// All bags with the same messages.
@@ -102,7 +104,7 @@ fn frames_of_every_storage_are_those_of_rosbags_and_opencv() {
 
 #[test]
 fn poses_of_the_object_are_read_if_they_are_named() {
-    let topics = mvt_bag::RgbdTopics { object_pose: Some("/object/pose".to_owned()), ..Default::default() };
+    let topics = RgbdTopics { object_pose: Some("/object/pose".to_owned()), ..Default::default() };
     let mut bag = RgbdBag::open_with(&data("mcap"), &topics).unwrap();
     for (k, frame) in bag.frames().enumerate() {
         let origin = frame.unwrap().camera_from_object.unwrap().origin().coords();
@@ -167,4 +169,40 @@ fn pixels_of_every_encoding_are_those_of_opencv() {
         seen += 1;
     }
     assert_eq!(seen, expected["encodings"].as_object().unwrap().len());
+}
+
+#[test]
+fn payloads_of_rclpy_are_read() {
+    let topics = RgbdTopics {
+        joints: Some("/joints".to_owned()),
+        object_pose: Some("/pose".to_owned()),
+        depth: Some("/depth".to_owned()),
+        ..Default::default()
+    };
+    let mut bag = RgbdBag::open_with(&data("fastcdr.mcap"), &topics).unwrap();
+    let intrinsics = bag.intrinsics();
+    assert_eq!((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy), (6.0, 7.0, 2.0, 1.5));
+    for (k, frame) in bag.frames().map(Result::unwrap).enumerate() {
+        assert_eq!(frame.stamp_ns, (100 + k as i64) * 1_000_000_000 + 500);
+        assert!(
+            frame.color.enumerate_pixels().all(|(u, v, pixel)| pixel.0 == [u + k as u32, v, u * v].map(|c| c as u8))
+        );
+        let is_right =
+            |((v, u), depth): ((usize, usize), &f32)| (depth * 1000.0).round() as usize == 1000 + 10 * u + v + k;
+        assert!(frame.depth_m.indexed_iter().all(is_right));
+        let joints: Vec<_> = frame.joints.into_iter().collect();
+        let wanted = [("a", 0.1 * k as f64), ("bc", -1.0), ("def", 2.5)];
+        assert!(joints.iter().zip(wanted).all(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < 1e-12) && joints.len() == 3);
+        let object = frame.camera_from_object.unwrap().origin().coords();
+        assert_eq!([object.x, object.z], [0.25, -(0.5 + k as f64)]);
+    }
+    let mut bag = Bag::open(&data("fastcdr.mcap")).unwrap();
+    for message in bag.messages(&["/joints_empty"]).unwrap() {
+        let state = RosJointState::decode(&message.unwrap().data).unwrap();
+        assert_eq!((state.header.frame.as_str(), state.positions.len()), ("a frame", 0));
+    }
+    let message = bag.messages(&["/compressed"]).unwrap().next().unwrap().unwrap();
+    let image = RosCompressedImage::decode(&message.data).unwrap();
+    assert_eq!((image.format, image.data.len()), ("16UC1; compressedDepth png", 13));
+    assert!(image.depth_m(0.001).unwrap_err().to_string().contains("neither a PNG"));
 }

@@ -1,5 +1,12 @@
 //! Bad bags: each is refused, or read with a note, in one line that says what to do.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failed assumption in a test is a failed test"
+)]
+
 mod common;
 
 use std::fs;

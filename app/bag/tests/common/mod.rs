@@ -1,6 +1,6 @@
 //! Writers of small bags for tests.
 
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test uses some of them")]
 
 use std::path::{Path, PathBuf};
 
