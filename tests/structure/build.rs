@@ -8,13 +8,13 @@ use crate::nothing_offends;
 use crate::sources::{read, root, rust_files};
 
 /// Most packages in Cargo.lock. Lower it when their number falls; raise it only with a reason in the commit.
-const PACKAGES: usize = 541;
+const PACKAGES: usize = 547;
 /// Packages in Cargo.lock beyond one version of each. Most come from the windows of other platforms.
 const EXTRA_VERSIONS: usize = 40;
 /// Folders of the kernels: none of their dependencies runs unoptimised.
 const KERNELS: [&str; 3] = ["sim", "perception", "slam"];
 /// The crates that decode and encode files of others, whose own dependencies run optimised, too.
-const CODECS: [&str; 2] = ["mvt-exchange", "mvt-recording"];
+const CODECS: [&str; 3] = ["mvt-bag", "mvt-exchange", "mvt-recording"];
 /// Dependencies of these that no frame and no byte of a file passes through.
 const GLUE: [&str; 3] = ["anyhow", "clap", "indicatif"];
 /// Packages that kernels link for what they never do: colour profiles of images, names in archives, text of settings.

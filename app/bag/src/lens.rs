@@ -39,12 +39,12 @@ impl RosLens {
         let [column, row, part_width, part_height] = info.part;
         let [width, height] =
             [(part_width, info.width), (part_height, info.height)].map(|(part, all)| if part > 0 { part } else { all });
-        if !is_plausible || width == 0 || height == 0 || width.max(height) as f64 > LARGEST {
+        let [across, down] = info.binning.map(|binning| binning.max(1));
+        if !is_plausible || width < across || height < down || width.max(height) as f64 > LARGEST {
             let fault =
                 format!("it is the model of no camera: {width} x {height} pixels, focal lengths {fx} and {fy} pixels");
             return Err(RosError::fault(fault));
         }
-        let [across, down] = info.binning.map(|binning| binning.max(1));
         // Centres of pixels are at whole numbers.
         let place = |c: f64, first: usize, binning: usize| (c - first as f64 + 0.5) / binning as f64 - 0.5;
         let intrinsics = Intrinsics {

@@ -2,13 +2,12 @@
 
 use std::io::{self, Read};
 
-use ruzstd::decoding::errors::FrameDecoderError;
 use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
 
 /// Greatest ratio of decompressed to compressed bytes: even depth images without any depth have less.
 const RATIO: u64 = 2000;
 /// Decompressed bytes that are allowed for any input.
-const SMALL: u64 = 4 << 20;
+pub(crate) const SMALL: u64 = 4 << 20;
 /// Greatest window of Zstandard, bytes: that of its levels 1 to 19. The decoder allocates it at once.
 const WINDOW: u64 = 8 << 20;
 /// First bytes of data that Zstandard compressed. No message in CDR starts so.
@@ -20,10 +19,13 @@ pub(crate) fn most(packed: u64) -> u64 {
 }
 
 /// Returns the plain contents of data compressed with Zstandard.
-pub(crate) fn zstd<R: Read>(packed: R) -> Result<impl Read, FrameDecoderError> {
+///
+/// # Errors
+/// If the data do not start as Zstandard does, or need more memory than its usual levels.
+pub fn zstd<R: Read>(packed: R) -> io::Result<impl Read> {
     let mut decoder = FrameDecoder::new();
     decoder.set_max_window_size(WINDOW);
-    StreamingDecoder::new_with_decoder(packed, decoder)
+    StreamingDecoder::new_with_decoder(packed, decoder).map_err(io::Error::other)
 }
 
 /// Returns whether data start as Zstandard does.
@@ -44,7 +46,7 @@ pub(crate) fn read(from: impl Read, expected: usize, limit: u64, is_whole: bool)
 /// Returns a message, or its first `head` bytes, without its own compression.
 pub(crate) fn message(data: &[u8], head: Option<usize>) -> io::Result<Vec<u8>> {
     if is_zstd(data) {
-        let plain = zstd(data).map_err(io::Error::other)?;
+        let plain = zstd(data)?;
         let limit = most(data.len() as u64);
         return read(plain, 0, head.map_or(limit, |head| head as u64), head.is_none());
     }
@@ -56,7 +58,7 @@ pub(crate) fn unpack(packed: impl io::BufRead, size: u64, to: &mut impl io::Writ
     let mut packed = packed;
     let (mut written, limit) = (0, most(size));
     while !packed.fill_buf()?.is_empty() {
-        let plain = zstd(&mut packed).map_err(io::Error::other)?;
+        let plain = zstd(&mut packed)?;
         written += io::copy(&mut plain.take(limit.saturating_add(1) - written), to)?;
         if written > limit {
             return Err(io::Error::other("it decompresses to more bytes than any recording has"));

@@ -67,7 +67,7 @@ impl Storage {
     pub fn topics(&self) -> Vec<PartTopic> {
         match self {
             Self::Mcap(file) => {
-                let topic = |(id, channel, count): (u16, &mcap::Channel, u64)| PartTopic {
+                let topic = |(id, channel, count): (u16, &mcap::McapChannel, u64)| PartTopic {
                     id: id.into(),
                     name: channel.topic.clone(),
                     type_name: channel.schema.clone(),

@@ -9,6 +9,8 @@ use crate::rvl;
 
 /// Most pixels of an image: more than any camera has.
 const MOST_PIXELS: usize = 1 << 26;
+/// Most pixels of an image in RVL, which a few bytes can promise: more than any camera of depth has.
+const MOST_OF_RVL: usize = 1 << 23;
 /// Bytes before the file in an image of the transport `compressedDepth`: an enumeration and two numbers.
 const DEPTH_HEAD: usize = 12;
 
@@ -229,7 +231,7 @@ impl RosCompressedImage<'_> {
         let number = |at: usize| f32::from_le_bytes(std::array::from_fn(|k| head.get(at + k).copied().unwrap_or(0)));
         let inverse = self.format.trim_start().starts_with("32FC1").then(|| [number(4), number(8)]);
         let levels = if self.format.contains("rvl") {
-            rvl::decode(file, MOST_PIXELS).map_err(RosError::fault)?
+            rvl::decode(file, MOST_OF_RVL).map_err(RosError::fault)?
         } else {
             let image = mvt_images::decode(file, None).map_err(|reason| RosError::fault(reason.to_string()))?;
             levels_of(image)?

@@ -205,7 +205,7 @@ impl RgbdBag {
     /// Returns the times of the frames, seconds since the first, rising.
     pub fn times_s(&self) -> impl Iterator<Item = f64> {
         let first = self.frames.first().map_or(0, |frame| frame.time_ns);
-        self.frames.iter().map(move |frame| (frame.time_ns - first) as f64 * 1e-9)
+        self.frames.iter().map(move |frame| frame.time_ns.saturating_sub(first) as f64 * 1e-9)
     }
 
     /// Returns the pinhole model of all frames.
@@ -274,7 +274,7 @@ impl RgbdBag {
         let first_ns = self.frames.first().map_or(0, |frame| frame.time_ns);
         Ok(BagFrame {
             stamp_ns: frame.time_ns,
-            time_s: (frame.time_ns - first_ns) as f64 * 1e-9,
+            time_s: frame.time_ns.saturating_sub(first_ns) as f64 * 1e-9,
             color,
             depth_m,
             mask,

@@ -211,7 +211,7 @@ fn add_info(first: &mut Option<RosCameraInfo>, changes: &mut bool, message: &Bag
 /// Returns the median time between images, nanoseconds; `None` with fewer than two.
 pub(crate) fn period_ns(shots: &[Shot]) -> Option<i64> {
     let mut steps: Vec<i64> =
-        shots.windows(2).filter_map(|pair| Some(pair.last()?.time_ns - pair.first()?.time_ns)).collect();
+        shots.windows(2).filter_map(|pair| Some(pair.last()?.time_ns.saturating_sub(pair.first()?.time_ns))).collect();
     let middle = steps.len() / 2;
     (!steps.is_empty()).then(|| *steps.select_nth_unstable(middle).1)
 }

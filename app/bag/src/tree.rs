@@ -48,7 +48,7 @@ impl<T: Copy> Track<T> {
         match (before, self.samples.get(next)) {
             (_, Some((next_ns, value))) if *next_ns == time_ns => Some(*value),
             (Some((a_ns, a)), Some((b_ns, b))) if b_ns.saturating_sub(*a_ns) <= most_gap_ns => {
-                Some(between(a, b, (time_ns - a_ns) as f64 / (b_ns - a_ns) as f64))
+                Some(between(a, b, time_ns.saturating_sub(*a_ns) as f64 / b_ns.saturating_sub(*a_ns) as f64))
             }
             (a, b) => {
                 // Which is nearer.

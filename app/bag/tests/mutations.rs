@@ -122,7 +122,7 @@ fn no_mutated_bag_is_a_danger() {
         let whole = fs::read(data(name)).unwrap();
         let path = folder.path().join(Path::new(name).file_name().unwrap());
         let mut opened = 0;
-        let mut runner = TestRunner::new(Config { cases: cases(), ..Config::default() });
+        let mut runner = TestRunner::new(Config { cases: cases(), failure_persistence: None, ..Config::default() });
         let result = runner.run(&changes(), |change| {
             fs::write(&path, changed(&whole, &change)).unwrap();
             let before = NOW.load(Ordering::Relaxed);
@@ -151,7 +151,7 @@ fn no_mutated_message_is_a_danger() {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         originals.extend(bag.messages(&names).unwrap().map(|message| message.unwrap().data));
     }
-    let mut runner = TestRunner::new(Config { cases: 20 * cases(), ..Config::default() });
+    let mut runner = TestRunner::new(Config { cases: 20 * cases(), failure_persistence: None, ..Config::default() });
     let strategy = (any::<prop::sample::Index>(), changes());
     let result = runner.run(&strategy, |(which, change)| {
         let message = changed(&originals[which.index(originals.len())], &change);

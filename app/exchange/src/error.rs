@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use mvt_bag::mcap::McapError;
 use mvt_feelsight::LogError;
-
-use crate::reader::ReadError;
 
 /// Why a log was not exported or a recording not imported.
 #[derive(Debug, thiserror::Error)]
@@ -62,8 +61,8 @@ impl Defect {
     }
 }
 
-impl From<ReadError> for Defect {
-    fn from(error: ReadError) -> Self {
+impl From<McapError> for Defect {
+    fn from(error: McapError) -> Self {
         Self::Words(error.to_string())
     }
 }

@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
+use mvt_bag::mcap::{McapRecord, scan};
 use mvt_feelsight::hand::world_from_base;
 use mvt_feelsight::{LogAssembler, LogCamera, LogImage, SCENE_FILE, SceneFile, Timeline};
 use mvt_frames::camera::PosedCamera;
@@ -21,7 +22,6 @@ use crate::mapping::{CameraMapping, Mapping, PinholeMapping, PoseMapping};
 use crate::messages::{Decoded, decode};
 use crate::pictures::{depth_of, file_of, touch_size};
 use crate::plausibility::DepthCheck;
-use crate::reader::{Record, scan};
 use crate::record::{agrees, put};
 use crate::skips::Skips;
 use crate::survey::{CameraModel, Role, Survey, Used, survey, topics};
@@ -480,11 +480,11 @@ impl<'a> Images<'a> {
         let mut seen = vec![0; survey.used.len()];
         scan(source, &mut |record| -> Result<bool, Defect> {
             let (id, data) = match record {
-                Record::Channel(id, _) => {
+                McapRecord::Channel(id, _) => {
                     return Ok(survey.of_channel(id).is_some_and(|(place, _)| plan.frames_of.contains_key(&place)));
                 }
-                Record::Attachment(..) => return Ok(true),
-                Record::Message(id, _, data) => (id, data),
+                McapRecord::Attachment(..) => return Ok(true),
+                McapRecord::Message(id, _, data) => (id, data),
             };
             let Some((place, schema)) = survey.of_channel(id) else { return Ok(true) };
             let (Some(number), Some(used)) = (seen.get_mut(place), survey.used.get(place)) else { return Ok(true) };

@@ -32,7 +32,6 @@ mod parquet;
 mod pictures;
 mod plausibility;
 mod protobuf;
-mod reader;
 mod record;
 mod schema;
 mod skips;

@@ -14,8 +14,7 @@ use ::parquet::file::reader::RowGroupReader;
 use ::parquet::file::serialized_reader::SerializedPageReader;
 use ::parquet::record::reader::RowIter;
 use ::parquet::schema::types::Type;
-
-use crate::reader::zstd;
+use mvt_bag::zstd;
 
 /// Greatest size of a page, bytes: a page of images is larger than others.
 const LARGEST: u64 = 256 << 20;

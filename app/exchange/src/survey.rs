@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use mvt_bag::mcap::{McapChannel, McapRecord, scan};
 use mvt_feelsight::{LogImage, SCENE_FILE};
 use mvt_frames::camera::Intrinsics;
 use nalgebra::Isometry3;
@@ -12,7 +13,6 @@ use crate::error::Defect;
 use crate::joints::Readings;
 use crate::mapping::{Mapping, is_plausible};
 use crate::messages::{Calibration, Decoded, Transform, decode, frame_name};
-use crate::reader::{ChannelRecord, Record, scan};
 use crate::record::RECORD_FILE;
 use crate::skips::Skips;
 use crate::tree::Tree;
@@ -82,7 +82,7 @@ pub(crate) struct Survey {
 pub(crate) fn topics(path: &Path) -> Result<Vec<String>, Defect> {
     let mut topics = Vec::new();
     scan(path, &mut |record| -> Result<bool, Defect> {
-        if let Record::Channel(_, channel) = record {
+        if let McapRecord::Channel(_, channel) = record {
             topics.push(channel.topic.clone());
         }
         Ok(false)
@@ -138,15 +138,15 @@ pub(crate) fn survey(path: &Path, mapping: &Mapping) -> Result<Survey, Defect> {
         left: size.max(LEAST_KEPT),
     };
     scan(path, &mut |record| match record {
-        Record::Channel(id, channel) => survey.channel(id, channel, &roles),
-        Record::Message(id, time_ns, data) => {
+        McapRecord::Channel(id, channel) => survey.channel(id, channel, &roles),
+        McapRecord::Message(id, time_ns, data) => {
             let Some((place, schema)) = survey.channels.get(&id) else { return Ok(true) };
             let (place, schema) = (*place, schema.clone());
             let topic = survey.used.get(place).map_or_else(String::new, |used| used.topic.clone());
             survey.message(place, &schema, time_ns, data, mapping).map_err(|defect| format!("{topic}: {defect}"))?;
             Ok(true)
         }
-        Record::Attachment(name, data) => {
+        McapRecord::Attachment(name, data) => {
             let place = match name {
                 SCENE_FILE => &mut survey.scene,
                 RECORD_FILE => &mut survey.record,
@@ -162,8 +162,8 @@ pub(crate) fn survey(path: &Path, mapping: &Mapping) -> Result<Survey, Defect> {
 }
 
 impl Survey {
-    fn channel(&mut self, id: u16, channel: &ChannelRecord, roles: &HashMap<&str, Role>) -> Result<bool, Defect> {
-        let ChannelRecord { topic, schema, encoding } = channel;
+    fn channel(&mut self, id: u16, channel: &McapChannel, roles: &HashMap<&str, Role>) -> Result<bool, Defect> {
+        let McapChannel { topic, schema, encoding } = channel;
         let role = match (roles.get(frame_name(topic)), schema.as_str()) {
             (Some(role), _) => *role,
             (None, "foxglove.FrameTransform" | "foxglove.FrameTransforms") => Role::Transforms,

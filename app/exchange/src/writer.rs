@@ -7,7 +7,7 @@ use lz4_flex::frame::FrameEncoder;
 
 use crate::schema::MessageType;
 
-pub(crate) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Messages are collected up to this size, bytes, before they are compressed.
 const CHUNK: usize = 4 << 20;
 const COMPRESSION: &str = "lz4";

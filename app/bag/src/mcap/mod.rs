@@ -1,6 +1,10 @@
-//! MCAP files (<https://mcap.dev/spec>), read by their index of chunks, or from front to back where there is none.
+//! MCAP files (<https://mcap.dev/spec>), of any encoding of messages.
+//!
+//! [`scan`] passes the records of a file on from the first to the last and never holds a chunk whole. [`crate::Bag`] reads by the index of
+//! chunks, or from front to back where there is none.
 
 mod record;
+mod scan;
 mod survey;
 
 use std::cmp::Reverse;
@@ -13,10 +17,11 @@ use std::sync::Arc;
 use lz4_flex::frame::FrameDecoder as Lz4;
 
 use crate::packed;
-pub(crate) use record::Channel;
 use record::{CHANNEL, ChunkHead, Fields, HEAD, MESSAGE, MESSAGE_HEAD, SCHEMA, Span};
 
 pub(crate) use record::MAGIC;
+pub use record::McapChannel;
+pub use scan::{McapError, McapRecord, scan};
 
 /// Most bytes of decompressed chunks that are kept. Two are kept in any case.
 const KEPT_BYTES: usize = 64 << 20;
@@ -27,7 +32,7 @@ const KEPT: usize = 16;
 #[derive(Debug, Default)]
 struct Names {
     schemas: HashMap<u16, String>,
-    channels: BTreeMap<u16, Channel>,
+    channels: BTreeMap<u16, McapChannel>,
 }
 
 impl Names {
@@ -39,7 +44,7 @@ impl Names {
             self.schemas.entry(id).or_insert_with(|| name.to_owned());
         } else if kind == CHANNEL && !self.channels.contains_key(&id) {
             let schema = self.schemas.get(&fields.id()?).cloned().unwrap_or_default();
-            let channel = Channel { topic: fields.text()?.to_owned(), schema, encoding: fields.text()?.to_owned() };
+            let channel = McapChannel { topic: fields.text()?.to_owned(), schema, encoding: fields.text()?.to_owned() };
             self.channels.insert(id, channel);
         }
         Some(())
@@ -107,7 +112,7 @@ impl McapFile {
     }
 
     /// Returns the channels with their numbers of messages.
-    pub fn channels(&self) -> impl Iterator<Item = (u16, &Channel, u64)> {
+    pub fn channels(&self) -> impl Iterator<Item = (u16, &McapChannel, u64)> {
         self.names.channels.iter().map(|(id, channel)| (*id, channel, self.counts.get(id).copied().unwrap_or(0)))
     }
 
@@ -185,7 +190,7 @@ impl McapFile {
         let mut fields = Fields(&head);
         let kind = fields.number(1).unwrap_or(0) as u8;
         let length = fields.number(8).unwrap_or(0);
-        if kind != record::CHUNK || (length + HEAD as u64) != span.length {
+        if kind != record::CHUNK || length.checked_add(HEAD as u64) != Some(span.length) {
             return Err(wrong("the index names a chunk where there is none"));
         }
         let head = ChunkHead::read(&mut self.file, length)?;
@@ -196,9 +201,7 @@ impl McapFile {
         let plain = match head.compression.as_str() {
             "" => packed_bytes,
             "lz4" => packed::read(Lz4::new(packed_bytes.as_slice()), expected, limit, true)?,
-            "zstd" => {
-                packed::read(packed::zstd(packed_bytes.as_slice()).map_err(io::Error::other)?, expected, limit, true)?
-            }
+            "zstd" => packed::read(packed::zstd(packed_bytes.as_slice())?, expected, limit, true)?,
             other => return Err(wrong(&format!("the compression {other:?} is unknown; lz4 and zstd are known"))),
         };
         if plain.len() as u64 != head.plain_size || (head.checksum != 0 && crc32fast::hash(&plain) != head.checksum) {

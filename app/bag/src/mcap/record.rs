@@ -58,13 +58,14 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// Channel of a file.
+/// Channel of an MCAP file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Channel {
+pub struct McapChannel {
+    /// Name of the topic.
     pub topic: String,
-    /// Name of the schema, such as `sensor_msgs/msg/Image`; empty without one.
+    /// Name of the schema, such as `sensor_msgs/msg/Image` or `foxglove.RawImage`; empty without one.
     pub schema: String,
-    /// Encoding of the messages, such as `cdr`.
+    /// Encoding of the messages, such as `cdr` or `protobuf`.
     pub encoding: String,
 }
 

@@ -71,6 +71,12 @@ impl McapFile {
                 _ => {}
             }
         }
+        // Chunks that overlap would be read again and again.
+        self.spans.sort_by_key(|span| span.offset);
+        let ends = self.spans.iter().map(|span| span.offset.saturating_add(span.length));
+        if ends.zip(self.spans.iter().skip(1)).any(|(end, next)| end > next.offset) {
+            return None;
+        }
         let is_indexed = chunks == Some(self.spans.len() as u64) && (messages == 0 || !self.spans.is_empty());
         let are_named = self.counts.keys().all(|id| self.names.channels.contains_key(id));
         let counted: u64 = self.counts.values().fold(0, |sum, count| sum.saturating_add(*count));
@@ -87,7 +93,7 @@ impl McapFile {
         let mut indexed: HashMap<u16, u64> = HashMap::new();
         let mut open_chunk = None;
         let mut cut = None;
-        while size - at >= HEAD as u64 {
+        while size.saturating_sub(at) >= HEAD as u64 {
             let mut head = [0; HEAD];
             from.read_exact(&mut head)?;
             let mut fields = Fields(&head);

@@ -1,4 +1,4 @@
-//! Reader of MCAP files (<https://mcap.dev/spec>), from the first record to the last.
+//! Reader of MCAP files from the first record to the last.
 //!
 //! A file may be a bomb: a few bytes that decompress to many. Chunks are therefore never held whole, and all that is kept of a file is limited by
 //! its size.
@@ -11,34 +11,22 @@ use std::path::Path;
 
 use crc32fast::Hasher;
 use lz4_flex::frame::FrameDecoder as Lz4;
-use ruzstd::decoding::errors::FrameDecoderError;
-use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
 
-use crate::writer::MAGIC;
+use super::record::{CHANNEL, CHUNK, FOOTER, Fields, MAGIC, MESSAGE, MESSAGE_HEAD, McapChannel, SCHEMA};
+use crate::packed::{self, SMALL, zstd};
 
 /// Greatest size of a message, bytes: larger than the image of any camera. In a small file a message may be [`SMALL`], but not larger than the
 /// file otherwise.
 const LARGEST: u64 = 64 << 20;
-const SMALL: u64 = 4 << 20;
-/// Greatest ratio of decompressed to compressed bytes: even depth images without any depth have less.
-const RATIO: u64 = 2000;
 /// A record grows by this many bytes, so that no more is allocated than the file delivers.
 const STEP: usize = 1 << 20;
-/// Greatest window of Zstandard, bytes: that of its levels 1 to 19. The decoder allocates it at once.
-const WINDOW: u64 = 8 << 20;
-
-/// Kinds of records that are read; all others are skipped.
+/// Kinds of records that are read beside those of [`super::record`].
 const HEADER: u8 = 1;
-const FOOTER: u8 = 2;
-const SCHEMA: u8 = 3;
-const CHANNEL: u8 = 4;
-const MESSAGE: u8 = 5;
-const CHUNK: u8 = 6;
 const ATTACHMENT: u8 = 9;
 
-/// Reason why a file is not read to its end.
+/// Reason why an MCAP file is not read to its end.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum ReadError {
+pub enum McapError {
     /// Not a whole MCAP file, or damaged.
     #[error("{0}")]
     Damaged(String),
@@ -47,7 +35,7 @@ pub(crate) enum ReadError {
     Io(io::Error),
 }
 
-impl From<io::Error> for ReadError {
+impl From<io::Error> for McapError {
     fn from(error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::UnexpectedEof => Self::Damaged(CUT_OFF.to_owned()),
@@ -58,56 +46,24 @@ impl From<io::Error> for ReadError {
 
 const CUT_OFF: &str = "it ends in the middle of a record: it was cut off";
 
-fn damaged<T>(defect: impl Into<String>) -> Result<T, ReadError> {
-    Err(ReadError::Damaged(defect.into()))
+fn damaged<T>(defect: impl Into<String>) -> Result<T, McapError> {
+    Err(McapError::Damaged(defect.into()))
 }
 
-/// Channel of a file.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct ChannelRecord {
-    pub topic: String,
-    /// Name of the schema, such as `foxglove.RawImage`; empty without one.
-    pub schema: String,
-    /// Encoding of the messages, such as `protobuf`.
-    pub encoding: String,
-}
-
-/// Record that a visitor receives.
-pub(crate) enum Record<'a> {
+/// Record of an MCAP file that a visitor receives.
+#[derive(Debug)]
+pub enum McapRecord<'a> {
     /// A channel appears for the first time. Its messages are delivered only if the visitor returns true.
-    Channel(u16, &'a ChannelRecord),
+    Channel(u16, &'a McapChannel),
     /// A message of a channel: time of recording, nanoseconds, and contents.
     Message(u16, u64, &'a [u8]),
     /// A file in the file, by its name.
     Attachment(&'a str, &'a [u8]),
 }
 
-/// Numbers and texts at the beginning of a record.
-struct Fields<'a>(&'a [u8]);
-
-impl<'a> Fields<'a> {
-    fn bytes(&mut self, count: usize) -> Result<&'a [u8], ReadError> {
-        match self.0.split_at_checked(count) {
-            Some((bytes, rest)) => {
-                self.0 = rest;
-                Ok(bytes)
-            }
-            None => damaged("a record is shorter than its contents"),
-        }
-    }
-
-    fn number(&mut self, size: usize) -> Result<u64, ReadError> {
-        Ok(self.bytes(size)?.iter().rev().fold(0, |number, &byte| number << 8 | u64::from(byte)))
-    }
-
-    fn counted(&mut self) -> Result<&'a [u8], ReadError> {
-        let count = self.number(4)? as usize;
-        self.bytes(count)
-    }
-
-    fn text(&mut self) -> Result<&'a str, ReadError> {
-        std::str::from_utf8(self.counted()?).or_else(|_| damaged("a name is not UTF-8"))
-    }
+/// Returns a value of a record, which it may lack.
+fn had<T>(value: Option<T>) -> Result<T, McapError> {
+    value.ok_or_else(|| McapError::Damaged("a record is shorter than its contents, or a name is not UTF-8".to_owned()))
 }
 
 /// Contents of the file that is read, up to some place.
@@ -135,7 +91,7 @@ struct Scan<'v, V> {
     visit: &'v mut V,
     schemas: HashMap<u16, String>,
     /// Channels, and whether they are wanted.
-    channels: HashMap<u16, (ChannelRecord, bool)>,
+    channels: HashMap<u16, (McapChannel, bool)>,
     /// Bytes of names that may still be kept.
     names_left: u64,
     /// Decompressed bytes that may still come.
@@ -145,13 +101,16 @@ struct Scan<'v, V> {
 }
 
 /// Reads a file and passes its records to `visit`, whose answer matters for channels alone. An error of `visit` ends the reading.
-pub(crate) fn scan<E: From<ReadError>>(
+///
+/// # Errors
+/// Those of `visit`, and [`McapError`] if the file is no MCAP file, cut off or damaged.
+pub fn scan<E: From<McapError>>(
     path: &Path,
-    visit: &mut impl FnMut(Record<'_>) -> Result<bool, E>,
+    visit: &mut impl FnMut(McapRecord<'_>) -> Result<bool, E>,
 ) -> Result<(), E> {
-    let file = mvt_files::input::open(path).map_err(ReadError::from)?;
-    let size = file.metadata().map_err(ReadError::from)?.len();
-    let limit = size.saturating_mul(RATIO).saturating_add(SMALL);
+    let file = mvt_files::input::open(path).map_err(McapError::from)?;
+    let size = file.metadata().map_err(McapError::from)?.len();
+    let limit = packed::most(size);
     let mut scan = Scan {
         visit,
         schemas: HashMap::new(),
@@ -166,8 +125,8 @@ pub(crate) fn scan<E: From<ReadError>>(
 
 impl<V, E> Scan<'_, V>
 where
-    V: FnMut(Record<'_>) -> Result<bool, E>,
-    E: From<ReadError>,
+    V: FnMut(McapRecord<'_>) -> Result<bool, E>,
+    E: From<McapError>,
 {
     fn file(&mut self, mut file: BufReader<File>) -> Result<(), E> {
         let mut magic = [0; MAGIC.len()];
@@ -202,18 +161,18 @@ where
         let mut fixed = [0; FIXED];
         read_exact(file, &mut fixed)?;
         let mut fields = Fields(&fixed);
-        fields.bytes(16)?;
-        let size = fields.number(8)?;
-        let checksum = fields.number(4)? as u32;
-        let name_length = fields.number(4)?;
+        had(fields.bytes(16))?;
+        let size = had(fields.number(8))?;
+        let checksum = had(fields.number(4))? as u32;
+        let name_length = had(fields.number(4))?;
         if name_length > 16 {
             return Ok(damaged("the compression of a chunk is unknown")?);
         }
         let mut rest = vec![0; name_length as usize + 8];
         read_exact(file, &mut rest)?;
         let mut fields = Fields(&rest);
-        let compression = String::from_utf8_lossy(fields.bytes(name_length as usize)?).into_owned();
-        let packed = fields.number(8)?;
+        let compression = String::from_utf8_lossy(had(fields.bytes(name_length as usize))?).into_owned();
+        let packed = had(fields.number(8))?;
         if Some(packed) != length.checked_sub((FIXED + rest.len()) as u64) {
             return Ok(damaged("the size of a chunk contradicts that of its records")?);
         }
@@ -223,7 +182,7 @@ where
             "lz4" => self.records(Lz4::new(&mut packed))?,
             "zstd" => {
                 let plain = zstd(&mut packed);
-                self.records(plain.map_err(|e| ReadError::Damaged(format!("a chunk is not Zstandard: {e}")))?)?
+                self.records(plain.map_err(|e| McapError::Damaged(format!("a chunk is not Zstandard: {e}")))?)?
             }
             other => return Ok(damaged(format!("its chunks have the compression {other:?}; lz4 and zstd are known"))?),
         };
@@ -253,22 +212,21 @@ where
             self.load(from, length)?;
             return self.described(kind);
         }
-        const FIXED: usize = 2 + 4 + 8 + 8;
-        let mut fixed = [0; FIXED];
-        let Some(length) = length.checked_sub(FIXED as u64) else {
+        let mut fixed = [0; MESSAGE_HEAD];
+        let Some(length) = length.checked_sub(MESSAGE_HEAD as u64) else {
             return Ok(damaged("a message is shorter than its head")?);
         };
         read_exact(from, &mut fixed)?;
         let mut fields = Fields(&fixed);
-        let id = fields.number(2)? as u16;
-        fields.bytes(4)?;
-        let time_ns = fields.number(8)?;
+        let id = had(fields.number(2))? as u16;
+        had(fields.bytes(4))?;
+        let time_ns = had(fields.number(8))?;
         match self.channels.get(&id) {
             None => Ok(damaged("a message has no channel")?),
             Some((_, false)) => Ok(self.skip(from, length)?),
             Some((_, true)) => {
                 self.load(from, length)?;
-                (self.visit)(Record::Message(id, time_ns, &self.record)).map(|_| ())
+                (self.visit)(McapRecord::Message(id, time_ns, &self.record)).map(|_| ())
             }
         }
     }
@@ -278,19 +236,19 @@ where
         let Self { visit, schemas, channels, names_left, record, .. } = self;
         let mut fields = Fields(record);
         if kind == ATTACHMENT {
-            fields.bytes(16)?;
-            let name = fields.text()?;
-            fields.text()?;
-            let size = fields.number(8)?;
-            let data = fields.bytes(usize::try_from(size).unwrap_or(usize::MAX))?;
-            let checksum = fields.number(4)?;
+            had(fields.bytes(16))?;
+            let name = had(fields.text())?;
+            had(fields.text())?;
+            let size = had(fields.number(8))?;
+            let data = had(fields.bytes(usize::try_from(size).unwrap_or(usize::MAX)))?;
+            let checksum = had(fields.number(4))?;
             let covered = record.get(..record.len().saturating_sub(4)).unwrap_or_default();
             if checksum != 0 && checksum != u64::from(crc32fast::hash(covered)) {
                 return Ok(damaged(format!("the attachment {name:?} is damaged: its checksum is wrong"))?);
             }
-            return visit(Record::Attachment(name, data)).map(|_| ());
+            return visit(McapRecord::Attachment(name, data)).map(|_| ());
         }
-        let id = fields.number(2)? as u16;
+        let id = had(fields.number(2))? as u16;
         let mut keep = |text: &str| match names_left.checked_sub(text.len() as u64 + 8) {
             Some(left) => {
                 *names_left = left;
@@ -300,23 +258,26 @@ where
         };
         if kind == SCHEMA {
             if let Entry::Vacant(place) = schemas.entry(id) {
-                place.insert(keep(fields.text()?)?);
+                place.insert(keep(had(fields.text())?)?);
             }
             return Ok(());
         }
         if channels.contains_key(&id) {
             return Ok(());
         }
-        let schema = schemas.get(&(fields.number(2)? as u16)).cloned().unwrap_or_default();
-        let channel =
-            ChannelRecord { topic: keep(fields.text()?)?, schema: keep(&schema)?, encoding: keep(fields.text()?)? };
-        let is_wanted = visit(Record::Channel(id, &channel))?;
+        let schema = schemas.get(&(had(fields.number(2))? as u16)).cloned().unwrap_or_default();
+        let channel = McapChannel {
+            topic: keep(had(fields.text())?)?,
+            schema: keep(&schema)?,
+            encoding: keep(had(fields.text())?)?,
+        };
+        let is_wanted = visit(McapRecord::Channel(id, &channel))?;
         channels.insert(id, (channel, is_wanted));
         Ok(())
     }
 
     /// Reads the contents of a record into `self.record`.
-    fn load(&mut self, from: &mut impl Read, length: u64) -> Result<(), ReadError> {
+    fn load(&mut self, from: &mut impl Read, length: u64) -> Result<(), McapError> {
         if length > self.largest {
             return damaged(format!("a record of {length} bytes is larger than a file of this size can hold"));
         }
@@ -331,7 +292,7 @@ where
         Ok(())
     }
 
-    fn skip(&mut self, from: &mut impl Read, length: u64) -> Result<(), ReadError> {
+    fn skip(&mut self, from: &mut impl Read, length: u64) -> Result<(), McapError> {
         if io::copy(&mut from.take(length), &mut io::sink())? < length {
             return damaged(CUT_OFF);
         }
@@ -339,15 +300,8 @@ where
     }
 }
 
-/// Returns the plain contents of data compressed with Zstandard.
-pub(crate) fn zstd<R: Read>(packed: R) -> Result<impl Read, FrameDecoderError> {
-    let mut decoder = FrameDecoder::new();
-    decoder.set_max_window_size(WINDOW);
-    StreamingDecoder::new_with_decoder(packed, decoder)
-}
-
 /// Reads kind and length of a record; `None` at the end.
-fn head(from: &mut impl Read) -> Result<Option<(u8, u64)>, ReadError> {
+fn head(from: &mut impl Read) -> Result<Option<(u8, u64)>, McapError> {
     let mut kind = [0];
     loop {
         match from.read(&mut kind) {
@@ -362,6 +316,6 @@ fn head(from: &mut impl Read) -> Result<Option<(u8, u64)>, ReadError> {
     Ok(Some((kind[0], u64::from_le_bytes(length))))
 }
 
-fn read_exact(from: &mut impl Read, out: &mut [u8]) -> Result<(), ReadError> {
+fn read_exact(from: &mut impl Read, out: &mut [u8]) -> Result<(), McapError> {
     Ok(from.read_exact(out)?)
 }
