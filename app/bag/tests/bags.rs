@@ -4,8 +4,13 @@
 
 mod common;
 
+use std::collections::HashMap;
+
 use common::data;
-use mvt_bag::{Bag, RgbdBag, RgbdTopics, RosCameraInfo, RosCompressedImage, RosImage, RosJointState, RosLens};
+use mvt_bag::mcap::{McapError, McapRecord, scan};
+use mvt_bag::{
+    Bag, RgbdBag, RgbdTopics, RosCameraInfo, RosCompressedImage, RosHeader, RosImage, RosJointState, RosLens,
+};
 use serde_json::Value;
 
 /// All bags with the same messages.
@@ -205,4 +210,40 @@ fn payloads_of_rclpy_are_read() {
     let image = RosCompressedImage::decode(&message.data).unwrap();
     assert_eq!((image.format, image.data.len()), ("16UC1; compressedDepth png", 13));
     assert!(image.depth_m(0.001).unwrap_err().to_string().contains("neither a PNG"));
+}
+
+#[test]
+fn a_scan_passes_on_the_records_of_wanted_channels() {
+    let expected = expected();
+    for name in ["mcap/mcap.mcap", "mcap_storage/mcap_storage.mcap", "lz4.mcap", "unchunked.mcap", "unsorted.mcap"] {
+        let (mut topics, mut found) = (HashMap::new(), Vec::new());
+        let done: Result<(), McapError> = scan(&data(name), &mut |record| {
+            match record {
+                McapRecord::Channel(id, channel) => {
+                    assert_eq!(channel.encoding, "cdr");
+                    topics.insert(id, channel.topic.clone());
+                    return Ok(channel.topic != "/tf");
+                }
+                McapRecord::Message(id, log_ns, message) => {
+                    assert!(topics[&id] == "/chatter" || RosHeader::decode(message).is_ok());
+                    found.push((log_ns, topics[&id].clone()));
+                }
+                McapRecord::Attachment(..) => {}
+            }
+            Ok(true)
+        });
+        done.unwrap();
+        found.sort();
+        let all: Vec<(u64, String)> = serde_json::from_value(expected["order"].clone()).unwrap();
+        let wanted: Vec<_> = all.into_iter().filter(|(_, topic)| topic != "/tf").collect();
+        assert!(found == wanted, "{name}");
+    }
+    let whole = std::fs::read(data("lz4.mcap")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cut.mcap");
+    for (end, words) in [(20, "cut off"), (whole.len() / 2, "cut off"), (4, "its first bytes are others")] {
+        std::fs::write(&path, &whole[..end]).unwrap();
+        let done: Result<(), McapError> = scan(&path, &mut |_| Ok(true));
+        assert!(done.unwrap_err().to_string().contains(words), "{end}");
+    }
 }
