@@ -66,3 +66,31 @@ pub(crate) fn unpack(packed: impl io::BufRead, size: u64, to: &mut impl io::Writ
     }
     Ok(written)
 }
+
+#[cfg(test)]
+mod tests {
+    use ruzstd::encoding::{CompressionLevel, compress_to_vec};
+
+    use super::*;
+
+    #[test]
+    fn messages_are_decompressed_whole_or_in_part_and_bombs_are_refused() {
+        let plain: Vec<u8> = (0..100_000u32).flat_map(|k| (k / 7).to_le_bytes()).collect();
+        let packed = compress_to_vec(plain.as_slice(), CompressionLevel::Fastest);
+        assert!(is_zstd(&packed) && message(&packed, None).unwrap() == plain);
+        assert_eq!(message(&packed, Some(30)).unwrap(), plain[..30]);
+        assert_eq!(message(&plain, Some(30)).unwrap(), plain[..30]);
+        assert_eq!(message(&plain[..3], Some(30)).unwrap(), plain[..3]);
+        let mut twice = Vec::new();
+        unpack([packed.as_slice(), &packed].concat().as_slice(), 2 * packed.len() as u64, &mut twice).unwrap();
+        assert!(twice == plain.repeat(2));
+
+        let bomb = compress_to_vec(vec![0; 64 << 20].as_slice(), CompressionLevel::Fastest);
+        assert!(most(bomb.len() as u64) < 64 << 20, "{}", bomb.len());
+        for error in
+            [message(&bomb, None).map(drop), unpack(bomb.as_slice(), bomb.len() as u64, &mut io::sink()).map(drop)]
+        {
+            assert!(error.unwrap_err().to_string().contains("more bytes than any recording has"));
+        }
+    }
+}

@@ -14,8 +14,9 @@ use mvt_bag::{
 use serde_json::Value;
 
 /// All bags with the same messages.
-const SAME: [&str; 11] = [
+const SAME: [&str; 12] = [
     "db3",
+    "db3_unsorted",
     "db3_message",
     "db3_file",
     "mcap",
@@ -210,6 +211,7 @@ fn payloads_of_rclpy_are_read() {
     let image = RosCompressedImage::decode(&message.data).unwrap();
     assert_eq!((image.format, image.data.len()), ("16UC1; compressedDepth png", 13));
     assert!(image.depth_m(0.001).unwrap_err().to_string().contains("neither a PNG"));
+    assert!(image.colours().unwrap_err().to_string().contains("it is a depth image"));
 }
 
 #[test]

@@ -267,6 +267,60 @@ fn masks_with_several_labels_need_the_object() {
 }
 
 #[test]
+fn a_compressed_file_that_was_cut_off_is_refused() {
+    let whole = fs::read(data("mcap_file/mcap_file.mcap.zstd")).unwrap();
+    let folder = Folder::new();
+    let error = open(&folder.with("bag.mcap.zstd", &whole[..whole.len() / 2]));
+    assert!(error.contains("`zstd -d` decompresses it by hand") && !error.contains('\n'), "{error}");
+}
+
+#[test]
+fn an_image_belongs_to_one_frame() {
+    // Twice as many depth images as colours, and a slop beyond their period.
+    let mut messages = several(4);
+    messages
+        .extend((1..=4).map(|k| Written(k * SECOND / 10, "/depth/image", IMAGE, depth(k * SECOND / 10 + SECOND / 20))));
+    messages.sort_by_key(|message| message.0);
+    let folder = Folder::new();
+    let path = folder.with("bag.mcap", &mcap(&messages, "cdr"));
+    let topics = RgbdTopics { slop_s: Some(1.0), ..Default::default() };
+    let bag = RgbdBag::open_with(&path, &topics).unwrap();
+    assert_eq!(bag.len(), 4, "{:?}", bag.notes());
+}
+
+#[test]
+fn colours_and_masks_take_the_size_of_depth() {
+    let mut messages = several(2);
+    let mut pixels = vec![10; 8 * 6 * 3];
+    pixels[..8 * 3 * 3].fill(200);
+    let mask: Vec<u8> = (0..48).map(|k| if k % 8 < 4 { 255 } else { 0 }).collect();
+    for k in 1..=2 {
+        let stamp = k * SECOND / 10;
+        messages.iter_mut().filter(|message| message.0 == stamp && message.1 == "/rgb/image").for_each(|message| {
+            message.3 = image(stamp, "rgb8", [8, 6], 24, &pixels);
+        });
+        messages.push(Written(stamp, "/mask", IMAGE, image(stamp, "mono8", [8, 6], 8, &mask)));
+    }
+    let (mut bag, _folder) = rgbd(&messages).unwrap();
+    let frame = bag.frame(1).unwrap();
+    assert_eq!(frame.color.dimensions(), (4, 3));
+    assert_eq!((frame.color.get_pixel(0, 0)[0], frame.color.get_pixel(3, 2)[0]), (200, 10));
+    let mask = frame.mask.unwrap();
+    assert!(mask.indexed_iter().all(|((_, u), inside)| *inside == (u < 2)), "{mask}");
+}
+
+#[test]
+fn depth_that_is_seen_from_elsewhere_is_noted() {
+    let mut messages = several(1);
+    for message in messages.iter_mut().filter(|message| message.1 == "/rgb/image") {
+        let head = Cdr::header(SECOND / 10, "color_optical").u32(3).u32(4).text("rgb8");
+        message.3 = head.u8(0).u32(12).bytes(&[90; 36]).done();
+    }
+    let words = ["colours are seen from color_optical and depth from optical", "record depth aligned to the colours"];
+    noted(&messages, 1, &words);
+}
+
+#[test]
 fn ten_thousand_frames_are_read_in_their_order() {
     let messages: Vec<_> = (1..=10_000).flat_map(|k| frame(k * SECOND / 10, k * SECOND / 10)).collect();
     let bag = noted(&messages, 10_000, &[]);

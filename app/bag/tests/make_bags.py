@@ -308,7 +308,7 @@ def main():
     if arguments.large:
         large(arguments.large)
         return
-    for old in ["db3", "db3_message", "db3_file", "mcap", "mcap_storage", "mcap_message", "mcap_file", "split", "encodings"]:
+    for old in ["db3", "db3_message", "db3_file", "mcap", "mcap_storage", "mcap_message", "mcap_file", "split", "encodings", "db3_unsorted"]:
         shutil.rmtree(DATA / old, ignore_errors=True)
     list_of = messages()
     for name, storage, mode in [
@@ -328,6 +328,7 @@ def main():
     write_mcap(DATA / "unchunked.mcap", list_of, use_chunking=False)
     # Two topics that are recorded out of order: the first half of the messages comes last.
     write_mcap(DATA / "unsorted.mcap", list_of[14:] + list_of[:14], compression=CompressionType.ZSTD, chunk_size=1500, enable_crcs=False)
+    write(DATA / "db3_unsorted", list_of[14:] + list_of[:14], StoragePlugin.SQLITE3)
     split(DATA / "split", list_of)
     expected["order"] = [[log_ns, topic] for log_ns, topic, _ in list_of]
     expected["encodings"] = encodings(DATA / "encodings")
