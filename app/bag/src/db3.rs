@@ -35,7 +35,7 @@ pub(crate) struct Db3Entry {
 
 /// File of SQLite that is open for reading.
 #[derive(Debug)]
-pub(crate) struct Db3File {
+pub(crate) struct Db3Reader {
     connection: Connection,
     topics: Vec<Db3Topic>,
 }
@@ -49,7 +49,7 @@ fn failed(error: &rusqlite::Error) -> io::Error {
     ))
 }
 
-impl Db3File {
+impl Db3Reader {
     /// Opens a file. Nothing is written, not even beside it.
     pub fn open(path: &Path) -> io::Result<Self> {
         let mut first = Vec::new();

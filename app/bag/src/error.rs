@@ -4,6 +4,9 @@ use std::path::{Path, PathBuf};
 
 use crate::cdr::CdrError;
 
+/// Name of the file beside a bag, or in its folder, that states the choice of topics.
+pub(crate) const FILE: &str = "bag.toml";
+
 /// Reason why a message cannot be used. Each text is one line.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -62,7 +65,7 @@ pub enum BagError {
         found: String,
     },
     /// A topic for a purpose must be chosen by a person.
-    #[error("{}: {fault}; write `{key} = \"TOPIC\"` into {} beside the bag: {candidates}", path.display(), crate::topics::FILE)]
+    #[error("{}: {fault}; write `{key} = \"TOPIC\"` into {} beside the bag: {candidates}", path.display(), FILE)]
     Choice {
         /// The bag.
         path: PathBuf,

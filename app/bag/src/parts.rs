@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
-use crate::db3::{self, Db3Entry, Db3File};
+use crate::db3::{self, Db3Entry, Db3Reader};
 use crate::error::BagError;
-use crate::mcap::{self, McapCursor, McapEntry, McapFile};
+use crate::mcap::{self, McapCursor, McapEntry, McapReader};
 use crate::packed;
 
 /// First bytes of a bag of ROS 1.
@@ -28,8 +28,8 @@ pub(crate) struct PartTopic {
 /// File that is open.
 #[derive(Debug)]
 pub(crate) enum Storage {
-    Mcap(McapFile),
-    Db3(Db3File),
+    Mcap(McapReader),
+    Db3(Db3Reader),
 }
 
 /// Where the data of a message are in a file.
@@ -167,10 +167,10 @@ impl Part {
             return Err(BagError::Ros1 { path });
         }
         if first.starts_with(&mcap::MAGIC) {
-            return Ok(Storage::Mcap(McapFile::open(&from).map_err(BagError::io(&path))?));
+            return Ok(Storage::Mcap(McapReader::open(&from).map_err(BagError::io(&path))?));
         }
         if first.starts_with(&db3::MAGIC) {
-            return Ok(Storage::Db3(Db3File::open(&from).map_err(BagError::io(&path))?));
+            return Ok(Storage::Db3(Db3Reader::open(&from).map_err(BagError::io(&path))?));
         }
         let fault = match first.len() {
             0 => "the file is empty: copy it again",

@@ -5,11 +5,8 @@ use std::path::Path;
 use serde::Deserialize;
 
 use crate::bag::{Bag, BagTopic, names};
-use crate::error::BagError;
+use crate::error::{BagError, FILE};
 use crate::messages::{RosCompressedImage, RosImage};
-
-/// Name of the file beside a bag, or in its folder, that states the choice.
-pub(crate) const FILE: &str = "bag.toml";
 
 /// Types of messages that are decoded.
 pub(crate) const IMAGE: &str = "sensor_msgs/msg/Image";

@@ -3,18 +3,18 @@
 use std::collections::HashMap;
 use std::io::{self, BufReader, Read as _, Seek as _, SeekFrom};
 
+use super::file::{McapReader, Names, entries, exactly};
 use super::record::{
     CHANNEL, CHUNK, CHUNK_INDEX, ChunkHead, DATA_END, FOOTER, Fields, HEAD, MAGIC, MESSAGE, MESSAGE_HEAD,
     MESSAGE_INDEX, SCHEMA, STATISTICS, Span,
 };
-use super::{McapFile, Names, exactly};
 
 /// Bytes of the footer's contents: places of the summary and of its offsets, and a checksum.
 const FOOTER_SIZE: usize = 8 + 8 + 4;
 /// Messages outside of chunks are read in pieces of this size, bytes.
 const PIECE: u64 = 1 << 20;
 
-impl McapFile {
+impl McapReader {
     /// Reads the summary. Returns why it cannot be used.
     pub(super) fn survey_by_summary(&mut self) -> io::Result<Result<(), &'static str>> {
         const TAIL: usize = HEAD + FOOTER_SIZE + MAGIC.len();
@@ -112,7 +112,7 @@ impl McapFile {
             match kind {
                 DATA_END | FOOTER => break,
                 SCHEMA | CHANNEL => {
-                    let record = super::packed::read((&mut from).take(length), length as usize, length, false)?;
+                    let record = crate::packed::read((&mut from).take(length), length as usize, length, false)?;
                     let _ = self.names.add(kind, Fields(&record));
                 }
                 CHUNK => {
@@ -192,7 +192,7 @@ impl McapFile {
         // A chunk that cannot be read is noted when its messages are read.
         let Ok(plain) = self.plain(number) else { return };
         add_names(&mut self.names, &plain);
-        for entry in super::entries(&plain, number as u32) {
+        for entry in entries(&plain, number as u32) {
             *self.counts.entry(entry.channel).or_default() += 1;
         }
     }
