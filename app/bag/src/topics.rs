@@ -95,6 +95,9 @@ pub(crate) struct Chosen {
 /// Names of transports that follow the name of an image topic.
 const TRANSPORTS: [&str; 4] = ["compressed", "compressedDepth", "raw", "zstd"];
 
+/// Words in the names of topics of depth that is registered to the colours.
+const ALIGNED: [&str; 4] = ["aligned", "registered", "depth_to_rgb", "depth_to_color"];
+
 /// Returns the name of a topic without its transport.
 fn base(name: &str) -> &str {
     match name.rsplit_once('/') {
@@ -190,12 +193,14 @@ impl Chooser<'_> {
         let all: Vec<&str> = candidates.iter().map(|topic| self.name(*topic)).collect();
         candidates
             .retain(|topic| base(self.name(*topic)) == self.name(*topic) || !all.contains(&base(self.name(*topic))));
-        if candidates.len() > 1 {
-            let aligned = |topic: &usize| ["aligned", "registered"].iter().any(|word| self.name(*topic).contains(word));
-            let preferred: Vec<usize> = candidates.iter().copied().filter(aligned).collect();
-            if key == "depth" && !preferred.is_empty() {
-                candidates = preferred;
-            }
+        if key == "depth" && candidates.len() > 1 {
+            // Infrared images and maps of confidence have the encodings of depth.
+            let named = |words: &[&str]| -> Vec<usize> {
+                let is_named = |topic: &usize| words.iter().any(|word| self.name(*topic).contains(word));
+                candidates.iter().copied().filter(is_named).collect()
+            };
+            let preferred = [named(&ALIGNED), named(&["depth"])];
+            candidates = preferred.into_iter().find(|topics| !topics.is_empty()).unwrap_or(candidates);
         }
         match candidates[..] {
             [one] => Ok(one),

@@ -173,6 +173,7 @@ fn topics_in_doubt_are_listed_and_bag_toml_decides() {
     let mut messages = several(2);
     messages.push(Written(SECOND, "/aligned_depth/image", IMAGE, depth(SECOND / 10)));
     messages.push(Written(SECOND, "/aligned_depth/camera_info", INFO, info(SECOND, [4, 3])));
+    messages.push(Written(SECOND, "/ir/image", IMAGE, image(SECOND, "mono16", [4, 3], 8, &[1; 24])));
     let jpeg = Cdr::header(SECOND, "optical").text("jpeg").bytes(&[0xff, 0xd8]).done();
     messages.push(Written(SECOND, "/rgb/image/compressed", "sensor_msgs/msg/CompressedImage", jpeg));
     let (bag, _folder) = rgbd(&messages).unwrap();
@@ -190,6 +191,9 @@ fn a_missing_part_says_what_to_record() {
     refused(&[], &["there are no messages"]);
     let mut far = without("/rgb/image");
     far.push(Written(SECOND, "/rgb/image", IMAGE, color(9 * SECOND)));
+    let mut infrared = several(2);
+    infrared.push(Written(SECOND, "/ir/image", IMAGE, image(SECOND, "mono16", [4, 3], 8, &[1; 24])));
+    assert_eq!(noted(&infrared, 2, &[]).image_topics().1, "/depth/image");
     refused(&far, &["no colour image lies within 50.0 ms", "slop_s"]);
 }
 
