@@ -61,7 +61,7 @@ pub struct CalibrateArguments {
 
 /// Runs the command.
 pub fn run(arguments: &CalibrateArguments) -> Result<()> {
-    let mut config: RunConfig = settings::load(None, &arguments.set)?;
+    let mut config: RunConfig = settings::load(RunConfig::default(), None, &arguments.set)?;
     config.calibration.refine = true;
     if let Some(path) = &arguments.out {
         check_named(path, arguments.overwrite)?;

@@ -40,7 +40,8 @@ pub fn main_job() -> Result<()> {
 
 /// Runs the command.
 pub fn run(arguments: &RunArguments) -> Result<()> {
-    let mut config: RunConfig = settings::load(arguments.config.as_deref(), &arguments.set)?;
+    let mut config: RunConfig =
+        settings::load(RunConfig::suited(arguments.log.as_deref()), arguments.config.as_deref(), &arguments.set)?;
     if let Some(choice) = arguments.calibration {
         config.calibration.refine = choice == CalibrationChoice::Refine;
     }

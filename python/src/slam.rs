@@ -145,7 +145,12 @@ impl Slam {
                 Ok(format!("{key}={text}"))
             })
             .collect::<PyResult<_>>()?;
-        let config: RunConfig = settings::load(None, &set).map_err(argument)?;
+        let base = if hand.pads().is_empty() && hand.joints().is_empty() {
+            RunConfig::without_hand()
+        } else {
+            RunConfig::default()
+        };
+        let config = settings::load(base, None, &set).map_err(argument)?;
         if let Some(key) = settings.keys().find(|key| !USED.iter().any(|group| key.starts_with(group))) {
             let words = format!(
                 "settings: {key} has no effect here; Slam uses settings of slam, touch, calibration and segmentation"

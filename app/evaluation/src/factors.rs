@@ -48,7 +48,7 @@ pub fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
 /// The settings of each variant by its name: those asked for, and each with a factor at 0.
 pub fn variants(arguments: &EvaluateArguments) -> Result<Vec<(&'static str, RunConfig)>> {
     let load = |set: &[String]| -> Result<RunConfig> {
-        let config: RunConfig = settings::load(arguments.config.as_deref(), set)?;
+        let config: RunConfig = settings::load(RunConfig::default(), arguments.config.as_deref(), set)?;
         Ok(config)
     };
     let mut variants = vec![(FULL, load(&arguments.set)?)];

@@ -111,7 +111,7 @@ impl SingleRun {
             other => format!("{key}={other}"),
         };
         let set: Vec<String> = self.settings.iter().map(assignment).collect();
-        Ok(settings::load(None, &set)?)
+        Ok(settings::load(RunConfig::default(), None, &set)?)
     }
 }
 

@@ -168,7 +168,7 @@ mod tests {
             origin,
             hits,
             misses,
-            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None, picture: None },
+            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None, picture: None, texels: None },
         }
     }
 

@@ -1,13 +1,19 @@
 //! Settings of a run.
 
+use std::path::Path;
+
 use mvt_calibration::CalibrationConfig;
 use mvt_perceive::PerceptionConfig;
-use mvt_segmentation::SegmentationConfig;
+use mvt_segmentation::{LabelSource, SegmentationConfig};
 use mvt_settings::settings;
 use mvt_slam::SlamConfig;
 use mvt_touch::contact::ContactConfig;
 
+use crate::source::Recorded;
 use crate::supervisor::SupervisorRules;
+
+/// Depths within a mask that differ by more than this form an edge, metres: at a metre, slanted faces differ by more than those in a hand.
+const MASK_JUMP_M: f32 = 0.03;
 
 settings! {
     /// All settings of a run.
@@ -34,6 +40,17 @@ settings! {
 }
 
 impl RunConfig {
+    /// Returns the settings with which a recording starts, or a simulated episode without one: those without a hand for an RGB-D sequence.
+    pub fn suited(recording: Option<&Path>) -> Self {
+        if recording.is_some_and(Recorded::has_no_hand) { Self::without_hand() } else { Self::default() }
+    }
+
+    /// Returns the settings for an object that no hand of ours holds, in RGB-D images with masks.
+    pub fn without_hand() -> Self {
+        let segmentation = SegmentationConfig { labels: LabelSource::Given, jump_m: MASK_JUMP_M, ..Default::default() };
+        Self { segmentation, slam: SlamConfig::without_hand(), ..Default::default() }
+    }
+
     /// The settings of perception.
     pub fn perception(&self) -> PerceptionConfig {
         PerceptionConfig { touch: self.touch, calibration: self.calibration, segmentation: self.segmentation }

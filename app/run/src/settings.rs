@@ -121,18 +121,18 @@ pub enum LoadSettingsError {
     Unfit(String),
 }
 
-/// Returns the defaults of `T`, changed by a TOML file if one is given, then by texts of the form `key=value` in their order.
+/// Returns the settings `base`, changed by a TOML file if one is given, then by texts of the form `key=value` in their order.
 ///
 /// A value is TOML (`0.5`, `true`, `[1, 2]`, `"text"`). Texts need no quotation marks, and a whole number is accepted as any number.
 ///
 /// # Errors
 /// [`LoadSettingsError`]: for an unknown key it names the nearest key, for an invalid value the key with its kind and range.
-pub fn load<T>(file: Option<&Path>, set: &[String]) -> Result<T, LoadSettingsError>
+pub fn load<T>(base: T, file: Option<&Path>, set: &[String]) -> Result<T, LoadSettingsError>
 where
-    T: SettingGroup + Serialize + DeserializeOwned + Default,
+    T: SettingGroup + Serialize + DeserializeOwned,
 {
     let unfit = |error: String| LoadSettingsError::Unfit(error);
-    let mut table = Table::try_from(T::default()).map_err(|error| unfit(error.to_string()))?;
+    let mut table = Table::try_from(base).map_err(|error| unfit(error.to_string()))?;
     let listing = T::listing();
     if let Some(path) = file {
         let origin = path.display().to_string();

@@ -125,7 +125,7 @@ impl Rays {
 /// [`Label::Unsure`], as those that show the object and were not measured. `depth_m` and the labels have the same size.
 ///
 /// Outside of a mask, a pixel that is not farther than the object may be reaches counts as [`Label::Hand`], whatever stands there: only the
-/// space before it is free. What is farther, was looked through. Where nothing was measured, the space is free only if the hand's geometry
+/// space before it is free. What is farther, or lies behind the pixels of the object beside it, was looked through. Where nothing was measured, the space is free only if the hand's geometry
 /// says that no finger stands there; without a hand it is unsure.
 pub fn labelled(
     depth_m: &Array2<f32>,
@@ -143,13 +143,17 @@ pub fn labelled(
             let rays = Rays::new(intrinsics, world_from_camera);
             let far_m = far_side_m(depth_m, mask, intrinsics);
             let nothing = if hand.is_empty() { Label::Unsure } else { Label::Background };
-            Array2::from_shape_fn(depth_m.dim(), |at| match depth_m[at] {
+            let mut labels = Array2::from_shape_fn(depth_m.dim(), |at| match depth_m[at] {
                 _ if mask[at] => Label::Object,
                 depth if !is_measured(depth) => nothing,
                 depth if depth <= far_m => Label::Hand,
                 depth if hand.is_within(rays.point(at.1, at.0, depth).into(), config.margin_m) => Label::Hand,
                 _ => Label::Background,
-            })
+            });
+            if hand.is_empty() {
+                look_past_outline(&mut labels, depth_m, config.jump_m);
+            }
+            labels
         }
     };
     Zip::from(&mut labels).and(&mut object).and(depth_m).for_each(|label, object, &depth| {
@@ -177,6 +181,30 @@ fn far_side_m(depth_m: &Array2<f32>, mask: &Array2<bool>, intrinsics: &Intrinsic
     let farthest_m = *depths.select_nth_unstable_by(last * 19 / 20, f32::total_cmp).1;
     let across = |k: usize, focal_px: f64| (high[k] - low[k] + 1) as f32 / focal_px as f32;
     farthest_m * (1.0 + across(0, intrinsics.fx).max(across(1, intrinsics.fy)))
+}
+
+/// Pixels beside the object that lie behind it are its background, pixels.
+const BESIDE_PX: usize = 6;
+
+/// Relabels the pixels beside the object from [`Label::Hand`] to [`Label::Background`] where they lie farther than the object's pixels around
+/// them: nothing hides the object there, so that its outline is seen.
+fn look_past_outline(labels: &mut Array2<Label>, depth_m: &Array2<f32>, jump_m: f32) {
+    let mut object = depth_m.clone();
+    Zip::from(&mut object).and(&*labels).for_each(|depth, label| {
+        if *label != Label::Object || *depth <= 0.0 {
+            *depth = f32::NEG_INFINITY;
+        }
+    });
+    let Some([rows, columns]) = bounds(&object, BESIDE_PX) else { return };
+    let window = s![rows, columns];
+    let farthest = windowed(&object.slice(&window), BESIDE_PX, |a, b| if a > b { a } else { b });
+    Zip::from(labels.slice_mut(&window)).and(depth_m.slice(&window)).and(&farthest).for_each(
+        |label, &depth, &object| {
+            if *label == Label::Hand && object.is_finite() && depth > object + jump_m {
+                *label = Label::Background;
+            }
+        },
+    );
 }
 
 /// The part of the hand that can be within `margin_m` of any of the points.

@@ -2,11 +2,14 @@
 
 mod lens;
 mod picture;
+mod texels;
 
 pub(crate) use lens::Lens;
 pub use lens::Lookup;
 pub use picture::Picture;
 pub(crate) use picture::{LEAST_COSINE, LEVELS, Level, Patch};
+pub(crate) use texels::Texel;
+pub use texels::Texels;
 
 use glam::Vec3;
 use mvt_frames::depth::{CameraDepth, Label, TouchDepth};
@@ -28,6 +31,8 @@ settings! {
         pub camera_misses: usize = 1500, 0..=1_000_000;
         /// Places kept per camera at which the colours of images are compared; 0 keeps none.
         pub colour_patches: usize = 120, 0..=10_000;
+        /// Points kept per camera whose brightness is compared pixel by pixel; 0 keeps none.
+        pub texels: usize = 0, 0..=10_000;
         /// Rays kept per touching pad that hit the object.
         pub touch_hits: usize = 300, 1..=1_000_000;
         /// Rays kept per pad that end at the undisturbed gel.
@@ -37,6 +42,13 @@ settings! {
         pub camera_sigma_per_m2: f32 = 0.0041, 1e-6..=1.0;
         /// Standard deviation of the pixel to which a camera's depth belongs, pixels.
         pub camera_jitter_px: f32 = 1.25, 0.0..=100.0;
+        /// Pixels within this of another label belong to the outline.
+        pub outline_px: usize = 3, 1..=20;
+        /// Whether normals are those of planes fitted to the depth around a pixel, as noise of millimetres needs, instead of differences of
+        /// two depths.
+        pub fitted_normals: bool = false;
+        /// Rays that pass within so many pixels of the object's are kept before others; 0 keeps any.
+        pub near_misses_px: usize = 0, 0..=1000;
         /// Columns and rows by which a camera's depth is displaced on average, pixels. Redwood's model reads even pixels only.
         pub camera_shift_px: [f32; 2] = [0.0, 0.0], -100.0..=100.0;
         /// Whether background pixels, most of them without a return, count as rays through free space.
@@ -117,6 +129,8 @@ pub enum Detail {
         lookup: Option<Lookup>,
         /// Its colours; `None` without a colour image, and in a keyframe that was read from a file.
         picture: Option<Box<Picture>>,
+        /// Its texels; `None` likewise.
+        texels: Option<Box<Texels>>,
     },
     /// A touch sensor.
     Touch {
@@ -174,6 +188,14 @@ impl View {
         }
     }
 
+    /// Its texels, where a camera has some.
+    pub(crate) fn texels(&self) -> Option<&Texels> {
+        match &self.detail {
+            Detail::Camera { texels, .. } => texels.as_deref(),
+            Detail::Touch { .. } => None,
+        }
+    }
+
     /// Where a ray hit, world frame, metres.
     pub fn point(&self, hit: &Hit) -> Vec3 {
         self.origin + hit.direction * hit.range_m
@@ -193,8 +215,6 @@ pub struct Scan {
     pub views: Vec<View>,
 }
 
-/// Pixels within this of another class belong to the outline.
-const OUTLINE_PX: usize = 3;
 /// A pixel without depth counts as background only if all within this many pixels have none: displaced pixels fray edges by so much.
 const BACKGROUND_MARGIN_PX: usize = 4;
 /// Reach of the differences that give normals, pixels: long enough for a normal under noise of a millimetre.
@@ -227,7 +247,7 @@ impl Scan {
 
     /// Whether a camera delivered colours.
     pub(crate) fn has_picture(&self) -> bool {
-        self.views.iter().any(|view| view.picture().is_some())
+        self.views.iter().any(|view| view.picture().is_some() || view.texels().is_some())
     }
 
     /// Number of rays that hit the object.
@@ -244,10 +264,10 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     let mut outline = Vec::new();
     let mut beside = Vec::new();
     let mut passed = Vec::new();
-    const RIM: usize = OUTLINE_PX;
-    for v in RIM..height.saturating_sub(RIM) {
-        for u in RIM..width.saturating_sub(RIM) {
-            let around = || [(u - RIM, v), (u + RIM, v), (u, v - RIM), (u, v + RIM)].map(|(u, v)| at(u, v));
+    let rim = config.outline_px;
+    for v in rim..height.saturating_sub(rim) {
+        for u in rim..width.saturating_sub(rim) {
+            let around = || [(u - rim, v), (u + rim, v), (u, v - rim), (u, v + rim)].map(|(u, v)| at(u, v));
             let is_sample = u % 2 == 0 && v % 2 == 0;
             match at(u, v) {
                 Label::Object => {
@@ -275,7 +295,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     let hit = |&(u, v): &(usize, usize), is_outline: bool| {
         let z = image.depth_m[(v, u)];
         let (direction, length) = lens.ray(u as f32, v as f32);
-        let normal = if is_outline { Vec3::ZERO } else { lens.normal(&image.depth_m, u, v) };
+        let normal = if is_outline { Vec3::ZERO } else { lens.normal(&image.depth_m, u, v, config.fitted_normals) };
         let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
         let along = config.camera_sigma_per_m2 * z * z * cosine;
         let sideways = if is_outline { 1.0 } else { (1.0 - cosine * cosine).sqrt() };
@@ -291,6 +311,11 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     misses.extend(chosen.iter().map(|&(u, v)| Miss { direction: lens.ray(u as f32, v as f32).0, free_m: FAR_M }));
     // Most of an image is far from the object: draw until enough is found.
     passed.shuffle(rng);
+    if let Some([left, top, right, bottom]) = picture::bounds(image).filter(|_| config.near_misses_px > 0) {
+        let reach = config.near_misses_px;
+        let (columns, rows) = (left.saturating_sub(reach)..=right + reach, top.saturating_sub(reach)..=bottom + reach);
+        passed.sort_by_key(|(u, v)| !(columns.contains(u) && rows.contains(v)));
+    }
     for (u, v) in passed {
         if misses.len() >= config.camera_misses {
             break;
@@ -307,9 +332,10 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
     let picture = match config.colour_patches {
         0 => None,
-        places => Picture::new(image, places).map(Box::new),
+        places => Picture::new(image, places, config.fitted_normals).map(Box::new),
     };
-    View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup, picture } }
+    let texels = Texels::new(image, config.texels).map(Box::new);
+    View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup, picture, texels } }
 }
 
 fn touch_view(index: usize, image: &TouchDepth, config: &ScanConfig, rng: &mut ChaCha8Rng) -> View {
@@ -338,7 +364,7 @@ fn touch_view(index: usize, image: &TouchDepth, config: &ScanConfig, rng: &mut C
         .filter_map(|&(u, v)| {
             let z = image.depth_m[(v, u)];
             let (direction, length) = lens.ray(u as f32, v as f32);
-            let normal = lens.normal(&image.depth_m, u, v);
+            let normal = lens.normal(&image.depth_m, u, v, false);
             let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
             (z > 0.0 && z.is_finite()).then_some(Hit {
                 direction,

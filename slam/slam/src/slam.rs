@@ -445,6 +445,9 @@ impl Slam {
             self.tracker.reset();
         }
         self.push(scan, start);
+        if self.state == TrackState::Tracking {
+            self.tracker.align(self.knowledge.reference(), &|pose| self.knowledge.alike(pose));
+        }
         if self.state == TrackState::Tracking && self.config.tracker.colour_weight > 0.0 {
             self.tracker.compare_colours(self.knowledge.reference(), &|pose| self.knowledge.alike(pose));
         }

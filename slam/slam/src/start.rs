@@ -59,7 +59,7 @@ mod tests {
             origin,
             hits: (0..=50).map(|k| hit(0.08 + 0.001 * k as f32)).collect(),
             misses: Vec::new(),
-            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None, picture: None },
+            detail: Detail::Camera { index: 0, outline: Vec::new(), lookup: None, picture: None, texels: None },
         };
         let scan = Scan { frame: 0, time_s: 0.0, obstacles: Vec::new(), views: vec![view] };
         let support = f64::from(palm);

@@ -1,9 +1,11 @@
 //! Where the object is: a sliding window of poses, solved jointly against the shape.
 
+mod align;
 pub mod assess;
 mod colour;
 mod contact;
 pub(crate) mod icp;
+mod photometric;
 mod query;
 pub mod relocalise;
 pub(crate) mod system;
@@ -20,10 +22,11 @@ use crate::earlier::EarlierView;
 use crate::scan::{Detail, Scan};
 use colour::{Pair, Tie};
 use contact::{PressedPad, pressed_pad};
-use icp::Posed;
+use icp::{Matching, Posed};
 use mvt_field::shape::Shape;
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
+use photometric::Comparison;
 use query::{ask, ask_measured, ask_values, in_model};
 use system::{Block, Loss, System, surface, velocity};
 
@@ -78,6 +81,12 @@ settings! {
         pub colour_sigma_px: f64 = 0.4, 1e-3..=100.0;
         /// Points of a touch image with independent errors.
         pub touch_independent: f64 = 6.0, 1e-3..=1e6;
+        /// Weight of the factor: points of the surface keep their brightness, pixel by pixel. It suits few pixels and fast motion.
+        pub texel_weight: f64 = 0.0, 0.0..=1e6;
+        /// Points of an image with independent brightness.
+        pub texel_independent: f64 = 60.0, 1e-3..=1e6;
+        /// How far an object may move between two frames so that they are laid on each other first, metres. 0 trusts the motion so far.
+        pub align_reach_m: f64 = 0.0, 0.0..=1.0;
         /// Time over which an object's velocity falls to 1/e, seconds. An object in a hand soon comes to rest.
         pub velocity_memory_s: f64 = 0.06525, 1e-4..=1e6;
         /// Velocity that an object may have, one standard deviation, metres per second.
@@ -128,6 +137,8 @@ struct Instant {
     pads: Vec<PressedPad>,
     /// Places that earlier frames show, too.
     ties: Vec<Tie>,
+    /// Earlier views whose brightness is compared with this frame's.
+    earlier: Vec<EarlierView>,
 }
 
 impl Instant {
@@ -187,6 +198,8 @@ const OCCUPIED_REACH_M: f32 = 0.008;
 const OCCUPIED_POINTS: usize = 150;
 /// Colours are not believed if the motion on which they agree takes the measured points so much farther from the surface.
 const WORSE_SIGMAS: f64 = 0.5;
+/// Resolution at which the window compares brightness: noise of single pixels is less there.
+const FINAL_LEVEL: usize = 1;
 /// Points matched from frame to frame.
 const ICP_POINTS: usize = 200;
 
@@ -223,6 +236,7 @@ impl Tracker {
         for instant in &mut self.window {
             instant.pose *= correction;
             instant.ties.iter_mut().for_each(|tie| tie.rebase(correction));
+            instant.earlier.iter_mut().for_each(|view| view.pose = Isometry::new(view.pose.untyped() * correction));
         }
     }
 
@@ -301,7 +315,16 @@ impl Tracker {
             sigma_m: HAND_SIGMA_M,
             share: 0.2,
         }));
-        Instant { scan, pose, measured, occupied: vacant, passed: Vec::new(), pads, ties: Vec::new() }
+        Instant {
+            scan,
+            pose,
+            measured,
+            occupied: vacant,
+            passed: Vec::new(),
+            pads,
+            ties: Vec::new(),
+            earlier: Vec::new(),
+        }
     }
 
     /// Compares the colours of the newest frame with those of the frame before and of earlier views. If they agree on a motion, and depth
@@ -336,7 +359,12 @@ impl Tracker {
     fn colour_information(&self) -> na::Matrix6<f64> {
         let Some(newest) = self.window.back() else { return na::Matrix6::zeros() };
         let independent = self.config.colour_independent * self.config.colour_weight;
-        newest.ties.iter().map(|tie| tie.information(&newest.pose, independent)).sum()
+        let ties: na::Matrix6<f64> = newest.ties.iter().map(|tie| tie.information(&newest.pose, independent)).sum();
+        let mut system = System::new(1);
+        let comparison =
+            Comparison { level: FINAL_LEVEL, independent: self.config.texel_independent * self.config.texel_weight };
+        align::add_earlier(&mut system, newest, (Some(0), Posed::new(newest)), comparison);
+        ties + system.hessian.fixed_view::<6, 6>(0, 0)
     }
 
     fn add_colours(
@@ -523,13 +551,23 @@ impl Tracker {
                 }
             }
             let before = k.checked_sub(1).and_then(|k| self.window.get(k));
+            if config.texel_weight > 0.0 {
+                let comparison =
+                    Comparison { level: FINAL_LEVEL, independent: config.texel_independent * config.texel_weight };
+                if let Some(before) = before {
+                    let (then, now) = ((index(k - 1), Posed::new(before)), (index(k), Posed::new(instant)));
+                    photometric::add(&mut system, then, now, comparison);
+                }
+                align::add_earlier(&mut system, instant, (index(k), Posed::new(instant)), comparison);
+            }
             self.add_colours(&mut system, before.map(|before| (index(k - 1), before)), (index(k), instant));
             if let Some(before) = before {
                 self.add_contacts(&mut system, (index(k - 1), before), (index(k), instant));
                 if config.icp_weight > 0.0 {
                     let share = 0.25 * config.camera_independent * config.icp_weight;
                     let (a, b) = (Posed::new(before), Posed::new(instant));
-                    icp::add(&mut system, (index(k - 1), a), (index(k), b), ICP_POINTS, share);
+                    let matching = Matching { points: ICP_POINTS, independent: share, reach_m: icp::REACH_M };
+                    icp::add(&mut system, (index(k - 1), a), (index(k), b), matching);
                 }
             }
             if k > 1 && config.velocity_weight > 0.0 {

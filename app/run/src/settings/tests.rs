@@ -41,14 +41,14 @@ pub enum Start {
 impl mvt_settings::Unlimited for Start {}
 
 fn set(assignments: &[&str]) -> Result<Run, LoadSettingsError> {
-    load(None, &assignments.iter().map(|&s| s.to_owned()).collect::<Vec<_>>())
+    load(RunConfig::default(), None, &assignments.iter().map(|&s| s.to_owned()).collect::<Vec<_>>())
 }
 
 fn file(text: &str) -> Result<Run, LoadSettingsError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("config.toml");
     std::fs::write(&path, text).unwrap();
-    load(Some(&path), &["threads=7".to_owned()])
+    load(RunConfig::default(), Some(&path), &["threads=7".to_owned()])
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn what_is_written_is_read_as_the_same() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("config.toml");
         std::fs::write(&path, &text).unwrap();
-        load(Some(&path), &[]).unwrap()
+        load(RunConfig::default(), Some(&path), &[]).unwrap()
     };
     assert_eq!(again, run, "{text}");
     assert!(text.contains("sdf_weight = 0.3\n"), "{text}");
@@ -150,7 +150,7 @@ fn run_config(text: &str, set: &[&str]) -> Result<RunConfig, LoadSettingsError> 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("config.toml");
     std::fs::write(&path, text).unwrap();
-    load(Some(&path), &set.iter().map(|&s| s.to_owned()).collect::<Vec<_>>())
+    load(RunConfig::default(), Some(&path), &set.iter().map(|&s| s.to_owned()).collect::<Vec<_>>())
 }
 
 #[test]
@@ -198,7 +198,7 @@ fn every_number_out_of_range_is_refused_with_its_key_and_range() {
             };
             // 0 is a multiple of 16, but out of range.
             let is_right = (low..=high).contains(&value) && (!is_whole || value.fract() == 0.0);
-            match load::<RunConfig>(None, &[format!("{key}={given}")]) {
+            match load(RunConfig::default(), None, &[format!("{key}={given}")]) {
                 Ok(_) => assert!(is_right, "{key}={given} is accepted"),
                 Err(error) => {
                     let message = error.to_string();

@@ -52,12 +52,17 @@ pub struct Recorded {
 }
 
 impl Recorded {
+    /// Whether a folder is an RGB-D sequence without a hand.
+    pub fn has_no_hand(folder: &Path) -> bool {
+        !folder.join("data.pkl").exists() && RgbdLayout::of(folder).is_some()
+    }
+
     /// Opens a FeelSight log, or an RGB-D sequence without a hand.
     ///
     /// # Errors
     /// If it cannot be used so.
     pub fn open(folder: &Path, options: &RecordedOptions<'_>) -> Result<Self> {
-        if !folder.join("data.pkl").exists() && RgbdLayout::of(folder).is_some() {
+        if Self::has_no_hand(folder) {
             return Self::rgbd(folder, options);
         }
         let &RecordedOptions { cameras, modality, touch, config, .. } = options;

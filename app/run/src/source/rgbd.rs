@@ -9,7 +9,7 @@ use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Isometry, MeshFile, Object};
-use mvt_perceive::{LabelSource, Perception, PerceptionConfig, PerceptionSetup, Seen};
+use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen};
 use mvt_rgbd::{RgbdFrame, RgbdRecording};
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Observation, Rgbd};
@@ -34,9 +34,8 @@ impl RgbdSource {
     ///
     /// # Errors
     /// If it cannot be used.
-    pub fn open(folder: &Path, mut config: PerceptionConfig) -> Result<Self> {
+    pub fn open(folder: &Path, config: PerceptionConfig) -> Result<Self> {
         let recording = RgbdRecording::open(folder)?;
-        config.segmentation.labels = LabelSource::Given;
         let first = recording.intrinsics(0).zip(recording.camera_poses().next());
         let (intrinsics, pose) = first.with_context(|| format!("{}: there are no frames", folder.display()))?;
         let camera = PosedCamera { name: "camera".to_owned(), intrinsics, pose };

@@ -198,7 +198,7 @@ pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileErr
                 let lookup = lookup(lens, origin, &own, lookups)
                     .map_err(|()| file.wrong("lens", "is that of a camera with too many pixels".to_owned()))?;
                 lookups -= lookup.as_ref().map_or(0, Lookup::size_bytes);
-                Detail::Camera { index: sensor as usize, lookup, outline, picture: None }
+                Detail::Camera { index: sensor as usize, lookup, outline, picture: None, texels: None }
             }
             Some(index) => Detail::Touch { index: index as usize, pad: None },
         };

@@ -4,7 +4,7 @@ use nalgebra as na;
 
 use super::Map;
 use crate::graph::{self, Edge};
-use crate::tracker::icp::{self, Posed};
+use crate::tracker::icp::{self, Matching, Posed};
 use crate::tracker::system::System;
 use mvt_frames::{Isometry, se3};
 
@@ -12,9 +12,8 @@ use mvt_frames::{Isometry, se3};
 const APART_S: f64 = 3.0;
 /// Both views are of one place if the object has moved by less than this between them, metres.
 const APART_M: f64 = 0.03;
-/// Points of a keyframe that are matched, and how many of them are independent.
-const POINTS: usize = 600;
-const INDEPENDENT: f64 = 150.0;
+/// How the points of two keyframes are matched.
+const MATCHING: Matching = Matching { points: 600, independent: 150.0, reach_m: icp::REACH_M };
 /// Steps of the alignment.
 const STEPS: usize = 8;
 /// A loop is believed if so many of its points find a match.
@@ -83,7 +82,7 @@ fn align(a: Posed<'_>, b: Posed<'_>) -> Option<Alignment> {
     for k in 0..=STEPS {
         let mut system = System::new(1);
         let moving = Posed { pose: &pose, ..b };
-        let [tried, matched] = icp::add(&mut system, (None, a), (Some(0), moving), POINTS, INDEPENDENT);
+        let [tried, matched] = icp::add(&mut system, (None, a), (Some(0), moving), MATCHING);
         if (matched as f64) < MATCHED * tried.max(1) as f64 {
             return None;
         }

@@ -8,6 +8,9 @@ use ndarray::Array2;
 
 use super::{Hit, NORMAL_REACH_PX, NORMAL_STEP_M};
 
+/// A plane is fitted to at least so many of the 121 pixels around one.
+const FEWEST_FITTED: usize = 40;
+
 /// A camera in the world, in the `f32` of rays.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Lens {
@@ -42,8 +45,53 @@ impl Lens {
         (self.rotation * (p / length), length)
     }
 
-    /// Unit normal towards the camera from the neighbours of a pixel, world frame; zero where they are missing or an edge.
-    pub fn normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
+    /// Unit normal towards the camera around a pixel, world frame, from a plane that is fitted or from differences; zero where neighbours are
+    /// missing or an edge.
+    pub fn normal(&self, depth_m: &Array2<f32>, u: usize, v: usize, is_fitted: bool) -> Vec3 {
+        if is_fitted { self.fitted_normal(depth_m, u, v) } else { self.difference_normal(depth_m, u, v) }
+    }
+
+    /// The normal of the plane that fits the inverse depths of a square around a pixel: those of a plane are linear in column and row.
+    fn fitted_normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
+        const REACH: isize = NORMAL_REACH_PX as isize;
+        let z = depth_m[(v, u)];
+        if z <= 0.0 {
+            return Vec3::ZERO;
+        }
+        // Sums of 1, x, y, x², xy, y² and of these with the inverse depth, from that of the pixel on.
+        let (mut lhs, mut rhs, mut count) = ([0.0_f32; 6], [0.0_f32; 3], 0);
+        for dv in -REACH..=REACH {
+            for du in -REACH..=REACH {
+                let (Some(column), Some(row)) = (u.checked_add_signed(du), v.checked_add_signed(dv)) else { continue };
+                let Some(&depth) = depth_m.get((row, column)) else { continue };
+                if depth <= 0.0 || (depth - z).abs() >= NORMAL_STEP_M {
+                    continue;
+                }
+                let (x, y, w) = (du as f32, dv as f32, 1.0 / depth - 1.0 / z);
+                for (sum, term) in lhs.iter_mut().zip([1.0, x, y, x * x, x * y, y * y]) {
+                    *sum += term;
+                }
+                for (sum, term) in rhs.iter_mut().zip([w, w * x, w * y]) {
+                    *sum += term;
+                }
+                count += 1;
+            }
+        }
+        let [n, x, y, xx, xy, yy] = lhs;
+        let system = na::Matrix3::new(n, x, y, x, xx, xy, y, xy, yy);
+        // A third of the square, so that a rim of two pixels is no face.
+        let Some(fit) = (count >= FEWEST_FITTED).then(|| system.try_inverse()).flatten() else { return Vec3::ZERO };
+        let fit = fit * na::Vector3::from(rhs);
+        // 1 / z = a + b du + c dv: the plane n . p = 1 in camera coordinates, x right, y up, z back.
+        let [fx, fy] = self.focal;
+        let (b, c) = (fit.y, fit.z);
+        let a = 1.0 / z + fit.x - b * (u as f32 - self.centre[0]) - c * (v as f32 - self.centre[1]);
+        let inside = Vec3::new(b * fx, -c * fy, -a);
+        self.rotation * -inside.normalize_or_zero()
+    }
+
+    /// The normal by the differences between depths to both sides of a pixel.
+    fn difference_normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
         let z = depth_m[(v, u)];
         let neighbour = |du: isize, dv: isize| {
             let (u, v) = (u.checked_add_signed(du)?, v.checked_add_signed(dv)?);

@@ -29,14 +29,14 @@ pub(crate) const LEAST_COSINE: f32 = 0.35;
 /// Brightness around the object at one resolution.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Level {
-    width: usize,
-    height: usize,
+    pub(super) width: usize,
+    pub(super) height: usize,
     /// By rows.
     grey: Vec<u8>,
 }
 
 impl Level {
-    fn at(&self, u: usize, v: usize) -> f32 {
+    pub(super) fn at(&self, u: usize, v: usize) -> f32 {
         f32::from(self.grey[v * self.width + u])
     }
 
@@ -59,7 +59,7 @@ impl Level {
         top + b * (bottom - top)
     }
 
-    fn halved(&self) -> Self {
+    pub(super) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let sum = |u: usize, v: usize| {
             let at = |u: usize, v: usize| u16::from(self.grey[v * self.width + u]);
@@ -99,7 +99,7 @@ pub struct Picture {
 impl Picture {
     /// The picture of the object with at most `patches` places; `None` without a colour image of the size of the depth image, and
     /// where the object is not seen.
-    pub(crate) fn new(image: &CameraDepth, patches: usize) -> Option<Self> {
+    pub(crate) fn new(image: &CameraDepth, patches: usize, fitted_normals: bool) -> Option<Self> {
         let colour = image.colour.as_ref().filter(|_| patches > 0)?;
         let (rows, columns) = image.depth_m.dim();
         if (colour.width() as usize, colour.height() as usize) != (columns, rows)
@@ -122,7 +122,7 @@ impl Picture {
         // Colours stay where they are; only depth is displaced.
         let lens = Lens::new(&image.intrinsics, image.world_from_camera, [0.0; 2]);
         let mut picture = Self { lens, corner, levels, shows_object, patches: Vec::new() };
-        picture.patches = picture.choose(image, patches);
+        picture.patches = picture.choose(image, patches, fitted_normals);
         Some(picture)
     }
 
@@ -150,7 +150,7 @@ impl Picture {
     }
 
     /// The places with the greatest changes of slope, spread over the object.
-    fn choose(&self, image: &CameraDepth, most: usize) -> Vec<Patch> {
+    fn choose(&self, image: &CameraDepth, most: usize, fitted_normals: bool) -> Vec<Patch> {
         let level = &self.levels[1.min(LEVELS - 1)];
         let slopes = Slopes::new(level);
         let cell = CELL_PX / 2;
@@ -174,18 +174,18 @@ impl Picture {
             }
         }
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        found.into_iter().filter_map(|(_, pixel)| self.patch(image, pixel)).take(most).collect()
+        found.into_iter().filter_map(|(_, pixel)| self.patch(image, pixel, fitted_normals)).take(most).collect()
     }
 
-    fn patch(&self, image: &CameraDepth, [u, v]: [usize; 2]) -> Option<Patch> {
+    fn patch(&self, image: &CameraDepth, [u, v]: [usize; 2], fitted_normals: bool) -> Option<Patch> {
         let lens = &self.lens;
         let z = image.depth_m[(v, u)];
-        let normal = lens.normal(&image.depth_m, u, v);
+        let normal = lens.normal(&image.depth_m, u, v, fitted_normals);
         let (direction, length) = lens.ray(u as f32, v as f32);
         if !(z > 0.0 && z.is_finite()) || -normal.dot(direction) < LEAST_COSINE {
             return None;
         }
-        let is_even = |u: usize, v: usize| lens.normal(&image.depth_m, u, v).dot(normal) > LEAST_EVEN;
+        let is_even = |u: usize, v: usize| lens.normal(&image.depth_m, u, v, fitted_normals).dot(normal) > LEAST_EVEN;
         const REACH: usize = EVEN_PX;
         let around = [(u.checked_sub(REACH)?, v), (u + REACH, v), (u, v.checked_sub(REACH)?), (u, v + REACH)];
         let (rows, columns) = image.depth_m.dim();
@@ -203,7 +203,7 @@ impl Picture {
 }
 
 /// Least and greatest column and row that show the object.
-fn bounds(image: &CameraDepth) -> Option<[usize; 4]> {
+pub(super) fn bounds(image: &CameraDepth) -> Option<[usize; 4]> {
     let mut bounds: Option<[usize; 4]> = None;
     for ((v, u), _) in image.labels.indexed_iter().filter(|(_, label)| **label == Label::Object) {
         let [left, top, right, bottom] = bounds.unwrap_or([u, v, u, v]);
@@ -212,7 +212,7 @@ fn bounds(image: &CameraDepth) -> Option<[usize; 4]> {
     bounds
 }
 
-fn grey(colour: &RgbImage, corner: [usize; 2], width: usize, height: usize) -> Level {
+pub(super) fn grey(colour: &RgbImage, corner: [usize; 2], width: usize, height: usize) -> Level {
     let row = 3 * colour.width() as usize;
     let rows = colour.as_raw().chunks_exact(row.max(1)).skip(corner[1]).take(height);
     let mean = |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;

@@ -92,11 +92,14 @@ fn outline_is_the_silhouette() {
     let off_axis = |hit: &Hit| (-origin).angle(&crate::tracker::to_na(hit.direction));
     for hit in view.outline() {
         let short = (silhouette - off_axis(hit)) / pixel;
-        assert!((-0.1..OUTLINE_PX as f64 * 1.5 + 1.0).contains(&short), "{short} pixels within the silhouette");
+        assert!(
+            (-0.1..ScanConfig::default().outline_px as f64 * 1.5 + 1.0).contains(&short),
+            "{short} pixels within the silhouette"
+        );
     }
     for hit in &view.hits {
         // A corner of the diamond that must be filled may come nearer than its reach.
-        assert!((silhouette - off_axis(hit)) / pixel > 0.6 * OUTLINE_PX as f64);
+        assert!((silhouette - off_axis(hit)) / pixel > 0.6 * ScanConfig::default().outline_px as f64);
     }
 }
 

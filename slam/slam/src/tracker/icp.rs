@@ -8,9 +8,20 @@ use super::system::{Loss, System, along};
 use super::{Instant, apply, to_na};
 use crate::scan::Scan;
 
-/// Points farther apart than this are no match, metres.
-const REACH_M: f32 = 0.006;
-/// Cost grows with the logarithm from this many standard deviations on.
+/// How two frames are matched.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Matching {
+    /// At most so many points are matched.
+    pub points: usize,
+    /// All together weigh as much as so many independent points.
+    pub independent: f64,
+    /// Points farther apart than this are no match, metres.
+    pub reach_m: f32,
+}
+
+/// Points of frames whose poses are known well that are farther apart than this are no match, metres.
+pub(crate) const REACH_M: f32 = 0.006;
+/// Within [`REACH_M`] cost grows with the logarithm from this many standard deviations on; within a wider reach from so much more.
 const ROBUST_SIGMAS: f64 = 2.0;
 
 /// A scan and the pose that the object has in it.
@@ -26,15 +37,15 @@ impl<'a> Posed<'a> {
     }
 }
 
-/// Adds the matches of two frames: `a` is matched against, up to `points` points of `b` are matched, and all together weigh as
-/// much as `independent` points. Returns how many points were tried and how many found a match.
+/// Adds the matches of two frames: points of `b` are matched against `a`. Returns how many points were tried and how many found a match.
 pub(crate) fn add(
     system: &mut System,
     a: (Option<usize>, Posed<'_>),
     b: (Option<usize>, Posed<'_>),
-    points: usize,
-    independent: f64,
+    matching: Matching,
 ) -> [usize; 2] {
+    let Matching { points, independent, reach_m } = matching;
+    let robust = Loss::Cauchy(ROBUST_SIGMAS * f64::from(reach_m / REACH_M));
     let ((index_a, a), (index_b, b)) = (a, b);
     let b_to_a = a.pose * b.pose.inverse();
     let (mut tried, mut matched) = (0, 0);
@@ -49,7 +60,7 @@ pub(crate) fn add(
             let moved = apply(&b_to_a, point);
             let Some(other) = lookup.at(moved).and_then(|i| view_a.hits.get(i)) else { continue };
             let gap = moved - view_a.point(other);
-            if other.normal == Vec3::ZERO || gap.length_squared() > REACH_M * REACH_M {
+            if other.normal == Vec3::ZERO || gap.length_squared() > reach_m * reach_m {
                 continue;
             }
             matched += 1;
@@ -58,7 +69,7 @@ pub(crate) fn add(
             let material = b.pose.inverse() * na::Point3::from(to_na(point));
             let j = along(inside, material.coords) * s;
             let r = f64::from(other.normal.dot(gap)) * s;
-            system.add(r, &[(index_a, j), (index_b, -j)], share, Loss::Cauchy(ROBUST_SIGMAS));
+            system.add(r, &[(index_a, j), (index_b, -j)], share, robust);
         }
     }
     [tried, matched]

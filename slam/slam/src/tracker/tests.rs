@@ -12,6 +12,10 @@ use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, blotches, camera, feel, fra
 use mvt_field::shape::Distance;
 use mvt_frames::depth::TouchDepth;
 
+fn matching(points: usize) -> Matching {
+    Matching { points, independent: 100.0, reach_m: icp::REACH_M }
+}
+
 /// A ball away from the origin, so that turns move it, with distances that have no grid.
 struct Ball {
     centre: Vec3,
@@ -253,7 +257,7 @@ fn scan_to_scan_residuals() {
         let system = |poses: &[na::Isometry3<f64>; 2]| {
             let mut system = System::new(2);
             let [a, b] = std::array::from_fn(|i| (Some(i), Posed { scan: &scans[i], pose: &poses[i] }));
-            let [tried, matched] = icp::add(&mut system, a, b, 300, 100.0);
+            let [tried, matched] = icp::add(&mut system, a, b, matching(300));
             assert!(matched > tried / 2, "{matched} of {tried}");
             system
         };
@@ -293,7 +297,7 @@ fn matches_vanish_at_the_true_motion() {
         let (a, b) = (a.untyped(), b.untyped());
         let first = Posed { scan: &scan_a, pose: &a };
         let second = Posed { scan: &scan_b, pose: &b };
-        let counts = icp::add(&mut system, (None, first), (Some(0), second), 500, 100.0);
+        let counts = icp::add(&mut system, (None, first), (Some(0), second), matching(500));
         (system.cost, counts, system.step(1e-6).unwrap())
     };
     let (true_cost, [tried, matched], _) = cost(b);
@@ -317,7 +321,7 @@ fn scans_without_a_camera_in_common_do_not_match() {
     for (a, b) in [(&full, &none), (&none, &full), (&none, &none)] {
         let mut system = System::new(2);
         let [a, b] = [a, b].map(|scan| Posed { scan, pose: &pose });
-        assert_eq!(icp::add(&mut system, (Some(0), a), (Some(1), b), 100, 10.0), [0, 0]);
+        assert_eq!(icp::add(&mut system, (Some(0), a), (Some(1), b), matching(100)), [0, 0]);
         assert_eq!(system.cost, 0.0);
     }
 }
