@@ -42,6 +42,7 @@ mod parts;
 mod pattern;
 mod pixels;
 mod recording;
+mod registration;
 mod text;
 mod tum;
 

@@ -453,8 +453,9 @@ impl Slam {
         }
         let mut rng = self.generator(3);
         let (tracker, reference) = (&mut self.tracker, self.knowledge.reference());
-        if self.confidence < self.config.trust.learn_above
-            || tracker.median_residual(reference) > self.config.trust.jerk_sigmas
+        if !tracker.texels_agree()
+            && (self.confidence < self.config.trust.learn_above
+                || tracker.median_residual(reference) > self.config.trust.jerk_sigmas)
         {
             tracker.look_around(reference, self.pose, Reach::JERK, &mut rng);
         }
@@ -500,12 +501,24 @@ impl Slam {
                 Knowledge::Known(given) => given.centre,
             };
             let mut rng = self.generator(1);
-            let found = self.tracker.relocalise(self.knowledge.reference(), centre, Some(self.pose), &mut rng);
-            if let Some(found) = found {
+            let mut found = self.tracker.relocalise(self.knowledge.reference(), centre, Some(self.pose), &mut rng);
+            let nearest = found.first().copied();
+            if self.config.tracker.texel_weight > 0.0
+                && let Some(nearest) = nearest
+            {
+                found.extend(self.tracker.spun(self.knowledge.reference(), nearest));
+            }
+            let recognised =
+                self.tracker.recognise(self.knowledge.reference(), &found, &|pose| self.knowledge.alike(pose));
+            for found in recognised.into_iter().chain(nearest) {
                 self.tracker.restart(found);
                 let confidence = self.tracker.assess(self.knowledge.reference()).confidence;
                 if confidence > best.1 {
                     best = (found, confidence);
+                }
+                // A pose that colours recognise goes before one that fits a little better.
+                if recognised.is_some() && confidence >= trust.found_above {
+                    break;
                 }
             }
         }

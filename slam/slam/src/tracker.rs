@@ -139,6 +139,8 @@ struct Instant {
     ties: Vec<Tie>,
     /// Earlier views whose brightness is compared with this frame's.
     earlier: Vec<EarlierView>,
+    /// Whether its brightness agrees with that of frames before, pixel by pixel.
+    texels_agree: bool,
 }
 
 impl Instant {
@@ -324,6 +326,7 @@ impl Tracker {
             pads,
             ties: Vec::new(),
             earlier: Vec::new(),
+            texels_agree: false,
         }
     }
 
@@ -352,7 +355,12 @@ impl Tracker {
 
     /// Whether colours were found again near the newest pose: poses farther away, which depth cannot tell apart on round objects, are wrong then.
     pub(crate) fn colours_agree(&self) -> bool {
-        self.window.back().is_some_and(|newest| !newest.ties.is_empty())
+        self.window.back().is_some_and(|newest| !newest.ties.is_empty() || newest.texels_agree)
+    }
+
+    /// Whether the brightness agrees with that of frames before, pixel by pixel.
+    pub(crate) fn texels_agree(&self) -> bool {
+        self.window.back().is_some_and(|newest| newest.texels_agree)
     }
 
     /// The information of the colours of earlier views about the newest pose.
@@ -515,6 +523,29 @@ impl Tracker {
         }
     }
 
+    /// Adds: the points that an instant measured lie on the surface, at a pose of it.
+    fn add_surface(
+        &self,
+        system: &mut System,
+        shape: &dyn Reference,
+        instant: &Instant,
+        (index, pose): (Option<usize>, &na::Isometry3<f64>),
+        robust: Loss,
+    ) {
+        let config = &self.config;
+        let (points, distances, trusted) = ask_measured(shape, pose, instant.measured.iter().map(|m| m.point));
+        for (i, m) in instant.measured.iter().enumerate() {
+            let weight = if m.is_touch { config.touch_weight } else { config.camera_weight };
+            let s = 1.0 / f64::from(sigma(shape, m.sigma_m));
+            if !trusted[i] {
+                system.cost += weight * m.share * robust.at(UNSEEN_COSTS_M * s).0;
+                continue;
+            }
+            let (r, j) = surface(points[i], distances[i]);
+            system.add(r * s, &[(index, j * s)], weight * m.share, robust);
+        }
+    }
+
     fn linearise(&self, shape: &dyn Reference, scale: f64) -> System {
         let config = &self.config;
         let held = self.held();
@@ -522,18 +553,7 @@ impl Tracker {
         let robust = Loss::Cauchy(ROBUST_SIGMAS * scale);
         let index = |k: usize| k.checked_sub(held);
         for (k, instant) in self.window.iter().enumerate().skip(held) {
-            let (points, distances, trusted) =
-                ask_measured(shape, &instant.pose, instant.measured.iter().map(|m| m.point));
-            for (i, m) in instant.measured.iter().enumerate() {
-                let weight = if m.is_touch { config.touch_weight } else { config.camera_weight };
-                let s = 1.0 / f64::from(sigma(shape, m.sigma_m));
-                if !trusted[i] {
-                    system.cost += weight * m.share * robust.at(UNSEEN_COSTS_M * s).0;
-                    continue;
-                }
-                let (r, j) = surface(points[i], distances[i]);
-                system.add(r * s, &[(index(k), j * s)], weight * m.share, robust);
-            }
+            self.add_surface(&mut system, shape, instant, (index(k), &instant.pose), robust);
             for (list, weight) in
                 [(&instant.occupied, config.penetration_weight), (&instant.passed, config.free_space_weight)]
             {

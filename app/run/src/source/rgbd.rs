@@ -87,6 +87,7 @@ impl Source for RgbdSource {
         self.next += 1;
         let RgbdFrame { time_s, color, depth_m, mask, world_from_camera, camera_from_object, .. } =
             self.recording.frame(number)?;
+        let color = if self.recording.are_colours_registered() { color } else { Default::default() };
         // Without a mask nothing is known of a pixel.
         let depth_m = if mask.is_some() { depth_m } else { Default::default() };
         let camera =

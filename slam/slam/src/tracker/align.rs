@@ -8,8 +8,9 @@ use nalgebra as na;
 
 use super::icp::{self, Matching, Posed};
 use super::photometric::{self, Comparison};
-use super::system::System;
-use super::{Instant, Reference, Tracker, WORSE_SIGMAS};
+use super::query::ask_measured;
+use super::system::{Loss, System, along};
+use super::{FINAL_LEVEL, Instant, ROBUST_SIGMAS, Reference, Tracker, WORSE_SIGMAS, to_na};
 use crate::earlier::EarlierView;
 use crate::scan::LEVELS;
 use mvt_frames::se3::Twist;
@@ -21,6 +22,12 @@ const POINTS: usize = 400;
 const STEPS: usize = 5;
 /// A step below this ends them, metres and radians.
 const SMALL_STEP: f64 = 1e-4;
+/// Turns about an axis of revolution that are tried.
+const SPINS: usize = 24;
+/// Size of the objects, at which a rotation and a translation move the surface alike, metres.
+const LEVER_M: f64 = 0.04;
+/// The surface does not hold a turn that moves it off itself by less than this part of what another motion does, squared.
+const WEAK: f64 = 0.02;
 /// Fewer matches than this say nothing about a motion.
 const FEWEST_MATCHES: usize = 30;
 
@@ -47,6 +54,79 @@ impl Tracker {
         if is_worse(self) {
             place(self, start);
         }
+        self.judge_texels();
+    }
+
+    /// Notes whether the newest frame shows the brightness of the frame before and of its earlier views.
+    fn judge_texels(&mut self) {
+        let Some(newest) = self.window.back() else { return };
+        let now = Posed::new(newest);
+        let before = self.window.iter().rev().nth(1).and_then(|before| photometric::correlation(Posed::new(before), now, FINAL_LEVEL));
+        let agrees = before.is_some_and(|correlation| correlation > photometric::AGREES);
+        if let Some(newest) = self.window.back_mut() {
+            newest.texels_agree = agrees;
+        }
+    }
+
+    /// Poses of the newest frame that depth cannot tell from one: turned about the axis about which the seen surface looks the same from all sides.
+    pub(crate) fn spun(&self, shape: &dyn Reference, pose: Isometry<Field, World>) -> Vec<Isometry<Field, World>> {
+        let Some(newest) = self.window.back() else { return Vec::new() };
+        let pose = pose.untyped();
+        let (points, distances, trusted) = ask_measured(shape, &pose, newest.measured.iter().map(|m| m.point));
+        let seen = || (0..points.len()).filter(|i| trusted[*i]);
+        let middle = seen().map(|i| to_na(points[i])).sum::<na::Vector3<f64>>() / seen().count().max(1) as f64;
+        // Of an object of revolution all normals meet its axis, wherever that lies: twists of the pose that move no point off the surface.
+        let information: na::Matrix6<f64> = seen()
+            .map(|i| along(to_na(distances[i].gradient), (to_na(points[i]) - middle) / LEVER_M))
+            .map(|j| j * j.transpose())
+            .sum();
+        let eigen = information.symmetric_eigen();
+        let (weakest, strongest) = (eigen.eigenvalues.imin(), eigen.eigenvalues.max());
+        let twist: Twist = eigen.eigenvectors.column(weakest).into_owned();
+        let turn = twist.fixed_rows::<3>(3).into_owned();
+        if eigen.eigenvalues[weakest] > WEAK * strongest || turn.norm() < 0.5 {
+            return Vec::new();
+        }
+        let axis = na::Unit::new_normalize(turn);
+        // The axis goes through the point that the twist leaves where it is.
+        let through = middle + LEVER_M * turn.cross(&twist.fixed_rows::<3>(0).into_owned()) / turn.norm_squared();
+        let spin = |k: usize| {
+            let turn = na::UnitQuaternion::from_axis_angle(&axis, k as f64 * std::f64::consts::TAU / SPINS as f64);
+            let about = na::Translation3::from(through) * turn * na::Translation3::from(-through);
+            Isometry::new(pose * about)
+        };
+        (1..SPINS).map(spin).collect()
+    }
+
+    /// Of poses of the newest frame, refined against shape and brightness, the one at which it shows most of what earlier views that are `alike`
+    /// show; `None` if no view agrees.
+    pub(crate) fn recognise(
+        &self,
+        shape: &dyn Reference,
+        candidates: &[Isometry<Field, World>],
+        alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>,
+    ) -> Option<Isometry<Field, World>> {
+        let newest = self.window.back()?;
+        let judged = candidates.iter().filter_map(|candidate| {
+            let views = alike(*candidate);
+            let mut pose = candidate.untyped();
+            for level in [2, 2, 2, 1, 1, 1] {
+                let mut system = System::new(1);
+                self.add_surface(&mut system, shape, newest, (Some(0), &pose), Loss::Cauchy(ROBUST_SIGMAS));
+                let comparison = Comparison { level, independent: POINTS as f64 };
+                add_views(&mut system, &views, (Some(0), Posed { scan: &newest.scan, pose: &pose }), comparison);
+                pose *= se3::exp(&system.step(1e-3)?.fixed_rows::<6>(0).into_owned());
+            }
+            pose.rotation.renormalize();
+            let now = Posed { scan: &newest.scan, pose: &pose };
+            let correlation = views.iter().filter_map(|view| {
+                let pose = view.pose.untyped();
+                photometric::correlation(Posed { scan: &view.scan, pose: &pose }, now, FINAL_LEVEL)
+            });
+            let best = correlation.max_by(f64::total_cmp).filter(|best| *best > photometric::AGREES)?;
+            Some((best, Isometry::new(pose)))
+        });
+        judged.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, pose)| pose)
     }
 
     /// The pose at which the newest frame lies on the frame before and on its earlier views; `None` if too little of it does.
@@ -89,7 +169,11 @@ pub(super) fn add_earlier(
     now: (Option<usize>, Posed<'_>),
     comparison: Comparison,
 ) {
-    for view in &instant.earlier {
+    add_views(system, &instant.earlier, now, comparison);
+}
+
+fn add_views(system: &mut System, views: &[EarlierView], now: (Option<usize>, Posed<'_>), comparison: Comparison) {
+    for view in views {
         let pose = view.pose.untyped();
         photometric::add(system, (None, Posed { scan: &view.scan, pose: &pose }), now, comparison);
     }

@@ -8,6 +8,7 @@ use nalgebra as na;
 use super::icp::Posed;
 use super::system::{Loss, System, along};
 use super::{apply, to_na};
+use mvt_frames::se3::Twist;
 use crate::scan::{Texel, View};
 
 /// Noise of the brightness and its changes with the light, one standard deviation, grey levels.
@@ -16,6 +17,11 @@ const GREY_SIGMA: f64 = 6.0;
 const CONTRAST_SIGMA: f64 = 0.25;
 /// Cost grows with the logarithm from this many standard deviations on.
 const ROBUST_SIGMAS: f64 = 2.0;
+
+/// Fewer texels than these say nothing about a pose.
+const FEWEST_COMPARED: usize = 40;
+/// Frames whose brightness correlates by this much show the same places.
+pub(super) const AGREES: f64 = 0.7;
 
 /// How the brightness of two frames is compared.
 #[derive(Debug, Clone, Copy)]
@@ -26,23 +32,25 @@ pub(crate) struct Comparison {
     pub independent: f64,
 }
 
-/// Adds the differences of brightness at the texels of `then`. Returns how many of them the later frame shows.
-pub(super) fn add(
-    system: &mut System,
-    then: (Option<usize>, Posed<'_>),
-    now: (Option<usize>, Posed<'_>),
-    comparison: Comparison,
-) -> usize {
-    let ((index_then, then), (index_now, now)) = (then, now);
+/// A texel of an earlier frame in a later one.
+struct Compared {
+    /// Brightness there and here, grey levels.
+    expected: f64,
+    value: f64,
+    /// Derivative of the value by the disturbance of the later pose.
+    slope: Twist,
+}
+
+/// The texels of `then` that the later frame shows.
+fn compared(then: Posed<'_>, now: Posed<'_>, level: usize) -> Vec<Compared> {
     let now_from_then = now.pose * then.pose.inverse();
+    let scale = f64::from(1_u32 << level);
     let mut compared = Vec::new();
     for view in &now.scan.views {
         let Some(picture) = view.texels() else { continue };
         let same = |other: &&View| other.sensor() == view.sensor();
         let Some(earlier) = then.scan.views.iter().find(same).and_then(View::texels) else { continue };
-        let level = comparison.level;
         let Some(contrast) = picture.levels.get(level) else { continue };
-        let scale = f64::from(1_u32 << level);
         compared.extend(earlier.texels.iter().filter_map(|&Texel { point, normal, values }| {
             let expected = values[level]?;
             let moved = apply(&now_from_then, point);
@@ -52,16 +60,37 @@ pub(super) fn add(
             let (pixel, [along_u, along_v]) = picture.lens.project_with_slopes(to_na(moved))?;
             let at = picture.to_level([pixel.x as f32, pixel.y as f32], level);
             let (value, [by_u, by_v]) = contrast.sample(at)?;
-            let sigma = GREY_SIGMA.hypot(CONTRAST_SIGMA * f64::from(expected));
-            let slope = (along_u * f64::from(by_u) + along_v * f64::from(by_v)) / (scale * sigma);
+            let slope = (along_u * f64::from(by_u) + along_v * f64::from(by_v)) / scale;
             let material = then.pose.inverse() * na::Point3::from(to_na(point));
-            let j = along(now.pose.rotation.inverse() * slope, material.coords);
-            Some((f64::from(value - expected) / sigma, j))
+            let slope = along(now.pose.rotation.inverse() * slope, material.coords);
+            Some(Compared { expected: f64::from(expected), value: f64::from(value), slope })
         }));
     }
+    compared
+}
+
+/// Adds the differences of brightness at the texels of `then`.
+pub(super) fn add(
+    system: &mut System,
+    then: (Option<usize>, Posed<'_>),
+    now: (Option<usize>, Posed<'_>),
+    comparison: Comparison,
+) {
+    let compared = compared(then.1, now.1, comparison.level);
     let share = (comparison.independent / compared.len().max(1) as f64).min(1.0);
-    for &(residual, j) in &compared {
-        system.add(residual, &[(index_now, j), (index_then, -j)], share, Loss::Cauchy(ROBUST_SIGMAS));
+    for Compared { expected, value, slope } in compared {
+        let sigma = GREY_SIGMA.hypot(CONTRAST_SIGMA * expected);
+        let j = slope / sigma;
+        system.add((value - expected) / sigma, &[(now.0, j), (then.0, -j)], share, Loss::Cauchy(ROBUST_SIGMAS));
     }
-    compared.len()
+}
+
+/// Correlation of the brightness of two frames at the texels that both show, -1 to 1; `None` if these are few.
+pub(super) fn correlation(then: Posed<'_>, now: Posed<'_>, level: usize) -> Option<f64> {
+    let compared = compared(then, now, level);
+    let [mut product, mut there, mut here] = [0.0; 3];
+    for Compared { expected, value, .. } in &compared {
+        (product, there, here) = (product + expected * value, there + expected * expected, here + value * value);
+    }
+    (compared.len() >= FEWEST_COMPARED && there * here > 0.0).then(|| product / (there * here).sqrt())
 }

@@ -56,7 +56,7 @@ struct Candidate {
 
 impl Tracker {
     /// Searches for the pose of the newest frame. `centre` is the middle of the shape's surface in the model's frame and
-    /// `near` a pose it may be close to. Returns the best pose that was found, to be judged by [`Tracker::assess`] after
+    /// `near` a pose it may be close to. Returns the best poses that were found, best first, to be judged by [`Tracker::assess`] after
     /// [`Tracker::restart`].
     pub fn relocalise(
         &self,
@@ -64,11 +64,10 @@ impl Tracker {
         centre: Vec3,
         near: Option<Isometry<Field, World>>,
         rng: &mut ChaCha8Rng,
-    ) -> Option<Isometry<Field, World>> {
-        let instant = self.window.back()?;
-        if instant.measured.is_empty() {
-            return None;
-        }
+    ) -> Vec<Isometry<Field, World>> {
+        let Some(instant) = self.window.back().filter(|instant| !instant.measured.is_empty()) else {
+            return Vec::new();
+        };
         let seen = to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len() as f32);
         let mut candidates = Vec::new();
         let mut propose = |rotation: na::UnitQuaternion<f64>, origin: na::Vector3<f64>| {
@@ -102,7 +101,7 @@ impl Tracker {
             candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
             candidates.truncate(round.kept);
         }
-        candidates.first().map(|best| Isometry::new(best.pose))
+        candidates.into_iter().map(|found| Isometry::new(found.pose)).collect()
     }
 
     /// Moves the newest frame to the best pose around where it is, `previous` included. For jerks that the solver alone would not
