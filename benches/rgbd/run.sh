@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Renders 18 RGB-D sequences of unknown objects with Open3D's rays, tracks them with our program and with Open3D's ICP and TSDF volume, and scores both
+# by the protocol of YCBInEOAT.
+#
+#   benches/rgbd/run.sh OUT [--only NAME ...]           renders into OUT/sequences; finished ones are skipped; some 25 minutes on one core, 5 GB
+#   benches/rgbd/run.sh OUT track [--only NAME ...]     also tracks them into OUT/ours and OUT/open3d_*, unless that is done, and writes OUT/summary.json
+#   benches/rgbd/run.sh OUT tune                        chooses Open3D's settings on the tuning half, and writes OUT/tuned/settings.json
+#
+# Needs Rust and Python 3.11 to 3.13; installs Open3D 0.20 into a virtual environment in OUT. sequences.toml describes the sequences and names the half
+# on which settings may be chosen.
+set -euo pipefail
+out=$(realpath -m "${1:?name a folder}")
+shift
+step=render
+case ${1:-} in
+track | tune) step=$1 && shift ;;
+esac
+cd "$(dirname "$0")/../.."
+here=benches/rgbd
+python=$out/venv/bin/python
+if [ ! -e "$out/venv/ready" ]; then
+    python3 -m venv "$out/venv"
+    "$python" -m pip install --quiet --disable-pip-version-check open3d==0.20.0 numpy pillow scipy
+    touch "$out/venv/ready"
+fi
+cargo build --release --quiet --bin mambavitact
+ours="${CARGO_TARGET_DIR:-target}/release/mambavitact"
+"$ours" assets fetch
+"$python" $here/render.py "$out/sequences" "$@"
+case $step in
+tune) "$python" $here/peer.py "$out/sequences" "$out/tuned" --tune ;;
+track)
+    for variant in plane colour; do
+        "$python" $here/peer.py "$out/sequences" "$out/open3d_$variant" --variant $variant "$@"
+    done
+    names=("${@:2}")
+    if [ ${#names[@]} = 0 ]; then
+        for folder in "$out/sequences"/*/; do names+=("$(basename "$folder")"); done
+    fi
+    for name in "${names[@]}"; do
+        [ -e "$out/ours/$name/mesh.obj" ] ||
+            "$ours" run --log "$out/sequences/$name" --modality vi --object "$(cat "$out/sequences/$name/object.txt")" --out "$out/ours/$name" --quiet
+    done
+    "$python" $here/score.py "$out/sequences" "$out" ours="$out/ours" open3d_plane="$out/open3d_plane" open3d_colour="$out/open3d_colour"
+    ;;
+esac
