@@ -3,10 +3,19 @@
 
     check.py DATA OUT.png [--only NAME ...]
 
-Prints per sequence: the median and the 90th percentile of the distance (mm) between the points that depth and mask show and the mesh at the true pose,
-the share of holes in the mask, pixels of the mask, the greatest share of the mask outside the mesh's outline and of the outline outside the mask of an
-unhidden object (both by more than 2 pixels), the seen share of the object, distance, pixels between the object and the edge of the picture, and
-the 50th and 100th percentile of the steps (mm) and turns (degrees) of a frame. Rays have no part in it.
+Prints for each sequence
+
+  off      median and 90th percentile of the distance between the points of depth and mask and the mesh at the true pose, mm
+  holes    share of the mask without depth
+  pixels   least and median number of pixels of the mask
+  strays   greatest share of the mask that lies more than 2 pixels outside the mesh's outline
+  bare     greatest share of the outline that lies more than 2 pixels outside the mask, of frames in which nothing hides the object
+  seen     5th percentile and median of the seen share of the object while it is not hidden, and the share of frames in which it is hidden
+  z        least and greatest distance, m
+  margin   pixels between the object and the edge of the picture
+  step     median and greatest step of a frame, mm; turn: the same in degrees
+
+The mesh is projected by its points; rays have no part in it.
 """
 
 import argparse
@@ -69,13 +78,19 @@ def check(sequence):
     turns = Rotation.from_matrix(sequence.poses[:, :3, :3])
     turns = np.degrees((turns[1:] * turns[:-1].inv()).magnitude())
     visible = seen[seen > 0.0]
-    print(
-        f"{sequence.name:16} off {np.median(off):4.2f} {np.percentile(off, 90):5.2f}  holes {np.mean(holes):.3f}  pixels {min(count):5} {int(np.median(count)):5}"
-        f"  strays {np.max(strays):.4f} bare {np.max(bare, initial=0.0):.4f}"
-        f"  seen {np.percentile(visible, 5):.2f} {np.median(visible):.2f}, hidden {np.mean(seen == 0.0):.2f}  z {places[:, 2].min():.2f} {places[:, 2].max():.2f}"
-        f"  margin {margin:4.0f}  step {np.median(steps[60:]):4.1f} {steps.max():4.1f}  turn {np.median(turns[60:]):4.2f} {turns.max():4.2f}",
-        flush=True,
-    )
+    figures = {
+        "off": f"{np.median(off):.2f} {np.percentile(off, 90):.2f}",
+        "holes": f"{np.mean(holes):.3f}",
+        "pixels": f"{min(count):5} {int(np.median(count)):5}",
+        "strays": f"{np.max(strays):.4f}",
+        "bare": f"{np.max(bare, initial=0.0):.4f}",
+        "seen": f"{np.percentile(visible, 5):.2f} {np.median(visible):.2f} hidden {np.mean(seen == 0.0):.2f}",
+        "z": f"{places[:, 2].min():.2f} {places[:, 2].max():.2f}",
+        "margin": f"{margin:3.0f}",
+        "step": f"{np.median(steps[60:]):4.1f} {steps.max():4.1f}",
+        "turn": f"{np.median(turns[60:]):4.2f} {turns.max():4.2f}",
+    }
+    print(f"{sequence.name:16}" + "".join(f" {key} {value} " for key, value in figures.items()), flush=True)
     sheet = Image.fromarray(np.concatenate(tiles, 1))
     ImageDraw.Draw(sheet).text((6, 4), sequence.name, fill="white")
     return np.asarray(sheet)

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Open3D as a tracker of unknown objects: ICP of each frame against its own TSDF volume, on the sequences of render.py.
 
-    peer.py DATA OUT [--only NAME ...] [--variant plane|colour]   writes OUT/NAME/poses/*.txt, mesh.obj and time.txt, with settings.json
-    peer.py DATA OUT --tune [--frames N]                           chooses the settings on the tuning half; OUT/tuning.jsonl, OUT/settings.json
+    peer.py DATA OUT [--only NAME ...] [--variant plane|colour]   writes OUT/NAME/poses/*.txt, mesh.obj and time.txt
+    peer.py DATA OUT --tune [--frames N] [--only NAME ...]        chooses the settings on the tuning half; OUT/tuning.jsonl, OUT/settings.json
 
+The chosen settings stand in settings.json beside this program.
 Poses are 4 x 4, camera from model, for the frames whose pose is trusted. The model's coordinates are those of the first camera.
 """
 
@@ -38,7 +39,7 @@ class Settings:
     """Settings that --tune chooses."""
 
     colour: bool = False
-    """Coloured ICP in the last two passes in place of point-to-plane."""
+    """Coloured ICP in the last pass in place of point-to-plane."""
     voxel_mm: float = 3.0
     """Edge of the cells of the TSDF volume, and of those that thin out the points of a frame."""
     truncation_mm: float = 12.0
@@ -136,7 +137,7 @@ class Slam:
 
     def register(self, points, distance, start, level):
         criteria = registration.ICPConvergenceCriteria(1e-6, 1e-6, 30)
-        if self.settings.colour and level > 0:
+        if self.settings.colour and level == 2:
             method = registration.TransformationEstimationForColoredICP(self.settings.geometry)
             return registration.registration_colored_icp(points, self.model, distance, start, method, criteria)
         # Wide first passes must not be blind to far points.
@@ -180,23 +181,22 @@ def run(sequence, settings, folder, frames=None):
 
 # Values beside the default, tried in turns from the first to the last. Coloured ICP begins with the choice for point-to-plane.
 GRID = {
-    "plane": {"relocate": (False,), "distance_mm": (30.0,), "kernel_mm": (0.0, 2.5), "fitness": (0.5, 0.85), "erode_px": (1,), "velocity": (False,)},
-    "colour": {"geometry": (0.9, 0.99), "fitness": (0.5, 0.85)},
+    "plane": {"fitness": (0.5, 0.85), "kernel_mm": (0.0,), "distance_mm": (30.0,), "erode_px": (1,), "relocate": (False,), "velocity": (False,)},
+    "colour": {"geometry": (0.9,)},
 }
 
 
-def tune(variant, begin, data, out, frames):
+def tune(variant, begin, data, out, names, frames):
     """Chooses settings by the mean AUC of ADD over the tuning half, one setting after the other."""
     tried = {}
 
     def cost(settings):
         if settings not in tried:
             aucs = []
-            for name, entry in SEQUENCES.items():
-                if entry["half"] == "tuning":
-                    sequence = Recorded(data / name)
-                    run(sequence, settings, out / "trial", frames)
-                    aucs.append(tracking(sequence, read_poses(out / "trial"), frames)["add_auc"])
+            for name in names:
+                sequence = Recorded(data / name)
+                run(sequence, settings, out / "trial", frames)
+                aucs.append(tracking(sequence, read_poses(out / "trial"), frames)["add_auc"])
             tried[settings] = -float(np.mean(aucs))
             line = {"variant": variant, **dataclasses.asdict(settings), "add_auc": -tried[settings], "each": [round(auc, 1) for auc in aucs]}
             print(json.dumps(line), flush=True)
@@ -220,9 +220,11 @@ def main():
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     if arguments.tune:
-        plane = tune("plane", Settings(), arguments.data, arguments.out, arguments.frames)
-        colour = tune("colour", dataclasses.replace(plane, colour=True), arguments.data, arguments.out, arguments.frames)
-        best = {"plane": dataclasses.asdict(plane), "colour": dataclasses.asdict(colour)}
+        names = [name for name in arguments.only if SEQUENCES[name]["half"] == "tuning"]
+        best, begin = {}, Settings()
+        for variant in GRID:
+            begin = tune(variant, dataclasses.replace(begin, colour=variant == "colour"), arguments.data, arguments.out, names, arguments.frames)
+            best[variant] = dataclasses.asdict(begin)
         (arguments.out / "settings.json").write_text(json.dumps(best, indent=2) + "\n")
         return
     settings = Settings(**json.loads((HERE / "settings.json").read_text())[arguments.variant])

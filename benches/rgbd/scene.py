@@ -349,7 +349,7 @@ class View:
         return np.clip(albedo * (0.45 + 0.6 * np.clip(facing @ self.light, 0.0, None))[:, None] + mirror[:, None], 0.0, 1.0), mirror
 
     def frame(self, index):
-        """Returns colours, depth, cosine to the view, mirrored light, labels, shadow of the projector, and the object's pixels if nothing covered it."""
+        """Returns colours, depth, cosine to the view, mirrored light, labels, shadow of the projector, and the object's pixels without what covers it."""
         motion = self.motion
         camera, pose = motion.world_from_camera[index], motion.world_from_object[index]
         eye, turn = camera[:3, 3].astype(np.float32), camera[:3, :3].astype(np.float32)

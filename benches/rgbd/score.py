@@ -6,8 +6,8 @@
 FOLDER/NAME is an output folder of `mambavitact run --log DATA/NAME --modality vi --out FOLDER/NAME`, or of peer.py: 4 x 4 poses, camera from model,
 OpenCV axes, of the certified frames only, and the final mesh in the model's coordinates, metres.
 
-The estimated motion since frame 0 is applied to the true pose of frame 0. A frame without a pose holds the last one. If frame 0 has no pose, the first
-certified frame ties the model to the object (`first_frame`), and the frames before it hold the true pose of frame 0.
+The estimated motion since frame 0 is applied to the true pose of frame 0. A frame without a pose holds the last one. If frame 0 has no pose, the
+first certified frame ties the model to the object (`first_frame`), and the frames before it hold the true pose of frame 0.
 
   add_auc, add_s_auc   area under the curve of the share of frames below an error, 0 to 10 cm, percent; all frames, also those that hide the object
   chamfer_mm           mean of both mean distances between the meshes
