@@ -30,6 +30,8 @@ FEWEST_POINTS = 50
 VOLUME_M = 0.40
 # Points further from the median depth of the mask belong to what lies behind.
 REACH_M = 0.20
+# Share of fitting points by which a pose must be better for each radian that it is turned further.
+TURN_COST = 0.05
 AXES = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)]
 TURNS = [np.radians(angle) * np.array(axis) / np.linalg.norm(axis) for axis in AXES for angle in (-60.0, -30.0, 30.0, 60.0)]
 
@@ -116,7 +118,8 @@ class Slam:
         if self.settings.relocate and self.lost:
             groups.append([turned(moved, points.get_center(), turn) for turn in TURNS])
         for starts in groups:
-            best = max((self.align(points, start) for start in starts), key=lambda result: result[0])
+            # Of poses that fit alike, the one that is turned least.
+            best = max((self.align(points, start) for start in starts), key=lambda result: result[0] - TURN_COST * angle(result[1], self.pose))
             if best[0] >= self.settings.fitness:
                 # The last motion is unknown after a gap.
                 self.motion = np.eye(4) if self.lost else best[1] @ np.linalg.inv(self.pose)
@@ -153,6 +156,11 @@ class Slam:
         mesh.remove_triangles_by_mask(counts[clusters] < 0.05 * counts.max())
         mesh.remove_unreferenced_vertices()
         return mesh
+
+
+def angle(first, second):
+    """Returns the angle between two poses, radians."""
+    return float(np.arccos(np.clip((np.trace(first[:3, :3].T @ second[:3, :3]) - 1.0) / 2.0, -1.0, 1.0)))
 
 
 def turned(pose, centre, turn):
