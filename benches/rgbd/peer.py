@@ -116,7 +116,7 @@ class Slam:
         groups = [[self.motion @ self.pose]] if self.settings.velocity else []
         groups.append([self.pose, moved])
         if self.settings.relocate and self.lost:
-            groups.append([turned(moved, points.get_center(), turn) for turn in TURNS])
+            groups = [[self.pose, moved, *(turned(moved, points.get_center(), turn) for turn in TURNS)]]
         for starts in groups:
             # Of poses that fit alike, the one that is turned least.
             best = max((self.align(points, start) for start in starts), key=lambda result: result[0] - TURN_COST * angle(result[1], self.pose))
