@@ -40,10 +40,9 @@ impl Registration {
             }
         }
         let border = REACH_PX + 1;
-        let is_far = |&[u, v]: &[usize; 2]| {
-            u >= border && v >= border && u + border < columns && v + border < rows
-        };
-        if mask.iter().filter(|inside| **inside).count() < FEWEST_PIXELS || edge.is_empty() || !edge.iter().all(is_far) {
+        let is_far = |&[u, v]: &[usize; 2]| u >= border && v >= border && u + border < columns && v + border < rows;
+        if mask.iter().filter(|inside| **inside).count() < FEWEST_PIXELS || edge.is_empty() || !edge.iter().all(is_far)
+        {
             return;
         }
         let slope = |u: usize, v: usize| {
@@ -75,7 +74,8 @@ mod tests {
         let is_disc = |u: usize, v: usize| (u as f64 - 60.0).powi(2) + (v as f64 - 50.0).powi(2) < 400.0;
         let mask = Array2::from_shape_fn((100, 130), |(v, u)| is_disc(u, v));
         let color = RgbImage::from_fn(130, 100, |u, v| {
-            let level = if is_disc(u as usize - shift.min(u as usize), v as usize) { 200 } else { 90 + 20 * (u / 9 % 2) as u8 };
+            let level =
+                if is_disc(u as usize - shift.min(u as usize), v as usize) { 200 } else { 90 + 20 * (u / 9 % 2) as u8 };
             image::Rgb([level; 3])
         });
         let mut registration = Registration::new();

@@ -47,7 +47,8 @@ impl RunConfig {
 
     /// Returns the settings for an object that no hand of ours holds, in RGB-D images with masks.
     pub fn without_hand() -> Self {
-        let segmentation = SegmentationConfig { labels: LabelSource::Given, jump_m: MASK_JUMP_M, edge_px: 0, ..Default::default() };
+        let segmentation =
+            SegmentationConfig { labels: LabelSource::Given, jump_m: MASK_JUMP_M, edge_px: 0, ..Default::default() };
         Self { segmentation, slam: SlamConfig::without_hand(), ..Default::default() }
     }
 

@@ -439,6 +439,24 @@ mod tests {
     }
 
     #[test]
+    fn beside_the_object_what_lies_behind_it_is_background() {
+        let camera = PLACEMENTS[2].camera(&Hand::none());
+        let none = HandSolid::new(&Hand::none(), &[]);
+        let config = SegmentationConfig { edge_px: 0, ..SegmentationConfig::default() };
+        // A finger before the object to its left, a table behind it to its right, the ground on which it stands below.
+        let depth = Array2::from_shape_fn((480, 640), |(v, u)| match (v, u) {
+            (200..240, 300..340) | (240.., _) => 0.3,
+            (_, ..300) => 0.28,
+            _ => 0.34,
+        });
+        let mask = Array2::from_shape_fn((480, 640), |(v, u)| (200..240).contains(&v) && (300..340).contains(&u));
+        let given = GivenLabels::Mask(mask);
+        let labels = labelled(&depth, &given, &camera.intrinsics, camera.pose, &none, &config);
+        let found = [(220, 298), (220, 341), (242, 320), (220, 380)].map(|at| labels[at]);
+        assert_eq!(found, [Label::Hand, Label::Background, Label::Hand, Label::Hand]);
+    }
+
+    #[test]
     fn given_labels_stay_but_for_edges_and_holes_and_empty_masks_show_nothing() {
         let camera = PLACEMENTS[2].camera(&Hand::none());
         let none = HandSolid::new(&Hand::none(), &[]);

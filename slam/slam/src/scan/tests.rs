@@ -232,3 +232,44 @@ fn touch_hits_where_the_gel_is_pressed() {
         assert!((depth - f64::from(GEL_M)).abs() < 1e-6, "an untouched gel is free up to its surface");
     }
 }
+
+#[test]
+fn normals_of_fitted_planes_withstand_noise() {
+    let truth = pose([0.0; 3], [0.0; 3]);
+    let mut sensed = seen(0, Solid::Ball(RADIUS_M), truth);
+    let mut state = 1u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+    };
+    // Half a millimetre at a pitch of 0.7 mm.
+    let depth_m = &mut sensed.cameras[0].as_mut().unwrap().depth_m;
+    depth_m.iter_mut().filter(|z| **z > 0.0).for_each(|z| *z += 0.0017 * noise());
+    let error = |fitted_normals: bool| {
+        let config = ScanConfig { fitted_normals, ..ScanConfig::default() };
+        let view = &Scan::new(0, &sensed.measured(), &config, 1).views[0];
+        let hits = view.hits.iter().filter(|hit| hit.normal != Vec3::ZERO && hit.cosine > 0.5);
+        let off: Vec<f64> =
+            hits.map(|hit| crate::tracker::to_na(hit.normal).angle(&in_solid(view.point(hit))).to_degrees()).collect();
+        assert!(off.len() > 500, "{}", off.len());
+        off.iter().sum::<f64>() / off.len() as f64
+    };
+    let [differences, fitted] = [false, true].map(error);
+    assert!(fitted < 3.0 && fitted < 0.5 * differences, "{fitted} and {differences} degrees");
+}
+
+#[test]
+fn rays_that_pass_near_are_kept_first() {
+    let sensed = seen(0, BRICK, pose([0.0; 3], [20.0, 10.0, 35.0]));
+    let mut image = sensed.cameras[0].clone().unwrap();
+    // A wall behind everything, of which most is far from the brick.
+    image.depth_m.iter_mut().filter(|z| **z <= 0.0).for_each(|z| *z = 0.9);
+    let walled = frame(0.0, vec![Some(image)]);
+    let near = |near_misses_px: usize| {
+        let config = ScanConfig { near_misses_px, camera_misses: 300, ..ScanConfig::default() };
+        let view = &Scan::new(0, &walled.measured(), &config, 1).views[0];
+        let to_middle = (crate::tracker::to_vec(na::Vector3::from(PLACE_M)) - view.origin).normalize();
+        view.misses.iter().filter(|miss| miss.direction.dot(to_middle) > 0.97).count()
+    };
+    assert!(near(20) == 300 && near(0) < 250, "{} {}", near(20), near(0));
+}

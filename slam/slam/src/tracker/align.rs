@@ -61,7 +61,12 @@ impl Tracker {
     fn judge_texels(&mut self) {
         let Some(newest) = self.window.back() else { return };
         let now = Posed::new(newest);
-        let before = self.window.iter().rev().nth(1).and_then(|before| photometric::correlation(Posed::new(before), now, FINAL_LEVEL));
+        let before = self
+            .window
+            .iter()
+            .rev()
+            .nth(1)
+            .and_then(|before| photometric::correlation(Posed::new(before), now, FINAL_LEVEL));
         let agrees = before.is_some_and(|correlation| correlation > photometric::AGREES);
         if let Some(newest) = self.window.back_mut() {
             newest.texels_agree = agrees;
@@ -134,22 +139,25 @@ impl Tracker {
         let mut instants = self.window.iter().rev();
         let (newest, before) = (instants.next()?, instants.next()?);
         let mut pose = newest.pose;
-        for level in (0..LEVELS).rev() {
-            let narrowed = (LEVELS - 1) as f64;
-            let reach_m = self.config.align_reach_m.powf(level as f64 / narrowed)
-                * f64::from(icp::REACH_M).powf(1.0 - level as f64 / narrowed);
+        // Depth alone first: brightness says nothing of a motion before places lie within a few pixels of where they are.
+        let rounds = [(LEVELS - 1, 0.0)].into_iter().chain((0..LEVELS).rev().map(|level| (level, 1.0)));
+        for (level, with_texels) in rounds {
+            let narrowed = level as f64 / (LEVELS - 1) as f64;
+            let reach_m = self.config.align_reach_m.powf(narrowed) * f64::from(icp::REACH_M).powf(1.0 - narrowed);
+            let matching = Matching { points: POINTS, independent: POINTS as f64, reach_m: reach_m as f32 };
+            let independent = POINTS as f64 * self.config.texel_weight * with_texels;
+            let comparison = Comparison { level, independent };
             for _ in 0..STEPS {
                 let mut system = System::new(1);
                 let now = || (Some(0), Posed { scan: &newest.scan, pose: &pose });
-                let matching = Matching { points: POINTS, independent: POINTS as f64, reach_m: reach_m as f32 };
                 let [_, matched] = icp::add(&mut system, (None, Posed::new(before)), now(), matching);
                 if matched < FEWEST_MATCHES {
                     return None;
                 }
-                let independent = POINTS as f64 * self.config.texel_weight;
-                let comparison = Comparison { level, independent };
-                photometric::add(&mut system, (None, Posed::new(before)), now(), comparison);
-                add_earlier(&mut system, newest, now(), comparison);
+                if independent > 0.0 {
+                    photometric::add(&mut system, (None, Posed::new(before)), now(), comparison);
+                    add_earlier(&mut system, newest, now(), comparison);
+                }
                 let step: Twist = system.step(1e-3)?.fixed_rows::<6>(0).into_owned();
                 pose *= se3::exp(&step);
                 if step.norm() < SMALL_STEP {

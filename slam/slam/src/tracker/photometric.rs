@@ -8,8 +8,8 @@ use nalgebra as na;
 use super::icp::Posed;
 use super::system::{Loss, System, along};
 use super::{apply, to_na};
-use mvt_frames::se3::Twist;
 use crate::scan::{Texel, View};
+use mvt_frames::se3::Twist;
 
 /// Noise of the brightness and its changes with the light, one standard deviation, grey levels.
 const GREY_SIGMA: f64 = 6.0;

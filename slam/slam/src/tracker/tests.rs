@@ -12,6 +12,8 @@ use crate::synthetic::{BRICK, GEL_M, PLACE_M, Solid, blotches, camera, feel, fra
 use mvt_field::shape::Distance;
 use mvt_frames::depth::TouchDepth;
 
+mod texels;
+
 fn matching(points: usize) -> Matching {
     Matching { points, independent: 100.0, reach_m: icp::REACH_M }
 }
