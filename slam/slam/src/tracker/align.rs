@@ -37,29 +37,45 @@ impl Tracker {
         if self.config.align_reach_m == 0.0 {
             return;
         }
-        let (median, start) = (self.median_residual(shape), self.window.back().map(|newest| newest.pose));
-        let (Some(start), Some(pose)) = (start, self.aligned()) else { return };
-        let is_worse = |tracker: &Self| tracker.median_residual(shape) > median + WORSE_SIGMAS;
-        let place = |tracker: &mut Self, pose: na::Isometry3<f64>| {
-            if let Some(newest) = tracker.window.back_mut() {
-                newest.pose = pose;
-                newest.earlier = alike(Isometry::new(pose));
-            }
+        let (median, Some(start)) = (self.median_residual(shape), self.window.back().map(|newest| newest.pose)) else {
+            return;
         };
-        place(self, pose);
-        // Once more, with the earlier views that are alike at this pose.
-        if let Some(pose) = self.aligned() {
-            place(self, pose);
+        let fits = |tracker: &Self| tracker.median_residual(shape) <= median + WORSE_SIGMAS;
+        let has_texels =
+            self.window.back().is_some_and(|newest| newest.scan.views.iter().any(|view| view.texels().is_some()));
+        let mut best = start;
+        // Depth alone goes first where brightness leads nowhere: after a leap places do not lie within a few pixels of where they were.
+        for is_depth_first in [false, true] {
+            self.place(start, alike);
+            // Twice, with the earlier views that are alike at the pose that is found.
+            for _ in 0..2 {
+                if let Some(pose) = self.aligned(is_depth_first) {
+                    self.place(pose, alike);
+                }
+            }
+            let does_fit = fits(self);
+            if does_fit && (self.judge_texels() || !has_texels) {
+                return;
+            }
+            if let Some(newest) = self.window.back().filter(|_| does_fit && !is_depth_first) {
+                best = newest.pose;
+            }
         }
-        if is_worse(self) {
-            place(self, start);
-        }
+        self.place(best, alike);
         self.judge_texels();
     }
 
-    /// Notes whether the newest frame shows the brightness of the frame before and of its earlier views.
-    fn judge_texels(&mut self) {
-        let Some(newest) = self.window.back() else { return };
+    /// Places the newest frame, and gives it the earlier views that are alike there.
+    fn place(&mut self, pose: na::Isometry3<f64>, alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>) {
+        if let Some(newest) = self.window.back_mut() {
+            newest.pose = pose;
+            newest.earlier = alike(Isometry::new(pose));
+        }
+    }
+
+    /// Notes and returns whether the newest frame shows the brightness of the frame before.
+    fn judge_texels(&mut self) -> bool {
+        let Some(newest) = self.window.back() else { return false };
         let now = Posed::new(newest);
         let before = self
             .window
@@ -71,6 +87,7 @@ impl Tracker {
         if let Some(newest) = self.window.back_mut() {
             newest.texels_agree = agrees;
         }
+        agrees
     }
 
     /// Poses of the newest frame that depth cannot tell from one: turned about the axis about which the seen surface looks the same from all sides.
@@ -135,13 +152,12 @@ impl Tracker {
     }
 
     /// The pose at which the newest frame lies on the frame before and on its earlier views; `None` if too little of it does.
-    fn aligned(&self) -> Option<na::Isometry3<f64>> {
+    fn aligned(&self, is_depth_first: bool) -> Option<na::Isometry3<f64>> {
         let mut instants = self.window.iter().rev();
         let (newest, before) = (instants.next()?, instants.next()?);
         let mut pose = newest.pose;
-        // Depth alone first: brightness says nothing of a motion before places lie within a few pixels of where they are.
-        let rounds = [(LEVELS - 1, 0.0)].into_iter().chain((0..LEVELS).rev().map(|level| (level, 1.0)));
-        for (level, with_texels) in rounds {
+        let depth_alone = is_depth_first.then_some((LEVELS - 1, 0.0));
+        for (level, with_texels) in depth_alone.into_iter().chain((0..LEVELS).rev().map(|level| (level, 1.0))) {
             let narrowed = level as f64 / (LEVELS - 1) as f64;
             let reach_m = self.config.align_reach_m.powf(narrowed) * f64::from(icp::REACH_M).powf(1.0 - narrowed);
             let matching = Matching { points: POINTS, independent: POINTS as f64, reach_m: reach_m as f32 };
