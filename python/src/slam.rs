@@ -145,11 +145,7 @@ impl Slam {
                 Ok(format!("{key}={text}"))
             })
             .collect::<PyResult<_>>()?;
-        let base = if hand.pads().is_empty() && hand.joints().is_empty() {
-            RunConfig::without_hand()
-        } else {
-            RunConfig::default()
-        };
+        let base = if rig == NO_HAND { RunConfig::without_hand() } else { RunConfig::default() };
         let config = settings::load(base, None, &set).map_err(argument)?;
         if let Some(key) = settings.keys().find(|key| !USED.iter().any(|group| key.starts_with(group))) {
             let words = format!(

@@ -87,8 +87,8 @@ pub struct RgbdFrame {
 const PLAUSIBLE_M: std::ops::Range<f32> = 0.1..8.0;
 /// Frames in which colours are compared with masks.
 const COMPARED: usize = 12;
-/// Colours lie on depth above this score: sequences that are registered have 2.5 to 6, those of 7-Scenes, which are not, 0.4 at most.
-const REGISTERED: f64 = 1.2;
+/// Colours lie on depth above this score: sequences that are registered have 2.9 to 6, those of 7-Scenes, which are not, 0.6 at most.
+const REGISTERED: f64 = 1.5;
 /// The principal point lies in this part of the width and height: else the intrinsics are of another resolution.
 const MIDDLE: std::ops::Range<f64> = 0.25..0.75;
 
