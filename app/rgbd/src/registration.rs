@@ -79,8 +79,7 @@ mod tests {
         let is_disc = |u: usize, v: usize| (u as f64 - 60.0).powi(2) + (v as f64 - 50.0).powi(2) < 400.0;
         let mask = Array2::from_shape_fn((100, 130), |(v, u)| is_disc(u, v));
         let color = RgbImage::from_fn(130, 100, |u, v| {
-            let level =
-                if is_disc(u as usize + shift, v as usize + shift) { 200 } else { 90 + 20 * (u / 9 % 2) as u8 };
+            let level = if is_disc(u as usize + shift, v as usize + shift) { 200 } else { 90 + 20 * (u / 9 % 2) as u8 };
             image::Rgb([level; 3])
         });
         let mut registration = Registration::new();

@@ -58,6 +58,23 @@ impl Mesh {
         high - low
     }
 
+    /// Returns the faces of which all corners are kept, with the vertices that they need.
+    pub fn part(&self, keeps: impl Fn(Vec3) -> bool) -> Self {
+        let kept: Vec<bool> = self.vertices.iter().map(|vertex| keeps(*vertex)).collect();
+        let is_kept = |face: &&[u32; 3]| face.iter().all(|&corner| kept.get(corner as usize) == Some(&true));
+        let mut places = vec![None; self.vertices.len()];
+        let mut part = Self { vertices: Vec::new(), faces: Vec::new() };
+        for face in self.faces.iter().filter(is_kept) {
+            part.faces.push(face.map(|corner| {
+                *places[corner as usize].get_or_insert_with(|| {
+                    part.vertices.push(self.vertices[corner as usize]);
+                    part.vertices.len() as u32 - 1
+                })
+            }));
+        }
+        part
+    }
+
     /// Counts the edges that two faces do not share.
     pub fn edges(&self) -> EdgeCount {
         let mut edges: Vec<[u32; 2]> = self
@@ -129,6 +146,9 @@ mod tests {
         assert!((corner.volume_m3() - 1.0 / 6.0).abs() < 1e-12);
         assert!((corner.area_m2() - (1.5 + 0.75_f64.sqrt())).abs() < 1e-7);
         assert!(corner.edges().watertight());
+        // Without the corner at z the base alone is left.
+        let base = corner.part(|corner| corner.z < 0.5);
+        assert_eq!((base.vertices.len(), base.faces.len(), base.area_m2()), (3, 1, 0.5));
         let open = Mesh { faces: corner.faces[..3].to_vec(), ..corner };
         assert_eq!(open.edges(), EdgeCount { open: 3, crowded: 0 });
     }

@@ -43,6 +43,7 @@ impl SlamConfig {
         config.field.truncation_m = 0.01;
         config.map.behind_m = 0.008;
         config.map.largest_half_extent_m = 0.25;
+        config.map.mesh_guesses = false;
         config
     }
 }

@@ -80,6 +80,8 @@ settings! {
         /// Largest half edge of the box around the object, metres. The box begins with slam.field.half_extent_m and grows when the object
         /// reaches out of it.
         pub largest_half_extent_m: f32 = 0.125, 0.005..=10.0;
+        /// Whether meshes close the sides that no sensor saw by a guess.
+        pub mesh_guesses: bool = true;
         /// Standard deviation of the learnt surface, metres.
         pub surface_sigma_m: f32 = 0.0004, 1e-6..=0.1;
     }
@@ -179,9 +181,12 @@ impl Map {
         &self.space
     }
 
-    /// The surface in the model's frame, with cells of `cell_m` metres.
+    /// The surface in the model's frame, with cells of `cell_m` metres; without the guesses of sides that no sensor saw, if so configured.
     pub fn mesh(&self, cell_m: f32) -> Mesh {
         let mut mesh = outer_surface(self.field(), self.half_extent_m(), cell_m);
+        if !self.config.mesh_guesses {
+            mesh = mesh.part(|vertex| self.space.is_near_surface(vertex));
+        }
         let (rotation, translation) = self.field_from_model().inverse().to_f32();
         for vertex in &mut mesh.vertices {
             *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);

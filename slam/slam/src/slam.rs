@@ -1,5 +1,6 @@
 //! Shape and pose, frame by frame.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -161,6 +162,8 @@ pub struct Slam {
     frame: usize,
     /// Time of the last search, or of the frame in which the object was lost, seconds.
     searched_s: Option<f64>,
+    /// Whether the rotation of the pose is more than a guess among poses that fit alike, as a search may end with.
+    turn_is_known: bool,
     /// Height in the world that nothing of the object is below, metres.
     support_z_m: Option<f64>,
 }
@@ -276,6 +279,7 @@ impl SlamBuilder {
             drift,
             frame: 0,
             searched_s: None,
+            turn_is_known: true,
             support_z_m,
         })
     }
@@ -367,13 +371,17 @@ impl Slam {
         // The first pose is exact: it fixes the frame.
         let is_tied = is_tracking && before != TrackState::Waiting;
         let own = if is_tied { self.tracker.variance(self.knowledge.reference()) } else { Variance::default() };
-        let (pose, deviation) = (self.pose, is_tracking.then(|| self.drift.deviation(self.pose, own, confidence)));
+        let mut deviation = is_tracking.then(|| self.drift.deviation(self.pose, own, confidence));
+        if let Some(deviation) = deviation.as_mut().filter(|_| !self.turn_is_known) {
+            deviation.angle_rad = PI;
+        }
+        let pose = self.pose;
         let track = begun.elapsed();
         let begun = Instant::now();
         let trust = &self.config.trust;
         let is_usual = !is_tracking
             || self.agreement.take(scan.time_s, confidence, trust.surprise_confidence, trust.surprised_for_s);
-        let is_trusted = is_tracking && is_usual && confidence >= trust.learn_above;
+        let is_trusted = is_tracking && self.turn_is_known && is_usual && confidence >= trust.learn_above;
         let learnt = if is_trusted { self.learn(scan) } else { Learnt::default() };
         if learnt.keyframe {
             self.drift.learn(pose, own);
@@ -486,30 +494,56 @@ impl Slam {
             return confidence.min(trust.doubt_below);
         }
         self.pose = solution.pose();
+        if !self.turn_is_known {
+            self.recognise_turn(scan.time_s);
+        }
         confidence
+    }
+
+    /// Whether another search is due.
+    fn is_search_due(&self, time_s: f64) -> bool {
+        self.searched_s.is_none_or(|before_s| time_s - before_s >= self.config.trust.search_interval_s)
+    }
+
+    /// Turns the pose to the rotation that colours recognise, if they recognise one.
+    fn recognise_turn(&mut self, time_s: f64) {
+        if !self.is_search_due(time_s) {
+            return;
+        }
+        self.searched_s = Some(time_s);
+        let reference = self.knowledge.reference();
+        let candidates: Vec<_> = [self.pose].into_iter().chain(self.tracker.spun(reference, self.pose)).collect();
+        if let Some(pose) = self.tracker.recognise(reference, &candidates, &|pose| self.knowledge.alike(pose)) {
+            self.tracker.restart(pose);
+            self.pose = pose;
+            self.turn_is_known = true;
+        }
     }
 
     /// While lost: takes the pose that tracking found if it is convincing, else searches now and then.
     fn search(&mut self, time_s: f64, followed: Isometry<Field, World>, confidence: f64) -> f64 {
         let trust = self.config.trust.clone();
         let mut best = (followed, confidence);
-        let is_due = self.searched_s.is_none_or(|before_s| time_s - before_s >= trust.search_interval_s);
-        if confidence < trust.found_above && is_due {
+        let mut turn_is_known = true;
+        if confidence < trust.found_above && self.is_search_due(time_s) {
             self.searched_s = Some(time_s);
             let centre = match &self.knowledge {
                 Knowledge::Growing(map) => map.space().bounds().map_or(Vec3::ZERO, |[a, b]| 0.5 * (a + b)),
                 Knowledge::Known(given) => given.centre,
             };
             let mut rng = self.generator(1);
-            let mut found = self.tracker.relocalise(self.knowledge.reference(), centre, Some(self.pose), &mut rng);
+            let reference = self.knowledge.reference();
+            let mut found = self.tracker.relocalise(reference, centre, Some(self.pose), &mut rng);
             let nearest = found.first().copied();
+            let mut recognised = None;
             if self.config.tracker.texel_weight > 0.0
                 && let Some(nearest) = nearest
             {
-                found.extend(self.tracker.spun(self.knowledge.reference(), nearest));
+                let spun = self.tracker.spun(reference, nearest);
+                turn_is_known = spun.is_empty() && !self.tracker.has_rival(reference, &found);
+                found.extend(spun);
+                recognised = self.tracker.recognise(reference, &found, &|pose| self.knowledge.alike(pose));
             }
-            let recognised =
-                self.tracker.recognise(self.knowledge.reference(), &found, &|pose| self.knowledge.alike(pose));
             for found in recognised.into_iter().chain(nearest) {
                 self.tracker.restart(found);
                 let confidence = self.tracker.assess(self.knowledge.reference()).confidence;
@@ -517,7 +551,8 @@ impl Slam {
                     best = (found, confidence);
                 }
                 // A pose that colours recognise goes before one that fits a little better.
-                if recognised.is_some() && confidence >= trust.found_above {
+                if recognised == Some(found) && confidence >= trust.found_above {
+                    turn_is_known = true;
                     break;
                 }
             }
@@ -526,6 +561,7 @@ impl Slam {
             self.tracker.restart(best.0);
             self.pose = best.0;
             self.state = TrackState::Tracking;
+            self.turn_is_known = turn_is_known;
             self.doubted_s = None;
         }
         best.1

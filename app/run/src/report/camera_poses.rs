@@ -26,8 +26,8 @@ const POSES: &str = "poses";
 const TUM: &str = "trajectory_tum.txt";
 /// Table in the format of BOP: rotation row by row, translation in millimetres.
 const BOP: &str = "poses_bop.csv";
-/// A pose is certified if it is tracked and its stated deviation is at most this, metres.
-const CERTIFIED_M: f64 = 0.01;
+/// A pose is certified if it is tracked and its stated deviation is at most this, metres and radians.
+const CERTIFIED: (f64, f64) = (0.01, 20.0 * std::f64::consts::PI / 180.0);
 
 /// Writes the certified poses: they take coordinates of mesh.obj to those of a camera with OpenCV axes (x right, y down, z forward). Frames
 /// belong together by their number.
@@ -76,7 +76,8 @@ pub fn write_camera_poses(out: &Path, rows: &[FrameRow], cameras: &[FrameCamera]
 }
 
 fn is_certified(row: &FrameRow) -> bool {
-    row.state.is_tracking() && row.deviation.is_some_and(|deviation| deviation.surface_m <= CERTIFIED_M)
+    row.state.is_tracking()
+        && row.deviation.is_some_and(|it| it.surface_m <= CERTIFIED.0 && it.angle_rad <= CERTIFIED.1)
 }
 
 /// Takes a pose in a camera with OpenGL axes to the same in one with OpenCV axes.

@@ -28,6 +28,12 @@ const SPINS: usize = 24;
 const LEVER_M: f64 = 0.04;
 /// The surface does not hold a turn that moves it off itself by less than this part of what another motion does, squared.
 const WEAK: f64 = 0.02;
+/// Poses that differ by more than this rotation are different ones, radians.
+const APART_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+/// A different pose that agrees less by up to this part of the measurements is as good.
+const RIVAL: f64 = 0.03;
+/// Brightness recognises a pose if it correlates by so much more than at any different pose.
+const CLEARLY: f64 = 0.05;
 /// Fewer matches than this say nothing about a motion.
 const FEWEST_MATCHES: usize = 30;
 
@@ -120,6 +126,18 @@ impl Tracker {
         (1..SPINS).map(spin).collect()
     }
 
+    /// Whether another of these poses, the best first, agrees with the newest frame nearly as well as the best and is turned against it.
+    pub(crate) fn has_rival(&self, shape: &dyn Reference, found: &[Isometry<Field, World>]) -> bool {
+        let mut tracker = self.clone();
+        let mut confidence = |pose: &Isometry<Field, World>| {
+            tracker.restart(*pose);
+            tracker.assess(shape).confidence
+        };
+        let Some((best, others)) = found.split_first() else { return false };
+        let least = confidence(best) - RIVAL;
+        others.iter().any(|other| is_apart(best, other) && confidence(other) > least)
+    }
+
     /// Of poses of the newest frame, refined against shape and brightness, the one at which it shows most of what earlier views that are `alike`
     /// show; `None` if no view agrees.
     pub(crate) fn recognise(
@@ -148,7 +166,10 @@ impl Tracker {
             let best = correlation.max_by(f64::total_cmp).filter(|best| *best > photometric::AGREES)?;
             Some((best, Isometry::new(pose)))
         });
-        judged.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, pose)| pose)
+        let judged: Vec<(f64, Isometry<Field, World>)> = judged.collect();
+        let (best, pose) = judged.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let is_clear = judged.iter().all(|(other, at)| !is_apart(pose, at) || *other < best - CLEARLY);
+        is_clear.then_some(*pose)
     }
 
     /// The pose at which the newest frame lies on the frame before and on its earlier views; `None` if too little of it does.
@@ -184,6 +205,11 @@ impl Tracker {
         pose.rotation.renormalize();
         Some(pose)
     }
+}
+
+/// Whether two poses are turned against each other.
+fn is_apart(a: &Isometry<Field, World>, b: &Isometry<Field, World>) -> bool {
+    a.untyped().rotation.angle_to(&b.untyped().rotation) > APART_RAD
 }
 
 /// Adds the brightness of the earlier views of an instant.

@@ -103,3 +103,15 @@ fn poses_about_an_axis_of_revolution_leave_the_surface_where_it_is() {
         assert!((turn_deg - expected_deg).abs() < 0.1, "{turn_deg} {expected_deg}");
     }
 }
+
+#[test]
+fn a_ball_has_rivals_in_all_turns_and_one_pose_has_none() {
+    let at = pose([0.0; 3], [0.0; 3]);
+    let mut tracker = Tracker::new(TrackerConfig::default());
+    tracker.push(&CENTRED, scan(0, Solid::Ball(0.03), at), at, std::iter::empty());
+    let turned = pose([0.0; 3], [0.0, 40.0, 0.0]);
+    assert!(tracker.has_rival(&CENTRED, &[at, turned]));
+    assert!(!tracker.has_rival(&CENTRED, &[at, pose([0.0; 3], [0.0, 5.0, 0.0])]), "they are one");
+    assert!(!tracker.has_rival(&CENTRED, &[at, pose([0.02, 0.0, 0.0], [0.0, 40.0, 0.0])]), "it does not fit");
+    assert!(!tracker.has_rival(&CENTRED, &[]));
+}
