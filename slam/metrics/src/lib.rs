@@ -37,12 +37,14 @@
 mod cloud;
 mod run;
 mod sample;
+mod sequence;
 mod surface;
 
 pub use glam;
 
 pub use run::{FAILURE_M, GRACE_S, OUTLIER_M, PoseStatistics, mean_original};
 pub use sample::{sample_surface, sample_surface_even};
+pub use sequence::{SequenceJudge, SequenceScore, TrackedFrame};
 pub use surface::{AddS, FScore, ShapeScore, TrueSurface};
 
 /// Number of points that represent a surface in NeuralFeels. On an object of 600 cm^2 they are 2.5 mm apart, so that a perfect shape

@@ -97,6 +97,17 @@ impl TrueSurface {
         self.add_s_of(self, truth_from_estimate)
     }
 
+    /// Returns ADD (Hinterstoisser et al. 2012): the mean distance of each point at the estimated pose to the same point at the true pose, metres,
+    /// given the motion of [`Self::add_s`]. Infinite if the motion is not finite, or without points.
+    pub fn add_m(&self, truth_from_estimate: Isometry<Object, Object>) -> f64 {
+        let (rotation, translation) = truth_from_estimate.to_f32();
+        if !(rotation.is_finite() && translation.is_finite()) {
+            return f64::INFINITY;
+        }
+        let apart = |&p: &Vec3| (Vec3::from(rotation * glam::Vec3A::from(p) + translation) - p).length();
+        mean(&self.points().iter().map(apart).collect::<Vec<f32>>())
+    }
+
     /// Estimates [`Self::add_s`] as the mean over the points of a sparser sample of the surface, in proportionally less time. The nearest
     /// points are still searched among all points.
     pub fn add_s_of(&self, sample: &Self, truth_from_estimate: Isometry<Object, Object>) -> AddS {
