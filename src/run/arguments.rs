@@ -30,7 +30,7 @@ pub struct RunArguments {
     /// log names]
     #[arg(long)]
     pub object: Option<String>,
-    /// Read this FeelSight log instead of simulating an episode
+    /// Read this FeelSight log, RGB-D sequence or bag of ROS 2 (docs/rgbd.md) instead of simulating an episode
     #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "controller", "rig", "side"])]
     pub log: Option<PathBuf>,
     /// Quantities to estimate

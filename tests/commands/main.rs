@@ -9,6 +9,7 @@
     reason = "a failed assumption in a test is a failed test"
 )]
 
+mod bags;
 mod calibrate;
 mod exchange;
 mod explore;
@@ -38,3 +39,6 @@ mod touch_stream;
 mod touch_train;
 mod view;
 mod workplace;
+
+#[path = "../../app/bag/tests/common/mod.rs"]
+mod small_bags;

@@ -10,7 +10,12 @@ use mvt_frames::depth::Label;
 use crate::workplace::Workplace;
 
 /// Writes the frames of a simulated log as `rgb/ depth/ masks/ cam_K.txt annotated_poses/`.
-fn as_folders(log: &Path, to: &Path) {
+pub fn as_folders(log: &Path, to: &Path) {
+    as_named_folders(log, to, |i| format!("{i:06}"));
+}
+
+/// The same with other names of the frames.
+pub fn as_named_folders(log: &Path, to: &Path, name: impl Fn(usize) -> String) {
     let log = Log::open(log).unwrap();
     let camera = log.cameras()[0].clone();
     for name in ["rgb", "depth", "masks", "annotated_poses"] {
@@ -20,20 +25,21 @@ fn as_folders(log: &Path, to: &Path) {
     fs::write(to.join("cam_K.txt"), format!("{} 0 {}\n0 {} {}\n0 0 1\n", k.fx, k.cx, k.fy, k.cy)).unwrap();
     for (i, frame) in log.frames().unwrap().enumerate() {
         let (frame, labels) = (frame.unwrap(), log.labels(0, i).unwrap());
+        let name = name(i);
         let rgbd = &frame.observation.cameras[0];
-        rgbd.color.save(to.join(format!("rgb/{i:06}.png"))).unwrap();
+        rgbd.color.save(to.join(format!("rgb/{name}.png"))).unwrap();
         let (rows, columns) = rgbd.depth_m.dim();
         let size = (columns as u32, rows as u32);
         let millimetres = rgbd.depth_m.iter().map(|depth_m| (1e3 * depth_m).round() as u16).collect();
         let depth = ImageBuffer::<Luma<u16>, _>::from_vec(size.0, size.1, millimetres).unwrap();
-        depth.save(to.join(format!("depth/{i:06}.png"))).unwrap();
+        depth.save(to.join(format!("depth/{name}.png"))).unwrap();
         let mask = labels.iter().map(|label| if *label == Label::Object { 255 } else { 0 }).collect();
-        GrayImage::from_vec(size.0, size.1, mask).unwrap().save(to.join(format!("masks/{i:06}.png"))).unwrap();
+        GrayImage::from_vec(size.0, size.1, mask).unwrap().save(to.join(format!("masks/{name}.png"))).unwrap();
         // OpenCV axes: y and z are turned.
         let pose = (camera.pose.inverse() * log.object_poses()[i].unwrap()).to_matrix();
         let row = |row: usize, sign: f64| pose[row].map(|x| (sign * x).to_string()).join(" ");
         let text = [row(0, 1.0), row(1, -1.0), row(2, -1.0), "0 0 0 1".to_owned()].join("\n");
-        fs::write(to.join(format!("annotated_poses/{i:06}.txt")), text).unwrap();
+        fs::write(to.join(format!("annotated_poses/{name}.txt")), text).unwrap();
     }
 }
 

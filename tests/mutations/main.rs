@@ -24,6 +24,9 @@ mod small_log;
 #[allow(dead_code, reason = "the tests of layouts use more of it")]
 mod sequences;
 
+#[path = "../../app/bag/tests/common/mod.rs"]
+mod small_bags;
+
 #[path = "../commands/workplace.rs"]
 #[allow(dead_code, reason = "the tests of commands use more of it")]
 mod workplace;

@@ -13,6 +13,7 @@ use mvt_rgbd::RgbdRecording;
 use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::input::map_obstacles;
+use mvt_run::source::RgbdSequence;
 use mvt_run::{report, settings};
 use mvt_slam::map::Map;
 use mvt_touch::network::{Architecture, Weights};
@@ -24,7 +25,7 @@ use crate::originals::{
     zip_with_checksums,
 };
 use crate::trial::{Original, check};
-use crate::{sequences, small_log};
+use crate::{sequences, small_bags, small_log};
 
 /// Folder with one file that is written anew for each input.
 struct OneFile {
@@ -467,4 +468,27 @@ fn rgbd() {
             })
         });
     }
+}
+
+/// Bags with their choice of topics, and masks beside them.
+#[test]
+fn bags() {
+    let folder = tempfile::tempdir().unwrap();
+    let pixels = [0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0];
+    let mut messages: Vec<small_bags::Written<'_>> = Vec::new();
+    for stamp_ns in [1_000_000_000, 1_033_000_000] {
+        messages.extend(small_bags::frame(stamp_ns, stamp_ns));
+        let mask = small_bags::image(stamp_ns, "mono8", [4, 3], 4, &pixels);
+        messages.push(small_bags::Written(stamp_ns, "/mask", small_bags::IMAGE, mask));
+    }
+    fs::write(folder.path().join("a.mcap"), small_bags::mcap(&messages, "cdr")).unwrap();
+    fs::create_dir(folder.path().join("masks")).unwrap();
+    image::GrayImage::from_vec(4, 3, pixels.to_vec()).unwrap().save(folder.path().join("masks/1.png")).unwrap();
+    fs::write(folder.path().join("bag.toml"), "masks = \"masks/*.png\"\nslop_s = 0.01\n").unwrap();
+    let files = Files { folder: folder.path().to_owned(), names: vec!["a.mcap", "bag.toml", "masks/1.png"] };
+    check("bags", &files.originals(), |number, bytes| {
+        files.with(number, bytes, |place| {
+            RgbdSequence::open(place).is_ok_and(|mut sequence| (0..sequence.len()).all(|k| sequence.frame(k).is_ok()))
+        })
+    });
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::BagError;
-use crate::parts::{Cursor, Entry, Part, Storage, add_note, find};
+use crate::parts::{Cursor, Entry, Part, Storage, add_note, find, is_bag};
 
 /// Topic of a bag.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -99,6 +99,11 @@ impl Bag {
             bag.ids.push(ids);
         }
         Ok(bag)
+    }
+
+    /// Returns whether a path is that of a bag by its name or, of a folder, by the names of its files.
+    pub fn is_here(path: &Path) -> bool {
+        is_bag(path)
     }
 
     /// Returns the path of the bag.

@@ -214,6 +214,23 @@ const METADATA: &str = "metadata.yaml";
 /// Endings of the files of bags; `.zstd` may follow.
 const ENDINGS: [&str; 2] = [".mcap", ".db3"];
 
+/// Returns whether the name of a file is that of a bag, `.bag` of ROS 1 included.
+fn is_named_as_bag(name: &str) -> bool {
+    let stem = name.strip_suffix(".zstd").unwrap_or(name);
+    ENDINGS.iter().any(|ending| stem.ends_with(ending)) || name.ends_with(".bag")
+}
+
+/// Returns whether a path is that of a file that is named as a bag, or a folder holds a description or a file that is.
+pub(crate) fn is_bag(path: &Path) -> bool {
+    if !path.is_dir() {
+        return path.file_name().is_some_and(|name| is_named_as_bag(&name.to_string_lossy()));
+    }
+    let is_part =
+        |name: &std::ffi::OsStr| !mvt_files::input::is_litter(name) && is_named_as_bag(&name.to_string_lossy());
+    path.join(METADATA).is_file()
+        || path.read_dir().is_ok_and(|files| files.flatten().any(|file| is_part(&file.file_name())))
+}
+
 /// Returns the files of a bag in their order, with notes.
 pub(crate) fn find(path: &Path, notes: &mut Vec<String>) -> Result<Vec<Part>, BagError> {
     if !path.is_dir() {

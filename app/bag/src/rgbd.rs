@@ -208,6 +208,16 @@ impl RgbdBag {
         self.frames.iter().map(move |frame| frame.time_ns.saturating_sub(first) as f64 * 1e-9)
     }
 
+    /// Returns the stamps of the frames, nanoseconds, rising.
+    pub fn stamps_ns(&self) -> impl Iterator<Item = i64> {
+        self.frames.iter().map(|frame| frame.time_ns)
+    }
+
+    /// Returns which frames have a mask.
+    pub fn has_mask(&self) -> impl Iterator<Item = bool> {
+        self.frames.iter().map(|frame| frame.mask.is_some())
+    }
+
     /// Returns the pinhole model of all frames.
     pub fn intrinsics(&self) -> Intrinsics {
         self.lens.intrinsics
@@ -226,6 +236,11 @@ impl RgbdBag {
     /// Returns the poses of the camera in the frames, where the transforms tell them.
     pub fn camera_poses(&self) -> impl Iterator<Item = Option<Isometry<Camera, World>>> {
         self.frames.iter().map(|frame| self.camera_pose(frame.time_ns))
+    }
+
+    /// Returns the true poses of the object in the frames, where a topic states them.
+    pub fn object_poses(&self) -> impl Iterator<Item = Option<Isometry<MeshFile, Camera>>> {
+        self.frames.iter().map(|frame| self.object_pose(frame.time_ns))
     }
 
     fn camera_pose(&self, time_ns: i64) -> Option<Isometry<Camera, World>> {
@@ -373,19 +388,33 @@ impl RgbdBag {
         self.check_shape(topic, place, [columns, rows])?;
         let inside =
             inside(self.stated.object, is_lossy, &labels).map_err(|reason| self.wrong(topic, place, reason))?;
-        let lens = self.lens_of([columns, rows], &topic_name(&self.bag, topic));
+        Ok(self.straight(inside, &topic_name(&self.bag, topic)))
+    }
+
+    /// Returns a mask that was drawn on a colour image of the bag without the distortion of the lens and in the size of depth, as that of a frame;
+    /// `None` if it has another shape than depth.
+    pub fn mask_over_depth(&mut self, drawn: Array2<bool>) -> Option<Array2<bool>> {
+        let Intrinsics { width, height, .. } = self.lens.intrinsics;
+        let (rows, columns) = drawn.dim();
+        (columns * height == rows * width).then(|| self.straight(drawn, &topic_name(&self.bag, self.chosen.color)))
+    }
+
+    /// Returns a mask of the topic of this name without distortion, in the size of depth.
+    fn straight(&mut self, inside: Array2<bool>, name: &str) -> Array2<bool> {
+        let (rows, columns) = inside.dim();
+        let lens = self.lens_of([columns, rows], name);
         let mask = match self.remap(&lens) {
             Some(remap) => remap.nearest(&inside),
             None => inside,
         };
         let Intrinsics { width, height, .. } = self.lens.intrinsics;
         if (rows, columns) == (height, width) {
-            return Ok(mask);
+            return mask;
         }
         let at = |at: usize, of: usize, from: usize| ((2 * at + 1) * from) / (2 * of);
-        Ok(Array2::from_shape_fn((height, width), |(v, u)| {
+        Array2::from_shape_fn((height, width), |(v, u)| {
             mask.get((at(v, height, rows), at(u, width, columns))).copied().unwrap_or(false)
-        }))
+        })
     }
 
     /// Returns the map that removes the distortion of a lens; `None` without distortion.

@@ -30,6 +30,8 @@ pub(crate) struct Description {
     pub frame_hz: Option<f64>,
     /// Pattern of the poses of the camera in the world.
     pub camera_poses: Option<String>,
+    /// Mesh of the object: a file beside this one, or a name of the catalogue.
+    pub mesh: Option<String>,
     /// Pattern of the true poses of the object in the camera.
     pub object_poses: Option<String>,
 }
@@ -55,6 +57,22 @@ impl Description {
             return Err(RgbdError::fault(&path, "intrinsics are fx, fy, cx and cy of the colour images, pixels"));
         }
         Ok(contents)
+    }
+
+    /// Returns the stated name of the object: that of a mesh beside the images, or as `object.txt` has it.
+    pub fn object_name(&self, folder: &Path) -> Result<Option<String>, RgbdError> {
+        if let Some(mesh) = &self.mesh {
+            let path = folder.join(mesh);
+            return Ok(Some(if path.is_file() { path.display().to_string() } else { mesh.clone() }));
+        }
+        let path = folder.join("object.txt");
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let text = text::read(&path)?;
+        let name = text.lines().next().map(str::trim).filter(|name| !name.is_empty());
+        let name = name.ok_or_else(|| RgbdError::fault(&path, "its first line must be the name of the object"))?;
+        Ok(Some(name.to_owned()))
     }
 
     /// Returns fx, fy, cx and cy as stated, or else those of `cam_K.txt`; `None` if there is neither.

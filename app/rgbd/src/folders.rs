@@ -56,7 +56,23 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
         ));
     }
     let code = DepthCode::Levels { unit_m: description.depth_unit_m.unwrap_or(0.001) };
-    Ok(Parts { frames, code, object: description.object, notes, object_name: None })
+    let object_name = if truth.is_empty() { None } else { object_of_video(folder) };
+    Ok(Parts { frames, code, object: description.object, notes, object_name })
+}
+
+/// Beginnings of the names of YCBInEOAT's videos, with the objects in them.
+const VIDEOS: [(&str, &str); 5] = [
+    ("bleach", "021_bleach_cleanser"),
+    ("cracker_box", "003_cracker_box"),
+    ("mustard", "006_mustard_bottle"),
+    ("sugar_box", "004_sugar_box"),
+    ("tomato_soup_can", "005_tomato_soup_can"),
+];
+
+/// Returns the object of a video of YCBInEOAT.
+fn object_of_video(folder: &Path) -> Option<String> {
+    let name = folder.file_name()?.to_str()?;
+    VIDEOS.iter().find(|(begin, _)| name.starts_with(begin)).map(|(_, object)| (*object).to_owned())
 }
 
 /// The masks that a description names, or those of a usual folder.
@@ -106,6 +122,14 @@ pub(crate) fn times_s(names: &[FrameName], frame_hz: Option<f64>, notes: &mut Ve
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_video_of_ycbineoat_shows_the_object_of_its_name() {
+        let object = |name: &str| object_of_video(Path::new(name));
+        assert_eq!(object("data/mustard_easy_00_02").as_deref(), Some("006_mustard_bottle"));
+        assert_eq!(object("data/tomato_soup_can_yalehand0").as_deref(), Some("005_tomato_soup_can"));
+        assert_eq!(object("data/other"), None);
+    }
 
     #[test]
     fn numbers_count_at_a_rate_and_stamps_do_not() {

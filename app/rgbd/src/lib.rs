@@ -21,6 +21,7 @@
 //! depth_unit_m = 0.0001            # metres per level; 0.001 without it
 //! frame_hz = 30.0                  # for files that are numbered
 //! camera_poses = "data/*.pose.txt" # 4 x 4, camera to world, OpenCV axes
+//! mesh = "mug.obj"                 # mesh of the object, or its name in the catalogue, for scores
 //! object_poses = "poses/*.txt"     # 4 x 4, object to camera, OpenCV axes: the truth, for scores
 //! ```
 //!
@@ -38,6 +39,7 @@ mod description;
 mod error;
 mod folders;
 mod ho3d;
+mod masks;
 mod parts;
 mod pattern;
 mod pixels;
@@ -47,6 +49,8 @@ mod text;
 mod tum;
 
 pub use error::RgbdError;
+pub use masks::RgbdMasks;
 pub use mvt_frames;
 pub use ndarray;
-pub use recording::{RgbdFrame, RgbdLayout, RgbdRecording};
+pub use recording::{RgbdFrame, RgbdLayout, RgbdRecording, check_first_mask, object_distance_m};
+pub use text::read_pose_in_camera;

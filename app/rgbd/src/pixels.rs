@@ -94,9 +94,8 @@ pub(crate) fn size(path: &Path) -> Result<[usize; 2], RgbdError> {
 /// Reads a mask of the object, resized to the width and height of the depth image. `object` is the level that stands for the object in an image of
 /// labels; without it the image has two levels, or the object is where it is opaque.
 pub(crate) fn mask(path: &Path, object: Option<u32>, size: [usize; 2]) -> Result<Array2<bool>, RgbdError> {
-    let image = decoded(path)?;
-    let (width, height) = (image.width(), image.height());
-    let mask = array(width, height, inside(&image, object).map_err(|fault| RgbdError::fault(path, fault))?.into_iter());
+    let mask = mask_as_drawn(path, object)?;
+    let (width, height) = (mask.ncols() as u32, mask.nrows() as u32);
     let [columns, rows] = size;
     if (rows, columns) == mask.dim() {
         return Ok(mask);
@@ -109,6 +108,13 @@ pub(crate) fn mask(path: &Path, object: Option<u32>, size: [usize; 2]) -> Result
     }
     let nearest = |at: usize, of: usize, from: u32| ((2 * at + 1) * from as usize) / (2 * of);
     Ok(Array2::from_shape_fn((rows, columns), |(v, u)| mask[(nearest(v, rows, height), nearest(u, columns, width))]))
+}
+
+/// Reads a mask as [`mask`] does, in its own size.
+pub(crate) fn mask_as_drawn(path: &Path, object: Option<u32>) -> Result<Array2<bool>, RgbdError> {
+    let image = decoded(path)?;
+    let inside = inside(&image, object).map_err(|fault| RgbdError::fault(path, fault))?;
+    Ok(array(image.width(), image.height(), inside.into_iter()))
 }
 
 /// Least share of the pixels that have an extreme level in a mask with soft edges.

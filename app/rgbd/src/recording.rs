@@ -92,6 +92,34 @@ const REGISTERED: f64 = 1.5;
 /// The principal point lies in this part of the width and height: else the intrinsics are of another resolution.
 const MIDDLE: std::ops::Range<f64> = 0.25..0.75;
 
+/// Returns the median distance of an object along the optical axis, metres; `None` if nothing was measured inside of its mask.
+pub fn object_distance_m(depth_m: &Array2<f32>, mask: &Array2<bool>) -> Option<f32> {
+    let inside = mask.iter().zip(depth_m).filter(|(inside, depth)| **inside && **depth > 0.0);
+    let mut depths: Vec<f32> = inside.map(|(_, depth)| *depth).collect();
+    let middle = depths.len() / 2;
+    (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Checks that the first frame with a mask shows the object at a plausible distance.
+///
+/// # Errors
+/// The fault and what to do, in one line; `file` is where `depth_unit_m` stands.
+pub fn check_first_mask(name: &str, depth_m: &Array2<f32>, mask: &Array2<bool>, file: &str) -> Result<(), String> {
+    let Some(median_m) = object_distance_m(depth_m, mask) else {
+        let is_empty = !mask.iter().any(|inside| *inside);
+        let what = if is_empty { "its mask is empty" } else { "nothing was measured inside of its mask" };
+        return Err(format!(
+            "frame {name} is the first with a mask, and {what}: start at a frame that shows the object"
+        ));
+    };
+    if PLAUSIBLE_M.contains(&median_m) {
+        return Ok(());
+    }
+    Err(format!(
+        "the object is {median_m:.3} m away in frame {name}: is the unit of depth right? `depth_unit_m` in {file} states it"
+    ))
+}
+
 impl RgbdRecording {
     /// Opens a folder.
     ///
@@ -109,6 +137,7 @@ impl RgbdRecording {
             RgbdLayout::Tum => tum::parts(folder, &description)?,
         };
         let Parts { mut frames, code, object, mut notes, object_name } = parts;
+        let object_name = description.object_name(folder)?.or(object_name);
         let before = frames.len();
         let mut newest_s = f64::NEG_INFINITY;
         frames.retain(|frame| {
@@ -180,31 +209,8 @@ impl RgbdRecording {
         }
         let first = self.frames.iter().position(|frame| frame.mask.is_some()).unwrap_or(0);
         let RgbdFrame { name, depth_m, mask, .. } = self.frame(first)?;
-        let mask = mask.unwrap_or_default();
-        let inside = mask.iter().filter(|inside| **inside).count();
-        let mut depths: Vec<f32> = mask
-            .iter()
-            .zip(&depth_m)
-            .filter(|(inside, depth)| **inside && **depth > 0.0)
-            .map(|(_, depth)| *depth)
-            .collect();
-        if depths.is_empty() {
-            let what = if inside == 0 { "its mask is empty" } else { "nothing was measured inside of its mask" };
-            return Err(RgbdError::fault(
-                &self.folder,
-                format!("frame {name} is the first with a mask, and {what}: start at a frame that shows the object"),
-            ));
-        }
-        let middle = depths.len() / 2;
-        let median_m = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
-        if !PLAUSIBLE_M.contains(&median_m) {
-            let fault = format!(
-                "the object is {median_m:.3} m away in frame {name}: is the unit of depth right? `depth_unit_m` in {} states it",
-                description::FILE
-            );
-            return Err(RgbdError::fault(&self.folder, fault));
-        }
-        Ok(())
+        check_first_mask(&name, &depth_m, &mask.unwrap_or_default(), description::FILE)
+            .map_err(|fault| RgbdError::fault(&self.folder, fault))
     }
 
     /// Compares colours with masks in frames spread over the sequence.
@@ -263,6 +269,11 @@ impl RgbdRecording {
     /// Returns the poses of the camera in the frames; all are the identity if the data set knows none.
     pub fn camera_poses(&self) -> impl Iterator<Item = Isometry<Camera, World>> {
         self.frames.iter().map(|frame| frame.world_from_camera.unwrap_or_else(Isometry::identity))
+    }
+
+    /// Returns the true poses of the object in the frames, where the data set knows them.
+    pub fn object_poses(&self) -> impl Iterator<Item = Option<Isometry<MeshFile, Camera>>> {
+        self.frames.iter().map(|frame| frame.camera_from_object)
     }
 
     /// Returns the object's name in the data set, if it has one.

@@ -54,6 +54,14 @@ pub(crate) fn motion(path: &Path) -> Result<na::Isometry3<f64>, RgbdError> {
         .map_err(|reason| RgbdError::fault(path, format!("the pose is {reason}")))
 }
 
+/// Reads a pose of a camera's file, 4 x 4 numbers with OpenCV axes (x right, y down, z forward).
+///
+/// # Errors
+/// [`RgbdError`] if the file cannot be read or holds no rigid motion.
+pub fn read_pose_in_camera<From: Frame>(path: &Path) -> Result<Isometry<From, Camera>, RgbdError> {
+    motion(path).map(to_opencv)
+}
+
 /// From a camera with OpenCV axes (x right, y down, z forward) to one with OpenGL axes, and back.
 fn other_axes() -> na::Isometry3<f64> {
     na::Isometry3::rotation(na::Vector3::x() * std::f64::consts::PI)

@@ -9,7 +9,7 @@ use mvt_settings::settings;
 use mvt_slam::SlamConfig;
 use mvt_touch::contact::ContactConfig;
 
-use crate::source::Recorded;
+use crate::source::RgbdSequence;
 use crate::supervisor::SupervisorRules;
 
 /// Depths within a mask that differ by more than this form an edge, metres: at a metre, slanted faces differ by more than those in a hand.
@@ -42,7 +42,7 @@ settings! {
 impl RunConfig {
     /// Returns the settings with which a recording starts, or a simulated episode without one: those without a hand for an RGB-D sequence.
     pub fn suited(recording: Option<&Path>) -> Self {
-        if recording.is_some_and(Recorded::has_no_hand) { Self::without_hand() } else { Self::default() }
+        if recording.is_some_and(RgbdSequence::is_here) { Self::without_hand() } else { Self::default() }
     }
 
     /// Returns the settings for an object that no hand of ours holds, in RGB-D images with masks.

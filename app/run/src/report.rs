@@ -29,12 +29,14 @@ mod summary;
 mod table;
 #[cfg(test)]
 mod tests;
+mod tracked;
 mod trajectory;
 mod turntable;
 
 pub use camera_poses::{FrameCamera, write_camera_poses};
 pub use coordinates::Coordinates;
 pub use summary::{ErrorStatistics, ObservedScores, ShapeScores, Summary};
+pub use tracked::{benchmark, is_symmetric};
 pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
 
 /// Names of the files in a run's folder.
@@ -192,6 +194,7 @@ pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&Tru
     let shape = truth.map(|(truth, motion)| ShapeScores::new(estimate, truth, motion)).unwrap_or_default();
     let mut summary = Summary::new(run, shape);
     summary.observed = truth.map(|(truth, motion)| ObservedScores::new(estimate, truth, &run.observed, motion));
+    summary.benchmark = truth.and_then(|(truth, _)| benchmark(run, estimate, truth.mesh()));
     write_tables(folder, run, &summary)?;
     write_file(folder, file::OBJ, mesh_file::obj(estimate, Coordinates::Object).as_bytes())?;
     write_file(folder, file::CURVES, curves::curves(run).as_bytes())?;

@@ -3,6 +3,7 @@
 mod log;
 mod recorded;
 mod rgbd;
+mod sequence;
 mod touch;
 
 use anyhow::Result;
@@ -22,6 +23,7 @@ use std::sync::Arc;
 pub use log::LogSource;
 pub use recorded::{Recorded, RecordedOptions};
 pub use rgbd::RgbdSource;
+pub use sequence::{BagSequence, RgbdSequence};
 pub use touch::{TouchArguments, TouchOrigin, equipped, shipped_weights, weights_of};
 
 /// A frame of a source.

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context as _, Result};
-use mvt_frames::{Camera, Isometry, World};
+use mvt_frames::{Camera, Isometry, Object, World};
 use nalgebra as na;
 
 use super::FrameRow;
@@ -18,6 +18,8 @@ pub struct FrameCamera {
     pub name: String,
     /// Pose of the camera.
     pub world_from_camera: Isometry<Camera, World>,
+    /// True pose of the object, where it is known.
+    pub camera_from_object: Option<Isometry<Object, Camera>>,
 }
 
 /// Folder of the 4 x 4 matrices.
@@ -38,11 +40,9 @@ pub fn write_camera_poses(out: &Path, rows: &[FrameRow], cameras: &[FrameCamera]
     let folder = out.join(POSES);
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let (mut tum, mut bop) = (String::new(), "scene_id,im_id,obj_id,score,R,t,time\n".to_owned());
-    for (number, FrameCamera { name, world_from_camera }) in cameras.iter().enumerate() {
+    for (number, FrameCamera { name, world_from_camera, .. }) in cameras.iter().enumerate() {
         let file = format!("{name}.txt");
-        // Rows are in order of time, and so of their frames.
-        let row = rows.binary_search_by_key(&(number as u64), |row| row.frame).ok().and_then(|at| rows.get(at));
-        let Some(row) = row.filter(|row| is_certified(row)) else {
+        let Some(row) = certified(rows, number) else {
             // That of an earlier run.
             let stale = folder.join(file);
             if stale.is_file() {
@@ -73,6 +73,12 @@ pub fn write_camera_poses(out: &Path, rows: &[FrameRow], cameras: &[FrameCamera]
     }
     write_file(out, TUM, tum.as_bytes())?;
     write_file(out, BOP, bop.as_bytes())
+}
+
+/// Returns the row of a frame, if its pose is certified. Rows are in order of time, and so of their frames.
+pub(super) fn certified(rows: &[FrameRow], number: usize) -> Option<&FrameRow> {
+    let at = rows.binary_search_by_key(&(number as u64), |row| row.frame).ok()?;
+    rows.get(at).filter(|row| is_certified(row))
 }
 
 fn is_certified(row: &FrameRow) -> bool {
@@ -106,8 +112,11 @@ mod tests {
             add_s: None,
             stage_ms: Default::default(),
         };
-        let camera =
-            |name: &str| FrameCamera { name: name.to_owned(), world_from_camera: Isometry::translation(1.0, 0.0, 0.0) };
+        let camera = |name: &str| FrameCamera {
+            name: name.to_owned(),
+            world_from_camera: Isometry::translation(1.0, 0.0, 0.0),
+            camera_from_object: None,
+        };
         fs::create_dir(folder.path().join(POSES)).unwrap();
         fs::write(folder.path().join("poses/000008.txt"), "stale").unwrap();
         let cameras = ["000007", "000008", "000009"].map(camera);

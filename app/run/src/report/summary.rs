@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use mvt_calibration::Calibration;
 use mvt_frames::{Frame, Isometry, Object};
 use mvt_mesh::Mesh;
-use mvt_metrics::{FINE_POINTS, FScore, POINTS, PoseStatistics, ShapeScore, THRESHOLDS_M, TrueSurface, sample_surface};
+use mvt_metrics::{
+    FINE_POINTS, FScore, POINTS, PoseStatistics, SequenceScore, ShapeScore, THRESHOLDS_M, TrueSurface, sample_surface,
+};
 use serde::Serialize;
 
 use crate::estimator::Mode;
@@ -52,6 +54,9 @@ pub struct Summary {
     pub add_s_mm: Option<ErrorStatistics>,
     /// Mean of both directions.
     pub add_s_symmetric_mm: Option<ErrorStatistics>,
+    /// Scores by the protocol of YCBInEOAT and HO3D, of RGB-D sequences without a hand; missing of other runs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub benchmark: Option<SequenceScore>,
     /// Whether the last frame's ADD-S exceeds 10 mm.
     pub failed: Option<bool>,
     /// Mean share of the object that the hand hid from the first camera; null if it is unknown, as in a log.
@@ -211,6 +216,7 @@ impl Summary {
             observed: None,
             add_s_mm,
             add_s_symmetric_mm: ErrorStatistics::new(frames, |e| e.symmetric_m),
+            benchmark: None,
             failed: add_s_mm.map(|e| e.last > mvt_metrics::FAILURE_M * 1e3),
             hidden: (!run.hidden.is_empty()).then(|| run.hidden.iter().sum::<f64>() / run.hidden.len() as f64),
             lost_frames: count(TrackState::Lost),

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use mvt_calibration::Calibration;
+use mvt_frames::Isometry;
 use mvt_frames::camera::PosedCamera;
 use mvt_objects::object::Object;
-use mvt_rgbd::RgbdLayout;
 
-use super::{LogSource, Modality, RgbdSource, Source, TouchArguments};
+use super::{LogSource, Modality, RgbdSequence, RgbdSource, Source, TouchArguments};
 use crate::config::RunConfig;
 use crate::object::load_object;
 use crate::report::FrameCamera;
@@ -52,9 +52,9 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// Whether a folder is an RGB-D sequence without a hand.
-    pub fn has_no_hand(folder: &Path) -> bool {
-        !folder.join("data.pkl").exists() && RgbdLayout::of(folder).is_some()
+    /// Whether a folder or file is an RGB-D sequence without a hand.
+    pub fn has_no_hand(path: &Path) -> bool {
+        RgbdSequence::is_here(path)
     }
 
     /// Opens a FeelSight log, or an RGB-D sequence without a hand.
@@ -96,16 +96,15 @@ impl Recorded {
             bail!("{}: without a hand there is nothing that --calibration-file could calibrate", folder.display());
         }
         let mut source = RgbdSource::open(folder, options.config.perception())?;
-        let (name, object) = truth(options, source.recording().object_name())?;
+        let (name, object) = truth(options, source.sequence().object_name())?;
         if let Some(object) = &object {
             source.set_object_from_file(object.object_from_file);
         }
         if let Some(duration_s) = options.duration_s {
             source.limit(duration_s);
         }
-        let frames = source.recording().names().zip(source.recording().camera_poses());
-        let frame_cameras =
-            frames.map(|(name, world_from_camera)| FrameCamera { name: name.to_owned(), world_from_camera }).collect();
+        let object_from_file = object.as_ref().map_or_else(Isometry::identity, |object| object.object_from_file);
+        let frame_cameras = FrameCamera::of_sequence(source.sequence(), object_from_file, source.frame_count());
         let cameras = vec![source.camera().clone()];
         Ok(Self { seed: 0, name, object, cameras, frame_cameras, source: Box::new(source) })
     }

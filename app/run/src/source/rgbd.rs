@@ -10,16 +10,16 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen};
-use mvt_rgbd::{RgbdFrame, RgbdRecording};
+use mvt_rgbd::RgbdFrame;
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Observation, Rgbd};
 
-use super::{Pictures, Sensed, Source};
+use super::{Pictures, RgbdSequence, Sensed, Source};
 
 /// A sequence, read frame by frame. There is no hand, and the labels are those of its masks.
 pub struct RgbdSource {
     hand: Arc<Hand>,
-    recording: RgbdRecording,
+    sequence: RgbdSequence,
     perception: Perception,
     camera: PosedCamera,
     next: usize,
@@ -30,35 +30,36 @@ pub struct RgbdSource {
 }
 
 impl RgbdSource {
-    /// Opens the folder of a sequence.
+    /// Opens a folder or bag.
     ///
     /// # Errors
     /// If it cannot be used.
-    pub fn open(folder: &Path, config: PerceptionConfig) -> Result<Self> {
-        let recording = RgbdRecording::open(folder)?;
-        let first = recording.intrinsics(0).zip(recording.camera_poses().next());
-        let (intrinsics, pose) = first.with_context(|| format!("{}: there are no frames", folder.display()))?;
+    pub fn open(path: &Path, config: PerceptionConfig) -> Result<Self> {
+        let sequence = RgbdSequence::open(path)?;
+        let first = sequence.intrinsics().zip(sequence.camera_poses().first().copied());
+        let (intrinsics, pose) = first.with_context(|| format!("{}: there are no frames", path.display()))?;
         let camera = PosedCamera { name: "camera".to_owned(), intrinsics, pose };
         let hand = Hand::none();
         let setup = PerceptionSetup { weights: None, config };
         let perception = Perception::new(Arc::clone(&hand), vec![camera.clone()], &setup);
-        let notes = recording.notes().iter().map(|note| format!("{}: {note}", folder.display()));
+        let notes = sequence.notes().iter().map(|note| format!("{}: {note}", path.display()));
         Ok(Self {
             warnings: notes.collect(),
             hand,
             perception,
             camera,
             next: 0,
-            end: recording.len(),
+            end: sequence.len(),
             object_from_file: Isometry::identity(),
-            recording,
+            sequence,
         })
     }
 
     /// Ends after this time.
     pub fn limit(&mut self, duration_s: f64) {
-        let until_s = self.recording.times_s().next().unwrap_or(0.0) + duration_s;
-        self.end = self.recording.times_s().take_while(|&time_s| time_s < until_s).count();
+        let times_s = self.sequence.times_s();
+        let until_s = times_s.first().unwrap_or(&0.0) + duration_s;
+        self.end = times_s.iter().take_while(|time_s| **time_s < until_s).count();
     }
 
     /// Says how the mesh, whose poses the data set holds, lies in the object's frame.
@@ -67,8 +68,8 @@ impl RgbdSource {
     }
 
     /// The sequence.
-    pub fn recording(&self) -> &RgbdRecording {
-        &self.recording
+    pub fn sequence(&self) -> &RgbdSequence {
+        &self.sequence
     }
 
     /// The camera, as it stands in the first frame.
@@ -86,8 +87,8 @@ impl Source for RgbdSource {
         }
         self.next += 1;
         let RgbdFrame { time_s, color, depth_m, mask, world_from_camera, camera_from_object, .. } =
-            self.recording.frame(number)?;
-        let color = if self.recording.are_colours_registered() { color } else { Default::default() };
+            self.sequence.frame(number)?;
+        let color = if self.sequence.are_colours_registered() { color } else { Default::default() };
         // Without a mask nothing is known of a pixel.
         let depth_m = if mask.is_some() { depth_m } else { Default::default() };
         let camera =
@@ -95,7 +96,7 @@ impl Source for RgbdSource {
         let observation = Observation { time_s, joints: Vec::new(), touch: PerPad::default(), cameras: vec![camera] };
         let seen = self.perception.see(number as u64, observation, None);
         let Seen { percept, warnings, .. } =
-            seen.map_err(|error| anyhow!("{}: frame {number}: {error}", self.recording.folder().display()))?;
+            seen.map_err(|error| anyhow!("{}: frame {number}: {error}", self.sequence.path().display()))?;
         self.warnings.extend(warnings);
         let truth = camera_from_object.map(|pose| world_from_camera * pose * self.object_from_file.inverse());
         Ok(Some(Sensed {
