@@ -12,21 +12,23 @@ use mvt_picture::contact_sheet::{ContactSheet, ContactTimeline, SheetMoment, con
 
 use mvt_run::io::{check_named, png, print_line, write_named};
 use mvt_run::object::load_object;
+use mvt_run::source::Recorded;
 
-/// Check a FeelSight log and print a summary
+/// Check a FeelSight log, an RGB-D sequence or a bag, and print a summary
 ///
-/// Reads every file. Counts, sizes, grey levels, poses, times and checksums must agree, and forward kinematics must
-/// lead to the recorded poses of the DIGIT cameras. If the object is known, pixels in contact are compared with its
-/// surface. If the log is damaged, the program prints the reason and ends with exit code 1.
+/// Reads every file. In a log counts, sizes, grey levels, poses, times and checksums must agree, and forward kinematics
+/// must lead to the recorded poses of the DIGIT cameras. If the object is known, pixels in contact are compared with its
+/// surface. Of an RGB-D sequence it says how large, near and fast the object is, and what will be hard. If files are
+/// damaged, the program prints the reason and ends with exit code 1.
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// Folder of the log, which contains data.pkl
+    /// Folder of a log, which contains data.pkl, or an RGB-D sequence or bag (docs/rgbd.md)
     log: PathBuf,
     /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
     /// Write a picture of the log: images of the last camera and the DIGITs at six moments, and the times at which each
-    /// finger touched
+    /// finger touched; of a sequence twelve frames with their masks
     #[arg(long, value_name = "PNG")]
     sheet: Option<PathBuf>,
     /// Replace an existing picture
@@ -36,6 +38,9 @@ pub struct InspectArguments {
 
 /// Runs the command.
 pub fn run(arguments: &InspectArguments) -> Result<()> {
+    if Recorded::has_no_hand(&arguments.log) {
+        return mvt_benchmark::inspect(&arguments.log, arguments.json, arguments.sheet.as_deref(), arguments.overwrite);
+    }
     if let Some(path) = &arguments.sheet {
         check_named(path, arguments.overwrite)?;
     }

@@ -56,6 +56,7 @@ enum Command {
     Score(score::ScoreArguments),
     Mesh(mesh::MeshArguments),
     Evaluate(mvt_evaluation::EvaluateArguments),
+    Benchmark(mvt_benchmark::BenchmarkArguments),
     Report(report::ReportArguments),
     Generate(generate::GenerateArguments),
     #[command(subcommand)]
@@ -176,6 +177,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Score(arguments)) => score::run(&arguments),
         Some(Command::Mesh(arguments)) => mesh::run(&arguments),
         Some(Command::Evaluate(arguments)) => mvt_evaluation::run(&arguments),
+        Some(Command::Benchmark(arguments)) => mvt_benchmark::run(&arguments, signals::stop_on_signals),
         Some(Command::Report(arguments)) => report::run(&arguments),
         Some(Command::Generate(arguments)) => generate::run(&arguments),
         Some(Command::Sweep(command)) => mvt_sweep::run(&command, signals::stop_on_signals),

@@ -41,6 +41,9 @@ const LARGEST_FILE: u64 = 256 << 20;
 /// end of a name (time_ms, x_mm) is heeded. Poses at most 1 ms apart are compared. The true poses
 /// may also stand in the file of the estimates, in the columns true_x_m, true_y_m, true_z_m, true_qw, true_qx, true_qy
 /// and true_qz.
+///
+/// Of an RGB-D sequence (--sequence) the motion since the first certified frame is scored, as YCBInEOAT and HO3D do: the area
+/// under the curves of ADD and ADD-S to 10 cm, and the Chamfer distance and F-score of the mesh. Frames without a pose hold the last.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("results").required(true).multiple(true).args(["run", "mesh", "pose"]))]
 pub struct ScoreArguments {
@@ -54,9 +57,13 @@ pub struct ScoreArguments {
     /// the path, as in can.obj:cm
     #[arg(long, value_name = "OBJECT")]
     truth: Option<String>,
-    /// Estimated poses (CSV)
+    /// Estimated poses (CSV); with --sequence the folder of the poses, a 4 x 4 matrix per certified frame in FRAME.txt, from
+    /// the model to a camera with OpenCV axes
     #[arg(long, value_name = "FILE", requires = "truth")]
     pose: Option<PathBuf>,
+    /// RGB-D sequence or bag with true poses (docs/rgbd.md) to which the poses belong
+    #[arg(long, value_name = "DIR", requires = "pose", conflicts_with_all = ["run", "truth_pose", "frame"])]
+    sequence: Option<PathBuf>,
     /// True poses (CSV) [default: the columns true_* of the estimated poses]
     #[arg(long, value_name = "FILE", requires = "pose")]
     truth_pose: Option<PathBuf>,
@@ -115,6 +122,10 @@ struct RunSummary {
 
 /// Runs the command.
 pub fn run(arguments: &ScoreArguments) -> Result<()> {
+    if let (Some(sequence), Some(poses), Some(truth)) = (&arguments.sequence, &arguments.pose, &arguments.truth) {
+        let mesh = arguments.mesh.as_deref().map(load_estimate).transpose()?;
+        return mvt_benchmark::score(sequence, poses, mesh.as_ref(), &load_truth(truth)?, arguments.json);
+    }
     let (truth, estimate, rows) = match (&arguments.run, &arguments.truth) {
         (Some(folder), _) => of_run(folder)?,
         (None, Some(truth)) => of_files(arguments, truth)?,

@@ -49,6 +49,9 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
             );
         }
     }
+    if let Some(score) = &summary.benchmark {
+        text += &format!("{}\n", mvt_benchmark::score_in_words(score));
+    }
     text += &format!("results in {}\n", out.display());
     let path = |name: &str| out.join(name).display().to_string();
     if out.join(file::TURNTABLE).exists() {

@@ -26,6 +26,7 @@ mod rgbd;
 mod rigs;
 mod run;
 mod score;
+mod sequences;
 mod shell;
 mod simulate;
 mod sweep;

@@ -91,6 +91,14 @@ impl Ended {
         self.stderr
     }
 
+    /// Returns the standard output of a command that must have succeeded, perhaps with warnings.
+    #[track_caller]
+    pub fn warned_with_output(self) -> String {
+        let output = self.stdout.clone();
+        self.warned();
+        output
+    }
+
     /// Returns the one line with which a command must have failed.
     #[track_caller]
     pub fn error(self) -> String {
