@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use mvt_frames::depth::{GivenLabels, Label};
-use mvt_frames::{Isometry, Object, World};
+use mvt_frames::{Camera, Isometry, Object, World};
 use mvt_perceive::true_press;
 use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{GroundTruth, Observation, Press, Rgbd};
@@ -22,7 +22,7 @@ use crate::errors::Kind;
 /// `touch_images` (P, height, width, 3), `indentation_mm` and `contact` (P, height, width) for the P pads of the hand (4 of an Allegro, with 320 x 240
 /// pixels). Without touch images or indentation the pads deliver nothing. `masks`, one bool (height, width) per depth image, show where the object
 /// is visible; or `labels`, uint8 (height, width), show 0 background, 127 hand, 255 object and 64 unsure. Without them the pixels are labelled
-/// from the hand's geometry.
+/// from the hand's geometry. `camera_pose` (4, 4) is the pose of the first camera, if it moves.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Frame {
     pub time_s: f64,
@@ -36,6 +36,8 @@ pub struct Frame {
     /// True press on each touch sensor, where it is known.
     pub presses: PerPad<Option<Press>>,
     pub object_pose: Option<Isometry<Object, World>>,
+    /// Pose of the first camera, if it differs from frame to frame.
+    pub world_from_camera: Option<Isometry<Camera, World>>,
     /// Time and joint readings of the next frame, where a log knows them.
     pub next_joints: Option<(f64, JointAngles)>,
 }
@@ -52,14 +54,25 @@ impl Frame {
         let presses = touched.map(|(truth, gel)| true_press(truth, gel)).collect();
         let object_pose = truth.map(|truth| truth.object_pose);
         let labels = Vec::new();
-        Self { time_s, joints, colours, depths_m, labels, touch: Some(touch), presses, object_pose, next_joints: None }
+        Self {
+            time_s,
+            joints,
+            colours,
+            depths_m,
+            labels,
+            touch: Some(touch),
+            presses,
+            object_pose,
+            world_from_camera: None,
+            next_joints: None,
+        }
     }
 }
 
 #[pymethods]
 impl Frame {
     #[new]
-    #[pyo3(signature = (time_s, joints, *, depth_m = Vec::new(), color = Vec::new(), masks = Vec::new(), labels = Vec::new(), touch_images = None, indentation_mm = None, contact = None, object_pose = None))]
+    #[pyo3(signature = (time_s, joints, *, depth_m = Vec::new(), color = Vec::new(), masks = Vec::new(), labels = Vec::new(), touch_images = None, indentation_mm = None, contact = None, object_pose = None, camera_pose = None))]
     fn new(
         time_s: f64,
         joints: &Bound<'_, PyAny>,
@@ -71,6 +84,7 @@ impl Frame {
         indentation_mm: Option<&Bound<'_, PyAny>>,
         contact: Option<&Bound<'_, PyAny>>,
         object_pose: Option<&Bound<'_, PyAny>>,
+        camera_pose: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         if !time_s.is_finite() {
             return Err(Kind::Argument.error(format!("time_s: expected a finite number, got {time_s}")).into());
@@ -112,6 +126,7 @@ impl Frame {
             touch,
             presses,
             object_pose: object_pose.map(|pose| motion(pose, "object_pose")).transpose()?,
+            world_from_camera: camera_pose.map(|pose| motion(pose, "camera_pose")).transpose()?,
             next_joints: None,
         })
     }
@@ -138,6 +153,22 @@ impl Frame {
     #[getter]
     fn depth_m<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArray2<f32>>> {
         self.depths_m.iter().map(|depth| depth.clone().into_pyarray(py)).collect()
+    }
+
+    /// Where the object is visible in each depth image: bool (height, width). Empty in a frame without masks.
+    #[getter]
+    fn masks<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyArray2<bool>>> {
+        let mask = |labels: &GivenLabels| match labels {
+            GivenLabels::Mask(mask) => Some(mask.clone().into_pyarray(py)),
+            GivenLabels::Labels(_) => None,
+        };
+        self.labels.iter().filter_map(mask).collect()
+    }
+
+    /// Pose of the first camera in the world, where a frame states it: float64 (4, 4), or None.
+    #[getter]
+    fn camera_pose<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArrayDyn<f64>>> {
+        Some(matrix(py, self.world_from_camera?))
     }
 
     /// Images of the touch sensors: uint8 (P, height, width, 3), or None.
@@ -176,7 +207,7 @@ impl Frame {
             color: self.colours.get(k).cloned().unwrap_or_default(),
             depth_m: depth_m.clone(),
             labels: self.labels.get(k).cloned(),
-            world_from_camera: None,
+            world_from_camera: self.world_from_camera.filter(|_| k == 0),
         };
         Observation {
             time_s: self.time_s,
