@@ -15,6 +15,8 @@ pub(crate) struct EarlierView {
 
 /// Views that differ by more than this rotation show the surface too differently, radians.
 const ALIKE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+/// Pixel by pixel a view is recognised although it differs by this rotation, radians.
+const RECOGNISED_RAD: f64 = 50.0 * std::f64::consts::PI / 180.0;
 /// A view of a known shape is kept if it differs from all others by this rotation, radians.
 const NEW_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
 /// Most views kept of a known shape: its pictures take about 100 kB each.
@@ -32,6 +34,19 @@ pub(crate) fn alike(views: impl Iterator<Item = EarlierView>, pose: Isometry<Fie
     }
     alike.truncate(2);
     alike
+}
+
+/// Of views in order of time, the one that is most like a view at a pose, if it is alike enough to be recognised.
+pub(crate) fn most_alike(
+    views: impl Iterator<Item = EarlierView>,
+    pose: Isometry<Field, World>,
+) -> Option<EarlierView> {
+    let rotation = pose.untyped().rotation;
+    let turned = views
+        .filter(|view| view.scan.has_picture())
+        .map(|view| (view.pose.untyped().rotation.angle_to(&rotation), view))
+        .filter(|(turn_rad, _)| *turn_rad < RECOGNISED_RAD);
+    turned.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, view)| view)
 }
 
 /// Keeps a view of a known shape if no other is like it.

@@ -184,14 +184,19 @@ impl Map {
     /// The surface in the model's frame, with cells of `cell_m` metres; without the guesses of sides that no sensor saw, if so configured.
     pub fn mesh(&self, cell_m: f32) -> Mesh {
         let mut mesh = outer_surface(self.field(), self.half_extent_m(), cell_m);
-        if !self.config.mesh_guesses {
-            mesh = mesh.part(|vertex| self.space.is_near_surface(vertex));
+        if let Some(seen) = self.seen() {
+            mesh = mesh.part(|vertex| seen.is_near_surface(vertex));
         }
         let (rotation, translation) = self.field_from_model().inverse().to_f32();
         for vertex in &mut mesh.vertices {
             *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);
         }
         mesh
+    }
+
+    /// The space to whose seen surface meshes are limited, if they are.
+    pub fn seen(&self) -> Option<&Space> {
+        (!self.config.mesh_guesses).then_some(&self.space)
     }
 
     /// The keyframes, oldest first.

@@ -1,5 +1,7 @@
 //! Shape and pose, frame by frame.
 
+mod search;
+
 use std::f64::consts::PI;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -95,6 +97,17 @@ impl Knowledge {
         match self {
             Self::Growing(map) => map.as_ref(),
             Self::Known(given) => given,
+        }
+    }
+
+    /// The earlier view that is most like one at this pose.
+    fn most_alike(&self, pose: Isometry<Field, World>) -> Option<EarlierView> {
+        match self {
+            Self::Growing(map) => {
+                let view = |keyframe: &Keyframe| EarlierView { scan: keyframe.shared_scan(), pose: keyframe.pose() };
+                earlier::most_alike(map.keyframes().iter().map(view), pose)
+            }
+            Self::Known(given) => earlier::most_alike(given.views.iter().cloned(), pose),
         }
     }
 
@@ -498,73 +511,6 @@ impl Slam {
             self.recognise_turn(scan.time_s);
         }
         confidence
-    }
-
-    /// Whether another search is due.
-    fn is_search_due(&self, time_s: f64) -> bool {
-        self.searched_s.is_none_or(|before_s| time_s - before_s >= self.config.trust.search_interval_s)
-    }
-
-    /// Turns the pose to the rotation that colours recognise, if they recognise one.
-    fn recognise_turn(&mut self, time_s: f64) {
-        if !self.is_search_due(time_s) {
-            return;
-        }
-        self.searched_s = Some(time_s);
-        let reference = self.knowledge.reference();
-        let candidates: Vec<_> = [self.pose].into_iter().chain(self.tracker.spun(reference, self.pose)).collect();
-        if let Some(pose) = self.tracker.recognise(reference, &candidates, &|pose| self.knowledge.alike(pose)) {
-            self.tracker.restart(pose);
-            self.pose = pose;
-            self.turn_is_known = true;
-        }
-    }
-
-    /// While lost: takes the pose that tracking found if it is convincing, else searches now and then.
-    fn search(&mut self, time_s: f64, followed: Isometry<Field, World>, confidence: f64) -> f64 {
-        let trust = self.config.trust.clone();
-        let mut best = (followed, confidence);
-        let mut turn_is_known = true;
-        if confidence < trust.found_above && self.is_search_due(time_s) {
-            self.searched_s = Some(time_s);
-            let centre = match &self.knowledge {
-                Knowledge::Growing(map) => map.space().bounds().map_or(Vec3::ZERO, |[a, b]| 0.5 * (a + b)),
-                Knowledge::Known(given) => given.centre,
-            };
-            let mut rng = self.generator(1);
-            let reference = self.knowledge.reference();
-            let mut found = self.tracker.relocalise(reference, centre, Some(self.pose), &mut rng);
-            let nearest = found.first().copied();
-            let mut recognised = None;
-            if self.config.tracker.texel_weight > 0.0
-                && let Some(nearest) = nearest
-            {
-                let spun = self.tracker.spun(reference, nearest);
-                turn_is_known = spun.is_empty() && !self.tracker.has_rival(reference, &found);
-                found.extend(spun);
-                recognised = self.tracker.recognise(reference, &found, &|pose| self.knowledge.alike(pose));
-            }
-            for found in recognised.into_iter().chain(nearest) {
-                self.tracker.restart(found);
-                let confidence = self.tracker.assess(self.knowledge.reference()).confidence;
-                if confidence > best.1 {
-                    best = (found, confidence);
-                }
-                // A pose that colours recognise goes before one that fits a little better.
-                if recognised == Some(found) && confidence >= trust.found_above {
-                    turn_is_known = true;
-                    break;
-                }
-            }
-        }
-        if best.1 >= trust.found_above {
-            self.tracker.restart(best.0);
-            self.pose = best.0;
-            self.state = TrackState::Tracking;
-            self.turn_is_known = turn_is_known;
-            self.doubted_s = None;
-        }
-        best.1
     }
 
     fn learn(&mut self, scan: &Arc<Scan>) -> Learnt {

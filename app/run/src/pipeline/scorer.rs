@@ -11,6 +11,7 @@ use mvt_mesh::Mesh;
 use mvt_metrics::{POINTS, THRESHOLDS_M, sample_surface};
 use mvt_slam::Estimate;
 use mvt_slam::map::Map;
+use mvt_slam::space::Space;
 
 use crate::report::{FrameRow, ShapePoint, StageMs, TrackState};
 use crate::sdf_grid::SdfGrid;
@@ -78,6 +79,8 @@ pub struct ShapeSnapshot {
     /// Seconds.
     pub time_s: f64,
     field: NeuralField,
+    /// The space to whose seen surface the mesh is limited, if it is.
+    seen: Option<Space>,
     object_from_field: Isometry<Field, Object>,
     /// From the estimated object to the true one.
     error: Option<Isometry<Object, Object>>,
@@ -106,6 +109,7 @@ impl ShapeSnapshot {
             frame: row.frame,
             time_s: row.time_s,
             field: map.field().clone(),
+            seen: map.seen().cloned(),
             object_from_field: gauge * map.field_from_model().inverse(),
             error: row.truth.map(|truth| truth.inverse() * row.estimate),
         }
@@ -115,6 +119,9 @@ impl ShapeSnapshot {
     pub fn shape(&self, cell_m: f32, truth: Option<&Truth>) -> MeshedShape {
         let begun = Instant::now();
         let mut mesh = outer_surface(&self.field, self.field.config().half_extent_m, cell_m);
+        if let Some(seen) = &self.seen {
+            mesh = mesh.part(|vertex| seen.is_near_surface(vertex));
+        }
         let (rotation, translation) = self.object_from_field.to_f32();
         for vertex in &mut mesh.vertices {
             *vertex = Vec3::from(rotation * glam::Vec3A::from(*vertex) + translation);

@@ -151,7 +151,7 @@ impl Texels {
         for v in (top..=bottom.min(rows - 1)).step_by(stride) {
             for u in (left..=right.min(columns - 1)).step_by(stride) {
                 let z = image.depth_m[(v, u)];
-                if !shows(u, v) || !is_deep(u, v) || !(z > 0.0 && z.is_finite()) {
+                if !(shows(u, v) && is_deep(u, v) && z > 0.0 && z.is_finite()) {
                     continue;
                 }
                 let at = |level: usize| self.to_level([u as f32, v as f32], level);

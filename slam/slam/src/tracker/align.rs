@@ -138,32 +138,31 @@ impl Tracker {
         others.iter().any(|other| is_apart(best, other) && confidence(other) > least)
     }
 
-    /// Of poses of the newest frame, refined against shape and brightness, the one at which it shows most of what earlier views that are `alike`
-    /// show; `None` if no view agrees.
+    /// Of poses of the newest frame, refined against shape and brightness, the one at which it shows most of what the earlier view that is most
+    /// alike shows; `None` if no view agrees, or several.
     pub(crate) fn recognise(
         &self,
         shape: &dyn Reference,
         candidates: &[Isometry<Field, World>],
-        alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>,
+        most_alike: &dyn Fn(Isometry<Field, World>) -> Option<EarlierView>,
     ) -> Option<Isometry<Field, World>> {
         let newest = self.window.back()?;
         let judged = candidates.iter().filter_map(|candidate| {
-            let views = alike(*candidate);
+            let view = most_alike(*candidate)?;
+            let then_pose = view.pose.untyped();
+            let then = Posed { scan: &view.scan, pose: &then_pose };
             let mut pose = candidate.untyped();
             for level in [2, 2, 2, 1, 1, 1] {
                 let mut system = System::new(1);
                 self.add_surface(&mut system, shape, newest, (Some(0), &pose), Loss::Cauchy(ROBUST_SIGMAS));
                 let comparison = Comparison { level, independent: POINTS as f64 };
-                add_views(&mut system, &views, (Some(0), Posed { scan: &newest.scan, pose: &pose }), comparison);
+                let now = (Some(0), Posed { scan: &newest.scan, pose: &pose });
+                photometric::add(&mut system, (None, then), now, comparison);
                 pose *= se3::exp(&system.step(1e-3)?.fixed_rows::<6>(0).into_owned());
             }
             pose.rotation.renormalize();
             let now = Posed { scan: &newest.scan, pose: &pose };
-            let correlation = views.iter().filter_map(|view| {
-                let pose = view.pose.untyped();
-                photometric::correlation(Posed { scan: &view.scan, pose: &pose }, now, FINAL_LEVEL)
-            });
-            let best = correlation.max_by(f64::total_cmp).filter(|best| *best > photometric::AGREES)?;
+            let best = photometric::correlation(then, now, FINAL_LEVEL).filter(|best| *best > photometric::AGREES)?;
             Some((best, Isometry::new(pose)))
         });
         let judged: Vec<(f64, Isometry<Field, World>)> = judged.collect();
@@ -219,11 +218,7 @@ pub(super) fn add_earlier(
     now: (Option<usize>, Posed<'_>),
     comparison: Comparison,
 ) {
-    add_views(system, &instant.earlier, now, comparison);
-}
-
-fn add_views(system: &mut System, views: &[EarlierView], now: (Option<usize>, Posed<'_>), comparison: Comparison) {
-    for view in views {
+    for view in &instant.earlier {
         let pose = view.pose.untyped();
         photometric::add(system, (None, Posed { scan: &view.scan, pose: &pose }), now, comparison);
     }

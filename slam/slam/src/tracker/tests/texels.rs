@@ -76,7 +76,7 @@ fn a_ball_that_comes_back_is_recognised_by_its_paint() {
     let turned = |turn_deg: [f64; 3]| Isometry::new(now.untyped() * pose([0.0; 3], turn_deg).untyped().rotation);
     tracker.push(&CENTRED, scan(9, solid, now), turned([0.0, 75.0, 0.0]), std::iter::empty());
     let view = EarlierView { scan: scan(0, solid, then), pose: then };
-    let alike = |at: Isometry<Field, World>| crate::earlier::alike(std::iter::once(view.clone()), at);
+    let alike = |at: Isometry<Field, World>| crate::earlier::most_alike(std::iter::once(view.clone()), at);
     let candidates = [[0.0, 75.0, 0.0], [60.0, 0.0, 0.0], [5.0, -4.0, 3.0], [0.0, 0.0, 180.0]].map(turned);
     let found = tracker.recognise(&CENTRED, &candidates, &alike).expect("one of them is near");
     let (off_m, off_deg) = apart(&found.untyped(), now);
