@@ -46,7 +46,7 @@ def test_a_folder_of_images_is_a_log(folder: Path, log: Log) -> None:
     assert np.abs(frame.depth_m[0] - log[-1].depth_m[0]).max() < 1e-3
     assert np.array_equal(frame.color[0], log[-1].color[0])
     assert frames[2].masks == [] and frame.touch_images is None and frame.joints.shape == (0,)
-    assert np.array_equal(frame.camera_pose, np.eye(4))
+    assert frame.camera_pose is not None and np.array_equal(frame.camera_pose, np.eye(4))
 
 
 @pytest.mark.filterwarnings("ignore:.*29 of 30 frames have a mask")

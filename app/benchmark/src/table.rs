@@ -10,6 +10,14 @@ use crate::results::{Outcome, ResultLine};
 /// Columns with their titles.
 const TITLES: [&str; 8] = ["frames/s", "ADD AUC", "ADD-S AUC", "CD mm", "F@5", "wrong %", "abstained %", "frames"];
 
+/// Width of the names: that of the longest published method with its source.
+const NAME: usize = 42;
+
+/// Returns the width of a column: numbers such as 0.123 have five characters.
+fn width(title: &str) -> usize {
+    title.len().max(5)
+}
+
 /// Numbers of a row; missing ones are unknown.
 type Row = [Option<f64>; TITLES.len()];
 
@@ -40,8 +48,8 @@ fn mean(rows: &[Row], column: usize) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-fn line(name: &str, row: &Row, end: &str) -> String {
-    let mut text = format!("| {name:34} |");
+fn line(name: &str, row: &Row) -> String {
+    let mut text = format!("| {name:NAME$} |");
     for (column, (title, value)) in TITLES.iter().zip(row).enumerate() {
         // F-scores have three digits, numbers of frames none.
         let digits = match column {
@@ -50,26 +58,26 @@ fn line(name: &str, row: &Row, end: &str) -> String {
             _ => 2,
         };
         let cell = value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"));
-        let _ = write!(text, " {cell:>width$} |", width = title.len());
+        let _ = write!(text, " {cell:>width$} |", width = width(title));
     }
-    text + end + "\n"
+    text + "\n"
 }
 
 /// Returns the table as Markdown.
 pub(crate) fn table(lines: &[ResultLine]) -> String {
-    let mut text = format!("| {:34} |", "sequence");
+    let mut text = format!("| {:NAME$} |", "sequence");
     TITLES.iter().for_each(|title| {
-        let _ = write!(text, " {title} |");
+        let _ = write!(text, " {title:>width$} |", width = width(title));
     });
-    text += &format!("\n|{}|", "-".repeat(36));
-    TITLES.iter().for_each(|title| text += &format!("{}:|", "-".repeat(title.len() + 1)));
+    text += &format!("\n|{}|", "-".repeat(NAME + 2));
+    TITLES.iter().for_each(|title| text += &format!("{}:|", "-".repeat(width(title) + 1)));
     text.push('\n');
     let (mut rows, mut failures, mut sets) = (Vec::new(), Vec::new(), Vec::new());
     for result in lines {
         match &result.outcome {
             Outcome::Scored { frames, frames_per_second, score } => {
                 let row = row(*frames, *frames_per_second, score);
-                text += &line(&result.sequence, &row, "");
+                text += &line(&result.sequence, &row);
                 rows.push(row);
                 let set = PublishedSet::of(&result.sequence, &result.layout);
                 sets.extend(set.filter(|set| !sets.contains(set)));
@@ -79,15 +87,15 @@ pub(crate) fn table(lines: &[ResultLine]) -> String {
     }
     let over = |of: fn(&[Row], usize) -> Option<f64>| std::array::from_fn(|column| of(&rows, column));
     if rows.len() > 1 {
-        text += &line("**median**", &over(median), "");
-        text += &line("**mean**", &over(mean), "");
+        text += &line("**median**", &over(median));
+        text += &line("**mean**", &over(mean));
     }
     for set in sets {
         for published in set.rows() {
             let frames_per_second = published.s_per_frame.map(f64::recip);
             let (add, add_s) = (published.add_auc, Some(published.add_s_auc));
             let name = format!("{}, {} ({})", published.method, set.name(), published.source);
-            text += &line(&name, &[frames_per_second, add, add_s, published.chamfer_mm, None, None, None, None], "");
+            text += &line(&name, &[frames_per_second, add, add_s, published.chamfer_mm, None, None, None, None]);
         }
     }
     if !failures.is_empty() {

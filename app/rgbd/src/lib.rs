@@ -53,4 +53,5 @@ pub use masks::RgbdMasks;
 pub use mvt_frames;
 pub use ndarray;
 pub use recording::{RgbdFrame, RgbdLayout, RgbdRecording, check_first_mask, object_distance_m};
+pub use registration::{UNREGISTERED, are_colours_registered};
 pub use text::read_pose_in_camera;

@@ -11,7 +11,7 @@ use crate::description::{self, Description};
 use crate::error::RgbdError;
 use crate::parts::{FrameFiles, Parts};
 use crate::pixels::{self, DepthCode};
-use crate::registration::Registration;
+use crate::registration::{UNREGISTERED, are_colours_registered};
 use crate::{bop, folders, ho3d, tum};
 
 /// How the files of a folder are laid out.
@@ -85,10 +85,6 @@ pub struct RgbdFrame {
 
 /// Distances of an object between which a unit of depth is plausible, metres.
 const PLAUSIBLE_M: std::ops::Range<f32> = 0.1..8.0;
-/// Frames in which colours are compared with masks.
-const COMPARED: usize = 12;
-/// Colours lie on depth above this score: sequences that are registered have 2.9 to 6, those of 7-Scenes, which are not, 0.6 at most.
-const REGISTERED: f64 = 1.5;
 /// The principal point lies in this part of the width and height: else the intrinsics are of another resolution.
 const MIDDLE: std::ops::Range<f64> = 0.25..0.75;
 
@@ -216,17 +212,10 @@ impl RgbdRecording {
     /// Compares colours with masks in frames spread over the sequence.
     fn check_colours(&mut self) -> Result<(), RgbdError> {
         let masked: Vec<usize> = (0..self.len()).filter(|&k| self.frames[k].mask.is_some()).collect();
-        let mut registration = Registration::new();
-        for &k in masked.iter().step_by(masked.len().div_ceil(COMPARED).max(1)) {
-            let RgbdFrame { color, mask, .. } = self.frame(k)?;
-            registration.take(&color, &mask.unwrap_or_default());
-        }
-        self.are_colours_registered = registration.score().is_none_or(|score| score > REGISTERED);
+        let read = |k| self.frame(k).map(|RgbdFrame { color, mask, .. }| (color, mask.unwrap_or_default()));
+        self.are_colours_registered = are_colours_registered(&masked, read)?;
         if !self.are_colours_registered {
-            self.notes.push(
-                "the colours do not lie on depth (they show no edges where the masks end), so that they are not used: register them to depth first"
-                    .to_owned(),
-            );
+            self.notes.push(UNREGISTERED.to_owned());
         }
         Ok(())
     }

@@ -6,7 +6,9 @@ use anyhow::{Result, anyhow, bail};
 use mvt_bag::{Bag, BagFrame, RgbdBag, RgbdTopics};
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Isometry, MeshFile, World};
-use mvt_rgbd::{RgbdFrame, RgbdLayout, RgbdMasks, RgbdRecording, check_first_mask};
+use mvt_rgbd::{
+    RgbdFrame, RgbdLayout, RgbdMasks, RgbdRecording, UNREGISTERED, are_colours_registered, check_first_mask,
+};
 
 /// An RGB-D sequence without a hand.
 #[derive(Debug)]
@@ -31,6 +33,7 @@ pub struct BagSequence {
     /// Masks in files, which replace those of the bag.
     masks: Option<RgbdMasks>,
     notes: Vec<String>,
+    are_colours_registered: bool,
 }
 
 /// File beside a bag that names topics and masks.
@@ -136,11 +139,11 @@ impl RgbdSequence {
         }
     }
 
-    /// Returns whether colours lie on depth; those of a bag are assumed to, and its notes say where that is in doubt.
+    /// Returns whether the colours show what depth shows at the same pixel; those that do not help no estimate.
     pub fn are_colours_registered(&self) -> bool {
         match self {
             Self::Folder(recording) => recording.are_colours_registered(),
-            Self::Bag(_) => true,
+            Self::Bag(bag) => bag.are_colours_registered,
         }
     }
 
@@ -208,6 +211,7 @@ impl BagSequence {
             kept,
             masks,
             notes,
+            are_colours_registered: true,
         };
         sequence.check_masks()?;
         Ok(sequence)
@@ -220,8 +224,9 @@ impl BagSequence {
             Some(masks) => masks.has(*k),
             None => in_bag.get(*k).copied().unwrap_or(false),
         };
-        let with = self.kept.iter().filter(|k| has_mask(k)).count();
-        let Some(first) = self.kept.iter().position(|k| has_mask(k)) else {
+        let masked: Vec<usize> =
+            self.kept.iter().enumerate().filter(|(_, k)| has_mask(k)).map(|(place, _)| place).collect();
+        let (with, Some(&first)) = (masked.len(), masked.first()) else {
             bail!(
                 "{}: there are no masks of the object: write `masks = \"TOPIC\"`, or `masks = \"masks/*.png\"` for files that are named by the stamps of the depth images in nanoseconds, into {BAG_FILE} beside it",
                 self.path.display()
@@ -232,7 +237,13 @@ impl BagSequence {
         }
         let RgbdFrame { name, depth_m, mask, .. } = self.frame(first)?;
         check_first_mask(&name, &depth_m, &mask.unwrap_or_default(), BAG_FILE)
-            .map_err(|fault| anyhow!("{}: {fault}", self.path.display()))
+            .map_err(|fault| anyhow!("{}: {fault}", self.path.display()))?;
+        let read = |k| self.frame(k).map(|RgbdFrame { color, mask, .. }| (color, mask.unwrap_or_default()));
+        self.are_colours_registered = are_colours_registered(&masked, read)?;
+        if !self.are_colours_registered {
+            self.notes.push(UNREGISTERED.to_owned());
+        }
+        Ok(())
     }
 
     fn frame(&mut self, k: usize) -> Result<RgbdFrame> {
