@@ -30,7 +30,7 @@ fn a_sequence_is_described_beforehand() {
     let number = |key: &str| facts[key].as_f64().unwrap();
     assert!((number("frames_per_second") - 10.0).abs() < 1e-6 && (0.2..1.0).contains(&number("distance_m")), "{facts}");
     assert!(number("pixels") > number("least_pixels") && number("pixel_mm") > 0.1, "{facts}");
-    assert!(facts["difficulties"].as_array().unwrap().iter().all(|text| text.is_string()));
+    assert!(facts["difficulties"].as_array().unwrap().iter().all(Value::is_string));
     let sheet = image::open(workplace.path("sheet.png")).unwrap();
     assert!(sheet.width() > 1000 && sheet.height() > 500);
     let error = |line: &str| workplace.run(line).error();

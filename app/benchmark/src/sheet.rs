@@ -21,6 +21,8 @@ const HEADER: u32 = 84;
 /// Height of a curve with its label.
 const CURVE: u32 = 96;
 const NAME: u32 = 150;
+/// Motions are drawn up to so many of those that 95 % stay below.
+const LEAP: f64 = 2.0;
 /// The mask and its outline.
 const MASK: Rgb<u8> = Rgb([0, 200, 120]);
 const OUTLINE: Rgb<u8> = Rgb([255, 40, 160]);
@@ -86,8 +88,11 @@ pub(crate) fn sheet(facts: &SequenceFacts, frames: &[SheetFrame], glances: &[Gla
         Some(1e3 * (b.middle?.coords() - a.middle?.coords()).norm())
     });
     let motion: Vec<Option<f64>> = motion.collect();
-    for (k, (name, unit, values)) in (0..).zip([("object", "pixels", pixels), ("motion", "mm a frame", motion)]) {
-        let most = values.iter().flatten().copied().fold(0.0, f64::max);
+    // A leap behind something that hides the object would flatten all else.
+    let usual_mm = facts.motion_p95_mm.map_or(f64::INFINITY, |motion_mm| LEAP * motion_mm);
+    let curves = [("object", "pixels", pixels, f64::INFINITY), ("motion", "mm a frame", motion, usual_mm)];
+    for (k, (name, unit, values, highest)) in (0..).zip(curves) {
+        let most = values.iter().flatten().copied().fold(0.0, f64::max).min(highest);
         let top = curves_top + k * CURVE;
         text::write(&mut page, (MARGIN, top), 17.0, ink, name);
         text::write(&mut page, (MARGIN, top + 24), 15.0, faint, &format!("0 to {most:.0} {unit}"));
@@ -115,7 +120,7 @@ fn curve(page: &mut RgbImage, area: Area, values: &[Option<f64>], most: f64, gro
         let x = left as f32 + k as f32 / (values.len().max(2) - 1) as f32 * (width - 1) as f32;
         [x, (top + height - 1) as f32 - (value / most.max(1e-9)) as f32 * (height - 4) as f32]
     };
-    let points = values.iter().enumerate().map(|(k, value)| value.map(|value| place(k, value)));
+    let points = values.iter().enumerate().map(|(k, value)| value.map(|value| place(k, value.min(most))));
     let points: Vec<Option<[f32; 2]>> = points.collect();
     for pair in points.windows(2) {
         if let [Some(a), Some(b)] = pair {

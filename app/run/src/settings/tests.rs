@@ -41,14 +41,14 @@ pub enum Start {
 impl mvt_settings::Unlimited for Start {}
 
 fn set(assignments: &[&str]) -> Result<Run, LoadSettingsError> {
-    load(RunConfig::default(), None, &assignments.iter().map(|&s| s.to_owned()).collect::<Vec<_>>())
+    load(Run::default(), None, &assignments.iter().map(|&s| s.to_owned()).collect::<Vec<_>>())
 }
 
 fn file(text: &str) -> Result<Run, LoadSettingsError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("config.toml");
     std::fs::write(&path, text).unwrap();
-    load(RunConfig::default(), Some(&path), &["threads=7".to_owned()])
+    load(Run::default(), Some(&path), &["threads=7".to_owned()])
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn what_is_written_is_read_as_the_same() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("config.toml");
         std::fs::write(&path, &text).unwrap();
-        load(RunConfig::default(), Some(&path), &[]).unwrap()
+        load(Run::default(), Some(&path), &[]).unwrap()
     };
     assert_eq!(again, run, "{text}");
     assert!(text.contains("sdf_weight = 0.3\n"), "{text}");
@@ -133,7 +133,7 @@ fn mistakes_are_named_in_one_line() {
         let error = file(text).unwrap_err().to_string();
         assert!(error.contains(expected) && error.contains("config.toml") && !error.contains('\n'), "{error}");
     }
-    let missing = load::<Run>(Some(Path::new("nowhere.toml")), &[]).unwrap_err().to_string();
+    let missing = load(Run::default(), Some(Path::new("nowhere.toml")), &[]).unwrap_err().to_string();
     assert!(missing.starts_with("nowhere.toml: "), "{missing}");
 }
 
