@@ -33,7 +33,10 @@ const APART_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 /// A different pose that agrees less by up to this part of the measurements is as good.
 const RIVAL: f64 = 0.03;
 /// Brightness recognises a pose if it correlates by so much more than at any different pose.
-const CLEARLY: f64 = 0.05;
+const CLEARLY: f64 = 0.15;
+/// Brightness that correlates by this much with that of a view from elsewhere is recognised: light and slant differ, by up to 50 degrees. At
+/// wrong poses it rarely correlates by more than 0.35.
+const RECOGNISED: f64 = 0.5;
 /// Fewer matches than this say nothing about a motion.
 const FEWEST_MATCHES: usize = 30;
 
@@ -162,7 +165,7 @@ impl Tracker {
             }
             pose.rotation.renormalize();
             let now = Posed { scan: &newest.scan, pose: &pose };
-            let best = photometric::correlation(then, now, FINAL_LEVEL).filter(|best| *best > photometric::AGREES)?;
+            let best = photometric::correlation(then, now, FINAL_LEVEL).filter(|best| *best > RECOGNISED)?;
             Some((best, Isometry::new(pose)))
         });
         let judged: Vec<(f64, Isometry<Field, World>)> = judged.collect();
