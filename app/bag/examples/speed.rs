@@ -1,8 +1,8 @@
 //! Measures how fast the RGB-D frames of a bag are read, on one core.
 //!
 //! ```text
-//! python app/bag/tests/make_bags.py --large /tmp/bags
-//! cargo run --release -p mvt-bag --example speed -- /tmp/bags/plain /tmp/bags/lz4 /tmp/bags/zstd /tmp/bags/db3
+//! python app/bag/tests/make_bags.py --large target/bags
+//! cargo run --release -p mvt-bag --example speed -- target/bags/plain target/bags/lz4 target/bags/zstd target/bags/db3
 //! ```
 
 #![allow(clippy::print_stdout, reason = "the output of the example")]

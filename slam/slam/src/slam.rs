@@ -100,26 +100,23 @@ impl Knowledge {
         }
     }
 
-    /// The earlier view that is most like one at this pose.
-    fn most_alike(&self, pose: Isometry<Field, World>) -> Option<EarlierView> {
+    /// Earlier views, in order of time.
+    fn views(&self) -> Box<dyn Iterator<Item = EarlierView> + '_> {
+        let view = |keyframe: &Keyframe| EarlierView { scan: keyframe.shared_scan(), pose: keyframe.pose() };
         match self {
-            Self::Growing(map) => {
-                let view = |keyframe: &Keyframe| EarlierView { scan: keyframe.shared_scan(), pose: keyframe.pose() };
-                earlier::most_alike(map.keyframes().iter().map(view), pose)
-            }
-            Self::Known(given) => earlier::most_alike(given.views.iter().cloned(), pose),
+            Self::Growing(map) => Box::new(map.keyframes().iter().map(view)),
+            Self::Known(given) => Box::new(given.views.iter().cloned()),
         }
     }
 
     /// Earlier views that are like one at this pose.
     fn alike(&self, pose: Isometry<Field, World>) -> Vec<EarlierView> {
-        match self {
-            Self::Growing(map) => {
-                let view = |keyframe: &Keyframe| EarlierView { scan: keyframe.shared_scan(), pose: keyframe.pose() };
-                earlier::alike(map.keyframes().iter().map(view), pose)
-            }
-            Self::Known(given) => earlier::alike(given.views.iter().cloned(), pose),
-        }
+        earlier::alike(self.views(), pose)
+    }
+
+    /// The earlier view that is most like one at this pose.
+    fn most_alike(&self, pose: Isometry<Field, World>) -> Option<EarlierView> {
+        earlier::most_alike(self.views(), pose)
     }
 }
 

@@ -127,9 +127,8 @@ impl Picture {
     }
 
     /// A place of the image at a resolution.
-    pub(crate) fn to_level(&self, [u, v]: [f32; 2], level: usize) -> [f32; 2] {
-        let scale = 1.0 / (1_u32 << level) as f32;
-        [(u - self.corner[0] as f32 + 0.5) * scale - 0.5, (v - self.corner[1] as f32 + 0.5) * scale - 0.5]
+    pub(crate) fn to_level(&self, place: [f32; 2], level: usize) -> [f32; 2] {
+        to_level(place, self.corner, level)
     }
 
     pub(crate) fn level(&self, level: usize) -> Option<&Level> {
@@ -200,6 +199,12 @@ impl Picture {
         };
         Some(Patch { pixel: [u as f32, v as f32], point, normal, steps: [beside(u + 1, v), beside(u, v + 1)] })
     }
+}
+
+/// A place of an image at a resolution of the part of it that begins at `corner`.
+pub(super) fn to_level([u, v]: [f32; 2], corner: [usize; 2], level: usize) -> [f32; 2] {
+    let scale = 1.0 / (1_u32 << level) as f32;
+    [(u - corner[0] as f32 + 0.5) * scale - 0.5, (v - corner[1] as f32 + 0.5) * scale - 0.5]
 }
 
 /// Least and greatest column and row that show the object.

@@ -6,6 +6,7 @@
 
 use nalgebra as na;
 
+use super::assess::LEVER_M;
 use super::icp::{self, Matching, Posed};
 use super::photometric::{self, Comparison};
 use super::query::ask_measured;
@@ -24,8 +25,6 @@ const STEPS: usize = 5;
 const SMALL_STEP: f64 = 1e-4;
 /// Turns about an axis of revolution that are tried.
 const SPINS: usize = 24;
-/// Size of the objects, at which a rotation and a translation move the surface alike, metres.
-const LEVER_M: f64 = 0.04;
 /// The surface does not hold a turn that moves it off itself by less than this part of what another motion does, squared.
 const WEAK: f64 = 0.02;
 /// Poses that differ by more than this rotation are different ones, radians.

@@ -29,7 +29,7 @@ const FREE_TOLERANCE_M: f32 = 0.003;
 const FEWEST_POINTS: usize = 15;
 
 /// Size of the objects, at which a rotation and a translation move the surface alike, metres.
-const LEVER_M: f64 = 0.04;
+pub(super) const LEVER_M: f64 = 0.04;
 /// Error of the normals of a learnt surface, radians. It makes faces look uneven and round things cornered, as if they held a pose.
 const NORMAL_SIGMA_RAD: f64 = 0.1;
 /// Prior of a pose without measurements: one standard deviation of translation, metres, and rotation, radians. About the motion
