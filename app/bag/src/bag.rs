@@ -12,7 +12,7 @@ pub struct BagTopic {
     pub name: String,
     /// Type of its messages, such as `sensor_msgs/msg/Image`.
     pub type_name: String,
-    /// Number of messages. Of a bag that was cut off it may be less than what is read.
+    /// Number of messages. Of a bag that was cut off it may be less than the number that is read.
     pub count: u64,
     /// Encoding of its messages: `cdr` is decoded.
     pub encoding: String,
@@ -116,7 +116,7 @@ impl Bag {
         &self.topics
     }
 
-    /// Returns what was left out or assumed, in sentences. Reading may add some.
+    /// Returns notes on omissions and assumptions, in sentences. Reading may add some.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

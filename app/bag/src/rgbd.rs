@@ -197,7 +197,7 @@ impl RgbdBag {
         self.frames.is_empty()
     }
 
-    /// Returns what was assumed or left out, in sentences.
+    /// Returns notes on assumptions and omissions, in sentences.
     pub fn notes(&self) -> &[String] {
         self.bag.notes()
     }

@@ -220,7 +220,7 @@ impl RgbdRecording {
         Ok(())
     }
 
-    /// Returns whether the colours show what depth shows at the same pixel; those that do not help no estimate.
+    /// Returns whether the colours lie on depth, pixel by pixel; others are not used.
     pub fn are_colours_registered(&self) -> bool {
         self.are_colours_registered
     }
@@ -270,7 +270,7 @@ impl RgbdRecording {
         self.object_name.as_deref()
     }
 
-    /// Returns what was assumed or left out, in sentences.
+    /// Returns notes on assumptions and omissions, in sentences.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

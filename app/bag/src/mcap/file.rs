@@ -75,7 +75,7 @@ pub(crate) struct McapCursor {
 }
 
 impl McapReader {
-    /// Opens a file and learns what it holds.
+    /// Opens a file and surveys its contents.
     pub fn open(path: &Path) -> io::Result<Self> {
         let mut file = mvt_files::input::open(path)?;
         let size = file.seek(SeekFrom::End(0))?;
@@ -105,7 +105,7 @@ impl McapReader {
         self.names.channels.iter().map(|(id, channel)| (*id, channel, self.counts.get(id).copied().unwrap_or(0)))
     }
 
-    /// Returns what was left out since the last call.
+    /// Returns the omissions since the last call.
     pub fn take_notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
     }

@@ -131,7 +131,7 @@ impl RgbdSequence {
         }
     }
 
-    /// Returns what was assumed or left out, in sentences.
+    /// Returns notes on assumptions and omissions, in sentences.
     pub fn notes(&self) -> &[String] {
         match self {
             Self::Folder(recording) => recording.notes(),
@@ -139,7 +139,7 @@ impl RgbdSequence {
         }
     }
 
-    /// Returns whether the colours show what depth shows at the same pixel; those that do not help no estimate.
+    /// Returns whether the colours lie on depth, pixel by pixel; others are not used.
     pub fn are_colours_registered(&self) -> bool {
         match self {
             Self::Folder(recording) => recording.are_colours_registered(),

@@ -140,8 +140,8 @@ impl Tracker {
         others.iter().any(|other| is_apart(best, other) && confidence(other) > least)
     }
 
-    /// Of poses of the newest frame, refined against shape and brightness, the one at which it shows most of what the earlier view that is most
-    /// alike shows; `None` if no view agrees, or several.
+    /// Of poses of the newest frame, refined against shape and brightness, the one whose brightness correlates best with that of the most alike
+    /// earlier view; `None` if no view agrees, or several.
     pub(crate) fn recognise(
         &self,
         shape: &dyn Reference,
