@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Scores `touch predict` on images of a 6 mm ball on real DIGITs.
 
-    results/real_digit.py OUT [--program FILE] [--data DIR]
+    results/real_digit.py OUT [--program FILE] [--data DIR] [--weights FILE]
 
 Writes OUT/real_digit.jsonl, a line per case: each sensor of DIR (default: tests/data/real_digit) with its own untouched image; `dd` with the
-untouched image that `tx1` has; and `dd` read with a profile that was calibrated on `tx1`. No depth was measured: the truth is the ball inside the
+untouched image that `tx1` has; and `dd` read with a profile that was calibrated on `tx1`. With other weights than those that are
+shipped for real DIGITs, only the first three. No depth was measured: the truth is the ball inside the
 circle of contact. Needs numpy and Pillow.
 """
 
@@ -60,7 +61,9 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/mambavitact")
     parser.add_argument("--data", type=Path, default=ROOT / "tests/data/real_digit")
+    parser.add_argument("--weights", type=Path, help="weights of a network")
     arguments = parser.parse_args()
+    weights = ["--weights", arguments.weights.resolve()] if arguments.weights else []
     program, data, out = arguments.program.resolve(), arguments.data, arguments.out
     out.mkdir(parents=True, exist_ok=True)
 
@@ -75,11 +78,12 @@ def main():
         call("predict", "--images", data / sensor, "--untouched", data / untouched / "untouched.png", "--out", folder, *options)
         return {"case": case, **score(data / sensor, folder)}
 
-    profile = out / "tx1.toml"
-    call("calibrate", "--images", data / "tx1", "--untouched", data / "tx1/untouched.png", "--ball-mm", 6, "--out", profile, "--overwrite")
-    lines = [predict(sensor, sensor, sensor) for sensor in ("dd", "tx1", "tx2")]
-    lines.append(predict("other-day", "dd", "tx1"))
-    lines.append(predict("calibrated", "dd", "dd", "--profile", profile))
+    lines = [predict(sensor, sensor, sensor, *weights) for sensor in ("dd", "tx1", "tx2")]
+    if not weights:
+        profile = out / "tx1.toml"
+        call("calibrate", "--images", data / "tx1", "--untouched", data / "tx1/untouched.png", "--ball-mm", 6, "--out", profile, "--overwrite")
+        lines.append(predict("other-day", "dd", "tx1"))
+        lines.append(predict("calibrated", "dd", "dd", "--profile", profile))
     (out / "real_digit.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     for line in lines:
         print({key: round(value, 3) if isinstance(value, float) else value for key, value in line.items()})

@@ -8,6 +8,7 @@ cache=${XDG_CACHE_HOME:-$HOME/.cache}/mambavitact
 mkdir -p "$out"
 cp "$here"/*.sh "$here"/*.py "$here"/*.json "$out"
 cp -r "$here/paper" "$out"
+cp "$here/../../perception/touch/weights/default.safetensors" "$out/shipped.safetensors"
 for binary in "$program" "$bench"; do
     strip -o "$out/stripped" "$binary"
     xz -9 -T0 -c "$out/stripped" >"$out/$(basename "$binary").xz"

@@ -12,7 +12,12 @@ benches/gpu/pack.sh "$target/mambavitact" "$target/examples/gpu_bench" "$out/pac
 for part in "${@:-speed}"; do
     case $part in
     speed) "$out/packed/speed.sh" "$out/packed" "$out" ;;
-    paper) "$out/packed/paper.sh" "$out/packed" "$out/paper" "$out/packed/paper/long.txt" ;;
+    paper)
+        export UNPACKED=$out/unpacked REAL_DIGIT=$PWD/results/real_digit.py
+        "$out/packed/paper.sh" "$out/packed" "$out/paper" "$out/packed/paper/long.txt"
+        "$out/packed/pipeline.sh" "$out/packed" "$out/paper"
+        TOGETHER=3 TEST_IMAGES=0 "$out/packed/paper.sh" "$out/packed" "$out/paper" "$out/packed/paper/short.txt"
+        ;;
     *) echo "$part: choose speed or paper" >&2 && exit 2 ;;
     esac
 done

@@ -1,5 +1,6 @@
 """Makes tables of what speed.sh and paper.sh measured: speed.json with all rows, ratios.json with our speed over that of PyTorch, and
-paper.json with the errors of the networks on the validation objects over the steps, tested.json with those on the test objects.
+paper.json with the errors of the networks on the validation objects over the steps, tested.json with those on the test objects, busy.json
+with the share of time in which the GPU computed during the trainings, pipeline.json with runs of the whole program.
 
 Use: table.py DIR
 """
@@ -19,17 +20,22 @@ def lines(name):
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
+def rows(name):
+    """Returns the rows of a table, without one that was cut off while it was written."""
+    path = folder / name
+    table = list(csv.reader(path.open())) if path.exists() else []
+    return [row for row in table if len(row) == len(table[0])]
+
+
+def seconds(stamp):
+    """Returns a time of `nvidia-smi` or `date` in seconds."""
+    date, _, fraction = stamp.strip().partition(".")
+    return datetime.datetime.strptime(date, "%Y/%m/%d %H:%M:%S").timestamp() + float(f"0.{fraction or 0}")
+
+
 def power_w(span_s):
     """Returns the mean power between two times, watts; None without samples."""
-    samples = []
-    path = folder / "power.csv"
-    for row in csv.reader(path.open()) if path.exists() else []:
-        try:
-            at = datetime.datetime.strptime(row[0].strip(), "%Y/%m/%d %H:%M:%S.%f").timestamp()
-            if span_s[0] <= at <= span_s[1]:
-                samples.append(float(row[1]))
-        except (ValueError, IndexError):
-            continue
+    samples = [float(row[1]) for row in rows("power.csv") if span_s[0] <= seconds(row[0]) <= span_s[1]]
     return sum(samples) / len(samples) if samples else None
 
 
@@ -108,6 +114,18 @@ if tested:
     (folder / "tested.json").write_text(json.dumps(tested, indent=1))
 if paper:
     (folder / "paper.json").write_text(json.dumps(paper, indent=1))
-busy = [float(row[2]) for row in csv.reader((folder / "paper/busy.csv").open())] if (folder / "paper/busy.csv").exists() else []
+spans = [tuple(map(seconds, row)) for row in rows("paper/spans.csv")]
+busy = [float(row[2]) for row in rows("paper/busy.csv") if any(begin <= seconds(row[0]) <= end for begin, end in spans)]
 if busy:
     (folder / "busy.json").write_text(json.dumps({"busy_percent": sum(busy) / len(busy)}))
+pipeline = [
+    {
+        **{name: row[name] for name in ("network", "device", "object")},
+        "frames_per_second": row["summary"]["frames_per_second"],
+        "f_score_5mm": row["summary"]["f_score"]["5"],
+        "add_s_mm": row["summary"]["add_s_mm"]["mean"],
+    }
+    for row in lines("paper/pipeline.jsonl")
+]
+if pipeline:
+    (folder / "pipeline.json").write_text(json.dumps(pipeline, indent=1))
