@@ -15,7 +15,7 @@ use mvt_objects::catalogue::CatalogueWarning;
 use mvt_objects::object::Object as TrueObject;
 use mvt_run::io::print_line;
 use mvt_run::report;
-use mvt_run::report::{Coordinates, ErrorStatistics, FrameRow};
+use mvt_run::report::{Coordinates, ErrorStatistics, FrameRow, RotationStatistics};
 use serde::{Deserialize, Serialize};
 
 /// Largest file of poses or summary that is read, bytes: hours of poses.
@@ -112,6 +112,8 @@ struct PoseReport {
     frames: usize,
     add_s_mm: Option<ErrorStatistics>,
     add_s_symmetric_mm: Option<ErrorStatistics>,
+    add_mm: Option<ErrorStatistics>,
+    rotation_deg: Option<RotationStatistics>,
 }
 
 /// The part of a run's summary that names its object.
@@ -140,8 +142,10 @@ pub fn run(arguments: &ScoreArguments) -> Result<()> {
         shape: estimate.map(|mesh| ShapeReport::new(&mesh, &truth.mesh, motion.unwrap_or_else(Isometry::identity))),
         pose: rows.map(|rows| PoseReport {
             frames: rows.len(),
-            add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m),
-            add_s_symmetric_mm: ErrorStatistics::new(&rows, |e| e.symmetric_m),
+            add_s_mm: ErrorStatistics::new(&rows, |row| Some(row.add_s?.one_directional_m)),
+            add_s_symmetric_mm: ErrorStatistics::new(&rows, |row| Some(row.add_s?.symmetric_m)),
+            add_mm: ErrorStatistics::new(&rows, |row| row.add_m),
+            rotation_deg: RotationStatistics::new(&rows),
         }),
     };
     if arguments.json { print_line(&serde_json::to_string(&report)?) } else { print_line(&in_words(&report)) }
@@ -357,11 +361,16 @@ fn in_words(report: &Report) -> String {
     let mut text = report.truth.clone();
     if let Some(pose) = &report.pose {
         let _ =
-            write!(text, ", {} frames\n\nADD-S, mm          mean  median     p95   final  as NeuralFeels", pose.frames);
-        for (name, errors) in [("one-directional", pose.add_s_mm), ("symmetric", pose.add_s_symmetric_mm)] {
+            write!(text, ", {} frames\n\nerror               mean  median     p95   final  as NeuralFeels", pose.frames);
+        for (name, errors) in
+            [("ADD-S, mm", pose.add_s_mm), ("both ways, mm", pose.add_s_symmetric_mm), ("ADD, mm", pose.add_mm)]
+        {
             let Some(ErrorStatistics { mean, median, p95, last, mean_original_definition }) = errors else { continue };
             let original = mean_original_definition.map_or("-".to_owned(), |mean| format!("{mean:.2}"));
-            let _ = write!(text, "\n{name:16} {mean:6.2}  {median:6.2}  {p95:6.2}  {last:6.2}  {original:>14}");
+            let _ = write!(text, "\n{name:17} {mean:6.2}  {median:6.2}  {p95:6.2}  {last:6.2}  {original:>14}");
+        }
+        if let Some(RotationStatistics { mean, median, p95, last, .. }) = pose.rotation_deg {
+            let _ = write!(text, "\nrotation, degrees {mean:6.2}  {median:6.2}  {p95:6.2}  {last:6.2}");
         }
     }
     if let Some(ShapeReport { original, fine }) = &report.shape {

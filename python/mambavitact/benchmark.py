@@ -194,6 +194,8 @@ class Result:
     """The same from 100,000 points."""
     add_s_mm: dict[str, float] | None = None
     """One-directional ADD-S, millimetres: mean, median, p95 and final; None if the estimator returned no pose."""
+    rotation_deg: dict[str, float] | None = None
+    """Angle between the estimated and the true rotation, degrees, likewise."""
     frames_per_second: float = 0.0
     """Speed of `estimate`."""
 
@@ -211,6 +213,7 @@ class Result:
             "f_score": self.f_score,
             "f_score_fine": self.f_score_fine,
             "add_s_mm": self.add_s_mm,
+            "rotation_deg": self.rotation_deg,
             "lost_frames": self.frames_without_pose,
             "frames_per_second": self.frames_per_second,
         }
@@ -241,8 +244,8 @@ def run(
 
 def table(results: Sequence[Result]) -> str:
     """Return the results as a table in Markdown, with the means of each estimator at the end."""
-    head = "| episode | touch | estimator | F@2 | F@5 | ADD-S, mm | frames | without pose | frames/s |"
-    rows = [head, "|---|---|---|" + "---:|" * 6]
+    head = "| episode | touch | estimator | F@2 | F@5 | ADD-S, mm | rotation, degrees | frames | without pose | frames/s |"
+    rows = [head, "|---|---|---|" + "---:|" * 7]
     order = {log: k for k, log in reversed([*enumerate(result.log for result in results)])}
     for result in sorted(results, key=lambda result: order[result.log]):
         rows.append(_row(str(result.log), [result]))
@@ -377,15 +380,13 @@ def _scores(
     """Return the scores of poses and shape."""
     # A choice of coordinates, made once, at the first pose.
     gauge = _inverse(true_poses[0]) @ poses[0]
-    errors, _ = score_poses(poses @ _inverse(gauge), true_poses, log.object)
-    result: dict[str, Any] = {
-        "add_s_mm": {
-            "mean": float(errors.mean()),
-            "median": float(np.median(errors)),
-            "p95": float(np.quantile(errors, 0.95)),
-            "final": float(errors[-1]),
-        }
-    }
+    estimated = poses @ _inverse(gauge)
+    errors_mm, _ = score_poses(estimated, true_poses, log.object)
+    turns = np.swapaxes(true_poses[:, :3, :3], 1, 2) @ estimated[:, :3, :3]
+    # From the sine and the cosine of the angle, so that small ones are exact.
+    sines = np.linalg.norm(turns - np.swapaxes(turns, 1, 2), axis=(1, 2)) / np.sqrt(8.0)
+    angles_deg = np.degrees(np.arctan2(sines, (np.trace(turns, axis1=1, axis2=2) - 1.0) / 2.0))
+    result: dict[str, Any] = {"add_s_mm": _statistics(errors_mm), "rotation_deg": _statistics(angles_deg)}
     if mesh is not None:
         try:
             report = score(mesh, log.object, _inverse(true_poses[-1]) @ poses[-1])
@@ -394,6 +395,16 @@ def _scores(
         for key, part in (("f_score", "original"), ("f_score_fine", "fine")):
             result[key] = {round(row["threshold_mm"]): row["f"] for row in report[part]["scores"]}
     return result
+
+
+def _statistics(errors: NDArray[np.float64]) -> dict[str, float]:
+    """Return mean, median, p95 and the last of the errors of a run."""
+    return {
+        "mean": float(errors.mean()),
+        "median": float(np.median(errors)),
+        "p95": float(np.quantile(errors, 0.95)),
+        "final": float(errors[-1]),
+    }
 
 
 def _row(words: str, results: Sequence[Result]) -> str:
@@ -405,9 +416,10 @@ def _row(words: str, results: Sequence[Result]) -> str:
         return f"{np.mean(known):.{digits}f}" if len(known) == len(values) else "-"
 
     add_s = [None if result.add_s_mm is None else result.add_s_mm["mean"] for result in results]
+    rotation = [None if result.rotation_deg is None else result.rotation_deg["mean"] for result in results]
     cells = [words, results[0].touch, results[0].estimator]
     cells += [mean([result.f_score.get(mm) for result in results], 3) for mm in _SHOWN_MM]
-    cells += [mean(add_s, 2)]
+    cells += [mean(add_s, 2), mean(rotation, 1)]
     cells += [f"{np.mean([result.frames for result in results]):.0f}"]
     cells += [f"{np.mean([result.frames_without_pose for result in results]):.1f}"]
     cells += [f"{np.mean([result.frames_per_second for result in results]):.1f}"]

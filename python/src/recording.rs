@@ -145,6 +145,18 @@ impl Recording {
         self.of_rows(py, |row| row.add_s.map_or(f64::NAN, |error| 1e3 * error.symmetric_m))
     }
 
+    /// ADD of each frame, millimetres, NaN where it is unknown: float64 (N,).
+    #[getter]
+    fn add_mm<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.of_rows(py, |row| row.add_m.map_or(f64::NAN, |add_m| 1e3 * add_m))
+    }
+
+    /// Angle between the estimated and the true rotation of each frame, degrees, NaN where it is unknown: float64 (N,).
+    #[getter]
+    fn rotation_deg<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.of_rows(py, |row| row.rotation_error_rad().map_or(f64::NAN, f64::to_degrees))
+    }
+
     /// Estimated pose of each frame: float64 (N, 4, 4).
     #[getter]
     fn poses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArrayDyn<f64>> {

@@ -116,13 +116,14 @@ def test_ours_has_the_scores_of_the_command_and_beats_the_naive_one(naive: Resul
     assert ours.frames == summary["frames"] and ours.frames_without_pose == summary["lost_frames"]
     for key in ("mean", "median", "p95", "final"):
         assert ours.add_s_mm[key] == pytest.approx(summary["add_s_mm"][key], abs=1e-3)
+        assert ours.rotation_deg[key] == pytest.approx(summary["rotation_deg"][key], abs=1e-3)
     for mm in (1, 2, 5):
         assert ours.f_score[mm] == pytest.approx(summary["f_score"][str(mm)], abs=1e-3)
         assert ours.f_score_fine[mm] == pytest.approx(summary["f_score_fine"][str(mm)], abs=1e-3)
 
     # Tables for people, and lines for `report`.
     table = benchmark.table([naive, ours])
-    assert f"| {LOG} | depth | naive | - | - | {naive.add_s_mm['mean']:.2f} | 30 | 0.0 |" in table
+    assert f"| {LOG} | depth | naive | - | - | {naive.add_s_mm['mean']:.2f} | {naive.rotation_deg['mean']:.1f} | 30 | 0.0 |" in table
     assert f"| mean of 1 | depth | ours | {ours.f_score[2]:.3f} |" in table
     benchmark.write([naive, ours], tmp_path / "lines" / "results.jsonl")
     report = tmp_path / "report.html"

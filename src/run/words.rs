@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mvt_run::io::shell_word;
-use mvt_run::report::{Summary, file};
+use mvt_run::report::{KNOWN_RAD, SURE_M, Summary, file};
 
 /// Returns speed and scores of a run, the folder of its results, and what to look at next.
 pub fn in_words(summary: &Summary, out: &Path) -> String {
@@ -27,8 +27,14 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
     );
     match (summary.deviation_mm, summary.deviation_deg) {
         (Some(mm), Some(deg)) => {
+            let rotation = match deg.to_radians() <= KNOWN_RAD {
+                true => format!("rotation to {deg:.1} degrees"),
+                // The surface lies where it is stated: only a turn that does not move it can be unknown.
+                false if mm <= SURE_M * 1e3 => "a turn about its axis unknown".to_owned(),
+                false => "rotation unknown".to_owned(),
+            };
             text += &format!(
-                "last pose: stated deviation {mm:.1} mm, {deg:.1} degrees; {:.0} % of the frames sure (at most 2.5 mm)\n",
+                "last pose: position known to {mm:.1} mm, {rotation}; {:.0} % of the frames sure (at most 2.5 mm)\n",
                 100.0 * summary.sure_frames
             );
         }
@@ -40,6 +46,16 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
              lost {} frames, recovered {} times\n",
             e.mean, e.median, e.p95, e.last, summary.lost_frames, summary.recovered
         );
+        if let Some((add, rotation)) = summary.add_mm.zip(summary.rotation_deg) {
+            text += &format!(
+                "ADD, mm: mean {:.2}, final {:.2}; rotation, degrees: mean {:.1}, final {:.1}, stated as known in {:.0} % of the frames\n",
+                add.mean,
+                add.last,
+                rotation.mean,
+                rotation.last,
+                100.0 * rotation.known
+            );
+        }
         text += &format!("shape (F-score) at 1, 2, 5 and 10 mm: {}, {}, {}, {}\n", f(1), f(2), f(5), f(10));
         if let Some(observed) = &summary.observed {
             text += &format!(

@@ -429,7 +429,7 @@ fn poses() {
         let text = String::from_utf8_lossy(bytes);
         report::stated_coordinates(&text);
         let Ok(rows) = report::read_trajectory(&text) else { return false };
-        report::ErrorStatistics::new(&report::scored(rows, &surface), |error| error.one_directional_m);
+        report::ErrorStatistics::new(&report::scored(rows, &surface), |row| Some(row.add_s?.one_directional_m));
         true
     });
 }

@@ -54,7 +54,7 @@ use mvt_run::object::load_object;
 use mvt_run::observed::Observed;
 use mvt_run::pipeline::{EstimatorSetup, Finished, FrameResult, Meshing, Pipeline, Progress};
 use mvt_run::report;
-use mvt_run::report::{ErrorStatistics, FrameRow, ObservedScores, ShapeScores, TrackState};
+use mvt_run::report::{ErrorStatistics, FrameRow, ObservedScores, RotationStatistics, ShapeScores, TrackState};
 use mvt_run::source::{Modality, Sensed, TouchArguments};
 use mvt_run::truth::Truth;
 use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
@@ -196,6 +196,12 @@ pub struct Line {
     pub add_s_mm: Option<Errors>,
     /// Symmetric ADD-S.
     pub add_s_symmetric_mm: Option<Errors>,
+    /// ADD.
+    #[serde(default)]
+    pub add_mm: Option<Errors>,
+    /// Angle between the estimated and the true rotation, degrees.
+    #[serde(default)]
+    pub rotation_deg: Option<Errors>,
     /// Frames at which the object was lost.
     pub lost_frames: usize,
     /// How often it was found again.
@@ -206,7 +212,7 @@ pub struct Line {
     pub frames_per_second: Option<f64>,
 }
 
-/// Pose errors of a run, mm.
+/// Pose errors of a run, mm or degrees.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Errors {
     /// Mean.
@@ -220,11 +226,23 @@ pub struct Errors {
     pub last: f64,
 }
 
+impl Errors {
+    /// JSON has no infinity, and a run whose pose is not a number must not vanish from the tables.
+    fn written(errors: [f64; 4]) -> Self {
+        let [mean, median, p95, last] = errors.map(|error| error.min(f64::MAX));
+        Self { mean, median, p95, last }
+    }
+}
+
 impl From<ErrorStatistics> for Errors {
     fn from(e: ErrorStatistics) -> Self {
-        // JSON has no infinity, and a run whose pose is not a number must not vanish from the tables.
-        let written = |mm: f64| mm.min(f64::MAX);
-        Self { mean: written(e.mean), median: written(e.median), p95: written(e.p95), last: written(e.last) }
+        Self::written([e.mean, e.median, e.p95, e.last])
+    }
+}
+
+impl From<RotationStatistics> for Errors {
+    fn from(e: RotationStatistics) -> Self {
+        Self::written([e.mean, e.median, e.p95, e.last])
     }
 }
 
@@ -515,8 +533,10 @@ fn line(
         f_score_fine: shape.f_score_fine.unwrap_or_default(),
         f_score_observed: of_observed.map(|scores| scores.f_score).unwrap_or_default(),
         turned_rad: turned_rad(&rows),
-        add_s_mm: ErrorStatistics::new(&rows, |e| e.one_directional_m).map(Into::into),
-        add_s_symmetric_mm: ErrorStatistics::new(&rows, |e| e.symmetric_m).map(Into::into),
+        add_s_mm: ErrorStatistics::new(&rows, |row| Some(row.add_s?.one_directional_m)).map(Into::into),
+        add_s_symmetric_mm: ErrorStatistics::new(&rows, |row| Some(row.add_s?.symmetric_m)).map(Into::into),
+        add_mm: ErrorStatistics::new(&rows, |row| row.add_m).map(Into::into),
+        rotation_deg: RotationStatistics::new(&rows).map(Into::into),
         lost_frames: count(TrackState::Lost),
         recovered: count(TrackState::Relocalised),
         undeclared: failed && rows.last().is_some_and(|row| row.state != TrackState::Lost),

@@ -69,6 +69,8 @@ mod tests {
             turned_rad: 0.0,
             add_s_mm: Some(Errors { mean, median: mean, p95: mean, last: mean }),
             add_s_symmetric_mm: None,
+            add_mm: None,
+            rotation_deg: None,
             lost_frames: 0,
             recovered: 0,
             undeclared: false,

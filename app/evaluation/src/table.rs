@@ -56,7 +56,7 @@ pub fn summary(lines: &[Line]) -> String {
         variant => format!("{cameras} {mode} {modality}, {variant} = 0"),
     };
     let width = groups.iter().map(|&of| name(of).chars().count()).max().unwrap_or(0).max(4);
-    let mut text = format!("{:width$}  runs  F@2 mm  F@5 mm  ADD-S, mm  lost frames  frames/s", "runs of");
+    let mut text = format!("{:width$}  runs  F@2 mm  F@5 mm  ADD-S, mm  ADD, mm  rotation, deg  lost frames  frames/s", "runs of");
     for &of in &groups {
         let kind: Vec<&Line> = lines.iter().filter(|line| group(line) == of).collect();
         let mean = |value: &dyn Fn(&Line) -> Option<f64>| {
@@ -67,12 +67,14 @@ pub fn summary(lines: &[Line]) -> String {
             |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
         let _ = write!(
             text,
-            "\n{:width$}  {:4}  {:>6}  {:>6}  {:>9}  {:>11}  {:>8}",
+            "\n{:width$}  {:4}  {:>6}  {:>6}  {:>9}  {:>7}  {:>13}  {:>11}  {:>8}",
             name(of),
             kind.len(),
             shown(mean(&|line| line.f_score.get(&2).copied()), 3),
             shown(mean(&|line| line.f_score.get(&5).copied()), 3),
             shown(mean(&|line| line.add_s_mm.map(|errors| errors.mean)), 2),
+            shown(mean(&|line| line.add_mm.map(|errors| errors.mean)), 2),
+            shown(mean(&|line| line.rotation_deg.map(|errors| errors.mean)), 1),
             shown(mean(&|line| Some(line.lost_frames as f64)), 1),
             shown(mean(&|line| line.frames_per_second), 1),
         );
@@ -84,8 +86,8 @@ fn group(line: &Line) -> Group<'_> {
     (&line.key.cameras, line.key.mode.name(), line.key.modality.name(), &line.key.variant)
 }
 
-const COLUMNS: usize = 16;
-const HEAD: &str = "runs | hidden | F@1 | F@2 | F@5 | fine F@1 | F@2 | F@5 | ADD-S mean | median | p95 | final | worst final | lost frames | \
+const COLUMNS: usize = 18;
+const HEAD: &str = "runs | hidden | F@1 | F@2 | F@5 | fine F@1 | F@2 | F@5 | ADD-S mean | median | p95 | final | worst final | ADD mean | rotation mean, degrees | lost frames | \
                     undeclared failures | frames/s";
 
 fn means(lines: &[&Line]) -> String {
@@ -114,6 +116,8 @@ fn means(lines: &[&Line]) -> String {
     }
     let last_mm = lines.iter().map(|line| line.add_s_mm.map_or(f64::INFINITY, |e| e.last));
     cells.push(format!("{:.2}", last_mm.fold(0.0, f64::max)));
+    cells.push(shown(mean(&|line| line.add_mm.map(|errors| errors.mean)), 2));
+    cells.push(shown(mean(&|line| line.rotation_deg.map(|errors| errors.mean)), 1));
     cells.push(format!("{:.1}", lines.iter().map(|line| line.lost_frames as f64).sum::<f64>() / n));
     cells.push(lines.iter().filter(|line| line.undeclared).count().to_string());
     cells.push(shown(mean(&|line| line.frames_per_second), 1));

@@ -31,6 +31,7 @@ static ESTIMATE: MessageType = MessageType {
         optional(4, "deviation_mm"),
         optional(5, "deviation_deg"),
         optional(6, "add_s_mm"),
+        optional(7, "rotation_error_deg"),
     ],
 };
 
@@ -243,7 +244,10 @@ fn state(stamp: &Message, moment: &RecordedMoment) -> Message {
     if let Some(deviation) = row.deviation {
         message = message.double(4, 1e3 * deviation.surface_m).double(5, deviation.angle_rad.to_degrees());
     }
-    row.add_s.iter().fold(message, |message, add_s| message.double(6, 1e3 * add_s.one_directional_m))
+    if let Some((add_s, angle_rad)) = row.add_s.zip(row.rotation_error_rad()) {
+        message = message.double(6, 1e3 * add_s.one_directional_m).double(7, angle_rad.to_degrees());
+    }
+    message
 }
 
 fn scores(stamp: &Message, point: &ShapePoint) -> Message {

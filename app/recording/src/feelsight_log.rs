@@ -107,6 +107,7 @@ impl LogImages {
                     estimate: truth.unwrap_or_else(Isometry::identity),
                     truth,
                     add_s: None,
+                    add_m: None,
                     stage_ms: StageMs::default(),
                 },
                 joints: log.joints()[k].clone(),

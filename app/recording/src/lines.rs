@@ -169,6 +169,8 @@ pub struct FrameLine {
     estimate: Pose,
     truth: Option<Pose>,
     add_s_m: Option<[f64; 2]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    add_m: Option<f64>,
     /// Sense, track, map and mesh.
     stage_ms: [f64; 4],
     joints: JointAngles,
@@ -195,6 +197,7 @@ impl FrameLine {
             estimate: Pose::of(row.estimate),
             truth: row.truth.map(Pose::of),
             add_s_m: row.add_s.map(|error| [error.one_directional_m, error.symmetric_m]),
+            add_m: row.add_m,
             stage_ms: [sense, track, map, mesh],
             joints: joints.clone(),
             fingers: touching.clone(),
@@ -230,6 +233,7 @@ impl FrameLine {
                 estimate: self.estimate.isometry()?,
                 truth: self.truth.map(Pose::isometry).transpose()?,
                 add_s: self.add_s_m.map(add_s),
+                add_m: self.add_m,
                 stage_ms: StageMs { sense, track, map, mesh },
             },
             joints: self.joints,

@@ -56,6 +56,7 @@ fn row(frame: u64) -> FrameRow {
         estimate: pose(-0.05),
         truth: (frame != 5).then(|| pose(-0.0475)),
         add_s: None,
+        add_m: None,
         stage_ms: StageMs { sense: 1.0, track: 2.0, map: 3.0, mesh: 0.0 },
     }
 }

@@ -35,11 +35,13 @@ pub const SPEED: Metric =
     Metric { name: "frames/s", unit: "", digits: 1, larger_is_better: Some(true), of: |row| row.frames_per_second };
 
 /// Figures that have means with intervals.
-pub const HEADLINES: [Metric; 6] = [
+pub const HEADLINES: [Metric; 8] = [
     F5,
     Metric { name: "F@2 mm", of: |row| row.f_score.get(&2).copied(), ..F5 },
     ADD_S,
     Metric { name: "ADD-S p95", of: |row| row.add_s_p95, ..ADD_S },
+    Metric { name: "ADD mean", of: |row| row.add, ..ADD_S },
+    Metric { name: "rotation mean", unit: "degrees", digits: 1, of: |row| row.rotation_deg, ..ADD_S },
     Metric {
         name: "frames lost",
         unit: "%",
@@ -51,7 +53,7 @@ pub const HEADLINES: [Metric; 6] = [
 ];
 
 /// Columns of the table of all runs, beside those that name the run.
-pub const COLUMNS: [Metric; 9] = [
+pub const COLUMNS: [Metric; 11] = [
     Metric {
         name: "hidden",
         unit: "%",
@@ -67,6 +69,8 @@ pub const COLUMNS: [Metric; 9] = [
     Metric { name: "ADD-S final", of: |row| row.add_s_final, ..ADD_S },
     HEADLINES[4],
     HEADLINES[5],
+    HEADLINES[6],
+    HEADLINES[7],
 ];
 
 impl Metric {

@@ -91,6 +91,10 @@ pub struct ReportRow {
     pub add_s_p95: Option<f64>,
     /// ADD-S of the last frame.
     pub add_s_final: Option<f64>,
+    /// Mean ADD.
+    pub add: Option<f64>,
+    /// Mean angle between the estimated and the true rotation, degrees.
+    pub rotation_deg: Option<f64>,
     /// Frames at which the object was lost.
     pub lost_frames: usize,
     /// Number of times that it was found again.
@@ -139,6 +143,10 @@ struct TableLine {
     #[serde(default)]
     f_score_fine: BTreeMap<u32, f64>,
     add_s_mm: Option<ErrorsFile>,
+    #[serde(default)]
+    add_mm: Option<ErrorsFile>,
+    #[serde(default)]
+    rotation_deg: Option<ErrorsFile>,
     lost_frames: usize,
     #[serde(default)]
     recovered: usize,
@@ -162,6 +170,10 @@ struct SummaryFile {
     f_score_fine: Option<BTreeMap<u32, f64>>,
     #[serde(default)]
     add_s_mm: Option<ErrorsFile>,
+    #[serde(default)]
+    add_mm: Option<ErrorsFile>,
+    #[serde(default)]
+    rotation_deg: Option<ErrorsFile>,
     #[serde(default)]
     failed: Option<bool>,
     #[serde(default)]
@@ -202,7 +214,7 @@ impl ReportRow {
             frames_per_second: line.frames_per_second,
             ..Self::empty(id, line.frames, line.lost_frames)
         };
-        Ok(row.with_errors(line.add_s_mm.as_ref()))
+        Ok(row.with_errors([line.add_s_mm, line.add_mm, line.rotation_deg]))
     }
 
     /// Reads summary.json. Cameras, settings and the content of other files remain empty.
@@ -226,7 +238,7 @@ impl ReportRow {
             events: file.events.into_iter().map(|event| (event.time_s, event.text)).collect(),
             ..Self::empty(id, file.frames, file.lost_frames)
         };
-        Ok(row.with_errors(file.add_s_mm.as_ref()))
+        Ok(row.with_errors([file.add_s_mm, file.add_mm, file.rotation_deg]))
     }
 
     fn empty(id: RunIdentity, frames: usize, lost_frames: usize) -> Self {
@@ -243,6 +255,8 @@ impl ReportRow {
             add_s_median: None,
             add_s_p95: None,
             add_s_final: None,
+            add: None,
+            rotation_deg: None,
             lost_frames,
             recovered: 0,
             is_undeclared: false,
@@ -255,15 +269,17 @@ impl ReportRow {
     }
 
     /// Fills in the errors, and leaves out numbers that no run has.
-    fn with_errors(mut self, errors: Option<&ErrorsFile>) -> Self {
+    fn with_errors(mut self, [add_s, add, rotation]: [Option<ErrorsFile>; 3]) -> Self {
         let is_share = |share: &f64| (0.0..=1.0).contains(share);
         self.f_score.retain(|_, share| is_share(share));
         self.f_score_fine.retain(|_, share| is_share(share));
         self.hidden = self.hidden.filter(is_share);
         self.frames_per_second = self.frames_per_second.filter(|speed| (0.0..1e6).contains(speed));
         self.events.retain(|(time_s, _)| time_s.is_finite());
-        if let Some(&ErrorsFile { mean, median, p95, last }) = errors {
-            let known = |mm: Option<f64>| mm.filter(|mm| (0.0..INFINITE_MM).contains(mm));
+        let known = |error: Option<f64>| error.filter(|error| (0.0..INFINITE_MM).contains(error));
+        self.add = add.and_then(|errors| known(errors.mean));
+        self.rotation_deg = rotation.and_then(|errors| known(errors.mean));
+        if let Some(ErrorsFile { mean, median, p95, last }) = add_s {
             self.add_s = known(mean);
             self.add_s_median = known(median);
             self.add_s_p95 = known(p95);

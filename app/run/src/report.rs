@@ -35,7 +35,7 @@ mod turntable;
 
 pub use camera_poses::{FrameCamera, write_camera_poses};
 pub use coordinates::Coordinates;
-pub use summary::{ErrorStatistics, ObservedScores, ShapeScores, Summary};
+pub use summary::{ErrorStatistics, KNOWN_RAD, ObservedScores, RotationStatistics, SURE_M, ShapeScores, Summary};
 pub use tracked::{benchmark, is_symmetric};
 pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
 
@@ -114,6 +114,8 @@ pub struct FrameRow {
     pub truth: Option<Isometry<Object, World>>,
     /// Error of the estimate, where the truth is known.
     pub add_s: Option<AddS>,
+    /// ADD of the estimate, metres, where the truth is known: of an object that looks the same after a turn, it counts the turn.
+    pub add_m: Option<f64>,
     /// Wall time of the frame by stage.
     pub stage_ms: StageMs,
 }
@@ -222,10 +224,22 @@ pub fn peak_memory_mb() -> Option<f64> {
 
 /// The rows with errors computed anew.
 pub fn scored(mut rows: Vec<FrameRow>, surface: &TrueSurface) -> Vec<FrameRow> {
-    rows.par_iter_mut().for_each(|row| row.add_s = object_from_estimate(row).map(|motion| surface.add_s(motion)));
+    rows.par_iter_mut().for_each(|row| {
+        let motion = object_from_estimate(row);
+        row.add_s = motion.map(|motion| surface.add_s(motion));
+        row.add_m = motion.map(|motion| surface.add_m(motion));
+    });
     rows
 }
 
 fn object_from_estimate(row: &FrameRow) -> Option<Isometry<Object, Object>> {
     Some(row.truth?.inverse() * row.estimate)
+}
+
+impl FrameRow {
+    /// Angle between the estimated and the true rotation, radians; `None` where the error is not known.
+    pub fn rotation_error_rad(&self) -> Option<f64> {
+        self.add_s?;
+        Some(self.truth?.untyped().rotation.angle_to(&self.estimate.untyped().rotation))
+    }
 }

@@ -79,7 +79,12 @@ pub fn moment(recording: &Recording, moment: usize) -> String {
     if let Some(error) = row.add_s.filter(|_| row.state != TrackState::Lost) {
         sentence += &match begins_errors(recording, moment) {
             true => "; errors are measured from this frame on".to_owned(),
-            false => format!(", ADD-S {:.1} mm", error.one_directional_m * 1e3),
+            false => {
+                let turn = row.rotation_error_rad().map_or_else(String::new, |angle_rad| {
+                    format!(", rotation error {:.0} degrees", angle_rad.to_degrees())
+                });
+                format!(", ADD-S {:.1} mm{turn}", error.one_directional_m * 1e3)
+            }
         };
     }
     let touching = now.touching.iter().flatten().count();

@@ -45,6 +45,7 @@ struct RunCurves {
     /// Revision of the recording that the curves belong to.
     revision: Option<u64>,
     add_s_mm: Curve,
+    rotation_deg: Curve,
     confidence: Curve,
     /// Sense, track, map, mesh.
     stages_ms: [Curve; 4],
@@ -78,6 +79,7 @@ impl RunCurves {
         let step = moments.len().div_ceil(MOST_POINTS).max(1);
         let estimated = || moments.iter().filter(|moment| moment.estimate().is_some()).map(|moment| &moment.row);
         let error = |row: &FrameRow| Some(PlotPoint::new(row.time_s, row.add_s?.one_directional_m * 1e3));
+        let turn = |row: &FrameRow| Some(PlotPoint::new(row.time_s, row.rotation_error_rad()?.to_degrees()));
         let stage = |ms: fn(&StageMs) -> f64| {
             estimated().step_by(step).map(|row| PlotPoint::new(row.time_s, ms(&row.stage_ms))).collect()
         };
@@ -92,6 +94,7 @@ impl RunCurves {
         *self = Self {
             revision: Some(recording.revision()),
             add_s_mm: estimated().step_by(step).filter_map(error).collect(),
+            rotation_deg: estimated().step_by(step).filter_map(turn).collect(),
             confidence: estimated().step_by(step).map(|row| PlotPoint::new(row.time_s, row.confidence)).collect(),
             stages_ms: [stage(|ms| ms.sense), stage(|ms| ms.track), stage(|ms| ms.map), stage(|ms| ms.mesh)],
             total_ms: stage(|ms| ms.total()),
@@ -120,7 +123,7 @@ impl PlotRow {
         let is_estimated = recordings.iter().any(|recording| recording.about().mode.is_some());
         let is_comparison = recordings.len() > 1;
         let has_contacts = !is_comparison && runs.iter().any(|run| !run.contacts.is_empty());
-        let count = f32::from(4 * u8::from(is_estimated) + u8::from(has_contacts)).max(1.0);
+        let count = f32::from(5 * u8::from(is_estimated) + u8::from(has_contacts)).max(1.0);
         // A narrow window scrolls the plots instead of squeezing them.
         let each = ((width - (count - 1.0) * ui.spacing().item_spacing.x) / count).max(170.0);
         let height = ui.available_height();
@@ -142,6 +145,10 @@ impl PlotRow {
                     cell(ui, &mut |ui| {
                         title(ui, "ADD-S, mm");
                         frame.plot(ui, "ADD-S in millimetres", &of_runs(|run| &run.add_s_mm))
+                    });
+                    cell(ui, &mut |ui| {
+                        title(ui, "rotation error, °");
+                        frame.plot(ui, "rotation error in degrees", &of_runs(|run| &run.rotation_deg))
                     });
                     cell(ui, &mut |ui| {
                         ui.horizontal(|ui| {

@@ -47,7 +47,8 @@ impl<'a> Scorer<'a> {
         let state = if estimate.state == TrackState::Waiting { TrackState::Lost } else { estimate.state };
         let pose = estimate.pose * self.gauge().inverse();
         // Without an estimate there is no error.
-        let add_s = truth.zip(self.truth).filter(|_| self.gauge.is_some());
+        let error = truth.zip(self.truth).filter(|_| self.gauge.is_some());
+        let error = error.map(|(truth, surface)| (surface, truth.inverse() * pose));
         FrameRow {
             frame,
             time_s: estimate.time_s,
@@ -56,7 +57,8 @@ impl<'a> Scorer<'a> {
             deviation: estimate.deviation,
             estimate: pose,
             truth,
-            add_s: add_s.map(|(truth, surface)| surface.original().add_s_of(surface.quick(), truth.inverse() * pose)),
+            add_s: error.map(|(surface, motion)| surface.original().add_s_of(surface.quick(), motion)),
+            add_m: error.map(|(surface, motion)| surface.quick().add_m(motion)),
             stage_ms: StageMs {
                 sense: sense_ms,
                 track: estimate.spent.track.as_secs_f64() * 1e3,

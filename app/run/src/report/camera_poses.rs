@@ -110,6 +110,7 @@ mod tests {
             estimate: Isometry::translation(1.1, 0.2, -0.5),
             truth: None,
             add_s: None,
+            add_m: None,
             stage_ms: Default::default(),
         };
         let camera = |name: &str| FrameCamera {

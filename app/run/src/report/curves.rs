@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use image::Rgb;
-use mvt_metrics::AddS;
 use mvt_picture::chart::{self, ChartLine, ChartPanel, ChartScale};
 use mvt_picture::palette::{CURVES, Theme};
 
@@ -11,25 +10,26 @@ use super::{FrameRow, RunRecord, ShapePoint, TrackState};
 
 /// Larger errors are drawn at this value, mm, because the error of a lost object would flatten the rest of the curve.
 const CUT_MM: f64 = 20.0;
+/// Larger rotation errors are drawn at this value, degrees.
+const CUT_DEG: f64 = 30.0;
 /// Longer times are drawn at this value, ms, because the first frame, which trains the field, would flatten the rest.
 const CUT_MS: f64 = 100.0;
 
 /// Points of a line: time in seconds, and value.
 type Points = Vec<(f64, f64)>;
 
-/// Draws pose error, shape scores, confidence and time per frame as SVG, one above the other. Spans in which the
+/// Draws pose and rotation error, shape scores, confidence and time per frame as SVG, one above the other. Spans in which the
 /// tracker has lost the object are shaded.
 pub fn curves(run: &RunRecord) -> String {
     let state = if run.complete { "" } else { ", interrupted" };
     let title = format!("{}, seed {}, {} {}{state}", run.object, run.seed, run.mode, run.modality);
     let of_frames = |value: fn(&FrameRow) -> f64| run.frames.iter().map(|row| (row.time_s, value(row))).collect();
     let of_shape = |value: fn(&ShapePoint) -> f64| run.shape.iter().map(|p| (p.time_s, value(p))).collect();
-    let error = |of: fn(&AddS) -> f64| {
-        let rows = run.frames.iter().filter_map(|row| Some((row.time_s, of(row.add_s.as_ref()?))));
-        rows.map(|(time_s, error_m)| (time_s, (error_m * 1e3).min(CUT_MM))).collect()
+    let of_some = |value: fn(&FrameRow) -> Option<f64>, factor: f64, cut: f64| -> Points {
+        run.frames.iter().filter_map(|row| Some((row.time_s, (value(row)? * factor).min(cut)))).collect()
     };
-    let rows = run.frames.iter().filter_map(|row| Some((row.time_s, row.deviation?.surface_m)));
-    let stated = rows.map(|(time_s, deviation_m)| (time_s, (2e3 * deviation_m).min(CUT_MM))).collect();
+    let error = |of: fn(&FrameRow) -> Option<f64>| of_some(of, 1e3, CUT_MM);
+    let degrees = |of: fn(&FrameRow) -> Option<f64>, count: f64| of_some(of, count.to_degrees(), CUT_DEG);
     let end = run.frames.last().map_or(1.0, |row| row.time_s).max(1e-3);
     let begin = run.frames.first().map_or(0.0, |row| row.time_s).min(end - 1e-3);
     let spans = lost_spans(run);
@@ -54,9 +54,16 @@ pub fn curves(run: &RunRecord) -> String {
         panel(
             format!("ADD-S, mm (cut at {CUT_MM})"),
             vec![
-                ("symmetric", vermilion, error(|e| e.symmetric_m)),
-                ("as NeuralFeels", blue, error(|e| e.one_directional_m)),
-                ("two stated deviations", green, stated),
+                ("symmetric", vermilion, error(|row| Some(row.add_s?.symmetric_m))),
+                ("as NeuralFeels", blue, error(|row| Some(row.add_s?.one_directional_m))),
+                ("two stated deviations", green, error(|row| Some(2.0 * row.deviation?.surface_m))),
+            ],
+        ),
+        panel(
+            format!("rotation error, degrees (cut at {CUT_DEG})"),
+            vec![
+                ("error", blue, degrees(FrameRow::rotation_error_rad, 1.0)),
+                ("two stated deviations", green, degrees(|row| Some(row.deviation?.angle_rad), 2.0)),
             ],
         ),
         panel(

@@ -54,6 +54,10 @@ pub struct Summary {
     pub add_s_mm: Option<ErrorStatistics>,
     /// Mean of both directions.
     pub add_s_symmetric_mm: Option<ErrorStatistics>,
+    /// ADD, which counts every turn of the object, also one after which it looks the same.
+    pub add_mm: Option<ErrorStatistics>,
+    /// Angle between the estimated and the true rotation.
+    pub rotation_deg: Option<RotationStatistics>,
     /// Scores by the protocol of YCBInEOAT and HO3D, of RGB-D sequences without a hand; missing of other runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub benchmark: Option<SequenceScore>,
@@ -129,6 +133,26 @@ pub struct ErrorStatistics {
     pub mean_original_definition: Option<f64>,
 }
 
+/// Rotation errors of a run, degrees, every frame counted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RotationStatistics {
+    /// Mean.
+    pub mean: f64,
+    /// Median.
+    pub median: f64,
+    /// 95 % are at most this.
+    pub p95: f64,
+    /// That of the last frame.
+    #[serde(rename = "final")]
+    pub last: f64,
+    /// Share of the frames in which the tracker states that it knows the rotation, to 20 degrees. A turn about the axis of a plain can is unknown,
+    /// and an error there says nothing against the tracker.
+    pub known: f64,
+}
+
+/// A rotation with at most this stated deviation is known, radians: the limit of certified poses.
+pub const KNOWN_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+
 fn by_threshold(score: &ShapeScore) -> BTreeMap<u32, f64> {
     score.f_scores.iter().map(|f| ((f.threshold_m * 1e3).round() as u32, f.f())).collect()
 }
@@ -169,10 +193,9 @@ impl ShapeScores {
 }
 
 impl ErrorStatistics {
-    /// Of the frames whose true pose is known, by one of their errors in metres; `None` without such frames.
-    pub fn new(frames: &[FrameRow], error_m: fn(&mvt_metrics::AddS) -> f64) -> Option<Self> {
-        let errors: Vec<(f64, f64)> =
-            frames.iter().filter_map(|row| Some((row.time_s, error_m(row.add_s.as_ref()?)))).collect();
+    /// Of the frames with an error, metres; `None` without such frames.
+    pub fn new(frames: &[FrameRow], error_m: fn(&FrameRow) -> Option<f64>) -> Option<Self> {
+        let errors: Vec<(f64, f64)> = frames.iter().filter_map(|row| Some((row.time_s, error_m(row)?))).collect();
         let PoseStatistics { mean_m, median_m, p95_m, final_m, mean_original_m } = PoseStatistics::new(&errors)?;
         Some(Self {
             mean: mean_m * 1e3,
@@ -181,6 +204,20 @@ impl ErrorStatistics {
             last: final_m * 1e3,
             mean_original_definition: mean_original_m.map(|m| m * 1e3),
         })
+    }
+}
+
+impl RotationStatistics {
+    /// Of the frames with an error; `None` without such frames.
+    pub fn new(frames: &[FrameRow]) -> Option<Self> {
+        let errors: Vec<(f64, f64)> =
+            frames.iter().filter_map(|row| Some((row.time_s, row.rotation_error_rad()?))).collect();
+        // The statistics of lengths do for angles.
+        let PoseStatistics { mean_m, median_m, p95_m, final_m, .. } = PoseStatistics::new(&errors)?;
+        let [mean, median, p95, last] = [mean_m, median_m, p95_m, final_m].map(f64::to_degrees);
+        let is_known = |row: &&FrameRow| row.deviation.is_some_and(|deviation| deviation.angle_rad <= KNOWN_RAD);
+        let known = frames.iter().filter(is_known).count() as f64 / frames.len().max(1) as f64;
+        Some(Self { mean, median, p95, last, known })
     }
 }
 
@@ -194,7 +231,7 @@ impl Summary {
         let count = |state| frames.iter().filter(|row| row.state == state).count();
         let last = frames.last().and_then(|row| row.deviation);
         let sure = frames.iter().filter(|row| row.deviation.is_some_and(|d| d.surface_m <= SURE_M)).count();
-        let add_s_mm = ErrorStatistics::new(frames, |e| e.one_directional_m);
+        let add_s_mm = ErrorStatistics::new(frames, |row| Some(row.add_s?.one_directional_m));
         Self {
             complete: run.complete,
             object: run.object.clone(),
@@ -215,7 +252,9 @@ impl Summary {
             shape,
             observed: None,
             add_s_mm,
-            add_s_symmetric_mm: ErrorStatistics::new(frames, |e| e.symmetric_m),
+            add_s_symmetric_mm: ErrorStatistics::new(frames, |row| Some(row.add_s?.symmetric_m)),
+            add_mm: ErrorStatistics::new(frames, |row| row.add_m),
+            rotation_deg: RotationStatistics::new(frames),
             benchmark: None,
             failed: add_s_mm.map(|e| e.last > mvt_metrics::FAILURE_M * 1e3),
             hidden: (!run.hidden.is_empty()).then(|| run.hidden.iter().sum::<f64>() / run.hidden.len() as f64),

@@ -1,5 +1,6 @@
 //! The files of a run that never was.
 
+use std::f64::consts::PI;
 use std::fs;
 
 use mvt_objects::catalogue;
@@ -28,6 +29,7 @@ fn run() -> RunRecord {
             estimate: truth * Isometry::<Object, Object>::translation(offset_m, 0.0, 0.0),
             truth: Some(truth),
             add_s: Some(AddS { one_directional_m: error_m, symmetric_m: 1.1 * error_m }),
+            add_m: Some(1.2 * error_m),
             stage_ms: StageMs {
                 sense: 12.0,
                 track: 9.0,
@@ -175,16 +177,41 @@ fn a_file_that_cannot_be_written_is_named() {
 fn a_trajectory_is_read_as_it_was_written() {
     let mut rows = run().frames;
     rows[5].truth = None;
-    rows[5].add_s = None;
+    (rows[5].add_s, rows[5].add_m) = (None, None);
     let again = read_trajectory(&write_trajectory(&rows)).unwrap();
     assert_eq!(again.len(), rows.len());
     for (read, written) in again.iter().zip(&rows) {
         assert_eq!((read.frame, read.time_s, read.state), (written.frame, written.time_s, written.state));
         assert_eq!((read.confidence, read.stage_ms), (written.confidence, written.stage_ms));
         assert_eq!((read.truth.is_some(), read.add_s.is_some()), (written.truth.is_some(), written.add_s.is_some()));
+        assert_eq!(read.add_m.map(|m| (m * 1e9).round()), written.add_m.map(|m| (m * 1e9).round()));
         let difference = read.estimate.untyped().to_homogeneous() - written.estimate.untyped().to_homogeneous();
         assert!(difference.abs().max() < 1e-12);
     }
+}
+
+#[test]
+fn rotation_errors_and_add_stand_in_the_summary() {
+    let turned = |mut row: FrameRow, degrees: f64| {
+        let half_rad = 0.5 * degrees.to_radians();
+        let turn = Isometry::from_parts([0.0; 3], [half_rad.cos(), 0.0, half_rad.sin(), 0.0]);
+        row.estimate = row.truth.unwrap() * turn;
+        row.deviation = Some(Deviation { surface_m: 0.001, angle_rad: if degrees < 20.0 { 0.1 } else { PI } });
+        row
+    };
+    let angles = [1.0, 2.0, 3.0, 90.0];
+    let frames: Vec<FrameRow> = run().frames.into_iter().zip(angles).map(|(row, angle)| turned(row, angle)).collect();
+    let summary = Summary::new(&RunRecord { frames, ..run() }, ShapeScores::default());
+    let rotation = summary.rotation_deg.unwrap();
+    for (value, expected) in [(rotation.mean, 24.0), (rotation.median, 2.5), (rotation.last, 90.0), (rotation.known, 0.75)] {
+        assert!((value - expected).abs() < 1e-9, "{rotation:?}");
+    }
+    let add = summary.add_mm.unwrap();
+    assert!((add.last - 1.2 * summary.add_s_mm.unwrap().last).abs() < 1e-9);
+    let written = write_trajectory(&RunRecord { frames: vec![turned(run().frames[0], 3.0)], ..run() }.frames);
+    assert!(written.lines().next().unwrap().contains(",add_mm,rotation_deg,"), "{written}");
+    let turn_deg: f64 = written.lines().nth(1).unwrap().split(',').nth(24).unwrap().parse().unwrap();
+    assert!((turn_deg - 3.0).abs() < 1e-9, "{written}");
 }
 
 #[test]

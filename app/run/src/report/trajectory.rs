@@ -10,7 +10,7 @@ use super::table::{TextTable, known_as, number as table_number};
 use super::{Coordinates, FrameRow, StageMs, TrackState};
 
 /// The columns, in the order in which they are written. Lengths are metres but where the name says mm, quaternions are (w, x, y, z).
-const COLUMNS: [&str; 27] = [
+const COLUMNS: [&str; 29] = [
     "frame",
     "time_s",
     "state",
@@ -34,6 +34,8 @@ const COLUMNS: [&str; 27] = [
     "true_qz",
     "add_s_mm",
     "add_s_symmetric_mm",
+    "add_mm",
+    "rotation_deg",
     "sense_ms",
     "track_ms",
     "map_ms",
@@ -47,7 +49,8 @@ const COORDINATES: usize = 6;
 const ESTIMATE: usize = 7;
 const TRUTH: usize = 14;
 const ADD_S: usize = 21;
-const STAGES: usize = 23;
+const ADD: usize = 23;
+const STAGES: usize = 25;
 
 /// Why a trajectory could not be read. Lines count from 1.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -128,6 +131,8 @@ pub fn write_trajectory(rows: &[FrameRow]) -> String {
         append(&mut text, Some(pose_numbers(row.estimate)));
         append(&mut text, row.truth.map(pose_numbers));
         append(&mut text, add_s);
+        append(&mut text, row.add_m.map(|add_m| [add_m * 1e3]));
+        append(&mut text, row.rotation_error_rad().map(|angle_rad| [angle_rad.to_degrees()]));
         append(&mut text, Some([sense, track, map, mesh]));
         text.push('\n');
     }
@@ -275,6 +280,7 @@ fn row(cells: &Cells<'_>, index: usize) -> Result<FrameRow, TrajectoryDefect> {
     let estimate = cells.pose(ESTIMATE)?.ok_or(cells.defect(ESTIMATE, "a number"))?;
     let deviation = cells.numbers::<2>(DEVIATION, |x| x >= 0.0, "a number from 0 on")?;
     let add_s = cells.numbers::<2>(ADD_S, |x| x >= 0.0, "a number from 0 on")?;
+    let add = cells.numbers::<1>(ADD, |x| x >= 0.0, "a number from 0 on")?;
     let stages = cells.numbers::<4>(STAGES, f64::is_finite, "a number")?;
     let [sense, track, map, mesh] = stages.unwrap_or_default();
     let confidence = cells.numbers::<1>(CONFIDENCE, f64::is_finite, "a number")?;
@@ -288,6 +294,7 @@ fn row(cells: &Cells<'_>, index: usize) -> Result<FrameRow, TrajectoryDefect> {
         estimate,
         truth: cells.pose(TRUTH)?,
         add_s: add_s.map(|[one, symmetric]| AddS { one_directional_m: one * 1e-3, symmetric_m: symmetric * 1e-3 }),
+        add_m: add.map(|[mm]| mm * 1e-3),
         stage_ms: StageMs { sense, track, map, mesh },
     })
 }

@@ -119,6 +119,7 @@ fn row(frame: u64) -> FrameRow {
         estimate: pose(frame, error_m),
         truth: Some(pose(frame, 0.0)),
         add_s: Some(AddS { one_directional_m: error_m, symmetric_m: error_m }),
+        add_m: Some(error_m),
         stage_ms: StageMs { sense: 8.0, track: 11.0 + (frame % 3) as f64, map: 14.0, mesh: 0.0 },
     }
 }
