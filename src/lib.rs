@@ -9,6 +9,8 @@ mod generate;
 mod inspect;
 mod mesh;
 mod report;
+#[cfg(feature = "ros")]
+mod ros;
 mod run;
 mod score;
 mod shell;
@@ -68,6 +70,9 @@ enum Command {
     #[command(subcommand)]
     Export(mvt_exchange::command::ExportCommand),
     Import(mvt_exchange::command::ImportArguments),
+    #[cfg(feature = "ros")]
+    #[command(subcommand)]
+    Ros(ros::RosCommand),
     Simulate(simulate::SimulateArguments),
     Controllers(mvt_evaluation::hand::ControllersArguments),
     Rigs(mvt_evaluation::rigs::RigsArguments),
@@ -187,6 +192,8 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Export(command)) => mvt_exchange::command::export(&command),
         Some(Command::Import(arguments)) => mvt_exchange::command::import(&arguments),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
+        #[cfg(feature = "ros")]
+        Some(Command::Ros(command)) => ros::run(&command),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Controllers(arguments)) => mvt_evaluation::hand::list(&arguments),
         Some(Command::Rigs(arguments)) => mvt_evaluation::rigs::list(&arguments),

@@ -3,7 +3,8 @@
 mod arguments;
 mod folder;
 mod input;
-
+#[cfg(feature = "ros")]
+mod live;
 mod words;
 
 use std::sync::Arc;
@@ -40,8 +41,7 @@ pub fn main_job() -> Result<()> {
 
 /// Runs the command.
 pub fn run(arguments: &RunArguments) -> Result<()> {
-    let mut config: RunConfig =
-        settings::load(RunConfig::suited(arguments.log.as_deref()), arguments.config.as_deref(), &arguments.set)?;
+    let mut config: RunConfig = settings::load(suited(arguments)?, arguments.config.as_deref(), &arguments.set)?;
     if let Some(choice) = arguments.calibration {
         config.calibration.refine = choice == CalibrationChoice::Refine;
     }
@@ -53,8 +53,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let stop = stop_on_signals()?;
-    let RunInput { mut source, seed, name, object, supervisor, cameras, frame_cameras } =
-        RunInput::new(arguments, &config)?;
+    let RunInput { mut source, seed, name, object, supervisor, cameras, frame_cameras, mut live } =
+        RunInput::new(arguments, &config, &stop)?;
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(source.hand()))?),
@@ -104,13 +104,23 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         single_threaded: arguments.threads == Some(1),
     };
     let (mode, modality) = (arguments.mode, arguments.modality);
-    let record = RunRecord { object: name, seed, mode, modality, cameras: frame_cameras, ..RunRecord::default() };
+    let counts = live.as_ref().map(|live| Arc::clone(&live.record));
+    let record =
+        RunRecord { object: name, seed, mode, modality, cameras: frame_cameras, live: counts, ..RunRecord::default() };
     let bar = if arguments.quiet { ProgressBar::hidden() } else { progress::bar(0, "") };
     let mut recorder = ProgressRecorder::new(&arguments.out, record, bar);
-    let finished = pipeline.run(source.as_mut(), &stop, &mut |progress| {
+    // A signal is the intended end of a live connection, which then delivers no more frames.
+    let interrupted = if arguments.is_live() { Arc::default() } else { stop };
+    let finished = pipeline.run(source.as_mut(), &interrupted, &mut |progress| {
+        if let Some(live) = &mut live {
+            live.listener.receive(&progress);
+        }
         recorder.receive(&progress);
         writer.receive(progress);
     });
+    if let Some(live) = live {
+        live.listener.finish();
+    }
     // The recording of a failed run is finished, too.
     let recorded = writer.finish(finished.as_ref().is_ok_and(|finished| finished.complete));
     if let Err(error) = recorded {
@@ -137,4 +147,13 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         bail!("the run was interrupted; {} contains its results so far", arguments.out.display());
     }
     Ok(())
+}
+
+/// Returns the settings with which a run starts.
+fn suited(arguments: &RunArguments) -> Result<RunConfig> {
+    #[cfg(feature = "ros")]
+    if let Some(file) = &arguments.ros {
+        return live::suited(file);
+    }
+    Ok(RunConfig::suited(arguments.log.as_deref()))
 }

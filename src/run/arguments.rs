@@ -33,6 +33,10 @@ pub struct RunArguments {
     /// Read this FeelSight log, RGB-D sequence or bag of ROS 2 (docs/rgbd.md) instead of simulating an episode
     #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "controller", "rig", "side"])]
     pub log: Option<PathBuf>,
+    /// Read the topics of ROS 2 that this file names (docs/live.md), and publish the results. SIGINT ends the run
+    #[cfg(feature = "ros")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["log", "goal", "controller", "rig", "side", "explore", "cameras"])]
+    pub ros: Option<PathBuf>,
     /// Quantities to estimate
     #[arg(long, value_enum, default_value_t = Mode::Slam)]
     pub mode: Mode,
@@ -134,6 +138,14 @@ impl RunArguments {
         Ok(())
     }
 
+    /// Whether the frames come from sensors that do not wait.
+    pub fn is_live(&self) -> bool {
+        #[cfg(feature = "ros")]
+        return self.ros.is_some();
+        #[cfg(not(feature = "ros"))]
+        false
+    }
+
     /// Returns the command that repeats the run, for the first line of its config.toml.
     pub fn repeat(&self, object: &str, seed: u64) -> String {
         let mut command = format!("mambavitact run --object {}", shell_word(object));
@@ -144,6 +156,8 @@ impl RunArguments {
         };
         let path = |path: &Path| path.display().to_string();
         add("log", self.log.as_deref().map(path));
+        #[cfg(feature = "ros")]
+        add("ros", self.ros.as_deref().map(path));
         add("seed", Some(seed.to_string()));
         add("mode", Some(self.mode.name().to_owned()));
         add("modality", Some(self.modality.name().to_owned()));
@@ -156,7 +170,7 @@ impl RunArguments {
         add("duration", self.duration.map(|seconds| seconds.to_string()));
         add("init", self.init.map(|init| init.name().to_owned()));
         add("resume", self.resume.as_deref().map(path));
-        if self.log.is_none() {
+        if self.log.is_none() && !self.is_live() {
             add("goal", Some(self.goal.to_string()));
             add("controller", Some(self.manner.controller.clone()));
             add("rig", Some(self.manner.rig.clone()).filter(|rig| rig != ALLEGRO_DIGIT));

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result};
 use mvt_frames::camera::PosedCamera;
@@ -13,7 +14,8 @@ use mvt_run::estimator::Mode;
 use mvt_run::explorer::ExploreStrategy;
 use mvt_run::exploring::direct;
 use mvt_run::object::{default_object, load_object};
-use mvt_run::report::FrameCamera;
+use mvt_run::pipeline::Progress;
+use mvt_run::report::{FrameCamera, SharedLiveRecord};
 use mvt_run::source::{Recorded, RecordedOptions, Source};
 use mvt_run::supervisor::Supervisor;
 use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
@@ -37,11 +39,38 @@ pub struct RunInput {
     pub cameras: Vec<PosedCamera>,
     /// The frames of a recording without a hand.
     pub frame_cameras: Vec<FrameCamera>,
+    /// What a live connection adds to the run; `None` for other sources.
+    pub live: Option<LiveParts>,
+}
+
+/// What a live connection adds to a run.
+pub struct LiveParts {
+    /// Its counts.
+    pub record: SharedLiveRecord,
+    /// Receives the progress of the run.
+    pub listener: Box<dyn LiveListener>,
+}
+
+/// Somebody who is told the results of a run at once.
+pub trait LiveListener {
+    /// Receives the progress of the run.
+    fn receive(&mut self, progress: &Progress<'_>);
+
+    /// Completes the counts at the end of the run.
+    fn finish(self: Box<Self>);
 }
 
 impl RunInput {
     /// Prepares a simulated episode, or opens the log that the arguments name.
-    pub fn new(arguments: &RunArguments, config: &RunConfig) -> Result<Self> {
+    ///
+    /// `stop` ends a live connection, whose end is not foreseen.
+    pub fn new(arguments: &RunArguments, config: &RunConfig, stop: &Arc<AtomicBool>) -> Result<Self> {
+        #[cfg(feature = "ros")]
+        if let Some(file) = &arguments.ros {
+            return super::live::from_ros(arguments, file, config, stop);
+        }
+        #[cfg(not(feature = "ros"))]
+        let _ = stop;
         match &arguments.log {
             Some(log) => from_log(arguments, log, config),
             None => simulated(arguments, config),
@@ -72,6 +101,7 @@ fn from_log(arguments: &RunArguments, folder: &Path, config: &RunConfig) -> Resu
         cameras,
         frame_cameras,
         source,
+        live: None,
     })
 }
 
@@ -124,5 +154,6 @@ fn simulated(arguments: &RunArguments, config: &RunConfig) -> Result<RunInput> {
         supervisor: Some(supervisor),
         cameras,
         frame_cameras: Vec::new(),
+        live: None,
     })
 }

@@ -24,6 +24,8 @@ mod old_names;
 mod report;
 mod rgbd;
 mod rigs;
+#[cfg(feature = "ros")]
+mod ros;
 mod run;
 mod score;
 mod sequences;

@@ -8,9 +8,9 @@ use crate::nothing_offends;
 use crate::sources::{read, root, rust_files};
 
 /// Most packages in Cargo.lock. Lower it when their number falls; raise it only with a reason in the commit.
-const PACKAGES: usize = 548;
+const PACKAGES: usize = 593;
 /// Packages in Cargo.lock beyond one version of each. Most come from the windows of other platforms.
-const EXTRA_VERSIONS: usize = 40;
+const EXTRA_VERSIONS: usize = 41;
 /// Folders of the kernels: none of their dependencies runs unoptimised.
 const KERNELS: [&str; 3] = ["sim", "perception", "slam"];
 /// The crates that decode and encode files of others, whose own dependencies run optimised, too.

@@ -39,6 +39,7 @@
 //! ```
 
 mod bag;
+mod camera;
 mod cdr;
 mod db3;
 mod error;
@@ -55,6 +56,7 @@ mod topics;
 mod tree;
 
 pub use bag::{Bag, BagMessage, BagMessages, BagPlace, BagTopic};
+pub use camera::{RosCamera, RosPicture};
 pub use cdr::{CdrError, CdrReader};
 pub use error::{BagError, RosError};
 pub use lens::RosLens;

@@ -4,16 +4,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use image::RgbImage;
-use image::imageops::{FilterType, resize};
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Isometry, MeshFile, World};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::Isometry3;
 use ndarray::Array2;
 
 use crate::bag::{Bag, BagPlace};
-use crate::error::{BagError, RosError};
-use crate::lens::{Remap, RosLens};
-use crate::messages::{RosCameraInfo, RosCompressedImage, RosImage};
+use crate::camera::{RosCamera, RosPicture};
+use crate::error::{BagError, FILE, RosError};
+use crate::lens::RosLens;
+use crate::messages::RosCameraInfo;
 use crate::survey::{Shot, Shots, Survey, nearest, period_ns};
 use crate::topics::{Chosen, IMAGE, RgbdTopics, choose};
 use crate::tree::between;
@@ -22,10 +22,6 @@ use crate::tree::between;
 const PERIOD_NS: i64 = 33_000_000;
 /// Joints and poses of the object are interpolated over gaps up to this, nanoseconds.
 const GAP_NS: i64 = 500_000_000;
-/// Metres per level of depth images of 16 bits: REP 118.
-const UNIT_M: f64 = 0.001;
-/// Focal lengths of colours and depth that differ by more are those of images that are not registered.
-const REGISTERED: f64 = 0.02;
 
 /// RGB-D frame of a bag.
 #[derive(Debug, Clone)]
@@ -67,25 +63,9 @@ pub struct RgbdBag {
     stated: RgbdTopics,
     frames: Vec<Triple>,
     survey: Survey,
-    lens: RosLens,
-    /// Lens of the colours, if a camera model stands beside them.
-    color_lens: Option<RosLens>,
+    camera: RosCamera,
     /// Frames of the world and of the camera, if transforms lead from one to the other.
     ends: Option<[String; 2]>,
-    remaps: Vec<Remap>,
-}
-
-/// The motion between OpenGL axes and those of an optical frame of ROS; it is its own inverse.
-fn optical() -> Isometry3<f64> {
-    Isometry3::from_parts(
-        Vector3::zeros().into(),
-        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
-    )
-}
-
-/// Returns whether the name of an image topic says that its images are rectified.
-fn is_rectified(name: &str) -> bool {
-    name.split('/').any(|part| part.starts_with("image_rect"))
 }
 
 impl RgbdBag {
@@ -112,21 +92,13 @@ impl RgbdBag {
         let lens = |info: &Option<RosCameraInfo>, topic: usize, image: &str| {
             let wrong = |reason: String| BagError::fault(path, format!("{}: {reason}", topic_name(&bag, topic)));
             let info = info.as_ref().ok_or_else(|| wrong("none of its messages is a camera model".to_owned()))?;
-            RosLens::new(info, is_rectified(image)).map_err(|reason| wrong(reason.to_string()))
+            RosLens::new(info, RosCamera::is_rectified(image)).map_err(|reason| wrong(reason.to_string()))
         };
         let depth_lens = lens(&survey.camera_info, chosen.camera_info, &depth_name)?;
         let color_lens = chosen.color_info.map(|topic| lens(&survey.color_info, topic, &color_name)).transpose()?;
-        let mut opened = Self {
-            bag,
-            chosen,
-            stated: topics.clone(),
-            frames,
-            survey,
-            lens: depth_lens,
-            color_lens,
-            ends: None,
-            remaps: Vec::new(),
-        };
+        let mut camera = RosCamera::new(depth_lens, FILE);
+        (camera.color_lens, camera.depth_unit_m, camera.object) = (color_lens, topics.depth_unit_m, topics.object);
+        let mut opened = Self { bag, chosen, stated: topics.clone(), frames, survey, camera, ends: None };
         opened.note_registration();
         opened.find_ends();
         opened.frame(0)?;
@@ -141,15 +113,8 @@ impl RgbdBag {
             );
             self.bag.add_note(note);
         }
-        if let Some(color) = self.color_lens {
-            let scaled = color.resized([self.lens.intrinsics.width, self.lens.intrinsics.height]);
-            let (color_fx, depth_fx) = (scaled.intrinsics.fx, self.lens.intrinsics.fx);
-            if (color_fx / depth_fx - 1.0).abs() > REGISTERED {
-                let note = format!(
-                    "focal lengths of colours and depth differ ({color_fx:.1} and {depth_fx:.1} pixels): depth is not registered; record aligned depth"
-                );
-                self.bag.add_note(note);
-            }
+        if let Some(note) = self.camera.registration_note() {
+            self.bag.add_note(note);
         }
     }
 
@@ -220,7 +185,7 @@ impl RgbdBag {
 
     /// Returns the pinhole model of all frames.
     pub fn intrinsics(&self) -> Intrinsics {
-        self.lens.intrinsics
+        self.camera.lens.intrinsics
     }
 
     /// Returns the transforms of the bag.
@@ -246,7 +211,7 @@ impl RgbdBag {
     fn camera_pose(&self, time_ns: i64) -> Option<Isometry<Camera, World>> {
         let [world, camera] = self.ends.as_ref()?;
         let world_from_optical = self.survey.tree.look_up(world, camera, time_ns).ok()?;
-        Some(Isometry::new(world_from_optical * optical()))
+        Some(Isometry::new(world_from_optical * RosCamera::optical_from_camera()))
     }
 
     fn object_pose(&self, time_ns: i64) -> Option<Isometry<MeshFile, Camera>> {
@@ -257,7 +222,7 @@ impl RgbdBag {
         } else {
             self.survey.tree.look_up(camera, frame, time_ns).ok()?
         };
-        Some(Isometry::new(optical() * optical_from_frame * pose))
+        Some(Isometry::new(RosCamera::optical_from_camera() * optical_from_frame * pose))
     }
 
     fn joints(&self, time_ns: i64) -> BTreeMap<String, f64> {
@@ -293,28 +258,26 @@ impl RgbdBag {
             color,
             depth_m,
             mask,
-            intrinsics: self.lens.intrinsics,
+            intrinsics: self.camera.lens.intrinsics,
             world_from_camera: self.camera_pose(frame.time_ns),
             camera_from_object: self.object_pose(frame.time_ns),
             joints: self.joints(frame.time_ns),
         })
     }
 
-    /// Reads the image of a topic and converts it.
+    /// Reads the image of a topic and converts it; `convert` also receives the name of the topic.
     fn image<T>(
         &mut self,
         place: BagPlace,
         topic: usize,
-        convert: impl FnOnce(&AnyImage<'_>) -> Result<T, RosError>,
+        convert: impl FnOnce(&mut RosCamera, &RosPicture<'_>, &str) -> Result<T, RosError>,
     ) -> Result<T, BagError> {
         let data = self.bag.read(place)?;
-        let is_raw = self.bag.topics().get(topic).is_some_and(|topic| topic.type_name == IMAGE);
-        let image = if is_raw {
-            RosImage::decode(&data).map(AnyImage::Raw)
-        } else {
-            RosCompressedImage::decode(&data).map(AnyImage::Compressed)
-        };
-        image.and_then(|image| convert(&image)).map_err(|reason| self.wrong(topic, place, reason))
+        let is_compressed = self.bag.topics().get(topic).is_some_and(|topic| topic.type_name != IMAGE);
+        let name = topic_name(&self.bag, topic);
+        let image = RosPicture::decode(&data, is_compressed);
+        let converted = image.and_then(|image| convert(&mut self.camera, &image, &name));
+        converted.map_err(|reason| self.wrong(topic, place, reason))
     }
 
     /// Returns a fault of an image.
@@ -324,156 +287,22 @@ impl RgbdBag {
     }
 
     fn depth(&mut self, place: BagPlace) -> Result<Array2<f32>, BagError> {
-        let topic = self.chosen.depth;
-        let unit_m = self.stated.depth_unit_m.unwrap_or(UNIT_M);
-        let depth_m = self.image(place, topic, |image| depth_of(image, unit_m))?;
-        let Intrinsics { width, height, .. } = self.lens.intrinsics;
-        if depth_m.dim() != (height, width) {
-            let (rows, columns) = depth_m.dim();
-            let fault = format!(
-                "the depth image has {columns} x {rows} pixels, but its camera model {} has {width} x {height}: name the model of this size as camera_info in bag.toml",
-                topic_name(&self.bag, self.chosen.camera_info)
-            );
-            return Err(self.wrong(topic, place, RosError::fault(fault)));
-        }
-        let lens = self.lens;
-        Ok(match self.remap(&lens) {
-            Some(remap) => remap.nearest(&depth_m),
-            None => depth_m,
-        })
-    }
-
-    /// Returns the lens of images in this size, which have the colours' place in the camera.
-    fn lens_of(&self, size: [usize; 2], name: &str) -> RosLens {
-        let own = self.color_lens.filter(|lens| [lens.intrinsics.width, lens.intrinsics.height] == size);
-        let mut lens = own.unwrap_or_else(|| self.lens.resized(size));
-        if is_rectified(name) {
-            lens.distortion = [0.0; 8];
-        }
-        lens
+        self.image(place, self.chosen.depth, |camera, image, _| camera.depth_m(image))
     }
 
     fn colours(&mut self, place: BagPlace) -> Result<RgbImage, BagError> {
-        let topic = self.chosen.color;
-        let color = self.image(place, topic, colours_of)?;
-        let Intrinsics { width, height, .. } = self.lens.intrinsics;
-        let size = [color.width() as usize, color.height() as usize];
-        self.check_shape(topic, place, size)?;
-        let lens = self.lens_of(size, &topic_name(&self.bag, topic));
-        let color = match self.remap(&lens) {
-            Some(remap) => remap.colours(&color),
-            None => color,
-        };
-        if size == [width, height] {
-            return Ok(color);
-        }
-        Ok(resize(&color, width as u32, height as u32, FilterType::Triangle))
-    }
-
-    /// Refuses images of another shape than that of depth.
-    fn check_shape(&self, topic: usize, place: BagPlace, [columns, rows]: [usize; 2]) -> Result<(), BagError> {
-        let Intrinsics { width, height, .. } = self.lens.intrinsics;
-        if columns * height == rows * width {
-            return Ok(());
-        }
-        let fault = format!(
-            "{columns} x {rows} pixels are of another shape than depth with {width} x {height}: record depth that is aligned to the colours"
-        );
-        Err(self.wrong(topic, place, RosError::fault(fault)))
+        self.image(place, self.chosen.color, RosCamera::colours)
     }
 
     fn mask(&mut self, place: BagPlace, topic: usize) -> Result<Array2<bool>, BagError> {
-        let (labels, is_lossy) = self.image(place, topic, labels_of)?;
-        let (rows, columns) = labels.dim();
-        self.check_shape(topic, place, [columns, rows])?;
-        let inside =
-            inside(self.stated.object, is_lossy, &labels).map_err(|reason| self.wrong(topic, place, reason))?;
-        Ok(self.straight(inside, &topic_name(&self.bag, topic)))
+        self.image(place, topic, RosCamera::mask)
     }
 
     /// Returns a mask that was drawn on a colour image of the bag without the distortion of the lens and in the size of depth, as that of a frame;
     /// `None` if it has another shape than depth.
     pub fn mask_over_depth(&mut self, drawn: Array2<bool>) -> Option<Array2<bool>> {
-        let Intrinsics { width, height, .. } = self.lens.intrinsics;
-        let (rows, columns) = drawn.dim();
-        (columns * height == rows * width).then(|| self.straight(drawn, &topic_name(&self.bag, self.chosen.color)))
+        self.camera.drawn_mask(drawn, &topic_name(&self.bag, self.chosen.color))
     }
-
-    /// Returns a mask of the topic of this name without distortion, in the size of depth.
-    fn straight(&mut self, inside: Array2<bool>, name: &str) -> Array2<bool> {
-        let (rows, columns) = inside.dim();
-        let lens = self.lens_of([columns, rows], name);
-        let mask = match self.remap(&lens) {
-            Some(remap) => remap.nearest(&inside),
-            None => inside,
-        };
-        let Intrinsics { width, height, .. } = self.lens.intrinsics;
-        if (rows, columns) == (height, width) {
-            return mask;
-        }
-        let at = |at: usize, of: usize, from: usize| ((2 * at + 1) * from) / (2 * of);
-        Array2::from_shape_fn((height, width), |(v, u)| {
-            mask.get((at(v, height, rows), at(u, width, columns))).copied().unwrap_or(false)
-        })
-    }
-
-    /// Returns the map that removes the distortion of a lens; `None` without distortion.
-    fn remap(&mut self, lens: &RosLens) -> Option<&Remap> {
-        let at = match self.remaps.iter().position(|remap| remap.is_of(lens)) {
-            Some(at) => at,
-            None => {
-                self.remaps.push(Remap::new(lens)?);
-                self.remaps.len() - 1
-            }
-        };
-        self.remaps.get(at)
-    }
-}
-
-/// Image as it was recorded.
-enum AnyImage<'a> {
-    Raw(RosImage<'a>),
-    Compressed(RosCompressedImage<'a>),
-}
-
-fn colours_of(image: &AnyImage<'_>) -> Result<RgbImage, RosError> {
-    match image {
-        AnyImage::Raw(image) => image.colours(),
-        AnyImage::Compressed(image) => image.colours(),
-    }
-}
-
-fn depth_of(image: &AnyImage<'_>, unit_m: f64) -> Result<Array2<f32>, RosError> {
-    match image {
-        AnyImage::Raw(image) => image.depth_m(unit_m),
-        AnyImage::Compressed(image) => image.depth_m(unit_m),
-    }
-}
-
-/// Returns labels, and whether their edges are blurred.
-fn labels_of(image: &AnyImage<'_>) -> Result<(Array2<u16>, bool), RosError> {
-    Ok(match image {
-        AnyImage::Raw(image) => (image.labels()?, false),
-        AnyImage::Compressed(image) => (image.labels()?, image.is_lossy()),
-    })
-}
-
-/// Returns where labels show the object.
-fn inside(object: Option<u16>, is_lossy: bool, labels: &Array2<u16>) -> Result<Array2<bool>, RosError> {
-    if let Some(object) = object {
-        return Ok(labels.mapv(|label| label == object));
-    }
-    let most = labels.iter().copied().max().unwrap_or(0);
-    if is_lossy {
-        return Ok(labels.mapv(|label| u32::from(label) * 2 > u32::from(most)));
-    }
-    if let Some(other) = labels.iter().find(|label| **label != 0 && **label != most) {
-        let fault = format!(
-            "it holds several labels ({other}, {most}): say which is the object by `object = LABEL` in bag.toml"
-        );
-        return Err(RosError::fault(fault));
-    }
-    Ok(labels.mapv(|label| label > 0))
 }
 
 fn topic_name(bag: &Bag, topic: usize) -> String {

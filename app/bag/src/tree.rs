@@ -41,6 +41,13 @@ impl<T: Copy> Track<T> {
         self.samples.is_empty()
     }
 
+    /// Drops samples before a time, but not the newest one.
+    fn forget_before(&mut self, time_ns: i64) {
+        if let Some(newest_ns) = self.samples.iter().map(|(sample_ns, _)| *sample_ns).max() {
+            self.samples.retain(|(sample_ns, _)| *sample_ns >= time_ns.min(newest_ns));
+        }
+    }
+
     /// Returns the value at a time, between two samples by `between`; `None` far from all samples.
     pub fn at(&self, time_ns: i64, most_gap_ns: i64, between: impl Fn(&T, &T, f64) -> T) -> Option<T> {
         let next = self.samples.partition_point(|(sample_ns, _)| *sample_ns < time_ns);
@@ -107,6 +114,11 @@ impl TransformTree {
     /// Sorts the transforms by time; call it before the first look-up.
     pub fn sort(&mut self) {
         self.edges.values_mut().for_each(|edge| edge.track.sort());
+    }
+
+    /// Forgets poses before a time, nanoseconds, so that a tree that is fed for hours does not grow. The newest pose of each frame stays.
+    pub fn forget_before(&mut self, time_ns: i64) {
+        self.edges.values_mut().for_each(|edge| edge.track.forget_before(time_ns));
     }
 
     /// Returns frames with two parents, of which the first counts.
@@ -203,6 +215,20 @@ mod tests {
         assert_eq!(tree.root_of("optical"), "map");
         tree.add(&transform("odom", "camera", shift(9.0)), 0, false);
         assert_eq!(tree.torn(), ["camera"]);
+    }
+
+    #[test]
+    fn what_is_old_is_forgotten_but_the_newest_pose() {
+        let mut tree = TransformTree::default();
+        for k in 0..5 {
+            tree.add(&transform("map", "camera", shift(k as f64)), k * 1_000_000_000, false);
+        }
+        tree.forget_before(3_000_000_000);
+        tree.sort();
+        assert!(tree.look_up("map", "camera", 2_000_000_000).is_err());
+        assert!(tree.look_up("map", "camera", 3_500_000_000).is_ok());
+        tree.forget_before(i64::MAX);
+        assert!(tree.look_up("map", "camera", 4_000_000_000).is_ok());
     }
 
     #[test]

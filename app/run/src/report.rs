@@ -24,6 +24,7 @@ pub use mvt_slam::{Deviation, TrackState};
 mod camera_poses;
 mod coordinates;
 mod curves;
+mod live;
 pub mod mesh_file;
 mod summary;
 mod table;
@@ -35,6 +36,7 @@ mod turntable;
 
 pub use camera_poses::{FrameCamera, write_camera_poses};
 pub use coordinates::Coordinates;
+pub use live::{LiveLatency, LiveRecord, LiveTopicRecord, SharedLiveRecord};
 pub use summary::{ErrorStatistics, KNOWN_RAD, ObservedScores, RotationStatistics, SURE_M, ShapeScores, Summary};
 pub use tracked::{benchmark, is_symmetric};
 pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
@@ -90,6 +92,8 @@ pub struct RunRecord {
     pub calibration: Option<Calibration>,
     /// The frames of a recording of which the poses of the camera are known, in their order.
     pub cameras: Vec<FrameCamera>,
+    /// The live connection, which its source updates; `None` for other sources.
+    pub live: Option<SharedLiveRecord>,
     /// Whether the run came to its end.
     pub complete: bool,
 }

@@ -1,6 +1,7 @@
 //! `summary.json`: a run in numbers.
 
 use std::collections::BTreeMap;
+use std::sync::PoisonError;
 
 use mvt_calibration::Calibration;
 use mvt_frames::{Frame, Isometry, Object};
@@ -17,7 +18,7 @@ use crate::source::Modality;
 use crate::truth::Truth;
 
 use super::trajectory::pose_numbers;
-use super::{Event, FrameRow, RunRecord, StageMs, TrackState};
+use super::{Event, FrameRow, LiveRecord, RunRecord, StageMs, TrackState};
 
 /// The content of `summary.json`. Lengths are millimetres, shares run from 0 to 1. A number is null where there is no truth to hold
 /// the run against, or where it is infinite.
@@ -80,6 +81,9 @@ pub struct Summary {
     /// Takes the coordinates of the field to those of the mesh: x, y, z in metres, then the quaternion w, x, y, z. Null if nothing was
     /// seen.
     pub object_from_field: Option<[f64; 7]>,
+    /// The live connection; missing of other runs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub live: Option<LiveRecord>,
     /// Events.
     pub events: Vec<Event>,
     /// Choices of the explorer with the gains that it expected; missing without `--explore`.
@@ -265,6 +269,7 @@ impl Summary {
             sure_frames: sure as f64 / frames.len().max(1) as f64,
             calibration: run.calibration.clone(),
             object_from_field: run.object_from_field.map(pose_numbers),
+            live: run.live.as_ref().map(|live| live.lock().unwrap_or_else(PoisonError::into_inner).clone()),
             events: run.events.clone(),
             choices: run.choices.clone(),
         }

@@ -60,6 +60,7 @@ fn run() -> RunRecord {
         shape: (0..60).map(point).collect(),
         events: vec![Event { time_s: 10.0, text: "lost the object".into() }],
         choices: Vec::new(),
+        live: None,
         hidden: vec![0.2, 0.4],
         observed: Observed::default(),
         object_from_field: None,

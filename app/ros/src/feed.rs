@@ -1,0 +1,404 @@
+//! The thread that receives: it opens subscriptions as their topics appear, and keeps the newest messages of each.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use mvt_bag::{RosCameraInfo, RosHeader, RosTransform, TransformTree};
+use mvt_run::report::LiveTopicRecord;
+
+use crate::bus::{Bus, Delivery, Inlet, LiveTopic, Waiter};
+use crate::error::LiveError;
+use crate::pairing::{FrameCounts, PairedFrame, Pairing, StampFault, StreamNeed, StreamRule};
+use crate::setup::RosSetup;
+
+/// Types that are read.
+const IMAGE: &str = "sensor_msgs/msg/Image";
+const COMPRESSED_IMAGE: &str = "sensor_msgs/msg/CompressedImage";
+const CAMERA_INFO: &str = "sensor_msgs/msg/CameraInfo";
+const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
+const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
+
+/// How often new topics are looked for.
+const LOOK: Duration = Duration::from_millis(100);
+/// Topics that do not come within this time are named.
+const PATIENCE_NS: i64 = 2_000_000_000;
+/// How long transforms are kept, nanoseconds.
+const KEEP_TRANSFORMS_NS: i64 = 10_000_000_000;
+/// Images of a topic that wait to be received: more are too old, fewer lose some while this thread sleeps.
+const IMAGES: usize = 8;
+/// Small messages of a topic that wait to be received.
+const VALUES: usize = 256;
+/// Topics of transforms, and whether they hold at all times.
+const TRANSFORM_TOPICS: [(&str, bool); 2] = [("/tf", false), ("/tf_static", true)];
+
+/// Returns the time of our clock since 1970, nanoseconds.
+pub(crate) fn now_ns() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
+}
+
+/// What a topic delivers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Delivers {
+    /// Messages of the stream of this number.
+    Stream(usize),
+    CameraInfo,
+    Transforms {
+        always: bool,
+    },
+}
+
+/// A topic that is read.
+struct Wanted {
+    topic: String,
+    delivers: Delivers,
+    types: &'static [&'static str],
+    delivery: Delivery,
+    inlet: Option<Inlet>,
+}
+
+/// Streams of frames and their numbers.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct StreamNumbers {
+    pub color: Option<usize>,
+    pub masks: Option<usize>,
+    pub joints: Option<usize>,
+    /// By pad; `None` without a topic.
+    pub touch: Vec<Option<usize>>,
+}
+
+/// What has arrived.
+struct Arrived {
+    pairing: Pairing<Vec<u8>>,
+    camera_info: Option<RosCameraInfo>,
+    /// Frame of the depth images.
+    depth_frame: String,
+    /// Streams of compressed images.
+    compressed: BTreeSet<usize>,
+    transforms: TransformTree,
+    topics: Vec<LiveTopicRecord>,
+}
+
+struct Shared {
+    arrived: Mutex<Arrived>,
+    signal: Condvar,
+    stop: AtomicBool,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Arrived> {
+        // A thread that panicked leaves messages behind, which are valid one by one.
+        self.arrived.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Receives the topics of a setup until it is dropped.
+pub(crate) struct Feed {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    /// Which stream is which.
+    pub numbers: StreamNumbers,
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Returns the topics of a setup with the rules of their streams.
+fn wanted(setup: &RosSetup, pads: &[String]) -> (Vec<Wanted>, Vec<StreamRule>, StreamNumbers) {
+    const IMAGES_OF: &[&str] = &[IMAGE, COMPRESSED_IMAGE];
+    let (mut topics, mut rules, mut numbers) = (Vec::new(), Vec::new(), StreamNumbers::default());
+    let delivery = |depth| Delivery { reliable: setup.reliable, latched: false, depth };
+    let mut stream = |topic: &String, types, need, is_between| {
+        let number = rules.len();
+        rules.push(StreamRule { name: topic.clone(), need, is_between });
+        let delivery = delivery(if is_between { VALUES } else { IMAGES });
+        topics.push(Wanted { topic: topic.clone(), delivers: Delivers::Stream(number), types, delivery, inlet: None });
+        number
+    };
+    stream(&setup.depth, IMAGES_OF, StreamNeed::Always, false);
+    numbers.color = setup.color.as_ref().map(|topic| stream(topic, IMAGES_OF, StreamNeed::WhileAlive, false));
+    // Without a hand nothing else says where the object is.
+    let need = if setup.rig.is_none() { StreamNeed::Always } else { StreamNeed::WhileAlive };
+    numbers.masks = setup.masks.as_ref().map(|topic| stream(topic, IMAGES_OF, need, false));
+    numbers.joints = setup.joints.as_ref().map(|topic| stream(topic, &[JOINT_STATE], StreamNeed::Always, true));
+    numbers.touch = pads
+        .iter()
+        .map(|pad| setup.touch.get(pad).map(|topic| stream(topic, IMAGES_OF, StreamNeed::WhileAlive, false)))
+        .collect();
+    topics.push(Wanted {
+        topic: setup.camera_info.clone(),
+        delivers: Delivers::CameraInfo,
+        types: &[CAMERA_INFO],
+        delivery: delivery(IMAGES),
+        inlet: None,
+    });
+    if setup.world_frame.is_some() {
+        topics.extend(TRANSFORM_TOPICS.map(|(topic, always)| Wanted {
+            topic: topic.to_owned(),
+            delivers: Delivers::Transforms { always },
+            types: &[TRANSFORMS],
+            // Transforms that hold at all times were sent before we came.
+            delivery: Delivery { reliable: true, latched: always, depth: VALUES },
+            inlet: None,
+        }));
+    }
+    (topics, rules, numbers)
+}
+
+impl Feed {
+    /// Starts to receive. Touch images belong to pads of these names.
+    pub fn start(bus: Arc<Bus>, setup: &RosSetup, pads: &[String]) -> Result<Self, LiveError> {
+        let (topics, rules, numbers) = wanted(setup, pads);
+        let begun_ns = now_ns();
+        let arrived = Arrived {
+            pairing: Pairing::new(rules, setup.slop_ns(), begun_ns),
+            camera_info: None,
+            depth_frame: String::new(),
+            compressed: BTreeSet::new(),
+            transforms: TransformTree::default(),
+            topics: Vec::new(),
+        };
+        let shared =
+            Arc::new(Shared { arrived: Mutex::new(arrived), signal: Condvar::new(), stop: AtomicBool::new(false) });
+        let receiver = Receiver {
+            bus,
+            shared: Arc::clone(&shared),
+            topics,
+            waiter: Waiter::new()?,
+            told: BTreeSet::new(),
+            begun_ns,
+        };
+        let thread = std::thread::spawn(move || receiver.run());
+        Ok(Self { shared, thread: Some(thread), numbers })
+    }
+
+    /// Returns the newest complete frame that was not returned before; waits for one at most so long.
+    pub fn next(&self, most: Duration) -> Option<PairedFrame<Vec<u8>>> {
+        let mut arrived = self.shared.lock();
+        let frame = arrived.pairing.take(now_ns());
+        if frame.is_some() {
+            return frame;
+        }
+        (arrived, _) = self.shared.signal.wait_timeout(arrived, most).unwrap_or_else(PoisonError::into_inner);
+        arrived.pairing.take(now_ns())
+    }
+
+    /// Returns the camera model, if it has arrived.
+    pub fn camera_info(&self) -> Option<RosCameraInfo> {
+        self.shared.lock().camera_info.clone()
+    }
+
+    /// Returns the coordinate frame of the depth images; empty before the first.
+    pub fn depth_frame(&self) -> String {
+        self.shared.lock().depth_frame.clone()
+    }
+
+    /// Returns whether the images of a stream are compressed.
+    pub fn is_compressed(&self, stream: usize) -> bool {
+        self.shared.lock().compressed.contains(&stream)
+    }
+
+    /// Looks up a transform at a time; a sentence if it is unknown.
+    pub fn look_up(&self, to: &str, from: &str, time_ns: i64) -> Result<mvt_bag::nalgebra::Isometry3<f64>, String> {
+        let mut arrived = self.shared.lock();
+        arrived.transforms.sort();
+        arrived.transforms.look_up(to, from, time_ns)
+    }
+
+    /// Returns the topics with their counts.
+    pub fn topics(&self) -> Vec<LiveTopicRecord> {
+        self.shared.lock().topics.clone()
+    }
+
+    /// Returns what became of depth images.
+    pub fn frames(&self) -> FrameCounts {
+        self.shared.lock().pairing.frames()
+    }
+
+    /// Returns the topics of streams that have delivered nothing since a time.
+    pub fn silent(&self, since_ns: i64) -> Vec<String> {
+        self.shared.lock().pairing.silent(since_ns).into_iter().map(str::to_owned).collect()
+    }
+}
+
+/// The receiving thread.
+struct Receiver {
+    bus: Arc<Bus>,
+    shared: Arc<Shared>,
+    topics: Vec<Wanted>,
+    waiter: Waiter,
+    /// Warnings that were given: by topic and kind, so that each is given once.
+    told: BTreeSet<(String, &'static str)>,
+    begun_ns: i64,
+}
+
+impl Receiver {
+    fn run(mut self) {
+        let mut looked: Option<std::time::Instant> = None;
+        while !self.shared.stop.load(Ordering::Relaxed) {
+            if looked.is_none_or(|looked| looked.elapsed() >= LOOK) {
+                self.look();
+                looked = Some(std::time::Instant::now());
+            }
+            self.waiter.wait(LOOK / 2);
+            if self.receive() {
+                self.shared.signal.notify_all();
+            }
+        }
+    }
+
+    fn warn(&mut self, topic: &str, kind: &'static str, text: impl FnOnce() -> String) {
+        if self.told.insert((topic.to_owned(), kind)) {
+            tracing::warn!("{topic}: {}", text());
+        }
+    }
+
+    /// Opens subscriptions of topics that have appeared, and names what is wrong with the others.
+    fn look(&mut self) {
+        let seen: BTreeMap<String, LiveTopic> =
+            self.bus.topics().into_iter().map(|topic| (topic.name.clone(), topic)).collect();
+        let mut missing = Vec::new();
+        for k in 0..self.topics.len() {
+            let Some(Wanted { topic, types, delivery, delivers, inlet }) = self.topics.get(k) else { continue };
+            let (name, types, mut delivery, delivers) = (topic.clone(), *types, *delivery, *delivers);
+            let Some(topic) = seen.get(&name) else {
+                if inlet.is_none() {
+                    missing.push(name);
+                }
+                continue;
+            };
+            if topic.publishers > 1 && !matches!(delivers, Delivers::Transforms { .. }) {
+                self.warn(&name, "publishers", || {
+                    format!("it has {} publishers, whose messages are mixed: stop all but one", topic.publishers)
+                });
+            }
+            if self.topics.get(k).is_some_and(|wanted| wanted.inlet.is_some()) {
+                continue;
+            }
+            let Some(type_name) = topic.types.iter().find(|name| types.contains(&name.as_str())) else {
+                self.warn(&name, "type", || {
+                    format!(
+                        "its type is {}, but {} is needed: name another topic",
+                        topic.types.join(", "),
+                        types.join(" or ")
+                    )
+                });
+                continue;
+            };
+            if delivery.reliable && !topic.is_reliable {
+                delivery.reliable = false;
+                self.warn(&name, "reliability", || "its publisher does not send lost messages again".to_owned());
+            }
+            match self.bus.listen(&name, type_name, delivery).and_then(|mut inlet| {
+                self.waiter.add(&mut inlet)?;
+                Ok(inlet)
+            }) {
+                Ok(inlet) => {
+                    if let Delivers::Stream(number) = delivers
+                        && type_name == COMPRESSED_IMAGE
+                    {
+                        self.shared.lock().compressed.insert(number);
+                    }
+                    if let Some(wanted) = self.topics.get_mut(k) {
+                        wanted.inlet = Some(inlet);
+                    }
+                }
+                Err(error) => self.warn(&name, "open", || error.to_string()),
+            }
+        }
+        let now_ns = now_ns();
+        if now_ns - self.begun_ns > PATIENCE_NS && !missing.is_empty() {
+            let missing = missing.join(", ");
+            self.warn(&missing, "missing", || missing_in_words(&seen));
+        }
+        let mut arrived = self.shared.lock();
+        arrived.transforms.forget_before(now_ns.saturating_sub(KEEP_TRANSFORMS_NS));
+        arrived.topics = self.topics.iter().filter_map(|wanted| record(wanted, &arrived.pairing)).collect();
+    }
+
+    /// Takes all messages that have arrived; returns whether there were any.
+    fn receive(&mut self) -> bool {
+        let mut messages = Vec::new();
+        for wanted in &mut self.topics {
+            if let Some(inlet) = &mut wanted.inlet {
+                while let Some(message) = inlet.take() {
+                    messages.push((wanted.topic.clone(), wanted.delivers, message));
+                }
+            }
+        }
+        let is_any = !messages.is_empty();
+        for (topic, delivers, message) in messages {
+            if let Err((kind, fault)) = self.accept(delivers, message) {
+                self.warn(&topic, kind, || fault);
+            }
+        }
+        is_any
+    }
+
+    fn accept(&mut self, delivers: Delivers, message: Vec<u8>) -> Result<(), (&'static str, String)> {
+        let unreadable = |reason: mvt_bag::RosError| ("unreadable", format!("a message is dropped: {reason}"));
+        match delivers {
+            Delivers::Stream(number) => {
+                let RosHeader { stamp_ns, frame } = RosHeader::decode(&message).map_err(unreadable)?;
+                let mut arrived = self.shared.lock();
+                if number == 0 && arrived.depth_frame != frame {
+                    arrived.depth_frame = frame;
+                }
+                arrived.pairing.push(number, stamp_ns, now_ns(), message).map_err(|fault| {
+                    let kind = match fault {
+                        StampFault::Zero => "zero",
+                        StampFault::Backwards => "backwards",
+                        StampFault::Jump => "jump",
+                        StampFault::Future | StampFault::Past => "clock",
+                    };
+                    (kind, fault.to_string())
+                })
+            }
+            Delivers::CameraInfo => {
+                let info = RosCameraInfo::decode(&message).map_err(unreadable)?;
+                self.shared.lock().camera_info = Some(info);
+                Ok(())
+            }
+            Delivers::Transforms { always } => {
+                let transforms = RosTransform::decode(&message).map_err(unreadable)?;
+                let mut arrived = self.shared.lock();
+                for transform in &transforms {
+                    arrived.transforms.add(transform, transform.header.stamp_ns, always);
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// Says that topics do not come, and what is seen instead.
+fn missing_in_words(seen: &BTreeMap<String, LiveTopic>) -> String {
+    if seen.is_empty() {
+        return "no publisher: no topic is seen at all; compare domain, addresses and firewall with those of the publishers".to_owned();
+    }
+    let seen: Vec<&str> = seen.keys().map(String::as_str).collect();
+    format!("no publisher; these topics are seen: {}", seen.join(", "))
+}
+
+fn record(wanted: &Wanted, pairing: &Pairing<Vec<u8>>) -> Option<LiveTopicRecord> {
+    let Delivers::Stream(number) = wanted.delivers else { return None };
+    let (_, counts) = pairing.streams().nth(number)?;
+    let span_ns = counts.newest_arrival_ns.zip(counts.first_arrival_ns).map_or(0, |(newest, first)| newest - first);
+    let hz = if span_ns > 0 { (counts.received - 1) as f64 / (span_ns as f64 * 1e-9) } else { 0.0 };
+    Some(LiveTopicRecord {
+        topic: wanted.topic.clone(),
+        received: counts.received,
+        lost: wanted.inlet.as_ref().map_or(0, Inlet::lost),
+        refused: counts.refused,
+        hz,
+    })
+}

@@ -1,0 +1,48 @@
+//! Live ROS 2 without a ROS installation: topics in as frames, results out as topics.
+//!
+//! [`RosSetup`] is the table `[ros]` of the user's TOML file. [`LiveConnection`] joins the network over RustDDS, subscribes to the topics that
+//! it names, and gives a [`RosSource`](source) of frames and a publisher of poses, transforms, meshes and diagnostics. Messages are decoded by
+//! mvt-bag, whose bags hold the same bytes, and encoded by [`CdrWriter`]. [`Pairing`] is the rule by which messages become frames; it knows
+//! no network:
+//!
+//! ```
+//! use mvt_ros::RosSetup;
+//!
+//! let setup = RosSetup::parse(
+//!     r#"
+//!     [ros]
+//!     depth = "/camera/aligned_depth_to_color/image_raw"
+//!     color = "/camera/color/image_raw"
+//!     camera_info = "/camera/aligned_depth_to_color/camera_info"
+//!     masks = "/masks"
+//!     "#,
+//! )?;
+//! assert_eq!(setup.slop_ns(), 16_000_000);
+//! # Ok::<(), String>(())
+//! ```
+//!
+//! [source]: RosSource
+
+mod bus;
+mod cdr_writer;
+mod connection;
+mod error;
+mod feed;
+mod listing;
+mod observer;
+pub mod outgoing;
+mod pairing;
+mod publisher;
+mod setup;
+mod source;
+
+pub use bus::{Bus, Delivery, Inlet, LiveTopic, Outlet, Waiter};
+pub use cdr_writer::CdrWriter;
+pub use connection::LiveConnection;
+pub use error::LiveError;
+pub use listing::{TopicRate, list_topics};
+pub use pairing::{FrameCounts, PairedFrame, Pairing, Part, StampFault, Stamped, StreamCounts, StreamNeed, StreamRule};
+pub use publisher::RosPublisher;
+pub use setup::{PublishSetup, RosSetup, domain_of_environment};
+pub use source::{LiveOptions, RosSource};
+pub use {mvt_calibration, mvt_frames, mvt_perceive, mvt_robot, mvt_run, nalgebra};

@@ -1,0 +1,72 @@
+//! A live connection in numbers.
+
+use std::sync::{Arc, Mutex};
+
+use serde::Serialize;
+
+/// What arrived over a live connection, what was dropped, and how old a frame was when its pose was known.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct LiveRecord {
+    /// Frames that were estimated.
+    pub frames: u64,
+    /// Complete frames that were dropped because a newer one was there.
+    pub late: u64,
+    /// Depth images without colours, masks, joints or touch images of their time.
+    pub unpaired: u64,
+    /// Frames with a damaged image, or joints of another hand.
+    pub unusable: u64,
+    /// Time from the stamp of a frame to its published pose; `None` if the clocks differ.
+    pub latency_ms: Option<LiveLatency>,
+    /// The topics.
+    pub topics: Vec<LiveTopicRecord>,
+}
+
+/// Time from the stamp of a frame to its published pose, milliseconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct LiveLatency {
+    /// Half of the frames are at most so old.
+    pub median: f64,
+    /// 95 % of the frames are at most so old.
+    pub p95: f64,
+    /// The oldest.
+    pub max: f64,
+}
+
+/// A topic of a live connection.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct LiveTopicRecord {
+    /// Its name.
+    pub topic: String,
+    /// Messages that arrived.
+    pub received: u64,
+    /// Messages that the publisher numbered and that never arrived.
+    pub lost: u64,
+    /// Messages that were dropped because of their stamps.
+    pub refused: u64,
+    /// Messages that arrived, per second.
+    pub hz: f64,
+}
+
+/// A record that is updated while the run goes on.
+pub type SharedLiveRecord = Arc<Mutex<LiveRecord>>;
+
+impl LiveLatency {
+    /// Returns the quantiles of times; `None` without any.
+    pub fn of(mut times_ms: Vec<f64>) -> Option<Self> {
+        times_ms.sort_by(f64::total_cmp);
+        let at = |share: f64| times_ms.get(((times_ms.len() as f64 * share) as usize).min(times_ms.len() - 1)).copied();
+        Some(Self { max: *times_ms.last()?, median: at(0.5)?, p95: at(0.95)? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn latency_is_given_by_quantiles() {
+        assert_eq!(LiveLatency::of(Vec::new()), None);
+        let latency = LiveLatency::of((0..100).rev().map(f64::from).collect());
+        assert_eq!(latency, Some(LiveLatency { median: 50.0, p95: 95.0, max: 99.0 }));
+    }
+}

@@ -1,0 +1,55 @@
+//! `ros`: a look at the network of ROS 2.
+
+use std::net::IpAddr;
+use std::time::Duration;
+
+use anyhow::Result;
+use clap::{Args, Subcommand, value_parser};
+use mvt_ros::{TopicRate, domain_of_environment, list_topics};
+use mvt_run::io::print_line;
+
+use crate::signals::stop_on_signals;
+
+/// Look at the network of ROS 2, without a ROS installation
+#[derive(Debug, Subcommand)]
+pub enum RosCommand {
+    Topics(RosTopicsArguments),
+}
+
+/// List topics with types, publishers and rates
+///
+/// A topic is listed if it has a publisher. `reliable` says that lost messages are sent again.
+#[derive(Debug, Args)]
+pub struct RosTopicsArguments {
+    /// Domain [default: that of the variable ROS_DOMAIN_ID, or 0]
+    #[arg(long, value_name = "N", value_parser = value_parser!(u16).range(0..=232))]
+    domain: Option<u16>,
+    /// Addresses of the network cards of this computer that are used, separated by commas [default: all]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    addresses: Vec<IpAddr>,
+    /// Time to listen, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 3.0, value_parser = mvt_run::arguments::duration)]
+    duration: f64,
+}
+
+/// Runs the command.
+pub fn run(command: &RosCommand) -> Result<()> {
+    let RosCommand::Topics(arguments) = command;
+    let stop = stop_on_signals()?;
+    let domain = arguments.domain.unwrap_or_else(domain_of_environment);
+    let duration = Duration::from_secs_f64(arguments.duration);
+    let topics = list_topics(domain, &arguments.addresses, duration, &stop)?;
+    if topics.is_empty() {
+        tracing::warn!(
+            "no topic is seen in domain {domain}: compare ROS_DOMAIN_ID, addresses and firewall with those of the publishers"
+        );
+    }
+    topics.iter().try_for_each(|topic| print_line(&in_words(topic)))
+}
+
+fn in_words(TopicRate { topic, hz, bytes }: &TopicRate) -> String {
+    let rate = hz.map_or_else(|| "silent".to_owned(), |hz| format!("{hz:.1} Hz, {bytes} bytes"));
+    let publishers = if topic.publishers == 1 { String::new() } else { format!(", {} publishers", topic.publishers) };
+    let reliability = if topic.is_reliable { "reliable" } else { "best effort" };
+    format!("{}  {}  {rate}  {reliability}{publishers}", topic.name, topic.types.join(" or "))
+}

@@ -1,0 +1,216 @@
+//! `run --ros` and `ros topics` with a real ROS 2 node beside them.
+//!
+//! The node is `tests/ros/peer.py`, which needs rclpy. A Python that has it is the one that ROS_PYTHON names, or python3.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use nalgebra as na;
+use serde_json::{Value, json};
+
+use crate::rgbd::as_named_folders;
+use crate::workplace::{Ended, Workplace, skip};
+
+/// Stamps of the sequence: 30 frames per second.
+fn stamp_ns(frame: usize) -> i64 {
+    1_581_120_424_100_262_102 + 33_333_333 * frame as i64
+}
+
+/// The Python with rclpy; without one the test is skipped.
+fn python() -> Option<String> {
+    let python = std::env::var("ROS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let modules = "import rclpy, sensor_msgs.msg, geometry_msgs.msg, visualization_msgs.msg, diagnostic_msgs.msg";
+    let asked = Command::new(&python).args(["-c", modules]).output();
+    if asked.is_ok_and(|asked| asked.status.success()) {
+        return Some(python);
+    }
+    skip(&format!("{python} has no rclpy: see .ci/run for the packages, and set ROS_PYTHON"));
+    None
+}
+
+/// A domain that no other test of this machine uses at the same time. Ports of domains above 100 overlap with those that the system gives away.
+fn domain(test: u32) -> u32 {
+    1 + (std::process::id() * 4 + test) % 100
+}
+
+/// Writes a sequence in folders as bytes of messages.
+fn as_messages(folder: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    let text = fs::read_to_string(folder.join("cam_K.txt")).unwrap();
+    let k: Vec<f64> = text.split_whitespace().map(|word| word.parse().unwrap()).collect();
+    let mut names: Vec<String> = fs::read_dir(folder.join("rgb"))
+        .unwrap()
+        .map(|file| file.unwrap().path().file_stem().unwrap().to_str().unwrap().to_owned())
+        .collect();
+    names.sort();
+    let mut size = (0, 0);
+    for name in &names {
+        let open = |kind: &str| image::open(folder.join(format!("{kind}/{name}.png"))).unwrap();
+        let (rgb, depth, mask) = (open("rgb").to_rgb8(), open("depth").to_luma16(), open("masks").to_luma8());
+        size = rgb.dimensions();
+        let levels: Vec<u8> = depth.iter().flat_map(|level| level.to_le_bytes()).collect();
+        for (kind, bytes) in [("rgb", rgb.as_raw()), ("depth", &levels), ("mask", mask.as_raw())] {
+            fs::write(to.join(format!("{name}.{kind}")), bytes).unwrap();
+        }
+    }
+    let sequence = json!({ "width": size.0, "height": size.1, "k": k, "names": names });
+    fs::write(to.join("sequence.json"), sequence.to_string()).unwrap();
+}
+
+/// A sequence of this many seconds, in folders and as bytes of messages, and the file that names the peer's topics.
+fn prepare(workplace: &Workplace, seconds: f64, domain: u32) {
+    let line = format!("generate --object cube70 --logs 1 --duration {seconds} --cameras side --out set");
+    workplace.run(&line).good();
+    as_named_folders(&workplace.path("set/cube70/00"), &workplace.path("folder"), |i| stamp_ns(i).to_string());
+    // Without the truth the coordinates of the estimate are its own, as those of a live run.
+    fs::remove_dir_all(workplace.path("folder/annotated_poses")).unwrap();
+    as_messages(&workplace.path("folder"), &workplace.path("messages"));
+    let file = format!(
+        "[ros]\ndomain = {domain}\naddresses = [\"127.0.0.1\"]\ndepth = \"/camera/depth/image_raw\"\n\
+         color = \"/camera/color/image_raw\"\ncamera_info = \"/camera/depth/camera_info\"\nmasks = \"/masks\"\n"
+    );
+    workplace.write("ros.toml", file);
+}
+
+fn peer(workplace: &Workplace, python: &str, domain: u32, arguments: &str) -> Child {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/ros/peer.py");
+    let mut command = Command::new(python);
+    command.arg(script).args(arguments.split_whitespace()).current_dir(workplace.path(""));
+    command.env("ROS_DOMAIN_ID", domain.to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn interrupt(child: &Child) {
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+}
+
+fn ended(child: Child) -> Ended {
+    let output = child.wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    Ended { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
+}
+
+fn json_of(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it() {
+    let Some(python) = python() else { return };
+    let (workplace, domain) = (Workplace::new(), domain(0));
+    prepare(&workplace, 1.5, domain);
+    workplace.run("run --log folder --out of_folder --quiet").warned();
+    let mut run = workplace.command("run --ros ros.toml --out live");
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let heard = ended(peer(&workplace, &python, domain, "messages heard.json"));
+    interrupt(&run);
+    let said = ended(run);
+    assert_eq!(heard.code, Some(0), "{heard:?}, {said:?}");
+    assert_eq!(said.code, Some(0), "{said:?}");
+    assert!(said.stdout.contains("live: 45 frames used, 0 late, 0 unpaired, 0 unusable"), "{said:?}");
+
+    let heard = json_of(&workplace.path("heard.json"));
+    let summary = json_of(&workplace.path("live/summary.json"));
+    assert_eq!((&heard["sent"], &summary["frames"], &summary["complete"]), (&json!(45), &json!(45), &json!(true)));
+    let live = &summary["live"];
+    assert_eq!((&live["frames"], &live["late"]), (&json!(45), &json!(0)));
+    for topic in live["topics"].as_array().unwrap() {
+        assert_eq!((&topic["received"], &topic["lost"]), (&json!(45), &json!(0)), "{topic}");
+    }
+    // The stamps are those of the recording, years ago.
+    assert!(live["latency_ms"].is_null() && said.stderr.contains("stamps are more than 1 s old"), "{said:?}");
+
+    let poses = heard["poses"].as_array().unwrap();
+    assert_eq!(poses.len(), 45);
+    for (number, pose) in poses.iter().enumerate() {
+        assert_eq!((&pose["stamp_ns"], &pose["frame"]), (&json!(stamp_ns(number)), &json!("camera_optical")));
+        let covariance = numbers(&pose["covariance"]);
+        assert!((0..36).all(|k| (covariance[k] > 0.0) == (k % 7 == 0)), "{covariance:?}");
+        let text = fs::read_to_string(workplace.path(&format!("of_folder/poses/{}.txt", stamp_ns(number)))).unwrap();
+        let of_folder: Vec<f64> = text.split_whitespace().map(|word| word.parse().unwrap()).collect();
+        let of_folder = na::Matrix4::from_row_slice(&of_folder);
+        let [x, y, z, i, j, k, w] = numbers(&pose["pose"]).try_into().unwrap();
+        let turn = na::UnitQuaternion::from_quaternion(na::Quaternion::new(w, i, j, k));
+        let apart =
+            (na::Isometry3::from_parts(na::Translation3::new(x, y, z), turn).to_homogeneous() - of_folder).norm();
+        assert!(apart < 1e-5, "frame {number}: {apart}");
+    }
+    let markers = heard["markers"].as_array().unwrap();
+    assert!(!markers.is_empty());
+    for marker in markers {
+        let corners = marker["corners"].as_array().unwrap();
+        assert_eq!((&marker["type"], &marker["frame"]), (&json!(11), &json!("mambavitact_object")));
+        assert_eq!((&marker["scale"], &marker["text"]), (&json!([1.0, 1.0, 1.0]), &json!("")));
+        assert!(!corners.is_empty() && corners.len() % 3 == 0 && corners.len() <= 3 * 830);
+        assert!(corners.iter().all(|corner| numbers(corner).iter().all(|x| x.abs() < 0.5)));
+    }
+    let diagnostics = &heard["diagnostics"];
+    assert_eq!((&diagnostics["name"], &diagnostics["level"]), (&json!("mambavitact"), &json!(0)), "{diagnostics}");
+    assert!(diagnostics["values"]["confidence"].as_str().unwrap().parse::<f64>().unwrap() > 0.5);
+}
+
+#[test]
+fn topics_are_listed_with_types_and_two_publishers_are_noticed() {
+    let Some(python) = python() else { return };
+    let (workplace, domain) = (Workplace::new(), domain(1));
+    prepare(&workplace, 0.3, domain);
+    let mut run = workplace.command("run --ros ros.toml --out live");
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let peer = peer(&workplace, &python, domain, "messages heard.json --twice --reliable");
+    let listed = workplace.run(&format!("ros topics --domain {domain} --addresses 127.0.0.1 --duration 6")).good();
+    let heard = ended(peer);
+    interrupt(&run);
+    let said = ended(run);
+    let line = |topic: &str| listed.lines().find(|line| line.starts_with(topic)).unwrap_or_else(|| panic!("{listed}"));
+    assert!(line("/camera/depth/image_raw").contains("sensor_msgs/msg/Image"), "{listed}, {heard:?}");
+    assert!(line("/camera/depth/image_raw").contains("2 publishers"), "{listed}");
+    assert!(line("/mambavitact/pose").contains("geometry_msgs/msg/PoseWithCovarianceStamped"), "{listed}");
+    assert!(said.stderr.contains("/camera/depth/image_raw: it has 2 publishers"), "{said:?}");
+}
+
+#[test]
+fn topics_that_do_not_come_are_named_with_what_is_seen_instead() {
+    let Some(python) = python() else { return };
+    let (workplace, domain) = (Workplace::new(), domain(2));
+    prepare(&workplace, 0.1, domain);
+    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
+    workplace.write(
+        "ros.toml",
+        text.replace("/masks", "/segments").replace("camera/color/image_raw", "camera/depth/camera_info_2"),
+    );
+    let mut run = workplace.command("run --ros ros.toml --out live");
+    let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut peer = peer(&workplace, &python, domain, "messages heard.json");
+    let mut said = String::new();
+    {
+        use std::io::{BufRead as _, BufReader};
+        let mut lines = BufReader::new(run.stderr.take().unwrap()).lines();
+        while !said.contains("/segments") {
+            said += &lines.next().unwrap().unwrap();
+        }
+    }
+    peer.kill().unwrap();
+    peer.wait().unwrap();
+    interrupt(&run);
+    let _ = run.wait();
+    assert!(said.contains("no publisher; these topics are seen:") || said.contains("no topic is seen"), "{said}");
+}
+
+#[test]
+fn files_that_cannot_be_used_are_refused_in_one_line() {
+    let workplace = Workplace::new();
+    let error = |line: &str| workplace.run(line).error();
+    assert!(error("run --ros missing.toml").contains("missing.toml"));
+    workplace.write("ros.toml", "[ros]\ndepth = \"/d\"\ncamera_info = \"/i\"\n");
+    assert!(error("run --ros ros.toml").contains("name their topic as `masks`"));
+    workplace.write("ros.toml", "[ros]\ndepth = \"/d\"\ncamera_info = \"/i\"\nmasks = \"/m\"\n");
+    assert!(error("run --ros ros.toml --modality tac").contains("--modality tac"));
+    assert!(error("run --ros ros.toml --mode map").contains("--mode slam"));
+    workplace.write("ros.toml", "[ros]\nrig = \"nothing\"\ndepth = \"/d\"\ncamera_info = \"/i\"\njoints = \"/j\"\n");
+    assert!(error("run --ros ros.toml").contains("nothing"));
+}
