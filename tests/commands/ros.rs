@@ -67,7 +67,7 @@ fn prepare(workplace: &Workplace, seconds: f64, domain: u32) {
     fs::remove_dir_all(workplace.path("folder/annotated_poses")).unwrap();
     as_messages(&workplace.path("folder"), &workplace.path("messages"));
     let file = format!(
-        "[ros]\ndomain = {domain}\naddresses = [\"127.0.0.1\"]\ndepth = \"/camera/depth/image_raw\"\n\
+        "[ros]\ndomain = {domain}\nreliable = true\naddresses = [\"127.0.0.1\"]\ndepth = \"/camera/depth/image_raw\"\n\
          color = \"/camera/color/image_raw\"\ncamera_info = \"/camera/depth/camera_info\"\nmasks = \"/masks\"\n"
     );
     workplace.write("ros.toml", file);
@@ -107,7 +107,7 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     workplace.run("run --log folder --out of_folder --quiet").warned();
     let mut run = workplace.command("run --ros ros.toml --out live");
     let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let heard = ended(peer(&workplace, &python, domain, "messages heard.json"));
+    let heard = ended(peer(&workplace, &python, domain, "messages heard.json --reliable"));
     interrupt(&run);
     let said = ended(run);
     assert_eq!(heard.code, Some(0), "{heard:?}, {said:?}");
@@ -185,7 +185,7 @@ fn topics_that_do_not_come_are_named_with_what_is_seen_instead() {
     );
     let mut run = workplace.command("run --ros ros.toml --out live");
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut peer = peer(&workplace, &python, domain, "messages heard.json");
+    let mut peer = peer(&workplace, &python, domain, "messages heard.json --reliable");
     let mut said = String::new();
     {
         use std::io::{BufRead as _, BufReader};

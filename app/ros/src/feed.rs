@@ -74,8 +74,8 @@ pub(crate) struct StreamNumbers {
 struct Arrived {
     pairing: Pairing<Vec<u8>>,
     camera_info: Option<RosCameraInfo>,
-    /// Frame of the depth images.
-    depth_frame: String,
+    /// Frame of the depth images; `None` before the first.
+    depth_frame: Option<String>,
     /// Streams of compressed images.
     compressed: BTreeSet<usize>,
     transforms: TransformTree,
@@ -162,7 +162,7 @@ impl Feed {
         let arrived = Arrived {
             pairing: Pairing::new(rules, setup.slop_ns(), begun_ns),
             camera_info: None,
-            depth_frame: String::new(),
+            depth_frame: None,
             compressed: BTreeSet::new(),
             transforms: TransformTree::default(),
             topics: Vec::new(),
@@ -197,8 +197,8 @@ impl Feed {
         self.shared.lock().camera_info.clone()
     }
 
-    /// Returns the coordinate frame of the depth images; empty before the first.
-    pub fn depth_frame(&self) -> String {
+    /// Returns the coordinate frame of the depth images; `None` before the first.
+    pub fn depth_frame(&self) -> Option<String> {
         self.shared.lock().depth_frame.clone()
     }
 
@@ -322,7 +322,6 @@ impl Receiver {
         }
         let mut arrived = self.shared.lock();
         arrived.transforms.forget_before(now_ns.saturating_sub(KEEP_TRANSFORMS_NS));
-        arrived.topics = self.topics.iter().filter_map(|wanted| record(wanted, &arrived.pairing)).collect();
     }
 
     /// Takes all messages that have arrived; returns whether there were any.
@@ -341,6 +340,8 @@ impl Receiver {
                 self.warn(&topic, kind, || fault);
             }
         }
+        let mut arrived = self.shared.lock();
+        arrived.topics = self.topics.iter().filter_map(|wanted| record(wanted, &arrived.pairing)).collect();
         is_any
     }
 
@@ -350,8 +351,8 @@ impl Receiver {
             Delivers::Stream(number) => {
                 let RosHeader { stamp_ns, frame } = RosHeader::decode(&message).map_err(unreadable)?;
                 let mut arrived = self.shared.lock();
-                if number == 0 && arrived.depth_frame != frame {
-                    arrived.depth_frame = frame;
+                if number == 0 {
+                    arrived.depth_frame = Some(frame);
                 }
                 arrived.pairing.push(number, stamp_ns, now_ns(), message).map_err(|fault| {
                     let kind = match fault {

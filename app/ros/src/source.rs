@@ -131,16 +131,16 @@ impl RosSource {
             tracing::warn!("{note}");
         }
         let feed = Feed::start(bus, setup, &pads)?;
-        let info = loop {
+        let (info, depth_frame) = loop {
             if stop.load(Ordering::Relaxed) {
                 bail!(
                     "no camera model and depth image arrived before the end: `mambavitact ros topics` lists what is there"
                 );
             }
-            match feed.camera_info() {
-                Some(info) if !feed.silent(1).contains(&setup.depth) => break info,
-                _ => std::thread::sleep(WAIT / 10),
+            if let Some(known) = feed.camera_info().zip(feed.depth_frame()) {
+                break known;
             }
+            std::thread::sleep(WAIT / 10);
         };
         let observer = Observer::new(setup, Arc::clone(&hand), info, feed.numbers.clone(), &file.display().to_string())
             .map_err(|fault| anyhow!("{fault}"))?;
@@ -152,7 +152,7 @@ impl RosSource {
         let perception = Perception::new(Arc::clone(&hand), vec![camera.clone()], &perception);
         let is_in_camera = hand.is_none() && setup.world_frame.is_none();
         let optical = RosCamera::optical_from_camera();
-        let own = if is_in_camera { feed.depth_frame() } else { "world".to_owned() };
+        let own = if is_in_camera { depth_frame } else { "world".to_owned() };
         let frame = setup.publish.frame.clone().or_else(|| setup.world_frame.clone()).unwrap_or(own);
         *link.place() = LivePlace {
             stamps: VecDeque::new(),
@@ -174,7 +174,7 @@ impl RosSource {
             first: None,
             is_silent: false,
             told: BTreeSet::new(),
-            reason: "the connection was ended",
+            reason: "",
         })
     }
 
@@ -222,7 +222,7 @@ impl RosSource {
 
     fn pose(&self, stamp_ns: i64) -> Result<Option<Isometry<Camera, World>>, String> {
         let Some(world) = &self.world_frame else { return Ok(None) };
-        let world_from_optical = self.feed.look_up(world, &self.feed.depth_frame(), stamp_ns)?;
+        let world_from_optical = self.feed.look_up(world, &self.feed.depth_frame().unwrap_or_default(), stamp_ns)?;
         Ok(Some(Isometry::new(world_from_optical * RosCamera::optical_from_camera())))
     }
 
@@ -287,11 +287,10 @@ impl RosSource {
 impl Source for RosSource {
     fn next(&mut self) -> Result<Option<Sensed>> {
         loop {
-            if self.stop.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            if self.is_over() {
-                self.reason = "the time was over";
+            let is_over = self.is_over();
+            if is_over || self.stop.load(Ordering::Relaxed) {
+                self.reason = if is_over { "the time was over" } else { "the connection was ended" };
+                self.update_record(false);
                 return Ok(None);
             }
             let Some(frame) = self.feed.next(WAIT) else {

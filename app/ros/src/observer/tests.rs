@@ -85,7 +85,7 @@ fn images_that_do_not_fit_are_named_in_one_line() {
         ([image("16UC1", [16, 10], 2, 1), color.clone(), mask.clone()], ["/depth", "camera model has 16 x 12"]),
         ([depth.clone(), image("rgb8", [16, 9], 3, 1), mask.clone()], ["/color", "another shape"]),
         ([depth.clone(), color.clone(), image("mono8", [16, 9], 1, 1)], ["/masks", "another shape"]),
-        ([cut, color, mask], ["/depth", "cut off"]),
+        ([cut, color, mask], ["/depth", "damaged"]),
     ] {
         let error = seen(&mut without_hand(), messages).unwrap_err();
         assert!(words.iter().all(|word| error.contains(word)) && !error.contains('\n'), "{words:?}: {error}");
