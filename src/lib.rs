@@ -9,8 +9,6 @@ mod generate;
 mod inspect;
 mod mesh;
 mod report;
-#[cfg(feature = "ros")]
-mod ros;
 mod run;
 mod score;
 mod shell;
@@ -72,7 +70,7 @@ enum Command {
     Import(mvt_exchange::command::ImportArguments),
     #[cfg(feature = "ros")]
     #[command(subcommand)]
-    Ros(ros::RosCommand),
+    Ros(mvt_ros::command::RosCommand),
     Simulate(simulate::SimulateArguments),
     Controllers(mvt_evaluation::hand::ControllersArguments),
     Rigs(mvt_evaluation::rigs::RigsArguments),
@@ -197,7 +195,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Import(arguments)) => mvt_exchange::command::import(&arguments),
         Some(Command::Disturb(arguments)) => disturb::run(&arguments),
         #[cfg(feature = "ros")]
-        Some(Command::Ros(command)) => ros::run(&command),
+        Some(Command::Ros(command)) => mvt_ros::command::run(&command, signals::stop_on_signals),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Controllers(arguments)) => mvt_evaluation::hand::list(&arguments),
         Some(Command::Rigs(arguments)) => mvt_evaluation::rigs::list(&arguments),

@@ -3,8 +3,6 @@
 mod arguments;
 mod folder;
 mod input;
-#[cfg(feature = "ros")]
-mod live;
 mod words;
 
 use std::sync::Arc;
@@ -153,7 +151,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
 fn suited(arguments: &RunArguments) -> Result<RunConfig> {
     #[cfg(feature = "ros")]
     if let Some(file) = &arguments.ros {
-        return live::suited(file);
+        return mvt_ros::suited(file);
     }
     Ok(RunConfig::suited(arguments.log.as_deref()))
 }

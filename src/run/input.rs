@@ -13,9 +13,9 @@ use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
 use mvt_run::explorer::ExploreStrategy;
 use mvt_run::exploring::direct;
+use mvt_run::live::LiveParts;
 use mvt_run::object::{default_object, load_object};
-use mvt_run::pipeline::Progress;
-use mvt_run::report::{FrameCamera, SharedLiveRecord};
+use mvt_run::report::FrameCamera;
 use mvt_run::source::{Recorded, RecordedOptions, Source};
 use mvt_run::supervisor::Supervisor;
 use mvt_simulated::{Fault, HIDDEN_EVERY, SimulatedSettings, SimulatedSource};
@@ -43,23 +43,6 @@ pub struct RunInput {
     pub live: Option<LiveParts>,
 }
 
-/// What a live connection adds to a run.
-pub struct LiveParts {
-    /// Its counts.
-    pub record: SharedLiveRecord,
-    /// Receives the progress of the run.
-    pub listener: Box<dyn LiveListener>,
-}
-
-/// Somebody who is told the results of a run at once.
-pub trait LiveListener {
-    /// Receives the progress of the run.
-    fn receive(&mut self, progress: &Progress<'_>);
-
-    /// Completes the counts at the end of the run.
-    fn finish(self: Box<Self>);
-}
-
 impl RunInput {
     /// Prepares a simulated episode, or opens the log that the arguments name.
     ///
@@ -67,7 +50,7 @@ impl RunInput {
     pub fn new(arguments: &RunArguments, config: &RunConfig, stop: &Arc<AtomicBool>) -> Result<Self> {
         #[cfg(feature = "ros")]
         if let Some(file) = &arguments.ros {
-            return super::live::from_ros(arguments, file, config, stop);
+            return from_ros(arguments, file, config, stop);
         }
         #[cfg(not(feature = "ros"))]
         let _ = stop;
@@ -76,6 +59,35 @@ impl RunInput {
             None => simulated(arguments, config),
         }
     }
+}
+
+#[cfg(feature = "ros")]
+fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Arc<AtomicBool>) -> Result<RunInput> {
+    let run = mvt_ros::LiveRun {
+        mode: (arguments.mode, arguments.init),
+        modality: arguments.modality,
+        touch: &arguments.touch,
+        duration_s: arguments.duration,
+        calibration: arguments.calibration_file.as_deref().map(calibrate::read).transpose()?,
+        config,
+        stop,
+    };
+    let live = mvt_ros::LiveConnection::open(file, run, |rig, camera| {
+        let loaded = mvt_hands::LoadedHand::rig(rig, None)?;
+        loaded.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+        let cameras = camera.map_or_else(|| Ok(loaded.cameras.clone()), |name| loaded.placed(name))?;
+        Ok((loaded.hand, cameras.into_iter().next()))
+    })?;
+    Ok(RunInput {
+        cameras: vec![live.source.camera().clone()],
+        source: Box::new(live.source),
+        seed: arguments.seed.unwrap_or(0),
+        name: arguments.object.clone().unwrap_or_else(|| "unknown".to_owned()),
+        object: arguments.object.as_deref().map(load_object).transpose()?,
+        supervisor: None,
+        frame_cameras: Vec::new(),
+        live: Some(live.parts),
+    })
 }
 
 fn from_log(arguments: &RunArguments, folder: &Path, config: &RunConfig) -> Result<RunInput> {

@@ -26,20 +26,7 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
         summary.stage_ms.mesh
     );
     if let Some(live) = &summary.live {
-        let latency = live.latency_ms.map_or_else(
-            || "unknown, because the clocks differ".to_owned(),
-            |ms| format!("{:.0} ms median, {:.0} ms p95", ms.median, ms.p95),
-        );
-        text += &format!(
-            "live: {} frames used, {} late, {} unpaired, {} unusable; stamp to pose: {latency}\n",
-            live.frames, live.late, live.unpaired, live.unusable
-        );
-        for topic in &live.topics {
-            text += &format!(
-                "  {}: {} messages at {:.1} Hz, {} lost, {} refused\n",
-                topic.topic, topic.received, topic.hz, topic.lost, topic.refused
-            );
-        }
+        text += &live.to_string();
     }
     match (summary.deviation_mm, summary.deviation_deg) {
         (Some(mm), Some(deg)) => {

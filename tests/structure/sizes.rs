@@ -11,7 +11,7 @@ const FILE: usize = 600;
 /// Most lines of a crate with its tests and examples, and of the tests of the workspace.
 const CRATE: usize = 9000;
 /// The binary has fewer lines in src/.
-const BINARY: usize = 4000;
+const BINARY: usize = 4100;
 /// Calls that panic.
 const PANICS: [&str; 3] = [".unwrap()", ".expect(", "panic!"];
 /// Parts of host names of package registries, in halves: this file holds none.
@@ -70,10 +70,11 @@ fn library_code_does_not_panic() {
 /// Calls that read a file without regard to what it is; `mvt_files::input` refuses FIFOs and devices.
 const READS: [&str; 4] = ["fs::read(", "fs::read_to_string(", "File::open(", "image::open("];
 /// Files that read only what this program or the operating system wrote.
-const READERS: [&str; 6] = [
+const READERS: [&str; 7] = [
     "scenes/files/src/input.rs",
     "scenes/pinned/src/lib.rs",
     "sim/feelsight/src/io.rs",
+    "app/ros/src/bus.rs",
     "app/run/src/report.rs",
     "src/bench.rs",
     "results/",

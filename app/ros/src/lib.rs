@@ -25,6 +25,7 @@
 
 mod bus;
 mod cdr_writer;
+pub mod command;
 mod connection;
 mod error;
 mod feed;
@@ -38,10 +39,12 @@ mod source;
 
 pub use bus::{Bus, Delivery, Inlet, LiveTopic, Outlet, Waiter};
 pub use cdr_writer::CdrWriter;
-pub use connection::LiveConnection;
+pub use connection::{LiveConnection, LiveHand, LiveRun, suited};
 pub use error::LiveError;
 pub use listing::{TopicRate, list_topics};
-pub use pairing::{FrameCounts, PairedFrame, Pairing, Part, StampFault, Stamped, StreamCounts, StreamNeed, StreamRule};
+pub use pairing::{
+    FrameCounts, FramePart, PairedFrame, Pairing, StampFault, Stamped, StreamCounts, StreamNeed, StreamRule,
+};
 pub use publisher::RosPublisher;
 pub use setup::{PublishSetup, RosSetup, domain_of_environment};
 pub use source::{LiveOptions, RosSource};

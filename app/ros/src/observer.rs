@@ -11,7 +11,7 @@ use mvt_robot::hand::{Hand, JointAngles, PerPad};
 use mvt_robot::observation::{Observation, Rgbd};
 
 use crate::feed::StreamNumbers;
-use crate::pairing::{PairedFrame, Part};
+use crate::pairing::{FramePart, PairedFrame};
 use crate::setup::RosSetup;
 
 /// Names of joints that a message lists are given up to this number.
@@ -81,7 +81,7 @@ impl Observer {
     ) -> Result<Observation, Unusable> {
         let Self { setup, hand, camera, numbers, .. } = self;
         let message = |number: usize| match frame.parts.get(number) {
-            Some(Part::One(one)) => Some(one.item.as_slice()),
+            Some(FramePart::One(one)) => Some(one.item.as_slice()),
             _ => None,
         };
         fn of<T>(topic: &str, result: Result<T, mvt_bag::RosError>) -> Result<T, Unusable> {
@@ -130,7 +130,7 @@ impl Observer {
 
 /// Returns the angles of a hand's joints at a stamp, in their order.
 fn joints(
-    part: &Part<Vec<u8>>,
+    part: &FramePart<Vec<u8>>,
     stamp_ns: i64,
     hand: &Hand,
     names: &BTreeMap<String, String>,
@@ -140,9 +140,9 @@ fn joints(
         angles(&state, hand, names)
     };
     match part {
-        Part::Missing => Err("it is missing".to_owned()),
-        Part::One(one) => read(&one.item),
-        Part::Between(before, after) => {
+        FramePart::Missing => Err("it is missing".to_owned()),
+        FramePart::One(one) => read(&one.item),
+        FramePart::Between(before, after) => {
             let (a, b) = (read(&before.item)?, read(&after.item)?);
             let share = (stamp_ns - before.stamp_ns) as f64 / (after.stamp_ns - before.stamp_ns).max(1) as f64;
             Ok(a.iter().zip(&b).map(|(a, b)| a + share * (b - a)).collect())

@@ -73,7 +73,7 @@ pub struct Stamped<T> {
 
 /// Message or messages of a stream for a frame.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Part<T> {
+pub enum FramePart<T> {
     /// Nothing: the stream is silent.
     Missing,
     /// The message of the frame, or a value near to it.
@@ -90,7 +90,7 @@ pub struct PairedFrame<T> {
     /// Time since the first frame, nanoseconds; rises also where stamps jump back.
     pub time_ns: i64,
     /// The parts, in the order of the streams.
-    pub parts: Vec<Part<T>>,
+    pub parts: Vec<FramePart<T>>,
 }
 
 /// Counts of a stream.
@@ -220,26 +220,26 @@ impl<T: Clone> Pairing<T> {
     }
 
     /// The part of a stream for a frame of this stamp; `None` if it has not arrived.
-    fn part(&self, stream: &Stream<T>, stamp_ns: i64) -> Option<Part<T>> {
+    fn part(&self, stream: &Stream<T>, stamp_ns: i64) -> Option<FramePart<T>> {
         let next = stream.waiting.partition_point(|other| other.stamp_ns < stamp_ns);
         let after = stream.waiting.get(next);
         let before = next.checked_sub(1).and_then(|before| stream.waiting.get(before));
         let apart = |other: &&Stamped<T>| other.stamp_ns.saturating_sub(stamp_ns).saturating_abs();
         let nearest = [before, after].into_iter().flatten().min_by_key(apart)?;
         if !stream.rule.is_between {
-            return (apart(&nearest) <= self.slop_ns).then(|| Part::One(nearest.clone()));
+            return (apart(&nearest) <= self.slop_ns).then(|| FramePart::One(nearest.clone()));
         }
         if apart(&nearest) <= NEAR_NS {
-            return Some(Part::One(nearest.clone()));
+            return Some(FramePart::One(nearest.clone()));
         }
         let (before, after) = (before?, after?);
-        (after.stamp_ns - before.stamp_ns <= GAP_NS).then(|| Part::Between(before.clone(), after.clone()))
+        (after.stamp_ns - before.stamp_ns <= GAP_NS).then(|| FramePart::Between(before.clone(), after.clone()))
     }
 
     /// The parts of a frame of this stamp; `None` if it waits for one.
-    fn parts(&self, stamp_ns: i64, now_ns: i64) -> Option<Vec<Part<T>>> {
+    fn parts(&self, stamp_ns: i64, now_ns: i64) -> Option<Vec<FramePart<T>>> {
         let part = |stream| match self.part(stream, stamp_ns) {
-            None if !self.is_awaited(stream, now_ns) => Some(Part::Missing),
+            None if !self.is_awaited(stream, now_ns) => Some(FramePart::Missing),
             part => part,
         };
         self.streams.iter().map(part).collect()
@@ -264,7 +264,7 @@ impl<T: Clone> Pairing<T> {
                 (_, true) => message.stamp_ns >= stamp_ns - GAP_NS,
                 // A partner is used once.
                 (_, false) => match parts.get(number) {
-                    Some(Part::One(used)) => message.stamp_ns > used.stamp_ns,
+                    Some(FramePart::One(used)) => message.stamp_ns > used.stamp_ns,
                     _ => message.stamp_ns > stamp_ns,
                 },
             };
@@ -324,7 +324,11 @@ mod tests {
         pairing.push(2, NOW + 6 * MS, NOW, 4).unwrap();
         let frame = pairing.take(NOW).unwrap();
         let stamped = |offset_ms: i64, item| Stamped { stamp_ns: NOW + offset_ms * MS, item };
-        let parts = [Part::One(stamped(0, 1)), Part::One(stamped(9, 2)), Part::Between(stamped(-4, 3), stamped(6, 4))];
+        let parts = [
+            FramePart::One(stamped(0, 1)),
+            FramePart::One(stamped(9, 2)),
+            FramePart::Between(stamped(-4, 3), stamped(6, 4)),
+        ];
         assert_eq!((frame.stamp_ns, frame.time_ns, frame.parts.as_slice()), (NOW, 0, &parts[..]));
         // The same colours belong to no second frame, the same joints may.
         pairing.push(0, NOW + 5 * MS, NOW, 5).unwrap();
@@ -382,7 +386,7 @@ mod tests {
         pairing.push(0, NOW, NOW, 0).unwrap();
         pairing.push(2, NOW, NOW, 0).unwrap();
         assert_eq!(pairing.take(NOW), None);
-        assert_eq!(pairing.take(later).unwrap().parts[1], Part::Missing);
+        assert_eq!(pairing.take(later).unwrap().parts[1], FramePart::Missing);
         pairing.push(0, later, later, 0).unwrap();
         assert_eq!(pairing.take(later), None);
         assert_eq!(pairing.silent(NOW + 1), ["colours", "joints"]);
@@ -452,7 +456,7 @@ mod tests {
                     prop_assert!(frame.time_ns > last_ns, "{} after {last_ns}", frame.time_ns);
                     last_ns = frame.time_ns;
                     for part in &frame.parts {
-                        if let Part::One(one) = part {
+                        if let FramePart::One(one) = part {
                             prop_assert!((one.stamp_ns - frame.stamp_ns).abs() <= 16 * MS);
                         }
                     }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use mvt_frames::{Isometry, Model, World};
 use mvt_mesh::Mesh;
+use mvt_run::live::LiveListener;
 use mvt_run::pipeline::{FrameResult, MeshedShape, Progress};
 use mvt_run::report::{Deviation, LiveLatency, LiveRecord, TrackState};
 
@@ -105,19 +106,6 @@ impl RosPublisher {
         })
     }
 
-    /// Receives the progress of the run.
-    pub fn receive(&mut self, progress: &Progress<'_>) {
-        match progress {
-            Progress::Frame { results, sensed } => {
-                if let Some(result) = results.first().and_then(Option::as_ref) {
-                    self.frame(sensed.frame, result);
-                }
-            }
-            Progress::Shape(0, shape) => self.shape(shape),
-            _ => {}
-        }
-    }
-
     fn frame(&mut self, number: u64, result: &FrameResult) {
         let (frame, stamp_ns, published) = {
             let place = self.link.place();
@@ -166,9 +154,22 @@ impl RosPublisher {
             self.mesh_sent = Some(Instant::now());
         }
     }
+}
 
-    /// Ends the publications; the last latency stands in the record then.
-    pub fn finish(mut self) {
+impl LiveListener for RosPublisher {
+    fn receive(&mut self, progress: &Progress<'_>) {
+        match progress {
+            Progress::Frame { results, sensed } => {
+                if let Some(result) = results.first().and_then(Option::as_ref) {
+                    self.frame(sensed.frame, result);
+                }
+            }
+            Progress::Shape(0, shape) => self.shape(shape),
+            _ => {}
+        }
+    }
+
+    fn finish(mut self: Box<Self>) {
         self.link.record().latency_ms = LiveLatency::of(std::mem::take(&mut self.latencies_ms));
         if let Some((meshes, thread)) = self.meshes.take() {
             drop(meshes);

@@ -46,6 +46,7 @@ pub mod exploring;
 pub mod image_size;
 pub mod input;
 pub mod io;
+pub mod live;
 pub mod object;
 pub mod observed;
 pub mod pipeline;

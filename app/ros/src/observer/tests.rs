@@ -16,7 +16,9 @@ fn image(encoding: &str, [width, height]: [u32; 2], bytes_per_pixel: u32, level:
     writer.u32(height).u32(width).text(encoding).u8(0).u32(width * bytes_per_pixel);
     let size = (width * height * bytes_per_pixel) as usize;
     writer.count(size);
-    (0..size).for_each(|_| drop(writer.u8(level)));
+    for _ in 0..size {
+        writer.u8(level);
+    }
     writer.into_message()
 }
 
@@ -24,7 +26,9 @@ fn joint_state(names: &[String], positions: &[f64]) -> Vec<u8> {
     let mut writer = CdrWriter::new();
     head(&mut writer);
     writer.count(names.len());
-    names.iter().for_each(|name| drop(writer.text(name)));
+    for name in names {
+        writer.text(name);
+    }
     writer.f64s(positions).f64s(&[]).f64s(&[]);
     writer.into_message()
 }
@@ -43,11 +47,11 @@ fn info(width: usize, height: usize) -> RosCameraInfo {
     }
 }
 
-fn part(message: Vec<u8>) -> Part<Vec<u8>> {
-    Part::One(Stamped { stamp_ns: STAMP_NS, item: message })
+fn part(message: Vec<u8>) -> FramePart<Vec<u8>> {
+    FramePart::One(Stamped { stamp_ns: STAMP_NS, item: message })
 }
 
-fn frame(parts: Vec<Part<Vec<u8>>>) -> PairedFrame<Vec<u8>> {
+fn frame(parts: Vec<FramePart<Vec<u8>>>) -> PairedFrame<Vec<u8>> {
     PairedFrame { stamp_ns: STAMP_NS, time_ns: 0, parts }
 }
 
@@ -112,7 +116,7 @@ fn with_hand(more: &str) -> (Observer, Vec<String>) {
     (Observer::new(&RosSetup::parse(&text).unwrap(), hand, info(16, 12), numbers, "rig.toml").unwrap(), names)
 }
 
-fn angles_of(observer: &mut Observer, joints: Part<Vec<u8>>) -> Result<Vec<f64>, String> {
+fn angles_of(observer: &mut Observer, joints: FramePart<Vec<u8>>) -> Result<Vec<f64>, String> {
     let parts = vec![part(image("16UC1", [16, 12], 2, 1)), joints];
     let observed = observer.observe(&frame(parts), |_| false, None);
     observed.map(|observation| observation.joints.to_vec()).map_err(|(topic, reason)| format!("{topic}: {reason}"))
@@ -130,7 +134,7 @@ fn joints_are_found_by_name_and_interpolated() {
         stamp_ns,
         item: joint_state(&names, &reversed.iter().map(|angle| angle + add).collect::<Vec<_>>()),
     };
-    let between = Part::Between(at(STAMP_NS - 3_000_000, -0.3), at(STAMP_NS + 1_000_000, 0.1));
+    let between = FramePart::Between(at(STAMP_NS - 3_000_000, -0.3), at(STAMP_NS + 1_000_000, 0.1));
     let found = angles_of(&mut observer, between).unwrap();
     assert!(found.iter().zip(&positions).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
 }

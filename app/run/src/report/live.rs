@@ -1,5 +1,6 @@
 //! A live connection in numbers.
 
+use std::fmt;
 use std::sync::{Arc, Mutex};
 
 use serde::Serialize;
@@ -49,6 +50,25 @@ pub struct LiveTopicRecord {
 
 /// A record that is updated while the run goes on.
 pub type SharedLiveRecord = Arc<Mutex<LiveRecord>>;
+
+impl fmt::Display for LiveRecord {
+    /// Writes one line for the frames and one for each topic.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { frames, late, unpaired, unusable, latency_ms, topics } = self;
+        write!(
+            f,
+            "live: {frames} frames used, {late} late, {unpaired} unpaired, {unusable} unusable; stamp to pose: "
+        )?;
+        match latency_ms {
+            Some(ms) => writeln!(f, "{:.0} ms median, {:.0} ms p95", ms.median, ms.p95)?,
+            None => writeln!(f, "unknown, because the clocks differ")?,
+        }
+        for LiveTopicRecord { topic, received, lost, refused, hz } in topics {
+            writeln!(f, "  {topic}: {received} messages at {hz:.1} Hz, {lost} lost, {refused} refused")?;
+        }
+        Ok(())
+    }
+}
 
 impl LiveLatency {
     /// Returns the quantiles of times; `None` without any.

@@ -1,18 +1,21 @@
-//! `ros`: a look at the network of ROS 2.
+//! The command `ros`.
 
 use std::net::IpAddr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Subcommand, value_parser};
-use mvt_ros::{TopicRate, domain_of_environment, list_topics};
 use mvt_run::io::print_line;
 
-use crate::signals::stop_on_signals;
+use crate::listing::{TopicRate, list_topics};
+use crate::setup::domain_of_environment;
 
 /// Look at the network of ROS 2, without a ROS installation
 #[derive(Debug, Subcommand)]
 pub enum RosCommand {
+    /// List topics with types, publishers and rates
     Topics(RosTopicsArguments),
 }
 
@@ -32,13 +35,15 @@ pub struct RosTopicsArguments {
     duration: f64,
 }
 
-/// Runs the command.
-pub fn run(command: &RosCommand) -> Result<()> {
+/// Runs the command. `stop` returns a flag that ends it early.
+///
+/// # Errors
+/// If the network or the output cannot be used.
+pub fn run(command: &RosCommand, stop: fn() -> Result<Arc<AtomicBool>>) -> Result<()> {
     let RosCommand::Topics(arguments) = command;
-    let stop = stop_on_signals()?;
     let domain = arguments.domain.unwrap_or_else(domain_of_environment);
     let duration = Duration::from_secs_f64(arguments.duration);
-    let topics = list_topics(domain, &arguments.addresses, duration, &stop)?;
+    let topics = list_topics(domain, &arguments.addresses, duration, &*stop()?)?;
     if topics.is_empty() {
         tracing::warn!(
             "no topic is seen in domain {domain}: compare ROS_DOMAIN_ID, addresses and firewall with those of the publishers"
