@@ -24,6 +24,8 @@ from visualization_msgs.msg import Marker
 
 # How long a pose is waited for, seconds: a loaded machine takes seconds for the first frame.
 PATIENCE_S = 60.0
+# How long a pose is waited for before the first one has come, seconds.
+FIRST_S = 5.0
 
 parser = argparse.ArgumentParser()
 parser.add_argument("folder", type=pathlib.Path)
@@ -134,7 +136,14 @@ for number, name in enumerate(sequence["names"]):
     heard["stamps"].append(int(stamp))
     if arguments.hz:
         spin_until(lambda: False, begun + (number + 1) / arguments.hz - time.monotonic())
-    elif not spin_until(lambda: heard["poses"] and heard["poses"][-1]["stamp_ns"] == int(stamp), PATIENCE_S):
+        continue
+    # Nothing says when the run has found our subscription: the first poses may be missed.
+    is_known = bool(heard["poses"])
+    has_come = spin_until(
+        lambda: heard["poses"] and heard["poses"][-1]["stamp_ns"] == int(stamp),
+        PATIENCE_S if is_known else FIRST_S,
+    )
+    if is_known and not has_come:
         heard["stopped"] = f"no pose of frame {number}"
         break
 # What is still under way: the mesh and the diagnostics come once a second.
