@@ -72,8 +72,8 @@ fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Ar
         config,
         stop,
     };
-    let live = mvt_ros::LiveConnection::open(file, run, |rig, camera| {
-        let loaded = mvt_hands::LoadedHand::rig(rig, None)?;
+    let live = mvt_ros::LiveConnection::open(file, &run, |rig, side, camera| {
+        let loaded = mvt_hands::LoadedHand::rig(rig, side)?;
         loaded.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
         let cameras = camera.map_or_else(|| Ok(loaded.cameras.clone()), |name| loaded.placed(name))?;
         Ok((loaded.hand, cameras.into_iter().next()))

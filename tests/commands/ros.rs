@@ -7,6 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
+use mvt_feelsight::Log;
 use nalgebra as na;
 use serde_json::{Value, json};
 
@@ -75,10 +76,31 @@ fn prepare(workplace: &Workplace, seconds: f64, domain: u32) {
     workplace.write("ros.toml", file);
 }
 
+/// Adds joints and touch images of a simulated log to the bytes of messages of its frames.
+fn add_hand(log: &Path, to: &Path) {
+    let log = Log::open(log).unwrap();
+    let mut sequence = json_of(&to.join("sequence.json"));
+    let names: Vec<&str> = log.hand().joints().iter().map(|joint| joint.name.as_str()).collect();
+    let positions: Vec<Vec<f64>> = log.joints().iter().map(|joints| joints.to_vec()).collect();
+    sequence["joints"] = json!({ "names": names, "positions": positions });
+    for (pad, of) in log.hand().pads().iter().enumerate() {
+        let stamps = sequence["names"].as_array().unwrap().clone();
+        for (number, name) in stamps.iter().enumerate() {
+            let image = log.touch_image(pad, number).unwrap();
+            fs::write(to.join(format!("{}.{}", name.as_str().unwrap(), of.name)), image.as_raw()).unwrap();
+            sequence["touch"][&of.name] = json!([image.width(), image.height()]);
+        }
+    }
+    fs::write(to.join("sequence.json"), sequence.to_string()).unwrap();
+}
+
 /// Starts a script of `tests/ros`.
 fn start(workplace: &Workplace, python: &str, domain: u32, script: &str, arguments: &str) -> Child {
     let mut command = Command::new(python);
-    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros").join(script)).args(arguments.split_whitespace()).current_dir(workplace.path(""));
+    command
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros").join(script))
+        .args(arguments.split_whitespace())
+        .current_dir(workplace.path(""));
     command.env("ROS_DOMAIN_ID", domain.to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
@@ -151,7 +173,10 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     for transform in transforms.as_array().unwrap() {
         let pose = poses.iter().find(|pose| pose["stamp_ns"] == transform["stamp_ns"]);
         assert_eq!(pose.map(|pose| &pose["pose"]), Some(&transform["pose"]));
-        assert_eq!((&transform["frame"], &transform["child"]), (&json!("camera_optical"), &json!("mambavitact_object")));
+        assert_eq!(
+            (&transform["frame"], &transform["child"]),
+            (&json!("camera_optical"), &json!("mambavitact_object"))
+        );
     }
     let markers = heard["markers"].as_array().unwrap();
     assert!(!markers.is_empty());
@@ -248,7 +273,10 @@ fn what_a_fast_publisher_sends_is_received_and_counted() {
     for topic in live["topics"].as_array().unwrap() {
         // Best effort: a loaded machine may lose some. The last ones may be lost without a successor that shows it.
         let (received, lost) = (count(&topic["received"]), count(&topic["lost"]));
-        assert!(received + lost <= sent && received + lost + 3 > sent && received * 10 > sent * 9, "{topic}, {sent} sent");
+        assert!(
+            received + lost <= sent && received + lost + 3 > sent && received * 10 > sent * 9,
+            "{topic}, {sent} sent"
+        );
     }
     let depth = count(&live["topics"][0]["received"]);
     let used = count(&live["frames"]) + count(&live["late"]) + count(&live["unpaired"]) + count(&live["unusable"]);
@@ -259,4 +287,50 @@ fn what_a_fast_publisher_sends_is_received_and_counted() {
     // Each pose has the stamp of a depth image.
     let stamps = heard["stamps"].as_array().unwrap();
     assert!(heard["poses"].as_array().unwrap().iter().all(|pose| stamps.contains(&pose["stamp_ns"])));
+}
+
+#[test]
+fn a_hand_with_joints_and_touch_sensors_gives_the_motion_that_its_log_gives() {
+    let Some(python) = python() else { return };
+    let (workplace, domain) = (Workplace::new(), domain(4));
+    prepare(&workplace, 1.0, domain);
+    add_hand(&workplace.path("set/cube70/00"), &workplace.path("messages"));
+    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
+    let text =
+        text.replace("masks = \"/masks\"", "rig = \"allegro_digit\"\ncamera = \"side\"\njoints = \"/joint_states\"");
+    let pads = ["index", "middle", "ring", "thumb"].map(|pad| format!("{pad} = \"/touch/{pad}/image_raw\"\n")).concat();
+    workplace.write("ros.toml", format!("{text}\n[ros.touch]\n{pads}"));
+    // Depth as in the messages, which hold millimetres.
+    let options = "--modality vi --calibration given --quiet";
+    workplace.run(&format!("run --log set/cube70/00 --set camera_noise=0 --out of_log {options}")).warned();
+    let mut run = workplace.command(&format!("run --ros ros.toml --out live {options}"));
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
+    interrupt(&run);
+    let said = ended(run);
+    assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
+    let summary = json_of(&workplace.path("live/summary.json"));
+    assert_eq!((&summary["frames"], &summary["live"]["unusable"]), (&json!(30), &json!(0)), "{summary}, {said:?}");
+    // Depth, colours, joints and four pads.
+    assert_eq!(summary["live"]["topics"].as_array().unwrap().len(), 7);
+    assert!(
+        json_of(&workplace.path("heard.json"))["poses"].as_array().unwrap().iter().all(|pose| pose["frame"] == "world")
+    );
+    // Both models have coordinates of their own, so that motions since the first frame are compared.
+    let motions = |out: &str| {
+        let rows = mvt_run::report::read_trajectory(
+            &fs::read_to_string(workplace.path(&format!("{out}/trajectory.csv"))).unwrap(),
+        )
+        .unwrap();
+        let poses: Vec<_> = rows.iter().map(|row| row.estimate.untyped()).collect();
+        let first = poses[0];
+        poses.into_iter().map(|pose| pose * first.inverse()).collect::<Vec<_>>()
+    };
+    let (live, of_log) = (motions("live"), motions("of_log"));
+    assert_eq!(live.len(), of_log.len());
+    for (number, (live, of_log)) in live.iter().zip(&of_log).enumerate() {
+        let apart = of_log.inverse() * live;
+        // A millimetre, and the motion of a corner by as much.
+        assert!(apart.translation.vector.norm() < 1.5e-3 && apart.rotation.angle() < 0.03, "frame {number}: {apart}");
+    }
 }

@@ -3,7 +3,8 @@
 usage: peer.py FOLDER RESULT [--hz HZ] [--reliable] [--twice]
 
 FOLDER holds sequence.json (width, height, k, names) and NAME.rgb, NAME.depth and NAME.mask of each frame: bytes as in messages; the name is
-the stamp in nanoseconds. Without --hz a frame is published when the pose of the one before has arrived, so that none is dropped on a slow
+the stamp in nanoseconds. With a hand, sequence.json also has joints (names, positions of each frame) and touch (width and height of each pad,
+whose images are NAME.PAD), and no masks are published. Without --hz a frame is published when the pose of the one before has arrived, so that none is dropped on a slow
 machine. RESULT receives a JSON object: what was sent, and all poses, markers and the last diagnostics that came. With --twice, a second
 publisher of depth stands beside.
 """
@@ -19,7 +20,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, JointState
 from visualization_msgs.msg import Marker
 
 # How long a pose is waited for, seconds: a loaded machine takes seconds for the first frame.
@@ -44,8 +45,9 @@ def stamped(message, name):
     return message
 
 
-def image(name, kind, encoding, bytes_per_pixel):
+def image(name, kind, encoding, bytes_per_pixel, size=(width, height)):
     message = stamped(Image(), name)
+    width, height = size
     message.width, message.height, message.encoding, message.step = width, height, encoding, width * bytes_per_pixel
     message.data = array.array("B", (arguments.folder / f"{name}.{kind}").read_bytes())
     return message
@@ -58,6 +60,12 @@ def camera_info(name):
     return message
 
 
+def joint_state(name, number):
+    message = stamped(JointState(), name)
+    message.name, message.position = sequence["joints"]["names"], sequence["joints"]["positions"][number]
+    return message
+
+
 rclpy.init()
 node = rclpy.create_node("peer")
 reliability = ReliabilityPolicy.RELIABLE if arguments.reliable else ReliabilityPolicy.BEST_EFFORT
@@ -65,9 +73,15 @@ sensor = QoSProfile(depth=5, history=HistoryPolicy.KEEP_LAST, reliability=reliab
 publishers = {
     "color": node.create_publisher(Image, "/camera/color/image_raw", sensor),
     "depth": node.create_publisher(Image, "/camera/depth/image_raw", sensor),
-    "masks": node.create_publisher(Image, "/masks", sensor),
     "info": node.create_publisher(CameraInfo, "/camera/depth/camera_info", sensor),
 }
+pads = sequence.get("touch", {})
+for pad in pads:
+    publishers[pad] = node.create_publisher(Image, f"/touch/{pad}/image_raw", sensor)
+if "joints" in sequence:
+    publishers["joints"] = node.create_publisher(JointState, "/joint_states", sensor)
+else:
+    publishers["masks"] = node.create_publisher(Image, "/masks", sensor)
 second = node.create_publisher(Image, "/camera/depth/image_raw", sensor) if arguments.twice else None
 heard = {"poses": [], "markers": [], "diagnostics": {}, "sent": 0, "stamps": []}
 every = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
@@ -128,8 +142,12 @@ for number, name in enumerate(sequence["names"]):
         "info": camera_info(name),
         "color": image(name, "rgb", "rgb8", 3),
         "depth": image(name, "depth", "16UC1", 2),
-        "masks": image(name, "mask", "mono8", 1),
     }
+    if "joints" in sequence:
+        messages["joints"] = joint_state(name, number)
+    else:
+        messages["masks"] = image(name, "mask", "mono8", 1)
+    messages.update({pad: image(name, pad, "rgb8", 3, size) for pad, size in pads.items()})
     for kind, message in messages.items():
         publishers[kind].publish(stamped(message, stamp))
     heard["sent"] += 1

@@ -8,7 +8,7 @@ use anyhow::{Context as _, Result, bail};
 use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
 use mvt_perceive::PerceptionSetup;
-use mvt_robot::hand::Hand;
+use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::live::LiveParts;
@@ -57,15 +57,15 @@ pub fn suited(file: &Path) -> Result<RunConfig> {
 }
 
 impl LiveConnection {
-    /// Connects as a file states, and waits until the camera model and a depth image have arrived. `load` loads a rig by name or path,
+    /// Connects as a file states, and waits until the camera model and a depth image have arrived. `load` loads a rig by name or path and side,
     /// with the camera of a name.
     ///
     /// # Errors
     /// If the file cannot be used or does not fit the run or the hand, or the network cannot be used.
     pub fn open(
         file: &Path,
-        run: LiveRun<'_>,
-        load: impl FnOnce(&str, Option<&str>) -> Result<LiveHand>,
+        run: &LiveRun<'_>,
+        load: impl FnOnce(&str, Option<Side>, Option<&str>) -> Result<LiveHand>,
     ) -> Result<Self> {
         let setup = RosSetup::read(file)?;
         if run.modality == Modality::Tac {
@@ -80,7 +80,7 @@ impl LiveConnection {
                 let beside = file.parent().unwrap_or(Path::new("")).join(rig);
                 let path = if beside.is_file() { beside.display().to_string() } else { rig.clone() };
                 let (hand, camera) =
-                    load(&path, setup.camera.as_deref()).with_context(|| file.display().to_string())?;
+                    load(&path, setup.side, setup.camera.as_deref()).with_context(|| file.display().to_string())?;
                 if camera.is_none() && setup.world_frame.is_none() {
                     bail!(
                         "{}: the place of the camera is unknown: name a camera of the rig as `camera`, or `world_frame`",

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
 use std::path::Path;
 
+use mvt_robot::hand::Side;
 use serde::Deserialize;
 
 use crate::error::LiveError;
@@ -49,6 +50,8 @@ pub struct RosSetup {
     pub joint_names: BTreeMap<String, String>,
     /// Hand with touch sensors: a name that `rigs` lists, or a hand file (docs/rigs.md) relative to this file. Without it there is no hand.
     pub rig: Option<String>,
+    /// Side of the hand `allegro_digit`; left without it.
+    pub side: Option<Side>,
     /// Camera of the rig that the images are from; its first one without it.
     pub camera: Option<String>,
     /// Metres per level of depth images of 16 bits; 0.001 without it.
@@ -174,9 +177,13 @@ impl RosSetup {
                         .to_owned(),
                 );
             }
-            if self.joints.is_some() || !self.touch.is_empty() || self.camera.is_some() || !self.joint_names.is_empty()
+            if self.joints.is_some()
+                || !self.touch.is_empty()
+                || self.camera.is_some()
+                || self.side.is_some()
+                || !self.joint_names.is_empty()
             {
-                return Err("joints, joint_names, touch and camera belong to a hand: name it as `rig`".to_owned());
+                return Err("joints, joint_names, touch, side and camera belong to a hand: name it as `rig`".to_owned());
             }
         } else if self.joints.is_none() {
             return Err("a hand needs its joint angles: name their topic as `joints`".to_owned());
