@@ -180,7 +180,8 @@ impl Bus {
                 is_reliable: true,
             });
             topic.publishers += 1;
-            topic.is_reliable &= matches!(of.reliability, Some(Reliability::Reliable { .. }));
+            // Publishers need not state what is the default of theirs.
+            topic.is_reliable &= of.reliability != Some(Reliability::BestEffort);
             let type_name = ros_type(&of.type_name);
             if !topic.types.contains(&type_name) {
                 topic.types.push(type_name);
