@@ -117,6 +117,7 @@ fn simulated(arguments: &CalibrateArguments, config: &RunConfig) -> Result<Simul
     let hand = rig.hand;
     let settings = SimulatedSettings {
         gait: controller_file::choose("auto", &object, &hand)?.gait,
+        mover: None,
         schedule: Default::default(),
         seed: arguments.seed,
         duration_s: arguments.duration.unwrap_or(SIMULATED_S),

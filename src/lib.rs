@@ -3,6 +3,7 @@
 mod assets;
 mod bench;
 mod calibrate;
+mod controllers;
 mod convert;
 mod disturb;
 mod generate;
@@ -72,7 +73,8 @@ enum Command {
     #[command(subcommand)]
     Ros(mvt_ros::command::RosCommand),
     Simulate(simulate::SimulateArguments),
-    Controllers(mvt_evaluation::hand::ControllersArguments),
+    #[command(alias = "controller")]
+    Controllers(controllers::ControllersArguments),
     Rigs(mvt_evaluation::rigs::RigsArguments),
     #[command(subcommand)]
     Hand(mvt_evaluation::hand::HandCommand),
@@ -197,7 +199,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         #[cfg(feature = "ros")]
         Some(Command::Ros(command)) => mvt_ros::command::run(&command, signals::stop_on_signals),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
-        Some(Command::Controllers(arguments)) => mvt_evaluation::hand::list(&arguments),
+        Some(Command::Controllers(arguments)) => controllers::run(&arguments),
         Some(Command::Rigs(arguments)) => mvt_evaluation::rigs::list(&arguments),
         Some(Command::Hand(command)) => mvt_evaluation::hand::run(&command),
         Some(Command::Touch(command)) => touch::run(&command),

@@ -1,6 +1,6 @@
 //! `simulate`: an episode of physics and controller, without images.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use mvt_evaluation::manner::Subject;
 use mvt_physics::air::PlaceErrors;
@@ -51,7 +51,14 @@ pub fn run(arguments: &SimulateArguments) -> Result<()> {
         duration_s: arguments.duration,
         randomisation: Randomisation::default(),
     };
-    let mut episode = Episode::new(&object, &config)?;
+    let mut episode = match controller.mover {
+        Some(mover) if mover.needs_touch() => bail!(
+            "{}: it observes touch_depth, and `simulate` renders no touch images; play it with `run`",
+            controller.name
+        ),
+        Some(mover) => Episode::moved_by(&object, &config, mover)?,
+        None => Episode::new(&object, &config)?,
+    };
     episode.follow(controller.schedule);
     episode.rehearse(PlaceErrors::default(), arguments.seed);
     let outcome = episode::run(&mut episode);
@@ -70,7 +77,7 @@ fn in_words(report: &Report<'_>, hand: &Hand) -> String {
         End::Completed => "stayed in the hand".to_owned(),
         End::Dropped => "fell off the hand".to_owned(),
         End::Stopped => "was stopped".to_owned(),
-        End::Unstable(reason) => reason.clone(),
+        End::Uncontrolled(reason) | End::Unstable(reason) => reason.clone(),
     };
     let pads: Vec<String> = hand
         .pads()

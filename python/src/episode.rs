@@ -248,7 +248,7 @@ impl Episode {
             End::Completed => "completed".to_owned(),
             End::Dropped => "dropped".to_owned(),
             End::Stopped => "stopped".to_owned(),
-            End::Unstable(reason) => reason.clone(),
+            End::Uncontrolled(reason) | End::Unstable(reason) => reason.clone(),
         })
     }
 

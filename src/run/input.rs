@@ -131,7 +131,7 @@ fn simulated(arguments: &RunArguments, config: &RunConfig) -> Result<RunInput> {
     let cameras = rig.placed(cameras)?;
     let seed = arguments.seed.unwrap_or(0);
     let strategy = arguments.explore.then_some(ExploreStrategy::Frontier);
-    let (ChosenController { gait, schedule, .. }, supervisor) = direct(
+    let (ChosenController { gait, mover, schedule, .. }, supervisor) = direct(
         &rig.hand,
         &arguments.manner.controller,
         &object,
@@ -143,6 +143,7 @@ fn simulated(arguments: &RunArguments, config: &RunConfig) -> Result<RunInput> {
     let settings = SimulatedSettings {
         hand: Arc::clone(&rig.hand),
         gait,
+        mover,
         schedule,
         seed,
         duration_s: arguments.duration.unwrap_or(DURATION_S),

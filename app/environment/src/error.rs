@@ -4,6 +4,7 @@ use mvt_gaits::gait::UnknownGait;
 use mvt_perceive::PerceptionError;
 use mvt_physics::simulation::SimulationError;
 use mvt_render::touch::TouchError;
+use mvt_robot::hand::HandError;
 use mvt_slam::SettingError;
 
 /// Why a task cannot be set up, reset or stepped.
@@ -30,6 +31,9 @@ pub enum TaskError {
     /// A touch sensor cannot be rendered.
     #[error(transparent)]
     Touch(#[from] TouchError),
+    /// The hand cannot have the drives of the task.
+    #[error(transparent)]
+    Hand(#[from] HandError),
     /// The gait is unknown.
     #[error(transparent)]
     Gait(#[from] UnknownGait),

@@ -3,12 +3,12 @@
 use std::str::FromStr;
 
 use mvt_frames::camera::PosedCamera;
+use mvt_gaits::clock::CONTROL_HZ;
+use mvt_policy::PolicyContract;
 use mvt_robot::hand::Hand;
 
 use crate::error::TaskError;
 
-/// Instants in the proprioception: the latest first.
-pub(crate) const HISTORY: usize = 3;
 /// Numbers of [`Sense::Estimate`].
 pub(crate) const ESTIMATE: usize = 11;
 /// Numbers of [`Sense::Privileged`] beside the forces on the pads.
@@ -87,7 +87,7 @@ impl Sense {
         // All touch sensors have the same size.
         let [rows, columns] = hand.pads().first().map_or([0, 0], |pad| pad.profile.shape());
         match self {
-            Self::Proprioception => vec![HISTORY * 2 * hand.joints().len()],
+            Self::Proprioception => vec![PolicyContract::turning(hand, CONTROL_HZ).observation_size(hand)],
             Self::TouchDepth => vec![hand.pads().len(), rows, columns],
             Self::TouchImages => vec![hand.pads().len(), rows, columns, 3],
             // All cameras have the same size.

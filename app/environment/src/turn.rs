@@ -6,6 +6,7 @@ use std::sync::Arc;
 use mvt_gaits::clock::PHYSICS_HZ;
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, true_press};
 use mvt_physics::episode::{End, Episode, EpisodeConfig};
+use mvt_policy::{ActionMap, ObservationMap, PolicyContract, PolicySenses};
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::observer::ObserverScratch;
 use mvt_robot::digit::gel::GelView;
@@ -20,10 +21,7 @@ use nalgebra as na;
 use crate::error::TaskError;
 use crate::reward::Reward;
 use crate::scene::Scene;
-use crate::sense::{HISTORY, Part, Sense};
-
-/// Change of a joint's target by an action of 1, radians: at 25 Hz the fastest stroke of the shipped gaits.
-const INCREMENT_RAD: f64 = 1.0 / 24.0;
+use crate::sense::{Part, Sense};
 
 /// One environment.
 pub(crate) struct Environment {
@@ -32,8 +30,9 @@ pub(crate) struct Environment {
     seed: u64,
     steps: u32,
     target: JointAngles,
-    /// Angles and targets, the latest first.
-    history: [[JointAngles; 2]; HISTORY],
+    /// The maps of policies, as those of a run.
+    observations: ObservationMap,
+    actions: ActionMap,
     /// Perception and estimator, as those of a run, if the estimate is observed.
     slam: Option<Box<(Perception, Estimator)>>,
     estimate: Option<Estimate>,
@@ -62,36 +61,53 @@ impl Environment {
             }
             false => None,
         };
-        Ok(Self {
+        let contract = PolicyContract::turning(&settings.hand, settings.control_hz);
+        let torque_limit_nm = scene.gait.torque_limit_nm;
+        let mut environment = Self {
+            observations: ObservationMap::new(&contract, &settings.hand),
+            actions: ActionMap::new(&contract, &settings.hand, torque_limit_nm)?,
             episode,
             seed,
             steps: 0,
-            history: from_fn(|_| [joints.clone(), joints.clone()]),
             target: joints,
             slam,
             estimate: None,
             warnings: Vec::new(),
             scratch: ObserverScratch::default(),
             scene,
-        })
+        };
+        environment.sense(&[]);
+        Ok(environment)
+    }
+
+    /// Adds the present instant to the proprioception.
+    fn sense(&mut self, action: &[f32]) {
+        let sensed = self.episode.proprioception();
+        self.observations.add(&PolicySenses {
+            sensed: &sensed,
+            targets: &self.target,
+            action,
+            place: None,
+            touch_mm: &[],
+        });
     }
 
     /// Moves the targets by an action and simulates until the next one. Does nothing after the end.
     pub(crate) fn step(&mut self, action: &[f32]) -> Reward {
         let settings = self.scene.settings();
-        for ((target, &change), joint) in self.target.iter_mut().zip(action).zip(settings.hand.joints()) {
-            let [low, high] = joint.range;
-            *target = (*target + INCREMENT_RAD * f64::from(change).clamp(-1.0, 1.0)).clamp(low, high);
-        }
+        self.actions.apply(action, &mut self.target);
+        let command = self.actions.compliant(&self.target, &self.episode.simulation().joints());
         let turned_rad = self.episode.turned_rad();
-        self.episode.advance(PHYSICS_HZ / settings.control_hz, Some(&self.target));
+        self.episode.advance(PHYSICS_HZ / settings.control_hz, Some(&command));
         self.steps += 1;
-        let simulation = self.episode.simulation();
-        let joints = simulation.joints();
-        self.history.rotate_right(1);
-        self.history[0] = [joints, self.target.clone()];
         let rate = (self.episode.turned_rad() - turned_rad) * f64::from(settings.control_hz);
-        Reward::of(simulation, &self.episode.start().joints, rate, matches!(self.episode.end(), Some(End::Dropped)))
+        self.sense(action);
+        Reward::of(
+            self.episode.simulation(),
+            &self.episode.start().joints,
+            rate,
+            matches!(self.episode.end(), Some(End::Dropped)),
+        )
     }
 
     /// Returns whether the episode failed, and whether its time is up.
@@ -117,7 +133,7 @@ impl Environment {
         }
         for (&sense, part) in scene.settings().senses.iter().zip(parts) {
             match (sense, &images) {
-                (Sense::Proprioception, _) => part.write(sense, self.proprioception()),
+                (Sense::Proprioception, _) => part.write(sense, self.observations.observation()),
                 (Sense::Privileged, _) => part.write(sense, self.privileged()),
                 (Sense::Estimate, _) => part.write(sense, self.estimate_numbers()),
                 (Sense::TouchDepth, Some((_, truth))) => {
@@ -168,17 +184,6 @@ impl Environment {
     /// Returns warnings of perception that were not returned before.
     pub(crate) fn take_warnings(&mut self) -> Vec<String> {
         std::mem::take(&mut self.warnings)
-    }
-
-    fn proprioception(&self) -> impl Iterator<Item = f32> {
-        let joints = self.scene.settings().hand.joints();
-        let instants = self.history.iter().flatten();
-        instants.flat_map(move |angles| {
-            angles.iter().zip(joints).map(|(angle, joint)| {
-                let [low, high] = joint.range;
-                (2.0 * (angle - low) / (high - low) - 1.0) as f32
-            })
-        })
     }
 
     fn privileged(&self) -> impl Iterator<Item = f32> {

@@ -1,4 +1,4 @@
-//! `hand` and `controllers`: tuning, scores and the list of the hand's controllers.
+//! `hand`: tuning, scores and the list of the hand's controllers.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -176,16 +176,14 @@ pub fn run(command: &HandCommand) -> Result<()> {
     }
 }
 
-/// List the controllers of the hand: name, axis on the right hand, and purpose
-#[derive(Debug, Args)]
-pub struct ControllersArguments {}
-
 /// Prints the controllers.
-pub fn list(_: &ControllersArguments) -> Result<()> {
+pub fn list() -> Result<()> {
     for (name, axis, purpose) in controller_file::list() {
         print_line(&format!("{name:<18} {axis}  {purpose}"))?;
     }
-    print_line(&format!("{:<18}     a controller file, which `hand tune` writes", "FILE.toml"))
+    print_line(&format!("{:<18}     a controller file, which `hand tune` writes", "FILE.toml"))?;
+    print_line(&format!("{:<18}     a learnt policy, see docs/policies.md and `controllers check`", "FILE.onnx"))?;
+    print_line(&format!("{:<18}     the same, with its contract in a .toml file beside it", "FILE.safetensors"))
 }
 
 fn load(names: &[String]) -> Result<Vec<Object>> {

@@ -420,6 +420,7 @@ fn simulated(episode: &Episode<'_>, duration_s: f64, config: &RunConfig, fault: 
     let settings = SimulatedSettings {
         hand: Arc::clone(&episode.rig.hand),
         gait: episode.controller.gait.clone(),
+        mover: episode.controller.mover.clone(),
         schedule: episode.controller.schedule.clone(),
         seed: episode.seed,
         duration_s,

@@ -25,9 +25,10 @@ pub struct Subject {
 /// Hand and controller.
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
-    /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, or `auto` to choose by the
-    /// object's shape; it refuses an object that may fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then
-    /// the first again: the hand opens, the palm is levelled and tilted anew, and the hand closes
+    /// Motion of the fingers: a name that `controllers` lists, the path of a controller file (.toml) or of a learnt policy
+    /// (.onnx, .safetensors; see docs/policies.md), or `auto` to choose by the object's shape; it refuses an object that may
+    /// fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the palm is
+    /// levelled and tilted anew, and the hand closes
     #[arg(long, alias = "gait", value_name = "NAME|FILE", default_value = "auto")]
     pub controller: String,
     /// Hand with its touch sensors: a name that `rigs` lists, or the path of a hand file (.toml), see docs/rigs.md

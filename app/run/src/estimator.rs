@@ -214,16 +214,13 @@ impl Estimator {
         estimate
     }
 
-    /// The estimated place of the object's middle after a frame, for a controller that holds it in the air; `None` while the
-    /// object is lost.
+    /// The estimated place of the object's middle after a frame, for a controller that needs it; `None` while the object
+    /// is lost.
     pub fn place(&self, estimate: &Estimate) -> Option<EstimatedPlace> {
         let known = || self.given_centre.or_else(|| self.map()?.space().ball_middle());
         let centre = estimate.state.is_tracking().then(known)??;
-        Some(EstimatedPlace::new(
-            estimate.time_s,
-            estimate.pose,
-            Point::from(na::Vector3::from(centre.to_array().map(f64::from))),
-        ))
+        let middle = Point::from(na::Vector3::from(centre.to_array().map(f64::from)));
+        Some(EstimatedPlace::new(estimate.time_s, estimate.pose, middle).trusted(estimate.confidence))
     }
 
     /// The belief after a frame, for the supervisor.

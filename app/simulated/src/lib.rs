@@ -15,6 +15,7 @@
 //! let settings = SimulatedSettings {
 //!     hand,
 //!     gait: gait.clone(),
+//!     mover: None,
 //!     schedule: Default::default(),
 //!     seed: 0,
 //!     duration_s: 1.0,

@@ -255,7 +255,7 @@ pub fn ended(end: &End) -> EpisodeEnd {
         End::Completed => (true, "time is up".to_owned()),
         End::Dropped => (false, "the object was dropped".to_owned()),
         End::Stopped => (false, "it was stopped".to_owned()),
-        End::Unstable(reason) => (false, reason.clone()),
+        End::Uncontrolled(reason) | End::Unstable(reason) => (false, reason.clone()),
     };
     EpisodeEnd { complete, reason }
 }

@@ -10,6 +10,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Camera, Isometry, World};
 use mvt_gaits::clock::FRAME_HZ;
+use mvt_gaits::controller::Controller;
 use mvt_gaits::directive::Directive;
 use mvt_gaits::feedback::EstimatedPlace;
 use mvt_gaits::gait::Gait;
@@ -34,6 +35,8 @@ pub struct SimulatedSettings {
     pub hand: Arc<Hand>,
     /// The gait at the start.
     pub gait: Gait,
+    /// Moves the hand in place of the gait, which then decides the start alone.
+    pub mover: Option<Box<dyn Controller>>,
     /// The controllers that follow one another; empty if there is only one.
     pub schedule: Schedule,
     /// Seed of the start and of all noise.
@@ -108,16 +111,17 @@ impl SimulatedSource {
         if !settings.modality.has_vision() {
             settings.cameras.clear();
         }
-        let mut episode = Episode::new(
-            object,
-            &EpisodeConfig {
-                hand: Arc::clone(&hand),
-                gait: settings.gait.clone(),
-                seed,
-                duration_s,
-                randomisation: Randomisation::default(),
-            },
-        )?;
+        let config = EpisodeConfig {
+            hand: Arc::clone(&hand),
+            gait: settings.gait.clone(),
+            seed,
+            duration_s,
+            randomisation: Randomisation::default(),
+        };
+        let mut episode = match settings.mover.clone() {
+            Some(mover) => Episode::moved_by(object, &config, mover)?,
+            None => Episode::new(object, &config)?,
+        };
         episode.follow(settings.schedule.clone());
         let options = ObserverOptions {
             hand: Arc::clone(&hand),
@@ -205,6 +209,9 @@ impl Source for SimulatedSource {
             true => Some(touched().map(|(truth, gel)| true_press(truth, gel)).collect()),
         };
         let Seen { percept, touch_images, warnings } = self.perception.see(frame, observation, presses)?;
+        if self.episode.controller().needs_touch() {
+            self.episode.feel(&percept.touch);
+        }
         let events = match self.episode.in_air().and_then(|air| air.lowered_at_s) {
             Some(_) if !self.is_lowered => {
                 self.is_lowered = true;
@@ -236,7 +243,7 @@ impl Source for SimulatedSource {
     }
 
     fn needs_place(&self) -> bool {
-        self.episode.in_air().is_some()
+        self.episode.controller().needs_place()
     }
 
     fn see(&mut self, place: EstimatedPlace) {

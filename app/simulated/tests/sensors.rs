@@ -53,6 +53,7 @@ fn source(duration_s: f64) -> SimulatedSource {
     let (object, hand, config) = (object(), hand(), RunConfig::default());
     let settings = SimulatedSettings {
         gait: gait::choose("auto", &object, &hand).unwrap().1.clone(),
+        mover: None,
         schedule: Default::default(),
         seed: 0,
         duration_s,

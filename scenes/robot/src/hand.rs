@@ -193,6 +193,16 @@ impl Hand {
         Arc::new(hand)
     }
 
+    /// Returns the hand with other drives, one for each joint. Its bodies stay.
+    ///
+    /// # Errors
+    /// [`HandError`] if a drive is impossible, such as one with a negative stiffness.
+    pub fn with_drives(&self, drives: &[Drive]) -> Result<Arc<Self>, HandError> {
+        let mut description = self.description.clone();
+        description.joints.iter_mut().zip(drives).for_each(|(joint, drive)| joint.drive = *drive);
+        Self::new(description)
+    }
+
     /// Returns whether it is the built-in Allegro, whatever the profiles of its touch sensors.
     pub fn is_allegro(&self) -> bool {
         self.with_profile(&SensorProfile::tacto()).description == Self::allegro(self.side()).description

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
 use crate::clock::CONTROL_HZ;
+use crate::controller::Controller;
 use crate::gait::{self, AUTO, Gait, UnknownGait};
 use crate::schedule::{SHORTEST_PART_S, Schedule, ScheduledGait};
 use crate::shape::ObjectShape;
@@ -257,12 +258,14 @@ pub fn check_hand(name: &str, model: &str, hand: &Hand) -> Result<(), String> {
 }
 
 /// Controller that an episode plays.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct ChosenController {
     /// Name of a shipped one, the path of a file, or the text of a schedule.
     pub name: String,
-    /// The motion; the first one of a schedule.
+    /// The motion, or the first one of a schedule. It decides the start, also that of a policy.
     pub gait: Gait,
+    /// Moves the hand in place of the gait; `None` for strokes and their feedback.
+    pub mover: Option<Box<dyn Controller>>,
     /// The controllers that follow one another; empty if there is only one.
     pub schedule: Schedule,
     /// Why the object may fall; `None` if it has the size for which the controller was tuned, or suits `auto`.
@@ -276,6 +279,7 @@ impl ChosenController {
         Self {
             name: name.to_owned(),
             gait: file.gait.clone(),
+            mover: None,
             schedule: Schedule::default(),
             misfit: file.misfit(object),
             falls: false,
@@ -288,6 +292,10 @@ impl ChosenController {
 /// # Errors
 /// [`ControllerFileError`] if there is no such controller, or it does not fit this hand.
 pub fn choose(text: &str, object: &Object, hand: &Hand) -> Result<ChosenController, ControllerFileError> {
+    if is_policy(text) {
+        let reason = "it is a policy, which `run` and `simulate` play and nothing else does; name another controller";
+        return Err(ControllerFileError::File { path: PathBuf::from(text), reason: reason.to_owned() });
+    }
     if let Some((name, file)) = of_rig(text, hand)? {
         return Ok(ChosenController::of_file(name, &file, object));
     }
@@ -300,6 +308,7 @@ pub fn choose(text: &str, object: &Object, hand: &Hand) -> Result<ChosenControll
     Ok(ChosenController {
         name: name.to_owned(),
         gait: gait.clone(),
+        mover: None,
         schedule: Schedule::default(),
         falls: unsuited.as_ref().is_some_and(|unsuited| unsuited.falls),
         misfit: unsuited.map(|unsuited| format!("{} is {}", object.name, unsuited.reason)),
@@ -337,12 +346,17 @@ pub fn choose_all(text: &str, object: &Object, hand: &Hand) -> Result<ChosenCont
     let misfit = parts.iter().find_map(|(chosen, _)| chosen.misfit.clone());
     let gait = schedule.gait_after(0).ok_or_else(|| ControllerFileError::Schedule(text.to_owned()))?.clone();
     let falls = parts.iter().any(|(chosen, _)| chosen.falls);
-    Ok(ChosenController { name: text.to_owned(), gait, schedule, misfit, falls })
+    Ok(ChosenController { name: text.to_owned(), gait, mover: None, schedule, misfit, falls })
 }
 
-/// Returns whether this names a file: it ends in .toml or contains a slash.
+/// Returns whether this names a file: it ends in .toml, contains a slash, or names a policy.
 pub fn is_path(text: &str) -> bool {
-    text.ends_with(".toml") || text.contains('/')
+    text.ends_with(".toml") || text.contains('/') || is_policy(text)
+}
+
+/// Returns whether this names a learnt policy, which the crate `mvt-policy` reads.
+pub fn is_policy(text: &str) -> bool {
+    [".onnx", ".safetensors"].iter().any(|end| text.ends_with(end))
 }
 
 /// Returns the shipped controllers that are files, by name.

@@ -11,10 +11,9 @@ use nalgebra::Vector3;
 use crate::clock::CONTROL_HZ;
 use crate::controller::{Controller, Proprioception};
 use crate::gait::Gait;
-use crate::place::Place;
 use crate::schedule::{blend, smooth};
 
-pub use crate::place::{EstimatedPlace, PlaceFeedback, RehearsedPlace};
+pub use crate::place::{EstimatedPlace, PlaceFeedback, RehearsedPlace, SeenPlace};
 
 /// Time from the start of an episode until the support under the object is taken away, seconds. The fingers have closed
 /// by then.
@@ -39,7 +38,7 @@ pub struct FeedbackController {
     gait: Gait,
     feedback: PlaceFeedback,
     hand: Arc<Hand>,
-    seen: Option<Place>,
+    seen: Option<SeenPlace>,
     /// Mean velocity of the object, m/s.
     velocity: Vector3<f64>,
     /// Displacement summed over time, m s.
@@ -78,19 +77,8 @@ impl FeedbackController {
         })
     }
 
-    /// Receives the estimated place of the object. One that is not finite, not newer than the last, or far from it, is
-    /// ignored.
-    pub fn see(&mut self, place: EstimatedPlace) {
-        self.take(place.0);
-    }
-
-    /// Receives the true place in place of an estimate, in searches and simulations without cameras.
-    pub fn rehearse(&mut self, place: RehearsedPlace) {
-        self.take(place.0);
-    }
-
-    fn take(&mut self, place: Place) {
-        let Place { time_s, mut middle_m } = place;
+    fn take(&mut self, place: SeenPlace) {
+        let SeenPlace { time_s, mut middle_m, .. } = place;
         // Everything below is that of the right hand.
         middle_m.y *= self.hand.side().sign();
         if !(time_s.is_finite() && middle_m.iter().all(|v| v.is_finite())) {
@@ -103,17 +91,11 @@ impl FeedbackController {
             }
             self.velocity += (moved / elapsed_s - self.velocity) * VELOCITY_SHARE;
         }
-        self.seen = Some(Place { time_s, middle_m });
+        self.seen = Some(SeenPlace { middle_m, ..place });
         if time_s < HANDED_OVER_S {
             self.before = (self.before.0 + middle_m, self.before.1 + 1);
             self.velocity = Vector3::zeros();
         }
-    }
-
-    /// Returns the time at which the hand began to lower the object, because its place was unknown, seconds; `None` if it
-    /// holds it.
-    pub fn lowered_at_s(&self) -> Option<f64> {
-        self.lowering.as_ref().map(|(since, _)| *since)
     }
 
     /// Stops the turning, or lets it go on. The object stays in the air.
@@ -172,6 +154,28 @@ impl FeedbackController {
 }
 
 impl Controller for FeedbackController {
+    fn copy(&self) -> Box<dyn Controller> {
+        Box::new(self.clone())
+    }
+
+    fn needs_place(&self) -> bool {
+        true
+    }
+
+    /// Receives the estimated place of the object. One that is not finite, not newer than the last, or far from it, is
+    /// ignored.
+    fn see(&mut self, place: EstimatedPlace) {
+        self.take(place.0);
+    }
+
+    fn rehearse(&mut self, place: RehearsedPlace) {
+        self.take(place.0);
+    }
+
+    fn lowered_at_s(&self) -> Option<f64> {
+        self.lowering.as_ref().map(|(since, _)| *since)
+    }
+
     fn command(&mut self, sensed: &Proprioception) -> JointAngles {
         self.time_s = sensed.time_s;
         let targets = self.targets(sensed.time_s, &self.hand.mirrored(&sensed.joints));
@@ -226,7 +230,7 @@ mod tests {
             if let Some(displacement) = place(time_s) {
                 controller.see(seen(side, time_s, displacement));
             }
-            controller.command(&Proprioception { time_s, joints: vec![0.0; 16] })
+            controller.command(&Proprioception::at(time_s, vec![0.0; 16]))
         });
         let targets = commands.collect();
         (targets, controller)
@@ -302,7 +306,7 @@ mod tests {
             for k in 0..25 {
                 let time_s = f64::from(k) * PERIOD_S;
                 controller.see(seen(side, time_s, [0.0; 3]));
-                last = controller.command(&Proprioception { time_s, joints: hand.mirrored(&stopped) });
+                last = controller.command(&Proprioception::at(time_s, hand.mirrored(&stopped)));
             }
             let aimed = hand.mirrored(&last);
             for (j, [low, high]) in Hand::allegro(Side::Right).ranges().into_iter().enumerate() {
@@ -319,7 +323,7 @@ mod tests {
                 let time_s = f64::from(k) * PERIOD_S;
                 controller.pause((75..100).contains(&k));
                 controller.see(seen(Side::Right, time_s, [0.0; 3]));
-                controller.command(&Proprioception { time_s, joints: vec![0.0; 16] })
+                controller.command(&Proprioception::at(time_s, vec![0.0; 16]))
             })
             .collect();
         let (plain, _) = play(Side::Right, 6.0, |_| Some([0.0; 3]));

@@ -7,14 +7,14 @@
 //!
 //! ```
 //! use mvt_gaits::controller::{Controller, Proprioception};
-//! use mvt_gaits::directive::DirectedController;
+//! use mvt_gaits::directed::DirectedController;
 //! use mvt_gaits::gait;
 //! use mvt_robot::hand::{Hand, Side};
 //!
 //! let (_, gait) = gait::find("bal")?;
 //! let mut controller = DirectedController::new(gait, &Hand::allegro(Side::Left));
 //! controller.regrasp();
-//! let targets = controller.command(&Proprioception { time_s: 0.0, joints: vec![0.2; 16] });
+//! let targets = controller.command(&Proprioception::at(0.0, vec![0.2; 16]));
 //! assert!(targets.iter().all(|angle| angle.is_finite()));
 //! # Ok::<(), gait::UnknownGait>(())
 //! ```
@@ -23,6 +23,7 @@ pub mod axis;
 pub mod clock;
 pub mod controller;
 pub mod controller_file;
+pub mod directed;
 pub mod directive;
 pub mod feedback;
 pub mod gait;
@@ -30,5 +31,6 @@ mod place;
 pub mod safe;
 pub mod schedule;
 pub mod shape;
+pub mod stroke;
 
 pub use {mvt_frames, mvt_objects, mvt_robot};

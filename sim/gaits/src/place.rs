@@ -2,7 +2,7 @@
 
 use mvt_frames::{Isometry, Model, Object as ObjectFrame, Point, World};
 use mvt_robot::hand::JointAngles;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Feedback of a gait on the place of the object, for the right hand.
@@ -46,30 +46,54 @@ impl PlaceFeedback {
 
 /// Estimated place of the object at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EstimatedPlace(pub(crate) Place);
+pub struct EstimatedPlace(pub(crate) SeenPlace);
 
 /// True place of the object at an instant, with errors like those of an estimate. The controller of a run never receives
 /// it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RehearsedPlace(pub(crate) Place);
+pub struct RehearsedPlace(pub(crate) SeenPlace);
 
-/// Place of the object's middle in the world, metres, at a time, seconds since the start of the episode.
+/// Place of the object in the world as a controller sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Place {
-    pub(crate) time_s: f64,
-    pub(crate) middle_m: Vector3<f64>,
+pub struct SeenPlace {
+    /// Seconds since the start of the episode.
+    pub time_s: f64,
+    /// The object's middle, metres.
+    pub middle_m: Vector3<f64>,
+    /// Turn from the object's axes, or those of its estimated model, to the world's.
+    pub orientation: UnitQuaternion<f64>,
+    /// How far the estimate is to be trusted, 0 to 1.
+    pub confidence: f64,
 }
 
 impl EstimatedPlace {
-    /// Returns the place of a point of the estimated model at a time, seconds since the start of the episode.
+    /// Returns the place of a point of the estimated model at a time, seconds since the start of the episode, with full confidence.
     pub fn new(time_s: f64, pose: Isometry<Model, World>, middle: Point<Model>) -> Self {
-        Self(Place { time_s, middle_m: (pose * middle).coords() })
+        let orientation = pose.untyped().rotation;
+        Self(SeenPlace { time_s, middle_m: (pose * middle).coords(), orientation, confidence: 1.0 })
+    }
+
+    /// Returns the place with a confidence, 0 to 1.
+    #[must_use]
+    pub fn trusted(self, confidence: f64) -> Self {
+        Self(SeenPlace { confidence, ..self.0 })
+    }
+
+    /// Returns the place.
+    pub fn seen(&self) -> SeenPlace {
+        self.0
     }
 }
 
 impl RehearsedPlace {
     /// Returns the place of the object's origin with an error, metres, at a time, seconds since the start of the episode.
     pub fn new(time_s: f64, pose: Isometry<ObjectFrame, World>, error_m: Vector3<f64>) -> Self {
-        Self(Place { time_s, middle_m: pose.origin().coords() + error_m })
+        let (middle_m, orientation) = (pose.origin().coords() + error_m, pose.untyped().rotation);
+        Self(SeenPlace { time_s, middle_m, orientation, confidence: 1.0 })
+    }
+
+    /// Returns the place.
+    pub fn seen(&self) -> SeenPlace {
+        self.0
     }
 }

@@ -3,16 +3,17 @@
 use std::sync::Arc;
 
 use mvt_frames::{Isometry, Object as ObjectFrame, Vector, World as WorldFrame};
-use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
-use mvt_gaits::controller::{Controller as _, Proprioception};
-use mvt_gaits::directive::{DirectedController, Directive};
+use mvt_gaits::clock::{FRAME_HZ, PHYSICS_HZ};
+use mvt_gaits::controller::{Controller, Proprioception};
+use mvt_gaits::directed::DirectedController;
+use mvt_gaits::directive::Directive;
 use mvt_gaits::feedback::{EstimatedPlace, HANDED_OVER_S};
 use mvt_gaits::gait;
 use mvt_gaits::gait::{Gait, UnknownGait};
 use mvt_gaits::schedule::{Schedule, TiltChange};
 use mvt_objects::object::Object;
 use mvt_robot::hand::{Hand, JointAngles, PerPad};
-use mvt_robot::observation::SceneState;
+use mvt_robot::observation::{Press, SceneState};
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +34,8 @@ pub enum End {
     Dropped,
     /// The supervisor stopped the episode.
     Stopped,
+    /// The controller failed, with the details.
+    Uncontrolled(String),
     /// The physics became unstable, with the details.
     Unstable(String),
 }
@@ -67,7 +70,7 @@ pub struct EpisodeSnapshot {
     /// Shows to which episode it belongs.
     start: EpisodeStart,
     simulation: SimulationState,
-    controller: DirectedController,
+    controller: Box<dyn Controller>,
     target: JointAngles,
     plan: Plan,
     gravity: [f64; 3],
@@ -93,7 +96,7 @@ struct Plan {
 /// Running episode.
 pub struct Episode {
     simulation: Simulation,
-    controller: DirectedController,
+    controller: Box<dyn Controller>,
     start: EpisodeStart,
     hand: Arc<Hand>,
     schedule: Schedule,
@@ -105,8 +108,9 @@ pub struct Episode {
     shears: GelShears,
     /// Number of integration steps so far, and at the end.
     tick: u64,
-    /// Integration steps between two camera frames.
+    /// Integration steps between two camera frames, and between two commands.
     steps_per_frame: u64,
+    steps_per_command: u64,
     last_tick: u64,
     /// Angle turned about the gait's axis, radians.
     turned_rad: f64,
@@ -119,13 +123,37 @@ impl Episode {
     /// # Errors
     /// [`SimulationError`] if MuJoCo refuses the object.
     pub fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, SimulationError> {
+        let controller = DirectedController::new(&config.gait, &config.hand);
+        Self::moved_by(object, config, Box::new(controller))
+    }
+
+    /// Draws the start and builds the simulation, whose hand another controller moves than the one that plays the gait of the configuration.
+    ///
+    /// # Errors
+    /// [`SimulationError`] if MuJoCo refuses the object, or the controller needs drives or a rate that the simulation cannot have.
+    pub fn moved_by(
+        object: &Object,
+        config: &EpisodeConfig,
+        controller: Box<dyn Controller>,
+    ) -> Result<Self, SimulationError> {
         let EpisodeConfig { hand, gait, seed, duration_s, randomisation } = config;
+        let rate_hz = controller.rate_hz();
+        if rate_hz == 0 || !PHYSICS_HZ.is_multiple_of(rate_hz) {
+            return Err(SimulationError::Controller(format!(
+                "it gives {rate_hz} commands per second, which do not divide {PHYSICS_HZ}; give it a rate such as 20, 25 or 50"
+            )));
+        }
+        let driven = match controller.drives() {
+            Some(drives) => hand.with_drives(&drives).map_err(|e| SimulationError::Controller(e.to_string()))?,
+            None => Arc::clone(hand),
+        };
         let start = EpisodeStart::draw(object, gait, hand, randomisation, *seed);
-        let mut simulation = Simulation::new(hand, object, &start.physics)?;
+        let mut simulation = Simulation::new(&driven, object, &start.physics)?;
         simulation.reset(&start.joints, start.object);
         Ok(Self {
             simulation,
-            controller: DirectedController::new(gait, hand),
+            steps_per_command: u64::from(PHYSICS_HZ / rate_hz),
+            controller,
             hand: Arc::clone(hand),
             schedule: Schedule::default(),
             target: start.joints.clone(),
@@ -148,17 +176,25 @@ impl Episode {
         self.schedule = schedule;
     }
 
-    /// Shows the true place of the object, with errors, to a controller that holds it in the air. Without this, such a
+    /// Shows the true place of the object, with errors, to a controller that needs it. Without this, such a
     /// controller knows only what [`Episode::see`] tells it. `seed` decides the errors.
     pub fn rehearse(&mut self, errors: PlaceErrors, seed: u64) {
         self.rehearsal = Some(Rehearsal::new(errors, seed));
     }
 
-    /// Tells the estimated place of the object to a controller that holds it in the air; has no effect on others.
+    /// Tells the estimated place of the object to a controller that needs it; has no effect on others.
     pub fn see(&mut self, place: EstimatedPlace) {
-        if let Some(in_air) = self.controller.in_air() {
-            in_air.see(place);
-        }
+        self.controller.see(place);
+    }
+
+    /// Tells a controller that needs it how the object presses into each gel; has no effect on others.
+    pub fn feel(&mut self, presses: &PerPad<Option<Press>>) {
+        self.controller.feel(presses);
+    }
+
+    /// Returns the controller.
+    pub fn controller(&self) -> &dyn Controller {
+        self.controller.as_ref()
     }
 
     /// Returns how the object was held in the air; `None` if the gait has no feedback.
@@ -196,19 +232,16 @@ impl Episode {
     /// # Errors
     /// [`UnknownGait`], which lists the names, or says that the hand has no shipped gaits; the episode then continues unchanged.
     pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
-        if directive != Directive::Hold {
-            self.controller.release();
+        let gait = match &directive {
+            Directive::ChangeController(name) => Some(gait::find_for(&self.hand, name)?.1),
+            _ => None,
+        };
+        self.controller.obey(&directive)?;
+        if let Some(gait) = gait {
+            self.change(gait);
         }
-        match directive {
-            Directive::Continue => self.controller.recentre([0.0; 2]),
-            Directive::Hold => self.controller.hold(),
-            Directive::SwitchGait(name) => self.controller.switch(gait::find_for(&self.hand, &name)?.1),
-            Directive::ChangeController(name) => self.change(gait::find_for(&self.hand, &name)?.1),
-            Directive::Regrasp => self.controller.regrasp(),
-            Directive::Recentre { offset_m } => self.controller.recentre(offset_m),
-            Directive::Stop => {
-                self.end.get_or_insert(End::Stopped);
-            }
+        if directive == Directive::Stop {
+            self.end.get_or_insert(End::Stopped);
         }
         Ok(())
     }
@@ -266,6 +299,18 @@ impl Episode {
                 shear: self.shears.shear().clone(),
             },
             pads: self.simulation.contacts(),
+        }
+    }
+
+    /// Returns the input of a controller now.
+    pub fn proprioception(&self) -> Proprioception {
+        Proprioception {
+            time_s: self.time_s(),
+            joints: self.simulation.joints(),
+            velocities: self.simulation.joint_velocities(),
+            forces_n: self.simulation.contacts().map(|pad| pad.force_n),
+            gravity: self.simulation.gravity(),
+            axis: self.plan.turn_axis.into(),
         }
     }
 
@@ -344,7 +389,9 @@ impl Episode {
 
     /// Changes to a gait: the hand opens, the palm is levelled and tilted as the gait needs it, and the hand closes.
     fn change(&mut self, gait: &Gait) {
-        self.controller.change(gait);
+        if !self.controller.change(gait) {
+            return;
+        }
         let tilt = TiltChange { from: self.simulation.gravity(), to: gravity_of(gait, self.hand.side()) };
         self.plan.turn_axis = gait.axis.direction(self.hand.side());
         self.plan.tilting = Some((tilt, self.tick));
@@ -370,15 +417,13 @@ impl Episode {
 
     /// Makes one integration step towards `targets`, or of the gait with a new command if one is due.
     fn step(&mut self, targets: Option<&[f64]>) {
-        const STEPS_PER_COMMAND: u64 = (PHYSICS_HZ / CONTROL_HZ) as u64;
         /// Limit of the counted turn rate, rad/s. A free object may spin faster for an instant than a pad can turn it.
         const FASTEST_TURN: f64 = 10.0;
         self.follow_plan();
         if let Some(targets) = targets {
             self.target = targets.to_vec();
-        } else if self.tick.is_multiple_of(STEPS_PER_COMMAND) {
-            let sensed = Proprioception { time_s: self.time_s(), joints: self.simulation.joints() };
-            self.target = self.controller.command(&sensed);
+        } else if self.tick.is_multiple_of(self.steps_per_command) {
+            self.target = self.controller.command(&self.proprioception());
         }
         let is_supported = self.air.is_some() && self.time_s() < HANDED_OVER_S;
         if is_supported {
@@ -388,9 +433,7 @@ impl Episode {
         self.tick += 1;
         let (joints, object) = (self.simulation.joints(), self.simulation.object_pose());
         self.shears.step(&self.hand, &joints, object, &self.simulation.contacts());
-        if self.air.is_some() {
-            self.watch_air(is_supported);
-        }
+        self.watch(is_supported);
         let rate = self.simulation.object_angular_velocity().dot(&self.plan.turn_axis);
         if rate.is_finite() {
             self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(PHYSICS_HZ);
@@ -398,13 +441,15 @@ impl Episode {
         self.end = self.fault();
     }
 
-    /// Shows the place to the controller in a rehearsal, and notes how the object is held.
-    fn watch_air(&mut self, is_supported: bool) {
+    /// Shows the place to the controller in a rehearsal, and notes how an object in the air is held.
+    fn watch(&mut self, is_supported: bool) {
         let (pose, time_s) = (self.simulation.object_pose(), self.time_s());
-        if let Some((rehearsal, in_air)) = self.rehearsal.as_mut().zip(self.controller.in_air()) {
+        if self.controller.needs_place()
+            && let Some(rehearsal) = &mut self.rehearsal
+        {
             let is_frame = self.tick.is_multiple_of(self.steps_per_frame);
             if let Some(place) = rehearsal.step(is_frame.then_some((time_s, pose))) {
-                in_air.rehearse(place);
+                self.controller.rehearse(place);
             }
         }
         if !is_supported && let Some(air) = &mut self.air {
@@ -413,6 +458,9 @@ impl Episode {
     }
 
     fn fault(&self) -> Option<End> {
+        if let Some(reason) = self.controller.fault() {
+            return Some(End::Uncontrolled(reason));
+        }
         if let Some(reason) = self.simulation.fault() {
             return Some(End::Unstable(reason));
         }

@@ -69,6 +69,9 @@ pub enum SimulationError {
         /// Message of MuJoCo.
         reason: String,
     },
+    /// The controller cannot move this hand.
+    #[error("the controller cannot be simulated: {0}")]
+    Controller(String),
     /// The state belongs to another model.
     #[error("the saved state does not fit this simulation: {0}")]
     State(String),

@@ -147,7 +147,7 @@ pub fn run(
     while alive && command < last {
         let time_s = f64::from(command) / f64::from(CONTROL_HZ);
         let is_supported = command < supported;
-        let targets = controller.command(&Proprioception { time_s, joints: simulation.joints() });
+        let targets = controller.command(&Proprioception::at(time_s, simulation.joints()));
         for tick in command * steps..(command + 1) * steps {
             if is_supported {
                 simulation.support(start.object);

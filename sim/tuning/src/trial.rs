@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use mvt_gaits::clock::{CONTROL_HZ, PHYSICS_HZ};
 use mvt_gaits::controller::{Controller as _, Proprioception};
-use mvt_gaits::gait::{Gait, GaitController};
+use mvt_gaits::gait::Gait;
+use mvt_gaits::stroke::GaitController;
 use mvt_objects::object::Object;
 use mvt_physics::episode::{EpisodeStart, Randomisation, is_on_the_hand};
 use mvt_physics::simulation::{Simulation, SimulationError};
@@ -98,7 +99,7 @@ pub(crate) fn run_watched(
     let mut alive = true;
     while alive && done < commands {
         let time_s = f64::from(done) / f64::from(CONTROL_HZ);
-        let targets = controller.command(&Proprioception { time_s, joints: simulation.joints() });
+        let targets = controller.command(&Proprioception::at(time_s, simulation.joints()));
         for _ in 0..steps.max(1) {
             simulation.step(&targets);
         }
