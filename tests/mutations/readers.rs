@@ -8,6 +8,7 @@ use mvt_feelsight::{Log, TouchPart, inspect, npy, pickle};
 use mvt_field::field::NeuralField;
 use mvt_gaits::controller_file::ControllerFile;
 use mvt_mesh::Format;
+use mvt_policy::Policy;
 use mvt_recording::Recording;
 use mvt_rgbd::RgbdRecording;
 use mvt_robot::hand::{Hand, Side};
@@ -18,6 +19,8 @@ use mvt_run::{report, settings};
 use mvt_slam::map::Map;
 use mvt_touch::network::{Architecture, Weights};
 use mvt_tuning::grasp::{Grasp, GraspFile};
+use safetensors::serialize;
+use safetensors::tensor::{Dtype, TensorView};
 use tempfile::TempDir;
 
 use crate::originals::{
@@ -289,6 +292,43 @@ fn controller() {
     check("controller", &[Original::new(original)], |_, bytes| {
         ControllerFile::read(file.with(bytes), &Hand::allegro(Side::Right)).is_ok()
     });
+}
+
+#[test]
+fn policy() {
+    let file = OneFile::new("policy.safetensors");
+    let (weight, bias) = ([0_u8; 4 * 16 * 16], [0_u8; 4 * 16]);
+    let tensors = [
+        ("layers.0.weight", TensorView::new(Dtype::F32, vec![16, 16], &weight).unwrap()),
+        ("layers.0.bias", TensorView::new(Dtype::F32, vec![16], &bias).unwrap()),
+    ];
+    let hand = Hand::allegro(Side::Left);
+    let names: Vec<&str> = hand.joints().iter().map(|joint| joint.name.as_str()).collect();
+    let middles: Vec<f64> = hand.ranges().iter().map(|[low, high]| 0.5 * (low + high)).collect();
+    let contract = format!(
+        "joint_names = {names:?}\njoint_stiffness = 3.0\njoint_damping = 0.1\ndefault_joint_pos = {middles:?}\naction_scale = 0.5\n\
+         observation_names = [\"joint_pos\"]\nobservation_terms_scale = 1.0\nobservation_terms_clip = [-1.0, 1.0]\n\
+         observation_terms_history_length = 0\ncontrol_hz = 25\nactivation = \"elu\"\nnormaliser = \"none\"\n"
+    );
+    let beside = file.path.with_extension("toml");
+    fs::write(&beside, &contract).unwrap();
+    let originals = [serialize(tensors, None).unwrap(), contract.into_bytes()].map(Original::new);
+    check("policy", &originals, |number, bytes| {
+        let (changed, other) = if number == 0 { (&file.path, &beside) } else { (&beside, &file.path) };
+        let kept = originals.get(1 - number).map(|original| original.bytes.clone()).unwrap();
+        fs::write(other, kept).unwrap();
+        fs::write(changed, bytes).unwrap();
+        Policy::read(&file.path, &hand).is_ok()
+    });
+}
+
+#[cfg(feature = "onnx")]
+#[test]
+fn onnx_policy() {
+    let file = OneFile::new("policy.onnx");
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("sim/policy/tests/data");
+    let originals = ["mlp.onnx", "gru.onnx"].map(|name| Original::new(fs::read(data.join(name)).unwrap()));
+    check("onnx_policy", &originals, |_, bytes| Policy::read(file.with(bytes), &Hand::allegro(Side::Left)).is_ok());
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::nothing_offends;
 use crate::sources::{read, root, rust_files};
 
 /// Most packages in Cargo.lock. Lower it when their number falls; raise it only with a reason in the commit.
-const PACKAGES: usize = 593;
+const PACKAGES: usize = 605;
 /// Packages in Cargo.lock beyond one version of each. Most come from the windows of other platforms.
 const EXTRA_VERSIONS: usize = 41;
 /// Folders of the kernels: none of their dependencies runs unoptimised.

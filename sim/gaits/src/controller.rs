@@ -36,7 +36,7 @@ impl Proprioception {
 
 /// Whatever moves the hand: a table of strokes, a rule with feedback, or a learnt policy. The caller runs it
 /// [`Controller::rate_hz`] times per second.
-pub trait Controller: Debug + Send {
+pub trait Controller: Debug + Send + Sync {
     /// Returns the joint angles to aim at until the next call, radians. The joints' position controllers limit the
     /// torque.
     fn command(&mut self, sensed: &Proprioception) -> JointAngles;
