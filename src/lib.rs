@@ -3,7 +3,6 @@
 mod assets;
 mod bench;
 mod calibrate;
-mod controllers;
 mod convert;
 mod disturb;
 mod generate;
@@ -74,7 +73,7 @@ enum Command {
     Ros(mvt_ros::command::RosCommand),
     Simulate(simulate::SimulateArguments),
     #[command(alias = "controller")]
-    Controllers(controllers::ControllersArguments),
+    Controllers(mvt_evaluation::controllers::ControllersArguments),
     Rigs(mvt_evaluation::rigs::RigsArguments),
     #[command(subcommand)]
     Hand(mvt_evaluation::hand::HandCommand),
@@ -199,7 +198,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         #[cfg(feature = "ros")]
         Some(Command::Ros(command)) => mvt_ros::command::run(&command, signals::stop_on_signals),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
-        Some(Command::Controllers(arguments)) => controllers::run(&arguments),
+        Some(Command::Controllers(arguments)) => mvt_evaluation::controllers::run(&arguments),
         Some(Command::Rigs(arguments)) => mvt_evaluation::rigs::list(&arguments),
         Some(Command::Hand(command)) => mvt_evaluation::hand::run(&command),
         Some(Command::Touch(command)) => touch::run(&command),

@@ -21,6 +21,7 @@ mod kill;
 mod mesh_files;
 mod npy;
 mod old_names;
+mod policies;
 mod report;
 mod rgbd;
 mod rigs;

@@ -1,6 +1,7 @@
 //! Choice of the controller of an episode.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use mvt_gaits::controller_file::{self, ChosenController, is_policy};
@@ -36,7 +37,7 @@ fn policy(file: &str, object: &Object, hand: &Hand) -> Result<ChosenController> 
     policy.notes().iter().for_each(|note| tracing::warn!("{file}: {note}"));
     let suited = controller_file::choose(AUTO, object, hand).ok();
     let gait = policy.start(suited.as_ref().map(|chosen| &chosen.gait), hand);
-    let mover = PolicyController::new(&policy, hand, gait.torque_limit_nm)?;
+    let mover = PolicyController::new(&policy, &Arc::new(hand.clone()), gait.torque_limit_nm)?;
     Ok(ChosenController {
         name: file.to_owned(),
         gait,

@@ -33,7 +33,7 @@ pub struct PolicySenses<'a> {
 /// Makes observations, and remembers those before.
 #[derive(Debug, Clone)]
 pub struct ObservationMap {
-    hand: Hand,
+    hand: Arc<Hand>,
     order: Vec<usize>,
     default_pos: Vec<f64>,
     terms: Vec<ObservedTerm>,
@@ -44,9 +44,9 @@ pub struct ObservationMap {
 
 impl ObservationMap {
     /// Starts without a past: the first observation fills all histories, as mjlab's do.
-    pub fn new(contract: &PolicyContract, hand: &Hand) -> Self {
+    pub fn new(contract: &PolicyContract, hand: &Arc<Hand>) -> Self {
         Self {
-            hand: hand.clone(),
+            hand: Arc::clone(hand),
             order: contract.joint_order(hand),
             default_pos: contract.default_joint_pos.clone(),
             terms: contract.observation.clone(),
@@ -190,7 +190,7 @@ impl ActionMap {
     ///
     /// # Errors
     /// [`HandError`] if the contract's drives are impossible.
-    pub fn new(contract: &PolicyContract, hand: &Hand, torque_limit_nm: f64) -> Result<Self, HandError> {
+    pub fn new(contract: &PolicyContract, hand: &Arc<Hand>, torque_limit_nm: f64) -> Result<Self, HandError> {
         let order = contract.joint_order(hand);
         let mut drives: Vec<Drive> = hand.joints().iter().map(|joint| joint.drive).collect();
         for (&j, (stiffness, damping)) in order.iter().zip(contract.joint_stiffness.iter().zip(&contract.joint_damping))
@@ -200,7 +200,11 @@ impl ActionMap {
             }
         }
         Ok(Self {
-            hand: hand.with_drives(&drives)?,
+            // Many environments share one hand.
+            hand: match hand.joints().iter().map(|joint| &joint.drive).eq(&drives) {
+                true => Arc::clone(hand),
+                false => hand.with_drives(&drives)?,
+            },
             order,
             default_pos: contract.default_joint_pos.clone(),
             scale: contract.action_scale.clone(),

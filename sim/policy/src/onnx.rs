@@ -9,7 +9,7 @@ use std::sync::{Arc, LazyLock};
 use rten::{Model, NodeId, RunOptions, ThreadPool, Value};
 
 use crate::fields::Fields;
-use crate::wire::{WireFields, WireValue};
+use crate::wire::{WireFields, WireValue, packed};
 
 /// Operators of policies. None of them makes a tensor whose size only its numbers state, or loads anything.
 const OPERATORS: [&str; 59] = [
@@ -262,18 +262,7 @@ fn check_tensor(tensor: &[u8]) -> Result<String, String> {
     for part in WireFields::new(tensor) {
         match part? {
             (field::TENSOR_DIMS, WireValue::Number(side)) => short(side)?,
-            // Packed.
-            (field::TENSOR_DIMS, sides) => {
-                let mut rest = sides.bytes()?;
-                while let [first, ..] = rest {
-                    // A varint with a key in front is a field.
-                    let length = rest.iter().position(|byte| *byte < 0x80).map_or(rest.len(), |end| end + 1);
-                    let value =
-                        rest.iter().take(length.min(9)).rev().fold(0, |sum, byte| (sum << 7) | u64::from(byte & 0x7f));
-                    short(if *first < 0x80 { u64::from(*first) } else { value })?;
-                    rest = rest.get(length..).unwrap_or_default();
-                }
-            }
+            (field::TENSOR_DIMS, sides) => packed(sides.bytes()?)?.into_iter().try_for_each(short)?,
             (field::TENSOR_FLOATS, WireValue::Fixed32(bytes)) => finite(f32::from_le_bytes(bytes).is_finite())?,
             (field::TENSOR_FLOATS, list) => finite(floats(list.bytes()?))?,
             (field::TENSOR_DOUBLES, list) => finite(doubles(list.bytes()?))?,

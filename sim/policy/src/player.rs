@@ -35,7 +35,7 @@ impl PolicyController {
     ///
     /// # Errors
     /// [`HandError`] if the contract's drives are impossible.
-    pub fn new(policy: &Arc<Policy>, hand: &Hand, torque_limit_nm: f64) -> Result<Self, HandError> {
+    pub fn new(policy: &Arc<Policy>, hand: &Arc<Hand>, torque_limit_nm: f64) -> Result<Self, HandError> {
         let contract = policy.contract();
         Ok(Self {
             observations: ObservationMap::new(contract, hand),

@@ -50,6 +50,20 @@ impl<'a> WireFields<'a> {
     }
 }
 
+/// Returns a packed list of whole numbers.
+pub(crate) fn packed(list: &[u8]) -> Result<Vec<u64>, String> {
+    let mut rest = WireFields::new(list);
+    let mut numbers = Vec::new();
+    while !rest.0.is_empty() {
+        numbers.push(rest.varint().ok_or_else(damaged)?);
+    }
+    Ok(numbers)
+}
+
+fn damaged() -> String {
+    "it is damaged, or not an ONNX file".to_owned()
+}
+
 impl<'a> Iterator for WireFields<'a> {
     /// A field, or an error at bytes that are none; nothing follows it.
     type Item = Result<(u64, WireValue<'a>), String>;
@@ -58,7 +72,7 @@ impl<'a> Iterator for WireFields<'a> {
         if self.0.is_empty() {
             return None;
         }
-        let field = self.field().ok_or_else(|| "it is damaged, or not an ONNX file".to_owned());
+        let field = self.field().ok_or_else(damaged);
         if field.is_err() {
             self.0 = &[];
         }

@@ -17,6 +17,8 @@ use mvt_run::controller::choose_controller;
 use mvt_run::io::print_line;
 use mvt_run::object::load_object;
 
+use crate::hand;
+
 /// List the controllers of the hand: name, axis on the right hand, and purpose
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true)]
@@ -51,7 +53,7 @@ struct CheckArguments {
 /// Runs the command.
 pub fn run(arguments: &ControllersArguments) -> Result<()> {
     match &arguments.command {
-        None => mvt_evaluation::hand::list(),
+        None => hand::list(),
         Some(ControllersCommand::Check(arguments)) => check(arguments),
     }
 }
