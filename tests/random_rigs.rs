@@ -114,6 +114,7 @@ impl Source for Frames {
             frame: number,
             percept,
             truth: None,
+            carried: None,
             pictures,
             sense_ms: 1.0,
             hidden: None,

@@ -38,6 +38,8 @@ pub struct RgbdTopics {
     pub object_pose: Option<String>,
     /// Frame of the transforms in which the camera's pose is given; without it the root of the tree.
     pub world_frame: Option<String>,
+    /// Whether masks are carried into the frames that have none.
+    pub carry_masks: Option<bool>,
     /// Label of the object in the masks; without it a mask has two levels.
     pub object: Option<u16>,
     /// Metres per level of depth images of 16 bits; 0.001 without it.

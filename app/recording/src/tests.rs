@@ -95,6 +95,7 @@ fn sensed_by(hand: &Hand, frame: u64) -> Box<Sensed> {
         frame,
         percept,
         truth: None,
+        carried: None,
         pictures,
         sense_ms: 1.0,
         hidden: None,

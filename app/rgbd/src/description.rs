@@ -20,6 +20,8 @@ pub(crate) struct Description {
     pub depth: Option<String>,
     /// Pattern of the masks.
     pub masks: Option<String>,
+    /// Whether masks are carried into the frames that have none.
+    pub carry_masks: Option<bool>,
     /// Level of the object in masks that hold labels, or its number in BOP.
     pub object: Option<u32>,
     /// fx, fy, cx, cy of the colour images, pixels.

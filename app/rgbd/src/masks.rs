@@ -57,6 +57,20 @@ impl RgbdMasks {
     }
 }
 
+/// Returns whether masks are carried into the frames that have none: as stated, or else if fewer than half of `frames` have one.
+pub fn are_carried(with_mask: usize, frames: usize, stated: Option<bool>) -> bool {
+    with_mask < frames && stated.unwrap_or(2 * with_mask < frames)
+}
+
+/// Returns a note on frames without a mask; `None` if all have one.
+pub fn masks_note(with_mask: usize, frames: usize, are_carried: bool) -> Option<String> {
+    let what = match are_carried {
+        true => "it is carried into the others; carry_masks = false leaves them out",
+        false => "the others are not used; carry_masks = true carries masks into them",
+    };
+    (with_mask < frames).then(|| format!("{with_mask} of {frames} frames have a mask; {what}"))
+}
+
 /// Returns the files with these numbers.
 fn files(named: &NamedFiles, numbers: impl Iterator<Item = u128>) -> Vec<Option<PathBuf>> {
     let by_number: std::collections::BTreeMap<u128, &PathBuf> =

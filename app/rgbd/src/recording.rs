@@ -9,6 +9,7 @@ use ndarray::Array2;
 
 use crate::description::{self, Description};
 use crate::error::RgbdError;
+use crate::masks::{are_carried, masks_note};
 use crate::parts::{FrameFiles, Parts};
 use crate::pixels::{self, DepthCode};
 use crate::registration::{UNREGISTERED, are_colours_registered};
@@ -60,6 +61,7 @@ pub struct RgbdRecording {
     /// Width and height of colours and of depth, pixels.
     sizes: [[usize; 2]; 2],
     are_colours_registered: bool,
+    carries_masks: bool,
 }
 
 /// A frame of a sequence.
@@ -160,9 +162,10 @@ impl RgbdRecording {
             notes,
             sizes: [color_size, depth_size],
             are_colours_registered: true,
+            carries_masks: false,
         };
         recording.check_sizes()?;
-        recording.check_masks()?;
+        recording.check_masks(description.carry_masks)?;
         recording.check_colours()?;
         Ok(recording)
     }
@@ -191,7 +194,7 @@ impl RgbdRecording {
     }
 
     /// Checks that there are masks, and that the object has a plausible distance in the first of them.
-    fn check_masks(&mut self) -> Result<(), RgbdError> {
+    fn check_masks(&mut self, carry_masks: Option<bool>) -> Result<(), RgbdError> {
         let with = self.frames.iter().filter(|frame| frame.mask.is_some()).count();
         if with == 0 {
             let fault = format!(
@@ -200,9 +203,8 @@ impl RgbdRecording {
             );
             return Err(RgbdError::fault(&self.folder, fault));
         }
-        if with < self.frames.len() {
-            self.notes.push(format!("{with} of {} frames have a mask; the others are not used", self.frames.len()));
-        }
+        self.carries_masks = are_carried(with, self.frames.len(), carry_masks);
+        self.notes.extend(masks_note(with, self.frames.len(), self.carries_masks));
         let first = self.frames.iter().position(|frame| frame.mask.is_some()).unwrap_or(0);
         let RgbdFrame { name, depth_m, mask, .. } = self.frame(first)?;
         check_first_mask(&name, &depth_m, &mask.unwrap_or_default(), description::FILE)
@@ -223,6 +225,11 @@ impl RgbdRecording {
     /// Returns whether the colours lie on depth, pixel by pixel; others are not used.
     pub fn are_colours_registered(&self) -> bool {
         self.are_colours_registered
+    }
+
+    /// Returns whether masks are carried into the frames that have none, instead of leaving these out.
+    pub fn carries_masks(&self) -> bool {
+        self.carries_masks
     }
 
     /// Returns the folder.

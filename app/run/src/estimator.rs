@@ -188,6 +188,21 @@ impl Estimator {
         self.slam.scan(measured)
     }
 
+    /// Returns the pose to which the motion so far leads; see [`Slam::predicted`].
+    pub fn predicted(&self, time_s: f64) -> Option<Isometry<Model, World>> {
+        self.slam.predicted(time_s)
+    }
+
+    /// Returns where the object is in the next frame, without learning from it; see [`Slam::glance`].
+    pub fn glance(&self, scan: &Arc<Scan>) -> Option<(Isometry<Model, World>, f64)> {
+        self.slam.glance(scan)
+    }
+
+    /// Whether the pose of the newest frame is trusted.
+    pub fn is_tracking(&self) -> bool {
+        self.slam.is_tracking()
+    }
+
     /// The growing shape, where none is given.
     pub fn map(&self) -> Option<&Map> {
         self.slam.map()

@@ -37,6 +37,7 @@
 
 pub mod arguments;
 pub mod belief;
+pub mod carrier;
 pub mod config;
 pub mod controller;
 pub mod device;

@@ -27,6 +27,7 @@ use mvt_slam::scan::Scan;
 
 pub use scorer::{MeshedShape, Scorer, ShapeSnapshot};
 
+use crate::carrier::LabelCarrier;
 use crate::estimator::{Estimator, Given, Init, Mode};
 use crate::explorer::{ExplorerChoice, Outlook};
 use crate::input::Input;
@@ -254,6 +255,7 @@ impl Pipeline<'_> {
         let runners =
             self.estimators.drain(..).map(|entry| Runner::new(entry, object, truth)).collect::<Result<Vec<_>>>()?;
         listener(Progress::Started { frames: source.frame_count() });
+        let carrier = source.carries_masks().map(LabelCarrier::new);
         let mut finished = thread::scope(|scope| {
             let (feed, mesher) = if self.single_threaded {
                 (
@@ -274,7 +276,7 @@ impl Pipeline<'_> {
                 });
                 (Feed::Threaded { frames, directives }, Mesher::Threaded { snapshots, done })
             };
-            self.follow(feed, mesher, runners, (&hand, needs_place), stop, listener)
+            self.follow(feed, mesher, runners, carrier, (&hand, needs_place), stop, listener)
         })?;
         if finished.complete {
             let (reason, as_meant) = source.end();
@@ -298,6 +300,7 @@ impl Pipeline<'_> {
         mut feed: Feed<'_>,
         mut mesher: Mesher<'_>,
         mut runners: Vec<Runner<'_>>,
+        mut carrier: Option<LabelCarrier>,
         (hand, needs_place): (&Arc<Hand>, bool),
         stop: &AtomicBool,
         listener: &mut dyn FnMut(Progress<'_>),
@@ -305,7 +308,7 @@ impl Pipeline<'_> {
         let mut complete = false;
         let begun = Instant::now();
         while !stop.load(Ordering::Relaxed) {
-            let Some(sensed) = feed.next()? else {
+            let Some(mut sensed) = feed.next()? else {
                 complete = true;
                 break;
             };
@@ -313,11 +316,17 @@ impl Pipeline<'_> {
             for text in &sensed.events {
                 listener(Progress::Event(&Event { time_s: sensed.percept.time_s, text: text.clone() }));
             }
+            if let (Some(carrier), Some(carried)) = (&mut carrier, &mut sensed.carried) {
+                *carried = carrier.carry(&mut sensed.percept, runners.first().and_then(Runner::estimator)).unwrap_or_default();
+            }
             let input = Input::new(hand, &sensed.percept);
             let mut scans = Vec::new();
             let mut results = Vec::with_capacity(runners.len());
             for runner in &mut runners {
                 results.push(runner.step(&sensed, &input, hand, &mut scans, listener)?);
+            }
+            if let (Some(carrier), Some(Some(result))) = (&mut carrier, results.first()) {
+                carrier.learn(&sensed.percept, &result.estimate, sensed.carried.is_none());
             }
             let acting = runners.first().and_then(Runner::estimator).zip(results.first().and_then(Option::as_ref));
             let directive = match acting {

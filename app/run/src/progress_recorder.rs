@@ -22,6 +22,7 @@ pub struct ProgressRecorder<'a> {
     bar: ProgressBar,
     begun: Instant,
     written: Instant,
+    masks: report::CarriedMasks,
     /// The first error of writing, which `finish` returns.
     failure: Option<anyhow::Error>,
 }
@@ -30,7 +31,7 @@ impl<'a> ProgressRecorder<'a> {
     /// Starts a record in a folder.
     pub fn new(out: &'a Path, record: RunRecord, bar: ProgressBar) -> Self {
         let now = Instant::now();
-        Self { out, record, bar, begun: now, written: now, failure: None }
+        Self { out, record, bar, begun: now, written: now, masks: report::CarriedMasks::default(), failure: None }
     }
 
     /// Receives one message of the pipeline.
@@ -42,6 +43,10 @@ impl<'a> ProgressRecorder<'a> {
             }
             Progress::Frame { results, sensed } => {
                 self.record.hidden.extend(sensed.hidden);
+                if let (Some(carried), Some(camera)) = (&sensed.carried, self.record.cameras.get(sensed.frame as usize)) {
+                    let written = self.masks.write(self.out, &camera.name, carried);
+                    self.failure = self.failure.take().or(written.err());
+                }
                 let Some(FrameResult { row, scan, .. }) = results.first().and_then(Option::as_ref) else { return };
                 if let Some(truth) = row.truth {
                     self.record.observed.add(scan, truth);
@@ -118,6 +123,7 @@ impl<'a> ProgressRecorder<'a> {
         if !record.cameras.is_empty() {
             report::write_camera_poses(self.out, &record.frames, &record.cameras)?;
         }
+        self.masks.finish(self.out)?;
         self.bar.finish_and_clear();
         match self.failure {
             Some(failure) => Err(failure),

@@ -22,6 +22,7 @@ use crate::truth::Truth;
 pub use mvt_slam::{Deviation, TrackState};
 
 mod camera_poses;
+mod carried_masks;
 mod coordinates;
 mod curves;
 mod live;
@@ -35,6 +36,7 @@ mod trajectory;
 mod turntable;
 
 pub use camera_poses::{FrameCamera, write_camera_poses};
+pub use carried_masks::CarriedMasks;
 pub use coordinates::Coordinates;
 pub use live::{LiveLatency, LiveRecord, LiveTopicRecord, SharedLiveRecord};
 pub use summary::{ErrorStatistics, KNOWN_RAD, ObservedScores, RotationStatistics, SURE_M, ShapeScores, Summary};

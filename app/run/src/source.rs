@@ -15,6 +15,7 @@ use mvt_gaits::directive::Directive;
 use mvt_gaits::feedback::EstimatedPlace;
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::Percept;
+use mvt_segmentation::{CarriedMask, SegmentationConfig};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -35,6 +36,8 @@ pub struct Sensed {
     pub percept: Percept,
     /// True pose of the object, for scores; `None` where it is unknown.
     pub truth: Option<Isometry<Object, World>>,
+    /// The mask that the program carries into this frame, which has none of its own; empty before that.
+    pub carried: Option<CarriedMask>,
     /// Images for recordings.
     pub pictures: Pictures,
     /// Wall time of simulation and rendering, or of reading, and of perception, milliseconds.
@@ -69,6 +72,11 @@ pub trait Source: Send {
     /// Directs the hand from the next frame on. A log ignores directives.
     fn direct(&mut self, _: Directive) -> Result<()> {
         Ok(())
+    }
+
+    /// How the pixels of frames are labelled whose mask must be carried from others; `None` if there are no such frames.
+    fn carries_masks(&self) -> Option<SegmentationConfig> {
+        None
     }
 
     /// Whether [`Source::see`] needs the place of the object.

@@ -234,6 +234,7 @@ impl Source for SimulatedSource {
             frame,
             percept,
             truth: Some(state.scene.object_pose),
+            carried: None,
             pictures,
             sense_ms,
             hidden,

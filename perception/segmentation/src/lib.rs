@@ -19,7 +19,10 @@
 //! assert_eq!(labels.dim(), (480, 640));
 //! ```
 
+mod carry;
+mod colours;
 mod segmentation;
 
+pub use carry::{CarriedMask, KnownSurface, MaskCarrier};
 pub use ndarray;
 pub use segmentation::{LabelSource, SegmentationConfig, labelled, segment};

@@ -1,5 +1,6 @@
 //! Shape and pose, frame by frame.
 
+mod glance;
 mod search;
 
 use std::f64::consts::PI;
@@ -416,10 +417,7 @@ impl Slam {
         let frame = self.frame;
         self.frame += 1;
         self.before_s = Some(scan.time_s);
-        let pose = match &self.knowledge {
-            Knowledge::Growing(map) => self.pose * map.field_from_model(),
-            Knowledge::Known(_) => Isometry::new(self.pose.untyped()),
-        };
+        let pose = self.model(self.pose);
         let Learnt { keyframe, correction, box_change } = learnt;
         let loop_closed = correction.is_some();
         let (confidence, deviation) = belief;

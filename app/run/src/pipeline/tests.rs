@@ -32,6 +32,7 @@ impl Source for Witness {
             frame,
             percept,
             truth: None,
+            carried: None,
             pictures: Pictures::default(),
             sense_ms: 0.0,
             hidden: None,

@@ -334,6 +334,7 @@ impl LogSource {
             frame: u64::from(number),
             percept,
             truth,
+            carried: None,
             pictures,
             sense_ms,
             hidden: None,

@@ -7,12 +7,14 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, anyhow};
 use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::depth::GivenLabels;
+use mvt_frames::depth::{GivenLabels, Label};
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen};
 use mvt_rgbd::RgbdFrame;
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Observation, Rgbd};
+use mvt_segmentation::{CarriedMask, SegmentationConfig};
+use ndarray::Array2;
 
 use super::{Pictures, RgbdSequence, Sensed, Source};
 
@@ -21,6 +23,7 @@ pub struct RgbdSource {
     hand: Arc<Hand>,
     sequence: RgbdSequence,
     perception: Perception,
+    segmentation: SegmentationConfig,
     camera: PosedCamera,
     next: usize,
     /// Frames from this number on are left out.
@@ -47,6 +50,7 @@ impl RgbdSource {
             warnings: notes.collect(),
             hand,
             perception,
+            segmentation: config.segmentation,
             camera,
             next: 0,
             end: sequence.len(),
@@ -88,11 +92,18 @@ impl Source for RgbdSource {
         self.next += 1;
         let RgbdFrame { time_s, color, depth_m, mask, world_from_camera, camera_from_object, .. } =
             self.sequence.frame(number)?;
+        let carried = (mask.is_none() && self.sequence.carries_masks()).then(CarriedMask::default);
         let color = if self.sequence.are_colours_registered() { color } else { Default::default() };
         // Without a mask nothing is known of a pixel.
-        let depth_m = if mask.is_some() { depth_m } else { Default::default() };
-        let camera =
-            Rgbd { color, depth_m, labels: mask.map(GivenLabels::Mask), world_from_camera: Some(world_from_camera) };
+        let (depth_m, labels) = match (mask, &carried) {
+            (Some(mask), _) => (depth_m, Some(GivenLabels::Mask(mask))),
+            (None, Some(_)) => {
+                let labels = Array2::from_elem(depth_m.dim(), Label::Unsure);
+                (depth_m, Some(GivenLabels::Labels(labels)))
+            }
+            (None, None) => Default::default(),
+        };
+        let camera = Rgbd { color, depth_m, labels, world_from_camera: Some(world_from_camera) };
         let observation = Observation { time_s, joints: Vec::new(), touch: PerPad::default(), cameras: vec![camera] };
         let seen = self.perception.see(number as u64, observation, None);
         let Seen { percept, warnings, .. } =
@@ -103,6 +114,7 @@ impl Source for RgbdSource {
             frame: number as u64,
             percept,
             truth,
+            carried,
             pictures: Pictures::default(),
             sense_ms: begun.elapsed().as_secs_f64() * 1e3,
             hidden: None,
@@ -113,6 +125,10 @@ impl Source for RgbdSource {
 
     fn hand(&self) -> &Arc<Hand> {
         &self.hand
+    }
+
+    fn carries_masks(&self) -> Option<SegmentationConfig> {
+        self.sequence.carries_masks().then_some(self.segmentation)
     }
 
     fn frame_count(&self) -> usize {

@@ -7,7 +7,8 @@ use mvt_bag::{Bag, BagFrame, RgbdBag, RgbdTopics};
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Isometry, MeshFile, World};
 use mvt_rgbd::{
-    RgbdFrame, RgbdLayout, RgbdMasks, RgbdRecording, UNREGISTERED, are_colours_registered, check_first_mask,
+    RgbdFrame, RgbdLayout, RgbdMasks, RgbdRecording, UNREGISTERED, are_carried, are_colours_registered, check_first_mask,
+    masks_note,
 };
 
 /// An RGB-D sequence without a hand.
@@ -32,6 +33,7 @@ pub struct BagSequence {
     names: Vec<String>,
     /// Masks in files, which replace those of the bag.
     masks: Option<RgbdMasks>,
+    carries_masks: bool,
     notes: Vec<String>,
     are_colours_registered: bool,
 }
@@ -147,6 +149,14 @@ impl RgbdSequence {
         }
     }
 
+    /// Returns whether the program carries masks into the frames that have none, instead of leaving these out.
+    pub fn carries_masks(&self) -> bool {
+        match self {
+            Self::Folder(recording) => recording.carries_masks(),
+            Self::Bag(bag) => bag.carries_masks,
+        }
+    }
+
     /// Returns the pinhole model of the depth images; of the first where they differ.
     pub fn intrinsics(&self) -> Option<Intrinsics> {
         match self {
@@ -173,6 +183,7 @@ impl BagSequence {
         // A topic has no `*` in its name.
         let pattern = topics.masks.take_if(|masks| masks.contains('*'));
         let object = topics.object;
+        let carry_masks = topics.carry_masks;
         let bag = RgbdBag::open_with(path, &topics)?;
         let known: Vec<Option<Isometry<Camera, World>>> = bag.camera_poses().collect();
         let is_moving = known.iter().any(Option::is_some);
@@ -210,15 +221,16 @@ impl BagSequence {
             bag,
             kept,
             masks,
+            carries_masks: false,
             notes,
             are_colours_registered: true,
         };
-        sequence.check_masks()?;
+        sequence.check_masks(carry_masks)?;
         Ok(sequence)
     }
 
     /// Checks that there are masks, and that the first of them shows an object at a plausible distance.
-    fn check_masks(&mut self) -> Result<()> {
+    fn check_masks(&mut self, carry_masks: Option<bool>) -> Result<()> {
         let in_bag: Vec<bool> = self.bag.has_mask().collect();
         let has_mask = |k: &usize| match &self.masks {
             Some(masks) => masks.has(*k),
@@ -232,9 +244,8 @@ impl BagSequence {
                 self.path.display()
             );
         };
-        if with < self.kept.len() {
-            self.notes.push(format!("{with} of {} frames have a mask; the others are not used", self.kept.len()));
-        }
+        self.carries_masks = are_carried(with, self.kept.len(), carry_masks);
+        self.notes.extend(masks_note(with, self.kept.len(), self.carries_masks));
         let RgbdFrame { name, depth_m, mask, .. } = self.frame(first)?;
         check_first_mask(&name, &depth_m, &mask.unwrap_or_default(), BAG_FILE)
             .map_err(|fault| anyhow!("{}: {fault}", self.path.display()))?;

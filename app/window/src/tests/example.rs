@@ -171,6 +171,7 @@ fn sensed(hand: &Hand, row: &FrameRow, camera: &PosedCamera, cube: &RayMesh) -> 
         },
         sense_ms: row.stage_ms.sense,
         hidden: None,
+        carried: None,
         warnings: Vec::new(),
         events: Vec::new(),
     }
