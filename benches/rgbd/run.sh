@@ -3,7 +3,8 @@
 # by the protocol of YCBInEOAT.
 #
 #   benches/rgbd/run.sh OUT [--only NAME ...]           renders into OUT/sequences; finished ones are skipped; some 25 minutes on one core, 5 GB
-#   benches/rgbd/run.sh OUT track [--only NAME ...]     also tracks them into OUT/ours and OUT/open3d_*, unless that is done, and writes OUT/summary.json
+#   benches/rgbd/run.sh OUT track [--only NAME ...]     also tracks them into OUT/ours, with the first mask alone into OUT/carried, and by Open3D
+#                                                       into OUT/open3d_*, unless that is done, and writes OUT/summary.json
 #   benches/rgbd/run.sh OUT tune                        chooses Open3D's settings on the tuning half, and writes OUT/tuned/settings.json
 #
 # Needs Rust and Python 3.11 to 3.13; installs Open3D 0.20 into a virtual environment in OUT. sequences.toml describes the sequences and names the half
@@ -38,9 +39,18 @@ track)
         for folder in "$out/sequences"/*/; do names+=("$(basename "$folder")"); done
     fi
     for name in "${names[@]}"; do
-        [ -e "$out/ours/$name/mesh.obj" ] ||
-            "$ours" run --log "$out/sequences/$name" --modality vi --object "$(cat "$out/sequences/$name/object.txt")" --out "$out/ours/$name" --quiet
+        # The same with the mask of the first frame alone.
+        first=$out/first_mask/$name
+        mkdir -p "$first/masks"
+        for part in rgb depth annotated_poses cam_K.txt object.txt masks/000000.png; do
+            ln -sfn "$out/sequences/$name/$part" "$first/$part"
+        done
+        for pair in "sequences ours" "first_mask carried"; do
+            read -r data results <<<"$pair"
+            [ -e "$out/$results/$name/mesh.obj" ] ||
+                "$ours" run --log "$out/$data/$name" --modality vi --object "$(cat "$out/sequences/$name/object.txt")" --out "$out/$results/$name" --quiet
+        done
     done
-    "$python" $here/score.py "$out/sequences" "$out" ours="$out/ours" open3d_plane="$out/open3d_plane" open3d_colour="$out/open3d_colour"
+    "$python" $here/score.py "$out/sequences" "$out" ours="$out/ours" carried="$out/carried" open3d_plane="$out/open3d_plane" open3d_colour="$out/open3d_colour"
     ;;
 esac

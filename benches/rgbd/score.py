@@ -15,15 +15,20 @@ first certified frame ties the model to the object (`first_frame`), and the fram
   wrong                share of all frames, percent, that are certified although ADD is above 20 mm or the rotation off by more than 20 degrees;
                        of symmetric objects although ADD-S is above 20 mm
   abstained            share of all frames, percent, that are not certified; abstained_seen: of the frames that show at least a tenth of the object
+  found                of a sequence that hides the object fully: 100 if a pose is certified, and right, within 2 s after the object comes back
+  within_two           share of the certified frames, percent, whose surface is off by at most two stated deviations
+  iou                  of a run that carried the mask of the first frame: median over the other frames, percent; where both masks are empty, 100
 """
 
 import argparse
+import csv
 import json
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import open3d as o3d
+from PIL import Image
 from scipy.spatial import cKDTree
 from suite import SEQUENCES, SUITE, Recorded, load_mesh
 
@@ -35,6 +40,7 @@ F_SCORE_M = 0.005
 ADD_POINTS = 1000
 MESH_POINTS = 20_000
 SEEN = 0.1
+FOUND_FRAMES = 60
 SHOWN = {
     "add_auc": "ADD",
     "add_s_auc": "ADD-S",
@@ -43,6 +49,9 @@ SHOWN = {
     "wrong": "wrong",
     "abstained": "abst.",
     "abstained_seen": "a.seen",
+    "found": "found",
+    "within_two": "in 2 s.d.",
+    "iou": "IoU",
     "s_per_frame": "s/fr",
 }
 
@@ -97,7 +106,11 @@ def tracking(sequence, poses, frames=None):
     off = add_s > WRONG_M if sequence.object in SUITE["symmetric"] else (add > WRONG_M) | (turned > WRONG_DEG)
     path = sequence.folder / "seen.txt"
     seen = np.loadtxt(path)[: len(add)] > SEEN if path.exists() else np.ones(len(add), bool)
+    # The object comes back: after a frame that does not show it at all.
+    back = [k for k in range(1, len(seen)) if seen[k] and not seen[k - 1] and not seen[max(k - FOUND_FRAMES // 2, 0) : k].any()]
+    found = [bool((certified & ~off)[k : k + FOUND_FRAMES].any()) for k in back]
     return {
+        "found": 100.0 * float(np.mean(found)) if found else None,
         "add_auc": 100.0 * float(np.clip(1.0 - add / AUC_M, 0.0, None).mean()),
         "add_s_auc": 100.0 * float(np.clip(1.0 - add_s / AUC_M, 0.0, None).mean()),
         "wrong": 100.0 * float((certified & off).mean()),
@@ -121,6 +134,28 @@ def meshes(sequence, poses, path, first):
     return {"chamfer_mm": 500.0 * float(to_true.mean() + to_found.mean()), "f5": float(2.0 * precision * recall / max(precision + recall, 1e-9))}
 
 
+def within_two(folder, poses):
+    """Returns the share of certified frames that are off by at most two stated deviations, percent, from trajectory.csv; `None` without one."""
+    if not (folder / "trajectory.csv").exists() or not poses:
+        return None
+    with open(folder / "trajectory.csv", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["deviation_mm"] and row["add_s_mm"] and f"{int(row['frame']):06}" in poses]
+    return 100.0 * float(np.mean([float(row["add_s_mm"]) <= 2.0 * float(row["deviation_mm"]) for row in rows])) if rows else None
+
+
+def iou(sequence, folder):
+    """Returns the median agreement of carried masks with the given ones, percent; `None` of a run that carried none."""
+    if not (folder / "masks" / "carried.csv").exists():
+        return None
+    shares = []
+    for name in sequence.names[1:]:
+        true = np.asarray(Image.open(sequence.folder / "masks" / f"{name}.png")) > 0
+        path = folder / "masks" / f"{name}.png"
+        found = np.asarray(Image.open(path)) > 0 if path.exists() else np.zeros_like(true)
+        shares.append((true & found).sum() / max((true | found).sum(), 1) if (true | found).any() else 1.0)
+    return 100.0 * float(np.median(shares))
+
+
 def seconds(folder):
     """Returns the seconds of a frame, from the peer's time.txt or from our summary.json."""
     if (folder / "time.txt").exists():
@@ -136,6 +171,7 @@ def score(sequence, folder):
     """Returns all scores of a run."""
     poses = read_poses(folder)
     result = tracking(sequence, poses)
+    result |= {"within_two": within_two(folder, poses), "iou": iou(sequence, folder)}
     return {**result, **meshes(sequence, poses, folder / "mesh.obj", result["first_frame"]), "s_per_frame": seconds(folder)}
 
 

@@ -8,6 +8,7 @@ use mvt_field::shape::{Distance, Shape as _};
 use mvt_frames::camera::PosedCamera;
 use mvt_perceive::{Perception, PerceptionSetup};
 use mvt_robot::hand::{Hand, PerPad};
+use mvt_run::carrier::{LabelCarrier, leave_labels_open};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Estimator;
 use mvt_run::settings;
@@ -90,7 +91,8 @@ type DistanceArrays<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArrayDyn<f32
 ///
 /// `cameras` are those of the frames, in their order. `modality` is vitac (cameras and touch), vi or tac. With a `network`, touch is read
 /// from the touch images, and `untouched`, uint8 (P, height, width, 3), are the images without contact; without one the frame's indentation
-/// is taken. With `rig="none"` there is no hand: joints are empty, and each frame has masks or labels. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
+/// is taken. With `rig="none"` there is no hand: joints are empty, and frames have masks or labels, at least the first one: into others the mask is
+/// carried. `settings` are keys and values as of `mambavitact run --set`, such as {"slam.map.batch": 512}.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Slam {
     hand: Arc<Hand>,
@@ -102,6 +104,8 @@ pub struct Slam {
 struct Running {
     perception: Perception,
     estimator: Estimator,
+    /// Without a hand: carries masks into frames that have none.
+    carrier: Option<LabelCarrier>,
 }
 
 impl Slam {
@@ -169,7 +173,8 @@ impl Slam {
                 perception.set_untouched(pad, image).map_err(argument)?;
             }
             let estimator = Estimator::new(&config.slam, &hand, seed).map_err(argument)?;
-            Ok(Self { hand, modality, running: Mutex::new(Running { perception, estimator }) })
+            let carrier = hand.is_none().then(|| LabelCarrier::new(config.segmentation));
+            Ok(Self { hand, modality, running: Mutex::new(Running { perception, estimator, carrier }) })
         })
     }
 
@@ -178,7 +183,7 @@ impl Slam {
         let mut warnings = Vec::new();
         let estimate = detached(py, || {
             let mut running = self.running();
-            let Running { perception, estimator } = &mut *running;
+            let Running { perception, estimator, carrier } = &mut *running;
             let reads_images = perception.reads_touch_images() && self.modality.has_touch();
             if reads_images && frame.touch.is_none() {
                 return Err(Kind::Argument.error("frame: it has no touch images for the network"));
@@ -190,11 +195,18 @@ impl Slam {
             if let Some((time_s, joints)) = &frame.next_joints {
                 perception.set_next_joints(*time_s, joints.clone());
             }
-            let seen = perception
-                .see(estimator.frames() as u64, frame.observation(self.modality), presses)
-                .map_err(argument)?;
+            let mut observation = frame.observation(self.modality);
+            let is_carried = carrier.is_some() && estimator.frames() > 0 && leave_labels_open(&mut observation);
+            let mut seen = perception.see(estimator.frames() as u64, observation, presses).map_err(argument)?;
             warnings.extend(seen.warnings);
-            Ok(Estimate(estimator.observe(&self.hand, &seen.percept, self.modality)))
+            if let Some(carrier) = carrier.as_mut().filter(|_| is_carried) {
+                carrier.carry(&mut seen.percept, Some(estimator));
+            }
+            let estimate = estimator.observe(&self.hand, &seen.percept, self.modality);
+            if let Some(carrier) = carrier {
+                carrier.learn(&seen.percept, &estimate, !is_carried);
+            }
+            Ok(Estimate(estimate))
         })?;
         warn(py, warnings)?;
         Ok(estimate)

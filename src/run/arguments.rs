@@ -19,7 +19,7 @@ use mvt_run::supervisor::Goal;
 /// object from them, and directs the hand by the estimate alone. With --log it reads the images from a FeelSight log.
 ///
 /// The results in DIR: summary.json (scores, times, events), trajectory.csv (poses and errors of every frame), mesh.ply
-/// and mesh.obj (the estimated shape), mesh.gif (the shape beside the true one), curves.svg (errors over time),
+/// and mesh.obj (the estimated shape), mesh.glb (in the colours that cameras saw), mesh.gif (the shape beside the true one), curves.svg (errors over time),
 /// config.toml (all settings, and the command that repeats the run) and recording/ (for `view`, also during the run).
 /// Unless the shape was given, also field.safetensors and keyframes.safetensors, for `mesh` and --resume. Summary and
 /// trajectory are rewritten every second; after an interruption summary.json contains "complete": false.

@@ -9,12 +9,13 @@ use serde_json::Value;
 
 use crate::workplace::Workplace;
 
-const FILES: [&str; 17] = [
+const FILES: [&str; 18] = [
     "config.toml",
     "curves.svg",
     "field.safetensors",
     "keyframes.safetensors",
     "mesh.gif",
+    "mesh.glb",
     "mesh.obj",
     "mesh.ply",
     "recording/about.json",

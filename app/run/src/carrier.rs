@@ -2,10 +2,10 @@
 
 use glam::{Mat3A, Vec3, Vec3A};
 use mvt_field::shape::Shape as _;
-use mvt_frames::depth::{CameraDepth, GivenLabels};
+use mvt_frames::depth::{CameraDepth, GivenLabels, Label};
 use mvt_robot::hand::Hand;
 use mvt_robot::hand::solid::HandSolid;
-use mvt_robot::observation::Percept;
+use mvt_robot::observation::{Observation, Percept};
 use mvt_segmentation::{CarriedMask, KnownSurface, MaskCarrier, SegmentationConfig, labelled};
 use mvt_slam::Estimate;
 use mvt_slam::map::Map;
@@ -57,9 +57,12 @@ impl LabelCarrier {
         self.is_sound = carried.is_some();
         let carried = carried.or_else(|| {
             let mask = (!estimator.is_tracking()).then(|| self.carrier.search(camera, time_s)).flatten()?;
-            Some(CarriedMask { mask, sure: 0.0 })
+            Some(CarriedMask { mask, ..CarriedMask::default() })
         })?;
         *camera = self.labelled(camera, carried.mask.clone());
+        for (label, _) in camera.labels.iter_mut().zip(&carried.contested).filter(|(_, contested)| **contested) {
+            *label = Label::Unsure;
+        }
         Some(carried)
     }
 
@@ -78,6 +81,17 @@ impl LabelCarrier {
             self.carrier.learn(camera, camera.world_from_camera.inverse() * estimate.pose, is_given);
         }
     }
+}
+
+/// Marks all pixels of cameras without labels as unsure, until a mask is carried into them. Returns whether there are such cameras.
+pub fn leave_labels_open(observation: &mut Observation) -> bool {
+    let mut are_open = false;
+    for camera in observation.cameras.iter_mut().filter(|camera| camera.labels.is_none() && !camera.depth_m.is_empty())
+    {
+        camera.labels = Some(GivenLabels::Labels(Array2::from_elem(camera.depth_m.dim(), Label::Unsure)));
+        are_open = true;
+    }
+    are_open
 }
 
 /// The surface of a map, in the frame of the model.

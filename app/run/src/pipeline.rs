@@ -21,6 +21,7 @@ use mvt_mesh::Mesh;
 use mvt_objects::object::Object as TrueObject;
 use mvt_robot::hand::Hand;
 use mvt_robot::observation::Percept;
+use mvt_segmentation::CarriedMask;
 use mvt_slam::Estimate;
 use mvt_slam::map::{BoxChange, Map};
 use mvt_slam::scan::Scan;
@@ -317,7 +318,8 @@ impl Pipeline<'_> {
                 listener(Progress::Event(&Event { time_s: sensed.percept.time_s, text: text.clone() }));
             }
             if let (Some(carrier), Some(carried)) = (&mut carrier, &mut sensed.carried) {
-                *carried = carrier.carry(&mut sensed.percept, runners.first().and_then(Runner::estimator)).unwrap_or_default();
+                *carried =
+                    carrier.carry(&mut sensed.percept, runners.first().and_then(Runner::estimator)).unwrap_or_default();
             }
             let input = Input::new(hand, &sensed.percept);
             let mut scans = Vec::new();
@@ -327,6 +329,11 @@ impl Pipeline<'_> {
             }
             if let (Some(carrier), Some(Some(result))) = (&mut carrier, results.first()) {
                 carrier.learn(&sensed.percept, &result.estimate, sensed.carried.is_none());
+                // A region that the estimate does not recognise was a guess.
+                sensed.carried = sensed.carried.take().map(|carried| match result.estimate.state.is_tracking() {
+                    true => carried,
+                    false => CarriedMask::default(),
+                });
             }
             let acting = runners.first().and_then(Runner::estimator).zip(results.first().and_then(Option::as_ref));
             let directive = match acting {

@@ -7,13 +7,17 @@ use anyhow::Result;
 use indicatif::ProgressBar;
 use mvt_mesh::Mesh;
 
+use crate::io::write_file;
 use crate::pipeline::{Finished, FrameResult, Progress};
 use crate::report;
-use crate::report::{RunRecord, Summary};
+use crate::report::{Coordinates, RunRecord, Summary};
 use crate::truth::Truth;
 
 /// Time between two writes of the partial results: a killed run loses at most this much.
 const WRITE_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Least confidence of a frame whose colours the mesh receives.
+const COLOURED_ABOVE: f64 = 0.85;
 
 /// Listener of a run that keeps its record, shows progress on a bar, and writes the partial results every second.
 pub struct ProgressRecorder<'a> {
@@ -23,6 +27,7 @@ pub struct ProgressRecorder<'a> {
     begun: Instant,
     written: Instant,
     masks: report::CarriedMasks,
+    colours: report::SurfaceColours,
     /// The first error of writing, which `finish` returns.
     failure: Option<anyhow::Error>,
 }
@@ -31,7 +36,16 @@ impl<'a> ProgressRecorder<'a> {
     /// Starts a record in a folder.
     pub fn new(out: &'a Path, record: RunRecord, bar: ProgressBar) -> Self {
         let now = Instant::now();
-        Self { out, record, bar, begun: now, written: now, masks: report::CarriedMasks::default(), failure: None }
+        Self {
+            out,
+            record,
+            bar,
+            begun: now,
+            written: now,
+            masks: report::CarriedMasks::default(),
+            colours: report::SurfaceColours::default(),
+            failure: None,
+        }
     }
 
     /// Receives one message of the pipeline.
@@ -43,11 +57,15 @@ impl<'a> ProgressRecorder<'a> {
             }
             Progress::Frame { results, sensed } => {
                 self.record.hidden.extend(sensed.hidden);
-                if let (Some(carried), Some(camera)) = (&sensed.carried, self.record.cameras.get(sensed.frame as usize)) {
+                if let (Some(carried), Some(camera)) = (&sensed.carried, self.record.cameras.get(sensed.frame as usize))
+                {
                     let written = self.masks.write(self.out, &camera.name, carried);
                     self.failure = self.failure.take().or(written.err());
                 }
                 let Some(FrameResult { row, scan, .. }) = results.first().and_then(Option::as_ref) else { return };
+                if row.state.is_tracking() && row.confidence >= COLOURED_ABOVE {
+                    sensed.percept.cameras.iter().flatten().for_each(|camera| self.colours.add(camera, row.estimate));
+                }
                 if let Some(truth) = row.truth {
                     self.record.observed.add(scan, truth);
                 }
@@ -120,6 +138,9 @@ impl<'a> ProgressRecorder<'a> {
                 report::write_partial(self.out, record)?
             }
         };
+        if let Some((mesh, colours)) = mesh.and_then(|mesh| Some((mesh, self.colours.of(&mesh.vertices)?))) {
+            write_file(self.out, report::file::GLB, &report::mesh_file::glb(mesh, Coordinates::Object, &colours)?)?;
+        }
         if !record.cameras.is_empty() {
             report::write_camera_poses(self.out, &record.frames, &record.cameras)?;
         }

@@ -28,6 +28,7 @@ mod curves;
 mod live;
 pub mod mesh_file;
 mod summary;
+mod surface_colours;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -40,6 +41,7 @@ pub use carried_masks::CarriedMasks;
 pub use coordinates::Coordinates;
 pub use live::{LiveLatency, LiveRecord, LiveTopicRecord, SharedLiveRecord};
 pub use summary::{ErrorStatistics, KNOWN_RAD, ObservedScores, RotationStatistics, SURE_M, ShapeScores, Summary};
+pub use surface_colours::SurfaceColours;
 pub use tracked::{benchmark, is_symmetric};
 pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
 
@@ -53,6 +55,8 @@ pub mod file {
     pub const PLY: &str = "mesh.ply";
     /// The same without colours.
     pub const OBJ: &str = "mesh.obj";
+    /// The same in the colours that a camera saw; without a camera in colour there is none.
+    pub const GLB: &str = "mesh.glb";
     /// Pose error, shape scores, confidence and time per frame over time.
     pub const CURVES: &str = "curves.svg";
     /// The estimated surface turns beside the true one, coloured by its error.

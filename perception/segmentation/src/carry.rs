@@ -23,6 +23,8 @@ pub trait KnownSurface {
 pub struct CarriedMask {
     /// Where the object is visible; empty if it was not found.
     pub mask: Array2<bool>,
+    /// Pixels beside the mask that may show the object or what touches it; as large as `mask`, or empty.
+    pub contested: Array2<bool>,
     /// How sure it is: of the pixels that should show the object and that nothing hides, the share that shows a surface there, 0 to 1.
     pub sure: f32,
 }
@@ -31,11 +33,16 @@ pub struct CarriedMask {
 /// in which something else was, and its colours.
 #[derive(Debug, Clone)]
 pub struct MaskCarrier {
-    colours: Colours,
+    /// Colours of the object and of what may touch it.
+    touching: Colours,
+    /// Colours of the object and of all else.
+    everywhere: Colours,
     /// Evidence per cell around the model's origin: above 0 the object was seen in it, below 0 something else.
     cells: Vec<i8>,
-    /// Points of the object in the newest frame that was learnt, model frame.
-    newest: Vec<Vec3>,
+    /// Points of the object in the newest frame that was learnt, model frame, with their colours.
+    newest: Vec<(Vec3, Option<[u8; 3]>)>,
+    /// That frame, without its colours.
+    before: Option<CameraDepth>,
     /// Usual area of the object across the rays, square metres.
     area_m2: f32,
 }
@@ -46,8 +53,8 @@ const CELLS: usize = 128;
 const CELL_M: f32 = 0.004;
 /// Most evidence of a cell.
 const MOST: i8 = 40;
-/// Evidence of a pixel of a given mask; one of a carried mask has 1.
-const GIVEN: i8 = 10;
+/// Evidence of a pixel of a given mask, which those of carried masks, 1 each, do not change.
+const GIVEN: i8 = MOST;
 /// Tolerance of depths near a surface: of the pose, metres, and by the sensor, metres per square metre of depth.
 const TOLERANCE: [f32; 2] = [0.0015, 0.006];
 /// Motion that the prediction of a pose may miss, metres.
@@ -58,8 +65,15 @@ const GROWTH_PX: usize = 10;
 const HOLE_PX: usize = 3;
 /// Surroundings whose cells and colours are learnt, pixels around the object.
 const AROUND_PX: usize = 40;
+/// What is farther from the object along the optical axis does not touch it, metres.
+const TOUCHING_M: f32 = 0.08;
+/// Share of the colours that is kept from frame to frame, of what may touch the object and of all else: they change.
+const TOUCHING_KEPT: f32 = 0.85;
+const ELSEWHERE_KEPT: f32 = 0.98;
 /// Every Nth row and column of the rest of the image is learnt.
 const ELSEWHERE_STRIDE: usize = 4;
+/// Fewer pixels that hang together are a speck.
+const SPECK_PX: usize = 8;
 /// A mask needs so many pixels, and this share of the usual area.
 const LEAST_PX: usize = 40;
 const LEAST_AREA: f32 = 0.04;
@@ -69,14 +83,22 @@ const LEAST_SURE: f32 = 0.5;
 const SURFACE: f32 = 2.5;
 const NEWEST: f32 = 1.5;
 const EMPTY: f32 = -4.0;
+/// The same of a surface before that of the object, which hides it.
+const NEARER: f32 = -2.5;
 const EVIDENCE: f32 = 0.3;
 /// Most that evidence and colours weigh.
-const MOST_EVIDENCE: f32 = 4.0;
+const MOST_EVIDENCE: f32 = 5.0;
 const MOST_COLOUR: f32 = 2.0;
+/// Most that a colour weighs against the object where the object was last seen in another: something lies on it.
+const MOST_OTHER: f32 = 8.0;
+/// Levels of red, green and blue that differ by less are alike.
+const ALIKE_LEVELS: u8 = 25;
 /// A pixel beside the object belongs to it if no more than this speaks against it.
 const GROWS_ABOVE: f32 = -0.2;
+/// It stays open whose it is if no more than this does.
+const CONTESTED_ABOVE: f32 = -2.3;
 /// Areas of a lost object that are plausible, by the usual one.
-const PLAUSIBLE: std::ops::Range<f32> = 0.25..2.5;
+const PLAUSIBLE: std::ops::Range<f32> = 0.2..1.7;
 /// Mean logarithm of the odds of the colours around a pixel of a lost object.
 const COLOURED: f32 = 0.5;
 /// Of the regions that may show a lost object each is offered so long, seconds.
@@ -120,15 +142,18 @@ impl<'a> Pixels<'a> {
         (colour.width() as usize > u && colour.height() as usize > v).then(|| colour.get_pixel(u as u32, v as u32).0)
     }
 
-    /// Depths at which points of the model are seen, metres, drawn as squares that reach `reach` pixels; infinite elsewhere.
-    fn drawn(&self, points: &[Vec3], reach: isize) -> Array2<f32> {
-        let mut depths = Array2::from_elem(self.image.depth_m.dim(), f32::INFINITY);
-        for ((v, u), depth) in points.iter().filter_map(|point| self.project(*point)) {
+    /// Depths at which points of the model are seen, metres, and their colours, drawn as squares that reach `reach` pixels; infinite elsewhere.
+    fn drawn(&self, points: &[(Vec3, Option<[u8; 3]>)], reach: isize) -> Array2<(f32, Option<[u8; 3]>)> {
+        let mut depths = Array2::from_elem(self.image.depth_m.dim(), (f32::INFINITY, None));
+        let projected = points.iter().filter_map(|(point, colour)| Some((self.project(*point)?, *colour)));
+        for (((v, u), depth), colour) in projected {
             let (v, u) = (v.round() as isize, u.round() as isize);
             for (dv, du) in (-reach..=reach).flat_map(|dv| (-reach..=reach).map(move |du| (dv, du))) {
                 let at = usize::try_from(v + dv).ok().zip(usize::try_from(u + du).ok());
                 if let Some(drawn) = at.and_then(|at| depths.get_mut(at)) {
-                    *drawn = drawn.min(depth);
+                    if depth < drawn.0 {
+                        *drawn = (depth, colour);
+                    }
                 }
             }
         }
@@ -177,7 +202,14 @@ fn pixels([top, bottom, left, right]: [usize; 4]) -> impl Iterator<Item = (usize
 
 impl Default for MaskCarrier {
     fn default() -> Self {
-        Self { colours: Colours::new(), cells: vec![0; CELLS.pow(3)], newest: Vec::new(), area_m2: 0.0 }
+        Self {
+            touching: Colours::new(TOUCHING_KEPT),
+            everywhere: Colours::new(ELSEWHERE_KEPT),
+            cells: vec![0; CELLS.pow(3)],
+            newest: Vec::new(),
+            before: None,
+            area_m2: 0.0,
+        }
     }
 }
 
@@ -192,7 +224,14 @@ impl MaskCarrier {
         let unit = if is_given { GIVEN } else { 1 };
         let mut area = 0.0;
         self.newest.clear();
-        self.colours.fade();
+        self.touching.fade();
+        self.everywhere.fade();
+        let mut depths: Vec<f32> = pixels(near).filter(object).filter_map(|at| seen.depth_m(at)).collect();
+        let middle = depths.len() / 2;
+        if depths.is_empty() {
+            return;
+        }
+        let middle_m = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
         for at in pixels(near) {
             let (Some(depth_m), Some(&label)) = (seen.depth_m(at), image.labels.get(at)) else { continue };
             let is_object = label == Label::Object;
@@ -201,22 +240,64 @@ impl MaskCarrier {
             }
             let point = seen.point(at, depth_m);
             if is_object {
-                self.newest.push(point);
+                self.newest.push((point, seen.colour(at)));
                 area += area_m2(&image.intrinsics, depth_m);
             }
             if let Some(cell) = cell(point).and_then(|cell| self.cells.get_mut(cell)) {
-                *cell = cell.saturating_add(if is_object { unit } else { -unit }).clamp(-MOST, MOST);
+                let sum = cell.saturating_add(if is_object { unit } else { -unit });
+                // What a given mask says stays, unless another one says otherwise.
+                *cell = if is_given {
+                    sum.clamp(-GIVEN, GIVEN)
+                } else if cell.abs() < GIVEN {
+                    sum.clamp(1 - GIVEN, GIVEN - 1)
+                } else {
+                    *cell
+                };
             }
             if let Some(colour) = seen.colour(at) {
-                self.colours.add(colour, is_object);
+                if is_object || (depth_m - middle_m).abs() < TOUCHING_M {
+                    self.touching.add(colour, is_object);
+                }
+                self.everywhere.add(colour, is_object);
             }
         }
         for at in pixels(all).filter(|(v, u)| v % ELSEWHERE_STRIDE == 0 && u % ELSEWHERE_STRIDE == 0) {
             if let Some(colour) = seen.colour(at).filter(|_| !object(&at)) {
-                self.colours.add(colour, false);
+                self.everywhere.add(colour, false);
             }
         }
         self.area_m2 = self.area_m2.max(area);
+        self.before = Some(CameraDepth { colour: None, ..image.clone() });
+    }
+
+    /// Whether the surface at a pixel already lay there in the newest frame that was learnt, and was not the object's.
+    fn lay_still(&self, image: &CameraDepth, (v, u): (usize, usize), depth_m: f32) -> bool {
+        let Some(before) = &self.before else { return false };
+        let point = image.world_from_camera * image.intrinsics.unproject(u as f64, v as f64, f64::from(depth_m));
+        let point = before.world_from_camera.inverse() * point;
+        let Some((u, v)) = before.intrinsics.project(point) else { return false };
+        let at = (v.round().max(0.0) as usize, u.round().max(0.0) as usize);
+        let is_other = before.labels.get(at).is_some_and(|label| matches!(label, Label::Background | Label::Hand));
+        let then_m = before.depth_m.get(at).copied().unwrap_or(0.0);
+        is_other && then_m > 0.0 && (then_m + point.coords().z as f32).abs() < 0.75 * tolerance_m(depth_m)
+    }
+
+    /// What the colour of a pixel says: nothing against the object where it is the colour in which the object was last seen there.
+    fn colour_score(&self, seen: &Pixels<'_>, at: (usize, usize), drawn: &Array2<(f32, Option<[u8; 3]>)>) -> f32 {
+        let Some(colour) = seen.colour(at) else { return 0.0 };
+        let odds = self.touching.log_odds(colour).min(MOST_COLOUR);
+        let is_alike = |other: [u8; 3]| (0..3).all(|k| colour[k].abs_diff(other[k]) < ALIKE_LEVELS);
+        let around =
+            (0..9).filter_map(|k| drawn.get(((at.0 + k / 3).checked_sub(1)?, (at.1 + k % 3).checked_sub(1)?))?.1);
+        let (mut is_shown, mut is_expected) = (false, false);
+        for other in around {
+            (is_shown, is_expected) = (true, is_expected || is_alike(other));
+        }
+        match (is_shown, is_expected) {
+            (_, true) => odds.max(0.0),
+            (true, false) => odds.max(-MOST_OTHER),
+            (false, false) => odds.max(-MOST_COLOUR),
+        }
     }
 
     /// Returns the pixels that may show the object near the predicted pose of the model in the camera, a little too many: enough to find the
@@ -225,7 +306,7 @@ impl MaskCarrier {
         let seen = Pixels::new(image, camera_from_model.inverse());
         let drawn = seen.drawn(&self.newest, 2);
         Array2::from_shape_fn(drawn.dim(), |at| {
-            seen.depth_m(at).is_some_and(|depth_m| (depth_m - drawn[at]).abs() < MISSED_M)
+            seen.depth_m(at).is_some_and(|depth_m| (depth_m - drawn[at].0).abs() < MISSED_M)
         })
     }
 
@@ -239,12 +320,12 @@ impl MaskCarrier {
         let seen = Pixels::new(image, camera_from_model.inverse());
         let dim = image.depth_m.dim();
         let drawn = seen.drawn(&self.newest, 1);
-        let expected = || drawn.indexed_iter().filter(|(_, depth)| depth.is_finite()).map(|(at, _)| at);
+        let expected = || drawn.indexed_iter().filter(|(_, drawn)| drawn.0.is_finite()).map(|(at, _)| at);
         let near = window(dim, expected(), GROWTH_PX)?;
         let (mut agree, mut passed) = (0_usize, 0_usize);
         for at in expected() {
             let Some(depth_m) = seen.depth_m(at) else { continue };
-            let off_m = depth_m - drawn[at];
+            let off_m = depth_m - drawn[at].0;
             match tolerance_m(depth_m) + MISSED_M / 4.0 {
                 tolerance if off_m.abs() < tolerance => agree += 1,
                 tolerance if off_m > tolerance => passed += 1,
@@ -255,8 +336,7 @@ impl MaskCarrier {
         if sure < LEAST_SURE || agree < LEAST_PX {
             return None;
         }
-        let places: Vec<((usize, usize), f32)> =
-            pixels(near).filter_map(|at| Some((at, seen.depth_m(at)?))).collect();
+        let places: Vec<((usize, usize), f32)> = pixels(near).filter_map(|at| Some((at, seen.depth_m(at)?))).collect();
         let points: Vec<Vec3> = places.iter().map(|&(at, depth_m)| seen.point(at, depth_m)).collect();
         let distances_m = surface.distances_m(&points);
         // What speaks for the object at the pixels around it, and where a surface is known.
@@ -265,25 +345,26 @@ impl MaskCarrier {
         for ((&(at, depth_m), &point), distance_m) in places.iter().zip(&points).zip(distances_m) {
             let tolerance = tolerance_m(depth_m);
             let is_surface = distance_m.abs() < tolerance;
-            let is_newest = (depth_m - drawn[at]).abs() < 1.5 * tolerance;
+            // A point is drawn wider than it is, to leave no holes.
+            let is_newest = (depth_m - drawn[at].0).abs() < 1.5 * tolerance
+                && beside(at, dim).all(|other| drawn[other].0.is_finite());
+            let evidence = cell(point).map_or(0.0, |cell| EVIDENCE * f32::from(self.cells[cell]));
             let known = match (is_surface, is_newest) {
+                (_, false) if evidence <= 0.0 && self.lay_still(image, at, depth_m) => EMPTY,
+                (false, false) if depth_m < drawn[at].0 && drawn[at].0.is_finite() => NEARER,
                 (false, false) if surface.is_seen_empty(point) => EMPTY,
                 (false, false) => 0.0,
                 _ => SURFACE * f32::from(is_surface) + NEWEST * f32::from(is_newest),
             };
-            let evidence = cell(point).map_or(0.0, |cell| EVIDENCE * f32::from(self.cells[cell]));
-            let colour = seen.colour(at).map_or(0.0, |colour| self.colours.log_odds(colour));
-            let score = known
-                + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE)
-                + colour.clamp(-MOST_COLOUR, MOST_COLOUR);
+            let score = known + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE) + self.colour_score(&seen, at, &drawn);
             scores[at] = score;
             mask[at] = known > 0.0 && score > 0.0;
         }
         drop_specks(&mut mask);
-        grow(&seen, &scores, &mut mask);
-        fill(&seen, &self.colours, near, &mut mask);
+        let contested = grow(&seen, &scores, &mut mask);
+        fill(&seen, &self.touching, near, &mut mask);
         let area = places.iter().filter(|(at, _)| mask[*at]).map(|(_, depth_m)| area_m2(&image.intrinsics, *depth_m));
-        (area.sum::<f32>() > LEAST_AREA * self.area_m2).then_some(CarriedMask { mask, sure })
+        (area.sum::<f32>() > LEAST_AREA * self.area_m2).then_some(CarriedMask { mask, contested, sure })
     }
 
     /// Returns a region of the image that may show a lost object by its colours and size; one after the other as time goes on. `None` if there is
@@ -293,14 +374,14 @@ impl MaskCarrier {
         let dim = image.depth_m.dim();
         image.colour.as_ref()?;
         let odds = Array2::from_shape_fn(dim, |at| {
-            seen.colour(at).map_or(0.0, |colour| self.colours.log_odds(colour)).clamp(-MOST_COLOUR, MOST_COLOUR)
+            seen.colour(at).map_or(0.0, |colour| self.everywhere.log_odds(colour)).clamp(-MOST_COLOUR, MOST_COLOUR)
         });
         let odds = blurred(&odds, 3);
         let mut regions = Vec::new();
         let mut is_taken = Array2::from_elem(dim, false);
         for start in pixels([0, dim.0, 0, dim.1]) {
-            let is_like = |at: (usize, usize)| odds[at] > COLOURED && seen.depth_m(at).is_some();
-            if is_taken[start] || !is_like(start) {
+            let is_like = |at: (usize, usize)| odds[at] > 0.0 && seen.depth_m(at).is_some();
+            if is_taken[start] || odds[start] <= COLOURED || !is_like(start) {
                 continue;
             }
             is_taken[start] = true;
@@ -333,10 +414,10 @@ impl MaskCarrier {
 
 /// Steps in depth from a pixel to the next on a surface that is seen under up to 75 degrees, and noise, metres.
 fn step_m(depth_m: f32) -> f32 {
-    0.006 * depth_m + 2.0 * TOLERANCE[1] * depth_m * depth_m
+    0.004 * depth_m + 0.004 * depth_m * depth_m
 }
 
-/// Removes what does not hang together with a tenth of the largest region.
+/// Removes regions that are too small.
 fn drop_specks(mask: &mut Array2<bool>) {
     let dim = mask.dim();
     let mut left = mask.clone();
@@ -356,29 +437,35 @@ fn drop_specks(mask: &mut Array2<bool>) {
         }
         regions.push(region);
     }
-    let largest = regions.iter().map(Vec::len).max().unwrap_or(0);
-    for at in regions.iter().filter(|region| 10 * region.len() < largest).flatten() {
+    for at in regions.iter().filter(|region| region.len() < SPECK_PX).flatten() {
         mask[*at] = false;
     }
 }
 
-/// Adds pixels that continue the surface of the mask and against which nothing speaks.
-fn grow(seen: &Pixels<'_>, scores: &Array2<f32>, mask: &mut Array2<bool>) {
+/// Adds pixels that continue the surface of the mask and against which nothing speaks. Returns the pixels that continue it although something does,
+/// but for those that were looked through or that stand nearer.
+fn grow(seen: &Pixels<'_>, scores: &Array2<f32>, mask: &mut Array2<bool>) -> Array2<bool> {
     let dim = mask.dim();
+    let mut contested = Array2::from_elem(dim, false);
     let mut edge: VecDeque<((usize, usize), usize)> =
         mask.indexed_iter().filter(|(_, inside)| **inside).map(|(at, _)| (at, 0)).collect();
     while let Some((at, steps)) = edge.pop_front() {
         let Some(depth_m) = seen.depth_m(at).filter(|_| steps < GROWTH_PX) else { continue };
         for other in beside(at, dim) {
-            if mask[other] || scores[other] <= GROWS_ABOVE {
+            let continues = || seen.depth_m(other).is_some_and(|other_m| (other_m - depth_m).abs() < step_m(depth_m));
+            if mask[other] || contested[other] || scores[other] <= CONTESTED_ABOVE || !continues() {
                 continue;
             }
-            if seen.depth_m(other).is_some_and(|other_m| (other_m - depth_m).abs() < step_m(depth_m)) {
-                mask[other] = true;
-                edge.push_back((other, steps + 1));
+            let is_object = scores[other] > GROWS_ABOVE && !contested[at];
+            if is_object {
+                mask[other] = true
+            } else {
+                contested[other] = true
             }
+            edge.push_back((other, steps + 1));
         }
     }
+    contested
 }
 
 /// Adds pixels without depth inside of the mask, and those beside it that have the object's colours.
@@ -412,4 +499,106 @@ fn blurred(image: &Array2<f32>, reach: usize) -> Array2<f32> {
         result
     };
     along(&along(image))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, RgbImage};
+    use mvt_frames::Isometry;
+
+    use super::*;
+
+    const RADIUS_M: f32 = 0.05;
+    const WALL_M: f32 = 0.9;
+
+    /// A ball around the model's origin.
+    struct Ball;
+
+    impl KnownSurface for Ball {
+        fn distances_m(&self, points: &[Vec3]) -> Vec<f32> {
+            points.iter().map(|point| point.length() - RADIUS_M).collect()
+        }
+
+        fn is_seen_empty(&self, point: Vec3) -> bool {
+            point.length() > RADIUS_M + 0.02
+        }
+    }
+
+    /// A red ball before a white wall, with its mask; a brown board hides columns from `board` on.
+    fn scene(ball: Vec3, board: usize) -> (CameraDepth, Array2<bool>) {
+        let intrinsics = Intrinsics::from_fov_y(160, 120, 40_f64.to_radians());
+        let mut mask = Array2::from_elem((120, 160), false);
+        let mut colour = RgbImage::new(160, 120);
+        let depth_m = Array2::from_shape_fn((120, 160), |(v, u)| {
+            let p = intrinsics.unproject(u as f64, v as f64, 1.0).coords();
+            let ray = Vec3::new(p.x as f32, p.y as f32, p.z as f32);
+            let (a, b, c) = (ray.length_squared(), ray.dot(ball), ball.length_squared() - RADIUS_M * RADIUS_M);
+            let root = b * b - a * c;
+            let (depth_m, shown) = match root {
+                _ if u >= board => (0.3, [120, 80, 50]),
+                root if root > 0.0 => {
+                    mask[(v, u)] = true;
+                    ((b - root.sqrt()) / a, [200, 30, 30])
+                }
+                _ => (WALL_M, [230; 3]),
+            };
+            colour.put_pixel(u as u32, v as u32, Rgb(shown));
+            depth_m
+        });
+        let labels = Array2::from_shape_fn((120, 160), |at| match depth_m[at] {
+            _ if mask[at] => Label::Object,
+            depth_m if depth_m < 0.5 => Label::Hand,
+            _ => Label::Background,
+        });
+        let world_from_camera = Isometry::identity();
+        (CameraDepth { intrinsics, world_from_camera, depth_m, labels, colour: Some(colour) }, mask)
+    }
+
+    fn at(ball: Vec3) -> Isometry<Model, Camera> {
+        Isometry::translation(f64::from(ball.x), f64::from(ball.y), f64::from(ball.z))
+    }
+
+    fn agreement(a: &Array2<bool>, b: &Array2<bool>) -> f64 {
+        let count = |of: fn(bool, bool) -> bool| a.iter().zip(b).filter(|(a, b)| of(**a, **b)).count() as f64;
+        count(|a, b| a && b) / count(|a, b| a || b)
+    }
+
+    fn learnt() -> (MaskCarrier, Vec3) {
+        let start = Vec3::new(0.0, 0.0, -0.6);
+        let mut carrier = MaskCarrier::default();
+        carrier.learn(&scene(start, 160).0, at(start), true);
+        (carrier, start)
+    }
+
+    #[test]
+    fn a_mask_follows_the_object_and_leaves_out_what_stands_before_it() {
+        let (carrier, start) = learnt();
+        let moved = start + Vec3::new(0.02, 0.01, 0.015);
+        for board in [160, 86] {
+            let (image, mask) = scene(moved, board);
+            let rough = carrier.roughly(&image, at(start));
+            assert!(agreement(&rough, &mask) > 0.5);
+            let carried = carrier.carry(&image, at(moved), &Ball).unwrap();
+            let iou = agreement(&carried.mask, &mask);
+            assert!(iou > 0.95 && carried.sure > 0.95, "{iou} {}", carried.sure);
+        }
+    }
+
+    #[test]
+    fn an_object_that_is_gone_or_hidden_has_no_mask() {
+        let (carrier, start) = learnt();
+        assert_eq!(carrier.carry(&scene(Vec3::new(0.0, 0.0, 2.0), 160).0, at(start), &Ball), None);
+        assert_eq!(carrier.carry(&scene(start, 0).0, at(start), &Ball), None);
+        assert_eq!(MaskCarrier::default().carry(&scene(start, 160).0, at(start), &Ball), None);
+    }
+
+    #[test]
+    fn a_lost_object_is_searched_for_by_its_colours() {
+        let (carrier, start) = learnt();
+        let (image, mask) = scene(start + Vec3::new(-0.15, 0.05, 0.0), 160);
+        let found = carrier.search(&image, 0.0).unwrap();
+        assert!(agreement(&found, &mask) > 0.8);
+        assert_eq!(carrier.search(&scene(start, 0).0, 0.0), None);
+        assert_eq!(carrier.search(&CameraDepth { colour: None, ..image }, 0.0), None);
+    }
 }

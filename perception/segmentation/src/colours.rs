@@ -4,8 +4,6 @@
 const LEVELS: usize = 16;
 /// Pixels of any colour that are assumed to have been seen, so that a rare colour says little, share of all.
 const UNSEEN: f32 = 2e-4;
-/// Share of the surroundings that is kept from frame to frame: they change.
-const KEPT: f32 = 0.98;
 
 /// Colours of an object and of its surroundings.
 #[derive(Debug, Clone)]
@@ -13,11 +11,13 @@ pub(crate) struct Colours {
     /// Pixels by colour: of the surroundings, and of the object.
     seen: [Vec<f32>; 2],
     sums: [f32; 2],
+    /// Share of the surroundings that is kept from frame to frame.
+    kept: f32,
 }
 
 impl Colours {
-    pub fn new() -> Self {
-        Self { seen: [(); 2].map(|()| vec![0.0; LEVELS.pow(3)]), sums: [0.0; 2] }
+    pub fn new(kept: f32) -> Self {
+        Self { seen: [(); 2].map(|()| vec![0.0; LEVELS.pow(3)]), sums: [0.0; 2], kept }
     }
 
     fn bin(colour: [u8; 3]) -> usize {
@@ -26,8 +26,9 @@ impl Colours {
 
     /// Begins a frame: earlier surroundings count less.
     pub fn fade(&mut self) {
-        self.seen[0].iter_mut().for_each(|count| *count *= KEPT);
-        self.sums[0] *= KEPT;
+        let kept = self.kept;
+        self.seen[0].iter_mut().for_each(|count| *count *= kept);
+        self.sums[0] *= kept;
     }
 
     pub fn add(&mut self, colour: [u8; 3], is_object: bool) {
@@ -53,7 +54,7 @@ mod tests {
 
     #[test]
     fn a_colour_of_the_object_speaks_for_it() {
-        let mut colours = Colours::new();
+        let mut colours = Colours::new(0.9);
         let (red, wood) = ([200, 20, 30], [120, 90, 60]);
         assert!(colours.log_odds(red).abs() < 1e-6);
         for _ in 0..100 {

@@ -2,7 +2,7 @@
 //!
 //! [`read()`] returns a mesh with the coordinates of the file. [`repair()`] makes one closed outward surface in metres of
 //! it, and reports every change as a [`MeshWarning`]. Damaged files give an error, never a panic, and a file header
-//! never decides how much memory is used. [`encode_obj()`] and [`encode_ply()`] return the bytes of
+//! never decides how much memory is used. [`encode_obj()`], [`encode_ply()`] and [`encode_glb()`] return the bytes of
 //! a file. The crate keeps neither colours nor texture coordinates.
 //!
 //! ```
@@ -20,6 +20,7 @@
 
 mod encode;
 mod error;
+mod glb;
 mod limits;
 mod mesh;
 mod obj;
@@ -35,6 +36,7 @@ mod warning;
 
 pub use encode::{encode_obj, encode_ply};
 pub use error::{Defect, MeshError};
+pub use glb::encode_glb;
 pub use limits::{MAX_EXTENT_M, MAX_FILE_BYTES, MILLIMETRES_ABOVE_M, MILLIMETRES_FROM, MIN_EXTENT_M};
 pub use mesh::{EdgeCount, Mesh, SignedDistance, triangle_area_m2, weld};
 pub use read::{Format, read, read_bytes};

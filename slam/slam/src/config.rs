@@ -39,6 +39,7 @@ impl SlamConfig {
         config.tracker.velocity_sigma_m_s = 0.4;
         config.tracker.velocity_sigma_rad_s = 5.0;
         config.trust.surprise_m_s = 2.0;
+        config.trust.deviation_floor_m = 0.0005;
         config.field.half_extent_m = 0.12;
         config.field.truncation_m = 0.01;
         config.map.behind_m = 0.008;
@@ -51,6 +52,9 @@ impl SlamConfig {
 settings! {
     /// When a pose is trusted, and when it is trusted again.
     pub struct TrustConfig {
+        /// Stated deviation of a pose against a shape that is learnt well, metres: resolution of the field, noise of the depth, the choice of the
+        /// frame.
+        pub deviation_floor_m: f64 = 0.0009, 0.0..=1.0;
         /// Below this confidence a frame counts as doubtful.
         pub doubt_below: f64 = 0.7, 0.0..=1.0;
         /// If frames in a row are doubtful for this long, the object is lost, seconds. A single frame never loses it. The default is that of

@@ -54,9 +54,7 @@ pub(crate) struct Drift {
 
 /// Rotation between two poses that show the sensors the same side of an object, radians.
 const SAME_SIDE_RAD: f64 = 12.0 * PI / 180.0;
-/// Deviation of a pose against a shape that is learnt well: resolution of the field, noise of the depth, the choice of the frame, metres.
-const FLOOR_M: f64 = 0.0009;
-/// The same of the rotation, radians.
+/// Rotation of a pose against a shape that is learnt well, one deviation, radians.
 const FLOOR_RAD: f64 = 0.01;
 /// Deviation of the surface by that of the translation along the direction that is known least: most of the surface does not lie across it.
 const SURFACE_BY_TRANSLATION: f64 = 0.6;
@@ -93,13 +91,14 @@ impl Drift {
         self.stations.push(Station { rotation: pose.untyped().rotation, variance });
     }
 
-    /// The deviation of a pose whose variance against the shape is `own`, and with which this part of the measurements agrees.
-    pub fn deviation(&self, pose: Isometry<Field, World>, own: Variance, confidence: f64) -> Deviation {
+    /// The deviation of a pose whose variance against the shape is `own`, and with which this part of the measurements agrees. Against a shape
+    /// that is learnt well it is `floor_m`.
+    pub fn deviation(&self, pose: Isometry<Field, World>, own: Variance, confidence: f64, floor_m: f64) -> Deviation {
         let Variance { translation_m2, rotation_rad2 } = self.variance(pose, own);
         let misfit = 1.0 - confidence.clamp(0.0, 1.0);
         let walk_m = SURFACE_BY_TRANSLATION * translation_m2.sqrt();
         Deviation {
-            surface_m: FLOOR_M.hypot(walk_m).hypot(MISFIT_M * misfit),
+            surface_m: floor_m.hypot(walk_m).hypot(MISFIT_M * misfit),
             angle_rad: FLOOR_RAD.hypot(rotation_rad2.sqrt()).hypot(MISFIT_RAD * misfit).min(PI),
         }
     }
@@ -109,6 +108,7 @@ impl Drift {
 mod tests {
     use super::*;
 
+    const FLOOR_M: f64 = 0.0009;
     const OWN: Variance = Variance { translation_m2: 1e-6, rotation_rad2: 1e-4 };
 
     fn turned(degrees: f64) -> Isometry<Field, World> {
@@ -138,15 +138,15 @@ mod tests {
         drift.learn(turned(0.0), Variance::default());
         let unknown = Variance { rotation_rad2: 0.25, ..OWN };
         (0..10).for_each(|_| drift.learn(turned(0.0), unknown));
-        let deviation = drift.deviation(turned(0.0), unknown, 1.0);
+        let deviation = drift.deviation(turned(0.0), unknown, 1.0, FLOOR_M);
         assert!(deviation.angle_rad > 1.5 && deviation.surface_m > 1.8e-3, "{deviation:?}");
     }
 
     #[test]
     fn a_pose_with_which_measurements_disagree_is_said_to_be_off() {
         let drift = Drift::default();
-        let agreed = drift.deviation(turned(0.0), Variance::default(), 1.0);
+        let agreed = drift.deviation(turned(0.0), Variance::default(), 1.0, FLOOR_M);
         assert_eq!(agreed, Deviation { surface_m: FLOOR_M, angle_rad: FLOOR_RAD });
-        assert!(drift.deviation(turned(0.0), Variance::default(), 0.9).surface_m > 0.009);
+        assert!(drift.deviation(turned(0.0), Variance::default(), 0.9, FLOOR_M).surface_m > 0.009);
     }
 }

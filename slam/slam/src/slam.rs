@@ -382,7 +382,8 @@ impl Slam {
         // The first pose is exact: it fixes the frame.
         let is_tied = is_tracking && before != TrackState::Waiting;
         let own = if is_tied { self.tracker.variance(self.knowledge.reference()) } else { Variance::default() };
-        let mut deviation = is_tracking.then(|| self.drift.deviation(self.pose, own, confidence));
+        let mut deviation =
+            is_tracking.then(|| self.drift.deviation(self.pose, own, confidence, self.config.trust.deviation_floor_m));
         if let Some(deviation) = deviation.as_mut().filter(|_| !self.turn_is_known) {
             deviation.angle_rad = PI;
         }

@@ -76,7 +76,7 @@ mod tests {
     fn masks_are_written_and_those_of_an_earlier_run_are_removed() {
         let out = tempfile::tempdir().unwrap();
         let mut masks = CarriedMasks::default();
-        let found = CarriedMask { mask: array![[true, false], [true, true]], sure: 0.75 };
+        let found = CarriedMask { mask: array![[true, false], [true, true]], sure: 0.75, ..CarriedMask::default() };
         masks.write(out.path(), "000007", &found).unwrap();
         let image = image::open(out.path().join("masks/000007.png")).unwrap().into_luma8();
         assert_eq!(image.into_raw(), [255, 0, 255, 255]);

@@ -1,6 +1,7 @@
 //! Meshes as files.
 
-use mvt_mesh::{Mesh, encode_obj, encode_ply};
+use anyhow::{Context as _, Result};
+use mvt_mesh::{Mesh, encode_glb, encode_obj, encode_ply};
 use mvt_picture::palette;
 
 use super::Coordinates;
@@ -17,6 +18,14 @@ pub fn ply(mesh: &Mesh, coordinates: Coordinates, errors_m: Option<&[f32]>) -> V
 /// Encodes a Wavefront OBJ, metres. A comment states the coordinates.
 pub fn obj(mesh: &Mesh, coordinates: Coordinates) -> String {
     encode_obj(mesh, &comments(coordinates).each_ref().map(String::as_str))
+}
+
+/// Encodes a GLB with the colours of the vertices (red, green, blue), metres.
+///
+/// # Errors
+/// If the mesh is too large for the format.
+pub fn glb(mesh: &Mesh, coordinates: Coordinates, colours: &[[u8; 3]]) -> Result<Vec<u8>> {
+    encode_glb(mesh, &comments(coordinates).join(", "), Some(colours)).context("the mesh is too large for a GLB")
 }
 
 fn comments(coordinates: Coordinates) -> [String; 2] {

@@ -7,14 +7,15 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, anyhow};
 use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::depth::{GivenLabels, Label};
+use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Isometry, MeshFile, Object};
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, Seen};
 use mvt_rgbd::RgbdFrame;
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Observation, Rgbd};
 use mvt_segmentation::{CarriedMask, SegmentationConfig};
-use ndarray::Array2;
+
+use crate::carrier::leave_labels_open;
 
 use super::{Pictures, RgbdSequence, Sensed, Source};
 
@@ -92,19 +93,15 @@ impl Source for RgbdSource {
         self.next += 1;
         let RgbdFrame { time_s, color, depth_m, mask, world_from_camera, camera_from_object, .. } =
             self.sequence.frame(number)?;
-        let carried = (mask.is_none() && self.sequence.carries_masks()).then(CarriedMask::default);
+        let is_carried = mask.is_none() && self.sequence.carries_masks();
         let color = if self.sequence.are_colours_registered() { color } else { Default::default() };
         // Without a mask nothing is known of a pixel.
-        let (depth_m, labels) = match (mask, &carried) {
-            (Some(mask), _) => (depth_m, Some(GivenLabels::Mask(mask))),
-            (None, Some(_)) => {
-                let labels = Array2::from_elem(depth_m.dim(), Label::Unsure);
-                (depth_m, Some(GivenLabels::Labels(labels)))
-            }
-            (None, None) => Default::default(),
-        };
-        let camera = Rgbd { color, depth_m, labels, world_from_camera: Some(world_from_camera) };
-        let observation = Observation { time_s, joints: Vec::new(), touch: PerPad::default(), cameras: vec![camera] };
+        let depth_m = if mask.is_some() || is_carried { depth_m } else { Default::default() };
+        let camera =
+            Rgbd { color, depth_m, labels: mask.map(GivenLabels::Mask), world_from_camera: Some(world_from_camera) };
+        let mut observation =
+            Observation { time_s, joints: Vec::new(), touch: PerPad::default(), cameras: vec![camera] };
+        let carried = (is_carried && leave_labels_open(&mut observation)).then(CarriedMask::default);
         let seen = self.perception.see(number as u64, observation, None);
         let Seen { percept, warnings, .. } =
             seen.map_err(|error| anyhow!("{}: frame {number}: {error}", self.sequence.path().display()))?;

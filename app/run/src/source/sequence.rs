@@ -7,8 +7,8 @@ use mvt_bag::{Bag, BagFrame, RgbdBag, RgbdTopics};
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Isometry, MeshFile, World};
 use mvt_rgbd::{
-    RgbdFrame, RgbdLayout, RgbdMasks, RgbdRecording, UNREGISTERED, are_carried, are_colours_registered, check_first_mask,
-    masks_note,
+    RgbdFrame, RgbdLayout, RgbdMasks, RgbdRecording, UNREGISTERED, are_carried, are_colours_registered,
+    check_first_mask, masks_note,
 };
 
 /// An RGB-D sequence without a hand.
