@@ -270,6 +270,7 @@ impl RosSource {
             pictures: Pictures { touch: touch_images, ..Pictures::default() },
             sense_ms: begun.elapsed().as_secs_f64() * 1e3,
             hidden: None,
+            carried: None,
             warnings,
             events: Vec::new(),
         })
