@@ -11,7 +11,7 @@ const FILE: usize = 600;
 /// Most lines of a crate with its tests and examples, and of the tests of the workspace.
 const CRATE: usize = 9000;
 /// The binary has fewer lines in src/.
-const BINARY: usize = 4100;
+const BINARY: usize = 4150;
 /// Calls that panic.
 const PANICS: [&str; 3] = [".unwrap()", ".expect(", "panic!"];
 /// Parts of host names of package registries, in halves: this file holds none.
