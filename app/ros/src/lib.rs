@@ -1,7 +1,7 @@
 //! Live ROS 2 without a ROS installation: topics in as frames, results out as topics.
 //!
 //! [`RosSetup`] is the table `[ros]` of the user's TOML file. [`LiveConnection`] joins the network over RustDDS, subscribes to the topics that
-//! it names, and gives a [`RosSource`](source) of frames and a publisher of poses, transforms, meshes and diagnostics. Messages are decoded by
+//! it names, and gives a [`RosSource`] of frames and a publisher of poses, transforms, meshes and diagnostics. Messages are decoded by
 //! mvt-bag, whose bags hold the same bytes, and encoded by [`CdrWriter`]. [`Pairing`] is the rule by which messages become frames; it knows
 //! no network:
 //!
@@ -20,8 +20,6 @@
 //! assert_eq!(setup.slop_ns(), 16_000_000);
 //! # Ok::<(), String>(())
 //! ```
-//!
-//! [source]: RosSource
 
 mod bus;
 mod cdr_writer;
