@@ -8,7 +8,6 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand};
 use mvt_gaits::controller_file::is_policy;
 use mvt_hands::LoadedHand;
-use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation};
 use mvt_policy::{ActionKind, Policy, PolicyContract};
 use mvt_robot::hand::{ALLEGRO_DIGIT, Hand};
@@ -34,7 +33,8 @@ enum ControllersCommand {
 
 /// Print the contract of a learnt policy, and play it for a second
 ///
-/// The file is refused with the field that is missing or does not fit the hand.
+/// The file is refused with the field that is missing or does not fit the hand. Nothing estimates the object here, so that terms of its place
+/// are zero.
 #[derive(Debug, Args)]
 struct CheckArguments {
     /// Policy: .onnx with mjlab's metadata, or .safetensors; FILE with the ending .toml completes the contract
@@ -83,7 +83,6 @@ fn check(arguments: &CheckArguments) -> Result<()> {
     let rate_hz = mover.rate_hz();
     let mut timed = mover.clone();
     let mut episode = Episode::moved_by(&object, &config, mover)?;
-    episode.rehearse(PlaceErrors::default(), 0);
     let begun = Instant::now();
     timed.command(&episode.proprioception());
     let command_us = begun.elapsed().as_secs_f64() * 1e6;

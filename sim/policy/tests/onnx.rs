@@ -3,7 +3,7 @@
 //! data/ was made by `oracle.py data 40 12`: networks, observations, and the actions of ONNX Runtime.
 
 #![cfg(feature = "onnx")]
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a failed assumption in a test is a failed test")]
 
 use std::fs;
 use std::path::{Path, PathBuf};
