@@ -232,16 +232,13 @@ impl Episode {
     /// # Errors
     /// [`UnknownGait`], which lists the names, or says that the hand has no shipped gaits; the episode then continues unchanged.
     pub fn direct(&mut self, directive: Directive) -> Result<(), UnknownGait> {
-        let gait = match &directive {
-            Directive::ChangeController(name) => Some(gait::find_for(&self.hand, name)?.1),
-            _ => None,
-        };
         self.controller.obey(&directive)?;
-        if let Some(gait) = gait {
-            self.change(gait);
-        }
-        if directive == Directive::Stop {
-            self.end.get_or_insert(End::Stopped);
+        match directive {
+            Directive::ChangeController(name) => self.change(gait::find_for(&self.hand, &name)?.1),
+            Directive::Stop => {
+                self.end.get_or_insert(End::Stopped);
+            }
+            _ => (),
         }
         Ok(())
     }

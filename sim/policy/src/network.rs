@@ -9,7 +9,7 @@ use crate::onnx::OnnxNetwork;
 pub(crate) enum Network {
     Layers(Layers),
     #[cfg(feature = "onnx")]
-    Onnx(OnnxNetwork),
+    Onnx(Box<OnnxNetwork>),
 }
 
 impl Network {

@@ -186,7 +186,7 @@ fn read_onnx(path: &Path, sidecar: Fields) -> Result<(Fields, Network, Vec<Strin
     let (mut fields, network) = crate::onnx::OnnxNetwork::read(bytes)?;
     fields.complete(sidecar)?;
     let notes = network.notes();
-    Ok((fields, Network::Onnx(network), notes))
+    Ok((fields, Network::Onnx(Box::new(network)), notes))
 }
 
 #[cfg(not(feature = "onnx"))]
