@@ -170,6 +170,17 @@ def test_cameras_alone_track_an_object_by_its_masks(log: Log) -> None:
     assert slam.mesh() is not None
 
 
+def test_the_first_mask_is_carried_into_later_frames(log: Log) -> None:
+    slam = Slam(log.cameras, rig="none", settings={"slam.map.first_steps": 40})
+    tracked = []
+    for k, frame in enumerate(log):
+        with Image.open(log.folder / "realsense" / log.cameras[0].name / "seg" / f"{k}.jpg") as image:
+            masks = [np.asarray(image) > 191] if k == 0 else []
+        estimate = slam.observe(Frame(frame.time_s, [], depth_m=frame.depth_m, color=frame.color, masks=masks))
+        tracked.append(estimate.is_tracking)
+    assert np.mean(tracked) > 0.9
+
+
 def test_frames_come_in_the_order_of_their_times(log: Log) -> None:
     slam = Slam([], modality="tac")
     slam.observe(Frame(1.0, np.zeros(16)))

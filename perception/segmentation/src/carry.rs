@@ -43,6 +43,8 @@ pub struct MaskCarrier {
     newest: Vec<(Vec3, Option<[u8; 3]>)>,
     /// That frame, without its colours.
     before: Option<CameraDepth>,
+    /// The newest frame whose mask was given, likewise.
+    given: Option<CameraDepth>,
     /// Usual area of the object across the rays, square metres.
     area_m2: f32,
 }
@@ -53,8 +55,8 @@ const CELLS: usize = 128;
 const CELL_M: f32 = 0.004;
 /// Most evidence of a cell.
 const MOST: i8 = 40;
-/// Evidence of a pixel of a given mask, which those of carried masks, 1 each, do not change.
-const GIVEN: i8 = MOST;
+/// Evidence of a pixel of a given mask; one of a carried mask has 1.
+const GIVEN: i8 = 15;
 /// Tolerance of depths near a surface: of the pose, metres, and by the sensor, metres per square metre of depth.
 const TOLERANCE: [f32; 2] = [0.0015, 0.006];
 /// Motion that the prediction of a pose may miss, metres.
@@ -68,7 +70,7 @@ const AROUND_PX: usize = 40;
 /// What is farther from the object along the optical axis does not touch it, metres.
 const TOUCHING_M: f32 = 0.08;
 /// Share of the colours that is kept from frame to frame, of what may touch the object and of all else: they change.
-const TOUCHING_KEPT: f32 = 0.85;
+const TOUCHING_KEPT: f32 = 0.95;
 const ELSEWHERE_KEPT: f32 = 0.98;
 /// Every Nth row and column of the rest of the image is learnt.
 const ELSEWHERE_STRIDE: usize = 4;
@@ -86,13 +88,15 @@ const EMPTY: f32 = -4.0;
 /// The same of a surface before that of the object, which hides it.
 const NEARER: f32 = -2.5;
 const EVIDENCE: f32 = 0.3;
+/// From this weight of evidence on the object is known to have been seen in a place.
+const KNOWN: f32 = 3.0;
 /// Most that evidence and colours weigh.
 const MOST_EVIDENCE: f32 = 5.0;
 const MOST_COLOUR: f32 = 2.0;
 /// Most that a colour weighs against the object where the object was last seen in another: something lies on it.
 const MOST_OTHER: f32 = 8.0;
 /// Levels of red, green and blue that differ by less are alike.
-const ALIKE_LEVELS: u8 = 25;
+const ALIKE_LEVELS: u8 = 30;
 /// A pixel beside the object belongs to it if no more than this speaks against it.
 const GROWS_ABOVE: f32 = -0.2;
 /// It stays open whose it is if no more than this does.
@@ -208,6 +212,7 @@ impl Default for MaskCarrier {
             cells: vec![0; CELLS.pow(3)],
             newest: Vec::new(),
             before: None,
+            given: None,
             area_m2: 0.0,
         }
     }
@@ -244,15 +249,7 @@ impl MaskCarrier {
                 area += area_m2(&image.intrinsics, depth_m);
             }
             if let Some(cell) = cell(point).and_then(|cell| self.cells.get_mut(cell)) {
-                let sum = cell.saturating_add(if is_object { unit } else { -unit });
-                // What a given mask says stays, unless another one says otherwise.
-                *cell = if is_given {
-                    sum.clamp(-GIVEN, GIVEN)
-                } else if cell.abs() < GIVEN {
-                    sum.clamp(1 - GIVEN, GIVEN - 1)
-                } else {
-                    *cell
-                };
+                *cell = cell.saturating_add(if is_object { unit } else { -unit }).clamp(-MOST, MOST);
             }
             if let Some(colour) = seen.colour(at) {
                 if is_object || (depth_m - middle_m).abs() < TOUCHING_M {
@@ -268,18 +265,22 @@ impl MaskCarrier {
         }
         self.area_m2 = self.area_m2.max(area);
         self.before = Some(CameraDepth { colour: None, ..image.clone() });
+        if is_given {
+            self.given.clone_from(&self.before);
+        }
     }
 
-    /// Whether the surface at a pixel already lay there in the newest frame that was learnt, and was not the object's.
+    /// Whether the surface at a pixel already lay there in the newest frame that was learnt or given, and was not the object's.
     fn lay_still(&self, image: &CameraDepth, (v, u): (usize, usize), depth_m: f32) -> bool {
-        let Some(before) = &self.before else { return false };
         let point = image.world_from_camera * image.intrinsics.unproject(u as f64, v as f64, f64::from(depth_m));
-        let point = before.world_from_camera.inverse() * point;
-        let Some((u, v)) = before.intrinsics.project(point) else { return false };
-        let at = (v.round().max(0.0) as usize, u.round().max(0.0) as usize);
-        let is_other = before.labels.get(at).is_some_and(|label| matches!(label, Label::Background | Label::Hand));
-        let then_m = before.depth_m.get(at).copied().unwrap_or(0.0);
-        is_other && then_m > 0.0 && (then_m + point.coords().z as f32).abs() < 0.75 * tolerance_m(depth_m)
+        self.before.iter().chain(&self.given).any(|before| {
+            let point = before.world_from_camera.inverse() * point;
+            let Some((u, v)) = before.intrinsics.project(point) else { return false };
+            let at = (v.round().max(0.0) as usize, u.round().max(0.0) as usize);
+            let is_other = before.labels.get(at).is_some_and(|label| matches!(label, Label::Background | Label::Hand));
+            let then_m = before.depth_m.get(at).copied().unwrap_or(0.0);
+            is_other && then_m > 0.0 && (then_m + point.coords().z as f32).abs() < 1.2 * tolerance_m(depth_m)
+        })
     }
 
     /// What the colour of a pixel says: nothing against the object where it is the colour in which the object was last seen there.
@@ -341,6 +342,7 @@ impl MaskCarrier {
         let distances_m = surface.distances_m(&points);
         // What speaks for the object at the pixels around it, and where a surface is known.
         let mut scores = Array2::from_elem(dim, f32::NEG_INFINITY);
+        let mut evidences = Array2::zeros(dim);
         let mut mask = Array2::from_elem(dim, false);
         for ((&(at, depth_m), &point), distance_m) in places.iter().zip(&points).zip(distances_m) {
             let tolerance = tolerance_m(depth_m);
@@ -350,17 +352,19 @@ impl MaskCarrier {
                 && beside(at, dim).all(|other| drawn[other].0.is_finite());
             let evidence = cell(point).map_or(0.0, |cell| EVIDENCE * f32::from(self.cells[cell]));
             let known = match (is_surface, is_newest) {
-                (_, false) if evidence <= 0.0 && self.lay_still(image, at, depth_m) => EMPTY,
+                _ if evidence < KNOWN && self.lay_still(image, at, depth_m) => EMPTY,
                 (false, false) if depth_m < drawn[at].0 && drawn[at].0.is_finite() => NEARER,
                 (false, false) if surface.is_seen_empty(point) => EMPTY,
                 (false, false) => 0.0,
                 _ => SURFACE * f32::from(is_surface) + NEWEST * f32::from(is_newest),
             };
             let score = known + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE) + self.colour_score(&seen, at, &drawn);
-            scores[at] = score;
+            // Nothing is open where something says that it is not the object.
+            evidences[at] = evidence;
+            scores[at] = if known < 0.0 || evidence < -1.0 { score.min(CONTESTED_ABOVE) } else { score };
             mask[at] = known > 0.0 && score > 0.0;
         }
-        drop_specks(&mut mask);
+        drop_specks(&mut mask, &evidences);
         let contested = grow(&seen, &scores, &mut mask);
         fill(&seen, &self.touching, near, &mut mask);
         let area = places.iter().filter(|(at, _)| mask[*at]).map(|(_, depth_m)| area_m2(&image.intrinsics, *depth_m));
@@ -417,8 +421,8 @@ fn step_m(depth_m: f32) -> f32 {
     0.004 * depth_m + 0.004 * depth_m * depth_m
 }
 
-/// Removes regions that are too small.
-fn drop_specks(mask: &mut Array2<bool>) {
+/// Removes regions that are too small, and those apart from the best known one in whose place the object was seldom seen.
+fn drop_specks(mask: &mut Array2<bool>, evidence: &Array2<f32>) {
     let dim = mask.dim();
     let mut left = mask.clone();
     let mut regions: Vec<Vec<(usize, usize)>> = Vec::new();
@@ -437,8 +441,13 @@ fn drop_specks(mask: &mut Array2<bool>) {
         }
         regions.push(region);
     }
-    for at in regions.iter().filter(|region| region.len() < SPECK_PX).flatten() {
-        mask[*at] = false;
+    let known = |region: &Vec<(usize, usize)>| region.iter().map(|at| evidence[*at]).sum::<f32>();
+    let best = regions.iter().map(known).max_by(f32::total_cmp).unwrap_or(0.0);
+    for region in regions {
+        let (known, count) = (known(&region), region.len());
+        if count < SPECK_PX || known < best && known < KNOWN * count as f32 {
+            region.iter().for_each(|at| mask[*at] = false);
+        }
     }
 }
 
@@ -502,103 +511,4 @@ fn blurred(image: &Array2<f32>, reach: usize) -> Array2<f32> {
 }
 
 #[cfg(test)]
-mod tests {
-    use image::{Rgb, RgbImage};
-    use mvt_frames::Isometry;
-
-    use super::*;
-
-    const RADIUS_M: f32 = 0.05;
-    const WALL_M: f32 = 0.9;
-
-    /// A ball around the model's origin.
-    struct Ball;
-
-    impl KnownSurface for Ball {
-        fn distances_m(&self, points: &[Vec3]) -> Vec<f32> {
-            points.iter().map(|point| point.length() - RADIUS_M).collect()
-        }
-
-        fn is_seen_empty(&self, point: Vec3) -> bool {
-            point.length() > RADIUS_M + 0.02
-        }
-    }
-
-    /// A red ball before a white wall, with its mask; a brown board hides columns from `board` on.
-    fn scene(ball: Vec3, board: usize) -> (CameraDepth, Array2<bool>) {
-        let intrinsics = Intrinsics::from_fov_y(160, 120, 40_f64.to_radians());
-        let mut mask = Array2::from_elem((120, 160), false);
-        let mut colour = RgbImage::new(160, 120);
-        let depth_m = Array2::from_shape_fn((120, 160), |(v, u)| {
-            let p = intrinsics.unproject(u as f64, v as f64, 1.0).coords();
-            let ray = Vec3::new(p.x as f32, p.y as f32, p.z as f32);
-            let (a, b, c) = (ray.length_squared(), ray.dot(ball), ball.length_squared() - RADIUS_M * RADIUS_M);
-            let root = b * b - a * c;
-            let (depth_m, shown) = match root {
-                _ if u >= board => (0.3, [120, 80, 50]),
-                root if root > 0.0 => {
-                    mask[(v, u)] = true;
-                    ((b - root.sqrt()) / a, [200, 30, 30])
-                }
-                _ => (WALL_M, [230; 3]),
-            };
-            colour.put_pixel(u as u32, v as u32, Rgb(shown));
-            depth_m
-        });
-        let labels = Array2::from_shape_fn((120, 160), |at| match depth_m[at] {
-            _ if mask[at] => Label::Object,
-            depth_m if depth_m < 0.5 => Label::Hand,
-            _ => Label::Background,
-        });
-        let world_from_camera = Isometry::identity();
-        (CameraDepth { intrinsics, world_from_camera, depth_m, labels, colour: Some(colour) }, mask)
-    }
-
-    fn at(ball: Vec3) -> Isometry<Model, Camera> {
-        Isometry::translation(f64::from(ball.x), f64::from(ball.y), f64::from(ball.z))
-    }
-
-    fn agreement(a: &Array2<bool>, b: &Array2<bool>) -> f64 {
-        let count = |of: fn(bool, bool) -> bool| a.iter().zip(b).filter(|(a, b)| of(**a, **b)).count() as f64;
-        count(|a, b| a && b) / count(|a, b| a || b)
-    }
-
-    fn learnt() -> (MaskCarrier, Vec3) {
-        let start = Vec3::new(0.0, 0.0, -0.6);
-        let mut carrier = MaskCarrier::default();
-        carrier.learn(&scene(start, 160).0, at(start), true);
-        (carrier, start)
-    }
-
-    #[test]
-    fn a_mask_follows_the_object_and_leaves_out_what_stands_before_it() {
-        let (carrier, start) = learnt();
-        let moved = start + Vec3::new(0.02, 0.01, 0.015);
-        for board in [160, 86] {
-            let (image, mask) = scene(moved, board);
-            let rough = carrier.roughly(&image, at(start));
-            assert!(agreement(&rough, &mask) > 0.5);
-            let carried = carrier.carry(&image, at(moved), &Ball).unwrap();
-            let iou = agreement(&carried.mask, &mask);
-            assert!(iou > 0.95 && carried.sure > 0.95, "{iou} {}", carried.sure);
-        }
-    }
-
-    #[test]
-    fn an_object_that_is_gone_or_hidden_has_no_mask() {
-        let (carrier, start) = learnt();
-        assert_eq!(carrier.carry(&scene(Vec3::new(0.0, 0.0, 2.0), 160).0, at(start), &Ball), None);
-        assert_eq!(carrier.carry(&scene(start, 0).0, at(start), &Ball), None);
-        assert_eq!(MaskCarrier::default().carry(&scene(start, 160).0, at(start), &Ball), None);
-    }
-
-    #[test]
-    fn a_lost_object_is_searched_for_by_its_colours() {
-        let (carrier, start) = learnt();
-        let (image, mask) = scene(start + Vec3::new(-0.15, 0.05, 0.0), 160);
-        let found = carrier.search(&image, 0.0).unwrap();
-        assert!(agreement(&found, &mask) > 0.8);
-        assert_eq!(carrier.search(&scene(start, 0).0, 0.0), None);
-        assert_eq!(carrier.search(&CameraDepth { colour: None, ..image }, 0.0), None);
-    }
-}
+mod tests;

@@ -13,7 +13,7 @@ const JSON: &[u8; 4] = b"JSON";
 const BINARY: &[u8; 4] = b"BIN\0";
 
 /// Encodes a GLB in the coordinates of the mesh, metres, with a comment and the sRGB colours (red, green, blue) of the vertices. A vertex without
-/// one is black. glTF takes y for the upward direction; nothing is turned. `None` for a mesh of 4 GB and more, which the format does not have.
+/// one is black. There is no material: some readers ignore the colours of vertices beside one. glTF takes y for the upward direction; nothing is turned. `None` for a mesh of 4 GB and more, which the format does not have.
 pub fn encode_glb(mesh: &Mesh, comment: &str, colours: Option<&[[u8; 3]]>) -> Option<Vec<u8>> {
     let count = mesh.vertices.len();
     let mut binary: Vec<u8> = Vec::new();
@@ -51,7 +51,7 @@ pub fn encode_glb(mesh: &Mesh, comment: &str, colours: Option<&[[u8; 3]]>) -> Op
     let _ = write!(views, r#"{{"buffer":0,"byteOffset":{faces_at},"byteLength":{},"target":34963}}"#, 4 * indices);
     let comment = comment.replace(['"', '\\'], "'").replace(char::is_control, " ");
     let mut json = format!(
-        r#"{{"asset":{{"version":"2.0","generator":"MambaViTact: {comment}"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"meshes":[{{"primitives":[{{"attributes":{{{attributes}}},"indices":{faces_view},"material":0}}]}}],"materials":[{{"pbrMetallicRoughness":{{"metallicFactor":0,"roughnessFactor":0.8}},"doubleSided":true}}],"accessors":[{accessors}],"bufferViews":[{views}],"buffers":[{{"byteLength":{}}}]}}"#,
+        r#"{{"asset":{{"version":"2.0","generator":"MambaViTact: {comment}"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"meshes":[{{"primitives":[{{"attributes":{{{attributes}}},"indices":{faces_view}}}]}}],"accessors":[{accessors}],"bufferViews":[{views}],"buffers":[{{"byteLength":{}}}]}}"#,
         binary.len()
     )
     .into_bytes();
