@@ -359,9 +359,12 @@ impl MaskCarrier {
                 _ => SURFACE * f32::from(is_surface) + NEWEST * f32::from(is_newest),
             };
             let score = known + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE) + self.colour_score(&seen, at, &drawn);
-            // Nothing is open where something says that it is not the object.
             evidences[at] = evidence;
-            scores[at] = if known < 0.0 || evidence < -1.0 { score.min(CONTESTED_ABOVE) } else { score };
+            // Nothing is open where the object cannot be; where only a colour or an earlier mask speaks against it, it may.
+            scores[at] = match known {
+                known if known < 0.0 => score.min(CONTESTED_ABOVE),
+                _ => score.max(0.9 * CONTESTED_ABOVE),
+            };
             mask[at] = known > 0.0 && score > 0.0;
         }
         drop_specks(&mut mask, &evidences);
@@ -465,7 +468,7 @@ fn grow(seen: &Pixels<'_>, scores: &Array2<f32>, mask: &mut Array2<bool>) -> Arr
             if mask[other] || contested[other] || scores[other] <= CONTESTED_ABOVE || !continues() {
                 continue;
             }
-            let is_object = scores[other] > GROWS_ABOVE && !contested[at];
+            let is_object = scores[other] > GROWS_ABOVE;
             if is_object {
                 mask[other] = true
             } else {
