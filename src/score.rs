@@ -360,8 +360,11 @@ impl SurfaceReport {
 fn in_words(report: &Report) -> String {
     let mut text = report.truth.clone();
     if let Some(pose) = &report.pose {
-        let _ =
-            write!(text, ", {} frames\n\nerror               mean  median     p95   final  as NeuralFeels", pose.frames);
+        let _ = write!(
+            text,
+            ", {} frames\n\nerror               mean  median     p95   final  as NeuralFeels",
+            pose.frames
+        );
         for (name, errors) in
             [("ADD-S, mm", pose.add_s_mm), ("both ways, mm", pose.add_s_symmetric_mm), ("ADD, mm", pose.add_mm)]
         {

@@ -12,12 +12,13 @@ use super::EvaluateArguments;
 pub const FULL: &str = "full";
 
 /// Settings that are 0 in an ablation.
-const FACTORS: [&str; 15] = [
+const FACTORS: [&str; 16] = [
     "slam.tracker.camera_weight",
     "slam.tracker.touch_weight",
     "slam.tracker.free_space_weight",
     "slam.tracker.icp_weight",
     "slam.tracker.colour_weight",
+    "slam.tracker.texel_weight",
     "slam.tracker.velocity_weight",
     "slam.tracker.contact_weight",
     "slam.tracker.penetration_weight",
@@ -36,6 +37,7 @@ pub fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
         "slam.tracker.camera_weight"
         | "slam.tracker.icp_weight"
         | "slam.tracker.colour_weight"
+        | "slam.tracker.texel_weight"
         | "slam.tracker.free_space_weight"
         | "slam.tracker.outline_points" => mode != Mode::Map && modality.has_vision(),
         "slam.tracker.touch_weight" | "slam.tracker.contact_weight" => mode != Mode::Map && modality.has_touch(),

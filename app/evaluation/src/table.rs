@@ -56,7 +56,8 @@ pub fn summary(lines: &[Line]) -> String {
         variant => format!("{cameras} {mode} {modality}, {variant} = 0"),
     };
     let width = groups.iter().map(|&of| name(of).chars().count()).max().unwrap_or(0).max(4);
-    let mut text = format!("{:width$}  runs  F@2 mm  F@5 mm  ADD-S, mm  ADD, mm  rotation, deg  lost frames  frames/s", "runs of");
+    let mut text =
+        format!("{:width$}  runs  F@2 mm  F@5 mm  ADD-S, mm  ADD, mm  rotation, deg  lost frames  frames/s", "runs of");
     for &of in &groups {
         let kind: Vec<&Line> = lines.iter().filter(|line| group(line) == of).collect();
         let mean = |value: &dyn Fn(&Line) -> Option<f64>| {

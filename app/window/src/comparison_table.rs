@@ -59,7 +59,9 @@ impl Figures {
             state,
             add_s_mm,
             mean_add_s_mm: if count > 0 { format!("{:.2}", sum_m / f64::from(count) * 1e3) } else { none() },
-            rotation_deg: row.rotation_error_rad().map_or_else(none, |angle_rad| format!("{:.1}", angle_rad.to_degrees())),
+            rotation_deg: row
+                .rotation_error_rad()
+                .map_or_else(none, |angle_rad| format!("{:.1}", angle_rad.to_degrees())),
             f2: share(point.map(|point| point.f2)),
             f5: share(point.map(|point| point.f5)),
             confidence: format!("{:.2}", row.confidence),

@@ -30,10 +30,7 @@ impl SlamConfig {
     pub fn without_hand() -> Self {
         let mut config = Self::default();
         config.scan.outline_px = 2;
-        config.scan.fitted_normals = true;
         config.scan.near_misses_px = 40;
-        config.scan.texels = 400;
-        config.tracker.texel_weight = 1.0;
         config.tracker.align_reach_m = 0.024;
         config.tracker.velocity_memory_s = 0.3;
         config.tracker.velocity_sigma_m_s = 0.4;

@@ -31,8 +31,8 @@ settings! {
         pub camera_misses: usize = 1500, 0..=1_000_000;
         /// Places kept per camera at which the colours of images are compared; 0 keeps none.
         pub colour_patches: usize = 120, 0..=10_000;
-        /// Points kept per camera whose brightness is compared pixel by pixel; 0 keeps none.
-        pub texels: usize = 0, 0..=10_000;
+        /// Points kept per camera whose colours are compared pixel by pixel; 0 keeps none.
+        pub texels: usize = 400, 0..=10_000;
         /// Rays kept per touching pad that hit the object.
         pub touch_hits: usize = 300, 1..=1_000_000;
         /// Rays kept per pad that end at the undisturbed gel.
@@ -44,9 +44,6 @@ settings! {
         pub camera_jitter_px: f32 = 1.25, 0.0..=100.0;
         /// Pixels within this of another label belong to the outline.
         pub outline_px: usize = 3, 1..=20;
-        /// Whether normals are those of planes fitted to the depth around a pixel, as noise of millimetres needs, instead of differences of
-        /// two depths.
-        pub fitted_normals: bool = false;
         /// Rays that pass within so many pixels of the object's are kept before others; 0 keeps any.
         pub near_misses_px: usize = 0, 0..=1000;
         /// Columns and rows by which a camera's depth is displaced on average, pixels. Redwood's model reads even pixels only.
@@ -295,7 +292,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     let hit = |&(u, v): &(usize, usize), is_outline: bool| {
         let z = image.depth_m[(v, u)];
         let (direction, length) = lens.ray(u as f32, v as f32);
-        let normal = if is_outline { Vec3::ZERO } else { lens.normal(&image.depth_m, u, v, config.fitted_normals) };
+        let normal = if is_outline { Vec3::ZERO } else { lens.fitted_normal(&image.depth_m, u, v) };
         let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
         let along = config.camera_sigma_per_m2 * z * z * cosine;
         let sideways = if is_outline { 1.0 } else { (1.0 - cosine * cosine).sqrt() };
@@ -332,7 +329,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     let lookup = Some(Lookup::new(lens, width, height, origin, &hits));
     let picture = match config.colour_patches {
         0 => None,
-        places => Picture::new(image, places, config.fitted_normals).map(Box::new),
+        places => Picture::new(image, places).map(Box::new),
     };
     let texels = Texels::new(image, config.texels).map(Box::new);
     View { origin, hits, misses, detail: Detail::Camera { index, outline, lookup, picture, texels } }
@@ -364,7 +361,7 @@ fn touch_view(index: usize, image: &TouchDepth, config: &ScanConfig, rng: &mut C
         .filter_map(|&(u, v)| {
             let z = image.depth_m[(v, u)];
             let (direction, length) = lens.ray(u as f32, v as f32);
-            let normal = lens.normal(&image.depth_m, u, v, false);
+            let normal = lens.difference_normal(&image.depth_m, u, v);
             let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
             (z > 0.0 && z.is_finite()).then_some(Hit {
                 direction,

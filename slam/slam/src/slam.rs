@@ -252,6 +252,9 @@ impl SlamBuilder {
             // Nobody would look at the pictures.
             config.scan.colour_patches = 0;
         }
+        if config.tracker.texel_weight == 0.0 {
+            config.scan.texels = 0;
+        }
         let (knowledge, state, pose) = match prior {
             Prior::Unknown => {
                 let map = Map::new(config.map.clone(), &config.field, obstacles, seed)?;

@@ -82,9 +82,9 @@ settings! {
         pub colour_sigma_px: f64 = 0.4, 1e-3..=100.0;
         /// Points of a touch image with independent errors.
         pub touch_independent: f64 = 6.0, 1e-3..=1e6;
-        /// Weight of the factor: points of the surface keep their brightness, pixel by pixel. It suits few pixels and fast motion.
-        pub texel_weight: f64 = 0.0, 0.0..=1e6;
-        /// Points of an image with independent brightness.
+        /// Weight of the factor: points of the surface keep their colours, pixel by pixel. It needs fewer pixels than places that are searched for.
+        pub texel_weight: f64 = 1.0, 0.0..=1e6;
+        /// Points of an image with independent colours.
         pub texel_independent: f64 = 60.0, 1e-3..=1e6;
         /// How far an object may move between two frames so that they are laid on each other first, metres. 0 trusts the motion so far.
         pub align_reach_m: f64 = 0.0, 0.0..=1.0;

@@ -24,7 +24,7 @@ fn spun(degrees: f64) -> Pose {
 
 fn config(colour_weight: f64) -> SlamConfig {
     let mut config = SlamConfig::default();
-    config.tracker.colour_weight = colour_weight;
+    (config.tracker.colour_weight, config.tracker.texel_weight) = (colour_weight, colour_weight.min(1.0));
     config
 }
 

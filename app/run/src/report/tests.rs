@@ -204,7 +204,9 @@ fn rotation_errors_and_add_stand_in_the_summary() {
     let frames: Vec<FrameRow> = run().frames.into_iter().zip(angles).map(|(row, angle)| turned(row, angle)).collect();
     let summary = Summary::new(&RunRecord { frames, ..run() }, ShapeScores::default());
     let rotation = summary.rotation_deg.unwrap();
-    for (value, expected) in [(rotation.mean, 24.0), (rotation.median, 2.5), (rotation.last, 90.0), (rotation.known, 0.75)] {
+    for (value, expected) in
+        [(rotation.mean, 24.0), (rotation.median, 2.5), (rotation.last, 90.0), (rotation.known, 0.75)]
+    {
         assert!((value - expected).abs() < 1e-9, "{rotation:?}");
     }
     let add = summary.add_mm.unwrap();

@@ -68,7 +68,8 @@ impl Recorded {
         let &RecordedOptions { cameras, modality, touch, config, .. } = options;
         let mut source = LogSource::open(folder, cameras, modality, config.camera_noise, touch, config.perception())?;
         let (name, object) = truth(options, Some(source.object()))?;
-        source.limit_pictures(options.wants_pictures, config.slam.tracker.colour_weight > 0.0);
+        let tracker = &config.slam.tracker;
+        source.limit_pictures(options.wants_pictures, tracker.colour_weight > 0.0 || tracker.texel_weight > 0.0);
         if let Some((path, calibration)) = &options.calibration {
             source.start_from(calibration).with_context(|| path.display().to_string())?;
         }

@@ -45,14 +45,9 @@ impl Lens {
         (self.rotation * (p / length), length)
     }
 
-    /// Unit normal towards the camera around a pixel, world frame, from a plane that is fitted or from differences; zero where neighbours are
-    /// missing or an edge.
-    pub fn normal(&self, depth_m: &Array2<f32>, u: usize, v: usize, is_fitted: bool) -> Vec3 {
-        if is_fitted { self.fitted_normal(depth_m, u, v) } else { self.difference_normal(depth_m, u, v) }
-    }
-
-    /// The normal of the plane that fits the inverse depths of a square around a pixel: those of a plane are linear in column and row.
-    fn fitted_normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
+    /// Unit normal towards the camera around a pixel, world frame; zero where neighbours are missing or an edge. It is that of the plane that
+    /// fits the inverse depths of a square: those of a plane are linear in column and row. Noise of millimetres needs it.
+    pub fn fitted_normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
         const REACH: isize = NORMAL_REACH_PX as isize;
         let z = depth_m[(v, u)];
         if z <= 0.0 {
@@ -91,7 +86,7 @@ impl Lens {
     }
 
     /// The normal by the differences between depths to both sides of a pixel.
-    fn difference_normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
+    pub fn difference_normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
         let z = depth_m[(v, u)];
         let neighbour = |du: isize, dv: isize| {
             let (u, v) = (u.checked_add_signed(du)?, v.checked_add_signed(dv)?);

@@ -1,4 +1,4 @@
-//! The object in a colour image: its brightness at several resolutions, and places at which it is compared with later images.
+//! The object in a colour image: red, green and blue at several resolutions, and places at which it is compared with later images.
 
 use glam::Vec3;
 use image::RgbImage;
@@ -26,18 +26,18 @@ const LEAST_EVEN: f32 = 0.8;
 /// A surface that is seen at a cosine below this is too foreshortened to be compared.
 pub(crate) const LEAST_COSINE: f32 = 0.35;
 
-/// Brightness around the object at one resolution.
+/// Brightness around the object, or one of its colours, at one resolution.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Level {
     pub(super) width: usize,
     pub(super) height: usize,
     /// By rows.
-    grey: Vec<u8>,
+    values: Vec<u8>,
 }
 
 impl Level {
     pub(super) fn at(&self, u: usize, v: usize) -> f32 {
-        f32::from(self.grey[v * self.width + u])
+        f32::from(self.values[v * self.width + u])
     }
 
     /// Whether a square of half side `reach` around a place lies inside.
@@ -51,9 +51,9 @@ impl Level {
         let (column, row) = (u as usize, v as usize);
         let (a, b) = (u - column as f32, v - row as f32);
         let first = row * self.width + column;
-        let Some(&[p, q]) = self.grey.get(first..first + 2).and_then(|pair| pair.first_chunk()) else { return 0.0 };
+        let Some(&[p, q]) = self.values.get(first..first + 2).and_then(|pair| pair.first_chunk()) else { return 0.0 };
         let second = first + self.width;
-        let Some(&[r, s]) = self.grey.get(second..second + 2).and_then(|pair| pair.first_chunk()) else { return 0.0 };
+        let Some(&[r, s]) = self.values.get(second..second + 2).and_then(|pair| pair.first_chunk()) else { return 0.0 };
         let [p, q, r, s] = [p, q, r, s].map(f32::from);
         let (top, bottom) = (p + a * (q - p), r + a * (s - r));
         top + b * (bottom - top)
@@ -62,17 +62,22 @@ impl Level {
     pub(super) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let sum = |u: usize, v: usize| {
-            let at = |u: usize, v: usize| u16::from(self.grey[v * self.width + u]);
+            let at = |u: usize, v: usize| u16::from(self.values[v * self.width + u]);
             at(2 * u, 2 * v) + at(2 * u + 1, 2 * v) + at(2 * u, 2 * v + 1) + at(2 * u + 1, 2 * v + 1)
         };
-        let grey = (0..width * height).map(|i| ((sum(i % width, i / width) + 2) / 4) as u8).collect();
-        Self { width, height, grey }
+        let values = (0..width * height).map(|i| ((sum(i % width, i / width) + 2) / 4) as u8).collect();
+        Self { width, height, values }
     }
 }
+
+/// Red, green and blue.
+pub(super) const CHANNELS: usize = 3;
 
 /// A place on the object at which its picture is compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Patch {
+    /// The colour that shows it best: paints of equal brightness differ in one of them.
+    pub channel: usize,
     /// Where it is seen, column and row.
     pub pixel: [f32; 2],
     /// Where it is, world frame, metres.
@@ -90,7 +95,7 @@ pub struct Picture {
     /// Column and row of the image at which the picture begins.
     corner: [usize; 2],
     /// Finest first.
-    levels: Vec<Level>,
+    levels: Vec<[Level; CHANNELS]>,
     /// Which pixels of the finest level show the object.
     shows_object: Vec<bool>,
     pub(crate) patches: Vec<Patch>,
@@ -99,7 +104,7 @@ pub struct Picture {
 impl Picture {
     /// The picture of the object with at most `patches` places; `None` without a colour image of the size of the depth image, and
     /// where the object is not seen.
-    pub(crate) fn new(image: &CameraDepth, patches: usize, fitted_normals: bool) -> Option<Self> {
+    pub(crate) fn new(image: &CameraDepth, patches: usize) -> Option<Self> {
         let colour = image.colour.as_ref().filter(|_| patches > 0)?;
         let (rows, columns) = image.depth_m.dim();
         if (colour.width() as usize, colour.height() as usize) != (columns, rows)
@@ -113,16 +118,16 @@ impl Picture {
         let whole = |length: usize| length >> (LEVELS - 1) << (LEVELS - 1);
         let width = whole((right + MARGIN_PX + 1).min(columns) - corner[0]);
         let height = whole((bottom + MARGIN_PX + 1).min(rows) - corner[1]);
-        let mut levels = vec![grey(colour, corner, width, height)];
+        let mut levels = vec![channels(colour, corner, width, height)];
         while levels.len() < LEVELS {
-            levels.extend(levels.last().map(Level::halved));
+            levels.extend(levels.last().map(|level| level.each_ref().map(Level::halved)));
         }
         let is_object = |i: usize| image.labels[(corner[1] + i / width, corner[0] + i % width)] == Label::Object;
         let shows_object = (0..width * height).map(is_object).collect();
         // Colours stay where they are; only depth is displaced.
         let lens = Lens::new(&image.intrinsics, image.world_from_camera, [0.0; 2]);
         let mut picture = Self { lens, corner, levels, shows_object, patches: Vec::new() };
-        picture.patches = picture.choose(image, patches, fitted_normals);
+        picture.patches = picture.choose(image, patches);
         Some(picture)
     }
 
@@ -131,14 +136,14 @@ impl Picture {
         to_level(place, self.corner, level)
     }
 
-    pub(crate) fn level(&self, level: usize) -> Option<&Level> {
-        self.levels.get(level)
+    pub(crate) fn level(&self, channel: usize, level: usize) -> Option<&Level> {
+        self.levels.get(level)?.get(channel)
     }
 
     /// Whether the pixels around a place of the image show the object.
     pub(crate) fn shows_object(&self, place: [f32; 2]) -> bool {
         let [u, v] = self.to_level(place, 0).map(|x| x.round() as isize);
-        let width = self.levels[0].width;
+        let width = self.levels[0][0].width;
         let shows = |u: isize, v: isize| {
             let (u, v) = (usize::try_from(u).ok()?, usize::try_from(v).ok()?);
             self.shows_object.get(v * width + u).copied().filter(|_| u < width)
@@ -149,23 +154,26 @@ impl Picture {
     }
 
     /// The places with the greatest changes of slope, spread over the object.
-    fn choose(&self, image: &CameraDepth, most: usize, fitted_normals: bool) -> Vec<Patch> {
-        let level = &self.levels[1.min(LEVELS - 1)];
-        let slopes = Slopes::new(level);
+    fn choose(&self, image: &CameraDepth, most: usize) -> Vec<Patch> {
+        let channels = &self.levels[1.min(LEVELS - 1)];
+        let slopes = channels.each_ref().map(Slopes::new);
+        let level = &channels[0];
         let cell = CELL_PX / 2;
-        let mut found: Vec<(f64, [usize; 2])> = Vec::new();
+        let mut found: Vec<(f64, usize, [usize; 2])> = Vec::new();
         for row in (REACH_PX + 1..level.height.saturating_sub(REACH_PX + 1)).step_by(cell) {
             for column in (REACH_PX + 1..level.width.saturating_sub(REACH_PX + 1)).step_by(cell) {
-                let mut best: Option<(f64, [usize; 2])> = None;
+                let mut best: Option<(f64, usize, [usize; 2])> = None;
                 for v in row..(row + cell).min(level.height - REACH_PX - 1) {
                     for u in column..(column + cell).min(level.width - REACH_PX - 1) {
                         let pixel = [self.corner[0] + 2 * u, self.corner[1] + 2 * v];
                         if !is_deep(image, pixel) {
                             continue;
                         }
-                        let strength = slopes.weakest(u, v);
-                        if strength > best.map_or(LEAST_SLOPE * LEAST_SLOPE, |(best, _)| best) {
-                            best = Some((strength, pixel));
+                        for (channel, slopes) in slopes.iter().enumerate() {
+                            let strength = slopes.weakest(u, v);
+                            if strength > best.map_or(LEAST_SLOPE * LEAST_SLOPE, |(best, ..)| best) {
+                                best = Some((strength, channel, pixel));
+                            }
                         }
                     }
                 }
@@ -173,18 +181,19 @@ impl Picture {
             }
         }
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        found.into_iter().filter_map(|(_, pixel)| self.patch(image, pixel, fitted_normals)).take(most).collect()
+        let patch = |(_, channel, pixel)| self.patch(image, channel, pixel);
+        found.into_iter().filter_map(patch).take(most).collect()
     }
 
-    fn patch(&self, image: &CameraDepth, [u, v]: [usize; 2], fitted_normals: bool) -> Option<Patch> {
+    fn patch(&self, image: &CameraDepth, channel: usize, [u, v]: [usize; 2]) -> Option<Patch> {
         let lens = &self.lens;
         let z = image.depth_m[(v, u)];
-        let normal = lens.normal(&image.depth_m, u, v, fitted_normals);
+        let normal = lens.fitted_normal(&image.depth_m, u, v);
         let (direction, length) = lens.ray(u as f32, v as f32);
         if !(z > 0.0 && z.is_finite()) || -normal.dot(direction) < LEAST_COSINE {
             return None;
         }
-        let is_even = |u: usize, v: usize| lens.normal(&image.depth_m, u, v, fitted_normals).dot(normal) > LEAST_EVEN;
+        let is_even = |u: usize, v: usize| lens.fitted_normal(&image.depth_m, u, v).dot(normal) > LEAST_EVEN;
         const REACH: usize = EVEN_PX;
         let around = [(u.checked_sub(REACH)?, v), (u + REACH, v), (u, v.checked_sub(REACH)?), (u, v + REACH)];
         let (rows, columns) = image.depth_m.dim();
@@ -197,7 +206,7 @@ impl Picture {
             let (direction, _) = lens.ray(u as f32, v as f32);
             lens.origin + direction * (height / normal.dot(direction)) - point
         };
-        Some(Patch { pixel: [u as f32, v as f32], point, normal, steps: [beside(u + 1, v), beside(u, v + 1)] })
+        Some(Patch { channel, pixel: [u as f32, v as f32], point, normal, steps: [beside(u + 1, v), beside(u, v + 1)] })
     }
 }
 
@@ -217,12 +226,15 @@ pub(super) fn bounds(image: &CameraDepth) -> Option<[usize; 4]> {
     bounds
 }
 
-pub(super) fn grey(colour: &RgbImage, corner: [usize; 2], width: usize, height: usize) -> Level {
-    let row = 3 * colour.width() as usize;
-    let rows = colour.as_raw().chunks_exact(row.max(1)).skip(corner[1]).take(height);
-    let mean = |[r, g, b]: &[u8; 3]| ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3) as u8;
-    let grey = rows.flat_map(|row| row.as_chunks::<3>().0.iter().skip(corner[0]).take(width).map(mean)).collect();
-    Level { width, height, grey }
+/// The colours in a part of an image.
+pub(super) fn channels(colour: &RgbImage, corner: [usize; 2], width: usize, height: usize) -> [Level; CHANNELS] {
+    let row = CHANNELS * colour.width() as usize;
+    let channel = |channel: usize| {
+        let rows = colour.as_raw().chunks_exact(row.max(1)).skip(corner[1]).take(height);
+        let pixels = rows.flat_map(|row| row.as_chunks::<CHANNELS>().0.iter().skip(corner[0]).take(width));
+        Level { width, height, values: pixels.map(|rgb| rgb[channel]).collect() }
+    };
+    std::array::from_fn(channel)
 }
 
 /// Whether all pixels around one show the object.

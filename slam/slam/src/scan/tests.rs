@@ -245,17 +245,14 @@ fn normals_of_fitted_planes_withstand_noise() {
     // Half a millimetre at a pitch of 0.7 mm.
     let depth_m = &mut sensed.cameras[0].as_mut().unwrap().depth_m;
     depth_m.iter_mut().filter(|z| **z > 0.0).for_each(|z| *z += 0.0017 * noise());
-    let error = |fitted_normals: bool| {
-        let config = ScanConfig { fitted_normals, ..ScanConfig::default() };
-        let view = &Scan::new(0, &sensed.measured(), &config, 1).views[0];
-        let hits = view.hits.iter().filter(|hit| hit.normal != Vec3::ZERO && hit.cosine > 0.5);
-        let off: Vec<f64> =
-            hits.map(|hit| crate::tracker::to_na(hit.normal).angle(&in_solid(view.point(hit))).to_degrees()).collect();
-        assert!(off.len() > 500, "{}", off.len());
-        off.iter().sum::<f64>() / off.len() as f64
-    };
-    let [differences, fitted] = [false, true].map(error);
-    assert!(fitted < 3.0 && fitted < 0.5 * differences, "{fitted} and {differences} degrees");
+    let view = &Scan::new(0, &sensed.measured(), &ScanConfig::default(), 1).views[0];
+    let hits = view.hits.iter().filter(|hit| hit.normal != Vec3::ZERO && hit.cosine > 0.5);
+    let off: Vec<f64> =
+        hits.map(|hit| crate::tracker::to_na(hit.normal).angle(&in_solid(view.point(hit))).to_degrees()).collect();
+    assert!(off.len() > 500, "{}", off.len());
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    // Differences of two depths have 9 degrees here.
+    assert!(mean < 3.0, "{mean} degrees");
 }
 
 #[test]

@@ -1,13 +1,13 @@
-//! Points of the surface with their brightness, which are compared pixel by pixel.
+//! Points of the surface with one of their colours, which are compared pixel by pixel.
 //!
-//! Light changes as an object turns. So brightness is taken less its mean around a pixel, and only where the object shows.
+//! Light changes as an object turns. So a colour is taken less its mean around a pixel, and only where the object shows.
 
 use glam::Vec3;
 use image::RgbImage;
 use mvt_frames::depth::{CameraDepth, Label};
 
 use super::Lens;
-use super::picture::{self, LEVELS, Level};
+use super::picture::{self, CHANNELS, LEVELS, Level};
 
 /// Half the side of the square over which the mean of the brightness is taken, pixels of the level.
 const MEAN_PX: usize = 4;
@@ -20,7 +20,7 @@ const LEAST_COSINE: f32 = 0.3;
 /// A change below this from pixel to pixel is noise, grey levels of the second level.
 const LEAST_SLOPE: f32 = 1.0;
 
-/// Brightness less its mean around each pixel at one resolution; NaN where the object does not show.
+/// A colour less its mean around each pixel at one resolution; NaN where the object does not show.
 #[derive(Debug, Clone)]
 pub(crate) struct Contrast {
     width: usize,
@@ -39,7 +39,7 @@ impl PartialEq for Contrast {
 impl Contrast {
     fn new(level: &Level, shows: impl Fn(usize, usize) -> bool) -> Self {
         let (width, height) = (level.width, level.height);
-        // Sums of the brightness and of the number of the object's pixels above and left of each.
+        // Sums of the colour and of the number of the object's pixels above and left of each.
         let columns = width + 1;
         let mut sums = vec![[0.0_f64; 2]; columns * (height + 1)];
         for v in 0..height {
@@ -85,14 +85,16 @@ impl Contrast {
     }
 }
 
-/// A point of the surface with its brightness.
+/// A point of the surface with a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Texel {
+    /// The colour that changes most here.
+    pub channel: usize,
     /// Where it is, world frame, metres.
     pub point: Vec3,
     /// Its outward normal, world frame.
     pub normal: Vec3,
-    /// Brightness less its mean around it at each level; `None` where the level does not show it.
+    /// The colour less its mean around the point at each level; `None` where the level does not show it.
     pub values: [Option<f32>; LEVELS],
 }
 
@@ -102,8 +104,8 @@ pub struct Texels {
     pub(crate) lens: Lens,
     corner: [usize; 2],
     /// Finest first.
-    pub(crate) levels: Vec<Contrast>,
-    /// Those with the greatest changes of brightness.
+    pub(crate) levels: Vec<[Contrast; CHANNELS]>,
+    /// Those with the greatest changes of a colour.
     pub(crate) texels: Vec<Texel>,
 }
 
@@ -155,21 +157,24 @@ impl Texels {
                     continue;
                 }
                 let at = |level: usize| self.to_level([u as f32, v as f32], level);
-                let sample = |level: usize| self.levels.get(level).and_then(|contrast| contrast.sample(at(level)));
-                let Some((_, [x, y])) = sample(1) else { continue };
-                let strength = x.hypot(y);
-                if strength < LEAST_SLOPE {
+                let sample = |channel: usize, level: usize| self.levels.get(level)?[channel].sample(at(level));
+                let strength = |channel: usize| sample(channel, 1).map_or(0.0, |(_, [x, y])| x.hypot(y));
+                let Some(channel) = (0..CHANNELS).max_by(|&a, &b| strength(a).total_cmp(&strength(b))) else {
+                    continue;
+                };
+                if strength(channel) < LEAST_SLOPE {
                     continue;
                 }
-                found.push((strength, [u, v], std::array::from_fn(|level| sample(level).map(|(value, _)| value))));
+                let values = std::array::from_fn(|level| sample(channel, level).map(|(value, _)| value));
+                found.push((strength(channel), channel, [u, v], values));
             }
         }
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let texel = |(_, [u, v], values): (f32, [usize; 2], [Option<f32>; LEVELS])| {
-            let normal = self.lens.normal(&image.depth_m, u, v, true);
+        let texel = |(_, channel, [u, v], values): (f32, usize, [usize; 2], [Option<f32>; LEVELS])| {
+            let normal = self.lens.fitted_normal(&image.depth_m, u, v);
             let (direction, length) = self.lens.ray(u as f32, v as f32);
             let point = self.lens.origin + direction * (image.depth_m[(v, u)] * length);
-            (-normal.dot(direction) > LEAST_COSINE).then_some(Texel { point, normal, values })
+            (-normal.dot(direction) > LEAST_COSINE).then_some(Texel { channel, point, normal, values })
         };
         self.texels = found.into_iter().filter_map(texel).take(most).collect();
     }
@@ -181,23 +186,29 @@ impl Texels {
 }
 
 /// The contrasts of all levels.
-fn contrasts(image: &CameraDepth, colour: &RgbImage, corner: [usize; 2], [width, height]: [usize; 2]) -> Vec<Contrast> {
-    let mut level = picture::grey(colour, corner, width, height);
+fn contrasts(
+    image: &CameraDepth,
+    colour: &RgbImage,
+    corner: [usize; 2],
+    [width, height]: [usize; 2],
+) -> Vec<[Contrast; CHANNELS]> {
+    let mut level = picture::channels(colour, corner, width, height);
     let mut shows: Vec<bool> = (0..width * height)
         .map(|i| image.labels[(corner[1] + i / width, corner[0] + i % width)] == Label::Object)
         .collect();
     let mut contrasts = Vec::with_capacity(LEVELS);
     loop {
-        let columns = level.width;
-        contrasts.push(Contrast::new(&level, |u, v| shows[v * columns + u]));
+        let columns = level[0].width;
+        contrasts.push(level.each_ref().map(|level| Contrast::new(level, |u, v| shows[v * columns + u])));
         if contrasts.len() == LEVELS {
             return contrasts;
         }
-        level = level.halved();
+        level = level.each_ref().map(Level::halved);
+        let (width, height) = (level[0].width, level[0].height);
         let all = |i: usize| {
-            let (u, v) = (2 * (i % level.width), 2 * (i / level.width));
+            let (u, v) = (2 * (i % width), 2 * (i / width));
             [(u, v), (u + 1, v), (u, v + 1), (u + 1, v + 1)].iter().all(|&(u, v)| shows[v * columns + u])
         };
-        shows = (0..level.width * level.height).map(all).collect();
+        shows = (0..width * height).map(all).collect();
     }
 }

@@ -41,13 +41,16 @@ const FEWEST_MATCHES: usize = 30;
 
 impl Tracker {
     /// Moves the newest frame to where it lies on the frame before and on earlier views that are `alike`, unless the shape speaks against it.
+    /// Without a reach it stays, and is compared with these views only.
     pub(crate) fn align(&mut self, shape: &dyn Reference, alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>) {
+        let Some(start) = self.window.back().map(|newest| newest.pose) else { return };
         if self.config.align_reach_m == 0.0 {
+            if self.config.texel_weight > 0.0 {
+                self.place(start, alike);
+            }
             return;
         }
-        let (median, Some(start)) = (self.median_residual(shape), self.window.back().map(|newest| newest.pose)) else {
-            return;
-        };
+        let median = self.median_residual(shape);
         let fits = |tracker: &Self| tracker.median_residual(shape) <= median + WORSE_SIGMAS;
         let has_texels =
             self.window.back().is_some_and(|newest| newest.scan.views.iter().any(|view| view.texels().is_some()));

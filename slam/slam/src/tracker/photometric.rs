@@ -50,8 +50,8 @@ fn compared(then: Posed<'_>, now: Posed<'_>, level: usize) -> Vec<Compared> {
         let Some(picture) = view.texels() else { continue };
         let same = |other: &&View| other.sensor() == view.sensor();
         let Some(earlier) = then.scan.views.iter().find(same).and_then(View::texels) else { continue };
-        let Some(contrast) = picture.levels.get(level) else { continue };
-        compared.extend(earlier.texels.iter().filter_map(|&Texel { point, normal, values }| {
+        let Some(contrasts) = picture.levels.get(level) else { continue };
+        compared.extend(earlier.texels.iter().filter_map(|&Texel { channel, point, normal, values }| {
             let expected = values[level]?;
             let moved = apply(&now_from_then, point);
             if !picture.faces(moved, apply(&now_from_then, point + normal) - moved) {
@@ -59,7 +59,7 @@ fn compared(then: Posed<'_>, now: Posed<'_>, level: usize) -> Vec<Compared> {
             }
             let (pixel, [along_u, along_v]) = picture.lens.project_with_slopes(to_na(moved))?;
             let at = picture.to_level([pixel.x as f32, pixel.y as f32], level);
-            let (value, [by_u, by_v]) = contrast.sample(at)?;
+            let (value, [by_u, by_v]) = contrasts.get(channel)?.sample(at)?;
             let slope = (along_u * f64::from(by_u) + along_v * f64::from(by_v)) / scale;
             let material = then.pose.inverse() * na::Point3::from(to_na(point));
             let slope = along(now.pose.rotation.inverse() * slope, material.coords);

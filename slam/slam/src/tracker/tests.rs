@@ -58,6 +58,7 @@ fn nothing() -> TrackerConfig {
         free_space_weight: 0.0,
         icp_weight: 0.0,
         colour_weight: 0.0,
+        texel_weight: 0.0,
         velocity_weight: 0.0,
         contact_weight: 0.0,
         penetration_weight: 0.0,

@@ -5,7 +5,7 @@ use crate::scan::ScanConfig;
 
 /// The painted solid in a pose, with texels.
 fn scan(k: usize, solid: Solid, at: Isometry<Field, World>) -> Arc<Scan> {
-    let config = ScanConfig { texels: 400, fitted_normals: true, ..ScanConfig::default() };
+    let config = ScanConfig { texels: 400, ..ScanConfig::default() };
     Arc::new(Scan::new(k, &seen_painted(k, solid, at, blotches).measured(), &config, 1))
 }
 
