@@ -324,7 +324,9 @@ impl MaskCarrier {
         let expected = || drawn.indexed_iter().filter(|(_, drawn)| drawn.0.is_finite()).map(|(at, _)| at);
         let near = window(dim, expected(), GROWTH_PX)?;
         let (mut agree, mut passed) = (0_usize, 0_usize);
-        for at in expected() {
+        // A point is drawn wider than it is, to leave no holes.
+        let is_inner = |at: (usize, usize)| beside(at, dim).all(|other| drawn[other].0.is_finite());
+        for at in expected().filter(|at| is_inner(*at)) {
             let Some(depth_m) = seen.depth_m(at) else { continue };
             let off_m = depth_m - drawn[at].0;
             match tolerance_m(depth_m) + MISSED_M / 4.0 {
@@ -347,9 +349,7 @@ impl MaskCarrier {
         for ((&(at, depth_m), &point), distance_m) in places.iter().zip(&points).zip(distances_m) {
             let tolerance = tolerance_m(depth_m);
             let is_surface = distance_m.abs() < tolerance;
-            // A point is drawn wider than it is, to leave no holes.
-            let is_newest = (depth_m - drawn[at].0).abs() < 1.5 * tolerance
-                && beside(at, dim).all(|other| drawn[other].0.is_finite());
+            let is_newest = (depth_m - drawn[at].0).abs() < 1.5 * tolerance && is_inner(at);
             let evidence = cell(point).map_or(0.0, |cell| EVIDENCE * f32::from(self.cells[cell]));
             let known = match (is_surface, is_newest) {
                 _ if evidence < KNOWN && self.lay_still(image, at, depth_m) => EMPTY,
