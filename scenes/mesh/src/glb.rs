@@ -17,8 +17,8 @@ const BINARY: &[u8; 4] = b"BIN\0";
 pub fn encode_glb(mesh: &Mesh, comment: &str, colours: Option<&[[u8; 3]]>) -> Option<Vec<u8>> {
     let count = mesh.vertices.len();
     let mut binary: Vec<u8> = Vec::new();
-    binary.extend(mesh.vertices.iter().flat_map(glam::Vec3::to_array).flat_map(f32::to_le_bytes));
-    binary.extend(normals(mesh).iter().flat_map(glam::Vec3::to_array).flat_map(f32::to_le_bytes));
+    binary.extend(mesh.vertices.iter().flat_map(Vec3::to_array).flat_map(f32::to_le_bytes));
+    binary.extend(normals(mesh).iter().flat_map(Vec3::to_array).flat_map(f32::to_le_bytes));
     if let Some(colours) = colours {
         let linear = (0..count).map(|k| colours.get(k).copied().unwrap_or_default().map(linear));
         binary.extend(linear.flat_map(|[r, g, b]| [r, g, b, 1.0]).flat_map(f32::to_le_bytes));
