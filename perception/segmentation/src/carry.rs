@@ -154,10 +154,8 @@ impl<'a> Pixels<'a> {
             let (v, u) = (v.round() as isize, u.round() as isize);
             for (dv, du) in (-reach..=reach).flat_map(|dv| (-reach..=reach).map(move |du| (dv, du))) {
                 let at = usize::try_from(v + dv).ok().zip(usize::try_from(u + du).ok());
-                if let Some(drawn) = at.and_then(|at| depths.get_mut(at)) {
-                    if depth < drawn.0 {
-                        *drawn = (depth, colour);
-                    }
+                if let Some(drawn) = at.and_then(|at| depths.get_mut(at)).filter(|drawn| depth < drawn.0) {
+                    *drawn = (depth, colour);
                 }
             }
         }
@@ -470,9 +468,9 @@ fn grow(seen: &Pixels<'_>, scores: &Array2<f32>, mask: &mut Array2<bool>) -> Arr
             }
             let is_object = scores[other] > GROWS_ABOVE;
             if is_object {
-                mask[other] = true
+                mask[other] = true;
             } else {
-                contested[other] = true
+                contested[other] = true;
             }
             edge.push_back((other, steps + 1));
         }
