@@ -32,4 +32,4 @@ mod small_bags;
 mod workplace;
 
 /// Number of inputs of a reader, if the environment does not say otherwise.
-const COUNT: u64 = 200;
+const COUNT: u64 = 100;

@@ -56,8 +56,7 @@ pub fn summary(lines: &[Line]) -> String {
         variant => format!("{cameras} {mode} {modality}, {variant} = 0"),
     };
     let width = groups.iter().map(|&of| name(of).chars().count()).max().unwrap_or(0).max(4);
-    let mut text =
-        format!("{:width$}  runs  F@2 mm  F@5 mm  ADD-S, mm  ADD, mm  rotation, deg  lost frames  frames/s", "runs of");
+    let mut text = format!("{:width$}  runs    F@2    F@5  ADD-S mm  ADD mm  angle °  lost  frames/s", "runs of");
     for &of in &groups {
         let kind: Vec<&Line> = lines.iter().filter(|line| group(line) == of).collect();
         let mean = |value: &dyn Fn(&Line) -> Option<f64>| {
@@ -68,7 +67,7 @@ pub fn summary(lines: &[Line]) -> String {
             |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
         let _ = write!(
             text,
-            "\n{:width$}  {:4}  {:>6}  {:>6}  {:>9}  {:>7}  {:>13}  {:>11}  {:>8}",
+            "\n{:width$}  {:4}  {:>5}  {:>5}  {:>8}  {:>6}  {:>7}  {:>4}  {:>8}",
             name(of),
             kind.len(),
             shown(mean(&|line| line.f_score.get(&2).copied()), 3),
