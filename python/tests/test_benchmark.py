@@ -108,6 +108,7 @@ def test_the_truth_is_exact_and_none_holds_the_last_pose(naive: Result, recorded
 def test_ours_has_the_scores_of_the_command_and_beats_the_naive_one(naive: Result, recorded: Log, folder: Path, tmp_path: Path) -> None:
     (ours,) = benchmark.run("ours", lambda setup: OurSlam(setup, OURS), SUITE, folder)
     assert ours.add_s_mm is not None and naive.add_s_mm is not None
+    assert ours.rotation_deg is not None and naive.rotation_deg is not None
     assert ours.add_s_mm["mean"] < 0.7 * naive.add_s_mm["mean"]
     words = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
     out = tmp_path / "out"
