@@ -1,4 +1,4 @@
-//! The object in a colour image: red, green and blue at several resolutions, and places at which it is compared with later images.
+//! The object in a colour image: its brightness at several resolutions, and places at which it is compared with later images.
 
 use glam::Vec3;
 use image::RgbImage;
@@ -70,14 +70,12 @@ impl Level {
     }
 }
 
-/// Red, green and blue.
-pub(super) const CHANNELS: usize = 3;
+/// Brightness, red, green and blue.
+pub(super) const CHANNELS: usize = 4;
 
 /// A place on the object at which its picture is compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Patch {
-    /// The colour that shows it best: paints of equal brightness differ in one of them.
-    pub channel: usize,
     /// Where it is seen, column and row.
     pub pixel: [f32; 2],
     /// Where it is, world frame, metres.
@@ -95,7 +93,7 @@ pub struct Picture {
     /// Column and row of the image at which the picture begins.
     corner: [usize; 2],
     /// Finest first.
-    levels: Vec<[Level; CHANNELS]>,
+    levels: Vec<Level>,
     /// Which pixels of the finest level show the object.
     shows_object: Vec<bool>,
     pub(crate) patches: Vec<Patch>,
@@ -118,9 +116,9 @@ impl Picture {
         let whole = |length: usize| length >> (LEVELS - 1) << (LEVELS - 1);
         let width = whole((right + MARGIN_PX + 1).min(columns) - corner[0]);
         let height = whole((bottom + MARGIN_PX + 1).min(rows) - corner[1]);
-        let mut levels = vec![channels(colour, corner, width, height)];
+        let mut levels = vec![grey(colour, corner, width, height)];
         while levels.len() < LEVELS {
-            levels.extend(levels.last().map(|level| level.each_ref().map(Level::halved)));
+            levels.extend(levels.last().map(Level::halved));
         }
         let is_object = |i: usize| image.labels[(corner[1] + i / width, corner[0] + i % width)] == Label::Object;
         let shows_object = (0..width * height).map(is_object).collect();
@@ -136,14 +134,14 @@ impl Picture {
         to_level(place, self.corner, level)
     }
 
-    pub(crate) fn level(&self, channel: usize, level: usize) -> Option<&Level> {
-        self.levels.get(level)?.get(channel)
+    pub(crate) fn level(&self, level: usize) -> Option<&Level> {
+        self.levels.get(level)
     }
 
     /// Whether the pixels around a place of the image show the object.
     pub(crate) fn shows_object(&self, place: [f32; 2]) -> bool {
         let [u, v] = self.to_level(place, 0).map(|x| x.round() as isize);
-        let width = self.levels[0][0].width;
+        let width = self.levels[0].width;
         let shows = |u: isize, v: isize| {
             let (u, v) = (usize::try_from(u).ok()?, usize::try_from(v).ok()?);
             self.shows_object.get(v * width + u).copied().filter(|_| u < width)
@@ -155,25 +153,22 @@ impl Picture {
 
     /// The places with the greatest changes of slope, spread over the object.
     fn choose(&self, image: &CameraDepth, most: usize) -> Vec<Patch> {
-        let channels = &self.levels[1.min(LEVELS - 1)];
-        let slopes = channels.each_ref().map(Slopes::new);
-        let level = &channels[0];
+        let level = &self.levels[1.min(LEVELS - 1)];
+        let slopes = Slopes::new(level);
         let cell = CELL_PX / 2;
-        let mut found: Vec<(f64, usize, [usize; 2])> = Vec::new();
+        let mut found: Vec<(f64, [usize; 2])> = Vec::new();
         for row in (REACH_PX + 1..level.height.saturating_sub(REACH_PX + 1)).step_by(cell) {
             for column in (REACH_PX + 1..level.width.saturating_sub(REACH_PX + 1)).step_by(cell) {
-                let mut best: Option<(f64, usize, [usize; 2])> = None;
+                let mut best: Option<(f64, [usize; 2])> = None;
                 for v in row..(row + cell).min(level.height - REACH_PX - 1) {
                     for u in column..(column + cell).min(level.width - REACH_PX - 1) {
                         let pixel = [self.corner[0] + 2 * u, self.corner[1] + 2 * v];
                         if !is_deep(image, pixel) {
                             continue;
                         }
-                        for (channel, slopes) in slopes.iter().enumerate() {
-                            let strength = slopes.weakest(u, v);
-                            if strength > best.map_or(LEAST_SLOPE * LEAST_SLOPE, |(best, ..)| best) {
-                                best = Some((strength, channel, pixel));
-                            }
+                        let strength = slopes.weakest(u, v);
+                        if strength > best.map_or(LEAST_SLOPE * LEAST_SLOPE, |(best, _)| best) {
+                            best = Some((strength, pixel));
                         }
                     }
                 }
@@ -181,11 +176,10 @@ impl Picture {
             }
         }
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let patch = |(_, channel, pixel)| self.patch(image, channel, pixel);
-        found.into_iter().filter_map(patch).take(most).collect()
+        found.into_iter().filter_map(|(_, pixel)| self.patch(image, pixel)).take(most).collect()
     }
 
-    fn patch(&self, image: &CameraDepth, channel: usize, [u, v]: [usize; 2]) -> Option<Patch> {
+    fn patch(&self, image: &CameraDepth, [u, v]: [usize; 2]) -> Option<Patch> {
         let lens = &self.lens;
         let z = image.depth_m[(v, u)];
         let normal = lens.fitted_normal(&image.depth_m, u, v);
@@ -206,7 +200,7 @@ impl Picture {
             let (direction, _) = lens.ray(u as f32, v as f32);
             lens.origin + direction * (height / normal.dot(direction)) - point
         };
-        Some(Patch { channel, pixel: [u as f32, v as f32], point, normal, steps: [beside(u + 1, v), beside(u, v + 1)] })
+        Some(Patch { pixel: [u as f32, v as f32], point, normal, steps: [beside(u + 1, v), beside(u, v + 1)] })
     }
 }
 
@@ -226,15 +220,22 @@ pub(super) fn bounds(image: &CameraDepth) -> Option<[usize; 4]> {
     bounds
 }
 
-/// The colours in a part of an image.
+/// The mean of the colours in a part of an image.
+fn grey(colour: &RgbImage, corner: [usize; 2], width: usize, height: usize) -> Level {
+    part(colour, corner, width, height, |[r, g, b]| ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8)
+}
+
+/// Brightness and colours in a part of an image.
 pub(super) fn channels(colour: &RgbImage, corner: [usize; 2], width: usize, height: usize) -> [Level; CHANNELS] {
-    let row = CHANNELS * colour.width() as usize;
-    let channel = |channel: usize| {
-        let rows = colour.as_raw().chunks_exact(row.max(1)).skip(corner[1]).take(height);
-        let pixels = rows.flat_map(|row| row.as_chunks::<CHANNELS>().0.iter().skip(corner[0]).take(width));
-        Level { width, height, values: pixels.map(|rgb| rgb[channel]).collect() }
-    };
-    std::array::from_fn(channel)
+    let of = |channel: usize| part(colour, corner, width, height, |rgb| rgb[channel]);
+    [grey(colour, corner, width, height), of(0), of(1), of(2)]
+}
+
+fn part(colour: &RgbImage, corner: [usize; 2], width: usize, height: usize, value: impl Fn([u8; 3]) -> u8) -> Level {
+    let row = 3 * colour.width() as usize;
+    let rows = colour.as_raw().chunks_exact(row.max(1)).skip(corner[1]).take(height);
+    let pixels = rows.flat_map(|row| row.as_chunks::<3>().0.iter().skip(corner[0]).take(width));
+    Level { width, height, values: pixels.map(|rgb| value(*rgb)).collect() }
 }
 
 /// Whether all pixels around one show the object.

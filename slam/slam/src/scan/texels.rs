@@ -17,6 +17,8 @@ const RIM_PX: usize = 2;
 const TRIED: usize = 4;
 /// A surface that is seen at a cosine below this is too foreshortened.
 const LEAST_COSINE: f32 = 0.3;
+/// Changes of a colour count for this part of those of the brightness, which is the mean of three and has less noise.
+const COLOUR_PART: f32 = 0.5;
 /// A change below this from pixel to pixel is noise, grey levels of the second level.
 const LEAST_SLOPE: f32 = 1.0;
 
@@ -88,7 +90,7 @@ impl Contrast {
 /// A point of the surface with a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Texel {
-    /// The colour that changes most here.
+    /// The brightness, or the colour that changes clearly more here: paints of one brightness differ in a colour.
     pub channel: usize,
     /// Where it is, world frame, metres.
     pub point: Vec3,
@@ -158,7 +160,9 @@ impl Texels {
                 }
                 let at = |level: usize| self.to_level([u as f32, v as f32], level);
                 let sample = |channel: usize, level: usize| self.levels.get(level)?[channel].sample(at(level));
-                let strength = |channel: usize| sample(channel, 1).map_or(0.0, |(_, [x, y])| x.hypot(y));
+                let part = |channel: usize| if channel == 0 { 1.0 } else { COLOUR_PART };
+                let strength =
+                    |channel: usize| sample(channel, 1).map_or(0.0, |(_, [x, y])| part(channel) * x.hypot(y));
                 let Some(channel) = (0..CHANNELS).max_by(|&a, &b| strength(a).total_cmp(&strength(b))) else {
                     continue;
                 };

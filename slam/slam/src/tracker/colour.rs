@@ -312,9 +312,7 @@ fn find(
     let mut at = expected;
     let mut finest = None;
     for level in (0..LEVELS).rev() {
-        let (Some(square), Some(image)) = (Square::cut(then, patch, level), now.level(patch.channel, level)) else {
-            continue;
-        };
+        let (Some(square), Some(image)) = (Square::cut(then, patch, level), now.level(level)) else { continue };
         let scale = (1_u32 << level) as f32;
         for _ in 0..STEPS {
             let step = square.step(&warped(image, now.to_level(at.into(), level), warp)?);
@@ -354,7 +352,7 @@ impl Square {
     /// `None` where the picture ends or shows nothing.
     fn cut(picture: &Picture, patch: &Patch, level: usize) -> Option<Self> {
         const WIDE: usize = SIDE + 2;
-        let image = picture.level(patch.channel, level)?;
+        let image = picture.level(level)?;
         let [u, v] = picture.to_level(patch.pixel, level);
         let reach = RADIUS as f32 + 1.0;
         if !image.holds([u, v], reach) {
