@@ -32,7 +32,7 @@ impl Network {
     }
 
     /// Returns the action for an observation, and changes the state.
-    pub(crate) fn run(&self, observation: &[f32], state: &mut Vec<Vec<f32>>) -> Result<Vec<f32>, String> {
+    pub(crate) fn run(&self, observation: &[f32], state: &mut [Vec<f32>]) -> Result<Vec<f32>, String> {
         match self {
             Self::Layers(layers) => Ok(layers.run(observation, state)),
             #[cfg(feature = "onnx")]

@@ -391,7 +391,7 @@ impl OnnxNetwork {
     }
 
     /// Returns the action for an observation, and changes the state.
-    pub(crate) fn run(&self, observation: &[f32], state: &mut Vec<Vec<f32>>) -> Result<Vec<f32>, String> {
+    pub(crate) fn run(&self, observation: &[f32], state: &mut [Vec<f32>]) -> Result<Vec<f32>, String> {
         /// Threads are slower than one for networks of this size.
         static POOL: LazyLock<Arc<ThreadPool>> = LazyLock::new(|| Arc::new(ThreadPool::with_num_threads(1)));
         let failed = |e: &dyn std::fmt::Display| format!("the network cannot be run: {e}");
@@ -415,7 +415,9 @@ impl OnnxNetwork {
         if next.iter().zip(state.iter()).any(|(next, state)| next.len() != state.len()) {
             return Err(failed(&"a state changes its size"));
         }
-        *state = next;
+        for (state, next) in state.iter_mut().zip(next) {
+            *state = next;
+        }
         values.pop().ok_or_else(|| failed(&"it gives nothing"))
     }
 }

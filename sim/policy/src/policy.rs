@@ -133,7 +133,7 @@ impl Policy {
     ///
     /// # Errors
     /// If the network cannot be run, or an action is not finite or exceeds [`LARGEST_ACTION`].
-    pub fn act(&self, observation: &[f32], state: &mut Vec<Vec<f32>>) -> Result<Vec<f32>, String> {
+    pub fn act(&self, observation: &[f32], state: &mut [Vec<f32>]) -> Result<Vec<f32>, String> {
         let actions = self.network.run(observation, state)?;
         match unbelievable(&actions) {
             Some(action) => Err(format!("the policy gave the action {action}; actions lie within {LARGEST_ACTION}")),
