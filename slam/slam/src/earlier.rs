@@ -54,6 +54,6 @@ pub(crate) fn keep(views: &mut Vec<EarlierView>, scan: &Arc<Scan>, pose: Isometr
     let rotation = pose.untyped().rotation;
     let is_new = views.iter().all(|view| view.pose.untyped().rotation.angle_to(&rotation) > NEW_RAD);
     if is_new && scan.has_picture() && views.len() < MOST {
-        views.push(EarlierView { scan: Arc::clone(scan), pose });
+        views.push(EarlierView { scan: Arc::new(scan.earlier()), pose });
     }
 }

@@ -245,6 +245,7 @@ impl Map {
         let (mut correction, mut box_change) = (None, None);
         if promoted {
             box_change = self.follow(&current, rng);
+            current.become_earlier();
             self.keyframes.push(current);
             if self.config.loop_turn_deg > 0.0 {
                 correction = self.close_loop();

@@ -247,6 +247,17 @@ impl Scan {
         self.views.iter().any(|view| view.picture().is_some() || view.texels().is_some())
     }
 
+    /// The scan as one with which later frames are compared, without what they do not look at: it would be most of a keyframe's memory.
+    pub(crate) fn earlier(&self) -> Self {
+        let mut earlier = self.clone();
+        for view in &mut earlier.views {
+            if let Detail::Camera { texels: Some(texels), .. } = &mut view.detail {
+                texels.levels = Vec::new();
+            }
+        }
+        earlier
+    }
+
     /// Number of rays that hit the object.
     pub fn hits(&self) -> usize {
         self.views.iter().map(|view| view.hits.len()).sum()

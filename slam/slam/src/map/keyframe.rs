@@ -73,6 +73,11 @@ impl Keyframe {
         self.occupied = self.occupied.iter().copied().step_by(stride).collect();
     }
 
+    /// Keeps of the scan what later frames are compared with.
+    pub(super) fn become_earlier(&mut self) {
+        self.scan = Arc::new(self.scan.earlier());
+    }
+
     /// Points inside the hand, field frame.
     pub(super) fn occupied(&self) -> &[Occupied] {
         &self.occupied

@@ -39,34 +39,38 @@ impl PartialEq for Contrast {
 }
 
 impl Contrast {
-    fn new(level: &Level, shows: impl Fn(usize, usize) -> bool) -> Self {
-        let (width, height) = (level.width, level.height);
-        // Sums of the colour and of the number of the object's pixels above and left of each.
+    /// Of all channels of one resolution; `shows` tells which pixels show the object.
+    fn of(channels: &[Level; CHANNELS], shows: impl Fn(usize, usize) -> bool) -> [Self; CHANNELS] {
+        let (width, height) = (channels[0].width, channels[0].height);
+        // Sums of each channel, and the number of the object's pixels, above and left of each.
         let columns = width + 1;
-        let mut sums = vec![[0.0_f64; 2]; columns * (height + 1)];
+        let mut sums = vec![[0.0_f64; CHANNELS + 1]; columns * (height + 1)];
         for v in 0..height {
-            let mut row = [0.0; 2];
+            let mut row = [0.0; CHANNELS + 1];
             for u in 0..width {
                 if shows(u, v) {
-                    row = [row[0] + f64::from(level.at(u, v)), row[1] + 1.0];
+                    for (sum, level) in row.iter_mut().zip(channels) {
+                        *sum += f64::from(level.at(u, v));
+                    }
+                    row[CHANNELS] += 1.0;
                 }
                 let above = sums[v * columns + u + 1];
-                sums[(v + 1) * columns + u + 1] = [above[0] + row[0], above[1] + row[1]];
+                sums[(v + 1) * columns + u + 1] = std::array::from_fn(|k| above[k] + row[k]);
             }
         }
-        let value = |u: usize, v: usize| {
-            if !shows(u, v) {
-                return f32::NAN;
-            }
+        let mut contrasts = [(); CHANNELS].map(|()| Self { width, values: vec![f32::NAN; width * height] });
+        for (v, u) in (0..height).flat_map(|v| (0..width).map(move |u| (v, u))).filter(|&(v, u)| shows(u, v)) {
             let (left, top) = (u.saturating_sub(MEAN_PX), v.saturating_sub(MEAN_PX));
             let (right, bottom) = ((u + MEAN_PX + 1).min(width), (v + MEAN_PX + 1).min(height));
-            let corner = |u: usize, v: usize| sums[v * columns + u];
-            let [sum, count] = std::array::from_fn(|k| {
-                corner(right, bottom)[k] - corner(left, bottom)[k] - corner(right, top)[k] + corner(left, top)[k]
-            });
-            level.at(u, v) - (sum / count) as f32
-        };
-        Self { width, values: (0..width * height).map(|i| value(i % width, i / width)).collect() }
+            let corner = |u: usize, v: usize| &sums[v * columns + u];
+            let [first, second, third, fourth] =
+                [corner(right, bottom), corner(left, bottom), corner(right, top), corner(left, top)];
+            let sum = |k: usize| first[k] - second[k] - third[k] + fourth[k];
+            for (k, (contrast, level)) in contrasts.iter_mut().zip(channels).enumerate() {
+                contrast.values[v * width + u] = level.at(u, v) - (sum(k) / sum(CHANNELS)) as f32;
+            }
+        }
+        contrasts
     }
 
     /// The value at a place and its slopes by column and row; `None` where the object does not show.
@@ -105,7 +109,7 @@ pub(crate) struct Texel {
 pub struct Texels {
     pub(crate) lens: Lens,
     corner: [usize; 2],
-    /// Finest first.
+    /// Finest first. Only the frame that is compared with earlier ones needs them: an [`earlier`](super::Scan::earlier) scan has none.
     pub(crate) levels: Vec<[Contrast; CHANNELS]>,
     /// Those with the greatest changes of a colour.
     pub(crate) texels: Vec<Texel>,
@@ -203,7 +207,7 @@ fn contrasts(
     let mut contrasts = Vec::with_capacity(LEVELS);
     loop {
         let columns = level[0].width;
-        contrasts.push(level.each_ref().map(|level| Contrast::new(level, |u, v| shows[v * columns + u])));
+        contrasts.push(Contrast::of(&level, |u, v| shows[v * columns + u]));
         if contrasts.len() == LEVELS {
             return contrasts;
         }

@@ -39,6 +39,22 @@ fn texel_residuals() {
 }
 
 #[test]
+fn an_earlier_scan_compares_alike_without_the_images() {
+    let (first, second) = (pose([0.0; 3], [0.0; 3]), pose([0.001, 0.0, 0.0], [1.0, -2.0, 1.0]));
+    let (then, now) = (scan(0, Solid::Ball(0.03), first), scan(1, Solid::Ball(0.03), second));
+    let earlier = then.earlier();
+    let images = |scan: &Scan| scan.views[0].texels().unwrap().levels.len();
+    assert_eq!((images(&then), images(&earlier)), (crate::scan::LEVELS, 0));
+    let correlation = |then: &Scan| {
+        let (then_pose, now_pose) = (first.untyped(), second.untyped());
+        let (then, now) = (Posed { scan: then, pose: &then_pose }, Posed { scan: &now, pose: &now_pose });
+        photometric::correlation(then, now, FINAL_LEVEL).unwrap()
+    };
+    assert!(correlation(&then) > 0.7, "{}", correlation(&then));
+    assert_eq!(correlation(&then).to_bits(), correlation(&earlier).to_bits());
+}
+
+#[test]
 fn a_ball_that_jumps_and_turns_is_followed_by_its_paint() {
     let solid = Solid::Ball(0.03);
     let (first, second) = (pose([0.0; 3], [0.0; 3]), pose([0.012, -0.006, 0.008], [4.0, -5.0, 6.0]));
