@@ -187,6 +187,20 @@ fn beside((v, u): (usize, usize), (rows, columns): (usize, usize)) -> impl Itera
     })
 }
 
+/// The pixels that hang together with one; `takes` says whether a pixel takes in one beside it, and must not do so twice.
+fn region(
+    start: (usize, usize),
+    dim: (usize, usize),
+    mut takes: impl FnMut((usize, usize), (usize, usize)) -> bool,
+) -> Vec<(usize, usize)> {
+    let (mut region, mut next) = (vec![start], 0);
+    while let Some(&at) = region.get(next) {
+        next += 1;
+        region.extend(beside(at, dim).filter(|other| takes(at, *other)));
+    }
+    region
+}
+
 /// Rows and columns of the pixels that are set, and of those `reach` around them, each from and to before.
 fn window(dim: (usize, usize), pixels: impl Iterator<Item = (usize, usize)>, reach: usize) -> Option<[usize; 4]> {
     let bounds = pixels.fold(None, |bounds: Option<[usize; 4]>, (v, u)| {
@@ -262,7 +276,14 @@ impl MaskCarrier {
             }
         }
         self.area_m2 = self.area_m2.max(area);
-        self.before = Some(CameraDepth { colour: None, ..image.clone() });
+        let CameraDepth { intrinsics, world_from_camera, depth_m, labels, .. } = image;
+        self.before = Some(CameraDepth {
+            intrinsics: *intrinsics,
+            world_from_camera: *world_from_camera,
+            depth_m: depth_m.clone(),
+            labels: labels.clone(),
+            colour: None,
+        });
         if is_given {
             self.given.clone_from(&self.before);
         }
@@ -390,17 +411,11 @@ impl MaskCarrier {
                 continue;
             }
             is_taken[start] = true;
-            let (mut region, mut next) = (vec![start], 0);
-            while let Some(&at) = region.get(next) {
-                next += 1;
+            let region = region(start, dim, |at, other| {
                 let depth_m = image.depth_m[at];
-                for other in beside(at, dim) {
-                    if !is_taken[other] && is_like(other) && (image.depth_m[other] - depth_m).abs() < step_m(depth_m) {
-                        is_taken[other] = true;
-                        region.push(other);
-                    }
-                }
-            }
+                let continues = is_like(other) && (image.depth_m[other] - depth_m).abs() < step_m(depth_m);
+                continues && !std::mem::replace(&mut is_taken[other], true)
+            });
             let area: f32 = region.iter().map(|at| area_m2(&image.intrinsics, image.depth_m[*at])).sum();
             if region.len() >= LEAST_PX && PLAUSIBLE.contains(&(area / self.area_m2)) {
                 let odds: f32 = region.iter().map(|at| odds[*at]).sum();
@@ -431,16 +446,7 @@ fn drop_specks(mask: &mut Array2<bool>, evidence: &Array2<f32>) {
         if !std::mem::replace(&mut left[start], false) {
             continue;
         }
-        let (mut region, mut next) = (vec![start], 0);
-        while let Some(&at) = region.get(next) {
-            next += 1;
-            for other in beside(at, dim) {
-                if std::mem::replace(&mut left[other], false) {
-                    region.push(other);
-                }
-            }
-        }
-        regions.push(region);
+        regions.push(region(start, dim, |_, other| std::mem::replace(&mut left[other], false)));
     }
     let known = |region: &Vec<(usize, usize)>| region.iter().map(|at| evidence[*at]).sum::<f32>();
     let best = regions.iter().map(known).max_by(f32::total_cmp).unwrap_or(0.0);
