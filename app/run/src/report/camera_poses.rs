@@ -8,7 +8,7 @@ use anyhow::{Context as _, Result};
 use mvt_frames::{Camera, Isometry, Object, World};
 use nalgebra as na;
 
-use super::FrameRow;
+use super::{FrameRow, KNOWN_RAD};
 use crate::io::write_file;
 
 /// A frame of a recording: its name there, and where the camera was.
@@ -29,7 +29,7 @@ const TUM: &str = "trajectory_tum.txt";
 /// Table in the format of BOP: rotation row by row, translation in millimetres.
 const BOP: &str = "poses_bop.csv";
 /// A pose is certified if it is tracked and its stated deviation is at most this, metres and radians.
-const CERTIFIED: (f64, f64) = (0.01, 20.0 * std::f64::consts::PI / 180.0);
+const CERTIFIED: (f64, f64) = (0.01, KNOWN_RAD);
 
 /// Writes the certified poses: they take coordinates of mesh.obj to those of a camera with OpenCV axes (x right, y down, z forward). Frames
 /// belong together by their number.
