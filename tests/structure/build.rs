@@ -17,8 +17,9 @@ const KERNELS: [&str; 3] = ["sim", "perception", "slam"];
 const CODECS: [&str; 3] = ["mvt-bag", "mvt-exchange", "mvt-recording"];
 /// Dependencies of these that no frame and no byte of a file passes through.
 const GLUE: [&str; 3] = ["anyhow", "clap", "indicatif"];
-/// Packages that kernels link for what they never do: colour profiles of images, names in archives, text of settings.
-const IDLE: [&str; 5] = ["moxcms", "pxfm", "toml", "toml_parser", "typed-path"];
+/// Packages that kernels and codecs link for what they never do, or do seldom: finding a message in a bag, colour profiles of images, names in
+/// archives, text of settings.
+const IDLE: [&str; 6] = ["libsqlite3-sys", "moxcms", "pxfm", "toml", "toml_parser", "typed-path"];
 /// Most bytes of the files that the program carries, such as weights.
 const CARRIED: u64 = 10 << 20;
 

@@ -11,6 +11,7 @@ use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use image::{ImageReader, RgbImage};
 use mvt_frames::camera::Intrinsics;
+use mvt_images::{Chroma, encode_jpeg};
 use mvt_robot::hand::PerPad;
 use ndarray::Array2;
 
@@ -158,14 +159,7 @@ fn touch(images: &mut FrameImages, sensor: usize) -> Result<&mut TouchImages, St
 }
 
 fn jpeg(image: &RgbImage) -> Result<Vec<u8>, String> {
-    let side = |n| {
-        u16::try_from(n).map_err(|_| format!("an image of {} x {} pixels is too large", image.width(), image.height()))
-    };
-    let mut bytes = Vec::with_capacity(image.len() / 8);
-    jpeg_encoder::Encoder::new(&mut bytes, QUALITY)
-        .encode(image, side(image.width())?, side(image.height())?, jpeg_encoder::ColorType::Rgb)
-        .map_err(|error| error.to_string())?;
-    Ok(bytes)
+    encode_jpeg(image, QUALITY, Chroma::Half).map_err(|error| error.to_string())
 }
 
 fn unjpeg(bytes: &[u8]) -> Result<RgbImage, String> {

@@ -1,6 +1,6 @@
 //! Small films of runs for the page: some JPEG pictures, which the page shows one after the other.
 
-use jpeg_encoder::{ColorType, Encoder};
+use mvt_images::{Chroma, encode_jpeg};
 use mvt_recording::Recording;
 use mvt_recording::image::RgbImage;
 use mvt_viewer::mvt_picture::palette::Theme;
@@ -53,9 +53,5 @@ impl PageFilm {
 }
 
 fn jpeg(image: &RgbImage) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
-    let [width, height] = SIZE.map(|side| side as u16);
-    let encoder = Encoder::new(&mut bytes, QUALITY);
-    encoder.encode(image, width, height, ColorType::Rgb).map_err(|error| error.to_string())?;
-    Ok(bytes)
+    encode_jpeg(image, QUALITY, Chroma::Half).map_err(|error| error.to_string())
 }

@@ -1,4 +1,4 @@
-//! Decoding of PNG and JPEG images of sensors, which refuses damaged files.
+//! Decoding of PNG and JPEG images of sensors, which refuses damaged files; encoding of JPEG.
 //!
 //! [`decode`] is the one way by which images of touch, colours, labels and depth become pixels. Decoders of JPEG fill the lost part of a cut
 //! file with grey and report no error; here a file of which any pixel is lost is an error. [`colours`] and [`levels`] then refuse pixels of
@@ -18,10 +18,12 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod encode;
 mod jpeg;
 
 use std::io::Cursor;
 
+pub use encode::{Chroma, EncodeError, encode_jpeg};
 pub use image;
 use image::{DynamicImage, GrayImage, ImageDecoder as _, ImageFormat, ImageReader, RgbImage};
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, EncodableLayout, GrayImage, ImageBuffer, ImageEncoder, PixelWithColorType, RgbImage};
-use mvt_images::DecodeError;
+use mvt_images::{Chroma, DecodeError, encode_jpeg};
 
 use crate::error::LogError;
 use crate::io::read_at_most;
@@ -15,14 +15,7 @@ const QUALITY: u8 = 95;
 
 /// Encodes colours as JPEG without subsampling, since the colours of a DIGIT image show slopes.
 pub(super) fn encode_color(image: &RgbImage) -> Result<Vec<u8>, String> {
-    let size = |n| u16::try_from(n).map_err(|_| format!("an image of {} x {}", image.width(), image.height()));
-    let mut out = Vec::with_capacity(image.len() / 4);
-    let mut encoder = jpeg_encoder::Encoder::new(&mut out, QUALITY);
-    encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_1_1);
-    encoder
-        .encode(image, size(image.width())?, size(image.height())?, jpeg_encoder::ColorType::Rgb)
-        .map_err(|e| e.to_string())?;
-    Ok(out)
+    encode_jpeg(image, QUALITY, Chroma::Full).map_err(|e| e.to_string())
 }
 
 /// Encodes labels or levels as PNG.
@@ -38,17 +31,9 @@ pub(super) fn encode_exact(image: &GrayImage) -> Result<Vec<u8>, String> {
 /// Level of deflate in compact logs: the next one takes twice as long for 4 % less.
 const LEVEL: CompressionType = CompressionType::Level(5);
 
-/// Encodes colours as small JPEG of a quality, 1 to 100: colours at half the resolution, and standard Huffman tables. Tables of its own would
-/// need a scan for each colour, which the decoder of `image` misreads when colours are subsampled.
+/// Encodes colours as small JPEG of a quality, 1 to 100: colours at half the resolution.
 pub(super) fn encode_small(image: &RgbImage, quality: u8) -> Result<Vec<u8>, String> {
-    let size = |n| u16::try_from(n).map_err(|_| format!("an image of {} x {}", image.width(), image.height()));
-    let mut out = Vec::with_capacity(image.len() / 16);
-    let mut encoder = jpeg_encoder::Encoder::new(&mut out, quality);
-    encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_2_2);
-    encoder
-        .encode(image, size(image.width())?, size(image.height())?, jpeg_encoder::ColorType::Rgb)
-        .map_err(|e| e.to_string())?;
-    Ok(out)
+    encode_jpeg(image, quality, Chroma::Half).map_err(|e| e.to_string())
 }
 
 /// Encodes an image as small PNG. Rows resemble those above them.
