@@ -2,11 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 
-mod common;
-
 use std::collections::HashMap;
 
-use common::data;
+use crate::common::data;
 use mvt_bag::mcap::{McapError, McapRecord, scan};
 use mvt_bag::{
     Bag, RgbdBag, RgbdTopics, RosCameraInfo, RosCompressedImage, RosHeader, RosImage, RosJointState, RosLens,

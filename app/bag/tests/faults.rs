@@ -7,12 +7,10 @@
     reason = "a failed assumption in a test is a failed test"
 )]
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{Cdr, IMAGE, INFO, Written, color, data, depth, frame, image, info, mcap};
+use crate::common::{Cdr, IMAGE, INFO, Written, color, data, depth, frame, image, info, mcap};
 use mvt_bag::{Bag, RgbdBag, RgbdTopics};
 use tempfile::TempDir;
 

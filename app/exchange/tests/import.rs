@@ -2,13 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{FRAMES, write_log};
+use crate::common::{FRAMES, write_log};
 use mvt_exchange::{ExchangeError, Imported, export_mcap, import_mcap};
 use mvt_feelsight::{Log, LogFormat, convert};
 

@@ -2,12 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 
-mod common;
-
 use std::fs;
 use std::path::PathBuf;
 
-use common::{FRAMES, small_log, write_log};
+use crate::common::{FRAMES, small_log, write_log};
 use mvt_exchange::{ExchangeError, Imported, export_lerobot, export_mcap, import_lerobot, import_mcap};
 use mvt_feelsight::Log;
 use mvt_robot::hand::{Hand, Side};

@@ -7,12 +7,10 @@
     reason = "a failed assumption in a test is a failed test"
 )]
 
-mod prism;
-
 use std::fmt::Write as _;
 
+use crate::prism::{CUBOID_M3, Prism, cuboid, defect, load, stl_binary};
 use mvt_mesh::{Defect, Finding, Format, read, repair};
-use prism::{CUBOID_M3, Prism, cuboid, defect, load, stl_binary};
 
 #[test]
 fn lines_and_points_are_no_faces() {

@@ -7,13 +7,11 @@
     reason = "a failed assumption in a test is a failed test"
 )]
 
-mod prism;
-
 use std::fmt::Write as _;
 
+use crate::prism::{CUBOID_M3, Prism, cuboid, defect, load, stl_binary};
 use glam::{DVec3, Quat, Vec3};
 use mvt_mesh::{Finding, Format, Mesh, read_bytes};
-use prism::{CUBOID_M3, Prism, cuboid, defect, load, stl_binary};
 
 /// Loads a file without any finding, and checks that it encloses a volume.
 #[track_caller]

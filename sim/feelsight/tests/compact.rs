@@ -3,12 +3,11 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a failed assumption in a test is a failed test")]
 #![allow(clippy::print_stderr, reason = "a skipped test says so")]
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use crate::common;
 use image::{Rgb, RgbImage};
 use mvt_feelsight::{EncodedFrame, Log, LogFormat, LogMeta, LogWriter, convert, inspect};
 use mvt_frames::camera::PosedCamera;

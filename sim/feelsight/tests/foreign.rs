@@ -2,12 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{camera, write};
+use crate::common::{camera, write};
 use mvt_feelsight::array::Array;
 use mvt_feelsight::image::{DynamicImage, ImageFormat, RgbImage};
 use mvt_feelsight::pickle::{self, PickleValue};

@@ -1,13 +1,12 @@
 //! Logs of other hands than the Allegro.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use common::{camera, frame_of, gripper, meta_of, write_of};
+use crate::common;
+use crate::common::{camera, frame_of, gripper, meta_of, write_of};
 use mvt_feelsight::array::Array;
 use mvt_feelsight::pickle::{self, PickleValue};
 use mvt_feelsight::{Log, LogAssembler, LogFormat, LogImage, LogMeta, LogWriter, Timeline, convert, hand, inspect};

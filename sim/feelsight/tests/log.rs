@@ -1,19 +1,18 @@
 //! Logs written and read back.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::common;
 use mvt_feelsight::array::Array;
 use mvt_feelsight::pickle;
 use mvt_feelsight::pickle::PickleValue;
 use mvt_feelsight::{EncodedFrame, Log, LogError, LogWriter, inspect, inspect_against};
 use rayon::prelude::*;
 
-use common::{RADIUS_M, camera, end, frame, meta, write};
+use crate::common::{RADIUS_M, camera, end, frame, meta, write};
 
 fn cameras() -> Vec<mvt_frames::camera::PosedCamera> {
     vec![camera("front-left", 64, 48), camera("top-down", 40, 30)]

@@ -1,12 +1,11 @@
 //! Pickles: those of Python, round trips, and hostile files.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stderr)]
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::common;
 use mvt_feelsight::array::{Array, Kind};
 use mvt_feelsight::pickle::{PickleError, PickleValue, from_bytes, to_bytes};
 use proptest::prelude::*;

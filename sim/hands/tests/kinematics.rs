@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed assumption in a test is a failed test")]
 
-mod common;
-
+use crate::common;
 use mujoco_rs::prelude::*;
 use mvt_hands::HandFile;
 use mvt_robot::hand::{Hand, PartSurface, Primitive, Side};

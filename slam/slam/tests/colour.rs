@@ -2,15 +2,14 @@
 
 #![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 
-mod synthetic;
-
+use crate::synthetic;
+use crate::synthetic::{BRICK, Sensed, Solid, blotches, seen, seen_painted};
 use mvt_field::exact::KnownShape;
 use mvt_frames::depth::Label;
 use mvt_frames::image::{Rgb, RgbImage};
 use mvt_frames::{Isometry, Model, World};
 use mvt_slam::scan::Measurement;
 use mvt_slam::{Estimate, Slam, SlamConfig};
-use synthetic::{BRICK, Sensed, Solid, blotches, seen, seen_painted};
 
 type Pose = Isometry<Model, World>;
 

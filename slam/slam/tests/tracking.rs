@@ -2,8 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 
-mod synthetic;
-
+use crate::synthetic;
+use crate::synthetic::{BRICK, Sensed, Solid, camera, frame, see, seen};
 use mvt_field::exact::KnownShape;
 use mvt_field::shape::Shape as _;
 use mvt_frames::{Isometry, Model, World};
@@ -11,7 +11,6 @@ use mvt_slam::map::Map;
 use mvt_slam::scan::Measurement;
 use mvt_slam::{Estimate, Obstacles, Slam, SlamConfig, TrackState};
 use nalgebra as na;
-use synthetic::{BRICK, Sensed, Solid, camera, frame, see, seen};
 
 type Pose = Isometry<Model, World>;
 

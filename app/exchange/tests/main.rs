@@ -1,0 +1,6 @@
+//! Tests of the crate as others use it: one program, which is linked once.
+
+mod common;
+
+mod import;
+mod lerobot;

@@ -1,0 +1,4 @@
+//! Tests of the crate as others use it: one program, which is linked once.
+
+mod sensors;
+mod shear;

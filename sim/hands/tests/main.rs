@@ -1,0 +1,8 @@
+//! Tests of the crate as others use it: one program, which is linked once.
+
+mod common;
+
+mod bad_input;
+mod kinematics;
+mod mutations;
+mod rigs;
