@@ -22,6 +22,9 @@ const LARGEST_SUMMARY: u64 = 64 << 20;
 ///
 /// The mesh is in metres and in the coordinates of the run's mesh.ply, from which the poses in trajectory.csv lead; the
 /// file says so, and `score` reads it. Given only a field.safetensors, the mesh is in the coordinates of the field.
+///
+/// A PLY says of each vertex whether a sensor has seen the surface there (property `seen`), and how far the points that were measured around it lie
+/// from it, as a standard deviation in metres (`deviation`). What was not seen is a guess that closes the shape.
 #[derive(Debug, Args)]
 pub struct MeshArguments {
     /// Folder of the run, or the path of its field.safetensors
@@ -30,6 +33,9 @@ pub struct MeshArguments {
     /// Edge of the grid cells in millimetres, 0.2 to 20; smaller cells give more triangles
     #[arg(long, value_name = "MM", default_value_t = 1.0)]
     cell_mm: f32,
+    /// Leave out the guesses: faces where no sensor has seen a surface
+    #[arg(long)]
+    seen_only: bool,
     /// File to write, .ply or .obj
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -67,7 +73,7 @@ fn object_from_field(run: &Path) -> Result<Option<Isometry<Field, Object>>> {
 
 /// Runs the command.
 pub fn run(arguments: &MeshArguments) -> Result<()> {
-    let MeshArguments { run, cell_mm, out, overwrite } = arguments;
+    let MeshArguments { run, cell_mm, seen_only, out, overwrite } = arguments;
     // With smaller cells a mesh of the whole box no longer fits into memory.
     if !(0.2..=20.0).contains(cell_mm) {
         bail!("--cell-mm {cell_mm}: it must be from 0.2 to 20");
@@ -79,14 +85,27 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
     };
     check_named(out, *overwrite)?;
     let path = if run.is_dir() { run.join(Map::FILES[0]) } else { run.clone() };
-    let field = NeuralField::load(&path)?;
-    let mut mesh = outer_surface(&field, field.config().half_extent_m, cell_mm * 1e-3);
+    // A field that was copied alone has no measurements beside it.
+    let map = run.join(Map::FILES[1]).is_file().then(|| Map::load_shape(run)).transpose()?;
+    ensure!(
+        map.is_some() || !seen_only,
+        "--seen-only: {} has no {}, which says what was seen; give the folder of a run",
+        run.display(),
+        Map::FILES[1]
+    );
+    let alone = if map.is_none() { Some(NeuralField::load(&path)?) } else { None };
+    let Some(field) = map.as_ref().map(Map::field).or(alone.as_ref()) else { bail!("{} has no field", run.display()) };
+    let mut mesh = outer_surface(field, field.config().half_extent_m, cell_mm * 1e-3);
+    if let Some(map) = map.as_ref().filter(|_| *seen_only) {
+        mesh = mesh.part(|vertex| map.space().is_near_surface(vertex));
+    }
     if mesh.faces.is_empty() {
         bail!(
             "{} contains no surface, because its run never saw the object; run again longer or with cameras",
             path.display()
         );
     }
+    let deviations_m = map.as_ref().map(|map| map.vertex_deviations_m(&mesh.vertices));
     let coordinates = match object_from_field(run)? {
         Some(pose) => {
             let (rotation, translation) = pose.to_f32();
@@ -103,9 +122,16 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
         }
     };
     let bytes = match is_ply {
-        true => mesh_file::ply(&mesh, coordinates, None),
+        true => match &deviations_m {
+            Some(deviations_m) => mesh_file::ply_with_deviations(&mesh, coordinates, deviations_m),
+            None => mesh_file::ply(&mesh, coordinates, None),
+        },
         false => mesh_file::obj(&mesh, coordinates).into_bytes(),
     };
     write_named(out, &bytes, *overwrite)?;
-    print_line(&format!("{} triangles, {:.1} cm2, in {}", mesh.faces.len(), mesh.area_m2() * 1e4, out.display()))
+    let guessed = deviations_m.as_ref().map(|all| all.iter().filter(|deviation_m| deviation_m.is_none()).count());
+    let guessed = guessed.map(|count| 100.0 * count as f64 / mesh.vertices.len().max(1) as f64);
+    let guessed = guessed.map_or_else(String::new, |percent| format!(", {percent:.0} % of it a guess"));
+    let area_cm2 = mesh.area_m2() * 1e4;
+    print_line(&format!("{} triangles, {area_cm2:.1} cm2{guessed}, in {}", mesh.faces.len(), out.display()))
 }

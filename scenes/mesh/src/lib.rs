@@ -34,7 +34,7 @@ mod text;
 mod units;
 mod warning;
 
-pub use encode::{encode_obj, encode_ply};
+pub use encode::{VertexProperties, encode_obj, encode_ply};
 pub use error::{Defect, MeshError};
 pub use glb::encode_glb;
 pub use limits::{MAX_EXTENT_M, MAX_FILE_BYTES, MILLIMETRES_ABOVE_M, MILLIMETRES_FROM, MIN_EXTENT_M};

@@ -6,6 +6,7 @@ mod keyframe;
 mod loops;
 mod refine;
 mod sampling;
+mod support;
 
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Meshes as files.
 
 use anyhow::{Context as _, Result};
-use mvt_mesh::{Mesh, encode_glb, encode_obj, encode_ply};
+use mvt_mesh::{Mesh, VertexProperties, encode_glb, encode_obj, encode_ply};
 use mvt_picture::palette;
 
 use super::Coordinates;
@@ -12,7 +12,14 @@ pub fn ply(mesh: &Mesh, coordinates: Coordinates, errors_m: Option<&[f32]>) -> V
     let colour =
         |k| palette::surface_error(errors_m.and_then(|errors_m| errors_m.get(k)).copied().unwrap_or(f32::INFINITY)).0;
     let colours: Option<Vec<[u8; 3]>> = errors_m.map(|_| (0..mesh.vertices.len()).map(colour).collect());
-    encode_ply(mesh, &comments(coordinates).each_ref().map(String::as_str), colours.as_deref())
+    let properties = VertexProperties { colours: colours.as_deref(), ..Default::default() };
+    encode_ply(mesh, &comments(coordinates).each_ref().map(String::as_str), properties)
+}
+
+/// Encodes a binary PLY as [`ply`], with how well each vertex is known: its standard deviation, metres, `None` where it is a guess.
+pub fn ply_with_deviations(mesh: &Mesh, coordinates: Coordinates, deviations_m: &[Option<f32>]) -> Vec<u8> {
+    let properties = VertexProperties { deviations_m: Some(deviations_m), ..Default::default() };
+    encode_ply(mesh, &comments(coordinates).each_ref().map(String::as_str), properties)
 }
 
 /// Encodes a Wavefront OBJ, metres. A comment states the coordinates.

@@ -89,8 +89,26 @@ impl Map {
     /// If a file cannot be read, is of an older layout, or belongs to other obstacles; the error names the tensor that is missing,
     /// misshapen or not finite.
     pub fn load(folder: &Path, config: MapConfig, obstacles: Obstacles) -> Result<Self, FieldError> {
+        let keyframes = read(&folder.join(KEYFRAMES), Some(obstacles.len()))?;
+        Self::of_keyframes(folder, keyframes, config, obstacles)
+    }
+
+    /// Reads a map that [`Map::save`] wrote, to look at its shape: without the obstacles, whatever they were.
+    ///
+    /// # Errors
+    /// As [`Map::load`].
+    pub fn load_shape(folder: &Path) -> Result<Self, FieldError> {
+        let keyframes = read(&folder.join(KEYFRAMES), None)?;
+        Self::of_keyframes(folder, keyframes, MapConfig::default(), Obstacles::default())
+    }
+
+    fn of_keyframes(
+        folder: &Path,
+        keyframes: Vec<PosedScan>,
+        config: MapConfig,
+        obstacles: Obstacles,
+    ) -> Result<Self, FieldError> {
         let trainer = FieldTrainer::load(&folder.join(FIELD))?;
-        let keyframes = read(&folder.join(KEYFRAMES), obstacles.len())?;
         let mut map = Self::with(config, trainer, obstacles);
         for (scan, pose) in keyframes {
             map.take_back(&Arc::new(scan), pose);
@@ -126,8 +144,8 @@ fn numbers_of(pose: &na::Isometry3<f64>) -> [f64; 7] {
 /// A scan, with the pose of the object at its time.
 type PosedScan = (Scan, Isometry<Field, World>);
 
-/// The keyframes in a file.
-pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileError> {
+/// The keyframes in a file, with the poses of so many obstacles; without them if no number is given.
+pub(super) fn read(path: &Path, bodies: Option<usize>) -> Result<Vec<PosedScan>, FileError> {
     let file = Contents::read(path)?;
     if file.has("joints") && !file.has("layout") {
         return Err(file.damaged(
@@ -144,7 +162,11 @@ pub(super) fn read(path: &Path, bodies: usize) -> Result<Vec<PosedScan>, FileErr
     if times.iter().any(|time_s| time_s.abs() > LATEST_S) {
         return Err(file.wrong("time_s", format!("has a time beyond {LATEST_S} s")));
     }
-    let obstacles: Vec<f64> = file.numbers("obstacle", Some(times.len()), &[bodies, 7])?;
+    let obstacles: Vec<f64> = match bodies {
+        Some(bodies) => file.numbers("obstacle", Some(times.len()), &[bodies, 7])?,
+        None => Vec::new(),
+    };
+    let bodies = bodies.unwrap_or(0);
     let poses: Vec<f64> = file.numbers("pose", Some(times.len()), &[7])?;
     let mut keyframes = Vec::with_capacity(times.len());
     let rigid = |tensor: &str, row: usize, &[x, y, z, qw, qx, qy, qz]: &[f64; 7]| {

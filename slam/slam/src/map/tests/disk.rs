@@ -47,6 +47,29 @@ fn a_map_comes_back_as_it_was() {
 }
 
 #[test]
+fn seen_surface_has_a_deviation_and_the_rest_is_a_guess() {
+    let map = learnt();
+    let folder = tempfile::tempdir().unwrap();
+    map.save(folder.path()).unwrap();
+    let back = Map::load_shape(folder.path()).unwrap();
+    let first = &map.keyframes[0];
+    let view = &first.scan().views[0];
+    let seen: Vec<Vec3> = view.hits.iter().map(|hit| first.to_field(view.point(hit))).collect();
+    let deviations_m = back.vertex_deviations_m(&seen);
+    assert!(deviations_m.iter().flatten().count() * 10 >= 9 * seen.len(), "{deviations_m:?}");
+    assert_eq!(deviations_m, map.vertex_deviations_m(&seen));
+    assert_eq!(back.vertex_deviations_m(&[Vec3::ZERO, Vec3::splat(0.06)]), [None, None]);
+    // All points off by so much from where they were learnt.
+    let mut moved = learnt();
+    let mean = |of: Vec<Option<f32>>| of.iter().flatten().sum::<f32>() / of.iter().flatten().count() as f32;
+    for keyframe in moved.keyframes.iter_mut().skip(1) {
+        let off = Isometry::new(na::Isometry3::translation(0.0, 0.0, 0.004) * keyframe.pose().untyped());
+        keyframe.set_pose(off);
+    }
+    assert!(mean(moved.vertex_deviations_m(&seen)) > mean(deviations_m));
+}
+
+#[test]
 fn what_is_missing_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let message = || loaded(folder.path()).err().unwrap().to_string();
@@ -86,7 +109,7 @@ proptest! {
         }
         let file = tempfile::NamedTempFile::new().unwrap();
         fs::write(file.path(), bytes).unwrap();
-        if let Ok(keyframes) = super::super::file::read(file.path(), 0) {
+        if let Ok(keyframes) = super::super::file::read(file.path(), Some(0)) {
             prop_assert!(keyframes.iter().all(|(scan, _)| scan.time_s.is_finite()));
         }
     }
