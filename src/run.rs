@@ -53,6 +53,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let stop = stop_on_signals()?;
     let RunInput { mut source, seed, name, object, supervisor, cameras, frame_cameras, mut live } =
         RunInput::new(arguments, &config, &stop)?;
+    let doubt = &mut config.slam.trust.camera_scale_sigma;
+    *doubt = doubt.max(source.camera_scale_sigma());
     // Read before any file is moved, because --resume and --out may be the same folder.
     let map = match &arguments.resume {
         Some(folder) => Some(Map::load(folder, config.slam.map.clone(), map_obstacles(source.hand()))?),

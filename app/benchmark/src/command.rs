@@ -188,12 +188,14 @@ fn scored(
         config,
     };
     let Recorded { mut source, object, frame_cameras, .. } = Recorded::open(&member.path, &options)?;
+    let mut slam = config.slam.clone();
+    slam.trust.camera_scale_sigma = slam.trust.camera_scale_sigma.max(source.camera_scale_sigma());
     let truth = object.clone().map(Truth::new);
     let out = arguments.out.join(&member.name);
     std::fs::create_dir_all(&out).with_context(|| format!("cannot make {}", out.display()))?;
     let pipeline = Pipeline {
         estimators: vec![EstimatorSetup {
-            config: &config.slam,
+            config: &slam,
             mode: Mode::Slam,
             modality: Modality::Vi,
             init: Init::default(),

@@ -19,7 +19,7 @@ const COMPARED: usize = 12;
 const REGISTERED: f64 = 1.5;
 
 /// What is said of a sequence whose colours do not lie on depth.
-pub const UNREGISTERED: &str = "the colours do not lie on depth (they show no edges where the masks end), so that they are not used: register them to depth first";
+pub const UNREGISTERED: &str = "the colours do not lie on depth (they show no edges where the masks end), so that they are not used, and the intrinsics are doubted: register them to depth, and calibrate the camera";
 
 /// Returns whether the colours of a sequence show edges where its masks end. Reads some of the frames with these numbers, which have a mask.
 ///

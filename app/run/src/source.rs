@@ -79,6 +79,11 @@ pub trait Source: Send {
         None
     }
 
+    /// How wrong lengths may be that the cameras measure, one standard deviation, as a part of them; 0 if the cameras are calibrated.
+    fn camera_scale_sigma(&self) -> f64 {
+        0.0
+    }
+
     /// Whether [`Source::see`] needs the place of the object.
     fn needs_place(&self) -> bool {
         false

@@ -52,6 +52,9 @@ settings! {
         /// Stated deviation of a pose against a shape that is learnt well, metres: resolution of the field, noise of the depth, the choice of the
         /// frame.
         pub deviation_floor_m: f64 = 0.0009, 0.0..=1.0;
+        /// How wrong lengths may be that cameras measure, one standard deviation, as a part of them: this part of the way that the object has come,
+        /// seen from the camera, since the shape was begun is added to the stated deviation. 0 for calibrated cameras.
+        pub camera_scale_sigma: f64 = 0.0, 0.0..=1.0;
         /// Below this confidence a frame counts as doubtful.
         pub doubt_below: f64 = 0.7, 0.0..=1.0;
         /// If frames in a row are doubtful for this long, the object is lost, seconds. A single frame never loses it. The default is that of

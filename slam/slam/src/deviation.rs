@@ -7,8 +7,12 @@
 
 use std::f64::consts::PI;
 
+use glam::Vec3;
 use mvt_frames::{Field, Isometry, World};
 use nalgebra as na;
+
+use crate::config::TrustConfig;
+use crate::scan::{Scan, Sensor};
 
 /// How far an estimated pose may be off, one standard deviation. In 19 of 20 frames the error is at most twice this.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,10 +41,38 @@ impl Variance {
     }
 }
 
+/// What of an object the sensors see.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Side {
+    rotation: na::UnitQuaternion<f64>,
+    /// From the first camera to the object; `None` without a camera that sees it.
+    sight: Option<na::Vector3<f64>>,
+}
+
+impl Side {
+    pub fn new(pose: Isometry<Field, World>, scan: &Scan) -> Self {
+        let camera = scan.views.iter().find(|view| matches!(view.sensor(), Sensor::Camera(_)) && !view.hits.is_empty());
+        Self::seen_from(pose, camera.map(|view| view.origin))
+    }
+
+    fn seen_from(pose: Isometry<Field, World>, eye: Option<Vec3>) -> Self {
+        let pose = pose.untyped();
+        let sight = eye.map(|eye| pose.translation.vector - na::Vector3::from(eye.to_array()).cast::<f64>());
+        Self { rotation: pose.rotation, sight }
+    }
+
+    /// Rotation of the object against the line of sight between two sides, radians: an object that moves past a camera without turning also shows
+    /// another side.
+    fn angle_to(&self, other: &Self) -> f64 {
+        let swept = self.sight.zip(other.sight).and_then(|(from, to)| na::UnitQuaternion::rotation_between(&from, &to));
+        (swept.unwrap_or_default() * self.rotation).angle_to(&other.rotation)
+    }
+}
+
 /// A pose at which the shape learnt.
 #[derive(Debug, Clone, Copy)]
 struct Station {
-    rotation: na::UnitQuaternion<f64>,
+    side: Side,
     /// Of the part of the shape that was learnt here, against the first.
     variance: Variance,
 }
@@ -52,7 +84,7 @@ pub(crate) struct Drift {
     stations: Vec<Station>,
 }
 
-/// Rotation between two poses that show the sensors the same side of an object, radians.
+/// Angle between two sides that are the same part of an object for the most part, radians.
 const SAME_SIDE_RAD: f64 = 12.0 * PI / 180.0;
 /// Rotation of a pose against a shape that is learnt well, one deviation, radians.
 const FLOOR_RAD: f64 = 0.01;
@@ -65,40 +97,43 @@ const MISFIT_RAD: f64 = 2.5;
 
 impl Drift {
     /// The walk of a map of an earlier run: its poses are the reference.
-    pub fn of_map(poses: impl Iterator<Item = Isometry<Field, World>>) -> Self {
-        let station =
-            |pose: Isometry<Field, World>| Station { rotation: pose.untyped().rotation, variance: Variance::default() };
-        Self { stations: poses.map(station).collect() }
+    pub fn of_map(sides: impl Iterator<Item = Side>) -> Self {
+        Self { stations: sides.map(|side| Station { side, variance: Variance::default() }).collect() }
     }
 
-    /// The variance of a pose whose variance against the shape is `own`.
-    fn variance(&self, pose: Isometry<Field, World>, own: Variance) -> Variance {
-        let rotation = pose.untyped().rotation;
+    /// The variance of a pose that shows a side and whose variance against the shape is `own`.
+    fn variance(&self, side: Side, own: Variance) -> Variance {
         let Some(newest) = self.stations.last() else { return own };
         let walked = newest.variance.plus(own);
         if walked.rotation_rad2 > SAME_SIDE_RAD.powi(2) {
             // Which side is shown is not known.
             return walked;
         }
-        let same_side = self.stations.iter().filter(|station| station.rotation.angle_to(&rotation) < SAME_SIDE_RAD);
+        let same_side = self.stations.iter().filter(|station| station.side.angle_to(&side) < SAME_SIDE_RAD);
         let tied = same_side.map(|station| station.variance.plus(own));
         tied.chain([walked]).min_by(|a, b| a.translation_m2.total_cmp(&b.translation_m2)).unwrap_or(walked)
     }
 
     /// Takes a pose at which the shape has learnt.
-    pub fn learn(&mut self, pose: Isometry<Field, World>, own: Variance) {
-        let variance = self.variance(pose, own);
-        self.stations.push(Station { rotation: pose.untyped().rotation, variance });
+    pub fn learn(&mut self, side: Side, own: Variance) {
+        let variance = self.variance(side, own);
+        self.stations.push(Station { side, variance });
     }
 
-    /// The deviation of a pose whose variance against the shape is `own`, and with which this part of the measurements agrees. Against a shape
-    /// that is learnt well it is `floor_m`.
-    pub fn deviation(&self, pose: Isometry<Field, World>, own: Variance, confidence: f64, floor_m: f64) -> Deviation {
-        let Variance { translation_m2, rotation_rad2 } = self.variance(pose, own);
+    /// The way that the object has come since the shape was begun, seen from the camera, metres; 0 if no camera sees it.
+    fn way_m(&self, side: Side) -> f64 {
+        let begun = self.stations.first().and_then(|station| station.side.sight);
+        begun.zip(side.sight).map_or(0.0, |(begun, sight)| (sight - begun).norm())
+    }
+
+    /// The deviation of a pose that shows a side, whose variance against the shape is `own`, and with which this part of the measurements agrees.
+    pub fn deviation(&self, side: Side, own: Variance, confidence: f64, trust: &TrustConfig) -> Deviation {
+        let Variance { translation_m2, rotation_rad2 } = self.variance(side, own);
         let misfit = 1.0 - confidence.clamp(0.0, 1.0);
         let walk_m = SURFACE_BY_TRANSLATION * translation_m2.sqrt();
+        let scale_m = trust.camera_scale_sigma * self.way_m(side);
         Deviation {
-            surface_m: floor_m.hypot(walk_m).hypot(MISFIT_M * misfit),
+            surface_m: trust.deviation_floor_m.hypot(walk_m).hypot(scale_m).hypot(MISFIT_M * misfit),
             angle_rad: FLOOR_RAD.hypot(rotation_rad2.sqrt()).hypot(MISFIT_RAD * misfit).min(PI),
         }
     }
@@ -109,13 +144,45 @@ mod tests {
     use super::*;
 
     const FLOOR_M: f64 = 0.0009;
+
+    fn trust() -> TrustConfig {
+        TrustConfig { deviation_floor_m: FLOOR_M, ..TrustConfig::default() }
+    }
+
     const OWN: Variance = Variance { translation_m2: 1e-6, rotation_rad2: 1e-4 };
 
-    fn turned(degrees: f64) -> Isometry<Field, World> {
+    fn pose(position_m: [f64; 3], degrees: f64) -> Isometry<Field, World> {
         Isometry::from_parts(
-            [0.0; 3],
+            position_m,
             [(degrees.to_radians() / 2.0).cos(), 0.0, 0.0, (degrees.to_radians() / 2.0).sin()],
         )
+    }
+
+    fn turned(degrees: f64) -> Side {
+        Side::seen_from(pose([0.0; 3], degrees), None)
+    }
+
+    #[test]
+    fn lengths_of_a_camera_that_is_not_calibrated_are_doubted() {
+        let at = |x| Side::seen_from(pose([x, 0.0, 1.0], 0.0), Some(Vec3::ZERO));
+        let mut drift = Drift::default();
+        drift.learn(at(0.0), Variance::default());
+        let doubtful = TrustConfig { camera_scale_sigma: 0.04, ..trust() };
+        let stated_m = |x| drift.deviation(at(x), Variance::default(), 1.0, &doubtful).surface_m;
+        assert!((stated_m(0.5) - FLOOR_M.hypot(0.02)).abs() < 1e-9 && stated_m(0.0) == FLOOR_M);
+        assert_eq!(drift.deviation(at(0.5), Variance::default(), 1.0, &trust()).surface_m, FLOOR_M);
+    }
+
+    #[test]
+    fn an_object_that_passes_a_camera_shows_another_side() {
+        let eye = Some(Vec3::ZERO);
+        let before = Side::seen_from(pose([1.0, 0.0, 0.0], 0.0), eye);
+        let passed = Side::seen_from(pose([1.0, 0.5, 0.0], 0.0), eye);
+        assert!((before.angle_to(&passed) - 0.5_f64.atan()).abs() < 1e-9);
+        // One that turns as the line of sight does shows the same side, and so does one that moves away.
+        let turned_along = Side::seen_from(pose([1.0, 0.5, 0.0], 0.5_f64.atan().to_degrees()), eye);
+        let farther = Side::seen_from(pose([2.0, 0.0, 0.0], 0.0), eye);
+        assert!(before.angle_to(&turned_along) < 1e-6 && before.angle_to(&farther) < 1e-6);
     }
 
     #[test]
@@ -138,15 +205,15 @@ mod tests {
         drift.learn(turned(0.0), Variance::default());
         let unknown = Variance { rotation_rad2: 0.25, ..OWN };
         (0..10).for_each(|_| drift.learn(turned(0.0), unknown));
-        let deviation = drift.deviation(turned(0.0), unknown, 1.0, FLOOR_M);
+        let deviation = drift.deviation(turned(0.0), unknown, 1.0, &trust());
         assert!(deviation.angle_rad > 1.5 && deviation.surface_m > 1.8e-3, "{deviation:?}");
     }
 
     #[test]
     fn a_pose_with_which_measurements_disagree_is_said_to_be_off() {
         let drift = Drift::default();
-        let agreed = drift.deviation(turned(0.0), Variance::default(), 1.0, FLOOR_M);
+        let agreed = drift.deviation(turned(0.0), Variance::default(), 1.0, &trust());
         assert_eq!(agreed, Deviation { surface_m: FLOOR_M, angle_rad: FLOOR_RAD });
-        assert!(drift.deviation(turned(0.0), Variance::default(), 0.9, FLOOR_M).surface_m > 0.009);
+        assert!(drift.deviation(turned(0.0), Variance::default(), 0.9, &trust()).surface_m > 0.009);
     }
 }

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::agreement::Agreement;
 use crate::config::SlamConfig;
-use crate::deviation::{Deviation, Drift, Variance};
+use crate::deviation::{Deviation, Drift, Side, Variance};
 use crate::earlier::{self, EarlierView};
 use crate::map::{BoxChange, Keyframe, Learnt, Map};
 use crate::obstacles::Obstacles;
@@ -275,7 +275,9 @@ impl SlamBuilder {
             }
         };
         let drift = match &knowledge {
-            Knowledge::Growing(map) => Drift::of_map(map.keyframes().iter().map(crate::map::Keyframe::pose)),
+            Knowledge::Growing(map) => {
+                Drift::of_map(map.keyframes().iter().map(|keyframe| Side::new(keyframe.pose(), keyframe.scan())))
+            }
             Knowledge::Known(_) => Drift::default(),
         };
         let tracker = Tracker::new(config.tracker.clone());
@@ -385,12 +387,11 @@ impl Slam {
         // The first pose is exact: it fixes the frame.
         let is_tied = is_tracking && before != TrackState::Waiting;
         let own = if is_tied { self.tracker.variance(self.knowledge.reference()) } else { Variance::default() };
-        let mut deviation =
-            is_tracking.then(|| self.drift.deviation(self.pose, own, confidence, self.config.trust.deviation_floor_m));
+        let side = Side::new(self.pose, scan);
+        let mut deviation = is_tracking.then(|| self.drift.deviation(side, own, confidence, &self.config.trust));
         if let Some(deviation) = deviation.as_mut().filter(|_| !self.turn_is_known) {
             deviation.angle_rad = PI;
         }
-        let pose = self.pose;
         let track = begun.elapsed();
         let begun = Instant::now();
         let trust = &self.config.trust;
@@ -399,7 +400,7 @@ impl Slam {
         let is_trusted = is_tracking && self.turn_is_known && is_usual && confidence >= trust.learn_above;
         let learnt = if is_trusted { self.learn(scan) } else { Learnt::default() };
         if learnt.keyframe {
-            self.drift.learn(pose, own);
+            self.drift.learn(side, own);
         }
         let state = match (before, self.state) {
             // The first frame of a search has nothing to come back from.
