@@ -519,7 +519,7 @@ fn line(
     hidden: Option<f64>,
 ) -> Line {
     let rows = report::scored(rows, truth.original());
-    let motion = rows.last().and_then(|row| Some(row.truth?.inverse() * row.estimate));
+    let motion = report::placed_shape(&rows);
     let surface = mesh.filter(|mesh| mesh.area_m2() > 0.0).zip(motion);
     let shape = surface.map(|(mesh, motion)| ShapeScores::new(mesh, truth, motion)).unwrap_or_default();
     let of_observed = surface.map(|(mesh, motion)| ObservedScores::new(mesh, truth, observed, motion));

@@ -7,7 +7,7 @@ use mvt_frames::Point;
 use mvt_mesh::{Mesh, SignedDistance as _};
 use mvt_objects::distance::MeshDistance;
 use mvt_recording::Recording;
-use mvt_run::report::file;
+use mvt_run::report::{file, placed_shape};
 use serde_json::{Value, json};
 
 use crate::encode::base64;
@@ -45,7 +45,8 @@ impl PageShapes {
         mvt_mesh::check(&estimate).map_err(|defect| format!("{}: {defect}", path.display()))?;
         let truth = recording.and_then(Recording::true_mesh);
         let moments = recording.map(Recording::moments).unwrap_or_default();
-        let motion = moments.iter().rev().find_map(|moment| Some(moment.row.truth?.inverse() * moment.estimate()?));
+        let estimated = moments.iter().filter(|moment| moment.estimate().is_some()).map(|moment| &moment.row);
+        let motion = placed_shape(estimated);
         let (Some(truth), Some(motion)) = (truth, motion) else {
             return Ok(Some(Self { estimate: page_shape(&estimate, None)?, truth: None }));
         };

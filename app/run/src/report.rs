@@ -178,12 +178,16 @@ pub struct Event {
     pub text: String,
 }
 
-impl RunRecord {
-    /// The motion that takes the estimated surface to the true one as the tracker saw the two at the last frame of which the truth is
-    /// known; `None` without such a frame.
-    pub fn object_from_estimate(&self) -> Option<Isometry<Object, Object>> {
-        self.frames.iter().rev().find_map(|row| Some(row.truth?.inverse() * row.estimate))
-    }
+/// The motion that takes the estimated surface to the true one, for scores of the shape: as the tracker saw the two at the last frame whose truth is
+/// known and whose place the tracker certifies, or at the last one whose truth is known if it certifies none. An episode may end as the object
+/// falls, when nobody knows its pose. `None` without truth.
+pub fn placed_shape<'a, Rows>(rows: Rows) -> Option<Isometry<Object, Object>>
+where
+    Rows: IntoIterator<Item = &'a FrameRow, IntoIter: DoubleEndedIterator> + Clone,
+{
+    let certified =
+        rows.clone().into_iter().rev().filter(|row| camera_poses::is_placed(row)).find_map(object_from_estimate);
+    certified.or_else(|| rows.into_iter().rev().find_map(object_from_estimate))
 }
 
 /// Writes the present results of a run that goes on, so that an interruption loses little: the summary without the shape's scores, and the
@@ -202,7 +206,7 @@ pub fn write_partial(folder: &Path, run: &RunRecord) -> Result<Summary> {
 /// # Errors
 /// If a file cannot be written; the message names it.
 pub fn write(folder: &Path, run: &RunRecord, estimate: &Mesh, truth: Option<&Truth>) -> Result<Summary> {
-    let truth = truth.zip(run.object_from_estimate());
+    let truth = truth.zip(placed_shape(&run.frames));
     let shape = truth.map(|(truth, motion)| ShapeScores::new(estimate, truth, motion)).unwrap_or_default();
     let mut summary = Summary::new(run, shape);
     summary.observed = truth.map(|(truth, motion)| ObservedScores::new(estimate, truth, &run.observed, motion));

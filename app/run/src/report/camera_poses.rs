@@ -82,8 +82,12 @@ pub(super) fn certified(rows: &[FrameRow], number: usize) -> Option<&FrameRow> {
 }
 
 fn is_certified(row: &FrameRow) -> bool {
-    row.state.is_tracking()
-        && row.deviation.is_some_and(|it| it.surface_m <= CERTIFIED.0 && it.angle_rad <= CERTIFIED.1)
+    is_placed(row) && row.deviation.is_some_and(|it| it.angle_rad <= CERTIFIED.1)
+}
+
+/// Whether a pose is certified up to a rotation that leaves the surface where it is.
+pub(super) fn is_placed(row: &FrameRow) -> bool {
+    row.state.is_tracking() && row.deviation.is_some_and(|it| it.surface_m <= CERTIFIED.0)
 }
 
 /// Takes a pose in a camera with OpenGL axes to the same in one with OpenCV axes.

@@ -268,3 +268,20 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_shape_is_placed_by_the_last_pose_that_is_certified() {
+    let mut rows = run().frames;
+    let of = |row: &FrameRow| row.truth.unwrap().inverse() * row.estimate;
+    let last = of(rows.last().unwrap());
+    assert_eq!(placed_shape(&rows), Some(last), "none is certified");
+    let stated = |surface_m| Some(Deviation { surface_m, angle_rad: 3.0 });
+    for (k, deviation) in [(20, stated(0.002)), (40, stated(0.009)), (50, stated(0.02)), (310, stated(0.001))] {
+        rows[k].deviation = deviation;
+    }
+    // Frame 310 is lost, and frame 50 too uncertain.
+    assert_eq!(placed_shape(&rows), Some(of(&rows[40])));
+    rows[40].truth = None;
+    assert_eq!(placed_shape(&rows), Some(of(&rows[20])));
+    assert_eq!(placed_shape(&[]), None);
+}
