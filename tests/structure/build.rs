@@ -65,6 +65,10 @@ fn dependencies_of_kernels_and_codecs_are_optimised() {
     let level =
         |name: &str| profile.get(name).and_then(|of| of.get("opt-level")).map(|level| level.as_integer().unwrap());
     assert_eq!(level("*"), None, "the default of all packages is that of the release profile, 3");
+    assert!(
+        !profile.contains_key("mambavitact"),
+        "Cargo forgets to strip a program whose package has a section of its own"
+    );
     let kernels = members().filter(|(_, package)| KERNELS.contains(&package.layer.as_deref().unwrap()));
     let of_codecs =
         CODECS.iter().flat_map(|name| &packages()[*name].normal).filter(|name| !GLUE.contains(&name.as_str()));
