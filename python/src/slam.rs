@@ -55,6 +55,18 @@ impl Estimate {
         self.0.confidence
     }
 
+    /// How far the pose may place the surface off, metres, one standard deviation; None while the object is lost.
+    #[getter]
+    fn deviation_m(&self) -> Option<f64> {
+        self.0.deviation.map(|deviation| deviation.surface_m)
+    }
+
+    /// How far the rotation may be off, degrees, one standard deviation; 180 where nothing tells it.
+    #[getter]
+    fn deviation_deg(&self) -> Option<f64> {
+        self.0.deviation.map(|deviation| deviation.angle_rad.to_degrees())
+    }
+
     /// State: waiting (nothing seen yet), tracking, relocalised or lost.
     #[getter]
     fn state(&self) -> &'static str {

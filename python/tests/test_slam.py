@@ -164,6 +164,8 @@ def test_cameras_alone_track_an_object_by_its_masks(log: Log) -> None:
         estimate = slam.observe(Frame(frame.time_s, [], depth_m=frame.depth_m, color=frame.color, masks=[mask]))
         poses.append(estimate.pose)
         assert estimate.is_tracking and estimate.confidence > 0.8
+        assert estimate.deviation_m is not None and 0 < estimate.deviation_m < 0.02
+        assert estimate.deviation_deg is not None and 0 < estimate.deviation_deg <= 180
     true = [frame.object_pose for frame in log if frame.object_pose is not None]
     moved = np.linalg.inv(poses[0]) @ poses[-1], np.linalg.inv(true[0]) @ true[-1]
     assert abs(np.trace(moved[0][:3, :3]) - np.trace(moved[1][:3, :3])) < 0.1
