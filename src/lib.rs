@@ -98,8 +98,8 @@ enum Command {
     Network(touch::NetworkCommand),
 }
 
-/// Returns the command line. A number may be negative, so that its range is named and not an "unexpected argument '-1'".
-fn command() -> clap::Command {
+/// Returns the command line, for pages that describe it. A number may be negative, so that its range is named and not an "unexpected argument '-1'".
+pub fn command() -> clap::Command {
     fn with_negative_numbers(command: clap::Command) -> clap::Command {
         let command = command.mut_args(|argument| {
             let takes_values = argument.get_action().takes_values();

@@ -6,6 +6,7 @@ mod build;
 mod dependencies;
 mod modules;
 mod names;
+mod pages;
 mod rigs;
 mod sizes;
 mod sources;
