@@ -37,6 +37,11 @@ pub struct RunArguments {
     #[cfg(feature = "ros")]
     #[arg(long, value_name = "FILE", conflicts_with_all = ["log", "goal", "controller", "rig", "side", "explore", "cameras"])]
     pub ros: Option<PathBuf>,
+    /// Record what arrives over --ros as this log, without loss: `run --log LOG` repeats the estimate. A hand gives a FeelSight log, a camera
+    /// alone an RGB-D sequence. (`generate` writes logs of simulated episodes)
+    #[cfg(feature = "ros")]
+    #[arg(long, value_name = "LOG", requires = "ros")]
+    pub record: Option<PathBuf>,
     /// Quantities to estimate
     #[arg(long, value_enum, default_value_t = Mode::Slam)]
     pub mode: Mode,

@@ -63,12 +63,15 @@ impl RunInput {
 
 #[cfg(feature = "ros")]
 fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Arc<AtomicBool>) -> Result<RunInput> {
+    let name = arguments.object.clone().unwrap_or_else(|| "unknown".to_owned());
     let run = mvt_ros::LiveRun {
         mode: (arguments.mode, arguments.init),
         modality: arguments.modality,
         touch: &arguments.touch,
         duration_s: arguments.duration,
         calibration: arguments.calibration_file.as_deref().map(calibrate::read).transpose()?,
+        record: arguments.record.as_deref(),
+        object: &name,
         config,
         stop,
     };
@@ -82,7 +85,7 @@ fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Ar
         cameras: vec![live.source.camera().clone()],
         source: Box::new(live.source),
         seed: arguments.seed.unwrap_or(0),
-        name: arguments.object.clone().unwrap_or_else(|| "unknown".to_owned()),
+        name,
         object: arguments.object.as_deref().map(load_object).transpose()?,
         supervisor: None,
         frame_cameras: Vec::new(),

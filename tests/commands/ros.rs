@@ -94,6 +94,17 @@ fn add_hand(log: &Path, to: &Path) {
     fs::write(to.join("sequence.json"), sequence.to_string()).unwrap();
 }
 
+/// As `prepare`, with a hand.
+fn prepare_hand(workplace: &Workplace, seconds: f64, domain: u32) {
+    prepare(workplace, seconds, domain);
+    add_hand(&workplace.path("set/cube70/00"), &workplace.path("messages"));
+    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
+    let text =
+        text.replace("masks = \"/masks\"", "rig = \"allegro_digit\"\ncamera = \"side\"\njoints = \"/joint_states\"");
+    let pads = ["index", "middle", "ring", "thumb"].map(|pad| format!("{pad} = \"/touch/{pad}/image_raw\"\n")).concat();
+    workplace.write("ros.toml", format!("{text}\n[ros.touch]\n{pads}"));
+}
+
 /// Starts a script of `tests/ros`.
 fn start(workplace: &Workplace, python: &str, domain: u32, script: &str, arguments: &str) -> Child {
     let mut command = Command::new(python);
@@ -129,7 +140,7 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     let (workplace, domain) = (Workplace::new(), domain(0));
     prepare(&workplace, 1.5, domain);
     workplace.run("run --log folder --out of_folder --quiet").warned();
-    let mut run = workplace.command("run --ros ros.toml --out live");
+    let mut run = workplace.command("run --ros ros.toml --out live --record recorded");
     let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let transforms = start(&workplace, &python, domain, "hear_tf.py", "transforms.json 20 100");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
@@ -140,6 +151,9 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     assert_eq!(heard.code, Some(0), "{heard:?}, {said:?}");
     assert_eq!(said.code, Some(0), "{said:?}");
     assert!(said.stdout.contains("live: 45 frames used, 0 late, 0 unpaired, 0 unusable"), "{said:?}");
+    assert!(said.stdout.contains("recorded: 45 frames, 0 left out"), "{said:?}");
+    workplace.run("run --log recorded --out again --quiet").good();
+    assert_eq!(trajectory(&workplace, "again"), trajectory(&workplace, "live"));
 
     let heard = json_of(&workplace.path("heard.json"));
     let summary = json_of(&workplace.path("live/summary.json"));
@@ -190,6 +204,16 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     let diagnostics = &heard["diagnostics"];
     assert_eq!((&diagnostics["name"], &diagnostics["level"]), (&json!("mambavitact"), &json!(0)), "{diagnostics}");
     assert!(diagnostics["values"]["confidence"].as_str().unwrap().parse::<f64>().unwrap() > 0.5);
+}
+
+/// The poses of a run, to the last digit that is written.
+fn trajectory(workplace: &Workplace, out: &str) -> Vec<String> {
+    let text = fs::read_to_string(workplace.path(&format!("{out}/trajectory.csv"))).unwrap();
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let head = lines.next().unwrap();
+    let is_pose = |name: &str| ["time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "confidence"].contains(&name);
+    let rows = lines.map(|row| row.into_iter().zip(&head).filter(|(_, name)| is_pose(name)).map(|(x, _)| x).collect());
+    rows.map(|row: Vec<String>| row.join(",")).collect()
 }
 
 #[test]
@@ -293,13 +317,7 @@ fn what_a_fast_publisher_sends_is_received_and_counted() {
 fn a_hand_with_joints_and_touch_sensors_gives_the_motion_that_its_log_gives() {
     let Some(python) = python() else { return };
     let (workplace, domain) = (Workplace::new(), domain(4));
-    prepare(&workplace, 1.0, domain);
-    add_hand(&workplace.path("set/cube70/00"), &workplace.path("messages"));
-    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
-    let text =
-        text.replace("masks = \"/masks\"", "rig = \"allegro_digit\"\ncamera = \"side\"\njoints = \"/joint_states\"");
-    let pads = ["index", "middle", "ring", "thumb"].map(|pad| format!("{pad} = \"/touch/{pad}/image_raw\"\n")).concat();
-    workplace.write("ros.toml", format!("{text}\n[ros.touch]\n{pads}"));
+    prepare_hand(&workplace, 1.0, domain);
     // Depth as in the messages, which hold millimetres.
     let options = "--modality vi --calibration given --quiet";
     workplace.run(&format!("run --log set/cube70/00 --set camera_noise=0 --out of_log {options}")).warned();
@@ -333,4 +351,26 @@ fn a_hand_with_joints_and_touch_sensors_gives_the_motion_that_its_log_gives() {
         // A millimetre, and the motion of a corner by as much.
         assert!(apart.translation.vector.norm() < 1.5e-3 && apart.rotation.angle() < 0.03, "frame {number}: {apart}");
     }
+}
+
+/// With touch networks, and a calibration that is refined: a log of another origin is read with its later frames in view.
+#[test]
+fn what_a_hand_delivers_is_recorded_and_repeats_the_estimate() {
+    let Some(python) = python() else { return };
+    let (workplace, domain) = (Workplace::new(), domain(5));
+    prepare_hand(&workplace, 0.7, domain);
+    let mut run = workplace.command("run --ros ros.toml --out live --record recorded --object cube70");
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
+    interrupt(&run);
+    let said = ended(run);
+    assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
+    let summary = json_of(&workplace.path("live/summary.json"));
+    assert_eq!(summary["live"]["log"], json!({ "frames": 21, "left_out": 0 }), "{summary}, {said:?}");
+    assert_eq!(Log::open(&workplace.path("recorded")).unwrap().object_name(), "cube70");
+    workplace.run("run --log recorded --out again --quiet").warned();
+    assert_eq!(trajectory(&workplace, "again"), trajectory(&workplace, "live"));
+    workplace.run("inspect recorded").good();
+    let refused = workplace.run("run --ros ros.toml --out other --record recorded").error();
+    assert!(refused.contains("the folder is not empty"), "{refused}");
 }

@@ -10,8 +10,6 @@ use crate::error::RosError;
 use crate::lens::{Remap, RosLens};
 use crate::messages::{RosCompressedImage, RosImage};
 
-/// Metres per level of depth images of 16 bits: REP 118.
-const UNIT_M: f64 = 0.001;
 /// Focal lengths of colours and depth that differ by more, as a share, are those of images that are not registered.
 const REGISTERED: f64 = 0.02;
 
@@ -81,6 +79,9 @@ pub struct RosCamera {
 }
 
 impl RosCamera {
+    /// Metres per level of depth images of 16 bits without a statement: REP 118.
+    pub const UNIT_M: f64 = 0.001;
+
     /// Returns a camera whose depth images have this lens; `file` states the choice of topics and stands in messages.
     pub fn new(lens: RosLens, file: impl Into<String>) -> Self {
         Self { lens, color_lens: None, depth_unit_m: None, object: None, file: file.into(), remaps: Vec::new() }
@@ -115,7 +116,7 @@ impl RosCamera {
     /// # Errors
     /// [`RosError`] if the pixels are damaged, are not those of depth, or are more or fewer than those of the camera model.
     pub fn depth_m(&mut self, image: &RosPicture<'_>) -> Result<Array2<f32>, RosError> {
-        let depth_m = image.depth_m(self.depth_unit_m.unwrap_or(UNIT_M))?;
+        let depth_m = image.depth_m(self.depth_unit_m.unwrap_or(Self::UNIT_M))?;
         let Intrinsics { width, height, .. } = self.lens.intrinsics;
         if depth_m.dim() != (height, width) {
             let (rows, columns) = depth_m.dim();

@@ -17,7 +17,7 @@ use crate::foxglove::{
 };
 use crate::protobuf::Message;
 use crate::record::{RECORD_FILE, record_of};
-use crate::writer::{Channel, Mcap};
+use crate::writer::{Channel, Mcap, MessageSink as _};
 
 /// Contents of an exported file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

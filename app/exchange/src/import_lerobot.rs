@@ -240,7 +240,7 @@ impl DataSet {
                 "the true pose of the object is unknown in {unknown} of {frames} frames: they have no scores"
             ));
         }
-        writer.finish(Timeline { object_name, times_s, joints, object_poses: poses, scene })?;
+        writer.finish(Timeline { object_name, times_s, joints, object_poses: poses, scene, live: None })?;
         if let Some(record) = record {
             put(&record, out).map_err(|error| format!("cannot write {}: {error}", out.display()))?;
         }

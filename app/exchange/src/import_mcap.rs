@@ -130,7 +130,7 @@ fn import(
     let frames = times_s.len();
     let names = mapping.cameras.iter().map(|camera| camera.name.as_str());
     let record = survey.record.filter(|record| agrees(record, &times_s, &joints, names));
-    writer.finish(Timeline { object_name, times_s, joints, object_poses, scene })?;
+    writer.finish(Timeline { object_name, times_s, joints, object_poses, scene, live: None })?;
     if let Some(record) = record {
         // Both are complete logs.
         put(&record, out).map_err(|error| format!("cannot write {}: {error}", out.display()))?;

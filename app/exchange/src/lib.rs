@@ -33,6 +33,7 @@ mod pictures;
 mod plausibility;
 mod protobuf;
 mod record;
+mod run_messages;
 mod schema;
 mod skips;
 mod statistics;

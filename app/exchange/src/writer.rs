@@ -91,7 +91,16 @@ impl<W: Write> Out<W> {
 
 /// Handle of a channel.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Channel(u16);
+pub(crate) struct Channel(pub(crate) u16);
+
+/// Where messages go: a file, or programs that watch.
+pub(crate) trait MessageSink {
+    /// Adds a channel of protobuf messages.
+    fn channel(&mut self, topic: &str, of: &'static MessageType) -> io::Result<Channel>;
+
+    /// Adds a message.
+    fn push(&mut self, channel: Channel, time_ns: u64, data: &[u8]) -> io::Result<()>;
+}
 
 /// A channel of the file.
 struct Topic {
@@ -131,28 +140,9 @@ pub(crate) struct Mcap<W> {
     attachments: u32,
 }
 
-impl<W: Write> Mcap<W> {
-    /// Begins a file.
-    pub fn new(file: W, library: &str) -> io::Result<Self> {
-        let mut out = Out { file, length: 0, checksum: Hasher::new() };
-        out.write(&MAGIC)?;
-        out.write(&Content::default().text("").text(library).record(Kind::Header))?;
-        Ok(Self {
-            out,
-            schemas: Vec::new(),
-            topics: Vec::new(),
-            chunk: Vec::with_capacity(CHUNK + (CHUNK >> 1)),
-            span: Span::default(),
-            chunk_span: Span::default(),
-            chunk_indices: Vec::new(),
-            chunks: 0,
-            attachment_indices: Vec::new(),
-            attachments: 0,
-        })
-    }
-
-    /// Adds a channel of protobuf messages. A schema of a name is written once.
-    pub fn channel(&mut self, topic: &str, of: &'static MessageType) -> io::Result<Channel> {
+impl<W: Write> MessageSink for Mcap<W> {
+    /// A schema of a name is written once.
+    fn channel(&mut self, topic: &str, of: &'static MessageType) -> io::Result<Channel> {
         let schema = of.full_name();
         let known = self.schemas.iter().position(|(name, _)| *name == schema);
         let schema_id = match known {
@@ -175,13 +165,7 @@ impl<W: Write> Mcap<W> {
         Ok(Channel(id))
     }
 
-    /// Returns the number of channels.
-    pub fn channel_count(&self) -> usize {
-        self.topics.len()
-    }
-
-    /// Adds a message.
-    pub fn push(&mut self, Channel(id): Channel, time_ns: u64, data: &[u8]) -> io::Result<()> {
+    fn push(&mut self, Channel(id): Channel, time_ns: u64, data: &[u8]) -> io::Result<()> {
         if let Some(topic) = self.topics.get_mut(usize::from(id)) {
             topic.places.push((time_ns, self.chunk.len() as u64));
             let content = Content::default().u16(id).u32(topic.messages as u32).u64(time_ns).u64(time_ns).raw(data);
@@ -191,6 +175,32 @@ impl<W: Write> Mcap<W> {
             self.chunk_span.add(time_ns);
         }
         if self.chunk.len() >= CHUNK { self.write_chunk() } else { Ok(()) }
+    }
+}
+
+impl<W: Write> Mcap<W> {
+    /// Begins a file.
+    pub fn new(file: W, library: &str) -> io::Result<Self> {
+        let mut out = Out { file, length: 0, checksum: Hasher::new() };
+        out.write(&MAGIC)?;
+        out.write(&Content::default().text("").text(library).record(Kind::Header))?;
+        Ok(Self {
+            out,
+            schemas: Vec::new(),
+            topics: Vec::new(),
+            chunk: Vec::with_capacity(CHUNK + (CHUNK >> 1)),
+            span: Span::default(),
+            chunk_span: Span::default(),
+            chunk_indices: Vec::new(),
+            chunks: 0,
+            attachment_indices: Vec::new(),
+            attachments: 0,
+        })
+    }
+
+    /// Returns the number of channels.
+    pub fn channel_count(&self) -> usize {
+        self.topics.len()
     }
 
     fn write_chunk(&mut self) -> io::Result<()> {

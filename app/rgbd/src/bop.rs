@@ -76,7 +76,7 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
             mask: of_object.or_else(|| own.get(&name).cloned()),
             name: name.text,
             time_s,
-            color,
+            color: Some(color),
             depth,
             intrinsics,
             world_from_camera: match (camera.rotation, camera.translation) {

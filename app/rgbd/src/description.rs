@@ -32,6 +32,9 @@ pub(crate) struct Description {
     pub frame_hz: Option<f64>,
     /// Pattern of the poses of the camera in the world.
     pub camera_poses: Option<String>,
+    /// Whether a live run recorded the frames: all are used as that run used them, also those without colours, and none is judged.
+    #[serde(default)]
+    pub live: bool,
     /// Mesh of the object: a file beside this one, or a name of the catalogue.
     pub mesh: Option<String>,
     /// Pattern of the true poses of the object in the camera.

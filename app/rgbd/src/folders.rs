@@ -36,12 +36,15 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
     let mut frames = Vec::new();
     let parts = names.iter().zip(depth.into_values()).zip(times_s).enumerate();
     for (k, ((name, depth), time_s)) in parts {
-        let Some(color) = colours[k].filter(|_| motion.is_empty() || motions[k].is_some()) else { continue };
+        let has_pose = motion.is_empty() || motions[k].is_some();
+        if !has_pose || (colours[k].is_none() && !description.live) {
+            continue;
+        }
         let pose = |path: Option<&std::path::PathBuf>| path.map(|path| text::motion(path)).transpose();
         frames.push(FrameFiles {
             name: name.text.clone(),
             time_s,
-            color: color.clone(),
+            color: colours[k].cloned(),
             depth,
             mask: masks[k].cloned(),
             intrinsics,

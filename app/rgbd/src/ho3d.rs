@@ -56,7 +56,7 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
         frames.push(FrameFiles {
             name: name.text.clone(),
             time_s: times_s[k],
-            color: color.clone(),
+            color: Some(color.clone()),
             depth: depth.clone(),
             mask: masks[k].cloned(),
             intrinsics,

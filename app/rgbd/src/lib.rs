@@ -19,6 +19,7 @@
 //! object = 12                      # the label of the object, or its obj_id in BOP
 //! intrinsics = [1066.8, 1067.5, 313.0, 241.3]   # fx, fy, cx, cy of the colour images, pixels
 //! depth_unit_m = 0.0001            # metres per level; 0.001 without it
+//! live = true                      # of a run --ros --record: all frames are used as that run used them
 //! carry_masks = true               # carry masks into frames without one; by default if fewer than half have one
 //! frame_hz = 30.0                  # for files that are numbered
 //! camera_poses = "data/*.pose.txt" # 4 x 4, camera to world, OpenCV axes
@@ -48,6 +49,7 @@ mod recording;
 mod registration;
 mod text;
 mod tum;
+mod writer;
 
 pub use error::RgbdError;
 pub use masks::{RgbdMasks, are_carried, masks_note};
@@ -56,3 +58,4 @@ pub use ndarray;
 pub use recording::{RgbdFrame, RgbdLayout, RgbdRecording, check_first_mask, object_distance_m};
 pub use registration::{UNREGISTERED, are_colours_registered};
 pub use text::read_pose_in_camera;
+pub use writer::RgbdWriter;

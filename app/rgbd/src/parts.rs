@@ -12,7 +12,8 @@ pub(crate) struct FrameFiles {
     /// Its name in the data set.
     pub name: String,
     pub time_s: f64,
-    pub color: PathBuf,
+    /// `None` in a frame without colours.
+    pub color: Option<PathBuf>,
     pub depth: PathBuf,
     pub mask: Option<PathBuf>,
     /// fx, fy, cx, cy of the colour image.

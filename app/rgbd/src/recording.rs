@@ -71,7 +71,7 @@ pub struct RgbdFrame {
     pub name: String,
     /// Seconds, as the data set counts them.
     pub time_s: f64,
-    /// Colours, of the size of depth.
+    /// Colours, of the size of depth; empty in a frame of a live run without colours.
     pub color: RgbImage,
     /// Depth along the optical axis, metres, 0 where nothing was measured.
     pub depth_m: Array2<f32>,
@@ -151,7 +151,8 @@ impl RgbdRecording {
         };
         let depth = pixels::depth_m(&first.depth, code)?;
         let depth_size = [depth.ncols(), depth.nrows()];
-        let color_size = pixels::size(&first.color)?;
+        let coloured = frames.iter().find_map(|frame| frame.color.as_deref());
+        let color_size = coloured.map_or(Ok(depth_size), pixels::size)?;
         let mut recording = Self {
             folder: folder.to_owned(),
             layout,
@@ -164,9 +165,11 @@ impl RgbdRecording {
             are_colours_registered: true,
             carries_masks: false,
         };
-        recording.check_sizes()?;
-        recording.check_masks(description.carry_masks)?;
-        recording.check_colours()?;
+        if !description.live {
+            recording.check_sizes()?;
+            recording.check_masks(description.carry_masks)?;
+            recording.check_colours()?;
+        }
         Ok(recording)
     }
 
@@ -287,8 +290,8 @@ impl RgbdRecording {
         let [fx, fy, cx, cy] = self.frames.get(k)?.intrinsics;
         let [[color_width, _], [width, height]] = self.sizes;
         let scale = width as f64 / color_width as f64;
-        // Centres of pixels are at whole numbers.
-        let place = |c: f64| (c + 0.5) * scale - 0.5;
+        // Centres of pixels are at whole numbers. Without a scale the last bit stays.
+        let place = |c: f64| if scale == 1.0 { c } else { (c + 0.5) * scale - 0.5 };
         Some(Intrinsics { width, height, fx: fx * scale, fy: fy * scale, cx: place(cx), cy: place(cy) })
     }
 
@@ -310,7 +313,7 @@ impl RgbdRecording {
                 format!("{} x {} pixels; the first depth image has {} x {}", found[0], found[1], size[0], size[1]);
             return Err(RgbdError::fault(&files.depth, fault));
         }
-        let color = pixels::colour(&files.color, size)?;
+        let color = files.color.as_deref().map(|path| pixels::colour(path, size)).transpose()?.unwrap_or_default();
         let mask = files.mask.as_deref().map(|path| pixels::mask(path, self.object, size)).transpose()?;
         Ok(RgbdFrame {
             name: files.name.clone(),

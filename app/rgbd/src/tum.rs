@@ -48,7 +48,7 @@ pub(crate) fn parts(folder: &Path, description: &Description) -> Result<Parts, R
         frames.push(FrameFiles {
             name: name(color).text,
             time_s: *time_s,
-            color: folder.join(color),
+            color: Some(folder.join(color)),
             depth: folder.join(depth),
             mask,
             intrinsics,

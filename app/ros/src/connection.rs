@@ -31,6 +31,10 @@ pub struct LiveRun<'a> {
     pub duration_s: Option<f64>,
     /// Calibration with which to start.
     pub calibration: Option<Calibration>,
+    /// Folder of the log that is recorded meanwhile.
+    pub record: Option<&'a Path>,
+    /// Name of the object, for the log.
+    pub object: &'a str,
     /// Settings.
     pub config: &'a RunConfig,
     /// Ends the source when it is set.
@@ -74,6 +78,12 @@ impl LiveConnection {
         if run.mode.0 != Mode::Slam && run.mode != (Mode::Pose, Some(Init::Search)) {
             bail!("--ros knows no true pose: use --mode slam, or --mode pose --init search with --object");
         }
+        // Before the topics are waited for.
+        if let Some(folder) =
+            run.record.filter(|folder| folder.read_dir().is_ok_and(|mut files| files.next().is_some()))
+        {
+            bail!("--record {}: the folder is not empty; name a new one", folder.display());
+        }
         let (hand, camera) = match &setup.rig {
             Some(rig) => {
                 // A file stands relative to the one that names it.
@@ -99,6 +109,7 @@ impl LiveConnection {
             perception: PerceptionSetup { weights: weights.as_ref(), config: run.config.perception() },
             duration_s: run.duration_s,
             stop: Arc::clone(run.stop),
+            record: run.record.map(|folder| (folder, run.object)),
         };
         let bus = Arc::new(Bus::join(setup.domain(), &setup.addresses)?);
         let link = Arc::new(Link::default());

@@ -32,6 +32,7 @@ mod observer;
 pub mod outgoing;
 mod pairing;
 mod publisher;
+mod recorder;
 mod setup;
 mod source;
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context as _, Result, anyhow, bail};
 use mvt_bag::RosCamera;
 use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
@@ -20,6 +20,7 @@ use crate::bus::Bus;
 use crate::feed::{Feed, now_ns};
 use crate::observer::Observer;
 use crate::pairing::{PairedFrame, SILENCE_NS};
+use crate::recorder::LiveRecorder;
 use crate::setup::RosSetup;
 
 /// How long a call waits before it looks whether the run shall end.
@@ -81,12 +82,15 @@ pub struct LiveOptions<'a> {
     pub duration_s: Option<f64>,
     /// Ends the source when it is set.
     pub stop: Arc<AtomicBool>,
+    /// Folder of the log that is recorded meanwhile, and the object's name in it.
+    pub record: Option<(&'a Path, &'a str)>,
 }
 
 /// Topics of ROS 2 as a source: the newest frame is delivered, and what is late is dropped and counted.
 pub struct RosSource {
     feed: Feed,
     observer: Observer,
+    recorder: Option<LiveRecorder>,
     perception: Perception,
     hand: Arc<Hand>,
     camera: PosedCamera,
@@ -115,7 +119,7 @@ impl RosSource {
         options: LiveOptions<'_>,
         link: Arc<Link>,
     ) -> Result<Self> {
-        let LiveOptions { hand, camera, perception, duration_s, stop } = options;
+        let LiveOptions { hand, camera, perception, duration_s, stop, record } = options;
         let pads: Vec<String> = hand.pads().iter().map(|pad| pad.name.clone()).collect();
         if let Some(pad) = setup.touch.keys().find(|pad| !pads.contains(pad)) {
             bail!("{}: touch.{pad} is no pad of {}; its pads are {}", file.display(), hand.name(), pads.join(", "));
@@ -149,6 +153,11 @@ impl RosSource {
             Some(camera) => PosedCamera { intrinsics, ..camera },
             None => PosedCamera { name: "camera".to_owned(), intrinsics, pose: Isometry::identity() },
         };
+        let unit_m = setup.depth_unit_m.unwrap_or(RosCamera::UNIT_M);
+        let recorder = record
+            .map(|(folder, object)| LiveRecorder::create(folder, &hand, &camera, object, unit_m))
+            .transpose()
+            .context("--record")?;
         let perception = Perception::new(Arc::clone(&hand), vec![camera.clone()], &perception);
         let is_in_camera = hand.is_none() && setup.world_frame.is_none();
         let optical = RosCamera::optical_from_camera();
@@ -162,6 +171,7 @@ impl RosSource {
         Ok(Self {
             feed,
             observer,
+            recorder,
             perception,
             hand,
             camera,
@@ -253,6 +263,7 @@ impl RosSource {
                 return None;
             }
         };
+        let recorded = self.recorder.is_some().then(|| observation.clone());
         let Seen { percept, touch_images, warnings } = match self.perception.see(self.frames, observation, None) {
             Ok(seen) => seen,
             Err(fault) => {
@@ -260,6 +271,9 @@ impl RosSource {
                 return None;
             }
         };
+        if let (Some(recorder), Some(observation)) = (&mut self.recorder, recorded) {
+            recorder.push(frame.stamp_ns, frame.time_ns, observation);
+        }
         let number = self.frames;
         self.frames += 1;
         self.link.place().push(number, frame.stamp_ns);
@@ -282,6 +296,7 @@ impl RosSource {
         record.unusable += u64::from(is_unusable);
         (record.frames, record.late, record.unpaired) = (self.frames, counts.late, counts.unpaired);
         record.topics = topics;
+        record.log = self.recorder.as_ref().map(LiveRecorder::counts);
     }
 }
 
@@ -291,6 +306,9 @@ impl Source for RosSource {
             let is_over = self.is_over();
             if is_over || self.stop.load(Ordering::Relaxed) {
                 self.reason = if is_over { "the time was over" } else { "the connection was ended" };
+                if let Some(recorder) = &mut self.recorder {
+                    recorder.finish();
+                }
                 self.update_record(false);
                 return Ok(None);
             }

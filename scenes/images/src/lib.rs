@@ -1,4 +1,4 @@
-//! Decoding of PNG and JPEG images of sensors, which refuses damaged files; encoding of JPEG.
+//! Decoding of PNG and JPEG images of sensors, which refuses damaged files; encoding of both.
 //!
 //! [`decode`] is the one way by which images of touch, colours, labels and depth become pixels. Decoders of JPEG fill the lost part of a cut
 //! file with grey and report no error; here a file of which any pixel is lost is an error. [`colours`] and [`levels`] then refuse pixels of
@@ -25,12 +25,33 @@ use std::io::Cursor;
 
 pub use encode::{Chroma, EncodeError, encode_jpeg};
 pub use image;
-use image::{DynamicImage, GrayImage, ImageDecoder as _, ImageFormat, ImageReader, RgbImage};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{
+    DynamicImage, ExtendedColorType, GrayImage, ImageDecoder as _, ImageEncoder as _, ImageFormat, ImageReader,
+    RgbImage,
+};
 
 /// Greatest number of bytes that the pixels of an image take: a file of some kilobytes may promise more.
 const MOST_MEMORY: u64 = 64 << 20;
 /// Greatest difference between the three colours of a grey pixel, levels: JPEG rounds colours.
 const GREY_TOLERANCE: u8 = 8;
+
+/// Encodes pixels without loss as a PNG file, fast rather than small: images of a run that goes on. Pixels of 16 bits have the order of bytes
+/// of this machine.
+///
+/// # Errors
+/// If there are more or fewer pixels than the size says.
+pub fn fast_png(pixels: &[u8], [width, height]: [u32; 2], of: ExtendedColorType) -> Result<Vec<u8>, image::ImageError> {
+    // The encoder panics on another number of pixels.
+    if pixels.len() as u64 != u64::from(width) * u64::from(height) * u64::from(of.bits_per_pixel()) / 8 {
+        let kind = image::error::ParameterErrorKind::DimensionMismatch;
+        return Err(image::ImageError::Parameter(image::error::ParameterError::from_kind(kind)));
+    }
+    let mut file = Vec::with_capacity(pixels.len() / 2);
+    let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Up);
+    encoder.write_image(pixels, width, height, of)?;
+    Ok(file)
+}
 
 /// Reason for which an image is refused.
 #[derive(Debug, thiserror::Error)]

@@ -8,11 +8,13 @@ use std::sync::Arc;
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, MeshFile, Object, World};
 use mvt_robot::hand::{Hand, JointAngles, Side};
+use serde::Serialize;
 
 use crate::error::LogError;
 use crate::frame::finger_poses;
 use crate::hand::{pad_folder, pad_size, world_from_base};
 use crate::io::write_synced;
+use crate::live::{LIVE_FILE, LiveFile};
 use crate::npz::{DeflatedFrame, NpzWriter};
 use crate::pickle;
 use crate::picture::{color_of, gray_of, touch_of};
@@ -57,6 +59,8 @@ pub struct Timeline {
     pub object_poses: Vec<Option<Isometry<Object, World>>>,
     /// Contents of scene.json, with the same hand; `None` for a log without it.
     pub scene: Option<SceneFile>,
+    /// Contents of live.json; `None` for a log without it.
+    pub live: Option<LiveFile>,
 }
 
 /// Depths of a camera.
@@ -111,6 +115,11 @@ impl Depths {
         }
         self.writer.finish(1.0).map_err(LogError::io(self.path))
     }
+}
+
+fn write_json(path: &Path, value: &impl Serialize) -> Result<(), LogError> {
+    let bytes = serde_json::to_vec_pretty(value).map_err(|reason| LogError::Json { path: path.to_owned(), reason })?;
+    write_synced(path, &bytes)
 }
 
 /// Writer of a log in FeelSight's layout, whose images may come in any order and may be missing. The folder has its name only when the log is
@@ -217,7 +226,7 @@ impl LogAssembler {
     /// # Errors
     /// [`LogError::Defect`] if there is no frame or the lists differ in length, else [`LogError::Io`].
     pub fn finish(mut self, timeline: Timeline) -> Result<(), LogError> {
-        let Timeline { object_name, times_s, joints, object_poses, scene } = timeline;
+        let Timeline { object_name, times_s, joints, object_poses, scene, live } = timeline;
         if times_s.is_empty() || joints.len() != times_s.len() || object_poses.len() != times_s.len() {
             let defect =
                 format!("{} times, {} joint states, {} poses", times_s.len(), joints.len(), object_poses.len());
@@ -264,10 +273,10 @@ impl LogAssembler {
         let folder = self.partial.path();
         write_synced(&folder.join("data.pkl"), &pickle::to_bytes(&record.to_value()))?;
         if let Some(scene) = &scene {
-            let path = folder.join(SCENE_FILE);
-            let bytes =
-                serde_json::to_vec_pretty(scene).map_err(|reason| LogError::Json { path: path.clone(), reason })?;
-            write_synced(&path, &bytes)?;
+            write_json(&folder.join(SCENE_FILE), scene)?;
+        }
+        if let Some(live) = &live {
+            write_json(&folder.join(LIVE_FILE), live)?;
         }
         self.partial.place(&self.place)
     }

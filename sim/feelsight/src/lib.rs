@@ -10,6 +10,7 @@
 //! <log>/
 //!   data.pkl                               times, joints, poses, intrinsics (Python pickle)
 //!   scene.json                             everything else about the episode; only in logs of this program
+//!   live.json                              only in logs of live runs
 //!   <object>.mp4 or .gif                   a preview
 //!   allegro/<pad>/image/<i>.jpg            touch sensor's colours, 240 x 320
 //!   allegro/<pad>/depth/<i>.jpg            simulated only: height over the plane 22 mm from the camera; 0.03 mm a level
@@ -71,6 +72,7 @@ mod inspect;
 mod io;
 mod lens;
 mod levels;
+mod live;
 pub mod npy;
 pub mod npz;
 mod partial;
@@ -89,6 +91,7 @@ pub use error::LogError;
 pub use format::LogFormat;
 pub use frame::EncodedFrame;
 pub use inspect::{CameraSummary, LogSummary, SurfaceDistance, inspect, inspect_against};
+pub use live::{LIVE_FILE, LiveFile};
 pub use partial::{LogSensor, PartialFrame, PartialFrames, TouchPart};
 pub use reader::{ImageFiles, Log, LogFrame, LogFrames};
 pub use record::DigitInfo;

@@ -19,6 +19,7 @@ use crate::depths::DepthReader;
 use crate::error::LogError;
 use crate::format::LogFormat;
 use crate::lens::Lens;
+use crate::live::LiveFile;
 use crate::record::{DigitInfo, Matrix};
 use crate::scene::SceneFile;
 
@@ -30,6 +31,7 @@ use crate::scene::SceneFile;
 pub struct Log {
     folder: PathBuf,
     scene: Option<SceneFile>,
+    live: Option<LiveFile>,
     hand: Arc<Hand>,
     object_name: String,
     times_s: Vec<f64>,
@@ -82,6 +84,11 @@ impl Log {
     /// Returns the contents of scene.json, which only logs of this program have.
     pub fn scene(&self) -> Option<&SceneFile> {
         self.scene.as_ref()
+    }
+
+    /// Returns the contents of live.json, which only logs of live runs have.
+    pub fn live(&self) -> Option<&LiveFile> {
+        self.live.as_ref()
     }
 
     /// Returns the name of the object.

@@ -20,6 +20,18 @@ pub struct LiveRecord {
     pub latency_ms: Option<LiveLatency>,
     /// The topics.
     pub topics: Vec<LiveTopicRecord>,
+    /// The log that was recorded meanwhile; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log: Option<LiveLogRecord>,
+}
+
+/// A log that a live run recorded.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct LiveLogRecord {
+    /// Frames in the log.
+    pub frames: u64,
+    /// Frames that it lacks, because the disk was too slow or full.
+    pub left_out: u64,
 }
 
 /// Time from the stamp of a frame to its published pose, milliseconds.
@@ -54,7 +66,7 @@ pub type SharedLiveRecord = Arc<Mutex<LiveRecord>>;
 impl fmt::Display for LiveRecord {
     /// Writes one line for the frames and one for each topic.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frames, late, unpaired, unusable, latency_ms, topics } = self;
+        let Self { frames, late, unpaired, unusable, latency_ms, topics, log } = self;
         write!(
             f,
             "live: {frames} frames used, {late} late, {unpaired} unpaired, {unusable} unusable; stamp to pose: "
@@ -65,6 +77,9 @@ impl fmt::Display for LiveRecord {
         }
         for LiveTopicRecord { topic, received, lost, refused, hz } in topics {
             writeln!(f, "  {topic}: {received} messages at {hz:.1} Hz, {lost} lost, {refused} refused")?;
+        }
+        if let Some(LiveLogRecord { frames, left_out }) = log {
+            writeln!(f, "  recorded: {frames} frames, {left_out} left out")?;
         }
         Ok(())
     }

@@ -11,8 +11,8 @@ use image::RgbImage;
 use mvt_calibration::{Calibration, CalibrationError};
 use mvt_feelsight::{Log, LogSensor, PartialFrame, PartialFrames, TouchPart};
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::depth::GivenLabels;
-use mvt_frames::{Isometry, MeshFile, Object};
+use mvt_frames::depth::{GivenLabels, Label};
+use mvt_frames::{Camera, Isometry, MeshFile, Object, World};
 use mvt_perceive::{LabelSource, Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
 use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
@@ -117,7 +117,8 @@ impl LogSource {
             false => TouchPart::Truth,
             true => TouchPart::Images,
         };
-        if touch == TouchPart::Images {
+        // A live run knew none of the later images.
+        if touch == TouchPart::Images && log.live().is_none() {
             for (pad, of) in hand.pads().iter().enumerate() {
                 perception.learn_untouched(pad, &spread_images(&log, pad, of.profile.size_px))?;
             }
@@ -271,8 +272,12 @@ impl LogSource {
         })
     }
 
-    /// The labels of the log's camera `k`, if they are read.
+    /// The labels of the log's camera `k`, if they are read. A live run had masks, in some frames.
     fn labels(&mut self, number: u32, k: usize) -> Option<GivenLabels> {
+        if self.log().live().is_some() {
+            let labels = self.log().labels(k, number as usize).ok()?;
+            return Some(GivenLabels::Mask(labels.mapv(|label| label == Label::Object)));
+        }
         let labels = self.reads_labels.then(|| self.log().labels(k, number as usize))?;
         match labels {
             Ok(labels) => Some(GivenLabels::Labels(labels)),
@@ -283,6 +288,13 @@ impl LogSource {
                 None
             }
         }
+    }
+
+    /// The pose of the log's camera `k` in a frame, where a live run measured it.
+    fn measured_pose(&self, number: u32, k: usize) -> Result<Option<Isometry<Camera, World>>> {
+        let poses = self.log().live().filter(|_| k == 0).map(|live| live.camera_poses.as_slice()).unwrap_or_default();
+        let pose = poses.get(number as usize).map(Isometry::from_matrix).transpose();
+        pose.map_err(|reason| anyhow!("{}: frame {number}: the pose of the camera is {reason}", self.folder.display()))
     }
 
     /// Runs perception on a frame.
@@ -306,7 +318,8 @@ impl LogSource {
             if self.reads_labels && labels.is_none() {
                 depth_m = Array2::default((0, 0));
             }
-            cameras.push(Rgbd { color: colours.next().unwrap_or_default(), depth_m, labels, world_from_camera: None });
+            let world_from_camera = self.measured_pose(number, k)?;
+            cameras.push(Rgbd { color: colours.next().unwrap_or_default(), depth_m, labels, world_from_camera });
         }
         let observation = Observation {
             time_s: frame.time_s,
@@ -319,7 +332,9 @@ impl LogSource {
         let presses = (!self.perception.reads_touch_images()).then_some(presses);
         let after = number as usize + 1;
         let log = self.frames.log();
-        if let (Some(&time_s), Some(joints)) = (log.times_s().get(after), log.joints().get(after)) {
+        if log.live().is_none()
+            && let (Some(&time_s), Some(joints)) = (log.times_s().get(after), log.joints().get(after))
+        {
             self.perception.set_next_joints(time_s, joints.clone());
         }
         let seen = self.perception.see(u64::from(number), observation, presses);

@@ -15,6 +15,7 @@ use crate::error::LogError;
 use crate::hand::world_from_base;
 use crate::io::read_at_most;
 use crate::lens::Lens;
+use crate::live::LiveFile;
 use crate::record::{Matrix, Record};
 use crate::scene::{FORMAT_VERSION, SCENE_FILE, SceneFile};
 
@@ -104,6 +105,7 @@ impl Log {
         let mut log = Self {
             folder: folder.to_path_buf(),
             scene,
+            live: LiveFile::read(folder)?,
             object_name: record.object_name,
             times_s: record.times_s,
             joints: record.joints,
