@@ -163,9 +163,9 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let filter = wanted.parse().ok().filter(|_| !wanted.is_empty());
     let is_invalid = filter.is_none() && !wanted.is_empty();
     let filter = filter.unwrap_or_else(|| {
-        let filter = Targets::new().with_default(LevelFilter::WARN);
-        // The network library warns of each packet that finds no way, many times a second; what matters is said by us.
-        if cfg!(feature = "ros") { filter.with_target("rustdds", LevelFilter::OFF) } else { filter }
+        // The network libraries warn of each packet that finds no way, many times a second; what matters is said by us.
+        let silent = ["rustdds", "foxglove"].map(|library| (library, LevelFilter::OFF));
+        Targets::new().with_default(LevelFilter::WARN).with_targets(silent)
     });
     let words = tracing_subscriber::fmt::layer()
         .with_writer(|| Words(std::io::stderr()))

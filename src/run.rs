@@ -10,6 +10,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use clap::{Args as _, Command, FromArgMatches as _};
 use indicatif::ProgressBar;
+use mvt_exchange::FoxgloveView;
 use mvt_exchange::command::run_as_mcap;
 use mvt_files::output::refuse_existing;
 use mvt_recording::About;
@@ -47,6 +48,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     arguments.device.choose()?;
     // Before the run claims its folder, because it may be built first.
     let window = arguments.view.then(WindowProgram::find).transpose().context("without --view no window is needed")?;
+    let mut foxglove = arguments.foxglove.listen(arguments.json || arguments.quiet)?;
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
@@ -87,6 +89,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     if let Some(window) = &window {
         view::watch(window, &arguments.out)?;
     }
+    foxglove.iter_mut().try_for_each(|view| view.show(&arguments.out))?;
     let truth = object.clone().map(Truth::new);
     let pipeline = Pipeline {
         estimators: vec![EstimatorSetup {
@@ -126,6 +129,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     if let Err(error) = recorded {
         tracing::warn!("the recording is incomplete: {error}");
     }
+    foxglove.into_iter().for_each(FoxgloveView::finish);
     if let Some(file) = &arguments.mcap {
         run_as_mcap(&arguments.out, file, arguments.overwrite)?;
     }

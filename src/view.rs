@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum};
+use mvt_exchange::FoxgloveArguments;
 use mvt_picture::film::{Film, FilmFormat};
 use mvt_picture::palette::Theme;
 use mvt_recording::Recording;
@@ -40,6 +41,8 @@ pub struct ViewArguments {
     /// Write a picture (.png) or a film (.gif, or .mp4 if ffmpeg is installed) instead of opening a window
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    #[command(flatten)]
+    foxglove: FoxgloveArguments,
     /// Replace an existing picture or film
     #[arg(long, requires = "record")]
     overwrite: bool,
@@ -177,6 +180,12 @@ pub fn run(arguments: &ViewArguments) -> Result<()> {
         (_, None, Some(folder)) => WindowContents::Recording(RecordingSource::Log(folder.clone())),
         (_, None, None) => WindowContents::Start,
     };
+    if let Some(view) = arguments.foxglove.listen(false)? {
+        let WindowContents::Recording(RecordingSource::Run(folder)) = &contents else {
+            bail!("--foxglove shows one run; give its folder")
+        };
+        return view.watch(folder, &*stop_on_signals()?);
+    }
     match (&arguments.record, &contents) {
         (None, contents) => open_window(contents),
         (Some(file), WindowContents::Recording(source)) => {

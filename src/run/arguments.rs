@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum, value_parser};
 use mvt_evaluation::manner::Manner;
+use mvt_exchange::FoxgloveArguments;
 use mvt_robot::hand::ALLEGRO_DIGIT;
 use mvt_run::arguments::{HandSide, duration};
 use mvt_run::device::DeviceArguments;
@@ -110,6 +111,8 @@ pub struct RunArguments {
     /// Also write the run as this MCAP file, which Foxglove and rerun open; `export mcap` does so later
     #[arg(long, value_name = "FILE")]
     pub mcap: Option<PathBuf>,
+    #[command(flatten)]
+    pub foxglove: FoxgloveArguments,
     /// Show the run in a window; closing the window does not end the run
     #[arg(long)]
     pub view: bool,

@@ -14,6 +14,8 @@ mod calibrate;
 mod exchange;
 mod explore;
 mod faults;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod generate;
 mod hand;
 mod inspect;

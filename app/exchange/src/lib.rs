@@ -22,6 +22,9 @@ mod export_mcap;
 mod export_run;
 mod extras;
 mod foxglove;
+mod foxglove_arguments;
+#[cfg(feature = "foxglove")]
+mod foxglove_server;
 mod import_lerobot;
 mod import_mcap;
 mod joints;
@@ -46,6 +49,9 @@ pub use error::ExchangeError;
 pub use export_lerobot::{ExportedDataSet, export_lerobot};
 pub use export_mcap::{Exported, export_mcap};
 pub use export_run::export_run;
+pub use foxglove_arguments::{FoxgloveArguments, FoxgloveView};
+#[cfg(feature = "foxglove")]
+pub use foxglove_server::FoxgloveServer;
 pub use import_lerobot::import_lerobot;
 pub use import_mcap::{Imported, ImportedChannel, import_mcap};
 pub use {mvt_feelsight, mvt_recording};

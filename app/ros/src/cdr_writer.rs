@@ -81,6 +81,13 @@ impl CdrWriter {
         self.count(numbers.len()).array(numbers)
     }
 
+    /// Writes a list of bytes.
+    pub fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+        self.count(bytes.len());
+        self.message.extend(bytes);
+        self
+    }
+
     /// Returns the message, with the four bytes that name its encoding.
     pub fn message(&self) -> &[u8] {
         &self.message

@@ -101,7 +101,7 @@ impl LiveConnection {
             }
             None => (Hand::none(), None),
         };
-        let reads_touch = run.modality.has_touch() && !setup.touch.is_empty();
+        let reads_touch = run.modality.has_touch() && setup.touch_pads().next().is_some();
         let weights = if reads_touch { run.touch.weights(&hand)? } else { None };
         let options = LiveOptions {
             hand,

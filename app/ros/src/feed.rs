@@ -7,12 +7,14 @@ use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use mvt_bag::{RosCameraInfo, RosHeader, RosTransform, TransformTree};
+use mvt_robot::hand::TouchPad;
 use mvt_run::report::LiveTopicRecord;
 
 use crate::bus::{Bus, Delivery, Inlet, LiveTopic, Waiter};
 use crate::error::LiveError;
 use crate::pairing::{FrameCounts, PairedFrame, Pairing, StampFault, StreamNeed, StreamRule};
 use crate::setup::RosSetup;
+use crate::touch_camera;
 
 /// Types that are read.
 const IMAGE: &str = "sensor_msgs/msg/Image";
@@ -85,7 +87,7 @@ struct Arrived {
 struct Shared {
     arrived: Mutex<Arrived>,
     signal: Condvar,
-    stop: AtomicBool,
+    stop: Arc<AtomicBool>,
 }
 
 impl Shared {
@@ -98,7 +100,7 @@ impl Shared {
 /// Receives the topics of a setup until it is dropped.
 pub(crate) struct Feed {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    threads: Vec<JoinHandle<()>>,
     /// Which stream is which.
     pub numbers: StreamNumbers,
 }
@@ -106,14 +108,26 @@ pub(crate) struct Feed {
 impl Drop for Feed {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
+        for thread in self.threads.drain(..) {
             let _ = thread.join();
         }
     }
 }
 
-/// Returns the topics of a setup with the rules of their streams.
-fn wanted(setup: &RosSetup, pads: &[String]) -> (Vec<Wanted>, Vec<StreamRule>, StreamNumbers) {
+/// A touch sensor of this computer that is read.
+struct WantedCamera {
+    /// Serial number, or device.
+    name: String,
+    /// Number of its stream.
+    stream: usize,
+    size_px: [usize; 2],
+}
+
+/// Everything that a setup names.
+type AllWanted = (Vec<Wanted>, Vec<WantedCamera>, Vec<StreamRule>, StreamNumbers);
+
+/// Returns the topics and touch sensors of a setup with the rules of their streams.
+fn wanted(setup: &RosSetup, pads: &[TouchPad]) -> AllWanted {
     const IMAGES_OF: &[&str] = &[IMAGE, COMPRESSED_IMAGE];
     let (mut topics, mut rules, mut numbers) = (Vec::new(), Vec::new(), StreamNumbers::default());
     let delivery = |depth| Delivery { reliable: setup.reliable, latched: false, depth };
@@ -132,8 +146,16 @@ fn wanted(setup: &RosSetup, pads: &[String]) -> (Vec<Wanted>, Vec<StreamRule>, S
     numbers.joints = setup.joints.as_ref().map(|topic| stream(topic, &[JOINT_STATE], StreamNeed::Always, true));
     numbers.touch = pads
         .iter()
-        .map(|pad| setup.touch.get(pad).map(|topic| stream(topic, IMAGES_OF, StreamNeed::WhileAlive, false)))
+        .map(|pad| setup.touch.get(&pad.name).map(|topic| stream(topic, IMAGES_OF, StreamNeed::WhileAlive, false)))
         .collect();
+    let mut cameras = Vec::new();
+    for (pad, number) in pads.iter().zip(&mut numbers.touch) {
+        let Some(name) = setup.touch_cameras.get(&pad.name) else { continue };
+        *number = Some(rules.len());
+        cameras.push(WantedCamera { name: name.clone(), stream: rules.len(), size_px: pad.profile.size_px });
+        let name = format!("touch sensor {name}");
+        rules.push(StreamRule { name, need: StreamNeed::WhileAlive, is_between: false });
+    }
     topics.push(Wanted {
         topic: setup.camera_info.clone(),
         delivers: Delivers::CameraInfo,
@@ -151,13 +173,13 @@ fn wanted(setup: &RosSetup, pads: &[String]) -> (Vec<Wanted>, Vec<StreamRule>, S
             inlet: None,
         }));
     }
-    (topics, rules, numbers)
+    (topics, cameras, rules, numbers)
 }
 
 impl Feed {
-    /// Starts to receive. Touch images belong to pads of these names.
-    pub fn start(bus: Arc<Bus>, setup: &RosSetup, pads: &[String]) -> Result<Self, LiveError> {
-        let (topics, rules, numbers) = wanted(setup, pads);
+    /// Starts to receive. Touch images belong to these pads.
+    pub fn start(bus: Arc<Bus>, setup: &RosSetup, pads: &[TouchPad]) -> Result<Self, LiveError> {
+        let (topics, cameras, rules, numbers) = wanted(setup, pads);
         let begun_ns = now_ns();
         let arrived = Arrived {
             pairing: Pairing::new(rules, setup.slop_ns(), begun_ns),
@@ -167,18 +189,28 @@ impl Feed {
             transforms: TransformTree::default(),
             topics: Vec::new(),
         };
-        let shared =
-            Arc::new(Shared { arrived: Mutex::new(arrived), signal: Condvar::new(), stop: AtomicBool::new(false) });
+        let shared = Arc::new(Shared { arrived: Mutex::new(arrived), signal: Condvar::new(), stop: Arc::default() });
+        let mut threads = Vec::new();
+        for WantedCamera { name, stream, size_px } in &cameras {
+            let (others, stream) = (Arc::clone(&shared), *stream);
+            let take = move |stamp_ns, message| {
+                // Stamps of our own clock need no warning.
+                let _ = others.lock().pairing.push(stream, stamp_ns, stamp_ns, message);
+                others.signal.notify_all();
+            };
+            threads.push(touch_camera::read(name.clone(), *size_px, Arc::clone(&shared.stop), Box::new(take)));
+        }
         let receiver = Receiver {
             bus,
             shared: Arc::clone(&shared),
             topics,
+            cameras,
             waiter: Waiter::new()?,
             told: BTreeSet::new(),
             begun_ns,
         };
-        let thread = std::thread::spawn(move || receiver.run());
-        Ok(Self { shared, thread: Some(thread), numbers })
+        threads.push(std::thread::spawn(move || receiver.run()));
+        Ok(Self { shared, threads, numbers })
     }
 
     /// Returns the newest complete frame that was not returned before; waits for one at most so long.
@@ -235,6 +267,7 @@ struct Receiver {
     bus: Arc<Bus>,
     shared: Arc<Shared>,
     topics: Vec<Wanted>,
+    cameras: Vec<WantedCamera>,
     waiter: Waiter,
     /// Warnings that were given: by topic and kind, so that each is given once.
     told: BTreeSet<(String, &'static str)>,
@@ -341,7 +374,14 @@ impl Receiver {
             }
         }
         let mut arrived = self.shared.lock();
-        arrived.topics = self.topics.iter().filter_map(|wanted| record(wanted, &arrived.pairing)).collect();
+        let lost = |wanted: &Wanted| wanted.inlet.as_ref().map_or(0, Inlet::lost);
+        let topics = self.topics.iter().filter_map(|wanted| match wanted.delivers {
+            Delivers::Stream(number) => Some((number, lost(wanted))),
+            _ => None,
+        });
+        // What a camera loses is not known.
+        let streams: Vec<(usize, u64)> = topics.chain(self.cameras.iter().map(|camera| (camera.stream, 0))).collect();
+        arrived.topics = streams.into_iter().filter_map(|(of, lost)| record(of, lost, &arrived.pairing)).collect();
         is_any
     }
 
@@ -390,16 +430,9 @@ fn missing_in_words(seen: &BTreeMap<String, LiveTopic>) -> String {
     format!("no publisher; these topics are seen: {}", seen.join(", "))
 }
 
-fn record(wanted: &Wanted, pairing: &Pairing<Vec<u8>>) -> Option<LiveTopicRecord> {
-    let Delivers::Stream(number) = wanted.delivers else { return None };
-    let (_, counts) = pairing.streams().nth(number)?;
+fn record(stream: usize, lost: u64, pairing: &Pairing<Vec<u8>>) -> Option<LiveTopicRecord> {
+    let (name, counts) = pairing.streams().nth(stream)?;
     let span_ns = counts.newest_arrival_ns.zip(counts.first_arrival_ns).map_or(0, |(newest, first)| newest - first);
     let hz = if span_ns > 0 { (counts.received - 1) as f64 / (span_ns as f64 * 1e-9) } else { 0.0 };
-    Some(LiveTopicRecord {
-        topic: wanted.topic.clone(),
-        received: counts.received,
-        lost: wanted.inlet.as_ref().map_or(0, Inlet::lost),
-        refused: counts.refused,
-        hz,
-    })
+    Some(LiveTopicRecord { topic: name.to_owned(), received: counts.received, lost, refused: counts.refused, hz })
 }

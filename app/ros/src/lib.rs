@@ -35,6 +35,7 @@ mod publisher;
 mod recorder;
 mod setup;
 mod source;
+mod touch_camera;
 
 pub use bus::{Bus, Delivery, Inlet, LiveTopic, Outlet, Waiter};
 pub use cdr_writer::CdrWriter;

@@ -109,7 +109,8 @@ impl Observer {
         }
         let mut touch = Vec::new();
         for (pad, number) in hand.pads().iter().zip(&numbers.touch) {
-            let topic = setup.touch.get(&pad.name).map_or("", String::as_str);
+            let name = setup.touch.get(&pad.name).or_else(|| setup.touch_cameras.get(&pad.name));
+            let topic = name.map_or("", String::as_str);
             let image = number.map(|number| picture(number, topic)).transpose()?.flatten();
             touch.push(image.map(|image| of(topic, image.colours())).transpose()?.unwrap_or_default());
         }

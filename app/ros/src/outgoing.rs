@@ -31,7 +31,7 @@ pub struct OutgoingHeader<'a> {
 }
 
 impl OutgoingHeader<'_> {
-    fn write(&self, writer: &mut CdrWriter) {
+    pub(crate) fn write(&self, writer: &mut CdrWriter) {
         const SECOND_NS: i64 = 1_000_000_000;
         // Seconds beyond 2038 are not stamps of ROS 2.
         writer.i32(i32::try_from(self.stamp_ns.div_euclid(SECOND_NS)).unwrap_or(i32::MAX));

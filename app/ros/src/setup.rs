@@ -45,6 +45,9 @@ pub struct RosSetup {
     /// Topics of touch images by the name of the pad.
     #[serde(default)]
     pub touch: BTreeMap<String, String>,
+    /// Touch sensors that are cameras of this computer, by the name of the pad: their serial numbers, or devices such as `/dev/video2`.
+    #[serde(default)]
+    pub touch_cameras: BTreeMap<String, String>,
     /// Names of joints in ROS by their names in the rig, where they differ.
     #[serde(default)]
     pub joint_names: BTreeMap<String, String>,
@@ -170,6 +173,17 @@ impl RosSetup {
         if !(0.0..=30.0).contains(&self.publish.mesh_hz) {
             return Err(format!("publish.mesh_hz must lie between 0 and 30 (it is {})", self.publish.mesh_hz));
         }
+        let mut seen = BTreeSet::new();
+        for (pad, camera) in &self.touch_cameras {
+            if self.touch.contains_key(pad) {
+                return Err(format!("{pad} stands in both touch and touch_cameras: each pad has one sensor"));
+            }
+            if camera.is_empty() || !seen.insert(camera) {
+                return Err(format!(
+                    "touch_cameras.{pad} = {camera:?} is empty or stated twice: write the serial number of its sensor"
+                ));
+            }
+        }
         if self.rig.is_none() {
             if self.masks.is_none() {
                 return Err(
@@ -178,12 +192,15 @@ impl RosSetup {
                 );
             }
             if self.joints.is_some()
-                || !self.touch.is_empty()
+                || self.touch_pads().next().is_some()
                 || self.camera.is_some()
                 || self.side.is_some()
                 || !self.joint_names.is_empty()
             {
-                return Err("joints, joint_names, touch, side and camera belong to a hand: name it as `rig`".to_owned());
+                return Err(
+                    "joints, joint_names, touch, touch_cameras, side and camera belong to a hand: name it as `rig`"
+                        .to_owned(),
+                );
             }
         } else if self.joints.is_none() {
             return Err("a hand needs its joint angles: name their topic as `joints`".to_owned());
@@ -207,6 +224,12 @@ impl RosSetup {
             stated.into_iter().filter_map(|(key, topic)| Some((key.to_owned(), topic?.as_str()))).collect();
         topics.extend(self.touch.iter().map(|(pad, topic)| (format!("touch.{pad}"), topic.as_str())));
         topics
+    }
+
+    /// Returns the pads whose images are read, with the key under which they stand.
+    pub(crate) fn touch_pads(&self) -> impl Iterator<Item = (&'static str, &String)> {
+        let topics = self.touch.keys().map(|pad| ("touch", pad));
+        topics.chain(self.touch_cameras.keys().map(|pad| ("touch_cameras", pad)))
     }
 
     /// Returns the domain: that of the file, else that of the variable ROS_DOMAIN_ID, else 0.
@@ -256,6 +279,9 @@ mod tests {
             ("joints = \"/j\"", "belong to a hand"),
             ("rig = \"allegro_digit\"", "joint angles"),
             ("addresses = [\"localhost\"]", "line 5"),
+            ("touch_cameras = { thumb = \"D1\", ring = \"D1\" }", "stated twice"),
+            ("touch_cameras = { thumb = \"D1\" }\ntouch = { thumb = \"/t\" }", "both touch and touch_cameras"),
+            ("touch_cameras = { thumb = \"D1\" }", "belong to a hand"),
             ("publish = { mesh_hz = 1e9 }", "mesh_hz"),
             ("publish = { prefix = \"x\" }", "publish.prefix"),
         ] {

@@ -121,8 +121,8 @@ impl RosSource {
     ) -> Result<Self> {
         let LiveOptions { hand, camera, perception, duration_s, stop, record } = options;
         let pads: Vec<String> = hand.pads().iter().map(|pad| pad.name.clone()).collect();
-        if let Some(pad) = setup.touch.keys().find(|pad| !pads.contains(pad)) {
-            bail!("{}: touch.{pad} is no pad of {}; its pads are {}", file.display(), hand.name(), pads.join(", "));
+        if let Some((key, pad)) = setup.touch_pads().find(|(_, pad)| !pads.contains(*pad)) {
+            bail!("{}: {key}.{pad} is no pad of {}; its pads are {}", file.display(), hand.name(), pads.join(", "));
         }
         if let Some(joint) = setup.joint_names.keys().find(|joint| hand.joints().iter().all(|of| of.name != **joint)) {
             bail!(
@@ -134,7 +134,7 @@ impl RosSource {
         if let Some(note) = Bus::buffer_note() {
             tracing::warn!("{note}");
         }
-        let feed = Feed::start(bus, setup, &pads)?;
+        let feed = Feed::start(bus, setup, hand.pads())?;
         let (info, depth_frame) = loop {
             if stop.load(Ordering::Relaxed) {
                 bail!(

@@ -16,6 +16,7 @@
 
 pub mod ball;
 mod calibrate;
+mod camera;
 mod images;
 mod layout;
 mod pictures;
@@ -24,6 +25,7 @@ mod predictor;
 mod stream;
 
 pub use calibrate::{TouchCalibrateArguments, calibrate};
+pub use camera::TouchCamera;
 pub use image;
 pub use images::SensorImages;
 pub use layout::ImageLayout;

@@ -1,0 +1,83 @@
+//! `--foxglove` of `run` and `view`.
+
+#[cfg(feature = "foxglove")]
+use std::net::IpAddr;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::Result;
+use clap::Args;
+
+/// How often a view looks whether it shall end.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Whether and where a run is shown to Foxglove. Without the feature `foxglove` there are no such options, and nobody listens.
+#[derive(Debug, Clone, Args)]
+pub struct FoxgloveArguments {
+    /// Show the run in Foxglove while it goes on: listen on this port for a WebSocket connection, 0 for a free one [default: 8765]
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8765")]
+    foxglove: Option<u16>,
+    /// Address of this computer on which --foxglove listens; others than the default let other computers in, without password or encryption
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1", requires = "foxglove")]
+    foxglove_address: IpAddr,
+}
+
+/// Shows a run to Foxglove until it is dropped.
+pub struct FoxgloveView {
+    #[cfg(feature = "foxglove")]
+    server: crate::FoxgloveServer,
+}
+
+impl FoxgloveArguments {
+    /// Listens, if that was asked for, and says where unless it is to be `quiet`.
+    ///
+    /// # Errors
+    /// If the port cannot be used.
+    #[cfg_attr(not(feature = "foxglove"), allow(unused_variables, reason = "nothing is said"))]
+    pub fn listen(&self, quiet: bool) -> Result<Option<FoxgloveView>> {
+        #[cfg(feature = "foxglove")]
+        if let Some(port) = self.foxglove {
+            let server = crate::FoxgloveServer::listen(self.foxglove_address, port)?;
+            let address = std::net::SocketAddr::new(self.foxglove_address, server.port());
+            if !quiet {
+                mvt_run::io::print_line(&format!("Foxglove: open a connection to ws://{address}"))?;
+            }
+            return Ok(Some(FoxgloveView { server }));
+        }
+        Ok(None)
+    }
+}
+
+impl FoxgloveView {
+    /// Shows the run in a folder, whose recording has begun.
+    ///
+    /// # Errors
+    /// If the folder holds no recording.
+    #[cfg_attr(not(feature = "foxglove"), allow(unused_variables, reason = "there is no view"))]
+    pub fn show(&mut self, run: &Path) -> Result<()> {
+        #[cfg(feature = "foxglove")]
+        self.server.follow(run)?;
+        Ok(())
+    }
+
+    /// Ends when clients have received the rest of a run that has ended.
+    pub fn finish(self) {
+        #[cfg(feature = "foxglove")]
+        drop(self.server);
+    }
+
+    /// Shows the run in a folder, again and again once it has ended, until `stop` is set.
+    ///
+    /// # Errors
+    /// If the folder holds no recording.
+    pub fn watch(mut self, run: &Path, stop: &AtomicBool) -> Result<()> {
+        self.show(run)?;
+        while !stop.load(Ordering::Relaxed) {
+            std::thread::sleep(LOOK);
+        }
+        Ok(())
+    }
+}
