@@ -12,6 +12,7 @@ use nalgebra as na;
 use serde_json::{Value, json};
 
 use crate::rgbd::as_named_folders;
+use crate::touch_stream::with_ffmpeg;
 use crate::workplace::{Ended, Workplace, skip};
 
 /// Stamps of the sequence: 30 frames per second.
@@ -380,4 +381,38 @@ fn what_a_hand_delivers_is_recorded_and_repeats_the_estimate() {
     workplace.run("inspect recorded").good();
     let refused = workplace.run("run --ros ros.toml --out other --record recorded").error();
     assert!(refused.contains("the folder is not empty"), "{refused}");
+}
+
+/// The sensor of the thumb is ffmpeg's test picture, played by a script in the place of ffmpeg; the others are topics.
+#[test]
+fn a_touch_sensor_of_this_computer_is_read_beside_the_topics() {
+    let Some(python) = python() else { return };
+    let (workplace, domain) = (Workplace::new(), domain(6));
+    prepare_hand(&workplace, 0.7, domain);
+    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
+    let text = text.replace("reliable = true\n", "").replace("thumb = \"/touch/thumb/image_raw\"\n", "");
+    workplace.write("ros.toml", format!("{text}[ros.touch_cameras]\nthumb = \"/dev/null\"\n"));
+    let play = "FFMPEG -nostdin -loglevel error -re -f lavfi -i testsrc2=size=320x240:rate=60 -f image2pipe -c:v ppm -";
+    // At the first start it is in use.
+    let script = format!(
+        "if [ -e busy ]; then {play}; else touch busy; echo /dev/null: Device or resource busy >&2; exit 1; fi"
+    );
+    let mut run = with_ffmpeg(&workplace, "run --ros ros.toml --out live --record recorded --modality vi", &script);
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --hz 5"));
+    interrupt(&run);
+    let said = ended(run);
+    assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
+    assert!(said.stderr.contains("cannot read the camera /dev/null: Device or resource busy"), "{said:?}");
+    let summary = json_of(&workplace.path("live/summary.json"));
+    let topics = summary["live"]["topics"].as_array().unwrap();
+    let camera = topics.iter().find(|topic| topic["topic"] == "touch sensor /dev/null").unwrap();
+    assert!(camera["received"].as_u64().unwrap() > 30 && topics.len() == 7, "{summary}");
+    let log = Log::open_tolerant(&workplace.path("recorded")).unwrap();
+    let thumb = log.hand().pads().iter().position(|pad| pad.name == "thumb").unwrap();
+    let images: Vec<_> = (0..log.len()).filter_map(|frame| log.touch_image(thumb, frame).ok()).collect();
+    // Frames before it was there do not wait for it. Its picture moves.
+    assert!(2 * images.len() > log.len() && images.windows(2).all(|pair| pair[0] != pair[1]), "{said:?}");
+    workplace.write("ros.toml", text + "[ros.touch_cameras]\nthumb = \"\"\n");
+    assert!(workplace.run("run --ros ros.toml").error().contains("touch_cameras.thumb"));
 }

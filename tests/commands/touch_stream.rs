@@ -37,7 +37,7 @@ fn videos() -> Option<Workplace> {
 }
 
 /// Returns a command whose `ffmpeg` is a script, in which FFMPEG stands for the real one.
-fn with_ffmpeg(workplace: &Workplace, arguments: &str, script: &str) -> Command {
+pub fn with_ffmpeg(workplace: &Workplace, arguments: &str, script: &str) -> Command {
     let path = std::env::var("PATH").unwrap();
     let real = path.split(':').map(|folder| Path::new(folder).join("ffmpeg")).find(|file| file.exists()).unwrap();
     std::fs::create_dir_all(workplace.path("bin")).unwrap();

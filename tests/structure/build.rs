@@ -8,9 +8,11 @@ use crate::nothing_offends;
 use crate::sources::{read, root, rust_files};
 
 /// Most packages in Cargo.lock. Lower it when their number falls; raise it only with a reason in the commit.
-const PACKAGES: usize = 605;
+/// 62 of them are those of Foxglove's server, which only a build with the feature `foxglove` compiles.
+const PACKAGES: usize = 667;
 /// Packages in Cargo.lock beyond one version of each. Most come from the windows of other platforms.
-const EXTRA_VERSIONS: usize = 41;
+/// 16 belong to Foxglove's server, most of them to parts of its libraries that are never compiled.
+const EXTRA_VERSIONS: usize = 57;
 /// Folders of the kernels: none of their dependencies runs unoptimised.
 const KERNELS: [&str; 3] = ["sim", "perception", "slam"];
 /// The crates that decode and encode files of others, whose own dependencies run optimised, too.

@@ -59,7 +59,7 @@ impl FoxgloveView {
     #[cfg_attr(not(feature = "foxglove"), allow(unused_variables, reason = "there is no view"))]
     pub fn show(&mut self, run: &Path) -> Result<()> {
         #[cfg(feature = "foxglove")]
-        self.server.follow(run)?;
+        self.server.follow(run, false)?;
         Ok(())
     }
 
@@ -73,8 +73,10 @@ impl FoxgloveView {
     ///
     /// # Errors
     /// If the folder holds no recording.
+    #[cfg_attr(not(feature = "foxglove"), allow(unused_mut, unused_variables, reason = "there is no view"))]
     pub fn watch(mut self, run: &Path, stop: &AtomicBool) -> Result<()> {
-        self.show(run)?;
+        #[cfg(feature = "foxglove")]
+        self.server.follow(run, true)?;
         while !stop.load(Ordering::Relaxed) {
             std::thread::sleep(LOOK);
         }

@@ -114,18 +114,19 @@ impl FoxgloveServer {
         self.server.as_ref().map_or(0, WebSocketServerHandle::port)
     }
 
-    /// Serves the run in a folder: while it goes on as it comes, and after its end at its own pace, again and again.
+    /// Serves the run in a folder as it comes while it goes on. `is_replayed` says whether one that has ended is played at its own pace, again
+    /// and again.
     ///
     /// # Errors
     /// If the folder holds no recording.
-    pub fn follow(&mut self, run: &Path) -> Result<()> {
+    pub fn follow(&mut self, run: &Path, is_replayed: bool) -> Result<()> {
         let recording = Recording::open(run)?;
         let mut sink =
             Watched { context: Arc::clone(&self.context), channels: Vec::new(), newest: Arc::clone(&self.newest) };
         let messages = RunMessages::new(&mut sink, &recording)?;
         let follower = Follower { recording, messages, sink, run: run.to_owned(), ends: Arc::clone(&self.ends) };
         let thread = std::thread::Builder::new().name("foxglove".to_owned());
-        self.follower = Some(thread.spawn(move || follower.run()).context("cannot start a thread")?);
+        self.follower = Some(thread.spawn(move || follower.run(is_replayed)).context("cannot start a thread")?);
         Ok(())
     }
 }
@@ -162,8 +163,8 @@ struct Follower {
 }
 
 impl Follower {
-    fn run(mut self) {
-        if let Err(reason) = self.follow() {
+    fn run(mut self, is_replayed: bool) {
+        if let Err(reason) = self.follow(is_replayed) {
             tracing::warn!("Foxglove shows no more of {}: {reason}", self.run.display());
         }
     }
@@ -172,12 +173,11 @@ impl Follower {
         self.ends.load(Ordering::Relaxed)
     }
 
-    fn follow(&mut self) -> Result<(), ExchangeError> {
-        let begun_growing = self.recording.is_growing();
-        if begun_growing {
+    fn follow(&mut self, is_replayed: bool) -> Result<(), ExchangeError> {
+        if self.recording.is_growing() || !is_replayed {
             self.follow_growing()?;
         }
-        while !self.is_over() {
+        while is_replayed && !self.is_over() {
             self.play()?;
         }
         Ok(())
@@ -192,6 +192,11 @@ impl Follower {
             let is_last = self.is_over() || !self.recording.is_growing();
             let has_news = self.recording.refresh()?;
             let count = self.recording.moments().len();
+            if count < next {
+                // Another run has begun in the folder.
+                self.messages.rewind();
+                next = 0;
+            }
             while next < count {
                 let with_images = count - next <= BEHIND;
                 self.messages.moment(&self.recording, next, with_images, &mut self.sink, &io)?;
