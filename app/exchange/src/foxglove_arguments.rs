@@ -29,10 +29,13 @@ pub struct FoxgloveArguments {
 pub struct FoxgloveView {
     #[cfg(feature = "foxglove")]
     server: crate::FoxgloveServer,
+    /// The address, if it is to be said.
+    #[cfg(feature = "foxglove")]
+    address: Option<std::net::SocketAddr>,
 }
 
 impl FoxgloveArguments {
-    /// Listens, if that was asked for, and says where unless it is to be `quiet`.
+    /// Listens, if that was asked for. Says where as soon as there is something to show, unless it is to be `quiet`.
     ///
     /// # Errors
     /// If the port cannot be used.
@@ -42,10 +45,7 @@ impl FoxgloveArguments {
         if let Some(port) = self.foxglove {
             let server = crate::FoxgloveServer::listen(self.foxglove_address, port)?;
             let address = std::net::SocketAddr::new(self.foxglove_address, server.port());
-            if !quiet {
-                mvt_run::io::print_line(&format!("Foxglove: open a connection to ws://{address}"))?;
-            }
-            return Ok(Some(FoxgloveView { server }));
+            return Ok(Some(FoxgloveView { server, address: (!quiet).then_some(address) }));
         }
         Ok(None)
     }
@@ -59,8 +59,17 @@ impl FoxgloveView {
     #[cfg_attr(not(feature = "foxglove"), allow(unused_variables, reason = "there is no view"))]
     pub fn show(&mut self, run: &Path) -> Result<()> {
         #[cfg(feature = "foxglove")]
-        self.server.follow(run, false)?;
+        self.follow(run, false)?;
         Ok(())
+    }
+
+    #[cfg(feature = "foxglove")]
+    fn follow(&mut self, run: &Path, is_replayed: bool) -> Result<()> {
+        self.server.follow(run, is_replayed)?;
+        match self.address {
+            Some(address) => mvt_run::io::print_line(&format!("Foxglove: open a connection to ws://{address}")),
+            None => Ok(()),
+        }
     }
 
     /// Ends when clients have received the rest of a run that has ended.
@@ -76,7 +85,7 @@ impl FoxgloveView {
     #[cfg_attr(not(feature = "foxglove"), allow(unused_mut, unused_variables, reason = "there is no view"))]
     pub fn watch(mut self, run: &Path, stop: &AtomicBool) -> Result<()> {
         #[cfg(feature = "foxglove")]
-        self.server.follow(run, true)?;
+        self.follow(run, true)?;
         while !stop.load(Ordering::Relaxed) {
             std::thread::sleep(LOOK);
         }
