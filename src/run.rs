@@ -3,7 +3,6 @@
 mod arguments;
 mod folder;
 mod input;
-mod words;
 
 use std::sync::Arc;
 
@@ -20,7 +19,7 @@ use mvt_run::input::map_obstacles;
 use mvt_run::io::{print_line, write_file};
 use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline};
 use mvt_run::progress_recorder::ProgressRecorder;
-use mvt_run::report::RunRecord;
+use mvt_run::report::{RunRecord, in_words};
 use mvt_run::truth::Truth;
 use mvt_run::{progress, settings};
 use mvt_slam::map::Map;
@@ -145,7 +144,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     if arguments.json {
         print_line(&serde_json::to_string_pretty(&summary)?)?;
     } else if !arguments.quiet {
-        print_line(&words::in_words(&summary, &arguments.out))?;
+        let benchmark = summary.benchmark.as_ref().map(mvt_benchmark::score_in_words);
+        print_line(&in_words(&summary, &arguments.out, benchmark.as_deref()))?;
     }
     if !finished.complete {
         bail!("the run was interrupted; {} contains its results so far", arguments.out.display());

@@ -35,6 +35,7 @@ mod tests;
 mod tracked;
 mod trajectory;
 mod turntable;
+mod words;
 
 pub use camera_poses::{FrameCamera, write_camera_poses};
 pub use carried_masks::CarriedMasks;
@@ -44,6 +45,7 @@ pub use summary::{ErrorStatistics, KNOWN_RAD, ObservedScores, RotationStatistics
 pub use surface_colours::SurfaceColours;
 pub use tracked::{benchmark, is_symmetric};
 pub use trajectory::{read_trajectory, stated_coordinates, write_trajectory};
+pub use words::in_words;
 
 /// Names of the files in a run's folder.
 pub mod file {

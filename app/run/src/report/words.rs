@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use mvt_run::io::shell_word;
-use mvt_run::report::{KNOWN_RAD, SURE_M, Summary, file};
+use crate::io::shell_word;
+use crate::report::{KNOWN_RAD, SURE_M, Summary, file};
 
-/// Returns speed and scores of a run, the folder of its results, and what to look at next.
-pub fn in_words(summary: &Summary, out: &Path) -> String {
+/// Returns speed and scores of a run, the folder of its results, and what to look at next; `benchmark` are the scores as benchmarks have them, in
+/// words.
+pub fn in_words(summary: &Summary, out: &Path, benchmark: Option<&str>) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
     let f = |mm: u32| number(summary.shape.f_score.as_ref().and_then(|scores| scores.get(&mm).copied()));
     let add_s = summary.add_s_mm;
@@ -68,8 +69,8 @@ pub fn in_words(summary: &Summary, out: &Path) -> String {
             );
         }
     }
-    if let Some(score) = &summary.benchmark {
-        text += &format!("{}\n", mvt_benchmark::score_in_words(score));
+    if let Some(scores) = benchmark {
+        text += &format!("{scores}\n");
     }
     text += &format!("results in {}\n", out.display());
     let path = |name: &str| out.join(name).display().to_string();
