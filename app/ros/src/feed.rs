@@ -193,7 +193,10 @@ impl Feed {
         let mut threads = Vec::new();
         for WantedCamera { name, stream, size_px } in &cameras {
             let (others, stream) = (Arc::clone(&shared), *stream);
-            let take = move |stamp_ns, message| {
+            let frame = name.clone();
+            let take = move |image: &image::RgbImage| {
+                let stamp_ns = now_ns();
+                let message = touch_camera::message(stamp_ns, &frame, image);
                 // Stamps of our own clock need no warning.
                 let _ = others.lock().pairing.push(stream, stamp_ns, stamp_ns, message);
                 others.signal.notify_all();

@@ -9,7 +9,6 @@ use image::RgbImage;
 use mvt_sensor::TouchCamera;
 
 use crate::cdr_writer::CdrWriter;
-use crate::feed::now_ns;
 use crate::outgoing::OutgoingHeader;
 
 /// Pause before a sensor that was lost is looked for again.
@@ -17,12 +16,12 @@ const AGAIN: Duration = Duration::from_secs(1);
 /// How often it is checked whether the run ends.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Takes an image as a message: its stamp, nanoseconds, and its bytes.
-pub(crate) type TakeMessage = Box<dyn Fn(i64, Vec<u8>) + Send>;
+/// Takes an image as it arrives.
+pub(crate) type TakeImage = Box<dyn Fn(&RgbImage) + Send>;
 
 /// Reads a sensor, named by its serial number or device, on a thread of its own until `stop` is set. One that is lost is opened again when it is
 /// back.
-pub(crate) fn read(name: String, size_px: [usize; 2], stop: Arc<AtomicBool>, take: TakeMessage) -> JoinHandle<()> {
+pub(crate) fn read(name: String, size_px: [usize; 2], stop: Arc<AtomicBool>, take: TakeImage) -> JoinHandle<()> {
     std::thread::spawn(move || {
         let is_over = || stop.load(Ordering::Relaxed);
         let mut told = String::new();
@@ -30,8 +29,7 @@ pub(crate) fn read(name: String, size_px: [usize; 2], stop: Arc<AtomicBool>, tak
             let reason = match TouchCamera::open(&name, size_px) {
                 Ok(mut camera) => {
                     while let Some(image) = camera.newest(&stop) {
-                        let stamp_ns = now_ns();
-                        take(stamp_ns, message(stamp_ns, &name, &image));
+                        take(&image);
                         told.clear();
                     }
                     if is_over() {
@@ -54,7 +52,7 @@ pub(crate) fn read(name: String, size_px: [usize; 2], stop: Arc<AtomicBool>, tak
 }
 
 /// Returns an image as the message `sensor_msgs/msg/Image`, in which the topics deliver theirs.
-fn message(stamp_ns: i64, frame: &str, image: &RgbImage) -> Vec<u8> {
+pub(crate) fn message(stamp_ns: i64, frame: &str, image: &RgbImage) -> Vec<u8> {
     let (width, height) = image.dimensions();
     let mut writer = CdrWriter::new();
     OutgoingHeader { stamp_ns, frame }.write(&mut writer);
