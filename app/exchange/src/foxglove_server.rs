@@ -30,12 +30,15 @@ const GRACE: Duration = Duration::from_millis(300);
 /// Pause before a finished run begins again.
 const PAUSE: Duration = Duration::from_secs(2);
 
-/// What clients receive when they subscribe: the newest message of each channel, and its time, nanoseconds.
+/// Message with its channel and its time, nanoseconds.
+type Sent = (Arc<RawChannel>, Vec<u8>, u64);
+
+/// What clients receive when they subscribe: the newest message of each channel, by its topic.
 #[derive(Default)]
-struct Newest(Mutex<BTreeMap<String, (Arc<RawChannel>, Vec<u8>, u64)>>);
+struct Newest(Mutex<BTreeMap<String, Sent>>);
 
 impl Newest {
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, (Arc<RawChannel>, Vec<u8>, u64)>> {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Sent>> {
         // A message is replaced whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -190,7 +190,7 @@ impl Sink {
                 }
                 let depth_m: Vec<f32> = camera.depth_m.iter().copied().collect();
                 assembler.depth(0, frame, Some(&depth_m))?;
-                camera_poses.extend(camera.world_from_camera.map(|pose| pose.to_matrix()));
+                camera_poses.extend(camera.world_from_camera.map(mvt_frames::Isometry::to_matrix));
                 timeline.times_s.push(observation.time_s);
                 timeline.joints.push(observation.joints);
                 timeline.object_poses.push(None);
