@@ -89,6 +89,7 @@ fn a_log_without_scene_json_holds_its_hand_in_the_pickle() {
             joints: vec![joints],
             object_poses: vec![None],
             scene: None,
+            live: None,
         };
         log.finish(timeline(common::joints_of(&hand, 0))).unwrap();
         assert_eq!(Log::open(&place).unwrap().hand(), &hand);

@@ -13,7 +13,7 @@ use crate::foxglove::{
 };
 use crate::protobuf::Message;
 use crate::schema::MessageType;
-use crate::writer::Mcap;
+use crate::writer::{Mcap, MessageSink as _};
 
 const START_NS: u64 = 1_700_000_000_000_000_000;
 const STEP_NS: u64 = 33_333_333;
