@@ -84,6 +84,21 @@ fn a_bag_gives_what_the_same_frames_in_a_folder_give() {
     let errors = ["of_folder", "of_bag"].map(|out| summary(out)["add_s_mm"]["mean"].as_f64().unwrap());
     assert!((errors[0] - errors[1]).abs() < 1e-3, "{errors:?}");
 
+    // As a folder that other programs read, too; its frames count from the first.
+    let told = workplace.run("import all.mcap --out imported").warned_with_output();
+    assert!(told.contains("9 true poses"), "{told}");
+    run("imported", "of_imported").good();
+    let values = |out: &str| -> Vec<f64> {
+        let words = poses(out).into_values().map(|bytes| String::from_utf8(bytes).unwrap());
+        words.flat_map(|text| text.split_whitespace().map(|x| x.parse().unwrap()).collect::<Vec<f64>>()).collect()
+    };
+    let apart = values("of_bag").into_iter().zip(values("of_imported")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(apart < 1e-9 && values("of_bag").len() == values("of_imported").len(), "{apart}");
+    assert!(workplace.run("import folder --out imported").error().contains("not empty"));
+    let again: serde_json::Value =
+        serde_json::from_str(&workplace.run("import folder --out again --json").good()).unwrap();
+    assert_eq!([&again["frames"], &again["masks"], &again["object_poses"]], [9, 9, 9], "{again}");
+
     // The folder of a bag, with masks that were drawn later, named by stamps.
     fs::create_dir(workplace.path("rosbag")).unwrap();
     workplace.write("rosbag/a_0.mcap", as_bag(&workplace.path("folder"), false));

@@ -22,7 +22,7 @@ fn the_page_of_commands_is_the_help() {
     let mut command = mambavitact::command().term_width(WIDTH).disable_help_subcommand(true);
     command.build();
     let mut page =
-        "# Commands\n\n<!-- Made from the help texts by `UPDATE_PAGES=1 cargo test --features cuda,onnx,ros --test library commands_page`. -->\n".to_owned();
+        "# Commands\n\n<!-- Made from the help texts by `UPDATE_PAGES=1 cargo test --features cuda,foxglove,onnx,ros --test library commands_page`. -->\n".to_owned();
     describe(&mut command, &mut page);
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/commands.md");
     if std::env::var_os("UPDATE_PAGES").is_some() {

@@ -9,6 +9,7 @@ use mvt_recording::Recording;
 use mvt_run::io::{print_line, shell_word};
 use mvt_run::progress;
 
+use crate::import_sequence::{ImportedSequence, import_sequence, is_sequence};
 use crate::{Exported, export_lerobot, export_mcap, export_run, import_lerobot, import_mcap};
 
 /// Write a log or a run in a format that other programs read
@@ -113,7 +114,8 @@ fn lerobot(LerobotArguments { logs, runs, out, exact_depth }: &LerobotArguments)
 
 /// Turn a recording into a log that `run --log` takes
 ///
-/// SOURCE is an MCAP file with Foxglove's protobuf schemas, or the folder of a data set of LeRobot v3.0. Those that `export`
+/// SOURCE is an RGB-D sequence or a bag of ROS 2 (docs/rgbd.md), which becomes a folder of images, or a recording of a hand: an MCAP file with Foxglove's
+/// protobuf schemas, or the folder of a data set of LeRobot v3.0. Those that `export`
 /// wrote need no more. For others a mapping file names the topics, or the columns, of joints, cameras and touch sensors;
 /// docs/exchange.md describes it. A frame of a data set is a row.
 ///
@@ -123,7 +125,7 @@ fn lerobot(LerobotArguments { logs, runs, out, exact_depth }: &LerobotArguments)
 /// itself; without a true pose of the object there are no scores.
 #[derive(Debug, Args)]
 pub struct ImportArguments {
-    /// MCAP file, or folder of a data set
+    /// File or folder of the recording
     source: PathBuf,
     /// TOML file that says which topics or columns are which sensors; not needed for an export of this program
     #[arg(long, value_name = "FILE")]
@@ -151,6 +153,11 @@ pub fn import(arguments: &ImportArguments) -> Result<()> {
         bar.set_position(done as u64);
     };
     let mapping = mapping.as_deref();
+    if mapping.is_none() && is_sequence(source) {
+        let imported = import_sequence(source, out, advance)?;
+        bar.finish_and_clear();
+        return told_sequence(&imported, out, *json);
+    }
     let imported = if source.is_dir() {
         import_lerobot(source, *episode, mapping, out, advance)?
     } else {
@@ -164,5 +171,21 @@ pub fn import(arguments: &ImportArguments) -> Result<()> {
         tracing::warn!("{note}");
     }
     print_line(&format!("{imported} in {}", out.display()))?;
+    print_line(&format!("next: `mambavitact run --log {}`", shell_word(&out.to_string_lossy())))
+}
+
+fn told_sequence(imported: &ImportedSequence, out: &Path, json: bool) -> Result<()> {
+    if json {
+        return print_line(&serde_json::to_string(imported)?);
+    }
+    for note in &imported.notes {
+        tracing::warn!("{note}");
+    }
+    let ImportedSequence { layout, frames, masks, object_poses, moves, .. } = imported;
+    let camera = if *moves { ", poses of the camera" } else { "" };
+    print_line(&format!(
+        "{layout}: {frames} frames, {masks} masks, {object_poses} true poses{camera} in {}",
+        out.display()
+    ))?;
     print_line(&format!("next: `mambavitact run --log {}`", shell_word(&out.to_string_lossy())))
 }

@@ -27,6 +27,7 @@ mod foxglove_arguments;
 mod foxglove_server;
 mod import_lerobot;
 mod import_mcap;
+mod import_sequence;
 mod joints;
 mod mapping;
 mod messages;

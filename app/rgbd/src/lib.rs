@@ -58,4 +58,4 @@ pub use ndarray;
 pub use recording::{RgbdFrame, RgbdLayout, RgbdRecording, check_first_mask, object_distance_m};
 pub use registration::{UNREGISTERED, are_colours_registered};
 pub use text::read_pose_in_camera;
-pub use writer::RgbdWriter;
+pub use writer::{RgbdWriter, WrittenFrame};

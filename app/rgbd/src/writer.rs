@@ -1,4 +1,4 @@
-//! Writer of a sequence that a live run records.
+//! Writer of a sequence, as a live run records it, or as a copy of another.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use image::{ExtendedColorType, RgbImage};
 use mvt_feelsight::array::Array;
 use mvt_feelsight::npy;
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::{Camera, Isometry, World};
+use mvt_frames::{Camera, Frame, Isometry, MeshFile, World};
 use ndarray::Array2;
 
 use crate::description;
@@ -20,7 +20,7 @@ use crate::text;
 ///
 /// ```
 /// use mvt_frames::camera::Intrinsics;
-/// use mvt_rgbd::{RgbdRecording, RgbdWriter};
+/// use mvt_rgbd::{RgbdRecording, RgbdWriter, WrittenFrame};
 /// use ndarray::Array2;
 ///
 /// let folder = std::env::temp_dir().join("mvt-rgbd-writer-example");
@@ -28,7 +28,14 @@ use crate::text;
 /// let lens = Intrinsics { width: 4, height: 3, fx: 5.0, fy: 5.0, cx: 1.5, cy: 1.0 };
 /// let writer = RgbdWriter::create(&folder, &lens, 0.001)?;
 /// let (depth_m, mask) = (Array2::from_elem((3, 4), 0.5), Array2::from_elem((3, 4), true));
-/// writer.push(1_581_120_424_100_262_102, &Default::default(), &depth_m, Some(&mask), None)?;
+/// writer.push(&WrittenFrame {
+///     stamp_ns: 1_581_120_424_100_262_102,
+///     color: &Default::default(),
+///     depth_m: &depth_m,
+///     mask: Some(&mask),
+///     world_from_camera: None,
+///     camera_from_object: None,
+/// })?;
 /// assert_eq!(RgbdRecording::open(&folder)?.frame(0)?.depth_m, depth_m);
 /// # std::fs::remove_dir_all(&folder).map_err(|reason| mvt_rgbd::RgbdError::Io { path: folder, reason })?;
 /// # Ok::<(), mvt_rgbd::RgbdError>(())
@@ -37,15 +44,45 @@ use crate::text;
 pub struct RgbdWriter {
     folder: PathBuf,
     depth_unit_m: f64,
+    is_live: bool,
+}
+
+/// A frame that [`RgbdWriter`] adds.
+#[derive(Debug, Clone, Copy)]
+pub struct WrittenFrame<'a> {
+    /// Stamp, nanoseconds, later than those before: the name of the frame.
+    pub stamp_ns: u64,
+    /// Colours of the size of depth, or none.
+    pub color: &'a RgbImage,
+    /// Metres, 0 where nothing was measured.
+    pub depth_m: &'a Array2<f32>,
+    /// Where the object is seen, of the size of depth.
+    pub mask: Option<&'a Array2<bool>>,
+    /// Pose of the camera: either all frames have one, or none has.
+    pub world_from_camera: Option<Isometry<Camera, World>>,
+    /// True pose of the object in the coordinates of its mesh, if it is known.
+    pub camera_from_object: Option<Isometry<MeshFile, Camera>>,
 }
 
 impl RgbdWriter {
-    /// Begins a sequence in a folder that does not exist or is empty. Depth that is a whole multiple of `depth_unit_m`, metres, takes least
+    /// Begins a sequence of a live run in a folder that does not exist or is empty: later runs use all its frames as that run did. Depth that is a whole multiple of `depth_unit_m`, metres, takes least
     /// space.
     ///
     /// # Errors
     /// [`RgbdError`] if the folder holds anything or cannot be written.
     pub fn create(folder: &Path, intrinsics: &Intrinsics, depth_unit_m: f64) -> Result<Self, RgbdError> {
+        Self::begin(folder, intrinsics, depth_unit_m, true)
+    }
+
+    /// Begins a copy of a sequence of another layout, as [`RgbdWriter::create`].
+    ///
+    /// # Errors
+    /// As [`RgbdWriter::create`].
+    pub fn create_copy(folder: &Path, intrinsics: &Intrinsics, depth_unit_m: f64) -> Result<Self, RgbdError> {
+        Self::begin(folder, intrinsics, depth_unit_m, false)
+    }
+
+    fn begin(folder: &Path, intrinsics: &Intrinsics, depth_unit_m: f64, is_live: bool) -> Result<Self, RgbdError> {
         let is_vacant = fs::read_dir(folder).map_or(true, |mut entries| entries.next().is_none());
         if !is_vacant {
             return Err(RgbdError::fault(folder, "the folder is not empty: name a new one"));
@@ -55,7 +92,7 @@ impl RgbdWriter {
             fs::create_dir_all(&part).map_err(RgbdError::io(&part))?;
         }
         let Intrinsics { fx, fy, cx, cy, .. } = intrinsics;
-        let writer = Self { folder: folder.to_owned(), depth_unit_m };
+        let writer = Self { folder: folder.to_owned(), depth_unit_m, is_live };
         writer.file("cam_K.txt", format!("{fx} 0 {cx}\n0 {fy} {cy}\n0 0 1\n").as_bytes())?;
         Ok(writer)
     }
@@ -65,19 +102,12 @@ impl RgbdWriter {
         fs::write(&path, bytes).map_err(RgbdError::io(&path))
     }
 
-    /// Adds a frame with a stamp, nanoseconds, later than those before. Colours may be empty. `depth_m` is metres, 0 where nothing was
-    /// measured. Either all frames have a pose of the camera, or none has.
+    /// Adds a frame.
     ///
     /// # Errors
     /// [`RgbdError`] if a file cannot be written.
-    pub fn push(
-        &self,
-        stamp_ns: u64,
-        color: &RgbImage,
-        depth_m: &Array2<f32>,
-        mask: Option<&Array2<bool>>,
-        world_from_camera: Option<Isometry<Camera, World>>,
-    ) -> Result<(), RgbdError> {
+    pub fn push(&self, frame: &WrittenFrame<'_>) -> Result<(), RgbdError> {
+        let WrittenFrame { stamp_ns, color, depth_m, mask, world_from_camera, camera_from_object } = *frame;
         let name = format!("{stamp_ns:019}");
         if !color.is_empty() {
             let size = color.dimensions().into();
@@ -96,29 +126,43 @@ impl RgbdWriter {
             self.png(&format!("masks/{name}.png"), &levels, size, ExtendedColorType::L8)?;
         }
         if let Some(pose) = world_from_camera {
-            let rows = text::from_opencv::<World>(pose.untyped()).to_matrix();
-            let rows = rows.map(|row| row.map(|x| x.to_string()).join(" "));
-            self.file(&format!("poses/{name}.txt"), rows.join("\n").as_bytes())?;
+            self.file(&format!("poses/{name}.txt"), &rows(text::from_opencv::<World>(pose.untyped())))?;
+        }
+        if let Some(pose) = camera_from_object {
+            let path = self.folder.join(TRUTH);
+            fs::create_dir_all(&path).map_err(RgbdError::io(&path))?;
+            self.file(&format!("{TRUTH}/{name}.txt"), &rows(text::to_opencv::<MeshFile>(pose.untyped())))?;
         }
         if !self.folder.join(description::FILE).exists() {
             // Stamps of simulators begin at 0, so that their length does not say that they are nanoseconds.
             let poses = if world_from_camera.is_some() { "camera_poses = \"poses/*.txt\"\n" } else { "" };
             let unit = self.depth_unit_m;
-            let text = format!("live = true\nframe_hz = 1e9\ndepth_unit_m = {unit:?}\n{poses}");
+            let live = if self.is_live { "live = true\n" } else { "" };
+            let text = format!("{live}frame_hz = 1e9\ndepth_unit_m = {unit:?}\n{poses}");
             self.file(description::FILE, text.as_bytes())?;
         }
         Ok(())
+    }
+
+    /// Names the object, for scores.
+    ///
+    /// # Errors
+    /// [`RgbdError`] if the file cannot be written.
+    pub fn name_object(&self, name: &str) -> Result<(), RgbdError> {
+        self.file("object.txt", format!("{name}\n").as_bytes())
+    }
+
+    /// The usual unit, metres, in whole multiples of which all depths of an image are; that of a millimetre if there is none.
+    pub fn unit_of(depth_m: &Array2<f32>) -> f64 {
+        let is_whole = |unit_m: &f64| depth_m.iter().all(|&depth_m| level_of(depth_m, *unit_m).is_some());
+        USUAL_UNITS_M.into_iter().find(is_whole).unwrap_or(USUAL_UNITS_M[0])
     }
 
     /// Returns depth in levels of two bytes as PNG has them; `None` if these would not give it back to the bit.
     fn levels(&self, depth_m: &Array2<f32>) -> Option<Vec<u8>> {
         let mut bytes = Vec::with_capacity(2 * depth_m.len());
         for &depth_m in depth_m {
-            let level = (f64::from(depth_m) / self.depth_unit_m).round();
-            if !(0.0..=f64::from(u16::MAX)).contains(&level) || (level * self.depth_unit_m) as f32 != depth_m {
-                return None;
-            }
-            bytes.extend((level as u16).to_ne_bytes());
+            bytes.extend(level_of(depth_m, self.depth_unit_m)?.to_ne_bytes());
         }
         Some(bytes)
     }
@@ -127,6 +171,23 @@ impl RgbdWriter {
         let file = mvt_images::fast_png(pixels, size, of);
         self.file(name, &file.map_err(|reason| RgbdError::fault(&self.folder.join(name), reason.to_string()))?)
     }
+}
+
+/// Units of depth images: of most cameras, of TUM's, of RealSense's close range.
+const USUAL_UNITS_M: [f64; 3] = [1e-3, 2e-4, 1e-4];
+
+/// The level that gives back a depth to the bit; `None` without one.
+fn level_of(depth_m: f32, unit_m: f64) -> Option<u16> {
+    let level = (f64::from(depth_m) / unit_m).round();
+    ((0.0..=f64::from(u16::MAX)).contains(&level) && (level * unit_m) as f32 == depth_m).then_some(level as u16)
+}
+
+/// Folder of the true poses of the object.
+const TRUTH: &str = "annotated_poses";
+
+/// The 4 x 4 numbers of a motion, row by row.
+fn rows<From: Frame, To: Frame>(motion: Isometry<From, To>) -> Vec<u8> {
+    motion.to_matrix().map(|row| row.map(|x| x.to_string()).join(" ")).join("\n").into_bytes()
 }
 
 #[cfg(test)]
@@ -151,7 +212,10 @@ mod tests {
         let writer = RgbdWriter::create(folder.path(), &lens, 0.001).unwrap();
         for (k, (&stamp_ns, (depth_m, mask))) in stamps_ns.iter().zip(depths_m.iter().zip(&masks)).enumerate() {
             let color = if k == 1 { RgbImage::default() } else { color.clone() };
-            writer.push(stamp_ns, &color, depth_m, Some(mask), Some(pose)).unwrap();
+            let (mask, world_from_camera) = (Some(mask), Some(pose));
+            let frame =
+                WrittenFrame { stamp_ns, color: &color, depth_m, mask, world_from_camera, camera_from_object: None };
+            writer.push(&frame).unwrap();
             // Whatever ends the program, the frames so far can be read.
             assert_eq!(RgbdRecording::open(folder.path()).unwrap().len(), k + 1);
         }

@@ -12,7 +12,7 @@ use mvt_feelsight::{LiveFile, LogAssembler, LogCamera, LogImage, Timeline};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::depth::GivenLabels;
 use mvt_images::fast_png;
-use mvt_rgbd::RgbdWriter;
+use mvt_rgbd::{RgbdWriter, WrittenFrame};
 use mvt_robot::hand::Hand;
 use mvt_robot::observation::Observation;
 use mvt_run::report::LiveLogRecord;
@@ -170,7 +170,14 @@ impl Sink {
                 // Stamps of a clock that was set back go on, as times do.
                 let begun_ns = *begun_ns.get_or_insert(stamp_ns - time_ns);
                 let stamp_ns = u64::try_from(begun_ns + time_ns).context("a stamp before 1970")?;
-                Ok(writer.push(stamp_ns, &camera.color, &camera.depth_m, mask, camera.world_from_camera)?)
+                Ok(writer.push(&WrittenFrame {
+                    stamp_ns,
+                    color: &camera.color,
+                    depth_m: &camera.depth_m,
+                    mask,
+                    world_from_camera: camera.world_from_camera,
+                    camera_from_object: None,
+                })?)
             }
             Self::Log(log, camera_poses) => {
                 let (assembler, timeline) = log.as_mut();

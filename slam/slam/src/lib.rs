@@ -34,7 +34,6 @@ mod agreement;
 mod config;
 mod deviation;
 mod earlier;
-pub mod graph;
 pub mod map;
 mod obstacles;
 pub mod scan;

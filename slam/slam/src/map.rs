@@ -18,7 +18,6 @@ use mvt_settings::{SettingError, settings};
 use nalgebra as na;
 use rand_chacha::ChaCha8Rng;
 
-use crate::graph::Edge;
 use crate::obstacles::Obstacles;
 use crate::scan::Scan;
 use crate::space::{Space, Unseen};
@@ -27,6 +26,7 @@ pub use growth::BoxChange;
 pub use keyframe::Keyframe;
 use mvt_field::field::{self, FieldTrainer, NeuralField, Sample};
 use mvt_field::shape::{Distance, Shape};
+use mvt_graph::Edge;
 
 settings! {
     /// Keyframes, and the samples on which the field is trained.

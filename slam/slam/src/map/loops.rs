@@ -3,10 +3,10 @@
 use nalgebra as na;
 
 use super::Map;
-use crate::graph::{self, Edge};
 use crate::tracker::icp::{self, Matching, Posed};
 use crate::tracker::system::System;
 use mvt_frames::{Isometry, se3};
+use mvt_graph::{self as graph, Edge};
 
 /// A loop closes over at least this time, seconds: nearer keyframes are tied by tracking.
 const APART_S: f64 = 3.0;

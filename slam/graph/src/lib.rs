@@ -2,6 +2,18 @@
 //!
 //! Minimises the sum of |L (log(Z^-1 Ti^-1 Tj))|^2 over all edges by Gauss-Newton, each step solved by preconditioned conjugate
 //! gradients, so that time grows with the number of edges (Dellaert and Kaess, "Factor Graphs for Robot Perception", 2017).
+//!
+//! ```
+//! use mvt_graph::{Edge, optimise};
+//! use nalgebra::Isometry3;
+//!
+//! // Two steps of 1 m were measured, and from the first pose to the last 1.7 m: the disagreement is spread.
+//! let step = |x| Isometry3::translation(x, 0.0, 0.0);
+//! let edge = |from, to, x| Edge { from, to, motion: step(x), sigma: [0.1, 0.1] };
+//! let mut poses = [step(0.0), step(1.0), step(2.0)];
+//! let [before, after] = optimise(&mut poses, &[edge(0, 1, 1.0), edge(1, 2, 1.0), edge(0, 2, 1.7)]);
+//! assert!(after < before && (poses[2].translation.x - 1.8).abs() < 1e-6);
+//! ```
 
 use nalgebra as na;
 
