@@ -156,7 +156,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
 /// Returns the settings with which a run starts.
 fn suited(arguments: &RunArguments) -> Result<RunConfig> {
     #[cfg(feature = "ros")]
-    if let Some(file) = &arguments.ros {
+    if let Some(file) = &arguments.live.ros {
         return mvt_ros::suited(file);
     }
     Ok(RunConfig::suited(arguments.log.as_deref()))

@@ -27,6 +27,9 @@ pub struct SimulateArguments {
     /// Print one JSON object instead of words
     #[arg(long)]
     json: bool,
+    #[cfg(feature = "ros")]
+    #[command(flatten)]
+    robot: mvt_simulated_robot::command::RobotArguments,
 }
 
 /// The printed result: the outcome and the arguments that led to it.
@@ -42,6 +45,11 @@ struct Report<'a> {
 
 /// Runs the command.
 pub fn run(arguments: &SimulateArguments) -> Result<()> {
+    #[cfg(feature = "ros")]
+    if arguments.robot.ros.is_some() {
+        let of = (arguments.seed, arguments.duration, arguments.json);
+        return arguments.robot.run(&arguments.subject, of, crate::signals::stop_on_signals);
+    }
     let rig = arguments.subject.manner.rig()?;
     let (object, controller) = arguments.subject.load(&rig)?;
     let config = EpisodeConfig {

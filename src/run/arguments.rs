@@ -34,15 +34,9 @@ pub struct RunArguments {
     /// Read this FeelSight log, RGB-D sequence or bag of ROS 2 (docs/rgbd.md) instead of simulating an episode
     #[arg(long, value_name = "LOGDIR", conflicts_with_all = ["goal", "controller", "rig", "side"])]
     pub log: Option<PathBuf>,
-    /// Read the topics of ROS 2 that this file names (docs/live.md), and publish the results. SIGINT ends the run
     #[cfg(feature = "ros")]
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["log", "goal", "controller", "rig", "side", "explore", "cameras"])]
-    pub ros: Option<PathBuf>,
-    /// Record what arrives over --ros as this log, without loss: `run --log LOG` repeats the estimate. A hand gives a FeelSight log, a camera
-    /// alone an RGB-D sequence. (`generate` writes logs of simulated episodes)
-    #[cfg(feature = "ros")]
-    #[arg(long, value_name = "LOG", requires = "ros")]
-    pub record: Option<PathBuf>,
+    #[command(flatten)]
+    pub live: mvt_ros::command::LiveArguments,
     /// Quantities to estimate
     #[arg(long, value_enum, default_value_t = Mode::Slam)]
     pub mode: Mode,
@@ -143,13 +137,15 @@ impl RunArguments {
                 "--goal coverage and --explore need --mode slam or map; with --mode pose the whole shape is known from the start"
             );
         }
+        #[cfg(feature = "ros")]
+        self.live.check(self.goal, &self.manner.controller)?;
         Ok(())
     }
 
     /// Whether the frames come from sensors that do not wait.
     pub fn is_live(&self) -> bool {
         #[cfg(feature = "ros")]
-        return self.ros.is_some();
+        return self.live.ros.is_some();
         #[cfg(not(feature = "ros"))]
         false
     }
@@ -165,7 +161,7 @@ impl RunArguments {
         let path = |path: &Path| path.display().to_string();
         add("log", self.log.as_deref().map(path));
         #[cfg(feature = "ros")]
-        add("ros", self.ros.as_deref().map(path));
+        add("ros", self.live.ros.as_deref().map(path));
         add("seed", Some(seed.to_string()));
         add("mode", Some(self.mode.name().to_owned()));
         add("modality", Some(self.modality.name().to_owned()));

@@ -49,7 +49,7 @@ impl RunInput {
     /// `stop` ends a live connection, whose end is not foreseen.
     pub fn new(arguments: &RunArguments, config: &RunConfig, stop: &Arc<AtomicBool>) -> Result<Self> {
         #[cfg(feature = "ros")]
-        if let Some(file) = &arguments.ros {
+        if let Some(file) = &arguments.live.ros {
             return from_ros(arguments, file, config, stop);
         }
         #[cfg(not(feature = "ros"))]
@@ -63,6 +63,8 @@ impl RunInput {
 
 #[cfg(feature = "ros")]
 fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Arc<AtomicBool>) -> Result<RunInput> {
+    let object = arguments.object.as_deref().map(load_object).transpose()?;
+    let (controller, goal) = (arguments.manner.controller.as_str(), arguments.goal);
     let name = arguments.object.clone().unwrap_or_else(|| "unknown".to_owned());
     let run = mvt_ros::LiveRun {
         mode: (arguments.mode, arguments.init),
@@ -70,9 +72,10 @@ fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Ar
         touch: &arguments.touch,
         duration_s: arguments.duration,
         calibration: arguments.calibration_file.as_deref().map(calibrate::read).transpose()?,
-        record: arguments.record.as_deref(),
+        record: arguments.live.record.as_deref(),
         object: &name,
         config,
+        drive: arguments.live.drive.then_some(mvt_ros::LiveDrive { controller, object: object.as_ref(), goal }),
         stop,
     };
     let live = mvt_ros::LiveConnection::open(file, &run, |rig, side, camera| {
@@ -86,8 +89,8 @@ fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Ar
         source: Box::new(live.source),
         seed: arguments.seed.unwrap_or(0),
         name,
-        object: arguments.object.as_deref().map(load_object).transpose()?,
-        supervisor: None,
+        object,
+        supervisor: live.supervisor,
         frame_cameras: Vec::new(),
         live: Some(live.parts),
     })

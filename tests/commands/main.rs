@@ -29,6 +29,8 @@ mod rgbd;
 mod rigs;
 #[cfg(feature = "ros")]
 mod ros;
+#[cfg(feature = "ros")]
+mod ros_drive;
 mod run;
 mod score;
 mod sequences;

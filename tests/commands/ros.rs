@@ -21,7 +21,7 @@ fn stamp_ns(frame: usize) -> i64 {
 }
 
 /// The Python with rclpy; without one the test is skipped.
-fn python() -> Option<String> {
+pub fn python() -> Option<String> {
     let python = std::env::var("ROS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let modules =
         "import rclpy, sensor_msgs.msg, geometry_msgs.msg, visualization_msgs.msg, diagnostic_msgs.msg, cyclonedds";
@@ -34,7 +34,7 @@ fn python() -> Option<String> {
 }
 
 /// A domain that no other test of this machine uses at the same time. Ports of domains above 100 overlap with those that the system gives away.
-fn domain(test: u32) -> u32 {
+pub fn domain(test: u32) -> u32 {
     1 + (std::process::id() * 4 + test) % 100
 }
 
@@ -107,7 +107,7 @@ fn prepare_hand(workplace: &Workplace, seconds: f64, domain: u32) {
 }
 
 /// Starts a script of `tests/ros`.
-fn start(workplace: &Workplace, python: &str, domain: u32, script: &str, arguments: &str) -> Child {
+pub fn start(workplace: &Workplace, python: &str, domain: u32, script: &str, arguments: &str) -> Child {
     let mut command = Command::new(python);
     command
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros").join(script))
@@ -117,17 +117,17 @@ fn start(workplace: &Workplace, python: &str, domain: u32, script: &str, argumen
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-fn interrupt(child: &Child) {
+pub fn interrupt(child: &Child) {
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
 }
 
-fn ended(child: Child) -> Ended {
+pub fn ended(child: Child) -> Ended {
     let output = child.wait_with_output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     Ended { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
 }
 
-fn json_of(path: &Path) -> Value {
+pub fn json_of(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 

@@ -11,7 +11,12 @@ const WIDTH: usize = 100;
 fn describe(command: &mut clap::Command, page: &mut String) {
     let help = command.render_long_help().to_string();
     let lines: Vec<&str> = help.lines().map(str::trim_end).collect();
-    let _ = write!(page, "\n## {}\n\n```text\n{}\n```\n", command.get_bin_name().unwrap_or_default(), lines.join("\n"));
+    let _ = write!(
+        page,
+        "\n## {}\n\n```text\n{}\n```\n",
+        command.get_bin_name().unwrap_or(command.get_name()),
+        lines.join("\n")
+    );
     for below in command.get_subcommands_mut().filter(|below| !below.is_hide_set() && below.get_name() != "help") {
         describe(below, page);
     }

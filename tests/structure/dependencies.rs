@@ -11,12 +11,13 @@ use crate::nothing_offends;
 use crate::sources::{code, root, rust_files};
 
 /// The crates that may link libmujoco.
-const LINKS_MUJOCO: [&str; 10] = [
+const LINKS_MUJOCO: [&str; 11] = [
     "mambavitact",
     "mvt-environment",
     "mvt-evaluation",
     "mvt-hands",
     "mvt-simulated",
+    "mvt-simulated-robot",
     "mvt-mujoco-lib",
     "mvt-physics",
     "mvt-python",

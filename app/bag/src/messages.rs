@@ -157,6 +157,8 @@ pub struct RosJointState {
     pub header: RosHeader,
     /// Names and positions, radians or metres. Joints without a position are left out.
     pub positions: Vec<(String, f64)>,
+    /// Names and velocities, rad/s or m/s, of the joints that have one.
+    pub velocities: Vec<(String, f64)>,
 }
 
 impl RosJointState {
@@ -175,8 +177,14 @@ impl RosJointState {
             let fault = format!("{} names of joints, but {} positions", names.len(), positions.len());
             return Err(RosError::fault(fault));
         }
-        let positions = names.into_iter().zip(positions).filter(|(_, position)| position.is_finite());
-        Ok(Self { header, positions: positions.map(|(name, position)| (name.to_owned(), position)).collect() })
+        // Velocities are of use, but nothing needs them.
+        let velocities = reader.f64s().unwrap_or_default();
+        let named = |numbers: Vec<f64>| {
+            let numbers = if numbers.len() == names.len() { numbers } else { Vec::new() };
+            let finite = names.iter().zip(numbers).filter(|(_, number)| number.is_finite());
+            finite.map(|(name, number)| ((*name).to_owned(), number)).collect()
+        };
+        Ok(Self { header, positions: named(positions), velocities: named(velocities) })
     }
 }
 

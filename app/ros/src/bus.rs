@@ -190,6 +190,13 @@ impl Bus {
         topics.into_values().collect()
     }
 
+    /// Returns how many subscribers a topic has now. They are found within about a second.
+    pub fn listeners(&self, name: &str) -> usize {
+        let wanted = dds_topic(name);
+        let readers = self.participant.discovered_readers();
+        readers.iter().filter(|reader| reader.subscription_topic_data.topic_name == wanted).count()
+    }
+
     fn topic(&self, name: &str, type_name: &str, delivery: Delivery) -> Result<rustdds::Topic, LiveError> {
         self.participant
             .create_topic(dds_topic(name), dds_type(type_name), &delivery.policies(), TopicKind::NoKey)
@@ -204,7 +211,7 @@ impl Bus {
         let topic = self.topic(name, type_name, delivery)?;
         let reader = self.subscriber.create_simple_datareader_no_key(&topic, Some(delivery.policies()));
         let reader = reader.map_err(LiveError::network(format!("cannot subscribe to {name}")))?;
-        Ok(Inlet { reader, newest: BTreeMap::new(), lost: 0 })
+        Ok(Inlet { reader, newest: BTreeMap::new(), last: None, is_mixed: false, lost: 0 })
     }
 
     /// Prepares to publish on a topic of a type.
@@ -224,6 +231,9 @@ pub struct Inlet {
     reader: SimpleDataReader<Message, AsBytes>,
     /// The newest number of each publisher's messages.
     newest: BTreeMap<GUID, i64>,
+    /// Publisher of the newest message.
+    last: Option<GUID>,
+    is_mixed: bool,
     lost: u64,
 }
 
@@ -237,6 +247,8 @@ impl Inlet {
                 Ok(Some(change)) => {
                     let number = i64::from(change.sequence_number);
                     let newest = self.newest.insert(change.writer_guid, number);
+                    let last = self.last.replace(change.writer_guid);
+                    self.is_mixed |= newest.is_some() && last != Some(change.writer_guid);
                     self.lost += newest.map_or(0, |newest| (number - newest - 1).max(0) as u64);
                     return Some(change.into_value().0);
                 }
@@ -251,6 +263,11 @@ impl Inlet {
     /// Returns how many messages publishers numbered that never arrived.
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// Returns whether messages of several publishers have come in turn, and not those of one after those of another.
+    pub fn is_mixed(&self) -> bool {
+        self.is_mixed
     }
 
     /// Returns how many publishers have delivered.

@@ -68,6 +68,13 @@ impl CdrWriter {
         self.u8(0)
     }
 
+    /// Writes a list of bytes.
+    pub fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+        self.count(bytes.len());
+        self.message.extend(bytes);
+        self
+    }
+
     /// Writes a fixed number of numbers.
     pub fn array(&mut self, numbers: &[f64]) -> &mut Self {
         for number in numbers {
@@ -79,13 +86,6 @@ impl CdrWriter {
     /// Writes a list of numbers.
     pub fn f64s(&mut self, numbers: &[f64]) -> &mut Self {
         self.count(numbers.len()).array(numbers)
-    }
-
-    /// Writes a list of bytes.
-    pub fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
-        self.count(bytes.len());
-        self.message.extend(bytes);
-        self
     }
 
     /// Returns the message, with the four bytes that name its encoding.

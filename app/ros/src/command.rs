@@ -1,16 +1,47 @@
 //! The command `ros`.
 
 use std::net::IpAddr;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, Subcommand, value_parser};
+use mvt_gaits::gait::AUTO;
 use mvt_run::io::print_line;
+use mvt_run::supervisor::Goal;
 
 use crate::listing::{TopicRate, list_topics};
 use crate::setup::domain_of_environment;
+
+/// Arguments of a run on the topics of a robot.
+#[derive(Debug, Args)]
+pub struct LiveArguments {
+    /// Read the topics of ROS 2 that this file names (docs/live.md), and publish the results. SIGINT ends the run
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["log", "rig", "side", "explore", "cameras"])]
+    pub ros: Option<PathBuf>,
+    /// Record what arrives over --ros as this log, without loss: `run --log LOG` repeats the estimate. A hand gives a FeelSight log, a camera
+    /// alone an RGB-D sequence. (`generate` writes logs of simulated episodes)
+    #[arg(long, value_name = "LOG", requires = "ros")]
+    pub record: Option<PathBuf>,
+    /// With --ros, send joint targets of --controller to the hand, within the limits of the file; without it nothing is sent
+    #[arg(long, requires = "ros")]
+    pub drive: bool,
+}
+
+impl LiveArguments {
+    /// Checks that goal and controller, which move a hand, are given only where one is driven.
+    ///
+    /// # Errors
+    /// If they are given without `--drive`.
+    pub fn check(&self, goal: Goal, controller: &str) -> Result<()> {
+        if self.ros.is_some() && !self.drive && (goal != Goal::Time || controller != AUTO) {
+            bail!("--goal and --controller move a hand: give --drive, too");
+        }
+        Ok(())
+    }
+}
 
 /// Look at the network of ROS 2, without a ROS installation
 #[derive(Debug, Subcommand)]

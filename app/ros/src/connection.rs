@@ -7,14 +7,24 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context as _, Result, bail};
 use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
+use mvt_gaits::controller_file::{self, ChosenController, is_policy};
+use mvt_gaits::directed::DirectedController;
+use mvt_gaits::gait::AUTO;
+use mvt_objects::catalogue;
+use mvt_objects::object::Object;
 use mvt_perceive::PerceptionSetup;
 use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
+use mvt_run::controller::choose_controller;
 use mvt_run::estimator::{Init, Mode};
+use mvt_run::exploring::supervise;
 use mvt_run::live::LiveParts;
 use mvt_run::source::{Modality, TouchArguments};
+use mvt_run::supervisor::{Goal, Supervisor};
 
 use crate::bus::Bus;
+use crate::driver::Driver;
+use crate::motion::Motion;
 use crate::publisher::RosPublisher;
 use crate::setup::RosSetup;
 use crate::source::{Link, LiveOptions, RosSource};
@@ -37,8 +47,20 @@ pub struct LiveRun<'a> {
     pub object: &'a str,
     /// Settings.
     pub config: &'a RunConfig,
+    /// How the hand is driven; `None` to send nothing.
+    pub drive: Option<LiveDrive<'a>>,
     /// Ends the source when it is set.
     pub stop: &'a Arc<AtomicBool>,
+}
+
+/// How a run drives the hand.
+pub struct LiveDrive<'a> {
+    /// Name or file of a controller, or `auto`.
+    pub controller: &'a str,
+    /// The object, or one like it; it decides for `auto`.
+    pub object: Option<&'a Object>,
+    /// Goal that ends the run.
+    pub goal: Goal,
 }
 
 /// A hand, and the camera of it that was asked for, or its first one.
@@ -50,6 +72,8 @@ pub struct LiveConnection {
     pub source: RosSource,
     /// What it adds to the run: counts and publications.
     pub parts: LiveParts,
+    /// Directs the hand; `None` if nothing is sent.
+    pub supervisor: Option<Supervisor>,
 }
 
 /// Returns the settings that suit a file: those without a hand unless it names one.
@@ -84,13 +108,10 @@ impl LiveConnection {
         {
             bail!("--record {}: the folder is not empty; name a new one", folder.display());
         }
-        let (hand, camera) = match &setup.rig {
+        let (hand, camera) = match setup.rig_beside(file) {
             Some(rig) => {
-                // A file stands relative to the one that names it.
-                let beside = file.parent().unwrap_or(Path::new("")).join(rig);
-                let path = if beside.is_file() { beside.display().to_string() } else { rig.clone() };
                 let (hand, camera) =
-                    load(&path, setup.side, setup.camera.as_deref()).with_context(|| file.display().to_string())?;
+                    load(&rig, setup.side, setup.camera.as_deref()).with_context(|| file.display().to_string())?;
                 if camera.is_none() && setup.world_frame.is_none() {
                     bail!(
                         "{}: the place of the camera is unknown: name a camera of the rig as `camera`, or `world_frame`",
@@ -111,14 +132,83 @@ impl LiveConnection {
             stop: Arc::clone(run.stop),
             record: run.record.map(|folder| (folder, run.object)),
         };
+        let drive = match &run.drive {
+            Some(drive) => {
+                Some(prepared(&setup, drive, &options.hand, run).with_context(|| file.display().to_string())?)
+            }
+            None => None,
+        };
         let bus = Arc::new(Bus::join(setup.domain(), &setup.addresses)?);
-        let link = Arc::new(Link::default());
+        let link = Arc::new(Link::new(setup.sim_time));
         let publisher = RosPublisher::announce(&bus, &setup.publish, Arc::clone(&link))?;
         let record = Arc::clone(&link.record);
-        let mut source = RosSource::open(bus, &setup, file, options, link)?;
+        let hand = Arc::clone(&options.hand);
+        let mut source = RosSource::open(Arc::clone(&bus), &setup, file, options, Arc::clone(&link))?;
         if let Some(calibration) = &run.calibration {
             source.start_from(calibration)?;
         }
-        Ok(Self { source, parts: LiveParts { record, listener: Box::new(publisher) } })
+        let supervisor = match (drive, &setup.command) {
+            (Some((motion, supervisor)), Some(command)) => {
+                let (clock, stop) = (Arc::clone(&link.clock), Arc::clone(run.stop));
+                let driver = Driver::start(bus, clock, &setup, command, &hand, motion, stop)
+                    .with_context(|| file.display().to_string())?;
+                // It is the first: the link was made here.
+                let _ = link.driver.set(driver);
+                Some(supervisor)
+            }
+            _ => None,
+        };
+        Ok(Self { source, parts: LiveParts { record, listener: Box::new(publisher) }, supervisor })
     }
+}
+
+/// Chooses the controller, and prepares the motion of the hand and its supervisor.
+fn prepared(
+    setup: &RosSetup,
+    drive: &LiveDrive<'_>,
+    hand: &Arc<Hand>,
+    run: &LiveRun<'_>,
+) -> Result<(Motion, Supervisor)> {
+    /// Tilts of the palm below this go without saying, degrees.
+    const LEVEL_DEG: f64 = 3.0;
+    let command = setup.command.as_ref().context("--drive needs the table [ros.command], see docs/live.md")?;
+    if matches!(drive.goal, Goal::Show(_) | Goal::Explored) {
+        bail!("--goal {} is not for --ros: use turn, pose, coverage or time", drive.goal);
+    }
+    let chosen = match drive.object {
+        Some(object) => choose_controller(drive.controller, object, hand)?,
+        None if drive.controller == AUTO => {
+            bail!("--drive needs --controller NAME, or --object for a controller that suits it")
+        }
+        // The controller is named: whether the object suits it is not known.
+        None => named_controller(drive.controller, hand)?,
+    };
+    if !chosen.schedule.is_empty() {
+        bail!("--controller {}: the palm cannot be tilted anew; name one controller", chosen.name);
+    }
+    let supervisor = supervise(&chosen, hand.side(), drive.goal, None, run.config.supervisor);
+    let gait = chosen.gait;
+    let controller = chosen.mover.unwrap_or_else(|| Box::new(DirectedController::new(&gait, hand)));
+    if controller.needs_forces() {
+        bail!("{}: it observes forces on the pads, which no topic delivers", chosen.name);
+    }
+    let [x, y, z] = gait.gravity_on(hand.side());
+    let tilt_deg = x.hypot(y).atan2(-z).to_degrees();
+    if tilt_deg > LEVEL_DEG {
+        tracing::warn!(
+            "controller {}: it was made for a palm that is tilted by {tilt_deg:.0} degrees, with gravity along ({x:.1}, {y:.1}, {z:.1}) of its axes",
+            chosen.name
+        );
+    }
+    let limits = command.limits(hand).map_err(anyhow::Error::msg)?;
+    Ok((Motion::new(controller, &gait, hand, limits, command.on_stop), supervisor))
+}
+
+/// Chooses a controller by name or file without an object. A policy whose contract leaves the start open takes that of a cube.
+fn named_controller(name: &str, hand: &Hand) -> Result<ChosenController> {
+    let cube = catalogue::load("cube70", &mut Vec::new())?;
+    if is_policy(name) {
+        return choose_controller(name, &cube, hand);
+    }
+    Ok(controller_file::choose_all(name, &cube, hand)?)
 }

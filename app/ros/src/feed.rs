@@ -4,43 +4,38 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
-use mvt_bag::{RosCameraInfo, RosHeader, RosTransform, TransformTree};
+use mvt_bag::{CdrReader, RosCameraInfo, RosHeader, RosTransform, TransformTree};
 use mvt_robot::hand::TouchPad;
 use mvt_run::report::LiveTopicRecord;
 
 use crate::bus::{Bus, Delivery, Inlet, LiveTopic, Waiter};
+use crate::clock::LiveClock;
 use crate::error::LiveError;
-use crate::pairing::{FrameCounts, PairedFrame, Pairing, StampFault, StreamNeed, StreamRule};
+use crate::outgoing::TRANSFORMS;
+use crate::pairing::{FrameCounts, PairedFrame, Pairing, SILENCE_NS, StampFault, StreamNeed, StreamRule};
+use crate::sensors::{CAMERA_INFO, CLOCK, IMAGE, JOINT_STATE, POSE};
 use crate::setup::RosSetup;
 use crate::touch_camera;
 
-/// Types that are read.
-const IMAGE: &str = "sensor_msgs/msg/Image";
+/// Types that are read, beside those of sensors.
 const COMPRESSED_IMAGE: &str = "sensor_msgs/msg/CompressedImage";
-const CAMERA_INFO: &str = "sensor_msgs/msg/CameraInfo";
-const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
-const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
 
 /// How often new topics are looked for.
 const LOOK: Duration = Duration::from_millis(100);
 /// Topics that do not come within this time are named.
-const PATIENCE_NS: i64 = 2_000_000_000;
+const PATIENCE: Duration = Duration::from_secs(2);
 /// How long transforms are kept, nanoseconds.
 const KEEP_TRANSFORMS_NS: i64 = 10_000_000_000;
 /// Images of a topic that wait to be received: more are too old, fewer lose some while this thread sleeps.
 const IMAGES: usize = 8;
 /// Small messages of a topic that wait to be received.
 const VALUES: usize = 256;
+/// Topic of a simulator's time.
+pub(crate) const CLOCK_TOPIC: &str = "/clock";
 /// Topics of transforms, and whether they hold at all times.
 const TRANSFORM_TOPICS: [(&str, bool); 2] = [("/tf", false), ("/tf_static", true)];
-
-/// Returns the time of our clock since 1970, nanoseconds.
-pub(crate) fn now_ns() -> i64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
-}
 
 /// What a topic delivers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,6 +46,7 @@ enum Delivers {
     Transforms {
         always: bool,
     },
+    Clock,
 }
 
 /// A topic that is read.
@@ -68,6 +64,7 @@ pub(crate) struct StreamNumbers {
     pub color: Option<usize>,
     pub masks: Option<usize>,
     pub joints: Option<usize>,
+    pub truth: Option<usize>,
     /// By pad; `None` without a topic.
     pub touch: Vec<Option<usize>>,
 }
@@ -100,6 +97,7 @@ impl Shared {
 /// Receives the topics of a setup until it is dropped.
 pub(crate) struct Feed {
     shared: Arc<Shared>,
+    clock: Arc<LiveClock>,
     threads: Vec<JoinHandle<()>>,
     /// Which stream is which.
     pub numbers: StreamNumbers,
@@ -148,6 +146,7 @@ fn wanted(setup: &RosSetup, pads: &[TouchPad]) -> AllWanted {
         .iter()
         .map(|pad| setup.touch.get(&pad.name).map(|topic| stream(topic, IMAGES_OF, StreamNeed::WhileAlive, false)))
         .collect();
+    numbers.truth = setup.truth.as_ref().map(|topic| stream(topic, &[POSE], StreamNeed::WhileAlive, false));
     let mut cameras = Vec::new();
     for (pad, number) in pads.iter().zip(&mut numbers.touch) {
         let Some(name) = setup.touch_cameras.get(&pad.name) else { continue };
@@ -163,6 +162,17 @@ fn wanted(setup: &RosSetup, pads: &[TouchPad]) -> AllWanted {
         delivery: delivery(IMAGES),
         inlet: None,
     });
+    if setup.sim_time {
+        topics.push(Wanted {
+            topic: CLOCK_TOPIC.to_owned(),
+            delivers: Delivers::Clock,
+            types: &[CLOCK],
+            delivery: Delivery { reliable: false, latched: false, depth: VALUES },
+            inlet: None,
+        });
+        // What arrives together is younger than the clock that arrived with it.
+        topics.rotate_right(1);
+    }
     if setup.world_frame.is_some() {
         topics.extend(TRANSFORM_TOPICS.map(|(topic, always)| Wanted {
             topic: topic.to_owned(),
@@ -177,12 +187,11 @@ fn wanted(setup: &RosSetup, pads: &[TouchPad]) -> AllWanted {
 }
 
 impl Feed {
-    /// Starts to receive. Touch images belong to these pads.
-    pub fn start(bus: Arc<Bus>, setup: &RosSetup, pads: &[TouchPad]) -> Result<Self, LiveError> {
+    /// Starts to receive. Touch images belong to these pads; the clock is set if it is that of a simulator.
+    pub fn start(bus: Arc<Bus>, clock: Arc<LiveClock>, setup: &RosSetup, pads: &[TouchPad]) -> Result<Self, LiveError> {
         let (topics, cameras, rules, numbers) = wanted(setup, pads);
-        let begun_ns = now_ns();
         let arrived = Arrived {
-            pairing: Pairing::new(rules, setup.slop_ns(), begun_ns),
+            pairing: Pairing::new(rules, setup.slop_ns(), clock.now_ns()),
             camera_info: None,
             depth_frame: None,
             compressed: BTreeSet::new(),
@@ -192,10 +201,10 @@ impl Feed {
         let shared = Arc::new(Shared { arrived: Mutex::new(arrived), signal: Condvar::new(), stop: Arc::default() });
         let mut threads = Vec::new();
         for WantedCamera { name, stream, size_px } in &cameras {
-            let (others, stream) = (Arc::clone(&shared), *stream);
+            let (others, clock, stream) = (Arc::clone(&shared), Arc::clone(&clock), *stream);
             let frame = name.clone();
             let take = move |image: &image::RgbImage| {
-                let stamp_ns = now_ns();
+                let stamp_ns = clock.now_ns();
                 let message = touch_camera::message(stamp_ns, &frame, image);
                 // Stamps of our own clock need no warning.
                 let _ = others.lock().pairing.push(stream, stamp_ns, stamp_ns, message);
@@ -210,21 +219,22 @@ impl Feed {
             cameras,
             waiter: Waiter::new()?,
             told: BTreeSet::new(),
-            begun_ns,
+            begun: Instant::now(),
+            clock: Arc::clone(&clock),
         };
         threads.push(std::thread::spawn(move || receiver.run()));
-        Ok(Self { shared, threads, numbers })
+        Ok(Self { shared, clock, threads, numbers })
     }
 
     /// Returns the newest complete frame that was not returned before; waits for one at most so long.
     pub fn next(&self, most: Duration) -> Option<PairedFrame<Vec<u8>>> {
         let mut arrived = self.shared.lock();
-        let frame = arrived.pairing.take(now_ns());
+        let frame = arrived.pairing.take(self.clock.now_ns());
         if frame.is_some() {
             return frame;
         }
         (arrived, _) = self.shared.signal.wait_timeout(arrived, most).unwrap_or_else(PoisonError::into_inner);
-        arrived.pairing.take(now_ns())
+        arrived.pairing.take(self.clock.now_ns())
     }
 
     /// Returns the camera model, if it has arrived.
@@ -259,8 +269,12 @@ impl Feed {
         self.shared.lock().pairing.frames()
     }
 
-    /// Returns the topics of streams that have delivered nothing since a time.
-    pub fn silent(&self, since_ns: i64) -> Vec<String> {
+    /// Returns the topics that have delivered nothing for a second.
+    pub fn silent(&self) -> Vec<String> {
+        if self.clock.stands() {
+            return vec![CLOCK_TOPIC.to_owned()];
+        }
+        let since_ns = self.clock.now_ns().saturating_sub(SILENCE_NS);
         self.shared.lock().pairing.silent(since_ns).into_iter().map(str::to_owned).collect()
     }
 }
@@ -274,7 +288,8 @@ struct Receiver {
     waiter: Waiter,
     /// Warnings that were given: by topic and kind, so that each is given once.
     told: BTreeSet<(String, &'static str)>,
-    begun_ns: i64,
+    begun: Instant,
+    clock: Arc<LiveClock>,
 }
 
 impl Receiver {
@@ -351,13 +366,12 @@ impl Receiver {
                 Err(error) => self.warn(&name, "open", || error.to_string()),
             }
         }
-        let now_ns = now_ns();
-        if now_ns - self.begun_ns > PATIENCE_NS && !missing.is_empty() {
+        if self.begun.elapsed() > PATIENCE && !missing.is_empty() {
             let missing = missing.join(", ");
             self.warn(&missing, "missing", || missing_in_words(&seen));
         }
         let mut arrived = self.shared.lock();
-        arrived.transforms.forget_before(now_ns.saturating_sub(KEEP_TRANSFORMS_NS));
+        arrived.transforms.forget_before(self.clock.now_ns().saturating_sub(KEEP_TRANSFORMS_NS));
     }
 
     /// Takes all messages that have arrived; returns whether there were any.
@@ -393,11 +407,14 @@ impl Receiver {
         match delivers {
             Delivers::Stream(number) => {
                 let RosHeader { stamp_ns, frame } = RosHeader::decode(&message).map_err(unreadable)?;
+                if !self.clock.is_known() {
+                    return Ok(());
+                }
                 let mut arrived = self.shared.lock();
                 if number == 0 {
                     arrived.depth_frame = Some(frame);
                 }
-                arrived.pairing.push(number, stamp_ns, now_ns(), message).map_err(|fault| {
+                arrived.pairing.push(number, stamp_ns, self.clock.now_ns(), message).map_err(|fault| {
                     let kind = match fault {
                         StampFault::Zero => "zero",
                         StampFault::Backwards => "backwards",
@@ -418,6 +435,18 @@ impl Receiver {
                 for transform in &transforms {
                     arrived.transforms.add(transform, transform.header.stamp_ns, always);
                 }
+                Ok(())
+            }
+            Delivers::Clock => {
+                // The message is a stamp.
+                let mut reader = CdrReader::new(&message).map_err(|reason| unreadable(reason.into()))?;
+                let stamp = reader.i32().and_then(|seconds| Ok((seconds, reader.u32()?)));
+                let (seconds, nanoseconds) = stamp.map_err(|reason| unreadable(reason.into()))?;
+                let reading_ns = i64::from(seconds) * 1_000_000_000 + i64::from(nanoseconds);
+                if !self.clock.is_known() {
+                    self.shared.lock().pairing.begin(reading_ns);
+                }
+                self.clock.set(reading_ns);
                 Ok(())
             }
         }

@@ -23,24 +23,32 @@
 
 mod bus;
 mod cdr_writer;
+mod clock;
 pub mod command;
 mod connection;
+mod driver;
 mod error;
 mod feed;
+mod gate;
 mod listing;
+mod motion;
 mod observer;
 pub mod outgoing;
 mod pairing;
 mod publisher;
 mod recorder;
+pub mod sensors;
 mod setup;
 mod source;
+mod targets;
 mod touch_camera;
 
 pub use bus::{Bus, Delivery, Inlet, LiveTopic, Outlet, Waiter};
 pub use cdr_writer::CdrWriter;
-pub use connection::{LiveConnection, LiveHand, LiveRun, suited};
+pub use clock::LiveClock;
+pub use connection::{LiveConnection, LiveDrive, LiveHand, LiveRun, suited};
 pub use error::LiveError;
+pub use gate::{CommandGate, CommandLimits, DriveFault, Passed, SafeTargets};
 pub use listing::{TopicRate, list_topics};
 pub use pairing::{
     FrameCounts, FramePart, PairedFrame, Pairing, StampFault, Stamped, StreamCounts, StreamNeed, StreamRule,
@@ -48,4 +56,5 @@ pub use pairing::{
 pub use publisher::RosPublisher;
 pub use setup::{PublishSetup, RosSetup, domain_of_environment};
 pub use source::{LiveOptions, RosSource};
-pub use {mvt_calibration, mvt_frames, mvt_perceive, mvt_robot, mvt_run, nalgebra};
+pub use targets::{CommandCodec, CommandSetup, CommandType, OnStop};
+pub use {mvt_calibration, mvt_frames, mvt_gaits, mvt_perceive, mvt_robot, mvt_run, nalgebra};

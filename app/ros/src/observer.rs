@@ -151,8 +151,19 @@ fn joints(
     }
 }
 
+/// Returns the velocities of a hand's joints in their order; `None` if one is unknown.
+pub(crate) fn velocities(state: &RosJointState, hand: &Hand, names: &BTreeMap<String, String>) -> Option<JointAngles> {
+    let known: BTreeMap<&str, f64> = state.velocities.iter().map(|(name, speed)| (name.as_str(), *speed)).collect();
+    let named = |joint: &str| names.get(joint).map_or_else(|| joint.to_owned(), Clone::clone);
+    hand.joints().iter().map(|joint| known.get(named(&joint.name).as_str()).copied()).collect()
+}
+
 /// Returns the angles of a hand's joints in their order.
-fn angles(state: &RosJointState, hand: &Hand, names: &BTreeMap<String, String>) -> Result<JointAngles, String> {
+pub(crate) fn angles(
+    state: &RosJointState,
+    hand: &Hand,
+    names: &BTreeMap<String, String>,
+) -> Result<JointAngles, String> {
     let known: BTreeMap<&str, f64> = state.positions.iter().map(|(name, angle)| (name.as_str(), *angle)).collect();
     let named = |joint: &str| names.get(joint).map_or_else(|| joint.to_owned(), Clone::clone);
     let missing: Vec<String> = hand

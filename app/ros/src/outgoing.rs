@@ -32,14 +32,19 @@ pub struct OutgoingHeader<'a> {
 
 impl OutgoingHeader<'_> {
     pub(crate) fn write(&self, writer: &mut CdrWriter) {
+        self.write_stamp(writer);
+        writer.text(self.frame);
+    }
+
+    pub(crate) fn write_stamp(&self, writer: &mut CdrWriter) {
         const SECOND_NS: i64 = 1_000_000_000;
         // Seconds beyond 2038 are not stamps of ROS 2.
         writer.i32(i32::try_from(self.stamp_ns.div_euclid(SECOND_NS)).unwrap_or(i32::MAX));
-        writer.u32(self.stamp_ns.rem_euclid(SECOND_NS) as u32).text(self.frame);
+        writer.u32(self.stamp_ns.rem_euclid(SECOND_NS) as u32);
     }
 }
 
-fn write_pose(writer: &mut CdrWriter, pose: &Isometry3<f64>) {
+pub(crate) fn write_pose(writer: &mut CdrWriter, pose: &Isometry3<f64>) {
     let (at, turn) = (pose.translation, pose.rotation);
     writer.array(&[at.x, at.y, at.z, turn.i, turn.j, turn.k, turn.w]);
 }

@@ -171,6 +171,11 @@ impl<T: Clone> Pairing<T> {
         }
     }
 
+    /// Sets the time at which the pairing begins.
+    pub fn begin(&mut self, now_ns: i64) {
+        self.begun_ns = now_ns;
+    }
+
     /// Takes a message of a stream that arrived now. There may be both: a message that is used, and a warning.
     ///
     /// # Errors

@@ -13,7 +13,6 @@ use mvt_run::report::{Deviation, LiveLatency, LiveRecord, TrackState};
 
 use crate::bus::{Bus, Delivery, Outlet};
 use crate::error::LiveError;
-use crate::feed::now_ns;
 use crate::outgoing::{self, DiagnosticLevel, OutgoingHeader};
 use crate::setup::PublishSetup;
 use crate::source::Link;
@@ -113,6 +112,9 @@ impl RosPublisher {
             let estimate = &result.estimate;
             (place.frame.clone(), stamp_ns, published(estimate.pose, estimate.deviation, &place.frame_from_world))
         };
+        if let Some(driver) = self.link.driver.get() {
+            driver.motion().estimated(stamp_ns, result.row.time_s, result.row.state == TrackState::Lost);
+        }
         let header = OutgoingHeader { stamp_ns, frame: &frame };
         if let Some((pose, variances)) = published {
             self.pose.send(outgoing::pose(header, &pose, variances));
@@ -120,7 +122,8 @@ impl RosPublisher {
                 transforms.send(outgoing::transform(header, &self.setup.object_frame, &pose));
             }
         }
-        let age_ms = now_ns().saturating_sub(stamp_ns) as f64 * 1e-6;
+        let now_ns = self.link.clock.now_ns();
+        let age_ms = now_ns.saturating_sub(stamp_ns) as f64 * 1e-6;
         // With another clock the age is unknown.
         if (0.0..OLDEST_MS).contains(&age_ms) {
             self.latencies_ms.push(age_ms);
@@ -135,7 +138,7 @@ impl RosPublisher {
             };
             let (level, message) = judged(result.row.state, result.row.confidence);
             let values = values(result, &record, age_ms);
-            let header = OutgoingHeader { stamp_ns: now_ns(), frame: "" };
+            let header = OutgoingHeader { stamp_ns: now_ns, frame: "" };
             self.diagnostics.send(outgoing::diagnostics(header, level, ["mambavitact", message, ""], &values));
         }
     }
@@ -146,7 +149,7 @@ impl RosPublisher {
         if self.mesh_sent.is_some_and(|sent| sent.elapsed() < period) {
             return;
         }
-        let stamp_ns = self.link.place().stamp_ns(shape.frame).unwrap_or_else(now_ns);
+        let stamp_ns = self.link.place().stamp_ns(shape.frame).unwrap_or_else(|| self.link.clock.now_ns());
         let message =
             MeshMessage { stamp_ns, frame: self.setup.object_frame.clone(), triangles: triangles(&shape.mesh) };
         // A mesh that finds the one before under way is left out.
@@ -170,7 +173,12 @@ impl LiveListener for RosPublisher {
     }
 
     fn finish(mut self: Box<Self>) {
-        self.link.record().latency_ms = LiveLatency::of(std::mem::take(&mut self.latencies_ms));
+        let commands = self.link.driver.get().map(|driver| driver.finish("the run ended"));
+        {
+            let mut record = self.link.record();
+            record.latency_ms = LiveLatency::of(std::mem::take(&mut self.latencies_ms));
+            record.commands = commands;
+        }
         if let Some((meshes, thread)) = self.meshes.take() {
             drop(meshes);
             let _ = thread.join();

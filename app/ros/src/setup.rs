@@ -8,6 +8,7 @@ use mvt_robot::hand::Side;
 use serde::Deserialize;
 
 use crate::error::LiveError;
+use crate::targets::CommandSetup;
 
 /// Domain without a statement, as in ROS 2.
 const DOMAIN: u16 = 0;
@@ -45,6 +46,8 @@ pub struct RosSetup {
     /// Topics of touch images by the name of the pad.
     #[serde(default)]
     pub touch: BTreeMap<String, String>,
+    /// Topic of the object's true pose in the world of the rig, from a simulator or markers; scores alone receive it.
+    pub truth: Option<String>,
     /// Touch sensors that are cameras of this computer, by the name of the pad: their serial numbers, or devices such as `/dev/video2`.
     #[serde(default)]
     pub touch_cameras: BTreeMap<String, String>,
@@ -65,9 +68,14 @@ pub struct RosSetup {
     /// Frame of the transforms in which the camera's pose is looked up and poses are published; without it poses are those in the frame of
     /// the camera, or of the rig's world.
     pub world_frame: Option<String>,
+    /// Whether stamps are those of a simulator, which publishes its time on /clock.
+    #[serde(default)]
+    pub sim_time: bool,
     /// What is published.
     #[serde(default)]
     pub publish: PublishSetup,
+    /// Where and how the hand is commanded.
+    pub command: Option<CommandSetup>,
 }
 
 /// What is published, and under which names.
@@ -196,22 +204,25 @@ impl RosSetup {
                 || self.camera.is_some()
                 || self.side.is_some()
                 || !self.joint_names.is_empty()
+                || self.command.is_some()
+                || self.truth.is_some()
             {
                 return Err(
-                    "joints, joint_names, touch, touch_cameras, side and camera belong to a hand: name it as `rig`"
+                    "joints, joint_names, touch, touch_cameras, side, camera, command and truth belong to a hand: name it as `rig`"
                         .to_owned(),
                 );
             }
         } else if self.joints.is_none() {
             return Err("a hand needs its joint angles: name their topic as `joints`".to_owned());
         }
+        self.command.as_ref().map_or(Ok(()), CommandSetup::check)?;
         if self.domain.is_some_and(|domain| domain > MOST_DOMAIN) {
             return Err(format!("domain must lie between 0 and {MOST_DOMAIN}"));
         }
         Ok(())
     }
 
-    /// Returns the topics that are read, with their keys.
+    /// Returns the topics that are read or commanded, with their keys.
     pub fn topics(&self) -> Vec<(String, &str)> {
         let stated = [
             ("depth", Some(&self.depth)),
@@ -219,10 +230,12 @@ impl RosSetup {
             ("camera_info", Some(&self.camera_info)),
             ("masks", self.masks.as_ref()),
             ("joints", self.joints.as_ref()),
+            ("truth", self.truth.as_ref()),
         ];
         let mut topics: Vec<(String, &str)> =
             stated.into_iter().filter_map(|(key, topic)| Some((key.to_owned(), topic?.as_str()))).collect();
         topics.extend(self.touch.iter().map(|(pad, topic)| (format!("touch.{pad}"), topic.as_str())));
+        topics.extend(self.command.iter().map(|command| ("command.topic".to_owned(), command.topic.as_str())));
         topics
     }
 
@@ -235,6 +248,13 @@ impl RosSetup {
     /// Returns the domain: that of the file, else that of the variable ROS_DOMAIN_ID, else 0.
     pub fn domain(&self) -> u16 {
         self.domain.unwrap_or_else(domain_of_environment)
+    }
+
+    /// Returns the hand: the file of this name beside the user's file, else the name.
+    pub fn rig_beside(&self, file: &Path) -> Option<String> {
+        let rig = self.rig.as_ref()?;
+        let beside = file.parent().unwrap_or(Path::new("")).join(rig);
+        Some(if beside.is_file() { beside.display().to_string() } else { rig.clone() })
     }
 
     /// Returns the greatest difference of stamps in a frame, nanoseconds.

@@ -3,23 +3,27 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use mvt_bag::RosCamera;
+use mvt_bag::{RosCamera, RosPose};
 use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
-use mvt_frames::{Camera, Isometry, World};
+use mvt_frames::{Camera, Isometry, Object, World};
+use mvt_gaits::directive::Directive;
+use mvt_gaits::feedback::EstimatedPlace;
 use mvt_perceive::{Perception, PerceptionSetup, Seen};
 use mvt_robot::hand::Hand;
 use mvt_run::report::{LiveRecord, SharedLiveRecord};
 use mvt_run::source::{Pictures, Sensed, Source};
 
 use crate::bus::Bus;
-use crate::feed::{Feed, now_ns};
+use crate::clock::LiveClock;
+use crate::driver::Driver;
+use crate::feed::Feed;
 use crate::observer::Observer;
-use crate::pairing::{PairedFrame, SILENCE_NS};
+use crate::pairing::{FramePart, PairedFrame, SILENCE_NS};
 use crate::recorder::LiveRecorder;
 use crate::setup::RosSetup;
 
@@ -54,13 +58,21 @@ impl LivePlace {
 }
 
 /// State that source and publisher share.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Link {
     place: Mutex<LivePlace>,
     pub record: SharedLiveRecord,
+    pub clock: Arc<LiveClock>,
+    /// Moves the hand; `None` if nothing is sent.
+    pub driver: OnceLock<Driver>,
 }
 
 impl Link {
+    /// Starts with nothing, and the clock of the computer or of a simulator.
+    pub fn new(is_simulated: bool) -> Self {
+        Self { clock: Arc::new(LiveClock::new(is_simulated)), ..Self::default() }
+    }
+
     pub fn place(&self) -> MutexGuard<'_, LivePlace> {
         self.place.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -103,6 +115,8 @@ pub struct RosSource {
     newest: Instant,
     first: Option<Instant>,
     is_silent: bool,
+    /// A directive ended the run.
+    is_stopped: bool,
     told: BTreeSet<String>,
     reason: &'static str,
 }
@@ -134,7 +148,7 @@ impl RosSource {
         if let Some(note) = Bus::buffer_note() {
             tracing::warn!("{note}");
         }
-        let feed = Feed::start(bus, setup, hand.pads())?;
+        let feed = Feed::start(bus, Arc::clone(&link.clock), setup, hand.pads())?;
         let (info, depth_frame) = loop {
             if stop.load(Ordering::Relaxed) {
                 bail!(
@@ -183,6 +197,7 @@ impl RosSource {
             newest: Instant::now(),
             first: None,
             is_silent: false,
+            is_stopped: false,
             told: BTreeSet::new(),
             reason: "",
         })
@@ -220,7 +235,7 @@ impl RosSource {
         let silence = Duration::from_nanos(SILENCE_NS.unsigned_abs());
         if !self.is_silent && self.newest.elapsed() > silence {
             self.is_silent = true;
-            let silent = self.feed.silent(now_ns() - SILENCE_NS);
+            let silent = self.feed.silent();
             let which = if silent.is_empty() {
                 "all topics deliver, but their stamps are apart by more than slop_s".to_owned()
             } else {
@@ -234,6 +249,14 @@ impl RosSource {
         let Some(world) = &self.world_frame else { return Ok(None) };
         let world_from_optical = self.feed.look_up(world, &self.feed.depth_frame().unwrap_or_default(), stamp_ns)?;
         Ok(Some(Isometry::new(world_from_optical * RosCamera::optical_from_camera())))
+    }
+
+    /// Returns the true pose of the object, if it is published.
+    fn truth(&self, frame: &PairedFrame<Vec<u8>>) -> Option<Isometry<Object, World>> {
+        match frame.parts.get(self.feed.numbers.truth?)? {
+            FramePart::One(one) => Some(Isometry::new(RosPose::decode(&one.item).ok()?.pose)),
+            _ => None,
+        }
     }
 
     /// Perceives a frame; `None` if it cannot be used.
@@ -271,6 +294,9 @@ impl RosSource {
                 return None;
             }
         };
+        if let Some(driver) = self.link.driver.get() {
+            driver.motion().feel(&percept.touch);
+        }
         if let (Some(recorder), Some(observation)) = (&mut self.recorder, recorded) {
             recorder.push(frame.stamp_ns, frame.time_ns, observation);
         }
@@ -280,7 +306,7 @@ impl RosSource {
         Some(Sensed {
             frame: number,
             percept,
-            truth: None,
+            truth: self.truth(frame),
             pictures: Pictures { touch: touch_images, ..Pictures::default() },
             sense_ms: begun.elapsed().as_secs_f64() * 1e3,
             hidden: None,
@@ -304,8 +330,15 @@ impl Source for RosSource {
     fn next(&mut self) -> Result<Option<Sensed>> {
         loop {
             let is_over = self.is_over();
-            if is_over || self.stop.load(Ordering::Relaxed) {
-                self.reason = if is_over { "the time was over" } else { "the connection was ended" };
+            if is_over || self.is_stopped || self.stop.load(Ordering::Relaxed) {
+                self.reason = match is_over {
+                    true => "the time was over",
+                    false if self.is_stopped => "the goal was reached",
+                    false => "the connection was ended",
+                };
+                if let Some(driver) = self.link.driver.get() {
+                    driver.motion().end(self.reason);
+                }
                 if let Some(recorder) = &mut self.recorder {
                     recorder.finish();
                 }
@@ -326,6 +359,21 @@ impl Source for RosSource {
             if sensed.is_some() {
                 return Ok(sensed);
             }
+        }
+    }
+
+    fn direct(&mut self, directive: Directive) -> Result<()> {
+        self.is_stopped |= directive == Directive::Stop;
+        self.link.driver.get().map_or(Ok(()), |driver| driver.motion().direct(&directive)).map_err(|e| anyhow!("{e}"))
+    }
+
+    fn needs_place(&self) -> bool {
+        self.link.driver.get().is_some_and(|driver| driver.motion().needs_place())
+    }
+
+    fn see(&mut self, place: EstimatedPlace) {
+        if let Some(driver) = self.link.driver.get() {
+            driver.motion().see(place);
         }
     }
 

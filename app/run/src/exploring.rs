@@ -55,7 +55,8 @@ pub fn direct(
     Ok((chosen, supervisor))
 }
 
-fn supervise(
+/// Makes the supervisor of one controller or schedule, which does not explore.
+pub fn supervise(
     chosen: &ChosenController,
     side: Side,
     goal: Goal,

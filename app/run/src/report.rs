@@ -40,7 +40,7 @@ mod words;
 pub use camera_poses::{FrameCamera, write_camera_poses};
 pub use carried_masks::CarriedMasks;
 pub use coordinates::Coordinates;
-pub use live::{LiveLatency, LiveLogRecord, LiveRecord, LiveTopicRecord, SharedLiveRecord};
+pub use live::{CommandRecord, LiveLatency, LiveLogRecord, LiveRecord, LiveTopicRecord, SharedLiveRecord};
 pub use summary::{ErrorStatistics, KNOWN_RAD, ObservedScores, RotationStatistics, SURE_M, ShapeScores, Summary};
 pub use surface_colours::SurfaceColours;
 pub use tracked::{benchmark, is_symmetric};

@@ -65,6 +65,11 @@ pub trait Controller: Debug + Send + Sync {
     /// Receives the true place with errors like those of an estimate, in searches and simulations without cameras.
     fn rehearse(&mut self, _: RehearsedPlace) {}
 
+    /// Returns whether it uses the forces on the pads, which few robots measure.
+    fn needs_forces(&self) -> bool {
+        false
+    }
+
     /// Returns whether [`Controller::feel`] has an effect.
     fn needs_touch(&self) -> bool {
         false

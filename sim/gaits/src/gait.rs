@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use mvt_objects::object::Object;
-use mvt_robot::hand::{Hand, JointAngles};
+use mvt_robot::hand::{Hand, JointAngles, Side};
 use serde::{Deserialize, Serialize};
 
 use crate::axis::TurnAxis;
@@ -47,6 +47,12 @@ impl Gait {
     /// Returns whether this gait can take over from another one that makes no progress: both turn objects on the palm about one axis.
     pub fn follows(&self, other: &Gait) -> bool {
         self.axis == other.axis && self.feedback.is_none() && other.feedback.is_none()
+    }
+
+    /// Returns gravity in the world of a hand of this side, m/s^2.
+    pub fn gravity_on(&self, side: Side) -> [f64; 3] {
+        let [gx, gy, gz] = self.gravity;
+        [gx, side.sign() * gy, gz]
     }
 
     /// Returns the joint angles of the table at a time since its start, radians, for the right hand.
@@ -218,7 +224,6 @@ pub fn suited_to(object: &Object) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mvt_robot::hand::Side;
 
     #[test]
     fn shipped_gaits_are_whole_and_within_the_joint_limits() {

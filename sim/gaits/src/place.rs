@@ -79,6 +79,12 @@ impl EstimatedPlace {
         Self(SeenPlace { confidence, ..self.0 })
     }
 
+    /// Returns the place with its time counted from `start_s`, seconds.
+    #[must_use]
+    pub fn counted_from(self, start_s: f64) -> Self {
+        Self(SeenPlace { time_s: self.0.time_s - start_s, ..self.0 })
+    }
+
     /// Returns the place.
     pub fn seen(&self) -> SeenPlace {
         self.0

@@ -20,7 +20,6 @@ use serde::{Deserialize, Serialize};
 use crate::air::{AirOutcome, AirTally, PlaceErrors, Rehearsal};
 use crate::shear::GelShears;
 use crate::simulation::{PadContact, Simulation, SimulationError, SimulationState};
-use crate::start::gravity_of;
 
 pub use crate::start::{EpisodeStart, Randomisation};
 
@@ -389,7 +388,7 @@ impl Episode {
         if !self.controller.change(gait) {
             return;
         }
-        let tilt = TiltChange { from: self.simulation.gravity(), to: gravity_of(gait, self.hand.side()) };
+        let tilt = TiltChange { from: self.simulation.gravity(), to: gait.gravity_on(self.hand.side()) };
         self.plan.turn_axis = gait.axis.direction(self.hand.side());
         self.plan.tilting = Some((tilt, self.tick));
     }

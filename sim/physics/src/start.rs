@@ -4,7 +4,7 @@ use mvt_frames::{Isometry, Object as ObjectFrame, World as WorldFrame};
 use mvt_gaits::clock::PHYSICS_HZ;
 use mvt_gaits::gait::Gait;
 use mvt_objects::object::Object;
-use mvt_robot::hand::{Hand, JointAngles, Side};
+use mvt_robot::hand::{Hand, JointAngles};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -123,7 +123,7 @@ impl EpisodeStart {
         Self {
             physics: Physics {
                 timestep_s: 1.0 / f64::from(PHYSICS_HZ),
-                gravity: gravity_of(gait, hand.side()),
+                gravity: gait.gravity_on(hand.side()),
                 gel_friction,
                 link_friction,
                 stiffness_factor,
@@ -142,10 +142,4 @@ impl EpisodeStart {
 pub(crate) fn floor_m(hand: &Hand, joints: &[f64]) -> f64 {
     let grasp = || hand.grasp_centre(joints).map_or(0.0, |centre| centre.coords().z) - NO_PALM_M;
     hand.palm_centre_m().map_or_else(grasp, |[.., z]| z)
-}
-
-/// Returns gravity in the world with which a hand plays a gait, m/s^2.
-pub(crate) fn gravity_of(gait: &Gait, side: Side) -> [f64; 3] {
-    let [gx, gy, gz] = gait.gravity;
-    [gx, side.sign() * gy, gz]
 }

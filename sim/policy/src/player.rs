@@ -105,6 +105,10 @@ impl Controller for PolicyController {
         self.place = Some(place.seen());
     }
 
+    fn needs_forces(&self) -> bool {
+        self.observes(&[ObservationTerm::PadContact, ObservationTerm::PadForce])
+    }
+
     fn needs_touch(&self) -> bool {
         self.observes(&[ObservationTerm::TouchDepth])
     }

@@ -8,7 +8,6 @@ use mvt_field::exact::KnownShape;
 use mvt_field::shape::Shape as _;
 use mvt_frames::{Isometry, Model, World};
 use mvt_slam::map::Map;
-use mvt_slam::scan::Measurement;
 use mvt_slam::{Estimate, Obstacles, Slam, SlamConfig, TrackState};
 use nalgebra as na;
 

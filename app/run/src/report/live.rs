@@ -20,9 +20,21 @@ pub struct LiveRecord {
     pub latency_ms: Option<LiveLatency>,
     /// The topics.
     pub topics: Vec<LiveTopicRecord>,
+    /// The commands to the hand; `None` if nothing is sent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub commands: Option<CommandRecord>,
     /// The log that was recorded meanwhile; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log: Option<LiveLogRecord>,
+}
+
+/// Commands to a hand.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct CommandRecord {
+    /// Targets that were sent.
+    pub sent: u64,
+    /// How often the hand held or opened because it could not follow the controller, with the reasons in words.
+    pub stops: Vec<String>,
 }
 
 /// A log that a live run recorded.
@@ -66,7 +78,7 @@ pub type SharedLiveRecord = Arc<Mutex<LiveRecord>>;
 impl fmt::Display for LiveRecord {
     /// Writes one line for the frames and one for each topic.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frames, late, unpaired, unusable, latency_ms, topics, log } = self;
+        let Self { frames, late, unpaired, unusable, latency_ms, topics, commands, log } = self;
         write!(
             f,
             "live: {frames} frames used, {late} late, {unpaired} unpaired, {unusable} unusable; stamp to pose: "
@@ -77,6 +89,9 @@ impl fmt::Display for LiveRecord {
         }
         for LiveTopicRecord { topic, received, lost, refused, hz } in topics {
             writeln!(f, "  {topic}: {received} messages at {hz:.1} Hz, {lost} lost, {refused} refused")?;
+        }
+        if let Some(CommandRecord { sent, stops }) = commands {
+            writeln!(f, "  {sent} commands sent; the hand stopped {} times", stops.len())?;
         }
         if let Some(LiveLogRecord { frames, left_out }) = log {
             writeln!(f, "  recorded: {frames} frames, {left_out} left out")?;
