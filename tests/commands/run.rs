@@ -184,10 +184,10 @@ fn an_estimated_shape_is_continued_and_meshed() {
         let told = workplace.run(line).good();
         told.split(' ').next().unwrap().parse::<u32>().unwrap_or_else(|_| panic!("{told}"))
     };
-    let whole = counted("mesh --run out --cell-mm 2 --out shape.ply");
+    let whole = counted("mesh --run out --cell-mm 2 --out whole.ply");
     let seen = counted("mesh --run out --cell-mm 2 --seen-only --out seen.ply");
     assert!(seen > whole / 4 && seen < whole, "two seconds do not show all sides: {seen} of {whole}");
-    let header = String::from_utf8_lossy(&fs::read(workplace.path("shape.ply")).unwrap()[..400]).into_owned();
+    let header = String::from_utf8_lossy(&fs::read(workplace.path("whole.ply")).unwrap()[..400]).into_owned();
     assert!(header.contains("property uchar seen\nproperty float deviation\n"), "{header}");
     let said = workplace.run("mesh --run out/field.safetensors --seen-only --out alone.ply").error();
     assert!(said.contains("keyframes.safetensors"), "{said}");

@@ -89,8 +89,9 @@ impl Map {
     /// If a file cannot be read, is of an older layout, or belongs to other obstacles; the error names the tensor that is missing,
     /// misshapen or not finite.
     pub fn load(folder: &Path, config: MapConfig, obstacles: Obstacles) -> Result<Self, FieldError> {
+        let trainer = FieldTrainer::load(&folder.join(FIELD))?;
         let keyframes = read(&folder.join(KEYFRAMES), Some(obstacles.len()))?;
-        Self::of_keyframes(folder, keyframes, config, obstacles)
+        Ok(Self::of_keyframes(trainer, keyframes, config, obstacles))
     }
 
     /// Reads a map that [`Map::save`] wrote, to look at its shape: without the obstacles, whatever they were.
@@ -98,24 +99,19 @@ impl Map {
     /// # Errors
     /// As [`Map::load`].
     pub fn load_shape(folder: &Path) -> Result<Self, FieldError> {
+        let trainer = FieldTrainer::load(&folder.join(FIELD))?;
         let keyframes = read(&folder.join(KEYFRAMES), None)?;
-        Self::of_keyframes(folder, keyframes, MapConfig::default(), Obstacles::default())
+        Ok(Self::of_keyframes(trainer, keyframes, MapConfig::default(), Obstacles::default()))
     }
 
-    fn of_keyframes(
-        folder: &Path,
-        keyframes: Vec<PosedScan>,
-        config: MapConfig,
-        obstacles: Obstacles,
-    ) -> Result<Self, FieldError> {
-        let trainer = FieldTrainer::load(&folder.join(FIELD))?;
+    fn of_keyframes(trainer: FieldTrainer, keyframes: Vec<PosedScan>, config: MapConfig, obstacles: Obstacles) -> Self {
         let mut map = Self::with(config, trainer, obstacles);
         for (scan, pose) in keyframes {
             map.take_back(&Arc::new(scan), pose);
         }
         map.unseen = map.space.unseen();
         map.first_pose = map.keyframes.first().map(|first| Isometry::new(first.pose().untyped()));
-        Ok(map)
+        map
     }
 }
 
