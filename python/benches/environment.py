@@ -36,9 +36,9 @@ def import_s() -> float:
     return min(start("import mambavitact") - start("pass") for _ in range(5))
 
 
-def rates(observation: str, count: int, steps: int) -> dict[str, float]:
+def rates(observation: str, count: int, steps: int, physics_hz: int = 300) -> dict[str, float]:
     """Return environment steps per second of both loops, the best of all turns."""
-    envs = TurnInHandVectorEnv(count, observation=observation)
+    envs = TurnInHandVectorEnv(count, observation=observation, physics_hz=physics_hz)
     envs.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1, 1, (steps, count, 16)).astype(np.float32)
     rust, python = [], []
@@ -59,6 +59,8 @@ result: dict[str, Any] = {"cores": os.cpu_count(), "import_s": round(import_s(),
 if arguments.wheel:
     result["wheel_mb"] = round(arguments.wheel.stat().st_size / 1e6, 1)
 result["proprioception_steps_per_s"] = rates("proprioception", arguments.environments, arguments.steps)
+# Half as many integration steps, with which policies are trained.
+result["training_steps_per_s"] = rates("proprioception", arguments.environments, arguments.steps, physics_hz=150)
 depth = rates("touch_depth", min(arguments.environments, 16), max(arguments.steps // 10, 1))
 result["touch_depth_images_per_s"] = {"python": 4 * depth["python"], "rust": 4 * depth["rust"], "share": depth["share"]}
 print(json.dumps(result, indent=1))

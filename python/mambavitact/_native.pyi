@@ -332,6 +332,7 @@ class Environments:
         rig: str,
         side: str | None,
         control_hz: int,
+        physics_hz: int,
         duration_s: float,
         cameras: str,
         randomise: bool,

@@ -39,6 +39,7 @@ def _make(
     rig: str,
     side: str | None,
     control_hz: int,
+    physics_hz: int,
     duration_s: float,
     cameras: str,
     randomise: bool,
@@ -51,6 +52,7 @@ def _make(
         rig=rig,
         side=side,
         control_hz=control_hz,
+        physics_hz=physics_hz,
         duration_s=duration_s,
         cameras=cameras,
         randomise=randomise,
@@ -99,7 +101,8 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     after `duration_s`. `reset(seed=n)` plays the start that `mambavitact simulate --seed n` plays.
 
     Parameters: `object` is a name that `mambavitact assets list` shows, `random:SEED` or the path of a mesh; `rig`
-    is a name that `mambavitact rigs` lists or the path of a hand file; `side`, left or right, is that of the Allegro; `control_hz` divides 300; `cameras` are places such as "front-left,top-down"; `randomise` draws start
+    is a name that `mambavitact rigs` lists or the path of a hand file; `side`, left or right, is that of the Allegro; `control_hz` divides `physics_hz`, the
+    integration steps per second: 300 as in a run, or 150, which is faster; `cameras` are places such as "front-left,top-down"; `randomise` draws start
     and physics. `render_mode` is rgb_array (480 x 640 pixels) or human, which needs pygame.
     """
 
@@ -113,6 +116,7 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         rig: str = "allegro_digit",
         side: str | None = None,
         control_hz: int = 25,
+        physics_hz: int = 300,
         duration_s: float = 20.0,
         cameras: str = "front-left",
         randomise: bool = True,
@@ -121,7 +125,7 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ArgumentError(f"render_mode: expected rgb_array, human or None, got {render_mode!r}")
         self._environments = _make(
-            1, False, object, observation, rig, side, control_hz, duration_s, cameras, randomise
+            1, False, object, observation, rig, side, control_hz, physics_hz, duration_s, cameras, randomise
         )
         self._is_single = isinstance(observation, str)
         self.observation_space = _observation_space(self._environments, observation)
@@ -217,6 +221,7 @@ class TurnInHandVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         rig: str = "allegro_digit",
         side: str | None = None,
         control_hz: int = 25,
+        physics_hz: int = 300,
         duration_s: float = 20.0,
         cameras: str = "front-left",
         randomise: bool = True,
@@ -225,7 +230,7 @@ class TurnInHandVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[An
         if render_mode not in (None, "rgb_array"):
             raise ArgumentError(f"render_mode: expected rgb_array or None, got {render_mode!r}")
         self._environments = _make(
-            num_envs, True, object, observation, rig, side, control_hz, duration_s, cameras, randomise
+            num_envs, True, object, observation, rig, side, control_hz, physics_hz, duration_s, cameras, randomise
         )
         self._is_single = isinstance(observation, str)
         self.num_envs = num_envs

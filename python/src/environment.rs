@@ -58,7 +58,7 @@ impl Environments {
 #[pymethods]
 impl Environments {
     #[new]
-    #[pyo3(signature = (object, count, senses, *, rig, side, control_hz, duration_s, cameras, randomise, autoreset))]
+    #[pyo3(signature = (object, count, senses, *, rig, side, control_hz, physics_hz, duration_s, cameras, randomise, autoreset))]
     fn new(
         py: Python<'_>,
         object: &str,
@@ -67,6 +67,7 @@ impl Environments {
         rig: &str,
         side: Option<&str>,
         control_hz: u32,
+        physics_hz: u32,
         duration_s: f64,
         cameras: &str,
         randomise: bool,
@@ -78,7 +79,16 @@ impl Environments {
         let senses =
             senses.iter().map(|name| name.parse::<Sense>().map_err(argument)).collect::<Result<Vec<_>, _>>()?;
         let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
-        let settings = TurnSettings { hand, control_hz, duration_s, randomisation, senses: senses.clone(), cameras };
+        let settings = TurnSettings {
+            hand,
+            control_hz,
+            physics_hz,
+            duration_s,
+            randomisation,
+            senses: senses.clone(),
+            cameras,
+            ..TurnSettings::default()
+        };
         let joints = settings.hand.joints().len();
         detached(py, || {
             let object = load_object(object).map_err(argument)?;

@@ -86,6 +86,7 @@ def test_settings_that_are_wrong_are_named() -> None:
         ({"observation": []}, "at least one"),
         ({"observation": ["privileged", "privileged"]}, "once"),
         ({"control_hz": 7}, "divide 300"),
+        ({"physics_hz": 100}, "physics_hz must be 300"),
         ({"duration_s": -1.0}, "duration_s"),
         ({"observation": "cameras", "cameras": ""}, "at least one camera"),
         ({"render_mode": "ansi"}, "render_mode"),

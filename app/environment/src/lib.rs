@@ -30,7 +30,7 @@ mod sense;
 mod turn;
 
 pub use error::TaskError;
-pub use many::{Environments, StepOutcome};
+pub use many::{Environments, LATER_SEED, StepOutcome};
 pub use reward::Reward;
 pub use scene::{Scene, TurnSettings};
 pub use sense::{Readings, Sense};

@@ -27,9 +27,15 @@ pub struct StepOutcome {
     pub progress: Vec<[f64; 2]>,
 }
 
-/// Environments with one scene.
+/// Bit that the seeds of later episodes have. People and tables of results name small seeds, so that episodes that follow one another in a
+/// training never have the start of a run.
+pub const LATER_SEED: u64 = 1 << 63;
+
+/// Environments whose scenes differ in the object alone.
 pub struct Environments {
+    /// The first of the scenes.
     scene: Arc<Scene>,
+    scenes: Arc<[Arc<Scene>]>,
     places: Vec<Place>,
     autoreset: bool,
 }
@@ -41,15 +47,27 @@ struct Place {
     has_ended: bool,
 }
 
+/// Starts an episode with the scene that its seed chooses.
+fn start(scenes: &[Arc<Scene>], seed: u64) -> Result<Environment, TaskError> {
+    // Neighbouring seeds choose unlike scenes: the golden ratio of 64 bits spreads them.
+    let spread = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
+    let scene = usize::try_from(spread).ok().and_then(|spread| scenes.get(spread % scenes.len().max(1)));
+    let scene = scene.ok_or_else(no_scene)?;
+    Environment::new(Arc::clone(scene), seed)
+}
+
+fn no_scene() -> TaskError {
+    TaskError::Setting("there is no scene; give at least one".to_owned())
+}
+
 impl Place {
-    fn new(scene: &Arc<Scene>, seed: u64) -> Result<Self, TaskError> {
-        let environment = Environment::new(Arc::clone(scene), seed)?;
-        Ok(Self { environment, seeds: ChaCha8Rng::seed_from_u64(seed), has_ended: false })
+    fn new(scenes: &[Arc<Scene>], seed: u64) -> Result<Self, TaskError> {
+        Ok(Self { environment: start(scenes, seed)?, seeds: ChaCha8Rng::seed_from_u64(seed), has_ended: false })
     }
 
-    fn step(&mut self, scene: &Arc<Scene>, action: &[f32], autoreset: bool) -> Result<Reward, TaskError> {
+    fn step(&mut self, scenes: &[Arc<Scene>], action: &[f32], autoreset: bool) -> Result<Reward, TaskError> {
         if autoreset && self.has_ended {
-            self.environment = Environment::new(Arc::clone(scene), self.seeds.next_u64())?;
+            self.environment = start(scenes, self.seeds.next_u64() | LATER_SEED)?;
             self.has_ended = false;
             return Ok(Reward::default());
         }
@@ -67,6 +85,14 @@ impl Environments {
     /// # Errors
     /// [`TaskError`] if there are none or MuJoCo refuses the object.
     pub fn new(scene: Arc<Scene>, count: usize, autoreset: bool) -> Result<Self, TaskError> {
+        Self::of_scenes(vec![scene], count, autoreset)
+    }
+
+    /// Does the same with several scenes, which have the same settings. The seed of an episode chooses the scene.
+    ///
+    /// # Errors
+    /// As [`Environments::new`], or if there is no scene.
+    pub fn of_scenes(scenes: Vec<Arc<Scene>>, count: usize, autoreset: bool) -> Result<Self, TaskError> {
         /// A model takes about a megabyte.
         const MOST: usize = 4096;
         if !(1..=MOST).contains(&count) {
@@ -74,9 +100,10 @@ impl Environments {
                 "the number of environments is {count}; it must be from 1 to {MOST}"
             )));
         }
+        let scene = scenes.first().map(Arc::clone).ok_or_else(no_scene)?;
         let places =
-            (0..count as u64).into_par_iter().map(|seed| Place::new(&scene, seed)).collect::<Result<_, _>>()?;
-        Ok(Self { scene, places, autoreset })
+            (0..count as u64).into_par_iter().map(|seed| Place::new(&scenes, seed)).collect::<Result<_, _>>()?;
+        Ok(Self { scene, scenes: scenes.into(), places, autoreset })
     }
 
     /// Returns the number of environments.
@@ -84,7 +111,7 @@ impl Environments {
         self.places.len()
     }
 
-    /// Returns the scene.
+    /// Returns the first scene, whose settings are those of all.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
@@ -98,7 +125,7 @@ impl Environments {
             let (expected, found) = (self.count(), seeds.len());
             return Err(TaskError::Setting(format!("there are {found} seeds for {expected} environments")));
         }
-        self.places = seeds.par_iter().map(|&seed| Place::new(&self.scene, seed)).collect::<Result<_, _>>()?;
+        self.places = seeds.par_iter().map(|&seed| Place::new(&self.scenes, seed)).collect::<Result<_, _>>()?;
         let (observations, _) = self.each(|_, _| Ok(()))?;
         Ok(observations)
     }
@@ -116,10 +143,10 @@ impl Environments {
         if actions.iter().any(|a| !a.is_finite()) {
             return Err(TaskError::NotFinite);
         }
-        let (scene, autoreset) = (Arc::clone(&self.scene), self.autoreset);
+        let (scenes, autoreset) = (Arc::clone(&self.scenes), self.autoreset);
         let (observations, rewards) = self.each(|k, place| {
             let action = actions.get(joints * k..).unwrap_or_default();
-            place.step(&scene, action, autoreset)
+            place.step(&scenes, action, autoreset)
         })?;
         let (terminated, truncated) = self.places.iter().map(|place| place.environment.ended()).unzip();
         let progress = self.places.iter().map(|place| place.environment.progress()).collect();

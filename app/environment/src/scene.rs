@@ -21,12 +21,17 @@ use crate::sense::Sense;
 pub struct TurnSettings {
     /// The hand.
     pub hand: Arc<Hand>,
-    /// Actions per second: a divisor of [`PHYSICS_HZ`], such as 20 or 25.
+    /// Actions per second: a divisor of the integration steps per second, such as 25.
     pub control_hz: u32,
+    /// Integration steps per second, a multiple of 150. With [`PHYSICS_HZ`] an environment moves as a run does, to the bit; with half as many it is
+    /// nearly twice as fast.
+    pub physics_hz: u32,
     /// Longest duration of an episode, seconds.
     pub duration_s: f64,
     /// Randomisation of the start.
     pub randomisation: Randomisation,
+    /// Longest time from an action until the joints aim as it wants, seconds; each episode draws its own. 0 in a run.
+    pub latency_s: f64,
     /// The observed quantities, in this order.
     pub senses: Vec<Sense>,
     /// The cameras of [`Sense::Cameras`] and [`Sense::Estimate`].
@@ -39,8 +44,10 @@ impl Default for TurnSettings {
         let hand = Hand::allegro(Side::Left);
         Self {
             control_hz: 25,
+            physics_hz: PHYSICS_HZ,
             duration_s: 20.0,
             randomisation: Randomisation::default(),
+            latency_s: 0.0,
             senses: vec![Sense::Proprioception],
             cameras: PLACEMENTS.first().map(|place| place.camera(&hand)).into_iter().collect(),
             hand,
@@ -66,13 +73,17 @@ impl Scene {
     /// # Errors
     /// [`TaskError::Setting`] if a setting is out of range.
     pub fn new(object: Object, settings: TurnSettings) -> Result<Self, TaskError> {
-        let TurnSettings { hand, control_hz, duration_s, senses, cameras, .. } = &settings;
+        let TurnSettings { hand, control_hz, physics_hz, duration_s, latency_s, senses, cameras, .. } = &settings;
         let check = |holds: bool, text: &str| if holds { Ok(()) } else { Err(TaskError::Setting(text.to_owned())) };
-        check(
-            *control_hz > 0 && PHYSICS_HZ.is_multiple_of(*control_hz),
-            "control_hz must divide 300, such as 20 or 25",
-        )?;
+        check([150, 300, 450, 600].contains(physics_hz), "physics_hz must be 300, as in a run, or 150, 450 or 600")?;
+        if *control_hz == 0 || !physics_hz.is_multiple_of(*control_hz) {
+            return Err(TaskError::Setting(format!("control_hz must divide {physics_hz}, such as 25")));
+        }
         check((0.1..=3600.0).contains(duration_s), "duration_s must be from 0.1 to 3600")?;
+        check(
+            (0.0..=1.0 / f64::from(*control_hz)).contains(latency_s),
+            "latency_s must be from 0 to the time between two actions",
+        )?;
         check(!senses.is_empty(), "observe at least one thing")?;
         let distinct = senses.iter().enumerate().all(|(k, sense)| !senses.iter().take(k).any(|other| other == sense));
         check(distinct, "each observation may be named once")?;

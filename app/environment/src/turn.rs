@@ -3,7 +3,7 @@
 use std::array::from_fn;
 use std::sync::Arc;
 
-use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_gaits::directed::DirectedController;
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, true_press};
 use mvt_physics::episode::{End, Episode, EpisodeConfig};
 use mvt_policy::{ActionMap, ObservationMap, PolicyContract, PolicySenses};
@@ -17,10 +17,12 @@ use mvt_run::estimator::Estimator;
 use mvt_run::source::Modality;
 use mvt_slam::{Estimate, SlamConfig, TrackState};
 use nalgebra as na;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
 
 use crate::error::TaskError;
 use crate::reward::Reward;
-use crate::scene::Scene;
+use crate::scene::{Scene, TurnSettings};
 use crate::sense::{Part, Sense};
 
 /// One environment.
@@ -30,6 +32,9 @@ pub(crate) struct Environment {
     seed: u64,
     steps: u32,
     target: JointAngles,
+    /// Angles at which the joints aim until the next action arrives, and the integration steps that it takes.
+    command: JointAngles,
+    delay: u32,
     /// The maps of policies, as those of a run.
     observations: ObservationMap,
     actions: ActionMap,
@@ -38,6 +43,15 @@ pub(crate) struct Environment {
     estimate: Option<Estimate>,
     warnings: Vec<String>,
     scratch: ObserverScratch,
+}
+
+/// Draws how many integration steps an action takes.
+fn delay(settings: &TurnSettings, seed: u64) -> u32 {
+    /// Combined with the seed of the episode.
+    const LATENCY: u64 = 0x1a7e;
+    let longest = (settings.latency_s * f64::from(settings.physics_hz)) as u32;
+    let longest = longest.min(settings.physics_hz / settings.control_hz);
+    if longest == 0 { 0 } else { ChaCha8Rng::seed_from_u64(seed ^ LATENCY).random_range(0..=longest) }
 }
 
 impl Environment {
@@ -51,7 +65,8 @@ impl Environment {
             duration_s: settings.duration_s,
             randomisation: settings.randomisation.clone(),
         };
-        let episode = Episode::new(&scene.object, &config)?;
+        let player = Box::new(DirectedController::new(&config.gait, &config.hand));
+        let episode = Episode::at_rate(&scene.object, &config, player, settings.physics_hz)?;
         let joints = episode.start().joints.clone();
         let slam = match settings.senses.contains(&Sense::Estimate) {
             true => {
@@ -69,7 +84,9 @@ impl Environment {
             episode,
             seed,
             steps: 0,
-            target: joints,
+            target: joints.clone(),
+            command: joints,
+            delay: delay(settings, seed),
             slam,
             estimate: None,
             warnings: Vec::new(),
@@ -98,7 +115,9 @@ impl Environment {
         self.actions.apply(action, &mut self.target);
         let command = self.actions.compliant(&self.target, &self.episode.simulation().joints());
         let turned_rad = self.episode.turned_rad();
-        self.episode.advance(PHYSICS_HZ / settings.control_hz, Some(&command));
+        self.episode.advance(self.delay, Some(&self.command));
+        self.episode.advance(settings.physics_hz / settings.control_hz - self.delay, Some(&command));
+        self.command = command;
         self.steps += 1;
         let rate = (self.episode.turned_rad() - turned_rad) * f64::from(settings.control_hz);
         self.sense(action);

@@ -83,6 +83,9 @@ fn settings_and_actions_that_are_wrong_are_refused() {
     let refused = |change: fn(&mut TurnSettings)| scene(&[Sense::Cameras], change).err().unwrap().to_string();
     assert!(refused(|s| s.control_hz = 7).contains("divide 300"));
     assert!(refused(|s| s.control_hz = 0).contains("divide 300"));
+    assert!(refused(|s| s.physics_hz = 100).contains("physics_hz"));
+    assert!(refused(|s| (s.physics_hz, s.control_hz) = (150, 20)).contains("divide 150"));
+    assert!(refused(|s| s.latency_s = 1.0).contains("latency_s"));
     assert!(refused(|s| s.duration_s = f64::NAN).contains("duration_s"));
     assert!(refused(|s| s.cameras.clear()).contains("camera"));
     assert!(refused(|s| s.senses.clear()).contains("observe"));
@@ -91,4 +94,53 @@ fn settings_and_actions_that_are_wrong_are_refused() {
     assert!(environments.step(&[0.0; 16]).unwrap_err().to_string().contains("32 expected"));
     assert!(environments.step(&[f32::NAN; 32]).unwrap_err().to_string().contains("finite"));
     assert!(environments.reset(&[1]).unwrap_err().to_string().contains("1 seeds for 2"));
+}
+
+/// Rewards and progress of some steps with the same actions.
+fn played(change: impl FnOnce(&mut TurnSettings)) -> Vec<(Reward, [f64; 2])> {
+    let scene = Arc::new(scene(&[Sense::Proprioception], change).unwrap());
+    let mut environments = Environments::new(scene, 1, true).unwrap();
+    environments.reset(&[5]).unwrap();
+    let step = |step| {
+        let outcome = environments.step(&actions(step, 1)).unwrap();
+        (outcome.rewards[0], outcome.progress[0])
+    };
+    (0..10).map(step).collect()
+}
+
+#[test]
+fn with_fewer_integration_steps_time_passes_alike_and_the_hand_moves_nearly_alike() {
+    let (of_run, faster) = (played(|_| ()), played(|s| s.physics_hz = 150));
+    assert_ne!(of_run, faster);
+    for ((a, [at_a, _]), (b, [at_b, _])) in of_run.iter().zip(&faster) {
+        assert!((at_a - at_b).abs() < 1e-9);
+        assert!((a.posture - b.posture).abs() < 0.1 * a.posture.abs() + 2e-4, "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn latency_delays_actions() {
+    let (prompt, late) = (played(|_| ()), played(|s| s.latency_s = 0.04));
+    assert_ne!(prompt, late);
+    assert_eq!(prompt, played(|s| s.latency_s = 0.001), "less than an integration step");
+}
+
+#[test]
+fn the_seed_chooses_the_scene() {
+    let of = |name: &str| {
+        let settings = TurnSettings { senses: vec![Sense::Privileged], duration_s: 0.2, ..TurnSettings::default() };
+        Arc::new(Scene::new(catalogue::load(name, &mut Vec::new()).unwrap(), settings).unwrap())
+    };
+    let (cube, ball) = (of("cube70"), of("ball"));
+    let firsts = |scenes: Vec<Arc<Scene>>| {
+        let mut environments = Environments::of_scenes(scenes, 8, true).unwrap();
+        let first = environments.reset(&[0, 1, 2, 3, 4, 5, 6, 7]).unwrap();
+        let Some(Readings::Numbers(numbers)) = first.into_iter().next() else { panic!("numbers were expected") };
+        numbers.chunks(numbers.len() / 8).map(<[f32]>::to_vec).collect::<Vec<_>>()
+    };
+    let (cubes, balls, both) = (firsts(vec![cube.clone()]), firsts(vec![ball.clone()]), firsts(vec![cube, ball]));
+    let is_cube: Vec<bool> = both.iter().zip(&cubes).map(|(a, b)| a == b).collect();
+    assert!(is_cube.contains(&true) && is_cube.contains(&false), "{is_cube:?}");
+    assert!(both.iter().zip(cubes.iter().zip(&balls)).all(|(a, (cube, ball))| a == cube || a == ball));
+    assert!(Environments::of_scenes(Vec::new(), 1, true).err().unwrap().to_string().contains("no scene"));
 }

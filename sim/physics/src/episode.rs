@@ -107,6 +107,8 @@ pub struct Episode {
     shears: GelShears,
     /// Number of integration steps so far, and at the end.
     tick: u64,
+    /// Integration steps per second.
+    physics_hz: u32,
     /// Integration steps between two camera frames, and between two commands.
     steps_per_frame: u64,
     steps_per_command: u64,
@@ -135,23 +137,41 @@ impl Episode {
         config: &EpisodeConfig,
         controller: Box<dyn Controller>,
     ) -> Result<Self, SimulationError> {
+        Self::at_rate(object, config, controller, PHYSICS_HZ)
+    }
+
+    /// Does the same with another number of integration steps per second than [`PHYSICS_HZ`]. With fewer, episodes are cheaper, and not those of
+    /// a run.
+    ///
+    /// # Errors
+    /// As [`Episode::moved_by`], or if the commands or the [`FRAME_HZ`] images per second do not fall on integration steps.
+    pub fn at_rate(
+        object: &Object,
+        config: &EpisodeConfig,
+        controller: Box<dyn Controller>,
+        physics_hz: u32,
+    ) -> Result<Self, SimulationError> {
         let EpisodeConfig { hand, gait, seed, duration_s, randomisation } = config;
         let rate_hz = controller.rate_hz();
-        if rate_hz == 0 || !PHYSICS_HZ.is_multiple_of(rate_hz) {
+        if rate_hz == 0 || !physics_hz.is_multiple_of(rate_hz) {
             return Err(SimulationError::Controller(format!(
-                "it gives {rate_hz} commands per second, which do not divide {PHYSICS_HZ}; give it a rate such as 20, 25 or 50"
+                "it gives {rate_hz} commands per second, which do not divide {physics_hz}; give it a rate such as 20, 25 or 50"
             )));
+        }
+        if physics_hz == 0 || !physics_hz.is_multiple_of(FRAME_HZ) {
+            return Err(SimulationError::Rate(physics_hz));
         }
         let driven = match controller.drives() {
             Some(drives) => hand.with_drives(&drives).map_err(|e| SimulationError::Controller(e.to_string()))?,
             None => Arc::clone(hand),
         };
-        let start = EpisodeStart::draw(object, gait, hand, randomisation, *seed);
+        let mut start = EpisodeStart::draw(object, gait, hand, randomisation, *seed);
+        start.physics.timestep_s = 1.0 / f64::from(physics_hz);
         let mut simulation = Simulation::new(&driven, object, &start.physics)?;
         simulation.reset(&start.joints, start.object);
         Ok(Self {
             simulation,
-            steps_per_command: u64::from(PHYSICS_HZ / rate_hz),
+            steps_per_command: u64::from(physics_hz / rate_hz),
             controller,
             hand: Arc::clone(hand),
             schedule: Schedule::default(),
@@ -162,8 +182,9 @@ impl Episode {
             shears: GelShears::new(hand),
             start,
             tick: 0,
-            steps_per_frame: u64::from(PHYSICS_HZ / FRAME_HZ),
-            last_tick: (duration_s.max(0.0) * f64::from(PHYSICS_HZ)).round() as u64,
+            physics_hz,
+            steps_per_frame: u64::from(physics_hz / FRAME_HZ),
+            last_tick: (duration_s.max(0.0) * f64::from(physics_hz)).round() as u64,
             turned_rad: 0.0,
             end: None,
         })
@@ -218,7 +239,7 @@ impl Episode {
 
     /// Returns the simulated time, seconds.
     pub fn time_s(&self) -> f64 {
-        self.tick as f64 / f64::from(PHYSICS_HZ)
+        self.tick as f64 / f64::from(self.physics_hz)
     }
 
     /// Returns the angle by which the object has turned about the gait's axis, radians.
@@ -262,9 +283,10 @@ impl Episode {
         }
     }
 
-    /// Sets how many camera frames there are per second; without this call [`FRAME_HZ`]. The nearest rate that divides [`PHYSICS_HZ`] is taken.
+    /// Sets how many camera frames there are per second; without this call [`FRAME_HZ`]. The nearest rate that divides that of the
+    /// integration steps is taken.
     pub fn set_frame_rate(&mut self, hz: u32) {
-        self.steps_per_frame = u64::from((PHYSICS_HZ / hz.max(1)).max(1));
+        self.steps_per_frame = u64::from((self.physics_hz / hz.max(1)).max(1));
     }
 
     /// Returns the state at the next camera frame, the first one at time 0; `None` after the end of the episode.
@@ -403,7 +425,7 @@ impl Episode {
             }
         }
         if let Some((tilt, since)) = self.plan.tilting {
-            let elapsed_s = (self.tick - since) as f64 / f64::from(PHYSICS_HZ);
+            let elapsed_s = (self.tick - since) as f64 / f64::from(self.physics_hz);
             self.simulation.set_gravity(tilt.gravity(elapsed_s));
             if TiltChange::is_over(elapsed_s) {
                 self.plan.tilting = None;
@@ -432,7 +454,7 @@ impl Episode {
         self.watch(is_supported);
         let rate = self.simulation.object_angular_velocity().dot(&self.plan.turn_axis);
         if rate.is_finite() {
-            self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(PHYSICS_HZ);
+            self.turned_rad += rate.clamp(-FASTEST_TURN, FASTEST_TURN) / f64::from(self.physics_hz);
         }
         self.end = self.fault();
     }

@@ -72,6 +72,11 @@ pub enum SimulationError {
     /// The controller cannot move this hand.
     #[error("the controller cannot be simulated: {0}")]
     Controller(String),
+    /// Images do not fall on integration steps.
+    #[error(
+        "{0} integration steps per second are no multiple of 30, the rate of images; choose one such as 150 or 300"
+    )]
+    Rate(u32),
     /// The state belongs to another model.
     #[error("the saved state does not fit this simulation: {0}")]
     State(String),
