@@ -14,4 +14,7 @@ pub enum PolicyError {
         /// The field, what is wrong, and what to do.
         reason: String,
     },
+    /// A network that was made here cannot be written.
+    #[error("the policy cannot be written: {0}")]
+    Made(String),
 }

@@ -24,6 +24,7 @@ mod contract;
 mod error;
 mod fields;
 mod layers;
+mod made;
 mod maps;
 mod network;
 #[cfg(feature = "onnx")]
@@ -36,6 +37,7 @@ mod wire;
 
 pub use contract::{ActionKind, ObservedTerm, PolicyContract, PolicyStart};
 pub use error::PolicyError;
+pub use made::{MadePolicy, PolicyLayer};
 pub use maps::{ActionMap, ObservationMap, PolicySenses, pooled_touch_mm};
 pub use player::PolicyController;
 pub use policy::{LARGEST_ACTION, LARGEST_POLICY, Policy, is_policy};
