@@ -4,12 +4,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_gaits::controller::Controller;
+use mvt_gaits::controller_file::is_policy;
 use mvt_gaits::gait;
 use mvt_objects::object::Object;
 use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode as Simulated, EpisodeConfig, EpisodeSnapshot, Randomisation};
 use mvt_render::observer::{Observer, ObserverOptions, ObserverScratch};
 use mvt_render::touch::{TouchConfig, TouchOptions};
+use mvt_run::controller::choose_any;
 use mvt_run::object::load_object;
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
@@ -29,13 +32,16 @@ pub struct EpisodeState {
 /// Episode of a hand that turns an object in MuJoCo.
 ///
 /// `object` is a name that `mambavitact assets list` shows, `random:SEED`, or the path of a mesh in metres. The seed decides the start and
-/// all noise; it plays the episode of `mambavitact simulate --seed`. `cameras` are places as in `Camera.placed`, or an empty text.
+/// all noise; it plays the episode of `mambavitact simulate --seed`. `gait` is a name that `mambavitact controllers` lists, the path of a learnt
+/// policy, or auto. `cameras` are places as in `Camera.placed`, or an empty text.
 /// `camera_noise` is a multiple of Redwood's depth noise, 0 for true depth.
 #[pyclass(frozen, module = "mambavitact")]
 pub struct Episode {
     object: Object,
     config: EpisodeConfig,
-    gait_name: &'static str,
+    gait_name: String,
+    /// Moves the hand in place of the gait: a learnt policy.
+    mover: Option<Box<dyn Controller>>,
     cameras: Vec<PosedCamera>,
     touch_noise: bool,
     camera_noise: f64,
@@ -54,8 +60,12 @@ struct Running {
 }
 
 impl Running {
-    fn new(object: &Object, config: &EpisodeConfig) -> Result<Self, Failure> {
-        let mut episode = Simulated::new(object, config).map_err(general)?;
+    fn new(object: &Object, config: &EpisodeConfig, mover: Option<&Box<dyn Controller>>) -> Result<Self, Failure> {
+        let episode = match mover {
+            Some(mover) => Simulated::moved_by(object, config, mover.clone()),
+            None => Simulated::new(object, config),
+        };
+        let mut episode = episode.map_err(general)?;
         episode.rehearse(PlaceErrors::default(), config.seed);
         Ok(Self { episode, seed: config.seed, frame: 0, observer: None, scratch: ObserverScratch::default() })
     }
@@ -103,11 +113,22 @@ impl Episode {
         check_camera_noise(camera_noise)?;
         detached(py, || {
             let object = load_object(object).map_err(argument)?;
-            let (gait_name, gait) = gait::choose(gait, &object, &hand).map_err(argument)?;
+            let (gait_name, gait, mover) = if is_policy(gait) {
+                let chosen = choose_any(gait, &object, &hand).map_err(Kind::Argument.of())?;
+                if chosen.mover.as_ref().is_some_and(|mover| mover.needs_touch()) {
+                    return Err(Kind::Argument
+                        .error(format!("gait: {gait} observes touch_depth, which an episode does not feel"))
+                        .into());
+                }
+                (chosen.name, chosen.gait, chosen.mover)
+            } else {
+                let (name, gait) = gait::choose(gait, &object, &hand).map_err(argument)?;
+                (name.to_owned(), gait.clone(), None)
+            };
             let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
-            let config = EpisodeConfig { hand, gait: gait.clone(), seed, duration_s, randomisation };
-            let running = Mutex::new(Running::new(&object, &config)?);
-            Ok(Self { object, config, gait_name, cameras, touch_noise, camera_noise, running })
+            let config = EpisodeConfig { hand, gait, seed, duration_s, randomisation };
+            let running = Mutex::new(Running::new(&object, &config, mover.as_ref())?);
+            Ok(Self { object, config, gait_name, mover, cameras, touch_noise, camera_noise, running })
         })
     }
 
@@ -117,13 +138,13 @@ impl Episode {
         detached(py, || {
             let mut running = self.running();
             let config = EpisodeConfig { seed: seed.unwrap_or(running.seed), ..self.config.clone() };
-            *running = Running::new(&self.object, &config)?;
+            *running = Running::new(&self.object, &config, self.mover.as_ref())?;
             Ok(())
         })
     }
 
     /// Simulates `steps` steps of 1/300 s, fewer if the episode ends, and returns whether it goes on. The joints aim at `targets`,
-    /// one angle in radians per joint; without them the gait plays, with a command every 12 steps.
+    /// one angle in radians per joint; without them the gait plays, with a command every 12 steps, or the policy at its own rate.
     #[pyo3(signature = (targets = None, steps = 12))]
     fn step(&self, py: Python<'_>, targets: Option<&Bound<'_, PyAny>>, steps: u32) -> PyResult<bool> {
         let targets = targets.map(|targets| read_joints(targets, "targets")).transpose()?;
@@ -205,10 +226,10 @@ impl Episode {
         self.config.hand.side().name()
     }
 
-    /// Name of the gait.
+    /// Name of the gait, or path of the policy.
     #[getter]
-    fn gait(&self) -> &'static str {
-        self.gait_name
+    fn gait(&self) -> &str {
+        &self.gait_name
     }
 
     /// Seed of the start.

@@ -58,6 +58,7 @@ fn what_cannot_be_played_is_refused_in_one_line_and_leaves_nothing() {
     write(&workplace, "25");
     let other = refused("--controller policy.safetensors --rig three_fingers");
     assert!(other.contains("joint_names") && other.contains("has no joint"), "{other}");
-    let elsewhere = workplace.run("hand score --object cube70 --controller policy.safetensors").error();
-    assert!(elsewhere.contains("it is a policy, which `run` and `simulate` play"), "{elsewhere}");
+    let scheduled = refused("--controller policy.safetensors:4,tumble_back:4");
+    assert!(scheduled.contains("part of a schedule"), "{scheduled}");
+    assert!(refused("--controller policy.pt").contains("policy.pt"));
 }

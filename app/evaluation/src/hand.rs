@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use mvt_gaits::axis::TurnAxis;
-use mvt_gaits::controller_file::{self, ControllerFile};
+use mvt_gaits::controller_file::{self, ControllerFile, is_policy};
 use mvt_gaits::gait::{self, Gait};
 use mvt_hands::LoadedHand;
 use mvt_objects::object::Object;
@@ -25,9 +25,12 @@ use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
 use serde::Serialize;
 
 use crate::grasps::{self, HandGraspsArguments};
+use crate::played;
 use crate::rigs::{self, HandCheckArguments};
 use crate::speed::{self, HandSpeedArguments};
 use crate::survey::{self, HandSurveyArguments};
+#[cfg(feature = "train")]
+use crate::train::{self, HandTrainArguments};
 
 /// Check hand files, tune controllers of a hand, and score them
 #[derive(Debug, Subcommand)]
@@ -36,6 +39,9 @@ pub enum HandCommand {
     Check(HandCheckArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
     Tune(HandTuneArguments),
+    #[cfg(feature = "train")]
+    #[allow(missing_docs, reason = "the arguments have the help text")]
+    Train(HandTrainArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
     Score(HandScoreArguments),
     #[allow(missing_docs, reason = "the arguments have the help text")]
@@ -121,7 +127,7 @@ pub struct HandScoreArguments {
     /// Objects, separated by commas: names that `assets list` shows, random:SEED, or paths of meshes in metres
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', required = true)]
     object: Vec<String>,
-    /// Controller: a name that `controllers` lists, a file, or `auto` to choose by the object's shape
+    /// Controller: a name that `controllers` lists, a file, `auto` to choose by the object's shape, or the path of a learnt policy
     #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
     controller: String,
     /// Side of the hand allegro_digit [default: left, or that of the hand file]
@@ -136,17 +142,17 @@ pub struct HandScoreArguments {
 
 /// How a score is measured and printed.
 #[derive(Debug, Args)]
-struct Scoring {
+pub(crate) struct Scoring {
     /// Starts per object of the score, each of 20 s
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = value_parser!(u64).range(1..=1000))]
-    scored_starts: u64,
+    pub(crate) scored_starts: u64,
     /// Print JSON instead of words
     #[arg(long)]
     json: bool,
 }
 
 /// Seconds of a start that is scored.
-const SCORED_S: f64 = 20.0;
+pub(crate) const SCORED_S: f64 = 20.0;
 /// Candidates per generation: 4 + 3 ln(number of parameters), as is usual for CMA-ES.
 const POPULATION: usize = 14;
 
@@ -169,6 +175,8 @@ pub fn run(command: &HandCommand) -> Result<()> {
     match command {
         HandCommand::Check(arguments) => rigs::check(arguments),
         HandCommand::Tune(arguments) => tune(arguments),
+        #[cfg(feature = "train")]
+        HandCommand::Train(arguments) => train::run(arguments),
         HandCommand::Score(arguments) => score(arguments),
         HandCommand::Survey(arguments) => survey::run(arguments),
         HandCommand::Grasps(arguments) => grasps::run(arguments),
@@ -306,8 +314,20 @@ fn score(arguments: &HandScoreArguments) -> Result<()> {
     let bar = progress::bar(arguments.object.len() as u64, "scoring");
     for name in &arguments.object {
         let object = load_object(name)?;
-        let chosen = controller_file::choose(&arguments.controller, &object, &hand)?;
         let starts = arguments.scoring.scored_starts;
+        if is_policy(&arguments.controller) {
+            if arguments.steps != EPISODE_STEPS {
+                bail!(
+                    "--steps {}: a policy is played with the integration steps of an episode; leave --steps out",
+                    arguments.steps
+                );
+            }
+            let (axis, result) = played::measure(Path::new(&arguments.controller), &object, &hand, starts, SCORED_S)?;
+            bar.suspend(|| print(&arguments.scoring, &arguments.controller, axis, result))?;
+            bar.inc(1);
+            continue;
+        }
+        let chosen = controller_file::choose(&arguments.controller, &object, &hand)?;
         let result = measure(&chosen.gait, &object, seeds::held_out(), starts, &conditions)?;
         bar.suspend(|| print(&arguments.scoring, &chosen.name, chosen.gait.axis, result))?;
         bar.inc(1);
@@ -316,7 +336,7 @@ fn score(arguments: &HandScoreArguments) -> Result<()> {
     Ok(())
 }
 
-fn print(scoring: &Scoring, controller: &str, axis: TurnAxis, score: GaitScore) -> Result<()> {
+pub(crate) fn print(scoring: &Scoring, controller: &str, axis: TurnAxis, score: GaitScore) -> Result<()> {
     if scoring.json {
         return print_line(&serde_json::to_string(&ScoreReport { controller, axis, score })?);
     }

@@ -19,6 +19,7 @@ mod grasps;
 pub mod hand;
 mod lines;
 pub mod manner;
+mod played;
 mod rates;
 pub mod rigs;
 mod single;
@@ -26,6 +27,8 @@ mod speed;
 mod spread;
 mod survey;
 mod table;
+#[cfg(feature = "train")]
+mod train;
 mod tsdf;
 
 use std::collections::{BTreeMap, HashSet};
@@ -36,7 +39,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use mvt_files::folder::{ClaimedFolder, Earlier};
-use mvt_gaits::controller_file::{self, ChosenController};
+use mvt_gaits::controller_file::ChosenController;
 use mvt_gaits::gait;
 use mvt_hands::LoadedHand;
 use mvt_mesh::Mesh;
@@ -48,6 +51,7 @@ use serde::{Deserialize, Serialize};
 
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
+use mvt_run::controller::choose_any;
 use mvt_run::device::DeviceArguments;
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::io::print_line;
@@ -103,7 +107,7 @@ pub struct EvaluateArguments {
     #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
     /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, a schedule such as
-    /// `tumble_back:8,cubelet:8`, or `auto` to choose by the object's shape
+    /// `tumble_back:8,cubelet:8`, the path of a learnt policy, or `auto` to choose by the object's shape
     #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
     controller: String,
     /// Hand with its touch sensors: a name that `rigs` lists, or the path of a hand file (.toml)
@@ -287,7 +291,7 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     check_repeated("--modalities", &arguments.modalities)?;
     let load = |name: &String| -> Result<(String, Object, ChosenController)> {
         let object = load_object(name)?;
-        let controller = controller_file::choose_all(&arguments.controller, &object, &rig.hand)?;
+        let controller = choose_any(&arguments.controller, &object, &rig.hand)?;
         controller.misfit.iter().for_each(|misfit| tracing::warn!("{misfit}"));
         Ok((name.clone(), object, controller))
     };
@@ -389,12 +393,13 @@ fn key(
     config: &RunConfig,
 ) -> Key {
     let mut settings = serde_json::json!([config, duration_s, env!("CARGO_PKG_VERSION")]).to_string();
-    let ChosenController { gait, schedule, .. } = episode.controller;
+    let ChosenController { gait, schedule, policy_sha256, .. } = episode.controller;
     if !schedule.is_empty()
         || !gait::choose("auto", episode.object, &episode.rig.hand).is_ok_and(|(_, suited)| suited == gait)
     {
         settings += &serde_json::json!([gait, schedule]).to_string();
     }
+    settings += policy_sha256.as_deref().unwrap_or_default();
     // The results of earlier versions are those of the left Allegro.
     if episode.rig.hand != Hand::allegro(Side::Left) {
         settings += &serde_json::json!(episode.rig.hand.description()).to_string();

@@ -3,12 +3,13 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
+use mvt_files::input;
 use mvt_gaits::controller_file::{self, ChosenController, is_policy};
 use mvt_gaits::gait::AUTO;
 use mvt_gaits::schedule::Schedule;
 use mvt_objects::object::Object;
-use mvt_policy::{Policy, PolicyController};
+use mvt_policy::{LARGEST_POLICY, Policy, PolicyController};
 use mvt_robot::hand::Hand;
 
 /// Chooses the controller of a hand for an object by name, file, schedule, policy or `auto`, and warns if the object does not have the size for which
@@ -17,10 +18,7 @@ use mvt_robot::hand::Hand;
 /// # Errors
 /// If there is no such controller, or the choice is left to `auto` and the object may fall.
 pub fn choose_controller(controller: &str, object: &Object, hand: &Hand) -> Result<ChosenController> {
-    if is_policy(controller) {
-        return policy(controller, object, hand);
-    }
-    let chosen = controller_file::choose_all(controller, object, hand)?;
+    let chosen = choose_any(controller, object, hand)?;
     match &chosen.misfit {
         Some(misfit) if chosen.falls => {
             bail!("{misfit}; to try it all the same, name a controller, such as --controller shared")
@@ -29,6 +27,25 @@ pub fn choose_controller(controller: &str, object: &Object, hand: &Hand) -> Resu
         None => (),
     }
     Ok(chosen)
+}
+
+/// Does the same without a warning, also if the choice is left to `auto` and the object may fall.
+///
+/// # Errors
+/// If there is no such controller.
+pub fn choose_any(controller: &str, object: &Object, hand: &Hand) -> Result<ChosenController> {
+    if is_policy(controller) && !controller.contains(',') {
+        return policy(controller, object, hand);
+    }
+    Ok(controller_file::choose_all(controller, object, hand)?)
+}
+
+/// Returns the SHA-256 of a policy with the file beside it.
+fn sha256(file: &Path) -> Result<String> {
+    let mut bytes = input::read(file, LARGEST_POLICY).with_context(|| format!("cannot read {}", file.display()))?;
+    // Policies without a file beside them are complete.
+    bytes.extend(input::read(&file.with_extension("toml"), LARGEST_POLICY).unwrap_or_default());
+    Ok(mvt_pinned::sha256_of(&bytes))
 }
 
 /// Reads a policy. What its contract leaves open is that of the gait that suits the object.
@@ -42,6 +59,7 @@ fn policy(file: &str, object: &Object, hand: &Hand) -> Result<ChosenController> 
         name: file.to_owned(),
         gait,
         mover: Some(Box::new(mover)),
+        policy_sha256: Some(sha256(Path::new(file))?),
         schedule: Schedule::default(),
         misfit: None,
         falls: false,

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use clap::ValueEnum;
 use indicatif::ProgressBar;
 use mvt_feelsight::{
@@ -14,7 +14,7 @@ use mvt_feelsight::{
 use mvt_files::input;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::{CONTROL_HZ, FRAME_HZ, PHYSICS_HZ};
-use mvt_gaits::controller_file::{self, ChosenController};
+use mvt_gaits::controller_file::ChosenController;
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
 use mvt_physics::air::PlaceErrors;
@@ -25,6 +25,7 @@ use mvt_robot::hand::Hand;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize, Serializer};
 
+use mvt_run::controller::choose_any;
 use mvt_run::io::read_image;
 
 /// All settings of a log except object, seed and cameras.
@@ -104,7 +105,13 @@ const LARGEST_SCENE_FILE: u64 = 1 << 20;
 impl<'a> Recorder<'a> {
     /// Prepares for an object that was loaded by `name`.
     pub fn new(object: &'a Object, name: &str, settings: &'a Settings) -> Result<Self> {
-        let controller = controller_file::choose_all(&settings.controller, object, &settings.hand)?;
+        let controller = choose_any(&settings.controller, object, &settings.hand)?;
+        if controller.mover.as_ref().is_some_and(|mover| mover.needs_touch()) {
+            bail!(
+                "{}: it observes touch_depth, and nothing feels while a log is recorded; play it with `run`",
+                controller.name
+            );
+        }
         let scene_object = SceneObject {
             name: object.name.clone(),
             mesh: name.to_owned(),
@@ -147,6 +154,7 @@ impl<'a> Recorder<'a> {
         if !self.controller.schedule.is_empty() {
             config += &serde_json::json!(self.controller.schedule).to_string();
         }
+        config += self.controller.policy_sha256.as_deref().unwrap_or_default();
         mvt_pinned::sha256_of(config.as_bytes())
     }
 
@@ -167,7 +175,10 @@ impl<'a> Recorder<'a> {
             duration_s: self.settings.duration_s,
             randomisation: Randomisation::default(),
         };
-        let mut episode = Episode::new(self.object, &config)?;
+        let mut episode = match self.controller.mover.clone() {
+            Some(mover) => Episode::moved_by(self.object, &config, mover)?,
+            None => Episode::new(self.object, &config)?,
+        };
         episode.follow(self.controller.schedule.clone());
         // A log is recorded without an estimate.
         episode.rehearse(PlaceErrors::default(), seed);
@@ -215,7 +226,10 @@ impl<'a> Recorder<'a> {
         let number = |name: &str, value: f64| (name.to_owned(), value);
         let Settings { noise, touch_config, .. } = self.settings;
         // All joints of the Allegro have one stiffness; of other hands it is that of the first.
-        let stiffness = self.settings.hand.joints().first().map_or(0.0, |joint| joint.drive.stiffness);
+        let mover = self.controller.mover.as_ref();
+        let drives = mover.and_then(|mover| mover.drives());
+        let drives = drives.unwrap_or_else(|| self.settings.hand.joints().iter().map(|joint| joint.drive).collect());
+        let stiffness = drives.first().map_or(0.0, |drive| drive.stiffness);
         let touch_sigma = if noise.touch { f64::from(touch_config.noise_sigma()) } else { 0.0 };
         SceneFile {
             format_version: FORMAT_VERSION,
@@ -227,7 +241,7 @@ impl<'a> Recorder<'a> {
             gait: self.controller.name.clone(),
             cameras: cameras.iter().map(|camera| camera.name.clone()).collect(),
             frame_rate_hz: f64::from(FRAME_HZ),
-            control_rate_hz: f64::from(CONTROL_HZ),
+            control_rate_hz: f64::from(mover.map_or(CONTROL_HZ, |mover| mover.rate_hz())),
             physics_rate_hz: f64::from(PHYSICS_HZ),
             noise: BTreeMap::from([
                 number("touch_sigma_grey", touch_sigma),

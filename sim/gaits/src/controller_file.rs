@@ -266,6 +266,8 @@ pub struct ChosenController {
     pub gait: Gait,
     /// Moves the hand in place of the gait; `None` for strokes and their feedback.
     pub mover: Option<Box<dyn Controller>>,
+    /// SHA-256 of the files of a policy, hexadecimal: what tells its results from those of another of the same name.
+    pub policy_sha256: Option<String>,
     /// The controllers that follow one another; empty if there is only one.
     pub schedule: Schedule,
     /// Why the object may fall; `None` if it has the size for which the controller was tuned, or suits `auto`.
@@ -280,6 +282,7 @@ impl ChosenController {
             name: name.to_owned(),
             gait: file.gait.clone(),
             mover: None,
+            policy_sha256: None,
             schedule: Schedule::default(),
             misfit: file.misfit(object),
             falls: false,
@@ -293,7 +296,7 @@ impl ChosenController {
 /// [`ControllerFileError`] if there is no such controller, or it does not fit this hand.
 pub fn choose(text: &str, object: &Object, hand: &Hand) -> Result<ChosenController, ControllerFileError> {
     if is_policy(text) {
-        let reason = "it is a policy, which `run` and `simulate` play and nothing else does; name another controller";
+        let reason = "it is a policy, which can be no part of a schedule and no start of a search; name a stroke";
         return Err(ControllerFileError::File { path: PathBuf::from(text), reason: reason.to_owned() });
     }
     if let Some((name, file)) = of_rig(text, hand)? {
@@ -309,6 +312,7 @@ pub fn choose(text: &str, object: &Object, hand: &Hand) -> Result<ChosenControll
         name: name.to_owned(),
         gait: gait.clone(),
         mover: None,
+        policy_sha256: None,
         schedule: Schedule::default(),
         falls: unsuited.as_ref().is_some_and(|unsuited| unsuited.falls),
         misfit: unsuited.map(|unsuited| format!("{} is {}", object.name, unsuited.reason)),
@@ -346,7 +350,7 @@ pub fn choose_all(text: &str, object: &Object, hand: &Hand) -> Result<ChosenCont
     let misfit = parts.iter().find_map(|(chosen, _)| chosen.misfit.clone());
     let gait = schedule.gait_after(0).ok_or_else(|| ControllerFileError::Schedule(text.to_owned()))?.clone();
     let falls = parts.iter().any(|(chosen, _)| chosen.falls);
-    Ok(ChosenController { name: text.to_owned(), gait, mover: None, schedule, misfit, falls })
+    Ok(ChosenController { name: text.to_owned(), gait, mover: None, policy_sha256: None, schedule, misfit, falls })
 }
 
 /// Returns whether this names a file: it ends in .toml, contains a slash, or names a policy.

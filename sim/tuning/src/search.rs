@@ -250,18 +250,25 @@ pub fn measure(
         .into_par_iter()
         .map(|place| trial::run(gait, object, seeds.at(place), conditions))
         .collect::<Result<Vec<TrialResult>, _>>()?;
-    let count = results.len().max(1) as f64;
-    let sum = |f: fn(&TrialResult) -> f64| results.iter().map(f).sum::<f64>();
-    let mut rates: Vec<f64> = results.iter().map(|result| result.turned_rad / conditions.duration_s).collect();
-    rates.sort_by(f64::total_cmp);
-    Ok(GaitScore {
-        object: object.name.clone(),
-        starts,
-        alive: sum(|result| f64::from(u8::from(result.alive))) / count,
-        rate_rad_s: rates.get(rates.len() / 2).copied().unwrap_or(0.0),
-        other_share: sum(|result| result.other_rad) / sum(|result| result.turned_rad.abs()).max(1e-9),
-        pads: sum(|result| result.pads) / count,
-    })
+    Ok(GaitScore::of(&object.name, &results, conditions.duration_s))
+}
+
+impl GaitScore {
+    /// Scores the trials of an object.
+    pub fn of(object: &str, results: &[TrialResult], duration_s: f64) -> Self {
+        let count = results.len().max(1) as f64;
+        let sum = |f: fn(&TrialResult) -> f64| results.iter().map(f).sum::<f64>();
+        let mut rates: Vec<f64> = results.iter().map(|result| result.turned_rad / duration_s).collect();
+        rates.sort_by(f64::total_cmp);
+        Self {
+            object: object.to_owned(),
+            starts: results.len() as u64,
+            alive: sum(|result| f64::from(u8::from(result.alive))) / count,
+            rate_rad_s: rates.get(rates.len() / 2).copied().unwrap_or(0.0),
+            other_share: sum(|result| result.other_rad) / sum(|result| result.turned_rad.abs()).max(1e-9),
+            pads: sum(|result| result.pads) / count,
+        }
+    }
 }
 
 #[cfg(test)]
