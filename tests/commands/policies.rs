@@ -45,6 +45,77 @@ fn a_policy_is_checked_and_played_by_simulate_and_run() {
 }
 
 #[test]
+fn a_policy_is_scored_evaluated_and_recorded() {
+    let workplace = Workplace::new();
+    write(&workplace, "25");
+    let score = "hand score --json --object cube70 --scored-starts 2 --controller policy.safetensors";
+    let outcome: Value = serde_json::from_str(&workplace.run(score).good()).unwrap();
+    assert!(outcome["controller"] == "policy.safetensors" && outcome["starts"] == 2, "{outcome}");
+    let steps = workplace.run(&format!("{score} --steps 24")).error();
+    assert!(steps.contains("leave --steps out"), "{steps}");
+
+    let evaluate = "evaluate --objects cube70 --seeds 1 --modes pose --modalities tac --duration 0.3 --out tables \
+                    --controller policy.safetensors";
+    let lines = || std::fs::read_to_string(workplace.path("tables/runs.jsonl")).unwrap();
+    workplace.run(evaluate).good();
+    let first = lines();
+    workplace.run(evaluate).good();
+    assert_eq!(lines(), first, "the run is not repeated");
+    // Another policy of the same name is another run.
+    write(&workplace, "50");
+    workplace.run(evaluate).good();
+    assert_eq!(lines().lines().count(), 2);
+
+    workplace.run("generate --object cube70 --logs 1 --duration 0.2 --out set --controller policy.safetensors").good();
+    let scene: Value =
+        serde_json::from_str(&std::fs::read_to_string(workplace.path("set/cube70/00/scene.json")).unwrap()).unwrap();
+    assert!(scene["gait"] == "policy.safetensors" && scene["control_rate_hz"] == 50.0, "{scene}");
+}
+
+#[test]
+fn the_torques_of_a_policy_that_presses_the_fingers_together_are_bounded() {
+    let workplace = Workplace::new();
+    write(&workplace, "25");
+    // All joints aim at the ends of their ranges.
+    let (weights, bias) = ([0_u8; 4 * 16 * 19], 50.0_f32.to_le_bytes().repeat(16));
+    let tensors = [
+        ("layers.0.weight", TensorView::new(Dtype::F32, vec![16, 19], &weights).unwrap()),
+        ("layers.0.bias", TensorView::new(Dtype::F32, vec![16], &bias).unwrap()),
+    ];
+    workplace.write("policy.safetensors", serialize(tensors, None).unwrap());
+    let said = workplace.run("controllers check policy.safetensors").good();
+    let number = |before: &str| -> f64 {
+        let rest = said.split(before).nth(1).and_then(|rest| rest.split_whitespace().next());
+        rest.and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{before}: {said}"))
+    };
+    let (strongest, limit) = (number("strongest torque "), number("at the limit of "));
+    assert!(strongest <= limit + 1e-9 && strongest > 0.5 * limit, "{said}");
+}
+
+#[cfg(feature = "train")]
+#[test]
+fn a_trained_policy_is_a_controller() {
+    let workplace = Workplace::new();
+    // One block, far too short to learn anything.
+    let train =
+        "hand train --object cube70 --environments 4 --steps 1 --scored-starts 1 --seed 3 --out made.safetensors";
+    let said = workplace.run(train).good();
+    assert!(said.contains("cube70 with made.safetensors") && said.contains("controllers check"), "{said}");
+    let curve = std::fs::read_to_string(workplace.path("made.csv")).unwrap();
+    assert!(curve.lines().count() == 2 && !workplace.path("made.safetensors.state").exists(), "{curve}");
+    let contract = workplace.run("controllers check made.safetensors").good();
+    assert!(
+        contract.contains("joint_pos_target_unit") && contract.contains("linear layers of 128, 64, 16"),
+        "{contract}"
+    );
+    let refused =
+        |arguments: &str| workplace.run(&format!("hand train --environments 2 --steps 1 {arguments}")).error();
+    assert!(refused("--object cube70 --out made.safetensors").contains("already exists"));
+    assert!(refused("--object cube70 --out made.onnx").contains("ends in .safetensors"));
+    assert!(refused("--object random:1003 --out other.safetensors").contains("kept for results"));
+}
+
+#[test]
 fn what_cannot_be_played_is_refused_in_one_line_and_leaves_nothing() {
     let workplace = Workplace::new();
     let refused = |rest: &str| {

@@ -274,6 +274,35 @@ mod tests {
     }
 
     #[test]
+    fn actions_become_those_that_are_rewarded() {
+        let config = LearningConfig { hidden: vec![16], minibatch: 256, ..LearningConfig::default() };
+        let mut random = ChaCha8Rng::seed_from_u64(8);
+        let mut learner = Learner::draw([2, 3, 2], &config, &mut random);
+        // The reward is greatest for the action whose first number is half the first observation, and whose second is 0.3.
+        let reward = |observed: &Array2<f32>, actions: &Array2<f32>| {
+            Array1::from_shape_fn(actions.nrows(), |k| {
+                -(actions[[k, 0]] - 0.5 * observed[[k, 0]]).powi(2) - (actions[[k, 1]] - 0.3).powi(2)
+            })
+        };
+        let mut of_updates = Vec::new();
+        for _ in 0..40 {
+            let mut numbers =
+                |columns| Array2::from_shape_simple_fn((512, columns), || random.random_range(-1.7..1.7_f32));
+            let observed = numbers(3);
+            let means = learner.act(observed.view());
+            let actions = &means + numbers(2) * learner.actor.spread.mapv(f32::exp);
+            let returns = reward(&observed, &actions);
+            of_updates.push(reward(&observed, &means).mean().unwrap_or(f32::NAN));
+            let advantages = &returns - &learner.values(observed.view());
+            let advantages = (&advantages - advantages.mean().unwrap_or(0.0)) / advantages.std(0.0);
+            let experience = Experience { observed, actions, means, advantages, returns };
+            learner.learn(&experience, &config, &mut random);
+        }
+        let (first, last) = (of_updates[0], of_updates[39]);
+        assert!(first < -0.2 && last > -0.02, "{first} to {last}");
+    }
+
+    #[test]
     fn advantages_end_with_their_episodes() {
         let config = LearningConfig { discount: 0.5, trace: 0.5, ..LearningConfig::default() };
         let column = |numbers: [f32; 3]| Array2::from_shape_fn((3, 1), |(t, _)| numbers[t]);
