@@ -11,11 +11,12 @@ use crate::nothing_offends;
 use crate::sources::{code, root, rust_files};
 
 /// The crates that may link libmujoco.
-const LINKS_MUJOCO: [&str; 11] = [
+const LINKS_MUJOCO: [&str; 12] = [
     "mambavitact",
     "mvt-environment",
     "mvt-evaluation",
     "mvt-hands",
+    "mvt-learning",
     "mvt-simulated",
     "mvt-simulated-robot",
     "mvt-mujoco-lib",
@@ -26,8 +27,8 @@ const LINKS_MUJOCO: [&str; 11] = [
 ];
 /// The crates that may import the downloader: for meshes of objects and hands, in the build script that brings libmujoco, and for hashes of settings
 /// and files.
-const DOWNLOADS: [&str; 6] =
-    ["mambavitact", "mvt-evaluation", "mvt-hands", "mvt-simulated", "mvt-mujoco-lib", "mvt-objects"];
+const DOWNLOADS: [&str; 7] =
+    ["mambavitact", "mvt-evaluation", "mvt-hands", "mvt-run", "mvt-simulated", "mvt-mujoco-lib", "mvt-objects"];
 /// Folders, with the folders from which their crates may import. The binary, in the root, may import from all; the Python package also
 /// imports the binary's library, "".
 const LAYERS: [(&str, &[&str]); 7] = [

@@ -148,7 +148,7 @@ pub(crate) struct Scoring {
     pub(crate) scored_starts: u64,
     /// Print JSON instead of words
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
 }
 
 /// Seconds of a start that is scored.

@@ -137,6 +137,9 @@ pub(crate) fn run(arguments: &HandTrainArguments) -> Result<()> {
         let (axis, score) = played::measure(out, object, &hand, scoring.scored_starts, SCORED_S)?;
         print(scoring, &out.display().to_string(), axis, score)?;
     }
+    if scoring.json {
+        return Ok(());
+    }
     print_line(&format!("next: mambavitact controllers check {}", mvt_run::io::shell_word(&out.display().to_string())))
 }
 
