@@ -60,9 +60,9 @@ struct Running {
 }
 
 impl Running {
-    fn new(object: &Object, config: &EpisodeConfig, mover: Option<&Box<dyn Controller>>) -> Result<Self, Failure> {
+    fn new(object: &Object, config: &EpisodeConfig, mover: Option<Box<dyn Controller>>) -> Result<Self, Failure> {
         let episode = match mover {
-            Some(mover) => Simulated::moved_by(object, config, mover.clone()),
+            Some(mover) => Simulated::moved_by(object, config, mover),
             None => Simulated::new(object, config),
         };
         let mut episode = episode.map_err(general)?;
@@ -117,8 +117,7 @@ impl Episode {
                 let chosen = choose_any(gait, &object, &hand).map_err(Kind::Argument.of())?;
                 if chosen.mover.as_ref().is_some_and(|mover| mover.needs_touch()) {
                     return Err(Kind::Argument
-                        .error(format!("gait: {gait} observes touch_depth, which an episode does not feel"))
-                        .into());
+                        .error(format!("gait: {gait} observes touch_depth, which an episode does not feel")));
                 }
                 (chosen.name, chosen.gait, chosen.mover)
             } else {
@@ -127,7 +126,7 @@ impl Episode {
             };
             let randomisation = if randomise { Randomisation::default() } else { Randomisation::none() };
             let config = EpisodeConfig { hand, gait, seed, duration_s, randomisation };
-            let running = Mutex::new(Running::new(&object, &config, mover.as_ref())?);
+            let running = Mutex::new(Running::new(&object, &config, mover.clone())?);
             Ok(Self { object, config, gait_name, mover, cameras, touch_noise, camera_noise, running })
         })
     }
@@ -138,7 +137,7 @@ impl Episode {
         detached(py, || {
             let mut running = self.running();
             let config = EpisodeConfig { seed: seed.unwrap_or(running.seed), ..self.config.clone() };
-            *running = Running::new(&self.object, &config, self.mover.as_ref())?;
+            *running = Running::new(&self.object, &config, self.mover.clone())?;
             Ok(())
         })
     }

@@ -19,14 +19,14 @@ use mvt_run::progress;
 use mvt_tuning::carried::carried_over;
 use mvt_tuning::first_stroke::first_stroke;
 use mvt_tuning::grasp::GraspFile;
-use mvt_tuning::search::{GaitScore, Search, SearchSettings, measure};
+use mvt_tuning::search::{Search, SearchSettings, measure};
 use mvt_tuning::seeds;
 use mvt_tuning::trial::{EPISODE_STEPS, TrialConditions};
-use serde::Serialize;
 
 use crate::grasps::{self, HandGraspsArguments};
 use crate::played;
 use crate::rigs::{self, HandCheckArguments};
+use crate::scoring::{SCORED_S, Scoring, print};
 use crate::speed::{self, HandSpeedArguments};
 use crate::survey::{self, HandSurveyArguments};
 #[cfg(feature = "train")]
@@ -140,30 +140,8 @@ pub struct HandScoreArguments {
     scoring: Scoring,
 }
 
-/// How a score is measured and printed.
-#[derive(Debug, Args)]
-pub(crate) struct Scoring {
-    /// Starts per object of the score, each of 20 s
-    #[arg(long, value_name = "N", default_value_t = 40, value_parser = value_parser!(u64).range(1..=1000))]
-    pub(crate) scored_starts: u64,
-    /// Print JSON instead of words
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-/// Seconds of a start that is scored.
-pub(crate) const SCORED_S: f64 = 20.0;
 /// Candidates per generation: 4 + 3 ln(number of parameters), as is usual for CMA-ES.
 const POPULATION: usize = 14;
-
-/// A score with the controller.
-#[derive(Debug, Serialize)]
-struct ScoreReport<'a> {
-    controller: &'a str,
-    axis: TurnAxis,
-    #[serde(flatten)]
-    score: GaitScore,
-}
 
 fn positive(text: &str) -> Result<f64, String> {
     let value = text.parse().ok().filter(|v: &f64| *v > 0.0 && *v <= 10.0);
@@ -334,16 +312,4 @@ fn score(arguments: &HandScoreArguments) -> Result<()> {
     }
     bar.finish_and_clear();
     Ok(())
-}
-
-pub(crate) fn print(scoring: &Scoring, controller: &str, axis: TurnAxis, score: GaitScore) -> Result<()> {
-    if scoring.json {
-        return print_line(&serde_json::to_string(&ScoreReport { controller, axis, score })?);
-    }
-    let GaitScore { object, starts, alive, rate_rad_s, other_share, pads } = score;
-    print_line(&format!(
-        "{object} with {controller}: {:.0} % of {starts} starts alive after {SCORED_S:.0} s, {rate_rad_s:.2} rad/s about {axis}, \
-         {other_share:.2} of it about other axes, {pads:.1} pads",
-        100.0 * alive
-    ))
 }

@@ -22,6 +22,7 @@ pub mod manner;
 mod played;
 mod rates;
 pub mod rigs;
+mod scoring;
 mod single;
 mod speed;
 mod spread;

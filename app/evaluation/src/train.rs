@@ -20,8 +20,8 @@ use mvt_run::object::load_object;
 use mvt_run::progress;
 use serde_json::json;
 
-use crate::hand::{SCORED_S, Scoring, print};
 use crate::played;
+use crate::scoring::{SCORED_S, Scoring, print};
 
 /// Train a policy that turns objects in the hand by feeling its own joints
 ///

@@ -21,7 +21,7 @@ impl Moments {
     }
 
     /// Adds rows, by the formula of Chan, Golub and LeVeque (1983).
-    pub(crate) fn add(&mut self, rows: ArrayView2<'_, f32>) {
+    pub(crate) fn add(&mut self, rows: &ArrayView2<'_, f32>) {
         let rows = rows.mapv(f64::from);
         let count = rows.nrows() as f64;
         let Some(mean) = rows.mean_axis(Axis(0)) else { return };

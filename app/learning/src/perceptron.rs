@@ -53,10 +53,10 @@ impl Perceptron {
     }
 
     /// Returns the outputs of all layers for inputs row by row; those of the network last.
-    pub(crate) fn run(&self, inputs: ArrayView2<'_, f32>) -> Vec<Array2<f32>> {
+    pub(crate) fn run(&self, inputs: &ArrayView2<'_, f32>) -> Vec<Array2<f32>> {
         let mut outputs: Vec<Array2<f32>> = Vec::with_capacity(self.layers.len());
         for (k, layer) in self.layers.iter().enumerate() {
-            let input = outputs.last().map_or(inputs, |before| before.view());
+            let input = outputs.last().map_or(inputs.view(), |before| before.view());
             let mut output = input.dot(&layer.weight.t()) + &layer.bias;
             if k + 1 < self.layers.len() {
                 output.mapv_inplace(|x| if x > 0.0 { x } else { x.exp_m1() });
@@ -69,7 +69,7 @@ impl Perceptron {
     /// Returns the gradient for that of the outputs; that of the spread is 0.
     pub(crate) fn gradient(
         &self,
-        inputs: ArrayView2<'_, f32>,
+        inputs: &ArrayView2<'_, f32>,
         outputs: &[Array2<f32>],
         of_outputs: Array2<f32>,
     ) -> Self {
@@ -77,7 +77,7 @@ impl Perceptron {
         let mut of_output = of_outputs;
         for (k, layer) in self.layers.iter().enumerate().rev() {
             let before = k.checked_sub(1).and_then(|before| outputs.get(before));
-            let input = before.map_or(inputs, |before| before.view());
+            let input = before.map_or(inputs.view(), |before| before.view());
             gradient.layers.push(Dense { weight: of_output.t().dot(&input), bias: of_output.sum_axis(Axis(0)) });
             let Some(before) = before else { break };
             of_output = of_output.dot(&layer.weight);

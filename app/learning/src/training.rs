@@ -178,7 +178,7 @@ impl PolicyTraining {
             if t == steps {
                 break;
             }
-            let mean = self.learner.act(observed.slice(rows));
+            let mean = self.learner.act(&observed.slice(rows));
             let noise = Array2::from_shape_simple_fn(mean.raw_dim(), || normal(&mut random));
             let action = &mean + noise * &deviations;
             means.slice_mut(rows).assign(&mean);
@@ -195,7 +195,7 @@ impl PolicyTraining {
             }
             self.count(&outcome);
         }
-        let values = self.learner.values(observed.view());
+        let values = self.learner.values(&observed.view());
         let values = Array2::from_shape_fn((steps + 1, count), |(t, k)| values[t * count + k]);
         let (advantages, returns) = advantages(&rewards, &values, &fell, &ended, &self.config);
         let of = |array: &Array2<f32>| counted.iter().map(|&row| array[[row / count, row % count]]).collect();
@@ -211,7 +211,7 @@ impl PolicyTraining {
         experience.advantages.mapv_inplace(|advantage| (advantage - mean) / deviation);
         let mut random = self.random(2);
         self.learner.learn(&experience, &self.config, &mut random);
-        self.moments.add(sensed.slice(s![..steps * count, ..]));
+        self.moments.add(&sensed.slice(s![..steps * count, ..]));
         self.updates += 1;
         if self.updates.is_multiple_of(self.config.block) {
             self.finish_block();

@@ -108,16 +108,16 @@ impl Learner {
     }
 
     /// Returns the means of the actions.
-    pub(crate) fn act(&self, observed: ArrayView2<'_, f32>) -> Array2<f32> {
-        self.actor.run(observed.slice(s![.., ..self.observed()])).pop().unwrap_or_default()
+    pub(crate) fn act(&self, observed: &ArrayView2<'_, f32>) -> Array2<f32> {
+        self.actor.run(&observed.slice(s![.., ..self.observed()])).pop().unwrap_or_default()
     }
 
     /// Returns the values of observations.
-    pub(crate) fn values(&self, observed: ArrayView2<'_, f32>) -> Array1<f32> {
+    pub(crate) fn values(&self, observed: &ArrayView2<'_, f32>) -> Array1<f32> {
         let chunks: Vec<ArrayView2<'_, f32>> = observed.axis_chunks_iter(Axis(0), ROWS).collect();
         let values: Vec<f32> = chunks
             .into_par_iter()
-            .flat_map_iter(|rows| self.critic.run(rows).pop().unwrap_or_default().into_iter())
+            .flat_map_iter(|rows| self.critic.run(&rows).pop().unwrap_or_default().into_iter())
             .collect();
         Array1::from(values)
     }
@@ -164,7 +164,7 @@ impl Learner {
 
     fn part(&self, part: &Experience, before: &Array1<f32>, weight: f32, config: &LearningConfig) -> Part {
         let inputs = part.observed.slice(s![.., ..self.observed()]);
-        let outputs = self.actor.run(inputs);
+        let outputs = self.actor.run(&inputs);
         let means = outputs.last().cloned().unwrap_or_default();
         let (spread, mut of_means) = (&self.actor.spread, Array2::zeros(means.raw_dim()));
         let mut of_spread: Array1<f32> = Array1::zeros(spread.len());
@@ -191,14 +191,14 @@ impl Learner {
                 of_spread[j] += slope * (off * off / variance - 1.0);
             }
         }
-        let mut actor = self.actor.gradient(inputs, &outputs, of_means);
+        let mut actor = self.actor.gradient(&inputs, &outputs, of_means);
         actor.spread = of_spread;
-        let outputs = self.critic.run(part.observed.view());
+        let outputs = self.critic.run(&part.observed.view());
         let mut of_values = outputs.last().cloned().unwrap_or_default();
         Zip::from(of_values.rows_mut())
             .and(&part.returns)
             .for_each(|mut value, target| value.mapv_inplace(|value| weight * (value - target)));
-        let critic = self.critic.gradient(part.observed.view(), &outputs, of_values);
+        let critic = self.critic.gradient(&part.observed.view(), &outputs, of_values);
         Part { actor, critic, divergence }
     }
 }
@@ -211,8 +211,8 @@ mod tests {
 
     /// The losses whose gradients are computed, in double precision but for the networks.
     fn losses(learner: &Learner, e: &Experience, before: &Array1<f32>, config: &LearningConfig) -> [f64; 2] {
-        let means = learner.act(e.observed.view());
-        let values = learner.values(e.observed.view());
+        let means = learner.act(&e.observed.view());
+        let values = learner.values(&e.observed.view());
         let (mut of_actor, mut of_critic) = (0.0, 0.0);
         for k in 0..means.nrows() {
             let log = |mean: f32, spread: f32, action: f32| {
@@ -244,7 +244,7 @@ mod tests {
             |rows, columns| Array2::from_shape_simple_fn((rows, columns), || random.random_range(-1.0..1.0_f32));
         // More rows than a thread handles at once.
         let observed = numbers(300, 7);
-        let means = learner.act(observed.view()) + 0.05 * numbers(300, 3);
+        let means = learner.act(&observed.view()) + 0.05 * numbers(300, 3);
         let actions = &means + 0.5 * numbers(300, 3);
         let (advantages, returns) = (numbers(300, 1).column(0).to_owned(), numbers(300, 1).column(0).to_owned());
         let experience = Experience { observed, actions, means, advantages, returns };
@@ -261,7 +261,9 @@ mod tests {
                     let value = network.values_mut().nth(k).map(|value| std::mem::replace(value, *value + change));
                     let loss = losses(&learner, &experience, &before, &config)[which];
                     let network = if which == 0 { &mut learner.actor } else { &mut learner.critic };
-                    network.values_mut().nth(k).zip(value).map(|(to, value)| *to = value);
+                    if let Some((to, value)) = network.values_mut().nth(k).zip(value) {
+                        *to = value;
+                    }
                     loss
                 };
                 let numeric = ((at(STEP) - at(-STEP)) / f64::from(2.0 * STEP)) as f32;
@@ -289,11 +291,11 @@ mod tests {
             let mut numbers =
                 |columns| Array2::from_shape_simple_fn((512, columns), || random.random_range(-1.7..1.7_f32));
             let observed = numbers(3);
-            let means = learner.act(observed.view());
+            let means = learner.act(&observed.view());
             let actions = &means + numbers(2) * learner.actor.spread.mapv(f32::exp);
             let returns = reward(&observed, &actions);
             of_updates.push(reward(&observed, &means).mean().unwrap_or(f32::NAN));
-            let advantages = &returns - &learner.values(observed.view());
+            let advantages = &returns - &learner.values(&observed.view());
             let advantages = (&advantages - advantages.mean().unwrap_or(0.0)) / advantages.std(0.0);
             let experience = Experience { observed, actions, means, advantages, returns };
             learner.learn(&experience, &config, &mut random);
