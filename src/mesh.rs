@@ -93,8 +93,14 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
         run.display(),
         Map::FILES[1]
     );
-    let alone = if map.is_none() { Some(NeuralField::load(&path)?) } else { None };
-    let Some(field) = map.as_ref().map(Map::field).or(alone.as_ref()) else { bail!("{} has no field", run.display()) };
+    let alone;
+    let field = match &map {
+        Some(map) => map.field(),
+        None => {
+            alone = NeuralField::load(&path)?;
+            &alone
+        }
+    };
     let mut mesh = outer_surface(field, field.config().half_extent_m, cell_mm * 1e-3);
     if let Some(map) = map.as_ref().filter(|_| *seen_only) {
         mesh = mesh.part(|vertex| map.space().is_near_surface(vertex));

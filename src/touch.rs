@@ -12,7 +12,10 @@ mod train;
 
 use anyhow::Result;
 use clap::Subcommand;
-use mvt_sensor::{TouchCalibrateArguments, TouchPredictArguments, calibrate, predict};
+use mvt_sensor::{
+    TouchCalibrateArguments, TouchPredictArguments, TouchUnitsArguments, TouchWeighArguments, calibrate, predict,
+    units, weigh,
+};
 
 use crate::signals::stop_on_signals;
 
@@ -28,8 +31,10 @@ pub enum TouchCommand {
     Train(TouchTrainArguments),
     Predict(TouchPredictArguments),
     Calibrate(TouchCalibrateArguments),
+    Weigh(TouchWeighArguments),
     Data(TouchDataArguments),
     Evaluate(TouchEvaluateArguments),
+    Units(TouchUnitsArguments),
     Render(TouchRenderArguments),
     Describe(TouchDescribeArguments),
 }
@@ -46,8 +51,10 @@ pub fn run(command: &TouchCommand) -> Result<()> {
         TouchCommand::Train(arguments) => train(arguments),
         TouchCommand::Predict(arguments) => predict(arguments, stop_on_signals),
         TouchCommand::Calibrate(arguments) => calibrate(arguments),
+        TouchCommand::Weigh(arguments) => weigh(arguments),
         TouchCommand::Data(arguments) => data(arguments),
         TouchCommand::Evaluate(arguments) => evaluate(arguments),
+        TouchCommand::Units(arguments) => units(arguments),
         TouchCommand::Render(arguments) => render(arguments),
         TouchCommand::Describe(arguments) => describe(arguments),
     }

@@ -2,7 +2,7 @@
 # Trains networks of the paper and scores them on the test objects. Use: paper.sh DIR OUT PLAN [DEVICE]
 # DIR is what pack.sh made. Each line of PLAN is a training: network, seed, learning rate, steps, steps between validations. OUT receives
 # curves, panels and scores, named after them. In the environment: TOGETHER trainings at a time (1), ARITHMETIC of the GPU (bf16),
-# TEST_IMAGES to score with (200; 0: none), BATCH (32), REAL_DIGIT: the path of results/real_digit.py, to score on real sensors, too.
+# TEST_IMAGES to score with (200; 0: none), BATCH (32), REAL_TOUCH: the path of results/real_touch.py, to score on real sensors, too.
 set -uo pipefail
 packed=$1 out=$2 plan=$3 device=${4:-cuda}
 source "$packed/unpack.sh" "$packed"
@@ -35,8 +35,8 @@ train() {
     cp "$unpacked/trained/$name/panels.png" "$out/$name.png"
     [ "$images" = 0 ] || run touch evaluate --weights "$unpacked/trained/$name/last.safetensors" --data "$unpacked/test" \
         --device "$device" --json >"$out/$name.json" 2>>"$out/$name.log"
-    [ -z "${REAL_DIGIT:-}" ] || LD_LIBRARY_PATH=$unpacked:$cuda python3 "$REAL_DIGIT" "$unpacked/real/$name" --program "$unpacked/mambavitact" \
-        --weights "$unpacked/trained/$name/last.safetensors" >"$out/$name.real.txt" 2>&1
+    [ -z "${REAL_TOUCH:-}" ] || LD_LIBRARY_PATH=$unpacked:$cuda python3 "$REAL_TOUCH" "$unpacked/real/$name" --program "$unpacked/mambavitact" \
+        --only digit --weights "$unpacked/trained/$name/last.safetensors" >"$out/$name.real.txt" 2>&1
 }
 # What a training that is cut off had learnt until then counts, too.
 trap 'for curve in "$unpacked"/trained/*/curve.csv; do cp "$curve" "$out/$(basename "$(dirname "$curve")").csv"; done; exit 1' TERM

@@ -13,7 +13,7 @@ for part in "${@:-speed}"; do
     case $part in
     speed) "$out/packed/speed.sh" "$out/packed" "$out" ;;
     paper)
-        export UNPACKED=$out/unpacked REAL_DIGIT=$PWD/results/real_digit.py
+        export UNPACKED=$out/unpacked REAL_TOUCH=$PWD/results/real_touch.py
         "$out/packed/paper.sh" "$out/packed" "$out/paper" "$out/packed/paper/long.txt"
         "$out/packed/pipeline.sh" "$out/packed" "$out/paper"
         TOGETHER=3 TEST_IMAGES=0 "$out/packed/paper.sh" "$out/packed" "$out/paper" "$out/packed/paper/short.txt"

@@ -94,10 +94,11 @@ impl TouchNetwork {
         let size = [Some(height), Some(width)];
         let seen = crate::arrays::images(images, "images", None, size)?;
         let untouched = untouched.map(|untouched| image(untouched, "untouched", size)).transpose()?;
-        let mut sensor = TouchSensor::new(self.profile.size_px, self.engine.gains(&self.profile));
+        let mut sensor = TouchSensor::new(&self.engine, &self.profile);
         if let Some(untouched) = &untouched {
             detached(py, || sensor.set_untouched(&self.engine, untouched).map_err(argument))?;
-            warn(py, sensor.light().map(|light| light.to_string()).into_iter().collect())?;
+            let light = sensor.light();
+            warn(py, if light.is_usual() { Vec::new() } else { vec![light.to_string()] })?;
         }
         let count = seen.len();
         let (mut indentation, mut contact) = (Vec::with_capacity(count * height * width), Vec::new());

@@ -16,11 +16,13 @@ use mvt_presses::objects::PressedSurface;
 use mvt_presses::{DataConfig, Example, PressSensor, Rack, example, objects, resized};
 use mvt_products::Instructions;
 use mvt_render::touch::TouchFrame;
-use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_run::{progress, settings};
 use mvt_touch::accuracy::{Accuracy, Pixel, Scores};
 use mvt_touch::engine::{Engine, Prediction};
+use mvt_touch::light::{SensorLight, exposure};
 use mvt_touch::network::{Architecture, Precision, Weights};
+use mvt_touch::untouched::subtract_untouched;
 use mvt_training::{Device, Stage, Targets, TouchTrainer, TrainingBatch, TrainingConfig};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -173,10 +175,10 @@ pub fn run(arguments: &TouchTrainArguments) -> Result<()> {
         // Images of later steps are drawn while a step is computed.
         let (sender, batches) = mpsc::sync_channel(DRAWN_TOGETHER);
         scope.spawn(|| {
-            let sender = sender;
+            let (sender, look) = (sender, profile.appearance.as_ref());
             for begin in (first..training.steps()).step_by(DRAWN_TOGETHER) {
                 let steps = begin..training.steps().min(begin + DRAWN_TOGETHER as u64);
-                let drawn = match draw_batches(&surfaces, &mut rack, &data, &training, steps) {
+                let drawn = match draw_batches(&surfaces, &mut rack, (&data, look), &training, steps) {
                     Ok(drawn) => drawn.into_iter().map(Ok).collect(),
                     Err(error) => vec![Err(error)],
                 };
@@ -246,7 +248,7 @@ fn data_hash(data: &DataConfig, profile: &SensorProfile) -> Result<String> {
 fn draw_batches(
     surfaces: &[PressedSurface],
     rack: &mut Rack,
-    data: &DataConfig,
+    (data, look): (&DataConfig, Option<&Appearance>),
     training: &TrainingConfig,
     steps: Range<u64>,
 ) -> Result<Vec<TrainingBatch>> {
@@ -263,7 +265,7 @@ fn draw_batches(
         let places = places.zip(contact.par_chunks_exact_mut(pixels)).enumerate();
         places.for_each_init(TouchFrame::default, |frame, (k, ((levels, indentation_mm), contact))| {
             let index = first + k as u64;
-            let drawn = subtracted(example(surfaces, &sensors, data, (training.seed, index), frame));
+            let drawn = subtracted(example(surfaces, &sensors, data, (training.seed, index), frame), look);
             let drawn = resized(drawn, stage.size);
             levels.copy_from_slice(&drawn.levels);
             indentation_mm.copy_from_slice(&drawn.indentation_mm);
@@ -296,7 +298,7 @@ impl WatchedImages {
         let sensors = rack.of_step(0)?;
         let images = (0..training.validation_images as u64).into_par_iter();
         let images = images.map_init(TouchFrame::default, |frame, index| {
-            subtracted(example(&surfaces, &sensors, data, (seed, index), frame))
+            subtracted(example(&surfaces, &sensors, data, (seed, index), frame), profile.appearance.as_ref())
         });
         Ok(Self { examples: images.collect() })
     }
@@ -320,10 +322,19 @@ impl WatchedImages {
     }
 }
 
-/// Subtracts the untouched image of the example's sensor where it is known, as is done before every inference.
-fn subtracted(mut example: Example) -> Example {
-    if let Some(untouched) = example.untouched.take() {
-        mvt_touch::untouched::subtract_untouched(&untouched, &mut example.levels);
+/// Subtracts the untouched image of the example's sensor where it is known, as is done before every inference; levels of sensors with an
+/// appearance become those of the usual one, too.
+fn subtracted(mut example: Example, look: Option<&Appearance>) -> Example {
+    match (example.untouched(), look) {
+        (Some(untouched), Some(look)) => {
+            let (image, mut seen) = (example.image(), example.image());
+            let exposure = exposure(&image, &untouched);
+            SensorLight::of(&untouched, look, true).change(&image, &untouched, exposure, &mut seen);
+            example.levels = seen.into_raw();
+        }
+        (Some(untouched), None) => subtract_untouched(&untouched, &mut example.levels),
+        (None, _) => {}
     }
+    example.untouched = None;
     example
 }

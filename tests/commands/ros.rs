@@ -106,6 +106,11 @@ fn prepare_hand(workplace: &Workplace, seconds: f64, domain: u32) {
     workplace.write("ros.toml", format!("{text}\n[ros.touch]\n{pads}"));
 }
 
+/// Starts a command.
+fn begun(workplace: &Workplace, line: &str) -> Child {
+    workplace.command(line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
 /// Starts a script of `tests/ros`.
 pub fn start(workplace: &Workplace, python: &str, domain: u32, script: &str, arguments: &str) -> Child {
     let mut command = Command::new(python);
@@ -141,8 +146,7 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     let (workplace, domain) = (Workplace::new(), domain(0));
     prepare(&workplace, 1.5, domain);
     workplace.run("run --log folder --out of_folder --quiet").warned();
-    let mut run = workplace.command("run --ros ros.toml --out live --record recorded");
-    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let run = begun(&workplace, "run --ros ros.toml --out live --record recorded");
     let transforms = start(&workplace, &python, domain, "hear_tf.py", "transforms.json 20 100");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
     interrupt(&run);
@@ -225,8 +229,7 @@ fn topics_are_listed_with_types_and_two_publishers_are_noticed() {
     let Some(python) = python() else { return };
     let (workplace, domain) = (Workplace::new(), domain(1));
     prepare(&workplace, 0.3, domain);
-    let mut run = workplace.command("run --ros ros.toml --out live");
-    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let run = begun(&workplace, "run --ros ros.toml --out live");
     let peer = start(&workplace, &python, domain, "peer.py", "messages heard.json --twice --reliable");
     let listed = workplace.run(&format!("ros topics --domain {domain} --addresses 127.0.0.1 --duration 6")).good();
     let heard = ended(peer);
@@ -249,8 +252,7 @@ fn topics_that_do_not_come_are_named_with_what_is_seen_instead() {
         "ros.toml",
         text.replace("/masks", "/segments").replace("camera/color/image_raw", "camera/depth/camera_info_2"),
     );
-    let mut run = workplace.command("run --ros ros.toml --out live");
-    let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut run = begun(&workplace, "run --ros ros.toml --out live");
     let mut peer = start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable");
     let mut said = String::new();
     {
@@ -288,8 +290,7 @@ fn what_a_fast_publisher_sends_is_received_and_counted() {
     prepare(&workplace, 1.5, domain);
     let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
     workplace.write("ros.toml", text.replace("reliable = true\n", ""));
-    let mut run = workplace.command("run --ros ros.toml --out live --quiet");
-    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let run = begun(&workplace, "run --ros ros.toml --out live --quiet");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --hz 15"));
     interrupt(&run);
     let said = ended(run);
@@ -325,8 +326,7 @@ fn a_hand_with_joints_and_touch_sensors_gives_the_motion_that_its_log_gives() {
     // Depth as in the messages, which hold millimetres.
     let options = "--modality vi --calibration given --quiet";
     workplace.run(&format!("run --log set/cube70/00 --set camera_noise=0 --out of_log {options}")).warned();
-    let mut run = workplace.command(&format!("run --ros ros.toml --out live {options}"));
-    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let run = begun(&workplace, &format!("run --ros ros.toml --out live {options}"));
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
     interrupt(&run);
     let said = ended(run);
@@ -363,8 +363,7 @@ fn what_a_hand_delivers_is_recorded_and_repeats_the_estimate() {
     let Some(python) = python() else { return };
     let (workplace, domain) = (Workplace::new(), domain(5));
     prepare_hand(&workplace, 0.7, domain);
-    let mut run = workplace.command("run --ros ros.toml --out live --record recorded --object cube70");
-    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let run = begun(&workplace, "run --ros ros.toml --out live --record recorded --object cube70");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
     interrupt(&run);
     let said = ended(run);

@@ -45,7 +45,7 @@ fn drawn_lights_are_found() {
     profile.appearance = Some(appearance);
     presses(&workplace, &profile);
     let said = workplace.run(&format!("{CALIBRATE} --ball-mm 6 --out mine.toml")).good();
-    assert!(said.contains("of 12 images used"), "{said}");
+    assert!(said.contains("of 12 images used") && said.contains("presses that were left out: radius"), "{said}");
     let path = workplace.path("mine.toml");
     let found = SensorProfile::load(path.to_str().unwrap()).unwrap().appearance.unwrap();
     for c in 0..3 {
@@ -59,8 +59,47 @@ fn drawn_lights_are_found() {
 
     assert!(workplace.run(&format!("{CALIBRATE} --ball-mm 6 --out mine.toml")).error().contains("mine.toml"));
     let error = |options: &str| workplace.run(&format!("{CALIBRATE} {options} --out other.toml")).error();
-    assert!(error("--ball-mm 400").contains("1 to 40 mm"));
+    assert!(error("--ball-mm 400").contains("1 to 40"));
+    assert!(error("--ball-mm 0.006").contains("in millimetres"));
     assert!(error("--ball-mm 6 --px-per-mm 2").contains("8 to 40"));
     assert!(error("--ball-mm 6 --profile tacto").contains("no LEDs"));
+    assert!(!workplace.path("other.toml").exists());
+}
+
+/// A few images of a ball among many others give no profile without a word.
+#[test]
+fn few_presses_of_many_give_no_profile() {
+    let workplace = Workplace::new();
+    presses(&workplace, &SensorProfile::load("digit").unwrap());
+    for k in 3..12 {
+        std::fs::copy(workplace.path("balls/untouched.png"), workplace.path(&format!("balls/{k:02}_img.png"))).unwrap();
+    }
+    let error = workplace.run(&format!("{CALIBRATE} --ball-mm 6 --out few.toml")).error();
+    assert!(error.contains("of 12 images show a round contact") && error.contains("--ball-mm"), "{error}");
+    assert!(!workplace.path("few.toml").exists());
+}
+
+/// Forces of a scale become those that `touch predict` states.
+#[test]
+fn the_stiffness_of_a_gel_is_measured() {
+    let workplace = Workplace::new();
+    presses(&workplace, &SensorProfile::load("digit").unwrap());
+    workplace.write("forces.csv", b"id,force_n\n00,0.6\n03,0.6\n05,0.6\n07,0.6\n");
+    let weigh = "touch weigh --images balls --untouched balls/untouched.png --forces forces.csv";
+    let said = workplace.run(&format!("{weigh} --out stiff.toml")).good();
+    assert!(said.contains("4 presses"), "{said}");
+    let predict = "touch predict --images balls --untouched balls/untouched.png --profile stiff.toml --out out --json";
+    let lines: serde_json::Value = serde_json::from_str(&workplace.run(predict).good()).unwrap();
+    for line in lines.as_array().unwrap() {
+        let [force_n, sigma_n] = ["force_n", "force_sigma_n"].map(|key| line[key].as_f64().unwrap());
+        assert!((0.4..0.9).contains(&force_n) && sigma_n < 0.3 * force_n, "{line}");
+    }
+    let error = |table: &str| {
+        workplace.write("wrong.csv", table.as_bytes());
+        workplace.run(&format!("{} --out other.toml", weigh.replace("forces.csv", "wrong.csv"))).error()
+    };
+    assert!(error("id,force_n\n00,1\n").contains("only 1 of 12 images"));
+    assert!(error("id,force_n\n00,0.01\n03,9\n05,0.2\n07,50\n").contains("do not belong together"));
+    assert!(error("id,grams\n00,60\n").contains("force_n, newtons"));
     assert!(!workplace.path("other.toml").exists());
 }

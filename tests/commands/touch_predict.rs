@@ -86,8 +86,8 @@ fn score(sensor: &str, untouched: &Path, options: &str) -> RealScores {
 fn a_ball_on_real_sensors_is_read() {
     for sensor in ["dd", "tx1", "tx2"] {
         let scores = score(sensor, &folder(sensor).join("untouched.png"), "");
-        assert!(scores.iou > 0.80 && scores.mae_mm < 0.09, "{sensor}: {scores:?}");
-        assert!((2.4..3.6).contains(&scores.radius_mm) && scores.false_contact_percent < 0.2, "{sensor}: {scores:?}");
+        assert!(scores.iou > 0.83 && scores.mae_mm < 0.07, "{sensor}: {scores:?}");
+        assert!((2.6..3.3).contains(&scores.radius_mm) && scores.false_contact_percent < 0.2, "{sensor}: {scores:?}");
     }
 }
 

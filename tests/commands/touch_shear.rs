@@ -70,7 +70,7 @@ fn shear_is_read_and_drawn() {
         let table = std::fs::read_to_string(workplace.path(&format!("{folder}/predictions.csv"))).unwrap();
         table.lines().next().unwrap().to_owned()
     };
-    assert_eq!(head("plain"), "id,area_mm2,deepest_mm,volume_mm3,plausibility");
+    assert_eq!(head("plain"), "id,area_mm2,deepest_mm,volume_mm3,force_n,force_sigma_n,plausibility");
     assert!(head("out").ends_with(",shear_right_mm,shear_down_mm,twist_deg,dilation,shear_residual_mm,dots"));
 }
 

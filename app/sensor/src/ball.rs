@@ -94,6 +94,35 @@ pub fn fit(
     })
 }
 
+/// Returns the radius of the ball that an indentation shows where it touches, millimetres, and the mean error of the indentation there beside
+/// that of a ball of the true radius that is pressed in as deep. `None` if the contact is not round, or not curved as a ball is.
+pub(crate) fn judge(
+    indentation_mm: &Array2<f32>,
+    contact: &Array2<bool>,
+    px_per_mm: f64,
+    ball_radius_mm: f64,
+) -> Option<(f64, f64)> {
+    let Circle { x, y, radius } = Circle::of(contact)?;
+    let places = || {
+        indentation_mm.indexed_iter().filter_map(|((v, u), &mm)| {
+            let r_mm = (u as f64 - x).hypot(v as f64 - y) / px_per_mm;
+            (r_mm <= INSIDE * radius / px_per_mm).then_some((0.5 * r_mm * r_mm, f64::from(mm)))
+        })
+    };
+    let (count, sums) =
+        places().fold((0.0, [0.0; 2]), |(count, [a, b]), (half_square, mm)| (count + 1.0, [a + half_square, b + mm]));
+    let [mean_square, mean_mm] = sums.map(|sum| sum / f64::max(count, 1.0));
+    let (falls, spread) = places().fold((0.0, 0.0), |(falls, spread), (half_square, mm)| {
+        let away = half_square - mean_square;
+        (falls - away * (mm - mean_mm), spread + away * away)
+    });
+    let error_mm = places()
+        .map(|(half_square, mm)| (mm - mean_mm + (half_square - mean_square) / ball_radius_mm).abs())
+        .sum::<f64>()
+        / f64::max(count, 1.0);
+    (falls > 0.0).then_some((spread / falls, error_mm))
+}
+
 /// Middle and radius of a contact, pixels.
 struct Circle {
     x: f64,
@@ -163,6 +192,24 @@ mod tests {
             assert!((fit.led_angles_deg[c] - angles[c]).abs() < 1.0, "{fit:?}");
             assert!(fit.explained[c] > 0.97, "{fit:?}");
         }
+    }
+
+    #[test]
+    fn a_ball_is_judged_by_its_curvature() {
+        let contact = |radius: f64| {
+            Array2::from_shape_fn((320, 240), |(v, u)| (u as f64 - 120.0).hypot(v as f64 - 160.0) < radius)
+        };
+        let ball = |radius_mm: f64| {
+            Array2::from_shape_fn((320, 240), |(v, u)| {
+                let r_mm = (u as f64 - 120.0).hypot(v as f64 - 160.0) / 18.8;
+                (0.5 - 0.5 * r_mm * r_mm / radius_mm) as f32
+            })
+        };
+        let (radius_mm, error_mm) = judge(&ball(3.0), &contact(26.0), 18.8, 3.0).unwrap();
+        assert!((radius_mm - 3.0).abs() < 0.01 && error_mm < 1e-3, "{radius_mm} mm, {error_mm} mm");
+        let (radius_mm, error_mm) = judge(&ball(2.0), &contact(26.0), 18.8, 3.0).unwrap();
+        assert!((radius_mm - 2.0).abs() < 0.01 && error_mm > 0.01, "{radius_mm} mm, {error_mm} mm");
+        assert_eq!(judge(&Array2::zeros((320, 240)), &contact(26.0), 18.8, 3.0), None);
     }
 
     #[test]

@@ -4,18 +4,23 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
-use mvt_robot::digit::profile::SensorProfile;
+use image::RgbImage;
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_run::io::{check_named, print_line, write_named};
 use mvt_shear::ShearSensor;
+use mvt_touch::engine::Prediction;
 use ndarray::Array2;
 
-use crate::ball::{BallFit, fit};
+use crate::ball::{BallFit, BallPress, fit, judge};
 use crate::images::{SensorImages, engine, infer};
 
 /// Measure the light of a touch sensor by presses of a ball, and write its profile
 ///
 /// The gain and direction of each LED follow from the known slope of the ball in some 10 to 50 images. The profile is
 /// for --profile of `touch predict`, which then reads this sensor as if its light were that of the given profile.
+///
+/// How good the profile is, is judged by presses that it does not come from: thirds of them are read with the gains of
+/// the others, and the radius that their indentation shows is compared with that of the ball.
 #[derive(Debug, Args)]
 pub struct TouchCalibrateArguments {
     /// Images of presses of the ball (.png, .jpg), or folders of them
@@ -44,6 +49,10 @@ pub struct TouchCalibrateArguments {
 
 /// Fewer presses leave gains uncertain.
 const FEW_PRESSES: usize = 8;
+/// Parts of the presses, each of which is read with the gains of the others.
+const PARTS: usize = 3;
+/// A radius that is further from that of the ball, as a share of it, is not that of a calibrated sensor.
+const WRONG_RADIUS: f64 = 0.25;
 /// A colour of which less is explained does not behave like a DIGIT's.
 const LEAST_EXPLAINED: f64 = 0.5;
 /// An LED may stand so far from its place in the profile, degrees.
@@ -55,7 +64,10 @@ const MOST_TURN_DEG: f64 = 45.0;
 /// If images or the profile cannot be read, no press is usable, or the profile cannot be written.
 pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
     let TouchCalibrateArguments { ball_mm, px_per_mm, .. } = *arguments;
-    ensure!((1.0..=40.0).contains(&ball_mm), "--ball-mm {ball_mm}: a ball for a DIGIT has 1 to 40 mm");
+    ensure!(
+        (1.0..=40.0).contains(&ball_mm),
+        "--ball-mm {ball_mm}: give the diameter in millimetres; a ball for such a sensor has 1 to 40"
+    );
     check_named(&arguments.out, arguments.overwrite)?;
     let mut profile = SensorProfile::load(&arguments.profile)?;
     if let Some(px_per_mm) = px_per_mm {
@@ -64,7 +76,7 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
         profile.fov_y_deg = 2.0 * (0.5 * profile.size_px[1] as f64 / focal_px).atan().to_degrees();
     }
     let engine = engine(&profile, None)?;
-    let mut appearance = profile.appearance.with_context(|| {
+    let appearance = profile.appearance.with_context(|| {
         format!("--profile {}: this sensor has no LEDs to calibrate; start from digit", arguments.profile)
     })?;
     let SensorImages { mut images, mut untouched, .. } =
@@ -78,18 +90,19 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
     let predictions = infer(&engine, engine.gains(&profile), &untouched, &images)?;
     let contacts: Vec<Array2<bool>> =
         predictions.iter().map(|prediction| prediction.contact_logit.mapv(|logit| logit > 0.0)).collect();
-    let presses: Vec<_> = images.iter().zip(&contacts).collect();
+    let all: Vec<BallPress<'_>> = images.iter().zip(&contacts).collect();
+    let exponent = appearance.background_exponent;
     let px_per_mm = profile.intrinsics().fx / profile.apex_mm;
-    let BallFit { presses, sensitivity, led_angles_deg, explained } = fit(
-        &presses,
-        &untouched,
-        appearance.background_exponent,
-        px_per_mm,
-        0.5 * ball_mm,
-    )
-    .context(
+    let found = fit(&all, &untouched, exponent, px_per_mm, 0.5 * ball_mm);
+    let BallFit { presses, sensitivity, led_angles_deg, explained } = found.context(
         "no image shows a round contact clear of the border; press the ball straight into the gel, at 10 to 50 places",
     )?;
+    ensure!(
+        presses >= FEW_PRESSES || 2 * presses >= images.len(),
+        "only {presses} of {} images show a round contact clear of the border: the ball, the scale or the sensor is another than stated; check \
+         --ball-mm, --px-per-mm and --profile, or give the usable images alone",
+        images.len()
+    );
     if presses < FEW_PRESSES {
         tracing::warn!("only {presses} of {} images could be used; 10 to 50 give reliable gains", images.len());
     }
@@ -113,9 +126,47 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
             100.0 * explained[c]
         );
     }
-    appearance.sensitivity = sensitivity.map(|gain| gain as f32);
-    appearance.led_angles_deg = led_angles_deg;
-    profile.appearance = Some(appearance);
+    let measured = |sensitivity: [f64; 3], led_angles_deg: [f64; 3]| {
+        let sensitivity = sensitivity.map(|gain| gain as f32);
+        let appearance = Some(Appearance { sensitivity, led_angles_deg, ..appearance });
+        SensorProfile { appearance, ..profile.clone() }
+    };
+    let usable: Vec<_> =
+        all.iter().filter(|press| fit(&[**press], &untouched, exponent, px_per_mm, 0.5 * ball_mm).is_some()).collect();
+    let mut judged = Vec::new();
+    for part in 0..PARTS {
+        let others: Vec<BallPress<'_>> =
+            usable.iter().enumerate().filter(|(k, _)| k % PARTS != part).map(|(_, press)| **press).collect();
+        let Some(of_others) = fit(&others, &untouched, exponent, px_per_mm, 0.5 * ball_mm) else { continue };
+        let gains = engine.gains(&measured(of_others.sensitivity, of_others.led_angles_deg));
+        let held: Vec<RgbImage> = usable.iter().skip(part).step_by(PARTS).map(|(image, _)| (*image).clone()).collect();
+        for Prediction { indentation_mm, contact_logit } in infer(&engine, gains, &untouched, &held)? {
+            judged.extend(judge(&indentation_mm, &contact_logit.mapv(|logit| logit > 0.0), px_per_mm, 0.5 * ball_mm));
+        }
+    }
+    let median = |mut values: Vec<f64>| {
+        values.sort_unstable_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    let radius_mm = median(judged.iter().map(|(radius_mm, _)| *radius_mm).collect());
+    let error_mm = median(judged.iter().map(|(_, error_mm)| *error_mm).collect());
+    match radius_mm.zip(error_mm) {
+        Some((radius_mm, error_mm)) => {
+            text += &format!(
+                "presses that were left out: radius {radius_mm:.2} mm instead of {:.2}, error of the depth {error_mm:.3} mm (medians of {})\n",
+                0.5 * ball_mm,
+                judged.len()
+            );
+            if (2.0 * radius_mm / ball_mm - 1.0).abs() > WRONG_RADIUS {
+                tracing::warn!(
+                    "the profile gives a ball of {:.1} mm instead of {ball_mm}; check --ball-mm and --px-per-mm",
+                    2.0 * radius_mm
+                );
+            }
+        }
+        None => tracing::warn!("no press could be left out: how good the profile is, is not known"),
+    }
+    profile = measured(sensitivity, led_angles_deg);
     profile.validate().context("the ball gives an impossible sensor; check --ball-mm and the images")?;
     write_named(&arguments.out, toml::to_string(&profile)?.as_bytes(), arguments.overwrite)?;
     print_line(&format!("{text}profile in {}", arguments.out.display()))

@@ -10,7 +10,8 @@ use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::read_any_image;
 use mvt_run::source::{shipped_weights, weights_of};
 use mvt_touch::engine::{Engine, Prediction};
-use mvt_touch::untouched::{difference_from_untouched, estimate, scale_change, subtract_untouched};
+use mvt_touch::light::SensorLight;
+use mvt_touch::untouched::{difference_from_untouched, estimate};
 use rayon::prelude::*;
 
 use crate::layout::ImageLayout;
@@ -125,10 +126,10 @@ pub(crate) fn infer(
     untouched: &RgbImage,
     images: &[RgbImage],
 ) -> Result<Vec<Prediction>> {
+    let light = SensorLight::known(gains);
     let mut seen = images.to_vec();
-    for image in &mut seen {
-        subtract_untouched(untouched, image);
-        scale_change(gains, image);
+    for (image, seen) in images.iter().zip(&mut seen) {
+        light.change(image, untouched, [1.0; 3], seen);
     }
     let mut predictions = Vec::new();
     engine.infer_each(&seen.iter().collect::<Vec<_>>(), &mut predictions)?;

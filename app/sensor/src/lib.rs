@@ -1,7 +1,7 @@
 //! Images of a real touch sensor, as people bring them: turned upright, read by a network, and the sensor's light measured.
 //!
 //! [`SensorImages`] reads images of one sensor and finds its untouched image. [`ball`] fits gains and directions of the LEDs to presses of a
-//! ball. The two commands `touch predict` and `touch calibrate` are here with their arguments. Videos and cameras are decoded by the program
+//! ball. The commands `touch predict`, `touch calibrate`, `touch weigh` and `touch units` are here with their arguments. Videos and cameras are decoded by the program
 //! ffmpeg; the crate has no camera driver.
 //!
 //! ```
@@ -23,6 +23,8 @@ mod pictures;
 mod predict;
 mod predictor;
 mod stream;
+mod units;
+mod weigh;
 
 pub use calibrate::{TouchCalibrateArguments, calibrate};
 pub use camera::TouchCamera;
@@ -33,3 +35,5 @@ pub use mvt_robot;
 pub use mvt_touch;
 pub use ndarray;
 pub use predict::{TouchPredictArguments, predict};
+pub use units::{TouchUnitsArguments, units};
+pub use weigh::{TouchWeighArguments, weigh};

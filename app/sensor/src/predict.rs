@@ -24,8 +24,8 @@ use crate::stream::{Pace, StreamSource};
 ///
 /// DIR receives for each image ID.png or ID_img.png: ID_indentation_mm.npy (32-bit floats, 320 x 240, millimetres),
 /// ID_contact.png (white where an object touches) and ID_picture.png (image, indentation and contact side by side); and
-/// predictions.csv with a line per image: area in contact, deepest indentation, volume pressed in, and from 0 to 1 how
-/// far the image is one that such a sensor makes. For a profile with markers there are also the displacement of the gel
+/// predictions.csv with a line per image: area in contact, deepest indentation, volume pressed in, normal force with its
+/// standard deviation, and from 0 to 1 how far the reading can be trusted. For a profile with markers there are also the displacement of the gel
 /// at the contact (millimetres to the right and downwards), its twist, its dilation, the motion of the dots that these do
 /// not explain, and ID_shear.png with an arrow at each dot, three times as long as its motion.
 ///
@@ -160,7 +160,7 @@ fn predict_images(arguments: &TouchPredictArguments, predictor: &mut Predictor) 
     if arguments.json {
         return print_line(&serde_json::to_string_pretty(&lines)?);
     }
-    let touching = lines.iter().filter(|line| line.area_mm2 > 0.0).count();
+    let touching = lines.iter().filter(|line| line.press.area_mm2 > 0.0).count();
     print_line(&format!("{touching} of {} images show contact{table}", lines.len()))
 }
 
@@ -203,7 +203,7 @@ fn predict_stream(
         }
         for Reading { line, .. } in readings {
             lost += usize::from(line.has_lost_dots());
-            touching += usize::from(line.area_mm2 > 0.0);
+            touching += usize::from(line.press.area_mm2 > 0.0);
             if arguments.json {
                 print_line(&serde_json::to_string(&line)?)?;
             }

@@ -10,10 +10,12 @@ use mvt_files::cells::quoted;
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_picture::palette;
 use mvt_robot::digit::profile::SensorProfile;
+use mvt_robot::observation::Press;
 use mvt_run::io::{png, write_file};
 use mvt_shear::{ShearField, ShearFit, ShearSensor};
 use mvt_touch::contact::{ContactConfig, Felt, TouchSensor};
 use mvt_touch::engine::Engine;
+use mvt_touch::figures::{GelScale, PressFigures};
 use mvt_viewer::live::LiveFrame;
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -25,10 +27,8 @@ use crate::pictures;
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Line {
     pub id: String,
-    /// Area in contact.
-    pub area_mm2: f64,
-    pub deepest_mm: f32,
-    pub volume_mm3: f64,
+    #[serde(flatten)]
+    pub press: PressFigures,
     pub plausibility: f32,
     /// `None` for a sensor without dots.
     #[serde(flatten)]
@@ -91,8 +91,7 @@ pub(crate) struct Predictor {
     sensor: TouchSensor,
     /// Sees the motion of the dots, for a sensor that has some.
     shear: Option<ShearSensor>,
-    /// Area of the gel that a pixel sees, row by row.
-    pixel_mm2: Vec<f64>,
+    scale: GelScale,
     out: Option<OutFolder>,
 }
 
@@ -105,13 +104,8 @@ struct OutFolder {
 impl Predictor {
     /// Returns a predictor that writes no files.
     pub fn new(engine: Engine, profile: &SensorProfile, config: ContactConfig) -> Self {
-        let camera = profile.intrinsics();
-        let gel = profile.gel_surface();
-        let [width, height] = profile.size_px;
-        let side_m = |i: usize| gel.point(&camera, (i % width) as f64, (i / width) as f64).coords().x / camera.fx;
-        let pixel_mm2 = (0..height * width).map(|i| 1e6 * side_m(i).powi(2)).collect();
-        let sensor = TouchSensor::new(profile.size_px, engine.gains(profile));
-        Self { engine, profile: profile.clone(), config, sensor, shear: None, pixel_mm2, out: None }
+        let sensor = TouchSensor::new(&engine, profile);
+        Self { engine, profile: profile.clone(), config, sensor, shear: None, scale: GelScale::new(profile), out: None }
     }
 
     /// Writes files into a folder from now on.
@@ -138,7 +132,8 @@ impl Predictor {
         };
         let seen = self.for_network(untouched);
         self.sensor.set_untouched(&self.engine, &seen)?;
-        if let Some(light) = self.sensor.light() {
+        let light = self.sensor.light();
+        if !light.is_usual() {
             tracing::warn!("{light}");
         }
         Ok(())
@@ -176,14 +171,16 @@ impl Predictor {
     /// If it cannot be written.
     pub fn write_table(&self, lines: &[Line]) -> Result<String> {
         let Some(OutFolder { path, .. }) = &self.out else { return Ok(String::new()) };
-        let mut names = vec!["id", "area_mm2", "deepest_mm", "volume_mm3", "plausibility"];
+        let mut names = vec!["id", "area_mm2", "deepest_mm", "volume_mm3", "force_n", "force_sigma_n", "plausibility"];
         if self.shear.is_some() {
             names.extend(["shear_right_mm", "shear_down_mm", "twist_deg", "dilation", "shear_residual_mm", "dots"]);
         }
         let mut table = names.join(",") + "\n";
-        for Line { id, area_mm2, deepest_mm, volume_mm3, plausibility, shear } in lines {
+        for Line { id, press, plausibility, shear } in lines {
+            let PressFigures { area_mm2, deepest_mm, volume_mm3, force_n, force_sigma_n } = press;
             let mut cells = vec![quoted(id).into_owned(), format!("{area_mm2:.3}"), format!("{deepest_mm:.4}")];
-            cells.extend([format!("{volume_mm3:.4}"), format!("{plausibility:.3}")]);
+            cells.extend([volume_mm3, force_n, force_sigma_n].map(|figure| format!("{figure:.4}")));
+            cells.push(format!("{plausibility:.3}"));
             if let Some(shear) = shear {
                 let ShearFigures { shear_right_mm, shear_down_mm, twist_deg, dilation, shear_residual_mm, dots } =
                     shear;
@@ -200,25 +197,22 @@ impl Predictor {
     /// Returns what was felt in an image.
     fn reading(&self, id: &str, image: &RgbImage, felt: Felt) -> Reading {
         let Felt { press, plausibility, .. } = felt;
-        let (indentation_mm, contact) = match press {
-            Some(press) => (press.indentation_mm, press.contact),
-            None => (Array2::zeros(self.profile.shape()), Array2::from_elem(self.profile.shape(), false)),
+        let none = || Press {
+            indentation_mm: Array2::zeros(self.profile.shape()),
+            contact: Array2::from_elem(self.profile.shape(), false),
+            sigma_mm: 0.0,
         };
+        let press = press.unwrap_or_else(none);
+        let figures = self.scale.figures(&press);
+        let Press { indentation_mm, contact, .. } = press;
         // Images of this size are the only ones that the network reads.
         let field = self.shear.as_ref().and_then(|shear| shear.see(image, &contact, &indentation_mm).ok());
-        let figures = |field: &ShearField| ShearFigures {
+        let of_dots = |field: &ShearField| ShearFigures {
             dots: field.dots.len(),
             ..field.fit.map(ShearFigures::from).unwrap_or_default()
         };
-        let shear = self.shear.is_some().then(|| field.as_ref().map(figures).unwrap_or_default());
-        let mut line = Line { id: id.to_owned(), area_mm2: 0.0, deepest_mm: 0.0, volume_mm3: 0.0, plausibility, shear };
-        for ((&mm, &touches), mm2) in indentation_mm.iter().zip(&contact).zip(&self.pixel_mm2) {
-            if touches {
-                line.area_mm2 += mm2;
-                line.deepest_mm = line.deepest_mm.max(mm);
-                line.volume_mm3 += f64::from(mm) * mm2;
-            }
-        }
+        let shear = self.shear.is_some().then(|| field.as_ref().map(of_dots).unwrap_or_default());
+        let line = Line { id: id.to_owned(), press: figures, plausibility, shear };
         Reading { line, indentation_mm, contact, field }
     }
 
@@ -251,7 +245,8 @@ impl Predictor {
 impl Reading {
     /// Returns pictures and figures for a window.
     pub fn live(&self, image: &RgbImage, rate_hz: f64) -> LiveFrame {
-        let Line { area_mm2, deepest_mm, volume_mm3, plausibility, shear, .. } = &self.line;
+        let Line { press, plausibility, shear, .. } = &self.line;
+        let PressFigures { area_mm2, deepest_mm, volume_mm3, force_n, force_sigma_n } = press;
         let named = |name: &str, value: String| (name.to_owned(), value);
         let mut frame = LiveFrame {
             pictures: vec![
@@ -265,6 +260,7 @@ impl Reading {
                 named("area", format!("{area_mm2:.1} mm²")),
                 named("deepest", format!("{deepest_mm:.2} mm")),
                 named("volume", format!("{volume_mm3:.1} mm³")),
+                named("force", format!("{force_n:.1} ± {force_sigma_n:.1} N")),
                 named("plausibility", format!("{plausibility:.2}")),
                 named("frames/s", format!("{rate_hz:.0}")),
             ],

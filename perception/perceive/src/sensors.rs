@@ -11,8 +11,9 @@ use mvt_robot::observation::{Press, SensorError, SensorName, TouchTruth};
 use mvt_shear::ShearSensor;
 use mvt_touch::contact::{ContactConfig, Feeler};
 use mvt_touch::engine::Engine;
+use mvt_touch::light::SensorLight;
 use mvt_touch::network::Weights;
-use mvt_touch::untouched::{UnusualLight, estimate};
+use mvt_touch::untouched::estimate;
 use ndarray::Zip;
 
 use crate::error::PerceptionError;
@@ -88,7 +89,8 @@ impl TouchSensors {
             dots[pad] = Some(sensor);
         }
         judged[pad] = true;
-        unusual.extend(feeler.light(pad).map(|light| format!("{name}: {light}")));
+        let light = feeler.light(pad).filter(|light| !light.is_usual());
+        unusual.extend(light.map(|light| format!("{name}: {light}")));
         Ok(())
     }
 
@@ -123,7 +125,7 @@ impl TouchSensors {
             if image.is_empty() || is_calibrated || std::mem::replace(judged, true) {
                 continue;
             }
-            if UnusualLight::of(image).is_some() {
+            if !SensorLight::of(image, &Appearance::default(), false).is_usual() {
                 warnings.push(format!(
                     "frame {frame}: {} has another light than a DIGIT, and its untouched image is unknown: its depths are wrong in proportion; \
                      record 10 s or more",

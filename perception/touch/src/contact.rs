@@ -12,7 +12,10 @@ use rayon::iter::{
 };
 
 use crate::engine::{Engine, Prediction};
-use crate::untouched::{Squares, UnusualLight, differences, scale_change, squares, subtract_untouched};
+use crate::light::{SensorLight, exposure_of};
+use crate::plausibility::{Evidence, contrast, exposure, ramp, unclipped};
+use crate::untouched::{Squares, differences, squares};
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_robot::observation::{Press, SensorError, SensorName};
 
 settings! {
@@ -23,6 +26,9 @@ settings! {
         pub threshold_mm: f32 = 0.08, 0.0..=5.0;
         /// Least probability of contact of a pixel that touches.
         pub probability: f32 = 0.5, 0.001..=0.999;
+        /// A gel that bends is pressed in beyond the contact, too: a pixel touches only if its indentation also exceeds `flank_mm` of the
+        /// sensor's profile, or this share of the deepest if that is less, as in a light press.
+        pub flank_share: f32 = 0.4, 0.0..=1.0;
         /// A pixel that touched in the frame before touches until indentation and probability both fall below this share of their
         /// thresholds.
         pub hysteresis: f32 = 0.7, 0.001..=1.0;
@@ -44,9 +50,12 @@ settings! {
 pub struct Felt {
     /// The press; `None` if the image is not plausible.
     pub press: Option<Press>,
-    /// From 0 to 1 how far the image is one that a DIGIT makes: how much of it is neither black nor saturated, how much colour
-    /// varies over it, how far it is the untouched sensor's where nothing touches, and how far the network's two answers agree.
+    /// From 0 to 1 how far the image is one that such a sensor makes: how much of it is neither black nor saturated, how much colour
+    /// varies over it, how far it is the untouched sensor's where nothing touches, and how far the network's two answers agree. Of sensors
+    /// with an appearance it is also at most the probability that the reading is right, as [`Evidence::probability`] says.
     pub plausibility: f32,
+    /// What speaks for the reading; `None` of sensors without an appearance, and of images that the network was not asked about.
+    pub evidence: Option<Evidence>,
     /// Whether the network was asked.
     pub asked: bool,
 }
@@ -64,12 +73,13 @@ pub struct UnfitImage {
 /// One touch sensor that a network reads, with what must be remembered of its earlier images. The one place where contact is decided.
 #[derive(Debug, Clone)]
 pub struct TouchSensor {
-    /// Multiply the change of red, green and blue from the untouched image before the network sees it.
-    gains: [f32; 3],
+    /// How the sensor looks beside those for which the network was trained. `None`: as TACTO renders it.
+    look: Option<Look>,
+    /// Indentation of the gel at the border of a contact, millimetres.
+    flank_mm: f32,
+    light: SensorLight,
     /// The given image without contact, if any; it is subtracted from each image before the network reads it.
-    untouched: Option<RgbImage>,
-    /// Its light, if its changes must be scaled.
-    light: Option<UnusualLight>,
+    untouched: Option<(RgbImage, Squares)>,
     /// The sensor's last image without contact, and the network's indentation for it, millimetres; `None` before the first.
     empty: Option<(Squares, Array2<f32>)>,
     /// The image that the network sees.
@@ -78,15 +88,30 @@ pub struct TouchSensor {
     press: Press,
 }
 
+/// Look of a real sensor.
+#[derive(Debug, Clone, Copy)]
+struct Look {
+    own: Appearance,
+    /// Whether it is that of the sensors for which the network was trained, and not one that was calibrated.
+    is_usual: bool,
+    pixel_mm: f32,
+}
+
 impl TouchSensor {
     /// Starts without an untouched image. The image is corrected after [`TouchSensor::set_untouched`], the prediction after that or after the
-    /// first image without contact. `gains` multiply the change of red, green and blue from the untouched image before the network
-    /// sees it. `size` is the width and height of the sensor's images, pixels.
-    pub fn new([width, height]: [usize; 2], gains: [f32; 3]) -> Self {
+    /// first image without contact. `engine` reads the sensor's images from now on.
+    pub fn new(engine: &Engine, profile: &SensorProfile) -> Self {
+        let ([width, height], gains) = (profile.size_px, engine.gains(profile));
+        let look = profile.appearance.map(|own| Look {
+            own,
+            is_usual: gains == [1.0; 3],
+            pixel_mm: profile.pixel_mm() as f32,
+        });
         Self {
-            gains,
+            look,
+            flank_mm: profile.flank_mm,
+            light: SensorLight::known(gains),
             untouched: None,
-            light: None,
             empty: None,
             seen: RgbImage::new(width as u32, height as u32),
             prediction: Prediction::default(),
@@ -114,16 +139,21 @@ impl TouchSensor {
     /// [`UnfitImage`] if the image has another size than the sensor's.
     pub fn set_untouched(&mut self, engine: &Engine, image: &RgbImage) -> Result<(), UnfitImage> {
         self.check(image)?;
-        self.untouched = Some(image.clone());
-        self.light = if self.gains == [1.0; 3] { UnusualLight::of(image) } else { None };
-        self.infer(engine, image)?;
-        self.empty = Some((squares(image), self.prediction.indentation_mm.clone()));
+        let squares = squares(image);
+        match self.look {
+            Some(Look { own, is_usual: true, .. }) => self.light = SensorLight::of(image, &own, true),
+            None => self.light = SensorLight::of(image, &Appearance::default(), false),
+            Some(_) => {}
+        }
+        self.untouched = Some((image.clone(), squares.clone()));
+        self.infer(engine, image, [1.0; 3])?;
+        self.empty = Some((squares, self.prediction.indentation_mm.clone()));
         Ok(())
     }
 
-    /// Returns the light of the sensor, if it is not that of other DIGITs. It is known with the untouched image.
-    pub fn light(&self) -> Option<UnusualLight> {
-        self.light
+    /// Returns the light of the sensor. It is known with the untouched image.
+    pub fn light(&self) -> &SensorLight {
+        &self.light
     }
 
     /// Returns the contact in the next image.
@@ -132,9 +162,9 @@ impl TouchSensor {
     /// [`UnfitImage`] if the image has another size than the sensor's.
     pub fn feel(&mut self, engine: &Engine, config: &ContactConfig, image: &RgbImage) -> Result<Felt, UnfitImage> {
         self.check(image)?;
-        let Outcome { plausibility, asked } = feel(engine, config, image, self)?;
+        let Outcome { plausibility, asked, evidence } = feel(engine, config, image, self)?;
         let is_plausible = plausibility >= config.least_plausibility;
-        Ok(Felt { press: is_plausible.then(|| self.press.clone()), plausibility, asked })
+        Ok(Felt { press: is_plausible.then(|| self.press.clone()), plausibility, evidence, asked })
     }
 
     /// Returns the contacts in images that are independent of one another, as if each were the next, one image per thread.
@@ -150,14 +180,12 @@ impl TouchSensor {
         images.par_iter().map(|image| self.clone().feel(engine, config, image)).collect()
     }
 
-    /// The network's output for an image.
-    fn infer(&mut self, engine: &Engine, image: &RgbImage) -> Result<(), UnfitImage> {
+    /// The network's output for an image whose exposure relative to the untouched one is known.
+    fn infer(&mut self, engine: &Engine, image: &RgbImage, exposure: [f32; 3]) -> Result<(), UnfitImage> {
         let seen = match &self.untouched {
             None => image,
-            Some(untouched) => {
-                self.seen.copy_from_slice(image);
-                subtract_untouched(untouched, &mut self.seen);
-                scale_change(self.light.map_or(self.gains, |light| light.gains), &mut self.seen);
+            Some((untouched, _)) => {
+                self.light.change(image, untouched, exposure, &mut self.seen);
                 &self.seen
             }
         };
@@ -182,14 +210,15 @@ pub struct Feeler {
 struct Outcome {
     plausibility: f32,
     asked: bool,
+    evidence: Option<Evidence>,
 }
 
 impl Feeler {
     /// Starts with the sensors of a hand without untouched images, and the network of each.
     pub fn new(hand: &Hand, engines: PerPad<Arc<Engine>>, config: ContactConfig) -> Self {
         let sensors = engines.into_iter().zip(hand.pads()).map(|(engine, TouchPad { profile, .. })| {
-            let gains = engine.gains(profile);
-            (engine, TouchSensor::new(profile.size_px, gains))
+            let sensor = TouchSensor::new(&engine, profile);
+            (engine, sensor)
         });
         let names = hand.pads().iter().map(|pad| pad.name.clone()).collect();
         Self { config, names, sensors: sensors.collect() }
@@ -211,9 +240,9 @@ impl Feeler {
         sensor.set_untouched(engine, image).map_err(|unfit| unfit.of(name))
     }
 
-    /// Returns the light of a sensor, if it is not that of other DIGITs. It is known with the untouched image.
-    pub fn light(&self, pad: usize) -> Option<UnusualLight> {
-        self.sensors.get(pad)?.1.light()
+    /// Returns the light of a sensor; `None` if there is no such pad. It is known with the untouched image.
+    pub fn light(&self, pad: usize) -> Option<&SensorLight> {
+        self.sensors.get(pad).map(|(_, sensor)| sensor.light())
     }
 
     /// Returns the contact on each sensor, one image per thread; `None` for a sensor without an image. Images are in the order of the pads.
@@ -253,24 +282,28 @@ fn feel(
     image: &RgbImage,
     state: &mut TouchSensor,
 ) -> Result<Outcome, UnfitImage> {
-    let squares = squares(image);
-    let mut plausibility = exposure(image).min(contrast(&squares));
-    plausibility = plausibility.min(state.light.map_or(1.0, |light| light.plausibility()));
+    let mut squares = squares(image);
+    let mut plausibility = exposure(image).min(contrast(&squares)).min(state.light.plausibility());
+    // A real camera's exposure drifts; the light of the simulated ones is constant.
+    let exposure = match (&state.look, &state.untouched) {
+        (Some(_), Some((_, untouched))) => exposure_of(&squares, untouched),
+        _ => [1.0; 3],
+    };
+    squares.iter_mut().for_each(|rgb| *rgb = std::array::from_fn(|c| rgb[c] / exposure[c]));
     let known = state.empty.as_ref().map(|(empty, _)| differences(&squares, empty));
     if let Some((greatest, quartile)) = known {
         plausibility = plausibility.min(1.0 - ramp(quartile, 8.0, 32.0));
-        let gain = state.light.map_or(1.0, |light| light.gains.into_iter().fold(1.0, f32::max));
-        if gain * greatest < config.untouched_grey {
+        if state.light.greatest_gain() * greatest < config.untouched_grey {
             state.press.indentation_mm.fill(0.0);
             state.press.contact.fill(false);
             state.press.sigma_mm = config.sigma_mm;
-            return Ok(Outcome { plausibility, asked: false });
+            return Ok(Outcome { plausibility, asked: false, evidence: None });
         }
     }
     if plausibility < config.least_plausibility {
-        return Ok(Outcome { plausibility, asked: false });
+        return Ok(Outcome { plausibility, asked: false, evidence: None });
     }
-    state.infer(engine, image)?;
+    state.infer(engine, image, exposure)?;
     let raw = &state.prediction.indentation_mm;
     let Press { indentation_mm, contact, sigma_mm } = &mut state.press;
     // An indentation of the untouched sensor is an error of the network, and is subtracted.
@@ -280,10 +313,18 @@ fn feel(
         }
         None => indentation_mm.assign(raw),
     }
-    let summary = decide(config, &state.prediction.contact_logit, indentation_mm, contact);
+    let deepest_mm = indentation_mm.iter().copied().fold(0.0, f32::max);
+    let threshold_mm = (config.flank_share * deepest_mm).min(state.flank_mm).max(config.threshold_mm);
+    let summary = decide(config, threshold_mm, &state.prediction.contact_logit, indentation_mm, contact);
     plausibility = plausibility.min(summary.agreement);
-    if let (Some(_), Some(untouched)) = (state.light, &state.untouched) {
+    if let (false, Some((untouched, _))) = (state.light.is_usual(), &state.untouched) {
         plausibility = plausibility.min(unclipped(image, untouched, contact));
+    }
+    let evidence = state.look.filter(|_| state.untouched.is_some()).map(|Look { own, pixel_mm, .. }| {
+        Evidence::of(&state.seen, indentation_mm, pixel_mm, &own, summary.residual_mm, &state.light)
+    });
+    if let Some(evidence) = &evidence {
+        plausibility = plausibility.min(evidence.probability());
     }
     let has_contact = summary.area >= config.least_area;
     if !has_contact {
@@ -293,22 +334,7 @@ fn feel(
         }
     }
     *sigma_mm = config.sigma_mm.max(summary.residual_mm);
-    Ok(Outcome { plausibility, asked: true })
-}
-
-/// Share of the contact in clipped pixels from which an image is less plausible, and from which not at all.
-const CLIPPED: [f32; 2] = [0.1, 0.5];
-
-/// Returns from 0 to 1 how far a contact lies where neither an image nor the untouched one is as bright as a pixel can be: there its depth is
-/// unknown. For sensors with another light than the usual one.
-fn unclipped(image: &RgbImage, untouched: &RgbImage, contact: &Array2<bool>) -> f32 {
-    let is_clipped = |rgb: &[u8; 3]| rgb.contains(&u8::MAX);
-    let pixels = image.as_chunks::<3>().0.iter().zip(untouched.as_chunks::<3>().0);
-    let touching = pixels.zip(contact).filter(|(_, touches)| **touches);
-    let (all, clipped) = touching.fold((0, 0), |(all, clipped), ((image, untouched), _)| {
-        (all + 1, clipped + usize::from(is_clipped(image) || is_clipped(untouched)))
-    });
-    1.0 - ramp(clipped as f32 / all.max(1) as f32, CLIPPED[0], CLIPPED[1])
+    Ok(Outcome { plausibility, asked: true, evidence })
 }
 
 /// The result of a decision over all pixels.
@@ -328,16 +354,16 @@ const FLAT: f32 = 0.6;
 /// Above this probability a network is sure.
 const SURE: f32 = 0.9;
 
-/// Decides pixel by pixel; `contact` holds the frame before and receives the decision.
+/// Decides pixel by pixel, with the least indentation of a pixel in contact; `contact` holds the frame before and receives the decision.
 fn decide(
     config: &ContactConfig,
+    threshold_mm: f32,
     logits: &Array2<f32>,
     indentation_mm: &Array2<f32>,
     contact: &mut Array2<bool>,
 ) -> Decision {
     let logit = |p: f32| (p / (1.0 - p)).ln();
-    let [enter, stay] =
-        [1.0, config.hysteresis].map(|share| (share * config.threshold_mm, logit(share * config.probability)));
+    let [enter, stay] = [1.0, config.hysteresis].map(|share| (share * threshold_mm, logit(share * config.probability)));
     let [deep_mm, flat_mm] = [DEEP, FLAT].map(|times| times * config.threshold_mm);
     let [sure, sure_not] = [SURE, 1.0 - SURE].map(logit);
     let (mut touching, mut clear, mut contradicted, mut squares) = (0, 0, 0, 0.0);
@@ -359,28 +385,6 @@ fn decide(
         // Of a few pixels nothing is concluded.
         agreement: if clear * 50 > count { 1.0 - ramp(contradicted as f32 / clear as f32, 0.3, 0.9) } else { 1.0 },
     }
-}
-
-/// 0 up to `low`, 1 from `high` on.
-fn ramp(x: f32, low: f32, high: f32) -> f32 {
-    ((x - low) / (high - low)).clamp(0.0, 1.0)
-}
-
-/// From 0 to 1 how far an image is neither black nor saturated.
-fn exposure(image: &RgbImage) -> f32 {
-    let is_exposed = |rgb: &&[u8; 3]| (12..=250).contains(&rgb.iter().max().copied().unwrap_or(0));
-    let pixels = image.as_chunks::<3>().0;
-    ramp(pixels.iter().filter(is_exposed).count() as f32 / pixels.len().max(1) as f32, 0.4, 0.8)
-}
-
-/// From 0 to 1 how far colours vary over an image: a DIGIT's LEDs light its gel from three sides.
-fn contrast(squares: &Squares) -> f32 {
-    let count = squares.len().max(1) as f32;
-    let spread = [0, 1, 2].map(|c| {
-        let mean = squares.iter().map(|rgb| rgb[c]).sum::<f32>() / count;
-        (squares.iter().map(|rgb| (rgb[c] - mean).powi(2)).sum::<f32>() / count).sqrt()
-    });
-    ramp(spread.into_iter().fold(0.0, f32::max), 1.0, 4.0)
 }
 
 #[cfg(test)]

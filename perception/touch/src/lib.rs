@@ -2,8 +2,9 @@
 //!
 //! [`network`] describes six architectures and reads their weights; [`Weights::shipped`](network::Weights::shipped) needs no file.
 //! [`engine`] runs them on the CPU, faster than a camera delivers images, or on the [`device`] that the program brings. [`untouched`] finds
-//! and subtracts the image of a sensor without contact, [`contact`] decides which pixels touch, and [`accuracy`] compares predictions with
-//! the truth.
+//! and subtracts the image of a sensor without contact, [`light`] makes its levels those of the usual sensor, [`contact`] decides which pixels
+//! touch, [`plausibility`] says how far a reading can be trusted, [`figures`] has its
+//! volume and force, and [`accuracy`] compares predictions with the truth.
 //! The crate `mvt-training` trains them.
 //!
 //! The crate deliberately has no camera driver, no tracking, and no network but these six; it runs no ONNX or PyTorch files.
@@ -31,7 +32,10 @@ pub mod accuracy;
 pub mod contact;
 pub mod device;
 pub mod engine;
+pub mod figures;
+pub mod light;
 pub mod network;
+pub mod plausibility;
 pub mod untouched;
 
 pub use image;

@@ -18,64 +18,6 @@ pub fn subtract_untouched(untouched: &[u8], image: &mut [u8]) {
     }
 }
 
-/// Multiplies the change of red, green and blue in an image from which the untouched one is subtracted.
-pub fn scale_change(gains: [f32; 3], image: &mut RgbImage) {
-    if gains == [1.0; 3] {
-        return;
-    }
-    let even = f32::from(EVEN);
-    for pixel in image.pixels_mut() {
-        for (level, gain) in pixel.0.iter_mut().zip(gains) {
-            *level = (even + gain * (f32::from(*level) - even)).round() as u8;
-        }
-    }
-}
-
-/// Mean levels of red, green and blue in untouched images of DIGITs: those of real sensors, and of the images that networks are trained with.
-const USUAL_LIGHT: [f32; 3] = [97.0, 101.0, 95.0];
-/// Light counts as usual up to this share of difference. Sensors differ by 0.08.
-const USUAL_SPREAD: f32 = 0.12;
-/// Gains from the first of these on make an image less plausible, and from the second on not at all: noise and steps of the levels grow, too.
-const MOST_GAIN: [f32; 2] = [7.0, 12.0];
-
-/// Light of a sensor whose images are much darker or brighter than those of other DIGITs. A press then changes its images less or more.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UnusualLight {
-    /// By how much the change of red, green and blue must be multiplied to be as under the usual light.
-    pub gains: [f32; 3],
-}
-
-impl UnusualLight {
-    /// Returns the light that an untouched image shows; `None` if it is the usual one.
-    pub fn of(untouched: &RgbImage) -> Option<Self> {
-        let pixels = untouched.as_chunks::<3>().0;
-        let mean =
-            |c: usize| pixels.iter().map(|rgb| u64::from(rgb[c])).sum::<u64>() as f64 / pixels.len().max(1) as f64;
-        let gains: [f32; 3] = std::array::from_fn(|c| USUAL_LIGHT[c] / (mean(c) as f32).max(1.0));
-        let is_usual = gains.iter().all(|gain| (1.0 / gain - 1.0).abs() <= USUAL_SPREAD);
-        (!is_usual).then_some(Self { gains })
-    }
-
-    /// Returns from 0 to 1 how far images under this light can be read.
-    pub fn plausibility(&self) -> f32 {
-        let greatest = self.gains.into_iter().fold(0.0, f32::max);
-        ((MOST_GAIN[1] - greatest) / (MOST_GAIN[1] - MOST_GAIN[0])).clamp(0.0, 1.0)
-    }
-}
-
-impl std::fmt::Display for UnusualLight {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [red, green, blue] = self.gains.map(|gain| 1.0 / gain);
-        write!(
-            f,
-            "the untouched image has {red:.2}, {green:.2} and {blue:.2} of the usual red, green and blue light; "
-        )?;
-        f.write_str(
-            "the change of the images is scaled to match, which `mambavitact touch calibrate` does more exactly",
-        )
-    }
-}
-
 /// Rounds of finding contacts and leaving them out.
 const ROUNDS: usize = 3;
 /// Distance from a contact within which pixels are left out, too, pixels: the gel bends around a contact.
@@ -214,22 +156,6 @@ mod tests {
             subtract_untouched(&[empty], &mut image);
             prop_assert_eq!(i16::from(image[0]) - i16::from(EVEN), added);
         }
-    }
-
-    #[test]
-    fn the_light_of_a_sensor_is_that_of_each_colour() {
-        let image = |light: [f32; 3]| {
-            RgbImage::from_pixel(8, 8, Rgb(std::array::from_fn(|c| (light[c] * USUAL_LIGHT[c]) as u8)))
-        };
-        for usual in [[1.0; 3], [0.9, 1.1, 1.0]] {
-            assert_eq!(UnusualLight::of(&image(usual)), None);
-        }
-        for (light, gains) in [([0.5; 3], [2.0; 3]), ([1.4; 3], [0.71; 3]), ([1.0, 0.4, 1.0], [1.0, 2.5, 1.0])] {
-            let found = UnusualLight::of(&image(light)).unwrap();
-            assert!(found.gains.iter().zip(gains).all(|(a, b)| (a / b - 1.0).abs() < 0.03), "{light:?}: {found:?}");
-            assert_eq!(found.plausibility(), 1.0);
-        }
-        assert_eq!(UnusualLight::of(&image([0.03; 3])).unwrap().plausibility(), 0.0);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes a file of weights with 16-bit instead of 32-bit floats: halve.py IN OUT. Needs NumPy.
 
-The shipped weights `default` and `digit` were made from the files of their training in this way. `half`, which runs use, has 32 bits.
+The shipped weights were made from the files of their training in this way.
 """
 
 import json

@@ -78,6 +78,22 @@ fn ranges_rise(config: &DataConfig) -> Result<(), SettingError> {
 impl Unlimited for Split {}
 
 impl DataConfig {
+    /// Returns real sensors that differ from one another as DIGITs do, of which the untouched image is known.
+    pub fn units() -> Self {
+        Self {
+            untouched: 0.05,
+            protocol: 0.25,
+            press_mm: [0.1, 1.2],
+            noise: [1.0, 3.0],
+            background: 6.0,
+            known_untouched: 1.0,
+            real: 1.0,
+            drift: 5.0,
+            small: 0.5,
+            ..Self::default()
+        }
+    }
+
     /// Returns MidasTouch's protocol for YCB-Slide alone, on sensors with the lights of their calibration or the look of their profile.
     pub fn protocol() -> Self {
         Self {

@@ -37,10 +37,11 @@ impl PressSensor {
     fn draw(
         config: &DataConfig,
         profile: &SensorProfile,
-        seed: u64,
+        (seed, stream): (u64, u64),
         calibration: &RgbImage,
     ) -> Result<Self, PressError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(stream);
         let is_real = profile.appearance.is_some() || (config.real > 0.0 && rng.random_bool(config.real));
         if is_real {
             return Self::draw_real(config, draw_profile(profile, config.spread, &mut rng), seed, &mut rng);
@@ -129,6 +130,7 @@ fn draw_profile(of: &SensorProfile, spread: f64, rng: &mut ChaCha8Rng) -> Sensor
         cast_shadow: (1.0 - spread as f32) * own.cast_shadow + spread as f32 * digit.cast_shadow,
         blur_px: (own.blur_px * factor_f32(digit.blur_px, usual.blur_px)).min(4.0),
         noise_grey: 0.0,
+        ..*own
     };
     SensorProfile {
         fov_y_deg: of.fov_y_deg * factor(fov_y_deg, USUAL_FOV_Y_DEG),
@@ -156,6 +158,7 @@ fn draw_digit(rng: &mut ChaCha8Rng) -> (f64, f32, Appearance) {
         cast_shadow: between(0.0, 1.0) as f32,
         blur_px: between(0.8, 2.6) as f32,
         noise_grey: 0.0,
+        ..Appearance::default()
     };
     (fov_y_deg, reach_mm, appearance)
 }
@@ -168,11 +171,16 @@ fn untouched(renderer: &TouchRenderer) -> TouchFrame {
     frame
 }
 
+/// Stream of the random numbers of sensors that are held out.
+const HELD_OUT: u64 = 1;
+
 /// Sensors in use: at step k the numbers k to k + n - 1 of an infinite sequence.
 pub struct Rack {
     config: DataConfig,
     profile: SensorProfile,
     seed: u64,
+    /// Stream of the random numbers of each sensor.
+    stream: u64,
     calibration: RgbImage,
     sensors: BTreeMap<u64, PressSensor>,
 }
@@ -185,7 +193,14 @@ impl Rack {
     pub fn new(config: &DataConfig, profile: &SensorProfile, seed: u64) -> Result<Self, PressError> {
         let plain = TouchRenderer::new(&TouchOptions::of_profile(profile, TouchConfig::Fork))?;
         let calibration = untouched(&plain).raw().clone();
-        Ok(Self { config: config.clone(), profile: profile.clone(), seed, calibration, sensors: BTreeMap::new() })
+        let (config, profile) = (config.clone(), profile.clone());
+        Ok(Self { config, profile, seed, stream: 0, calibration, sensors: BTreeMap::new() })
+    }
+
+    /// Turns it into a rack of sensors that no other rack has, whatever its seed: for judging networks.
+    #[must_use]
+    pub fn held_out(self) -> Self {
+        Self { stream: HELD_OUT, ..self }
     }
 
     /// Returns the sensors of a step, and draws those that are new.
@@ -207,7 +222,7 @@ impl Rack {
         let missing: Vec<u64> = wanted.filter(|number| !self.sensors.contains_key(number)).collect();
         let drawn = missing.into_par_iter().map(|number| {
             let seed = self.seed ^ (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            Ok((number, PressSensor::draw(&self.config, &self.profile, seed, &self.calibration)?))
+            Ok((number, PressSensor::draw(&self.config, &self.profile, (seed, self.stream), &self.calibration)?))
         });
         let drawn: Vec<_> = drawn.collect::<Result<_, PressError>>()?;
         self.sensors.extend(drawn);

@@ -2,8 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 
-use crate::synthetic;
-use crate::synthetic::{BRICK, Sensed, Solid, blotches, seen, seen_painted};
+use crate::synthetic::{self, BRICK, Sensed, Solid, blotches, seen, seen_painted};
 use mvt_field::exact::KnownShape;
 use mvt_frames::depth::Label;
 use mvt_frames::image::{Rgb, RgbImage};

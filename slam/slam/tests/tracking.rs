@@ -2,8 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a failed assumption is a failed test")]
 
-use crate::synthetic;
-use crate::synthetic::{BRICK, Sensed, Solid, camera, frame, see, seen};
+use crate::synthetic::{self, BRICK, Sensed, Solid, camera, frame, see, seen};
 use mvt_field::exact::KnownShape;
 use mvt_field::shape::Shape as _;
 use mvt_frames::{Isometry, Model, World};

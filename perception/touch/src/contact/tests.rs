@@ -55,7 +55,7 @@ fn feel(feeler: &mut Feeler, image: &RgbImage) -> (f32, bool, Option<Press>) {
     let felt = feeler.feel(&[&RgbImage::default(), image]).unwrap();
     assert_eq!(felt.len(), 4);
     assert!(felt[0].is_none() && felt[2].is_none(), "a pad without an image feels");
-    let Felt { press, plausibility, asked } = felt[MIDDLE].clone().unwrap();
+    let Felt { press, plausibility, asked, .. } = felt[MIDDLE].clone().unwrap();
     (plausibility, asked, press)
 }
 
@@ -152,8 +152,9 @@ fn answers_that_contradict_each_other_are_not_plausible() {
     let config = ContactConfig::default();
     let indentation_mm = Array2::from_shape_fn((64, 64), |(v, _)| if v < 32 { 1.0 } else { 0.0 });
     let mut contact = Array2::from_elem((64, 64), false);
-    let agreement =
-        |logits: &Array2<f32>, contact: &mut Array2<bool>| decide(&config, logits, &indentation_mm, contact).agreement;
+    let agreement = |logits: &Array2<f32>, contact: &mut Array2<bool>| {
+        decide(&config, 0.08, logits, &indentation_mm, contact).agreement
+    };
     let same = indentation_mm.mapv(|mm| if mm > 0.5 { 5.0 } else { -5.0 });
     assert_eq!(agreement(&same, &mut contact), 1.0);
     assert_eq!(agreement(&-same, &mut contact), 0.0);
@@ -163,7 +164,7 @@ fn answers_that_contradict_each_other_are_not_plausible() {
 #[test]
 fn independent_images_do_not_change_one_another() {
     let (engine, config) = (engine(), ContactConfig::default());
-    let mut sensor = TouchSensor::new([digit::WIDTH, digit::HEIGHT], [1.0; 3]);
+    let mut sensor = TouchSensor::new(&engine, &SensorProfile::tacto());
     sensor.set_untouched(&engine, &picture(100, 60)).unwrap();
     let images = [picture(191, 60), picture(163, 40), picture(100, 60)];
     let each = sensor.feel_each(&engine, &config, &images).unwrap();
@@ -195,6 +196,27 @@ fn each_sensor_has_its_own_size() {
     assert!(press(0).contact[[160, 120]] && press(1).contact[[50, 70]] && !press(1).contact[[5, 5]]);
     let error = feeler.set_untouched(MIDDLE, &picture(100, 60)).unwrap_err().to_string();
     assert!(error.contains("middle") && error.contains("240 x 320") && error.contains("128 x 100"), "{error}");
+}
+
+/// On a gel that bends, what is pressed in beyond the contact is none; a light press has contact all the same.
+#[test]
+fn the_flank_of_a_gel_is_no_contact() {
+    let profile = SensorProfile { flank_mm: 0.2, ..SensorProfile::tacto() };
+    let engine = engine();
+    let touching = |profile: &SensorProfile, middle: u8| {
+        // A press of some depth within a ring that is pressed in by 0.18 mm.
+        let image = RgbImage::from_fn(digit::WIDTH as u32, digit::HEIGHT as u32, |u, v| {
+            let away = u.abs_diff(120).max(v.abs_diff(160));
+            let level = [middle, 139, 100][(away / 20).min(2) as usize];
+            Rgb([level, 70 + (u / 4) as u8, 135 - (v / 4) as u8])
+        });
+        let config = ContactConfig { probability: 0.001, ..ContactConfig::default() };
+        let press = TouchSensor::new(&engine, profile).feel(&engine, &config, &image).unwrap().press.unwrap();
+        [press.contact[[160, 120]], press.contact[[160, 150]]]
+    };
+    assert_eq!(touching(&SensorProfile::tacto(), 191), [true, true]);
+    assert_eq!(touching(&profile, 191), [true, false]);
+    assert_eq!(touching(&profile, 139), [true, true]);
 }
 
 #[test]

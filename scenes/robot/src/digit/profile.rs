@@ -24,6 +24,11 @@ settings! {
         pub led_elevation_deg: f64 = 18.0, 5.0..=80.0;
         /// Change of red, green and blue per unit of slope towards the LED, grey levels.
         pub sensitivity: [f32; 3] = [125.0, 110.0, 125.0], 1.0..=1000.0;
+        /// Mean red, green and blue of an untouched image under the light for which `sensitivity` is stated, grey levels.
+        pub untouched_levels: [f32; 3] = [97.0, 101.0, 95.0], 1.0..=255.0;
+        /// Contrast of such an image: the standard deviation of the logarithm of its levels over the gel, mean of red, green and blue. It shows
+        /// another response of a camera. 0: unknown.
+        pub untouched_contrast: f32 = 0.38, 0.0..=3.0;
         /// Sensitivity is multiplied by the untouched level, relative to its mean, to the power of this.
         pub background_exponent: [f32; 3] = [1.0, 1.5, 0.3], 0.0..=4.0;
         /// Levels grow as light to the power of 1 / response.
@@ -54,6 +59,12 @@ pub struct SensorProfile {
     pub bulge_mm: f64,
     /// Distance beyond a contact over which the gel's indentation fades to 1/e, millimetres. 0: the gel does not deform around a contact.
     pub reach_mm: f32,
+    /// Indentation of the gel at the border of a contact, millimetres: beyond it the gel bends without touching. Light presses have less.
+    pub flank_mm: f32,
+    /// Normal force on the gel over the volume that is pressed in where it touches, newtons per cubic millimetre.
+    pub stiffness_n_per_mm3: f32,
+    /// Standard deviation of the stiffness, as a share of it.
+    pub stiffness_deviation: f32,
     /// Weights of the network that reads its images, relative to the file of the profile. Without it: those that are shipped.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weights: Option<PathBuf>,
@@ -77,6 +88,10 @@ impl Default for SensorProfile {
             // TACTO's `curvatureMax`.
             bulge_mm: 5.0,
             reach_mm: 0.0,
+            flank_mm: 0.0,
+            // A silicone of 0.3 MPa, 3 mm thick, on a hard back: pressure over indentation is modulus / (1 - 0.45^2) / thickness. Gels differ by half.
+            stiffness_n_per_mm3: 0.13,
+            stiffness_deviation: 0.5,
             weights: None,
             appearance: None,
             markers: None,
@@ -177,6 +192,9 @@ impl SensorProfile {
         (2.0..=100.0).check("size_mm", &self.size_mm)?;
         (0.0..=8.0).check("bulge_mm", &self.bulge_mm)?;
         (0.0..=1.5).check("reach_mm", &self.reach_mm)?;
+        (0.0..=5.0).check("flank_mm", &self.flank_mm)?;
+        (1e-4..=100.0).check("stiffness_n_per_mm3", &self.stiffness_n_per_mm3)?;
+        (0.0..=10.0).check("stiffness_deviation", &self.stiffness_deviation)?;
         // The gel comes nearest to the camera in the corners of the image. NaN: the corner shows no gel.
         let corner_m = self.gel_surface().point(&self.intrinsics(), 0.0, 0.0).coords().x;
         if corner_m.is_nan() || corner_m < 1e-3 {
@@ -196,6 +214,11 @@ impl SensorProfile {
     pub fn gains(&self, trained_for: &Appearance) -> [f32; 3] {
         let Some(appearance) = &self.appearance else { return [1.0; 3] };
         std::array::from_fn(|c| (trained_for.sensitivity[c] / appearance.sensitivity[c]).clamp(0.25, 4.0))
+    }
+
+    /// Returns the size of a pixel on the gel around the camera's axis, millimetres.
+    pub fn pixel_mm(&self) -> f64 {
+        self.apex_mm / self.intrinsics().fx
     }
 
     /// Returns the camera's view of the undeformed gel.
