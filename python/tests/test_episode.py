@@ -1,5 +1,7 @@
 """Episodes against `simulate` and `generate`."""
 
+import json
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -153,3 +155,32 @@ def test_a_state_of_another_object_is_refused() -> None:
         with pytest.raises(ArgumentError, match="another object, seed or configuration"):
             episode.restore(other.save())
     episode.restore(Episode(OBJECT, seed=1).save())
+
+
+def test_a_learnt_policy_plays(tmp_path: Path) -> None:
+    zeros = np.zeros((16, 32), np.float32).tobytes() + np.zeros(16, np.float32).tobytes()
+    tensors = {
+        "layers.0.weight": {"dtype": "F32", "shape": [16, 32], "data_offsets": [0, 2048]},
+        "layers.0.bias": {"dtype": "F32", "shape": [16], "data_offsets": [2048, 2112]},
+    }
+    header = json.dumps(tensors).encode()
+    policy = tmp_path / "policy.safetensors"
+    policy.write_bytes(struct.pack("<Q", len(header)) + header + zeros)
+    joints = [f"{finger}_{k}" for finger in ("index", "middle", "ring", "thumb") for k in range(4)]
+    policy.with_suffix(".toml").write_text(
+        f"joint_names = {json.dumps(joints)}\njoint_stiffness = 3.0\njoint_damping = 0.1\n"
+        f"default_joint_pos = {[0.0] * 12 + [0.3, 0.0, 0.0, 0.0]}\naction = 'incremental'\naction_scale = 0.04\n"
+        "observation_names = ['joint_pos_target_unit']\nobservation_terms_scale = 1.0\n"
+        "observation_terms_clip = [-1.0, 1.0]\nobservation_terms_history_length = 1\ncontrol_hz = 50\n"
+        "start = 'suited'\nactivation = 'elu'\nnormaliser = 'none'\n"
+    )
+    ends = []
+    for _ in range(2):
+        episode = Episode("cube70", seed=3, gait=str(policy), duration_s=0.4)
+        while episode.step():
+            pass
+        ends.append(episode.joints)
+    assert episode.gait == str(policy)
+    np.testing.assert_array_equal(ends[0], ends[1])
+    with pytest.raises(ArgumentError, match="nothing.safetensors"):
+        Episode("cube70", gait="nothing.safetensors")
