@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use image::RgbImage;
-use mvt_presses::{DataConfig, Example, Fault, Rack, example, objects};
+use mvt_presses::{DataConfig, Example, Rack, SensorFault, example, objects};
 use mvt_render::touch::TouchFrame;
 use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::{print_line, write_named};
@@ -82,7 +82,7 @@ const TOLD: f32 = 0.5;
 #[derive(Debug, Serialize)]
 struct UnitReading {
     unit: u32,
-    fault: Option<Fault>,
+    fault: Option<SensorFault>,
     /// Mean error of the indentation where the object touches, millimetres; 0 without contact.
     contact_mae_mm: f32,
     /// Indentation that was read over the true one, sums where the object touches; 1 without contact.
@@ -147,7 +147,7 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
             .map_init(TouchFrame::default, |frame, press| {
                 let mut rng = ChaCha8Rng::seed_from_u64(seed);
                 rng.set_stream(index(press) + 1);
-                let fault = (faults > 0.0 && rng.random_bool(faults)).then(|| Fault::draw(&mut rng));
+                let fault = (faults > 0.0 && rng.random_bool(faults)).then(|| SensorFault::draw(&mut rng));
                 let (shown, other) = (draw(press, frame), draw((press + 1) % presses, frame));
                 bar.inc(1);
                 read(&engine, &profile, &shown, fault, &other, unit)
@@ -182,7 +182,7 @@ fn read(
     engine: &Engine,
     profile: &SensorProfile,
     shown: &Example,
-    fault: Option<Fault>,
+    fault: Option<SensorFault>,
     other: &Example,
     unit: u32,
 ) -> Result<UnitReading> {

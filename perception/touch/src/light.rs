@@ -33,7 +33,8 @@ pub struct SensorLight {
     exponent: f32,
     /// Multiply the change of red, green and blue, after that.
     gains: [f32; 3],
-    is_usual: bool,
+    /// Red, green and blue light as shares of the usual.
+    light: [f32; 3],
     /// For each level of a camera that of the usual one.
     levels: Box<[f32; 256]>,
 }
@@ -41,7 +42,7 @@ pub struct SensorLight {
 impl SensorLight {
     /// A sensor whose gains for red, green and blue are known: it was calibrated, or is as those for which its network was trained.
     pub fn known(gains: [f32; 3]) -> Self {
-        Self { exponent: 1.0, gains, is_usual: true, levels: Box::new(std::array::from_fn(|level| level as f32)) }
+        Self { exponent: 1.0, gains, light: [1.0; 3], levels: Box::new(std::array::from_fn(|level| level as f32)) }
     }
 
     /// Returns the light that an untouched image shows, beside that of the usual sensor of this look. Without `follows_response` the
@@ -50,12 +51,11 @@ impl SensorLight {
         let squares = squares(untouched);
         let lit = |levels: [f32; 3]| levels.map(|level| level >= DEAD);
         let found = mean(&squares);
+        let light = std::array::from_fn(|c| found[c].max(1.0) / usual.untouched_levels[c]);
         let contrast = contrast(&squares, lit(found));
-        let exponent = if follows_response && contrast > 0.0 && usual.untouched_contrast > 0.0 {
-            (usual.untouched_contrast / contrast).clamp(RESPONSES[0], RESPONSES[1])
-        } else {
-            1.0
-        };
+        let is_known = follows_response && contrast > 0.0 && usual.untouched_contrast > 0.0;
+        let exponent = Some(usual.untouched_contrast / contrast).filter(|_| is_known);
+        let exponent = exponent.filter(|exponent| (RESPONSES[0]..=RESPONSES[1]).contains(exponent)).unwrap_or(1.0);
         let levels: [f32; 256] = std::array::from_fn(|level| 255.0 * (level as f32 / 255.0).powf(exponent));
         let found = if exponent == 1.0 {
             found
@@ -63,17 +63,15 @@ impl SensorLight {
             let mapped: Squares = squares.iter().map(|rgb| rgb.map(|x| 255.0 * (x / 255.0).powf(exponent))).collect();
             mean(&mapped)
         };
-        let gains: [f32; 3] = std::array::from_fn(|c| usual.untouched_levels[c] / found[c].max(1.0));
-        let is_like = |ratio: f32, spread: f32| (ratio - 1.0).abs() <= spread;
-        let is_lit_as_usual = gains.iter().all(|gain| is_like(1.0 / gain, USUAL_SPREAD));
-        let is_usual = is_lit_as_usual && is_like(exponent, USUAL_RESPONSE);
-        let gains = if is_lit_as_usual && !follows_response { [1.0; 3] } else { gains };
-        Self { exponent, gains, is_usual, levels: Box::new(levels) }
+        let gains = std::array::from_fn(|c| usual.untouched_levels[c] / found[c].max(1.0));
+        let known = Self { exponent, gains, light, levels: Box::new(levels) };
+        if known.is_usual() && !follows_response { Self { gains: [1.0; 3], ..known } } else { known }
     }
 
     /// Returns whether light and response are those of usual sensors.
     pub fn is_usual(&self) -> bool {
-        self.is_usual
+        let is_like = |ratio: f32, spread: f32| (ratio - 1.0).abs() <= spread;
+        self.light.iter().all(|&share| is_like(share, USUAL_SPREAD)) && is_like(self.exponent, USUAL_RESPONSE)
     }
 
     /// Returns from 0 to 1 how far images under this light can be read.
@@ -109,7 +107,7 @@ impl SensorLight {
 
 impl std::fmt::Display for SensorLight {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [red, green, blue] = self.gains.map(|gain| 1.0 / gain);
+        let [red, green, blue] = self.light;
         write!(f, "the untouched image has {red:.2}, {green:.2} and {blue:.2} of the usual red, green and blue light")?;
         if (self.exponent - 1.0).abs() > USUAL_RESPONSE {
             write!(f, " and {:.2} of the usual contrast", 1.0 / self.exponent)?;

@@ -27,15 +27,15 @@ mod backdrop;
 mod config;
 mod error;
 mod example;
-mod fault;
 pub mod objects;
 mod resize;
+mod sensor_fault;
 mod sensors;
 
 pub use config::DataConfig;
 pub use error::PressError;
 pub use example::{Example, example};
-pub use fault::Fault;
 pub use image;
 pub use resize::resized;
+pub use sensor_fault::SensorFault;
 pub use sensors::{PressSensor, Rack};

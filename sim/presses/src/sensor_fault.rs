@@ -11,7 +11,7 @@ use crate::backdrop::grey_level;
 /// A fault of a sensor or of its images.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Fault {
+pub enum SensorFault {
     /// Light of this strength, 1 as usual.
     Light(f32),
     /// Another response of the camera: levels to the power of this.
@@ -36,7 +36,7 @@ pub enum Fault {
     TouchedUntouched,
 }
 
-impl Fault {
+impl SensorFault {
     /// Draws a fault.
     pub fn draw(rng: &mut ChaCha8Rng) -> Self {
         let between = |rng: &mut ChaCha8Rng, low: f32, high: f32| rng.random_range(low..high);
@@ -130,7 +130,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut kinds = std::collections::BTreeSet::new();
         for _ in 0..200 {
-            let fault = Fault::draw(&mut rng);
+            let fault = SensorFault::draw(&mut rng);
             let (mut seen, mut untouched) = (image.clone(), image.clone());
             fault.apply(&mut seen, &mut untouched, &other);
             assert!(seen != image || untouched != image, "{fault:?}");
