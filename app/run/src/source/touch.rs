@@ -230,7 +230,7 @@ mod tests {
         let mini = Hand::allegro(Side::Left).with_profile(&SensorProfile::load("gelsight_mini").unwrap());
         let touch = TouchArguments::new(TouchOrigin::Network, None);
         let turned = |weights: &Weights| weights.trained_for().map(|look| look.led_angles_deg[0]);
-        assert_eq!(turned(&touch.weights(&mini).unwrap().unwrap()[0]), Some(-6.0));
+        assert_eq!(turned(&touch.weights(&mini).unwrap().unwrap()[0]), Some(-4.0));
         let mut odd = SensorProfile::load("gelsight_mini").unwrap();
         odd.appearance.as_mut().unwrap().led_angles_deg = [60.0, 180.0, -60.0];
         let odd = Hand::allegro(Side::Left).with_profile(&odd);

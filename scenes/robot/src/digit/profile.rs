@@ -267,12 +267,12 @@ mod tests {
             assert_eq!(SensorProfile { markers: None, ..marked }, SensorProfile::load(name).unwrap());
         }
         let mini = SensorProfile::load("gelsight_mini").unwrap();
-        // A flat gel of which 14.16 x 18.88 mm are in view.
+        // A flat gel of which 15.2 x 20.3 mm are in view.
         let view = mini.gel_view();
         assert!(view.depth_m().iter().all(|depth_m| (depth_m - 0.022).abs() < 1e-8));
         let side_mm = |pixels: usize, focal_px: f64| 22.0 * pixels as f64 / focal_px;
         let [width, height] = [side_mm(WIDTH, mini.intrinsics().fx), side_mm(HEIGHT, mini.intrinsics().fy)];
-        assert!((width - 14.16).abs() < 0.02 && (height - 18.88).abs() < 0.02, "{width} x {height}");
+        assert!((width - 0.0634 * 240.0).abs() < 0.02 && (height - 0.0634 * 320.0).abs() < 0.02, "{width} x {height}");
     }
 
     #[test]
