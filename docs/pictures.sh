@@ -35,6 +35,10 @@ cp run/mesh.gif "$docs/rubiks_cube.gif"
 images=$docs/../tests/data/real_digit/dd
 "$program" touch predict --images "$images/003_img.png" --untouched "$images/untouched.png" --out ball
 cp ball/003_picture.png "$docs/real_digit.png"
+mini=$docs/../../shared/real_gelsight_mini
+mkdir -p mini && cp "$mini/9.500mm/12/gelsight.png" mini/12_img.png
+"$program" touch predict --profile gelsight_mini --images mini --untouched "$mini/background.png" --out mini_read
+cp mini_read/12_picture.png "$docs/real_gelsight_mini.png"
 
 for object in random:0 random:2 random:4; do
     for camera in side front-left; do
