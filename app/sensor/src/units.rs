@@ -140,19 +140,17 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
     for unit in 0..units {
         let sensors = rack.of_step(u64::from(unit))?;
         let index = |press: u32| u64::from(unit) * u64::from(presses) + u64::from(press);
-        let draw =
-            |press: u32, frame: &mut TouchFrame| example(&surfaces, &sensors, &data, (!seed, index(press)), frame);
-        let of_unit: Result<Vec<UnitReading>> = (0..presses)
-            .into_par_iter()
-            .map_init(TouchFrame::default, |frame, press| {
-                let mut rng = ChaCha8Rng::seed_from_u64(seed);
-                rng.set_stream(index(press) + 1);
-                let fault = (faults > 0.0 && rng.random_bool(faults)).then(|| SensorFault::draw(&mut rng));
-                let (shown, other) = (draw(press, frame), draw((press + 1) % presses, frame));
-                bar.inc(1);
-                read(&engine, &profile, &shown, fault, &other, unit)
-            })
-            .collect();
+        let draw = |frame: &mut TouchFrame, press| example(&surfaces, &sensors, &data, (!seed, index(press)), frame);
+        let shown: Vec<Example> = (0..presses).into_par_iter().map_init(TouchFrame::default, draw).collect();
+        let read = |(press, of_press): (u32, &Example)| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(index(press) + 1);
+            let fault = (faults > 0.0 && rng.random_bool(faults)).then(|| SensorFault::draw(&mut rng));
+            let other = shown.get(((press + 1) % presses) as usize).unwrap_or(of_press);
+            bar.inc(1);
+            read(&engine, &profile, of_press, fault, other, unit)
+        };
+        let of_unit: Result<Vec<UnitReading>> = (0..presses).into_par_iter().zip(&shown).map(read).collect();
         readings.extend(of_unit?);
     }
     bar.finish_and_clear();
