@@ -3,11 +3,11 @@
 #
 #   results/speed.sh OUT [REFERENCE [RUNS [SECONDS]]]
 #
-# Writes a line per run to OUT/speed.jsonl: seed, and frames per second of both. Run k has seed k. REFERENCE is c39846d by default; 5 runs of
+# Writes a line per run to OUT/speed.jsonl: seed, and frames per second of both. Run k has seed k. REFERENCE is e960bac by default; 5 runs of
 # 5 s. Both commits are cloned into OUT and built there. Changes that are not committed are not built.
 set -euo pipefail
 out=$(mkdir -p "${1:?usage: results/speed.sh OUT [REFERENCE [RUNS [SECONDS]]]}" && cd "$1" && pwd)
-reference=${2:-c39846d}
+reference=${2:-e960bac}
 runs=${3:-5}
 seconds=${4:-5}
 cd "$(dirname "$0")/.."

@@ -99,7 +99,7 @@ def test_examples_run(tmp_path: Path) -> None:
     examples = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
     assert len(examples) >= 6
     for example in examples:
-        # It needs torch; benches/ppo.sh runs it.
+        # It needs torch and stable-baselines3.
         if example.name == "train_ppo.py":
             continue
         done = subprocess.run([sys.executable, example], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -41,7 +41,7 @@ enum Command {
     },
     /// Run the commands of groups, store their values and rewrite RESULTS.md
     Measure {
-        /// Names of groups; `cargo results list` shows them
+        /// Names of groups, which `cargo results list` shows; `all` for those without values of the present commit
         #[arg(required = true)]
         groups: Vec<String>,
         /// Keep the files of an interrupted measurement; commands that can resume then do so

@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result, bail, ensure};
 
 use crate::claims::{Claims, Group, Verdict};
 use crate::extract::{self, Figure};
-use crate::place::{PAGE, Repository, machine};
+use crate::place::{CHANGES, PAGE, Repository, machine};
 use crate::tables::{self, Origin};
 use crate::values::{Measured, Values};
 use crate::{print, render};
@@ -25,7 +25,12 @@ pub enum Start {
     Reread,
 }
 
-/// Measures groups one after the other. Each group's values are stored as soon as they are known.
+/// The name for all groups that have no values of the present commit.
+const ALL: &str = "all";
+/// The file of a group's folder that names the commit whose program wrote the others.
+const COMMIT: &str = "commit.txt";
+
+/// Measures groups one after the other. Each group's values are stored as soon as they are known. A group that fails does not stop the others.
 pub fn measure(
     repository: &Repository,
     claims: &Claims,
@@ -33,15 +38,30 @@ pub fn measure(
     names: &[String],
     start: Start,
 ) -> Result<()> {
-    let groups: Vec<&Group> = names.iter().map(|name| claims.group(name)).collect::<Result<_>>()?;
-    let (commit, date) = (repository.commit()?, repository.date()?);
+    let (present, date) = (repository.commit()?, repository.date()?);
+    ensure!(
+        !present.ends_with(CHANGES),
+        "tracked files differ from the commit {present}: commit them first, so that the values belong to a commit"
+    );
+    let groups: Vec<&Group> = if names == [ALL] {
+        let is_stale = |id: &str| values.get(id).is_none_or(|measured| measured.commit != present);
+        claims.groups.iter().filter(|group| group.rows.iter().any(|row| is_stale(&row.id))).collect()
+    } else {
+        names.iter().map(|name| claims.group(name)).collect::<Result<_>>()?
+    };
     let mut failures = Vec::new();
     for group in groups {
+        let folder = repository.scratch(&group.name);
         prepare(repository, group, start)?;
         if start != Start::Reread {
-            run(repository, group)?;
+            let path = folder.join(COMMIT);
+            fs::write(&path, &present).with_context(|| format!("cannot write {}", path.display()))?;
+            if let Err(error) = run(repository, group) {
+                failures.push(format!("{}: {error:#}", group.name));
+                continue;
+            }
         }
-        let folder = repository.scratch(&group.name);
+        let commit = fs::read_to_string(folder.join(COMMIT)).unwrap_or_else(|_| present.clone());
         // Files that another machine wrote come with its name.
         let machine =
             fs::read_to_string(folder.join("machine.txt")).map_or_else(|_| machine(), |text| text.trim().to_owned());
@@ -187,9 +207,13 @@ value = { file = "a.json", field = "a" }
         crate::check::check(&repository, &claims, &stored).unwrap();
         rehearse(&repository, claims.group("g").unwrap()).unwrap();
 
+        fs::remove_file(folder.path().join("target/results/g/b.json")).unwrap();
+        let all = ["all".to_owned()];
+        measure(&repository, &claims, &mut values, &all, Start::Clean).unwrap();
+        assert!(!folder.path().join("target/results/g/b.json").exists(), "its values are those of the commit");
         fs::write(repository.claims(), "changed").unwrap();
-        measure(&repository, &claims, &mut values, &["g".to_owned()], Start::Reread).unwrap();
-        assert!(values.get("g.a").unwrap().commit.ends_with("+changes"));
+        let error = measure(&repository, &claims, &mut values, &all, Start::Clean).unwrap_err();
+        assert!(error.to_string().contains("commit them first"), "{error:#}");
     }
 
     #[test]

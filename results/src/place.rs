@@ -13,6 +13,8 @@ pub const PAGE: &str = "RESULTS.md";
 pub const FOLDER: &str = "results";
 /// The generated page of the groups that are not on [`PAGE`], in [`FOLDER`].
 pub const MORE: &str = "more.md";
+/// What follows the hash of a commit from which tracked files differ.
+pub const CHANGES: &str = "+changes";
 /// The folder of the files that commands write, relative to the root.
 const SCRATCH: &str = "target/results";
 
@@ -81,7 +83,7 @@ impl Repository {
         let mut arguments = vec!["status", "--porcelain", "--untracked-files=no", "--", "."];
         arguments.extend(ignored.iter().map(String::as_str));
         let is_clean = self.output("git", &arguments)?.is_empty();
-        Ok(if is_clean { hash } else { hash + "+changes" })
+        Ok(if is_clean { hash } else { hash + CHANGES })
     }
 
     /// The date in UTC, such as 2026-11-22.
