@@ -13,7 +13,6 @@ use mvt_picture::palette::Theme;
 use mvt_recording::Recording;
 use mvt_run::io::{check_named, png, print_line, write_named};
 use mvt_run::progress;
-use mvt_viewer::eye::DISTANCE_M;
 use mvt_viewer::window_program::WindowProgram;
 use mvt_viewer::{
     Clouds, Colouring, Dashboard, DashboardLayout, Eye, Keyframes, Layers, Preset, RecordingSource, WindowContents,
@@ -87,9 +86,9 @@ struct RecordArguments {
     /// Direction to look from
     #[arg(long, value_enum, default_value_t = Preset::Oblique, requires = "record")]
     from: Preset,
-    /// Distance of the eye from the hand, metres
-    #[arg(long, value_name = "METRES", default_value_t = DISTANCE_M, requires = "record")]
-    distance: f64,
+    /// Distance of the eye, metres [default: 0.4 from a hand; without one, where the object fills the picture]
+    #[arg(long, value_name = "METRES", requires = "record")]
+    distance: Option<f64>,
 }
 
 /// Width and height of a picture.
@@ -164,9 +163,11 @@ impl RecordArguments {
         }
     }
 
-    fn eye(&self) -> Eye {
-        let mut eye = Eye::new(self.from);
-        eye.zoom(self.distance / eye.distance_m);
+    fn eye(&self, recording: &Recording) -> Eye {
+        let mut eye = Eye::of(recording, self.from);
+        if let Some(distance) = self.distance {
+            eye.zoom(distance / eye.distance_m);
+        }
         eye
     }
 }
@@ -237,7 +238,7 @@ fn record(recording: &mut Recording, file: &Path, overwrite: bool, recorded: &Re
         ThemeChoice::Light => Theme::LIGHT,
         ThemeChoice::Dark => Theme::DARK,
     };
-    let eye = recorded.eye();
+    let eye = recorded.eye(recording);
     let mut page = Dashboard::new(recorded.layout, size, recorded.layers(), theme);
     if format == FilmFormat::Png {
         let moment = recorded.frame.unwrap_or(last);

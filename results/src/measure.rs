@@ -54,12 +54,13 @@ pub fn measure(
         let folder = repository.scratch(&group.name);
         prepare(repository, group, start)?;
         if start != Start::Reread {
-            let path = folder.join(COMMIT);
-            fs::write(&path, &present).with_context(|| format!("cannot write {}", path.display()))?;
             if let Err(error) = run(repository, group) {
                 failures.push(format!("{}: {error:#}", group.name));
                 continue;
             }
+            // At the end: some commands want an empty folder.
+            let path = folder.join(COMMIT);
+            fs::write(&path, &present).with_context(|| format!("cannot write {}", path.display()))?;
         }
         let commit = fs::read_to_string(folder.join(COMMIT)).unwrap_or_else(|_| present.clone());
         // Files that another machine wrote come with its name.

@@ -6,6 +6,7 @@ use std::path::Path;
 use nalgebra as na;
 
 use crate::rgbd::as_named_folders;
+use crate::run::summary;
 use crate::small_bags::{Cdr, IMAGE, INFO, Written, image, mcap};
 use crate::workplace::Workplace;
 
@@ -78,10 +79,7 @@ fn a_bag_gives_what_the_same_frames_in_a_folder_give() {
     };
     same_poses("of_folder", "of_bag");
     assert!(poses("of_bag").contains_key(Path::new(&format!("{}.txt", stamp_ns(0)))));
-    let summary = |out: &str| -> serde_json::Value {
-        serde_json::from_slice(&fs::read(workplace.path(&format!("{out}/summary.json"))).unwrap()).unwrap()
-    };
-    let errors = ["of_folder", "of_bag"].map(|out| summary(out)["add_s_mm"]["mean"].as_f64().unwrap());
+    let errors = ["of_folder", "of_bag"].map(|out| summary(&workplace, out)["add_s_mm"]["mean"].as_f64().unwrap());
     assert!((errors[0] - errors[1]).abs() < 1e-3, "{errors:?}");
 
     // As a folder that other programs read, too; its frames count from the first.

@@ -4,6 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
+use crate::run::summary;
 use crate::workplace::Workplace;
 
 /// Returns the explorer's choices, and the summary without times of computation.
@@ -11,8 +12,7 @@ fn explored(workplace: &Workplace, folder: &str, arguments: &str) -> (Vec<Value>
     workplace
         .run(&format!("run --object rubiks_cube_small --seed 1 --explore --quiet --out {folder} {arguments}"))
         .good();
-    let text = fs::read(workplace.path(folder).join("summary.json")).unwrap();
-    let summary: Value = serde_json::from_slice(&text).unwrap();
+    let summary = summary(workplace, folder);
     let choices = summary["choices"].as_array().cloned().unwrap_or_default();
     (choices, summary["f_score"].clone())
 }
@@ -20,16 +20,16 @@ fn explored(workplace: &Workplace, folder: &str, arguments: &str) -> (Vec<Value>
 #[test]
 fn the_hand_changes_the_axis_to_see_the_foot() {
     let workplace = Workplace::new();
-    let (choices, score) = explored(&workplace, "1", "--duration 9 --touch-depth truth --threads 1");
-    let changes: Vec<&Value> = choices.iter().filter(|choice| choice["chosen"] != "regrasp").collect();
-    let first = changes.first().expect("a cube on the palm hides its foot from turns about z");
+    let (choices, score) = explored(&workplace, "1", "--duration 5 --touch-depth truth --threads 1");
+    let mut changes = choices.iter().filter(|choice| choice["chosen"] != "regrasp");
+    let first = changes.next().expect("a cube on the palm hides its foot from turns about z");
     let gains = first["gains_cm2_s"].as_object().unwrap();
     let gain = |name: &str| gains[name].as_f64().unwrap();
     let chosen = first["chosen"].as_str().unwrap();
     assert!(chosen != "cubelet" && gain(chosen) > gain("cubelet") && gains.contains_key("regrasp"), "{first}");
     let events = fs::read_to_string(workplace.path("1/recording/events.jsonl")).unwrap();
     assert!(events.contains(&format!("changes to controller {chosen} (expected to show, cm^2/s: ")), "{events}");
-    assert_eq!(explored(&workplace, "2", "--duration 9 --touch-depth truth --threads 2"), (choices, score));
+    assert_eq!(explored(&workplace, "2", "--duration 5 --touch-depth truth --threads 2"), (choices, score));
     let config = fs::read_to_string(workplace.path("1/config.toml")).unwrap();
     assert!(config.lines().next().unwrap().contains(" --explore"), "{config}");
 }

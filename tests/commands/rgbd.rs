@@ -7,6 +7,7 @@ use image::{GrayImage, ImageBuffer, Luma};
 use mvt_feelsight::Log;
 use mvt_frames::depth::Label;
 
+use crate::run::summary;
 use crate::workplace::Workplace;
 
 /// Writes the frames of a simulated log as `rgb/ depth/ masks/ cam_K.txt annotated_poses/`.
@@ -50,8 +51,7 @@ fn a_folder_of_images_and_masks_is_a_log_without_a_hand() {
     as_folders(&workplace.path("set/cube70/00"), &workplace.path("folder"));
     let said = workplace.run("run --log folder --object cube70 --out out").warned();
     assert!(said.contains("30 frames per second are assumed"), "{said}");
-    let summary: serde_json::Value =
-        serde_json::from_slice(&fs::read(workplace.path("out/summary.json")).unwrap()).unwrap();
+    let summary = summary(&workplace, "out");
     assert_eq!(summary["frames"], 18, "{summary}");
     assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < 2.0, "{summary}");
     // Poses of the model in the camera, with OpenCV axes, for the programs that read these layouts.
@@ -68,13 +68,16 @@ fn a_folder_of_images_and_masks_is_a_log_without_a_hand() {
     assert_eq!(fs::read_to_string(workplace.path("out/poses_bop.csv")).unwrap().lines().count(), 19);
     // The object is not named, so that there is nothing to score.
     workplace.run("run --log folder --out unnamed --quiet").warned();
+    workplace.run("view --run unnamed --layout scene --show mesh --size 320x240 --record object.png").warned();
+    let picture = image::open(workplace.path("object.png")).unwrap().into_rgb8();
+    let filled = (0..320).filter(|&x| picture.get_pixel(x, 120) != picture.get_pixel(5, 120)).count();
+    assert!((80..240).contains(&filled), "the object fills {filled} of 320 pixels in the middle");
     let error = |line: &str| workplace.run(line).error();
     assert!(error("run --log folder --modality tac").contains("no touch sensors"));
     assert!(error("run --log folder --mode pose").contains("--object"));
     workplace.write("folder/rgbd.toml", "depth_unit_m = 1.0\n");
     assert!(error("run --log folder").contains("is the unit of depth right?"));
-    fs::create_dir(workplace.path("other")).unwrap();
-    assert!(error("run --log other").contains("other"));
+    assert!(error("run --log unnamed/poses").contains("unnamed/poses"));
 }
 
 /// A box that stands still, seen by a real camera.

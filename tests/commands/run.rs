@@ -30,7 +30,7 @@ const FILES: [&str; 18] = [
     "trajectory.csv",
 ];
 
-fn summary(workplace: &Workplace, folder: &str) -> Value {
+pub fn summary(workplace: &Workplace, folder: &str) -> Value {
     serde_json::from_slice(&fs::read(workplace.path(folder).join("summary.json")).unwrap()).unwrap()
 }
 

@@ -255,7 +255,7 @@ def pair(trial, chance, _):
     return True
 
 
-def prepare(program, folder):
+def prepare(program, folder, commands):
     """Makes a finished run, and an earlier result of each command. Returns the duration of each command, seconds."""
     (folder / "training.toml").write_text(TRAINING)
     words = COMMANDS["run"].replace("--out target", "--out").split()
@@ -267,7 +267,7 @@ def prepare(program, folder):
     has_training = "needs a program built" not in subprocess.run(
         [program, "touch", "train", "--help"], check=True, capture_output=True, text=True
     ).stdout
-    for command in COMMANDS:
+    for command in commands:
         if command == "touch train" and not has_training:
             continue
         place = folder / "earlier" / command
@@ -295,8 +295,8 @@ def main():
     shared = Path(tempfile.mkdtemp(prefix="kills-shared-"))
     results, is_wrong = {}, False
     try:
-        durations = prepare(program, shared)
-        commands = [arguments.only] if arguments.only else list(durations)
+        durations = prepare(program, shared, [arguments.only] if arguments.only else COMMANDS)
+        commands = list(durations)
         for kind, disturb, count in (("kill", kill, arguments.kills), ("pair", pair, arguments.pairs)):
             done = 0
             for number in range(10 * count):

@@ -35,7 +35,7 @@ impl PageFilm {
     pub fn new(recording: &Recording) -> Result<Option<Self>, String> {
         let moments = recording.moments();
         let Some(last) = moments.len().checked_sub(1) else { return Ok(None) };
-        let eye = Eye::new(Preset::Oblique);
+        let eye = Eye::of(recording, Preset::Oblique);
         let mut page = Dashboard::new(DashboardLayout::All, SIZE, Layers::default(), Theme::LIGHT);
         let mut picture = |moment: usize| jpeg(&page.paint(recording, moment, &eye)).map(|bytes| base64(&bytes));
         let time_s = |moment: usize| moments.get(moment).map_or(0.0, |moment| moment.row.time_s);

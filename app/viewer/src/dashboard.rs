@@ -57,6 +57,7 @@ impl Dashboard {
 
     /// Paints the dashboard of a moment, with the scene as seen by an eye.
     pub fn paint(&mut self, recording: &Recording, moment: usize, eye: &Eye) -> RgbImage {
+        let eye = &eye.at(recording, moment);
         let [width, height] = self.size;
         let mut page = RgbImage::from_pixel(width, height, self.theme.paper);
         let body =

@@ -3,19 +3,24 @@
 use clap::ValueEnum;
 use mvt_frames::camera::{Intrinsics, look_at};
 use mvt_frames::{Camera, Isometry, World};
-use nalgebra::Vector3;
+use mvt_recording::Recording;
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 /// Camera that orbits around a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Eye {
     /// Point that it looks at, metres in the world.
     pub target: Vector3<f64>,
-    /// Direction of the eye from the target around z, radians.
+    /// Direction of the eye from the target around the upward axis, radians.
     pub yaw_rad: f64,
     /// Angle above the horizon, radians.
     pub pitch_rad: f64,
     /// Distance from the target, metres.
     pub distance_m: f64,
+    /// Axes of the angles in the world: z is up, and at yaw 0 the eye is on the side of x.
+    axes: UnitQuaternion<f64>,
+    /// Point of the object that a film keeps in the middle, in its coordinates.
+    follows: Option<Point3<f64>>,
 }
 
 /// Preset directions of view.
@@ -39,7 +44,11 @@ pub enum Preset {
 /// Point between palm, fingertips and object, metres in the world.
 const MIDDLE_M: [f64; 3] = [-0.01, 0.0, 0.025];
 /// Distance that shows the whole hand, metres.
-pub const DISTANCE_M: f64 = 0.4;
+const DISTANCE_M: f64 = 0.4;
+/// Share of the height of a picture that an object without a hand fills.
+const FILLED: f64 = 0.6;
+/// Size of an object of which no shape is known yet, metres.
+const USUAL_SIZE_M: f64 = 0.1;
 /// Vertical field of view, radians.
 const FOV_Y_RAD: f64 = 0.6;
 /// Nearest and farthest distance, metres. From the nearest, an object of 6 cm fills the height of the picture.
@@ -87,7 +96,46 @@ impl Eye {
     /// Returns an eye that looks at the middle of the hand from this direction.
     pub fn new(preset: Preset) -> Self {
         let [yaw_rad, pitch_rad] = preset.angles_rad();
-        Self { target: Vector3::from(MIDDLE_M), yaw_rad, pitch_rad, distance_m: DISTANCE_M }
+        let axes = UnitQuaternion::identity();
+        Self { target: Vector3::from(MIDDLE_M), yaw_rad, pitch_rad, distance_m: DISTANCE_M, axes, follows: None }
+    }
+
+    /// Returns an eye for a recording, from this direction. Without a hand it looks at the object: upwards is then upwards in the images of the first
+    /// camera, which is in front.
+    pub fn of(recording: &Recording, preset: Preset) -> Self {
+        let mut eye = Self::new(preset);
+        let moments = recording.moments().len();
+        let first = (0..moments).find_map(|moment| recording.pose(moment));
+        let Some((camera, pose)) = recording.about().cameras.first().zip(first) else { return eye };
+        if has_hand(recording) {
+            return eye;
+        }
+        let shape = recording.shape(moments - 1).ok().flatten();
+        let mesh =
+            shape.as_ref().map(|shape| &shape.mesh).or(recording.true_mesh()).filter(|mesh| !mesh.vertices.is_empty());
+        let (middle, size_m) = mesh.map_or((Point3::origin(), USUAL_SIZE_M), |mesh| {
+            let [low, high] = mesh.bounds_m().map(|corner| Vector3::from(corner.to_array().map(f64::from)));
+            (Point3::from((low + high) / 2.0), (high - low).amax())
+        });
+        eye.follows = Some(middle);
+        eye.target = (pose.untyped() * middle).coords;
+        eye.distance_m = (size_m / (FILLED * 2.0 * (0.5 * FOV_Y_RAD).tan())).clamp(DISTANCES_M[0], DISTANCES_M[1]);
+        let camera = camera.pose.untyped();
+        let up = camera.rotation * Vector3::y();
+        let towards_camera = camera.translation.vector - eye.target;
+        let level = towards_camera - towards_camera.dot(&up) * up;
+        // A camera right above the object has no side; then its back counts.
+        let front = level.try_normalize(1e-6).unwrap_or_else(|| camera.rotation * Vector3::z());
+        eye.axes = UnitQuaternion::from_basis_unchecked(&[front, up.cross(&front), up]);
+        eye
+    }
+
+    /// Returns the eye of a moment of a film: without a hand it follows the object.
+    pub fn at(&self, recording: &Recording, moment: usize) -> Self {
+        match self.follows.zip(recording.pose(moment)) {
+            Some((middle, pose)) => Self { target: (pose.untyped() * middle).coords, ..*self },
+            None => *self,
+        }
     }
 
     /// Turns to a direction and keeps target and distance.
@@ -128,12 +176,17 @@ impl Eye {
     pub fn pose(&self) -> Isometry<Camera, World> {
         let (sin_yaw, cos_yaw) = self.yaw_rad.sin_cos();
         let (sin, cos) = self.pitch_rad.sin_cos();
-        let out = Vector3::new(cos * cos_yaw, cos * sin_yaw, sin);
-        look_at(self.target + self.distance_m * out, self.target, Vector3::z())
+        let out = self.axes * Vector3::new(cos * cos_yaw, cos * sin_yaw, sin);
+        look_at(self.target + self.distance_m * out, self.target, self.axes * Vector3::z())
     }
 
     /// Returns the pinhole model for an image of this width and height.
     pub fn intrinsics(&self, [width, height]: [usize; 2]) -> Intrinsics {
         Intrinsics::from_fov_y(width, height, FOV_Y_RAD)
     }
+}
+
+/// Whether a recording shows a hand.
+pub fn has_hand(recording: &Recording) -> bool {
+    !recording.about().hand.bodies().is_empty()
 }

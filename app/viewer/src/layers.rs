@@ -1,6 +1,7 @@
 //! Layers of the scene.
 
 use clap::ValueEnum;
+use mvt_recording::Recording;
 use serde::{Deserialize, Serialize};
 
 /// Meaning of the colours of the estimated surface.
@@ -94,6 +95,14 @@ impl Default for Layers {
 }
 
 impl Layers {
+    /// Returns the layers as a recording can show them: where the true surface is unknown, the object's own colours take the place of errors.
+    pub(crate) fn of(&self, recording: &Recording) -> Self {
+        match self.colouring {
+            Colouring::Error if recording.true_mesh().is_none() => Self { colouring: Colouring::TrueColour, ..*self },
+            _ => *self,
+        }
+    }
+
     /// Whether a layer needs the points that were seen so far.
     pub(crate) fn needs_seen_points(&self) -> bool {
         let by_colour = matches!(self.colouring, Colouring::TrueColour | Colouring::Sensor | Colouring::Confidence);

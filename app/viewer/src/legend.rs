@@ -33,10 +33,11 @@ impl Legend {
     /// Returns the legends for these layers, in the order from bottom to top: of the estimated surface, of the true
     /// surface, of the slice and of the points.
     pub fn of(layers: &Layers, recording: &Recording, theme: &Theme) -> Vec<Self> {
+        let layers = &layers.of(recording);
         let has_estimate = recording.about().mode.is_some();
         let mut legends = Vec::new();
         if layers.mesh && has_estimate {
-            legends.push(Self::of_surface(layers.colouring, recording, theme));
+            legends.push(Self::of_surface(layers.colouring, theme));
         }
         if layers.truth && has_estimate && recording.true_mesh().is_some() {
             legends.push(Self::Names { title: "", names: vec![(theme.truth, "true surface, translucent")] });
@@ -58,13 +59,12 @@ impl Legend {
         legends
     }
 
-    fn of_surface(colouring: Colouring, recording: &Recording, theme: &Theme) -> Self {
+    fn of_surface(colouring: Colouring, theme: &Theme) -> Self {
         match colouring {
-            Colouring::Error if recording.true_mesh().is_some() => {
+            Colouring::Error => {
                 let colour = |share: f32| palette::surface_error(share * palette::ERROR_SCALE_M);
                 Self::Ramp { title: "error, mm", labels: ["0", "2.5", "5+"], colour }
             }
-            Colouring::Error => Self::Names { title: "", names: vec![(theme.surface, "error unknown")] },
             Colouring::Confidence => {
                 Self::Ramp { title: "seen", labels: ["never", "", "often"], colour: palette::confidence }
             }

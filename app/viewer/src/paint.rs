@@ -125,6 +125,7 @@ impl ScenePainter {
         theme: &Theme,
         size: [usize; 2],
     ) -> &RgbImage {
+        let layers = &layers.of(recording);
         self.warning = None;
         self.raster.begin(&eye.intrinsics(size), theme.paper);
         let moment = moment.min(recording.moments().len().saturating_sub(1));

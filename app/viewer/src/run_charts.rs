@@ -13,7 +13,7 @@ use crate::captions;
 /// Distance between panels, pixels.
 const GAP: u32 = 8;
 
-/// Draws side by side the error of the pose, the F-score, the confidence, the time per frame, and the contacts of the
+/// Draws side by side the error of the pose and the F-score, or the stated deviation where no truth is known, the confidence, the time per frame, and the contacts of the
 /// pads. A log has no estimate: only its contacts are drawn.
 pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usize, theme: &Theme) {
     let panels = panels(recording, moment, theme);
@@ -57,12 +57,17 @@ fn panels(recording: &Recording, moment: usize, theme: &Theme) -> Vec<ChartPanel
     if first.estimate().is_some() {
         let scores = recording.shapes().iter().filter_map(|shape| shape.point).map(|point| (point.time_s, point.f5));
         let errors_mm = per_frame(&|row| Some(row.add_s?.one_directional_m * 1e3));
-        let errors = curve("ADD-S, mm", errors_mm, false, theme.estimate);
-        panels.push(match captions::begins_errors(recording, moment) {
-            true => ChartPanel { title: "ADD-S, mm: begins here".to_owned(), ..errors },
-            false => errors,
-        });
-        panels.push(curve("F-score at 5 mm", scores.collect(), true, theme.truth));
+        if errors_mm.is_empty() {
+            let deviations_mm = per_frame(&|row| Some(row.deviation?.surface_m * 1e3));
+            panels.push(curve("stated deviation, mm", deviations_mm, false, theme.estimate));
+        } else {
+            let errors = curve("ADD-S, mm", errors_mm, false, theme.estimate);
+            panels.push(match captions::begins_errors(recording, moment) {
+                true => ChartPanel { title: "ADD-S, mm: begins here".to_owned(), ..errors },
+                false => errors,
+            });
+            panels.push(curve("F-score at 5 mm", scores.collect(), true, theme.truth));
+        }
         panels.push(curve("confidence", per_frame(&|row| Some(row.confidence)), true, theme.keyframe));
         panels.push(curve("ms per frame", per_frame(&|row| Some(row.stage_ms.total())), false, theme.faint));
     }

@@ -13,8 +13,8 @@ pub struct Tiling {
     per_group: u32,
     /// Groups side by side.
     across: u32,
-    /// Whether the pictures of a group stand side by side; otherwise one below the other.
-    is_row: bool,
+    /// Pictures of a group side by side.
+    columns: u32,
     /// Columns and rows of pictures.
     counts: [u32; 2],
     /// Width of a picture, pixels.
@@ -25,24 +25,25 @@ impl Tiling {
     /// Returns the best arrangement of groups of pictures; `aspect` is width over height of a picture.
     pub fn best(area: Area, groups: u32, per_group: u32, aspect: f64) -> Self {
         let (groups, per_group) = (groups.max(1), per_group.max(1));
-        let arrangement = |across: u32, is_row: bool| {
-            let down = groups.div_ceil(across);
-            let counts = if is_row { [across * per_group, down] } else { [across, down * per_group] };
+        let arrangement = |across: u32, columns: u32| {
+            let counts = [across * columns, groups.div_ceil(across) * per_group.div_ceil(columns)];
             let width = (f64::from(area.width) / f64::from(counts[0]) - f64::from(GAP)).max(0.0);
             let height = (f64::from(area.height) / f64::from(counts[1]) - f64::from(GAP + TITLE)).max(0.0);
-            Self { area, per_group, across, is_row, counts, picture_width: width.min(height * aspect) }
+            Self { area, per_group, across, columns, counts, picture_width: width.min(height * aspect) }
         };
-        let all = (1..=groups).flat_map(|across| [true, false].map(|is_row| arrangement(across, is_row)));
+        let columns = || (1..=per_group).rev();
+        let all = (1..=groups).flat_map(|across| columns().map(move |columns| (across, columns)));
+        let all = all.map(|(across, columns)| arrangement(across, columns));
         // Of equally good ones the first: groups below each other, each a row.
         all.reduce(|best, other| if other.picture_width > best.picture_width { other } else { best })
-            .unwrap_or_else(|| arrangement(1, true))
+            .unwrap_or_else(|| arrangement(1, per_group))
     }
 
     /// Returns the rectangle of a picture of a group, with its title.
     pub fn cell(&self, group: u32, picture: u32) -> Area {
         let (x, y) = (group % self.across, group / self.across);
-        let [column, row] =
-            if self.is_row { [x * self.per_group + picture, y] } else { [x, y * self.per_group + picture] };
+        let column = x * self.columns + picture % self.columns;
+        let row = y * self.per_group.div_ceil(self.columns) + picture / self.columns;
         let [width, height] = [self.area.width / self.counts[0], self.area.height / self.counts[1]];
         Area {
             x: self.area.x + column * width,

@@ -4,7 +4,7 @@
 use super::preferences::{Panels, Preferences};
 use super::shortcuts::{KeyCommand, PanelSwitch};
 use super::timeline::SPEEDS;
-use mvt_viewer::eye::{Eye, Preset};
+use mvt_viewer::eye::Eye;
 use mvt_viewer::layers::{Colouring, Layers};
 
 /// Angle by which a key orbits, radians.
@@ -17,6 +17,8 @@ const NEARER: f64 = 0.9;
 pub struct SceneView {
     /// Camera.
     pub eye: Eye,
+    /// Camera to which a reset returns.
+    pub home: Eye,
     /// Parts of the scene that are shown.
     pub layers: Layers,
 }
@@ -24,12 +26,13 @@ pub struct SceneView {
 impl SceneView {
     /// Returns the view of a new page.
     pub fn new(colouring: Colouring) -> Self {
-        Self { eye: Eye::default(), layers: Layers { colouring, ..Layers::default() } }
+        let eye = Eye::default();
+        Self { eye, home: eye, layers: Layers { colouring, ..Layers::default() } }
     }
 
     /// Resets the camera.
     pub fn reset(&mut self) {
-        self.eye = Eye::new(Preset::Oblique);
+        self.eye = self.home;
     }
 
     /// Executes the command of a key that changes the view or the preferences; ignores others.
