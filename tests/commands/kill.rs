@@ -96,12 +96,12 @@ fn a_log_that_is_being_replaced_stays_whole() {
     assert_same(&workplace.files("undisturbed"), &workplace.files("set"));
 }
 
-/// The nightly script with a few disturbances of one command.
+/// The nightly script with a few disturbances of each command.
 #[test]
-fn nothing_is_lost_when_a_run_is_killed_or_meets_another() {
+fn nothing_is_lost_when_commands_are_killed_or_meet() {
     let mut script = Command::new("python3");
     script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/nightly/kills.py"));
-    script.args(["--program", env!("CARGO_BIN_EXE_mambavitact"), "--only", "run", "--kills", "2", "--pairs", "2"]);
+    script.args(["--program", env!("CARGO_BIN_EXE_mambavitact"), "--kills", "2", "--pairs", "2"]);
     match script.output() {
         Ok(output) => assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr)),
         Err(error) => skip(&format!("python3 cannot be started: {error}")),

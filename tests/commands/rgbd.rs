@@ -77,7 +77,8 @@ fn a_folder_of_images_and_masks_is_a_log_without_a_hand() {
     assert!(error("run --log folder --mode pose").contains("--object"));
     workplace.write("folder/rgbd.toml", "depth_unit_m = 1.0\n");
     assert!(error("run --log folder").contains("is the unit of depth right?"));
-    assert!(error("run --log unnamed/poses").contains("unnamed/poses"));
+    fs::create_dir(workplace.path("other")).unwrap();
+    assert!(error("run --log other").contains("other"));
 }
 
 /// A box that stands still, seen by a real camera.

@@ -107,7 +107,7 @@ impl Eye {
         let moments = recording.moments().len();
         let first = (0..moments).find_map(|moment| recording.pose(moment));
         let Some((camera, pose)) = recording.about().cameras.first().zip(first) else { return eye };
-        if has_hand(recording) {
+        if !recording.about().hand.is_none() {
             return eye;
         }
         let shape = recording.shape(moments - 1).ok().flatten();
@@ -184,9 +184,4 @@ impl Eye {
     pub fn intrinsics(&self, [width, height]: [usize; 2]) -> Intrinsics {
         Intrinsics::from_fov_y(width, height, FOV_Y_RAD)
     }
-}
-
-/// Whether a recording shows a hand.
-pub fn has_hand(recording: &Recording) -> bool {
-    !recording.about().hand.bodies().is_empty()
 }

@@ -13,8 +13,8 @@ use crate::captions;
 /// Distance between panels, pixels.
 const GAP: u32 = 8;
 
-/// Draws side by side the error of the pose and the F-score, or the stated deviation where no truth is known, the confidence, the time per frame, and the contacts of the
-/// pads. A log has no estimate: only its contacts are drawn.
+/// Draws side by side the error of the pose and the F-score, or the stated deviation where no truth is known, the
+/// confidence, the time per frame, and the contacts of the pads. A log has no estimate: only its contacts are drawn.
 pub fn draw(image: &mut RgbImage, area: Area, recording: &Recording, moment: usize, theme: &Theme) {
     let panels = panels(recording, moment, theme);
     let width = (area.width + GAP) / (panels.len() as u32).max(1);

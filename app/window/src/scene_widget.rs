@@ -13,7 +13,7 @@ use super::legend_overlay;
 use super::scene_view::SceneView;
 use super::shared_recording::SharedRecording;
 use super::style;
-use mvt_viewer::eye::{self, Eye, Preset};
+use mvt_viewer::eye::{Eye, Preset};
 use mvt_viewer::layers::Layers;
 use mvt_viewer::paint::ScenePainter;
 
@@ -136,11 +136,12 @@ impl SceneWidget {
         let size = ui.available_size().max(egui::vec2(16.0, 16.0));
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
         let object = recording.pose(moment).map(|pose| pose.untyped().translation.vector);
-        if !eye::has_hand(recording) && self.followed.is_none() && object.is_some() {
+        let has_hand = !recording.about().hand.is_none();
+        if !has_hand && self.followed.is_none() && object.is_some() {
             view.home = Eye::of(recording, Preset::Oblique).at(recording, moment);
             view.reset();
         }
-        self.follow(&mut view.eye, object.filter(|_| follow || !eye::has_hand(recording)));
+        self.follow(&mut view.eye, object.filter(|_| follow || !has_hand));
         if response.double_clicked()
             && let Some(object) = object
         {
