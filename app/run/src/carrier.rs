@@ -122,10 +122,6 @@ impl KnownSurface for MapSurface<'_> {
         let mut found = found.into_iter();
         is_known.iter().map(|known| if *known { found.next() } else { None }.unwrap_or(f32::INFINITY)).collect()
     }
-
-    fn is_seen_empty(&self, point: Vec3) -> bool {
-        self.map.space().is_seen_empty(self.in_field(point))
-    }
 }
 
 /// No map.
@@ -134,9 +130,5 @@ struct NoSurface;
 impl KnownSurface for NoSurface {
     fn distances_m(&self, points: &[Vec3]) -> Vec<f32> {
         vec![f32::INFINITY; points.len()]
-    }
-
-    fn is_seen_empty(&self, _: Vec3) -> bool {
-        false
     }
 }

@@ -1,21 +1,25 @@
 //! Masks of an object that are carried from frame to frame, where none is given.
 
+mod earlier;
+mod outline;
+mod pixels;
+
 use std::collections::VecDeque;
 
-use glam::{Mat3A, Vec3, Vec3A};
-use mvt_frames::camera::Intrinsics;
+use glam::Vec3;
 use mvt_frames::depth::{CameraDepth, Label};
 use mvt_frames::{Camera, Isometry, Model};
 use ndarray::Array2;
 
 use crate::colours::Colours;
+use earlier::Earlier;
+use outline::{blurred, drop_specks, fill, grow, smoothed};
+use pixels::{Pixels, are_alike, area_m2, beside, pixels, region, step_m, tolerance_m, window};
 
 /// The surface of an object as far as it is known, in the frame of its estimated model, metres.
 pub trait KnownSurface {
     /// Signed distances from the surface, negative inside; not finite where no surface was seen.
     fn distances_m(&self, points: &[Vec3]) -> Vec<f32>;
-    /// Whether a sensor looked through the point.
-    fn is_seen_empty(&self, point: Vec3) -> bool;
 }
 
 /// A mask that was carried into a frame.
@@ -35,16 +39,18 @@ pub struct CarriedMask {
 pub struct MaskCarrier {
     /// Colours of the object and of what may touch it.
     touching: Colours,
+    /// The same when a mask was given last.
+    given_colours: Colours,
     /// Colours of the object and of all else.
     everywhere: Colours,
     /// Evidence per cell around the model's origin: above 0 the object was seen in it, below 0 something else.
     cells: Vec<i8>,
     /// Points of the object in the newest frame that was learnt, model frame, with their colours.
     newest: Vec<(Vec3, Option<[u8; 3]>)>,
-    /// That frame, without its colours.
-    before: Option<CameraDepth>,
-    /// The newest frame whose mask was given, likewise.
-    given: Option<CameraDepth>,
+    /// The newest frame whose mask was given.
+    given: Option<Earlier>,
+    /// Frames before the newest between which the object moved, the newest last.
+    earlier: VecDeque<Earlier>,
     /// Usual area of the object across the rays, square metres.
     area_m2: f32,
 }
@@ -55,16 +61,12 @@ const CELLS: usize = 128;
 const CELL_M: f32 = 0.004;
 /// Most evidence of a cell.
 const MOST: i8 = 40;
-/// Evidence of a pixel of a given mask; one of a carried mask has 1.
+/// Evidence of a pixel of a given mask; one of a carried mask has at most 3.
 const GIVEN: i8 = 15;
-/// Tolerance of depths near a surface: of the pose, metres, and by the sensor, metres per square metre of depth.
-const TOLERANCE: [f32; 2] = [0.0015, 0.006];
 /// Motion that the prediction of a pose may miss, metres.
 const MISSED_M: f32 = 0.025;
 /// The mask of a frame reaches at most so far beyond what the frames before showed, pixels.
 const GROWTH_PX: usize = 10;
-/// Pixels without depth that are as near to the object as this may show it, pixels.
-const HOLE_PX: usize = 3;
 /// Surroundings whose cells and colours are learnt, pixels around the object.
 const AROUND_PX: usize = 40;
 /// What is farther from the object along the optical axis does not touch it, metres.
@@ -72,19 +74,21 @@ const TOUCHING_M: f32 = 0.08;
 /// Share of the colours that is kept from frame to frame, of what may touch the object and of all else: they change.
 const TOUCHING_KEPT: f32 = 0.95;
 const ELSEWHERE_KEPT: f32 = 0.98;
+/// Frames that are kept to see what lay still, and the motion of the object between them, metres and radians.
+const EARLIER: usize = 4;
+const APART_M: f64 = 0.015;
+const APART_RAD: f64 = 0.2;
 /// Every Nth row and column of the rest of the image is learnt.
 const ELSEWHERE_STRIDE: usize = 4;
-/// Fewer pixels that hang together are a speck.
-const SPECK_PX: usize = 8;
 /// A mask needs so many pixels, and this share of the usual area.
 const LEAST_PX: usize = 40;
 const LEAST_AREA: f32 = 0.04;
 /// Below this share of agreement the object is lost.
 const LEAST_SURE: f32 = 0.5;
-/// Weights of what speaks for the object at a pixel: the learnt surface, the newest points, looked-through space, and of a unit of evidence.
+/// Weights of what speaks for the object at a pixel: the learnt surface, the newest points, earlier frames that rule it out, and a unit of evidence.
 const SURFACE: f32 = 2.5;
 const NEWEST: f32 = 1.5;
-const EMPTY: f32 = -4.0;
+const RULED_OUT: f32 = -4.0;
 /// The same of a surface before that of the object, which hides it.
 const NEARER: f32 = -2.5;
 const EVIDENCE: f32 = 0.3;
@@ -94,11 +98,11 @@ const KNOWN: f32 = 3.0;
 const MOST_EVIDENCE: f32 = 5.0;
 const MOST_COLOUR: f32 = 2.0;
 /// Most that a colour weighs against the object where the object was last seen in another: something lies on it.
-const MOST_OTHER: f32 = 8.0;
-/// Levels of red, green and blue that differ by less are alike.
-const ALIKE_LEVELS: u8 = 30;
-/// A pixel beside the object belongs to it if no more than this speaks against it.
-const GROWS_ABOVE: f32 = -0.2;
+const MOST_AGAINST: f32 = 6.0;
+/// Most that a colour weighs against the object where the object was last seen in it.
+const EXPECTED: f32 = -1.0;
+/// Below these odds a colour is foreign to the object.
+const FOREIGN: f32 = -1.0;
 /// It stays open whose it is if no more than this does.
 const CONTESTED_ABOVE: f32 = -2.3;
 /// Areas of a lost object that are plausible, by the usual one.
@@ -108,70 +112,6 @@ const COLOURED: f32 = 0.5;
 /// Of the regions that may show a lost object each is offered so long, seconds.
 const OFFERED_S: f64 = 0.2;
 
-/// Pixels of a camera in the frame of the model.
-struct Pixels<'a> {
-    image: &'a CameraDepth,
-    rotation: Mat3A,
-    origin: Vec3A,
-}
-
-impl<'a> Pixels<'a> {
-    fn new(image: &'a CameraDepth, model_from_camera: Isometry<Camera, Model>) -> Self {
-        let (rotation, origin) = model_from_camera.to_f32();
-        Self { image, rotation, origin }
-    }
-
-    /// The measured depth of a pixel, metres.
-    fn depth_m(&self, at: (usize, usize)) -> Option<f32> {
-        self.image.depth_m.get(at).copied().filter(|depth| *depth > 0.0 && depth.is_finite())
-    }
-
-    fn point(&self, (v, u): (usize, usize), depth_m: f32) -> Vec3 {
-        let Intrinsics { fx, fy, cx, cy, .. } = self.image.intrinsics;
-        let ray = Vec3A::new(((u as f64 - cx) / fx) as f32, (-(v as f64 - cy) / fy) as f32, -1.0);
-        (self.origin + self.rotation * (ray * depth_m)).into()
-    }
-
-    /// The pixel and the depth at which a point of the model is seen.
-    fn project(&self, point: Vec3) -> Option<((f32, f32), f32)> {
-        let p = self.rotation.transpose() * (Vec3A::from(point) - self.origin);
-        let depth = -p.z;
-        let Intrinsics { fx, fy, cx, cy, .. } = self.image.intrinsics;
-        let place = (cy as f32 - fy as f32 * p.y / depth, cx as f32 + fx as f32 * p.x / depth);
-        (depth > 0.01).then_some((place, depth))
-    }
-
-    fn colour(&self, (v, u): (usize, usize)) -> Option<[u8; 3]> {
-        let colour = self.image.colour.as_ref()?;
-        (colour.width() as usize > u && colour.height() as usize > v).then(|| colour.get_pixel(u as u32, v as u32).0)
-    }
-
-    /// Depths at which points of the model are seen, metres, and their colours, drawn as squares that reach `reach` pixels; infinite elsewhere.
-    fn drawn(&self, points: &[(Vec3, Option<[u8; 3]>)], reach: isize) -> Array2<(f32, Option<[u8; 3]>)> {
-        let mut depths = Array2::from_elem(self.image.depth_m.dim(), (f32::INFINITY, None));
-        let projected = points.iter().filter_map(|(point, colour)| Some((self.project(*point)?, *colour)));
-        for (((v, u), depth), colour) in projected {
-            let (v, u) = (v.round() as isize, u.round() as isize);
-            for (dv, du) in (-reach..=reach).flat_map(|dv| (-reach..=reach).map(move |du| (dv, du))) {
-                let at = usize::try_from(v + dv).ok().zip(usize::try_from(u + du).ok());
-                if let Some(drawn) = at.and_then(|at| depths.get_mut(at)).filter(|drawn| depth < drawn.0) {
-                    *drawn = (depth, colour);
-                }
-            }
-        }
-        depths
-    }
-}
-
-fn tolerance_m(depth_m: f32) -> f32 {
-    TOLERANCE[0] + TOLERANCE[1] * depth_m * depth_m
-}
-
-/// Area that a pixel covers across its ray, square metres.
-fn area_m2(intrinsics: &Intrinsics, depth_m: f32) -> f32 {
-    depth_m * depth_m / (intrinsics.fx * intrinsics.fy) as f32
-}
-
 /// Number of the cell in which a point lies; `None` outside of all.
 fn cell(point: Vec3) -> Option<usize> {
     let at = point / CELL_M + CELLS as f32 / 2.0;
@@ -179,52 +119,16 @@ fn cell(point: Vec3) -> Option<usize> {
     is_inside.then(|| (at.x as usize * CELLS + at.y as usize) * CELLS + at.z as usize)
 }
 
-/// The four pixels beside one.
-fn beside((v, u): (usize, usize), (rows, columns): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
-    [(-1, 0), (1, 0), (0, -1), (0, 1)].into_iter().filter_map(move |(dv, du): (isize, isize)| {
-        let (v, u) = (v.checked_add_signed(dv)?, u.checked_add_signed(du)?);
-        (v < rows && u < columns).then_some((v, u))
-    })
-}
-
-/// The pixels that hang together with one; `takes` says whether a pixel takes in one beside it, and must not do so twice.
-fn region(
-    start: (usize, usize),
-    dim: (usize, usize),
-    mut takes: impl FnMut((usize, usize), (usize, usize)) -> bool,
-) -> Vec<(usize, usize)> {
-    let (mut region, mut next) = (vec![start], 0);
-    while let Some(&at) = region.get(next) {
-        next += 1;
-        region.extend(beside(at, dim).filter(|other| takes(at, *other)));
-    }
-    region
-}
-
-/// Rows and columns of the pixels that are set, and of those `reach` around them, each from and to before.
-fn window(dim: (usize, usize), pixels: impl Iterator<Item = (usize, usize)>, reach: usize) -> Option<[usize; 4]> {
-    let bounds = pixels.fold(None, |bounds: Option<[usize; 4]>, (v, u)| {
-        let [top, bottom, left, right] = bounds.unwrap_or([v, v, u, u]);
-        Some([top.min(v), bottom.max(v), left.min(u), right.max(u)])
-    });
-    let [top, bottom, left, right] = bounds?;
-    let (top, left) = (top.saturating_sub(reach), left.saturating_sub(reach));
-    Some([top, (bottom + reach + 1).min(dim.0), left, (right + reach + 1).min(dim.1)])
-}
-
-fn pixels([top, bottom, left, right]: [usize; 4]) -> impl Iterator<Item = (usize, usize)> {
-    (top..bottom).flat_map(move |v| (left..right).map(move |u| (v, u)))
-}
-
 impl Default for MaskCarrier {
     fn default() -> Self {
         Self {
             touching: Colours::new(TOUCHING_KEPT),
+            given_colours: Colours::new(TOUCHING_KEPT),
             everywhere: Colours::new(ELSEWHERE_KEPT),
             cells: vec![0; CELLS.pow(3)],
             newest: Vec::new(),
-            before: None,
             given: None,
+            earlier: VecDeque::new(),
             area_m2: 0.0,
         }
     }
@@ -238,7 +142,6 @@ impl MaskCarrier {
         let object = |at: &(usize, usize)| image.labels.get(*at) == Some(&Label::Object);
         let all = [0, dim.0, 0, dim.1];
         let Some(near) = window(dim, pixels(all).filter(object), AROUND_PX) else { return };
-        let unit = if is_given { GIVEN } else { 1 };
         let mut area = 0.0;
         self.newest.clear();
         self.touching.fade();
@@ -252,23 +155,34 @@ impl MaskCarrier {
         for at in pixels(near) {
             let (Some(depth_m), Some(&label)) = (seen.depth_m(at), image.labels.get(at)) else { continue };
             let is_object = label == Label::Object;
-            if label == Label::Unsure {
-                continue;
-            }
             let point = seen.point(at, depth_m);
+            let colour = seen.colour(at);
             if is_object {
-                self.newest.push((point, seen.colour(at)));
+                self.newest.push((point, colour));
                 area += area_m2(&image.intrinsics, depth_m);
             }
-            if let Some(cell) = cell(point).and_then(|cell| self.cells.get_mut(cell)) {
-                *cell = cell.saturating_add(if is_object { unit } else { -unit }).clamp(-MOST, MOST);
-            }
-            if let Some(colour) = seen.colour(at) {
-                if is_object || (depth_m - middle_m).abs() < TOUCHING_M {
-                    self.touching.add(colour, is_object);
+            let vote = match is_given {
+                true => {
+                    if is_object {
+                        GIVEN
+                    } else {
+                        -GIVEN
+                    }
                 }
-                self.everywhere.add(colour, is_object);
+                false => self.vote(&seen, at, depth_m, label),
+            };
+            if let Some(cell) = cell(point).and_then(|cell| self.cells.get_mut(cell)) {
+                *cell = cell.saturating_add(vote).clamp(-MOST, MOST);
             }
+            let Some(colour) = colour.filter(|_| label != Label::Unsure) else { continue };
+            // What was foreign beside a given mask does not become the object's by being carried.
+            if is_object && !is_given && self.given_colours.log_odds(colour) < FOREIGN {
+                continue;
+            }
+            if is_object || (depth_m - middle_m).abs() < TOUCHING_M {
+                self.touching.add(colour, is_object);
+            }
+            self.everywhere.add(colour, is_object);
         }
         for at in pixels(all).filter(|(v, u)| v % ELSEWHERE_STRIDE == 0 && u % ELSEWHERE_STRIDE == 0) {
             if let Some(colour) = seen.colour(at).filter(|_| !object(&at)) {
@@ -276,46 +190,58 @@ impl MaskCarrier {
             }
         }
         self.area_m2 = self.area_m2.max(area);
-        let CameraDepth { intrinsics, world_from_camera, depth_m, labels, .. } = image;
-        self.before = Some(CameraDepth {
-            intrinsics: *intrinsics,
-            world_from_camera: *world_from_camera,
-            depth_m: depth_m.clone(),
-            labels: labels.clone(),
-            colour: None,
-        });
+        let earlier = || Earlier { image: image.clone(), camera_from_model };
         if is_given {
-            self.given.clone_from(&self.before);
+            self.given = Some(earlier());
+            self.given_colours = self.touching.clone();
+        }
+        let world_from_model = image.world_from_camera * camera_from_model;
+        let has_moved = self.earlier.back().is_none_or(|last| {
+            let moved = (last.image.world_from_camera * last.camera_from_model).inverse() * world_from_model;
+            let moved = moved.untyped();
+            moved.translation.vector.norm() > APART_M || moved.rotation.angle() > APART_RAD
+        });
+        if has_moved {
+            self.earlier.push_back(earlier());
+            if self.earlier.len() > EARLIER {
+                self.earlier.pop_front();
+            }
         }
     }
 
-    /// Whether the surface at a pixel already lay there in the newest frame that was learnt or given, and was not the object's.
-    fn lay_still(&self, image: &CameraDepth, (v, u): (usize, usize), depth_m: f32) -> bool {
-        let point = image.world_from_camera * image.intrinsics.unproject(u as f64, v as f64, f64::from(depth_m));
-        self.before.iter().chain(&self.given).any(|before| {
-            let point = before.world_from_camera.inverse() * point;
-            let Some((u, v)) = before.intrinsics.project(point) else { return false };
-            let at = (v.round().max(0.0) as usize, u.round().max(0.0) as usize);
-            let is_other = before.labels.get(at).is_some_and(|label| matches!(label, Label::Background | Label::Hand));
-            let then_m = before.depth_m.get(at).copied().unwrap_or(0.0);
-            is_other && then_m > 0.0 && (then_m + point.coords().z as f32).abs() < 1.2 * tolerance_m(depth_m)
-        })
+    /// What a pixel of a carried frame says of its place on the object. It depends on colour and motion more than on the mask, so that a wrong mask does
+    /// not prove itself.
+    fn vote(&self, seen: &Pixels<'_>, at: (usize, usize), depth_m: f32, label: Label) -> i8 {
+        let decided = match label {
+            Label::Object => 1,
+            Label::Unsure => 0,
+            _ => -1,
+        };
+        if self.rules_out(seen, at, depth_m, seen.point(at, depth_m)) {
+            return -2;
+        }
+        let odds = seen.colour(at).map_or(0.0, |colour| self.touching.log_odds(colour));
+        decided + odds.clamp(-2.0, 2.0).round() as i8
+    }
+
+    /// Whether an earlier frame rules out that a pixel shows the object.
+    fn rules_out(&self, seen: &Pixels<'_>, at: (usize, usize), depth_m: f32, in_model: Vec3) -> bool {
+        self.earlier.iter().chain(&self.given).any(|earlier| earlier.rules_out(seen, at, depth_m, in_model))
     }
 
     /// What the colour of a pixel says: nothing against the object where it is the colour in which the object was last seen there.
     fn colour_score(&self, seen: &Pixels<'_>, at: (usize, usize), drawn: &Array2<(f32, Option<[u8; 3]>)>) -> f32 {
         let Some(colour) = seen.colour(at) else { return 0.0 };
-        let odds = self.touching.log_odds(colour).min(MOST_COLOUR);
-        let is_alike = |other: [u8; 3]| (0..3).all(|k| colour[k].abs_diff(other[k]) < ALIKE_LEVELS);
+        let odds = self.touching.log_odds(colour).clamp(-MOST_AGAINST, MOST_COLOUR);
         let around =
             (0..9).filter_map(|k| drawn.get(((at.0 + k / 3).checked_sub(1)?, (at.1 + k % 3).checked_sub(1)?))?.1);
         let (mut is_shown, mut is_expected) = (false, false);
         for other in around {
-            (is_shown, is_expected) = (true, is_expected || is_alike(other));
+            (is_shown, is_expected) = (true, is_expected || are_alike(colour, other));
         }
         match (is_shown, is_expected) {
-            (_, true) => odds.max(0.0),
-            (true, false) => odds.max(-MOST_OTHER),
+            (_, true) => odds.max(EXPECTED),
+            (true, false) => odds,
             (false, false) => odds.max(-MOST_COLOUR),
         }
     }
@@ -364,30 +290,32 @@ impl MaskCarrier {
         // What speaks for the object at the pixels around it, and where a surface is known.
         let mut scores = Array2::from_elem(dim, f32::NEG_INFINITY);
         let mut evidences = Array2::zeros(dim);
-        let mut mask = Array2::from_elem(dim, false);
+        let mut is_known = Array2::from_elem(dim, false);
+        let mut opens = Array2::from_elem(dim, false);
         for ((&(at, depth_m), &point), distance_m) in places.iter().zip(&points).zip(distances_m) {
             let tolerance = tolerance_m(depth_m);
             let is_surface = distance_m.abs() < tolerance;
             let is_newest = (depth_m - drawn[at].0).abs() < 1.5 * tolerance && is_inner(at);
             let evidence = cell(point).map_or(0.0, |cell| EVIDENCE * f32::from(self.cells[cell]));
+            let is_ruled_out = evidence < KNOWN && self.rules_out(&seen, at, depth_m, point);
+            let is_nearer = !is_surface && !is_newest && depth_m < drawn[at].0 && drawn[at].0.is_finite();
             let known = match (is_surface, is_newest) {
-                _ if evidence < KNOWN && self.lay_still(image, at, depth_m) => EMPTY,
-                (false, false) if depth_m < drawn[at].0 && drawn[at].0.is_finite() => NEARER,
-                (false, false) if surface.is_seen_empty(point) => EMPTY,
+                _ if is_ruled_out => RULED_OUT,
+                _ if is_nearer => NEARER,
                 (false, false) => 0.0,
                 _ => SURFACE * f32::from(is_surface) + NEWEST * f32::from(is_newest),
             };
-            let score = known + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE) + self.colour_score(&seen, at, &drawn);
+            let colour = self.colour_score(&seen, at, &drawn);
+            let score = known + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE) + colour;
+            opens[at] = !is_ruled_out && !is_nearer && colour > CONTESTED_ABOVE;
             evidences[at] = evidence;
-            // Nothing is open where the object cannot be; where only a colour or an earlier mask speaks against it, it may.
-            scores[at] = match known {
-                known if known < 0.0 => score.min(CONTESTED_ABOVE),
-                _ => score.max(0.9 * CONTESTED_ABOVE),
-            };
-            mask[at] = known > 0.0 && score > 0.0;
+            scores[at] = score;
+            is_known[at] = known > 0.0;
         }
+        let scores = smoothed(&seen, near, &scores);
+        let mut mask = Array2::from_shape_fn(dim, |at| is_known[at] && scores[at] > 0.0);
         drop_specks(&mut mask, &evidences);
-        let contested = grow(&seen, &scores, &mut mask);
+        let contested = grow(&seen, &scores, &opens, &mut mask);
         fill(&seen, &self.touching, near, &mut mask);
         let area = places.iter().filter(|(at, _)| mask[*at]).map(|(_, depth_m)| area_m2(&image.intrinsics, *depth_m));
         (area.sum::<f32>() > LEAST_AREA * self.area_m2).then_some(CarriedMask { mask, contested, sure })
@@ -430,91 +358,6 @@ impl MaskCarrier {
         region.iter().for_each(|at| mask[*at] = true);
         Some(mask)
     }
-}
-
-/// Steps in depth from a pixel to the next on a surface that is seen under up to 75 degrees, and noise, metres.
-fn step_m(depth_m: f32) -> f32 {
-    0.004 * depth_m + 0.004 * depth_m * depth_m
-}
-
-/// Removes regions that are too small, and those apart from the best known one in whose place the object was seldom seen.
-fn drop_specks(mask: &mut Array2<bool>, evidence: &Array2<f32>) {
-    let dim = mask.dim();
-    let mut left = mask.clone();
-    let mut regions: Vec<Vec<(usize, usize)>> = Vec::new();
-    for (start, _) in mask.indexed_iter().filter(|(_, inside)| **inside) {
-        if !std::mem::replace(&mut left[start], false) {
-            continue;
-        }
-        regions.push(region(start, dim, |_, other| std::mem::replace(&mut left[other], false)));
-    }
-    let known = |region: &Vec<(usize, usize)>| region.iter().map(|at| evidence[*at]).sum::<f32>();
-    let best = regions.iter().map(known).max_by(f32::total_cmp).unwrap_or(0.0);
-    for region in regions {
-        let (known, count) = (known(&region), region.len());
-        if count < SPECK_PX || known < best && known < KNOWN * count as f32 {
-            region.iter().for_each(|at| mask[*at] = false);
-        }
-    }
-}
-
-/// Adds pixels that continue the surface of the mask and against which nothing speaks. Returns the pixels that continue it although something does,
-/// but for those that were looked through or that stand nearer.
-fn grow(seen: &Pixels<'_>, scores: &Array2<f32>, mask: &mut Array2<bool>) -> Array2<bool> {
-    let dim = mask.dim();
-    let mut contested = Array2::from_elem(dim, false);
-    let mut edge: VecDeque<((usize, usize), usize)> =
-        mask.indexed_iter().filter(|(_, inside)| **inside).map(|(at, _)| (at, 0)).collect();
-    while let Some((at, steps)) = edge.pop_front() {
-        let Some(depth_m) = seen.depth_m(at).filter(|_| steps < GROWTH_PX) else { continue };
-        for other in beside(at, dim) {
-            let continues = || seen.depth_m(other).is_some_and(|other_m| (other_m - depth_m).abs() < step_m(depth_m));
-            if mask[other] || contested[other] || scores[other] <= CONTESTED_ABOVE || !continues() {
-                continue;
-            }
-            let is_object = scores[other] > GROWS_ABOVE;
-            if is_object {
-                mask[other] = true;
-            } else {
-                contested[other] = true;
-            }
-            edge.push_back((other, steps + 1));
-        }
-    }
-    contested
-}
-
-/// Adds pixels without depth inside of the mask, and those beside it that have the object's colours.
-fn fill(seen: &Pixels<'_>, colours: &Colours, near: [usize; 4], mask: &mut Array2<bool>) {
-    for _ in 0..HOLE_PX {
-        let before = mask.clone();
-        for at in pixels(near).filter(|at| !before[*at]) {
-            let around = beside(at, before.dim()).filter(|other| before[*other]).count();
-            if around == 0 {
-                continue;
-            }
-            let is_like = seen.colour(at).is_some_and(|colour| colours.log_odds(colour) > 0.5);
-            let is_hole = seen.depth_m(at).is_none();
-            mask[at] = around == 4 || is_hole && (around == 3 || is_like);
-        }
-    }
-}
-
-/// Means over squares that reach `reach` pixels.
-fn blurred(image: &Array2<f32>, reach: usize) -> Array2<f32> {
-    let along = |image: &Array2<f32>| {
-        let (rows, columns) = image.dim();
-        let mut result = Array2::zeros((columns, rows));
-        for v in 0..rows {
-            for u in 0..columns {
-                let (from, to) = (u.saturating_sub(reach), (u + reach + 1).min(columns));
-                let sum: f32 = (from..to).map(|u| image[(v, u)]).sum();
-                result[(u, v)] = sum / (to - from) as f32;
-            }
-        }
-        result
-    };
-    along(&along(image))
 }
 
 #[cfg(test)]

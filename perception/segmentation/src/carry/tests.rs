@@ -2,6 +2,7 @@
 
 use image::{Rgb, RgbImage};
 use mvt_frames::Isometry;
+use mvt_frames::camera::Intrinsics;
 
 use super::*;
 
@@ -14,10 +15,6 @@ struct Ball;
 impl KnownSurface for Ball {
     fn distances_m(&self, points: &[Vec3]) -> Vec<f32> {
         points.iter().map(|point| point.length() - RADIUS_M).collect()
-    }
-
-    fn is_seen_empty(&self, point: Vec3) -> bool {
-        point.length() > RADIUS_M + 0.02
     }
 }
 
@@ -97,4 +94,40 @@ fn a_lost_object_is_searched_for_by_its_colours() {
     assert!(agreement(&found, &mask) > 0.6);
     assert_eq!(carrier.search(&scene(start, 0).0, 0.0), None);
     assert_eq!(carrier.search(&CameraDepth { colour: None, ..image }, 0.0), None);
+}
+
+/// Puts a block beside the ball, left of it and as far away, over the wall.
+fn put_block(image: &mut CameraDepth, mask: &Array2<bool>, ball: Vec3, shown: [u8; 3]) {
+    let left = |at: (usize, usize)| (1..20).any(|k| mask.get((at.0, at.1 + k)).is_some_and(|inside| *inside));
+    for at in mask.indexed_iter().filter(|(at, inside)| !**inside && left(*at)).map(|(at, _)| at) {
+        image.depth_m[at] = -ball.z;
+        image.labels[at] = Label::Hand;
+        if let Some(colour) = &mut image.colour {
+            colour.put_pixel(at.1 as u32, at.0 as u32, Rgb(shown));
+        }
+    }
+}
+
+#[test]
+fn what_comes_to_the_object_is_not_taken_for_it_even_in_its_colour() {
+    let (carrier, start) = learnt();
+    let (mut image, mask) = scene(start, 160);
+    put_block(&mut image, &mask, start, [200, 30, 30]);
+    let iou = agreement(&carrier.carry(&image, at(start), &Ball).unwrap().mask, &mask);
+    assert!(iou > 0.9, "{iou}");
+}
+
+#[test]
+fn a_wrong_mask_does_not_prove_itself() {
+    let start = Vec3::new(0.0, 0.0, -0.6);
+    let mut carrier = MaskCarrier::default();
+    let (mut image, mask) = scene(start, 160);
+    put_block(&mut image, &mask, start, [40, 60, 200]);
+    carrier.learn(&image, at(start), true);
+    for label in image.labels.iter_mut().filter(|label| **label == Label::Hand) {
+        *label = Label::Object;
+    }
+    (0..20).for_each(|_| carrier.learn(&image, at(start), false));
+    let iou = agreement(&carrier.carry(&image, at(start), &Ball).unwrap().mask, &mask);
+    assert!(iou > 0.95, "{iou}");
 }
