@@ -4,6 +4,8 @@ use std::fmt;
 
 use mvt_frames::{Point, World};
 use mvt_rgbd::{RgbdFrame, object_distance_m};
+use mvt_run::mvt_slam::scan::ScanConfig;
+use mvt_run::ndarray::Array2;
 use mvt_run::source::RgbdSequence;
 use serde::Serialize;
 
@@ -17,6 +19,10 @@ const FAR_M: f64 = 0.8;
 const HOLES: f64 = 0.2;
 /// Share of the frames that may lack something before it is worth a sentence.
 const FEW_FRAMES: f64 = 0.05;
+/// Pixels between the three depths whose second difference shows noise: far enough apart for those of most sensors to have errors of their own.
+const NOISE_REACH_PX: usize = 3;
+/// Noise above so many times that of the settings is worth a sentence.
+const NOISY: f64 = 2.0;
 /// A step of time that is longer than so many usual ones is a gap.
 const GAP: f64 = 1.5;
 
@@ -47,6 +53,8 @@ pub struct SequenceFacts {
     pub pixel_mm: Option<f64>,
     /// Median share of the pixels of the object without depth.
     pub without_depth: Option<f64>,
+    /// Noise of depth on the object: the standard deviation that second differences along rows show, mm.
+    pub depth_noise_mm: Option<f64>,
     /// Median motion of the middle of the seen surface between two frames, mm.
     pub motion_mm: Option<f64>,
     /// The same of which 95 % of the steps are shorter, mm.
@@ -79,6 +87,7 @@ pub(crate) struct Glance {
     pub pixels: usize,
     pub without_depth: f64,
     pub distance_m: Option<f64>,
+    pub depth_noise_m: Option<f64>,
     pub pixel_m: f64,
     pub touches_border: bool,
     pub middle: Option<Point<World>>,
@@ -95,6 +104,7 @@ impl Glance {
             pixels: 0,
             without_depth: 0.0,
             distance_m: None,
+            depth_noise_m: None,
             pixel_m: 0.0,
             touches_border: false,
             middle: None,
@@ -114,11 +124,25 @@ impl Glance {
         }
         glance.without_depth = 1.0 - measured as f64 / glance.pixels.max(1) as f64;
         glance.distance_m = object_distance_m(depth_m, mask).map(f64::from);
+        glance.depth_noise_m = depth_noise_m(depth_m, mask);
         glance.pixel_m = glance.distance_m.unwrap_or(0.0) / intrinsics.fx;
         let [x, y, z] = sum.map(|total| total / measured.max(1) as f64);
         glance.middle = (measured > 0).then(|| *world_from_camera * Point::new(x, y, z));
         glance
     }
+}
+
+/// The standard deviation of depth within a mask, metres. Second differences of a smooth surface are small, and their deviation is that of depth
+/// times the root of 6; half of their absolute values are below 0.674 deviations. Noise that pixels share is not seen.
+fn depth_noise_m(depth_m: &Array2<f32>, mask: &Array2<bool>) -> Option<f64> {
+    let differences = mask.indexed_iter().filter(|(_, inside)| **inside).filter_map(|((v, u), _)| {
+        let depth_m = |u: usize| {
+            let inside = mask.get((v, u)).is_some_and(|inside| *inside);
+            depth_m.get((v, u)).filter(|depth_m| inside && **depth_m > 0.0).map(|depth_m| f64::from(*depth_m))
+        };
+        Some((depth_m(u.checked_sub(NOISE_REACH_PX)?)? - 2.0 * depth_m(u)? + depth_m(u + NOISE_REACH_PX)?).abs())
+    });
+    Some(quantile(differences, 0.5)? / 0.674 / 6_f64.sqrt())
 }
 
 /// Returns the value below which a share of the values lies; `None` without values.
@@ -162,6 +186,8 @@ impl SequenceFacts {
             least_pixels: of(|glance| glance.pixels as f64, 0.0),
             pixel_mm: quantile(seen().filter(|glance| glance.pixel_m > 0.0).map(|glance| 1e3 * glance.pixel_m), 0.5),
             without_depth: of(|glance| glance.without_depth, 0.5),
+            depth_noise_mm: quantile(seen().filter_map(|glance| glance.depth_noise_m), 0.5)
+                .map(|noise_m| 1e3 * noise_m),
             motion_mm: quantile(motions.iter().copied(), 0.5),
             motion_p95_mm: quantile(motions.iter().copied(), 0.95),
             without_mask: share(|glance| !glance.has_mask),
@@ -193,6 +219,17 @@ impl SequenceFacts {
         say(
             distance_m > FAR_M,
             format!("the object is {distance_m:.2} m away, where depth is noisy: up to {FAR_M} m is good"),
+        );
+        let noise_mm = self.depth_noise_mm.unwrap_or(0.0);
+        let assumed = ScanConfig::default();
+        let assumed_mm = 1e3 * f64::from(assumed.depth_sensor.sigma_m(distance_m as f32, assumed.camera_sigma_per_m2));
+        say(
+            noise_mm > NOISY * assumed_mm,
+            format!(
+                "depth has a noise of {noise_mm:.1} mm, more than the {assumed_mm:.1} mm that are assumed of structured light at this distance: state the sensor \
+                 (`--set slam.scan.depth_sensor=time_of_flight`) or its noise (`--set slam.scan.camera_sigma_per_m2={:.4}`)",
+                1e-3 * noise_mm / (distance_m * distance_m)
+            ),
         );
         let fast_mm = self.motion_p95_mm.unwrap_or(0.0);
         say(
@@ -252,11 +289,12 @@ impl fmt::Display for SequenceFacts {
         writeln!(f, "  distance        {} m, at most {} m", number(self.distance_m, 3), number(self.farthest_m, 3))?;
         writeln!(
             f,
-            "  object          {} pixels, at least {}; a pixel is {} mm; {} % without depth",
+            "  object          {} pixels, at least {}; a pixel is {} mm; {} % without depth, whose noise is {} mm",
             number(self.pixels, 0),
             number(self.least_pixels, 0),
             number(self.pixel_mm, 2),
-            percent(self.without_depth)
+            percent(self.without_depth),
+            number(self.depth_noise_mm, 1)
         )?;
         writeln!(
             f,
