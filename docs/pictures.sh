@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes the pictures and films of README.md anew: docs/pictures.sh [PROGRAM]. Needs Xvfb and xdotool for the window, Chromium
-# for the report; about 4 minutes.
+# for the report, NumPy and SciPy for the real sequence; about 4 minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 program=${1:-}
@@ -31,6 +31,9 @@ cp run/mesh.gif "$docs/rubiks_cube.gif"
     --size 600x400
 "$program" generate --object 077_rubiks_cube --logs 1 --duration 12 --noise none --out logs
 "$program" inspect logs/077_rubiks_cube/00 --sheet "$docs/contact_sheet.png" --overwrite
+
+python3 "$docs/../benches/rgbd/real.py" "$docs/../../shared/real_rgbd" real --program "$program"
+"$program" view --run real/025_mug_out --record "$docs/real_mug.gif" --overwrite --every 1 --rate 3 --size 800x450 --colour true
 
 images=$docs/../tests/data/real_digit/dd
 "$program" touch predict --images "$images/003_img.png" --untouched "$images/untouched.png" --out ball

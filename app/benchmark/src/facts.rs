@@ -61,6 +61,8 @@ pub struct SequenceFacts {
     pub motion_p95_mm: Option<f64>,
     /// Share of the frames without a mask.
     pub without_mask: f64,
+    /// Whether masks are carried into the frames without one; else those are not used.
+    pub carries_masks: bool,
     /// Share of the frames whose mask is empty.
     pub hidden: f64,
     /// Share of the frames whose mask touches the border of the image.
@@ -191,6 +193,7 @@ impl SequenceFacts {
             motion_mm: quantile(motions.iter().copied(), 0.5),
             motion_p95_mm: quantile(motions.iter().copied(), 0.95),
             without_mask: share(|glance| !glance.has_mask),
+            carries_masks: sequence.carries_masks(),
             hidden: share(|glance| glance.has_mask && glance.pixels == 0),
             at_border: share(|glance| glance.touches_border),
             gaps: times_s.iter().filter(is_gap).count(),
@@ -249,7 +252,15 @@ impl SequenceFacts {
         );
         say(
             self.without_mask > FEW_FRAMES,
-            format!("{:.0} % of the frames have no mask and are not used", percent(self.without_mask)),
+            format!(
+                "{:.0} % of the frames have no mask {}",
+                percent(self.without_mask),
+                if self.carries_masks {
+                    "and receive a carried one: where a hand hides the object, give a second mask"
+                } else {
+                    "and are not used"
+                }
+            ),
         );
         say(
             self.hidden > FEW_FRAMES,
