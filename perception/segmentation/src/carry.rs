@@ -161,15 +161,10 @@ impl MaskCarrier {
                 self.newest.push((point, colour));
                 area += area_m2(&image.intrinsics, depth_m);
             }
-            let vote = match is_given {
-                true => {
-                    if is_object {
-                        GIVEN
-                    } else {
-                        -GIVEN
-                    }
-                }
-                false => self.vote(&seen, at, depth_m, label),
+            let vote = match (is_given, is_object) {
+                (true, true) => GIVEN,
+                (true, false) => -GIVEN,
+                (false, _) => self.vote(&seen, at, depth_m, label),
             };
             if let Some(cell) = cell(point).and_then(|cell| self.cells.get_mut(cell)) {
                 *cell = cell.saturating_add(vote).clamp(-MOST, MOST);

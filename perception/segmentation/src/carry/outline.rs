@@ -78,7 +78,7 @@ pub fn smoothed(seen: &Pixels<'_>, near: [usize; 4], scores: &Array2<f32>) -> Ar
 }
 
 /// Adds pixels that continue the surface of the mask and that speak for the object. Returns the pixels that continue it and of which it is open
-/// whose they are.
+/// whose they are. Both lie where the object may be, as `opens` says.
 pub fn grow(seen: &Pixels<'_>, scores: &Array2<f32>, opens: &Array2<bool>, mask: &mut Array2<bool>) -> Array2<bool> {
     let dim = mask.dim();
     let mut contested = Array2::from_elem(dim, false);
