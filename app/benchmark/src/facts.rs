@@ -224,8 +224,7 @@ impl SequenceFacts {
             format!("the object is {distance_m:.2} m away, where depth is noisy: up to {FAR_M} m is good"),
         );
         let noise_mm = self.depth_noise_mm.unwrap_or(0.0);
-        let assumed = ScanConfig::default();
-        let assumed_mm = 1e3 * f64::from(assumed.depth_sensor.sigma_m(distance_m as f32, assumed.camera_sigma_per_m2));
+        let assumed_mm = 1e3 * f64::from(ScanConfig::default().camera_sigma_m(distance_m as f32));
         say(
             noise_mm > NOISY * assumed_mm,
             format!(

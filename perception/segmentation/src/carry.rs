@@ -164,7 +164,7 @@ impl MaskCarrier {
             let vote = match (is_given, is_object) {
                 (true, true) => GIVEN,
                 (true, false) => -GIVEN,
-                (false, _) => self.vote(&seen, at, depth_m, label),
+                (false, _) => self.vote(&seen, at, depth_m, point, label),
             };
             if let Some(cell) = cell(point).and_then(|cell| self.cells.get_mut(cell)) {
                 *cell = cell.saturating_add(vote).clamp(-MOST, MOST);
@@ -206,13 +206,13 @@ impl MaskCarrier {
 
     /// What a pixel of a carried frame says of its place on the object. It depends on colour and motion more than on the mask, so that a wrong mask does
     /// not prove itself.
-    fn vote(&self, seen: &Pixels<'_>, at: (usize, usize), depth_m: f32, label: Label) -> i8 {
+    fn vote(&self, seen: &Pixels<'_>, at: (usize, usize), depth_m: f32, point: Vec3, label: Label) -> i8 {
         let decided = match label {
             Label::Object => 1,
             Label::Unsure => 0,
             _ => -1,
         };
-        if self.rules_out(seen, at, depth_m, seen.point(at, depth_m)) {
+        if self.rules_out(seen, at, depth_m, point) {
             return -2;
         }
         let odds = seen.colour(at).map_or(0.0, |colour| self.touching.log_odds(colour));
@@ -301,10 +301,9 @@ impl MaskCarrier {
                 _ => SURFACE * f32::from(is_surface) + NEWEST * f32::from(is_newest),
             };
             let colour = self.colour_score(&seen, at, &drawn);
-            let score = known + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE) + colour;
             opens[at] = !is_ruled_out && !is_nearer && colour > CONTESTED_ABOVE;
             evidences[at] = evidence;
-            scores[at] = score;
+            scores[at] = known + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE) + colour;
             is_known[at] = known > 0.0;
         }
         let scores = smoothed(&seen, near, &scores);

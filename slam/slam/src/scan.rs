@@ -39,11 +39,11 @@ settings! {
         pub touch_hits: usize = 300, 1..=1_000_000;
         /// Rays kept per pad that end at the undisturbed gel.
         pub touch_misses: usize = 60, 0..=1_000_000;
-        /// How cameras measure depth: `structured_light` or `stereo`, whose noise grows with the square of the distance, or `time_of_flight`, whose
-        /// noise does not.
+        /// How cameras measure depth: `structured_light` or `stereo`, whose noise grows with the square of the distance, or
+        /// `time_of_flight`, whose noise does not.
         pub depth_sensor: DepthSensor;
-        /// Standard deviation of a camera's depth by structured light or stereo, metres per square metre of depth. The default is the disparity noise and rounding of
-        /// Redwood's model at five times its level (0.144 pixels of disparity over 35.13 pixel metres).
+        /// Standard deviation of a camera's depth by structured light or stereo, metres per square metre of depth. The default is the
+        /// disparity noise and rounding of Redwood's model at five times its level (0.144 pixels of disparity over 35.13 pixel metres).
         pub camera_sigma_per_m2: f32 = 0.0041, 1e-6..=1.0;
         /// Standard deviation of the pixel to which a camera's depth belongs, pixels.
         pub camera_jitter_px: f32 = 1.25, 0.0..=100.0;
@@ -55,6 +55,13 @@ settings! {
         pub camera_shift_px: [f32; 2] = [0.0, 0.0], -100.0..=100.0;
         /// Whether background pixels, most of them without a return, count as rays through free space.
         pub far_is_free: bool = true;
+    }
+}
+
+impl ScanConfig {
+    /// Returns the standard deviation of a camera's depth along the optical axis, metres.
+    pub fn camera_sigma_m(&self, depth_m: f32) -> f32 {
+        self.depth_sensor.sigma_m(depth_m, self.camera_sigma_per_m2)
     }
 }
 
@@ -310,7 +317,7 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
         let (direction, length) = lens.ray(u as f32, v as f32);
         let normal = if is_outline { Vec3::ZERO } else { lens.fitted_normal(&image.depth_m, u, v) };
         let cosine = if normal == Vec3::ZERO { 0.6 } else { (-normal.dot(direction)).clamp(0.2, 1.0) };
-        let along = config.depth_sensor.sigma_m(z, config.camera_sigma_per_m2) * cosine;
+        let along = config.camera_sigma_m(z) * cosine;
         let sideways = if is_outline { 1.0 } else { (1.0 - cosine * cosine).sqrt() };
         let sigma_m = along.hypot(config.camera_jitter_px * z / lens.focal_px * sideways);
         (z > 0.0 && z.is_finite()).then_some(Hit { direction, range_m: z * length, normal, cosine, sigma_m })

@@ -23,7 +23,7 @@ impl Unlimited for DepthSensor {}
 
 impl DepthSensor {
     /// The standard deviation at a depth, metres; `per_m2` is that at one metre of a sensor that measures disparity.
-    pub fn sigma_m(self, depth_m: f32, per_m2: f32) -> f32 {
+    pub(super) fn sigma_m(self, depth_m: f32, per_m2: f32) -> f32 {
         match self {
             Self::StructuredLight => per_m2 * depth_m * depth_m,
             Self::TimeOfFlight => TIME_OF_FLIGHT_M,
