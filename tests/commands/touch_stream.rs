@@ -130,9 +130,12 @@ fn a_camera_is_read_until_it_is_unplugged_or_left() {
     assert!(workplace.path("out/predictions.csv").exists(), "the frames before are kept");
     let asked = std::fs::read_to_string(workplace.path("asked")).unwrap();
     assert!(asked.contains("-f v4l2 -video_size 320x240 -framerate 60 -i /dev/null"), "{asked}");
-    let absent = "echo /dev/null: Device or resource busy >&2; exit 1";
-    let absent = Ended::of(&mut with_ffmpeg(&workplace, camera, absent)).error();
+    let absent = "echo \"$@\" > asked\necho /dev/null: Device or resource busy >&2; exit 1";
+    let mini = format!("{camera} --profile gelsight_mini");
+    let absent = Ended::of(&mut with_ffmpeg(&workplace, &mini, absent)).error();
     assert!(absent.contains("cannot read the camera /dev/null: Device or resource busy"), "{absent}");
+    let asked = std::fs::read_to_string(workplace.path("asked")).unwrap();
+    assert!(asked.contains("-video_size 320x240 -framerate 25 -i"), "{asked}");
 
     // A camera that delivers for ever ends with an interrupt.
     let endless = format!("while {play}; do :; done");

@@ -7,6 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use mvt_bag::{CdrReader, RosCameraInfo, RosHeader, RosTransform, TransformTree};
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::TouchPad;
 use mvt_run::report::LiveTopicRecord;
 
@@ -118,7 +119,7 @@ struct WantedCamera {
     name: String,
     /// Number of its stream.
     stream: usize,
-    size_px: [usize; 2],
+    profile: SensorProfile,
 }
 
 /// Everything that a setup names.
@@ -151,7 +152,7 @@ fn wanted(setup: &RosSetup, pads: &[TouchPad]) -> AllWanted {
     for (pad, number) in pads.iter().zip(&mut numbers.touch) {
         let Some(name) = setup.touch_cameras.get(&pad.name) else { continue };
         *number = Some(rules.len());
-        cameras.push(WantedCamera { name: name.clone(), stream: rules.len(), size_px: pad.profile.size_px });
+        cameras.push(WantedCamera { name: name.clone(), stream: rules.len(), profile: pad.profile.clone() });
         let name = format!("touch sensor {name}");
         rules.push(StreamRule { name, need: StreamNeed::WhileAlive, is_between: false });
     }
@@ -200,7 +201,7 @@ impl Feed {
         };
         let shared = Arc::new(Shared { arrived: Mutex::new(arrived), signal: Condvar::new(), stop: Arc::default() });
         let mut threads = Vec::new();
-        for WantedCamera { name, stream, size_px } in &cameras {
+        for WantedCamera { name, stream, profile } in &cameras {
             let (others, clock, stream) = (Arc::clone(&shared), Arc::clone(&clock), *stream);
             let frame = name.clone();
             let take = move |image: &image::RgbImage| {
@@ -210,7 +211,7 @@ impl Feed {
                 let _ = others.lock().pairing.push(stream, stamp_ns, stamp_ns, message);
                 others.signal.notify_all();
             };
-            threads.push(touch_camera::read(name.clone(), *size_px, Arc::clone(&shared.stop), Box::new(take)));
+            threads.push(touch_camera::read(name.clone(), profile.clone(), Arc::clone(&shared.stop), Box::new(take)));
         }
         let receiver = Receiver {
             bus,

@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_sensor::TouchCamera;
 
 use crate::cdr_writer::CdrWriter;
@@ -21,12 +22,12 @@ pub(crate) type TakeImage = Box<dyn Fn(&RgbImage) + Send>;
 
 /// Reads a sensor, named by its serial number or device, on a thread of its own until `stop` is set. One that is lost is opened again when it is
 /// back.
-pub(crate) fn read(name: String, size_px: [usize; 2], stop: Arc<AtomicBool>, take: TakeImage) -> JoinHandle<()> {
+pub(crate) fn read(name: String, profile: SensorProfile, stop: Arc<AtomicBool>, take: TakeImage) -> JoinHandle<()> {
     std::thread::spawn(move || {
         let is_over = || stop.load(Ordering::Relaxed);
         let mut told = String::new();
         while !is_over() {
-            let reason = match TouchCamera::open(&name, size_px) {
+            let reason = match TouchCamera::open(&name, &profile) {
                 Ok(mut camera) => {
                     while let Some(image) = camera.newest(&stop) {
                         take(&image);

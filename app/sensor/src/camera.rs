@@ -5,9 +5,10 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Result, bail};
 use image::RgbImage;
+use mvt_robot::digit::profile::SensorProfile;
 
 use crate::layout::ImageLayout;
-use crate::stream::{Pace, StreamSource, VideoStream};
+use crate::stream::{CameraMode, Pace, StreamSource, VideoStream};
 
 /// Folder in which Linux names cameras by maker, product and serial number.
 const BY_SERIAL: &str = "/dev/v4l/by-id";
@@ -26,14 +27,15 @@ pub struct TouchCamera {
 }
 
 impl TouchCamera {
-    /// Opens the sensor with this serial number, or of this device, such as `/dev/video0`. Its upright images have this width and height.
+    /// Opens the sensor with this serial number, or of this device, such as `/dev/video0`. It is asked for the size and rate of its
+    /// profile.
     ///
     /// # Errors
     /// If there is no such sensor, or several, or ffmpeg cannot be started.
-    pub fn open(name: &str, size_px: [usize; 2]) -> Result<Self> {
+    pub fn open(name: &str, profile: &SensorProfile) -> Result<Self> {
         let device = if name.starts_with('/') { PathBuf::from(name) } else { of_serial(Path::new(BY_SERIAL), name)? };
-        let stream = StreamSource::Camera(device).open(Pace::Fastest)?;
-        Ok(Self { stream, size_px, layout: None, read: 0 })
+        let stream = StreamSource::Camera(device, CameraMode::of(profile)).open(Pace::Fastest)?;
+        Ok(Self { stream, size_px: profile.size_px, layout: None, read: 0 })
     }
 
     /// Waits for an image and returns the newest; `None` when the camera has ended or `stop` is set.

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::images::{SensorImages, SensorState, engine, read};
 use crate::predictor::{Predictor, Reading};
-use crate::stream::{Pace, StreamSource};
+use crate::stream::{CameraMode, Pace, StreamSource};
 
 /// Turn images, a video or a camera of a touch sensor into indentation and contact
 ///
@@ -102,7 +102,8 @@ pub fn predict(arguments: &TouchPredictArguments, listen: impl FnOnce() -> Resul
     config.validate().context("--threshold-mm, --probability")?;
     let mut predictor = Predictor::new(engine(&profile, arguments.weights.as_deref())?, &profile, config);
     let video = arguments.video.clone().map(StreamSource::Video);
-    match video.or_else(|| arguments.camera.clone().map(StreamSource::Camera)) {
+    let camera = || arguments.camera.clone().map(|path| StreamSource::Camera(path, CameraMode::of(&profile)));
+    match video.or_else(camera) {
         Some(source) if arguments.view => {
             let stop = listen()?;
             watch(&source, &stop, |view| predict_stream(arguments, &mut predictor, &source, &stop, Some(view)))

@@ -10,14 +10,31 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use image::RgbImage;
+use mvt_robot::digit::profile::SensorProfile;
 
 /// Place that frames come from.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum StreamSource {
     /// Video file.
     Video(PathBuf),
     /// Camera of the system, such as `/dev/video0`.
-    Camera(PathBuf),
+    Camera(PathBuf, CameraMode),
+}
+
+/// Size and rate of the frames that a camera is asked for. A camera that lacks this mode delivers its nearest one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraMode {
+    width: usize,
+    height: usize,
+    frame_hz: f64,
+}
+
+impl CameraMode {
+    /// Returns the mode of a sensor's camera. Cameras deliver images that are wider than tall, however the sensor is mounted.
+    pub fn of(profile: &SensorProfile) -> Self {
+        let [a, b] = profile.size_px;
+        Self { width: a.max(b), height: a.min(b), frame_hz: profile.frame_hz }
+    }
 }
 
 /// How fast a video is read.
@@ -32,13 +49,11 @@ pub enum Pace {
 impl std::fmt::Display for StreamSource {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Video(path) | Self::Camera(path) => path.display().fmt(f),
+            Self::Video(path) | Self::Camera(path, _) => path.display().fmt(f),
         }
     }
 }
 
-/// Size and rate that a camera is asked for: the fast mode of a DIGIT. A camera that lacks it delivers its nearest one.
-const CAMERA_MODE: [&str; 4] = ["-video_size", "320x240", "-framerate", "60"];
 /// One frame leaves ffmpeg for each frame that it reads, whatever their times are: all get a number as their time, at a steady rate.
 const EACH_FRAME_ONCE: [&str; 4] = ["-vf", "settb=1/60,setpts=N", "-r", "60"];
 /// Largest frame, pixels.
@@ -82,13 +97,14 @@ impl StreamSource {
                 file.push(path);
                 command.arg("-i").arg(file);
             }
-            Self::Camera(path) => {
+            Self::Camera(path, CameraMode { width, height, frame_hz }) => {
                 ensure!(
                     is_device(path),
                     "{} is no camera: connect it, and give its device, such as /dev/video0",
                     path.display()
                 );
-                command.args(["-f", "v4l2"]).args(CAMERA_MODE).arg("-i").arg(path);
+                command.args(["-f", "v4l2", "-video_size", &format!("{width}x{height}")]);
+                command.args(["-framerate", &frame_hz.to_string(), "-i"]).arg(path);
             }
         }
         command.args(["-map", "0:v:0"]).args(EACH_FRAME_ONCE).args(["-f", "image2pipe", "-c:v", "ppm", "-"]);
@@ -174,7 +190,7 @@ impl VideoStream {
                 Ok(())
             }
             (StreamSource::Video(_), None) => Ok(()),
-            (StreamSource::Camera(path), reason) => {
+            (StreamSource::Camera(path, _), reason) => {
                 let reason = reason.unwrap_or_else(|| "it delivers no more frames".to_owned());
                 let path = path.display();
                 if read == 0 {

@@ -49,6 +49,8 @@ settings! {
 pub struct SensorProfile {
     /// Width and height of its images, pixels.
     pub size_px: [usize; 2],
+    /// Images that its camera delivers per second.
+    pub frame_hz: f64,
     /// Vertical field of view of the camera, degrees.
     pub fov_y_deg: f64,
     /// Distance from the camera to the apex of the gel, which lies on the camera's axis, millimetres.
@@ -82,6 +84,8 @@ impl Default for SensorProfile {
     fn default() -> Self {
         Self {
             size_px: [WIDTH, HEIGHT],
+            // The fast mode of a DIGIT.
+            frame_hz: 60.0,
             fov_y_deg: FOV_Y_DEG,
             apex_mm: 22.0,
             size_mm: [20.0, 30.0],
@@ -187,6 +191,7 @@ impl SensorProfile {
     /// [`SettingError`] names the first value that is out of range.
     pub fn validate(&self) -> Result<(), SettingError> {
         (32..=1024).check("size_px", &self.size_px)?;
+        (1.0..=1000.0).check("frame_hz", &self.frame_hz)?;
         (20.0..=100.0).check("fov_y_deg", &self.fov_y_deg)?;
         (2.0..=100.0).check("apex_mm", &self.apex_mm)?;
         (2.0..=100.0).check("size_mm", &self.size_mm)?;
@@ -285,6 +290,7 @@ mod tests {
         for wrong in [
             "size_px = [0, 0]",
             "size_px = [240, 2000]",
+            "frame_hz = 0.0",
             "apex_mm = -1.0",
             "apex_mm = nan",
             "size_mm = [20.0, inf]",
