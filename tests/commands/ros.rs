@@ -378,8 +378,29 @@ fn what_a_hand_delivers_is_recorded_and_repeats_the_estimate() {
     let apart = again.iter().flatten().zip(live.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(apart < 1e-9, "{apart}");
     workplace.run("inspect recorded").good();
+    contacts_lie_on_the_cube(&Log::open(&workplace.path("set/cube70/00")).unwrap(), &workplace.path("heard.json"));
     let refused = workplace.run("run --ros ros.toml --out other --record recorded").error();
     assert!(refused.contains("the folder is not empty"), "{refused}");
+}
+
+/// Compares points of contact that ROS read with the true cube of 70 mm.
+fn contacts_lie_on_the_cube(log: &Log, heard: &Path) {
+    let clouds = json_of(heard)["contacts"].as_array().unwrap().clone();
+    let mut off_m = Vec::new();
+    for cloud in &clouds {
+        assert_eq!(cloud["frame"], "world");
+        let frame = (0..log.len()).find(|&frame| cloud["stamp_ns"] == stamp_ns(frame)).unwrap();
+        let object_from_world = log.object_poses()[frame].unwrap().inverse().untyped();
+        let [x, y, z, indentation_m] = ["x", "y", "z", "indentation"].map(|name| numbers(&cloud[name]));
+        for k in 0..x.len() {
+            let place = object_from_world * na::Point3::new(x[k], y[k], z[k]);
+            off_m.push(place.coords.amax() - 0.035);
+            assert!((0.0..3e-3).contains(&indentation_m[k]), "{} m", indentation_m[k]);
+        }
+    }
+    assert!(clouds.len() > 15 && off_m.len() > 50, "{} clouds, {} points", clouds.len(), off_m.len());
+    off_m.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
+    assert!(off_m[off_m.len() / 2].abs() < 1e-3, "{} m", off_m[off_m.len() / 2]);
 }
 
 /// The sensor of the thumb is ffmpeg's test picture, played by a script in the place of ffmpeg; the others are topics.

@@ -5,7 +5,7 @@ usage: peer.py FOLDER RESULT [--hz HZ] [--reliable] [--twice]
 FOLDER holds sequence.json (width, height, k, names) and NAME.rgb, NAME.depth and NAME.mask of each frame: bytes as in messages; the name is
 the stamp in nanoseconds. With a hand, sequence.json also has joints (names, positions of each frame) and touch (width and height of each pad,
 whose images are NAME.PAD), and no masks are published. Without --hz a frame is published when the pose of the one before has arrived, so that none is dropped on a slow
-machine. RESULT receives a JSON object: what was sent, and all poses, markers and the last diagnostics that came. With --twice, a second
+machine. RESULT receives a JSON object: what was sent, and all poses, markers, points of contact and the last diagnostics that came. With --twice, a second
 publisher of depth stands beside.
 """
 
@@ -13,6 +13,7 @@ import argparse
 import array
 import json
 import pathlib
+import struct
 import sys
 import time
 
@@ -20,7 +21,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from visualization_msgs.msg import Marker
 
 # How long a pose is waited for, seconds: a loaded machine takes seconds for the first frame.
@@ -83,7 +84,7 @@ if "joints" in sequence:
 else:
     publishers["masks"] = node.create_publisher(Image, "/masks", sensor)
 second = node.create_publisher(Image, "/camera/depth/image_raw", sensor) if arguments.twice else None
-heard = {"poses": [], "markers": [], "diagnostics": {}, "sent": 0, "stamps": []}
+heard = {"poses": [], "markers": [], "contacts": [], "diagnostics": {}, "sent": 0, "stamps": []}
 every = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -110,6 +111,20 @@ def on_marker(message):
     })
 
 
+def on_contacts(message):
+    fields = {field.name: field for field in message.fields}
+    assert all(field.datatype == PointField.FLOAT32 and field.count == 1 for field in fields.values())
+    assert not message.is_bigendian and message.is_dense and message.row_step == message.point_step * message.width
+    data = bytes(message.data)
+    assert len(data) == message.row_step * message.height
+    starts = range(0, len(data), message.point_step)
+    heard["contacts"].append({
+        "stamp_ns": message.header.stamp.sec * 10**9 + message.header.stamp.nanosec,
+        "frame": message.header.frame_id,
+        **{name: [struct.unpack_from("<f", data, k + field.offset)[0] for k in starts] for name, field in fields.items()},
+    })
+
+
 def on_diagnostics(message):
     for status in message.status:
         heard["diagnostics"] = {
@@ -122,6 +137,7 @@ def on_diagnostics(message):
 
 node.create_subscription(PoseWithCovarianceStamped, "/mambavitact/pose", on_pose, every)
 node.create_subscription(Marker, "/mambavitact/mesh", on_marker, every)
+node.create_subscription(PointCloud2, "/mambavitact/contacts", on_contacts, every)
 node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, every)
 
 

@@ -140,7 +140,7 @@ impl LiveConnection {
         };
         let bus = Arc::new(Bus::join(setup.domain(), &setup.addresses)?);
         let link = Arc::new(Link::new(setup.sim_time));
-        let publisher = RosPublisher::announce(&bus, &setup.publish, Arc::clone(&link))?;
+        let publisher = RosPublisher::announce(&bus, &setup.publish, &options.hand, Arc::clone(&link))?;
         let record = Arc::clone(&link.record);
         let hand = Arc::clone(&options.hand);
         let mut source = RosSource::open(Arc::clone(&bus), &setup, file, options, Arc::clone(&link))?;

@@ -1,7 +1,7 @@
 //! Live ROS 2 without a ROS installation: topics in as frames, results out as topics.
 //!
 //! [`RosSetup`] is the table `[ros]` of the user's TOML file. [`LiveConnection`] joins the network over RustDDS, subscribes to the topics that
-//! it names, and gives a [`RosSource`] of frames and a publisher of poses, transforms, meshes and diagnostics. Messages are decoded by
+//! it names, and gives a [`RosSource`] of frames and a publisher of poses, transforms, meshes, contacts and diagnostics. Messages are decoded by
 //! mvt-bag, whose bags hold the same bytes, and encoded by [`CdrWriter`]. [`Pairing`] is the rule by which messages become frames; it knows
 //! no network:
 //!
@@ -26,6 +26,7 @@ mod cdr_writer;
 mod clock;
 pub mod command;
 mod connection;
+mod contacts;
 mod driver;
 mod error;
 mod feed;

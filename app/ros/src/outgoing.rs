@@ -11,6 +11,8 @@ pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
 /// See [`POSE`].
 pub const MARKER: &str = "visualization_msgs/msg/Marker";
 /// See [`POSE`].
+pub const POINTS: &str = "sensor_msgs/msg/PointCloud2";
+/// See [`POSE`].
 pub const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
 /// Most triangles of a marker, so that it fits one datagram of 64 KB: receivers with small buffers lose longer messages.
@@ -109,6 +111,27 @@ fn marker(header: OutgoingHeader<'_>, id: usize, action: i32, triangles: &[[[f64
     writer.text("").count(0).count(0);
     // No text, no file of a mesh.
     writer.text("").text("").text("").count(0).u8(0);
+    writer.into_message()
+}
+
+/// Returns a `PointCloud2` of places, x, y and z in the frame of the header, and of the indentation there, all in metres.
+pub fn points(header: OutgoingHeader<'_>, points: &[[f32; 4]]) -> Vec<u8> {
+    /// `PointField.datatype` of a number of 32 bits with fractions.
+    const FLOAT32: u8 = 7;
+    const FIELDS: [&str; 4] = ["x", "y", "z", "indentation"];
+    let size = |values: usize| u32::try_from(size_of::<f32>() * values).unwrap_or(u32::MAX);
+    let mut writer = CdrWriter::new();
+    header.write(&mut writer);
+    // One row.
+    writer.u32(1).count(points.len()).count(FIELDS.len());
+    for (k, name) in FIELDS.into_iter().enumerate() {
+        writer.text(name).u32(size(k)).u8(FLOAT32).u32(1);
+    }
+    // Little endian; the bytes of a point and of the row.
+    writer.u8(0).u32(size(FIELDS.len())).u32(size(FIELDS.len() * points.len()));
+    let bytes: Vec<u8> = points.iter().flatten().flat_map(|value| value.to_le_bytes()).collect();
+    // No point is missing.
+    writer.bytes(&bytes).u8(1);
     writer.into_message()
 }
 

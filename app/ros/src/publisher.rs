@@ -1,4 +1,4 @@
-//! What a run publishes: pose with covariance, transform, mesh and diagnostics.
+//! What a run publishes: pose with covariance, transform, mesh, contacts and diagnostics.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -7,11 +7,14 @@ use std::time::{Duration, Instant};
 
 use mvt_frames::{Isometry, Model, World};
 use mvt_mesh::Mesh;
+use mvt_robot::hand::Hand;
+use mvt_robot::observation::Percept;
 use mvt_run::live::LiveListener;
 use mvt_run::pipeline::{FrameResult, MeshedShape, Progress};
 use mvt_run::report::{Deviation, LiveLatency, LiveRecord, TrackState};
 
 use crate::bus::{Bus, Delivery, Outlet};
+use crate::contacts::contacts;
 use crate::error::LiveError;
 use crate::outgoing::{self, DiagnosticLevel, OutgoingHeader};
 use crate::setup::PublishSetup;
@@ -32,6 +35,8 @@ pub struct RosPublisher {
     setup: PublishSetup,
     pose: Outlet,
     transforms: Option<Outlet>,
+    /// Points of contact, and the hand that feels them; `None` without touch sensors.
+    contacts: Option<(Outlet, Arc<Hand>)>,
     diagnostics: Outlet,
     /// Meshes on their way to the thread that sends them; `None` without.
     meshes: Option<(SyncSender<MeshMessage>, JoinHandle<()>)>,
@@ -75,11 +80,16 @@ fn send_meshes(outlet: &Outlet, meshes: &Receiver<MeshMessage>) {
 }
 
 impl RosPublisher {
-    /// Announces the topics.
+    /// Announces the topics. Points of contact are published for a hand that has touch sensors.
     ///
     /// # Errors
     /// [`LiveError`] if the network cannot be used.
-    pub(crate) fn announce(bus: &Bus, setup: &PublishSetup, link: Arc<Link>) -> Result<Self, LiveError> {
+    pub(crate) fn announce(
+        bus: &Bus,
+        setup: &PublishSetup,
+        hand: &Arc<Hand>,
+        link: Arc<Link>,
+    ) -> Result<Self, LiveError> {
         let delivery = |latched, depth| Delivery { reliable: true, latched, depth };
         let name = |last: &str| format!("{}/{last}", setup.prefix);
         let transforms =
@@ -92,7 +102,14 @@ impl RosPublisher {
             }
             false => None,
         };
+        let contacts = match hand.pads().is_empty() {
+            true => None,
+            false => {
+                Some((bus.speak(&name("contacts"), outgoing::POINTS, delivery(false, WAITING))?, Arc::clone(hand)))
+            }
+        };
         Ok(Self {
+            contacts,
             pose: bus.speak(&name("pose"), outgoing::POSE, delivery(false, WAITING))?,
             transforms,
             diagnostics: bus.speak("/diagnostics", outgoing::DIAGNOSTICS, delivery(false, WAITING))?,
@@ -105,12 +122,13 @@ impl RosPublisher {
         })
     }
 
-    fn frame(&mut self, number: u64, result: &FrameResult) {
-        let (frame, stamp_ns, published) = {
+    fn frame(&mut self, number: u64, percept: &Percept, result: &FrameResult) {
+        let (frame, stamp_ns, published, frame_from_world) = {
             let place = self.link.place();
             let Some(stamp_ns) = place.stamp_ns(number) else { return };
             let estimate = &result.estimate;
-            (place.frame.clone(), stamp_ns, published(estimate.pose, estimate.deviation, &place.frame_from_world))
+            let published = published(estimate.pose, estimate.deviation, &place.frame_from_world);
+            (place.frame.clone(), stamp_ns, published, place.frame_from_world)
         };
         if let Some(driver) = self.link.driver.get() {
             driver.motion().estimated(stamp_ns, result.row.time_s, result.row.state == TrackState::Lost);
@@ -121,6 +139,9 @@ impl RosPublisher {
             if let Some(transforms) = &self.transforms {
                 transforms.send(outgoing::transform(header, &self.setup.object_frame, &pose));
             }
+        }
+        if let Some((outlet, hand)) = &self.contacts {
+            outlet.send(outgoing::points(header, &contacts(hand, percept, &frame_from_world)));
         }
         let now_ns = self.link.clock.now_ns();
         let age_ms = now_ns.saturating_sub(stamp_ns) as f64 * 1e-6;
@@ -164,7 +185,7 @@ impl LiveListener for RosPublisher {
         match progress {
             Progress::Frame { results, sensed } => {
                 if let Some(result) = results.first().and_then(Option::as_ref) {
-                    self.frame(sensed.frame, result);
+                    self.frame(sensed.frame, &sensed.percept, result);
                 }
             }
             Progress::Shape(0, shape) => self.shape(shape),
