@@ -35,7 +35,7 @@ cp run/mesh.gif "$docs/rubiks_cube.gif"
 python3 "$docs/../benches/rgbd/real.py" "$docs/../../shared/real_rgbd" real --program "$program"
 "$program" view --run real/025_mug_out --record "$docs/real_mug.gif" --overwrite --every 1 --rate 3 --size 800x450 --colour true
 
-images=$docs/../tests/data/real_digit/dd
+images=$docs/../../shared/real_digit/dd
 "$program" touch predict --images "$images/003_img.png" --untouched "$images/untouched.png" --out ball
 cp ball/003_picture.png "$docs/real_digit.png"
 mini=$docs/../../shared/real_gelsight_mini

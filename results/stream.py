@@ -26,7 +26,7 @@ def main():
     arguments = parser.parse_args()
     program, out = arguments.program.resolve(), arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    images, video = ROOT / "tests/data/real_digit/dd", out / "lying.avi"
+    images, video = ROOT.parent / "shared/real_digit/dd", out / "lying.avi"
     subprocess.run(
         ["ffmpeg", "-nostdin", "-y", "-loglevel", "error", "-stream_loop", "-1", "-framerate", "60", "-i", images / "%03d_img.png"]
         + ["-frames:v", str(arguments.frames), "-vf", "transpose=1", "-c:v", "mjpeg", "-q:v", "2", video],

@@ -8,7 +8,7 @@ use mvt_feelsight::Log;
 use mvt_frames::depth::Label;
 
 use crate::run::summary;
-use crate::workplace::Workplace;
+use crate::workplace::{Workplace, others_data};
 
 /// Writes the frames of a simulated log as `rgb/ depth/ masks/ cam_K.txt annotated_poses/`.
 pub fn as_folders(log: &Path, to: &Path) {
@@ -84,11 +84,7 @@ fn a_folder_of_images_and_masks_is_a_log_without_a_hand() {
 /// A box that stands still, seen by a real camera.
 #[test]
 fn a_real_sequence_does_not_drift() {
-    let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/real_rgbd/standing_box");
-    if !place.exists() {
-        eprintln!("NOT TESTED: the real sequence {} is missing", place.display());
-        return;
-    }
+    let Some(place) = others_data("real_rgbd/standing_box") else { return };
     let workplace = Workplace::new();
     workplace.run(&format!("run --log {} --out out --quiet", place.display())).warned();
     let table = fs::read_to_string(workplace.path("out/trajectory.csv")).unwrap();

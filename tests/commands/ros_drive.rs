@@ -105,7 +105,7 @@ fn the_estimate_drives_a_simulated_hand_that_keeps_its_object() {
 fn a_hand_whose_driver_is_killed_holds_and_says_so() {
     let (workplace, domain) = (Workplace::new(), domain(6));
     robot_file(&workplace, domain);
-    let mut robot = spawn(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 3 {SPEED} --json"));
+    let mut robot = spawn(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 2 {SPEED} --json"));
     let mut run = spawn(&workplace, "run --ros rig.toml --drive --object cube70 --out live --quiet");
     let mut of_robot = Said::of(robot.stderr.take().unwrap());
     of_robot.until("the first command has come");

@@ -7,22 +7,25 @@ use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
-use crate::workplace::{Ended, Workplace, skip};
+use crate::workplace::{Ended, Workplace, others_data, skip};
 
 const FRAMES: usize = 14;
 
-fn sensor() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/real_digit/dd")
+/// Images of a real sensor.
+fn sensor() -> Option<PathBuf> {
+    Some(others_data("real_digit")?.join("dd"))
 }
 
 /// Returns a workplace with two videos of a sensor without loss: `touched.mkv`, of which the times between frames grow, and `whole.mkv` of the
-/// sensor on its side, which shows it untouched ten times before. Returns `None` where there is no ffmpeg.
-fn videos() -> Option<Workplace> {
+/// sensor on its side, which shows it untouched ten times before. Returns `None` where there is no ffmpeg,
+/// or no sensor.
+fn videos() -> Option<(Workplace, PathBuf)> {
+    let sensor = sensor()?;
     let workplace = Workplace::new();
     std::fs::create_dir(workplace.path("in")).unwrap();
     for number in 0..10 + FRAMES {
         let name = number.checked_sub(10).map_or_else(|| "untouched.png".into(), |k| format!("{k:03}_img.png"));
-        std::fs::copy(sensor().join(name), workplace.path(&format!("in/{number:03}.png"))).unwrap();
+        std::fs::copy(sensor.join(name), workplace.path(&format!("in/{number:03}.png"))).unwrap();
     }
     for (name, first, change) in [("touched.mkv", "10", "setpts=N*N/30/TB"), ("whole.mkv", "0", "transpose=clock")] {
         let mut ffmpeg = Command::new("ffmpeg");
@@ -33,7 +36,7 @@ fn videos() -> Option<Workplace> {
         };
         assert!(ended.status.success(), "{ended:?}");
     }
-    Some(workplace)
+    Some((workplace, sensor))
 }
 
 /// Returns a command whose `ffmpeg` is a script, in which FFMPEG stands for the real one.
@@ -61,12 +64,12 @@ fn lines(text: &str) -> Vec<Value> {
 
 #[test]
 fn frames_of_a_video_are_read_as_images_are() {
-    let Some(workplace) = videos() else { return };
+    let Some((workplace, sensor)) = videos() else { return };
     let mut images = workplace.command("touch predict --json --out images");
-    images.arg("--images").arg(sensor()).arg("--untouched").arg(sensor().join("untouched.png"));
+    images.arg("--images").arg(&sensor).arg("--untouched").arg(sensor.join("untouched.png"));
     let images: Value = serde_json::from_str(&Ended::of(&mut images).good()).unwrap();
     let images = images.as_array().unwrap();
-    std::fs::copy(sensor().join("untouched.png"), workplace.path("untouched.png")).unwrap();
+    std::fs::copy(sensor.join("untouched.png"), workplace.path("untouched.png")).unwrap();
     let of_video =
         lines(&workplace.run("touch predict --video touched.mkv --untouched untouched.png --json --out video").good());
     assert_eq!((of_video.len(), &of_video[3]["id"]), (FRAMES, &Value::from("000003")));
@@ -91,8 +94,8 @@ fn frames_of_a_video_are_read_as_images_are() {
 
 #[test]
 fn what_is_no_video_and_what_ends_early_is_said() {
-    let Some(workplace) = videos() else { return };
-    std::fs::copy(sensor().join("untouched.png"), workplace.path("untouched.png")).unwrap();
+    let Some((workplace, sensor)) = videos() else { return };
+    std::fs::copy(sensor.join("untouched.png"), workplace.path("untouched.png")).unwrap();
     let video = std::fs::read(workplace.path("touched.mkv")).unwrap();
     workplace.write("cut.mkv", &video[..video.len() * 3 / 5]);
     let said = workplace.run("touch predict --video cut.mkv --untouched untouched.png --out out").warned();
@@ -118,8 +121,8 @@ fn what_is_no_video_and_what_ends_early_is_said() {
 /// A camera is played by a script in the place of ffmpeg.
 #[test]
 fn a_camera_is_read_until_it_is_unplugged_or_left() {
-    let Some(workplace) = videos() else { return };
-    std::fs::copy(sensor().join("untouched.png"), workplace.path("untouched.png")).unwrap();
+    let Some((workplace, sensor)) = videos() else { return };
+    std::fs::copy(sensor.join("untouched.png"), workplace.path("untouched.png")).unwrap();
     let camera = "touch predict --camera /dev/null --untouched untouched.png --json --out out";
     let play = "FFMPEG -nostdin -loglevel error -i touched.mkv -vf settb=1/60,setpts=N -r 60 -f image2pipe -c:v ppm -";
     let unplugged = format!("echo \"$@\" > asked\n{play}\necho /dev/null: No such device >&2; exit 1");

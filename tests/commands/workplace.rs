@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -128,6 +129,18 @@ pub fn assert_same(left: &Files, right: &Files) {
 pub fn skip(reason: &str) {
     eprintln!("SKIPPED: {reason}");
     assert!(std::env::var_os("REQUIRE_ALL").is_none_or(|value| value != "1"), "skipped: {reason}");
+}
+
+/// Returns a folder of other people's data. It lies beside the clone, because it is not ours to keep here. Where it is missing the test says so,
+/// past the harness, and tests nothing.
+pub fn others_data(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(name);
+    if !folder.exists() {
+        // A closed standard error is no reason to fail.
+        let _ = writeln!(std::io::stderr(), "NOT TESTED: {} is missing", folder.display());
+        return None;
+    }
+    Some(folder)
 }
 
 fn collect(root: &Path, folder: &Path, files: &mut Files) {

@@ -1,18 +1,13 @@
 //! `touch predict` read a cut JPEG as a press of 3.6 mm, stopped at files of macOS, and wrote names with commas as two columns.
 
-use std::path::Path;
+use image::ImageFormat;
 
-use image::{ImageFormat, RgbImage};
-
-use crate::workplace::Workplace;
-
-fn image(name: &str) -> RgbImage {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/real_digit/dd");
-    image::open(folder.join(format!("{name}.png"))).unwrap().into_rgb8()
-}
+use crate::workplace::{Workplace, others_data};
 
 #[test]
 fn damaged_images_and_files_of_desktops_are_left_out() {
+    let Some(data) = others_data("real_digit") else { return };
+    let image = |name: &str| image::open(data.join(format!("dd/{name}.png"))).unwrap().into_rgb8();
     let workplace = Workplace::new();
     std::fs::create_dir(workplace.path("in")).unwrap();
     image("untouched").save(workplace.path("untouched.png")).unwrap();
