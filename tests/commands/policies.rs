@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::workplace::Workplace;
 
 /// A policy that holds the middle of the joints' ranges, at a rate.
-fn write(workplace: &Workplace, control_hz: &str) {
+pub fn write(workplace: &Workplace, control_hz: &str) {
     let hand = Hand::allegro(Side::Left);
     let zeros = [0_u8; 4 * 16 * 19];
     let tensors = [

@@ -8,6 +8,7 @@ use std::process::{Child, ChildStderr, Stdio};
 use mvt_robot::hand::{Hand, Side};
 use serde_json::Value;
 
+use crate::policies;
 use crate::ros::{domain, ended, interrupt, json_of, python, start};
 use crate::workplace::Workplace;
 
@@ -129,7 +130,11 @@ fn a_driver_whose_robot_is_killed_opens_the_hand_and_says_so() {
     workplace.write("rig.toml", &text);
     let mut robot = spawn(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 60 {SPEED}"));
     let mut of_robot = Said::of(robot.stderr.take().unwrap());
-    let mut run = spawn(&workplace, "run --ros rig.toml --drive --object cube70 --out live --quiet");
+    policies::write(&workplace, "50");
+    let mut run = spawn(
+        &workplace,
+        "run --ros rig.toml --drive --controller policy.safetensors --object cube70 --out live --quiet",
+    );
     let mut of_run = Said::of(run.stderr.take().unwrap());
     of_run.until("the hand is driven");
     of_robot.until("the first command has come");

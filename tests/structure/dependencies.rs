@@ -181,6 +181,14 @@ fn the_downloader_is_imported_by_few() {
 }
 
 #[test]
+fn only_commands_read_arguments() {
+    let is_library = |layer: &String| ["scenes", "sim", "perception", "slam"].contains(&layer.as_str());
+    let libraries = members().filter(|(_, package)| package.layer.as_ref().is_some_and(is_library));
+    let chains = libraries.filter_map(|(name, _)| path(name, "clap")).map(|chain| chain.join(" -> "));
+    nothing_offends("libraries below app/ know no command line", &chains.collect::<Vec<_>>());
+}
+
+#[test]
 fn only_evaluations_tell_an_explorer_what_it_cannot_know() {
     let offends =
         |file: &std::path::PathBuf| !file.starts_with("app/evaluation") && code(file).contains("UnknownSurface for ");
