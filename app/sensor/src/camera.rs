@@ -8,7 +8,7 @@ use image::RgbImage;
 use mvt_robot::digit::profile::SensorProfile;
 
 use crate::layout::ImageLayout;
-use crate::stream::{CameraMode, Pace, StreamSource, VideoStream};
+use crate::stream::{Pace, StreamSource, VideoStream};
 
 /// Folder in which Linux names cameras by maker, product and serial number.
 const BY_SERIAL: &str = "/dev/v4l/by-id";
@@ -21,7 +21,7 @@ const AT_ONCE: usize = 16;
 pub struct TouchCamera {
     stream: VideoStream,
     size_px: [usize; 2],
-    /// How its images lie, which the first one shows.
+    /// How its images lie, which the first one shows unless its profile says where their corners are.
     layout: Option<ImageLayout>,
     read: usize,
 }
@@ -34,8 +34,9 @@ impl TouchCamera {
     /// If there is no such sensor, or several, or ffmpeg cannot be started.
     pub fn open(name: &str, profile: &SensorProfile) -> Result<Self> {
         let device = if name.starts_with('/') { PathBuf::from(name) } else { of_serial(Path::new(BY_SERIAL), name)? };
-        let stream = StreamSource::Camera(device, CameraMode::of(profile)).open(Pace::Fastest)?;
-        Ok(Self { stream, size_px: profile.size_px, layout: None, read: 0 })
+        let stream = StreamSource::Camera(device).open(Pace::Fastest, profile)?;
+        let layout = profile.corners_px.is_some().then(ImageLayout::default);
+        Ok(Self { stream, size_px: profile.size_px, layout, read: 0 })
     }
 
     /// Waits for an image and returns the newest; `None` when the camera has ended or `stop` is set.

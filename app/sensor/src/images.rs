@@ -15,6 +15,7 @@ use mvt_touch::untouched::{difference_from_untouched, estimate};
 use rayon::prelude::*;
 
 use crate::layout::ImageLayout;
+use crate::window::GelWindow;
 
 /// Images that cannot be read of which each is told.
 const MOST_DEFECTS: usize = 5;
@@ -44,7 +45,7 @@ impl SensorImages {
         ensure!(!files.is_empty(), "--images: there is no image (.png, .jpg) in {}", list(paths));
         let ids = ids(&files)?;
         let (mut known, mut images, mut defects) = (Vec::new(), Vec::new(), Vec::new());
-        for (id, read) in ids.into_iter().zip(files.par_iter().map(|path| read(path)).collect::<Vec<_>>()) {
+        for (id, read) in ids.into_iter().zip(files.par_iter().map(|path| read(path, profile)).collect::<Vec<_>>()) {
             match read {
                 Ok(image) => {
                     known.push(id);
@@ -64,7 +65,7 @@ impl SensorImages {
         if defects.len() > MOST_DEFECTS {
             tracing::warn!("{} more images are skipped", defects.len() - MOST_DEFECTS);
         }
-        let untouched = untouched.map(read).transpose()?;
+        let untouched = untouched.map(|path| read(path, profile)).transpose()?;
 
         if untouched.is_none() {
             if images.len() < FEW_IMAGES {
@@ -100,7 +101,7 @@ impl SensorState {
         engine: &Engine,
     ) -> Result<Self> {
         let size_px = profile.size_px;
-        let layout = place(untouched.as_ref(), images, size_px)?;
+        let layout = place(untouched.as_ref(), images, profile)?;
         images.iter_mut().for_each(|image| *image = layout.upright(image, size_px));
         let untouched = match untouched {
             Some(image) => layout.upright(&image, size_px),
@@ -146,7 +147,7 @@ pub(crate) fn engine(profile: &SensorProfile, weights: Option<&Path>) -> Result<
 }
 
 /// Returns how the sensor's images lie, and warns unless they stand upright in RGB order.
-fn place(untouched: Option<&RgbImage>, images: &[RgbImage], size_px: [usize; 2]) -> Result<ImageLayout> {
+fn place(untouched: Option<&RgbImage>, images: &[RgbImage], profile: &SensorProfile) -> Result<ImageLayout> {
     let Some(first) = images.first() else { return Ok(ImageLayout::default()) };
     if let Some(odd) = images.iter().chain(untouched).find(|image| image.dimensions() != first.dimensions()) {
         let ((width, height), (other_width, other_height)) = (first.dimensions(), odd.dimensions());
@@ -154,7 +155,10 @@ fn place(untouched: Option<&RgbImage>, images: &[RgbImage], size_px: [usize; 2])
             "the images differ in size: {width} x {height} and {other_width} x {other_height} pixels; give images of one sensor"
         );
     }
-    let layout = ImageLayout::of(untouched.unwrap_or(first), size_px);
+    if profile.corners_px.is_some() {
+        return Ok(ImageLayout::default());
+    }
+    let layout = ImageLayout::of(untouched.unwrap_or(first), profile.size_px);
     if layout.quarter_turns > 0 {
         tracing::warn!(
             "the images are turned by {} degrees: the light of the LEDs comes from another side",
@@ -174,9 +178,17 @@ fn place(untouched: Option<&RgbImage>, images: &[RgbImage], size_px: [usize; 2])
     Ok(layout)
 }
 
-/// Reads an image as RGB. Grey images have no colours to see slopes by.
-pub(crate) fn read(path: &Path) -> Result<RgbImage> {
-    mvt_images::colours(read_any_image(path)?).with_context(|| format!("cannot use {}", path.display()))
+/// Reads an image of a sensor as RGB: the part that shows the gel. Grey images have no colours to see slopes by.
+pub(crate) fn read(path: &Path, profile: &SensorProfile) -> Result<RgbImage> {
+    let image = read_any_image(path)?;
+    let read = || -> Result<RgbImage> {
+        let image = mvt_images::colours(image)?;
+        match GelWindow::of(profile) {
+            Some(window) => window.cut(&image),
+            None => Ok(image),
+        }
+    };
+    read().with_context(|| format!("cannot use {}", path.display()))
 }
 
 /// Returns the image files that are named or lie in the folders named, sorted within each folder.

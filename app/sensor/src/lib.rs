@@ -25,6 +25,7 @@ mod predictor;
 mod stream;
 mod units;
 mod weigh;
+mod window;
 
 pub use calibrate::{TouchCalibrateArguments, calibrate};
 pub use camera::TouchCamera;

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::images::{SensorImages, SensorState, engine, read};
 use crate::predictor::{Predictor, Reading};
-use crate::stream::{CameraMode, Pace, StreamSource};
+use crate::stream::{Pace, StreamSource};
 
 /// Turn images, a video or a camera of a touch sensor into indentation and contact
 ///
@@ -102,8 +102,7 @@ pub fn predict(arguments: &TouchPredictArguments, listen: impl FnOnce() -> Resul
     config.validate().context("--threshold-mm, --probability")?;
     let mut predictor = Predictor::new(engine(&profile, arguments.weights.as_deref())?, &profile, config);
     let video = arguments.video.clone().map(StreamSource::Video);
-    let camera = || arguments.camera.clone().map(|path| StreamSource::Camera(path, CameraMode::of(&profile)));
-    match video.or_else(camera) {
+    match video.or_else(|| arguments.camera.clone().map(StreamSource::Camera)) {
         Some(source) if arguments.view => {
             let stop = listen()?;
             watch(&source, &stop, |view| predict_stream(arguments, &mut predictor, &source, &stop, Some(view)))
@@ -173,9 +172,10 @@ fn predict_stream(
     stop: &AtomicBool,
     view: Option<&LiveView>,
 ) -> Result<()> {
-    let untouched = arguments.untouched.as_deref().map(read).transpose()?;
+    let untouched = arguments.untouched.as_deref().map(|path| read(path, &predictor.profile)).transpose()?;
     let most = arguments.frames.map_or(usize::MAX, |most| usize::try_from(most).unwrap_or(usize::MAX));
-    let stream = source.open(if view.is_some() { Pace::OfTheFilm } else { Pace::Fastest })?;
+    let pace = if view.is_some() { Pace::OfTheFilm } else { Pace::Fastest };
+    let stream = source.open(pace, &predictor.profile)?;
     let first = FIRST_FRAMES.min(most);
     let mut images = stream.receive(first, first, stop);
     if images.is_empty() {

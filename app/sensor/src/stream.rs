@@ -12,29 +12,15 @@ use anyhow::{Context as _, Result, bail, ensure};
 use image::RgbImage;
 use mvt_robot::digit::profile::SensorProfile;
 
+use crate::window::GelWindow;
+
 /// Place that frames come from.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StreamSource {
     /// Video file.
     Video(PathBuf),
     /// Camera of the system, such as `/dev/video0`.
-    Camera(PathBuf, CameraMode),
-}
-
-/// Size and rate of the frames that a camera is asked for. A camera that lacks this mode delivers its nearest one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CameraMode {
-    width: usize,
-    height: usize,
-    frame_hz: f64,
-}
-
-impl CameraMode {
-    /// Returns the mode of a sensor's camera. Cameras deliver images that are wider than tall, however the sensor is mounted.
-    pub fn of(profile: &SensorProfile) -> Self {
-        let [a, b] = profile.size_px;
-        Self { width: a.max(b), height: a.min(b), frame_hz: profile.frame_hz }
-    }
+    Camera(PathBuf),
 }
 
 /// How fast a video is read.
@@ -49,7 +35,7 @@ pub enum Pace {
 impl std::fmt::Display for StreamSource {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Video(path) | Self::Camera(path, _) => path.display().fmt(f),
+            Self::Video(path) | Self::Camera(path) => path.display().fmt(f),
         }
     }
 }
@@ -79,11 +65,12 @@ pub struct VideoStream {
 }
 
 impl StreamSource {
-    /// Starts ffmpeg on this source. A video is read as fast as possible or at the rate of its frames; a camera has its own rate.
+    /// Starts ffmpeg on this source, which shows a sensor with this profile. A video is read as fast as possible or at the rate of its frames; a
+    /// camera has its own rate.
     ///
     /// # Errors
     /// If there is no such file or camera, or ffmpeg cannot be started.
-    pub fn open(&self, pace: Pace) -> Result<VideoStream> {
+    pub fn open(&self, pace: Pace, profile: &SensorProfile) -> Result<VideoStream> {
         let mut command = Command::new("ffmpeg");
         command.args(["-nostdin", "-loglevel", "error"]);
         if pace == Pace::OfTheFilm && matches!(self, Self::Video(_)) {
@@ -97,14 +84,20 @@ impl StreamSource {
                 file.push(path);
                 command.arg("-i").arg(file);
             }
-            Self::Camera(path, CameraMode { width, height, frame_hz }) => {
+            Self::Camera(path) => {
                 ensure!(
                     is_device(path),
                     "{} is no camera: connect it, and give its device, such as /dev/video0",
                     path.display()
                 );
-                command.args(["-f", "v4l2", "-video_size", &format!("{width}x{height}")]);
-                command.args(["-framerate", &frame_hz.to_string(), "-i"]).arg(path);
+                command.args(["-f", "v4l2"]);
+                // A camera that lacks this mode delivers its nearest one. Of one that sees more than the gel, the size is its own.
+                if profile.corners_px.is_none() {
+                    // Cameras deliver images that are wider than tall, however the sensor is mounted.
+                    let [a, b] = profile.size_px;
+                    command.args(["-video_size", &format!("{}x{}", a.max(b), a.min(b))]);
+                }
+                command.args(["-framerate", &profile.frame_hz.to_string(), "-i"]).arg(path);
             }
         }
         command.args(["-map", "0:v:0"]).args(EACH_FRAME_ONCE).args(["-f", "image2pipe", "-c:v", "ppm", "-"]);
@@ -116,7 +109,9 @@ impl StreamSource {
             .spawn()
             .context("cannot start ffmpeg, which decodes videos and cameras; install it, for example with `apt-get install ffmpeg`")?;
         let (sender, frames) = mpsc::sync_channel(WAITING);
-        let reader = ffmpeg.stdout.take().map(|output| std::thread::spawn(move || send_frames(output, &sender)));
+        let window = GelWindow::of(profile);
+        let read = move |output| send_frames(output, window.as_ref(), &sender);
+        let reader = ffmpeg.stdout.take().map(|output| std::thread::spawn(move || read(output)));
         let messages = ffmpeg.stderr.take().map(|messages| std::thread::spawn(|| first_messages(messages)));
         Ok(VideoStream { source: self.clone(), ffmpeg, frames, reader, messages })
     }
@@ -141,10 +136,18 @@ fn first_messages(mut messages: ChildStderr) -> Vec<u8> {
 }
 
 /// Sends all frames until nobody receives them any more. Returns why one could not be read.
-fn send_frames(output: ChildStdout, sender: &SyncSender<RgbImage>) -> Option<anyhow::Error> {
+fn send_frames(
+    output: ChildStdout,
+    window: Option<&GelWindow>,
+    sender: &SyncSender<RgbImage>,
+) -> Option<anyhow::Error> {
     let mut output = BufReader::new(output);
+    let mut next = || match (read_frame(&mut output)?, window) {
+        (Some(frame), Some(window)) => window.cut(&frame).map(Some),
+        (frame, _) => Ok(frame),
+    };
     loop {
-        match read_frame(&mut output) {
+        match next() {
             Ok(Some(frame)) => sender.send(frame).ok()?,
             Ok(None) => return None,
             Err(error) => return Some(error),
@@ -190,7 +193,7 @@ impl VideoStream {
                 Ok(())
             }
             (StreamSource::Video(_), None) => Ok(()),
-            (StreamSource::Camera(path, _), reason) => {
+            (StreamSource::Camera(path), reason) => {
                 let reason = reason.unwrap_or_else(|| "it delivers no more frames".to_owned());
                 let path = path.display();
                 if read == 0 {

@@ -49,6 +49,10 @@ settings! {
 pub struct SensorProfile {
     /// Width and height of its images, pixels.
     pub size_px: [usize; 2],
+    /// Places of the corners of its images in those that its camera delivers, pixels from the left and from the top: top left, top right, bottom right
+    /// and bottom left. Without them the camera's images are whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corners_px: Option<[[f64; 2]; 4]>,
     /// Images that its camera delivers per second.
     pub frame_hz: f64,
     /// Vertical field of view of the camera, degrees.
@@ -84,6 +88,7 @@ impl Default for SensorProfile {
     fn default() -> Self {
         Self {
             size_px: [WIDTH, HEIGHT],
+            corners_px: None,
             // The fast mode of a DIGIT.
             frame_hz: 60.0,
             fov_y_deg: FOV_Y_DEG,
@@ -191,6 +196,13 @@ impl SensorProfile {
     /// [`SettingError`] names the first value that is out of range.
     pub fn validate(&self) -> Result<(), SettingError> {
         (32..=1024).check("size_px", &self.size_px)?;
+        if let Some(corners) = &self.corners_px {
+            corners.iter().try_for_each(|corner| (0.0..=20_000.0).check("corners_px", corner))?;
+            if !is_convex(corners) {
+                let range = "the corners of a convex figure, one after the other around it";
+                return Err(SettingError::new("corners_px", format!("{corners:?}"), range));
+            }
+        }
         (1.0..=1000.0).check("frame_hz", &self.frame_hz)?;
         (20.0..=100.0).check("fov_y_deg", &self.fov_y_deg)?;
         (2.0..=100.0).check("apex_mm", &self.apex_mm)?;
@@ -249,6 +261,17 @@ impl SensorProfile {
     }
 }
 
+/// Returns whether corners go around a convex figure that is not flat, either way.
+fn is_convex(corners: &[[f64; 2]; 4]) -> bool {
+    /// Least area of the triangle at a corner, twice, square pixels.
+    const LEAST: f64 = 100.0;
+    let turns: [f64; 4] = std::array::from_fn(|k| {
+        let [[ax, ay], [bx, by], [cx, cy]] = [0, 1, 2].map(|next| corners[(k + next) % 4]);
+        (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
+    });
+    turns.iter().all(|turn| *turn > LEAST) || turns.iter().all(|turn| *turn < -LEAST)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -291,6 +314,8 @@ mod tests {
             "size_px = [0, 0]",
             "size_px = [240, 2000]",
             "frame_hz = 0.0",
+            "corners_px = [[0.0, 0.0], [90.0, 90.0], [90.0, 0.0], [0.0, 90.0]]",
+            "corners_px = [[0.0, 0.0], [90.0, 0.0], [90.0, nan], [0.0, 90.0]]",
             "apex_mm = -1.0",
             "apex_mm = nan",
             "size_mm = [20.0, inf]",
