@@ -1,6 +1,7 @@
 //! The part of a camera's images that shows the gel.
 
 use anyhow::{Result, ensure};
+use image::imageops::interpolate_bilinear;
 use image::{Rgb, RgbImage};
 use mvt_robot::digit::profile::SensorProfile;
 use nalgebra as na;
@@ -57,7 +58,7 @@ impl GelWindow {
                 let x = (f64::from(column) + (i as f64 + 0.5) * step) / columns as f64;
                 let y = (f64::from(row) + (j as f64 + 0.5) * step) / rows as f64;
                 let level = sampled(image, self.pixel([x, y]));
-                sum.iter_mut().zip(level).for_each(|(sum, level)| *sum += level * step * step);
+                sum.iter_mut().zip(level).for_each(|(sum, level)| *sum += f64::from(level) * step * step);
             }
             Rgb(sum.map(|level| level.round() as u8))
         }))
@@ -77,26 +78,11 @@ fn homography([a, b, c, d]: [[f64; 2]; 4]) -> Option<na::Matrix3<f64>> {
 }
 
 /// Returns the levels at a place in an image, between the middles of four pixels.
-fn sampled(image: &RgbImage, [x, y]: [f64; 2]) -> [f64; 3] {
+fn sampled(image: &RgbImage, [x, y]: [f64; 2]) -> [u8; 3] {
     let (width, height) = image.dimensions();
-    let split = |at: f64, side: u32| {
-        let at = (at - 0.5).clamp(0.0, f64::from(side - 1));
-        let first = (at as u32).min(side.saturating_sub(2));
-        (first, (first + 1).min(side - 1), at - f64::from(first))
-    };
-    let ((left, right, u), (top, bottom, v)) = (split(x, width), split(y, height));
-    let corners = [
-        (left, top, (1.0 - u) * (1.0 - v)),
-        (right, top, u * (1.0 - v)),
-        (left, bottom, (1.0 - u) * v),
-        (right, bottom, u * v),
-    ];
-    let mut levels = [0.0; 3];
-    for (column, row, share) in corners {
-        let pixel = image.get_pixel(column, row).0;
-        levels.iter_mut().zip(pixel).for_each(|(sum, level)| *sum += share * f64::from(level));
-    }
-    levels
+    let inside = |at: f64, side: u32| (at - 0.5).clamp(0.0, f64::from(side.saturating_sub(1))) as f32;
+    // Only an image without pixels has no level there.
+    interpolate_bilinear(image, inside(x, width), inside(y, height)).map_or([0; 3], |pixel| pixel.0)
 }
 
 #[cfg(test)]
