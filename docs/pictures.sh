@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the pictures and films of README.md anew: docs/pictures.sh [PROGRAM]. Needs Xvfb and xdotool for the window, Chromium
+# Makes the pictures and films of README.md, and the example of the window, anew: docs/pictures.sh [PROGRAM]. Needs Xvfb and xdotool for the window, Chromium
 # for the report, NumPy and SciPy for the real sequence; about 4 minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -23,6 +23,15 @@ cd "$work"
 "$program" run --out run
 cp run/mesh.gif "$docs/rubiks_cube.gif"
 "$program" view --run run --record "$docs/view.gif" --overwrite --every 18 --rate 10 --size 800x450
+# The recording that the window carries.
+"$program" run --object rubiks_cube_small --duration 5 --set mesh_cell_mm=3 --out example
+rm example/recording/running
+python3 - "$docs/../app/window/assets/example.zip" <<'PYTHON'
+import pathlib, sys, zipfile
+with zipfile.ZipFile(sys.argv[1], "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+    for file in sorted(pathlib.Path("example/recording").iterdir()):
+        archive.write(file)
+PYTHON
 "$program" run --object 077_rubiks_cube --controller tumble_back --duration 6 --seed 1 --out tumble
 "$program" view --run tumble --record "$docs/tumble.gif" --overwrite --layout scene --colour true --show mesh,truth,hand --every 4 --rate 12 \
     --size 600x400

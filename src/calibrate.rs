@@ -13,7 +13,6 @@ use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
 use mvt_run::io::{check_named, print_line, write_named};
 use mvt_run::object::default_object;
-use mvt_run::settings;
 use mvt_run::source::{LogSource, Modality, Source, TouchArguments, TouchOrigin};
 use mvt_simulated::{Fault, SimulatedSettings, SimulatedSource};
 
@@ -61,7 +60,7 @@ pub struct CalibrateArguments {
 
 /// Runs the command.
 pub fn run(arguments: &CalibrateArguments) -> Result<()> {
-    let mut config: RunConfig = settings::load(RunConfig::default(), None, &arguments.set)?;
+    let mut config = RunConfig::default().changed(None, &arguments.set)?;
     config.calibration.refine = true;
     if let Some(path) = &arguments.out {
         check_named(path, arguments.overwrite)?;

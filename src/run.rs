@@ -18,10 +18,10 @@ use mvt_run::estimator::Mode;
 use mvt_run::input::map_obstacles;
 use mvt_run::io::{print_line, write_file};
 use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline};
+use mvt_run::progress;
 use mvt_run::progress_recorder::ProgressRecorder;
 use mvt_run::report::{RunRecord, in_words};
 use mvt_run::truth::Truth;
-use mvt_run::{progress, settings};
 use mvt_slam::map::Map;
 use mvt_viewer::window_program::WindowProgram;
 
@@ -39,7 +39,7 @@ pub fn main_job() -> Result<()> {
 
 /// Runs the command.
 pub fn run(arguments: &RunArguments) -> Result<()> {
-    let mut config: RunConfig = settings::load(suited(arguments)?, arguments.config.as_deref(), &arguments.set)?;
+    let mut config = suited(arguments)?.changed(arguments.config.as_deref(), &arguments.set)?;
     if let Some(choice) = arguments.calibration {
         config.calibration.refine = choice == CalibrationChoice::Refine;
     }
@@ -66,7 +66,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     }
     // Held until the last file is written.
     let _claimed = folder::claim(&arguments.out, arguments.overwrite)?;
-    let settings = format!("# {}\n{}", arguments.repeat(&name, seed), settings::to_toml(&config)?);
+    let settings = format!("# {}\n{}", arguments.repeat(&name, seed), config.to_toml()?);
     write_file(&arguments.out, folder::CONFIG, settings.as_bytes())?;
 
     let about = About {

@@ -23,7 +23,7 @@ use crate::signals::stop_on_signals;
 /// Show a run or a log in a window, or write a picture or film of it
 ///
 /// The run may be finished, still going, or have crashed. Two runs are compared side by side. Without a folder the
-/// window opens on a page that starts runs.
+/// window opens on a page that starts runs, or plays an example if there was no run yet.
 ///
 /// The window needs a display with OpenGL; H shows its keys. --record needs neither a display nor a graphics card.
 #[derive(Debug, Args)]

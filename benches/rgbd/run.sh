@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Renders 18 RGB-D sequences of unknown objects with Open3D's rays, tracks them with our program and with Open3D's ICP and TSDF volume, and scores both
+# Renders 23 RGB-D sequences of unknown objects with Open3D's rays, tracks them with our program and with Open3D's ICP and TSDF volume, and scores both
 # by the protocol of YCBInEOAT.
 #
 #   benches/rgbd/run.sh OUT [--only NAME ...]           renders into OUT/sequences; finished ones are skipped; some 25 minutes on one core, 5 GB
-#   benches/rgbd/run.sh OUT track [--only NAME ...]     also tracks them into OUT/ours, with the first mask alone into OUT/carried, and by Open3D
-#                                                       into OUT/open3d_*, unless that is done, and writes OUT/summary.json
+#   benches/rgbd/run.sh OUT track [--only NAME ...]     renders the held-out half alone, tracks it into OUT/ours, with the first mask alone into
+#                                                       OUT/carried, and by Open3D into OUT/open3d_*, unless that is done, and writes OUT/summary.json
 #   benches/rgbd/run.sh OUT tune                        chooses Open3D's settings on the tuning half, and writes OUT/tuned/settings.json
 #
 # Needs Rust and Python 3.11 to 3.13; installs Open3D 0.20 into a virtual environment in OUT. sequences.toml describes the sequences and names the half
@@ -27,6 +27,13 @@ fi
 cargo build --release --quiet --bin mambavitact
 ours="${CARGO_TARGET_DIR:-target}/release/mambavitact"
 "$ours" assets fetch
+if [ $step = track ] && [ $# = 0 ]; then
+    held_out=$("$python" -c 'import tomllib; print(*(name for name, of in tomllib.load(open("benches/rgbd/sequences.toml", "rb")).items() if isinstance(of, dict) and of.get("half") == "held_out"))')
+    # shellcheck disable=SC2086
+    set -- --only $held_out
+    # That of speed.py.
+    "$python" $here/render.py "$out/sequences" --only picked_cracker
+fi
 "$python" $here/render.py "$out/sequences" "$@"
 case $step in
 tune) "$python" $here/peer.py "$out/sequences" "$out/tuned" --tune ;;
@@ -34,11 +41,7 @@ track)
     for variant in plane colour; do
         "$python" $here/peer.py "$out/sequences" "$out/open3d_$variant" --variant $variant "$@"
     done
-    names=("${@:2}")
-    if [ ${#names[@]} = 0 ]; then
-        for folder in "$out/sequences"/*/; do names+=("$(basename "$folder")"); done
-    fi
-    for name in "${names[@]}"; do
+    for name in "${@:2}"; do
         # The same with the mask of the first frame alone.
         first=$out/first_mask/$name
         mkdir -p "$first/masks"

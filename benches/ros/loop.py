@@ -1,6 +1,9 @@
-"""Measures the closed loop of two processes: kept, turned and F-score of each start, and how soon one notices that the other was killed.
+"""Measures the closed loop of a simulated robot and a run that drives it, two processes over the loopback, beside the same starts as `run` alone.
 
-See loop.sh.
+usage: loop.py --program PROGRAM [--starts 10] [--duration 30] [--speed 0.15] [--object cube70] [--kills 0] [--json FILE]
+
+Prints what was kept and turned, and the F-score of each start; and how soon one notices that the other was killed. ROS_PYTHON names a Python with
+rclpy, which then records the commands as a third process.
 """
 
 import argparse
@@ -32,6 +35,7 @@ parser.add_argument("--object", default="cube70")
 parser.add_argument("--controller", default="auto")
 parser.add_argument("--kills", type=int, default=0)
 parser.add_argument("--domain", type=int, default=61)
+parser.add_argument("--json", type=pathlib.Path, help="file for one JSON object with the figures")
 arguments = parser.parse_args()
 program = str(pathlib.Path(arguments.program).resolve())
 folder = pathlib.Path(tempfile.mkdtemp(prefix="ros_loop."))
@@ -191,6 +195,7 @@ def kill(number, choice):
         run.end(signal.SIGKILL)
 
 
+figures = {}
 if arguments.starts:
     print("| seed | kept | turned, rad | F@5 | frames | late | stops | stamp to pose, ms | alone: kept | turned | F@5 |")
     print("|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
@@ -206,13 +211,26 @@ if arguments.starts:
     kept = sum(row["kept"] for row in rows)
     ratio = statistics.mean(row["turned"] for row in rows) / statistics.mean(row["alone_turned"] for row in rows)
     difference = statistics.mean(row["f5"] - row["alone_f5"] for row in rows)
+    figures = {
+        "kept": kept / len(rows),
+        "turned": ratio,
+        "f5": difference,
+        "f5_error": statistics.stdev(row["f5"] - row["alone_f5"] for row in rows) / len(rows) ** 0.5 if len(rows) > 1 else None,
+        "step": max((row.get("step", 0.0) for row in rows), default=None),
+    }
     print(f"\nkept {kept} of {len(rows)}; turned {ratio:.2f} of `run` alone; F@5 differs by {difference:+.3f} on average")
     if "step" in rows[0]:
         print(f"greatest step of a target that a third process saw: {max(row['step'] for row in rows):.4f} rad")
 if arguments.kills:
     choice = random.Random(1)
     times = [kill(number, choice) for number in range(arguments.kills)]
-    for is_robot, name in [(True, "robot killed, driver says so"), (False, "driver killed, robot says so")]:
+    for is_robot, key, name in [
+        (True, "robot_killed", "robot killed, driver says so"),
+        (False, "driver_killed", "driver killed, robot says so"),
+    ]:
         of = [seconds for was_robot, seconds in times if was_robot == is_robot]
         if of:
+            figures |= {key: len(of), f"{key}_median_s": statistics.median(of), f"{key}_longest_s": max(of)}
             print(f"{name}: {len(of)} times, median {statistics.median(of):.2f} s, longest {max(of):.2f} s")
+if arguments.json:
+    arguments.json.write_text(json.dumps(figures))

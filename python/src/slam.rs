@@ -11,7 +11,6 @@ use mvt_robot::hand::{Hand, PerPad};
 use mvt_run::carrier::{LabelCarrier, leave_labels_open};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Estimator;
-use mvt_run::settings;
 use mvt_run::source::Modality;
 use mvt_slam::TrackState;
 use mvt_slam::map::Map;
@@ -162,7 +161,7 @@ impl Slam {
             })
             .collect::<PyResult<_>>()?;
         let base = if rig == NO_HAND { RunConfig::without_hand() } else { RunConfig::default() };
-        let config = settings::load(base, None, &set).map_err(argument)?;
+        let config = base.changed(None, &set).map_err(argument)?;
         if let Some(key) = settings.keys().find(|key| !USED.iter().any(|group| key.starts_with(group))) {
             let words = format!(
                 "settings: {key} has no effect here; Slam uses settings of slam, touch, calibration and segmentation"

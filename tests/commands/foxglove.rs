@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::net::{TcpListener, TcpStream};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 
 use mvt_bag::mcap::{McapError, McapRecord, scan};
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
-use crate::workplace::Workplace;
+use crate::workplace::{Workplace, signal};
 
 /// Contents of messages by their topics.
 type ByTopic = BTreeMap<String, BTreeSet<Vec<u8>>>;
@@ -63,7 +63,7 @@ fn start(workplace: &Workplace, arguments: &str) -> (Child, String) {
 }
 
 fn interrupt(mut child: Child) -> Option<i32> {
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    signal(&child, "INT");
     child.wait().unwrap().code()
 }
 

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::rgbd::as_named_folders;
 use crate::touch_stream::with_ffmpeg;
-use crate::workplace::{Ended, Workplace, skip};
+use crate::workplace::{Ended, Workplace, signal, skip};
 
 /// Stamps of the sequence: 30 frames per second.
 fn stamp_ns(frame: usize) -> i64 {
@@ -106,8 +106,7 @@ fn prepare_hand(workplace: &Workplace, seconds: f64, domain: u32) {
     workplace.write("ros.toml", format!("{text}\n[ros.touch]\n{pads}"));
 }
 
-/// Starts a command.
-fn begun(workplace: &Workplace, line: &str) -> Child {
+pub fn begun(workplace: &Workplace, line: &str) -> Child {
     workplace.command(line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
@@ -120,10 +119,6 @@ pub fn start(workplace: &Workplace, python: &str, domain: u32, script: &str, arg
         .current_dir(workplace.path(""));
     command.env("ROS_DOMAIN_ID", domain.to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-pub fn interrupt(child: &Child) {
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
 }
 
 pub fn ended(child: Child) -> Ended {
@@ -149,7 +144,7 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     let run = begun(&workplace, "run --ros ros.toml --out live --record recorded");
     let transforms = start(&workplace, &python, domain, "hear_tf.py", "transforms.json 20 100");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
-    interrupt(&run);
+    signal(&run, "INT");
     let of_transforms = ended(transforms);
     assert_eq!(of_transforms.code, Some(0), "{of_transforms:?}");
     let said = ended(run);
@@ -233,7 +228,7 @@ fn topics_are_listed_with_types_and_two_publishers_are_noticed() {
     let peer = start(&workplace, &python, domain, "peer.py", "messages heard.json --twice --reliable");
     let listed = workplace.run(&format!("ros topics --domain {domain} --addresses 127.0.0.1 --duration 6")).good();
     let heard = ended(peer);
-    interrupt(&run);
+    signal(&run, "INT");
     let said = ended(run);
     let line = |topic: &str| listed.lines().find(|line| line.starts_with(topic)).unwrap_or_else(|| panic!("{listed}"));
     assert!(line("/camera/depth/image_raw").contains("sensor_msgs/msg/Image"), "{listed}, {heard:?}");
@@ -264,7 +259,7 @@ fn topics_that_do_not_come_are_named_with_what_is_seen_instead() {
     }
     peer.kill().unwrap();
     peer.wait().unwrap();
-    interrupt(&run);
+    signal(&run, "INT");
     let _ = run.wait();
     assert!(said.contains("no publisher; these topics are seen:") || said.contains("no topic is seen"), "{said}");
 }
@@ -292,7 +287,7 @@ fn what_a_fast_publisher_sends_is_received_and_counted() {
     workplace.write("ros.toml", text.replace("reliable = true\n", ""));
     let run = begun(&workplace, "run --ros ros.toml --out live --quiet");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --hz 15"));
-    interrupt(&run);
+    signal(&run, "INT");
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
     let (heard, summary) = (json_of(&workplace.path("heard.json")), json_of(&workplace.path("live/summary.json")));
@@ -328,7 +323,7 @@ fn a_hand_with_joints_and_touch_sensors_gives_the_motion_that_its_log_gives() {
     workplace.run(&format!("run --log set/cube70/00 --set camera_noise=0 --out of_log {options}")).warned();
     let run = begun(&workplace, &format!("run --ros ros.toml --out live {options}"));
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
-    interrupt(&run);
+    signal(&run, "INT");
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
     let summary = json_of(&workplace.path("live/summary.json"));
@@ -365,7 +360,7 @@ fn what_a_hand_delivers_is_recorded_and_repeats_the_estimate() {
     prepare_hand(&workplace, 0.7, domain);
     let run = begun(&workplace, "run --ros ros.toml --out live --record recorded --object cube70");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --reliable"));
-    interrupt(&run);
+    signal(&run, "INT");
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
     let summary = json_of(&workplace.path("live/summary.json"));
@@ -423,7 +418,7 @@ fn a_touch_sensor_of_this_computer_is_read_beside_the_topics() {
     let mut run = with_ffmpeg(&workplace, "run --ros ros.toml --out live --record recorded --modality vi", &script);
     let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --hz 5"));
-    interrupt(&run);
+    signal(&run, "INT");
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
     assert!(said.stderr.contains("cannot read the camera /dev/null: Device or resource busy"), "{said:?}");

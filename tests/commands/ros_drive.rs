@@ -3,14 +3,14 @@
 use std::fs;
 use std::io::{BufRead as _, BufReader, Lines, Read as _};
 use std::path::Path;
-use std::process::{Child, ChildStderr, Stdio};
+use std::process::ChildStderr;
 
 use mvt_robot::hand::{Hand, Side};
 use serde_json::Value;
 
 use crate::policies;
-use crate::ros::{domain, ended, interrupt, json_of, python, start};
-use crate::workplace::Workplace;
+use crate::ros::{begun, domain, ended, json_of, python, start};
+use crate::workplace::{Workplace, signal};
 
 /// The shipped robot, on the loopback of a domain, with the time of the simulator.
 fn robot_file(workplace: &Workplace, domain: u32) {
@@ -20,11 +20,6 @@ fn robot_file(workplace: &Workplace, domain: u32) {
         "[ros]\ndomain = {domain}\naddresses = [\"127.0.0.1\"]\nreliable = true\nsim_time = true\ntruth = \"/truth\"\n"
     );
     workplace.write("rig.toml", text.replace("[ros]\n", &head));
-}
-
-fn spawn(workplace: &Workplace, line: &str) -> Child {
-    let mut command = workplace.command(line);
-    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
 /// What a program says on its standard error, line by line.
@@ -58,10 +53,10 @@ fn the_estimate_drives_a_simulated_hand_that_keeps_its_object() {
         let topic = "/allegro_hand_position_controller/commands";
         start(&workplace, python, domain, "hear_commands.py", &format!("commands.json {topic}"))
     });
-    let robot = spawn(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 3 {SPEED} --json"));
-    let run = spawn(&workplace, "run --ros rig.toml --drive --object cube70 --controller auto --out live --quiet");
+    let robot = begun(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 3 {SPEED} --json"));
+    let run = begun(&workplace, "run --ros rig.toml --drive --object cube70 --controller auto --out live --quiet");
     let played = ended(robot);
-    interrupt(&run);
+    signal(&run, "INT");
     let said = ended(run);
     let outcome: Value = serde_json::from_str(&played.stdout).unwrap_or_else(|_| panic!("{played:?}, {said:?}"));
     assert_eq!((played.code, said.code), (Some(0), Some(0)), "{played:?}, {said:?}");
@@ -85,7 +80,7 @@ fn the_estimate_drives_a_simulated_hand_that_keeps_its_object() {
     assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < 5.0, "{summary}");
 
     let Some(recorder) = recorder else { return };
-    interrupt(&recorder);
+    signal(&recorder, "INT");
     let recorded = ended(recorder);
     assert_eq!(recorded.code, Some(0), "{recorded:?}");
     let commands: Vec<Vec<f64>> = serde_json::from_slice(&fs::read(workplace.path("commands.json")).unwrap()).unwrap();
@@ -106,8 +101,8 @@ fn the_estimate_drives_a_simulated_hand_that_keeps_its_object() {
 fn a_hand_whose_driver_is_killed_holds_and_says_so() {
     let (workplace, domain) = (Workplace::new(), domain(6));
     robot_file(&workplace, domain);
-    let mut robot = spawn(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 2 {SPEED} --json"));
-    let mut run = spawn(&workplace, "run --ros rig.toml --drive --object cube70 --out live --quiet");
+    let mut robot = begun(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 2 {SPEED} --json"));
+    let mut run = begun(&workplace, "run --ros rig.toml --drive --object cube70 --out live --quiet");
     let mut of_robot = Said::of(robot.stderr.take().unwrap());
     of_robot.until("the first command has come");
     run.kill().unwrap();
@@ -128,10 +123,10 @@ fn a_driver_whose_robot_is_killed_opens_the_hand_and_says_so() {
     let text = text.replace("std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory");
     let text = text.replace("on_stop = \"hold\"", "on_stop = \"open\"");
     workplace.write("rig.toml", &text);
-    let mut robot = spawn(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 60 {SPEED}"));
+    let mut robot = begun(&workplace, &format!("simulate --ros rig.toml --object cube70 --duration 60 {SPEED}"));
     let mut of_robot = Said::of(robot.stderr.take().unwrap());
     policies::write(&workplace, "50");
-    let mut run = spawn(
+    let mut run = begun(
         &workplace,
         "run --ros rig.toml --drive --controller policy.safetensors --object cube70 --out live --quiet",
     );
@@ -141,7 +136,7 @@ fn a_driver_whose_robot_is_killed_opens_the_hand_and_says_so() {
     robot.kill().unwrap();
     robot.wait().unwrap();
     of_run.until("the hand opens: /clock stands still");
-    interrupt(&run);
+    signal(&run, "INT");
     assert!(run.wait().unwrap().success());
     let stops = &json_of(&workplace.path("live/summary.json"))["live"]["commands"]["stops"];
     assert_eq!(stops.as_array().unwrap().last(), Some(&"/clock stands still".into()));
@@ -153,12 +148,12 @@ fn a_command_topic_to_which_nobody_subscribes_is_named() {
     robot_file(&workplace, domain);
     let text = fs::read_to_string(workplace.path("rig.toml")).unwrap();
     workplace.write("elsewhere.toml", text.replace("/allegro_hand_position_controller/commands", "/elsewhere"));
-    let mut robot = spawn(&workplace, &format!("simulate --ros rig.toml --object cube70 {SPEED}"));
-    let mut run = spawn(&workplace, "run --ros elsewhere.toml --drive --object cube70 --out live --quiet");
+    let mut robot = begun(&workplace, &format!("simulate --ros rig.toml --object cube70 {SPEED}"));
+    let mut run = begun(&workplace, "run --ros elsewhere.toml --drive --object cube70 --out live --quiet");
     Said::of(run.stderr.take().unwrap()).until("/elsewhere: nobody subscribes");
     run.kill().unwrap();
     run.wait().unwrap();
-    interrupt(&robot);
+    signal(&robot, "INT");
     let mut printed = String::new();
     robot.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
     assert!(robot.wait().unwrap().success() && printed.contains("was stopped for 0.0 s"), "{printed}");

@@ -2,12 +2,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use mvt_feelsight::npz::{DeflatedFrame, NpzReader, NpzWriter};
 use serde_json::Value;
 
-use crate::workplace::Workplace;
+use crate::workplace::{Workplace, signal};
 
 const FILES: [&str; 18] = [
     "config.toml",
@@ -78,7 +78,7 @@ fn a_closed_loop_reconstructs_and_tracks() {
     let text = again.stdout.clone();
     assert!(again.warned().contains("out.1"));
     assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["frames"], 6, "{text}");
-    assert!(fs::read_to_string(workplace.path("out/config.toml")).unwrap().contains("batch = 512"));
+    assert!(fs::read_to_string(workplace.path("out/config.toml")).unwrap().contains(" Default: 2048.\nbatch = 512\n"));
 }
 
 #[test]
@@ -269,8 +269,7 @@ fn an_interrupted_run_leaves_what_it_has() {
         assert!(child.try_wait().unwrap().is_none(), "the run ended before it was interrupted");
         std::thread::yield_now();
     }
-    let killed = Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
-    assert!(killed.success());
+    signal(&child, "TERM");
     assert_eq!(child.wait().unwrap().code(), Some(1));
     let summary = summary(&workplace, "out");
     assert_eq!(summary["complete"], false, "{summary}");

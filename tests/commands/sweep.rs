@@ -258,12 +258,11 @@ fn a_warned_job_finishes_its_task_and_is_queued_again() {
             std::thread::yield_now();
         }
         if let Some(signal) = signal {
-            let sent = std::process::Command::new("kill").args([signal, &job.id().to_string()]).status().unwrap();
-            assert!(sent.success());
+            crate::workplace::signal(&job, signal);
         }
         job.wait().unwrap().success()
     };
-    assert!(!job(Some("-USR1")));
+    assert!(!job(Some("USR1")));
     let done = results(&workplace).len();
     assert!((1..20).contains(&done), "{done}");
     // The task in hand was finished.

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
-use crate::workplace::{Ended, Workplace, others_data, skip};
+use crate::workplace::{Ended, Workplace, others_data, signal, skip};
 
 const FRAMES: usize = 14;
 
@@ -145,8 +145,8 @@ fn a_camera_is_read_until_it_is_unplugged_or_left() {
     let mut running = with_ffmpeg(&workplace, camera, &endless).stdout(Stdio::piped()).spawn().unwrap();
     let mut output = BufReader::new(running.stdout.take().unwrap()).lines();
     let first: Vec<String> = output.by_ref().take(2 * FRAMES).map(Result::unwrap).collect();
-    let kill = Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
-    assert!(kill.success() && output.all(|line| line.is_ok()));
+    signal(&running, "INT");
+    assert!(output.all(|line| line.is_ok()));
     assert_eq!(running.wait().unwrap().code(), Some(0));
     let first = lines(&first.join("\n"));
     assert_eq!(figures(&first[..FRAMES]), figures(&first[FRAMES..]));

@@ -116,6 +116,11 @@ impl Ended {
     }
 }
 
+/// Sends a signal, such as INT.
+pub fn signal(child: &std::process::Child, name: &str) {
+    assert!(Command::new("kill").args(["-s", name, &child.id().to_string()]).status().unwrap().success());
+}
+
 /// Fails with the name of the first file that differs.
 #[track_caller]
 pub fn assert_same(left: &Files, right: &Files) {

@@ -14,8 +14,8 @@ use mvt_rgbd::RgbdRecording;
 use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::input::map_obstacles;
+use mvt_run::report;
 use mvt_run::source::RgbdSequence;
-use mvt_run::{report, settings};
 use mvt_slam::map::Map;
 use mvt_touch::network::{Architecture, Weights};
 use mvt_tuning::grasp::{Grasp, GraspFile};
@@ -281,7 +281,7 @@ fn jpeg() {
 fn config() {
     let file = OneFile::new("config.toml");
     check("config", &[Original::new(of_run("config.toml"))], |_, bytes| {
-        settings::load(RunConfig::default(), Some(file.with(bytes)), &[]).is_ok()
+        RunConfig::default().changed(Some(file.with(bytes)), &[]).is_ok()
     });
 }
 

@@ -4,7 +4,7 @@ usage: peer.py FOLDER RESULT [--hz HZ] [--reliable] [--twice]
 
 FOLDER holds sequence.json (width, height, k, names) and NAME.rgb, NAME.depth and NAME.mask of each frame: bytes as in messages; the name is
 the stamp in nanoseconds. With a hand, sequence.json also has joints (names, positions of each frame) and touch (width and height of each pad,
-whose images are NAME.PAD), and no masks are published. Without --hz a frame is published when the pose of the one before has arrived, so that none is dropped on a slow
+whose images are NAME.PAD), and no masks are published; with truth (position and quaternion of each frame, w last) the object's poses come on /truth. Without --hz a frame is published when the pose of the one before has arrived, so that none is dropped on a slow
 machine. RESULT receives a JSON object: what was sent, and all poses, markers, points of contact and the last diagnostics that came. With --twice, a second
 publisher of depth stands beside.
 """
@@ -19,7 +19,7 @@ import time
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from visualization_msgs.msg import Marker
@@ -67,6 +67,13 @@ def joint_state(name, number):
     return message
 
 
+def true_pose(name, number):
+    message = stamped(PoseStamped(), name)
+    place, turn = message.pose.position, message.pose.orientation
+    place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = sequence["truth"][number]
+    return message
+
+
 rclpy.init()
 node = rclpy.create_node("peer")
 reliability = ReliabilityPolicy.RELIABLE if arguments.reliable else ReliabilityPolicy.BEST_EFFORT
@@ -83,6 +90,8 @@ if "joints" in sequence:
     publishers["joints"] = node.create_publisher(JointState, "/joint_states", sensor)
 else:
     publishers["masks"] = node.create_publisher(Image, "/masks", sensor)
+if "truth" in sequence:
+    publishers["truth"] = node.create_publisher(PoseStamped, "/truth", sensor)
 second = node.create_publisher(Image, "/camera/depth/image_raw", sensor) if arguments.twice else None
 heard = {"poses": [], "markers": [], "contacts": [], "diagnostics": {}, "sent": 0, "stamps": []}
 every = QoSProfile(depth=100, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
@@ -163,6 +172,8 @@ for number, name in enumerate(sequence["names"]):
         messages["joints"] = joint_state(name, number)
     else:
         messages["masks"] = image(name, "mask", "mono8", 1)
+    if "truth" in sequence:
+        messages["truth"] = true_pose(name, number)
     messages.update({pad: image(name, pad, "rgb8", 3, size) for pad, size in pads.items()})
     for kind, message in messages.items():
         publishers[kind].publish(stamped(message, stamp))

@@ -83,6 +83,17 @@ fn dependencies_of_kernels_and_codecs_are_optimised() {
     nothing_offends("these packages run without optimisation in kernels or codecs", &offenders);
 }
 
+/// `test = false` saves a build of crates without tests in src/; one that is written there would never run.
+#[test]
+fn no_test_is_switched_off() {
+    let manifest = |folder: &str| read(&Path::new(folder).join("Cargo.toml"));
+    let libraries = members().map(|(_, package)| package.folder.as_str()).filter(|folder| !folder.is_empty());
+    let silent = libraries.filter(|folder| manifest(folder).contains("test = false"));
+    let sources = silent.flat_map(|folder| rust_files(&Path::new(folder).join("src")));
+    let tests = sources.filter(|file| read(file).contains("#[test]")).map(|file| file.display().to_string());
+    nothing_offends("these tests never run", &tests.collect::<Vec<_>>());
+}
+
 /// Paths in `include_bytes!` and `include_str!`, relative to the file that includes them.
 fn carried(source: &str) -> impl Iterator<Item = &str> {
     ["include_bytes!(\"", "include_str!(\""]

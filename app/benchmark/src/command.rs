@@ -13,11 +13,11 @@ use mvt_run::config::RunConfig;
 use mvt_run::estimator::{Init, Mode};
 use mvt_run::io::{print_line, write_file};
 use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline};
+use mvt_run::progress;
 use mvt_run::progress_recorder::ProgressRecorder;
 use mvt_run::report::RunRecord;
 use mvt_run::source::{Modality, Recorded, RecordedOptions, RgbdSequence, TouchArguments, TouchOrigin};
 use mvt_run::truth::Truth;
-use mvt_run::{progress, settings};
 
 use crate::results::{Outcome, ResultFile, ResultLine};
 use crate::sets::{Member, members, mesh_of};
@@ -71,7 +71,7 @@ const CONFIG: &str = "config.toml";
 /// # Errors
 /// If there is no sequence, the folder of the results belongs to others, or a sequence fails.
 pub fn run(arguments: &BenchmarkArguments, stop_on_signals: fn() -> Result<Arc<AtomicBool>>) -> Result<()> {
-    let config: RunConfig = settings::load(RunConfig::without_hand(), arguments.config.as_deref(), &arguments.set)?;
+    let config = RunConfig::without_hand().changed(arguments.config.as_deref(), &arguments.set)?;
     let mut members = members(&arguments.data)?;
     if !arguments.only.is_empty() {
         if let Some(unknown) = arguments.only.iter().find(|name| members.iter().all(|member| member.name != **name)) {
@@ -84,7 +84,7 @@ pub fn run(arguments: &BenchmarkArguments, stop_on_signals: fn() -> Result<Arc<A
     let _claimed = ClaimedFolder::claim(out, "benchmark", Earlier::Keep, arguments.overwrite)?;
     let seed = arguments.seed;
     let duration = arguments.duration.map_or(String::new(), |duration_s| format!(", {duration_s} s"));
-    keep_settings(out, &format!("# seed {seed}{duration}\n{}", settings::to_toml(&config)?), arguments.overwrite)?;
+    keep_settings(out, &format!("# seed {seed}{duration}\n{}", config.to_toml()?), arguments.overwrite)?;
     let mut results = ResultFile::resumed(&out.join(RESULTS))?;
     let stop = stop_on_signals()?;
     let bar = progress::bar(members.len() as u64, "sequences");

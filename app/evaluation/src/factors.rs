@@ -3,7 +3,6 @@
 use anyhow::Result;
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
-use mvt_run::settings;
 use mvt_run::source::Modality;
 
 use super::EvaluateArguments;
@@ -49,10 +48,8 @@ pub fn matters(factor: &str, mode: Mode, modality: Modality) -> bool {
 
 /// The settings of each variant by its name: those asked for, and each with a factor at 0.
 pub fn variants(arguments: &EvaluateArguments) -> Result<Vec<(&'static str, RunConfig)>> {
-    let load = |set: &[String]| -> Result<RunConfig> {
-        let config: RunConfig = settings::load(RunConfig::default(), arguments.config.as_deref(), set)?;
-        Ok(config)
-    };
+    let load =
+        |set: &[String]| -> Result<RunConfig> { Ok(RunConfig::default().changed(arguments.config.as_deref(), set)?) };
     let mut variants = vec![(FULL, load(&arguments.set)?)];
     if arguments.ablate {
         for factor in FACTORS {

@@ -9,7 +9,6 @@ use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
 use mvt_run::estimator::Mode;
 use mvt_run::object::load_object;
-use mvt_run::settings;
 use mvt_run::source::{Modality, TouchArguments, TouchOrigin};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -111,7 +110,7 @@ impl SingleRun {
             other => format!("{key}={other}"),
         };
         let set: Vec<String> = self.settings.iter().map(assignment).collect();
-        Ok(settings::load(RunConfig::default(), None, &set)?)
+        Ok(RunConfig::default().changed(None, &set)?)
     }
 }
 

@@ -14,13 +14,7 @@ pub(crate) fn contacts(hand: &Hand, percept: &Percept, frame_from_world: &na::Is
     let cameras = hand.world_from_touch_cameras(&percept.joints);
     for ((press, gel), world_from_camera) in percept.touch.iter().zip(hand.gel_views().iter()).zip(cameras) {
         let Some(press) = press else { continue };
-        let Some(depth_m) = gel.depth_of(&press.indentation_mm) else { continue };
-        for (at @ (row, column), &touches) in press.contact.indexed_iter() {
-            if !touches || row % STRIDE != 0 || column % STRIDE != 0 {
-                continue;
-            }
-            let Some((depth_m, mm)) = depth_m.get(at).zip(press.indentation_mm.get(at)) else { continue };
-            let point = gel.camera().unproject(column as f64, row as f64, f64::from(*depth_m));
+        for (point, mm) in gel.touched_points(&press.indentation_mm, &press.contact, STRIDE) {
             let place = frame_from_world * na::Point3::from((world_from_camera * point).coords());
             points.push([place.x as f32, place.y as f32, place.z as f32, 1e-3 * mm]);
         }

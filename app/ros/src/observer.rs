@@ -7,8 +7,9 @@ use image::RgbImage;
 use mvt_bag::{RosCamera, RosCameraInfo, RosJointState, RosLens, RosPicture};
 use mvt_frames::depth::GivenLabels;
 use mvt_frames::{Camera, Isometry, World};
-use mvt_robot::hand::{Hand, JointAngles, PerPad};
+use mvt_robot::hand::{Hand, JointAngles, PerPad, TouchPad};
 use mvt_robot::observation::{Observation, Rgbd};
+use mvt_sensor::GelWindow;
 
 use crate::feed::StreamNumbers;
 use crate::pairing::{FramePart, PairedFrame};
@@ -24,6 +25,8 @@ pub(crate) struct Observer {
     camera: RosCamera,
     info: RosCameraInfo,
     numbers: StreamNumbers,
+    /// By pad, where the images of a topic show more than the gel. Those of sensors of this computer are cut already.
+    windows: Vec<Option<GelWindow>>,
 }
 
 /// A frame that cannot be used: its topic, and the reason in one line.
@@ -45,7 +48,9 @@ impl Observer {
             .map_err(|reason| format!("{}: {reason}", setup.camera_info))?;
         let mut camera = RosCamera::new(lens, file);
         (camera.depth_unit_m, camera.object) = (setup.depth_unit_m, setup.object);
-        Ok(Self { setup: setup.clone(), hand, camera, info, numbers })
+        let window = |pad: &TouchPad| setup.touch.get(&pad.name).and_then(|_| GelWindow::of(&pad.profile));
+        let windows = hand.pads().iter().map(window).collect();
+        Ok(Self { setup: setup.clone(), hand, camera, info, numbers, windows })
     }
 
     /// Returns the lens of depth.
@@ -79,7 +84,7 @@ impl Observer {
         is_compressed: impl Fn(usize) -> bool,
         world_from_camera: Option<Isometry<Camera, World>>,
     ) -> Result<Observation, Unusable> {
-        let Self { setup, hand, camera, numbers, .. } = self;
+        let Self { setup, hand, camera, numbers, windows, .. } = self;
         let message = |number: usize| match frame.parts.get(number) {
             Some(FramePart::One(one)) => Some(one.item.as_slice()),
             _ => None,
@@ -108,11 +113,17 @@ impl Observer {
             labels = Some(GivenLabels::Mask(of(topic, camera.mask(&image, topic))?));
         }
         let mut touch = Vec::new();
-        for (pad, number) in hand.pads().iter().zip(&numbers.touch) {
+        for ((pad, number), window) in hand.pads().iter().zip(&numbers.touch).zip(windows) {
             let name = setup.touch.get(&pad.name).or_else(|| setup.touch_cameras.get(&pad.name));
             let topic = name.map_or("", String::as_str);
             let image = number.map(|number| picture(number, topic)).transpose()?.flatten();
-            touch.push(image.map(|image| of(topic, image.colours())).transpose()?.unwrap_or_default());
+            let image = image.map(|image| of(topic, image.colours())).transpose()?.unwrap_or_default();
+            touch.push(match window {
+                Some(window) if !image.is_empty() => {
+                    window.cut(&image).map_err(|reason| (topic.to_owned(), reason.to_string()))?
+                }
+                _ => image,
+            });
         }
         let joints = match (numbers.joints.and_then(|number| frame.parts.get(number)), &setup.joints) {
             (Some(part), Some(topic)) => {

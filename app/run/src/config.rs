@@ -5,17 +5,17 @@ use std::path::Path;
 use mvt_calibration::CalibrationConfig;
 use mvt_perceive::PerceptionConfig;
 use mvt_segmentation::{LabelSource, SegmentationConfig};
-use mvt_settings::settings;
 use mvt_slam::SlamConfig;
 use mvt_touch::contact::ContactConfig;
 
+use crate::settings::{self, LoadSettingsError};
 use crate::source::RgbdSequence;
 use crate::supervisor::SupervisorRules;
 
 /// Depths within a mask that differ by more than this form an edge, metres: at a metre, slanted faces differ by more than those in a hand.
 const MASK_JUMP_M: f32 = 0.03;
 
-settings! {
+mvt_settings::settings! {
     /// All settings of a run.
     #[non_exhaustive]
     pub struct RunConfig {
@@ -50,6 +50,24 @@ impl RunConfig {
         let segmentation =
             SegmentationConfig { labels: LabelSource::Given, jump_m: MASK_JUMP_M, edge_px: 0, ..Default::default() };
         Self { segmentation, slam: SlamConfig::without_hand(), ..Default::default() }
+    }
+
+    /// Returns these settings, changed by a TOML file if one is given, then by texts of the form `key=value` in their order. A value is TOML
+    /// (`0.5`, `true`, `[1, 2]`, `"text"`); texts need no quotation marks, and a whole number is accepted as any number.
+    ///
+    /// # Errors
+    /// [`LoadSettingsError`]: for an unknown key it names the nearest key, for an invalid value the key with its kind and range.
+    // Not generic, so that the code that reads all settings is compiled once.
+    pub fn changed(self, file: Option<&Path>, set: &[String]) -> Result<Self, LoadSettingsError> {
+        settings::load(self, file, set)
+    }
+
+    /// Returns the settings as TOML that [`RunConfig::changed`] reads, with documentation, range and default of each as comments.
+    ///
+    /// # Errors
+    /// [`LoadSettingsError::Unfit`] if they do not fit TOML, which is a bug.
+    pub fn to_toml(&self) -> Result<String, LoadSettingsError> {
+        settings::to_toml(self)
     }
 
     /// The settings of perception.

@@ -124,10 +124,7 @@ pub enum LoadSettingsError {
 /// Returns the settings `base`, changed by a TOML file if one is given, then by texts of the form `key=value` in their order.
 ///
 /// A value is TOML (`0.5`, `true`, `[1, 2]`, `"text"`). Texts need no quotation marks, and a whole number is accepted as any number.
-///
-/// # Errors
-/// [`LoadSettingsError`]: for an unknown key it names the nearest key, for an invalid value the key with its kind and range.
-pub fn load<T>(base: T, file: Option<&Path>, set: &[String]) -> Result<T, LoadSettingsError>
+pub(crate) fn load<T>(base: T, file: Option<&Path>, set: &[String]) -> Result<T, LoadSettingsError>
 where
     T: SettingGroup + Serialize + DeserializeOwned,
 {
@@ -169,22 +166,12 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, LoadSettingsError> {
     })
 }
 
-/// Returns settings as TOML that [`load`] reads back.
-///
-/// # Errors
-/// [`LoadSettingsError::Unfit`] if they do not fit TOML.
-pub fn to_toml<T: Serialize>(settings: &T) -> Result<String, LoadSettingsError> {
-    toml::to_string_pretty(settings).map_err(|error| LoadSettingsError::Unfit(error.to_string()))
-}
-
-/// Like [`to_toml`], with documentation, range and default of each setting as comments.
-///
-/// # Errors
-/// [`LoadSettingsError::Unfit`] if they do not fit TOML.
-pub fn to_toml_with_comments<T: SettingGroup + Serialize>(settings: &T) -> Result<String, LoadSettingsError> {
+/// Returns settings as TOML that [`load`] reads back, with documentation, range and default of each as comments.
+pub(crate) fn to_toml<T: SettingGroup + Serialize>(settings: &T) -> Result<String, LoadSettingsError> {
     let listing = T::listing();
+    let plain = toml::to_string_pretty(settings).map_err(|error| LoadSettingsError::Unfit(error.to_string()))?;
     let (mut text, mut table) = (String::new(), String::new());
-    for line in to_toml(settings)?.lines() {
+    for line in plain.lines() {
         if let Some(name) = line.strip_prefix('[').and_then(|line| line.strip_suffix(']')) {
             table = format!("{name}.");
         }

@@ -38,3 +38,4 @@ pub use ndarray;
 pub use predict::{TouchPredictArguments, predict};
 pub use units::{TouchUnitsArguments, units};
 pub use weigh::{TouchWeighArguments, weigh};
+pub use window::GelWindow;

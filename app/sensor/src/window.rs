@@ -8,7 +8,7 @@ use nalgebra as na;
 
 /// Where a gel lies in the images of a camera that sees more than it, or sees it askew or in a mirror.
 #[derive(Debug, Clone)]
-pub(crate) struct GelWindow {
+pub struct GelWindow {
     /// Takes a place on the gel, 0 to 1 to the right and downwards, to a pixel of the camera in homogeneous coordinates.
     image_from_gel: na::Matrix3<f64>,
     corners_px: [[f64; 2]; 4],

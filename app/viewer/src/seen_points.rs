@@ -7,8 +7,7 @@ use glam::{IVec3, Mat3A, Vec3A};
 use image::Rgb;
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::depth::Label;
-use mvt_frames::{Camera, Isometry, Object};
-use nalgebra as na;
+use mvt_frames::{Camera, Isometry, Object, World};
 
 use mvt_picture::palette;
 use mvt_picture::raster::{self, Colour};
@@ -126,7 +125,7 @@ impl SeenPoints {
                 self.put(index, point, colour);
             }
         }
-        self.touch(recording, index, moment, images, object_from_world.untyped());
+        self.touch(recording, index, moment, images, object_from_world);
     }
 
     fn touch(
@@ -135,17 +134,16 @@ impl SeenPoints {
         index: usize,
         moment: &RecordedMoment,
         images: &FrameImages,
-        object_from_world: na::Isometry3<f64>,
+        object_from_world: Isometry<World, Object>,
     ) {
         let gels = recording.about().hand.gel_views();
         let poses = recording.about().hand.world_from_touch_cameras(&moment.joints);
         for ((felt, gel), world_from_camera) in images.touch.iter().zip(gels.iter()).zip(poses) {
             let Some(felt) = felt else { continue };
-            let object_from_camera = Isometry::new(object_from_world * world_from_camera.untyped());
-            let touches = |row, column| felt.contact.get((row, column)) == Some(&true);
-            let Some(depth_m) = gel.depth_of(&felt.indentation_mm) else { continue };
-            for (point, _) in points(&depth_m, gel.camera(), object_from_camera, TOUCH_STRIDE, touches) {
-                self.put(index, point, None);
+            let object_from_camera = object_from_world * world_from_camera;
+            for (point, _) in gel.touched_points(&felt.indentation_mm, &felt.contact, TOUCH_STRIDE) {
+                let point = (object_from_camera * point).coords();
+                self.put(index, Vec3A::new(point.x as f32, point.y as f32, point.z as f32), None);
             }
         }
     }

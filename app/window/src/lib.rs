@@ -27,6 +27,7 @@ mod scene_view;
 mod scene_widget;
 mod sensors;
 mod shared_recording;
+mod shipped_run;
 mod shortcuts;
 mod start_page;
 mod style;
@@ -50,6 +51,7 @@ use comparison_page::ComparisonPage;
 use launch::StartedRun;
 use preferences::Preferences;
 use recording_page::RecordingPage;
+use shipped_run::ShippedRun;
 use shortcuts::KeyCommand;
 use start_page::{StartPage, StartRequest};
 use style::{Appearance, colour};
@@ -92,6 +94,8 @@ struct Window {
     is_help_open: bool,
     /// Problem that is shown on the start page.
     problem: Option<String>,
+    /// The recording that the program carries, once it was shown.
+    shipped: Option<ShippedRun>,
 }
 
 impl Window {
@@ -113,9 +117,11 @@ impl Window {
             folder,
             is_help_open: false,
             problem,
+            shipped: None,
         };
         match contents {
-            WindowContents::Start => window.go_to_start(ctx),
+            // Who has no run yet sees the one that the program carries.
+            WindowContents::Start if window.preferences.recent.is_empty() => window.show_shipped(ctx),
             other => window.show(ctx, other),
         }
         window
@@ -142,13 +148,34 @@ impl Window {
         self.page = page.unwrap_or_else(|error| Page::Problem(contents, error.to_string()));
     }
 
-    /// Opens a recording, and remembers it if it is a run.
+    /// Opens a recording, and remembers it if it is a run of the user.
     fn open_recording(&mut self, source: &RecordingSource) -> Result<Recording, RecordingError> {
         let recording = source.open()?;
-        if let RecordingSource::Run(folder) = source {
+        let is_shipped = self.shipped.as_ref().is_some_and(|run| run.source() == *source);
+        if let RecordingSource::Run(folder) = source
+            && !is_shipped
+        {
             self.preferences.remember(folder);
         }
         Ok(recording)
+    }
+
+    /// Plays the recording that the program carries.
+    fn show_shipped(&mut self, ctx: &Context) {
+        let opened = ShippedRun::unpack()
+            .map_err(|error| error.to_string())
+            .and_then(|run| Ok((run.source().open().map_err(|error| error.to_string())?, run)));
+        match opened {
+            Ok((recording, run)) => {
+                let mut page = RecordingPage::new(ctx, run.source(), recording, None, &self.preferences);
+                page.play(ctx, "An example: a simulated hand turns a cube. The start page begins and opens runs.");
+                (self.page, self.shipped) = (Page::Recording(Box::new(page)), Some(run));
+            }
+            Err(error) => {
+                self.go_to_start(ctx);
+                self.problem = Some(format!("The example cannot be shown: {error}"));
+            }
+        }
     }
 
     fn go_to_start(&mut self, ctx: &Context) {
@@ -305,6 +332,7 @@ impl Window {
         match request {
             None => {}
             Some(StartRequest::Show(contents)) => self.show(ctx, contents),
+            Some(StartRequest::Example) => self.show_shipped(ctx),
             Some(StartRequest::Start) => match StartedRun::start(&self.preferences.choices) {
                 Ok(run) => {
                     self.problem = None;

@@ -14,7 +14,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Show runs and logs in a window, compare two of them, or show a touch sensor
 ///
-/// Without options the window opens on a page that starts runs. `mambavitact view` has more options.
+/// Without options the window opens on a page that starts runs, or plays an example if there was no run yet. `mambavitact view` has more options.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 110)]
 struct WindowArguments {

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use mvt_files::input;
 use mvt_run::io::write_file;
-use mvt_run::settings;
 use serde::{Deserialize, Serialize};
 
 use super::plots::Threshold;
@@ -117,7 +116,7 @@ impl Preferences {
     /// If the folder cannot be created or the file cannot be written.
     pub fn save(&self, folder: &Path) -> anyhow::Result<()> {
         fs::create_dir_all(folder)?;
-        write_file(folder, FILE, settings::to_toml(self)?.as_bytes())
+        write_file(folder, FILE, toml::to_string_pretty(self)?.as_bytes())
     }
 
     /// Moves a run to the front of the recent runs.

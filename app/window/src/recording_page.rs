@@ -92,6 +92,14 @@ impl RecordingPage {
         self.scene.is_busy() || self.sensors.is_busy()
     }
 
+    /// Plays the recording from its beginning, under a notice.
+    pub fn play(&mut self, ctx: &Context, words: &str) {
+        let recording = self.shared.read();
+        self.timeline.show(recording.moments(), 0, false);
+        self.timeline.toggle(recording.moments());
+        self.notice.show(ctx, words.to_owned());
+    }
+
     /// Advances the time and collects messages. Call it before every frame.
     pub fn update(&mut self, ctx: &Context, speed: f64) {
         if let Some(Err(message)) = self.run.as_mut().and_then(StartedRun::poll) {

@@ -23,6 +23,8 @@ pub enum StartRequest {
     Start,
     /// Show a run, a log or a comparison.
     Show(WindowContents),
+    /// Play the recording that the program carries.
+    Example,
 }
 
 /// The start page.
@@ -203,10 +205,10 @@ impl StartPage {
         }
         ui.separator();
         ui.strong("Recent runs");
-        if preferences.recent.is_empty() {
-            ui.weak("None yet.");
-        }
         request = self.recent(ui, preferences).map(StartRequest::Show).or(request);
+        if ui.link("example of the program").on_hover_text("Five seconds that come with the program").clicked() {
+            request = Some(StartRequest::Example);
+        }
         ui.separator();
         let label = ui.strong("Folder of a run or log");
         ui.add(TextEdit::singleline(&mut self.path).desired_width(f32::INFINITY)).labelled_by(label.id);

@@ -66,7 +66,9 @@ impl Bench {
     /// Runs frames until nothing is being painted.
     fn settle(&mut self) {
         let deadline = Instant::now() + Duration::from_secs(120);
-        loop {
+        // A picture that has come may change the layout, which then needs others.
+        let mut quiet = 0;
+        while quiet < 2 {
             self.harness.run_ok();
             let is_busy = match &self.window().page {
                 Page::Recording(page) => page.is_busy(),
@@ -76,9 +78,7 @@ impl Bench {
                 }
                 Page::Starting(_) | Page::Problem(..) => false,
             };
-            if !is_busy {
-                break;
-            }
+            quiet = if is_busy { 0 } else { quiet + 1 };
             assert!(Instant::now() < deadline, "the window does not come to rest");
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -309,6 +309,7 @@ fn a_run_that_does_not_start_is_reported_in_words() {
     // This test program does not know the arguments of a run, and fails.
     preferences.choices.folder = runs.path().join("runs");
     let mut bench = Bench::new(WindowContents::Start, &preferences, [1280.0, 800.0], false);
+    bench.click("Start page");
     bench.click("Start");
     let deadline = Instant::now() + Duration::from_secs(60);
     while !bench.shows("The run did not start") {
@@ -489,9 +490,24 @@ fn a_run_is_chosen_on_the_start_page() {
 }
 
 #[test]
+fn who_has_no_run_sees_one_that_the_program_carries() {
+    let mut bench = Bench::new(WindowContents::Start, &dark(), [1280.0, 800.0], false);
+    assert!(bench.shows("An example: a simulated hand"));
+    // It plays to its end.
+    bench.harness.run_steps(320);
+    assert_eq!(bench.frame(), 150);
+    assert!(bench.window().preferences.recent.is_empty(), "it is no run of the user");
+    bench.click("Start page");
+    assert!(bench.shows("Recent runs"));
+    bench.click("example of the program");
+    assert!(bench.shows("An example: a simulated hand"));
+}
+
+#[test]
 fn everything_fits_at_twice_the_size() {
     let run = finished();
-    let preferences = Preferences { zoom_percent: 200, ..dark() };
+    let mut preferences = Preferences { zoom_percent: 200, ..dark() };
+    preferences.remember(run.path());
     // Contents that do not fit are scrolled, and small windows do not panic.
     for size in [[1280.0, 800.0], [480.0, 360.0], [200.0, 160.0]] {
         for contents in [WindowContents::Start, on_run(run.path()), both(run.path(), run.path())] {

@@ -315,8 +315,8 @@ impl MaskCarrier {
         (area.sum::<f32>() > LEAST_AREA * self.area_m2).then_some(CarriedMask { mask, contested, sure })
     }
 
-    /// Returns a region of the image that may show a lost object by its colours and size; one after the other as time goes on. `None` if there is
-    /// none, or there are no colours.
+    /// Returns a region of the image that may show a lost object by its colours and size, and that did not lie there before; one after the other as
+    /// time goes on. `None` if there is none, or there are no colours.
     pub fn search(&self, image: &CameraDepth, time_s: f64) -> Option<Array2<bool>> {
         let seen = Pixels::new(image, Isometry::identity());
         let dim = image.depth_m.dim();
@@ -328,7 +328,12 @@ impl MaskCarrier {
         let mut regions = Vec::new();
         let mut is_taken = Array2::from_elem(dim, false);
         for start in pixels([0, dim.0, 0, dim.1]) {
-            let is_like = |at: (usize, usize)| odds[at] > 0.0 && seen.depth_m(at).is_some();
+            let is_like = |at: (usize, usize)| {
+                let lay_still = |depth_m| {
+                    self.earlier.iter().chain(&self.given).any(|earlier| earlier.lay_still(&seen, at, depth_m))
+                };
+                odds[at] > 0.0 && seen.depth_m(at).is_some_and(|depth_m| !lay_still(depth_m))
+            };
             if is_taken[start] || odds[start] <= COLOURED || !is_like(start) {
                 continue;
             }

@@ -68,19 +68,24 @@ pub(super) enum Preview {
     Failed,
 }
 
+/// Starts ffmpeg for a film of pictures that come through its standard input.
+fn film(mut ffmpeg: Command, path: &Path, rate_hz: f64) -> std::io::Result<Child> {
+    ffmpeg
+        .args(["-nostdin", "-loglevel", "fatal", "-f", "rawvideo", "-pix_fmt", "rgb24"])
+        .args(["-s", &format!("{WIDTH}x{HEIGHT}"), "-r", &rate_hz.to_string(), "-i", "-"])
+        // With one thread the film has the same bytes on any number of cores.
+        .args(["-pix_fmt", "yuv420p", "-threads", "1", "-y"])
+        .arg(path)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+}
+
 impl Preview {
     /// Starts a preview beside data.pkl.
     pub fn create(folder: &Path, object: &str, rate_hz: f64) -> Self {
-        let film = Command::new("ffmpeg")
-            .args(["-nostdin", "-loglevel", "fatal", "-f", "rawvideo", "-pix_fmt", "rgb24"])
-            .args(["-s", &format!("{WIDTH}x{HEIGHT}"), "-r", &rate_hz.to_string(), "-i", "-"])
-            .args(["-pix_fmt", "yuv420p", "-y"])
-            .arg(folder.join(format!("{object}.mp4")))
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn();
-        if let Ok(child) = film {
+        if let Ok(child) = film(Command::new("ffmpeg"), &folder.join(format!("{object}.mp4")), rate_hz) {
             return Self::Film(child);
         }
         let path = folder.join(format!("{object}.gif"));
@@ -170,5 +175,28 @@ mod tests {
         assert_eq!(shrink(&image, (3, 4)).dimensions(), (3, 4));
         assert_eq!(shrink(&image, (20, 20)).get_pixel(19, 19), &Rgb([65, 90, 7]));
         assert_eq!(shrink(&RgbImage::new(1, 1), (2, 2)), RgbImage::new(2, 2));
+    }
+
+    #[test]
+    fn a_film_has_the_same_bytes_on_any_number_of_cores() {
+        let folder = tempfile::tempdir().unwrap();
+        let noise: Vec<u8> =
+            (0..10 * WIDTH * HEIGHT * 3).map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let film_on = |cores: &str| {
+            let path = folder.path().join(format!("{cores}.mp4"));
+            let mut bound = Command::new("taskset");
+            bound.args(["-c", cores, "ffmpeg"]);
+            let mut child = film(bound, &path, 30.0).ok()?;
+            // Fails where there is no ffmpeg.
+            let _ = child.stdin.take()?.write_all(&noise);
+            child.wait().ok()?.success().then(|| std::fs::read(path).unwrap())
+        };
+        match film_on("0").zip(film_on("0,1")) {
+            Some((one, two)) => assert!(one == two && !one.is_empty(), "{} and {} bytes", one.len(), two.len()),
+            None => {
+                assert!(std::env::var_os("REQUIRE_ALL").is_none(), "taskset or ffmpeg is missing");
+                let _ = writeln!(std::io::stderr(), "SKIPPED: taskset or ffmpeg is missing");
+            }
+        }
     }
 }

@@ -120,6 +120,16 @@ impl Drift {
         self.stations.push(Station { side, variance });
     }
 
+    /// Takes a pose that colours recognised by what the object showed at earlier ones: the walk goes on from the one that showed most of the same side,
+    /// of those whose rotation is known.
+    pub fn recognise(&mut self, side: Side, own: Variance) {
+        let known = self.stations.iter().filter(|station| station.variance.rotation_rad2 < SAME_SIDE_RAD.powi(2));
+        let nearest = known.min_by(|a, b| a.side.angle_to(&side).total_cmp(&b.side.angle_to(&side)));
+        if let Some(variance) = nearest.map(|nearest| nearest.variance.plus(own)) {
+            self.stations.push(Station { side, variance });
+        }
+    }
+
     /// The way that the object has come since the shape was begun, seen from the camera, metres; 0 if no camera sees it.
     fn way_m(&self, side: Side) -> f64 {
         let begun = self.stations.first().and_then(|station| station.side.sight);
@@ -207,6 +217,18 @@ mod tests {
         (0..10).for_each(|_| drift.learn(turned(0.0), unknown));
         let deviation = drift.deviation(turned(0.0), unknown, 1.0, &trust());
         assert!(deviation.angle_rad > 1.5 && deviation.surface_m > 1.8e-3, "{deviation:?}");
+    }
+
+    #[test]
+    fn colours_end_the_doubt_about_a_rotation() {
+        let mut drift = Drift::default();
+        drift.learn(turned(0.0), Variance::default());
+        drift.learn(turned(10.0), OWN);
+        drift.learn(turned(20.0), Variance { rotation_rad2: 0.25, ..OWN });
+        assert!(drift.deviation(turned(40.0), OWN, 1.0, &trust()).angle_rad > 0.5);
+        drift.recognise(turned(40.0), OWN);
+        assert!((drift.stations.last().unwrap().variance.rotation_rad2 - 2.0 * OWN.rotation_rad2).abs() < 1e-12);
+        assert!(drift.deviation(turned(40.0), OWN, 1.0, &trust()).angle_rad < 0.03);
     }
 
     #[test]

@@ -15,8 +15,10 @@ pub(crate) struct EarlierView {
 
 /// Views that differ by more than this rotation show the surface too differently, radians.
 const ALIKE_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
-/// Pixel by pixel a view is recognised although it differs by this rotation, radians.
-const RECOGNISED_RAD: f64 = 50.0 * std::f64::consts::PI / 180.0;
+/// At a coarse resolution a view is recognised although it differs by this rotation, radians.
+const RECOGNISED_RAD: f64 = 70.0 * std::f64::consts::PI / 180.0;
+/// Most views that are compared to recognise one.
+const COMPARED: usize = 12;
 /// A view of a known shape is kept if it differs from all others by this rotation, radians.
 const NEW_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
 /// Most views kept of a known shape: its pictures take about 100 kB each.
@@ -36,17 +38,16 @@ pub(crate) fn alike(views: impl Iterator<Item = EarlierView>, pose: Isometry<Fie
     alike
 }
 
-/// Of views in order of time, the one that is most like a view at a pose, if it is alike enough to be recognised.
-pub(crate) fn most_alike(
-    views: impl Iterator<Item = EarlierView>,
-    pose: Isometry<Field, World>,
-) -> Option<EarlierView> {
+/// Of views in order of time, those that are alike enough to a view at a pose to recognise it, the most alike first, and [`COMPARED`] at most.
+pub(crate) fn most_alike(views: impl Iterator<Item = EarlierView>, pose: Isometry<Field, World>) -> Vec<EarlierView> {
     let rotation = pose.untyped().rotation;
     let turned = views
         .filter(|view| view.scan.has_picture())
         .map(|view| (view.pose.untyped().rotation.angle_to(&rotation), view))
         .filter(|(turn_rad, _)| *turn_rad < RECOGNISED_RAD);
-    turned.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, view)| view)
+    let mut turned: Vec<_> = turned.collect();
+    turned.sort_by(|a, b| a.0.total_cmp(&b.0));
+    turned.into_iter().take(COMPARED).map(|(_, view)| view).collect()
 }
 
 /// Keeps a view of a known shape if no other is like it.

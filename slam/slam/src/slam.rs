@@ -115,8 +115,8 @@ impl Knowledge {
         earlier::alike(self.views(), pose)
     }
 
-    /// The earlier view that is most like one at this pose.
-    fn most_alike(&self, pose: Isometry<Field, World>) -> Option<EarlierView> {
+    /// The earlier views that are most like one at this pose, the most alike first.
+    fn most_alike(&self, pose: Isometry<Field, World>) -> Vec<EarlierView> {
         earlier::most_alike(self.views(), pose)
     }
 }
@@ -175,6 +175,10 @@ pub struct Slam {
     searched_s: Option<f64>,
     /// Whether the rotation of the pose is more than a guess among poses that fit alike, as a search may end with.
     turn_is_known: bool,
+    /// Turns of the model after which its shape fits as well, while it is not known which of them is right.
+    rivals: Vec<nalgebra::Isometry3<f64>>,
+    /// Whether colours have recognised the turn in this frame.
+    is_recognised: bool,
     /// Height in the world that nothing of the object is below, metres.
     support_z_m: Option<f64>,
 }
@@ -296,6 +300,8 @@ impl SlamBuilder {
             frame: 0,
             searched_s: None,
             turn_is_known: true,
+            rivals: Vec::new(),
+            is_recognised: false,
             support_z_m,
         })
     }
@@ -388,6 +394,9 @@ impl Slam {
         let is_tied = is_tracking && before != TrackState::Waiting;
         let own = if is_tied { self.tracker.variance(self.knowledge.reference()) } else { Variance::default() };
         let side = Side::new(self.pose, scan);
+        if std::mem::take(&mut self.is_recognised) && is_tracking {
+            self.drift.recognise(side, own);
+        }
         let mut deviation = is_tracking.then(|| self.drift.deviation(side, own, confidence, &self.config.trust));
         if let Some(deviation) = deviation.as_mut().filter(|_| !self.turn_is_known) {
             deviation.angle_rad = PI;
@@ -504,6 +513,7 @@ impl Slam {
         if jumped || (doubted_for_s > 0.0 && doubted_for_s >= trust.lost_after_s) {
             self.state = TrackState::Lost;
             self.searched_s = Some(scan.time_s);
+            self.doubted_s.get_or_insert(scan.time_s);
             return confidence.min(trust.doubt_below);
         }
         self.pose = solution.pose();

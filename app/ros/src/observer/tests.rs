@@ -1,3 +1,4 @@
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::Side;
 use proptest::prelude::*;
 
@@ -163,6 +164,26 @@ fn names_of_joints_may_differ() {
     others[0] = "ah_joint00".to_owned();
     let positions: Vec<f64> = (0..16).map(f64::from).collect();
     assert_eq!(angles_of(&mut observer, part(joint_state(&others, &positions))).unwrap(), positions);
+}
+
+#[test]
+fn a_gel_that_is_a_part_of_the_images_of_a_topic_is_cut_out() {
+    let text = "[ros]\nrig = \"allegro_digit\"\ndepth = \"/depth\"\ncamera_info = \"/info\"\njoints = \"/joints\"\ntouch.index = \"/touch\"\n";
+    let corners = [[20.0, 10.0], [260.0, 10.0], [260.0, 330.0], [20.0, 330.0]];
+    let profile = SensorProfile { corners_px: Some(corners), ..SensorProfile::tacto() };
+    let hand = Hand::allegro(Side::Right).with_profile(&profile);
+    let names: Vec<String> = hand.joints().iter().map(|joint| joint.name.clone()).collect();
+    let numbers = StreamNumbers { joints: Some(1), touch: vec![Some(2), None, None, None], ..StreamNumbers::default() };
+    let mut observer = Observer::new(&RosSetup::parse(text).unwrap(), hand, info(16, 12), numbers, "rig.toml").unwrap();
+    let mut touch = |size| {
+        let messages = [image("16UC1", [16, 12], 2, 1), joint_state(&names, &[0.0; 16]), image("rgb8", size, 3, 9)];
+        let observed = observer.observe(&frame(messages.into_iter().map(part).collect()), |_| false, None);
+        observed.map(|observation| observation.touch.0[0].clone())
+    };
+    let gel = touch([300, 340]).unwrap();
+    assert_eq!((gel.dimensions(), gel.get_pixel(7, 7).0), ((240, 320), [9; 3]));
+    let (topic, reason) = touch([100, 100]).unwrap_err();
+    assert!(topic == "/touch" && reason.contains("corners_px"), "{topic}: {reason}");
 }
 
 proptest! {

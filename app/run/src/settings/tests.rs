@@ -263,7 +263,7 @@ fn settings_of_version_0_1_0_are_read() {
 fn written_settings_have_comments_and_are_read_back() {
     let set = ["slam.tracker.window=5", "segmentation.edge_px=2", "slam.scan.camera_shift_px=[1, 0.25]"];
     let config = run_config("", &set).unwrap();
-    let text = to_toml_with_comments(&config).unwrap();
+    let text = to_toml(&config).unwrap();
     assert_eq!(run_config(&text, &[]).unwrap(), config, "{text}");
     assert!(text.contains("\n# Frames solved together.\n# Range: from 1 to 30. Default: 3.\nwindow = 5\n"), "{text}");
     assert!(text.contains("# Default: true.\nfar_is_free = true\n"), "{text}");

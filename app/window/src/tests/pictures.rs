@@ -9,6 +9,7 @@ fn pictures_of_the_start_page() {
     for (appearance, name) in [(Appearance::Light, "start_light"), (Appearance::Dark, "start_dark")] {
         let mut preferences = Preferences { appearance, ..Preferences::default() };
         preferences.choices.folder = PathBuf::from("runs");
+        preferences.recent = vec![PathBuf::from("runs/duck-001")];
         let mut bench = Bench::new(WindowContents::Start, &preferences, [800.0, 400.0], true);
         if let Some(start) = &mut bench.harness.state_mut().as_mut().unwrap().start {
             start.keep_procedural();

@@ -96,6 +96,30 @@ fn a_lost_object_is_searched_for_by_its_colours() {
     assert_eq!(carrier.search(&CameraDepth { colour: None, ..image }, 0.0), None);
 }
 
+#[test]
+fn what_lay_there_before_is_no_lost_object() {
+    let start = Vec3::new(0.0, 0.0, -0.6);
+    let (other, shows_other) = scene(start + Vec3::new(0.15, 0.05, 0.0), 160);
+    // Another ball of the same colour, which stays where it is.
+    let with_other = |ball: Vec3| {
+        let (mut image, mask) = scene(ball, 160);
+        for (at, _) in shows_other.indexed_iter().filter(|(_, shows)| **shows) {
+            (image.depth_m[at], image.labels[at]) = (other.depth_m[at], Label::Background);
+            if let Some(colour) = &mut image.colour {
+                colour.put_pixel(at.1 as u32, at.0 as u32, Rgb([200, 30, 30]));
+            }
+        }
+        (image, mask)
+    };
+    let mut carrier = MaskCarrier::default();
+    carrier.learn(&with_other(start).0, at(start), true);
+    assert_eq!(carrier.search(&with_other(Vec3::new(0.0, 0.0, 2.0)).0, 0.0), None);
+    let (image, mask) = with_other(start + Vec3::new(-0.15, 0.05, 0.0));
+    for time_s in [0.0, OFFERED_S] {
+        assert!(agreement(&carrier.search(&image, time_s).unwrap(), &mask) > 0.6, "there is one region");
+    }
+}
+
 /// Puts a block beside the ball, left of it and as far away, over the wall.
 fn put_block(image: &mut CameraDepth, mask: &Array2<bool>, ball: Vec3, shown: [u8; 3]) {
     let left = |at: (usize, usize)| (1..20).any(|k| mask.get((at.0, at.1 + k)).is_some_and(|inside| *inside));

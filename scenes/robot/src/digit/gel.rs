@@ -5,7 +5,7 @@
 //! so that the corners of the pad lie a given bulge behind the apex. A flat gel has k = 0.
 
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::{Gel, Point, Vector};
+use mvt_frames::{Camera, Gel, Point, Vector};
 use ndarray::{Array2, Zip};
 
 /// Distance from a DIGIT's camera to the apex of its gel, which lies on the optical axis, metres.
@@ -108,6 +108,27 @@ impl GelView {
     pub fn indentation_of(&self, depth_m: &Array2<f32>) -> Option<Array2<f32>> {
         (depth_m.dim() == self.depth_m.dim())
             .then(|| Zip::from(&self.depth_m).and(depth_m).map_collect(|gel, depth| (gel - depth) * 1e3))
+    }
+
+    /// Returns the points at which a gel is touched, in every `stride`th row and column, and the indentation at each, millimetres. Images of
+    /// another size have no points.
+    pub fn touched_points(
+        &self,
+        indentation_mm: &Array2<f32>,
+        contact: &Array2<bool>,
+        stride: usize,
+    ) -> Vec<(Point<Camera>, f32)> {
+        let Some(depth_m) = self.depth_of(indentation_mm).filter(|depth_m| depth_m.dim() == contact.dim()) else {
+            return Vec::new();
+        };
+        let touched = contact
+            .indexed_iter()
+            .filter(|((row, column), touches)| **touches && row % stride == 0 && column % stride == 0);
+        let point = |(at @ (row, column), _)| {
+            let point = self.camera.unproject(column as f64, row as f64, f64::from(depth_m[at]));
+            (point, indentation_mm[at])
+        };
+        touched.map(point).collect()
     }
 }
 

@@ -29,12 +29,9 @@ const SPINS: usize = 24;
 const WEAK: f64 = 0.02;
 /// Poses that differ by more than this rotation are different ones, radians.
 const APART_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
-/// A different pose that agrees less by up to this part of the measurements is as good.
-const RIVAL: f64 = 0.03;
 /// Brightness recognises a pose if it correlates by so much more than at any different pose.
 const CLEARLY: f64 = 0.15;
-/// Brightness that correlates by this much with that of a view from elsewhere is recognised: light and slant differ, by up to 50 degrees. At
-/// wrong poses it rarely correlates by more than 0.35.
+/// Brightness that correlates by this much with that of views from elsewhere is recognised: light and slant differ, by up to 70 degrees.
 const RECOGNISED: f64 = 0.5;
 /// Fewer matches than this say nothing about a motion.
 const FEWEST_MATCHES: usize = 30;
@@ -93,7 +90,7 @@ impl Tracker {
             .iter()
             .rev()
             .nth(1)
-            .and_then(|before| photometric::correlation(Posed::new(before), now, FINAL_LEVEL));
+            .and_then(|before| photometric::correlation([Posed::new(before)], now, FINAL_LEVEL));
         let agrees = before.is_some_and(|correlation| correlation > photometric::AGREES);
         if let Some(newest) = self.window.back_mut() {
             newest.texels_agree = agrees;
@@ -131,31 +128,20 @@ impl Tracker {
         (1..SPINS).map(spin).collect()
     }
 
-    /// Whether another of these poses, the best first, agrees with the newest frame nearly as well as the best and is turned against it.
-    pub(crate) fn has_rival(&self, shape: &dyn Reference, found: &[Isometry<Field, World>]) -> bool {
-        let mut tracker = self.clone();
-        let mut confidence = |pose: &Isometry<Field, World>| {
-            tracker.restart(*pose);
-            tracker.assess(shape).confidence
-        };
-        let Some((best, others)) = found.split_first() else { return false };
-        let least = confidence(best) - RIVAL;
-        others.iter().any(|other| is_apart(best, other) && confidence(other) > least)
-    }
-
-    /// Of poses of the newest frame, refined against shape and brightness, the one whose brightness correlates best with that of the most alike
-    /// earlier view; `None` if no view agrees, or several.
+    /// Of poses of the newest frame, refined against shape and brightness, the one whose brightness correlates best with that of earlier views that
+    /// are alike, the most alike first; `None` if none agrees, or several.
     pub(crate) fn recognise(
         &self,
         shape: &dyn Reference,
         candidates: &[Isometry<Field, World>],
-        most_alike: &dyn Fn(Isometry<Field, World>) -> Option<EarlierView>,
+        most_alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>,
     ) -> Option<Isometry<Field, World>> {
         let newest = self.window.back()?;
         let judged = candidates.iter().filter_map(|candidate| {
-            let view = most_alike(*candidate)?;
-            let then_pose = view.pose.untyped();
-            let then = Posed { scan: &view.scan, pose: &then_pose };
+            let views: Vec<_> =
+                most_alike(*candidate).into_iter().map(|view| (view.scan, view.pose.untyped())).collect();
+            let posed = || views.iter().map(|(scan, pose)| Posed { scan, pose });
+            let then = posed().next()?;
             let mut pose = candidate.untyped();
             for level in [2, 2, 2, 1, 1, 1] {
                 let mut system = System::new(1);
@@ -167,12 +153,14 @@ impl Tracker {
             }
             pose.rotation.renormalize();
             let now = Posed { scan: &newest.scan, pose: &pose };
-            let best = photometric::correlation(then, now, FINAL_LEVEL).filter(|best| *best > RECOGNISED)?;
+            // At the coarsest resolution a view from elsewhere still looks alike.
+            let best = photometric::correlation(posed(), now, LEVELS - 1).filter(|best| *best > RECOGNISED)?;
             Some((best, Isometry::new(pose)))
         });
         let judged: Vec<(f64, Isometry<Field, World>)> = judged.collect();
         let (best, pose) = judged.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let is_clear = judged.iter().all(|(other, at)| !is_apart(pose, at) || *other < best - CLEARLY);
+        let is_clear =
+            judged.iter().all(|(other, at)| !is_apart(&pose.untyped(), &at.untyped()) || *other < best - CLEARLY);
         is_clear.then_some(*pose)
     }
 
@@ -212,8 +200,8 @@ impl Tracker {
 }
 
 /// Whether two poses are turned against each other.
-fn is_apart(a: &Isometry<Field, World>, b: &Isometry<Field, World>) -> bool {
-    a.untyped().rotation.angle_to(&b.untyped().rotation) > APART_RAD
+pub(super) fn is_apart(a: &na::Isometry3<f64>, b: &na::Isometry3<f64>) -> bool {
+    a.rotation.angle_to(&b.rotation) > APART_RAD
 }
 
 /// Adds the brightness of the earlier views of an instant.

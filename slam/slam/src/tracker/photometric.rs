@@ -85,12 +85,15 @@ pub(super) fn add(
     }
 }
 
-/// Correlation of the brightness of two frames at the texels that both show, -1 to 1; `None` if these are few.
-pub(super) fn correlation(then: Posed<'_>, now: Posed<'_>, level: usize) -> Option<f64> {
-    let compared = compared(then, now, level);
+/// Correlation of the brightness of earlier frames with that of a later one at the texels that both show, -1 to 1; `None` if these are few.
+pub(super) fn correlation<'a>(thens: impl IntoIterator<Item = Posed<'a>>, now: Posed<'_>, level: usize) -> Option<f64> {
     let [mut product, mut there, mut here] = [0.0; 3];
-    for Compared { expected, value, .. } in &compared {
-        (product, there, here) = (product + expected * value, there + expected * expected, here + value * value);
+    let mut count = 0;
+    for then in thens {
+        for Compared { expected, value, .. } in compared(then, now, level) {
+            (product, there, here) = (product + expected * value, there + expected * expected, here + value * value);
+            count += 1;
+        }
     }
-    (compared.len() >= FEWEST_COMPARED && there * here > 0.0).then(|| product / (there * here).sqrt())
+    (count >= FEWEST_COMPARED && there * here > 0.0).then(|| product / (there * here).sqrt())
 }

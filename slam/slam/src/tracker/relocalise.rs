@@ -6,6 +6,7 @@ use nalgebra as na;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 
+use super::align::is_apart;
 use super::assess::Assessment;
 use super::query::{ask, ask_measured};
 use super::{Instant, Loss, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, sigma, surface, to_na, to_vec};
@@ -14,17 +15,49 @@ use mvt_frames::se3::Twist;
 
 /// Turns tried, from none to any, at evenly spread random.
 const CANDIDATES: usize = 400;
-/// Of these, as many go on to the next round.
+/// Of these, as many go on to the next round. Those that have converged to nearly one rotation count as one, so that all rotations in which the
+/// shape fits are among the last.
 const ROUNDS: [Round; 3] = [
-    Round { kept: 60, points: 60, steps: 4 },
-    Round { kept: 12, points: 150, steps: 8 },
-    Round { kept: 4, points: 500, steps: 12 },
+    Round { kept: 60, alike: 60, points: 60, steps: 4 },
+    Round { kept: 16, alike: 3, points: 150, steps: 8 },
+    Round { kept: 6, alike: 1, points: 500, steps: 12 },
 ];
 
 struct Round {
     kept: usize,
+    /// Most that are kept of those that differ little in rotation.
+    alike: usize,
     points: usize,
     steps: usize,
+}
+
+/// Turns that are tried to find rivals of a pose.
+const RIVALS: usize = 1000;
+/// A different pose that agrees less by up to this part of the measurements is as good.
+const RIVAL: f64 = 0.03;
+
+/// Refines candidates round by round; returns the best, best first.
+fn narrowed(
+    instant: &Instant,
+    shape: &dyn Reference,
+    mut candidates: Vec<Candidate>,
+    near: Option<&Near>,
+    rounds: &[Round],
+) -> Vec<Isometry<Field, World>> {
+    for round in rounds {
+        for candidate in &mut candidates {
+            *candidate = refine(instant, shape, candidate.pose, round, near);
+        }
+        candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut kept = Vec::new();
+        candidates.retain(|Candidate { pose, .. }| {
+            let alike = kept.iter().filter(|other| !is_apart(other, pose)).count();
+            let is_kept = kept.len() < round.kept && alike < round.alike;
+            kept.extend(is_kept.then_some(*pose));
+            is_kept
+        });
+    }
+    candidates.into_iter().map(|found| Isometry::new(found.pose)).collect()
 }
 
 /// How far poses around a pose are searched.
@@ -45,7 +78,8 @@ impl Reach {
 }
 
 /// Rounds of the search around a pose.
-const LOCAL_ROUNDS: [Round; 2] = [Round { kept: 10, points: 60, steps: 3 }, Round { kept: 1, points: 150, steps: 6 }];
+const LOCAL_ROUNDS: [Round; 2] =
+    [Round { kept: 10, alike: 10, points: 60, steps: 3 }, Round { kept: 1, alike: 1, points: 150, steps: 6 }];
 
 /// A pose that may be the right one.
 #[derive(Debug, Clone, Copy)]
@@ -94,14 +128,33 @@ impl Tracker {
             propose(rotation, middle - rotation * to_na(centre));
         }
         let near = near.filter(|_| !instant.is_seen()).map(|near| Near { pose: near.untyped(), sigma: SEARCH_SIGMA });
-        for round in ROUNDS {
-            for candidate in &mut candidates {
-                *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
-            }
-            candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-            candidates.truncate(round.kept);
-        }
-        candidates.into_iter().map(|found| Isometry::new(found.pose)).collect()
+        narrowed(instant, shape, candidates, near.as_ref(), &ROUNDS)
+    }
+
+    /// Returns other turns about the middle of the shape, `centre` in the model's frame, in which the newest frame agrees nearly as well as at a pose.
+    pub(crate) fn rivals(
+        &self,
+        shape: &dyn Reference,
+        best: Isometry<Field, World>,
+        centre: Vec3,
+        rng: &mut ChaCha8Rng,
+    ) -> Vec<Isometry<Field, World>> {
+        let Some(instant) = self.window.back() else { return Vec::new() };
+        let (centre, middle) = (to_na(centre), best.untyped() * na::Point3::from(to_na(centre)));
+        let candidate = |rotation: na::UnitQuaternion<f64>| {
+            let pose = na::Isometry3::from_parts((middle.coords - rotation * centre).into(), rotation);
+            Candidate { pose, cost: f64::INFINITY }
+        };
+        let candidates = (0..RIVALS).map(|_| candidate(random_rotation(rng))).collect();
+        let mut tracker = self.clone();
+        let mut confidence = |pose: &Isometry<Field, World>| {
+            tracker.restart(*pose);
+            tracker.assess(shape).confidence
+        };
+        let least = confidence(&best) - RIVAL;
+        let mut found = narrowed(instant, shape, candidates, None, &ROUNDS);
+        found.retain(|other| is_apart(&best.untyped(), &other.untyped()) && confidence(other) > least);
+        found
     }
 
     /// Moves the newest frame to the best pose around where it is, `previous` included. For jerks that the solver alone would not
@@ -133,16 +186,10 @@ impl Tracker {
             let about = na::Translation3::from(seen + shift) * turn * na::Translation3::from(-seen);
             candidates.push(as_candidate(about * from));
         }
-        let near = Some(Near { pose: start, sigma: reach.sigma });
-        for round in LOCAL_ROUNDS {
-            for candidate in &mut candidates {
-                *candidate = refine(instant, shape, candidate.pose, &round, near.as_ref());
-            }
-            candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-            candidates.truncate(round.kept);
-        }
-        if let (Some(best), Some(newest)) = (candidates.first(), self.window.back_mut()) {
-            newest.pose = best.pose;
+        let near = Near { pose: start, sigma: reach.sigma };
+        let found = narrowed(instant, shape, candidates, Some(&near), &LOCAL_ROUNDS);
+        if let (Some(best), Some(newest)) = (found.first(), self.window.back_mut()) {
+            newest.pose = best.untyped();
         }
     }
 
