@@ -4,7 +4,7 @@
 #
 #   benches/rgbd/run.sh OUT [--only NAME ...]           renders into OUT/sequences; finished ones are skipped; some 25 minutes on one core, 5 GB
 #   benches/rgbd/run.sh OUT track [--only NAME ...]     renders the held-out half alone, tracks it into OUT/ours, with the first mask alone into
-#                                                       OUT/carried, and by Open3D into OUT/open3d_*, unless that is done, and writes OUT/summary.json
+#                                                       OUT/carried, and by Open3D into OUT/open3d_plane, unless that is done, and writes OUT/summary.json
 #   benches/rgbd/run.sh OUT tune                        chooses Open3D's settings on the tuning half, and writes OUT/tuned/settings.json
 #
 # Needs Rust and Python 3.11 to 3.13; installs Open3D 0.20 into a virtual environment in OUT. sequences.toml describes the sequences and names the half
@@ -38,9 +38,7 @@ fi
 case $step in
 tune) "$python" $here/peer.py "$out/sequences" "$out/tuned" --tune ;;
 track)
-    for variant in plane colour; do
-        "$python" $here/peer.py "$out/sequences" "$out/open3d_$variant" --variant $variant "$@"
-    done
+    "$python" $here/peer.py "$out/sequences" "$out/open3d_plane" --variant plane "$@"
     for name in "${@:2}"; do
         # The same with the mask of the first frame alone.
         first=$out/first_mask/$name
@@ -54,6 +52,6 @@ track)
                 "$ours" run --log "$out/$data/$name" --modality vi --object "$(cat "$out/sequences/$name/object.txt")" --out "$out/$results/$name" --quiet
         done
     done
-    "$python" $here/score.py "$out/sequences" "$out" ours="$out/ours" carried="$out/carried" open3d_plane="$out/open3d_plane" open3d_colour="$out/open3d_colour"
+    "$python" $here/score.py "$out/sequences" "$out" ours="$out/ours" carried="$out/carried" open3d_plane="$out/open3d_plane"
     ;;
 esac
