@@ -98,6 +98,8 @@ fn a_ball_that_comes_back_is_recognised_by_its_paint() {
     let (off_m, off_deg) = apart(&found.untyped(), now);
     assert!(off_m < 0.001 && off_deg < 1.0, "{off_m} m, {off_deg} degrees");
     assert_eq!(tracker.recognise(&CENTRED, &candidates[..2], &alike), None);
+    let rivals = tracker.rivals(&CENTRED, found, Vec3::ZERO, &mut ChaCha8Rng::seed_from_u64(0));
+    assert!(rivals.len() > 3 && rivals.iter().all(|rival| apart(&rival.untyped(), found).1 > 20.0), "{rivals:?}");
 }
 
 #[test]
@@ -123,8 +125,7 @@ fn poses_about_an_axis_of_revolution_leave_the_surface_where_it_is() {
 /// Half a turn about each of its axes leaves a block as it is.
 #[test]
 fn a_block_that_comes_back_has_a_rival_for_each_half_turn() {
-    let half = [0.05, 0.032, 0.02];
-    let at = pose([0.0; 3], [20.0, 35.0, 10.0]);
+    let (half, at) = ([0.05, 0.032, 0.02], pose([0.0; 3], [20.0, 35.0, 10.0]));
     let mut tracker = Tracker::new(TrackerConfig::default());
     tracker.push(&Block(half), scan(0, Solid::Block(half), at), at, std::iter::empty());
     for seed in 0..5 {
@@ -132,8 +133,7 @@ fn a_block_that_comes_back_has_a_rival_for_each_half_turn() {
         assert_eq!(rivals.len(), 3, "seed {seed}");
         for turn in [[180.0, 0.0, 0.0], [0.0, 180.0, 0.0], [0.0, 0.0, 180.0]] {
             let turned = Isometry::new(at.untyped() * pose([0.0; 3], turn).untyped().rotation);
-            let is_turned = |pose: &Isometry<Field, World>| apart(&pose.untyped(), turned).1 < 3.0;
-            assert!(rivals.iter().any(is_turned), "{turn:?} with seed {seed}");
+            assert!(rivals.iter().any(|rival| apart(&rival.untyped(), turned).1 < 3.0), "{turn:?} with seed {seed}");
         }
     }
 }
