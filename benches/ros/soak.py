@@ -1,8 +1,9 @@
-"""Plays a run to a client of Foxglove's protocol for some minutes, and watches the memory of the server; prints a JSON line.
+"""Plays a run to two clients of Foxglove's protocol for some minutes, and watches the memory of the server; prints a JSON line.
 
-usage: soak.py --program PROGRAM [--minutes 10]
+usage: soak.py --program PROGRAM --client FOLDER [--minutes 10]
 
-Needs the package websockets. The run is played again and again in real time, 30 frames per second.
+Needs the packages mcap and websockets, and in FOLDER official_client.mjs beside the packages that it needs. The run is played again and
+again in real time, 30 frames per second. Every channel of its export that has messages must come.
 """
 
 import argparse
@@ -14,12 +15,14 @@ import subprocess
 import tempfile
 import time
 
+from mcap.reader import make_reader
 from websockets.sync.client import connect
 
 SAMPLE_S = 5.0
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--program", required=True)
+parser.add_argument("--client", required=True)
 parser.add_argument("--minutes", type=float, default=10.0)
 arguments = parser.parse_args()
 program = str(pathlib.Path(arguments.program).resolve())
@@ -34,8 +37,15 @@ def resident_mb(process):
 
 run = ["run", "--object", "cube70", "--duration", "6", "--out", "run", "--quiet"]
 subprocess.run([program, *run], cwd=folder, check=True)
+subprocess.run([program, "export", "mcap", "run", "--out", "run.mcap"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+with open(f"{folder}/run.mcap", "rb") as file:
+    summary = make_reader(file).get_summary()
+exported = {summary.channels[n].topic for n, count in summary.statistics.channel_message_counts.items() if count > 0}
 server = subprocess.Popen([program, "view", "run", "--foxglove", "0"], cwd=folder, stdout=subprocess.PIPE, text=True)
 address = next(word for word in server.stdout.readline().split() if word.startswith("ws://"))
+official = subprocess.Popen(
+    ["node", "official_client.mjs", address], cwd=arguments.client, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+)
 with connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
     assert json.loads(socket.recv())["op"] == "serverInfo"
     channels = {channel["id"]: channel for channel in json.loads(socket.recv())["channels"]}
@@ -48,14 +58,17 @@ with connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket
         message = socket.recv()
         if isinstance(message, bytes) and message[0] == 1:
             received[int.from_bytes(message[1:5], "little")] += 1
+heard_by_official = set(json.loads(official.communicate()[0]))
 server.send_signal(signal.SIGINT)
 server.wait()
+heard = {channels[n]["topic"] for n, count in received.items() if count > 0 and channels[n].get("schema")}
 third = len(memory_mb) // 3
 print(
     json.dumps({
-        "channels": len(channels),
-        "silent": sum(count == 0 for count in received.values()),
-        "without_schema": sum(not channel.get("schema") for channel in channels.values()),
+        "channels": len(exported),
+        # Those without a message or a schema.
+        "missing": len(exported - heard),
+        "missing_officially": len(exported - heard_by_official),
         "frames_per_s": max(received.values()) / now_s,
         "memory_mb": statistics.mean(memory_mb[third : 2 * third]),
         # The first third fills caches.
