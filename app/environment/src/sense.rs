@@ -15,6 +15,8 @@ pub(crate) const ESTIMATE: usize = 11;
 pub(crate) const PRIVILEGED: usize = 21;
 /// Bound of the numbers of [`Sense::Privileged`], far above those of a hand.
 const LARGEST: f32 = 100.0;
+/// Bound of a force on a pad, newtons, and of a position in tenths of a metre, as in the contract of sighted policies.
+const STRONGEST_N: f32 = 10.0;
 /// Bound of a position, metres: the hand is smaller.
 const FARTHEST_M: f32 = 1.0;
 /// Greatest indentation, millimetres: the distance from a DIGIT's gel to its camera.
@@ -26,6 +28,9 @@ const DEEPEST_MM: f32 = 22.0;
 pub enum Sense {
     /// Joint angles and targets of the last three instants, the latest first, from -1 to 1 over each joint's range.
     Proprioception,
+    /// The same, then of the same instants the object's position from the palm's centre (in tenths of a metre) as an estimate would tell it,
+    /// with its errors and delay, and the normal force on each pad (N): [`PolicyContract::sighted`]. Zeros before a position was seen.
+    Sighted,
     /// True indentation of each touch sensor, millimetres: pads x height x width.
     TouchDepth,
     /// Image of each touch sensor: pads x height x width x 3.
@@ -44,13 +49,21 @@ pub enum Sense {
 
 impl Sense {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Proprioception, Self::TouchDepth, Self::TouchImages, Self::Cameras, Self::Estimate, Self::Privileged];
+    pub const ALL: [Self; 7] = [
+        Self::Proprioception,
+        Self::Sighted,
+        Self::TouchDepth,
+        Self::TouchImages,
+        Self::Cameras,
+        Self::Estimate,
+        Self::Privileged,
+    ];
 
     /// Returns the name, which [`str::parse`] reads.
     pub fn name(self) -> &'static str {
         match self {
             Self::Proprioception => "proprioception",
+            Self::Sighted => "sighted",
             Self::TouchDepth => "touch_depth",
             Self::TouchImages => "touch_images",
             Self::Cameras => "cameras",
@@ -63,6 +76,7 @@ impl Sense {
     pub fn bounds(self) -> [f32; 2] {
         match self {
             Self::Proprioception => [-1.0, 1.0],
+            Self::Sighted => [-STRONGEST_N, STRONGEST_N],
             Self::TouchDepth => [0.0, DEEPEST_MM],
             Self::TouchImages | Self::Cameras => [0.0, 255.0],
             Self::Estimate => [-FARTHEST_M, FARTHEST_M],
@@ -76,7 +90,16 @@ impl Sense {
     }
 
     pub(crate) fn needs_images(self) -> bool {
-        !matches!(self, Self::Proprioception | Self::Privileged)
+        !matches!(self, Self::Proprioception | Self::Sighted | Self::Privileged)
+    }
+
+    /// Returns the contract of the policies that observe it; `None` for what is not made of terms of contracts.
+    pub(crate) fn contract(self, hand: &Hand, control_hz: u32) -> Option<PolicyContract> {
+        match self {
+            Self::Proprioception => Some(PolicyContract::turning(hand, control_hz)),
+            Self::Sighted => Some(PolicyContract::sighted(hand, control_hz)),
+            _ => None,
+        }
     }
 
     pub(crate) fn needs_cameras(self) -> bool {
@@ -87,7 +110,10 @@ impl Sense {
         // All touch sensors have the same size.
         let [rows, columns] = hand.pads().first().map_or([0, 0], |pad| pad.profile.shape());
         match self {
-            Self::Proprioception => vec![PolicyContract::turning(hand, CONTROL_HZ).observation_size(hand)],
+            Self::Proprioception | Self::Sighted => {
+                let contract = self.contract(hand, CONTROL_HZ);
+                vec![contract.map_or(0, |contract| contract.observation_size(hand))]
+            }
             Self::TouchDepth => vec![hand.pads().len(), rows, columns],
             Self::TouchImages => vec![hand.pads().len(), rows, columns, 3],
             // All cameras have the same size.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use mvt_gaits::directed::DirectedController;
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, true_press};
+use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode, EpisodeConfig};
 use mvt_policy::{ActionMap, ObservationMap, PolicyContract, PolicySenses};
 use mvt_render::camera::{CameraScratch, Renderer};
@@ -35,8 +36,8 @@ pub(crate) struct Environment {
     /// Angles at which the joints aim until the next action arrives, and the integration steps that it takes.
     command: JointAngles,
     delay: u32,
-    /// The maps of policies, as those of a run.
-    observations: ObservationMap,
+    /// The maps of policies, as those of a run: of actions, and of those senses that are made of terms of contracts.
+    observations: Vec<(Sense, ObservationMap)>,
     actions: ActionMap,
     /// Perception and estimator, as those of a run, if the estimate is observed.
     slam: Option<Box<(Perception, Estimator)>>,
@@ -66,7 +67,10 @@ impl Environment {
             randomisation: settings.randomisation.clone(),
         };
         let player = Box::new(DirectedController::new(&config.gait, &config.hand));
-        let episode = Episode::at_rate(&scene.object, &config, player, settings.physics_hz)?;
+        let mut episode = Episode::at_rate(&scene.object, &config, player, settings.physics_hz)?;
+        if settings.senses.contains(&Sense::Sighted) {
+            episode.rehearse(PlaceErrors::default(), seed);
+        }
         let joints = episode.start().joints.clone();
         let slam = match settings.senses.contains(&Sense::Estimate) {
             true => {
@@ -77,9 +81,13 @@ impl Environment {
             false => None,
         };
         let contract = PolicyContract::turning(&settings.hand, settings.control_hz);
+        let observed = settings.senses.iter().filter_map(|&sense| {
+            let contract = sense.contract(&settings.hand, settings.control_hz)?;
+            Some((sense, ObservationMap::new(&contract, &settings.hand)))
+        });
         let torque_limit_nm = scene.gait.torque_limit_nm;
         let mut environment = Self {
-            observations: ObservationMap::new(&contract, &settings.hand),
+            observations: observed.collect(),
             actions: ActionMap::new(&contract, &settings.hand, torque_limit_nm)?,
             episode,
             seed,
@@ -97,16 +105,12 @@ impl Environment {
         Ok(environment)
     }
 
-    /// Adds the present instant to the proprioception.
+    /// Adds the present instant to the observations of policies.
     fn sense(&mut self, action: &[f32]) {
         let sensed = self.episode.proprioception();
-        self.observations.add(&PolicySenses {
-            sensed: &sensed,
-            targets: &self.target,
-            action,
-            place: None,
-            touch_mm: &[],
-        });
+        let place = self.episode.rehearsed().map(|place| place.seen());
+        let senses = PolicySenses { sensed: &sensed, targets: &self.target, action, place, touch_mm: &[] };
+        self.observations.iter_mut().for_each(|(_, map)| map.add(&senses));
     }
 
     /// Moves the targets by an action and simulates until the next one. Does nothing after the end.
@@ -152,7 +156,10 @@ impl Environment {
         }
         for (&sense, part) in scene.settings().senses.iter().zip(parts) {
             match (sense, &images) {
-                (Sense::Proprioception, _) => part.write(sense, self.observations.observation()),
+                (Sense::Proprioception | Sense::Sighted, _) => {
+                    let map = self.observations.iter().find(|(of, _)| *of == sense);
+                    part.write(sense, map.map(|(_, map)| map.observation()).unwrap_or_default());
+                }
                 (Sense::Privileged, _) => part.write(sense, self.privileged()),
                 (Sense::Estimate, _) => part.write(sense, self.estimate_numbers()),
                 (Sense::TouchDepth, Some((_, truth))) => {

@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::clock::{CONTROL_HZ, PHYSICS_HZ};
 use mvt_objects::object::Object;
+use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation};
 use mvt_robot::hand::Hand;
 use mvt_run::controller::choose_controller;
@@ -30,10 +31,8 @@ pub(crate) fn measure(
     let name = file.to_string_lossy();
     let chosen = choose_controller(&name, object, hand)?;
     let Some(mover) = chosen.mover else { bail!("{name}: a policy ends in .onnx or .safetensors") };
-    if mover.needs_touch() || mover.needs_place() {
-        bail!(
-            "{name}: it observes touch_depth or the object's estimated pose, which nothing measures here; play it with `run`"
-        );
+    if mover.needs_touch() {
+        bail!("{name}: it observes touch_depth, which nothing measures here; play it with `run`");
     }
     let axis = chosen.gait.axis.direction(hand.side());
     let play = |place: u64| -> Result<TrialResult> {
@@ -45,6 +44,7 @@ pub(crate) fn measure(
             randomisation: Randomisation::default(),
         };
         let mut episode = Episode::moved_by(object, &config, mover.clone())?;
+        episode.rehearse(PlaceErrors::default(), config.seed);
         let rotation = |episode: &Episode| episode.simulation().object_pose().untyped().rotation;
         let (mut before, mut net, mut rocked_rad) = (rotation(&episode), na::Vector3::zeros(), 0.0);
         let (mut pads, mut samples) = (0, 0_u32);

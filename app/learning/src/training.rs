@@ -38,7 +38,7 @@ struct Sums {
     falls: u64,
 }
 
-/// Training of a policy that turns objects by proprioception, with a critic that knows the truth.
+/// Training of a policy that turns objects by proprioception, their place and the forces on the pads, with a critic that knows the truth.
 pub struct PolicyTraining {
     pub(crate) config: LearningConfig,
     pub(crate) seed: u64,
@@ -67,7 +67,7 @@ pub fn training_settings(hand: &Arc<Hand>) -> TurnSettings {
         randomisation: Randomisation { friction: 0.25, stiffness: 0.15, ..Randomisation::default() },
         // Half the time between two commands.
         latency_s: 0.02,
-        senses: vec![Sense::Proprioception, Sense::Privileged],
+        senses: vec![Sense::Sighted, Sense::Privileged],
         cameras: Vec::new(),
         ..TurnSettings::default()
     }
@@ -83,11 +83,11 @@ impl PolicyTraining {
         let count = config.environments;
         let environments = Environments::of_scenes(scenes, count, true)?;
         let settings = environments.scene().settings();
-        let mut contract = PolicyContract::turning(&settings.hand, settings.control_hz);
+        let mut contract = PolicyContract::sighted(&settings.hand, settings.control_hz);
         contract.side = Some(settings.hand.side());
         let size = |sense| environments.scene().shape(sense).iter().product::<usize>();
         let all = settings.senses.iter().map(|&sense| size(sense)).sum();
-        let sizes = [size(Sense::Proprioception), all, settings.hand.joints().len()];
+        let sizes = [size(Sense::Sighted), all, settings.hand.joints().len()];
         let mut training = Self {
             learner: Learner::draw(sizes, &config, &mut ChaCha8Rng::seed_from_u64(seed)),
             moments: Moments::new(all),

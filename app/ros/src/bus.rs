@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use rustdds::bytes::Bytes;
+use rustdds::dds::WriteError;
 use rustdds::no_key::{DataWriter, Decode, DefaultDecoder, DeserializerAdapter, SerializerAdapter, SimpleDataReader};
 use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
 use rustdds::{
@@ -17,7 +19,9 @@ use crate::error::LiveError;
 /// Bytes of the buffer of the system, below which images of 640 x 480 pixels are lost.
 const LEAST_BUFFER: u64 = 1 << 20;
 /// How long a writer waits for a slow receiver, milliseconds.
-const BLOCKING_MS: i64 = 100;
+const BLOCKING_MS: i64 = 2;
+/// So many times it does with a message, if the receiver took the one before.
+const PATIENCE: usize = 50;
 
 /// Topic as the network shows it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -222,7 +226,7 @@ impl Bus {
         let topic = self.topic(name, type_name, delivery)?;
         let writer = self.publisher.create_datawriter_no_key(&topic, Some(delivery.policies()));
         let writer = writer.map_err(LiveError::network(format!("cannot publish {name}")))?;
-        Ok(Outlet { writer })
+        Ok(Outlet { writer, is_stuck: AtomicBool::new(false) })
     }
 }
 
@@ -314,12 +318,27 @@ impl Waiter {
 /// A publication.
 pub struct Outlet {
     writer: DataWriter<Message, AsBytes>,
+    /// Whether a receiver did not take the last message in time.
+    is_stuck: AtomicBool,
 }
 
 impl Outlet {
-    /// Publishes a message; returns whether the library took it.
+    /// Publishes a message; returns whether the library took it. A slow receiver is waited for, but one that was killed only once.
     pub fn send(&self, message: Vec<u8>) -> bool {
-        self.writer.write(Message(message), None).is_ok()
+        let tries = if self.is_stuck.load(Ordering::Relaxed) { 1 } else { PATIENCE };
+        let mut message = Message(message);
+        for _ in 0..tries {
+            match self.writer.write(message, None) {
+                Ok(()) => {
+                    self.is_stuck.store(false, Ordering::Relaxed);
+                    return true;
+                }
+                Err(WriteError::WouldBlock { data }) => message = data,
+                Err(_) => return false,
+            }
+        }
+        self.is_stuck.store(true, Ordering::Relaxed);
+        false
     }
 }
 

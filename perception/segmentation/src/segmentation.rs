@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3A};
 use mvt_frames::camera::Intrinsics;
-use mvt_frames::depth::{GivenLabels, Label};
+use mvt_frames::depth::{GivenLabels, Label, extent};
 use mvt_frames::{Camera, Isometry, Point, World};
 use mvt_robot::hand::solid::HandSolid;
 use mvt_settings::{Unlimited, settings};
-use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Slice, Zip, s};
+use ndarray::{Array2, ArrayView2, Axis, Slice, Zip, s};
 use serde::{Deserialize, Serialize};
 
 settings! {
@@ -234,13 +234,9 @@ fn mark_edges(labels: &mut Array2<Label>, object: &Array2<f32>, config: &Segment
 
 /// Rows and columns of the finite pixels and of those within `reach` of them; `None` if there is no such pixel.
 fn bounds(image: &Array2<f32>, reach: usize) -> Option<[Range<usize>; 2]> {
-    let finite = |line: ArrayView1<'_, f32>| line.iter().any(|d| d.is_finite());
-    let along = |axis: Axis| {
-        let first = image.axis_iter(axis).position(finite)?;
-        let last = image.len_of(axis) - image.axis_iter(axis).rev().position(finite)?;
-        Some(first.saturating_sub(reach)..(last + reach).min(image.len_of(axis)))
-    };
-    Some([along(Axis(0))?, along(Axis(1))?])
+    let [left, top, right, bottom] = extent(image, |depth| depth.is_finite())?;
+    let around = |first: usize, last: usize, length: usize| first.saturating_sub(reach)..(last + 1 + reach).min(length);
+    Some([around(top, bottom, image.nrows()), around(left, right, image.ncols())])
 }
 
 /// `pick` over the square window of `reach` pixels to each side of every pixel, as far as the image goes.

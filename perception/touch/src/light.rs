@@ -99,7 +99,9 @@ impl SensorLight {
         for ((image, untouched), to) in pixels.zip(to.as_chunks_mut::<3>().0) {
             for c in 0..3 {
                 let [level, empty] = [image[c], untouched[c]].map(|level| self.levels[usize::from(level)]);
-                to[c] = (even + self.gains[c] * (shares[c] * level - empty)).round().clamp(0.0, 255.0) as u8;
+                let grey = (even + self.gains[c] * (shares[c] * level - empty)).clamp(0.0, 255.0);
+                // Rounds; `f32::round` is a call of a function where the CPU need not have the instruction.
+                to[c] = grey as u8 + u8::from(grey - f32::from(grey as u8) >= 0.5);
             }
         }
     }

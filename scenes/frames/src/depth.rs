@@ -63,6 +63,19 @@ impl GivenLabels {
     }
 }
 
+/// Returns the least column, the least row, the greatest column and the greatest row of the pixels for which `shows` holds; `None` if it holds
+/// for none.
+pub fn extent<T>(image: &Array2<T>, shows: impl Fn(&T) -> bool) -> Option<[usize; 4]> {
+    let mut extent: Option<[usize; 4]> = None;
+    for (v, row) in image.rows().into_iter().enumerate() {
+        let Some(first) = row.iter().position(&shows) else { continue };
+        let last = row.len() - 1 - row.iter().rev().position(&shows).unwrap_or(0);
+        let [left, top, right, _] = extent.unwrap_or([first, v, last, v]);
+        extent = Some([left.min(first), top, right.max(last), v]);
+    }
+    extent
+}
+
 /// Depth of one camera with what each pixel shows. Arrays are indexed (row, column).
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraDepth {
@@ -93,4 +106,19 @@ pub struct TouchDepth {
     pub contact: Array2<bool>,
     /// Standard deviation of the depth where the object touches, metres.
     pub sigma_m: f32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_extent_holds_all_pixels_and_no_more() {
+        let mut image = Array2::from_elem((5, 7), false);
+        assert_eq!(extent(&image, |shows| *shows), None);
+        image[(3, 5)] = true;
+        assert_eq!(extent(&image, |shows| *shows), Some([5, 3, 5, 3]));
+        (image[(1, 6)], image[(2, 2)]) = (true, true);
+        assert_eq!(extent(&image, |shows| *shows), Some([2, 1, 6, 3]));
+    }
 }

@@ -37,6 +37,8 @@ pub struct Rehearsal {
     latest: Option<RehearsedPlace>,
     /// The place of the frame before it, which arrives with the next step.
     arriving: Option<RehearsedPlace>,
+    /// The last place that arrived.
+    shown: Option<RehearsedPlace>,
 }
 
 impl Rehearsal {
@@ -45,17 +47,23 @@ impl Rehearsal {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         // Apart from the numbers of the start, which has the same seed.
         rng.set_stream(1);
-        Self { errors, rng, drift_m: na::Vector3::zeros(), latest: None, arriving: None }
+        Self { errors, rng, drift_m: na::Vector3::zeros(), latest: None, arriving: None, shown: None }
     }
 
     /// Makes an integration step, at a frame with its time, seconds, and the true pose. Returns the place that arrives.
     pub fn step(&mut self, frame: Option<(f64, Isometry<ObjectFrame, WorldFrame>)>) -> Option<RehearsedPlace> {
         let arrived = self.arriving.take();
+        self.shown = arrived.or(self.shown);
         if let Some((time_s, pose)) = frame {
             let place = self.look(time_s, pose);
             self.arriving = self.latest.replace(place);
         }
         arrived
+    }
+
+    /// Returns the last place that arrived.
+    pub fn shown(&self) -> Option<RehearsedPlace> {
+        self.shown
     }
 
     /// Returns the object's place as it is seen at a frame.

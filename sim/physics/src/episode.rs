@@ -7,7 +7,7 @@ use mvt_gaits::clock::{FRAME_HZ, PHYSICS_HZ};
 use mvt_gaits::controller::{Controller, Proprioception};
 use mvt_gaits::directed::DirectedController;
 use mvt_gaits::directive::Directive;
-use mvt_gaits::feedback::{EstimatedPlace, HANDED_OVER_S};
+use mvt_gaits::feedback::{EstimatedPlace, HANDED_OVER_S, RehearsedPlace};
 use mvt_gaits::gait;
 use mvt_gaits::gait::{Gait, UnknownGait};
 use mvt_gaits::schedule::{Schedule, TiltChange};
@@ -200,6 +200,11 @@ impl Episode {
     /// controller knows only what [`Episode::see`] tells it. `seed` decides the errors.
     pub fn rehearse(&mut self, errors: PlaceErrors, seed: u64) {
         self.rehearsal = Some(Rehearsal::new(errors, seed));
+    }
+
+    /// Returns the last place that the rehearsal has shown; `None` without one, or before the first.
+    pub fn rehearsed(&self) -> Option<RehearsedPlace> {
+        self.rehearsal.as_ref().and_then(Rehearsal::shown)
     }
 
     /// Tells the estimated place of the object to a controller that needs it; has no effect on others.
@@ -462,9 +467,7 @@ impl Episode {
     /// Shows the place to the controller in a rehearsal, and notes how an object in the air is held.
     fn watch(&mut self, is_supported: bool) {
         let (pose, time_s) = (self.simulation.object_pose(), self.time_s());
-        if self.controller.needs_place()
-            && let Some(rehearsal) = &mut self.rehearsal
-        {
+        if let Some(rehearsal) = &mut self.rehearsal {
             let is_frame = self.tick.is_multiple_of(self.steps_per_frame);
             if let Some(place) = rehearsal.step(is_frame.then_some((time_s, pose))) {
                 self.controller.rehearse(place);

@@ -136,6 +136,16 @@ impl PolicyContract {
         }
     }
 
+    /// Returns the same contract for a policy that also observes the object's place and the normal force on each pad, at three instants.
+    pub fn sighted(hand: &Hand, control_hz: u32) -> Self {
+        let observed = |term, clip, scale| ObservedTerm { term, clip, scale: vec![scale], history: 3 };
+        let mut contract = Self::turning(hand, control_hz);
+        // A tenth of a metre becomes 1, as does a newton.
+        contract.observation.push(observed(ObservationTerm::ObjectPosition, [-1.0, 1.0], 10.0));
+        contract.observation.push(observed(ObservationTerm::PadForce, [0.0, 10.0], 1.0));
+        contract
+    }
+
     /// Reads a contract for a hand.
     ///
     /// # Errors

@@ -118,7 +118,7 @@ mod tests {
     #[test]
     fn a_contract_that_is_written_is_read_again() {
         let hand = Hand::allegro(Side::Left);
-        let turning = PolicyContract::turning(&hand, 25);
+        let [turning, sighted] = [PolicyContract::turning(&hand, 25), PolicyContract::sighted(&hand, 25)];
         let mut other = turning.clone();
         other.joint_names.reverse();
         other.default_joint_pos.reverse();
@@ -132,7 +132,7 @@ mod tests {
             scale: vec![1.0, 2.0, 3.0],
             history: 1,
         });
-        for contract in [turning, other] {
+        for contract in [turning, sighted, other] {
             let text = fields(&contract).to_string();
             assert_eq!(PolicyContract::read(&Fields::of_toml(&text).unwrap(), &hand), Ok(contract), "{text}");
         }

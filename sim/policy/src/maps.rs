@@ -124,6 +124,9 @@ impl ObservationMap {
                 (0..size).map(|k| touch_mm.get(k).map_or(0.0, |mm| f64::from(*mm))).collect()
             }
             ObservationTerm::ObjectPose => place.map_or_else(|| vec![0.0; 9], |place| self.pose(&place)),
+            ObservationTerm::ObjectPosition => {
+                place.map_or_else(|| vec![0.0; 3], |place| self.beside_palm_m(&place).iter().copied().collect())
+            }
             ObservationTerm::ObjectConfidence => {
                 let fresh = place.filter(|place| sensed.time_s - place.time_s <= STALE_S);
                 vec![fresh.map_or(0.0, |place| place.confidence)]
@@ -137,11 +140,14 @@ impl ObservationMap {
         (0..self.hand.pads().len()).map(|pad| value(sensed.forces_n.get(pad).copied().unwrap_or(0.0))).collect()
     }
 
+    fn beside_palm_m(&self, place: &SeenPlace) -> nalgebra::Vector3<f64> {
+        place.middle_m - nalgebra::Vector3::from(self.hand.palm_centre_m().unwrap_or_default())
+    }
+
     fn pose(&self, place: &SeenPlace) -> Vec<f64> {
-        let from_palm = place.middle_m - nalgebra::Vector3::from(self.hand.palm_centre_m().unwrap_or_default());
         let rotation = place.orientation.to_rotation_matrix();
         let columns = (0..2).flat_map(|column| (0..3).map(move |row| (row, column)));
-        from_palm.iter().copied().chain(columns.map(|at| rotation[at])).collect()
+        self.beside_palm_m(place).iter().copied().chain(columns.map(|at| rotation[at])).collect()
     }
 }
 

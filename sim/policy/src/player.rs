@@ -94,7 +94,11 @@ impl Controller for PolicyController {
     }
 
     fn needs_place(&self) -> bool {
-        self.observes(&[ObservationTerm::ObjectPose, ObservationTerm::ObjectConfidence])
+        self.observes(&[
+            ObservationTerm::ObjectPose,
+            ObservationTerm::ObjectPosition,
+            ObservationTerm::ObjectConfidence,
+        ])
     }
 
     fn see(&mut self, place: EstimatedPlace) {

@@ -34,6 +34,8 @@ pub enum ObservationTerm {
     /// Estimated place of the object's middle from the palm's centre, metres, and the first two columns of its rotation; zeros before an
     /// estimate.
     ObjectPose,
+    /// The first three numbers of it: the place alone.
+    ObjectPosition,
     /// How far the estimate is to be trusted, 0 to 1; 0 without one or with an old one.
     ObjectConfidence,
     /// Direction of gravity in the palm's axes, of length 1.
@@ -43,7 +45,7 @@ pub enum ObservationTerm {
 }
 
 /// Terms with their names; those of mjlab and Isaac Lab stand behind the first one.
-const NAMES: [(ObservationTerm, &[&str]); 14] = [
+const NAMES: [(ObservationTerm, &[&str]); 15] = [
     (ObservationTerm::JointPos, &["joint_pos", "joint_pos_rel"]),
     (ObservationTerm::JointVel, &["joint_vel", "joint_vel_rel"]),
     (ObservationTerm::JointPosUnit, &["joint_pos_unit"]),
@@ -55,6 +57,7 @@ const NAMES: [(ObservationTerm, &[&str]); 14] = [
     (ObservationTerm::PadForce, &["pad_force"]),
     (ObservationTerm::TouchDepth, &["touch_depth"]),
     (ObservationTerm::ObjectPose, &["object_pose"]),
+    (ObservationTerm::ObjectPosition, &["object_pos"]),
     (ObservationTerm::ObjectConfidence, &["object_confidence"]),
     (ObservationTerm::ProjectedGravity, &["projected_gravity"]),
     (ObservationTerm::Command, &["command", "turn_axis"]),
@@ -77,7 +80,7 @@ impl ObservationTerm {
             Self::TouchDepth => pads * TOUCH_GRID[0] * TOUCH_GRID[1],
             Self::ObjectPose => 9,
             Self::ObjectConfidence => 1,
-            Self::ProjectedGravity | Self::Command => 3,
+            Self::ObjectPosition | Self::ProjectedGravity | Self::Command => 3,
         }
     }
 }

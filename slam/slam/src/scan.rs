@@ -279,17 +279,20 @@ impl Scan {
 fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut ChaCha8Rng) -> View {
     let lens = Lens::new(&image.intrinsics, image.world_from_camera, config.camera_shift_px);
     let (height, width) = image.depth_m.dim();
-    let at = |u: usize, v: usize| image.labels.get((v, u)).copied().unwrap_or_default();
     let mut object = Vec::new();
     let mut outline = Vec::new();
     let mut beside = Vec::new();
     let mut passed = Vec::new();
     let rim = config.outline_px;
-    for v in rim..height.saturating_sub(rim) {
+    let labels: Vec<Label> = image.labels.iter().copied().collect();
+    // Without a label for each pixel nothing is known.
+    let labelled = if image.labels.dim() == (height, width) { height } else { 0 };
+    for v in rim..labelled.saturating_sub(rim) {
+        let [above, here, below] = [v - rim, v, v + rim].map(|v| &labels[v * width..(v + 1) * width]);
         for u in rim..width.saturating_sub(rim) {
-            let around = || [(u - rim, v), (u + rim, v), (u, v - rim), (u, v + rim)].map(|(u, v)| at(u, v));
+            let around = || [here[u - rim], here[u + rim], above[u], below[u]];
             let is_sample = u % 2 == 0 && v % 2 == 0;
-            match at(u, v) {
+            match here[u] {
                 Label::Object => {
                     let around = around();
                     if around == [Label::Object; 4] {

@@ -46,9 +46,11 @@ impl Blur {
                 let at = mirrored(v as isize + k as isize - REACH as isize, height);
                 if changed.contains(&at) { &self.rows[row(at)] } else { &self.zero[..length] }
             });
-            let (out, under) = (&mut out[row(v)], &background[row(v)]);
+            // Slices of one length, so that the loop has no checks of bounds.
+            let (out, under) = (&mut out[row(v)][..length], &background[row(v)][..length]);
+            let [a, b, c, d, e, f, g] = taps.map(|row| &row[..length]);
             for i in 0..length {
-                let [a, b, c, d, e, f, g] = taps.map(|row| i32::from(row[i]));
+                let [a, b, c, d, e, f, g] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i]].map(i32::from);
                 let sum = k0 * d + k1 * (c + e) + k2 * (b + f) + k3 * (a + g);
                 let value = (i32::from(under[i]) << SHIFT) + sum;
                 out[i] = (value.clamp(0, 255 << SHIFT) >> SHIFT) as u8;
@@ -71,11 +73,10 @@ impl Blur {
             }
         }
         let [k0, k1, k2, k3] = KERNEL;
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = k0 * padded[i + 9]
-                + k1 * (padded[i + 6] + padded[i + 12])
-                + k2 * (padded[i + 3] + padded[i + 15])
-                + k3 * (padded[i] + padded[i + 18]);
+        let [a, b, c, d, e, f, g] = std::array::from_fn(|k| &padded[3 * k..3 * k + length]);
+        let out = &mut out[..length];
+        for i in 0..length {
+            out[i] = k0 * d[i] + k1 * (c[i] + e[i]) + k2 * (b[i] + f[i]) + k3 * (a[i] + g[i]);
         }
     }
 }

@@ -45,20 +45,33 @@ impl Noise {
     #[inline(always)]
     pub fn add(&self, key: NoiseKey, image: &mut [u8]) {
         let stream = mix(mix(key.seed) ^ (u64::from(key.pad) << 32 | u64::from(key.frame)));
-        // One 64-bit hash gives four draws. Hashes and sums become SIMD in loops of their own.
-        for (block, bytes) in image.chunks_mut(BLOCK).enumerate() {
-            let mut hashes = [0; BLOCK / 4];
-            for (k, hash) in hashes.iter_mut().enumerate() {
-                let counter = (block * (BLOCK / 4) + k + 1) as u64;
-                *hash = mix(stream.wrapping_add(counter.wrapping_mul(GOLDEN)));
-            }
-            let mut draws = [0; BLOCK];
-            for (draws, hash) in draws.as_chunks_mut::<4>().0.iter_mut().zip(hashes) {
-                *draws = std::array::from_fn(|k| self.quantiles[usize::from((hash >> (16 * k)) as u16)]);
-            }
-            for (byte, draw) in bytes.iter_mut().zip(draws) {
-                *byte = byte.saturating_add_signed(draw);
-            }
+        let (blocks, rest) = image.as_chunks_mut::<BLOCK>();
+        let whole = blocks.len();
+        for (block, bytes) in blocks.iter_mut().enumerate() {
+            self.add_block(stream, block, bytes);
+        }
+        // Blocks of one length become SIMD: the last bytes are completed to one.
+        let mut last = [0; BLOCK];
+        let (begin, _) = last.split_at_mut(rest.len());
+        begin.copy_from_slice(rest);
+        self.add_block(stream, whole, &mut last);
+        rest.copy_from_slice(&last[..rest.len()]);
+    }
+
+    /// Adds noise to a block of an image. One 64-bit hash gives four draws; hashes and sums become SIMD in loops of their own.
+    #[inline(always)]
+    fn add_block(&self, stream: u64, block: usize, bytes: &mut [u8; BLOCK]) {
+        let mut hashes = [0; BLOCK / 4];
+        for (k, hash) in hashes.iter_mut().enumerate() {
+            let counter = (block * (BLOCK / 4) + k + 1) as u64;
+            *hash = mix(stream.wrapping_add(counter.wrapping_mul(GOLDEN)));
+        }
+        let mut draws = [0; BLOCK];
+        for (draws, hash) in draws.as_chunks_mut::<4>().0.iter_mut().zip(hashes) {
+            *draws = std::array::from_fn(|k| self.quantiles[usize::from((hash >> (16 * k)) as u16)]);
+        }
+        for (byte, draw) in bytes.iter_mut().zip(draws) {
+            *byte = byte.saturating_add_signed(draw);
         }
     }
 }

@@ -4,12 +4,12 @@ use glam::Vec3;
 use mvt_frames::camera::Intrinsics;
 use mvt_frames::{Camera, Isometry, World};
 use nalgebra as na;
-use ndarray::Array2;
+use ndarray::{Array2, s};
 
 use super::{Hit, NORMAL_REACH_PX, NORMAL_STEP_M};
 
 /// A plane is fitted to at least so many of the 121 pixels around one.
-const FEWEST_FITTED: usize = 40;
+const FEWEST_FITTED: f32 = 40.0;
 
 /// A camera in the world, in the `f32` of rays.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,35 +48,28 @@ impl Lens {
     /// Unit normal towards the camera around a pixel, world frame; zero where neighbours are missing or an edge. It is that of the plane that
     /// fits the inverse depths of a square: those of a plane are linear in column and row. Noise of millimetres needs it.
     pub fn fitted_normal(&self, depth_m: &Array2<f32>, u: usize, v: usize) -> Vec3 {
-        const REACH: isize = NORMAL_REACH_PX as isize;
         let z = depth_m[(v, u)];
         if z <= 0.0 {
             return Vec3::ZERO;
         }
-        // Sums of 1, x, y, x², xy, y² and of these with the inverse depth, from that of the pixel on.
-        let (mut lhs, mut rhs, mut count) = ([0.0_f32; 6], [0.0_f32; 3], 0);
-        for dv in -REACH..=REACH {
-            for du in -REACH..=REACH {
-                let (Some(column), Some(row)) = (u.checked_add_signed(du), v.checked_add_signed(dv)) else { continue };
-                let Some(&depth) = depth_m.get((row, column)) else { continue };
-                if depth <= 0.0 || (depth - z).abs() >= NORMAL_STEP_M {
-                    continue;
-                }
-                let (x, y, w) = (du as f32, dv as f32, 1.0 / depth - 1.0 / z);
-                for (sum, term) in lhs.iter_mut().zip([1.0, x, y, x * x, x * y, y * y]) {
-                    *sum += term;
-                }
-                for (sum, term) in rhs.iter_mut().zip([w, w * x, w * y]) {
-                    *sum += term;
-                }
-                count += 1;
+        const REACH: usize = NORMAL_REACH_PX;
+        let around = |middle: usize, length: usize| middle.saturating_sub(REACH)..(middle + REACH + 1).min(length);
+        let (rows, columns) = (around(v, depth_m.nrows()), around(u, depth_m.ncols()));
+        let square = depth_m.slice(s![rows.clone(), columns.clone()]);
+        // Sums of the products of 1, x and y with each other and with the inverse depth, from that of the pixel on.
+        let (mut lhs, mut rhs) = (na::Matrix3::zeros(), na::Vector3::zeros());
+        for (row, depths_m) in rows.zip(square.rows()) {
+            for (column, &depth) in columns.clone().zip(depths_m) {
+                let p = na::Vector3::new(1.0, column as f32 - u as f32, row as f32 - v as f32);
+                let fits = depth > 0.0 && (depth - z).abs() < NORMAL_STEP_M;
+                let (part, w) = if fits { (1.0, 1.0 / depth - 1.0 / z) } else { (0.0, 0.0) };
+                lhs += p * p.transpose() * part;
+                rhs += p * w;
             }
         }
-        let [n, x, y, xx, xy, yy] = lhs;
-        let system = na::Matrix3::new(n, x, y, x, xx, xy, y, xy, yy);
         // A third of the square, so that a rim of two pixels is no face.
-        let Some(fit) = (count >= FEWEST_FITTED).then(|| system.try_inverse()).flatten() else { return Vec3::ZERO };
-        let fit = fit * na::Vector3::from(rhs);
+        let Some(fit) = (lhs.m11 >= FEWEST_FITTED).then(|| lhs.try_inverse()).flatten() else { return Vec3::ZERO };
+        let fit = fit * rhs;
         // 1 / z = a + b du + c dv: the plane n . p = 1 in camera coordinates, x right, y up, z back.
         let [fx, fy] = self.focal;
         let (b, c) = (fit.y, fit.z);

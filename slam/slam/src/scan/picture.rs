@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use image::RgbImage;
-use mvt_frames::depth::{CameraDepth, Label};
+use mvt_frames::depth::{CameraDepth, Label, extent};
 
 use super::Lens;
 
@@ -48,9 +48,10 @@ impl Level {
 
     /// The brightness at a place that [`Level::holds`], between pixels by interpolation.
     pub fn sample(&self, [u, v]: [f32; 2]) -> f32 {
-        let (column, row) = (u as usize, v as usize);
+        // A conversion to i32 is one instruction, to usize many.
+        let (column, row) = (u as i32, v as i32);
         let (a, b) = (u - column as f32, v - row as f32);
-        let first = row * self.width + column;
+        let first = row as usize * self.width + column as usize;
         let Some(&[p, q]) = self.values.get(first..first + 2).and_then(|pair| pair.first_chunk()) else { return 0.0 };
         let second = first + self.width;
         let Some(&[r, s]) = self.values.get(second..second + 2).and_then(|pair| pair.first_chunk()) else { return 0.0 };
@@ -212,12 +213,7 @@ pub(super) fn to_level([u, v]: [f32; 2], corner: [usize; 2], level: usize) -> [f
 
 /// Least and greatest column and row that show the object.
 pub(super) fn bounds(image: &CameraDepth) -> Option<[usize; 4]> {
-    let mut bounds: Option<[usize; 4]> = None;
-    for ((v, u), _) in image.labels.indexed_iter().filter(|(_, label)| **label == Label::Object) {
-        let [left, top, right, bottom] = bounds.unwrap_or([u, v, u, v]);
-        bounds = Some([left.min(u), top.min(v), right.max(u), bottom.max(v)]);
-    }
-    bounds
+    extent(&image.labels, |label| *label == Label::Object)
 }
 
 /// The mean of the colours in a part of an image.

@@ -78,9 +78,9 @@ impl Contrast {
         if !(u >= 0.0 && v >= 0.0 && u < (self.width - 1) as f32) {
             return None;
         }
-        let (column, row) = (u as usize, v as usize);
+        let (column, row) = (u as i32, v as i32);
         let (a, b) = (u - column as f32, v - row as f32);
-        let first = row * self.width + column;
+        let first = row as usize * self.width + column as usize;
         let &[p, q] = self.values.get(first..first + 2)?.first_chunk()?;
         let second = first + self.width;
         let &[r, s] = self.values.get(second..second + 2)?.first_chunk()?;

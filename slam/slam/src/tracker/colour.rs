@@ -163,6 +163,17 @@ pub(super) struct Pair<'a> {
     pub sigma_px: f64,
 }
 
+/// The squares around a place at all resolutions; `None` where the picture ends or shows nothing.
+type Squares = [Option<Square>; LEVELS];
+
+/// The squares around the places of each view of a scan.
+fn squares(scan: &Scan) -> Vec<Vec<Squares>> {
+    let of = |picture: &Picture| -> Vec<Squares> {
+        picture.patches.iter().map(|patch| std::array::from_fn(|level| Square::cut(picture, patch, level))).collect()
+    };
+    scan.views.iter().map(|view| view.picture().map(of).unwrap_or_default()).collect()
+}
+
 impl Pair<'_> {
     /// The pose near `start` on which most colours agree, with the places that do; `None` if too few agree. `alike` gives the earlier
     /// views that are like one at a pose.
@@ -171,11 +182,12 @@ impl Pair<'_> {
         start: &na::Isometry3<f64>,
         alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>,
     ) -> Option<(na::Isometry3<f64>, Vec<Tie>)> {
+        let cut = self.before.map(|(scan, _)| squares(scan)).unwrap_or_default();
         let (before, pose) = match self.before {
-            Some((scan, pose)) => (pose, self.search(scan, &pose, start)?),
+            Some((scan, pose)) => (pose, self.search((scan, &cut), &pose, start)?),
             None => (*start, *start),
         };
-        let mut ties = self.compare(&pose, &alike(Isometry::new(pose)));
+        let mut ties = self.compare(&pose, &cut, &alike(Isometry::new(pose)));
         let agreed = agree(&mut ties, &pose, &before)?;
         Some((agreed, ties))
     }
@@ -184,7 +196,7 @@ impl Pair<'_> {
     /// of it.
     fn search(
         &self,
-        scan: &Scan,
+        (scan, cut): (&Scan, &[Vec<Squares>]),
         before: &na::Isometry3<f64>,
         start: &na::Isometry3<f64>,
     ) -> Option<na::Isometry3<f64>> {
@@ -200,7 +212,7 @@ impl Pair<'_> {
             let mut count = 0;
             // From a pose that is nearer more places are found.
             for _ in 0..ROUNDS {
-                let mut ties = self.compare(&pose, &[]);
+                let mut ties = self.compare(&pose, cut, &[]);
                 let Some(agreed) = agree(&mut ties, &pose, before) else { break };
                 count = ties.iter().map(|tie| tie.found.len()).sum();
                 let turned = pose.rotation.angle_to(&agreed.rotation);
@@ -219,19 +231,22 @@ impl Pair<'_> {
         best.map(|(_, pose)| pose)
     }
 
-    /// Compares with the frame before, and with earlier views.
-    fn compare(&self, pose: &na::Isometry3<f64>, kept: &[EarlierView]) -> Vec<Tie> {
+    /// Compares with the frame before, whose squares are `cut`, and with earlier views.
+    fn compare(&self, pose: &na::Isometry3<f64>, cut: &[Vec<Squares>], kept: &[EarlierView]) -> Vec<Tie> {
         let mut ties = Vec::new();
-        let before = self.before.map(|(scan, pose)| (scan, pose, true));
-        let kept = kept.iter().map(|view| (view.scan.as_ref(), view.pose.untyped(), false));
-        for (scan, then_pose, is_before) in before.into_iter().chain(kept) {
+        let cuts: Vec<_> = kept.iter().map(|view| squares(&view.scan)).collect();
+        let before = self.before.map(|(scan, pose)| (scan, cut, pose, true));
+        let kept = kept.iter().zip(&cuts);
+        let kept = kept.map(|(view, cut)| (view.scan.as_ref(), cut.as_slice(), view.pose.untyped(), false));
+        for (scan, squares, then_pose, is_before) in before.into_iter().chain(kept) {
             for view in &self.now.views {
                 let Some(now) = view.picture() else { continue };
-                let same = |other: &&View| other.sensor() == view.sensor();
-                let Some(then) = scan.views.iter().find(same).and_then(View::picture) else { continue };
+                let same = |(other, _): &(&View, &Vec<Squares>)| other.sensor() == view.sensor();
+                let Some((then, squares)) = scan.views.iter().zip(squares).find(same) else { continue };
+                let Some(then) = then.picture() else { continue };
                 let now_from_then = pose * then_pose.inverse();
-                let found = then.patches.iter().filter_map(|patch| {
-                    let (pixel, root) = find(then, patch, now, &now_from_then, self.sigma_px as f32)?;
+                let found = then.patches.iter().zip(squares).filter_map(|(patch, squares)| {
+                    let (pixel, root) = find(patch, squares, now, &now_from_then, self.sigma_px as f32)?;
                     let place = na::Point3::from(to_na(patch.point));
                     let place = if is_before { place } else { then_pose.inverse() * place };
                     Some(Found { place, pixel, root })
@@ -290,8 +305,8 @@ fn agree(ties: &mut Vec<Tie>, start: &na::Isometry3<f64>, before: &na::Isometry3
 
 /// Looks for a place of an earlier picture in a later one. Returns where it is, and the root of the information about that.
 fn find(
-    then: &Picture,
     patch: &Patch,
+    squares: &Squares,
     now: &Picture,
     now_from_then: &na::Isometry3<f64>,
     sigma_px: f32,
@@ -312,7 +327,9 @@ fn find(
     let mut at = expected;
     let mut finest = None;
     for level in (0..LEVELS).rev() {
-        let (Some(square), Some(image)) = (Square::cut(then, patch, level), now.level(level)) else { continue };
+        let (Some(square), Some(image)) = (squares.get(level).and_then(Option::as_ref), now.level(level)) else {
+            continue;
+        };
         let scale = (1_u32 << level) as f32;
         for _ in 0..STEPS {
             let step = square.step(&warped(image, now.to_level(at.into(), level), warp)?);

@@ -47,7 +47,8 @@ pub(crate) fn add(
     let Matching { points, independent, reach_m } = matching;
     let robust = Loss::Cauchy(ROBUST_SIGMAS * f64::from(reach_m / REACH_M));
     let ((index_a, a), (index_b, b)) = (a, b);
-    let b_to_a = a.pose * b.pose.inverse();
+    let back = [a.pose, b.pose].map(na::Isometry3::inverse);
+    let b_to_a = a.pose * back[1];
     let (mut tried, mut matched) = (0, 0);
     for view_b in &b.scan.views {
         let Some(view_a) = a.scan.views.iter().find(|view| view.sensor() == view_b.sensor()) else { continue };
@@ -65,8 +66,8 @@ pub(crate) fn add(
             }
             matched += 1;
             let s = 1.0 / f64::from(hit.sigma_m.hypot(other.sigma_m));
-            let inside = a.pose.rotation.inverse() * to_na(other.normal);
-            let material = b.pose.inverse() * na::Point3::from(to_na(point));
+            let inside = back[0].rotation * to_na(other.normal);
+            let material = back[1] * na::Point3::from(to_na(point));
             let j = along(inside, material.coords) * s;
             let r = f64::from(other.normal.dot(gap)) * s;
             system.add(r, &[(index_a, j), (index_b, -j)], share, robust);

@@ -43,7 +43,8 @@ struct Compared {
 
 /// The texels of `then` that the later frame shows.
 fn compared(then: Posed<'_>, now: Posed<'_>, level: usize) -> Vec<Compared> {
-    let now_from_then = now.pose * then.pose.inverse();
+    let back = [then.pose, now.pose].map(na::Isometry3::inverse);
+    let now_from_then = now.pose * back[0];
     let scale = f64::from(1_u32 << level);
     let mut compared = Vec::new();
     for view in &now.scan.views {
@@ -61,8 +62,8 @@ fn compared(then: Posed<'_>, now: Posed<'_>, level: usize) -> Vec<Compared> {
             let at = picture.to_level([pixel.x as f32, pixel.y as f32], level);
             let (value, [by_u, by_v]) = contrasts.get(channel)?.sample(at)?;
             let slope = (along_u * f64::from(by_u) + along_v * f64::from(by_v)) / scale;
-            let material = then.pose.inverse() * na::Point3::from(to_na(point));
-            let slope = along(now.pose.rotation.inverse() * slope, material.coords);
+            let material = back[0] * na::Point3::from(to_na(point));
+            let slope = along(back[1].rotation * slope, material.coords);
             Some(Compared { expected: f64::from(expected), value: f64::from(value), slope })
         }));
     }

@@ -59,15 +59,14 @@ impl System {
         let weight = share * weight;
         for (i, a) in blocks {
             let Some(i) = *i else { continue };
-            for r in 0..6 {
-                self.gradient[6 * i + r] += weight * a[r] * residual;
-            }
+            let weighted = a * weight;
+            let mut rows = self.gradient.fixed_rows_mut::<6>(6 * i);
+            rows += weighted * residual;
             for (j, b) in blocks {
                 let Some(j) = *j else { continue };
-                for r in 0..6 {
-                    for c in 0..6 {
-                        self.hessian[(6 * i + r, 6 * j + c)] += weight * a[r] * b[c];
-                    }
+                let mut block = self.hessian.fixed_view_mut::<6, 6>(6 * i, 6 * j);
+                for (mut column, b) in block.column_iter_mut().zip(b.iter()) {
+                    column += weighted * *b;
                 }
             }
         }
