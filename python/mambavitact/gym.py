@@ -88,6 +88,8 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     Observation, by `observation`, a name or a sequence of names (then a dictionary):
 
     - `proprioception`: float32 (96,) of an Allegro: angles and targets of the last three instants, -1 to 1 over each joint's range
+    - `sighted`: float32 (117,) of an Allegro: `proprioception`, then of the same instants the position of the object from the palm's centre
+      (tenths of a metre, with the errors and the delay of an estimate) and the force on each pad (N)
     - `touch_depth`: float32 (4, 320, 240) of an Allegro: true indentation on each pad, millimetres
     - `touch_images`: uint8 (4, 320, 240, 3) of an Allegro: image of each touch sensor
     - `cameras`: uint8 (cameras, 480, 640, 3): colours of each camera
@@ -96,7 +98,7 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     - `privileged`: float32 (25,): the truth: position and rotation as above, velocity, angular velocity, force on each
       pad, friction of gel and links, mass, offset of the centre of mass
 
-    The reward is the sum of `turning`, `drift`, `posture`, `torque`, `work` and `drop`; `info` holds these parts, the
+    The reward is the sum of `turning`, `drift`, `place`, `posture`, `torque`, `work` and `drop`; `info` holds these parts, the
     time `time_s` and the angle `turned_rad`. An episode is terminated when the object falls off the hand and truncated
     after `duration_s`. `reset(seed=n)` plays the start that `mambavitact simulate --seed n` plays.
 

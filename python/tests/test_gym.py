@@ -17,7 +17,7 @@ import mambavitact.gym
 from mambavitact import ArgumentError, Episode
 
 ID = "mambavitact/TurnInHand-v0"
-OBSERVATIONS = ["proprioception", "touch_depth", "touch_images", "cameras", "estimate", "privileged"]
+OBSERVATIONS = ["proprioception", "sighted", "touch_depth", "touch_images", "cameras", "estimate", "privileged"]
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +52,7 @@ def test_actions_move_targets_and_rewards_are_the_sum_of_their_parts() -> None:
     observation, reward, terminated, truncated, info = env.step(action)
     targets = first["proprioception"][16:32], observation["proprioception"][16:32]
     assert (targets[1] >= targets[0]).all() and (targets[1] > targets[0]).sum() > 8
-    parts = [info[name] for name in ("turning", "drift", "posture", "torque", "work", "drop")]
+    parts = [info[name] for name in ("turning", "drift", "place", "posture", "torque", "work", "drop")]
     assert abs(reward - sum(parts)) < 1e-12
     assert abs(info["time_s"] - 1 / 20) < 1e-12
     assert not terminated and not truncated

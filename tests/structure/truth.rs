@@ -7,12 +7,12 @@ use crate::sources::{code, rust_files};
 
 #[test]
 fn the_true_place_of_the_object_never_reaches_a_run() {
-    let places =
-        ["app/run/src", "app/simulated/src/simulated.rs", "app/evaluation/src", "src/run", "src/run.rs", "slam"];
-    let files = places.iter().flat_map(|place| rust_files(Path::new(place)));
+    let of = ["app/run/src", "app/simulated/src/simulated.rs", "app/evaluation/src", "src/run", "src/run.rs", "slam"];
+    let files = of.iter().flat_map(|place| rust_files(Path::new(place)));
     let shows_it = |text: &str| ["RehearsedPlace", "Rehearsal", ".rehearse("].iter().any(|name| text.contains(name));
-    let offenders: Vec<String> =
-        files.filter(|file| shows_it(&code(file))).map(|file| file.display().to_string()).collect();
+    // `hand score` has no camera to estimate from: there the true place gets the errors of an estimate.
+    let offenders = files.filter(|file| !file.ends_with("played.rs") && shows_it(&code(file)));
+    let offenders: Vec<String> = offenders.map(|file| file.display().to_string()).collect();
     nothing_offends("runs know an estimate of the object's place, not the true one", &offenders);
 }
 

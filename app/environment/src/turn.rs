@@ -127,7 +127,7 @@ impl Environment {
         self.sense(action);
         Reward::of(
             self.episode.simulation(),
-            &self.episode.start().joints,
+            self.episode.start(),
             rate,
             matches!(self.episode.end(), Some(End::Dropped)),
         )

@@ -10,13 +10,6 @@ use mvt_slam::scan::Measurement;
 use mvt_slam::{Slam, SlamConfig};
 use synthetic::{BRICK, frame, pose, see};
 
-/// Resident memory of this process, bytes.
-fn resident_bytes() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
-    1024 * line.trim().strip_suffix(" kB").unwrap().parse::<u64>().unwrap()
-}
-
 /// Two rounds a minute, as gaits turn objects, and a nod. Six frames a second stand for all that cameras see in that time, and a
 /// tenth of the keyframes for all that are kept, so that their number has reached its bound after a minute.
 #[test]
@@ -25,6 +18,11 @@ fn two_minutes_take_no_more_memory_than_one() {
     const KEYFRAMES: usize = 60;
     /// Largest error of the last position, millimetres.
     const FINAL_MM: f64 = 3.0;
+    let resident_bytes = || {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+        1024 * line.trim().strip_suffix(" kB").unwrap().parse::<u64>().unwrap()
+    };
     let at = |k: usize| {
         let t = k as f64 / HZ as f64;
         pose([0.004 * (0.3 * t).sin(), 0.003 * (0.2 * t).cos(), 0.0], [6.0 * (0.25 * t).sin(), 0.0, 12.0 * t])
