@@ -5,10 +5,10 @@
 #   results/policy.sh OUT [STEPS]
 #
 # Writes OUT/training.json (steps, minutes), OUT/scores.jsonl (a line per object and controller), and OUT/policy and OUT/stroke, runs with SLAM.
-# 3 million steps by default. An interrupted training goes on.
+# 2 million steps by default. An interrupted training goes on.
 set -euo pipefail
 out=$(mkdir -p "${1:?usage: results/policy.sh OUT [STEPS]}" && cd "$1" && pwd)
-steps=${2:-3000000}
+steps=${2:-2000000}
 cd "$(dirname "$0")/.."
 cargo build --release --quiet --features train --bin mambavitact
 program="$PWD/${CARGO_TARGET_DIR:-target}/release/mambavitact"
