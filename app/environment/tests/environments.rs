@@ -79,6 +79,21 @@ fn observations_have_their_shapes_and_bounds() {
 }
 
 #[test]
+fn a_sighted_policy_sees_the_place_with_errors_and_feels_the_forces() {
+    let mut environments = environments(&[Sense::Sighted, Sense::Privileged], 1);
+    environments.reset(&[4]).unwrap();
+    let outcome = (0..9).map(|step| environments.step(&actions(step, 1)).unwrap()).last().unwrap();
+    let [Readings::Numbers(sighted), Readings::Numbers(truth)] = outcome.observations.as_slice() else {
+        panic!("numbers were expected")
+    };
+    // Behind the proprioception: the newest place, two before it, and the newest forces.
+    let (place, forces) = (&sighted[96..99], &sighted[105..109]);
+    let off_m = place.iter().zip(&truth[..3]).map(|(seen, truth)| (0.1 * seen - truth).abs()).fold(0.0, f32::max);
+    assert!((1e-5..0.01).contains(&off_m), "{off_m} m: an estimate is near, and not exact");
+    assert!(forces.iter().any(|force_n| *force_n > 0.0) && forces == &truth[15..19], "{forces:?} {truth:?}");
+}
+
+#[test]
 fn settings_and_actions_that_are_wrong_are_refused() {
     let refused = |change: fn(&mut TurnSettings)| scene(&[Sense::Cameras], change).err().unwrap().to_string();
     assert!(refused(|s| s.control_hz = 7).contains("divide 300"));

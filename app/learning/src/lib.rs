@@ -1,9 +1,10 @@
 //! Training of policies that turn an object in the hand.
 //!
-//! [`PolicyTraining`] is PPO over the environments of [`mvt_environment`]. The policy observes proprioception; its critic knows the object's
-//! true motion, mass and friction, which differ from episode to episode, as do size, stiffness of the drives and latency. The result depends on
-//! the settings and the seed, and not on the number of threads or on interruptions. Its episodes never begin as those that people name by their
-//! seeds ([`mvt_environment::LATER_SEED`]), so that any small seed tests what was learnt.
+//! [`PolicyTraining`] is PPO over the environments of [`mvt_environment`]. The policy observes proprioception, the object's place and the
+//! forces on the pads; its critic knows the object's true motion, mass and friction, which differ from episode to episode, as do size,
+//! stiffness of the drives and latency. The result depends on the settings and the seed, and not on the number of threads or on
+//! interruptions. Its episodes never begin as those that people name by their seeds ([`mvt_environment::LATER_SEED`]), so that any small
+//! seed tests what was learnt.
 //!
 //! ```
 //! use std::sync::Arc;
