@@ -5,7 +5,7 @@
 #   results/policy.sh OUT [STEPS]
 #
 # Writes OUT/training.json (steps, minutes), OUT/scores.jsonl (a line per object and controller), and OUT/policy and OUT/stroke, runs with SLAM.
-# 2 million steps by default. An interrupted training goes on.
+# 2 million steps by default. An interrupted training begins anew, so that its minutes are those of all steps.
 set -euo pipefail
 out=$(mkdir -p "${1:?usage: results/policy.sh OUT [STEPS]}" && cd "$1" && pwd)
 steps=${2:-2000000}
@@ -14,6 +14,7 @@ cargo build --release --quiet --features train --bin mambavitact
 program="$PWD/${CARGO_TARGET_DIR:-target}/release/mambavitact"
 cd "$out"
 if [ ! -e training.json ]; then
+    rm -f turn_ball.safetensors.state
     begun=$(date +%s)
     "$program" hand train --object ball --steps "$steps" --scored-starts 1 --json --overwrite --out turn_ball.safetensors >trained.json
     minutes=$(awk -v s="$(($(date +%s) - begun))" 'BEGIN { printf "%.2f", s / 60 }')

@@ -26,8 +26,8 @@ use crate::scoring::{SCORED_S, Scoring, print};
 /// Train a policy that turns objects in the hand
 ///
 /// PPO changes a small network that observes joint angles and their targets, the estimated place of the object and the force on each pad, and
-/// says by how much the targets change. Its critic knows the object's motion, mass and friction. The reward is that of mambavitact/TurnInHand-v0. Friction, mass, centre of mass, stiffness, latency, size
-/// and start are drawn anew for each episode.
+/// says by how much the targets change. Its critic knows the object's motion, mass and friction. The reward is that of
+/// mambavitact/TurnInHand-v0. Friction, mass, centre of mass, stiffness, latency, size and start are drawn anew for each episode.
 ///
 /// FILE receives the weights, and a file beside it with the ending .toml their contract; --controller plays them. A file with the ending .csv
 /// receives the course of the training. At the end the policy is scored on starts that no training can have. After an interruption, the same

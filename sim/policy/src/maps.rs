@@ -125,7 +125,7 @@ impl ObservationMap {
             }
             ObservationTerm::ObjectPose => place.map_or_else(|| vec![0.0; 9], |place| self.pose(&place)),
             ObservationTerm::ObjectPosition => {
-                place.map_or_else(|| vec![0.0; 3], |place| self.beside_palm_m(&place).iter().copied().collect())
+                place.map_or_else(|| vec![0.0; 3], |place| self.palm_offset_m(&place).iter().copied().collect())
             }
             ObservationTerm::ObjectConfidence => {
                 let fresh = place.filter(|place| sensed.time_s - place.time_s <= STALE_S);
@@ -140,14 +140,14 @@ impl ObservationMap {
         (0..self.hand.pads().len()).map(|pad| value(sensed.forces_n.get(pad).copied().unwrap_or(0.0))).collect()
     }
 
-    fn beside_palm_m(&self, place: &SeenPlace) -> nalgebra::Vector3<f64> {
+    fn palm_offset_m(&self, place: &SeenPlace) -> nalgebra::Vector3<f64> {
         place.middle_m - nalgebra::Vector3::from(self.hand.palm_centre_m().unwrap_or_default())
     }
 
     fn pose(&self, place: &SeenPlace) -> Vec<f64> {
         let rotation = place.orientation.to_rotation_matrix();
         let columns = (0..2).flat_map(|column| (0..3).map(move |row| (row, column)));
-        self.beside_palm_m(place).iter().copied().chain(columns.map(|at| rotation[at])).collect()
+        self.palm_offset_m(place).iter().copied().chain(columns.map(|at| rotation[at])).collect()
     }
 }
 

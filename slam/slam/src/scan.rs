@@ -284,7 +284,8 @@ fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut
     let mut beside = Vec::new();
     let mut passed = Vec::new();
     let rim = config.outline_px;
-    let labels: Vec<Label> = image.labels.iter().copied().collect();
+    let labels = image.labels.as_standard_layout();
+    let labels = labels.as_slice().unwrap_or_default();
     // Without a label for each pixel nothing is known.
     let labelled = if image.labels.dim() == (height, width) { height } else { 0 };
     for v in rim..labelled.saturating_sub(rim) {
