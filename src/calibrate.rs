@@ -7,7 +7,7 @@ use clap::Args;
 use mvt_calibration::Calibration;
 use mvt_files::input;
 use mvt_gaits::controller_file;
-use mvt_hands::LoadedHand;
+use mvt_hands::load_rig;
 use mvt_robot::hand::ALLEGRO_DIGIT;
 use mvt_run::arguments::duration;
 use mvt_run::config::RunConfig;
@@ -110,8 +110,7 @@ fn log(arguments: &CalibrateArguments, folder: &Path, config: &RunConfig) -> Res
 
 fn simulated(arguments: &CalibrateArguments, config: &RunConfig) -> Result<SimulatedSource> {
     let (_, object) = default_object()?;
-    let rig = LoadedHand::rig(&arguments.rig, None)?;
-    rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let rig = load_rig(&arguments.rig, None)?;
     let cameras = rig.placed(arguments.cameras.as_deref().unwrap_or("side"))?;
     let hand = rig.hand;
     let settings = SimulatedSettings {

@@ -79,8 +79,7 @@ fn from_ros(arguments: &RunArguments, file: &Path, config: &RunConfig, stop: &Ar
         stop,
     };
     let live = mvt_ros::LiveConnection::open(file, &run, |rig, side, camera| {
-        let loaded = mvt_hands::LoadedHand::rig(rig, side)?;
-        loaded.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+        let loaded = mvt_hands::load_rig(rig, side)?;
         let cameras = camera.map_or_else(|| Ok(loaded.cameras.clone()), |name| loaded.placed(name))?;
         Ok((loaded.hand, cameras.into_iter().next()))
     })?;

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand};
 use mvt_gaits::controller_file::is_policy;
-use mvt_hands::LoadedHand;
+use mvt_hands::load_rig;
 use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation};
 use mvt_policy::{ActionKind, Policy, PolicyContract};
 use mvt_robot::hand::{ALLEGRO_DIGIT, Hand};
@@ -63,7 +63,7 @@ fn check(arguments: &CheckArguments) -> Result<()> {
     if !is_policy(name) {
         bail!("{name}: a policy ends in .onnx or .safetensors");
     }
-    let rig = LoadedHand::rig(&arguments.rig, arguments.side.map(HandSide::side))?;
+    let rig = load_rig(&arguments.rig, arguments.side.map(HandSide::side))?;
     let policy = Policy::read(&arguments.file, &rig.hand)?;
     print_line(&contract_in_words(&policy, &rig.hand))?;
     for note in policy.notes() {

@@ -9,7 +9,7 @@ use clap::{Args, Subcommand, value_parser};
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::controller_file::{self, ControllerFile, is_policy};
 use mvt_gaits::gait::{self, Gait};
-use mvt_hands::LoadedHand;
+use mvt_hands::load_rig;
 use mvt_objects::object::Object;
 use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
 use mvt_run::arguments::HandSide;
@@ -186,7 +186,7 @@ fn tune(arguments: &HandTuneArguments) -> Result<()> {
     let first = objects.first().context("name at least one object")?;
     // The Allegro is tuned as a right hand, and scored as a left one.
     let is_allegro = arguments.rig == ALLEGRO_DIGIT;
-    let hand = LoadedHand::rig(&arguments.rig, is_allegro.then_some(Side::Right))?.hand;
+    let hand = load_rig(&arguments.rig, is_allegro.then_some(Side::Right))?.hand;
     let name = from_name(arguments);
     let mut from = match name {
         FIRST => first_stroke(&hand, first, *axis),
@@ -287,7 +287,7 @@ fn command(arguments: &HandTuneArguments) -> String {
 }
 
 fn score(arguments: &HandScoreArguments) -> Result<()> {
-    let hand = LoadedHand::rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
+    let hand = load_rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
     let conditions = TrialConditions { hand: Arc::clone(&hand), duration_s: SCORED_S, steps: arguments.steps };
     let bar = progress::bar(arguments.object.len() as u64, "scoring");
     for name in &arguments.object {

@@ -42,7 +42,7 @@ use clap::{Args, value_parser};
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_gaits::controller_file::ChosenController;
 use mvt_gaits::gait;
-use mvt_hands::LoadedHand;
+use mvt_hands::{LoadedHand, load_rig};
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
 use mvt_objects::object::Object;
@@ -279,8 +279,7 @@ pub fn run(arguments: &EvaluateArguments) -> Result<()> {
     // Everything is checked before anything is simulated.
     arguments.device.choose()?;
     let variants = variants(arguments)?;
-    let mut rig = LoadedHand::rig(&arguments.rig, None)?;
-    rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let mut rig = load_rig(&arguments.rig, None)?;
     rig.hand = arguments.touch.equipped(&rig.hand)?;
     let weights = arguments.touch.weights(&rig.hand)?;
     for cameras in &arguments.cameras {

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::Args;
 use mvt_gaits::controller_file::ChosenController;
-use mvt_hands::LoadedHand;
+use mvt_hands::{LoadedHand, load_rig};
 use mvt_objects::object::Object;
 use mvt_robot::hand::ALLEGRO_DIGIT;
 use mvt_run::arguments::HandSide;
@@ -51,8 +51,6 @@ impl Subject {
 impl Manner {
     /// Loads the rig and shows the warnings about it.
     pub fn rig(&self) -> Result<LoadedHand> {
-        let rig = LoadedHand::rig(&self.rig, self.side.map(HandSide::side))?;
-        rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-        Ok(rig)
+        Ok(load_rig(&self.rig, self.side.map(HandSide::side))?)
     }
 }

@@ -8,7 +8,7 @@ use clap::Args;
 use image::{ImageFormat, RgbImage, imageops};
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Isometry, Object as ObjectFrame, Point, World};
-use mvt_hands::{HandFile, LoadedHand};
+use mvt_hands::{HandFile, LoadedHand, load_rig};
 use mvt_objects::catalogue;
 use mvt_picture::{draw, palette, text};
 use mvt_render::camera::{CameraScratch, Renderer};
@@ -82,8 +82,7 @@ pub(crate) fn check(arguments: &HandCheckArguments) -> Result<()> {
     if let Some(path) = &arguments.picture {
         check_named(path, arguments.overwrite)?;
     }
-    let rig = LoadedHand::rig(&arguments.rig, None)?;
-    rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let rig = load_rig(&arguments.rig, None)?;
     if let Some(path) = &arguments.picture {
         let mut png = Cursor::new(Vec::new());
         picture(&rig)?.write_to(&mut png, ImageFormat::Png)?;

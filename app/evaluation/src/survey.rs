@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result};
 use clap::{Args, value_parser};
 use mvt_files::{input, output};
 use mvt_gaits::{controller_file, gait};
-use mvt_hands::LoadedHand;
+use mvt_hands::load_rig;
 use mvt_objects::catalogue;
 use mvt_robot::hand::ALLEGRO_DIGIT;
 use mvt_run::arguments::HandSide;
@@ -61,7 +61,7 @@ const LARGEST_FILE: u64 = 64 << 20;
 /// Runs the command.
 pub fn run(arguments: &HandSurveyArguments) -> Result<()> {
     let HandSurveyArguments { starts, seed, out, .. } = arguments;
-    let hand = LoadedHand::rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
+    let hand = load_rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
     let all = |given: &[String], names: Vec<String>| if given.is_empty() { names } else { given.to_vec() };
     let objects = all(&arguments.object, catalogue::entries().map(|entry| entry.name.to_owned()).collect());
     let on_palm = gait::shipped().iter().filter(|(_, gait)| gait.feedback.is_none()).map(|(name, _)| name.clone());

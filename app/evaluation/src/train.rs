@@ -10,8 +10,8 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, value_parser};
 use mvt_environment::{Scene, TaskError};
 use mvt_files::{input, output};
-use mvt_hands::LoadedHand;
-use mvt_learning::{LearningConfig, LearningPoint, PolicyTraining, check_trainable, in_sizes, training_settings};
+use mvt_hands::load_rig;
+use mvt_learning::{Curriculum, LearningConfig, LearningPoint, PolicyTraining, check_trainable, in_sizes, training_settings};
 use mvt_objects::object::Object;
 use mvt_robot::hand::ALLEGRO_DIGIT;
 use mvt_run::arguments::HandSide;
@@ -43,6 +43,10 @@ pub struct HandTrainArguments {
     /// Objects, separated by commas: names that `assets list` shows, random:SEED with a seed below 1000, or paths of meshes in metres
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', required = true)]
     object: Vec<String>,
+    /// Objects with which the training begins, named likewise, such as ball; those of --object join when these are held (at most one fall per
+    /// minute) and turned (0.5 rad/s) [default: those of --object]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    first: Vec<String>,
     /// File for the policy, which ends in .safetensors
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -77,7 +81,7 @@ fn share(text: &str) -> Result<f32, String> {
 
 /// Runs the command.
 pub(crate) fn run(arguments: &HandTrainArguments) -> Result<()> {
-    let HandTrainArguments { out, object: names, seed, sizes, overwrite, scoring, .. } = arguments;
+    let HandTrainArguments { out, object: names, first, seed, sizes, overwrite, scoring, .. } = arguments;
     if out.extension().is_none_or(|ending| ending != "safetensors") {
         bail!("--out {}: a policy ends in .safetensors", out.display());
     }
@@ -88,24 +92,30 @@ pub(crate) fn run(arguments: &HandTrainArguments) -> Result<()> {
     let mut state_path = OsString::from(out);
     state_path.push(".state");
     let state_path = PathBuf::from(state_path);
-    names.iter().try_for_each(|name| check_trainable(name))?;
-    let hand = LoadedHand::rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
+    names.iter().chain(first).try_for_each(|name| check_trainable(name))?;
+    let hand = load_rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
     let settings = training_settings(&hand);
-    let objects = names.iter().map(|name| load_object(name)).collect::<Result<Vec<Object>>>()?;
+    let load = |names: &[String]| names.iter().map(|name| load_object(name)).collect::<Result<Vec<Object>>>();
     let scene = |object| Ok(Arc::new(Scene::new(object, settings.clone())?));
-    let sized = objects.iter().flat_map(|object| in_sizes(object, SIZES, *sizes));
-    let scenes = sized.map(scene).collect::<Result<Vec<Arc<Scene>>, TaskError>>()?;
+    let scenes = |objects: &[Object]| -> Result<Vec<Arc<Scene>>, TaskError> {
+        objects.iter().flat_map(|object| in_sizes(object, SIZES, *sizes)).map(scene).collect()
+    };
+    let objects = load(names)?;
+    let curriculum = match first.is_empty() {
+        true => scenes(&objects)?.into(),
+        false => Curriculum { first: scenes(&load(first)?)?, later: scenes(&objects)? },
+    };
     let config = LearningConfig { environments: usize::from(arguments.environments), ..LearningConfig::default() };
     let block = config.block;
-    let identity = json!([names, sizes, hand.description(), hand.side().sign()]).to_string();
+    let identity = json!([names, first, sizes, hand.description(), hand.side().sign()]).to_string();
     let mut training = match state_path.exists() {
         true => {
             let state = input::read(&state_path, LARGEST_STATE)
                 .with_context(|| format!("cannot read {}", state_path.display()))?;
-            PolicyTraining::resume(scenes, config, *seed, &identity, &state)
+            PolicyTraining::resume(curriculum, config, *seed, &identity, &state)
                 .with_context(|| state_path.display().to_string())?
         }
-        false => PolicyTraining::new(scenes, config, *seed)?,
+        false => PolicyTraining::new(curriculum, config, *seed)?,
     };
     let updates = arguments.steps.div_ceil(training.steps_per_update()).next_multiple_of(block);
     let bar = progress::bar(updates, "training");
@@ -124,8 +134,9 @@ pub(crate) fn run(arguments: &HandTrainArguments) -> Result<()> {
     }
     bar.finish_and_clear();
     let (weights, contract) = training.policy_files()?;
+    let first = if first.is_empty() { String::new() } else { format!(" --first {}", first.join(",")) };
     let contract = format!(
-        "# Made by `hand train --object {} --steps {} --seed {seed}`.\n{contract}",
+        "# Made by `hand train --object {}{first} --steps {} --seed {seed}`.\n{contract}",
         names.join(","),
         arguments.steps
     );

@@ -2,7 +2,7 @@
 //!
 //! [`PolicyTraining`] is PPO over the environments of [`mvt_environment`]. The policy observes proprioception, the object's place and the
 //! forces on the pads; its critic knows the object's true motion, mass and friction, which differ from episode to episode, as do size,
-//! stiffness of the drives and latency. The result depends on the settings and the seed, and not on the number of threads or on
+//! stiffness of the drives and latency. A [`Curriculum`] begins with easy objects; the others join when these are held and turned. The result depends on the settings and the seed, and not on the number of threads or on
 //! interruptions. Its episodes never begin as those that people name by their seeds ([`mvt_environment::LATER_SEED`]), so that any small
 //! seed tests what was learnt.
 //!
@@ -30,6 +30,7 @@
 use mvt_mujoco_lib as _;
 
 mod config;
+mod curriculum;
 mod error;
 mod moments;
 mod objects;
@@ -39,6 +40,7 @@ mod training;
 mod update;
 
 pub use config::LearningConfig;
+pub use curriculum::Curriculum;
 pub use error::LearningError;
 pub use objects::{check_trainable, in_sizes};
 pub use training::{LearningPoint, PolicyTraining, training_settings};

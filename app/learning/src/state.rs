@@ -1,14 +1,13 @@
 //! The state of an interrupted training, from which it goes on to the bit.
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
-use mvt_environment::Scene;
 use ndarray::Array1;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 
 use crate::config::LearningConfig;
+use crate::curriculum::Curriculum;
 use crate::error::LearningError;
 use crate::perceptron::Perceptron;
 use crate::training::{LearningPoint, PolicyTraining};
@@ -72,7 +71,7 @@ impl PolicyTraining {
     /// # Errors
     /// [`LearningError`] as for a new one, or if the state is damaged or that of another training.
     pub fn resume(
-        scenes: Vec<Arc<Scene>>,
+        scenes: impl Into<Curriculum>,
         config: LearningConfig,
         seed: u64,
         names: &str,

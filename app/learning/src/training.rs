@@ -12,6 +12,7 @@ use rand::{Rng as _, RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::config::LearningConfig;
+use crate::curriculum::Curriculum;
 use crate::error::LearningError;
 use crate::moments::{Moments, NORMALISED};
 use crate::update::{Experience, Learner, advantages};
@@ -43,6 +44,8 @@ pub struct PolicyTraining {
     pub(crate) config: LearningConfig,
     pub(crate) seed: u64,
     environments: Environments,
+    /// Its later scenes are none once they have joined.
+    curriculum: Curriculum,
     contract: PolicyContract,
     pub(crate) learner: Learner,
     pub(crate) moments: Moments,
@@ -78,10 +81,10 @@ impl PolicyTraining {
     ///
     /// # Errors
     /// [`LearningError`] if a setting is out of range, or the environments cannot be made.
-    pub fn new(scenes: Vec<Arc<Scene>>, config: LearningConfig, seed: u64) -> Result<Self, LearningError> {
+    pub fn new(scenes: impl Into<Curriculum>, config: LearningConfig, seed: u64) -> Result<Self, LearningError> {
         config.validate()?;
-        let count = config.environments;
-        let environments = Environments::of_scenes(scenes, count, true)?;
+        let (count, curriculum) = (config.environments, scenes.into());
+        let environments = Environments::of_scenes(curriculum.first.clone(), count, true)?;
         let settings = environments.scene().settings();
         let mut contract = PolicyContract::sighted(&settings.hand, settings.control_hz);
         contract.side = Some(settings.hand.side());
@@ -100,6 +103,7 @@ impl PolicyTraining {
             config,
             seed,
             environments,
+            curriculum,
             contract,
         };
         training.begin_block()?;
@@ -123,6 +127,11 @@ impl PolicyTraining {
 
     /// Starts all environments anew, so that a training which goes on after an interruption is the same as one without.
     pub(crate) fn begin_block(&mut self) -> Result<(), LearningError> {
+        if self.curve.iter().any(|point| self.config.has_learnt(point))
+            && let Some(scenes) = self.curriculum.widen()
+        {
+            self.environments = Environments::of_scenes(scenes, self.config.environments, true)?;
+        }
         let mut random = self.random(0);
         let seeds: Vec<u64> = (0..self.config.environments).map(|_| random.next_u64() | LATER_SEED).collect();
         let readings = self.environments.reset(&seeds)?;

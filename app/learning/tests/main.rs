@@ -6,7 +6,7 @@ use std::fs;
 use std::sync::Arc;
 
 use mvt_environment::Scene;
-use mvt_learning::{LearningConfig, LearningError, PolicyTraining, in_sizes, training_settings};
+use mvt_learning::{Curriculum, LearningConfig, LearningError, PolicyTraining, in_sizes, training_settings};
 use mvt_policy::Policy;
 use mvt_robot::hand::{Hand, Side};
 
@@ -63,6 +63,31 @@ fn the_number_of_threads_and_interruptions_change_nothing() {
     let last = damaged.len() - 4;
     damaged[last..].fill(0xff);
     assert!(!refused("cubes", 5, &damaged).is_empty());
+}
+
+#[test]
+fn later_scenes_join_when_the_first_are_learnt() {
+    let [first, later] = [0, 1].map(|k| vec![scenes().swap_remove(k)]);
+    let config = |later_rad_s| LearningConfig { later_rad_s, later_falls_per_minute: 1000.0, ..small() };
+    let begun = |config| PolicyTraining::new(Curriculum { first: first.clone(), later: later.clone() }, config, 5);
+    let curve = |mut training: PolicyTraining| {
+        (0..6).for_each(|_| training.advance().unwrap());
+        training.curve().to_vec()
+    };
+    let alone = curve(PolicyTraining::new(first.clone(), config(0.0), 5).unwrap());
+    // No rate is reached, or each is.
+    assert_eq!(curve(begun(config(10.0)).unwrap()), alone);
+    let joined = curve(begun(config(-10.0)).unwrap());
+    assert_eq!(joined[0], alone[0]);
+    assert!(joined[1] != alone[1] && joined[2] != alone[2]);
+
+    let mut training = begun(config(-10.0)).unwrap();
+    (0..2).for_each(|_| training.advance().unwrap());
+    let state = training.state("cubes").unwrap().unwrap();
+    let curriculum = Curriculum { first: first.clone(), later: later.clone() };
+    let mut resumed = PolicyTraining::resume(curriculum, config(-10.0), 5, "cubes", &state).unwrap();
+    (0..4).for_each(|_| resumed.advance().unwrap());
+    assert_eq!(resumed.curve(), joined);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use mvt_evaluation::manner::Subject;
-use mvt_hands::LoadedHand;
+use mvt_hands::load_rig;
 use mvt_physics::episode::End;
 use mvt_robot::hand::Side;
 use mvt_ros::RosSetup;
@@ -71,8 +71,7 @@ impl RobotArguments {
         let Some(rig) = setup.rig_beside(file) else {
             bail!("{}: a simulated robot needs a hand: name it as `rig`", named());
         };
-        let rig = LoadedHand::rig(&rig, setup.side).with_context(named)?;
-        rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+        let rig = load_rig(&rig, setup.side).with_context(named)?;
         let cameras = setup.camera.as_deref().map_or_else(|| Ok(rig.cameras.clone()), |name| rig.placed(name))?;
         let Some(camera) = cameras.into_iter().next() else {
             bail!("{}: the place of the camera is unknown: name a camera of the rig as `camera`", named());

@@ -33,4 +33,5 @@ mod urdf;
 pub use error::HandFileError;
 pub use file::{BaseLink, CameraMount, DriveChange, GraspMount, HandFile, JointChange, LoadedHand, PadMount};
 pub use leap::{LEAP, leap_folder};
+pub use rig::load_rig;
 pub use {mvt_frames, mvt_robot};

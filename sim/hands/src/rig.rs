@@ -75,6 +75,16 @@ impl LoadedHand {
     }
 }
 
+/// Loads a hand as [`LoadedHand::rig`] does, and shows the warnings about it.
+///
+/// # Errors
+/// As [`LoadedHand::rig`].
+pub fn load_rig(name_or_path: &str, side: Option<Side>) -> Result<LoadedHand, HandFileError> {
+    let rig = LoadedHand::rig(name_or_path, side)?;
+    rig.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    Ok(rig)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
