@@ -1,7 +1,5 @@
 //! `disturb`, `calibrate`, and `run` with a wrong calibration.
 
-use std::fs;
-
 use serde_json::Value;
 
 use crate::workplace::Workplace;
@@ -33,8 +31,8 @@ fn a_wrong_calibration_is_found_and_written_for_later_runs() {
     assert!(said.contains("camera side sees the hand") && said.contains("calibrate"), "{said}");
 
     workplace.run("calibrate --log wrong --out found.json").warned();
-    let found = json(&fs::read_to_string(workplace.path("found.json")).unwrap());
-    let truth = json(&fs::read_to_string(workplace.path("wrong/disturbance.json")).unwrap());
+    let found = workplace.json("found.json");
+    let truth = workplace.json("wrong/disturbance.json");
     let (found_pose, true_pose) = (pose(&found["cameras"][0]["pose"]), pose(&truth["true_camera_poses"][0][1]));
     let trace: f64 = (0..9).map(|i| found_pose[i / 3][i % 3] * true_pose[i / 3][i % 3]).sum();
     let turned_deg = ((trace - 1.0) / 2.0).clamp(-1.0, 1.0).acos().to_degrees();

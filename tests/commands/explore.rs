@@ -1,7 +1,5 @@
 //! `run --explore` and `evaluate --explore`.
 
-use std::fs;
-
 use serde_json::Value;
 
 use crate::run::summary;
@@ -27,11 +25,10 @@ fn the_hand_changes_the_axis_to_see_the_foot() {
     let gain = |name: &str| gains[name].as_f64().unwrap();
     let chosen = first["chosen"].as_str().unwrap();
     assert!(chosen != "cubelet" && gain(chosen) > gain("cubelet") && gains.contains_key("regrasp"), "{first}");
-    let events = fs::read_to_string(workplace.path("1/recording/events.jsonl")).unwrap();
+    let events = workplace.text("1/recording/events.jsonl");
     assert!(events.contains(&format!("changes to controller {chosen} (expected to show, cm^2/s: ")), "{events}");
     assert_eq!(explored(&workplace, "2", "--duration 5 --touch-depth truth --threads 2"), (choices, score));
-    let config = fs::read_to_string(workplace.path("1/config.toml")).unwrap();
-    assert!(config.lines().next().unwrap().contains(" --explore"), "{config}");
+    assert!(workplace.text("1/config.toml").lines().next().unwrap().contains(" --explore"));
 }
 
 #[test]
@@ -54,7 +51,7 @@ fn ways_to_choose_are_compared_from_the_same_start() {
         )
     };
     let table = workplace.run(&line("frontier;oracle;fixed=cubelet")).good();
-    let text = fs::read_to_string(workplace.path("e/explore.jsonl")).unwrap();
+    let text = workplace.text("e/explore.jsonl");
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(lines.len(), 3, "{text}");
     for (line, mode) in lines.iter().zip(["frontier", "oracle", "fixed=cubelet"]) {
@@ -65,11 +62,7 @@ fn ways_to_choose_are_compared_from_the_same_start() {
     // Before the first choice both play the same controller; a fixed one is also pushed back to its place.
     assert_eq!((&lines[1]["area_f5"], &lines[1]["shape"]), (&lines[0]["area_f5"], &lines[0]["shape"]));
     assert_eq!(workplace.run(&line("frontier")).good().lines().filter(|line| line.contains("| 1 |")).count(), 1);
-    assert_eq!(
-        fs::read_to_string(workplace.path("e/explore.jsonl")).unwrap(),
-        text,
-        "a finished episode is not repeated"
-    );
+    assert_eq!(workplace.text("e/explore.jsonl"), text, "a finished episode is not repeated");
     assert!(workplace.run(&line("truth")).usage().contains("oracle or fixed=CONTROLLER"));
     assert!(workplace.run(&format!("{} --faults", line("frontier"))).usage().contains("--faults"));
 }

@@ -61,7 +61,7 @@ fn a_log_of_a_random_object_finds_its_object() {
     let workplace = Workplace::new();
     workplace.run(&format!("{SHORT} --object random:17 --out set")).good();
     assert_eq!(workplace.logs("set"), ["set/random-17/00"]);
-    let scene = fs::read_to_string(workplace.path("set/random-17/00/scene.json")).unwrap();
+    let scene = workplace.text("set/random-17/00/scene.json");
     assert!(scene.contains("\"random:17\"") && scene.contains("\"random-17\""), "{scene}");
     let said = workplace.run("inspect set/random-17/00").good();
     assert!(said.contains("random-17"), "{said}");

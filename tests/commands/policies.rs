@@ -56,7 +56,7 @@ fn a_policy_is_scored_evaluated_and_recorded() {
 
     let evaluate = "evaluate --objects cube70 --seeds 1 --modes pose --modalities tac --duration 0.3 --out tables \
                     --controller policy.safetensors";
-    let lines = || std::fs::read_to_string(workplace.path("tables/runs.jsonl")).unwrap();
+    let lines = || workplace.text("tables/runs.jsonl");
     workplace.run(evaluate).good();
     let first = lines();
     workplace.run(evaluate).good();
@@ -67,8 +67,7 @@ fn a_policy_is_scored_evaluated_and_recorded() {
     assert_eq!(lines().lines().count(), 2);
 
     workplace.run("generate --object cube70 --logs 1 --duration 0.2 --out set --controller policy.safetensors").good();
-    let scene: Value =
-        serde_json::from_str(&std::fs::read_to_string(workplace.path("set/cube70/00/scene.json")).unwrap()).unwrap();
+    let scene: Value = workplace.json("set/cube70/00/scene.json");
     assert!(scene["gait"] == "policy.safetensors" && scene["control_rate_hz"] == 50.0, "{scene}");
 }
 
@@ -101,7 +100,7 @@ fn a_trained_policy_is_a_controller() {
         "hand train --object cube70 --environments 4 --steps 1 --scored-starts 1 --seed 3 --out made.safetensors";
     let said = workplace.run(train).good();
     assert!(said.contains("cube70 with made.safetensors") && said.contains("controllers check"), "{said}");
-    let curve = std::fs::read_to_string(workplace.path("made.csv")).unwrap();
+    let curve = workplace.text("made.csv");
     assert!(curve.lines().count() == 2 && !workplace.path("made.safetensors.state").exists(), "{curve}");
     let contract = workplace.run("controllers check made.safetensors").good();
     assert!(

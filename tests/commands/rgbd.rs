@@ -55,9 +55,8 @@ fn a_folder_of_images_and_masks_is_a_log_without_a_hand() {
     assert_eq!(summary["frames"], 18, "{summary}");
     assert!(summary["add_s_mm"]["mean"].as_f64().unwrap() < 2.0, "{summary}");
     // Poses of the model in the camera, with OpenCV axes, for the programs that read these layouts.
-    let of = |path: String| -> Vec<f64> {
-        fs::read_to_string(workplace.path(&path)).unwrap().split_whitespace().map(|x| x.parse().unwrap()).collect()
-    };
+    let of =
+        |path: String| -> Vec<f64> { workplace.text(&path).split_whitespace().map(|x| x.parse().unwrap()).collect() };
     for k in [0, 17] {
         let (found, true_pose) =
             (of(format!("out/poses/{k:06}.txt")), of(format!("folder/annotated_poses/{k:06}.txt")));
@@ -65,7 +64,7 @@ fn a_folder_of_images_and_masks_is_a_log_without_a_hand() {
         assert!(apart_m < 0.005, "frame {k}: {apart_m} m");
     }
     assert_eq!(of("out/trajectory_tum.txt".to_owned()).len(), 18 * 8);
-    assert_eq!(fs::read_to_string(workplace.path("out/poses_bop.csv")).unwrap().lines().count(), 19);
+    assert_eq!(workplace.text("out/poses_bop.csv").lines().count(), 19);
     // The object is not named, so that there is nothing to score.
     workplace.run("run --log folder --out unnamed --quiet").warned();
     workplace.run("view --run unnamed --layout scene --show mesh --size 320x240 --record object.png").warned();
@@ -87,7 +86,7 @@ fn a_real_sequence_does_not_drift() {
     let Some(place) = others_data("real_rgbd/standing_box") else { return };
     let workplace = Workplace::new();
     workplace.run(&format!("run --log {} --out out --quiet", place.display())).warned();
-    let table = fs::read_to_string(workplace.path("out/trajectory.csv")).unwrap();
+    let table = workplace.text("out/trajectory.csv");
     let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let head = lines.next().unwrap();
     let columns = ["x_m", "y_m", "z_m", "qw"].map(|name| head.iter().position(|column| *column == name).unwrap());

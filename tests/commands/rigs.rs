@@ -21,9 +21,17 @@ fn each_rig_tracks_what_it_holds() {
         let workplace = Workplace::new();
         let line = format!("run --quiet --rig {rig} --object cube70 --duration 1.2 --touch-depth truth --out out");
         workplace.run(&line).good();
-        let text = std::fs::read_to_string(workplace.path("out/summary.json")).unwrap();
-        let summary: Value = serde_json::from_str(&text).unwrap();
+        let summary = workplace.json("out/summary.json");
         let add_s_mm = summary["add_s_mm"]["mean"].as_f64().unwrap();
         assert!(add_s_mm < 5.0, "{rig}: {summary}");
+    }
+}
+
+#[test]
+fn commands_of_the_hand_show_the_warnings_about_a_rig() {
+    let rig = concat!(env!("CARGO_MANIFEST_DIR"), "/sim/hands/tests/data/pincer.toml");
+    for command in ["hand score --object cube70 --controller auto", "controllers check absent.safetensors"] {
+        let said = Workplace::new().run(&format!("{command} --rig {rig}")).stderr;
+        assert!(said.contains("WARN 1 links that do not hang on palm are left out"), "{command}: {said}");
     }
 }

@@ -99,7 +99,7 @@ fn add_hand(log: &Path, to: &Path) {
 fn prepare_hand(workplace: &Workplace, seconds: f64, domain: u32) {
     prepare(workplace, seconds, domain);
     add_hand(&workplace.path("set/cube70/00"), &workplace.path("messages"));
-    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
+    let text = workplace.text("ros.toml");
     let text =
         text.replace("masks = \"/masks\"", "rig = \"allegro_digit\"\ncamera = \"side\"\njoints = \"/joint_states\"");
     let pads = ["index", "middle", "ring", "thumb"].map(|pad| format!("{pad} = \"/touch/{pad}/image_raw\"\n")).concat();
@@ -127,7 +127,7 @@ pub fn ended(child: Child) -> Ended {
     Ended { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
 }
 
-pub fn json_of(path: &Path) -> Value {
+fn json_of(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
@@ -155,8 +155,8 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
     workplace.run("run --log recorded --out again --quiet").good();
     assert_eq!(trajectory(&workplace, "again"), trajectory(&workplace, "live"));
 
-    let heard = json_of(&workplace.path("heard.json"));
-    let summary = json_of(&workplace.path("live/summary.json"));
+    let heard = workplace.json("heard.json");
+    let summary = workplace.json("live/summary.json");
     assert_eq!((&heard["sent"], &summary["frames"], &summary["complete"]), (&json!(45), &json!(45), &json!(true)));
     let live = &summary["live"];
     assert_eq!((&live["frames"], &live["late"]), (&json!(45), &json!(0)));
@@ -182,7 +182,7 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
             (na::Isometry3::from_parts(na::Translation3::new(x, y, z), turn).to_homogeneous() - of_folder).norm();
         assert!(apart < 1e-5, "frame {number}: {apart}");
     }
-    let transforms = json_of(&workplace.path("transforms.json"));
+    let transforms = workplace.json("transforms.json");
     assert_eq!(transforms.as_array().unwrap().len(), 20);
     for transform in transforms.as_array().unwrap() {
         let pose = poses.iter().find(|pose| pose["stamp_ns"] == transform["stamp_ns"]);
@@ -208,7 +208,7 @@ fn a_live_run_estimates_what_the_same_frames_in_a_folder_give_and_ros_reads_it()
 
 /// The poses of a run, to the last digit that is written.
 fn trajectory(workplace: &Workplace, out: &str) -> Vec<Vec<f64>> {
-    let text = fs::read_to_string(workplace.path(&format!("{out}/trajectory.csv"))).unwrap();
+    let text = workplace.text(&format!("{out}/trajectory.csv"));
     let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
     let head = lines.next().unwrap();
     let is_pose = |name: &str| ["time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "confidence"].contains(&name);
@@ -242,7 +242,7 @@ fn topics_that_do_not_come_are_named_with_what_is_seen_instead() {
     let Some(python) = python() else { return };
     let (workplace, domain) = (Workplace::new(), domain(2));
     prepare(&workplace, 0.1, domain);
-    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
+    let text = workplace.text("ros.toml");
     workplace.write(
         "ros.toml",
         text.replace("/masks", "/segments").replace("camera/color/image_raw", "camera/depth/camera_info_2"),
@@ -283,14 +283,14 @@ fn what_a_fast_publisher_sends_is_received_and_counted() {
     let Some(python) = python() else { return };
     let (workplace, domain) = (Workplace::new(), domain(3));
     prepare(&workplace, 1.5, domain);
-    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
+    let text = workplace.text("ros.toml");
     workplace.write("ros.toml", text.replace("reliable = true\n", ""));
     let run = begun(&workplace, "run --ros ros.toml --out live --quiet");
     let heard = ended(start(&workplace, &python, domain, "peer.py", "messages heard.json --hz 15"));
     signal(&run, "INT");
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
-    let (heard, summary) = (json_of(&workplace.path("heard.json")), json_of(&workplace.path("live/summary.json")));
+    let (heard, summary) = (workplace.json("heard.json"), workplace.json("live/summary.json"));
     let live = &summary["live"];
     let count = |value: &Value| value.as_u64().unwrap();
     let sent = count(&heard["sent"]);
@@ -326,19 +326,14 @@ fn a_hand_with_joints_and_touch_sensors_gives_the_motion_that_its_log_gives() {
     signal(&run, "INT");
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
-    let summary = json_of(&workplace.path("live/summary.json"));
+    let summary = workplace.json("live/summary.json");
     assert_eq!((&summary["frames"], &summary["live"]["unusable"]), (&json!(30), &json!(0)), "{summary}, {said:?}");
     // Depth, colours, joints and four pads.
     assert_eq!(summary["live"]["topics"].as_array().unwrap().len(), 7);
-    assert!(
-        json_of(&workplace.path("heard.json"))["poses"].as_array().unwrap().iter().all(|pose| pose["frame"] == "world")
-    );
+    assert!(workplace.json("heard.json")["poses"].as_array().unwrap().iter().all(|pose| pose["frame"] == "world"));
     // Both models have coordinates of their own, so that motions since the first frame are compared.
     let motions = |out: &str| {
-        let rows = mvt_run::report::read_trajectory(
-            &fs::read_to_string(workplace.path(&format!("{out}/trajectory.csv"))).unwrap(),
-        )
-        .unwrap();
+        let rows = mvt_run::report::read_trajectory(&workplace.text(&format!("{out}/trajectory.csv"))).unwrap();
         let poses: Vec<_> = rows.iter().map(|row| row.estimate.untyped()).collect();
         let first = poses[0];
         poses.into_iter().map(|pose| pose * first.inverse()).collect::<Vec<_>>()
@@ -363,7 +358,7 @@ fn what_a_hand_delivers_is_recorded_and_repeats_the_estimate() {
     signal(&run, "INT");
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
-    let summary = json_of(&workplace.path("live/summary.json"));
+    let summary = workplace.json("live/summary.json");
     assert_eq!(summary["live"]["log"], json!({ "frames": 21, "left_out": 0 }), "{summary}, {said:?}");
     assert_eq!(Log::open(&workplace.path("recorded")).unwrap().object_name(), "cube70");
     workplace.run("run --log recorded --out again --quiet").good();
@@ -404,8 +399,8 @@ fn a_touch_sensor_of_this_computer_is_read_beside_the_topics() {
     let Some(python) = python() else { return };
     let (workplace, domain) = (Workplace::new(), domain(6));
     prepare_hand(&workplace, 0.7, domain);
-    let text = fs::read_to_string(workplace.path("ros.toml")).unwrap();
-    let mut sequence = json_of(&workplace.path("messages/sequence.json"));
+    let text = workplace.text("ros.toml");
+    let mut sequence = workplace.json("messages/sequence.json");
     sequence["touch"].as_object_mut().unwrap().remove("thumb");
     workplace.write("messages/sequence.json", sequence.to_string());
     let text = text.replace("reliable = true\n", "").replace("thumb = \"/touch/thumb/image_raw\"\n", "");
@@ -422,7 +417,7 @@ fn a_touch_sensor_of_this_computer_is_read_beside_the_topics() {
     let said = ended(run);
     assert_eq!((heard.code, said.code), (Some(0), Some(0)), "{heard:?}, {said:?}");
     assert!(said.stderr.contains("cannot read the camera /dev/null: Device or resource busy"), "{said:?}");
-    let summary = json_of(&workplace.path("live/summary.json"));
+    let summary = workplace.json("live/summary.json");
     let topics = summary["live"]["topics"].as_array().unwrap();
     let camera = topics.iter().find(|topic| topic["topic"] == "touch sensor /dev/null").unwrap();
     assert!(camera["received"].as_u64().unwrap() > 30 && topics.len() == 7, "{summary}");

@@ -9,7 +9,7 @@ use mvt_robot::hand::{Hand, Side};
 use serde_json::Value;
 
 use crate::policies;
-use crate::ros::{begun, domain, ended, json_of, python, start};
+use crate::ros::{begun, domain, ended, python, start};
 use crate::workplace::{Workplace, signal};
 
 /// The shipped robot, on the loopback of a domain, with the time of the simulator.
@@ -67,7 +67,7 @@ fn the_estimate_drives_a_simulated_hand_that_keeps_its_object() {
         "{outcome}, {said:?}"
     );
     assert!(outcome["commands"].as_u64().unwrap() > 100, "{outcome}, {said:?}");
-    let summary = json_of(&workplace.path("live/summary.json"));
+    let summary = workplace.json("live/summary.json");
     let live = &summary["live"];
     assert!(summary["frames"].as_u64().unwrap() > 30, "{summary}");
     assert!(live["commands"]["sent"].as_u64() >= outcome["commands"].as_u64(), "{live}, {outcome}");
@@ -119,7 +119,7 @@ fn a_hand_whose_driver_is_killed_holds_and_says_so() {
 fn a_driver_whose_robot_is_killed_opens_the_hand_and_says_so() {
     let (workplace, domain) = (Workplace::new(), domain(7));
     robot_file(&workplace, domain);
-    let text = fs::read_to_string(workplace.path("rig.toml")).unwrap();
+    let text = workplace.text("rig.toml");
     let text = text.replace("std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory");
     let text = text.replace("on_stop = \"hold\"", "on_stop = \"open\"");
     workplace.write("rig.toml", &text);
@@ -138,7 +138,7 @@ fn a_driver_whose_robot_is_killed_opens_the_hand_and_says_so() {
     of_run.until("the hand opens: /clock stands still");
     signal(&run, "INT");
     assert!(run.wait().unwrap().success());
-    let stops = &json_of(&workplace.path("live/summary.json"))["live"]["commands"]["stops"];
+    let stops = &workplace.json("live/summary.json")["live"]["commands"]["stops"];
     assert_eq!(stops.as_array().unwrap().last(), Some(&"/clock stands still".into()));
 }
 
@@ -146,7 +146,7 @@ fn a_driver_whose_robot_is_killed_opens_the_hand_and_says_so() {
 fn a_command_topic_to_which_nobody_subscribes_is_named() {
     let (workplace, domain) = (Workplace::new(), domain(8));
     robot_file(&workplace, domain);
-    let text = fs::read_to_string(workplace.path("rig.toml")).unwrap();
+    let text = workplace.text("rig.toml");
     workplace.write("elsewhere.toml", text.replace("/allegro_hand_position_controller/commands", "/elsewhere"));
     let mut robot = begun(&workplace, &format!("simulate --ros rig.toml --object cube70 {SPEED}"));
     let mut run = begun(&workplace, "run --ros elsewhere.toml --drive --object cube70 --out live --quiet");
@@ -175,7 +175,7 @@ fn files_and_arguments_that_do_not_fit_are_refused_in_one_line() {
     assert!(error("run --ros bare.toml --drive --controller cube").contains("[ros.command]"));
     assert!(error("simulate --ros bare.toml --object cube70").contains("[ros.command]"));
     assert!(error("simulate --ros bare.toml --object cube70 --speed 0.5").contains("sim_time = true"));
-    let text = fs::read_to_string(workplace.path("rig.toml")).unwrap();
+    let text = workplace.text("rig.toml");
     workplace.write("order.toml", text.replace("\"ah_joint33\",", "\"ah_joint32\","));
     assert!(error("simulate --ros order.toml --object cube70").contains("each of the 16 joints once"));
 }

@@ -31,12 +31,12 @@ const FILES: [&str; 18] = [
 ];
 
 pub fn summary(workplace: &Workplace, folder: &str) -> Value {
-    serde_json::from_slice(&fs::read(workplace.path(folder).join("summary.json")).unwrap()).unwrap()
+    workplace.json(&format!("{folder}/summary.json"))
 }
 
 /// Returns a trajectory without its times of computation.
 fn trajectory(workplace: &Workplace, folder: &str) -> String {
-    let text = fs::read_to_string(workplace.path(folder).join("trajectory.csv")).unwrap();
+    let text = workplace.text(&format!("{folder}/trajectory.csv"));
     let timeless = |line: &str| line.rsplitn(5, ',').last().unwrap().to_owned();
     assert!(text.lines().next().unwrap().ends_with(",sense_ms,track_ms,map_ms,mesh_ms"));
     text.lines().map(timeless).collect::<Vec<_>>().join("\n")
@@ -78,7 +78,7 @@ fn a_closed_loop_reconstructs_and_tracks() {
     let text = again.stdout.clone();
     assert!(again.warned().contains("out.1"));
     assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["frames"], 6, "{text}");
-    assert!(fs::read_to_string(workplace.path("out/config.toml")).unwrap().contains(" Default: 2048.\nbatch = 512\n"));
+    assert!(workplace.text("out/config.toml").contains(" Default: 2048.\nbatch = 512\n"));
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn an_estimated_shape_is_continued_and_meshed() {
     let again = summary(&workplace, "again");
     assert!(again["lost_frames"].as_u64().unwrap() < 10 && again["f_score"]["5"].as_f64().unwrap() > 0.5, "{again}");
     assert!(size("again") > before);
-    let settings = fs::read_to_string(workplace.path("again/config.toml")).unwrap();
+    let settings = workplace.text("again/config.toml");
     let command = format!("# mambavitact run --object cube70 --log {LOG} --seed 0 --mode slam");
     assert!(settings.starts_with(&command) && settings.contains("--resume out"), "{settings}");
 
@@ -287,14 +287,14 @@ fn an_evaluation_continues_where_it_stopped() {
     let table = |line: &str| {
         let said = workplace.run(line).good();
         assert!(said.contains("side pose vitac") && said.contains("next: open e/table.md"), "{said}");
-        fs::read_to_string(workplace.path("e/table.md")).unwrap()
+        workplace.text("e/table.md")
     };
     let one = table(&line(1));
     assert!(
         one.contains("| side | pose | vitac | full | 1 |") && one.contains("| side | pose | tac | full | 1 |"),
         "{one}"
     );
-    let lines = || fs::read_to_string(workplace.path("e/runs.jsonl")).unwrap();
+    let lines = || workplace.text("e/runs.jsonl");
     let before = lines();
     let hidden =
         serde_json::from_str::<Value>(before.trim().lines().next().unwrap()).unwrap()["hidden"].as_f64().unwrap();
@@ -310,7 +310,7 @@ fn fields_are_compared_on_the_same_frames() {
     let workplace = Workplace::new();
     let line = "evaluate --fields --objects rubiks_cube_small --seeds 1 --duration 1 --cameras 90/45 --out e";
     let table = workplace.run(line).good();
-    let text = fs::read_to_string(workplace.path("e/fields.jsonl")).unwrap();
+    let text = workplace.text("e/fields.jsonl");
     let lines: Vec<Value> = text.trim().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(lines.len(), 4, "{text}");
     for (line, name) in lines.iter().zip(["refined", "dense", "hashed", "tsdf"]) {
@@ -323,7 +323,7 @@ fn fields_are_compared_on_the_same_frames() {
     }
     // A finished comparison is not repeated.
     assert_eq!(workplace.run(line).good(), table);
-    assert_eq!(fs::read_to_string(workplace.path("e/fields.jsonl")).unwrap(), text);
+    assert_eq!(workplace.text("e/fields.jsonl"), text);
     assert!(workplace.run(&format!("{line} --ablate")).usage().contains("--ablate"));
     assert!(workplace.run(&format!("{line} --modes pose")).usage().contains("--modes"));
 }

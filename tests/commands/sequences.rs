@@ -83,11 +83,11 @@ fn a_data_set_is_run_and_resumed() {
     let fast = "benchmark set --out out --duration 0.25 --set slam.map.first_steps=20";
     let table = workplace.run(fast).warned_with_output();
     let score = |summary: &Value| summary["add_auc"].as_f64().unwrap();
-    let results = fs::read_to_string(workplace.path("out/results.jsonl")).unwrap();
+    let results = workplace.text("out/results.jsonl");
     let first = json(&results);
     assert_eq!((&first["sequence"], &first["object"]), (&Value::from("cube"), &Value::from("cube70")));
     assert!(score(&first["score"]) > 90.0, "{first}");
-    let summary: Value = serde_json::from_slice(&fs::read(workplace.path("out/cube/summary.json")).unwrap()).unwrap();
+    let summary = workplace.json("out/cube/summary.json");
     assert_eq!(summary["benchmark"], first["score"]);
     assert!(table.contains("| cube ") && !table.contains("median"), "{table}");
 
@@ -102,7 +102,7 @@ fn a_data_set_is_run_and_resumed() {
     for part in ["| mustard0 ", "**median**", "6DOPE-GS, YCBInEOAT (arXiv 2412.01543)"] {
         assert!(table.contains(part), "{table}");
     }
-    let resumed = fs::read_to_string(workplace.path("out/results.jsonl")).unwrap();
+    let resumed = workplace.text("out/results.jsonl");
     assert!(resumed.starts_with(&results) && resumed.lines().count() == 2, "{resumed}");
 
     let error = |line: &str| workplace.run(line).error();

@@ -144,7 +144,7 @@ fn results_that_do_not_fit_are_found_and_done_again() {
     assert_same(&whole, &workplace.files(&first));
     assert_eq!(names(&workplace, "s/damaged").len(), 1);
     // A plan of another version, and one that was changed.
-    let plan = fs::read_to_string(workplace.path("s/plan.json")).unwrap();
+    let plan = workplace.text("s/plan.json");
     let version = format!("\"{}\"", env!("CARGO_PKG_VERSION"));
     workplace.write("s/plan.json", plan.replace(&version, "\"0.0.1\""));
     let said = workplace.run("sweep status s").good();
@@ -153,7 +153,7 @@ fn results_that_do_not_fit_are_found_and_done_again() {
         assert!(workplace.run(command).error().contains("version 0.0.1"), "{command}");
     }
     workplace.write("s/plan.json", plan);
-    let tasks = fs::read_to_string(workplace.path("s/tasks.jsonl")).unwrap();
+    let tasks = workplace.text("s/tasks.jsonl");
     workplace.write("s/tasks.jsonl", tasks.replace("0.2", "0.3"));
     for command in ["sweep run s", "sweep merge s --out m"] {
         assert!(workplace.run(command).error().contains("tasks.jsonl was changed after it was planned"), "{command}");
@@ -205,7 +205,7 @@ fn runs_are_tasks_and_merge_to_tables() {
     workplace.run("sweep run t").good();
     workplace.run("sweep merge t --out n").good();
     assert_same(&workplace.files("n"), &workplace.files("m"));
-    let lines = fs::read_to_string(workplace.path("m/runs.jsonl")).unwrap();
+    let lines = workplace.text("m/runs.jsonl");
     let modes: Vec<serde_json::Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!((&modes[0]["mode"], &modes[1]["mode"]), (&"slam".into(), &"pose".into()));
     // They are the runs of `evaluate`, but for the clock.
@@ -213,7 +213,7 @@ fn runs_are_tasks_and_merge_to_tables() {
     let line =
         "evaluate --objects rubiks_cube_small --seeds 1 --modalities vitac --duration 0.3 --touch-depth truth --out e";
     workplace.run(&format!("{line} {set}")).good();
-    let evaluated = fs::read_to_string(workplace.path("e/runs.jsonl")).unwrap();
+    let evaluated = workplace.text("e/runs.jsonl");
     for mut other in evaluated.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()) {
         other["frames_per_second"] = serde_json::Value::Null;
         assert!(modes.contains(&other), "{other}\n{lines}");
@@ -241,7 +241,7 @@ fn a_warned_job_finishes_its_task_and_is_queued_again() {
     assert!(!workplace.path("s/slurm.sh").exists());
     let ended = workplace.command("sweep slurm s --shards 1 --submit").env("PATH", &path).output().unwrap();
     assert!(String::from_utf8(ended.stdout).unwrap().starts_with("job 17, array 0-0\n"));
-    assert_eq!(fs::read_to_string(workplace.path("s/slurm.sh")).unwrap(), script);
+    assert_eq!(workplace.text("s/slurm.sh"), script);
     assert!(workplace.path("s/logs").is_dir() && workplace.path("sbatch.txt").exists());
 
     let job = |signal: Option<&str>| {
@@ -267,7 +267,7 @@ fn a_warned_job_finishes_its_task_and_is_queued_again() {
     assert!((1..20).contains(&done), "{done}");
     // The task in hand was finished.
     assert!(names(&workplace, "s/partial").is_empty() && names(&workplace, "s/attempts").is_empty());
-    assert_eq!(fs::read_to_string(workplace.path("scontrol.txt")).unwrap(), "requeue 17_0\n");
+    assert_eq!(workplace.text("scontrol.txt"), "requeue 17_0\n");
     assert!(job(None));
     assert_eq!(results(&workplace).len(), 20);
 }

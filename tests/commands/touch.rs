@@ -194,7 +194,7 @@ fn units_that_no_training_has_seen_are_read() {
         let options = "--faults 0.5 --objects ball,cube70 --readings readings.jsonl --overwrite --json";
         let mut command = workplace.command(&format!("touch units --units 2 --presses 3 {options}"));
         let said = String::from_utf8(command.env("RAYON_NUM_THREADS", threads).output().unwrap().stdout).unwrap();
-        (said, std::fs::read_to_string(workplace.path("readings.jsonl")).unwrap())
+        (said, workplace.text("readings.jsonl"))
     };
     let (said, readings) = run("1");
     assert!(said.contains("\"readings\": 6") && readings.lines().count() == 6, "{said}\n{readings}");

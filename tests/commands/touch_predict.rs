@@ -100,7 +100,7 @@ fn results_are_files_and_a_table() {
         assert!((0.3..0.9).contains(&line["deepest_mm"].as_f64().unwrap()), "{line}");
         assert!(line["plausibility"].as_f64().unwrap() > 0.5, "{line}");
     }
-    let table = std::fs::read_to_string(workplace.path("out/predictions.csv")).unwrap();
+    let table = workplace.text("out/predictions.csv");
     assert_eq!(table.lines().count(), 4);
     assert!(workplace.path("out/001_picture.png").exists());
     // Three images are few for a median.

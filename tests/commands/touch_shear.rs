@@ -67,7 +67,7 @@ fn shear_is_read_and_drawn() {
     assert_eq!(plain[0].get("shear_right_mm"), None);
     assert!(!workplace.path("plain/0_shear.png").exists());
     let head = |folder: &str| {
-        let table = std::fs::read_to_string(workplace.path(&format!("{folder}/predictions.csv"))).unwrap();
+        let table = workplace.text(&format!("{folder}/predictions.csv"));
         table.lines().next().unwrap().to_owned()
     };
     assert_eq!(head("plain"), "id,area_mm2,deepest_mm,volume_mm3,force_n,force_sigma_n,plausibility");

@@ -78,7 +78,7 @@ fn frames_of_a_video_are_read_as_images_are() {
         let read = |id: &str| std::fs::read(workplace.path(&format!("{id}_{name}"))).unwrap();
         assert!(read("video/000013") == read("images/013"), "{name} differs");
     }
-    let table = std::fs::read_to_string(workplace.path("video/predictions.csv")).unwrap();
+    let table = workplace.text("video/predictions.csv");
     assert_eq!(table.lines().count(), 1 + FRAMES);
 
     // The first frames show no contact, and their median is the untouched image.
@@ -100,7 +100,7 @@ fn what_is_no_video_and_what_ends_early_is_said() {
     workplace.write("cut.mkv", &video[..video.len() * 3 / 5]);
     let said = workplace.run("touch predict --video cut.mkv --untouched untouched.png --out out").warned();
     assert!(said.contains("cut.mkv is damaged or cut off") && said.lines().count() == 1, "{said}");
-    let table = std::fs::read_to_string(workplace.path("out/predictions.csv")).unwrap();
+    let table = workplace.text("out/predictions.csv");
     assert!((6..FRAMES).contains(&table.lines().count()), "{table}");
 
     workplace.write("words.mp4", "no video");
@@ -131,13 +131,13 @@ fn a_camera_is_read_until_it_is_unplugged_or_left() {
     let reason = "the camera /dev/null was lost after 14 frames: No such device; connect it again";
     assert!(ended.stderr.contains(reason), "{}", ended.stderr);
     assert!(workplace.path("out/predictions.csv").exists(), "the frames before are kept");
-    let asked = std::fs::read_to_string(workplace.path("asked")).unwrap();
+    let asked = workplace.text("asked");
     assert!(asked.contains("-f v4l2 -video_size 320x240 -framerate 60 -i /dev/null"), "{asked}");
     let absent = "echo \"$@\" > asked\necho /dev/null: Device or resource busy >&2; exit 1";
     let mini = format!("{camera} --profile gelsight_mini");
     let absent = Ended::of(&mut with_ffmpeg(&workplace, &mini, absent)).error();
     assert!(absent.contains("cannot read the camera /dev/null: Device or resource busy"), "{absent}");
-    let asked = std::fs::read_to_string(workplace.path("asked")).unwrap();
+    let asked = workplace.text("asked");
     assert!(asked.contains("-video_size 320x240 -framerate 25 -i"), "{asked}");
 
     // A camera that delivers for ever ends with an interrupt.

@@ -86,7 +86,7 @@ fn two_hundred_steps_bring_the_loss_down() {
 fn swin_and_convnext_are_trained_and_timed() {
     let workplace = Workplace::new();
     write_config(&workplace, 2, 2);
-    let config = std::fs::read_to_string(workplace.path("config.toml")).unwrap();
+    let config = workplace.text("config.toml");
     let (_, rest) = config.split_once("\n\n").unwrap();
     for (name, heads) in [("swin", "heads = [1, 2, 2, 4]\n"), ("convnext", "")] {
         let network = format!("[network]\nname = \"{name}\"\nwidths = [8, 12, 16, 20]\n{heads}channels = 8");
@@ -101,7 +101,7 @@ fn swin_and_convnext_are_trained_and_timed() {
 fn wrong_configurations_are_refused() {
     let workplace = Workplace::new();
     write_config(&workplace, 1, 1);
-    let config = std::fs::read_to_string(workplace.path("config.toml")).unwrap();
+    let config = workplace.text("config.toml");
     for (from, to, part) in [
         ("\"mug\"", "\"duck\"", "duck is kept for tests"),
         ("batch = 4", "batch = 0", "batch"),

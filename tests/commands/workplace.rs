@@ -6,6 +6,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use serde_json::Value;
 use tempfile::TempDir;
 
 /// Temporary folder; paths in command lines are relative to it.
@@ -33,6 +34,14 @@ impl Workplace {
 
     pub fn write(&self, relative: &str, bytes: impl AsRef<[u8]>) {
         fs::write(self.path(relative), bytes).unwrap();
+    }
+
+    pub fn text(&self, relative: &str) -> String {
+        fs::read_to_string(self.path(relative)).unwrap()
+    }
+
+    pub fn json(&self, relative: &str) -> Value {
+        serde_json::from_str(&self.text(relative)).unwrap()
     }
 
     /// Returns the program with arguments that are separated by spaces, without the user's own settings.

@@ -11,7 +11,9 @@ use clap::{Args, value_parser};
 use mvt_environment::{Scene, TaskError};
 use mvt_files::{input, output};
 use mvt_hands::load_rig;
-use mvt_learning::{Curriculum, LearningConfig, LearningPoint, PolicyTraining, check_trainable, in_sizes, training_settings};
+use mvt_learning::{
+    Curriculum, LearningConfig, LearningPoint, PolicyTraining, check_trainable, in_sizes, training_settings,
+};
 use mvt_objects::object::Object;
 use mvt_robot::hand::ALLEGRO_DIGIT;
 use mvt_run::arguments::HandSide;

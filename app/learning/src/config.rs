@@ -2,8 +2,6 @@
 
 use mvt_settings::settings;
 
-use crate::training::LearningPoint;
-
 settings! {
     /// Settings of PPO (Schulman et al. 2017). A policy depends on all of them and on the seed.
     pub struct LearningConfig {
@@ -37,12 +35,5 @@ settings! {
         pub later_rad_s: f64 = 0.5, -10.0..=10.0;
         /// Falls per minute in a block up to which they do.
         pub later_falls_per_minute: f64 = 1.0, 0.0..=1000.0;
-    }
-}
-
-impl LearningConfig {
-    /// Returns whether the policies of a block hold and turn the objects well enough for the later scenes.
-    pub(crate) fn has_learnt(&self, point: &LearningPoint) -> bool {
-        point.rate_rad_s >= self.later_rad_s && point.falls_per_minute <= self.later_falls_per_minute
     }
 }

@@ -3,7 +3,7 @@
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
-use mvt_environment::{Environments, LATER_SEED, Readings, Scene, Sense, StepOutcome, TurnSettings};
+use mvt_environment::{Environments, LATER_SEED, Readings, Sense, StepOutcome, TurnSettings};
 use mvt_physics::episode::Randomisation;
 use mvt_policy::{MadePolicy, PolicyContract, PolicyLayer};
 use mvt_robot::hand::Hand;
@@ -28,6 +28,13 @@ pub struct LearningPoint {
     pub rate_rad_s: f64,
     /// Falls of the object per minute.
     pub falls_per_minute: f64,
+}
+
+impl LearningPoint {
+    /// Returns whether the objects were held and turned well enough for the later scenes of a curriculum.
+    fn has_learnt(&self, config: &LearningConfig) -> bool {
+        self.rate_rad_s >= config.later_rad_s && self.falls_per_minute <= config.later_falls_per_minute
+    }
 }
 
 /// Sums over the steps of a block.
@@ -127,7 +134,7 @@ impl PolicyTraining {
 
     /// Starts all environments anew, so that a training which goes on after an interruption is the same as one without.
     pub(crate) fn begin_block(&mut self) -> Result<(), LearningError> {
-        if self.curve.iter().any(|point| self.config.has_learnt(point))
+        if self.curve.iter().any(|point| point.has_learnt(&self.config))
             && let Some(scenes) = self.curriculum.widen()
         {
             self.environments = Environments::of_scenes(scenes, self.config.environments, true)?;
