@@ -269,7 +269,11 @@ impl Mp4Writer {
     /// [`FilmError::NoFfmpeg`] if ffmpeg cannot be started.
     pub fn create(path: &Path, size: [u32; 2], rate_hz: f64) -> Result<Self, FilmError> {
         let [width, height] = size.map(|side| side & !1);
-        let ffmpeg = Command::new("ffmpeg")
+        let mut ffmpeg = Command::new("ffmpeg");
+        // Whoever presses Ctrl-C stops the program, which may finish its film first.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut ffmpeg, 0);
+        let ffmpeg = ffmpeg
             .args(["-nostdin", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-s", &format!("{width}x{height}"), "-r", &rate_hz.to_string(), "-i", "-"])
             .args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "-y"])

@@ -17,6 +17,12 @@ pub enum LogError {
         /// Reason of the operating system.
         reason: std::io::Error,
     },
+    /// A signal has ended the encoder of a film, as it does when a job is cancelled.
+    #[error("{}: ffmpeg was interrupted before the film was whole; write the log again", path.display())]
+    Interrupted {
+        /// The film.
+        path: PathBuf,
+    },
     /// The folder for a new log is not empty.
     #[error("{}: the folder is not empty; choose another or ask to overwrite it", path.display())]
     NotEmpty {

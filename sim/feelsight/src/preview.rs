@@ -1,13 +1,15 @@
 //! Preview film of a log: camera and touch side by side.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 use mvt_robot::observation::Observation;
+
+use crate::error::LogError;
 
 /// Width of a preview, pixels: the camera at half its size, then two columns of touch images.
 pub(super) const WIDTH: u32 = CAMERA.0 + 2 * TOUCH.0;
@@ -61,15 +63,19 @@ fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
 }
 
 /// Writer of `<object>.mp4` through ffmpeg, or of `<object>.gif` if ffmpeg is not installed. A failure is only a
-/// warning: the preview is not part of the data.
+/// warning: the preview is not part of the data. An interruption of ffmpeg is an error, since another try may succeed, and a log
+/// has the same files whenever it is written.
 pub(super) enum Preview {
-    Film(Child),
+    Film { ffmpeg: Child, path: PathBuf },
     Animation { encoder: gif::Encoder<BufWriter<File>>, rate_hz: f64, frames: usize, path: PathBuf },
     Failed,
 }
 
 /// Starts ffmpeg for a film of pictures that come through its standard input.
 fn film(mut ffmpeg: Command, path: &Path, rate_hz: f64) -> std::io::Result<Child> {
+    // Whoever presses Ctrl-C stops the program, which finishes its log first.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut ffmpeg, 0);
     ffmpeg
         .args(["-nostdin", "-loglevel", "fatal", "-f", "rawvideo", "-pix_fmt", "rgb24"])
         .args(["-s", &format!("{WIDTH}x{HEIGHT}"), "-r", &rate_hz.to_string(), "-i", "-"])
@@ -82,11 +88,32 @@ fn film(mut ffmpeg: Command, path: &Path, rate_hz: f64) -> std::io::Result<Child
         .spawn()
 }
 
+/// Whether a signal has ended ffmpeg: it catches those that a job receives when it is cancelled, ends its film early and returns 255.
+fn is_interruption(status: ExitStatus) -> bool {
+    status.code().is_none_or(|code| code == 255)
+}
+
+/// Closes the pipe and waits for ffmpeg, which has received all pictures or refused one.
+fn end(ffmpeg: &mut Child, path: &Path, has_all: bool) -> Result<(), LogError> {
+    drop(ffmpeg.stdin.take());
+    let reason = match ffmpeg.wait() {
+        Ok(status) if status.success() && has_all => return Ok(()),
+        Ok(status) if is_interruption(status) => return Err(LogError::Interrupted { path: path.to_owned() }),
+        Ok(status) => status.to_string(),
+        Err(error) => error.to_string(),
+    };
+    tracing::warn!("no preview: ffmpeg: {reason}");
+    // The folder of the log is removed with it if this fails.
+    let _ = fs::remove_file(path);
+    Ok(())
+}
+
 impl Preview {
     /// Starts a preview beside data.pkl.
     pub fn create(folder: &Path, object: &str, rate_hz: f64) -> Self {
-        if let Ok(child) = film(Command::new("ffmpeg"), &folder.join(format!("{object}.mp4")), rate_hz) {
-            return Self::Film(child);
+        let path = folder.join(format!("{object}.mp4"));
+        if let Ok(ffmpeg) = film(Command::new("ffmpeg"), &path, rate_hz) {
+            return Self::Film { ffmpeg, path };
         }
         let path = folder.join(format!("{object}.gif"));
         let encoder = File::create(&path).map_err(gif::EncodingError::from).and_then(|file| {
@@ -106,20 +133,22 @@ impl Preview {
     }
 
     /// Appends a picture.
-    pub fn push(&mut self, tile: &RgbImage) {
+    ///
+    /// # Errors
+    /// [`LogError::Interrupted`] if a signal has ended ffmpeg.
+    pub fn push(&mut self, tile: &RgbImage) -> Result<(), LogError> {
         match self {
-            Self::Film(child) => {
-                let written = child.stdin.as_mut().map_or(Ok(()), |pipe| pipe.write_all(tile));
-                if let Err(error) = written {
-                    // ffmpeg has ended; reap the process.
-                    let _ = child.wait();
-                    *self = Self::failed(Path::new("ffmpeg"), &error.to_string());
+            Self::Film { ffmpeg, path } => {
+                let written = ffmpeg.stdin.as_mut().map_or(Ok(()), |pipe| pipe.write_all(tile));
+                if written.is_err() {
+                    end(ffmpeg, path, false)?;
+                    *self = Self::Failed;
                 }
             }
             Self::Animation { encoder, rate_hz, frames, path } => {
                 *frames += 1;
                 if *frames % GIF_EVERY != 1 {
-                    return;
+                    return Ok(());
                 }
                 let small = imageops::resize(tile, WIDTH / 2, HEIGHT / 2, FilterType::Triangle);
                 let (width, height) = (small.width() as u16, small.height() as u16);
@@ -131,19 +160,16 @@ impl Preview {
             }
             Self::Failed => {}
         }
+        Ok(())
     }
 
     /// Ends the film.
-    pub fn finish(mut self) {
+    ///
+    /// # Errors
+    /// As [`Preview::push`].
+    pub fn finish(mut self) -> Result<(), LogError> {
         match &mut self {
-            Self::Film(child) => {
-                drop(child.stdin.take());
-                match child.wait() {
-                    Ok(status) if status.success() => {}
-                    Ok(status) => tracing::warn!("no preview: ffmpeg ended with {status}"),
-                    Err(error) => tracing::warn!("no preview: ffmpeg: {error}"),
-                }
-            }
+            Self::Film { ffmpeg, path } => end(ffmpeg, path, true)?,
             Self::Animation { encoder, path, .. } => {
                 if let Err(error) = encoder.get_mut().flush() {
                     tracing::warn!("no preview: {}: {error}", path.display());
@@ -151,14 +177,15 @@ impl Preview {
             }
             Self::Failed => {}
         }
+        Ok(())
     }
 }
 
 impl Drop for Preview {
     fn drop(&mut self) {
-        if let Self::Film(child) = self {
-            drop(child.stdin.take());
-            let _ = child.wait();
+        if let Self::Film { ffmpeg, .. } = self {
+            drop(ffmpeg.stdin.take());
+            let _ = ffmpeg.wait();
         }
     }
 }
@@ -175,6 +202,33 @@ mod tests {
         assert_eq!(shrink(&image, (3, 4)).dimensions(), (3, 4));
         assert_eq!(shrink(&image, (20, 20)).get_pixel(19, 19), &Rgb([65, 90, 7]));
         assert_eq!(shrink(&RgbImage::new(1, 1), (2, 2)), RgbImage::new(2, 2));
+    }
+
+    #[test]
+    fn a_film_that_was_interrupted_is_no_film() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |script: &str| {
+            let mut ffmpeg = Command::new("sh");
+            // The arguments of ffmpeg are those of the script.
+            ffmpeg.args(["-c", script, "sh"]);
+            let path = folder.path().join("film.mp4");
+            fs::write(&path, "half").unwrap();
+            let mut preview = Preview::Film { ffmpeg: film(ffmpeg, &path, 30.0).unwrap(), path: path.clone() };
+            let tile = RgbImage::new(WIDTH, HEIGHT);
+            // Pictures fill the pipe until it is closed.
+            let pushed = (0..3).try_for_each(|_| preview.push(&tile));
+            (pushed.and_then(|()| preview.finish()).map_err(|error| error.to_string()), path.exists())
+        };
+        assert_eq!(of("cat >/dev/null"), (Ok(()), true));
+        // ffmpeg that received a signal ends so, or it was killed.
+        for script in ["exit 255", "cat >/dev/null; exit 255", "kill -KILL $$"] {
+            let (ended, _) = of(script);
+            assert!(ended.clone().unwrap_err().contains("interrupted"), "{script}: {ended:?}");
+        }
+        // Its own failure costs the preview, and no more.
+        for script in ["exit 1", "exit 0", "cat >/dev/null; exit 1"] {
+            assert_eq!(of(script), (Ok(()), false), "{script}");
+        }
     }
 
     #[test]

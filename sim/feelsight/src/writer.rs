@@ -90,7 +90,8 @@ impl LogWriter {
     /// Appends a frame.
     ///
     /// # Errors
-    /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written.
+    /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written,
+    /// [`LogError::Interrupted`] if a signal has ended ffmpeg, which encodes the preview.
     pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), LogError> {
         let EncodedFrame { time_s, .. } = *frame;
         let joints = self.meta.scene.hand.joints().len();
@@ -103,7 +104,7 @@ impl LogWriter {
             return Err(LogError::Frame { time_s, defect });
         };
         frames.push(&frame.images)?;
-        self.preview.push(&frame.preview);
+        self.preview.push(&frame.preview)?;
         self.record.times_s.push(time_s);
         self.record.joints.push(frame.joints.clone());
         self.record.object_poses.push(frame.object_pose);
@@ -116,14 +117,14 @@ impl LogWriter {
     /// process dies.
     ///
     /// # Errors
-    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty, else
-    /// [`LogError::Io`].
+    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty,
+    /// [`LogError::Interrupted`] as [`LogWriter::push`], else [`LogError::Io`].
     pub fn finish(mut self, end: EpisodeEnd) -> Result<(), LogError> {
         if self.record.times_s.is_empty() {
             return Err(LogError::defect(&self.place, "the episode ended before its first frame"));
         }
         self.frames.take().map_or(Ok(()), FrameWriter::finish)?;
-        std::mem::replace(&mut self.preview, Preview::Failed).finish();
+        std::mem::replace(&mut self.preview, Preview::Failed).finish()?;
         write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
         self.meta.scene.end = end;
         let path = self.partial.join(SCENE_FILE);
