@@ -16,7 +16,7 @@
 //! let cube = mvt_objects::catalogue::load("cube70", &mut Vec::new())?;
 //! let settings = training_settings(&Hand::allegro(Side::Left));
 //! let scenes = in_sizes(&cube, 2, 0.05).into_iter().map(|size| Ok(Arc::new(Scene::new(size, settings.clone())?)));
-//! let scenes = scenes.collect::<Result<_, mvt_environment::TaskError>>()?;
+//! let scenes = scenes.collect::<Result<Vec<Arc<Scene>>, mvt_environment::TaskError>>()?;
 //! let config = LearningConfig { environments: 2, steps: 4, minibatch: 16, block: 1, ..LearningConfig::default() };
 //! let mut training = PolicyTraining::new(scenes, config, 7)?;
 //! training.advance()?;
