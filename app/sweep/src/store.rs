@@ -175,12 +175,17 @@ impl Store {
 
     /// Removes the files of a task that is done, set aside or put back: the files of its first `most` attempts, and the attempts.
     fn forget(&self, id: &str, most: u32) -> Result<()> {
-        for number in 1..=most {
-            self.clear(id, number)?;
-            let path = self.attempt(id, number);
-            remove(fs::remove_file(&path)).with_context(|| format!("cannot remove {}", path.display()))?;
-        }
-        Ok(())
+        (1..=most).try_for_each(|number| self.withdraw(id, number))
+    }
+
+    /// Removes an attempt and its files, so that it does not count.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn withdraw(&self, id: &str, number: u32) -> Result<()> {
+        self.clear(id, number)?;
+        let path = self.attempt(id, number);
+        remove(fs::remove_file(&path)).with_context(|| format!("cannot remove {}", path.display()))
     }
 
     /// Puts the files of an attempt in their place. If another process has finished the task meanwhile, its files stay.

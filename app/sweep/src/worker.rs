@@ -58,6 +58,7 @@ enum Attempt {
     Done,
     Earlier,
     Failed,
+    Left,
     SetAside,
 }
 
@@ -103,8 +104,9 @@ impl Worker<'_> {
                         Attempt::Earlier => shared.0.earlier += 1,
                         Attempt::SetAside => shared.0.set_aside += 1,
                         Attempt::Failed => shared.1.push(number),
+                        Attempt::Left => shared.0.left += 1,
                     }
-                    if !matches!(attempt, Attempt::Failed) {
+                    if !matches!(attempt, Attempt::Failed | Attempt::Left) {
                         bar.inc(1);
                     }
                 }
@@ -161,6 +163,12 @@ impl Worker<'_> {
             return Ok((Attempt::Earlier, time));
         }
         let reason = format!("{error:#}").replace('\n', " ");
+        // The signal that stops this process has ended a program that the task needs, such as ffmpeg.
+        if self.stop.load(Ordering::Relaxed) {
+            store.withdraw(id, number)?;
+            tracing::warn!("task {id} is left: {reason}");
+            return Ok((Attempt::Left, time));
+        }
         store.note_failure(id, number, &reason)?;
         if reason.contains(DISK_FULL) {
             bail!("task {id}: {reason}; make room, then start the same command again");
@@ -231,6 +239,26 @@ mod tests {
         let status = SweepStatus::read(&plan, true).unwrap();
         assert_eq!((status.done, status.set_aside, status.begun, status.waiting), (5, 1, 0, 0));
         assert!(status.reasons[0].ends_with("the mesh is broken") && status.problems.is_empty(), "{status:?}");
+    }
+
+    #[test]
+    fn a_task_that_fails_while_the_process_is_stopped_costs_no_attempt() {
+        let (_folder, plan) = planned(3);
+        for _ in 0..5 {
+            let stop = AtomicBool::new(false);
+            let work = |command: TaskCommand, settings: &TaskSettings, folder: &Path| {
+                write_seed(command, settings, folder)?;
+                stop.store(true, Ordering::Relaxed);
+                bail!("ffmpeg was interrupted")
+            };
+            let outcome = run(&plan, Shard::ALL, 1, &stop, &work).unwrap();
+            assert_eq!((outcome.done, outcome.set_aside, outcome.left), (0, 0, 3));
+        }
+        let status = SweepStatus::read(&plan, false).unwrap();
+        assert_eq!((status.begun, status.waiting), (0, 3));
+        assert_eq!(fs::read_dir(plan.folder.join("partial")).unwrap().count(), 0);
+        let outcome = run(&plan, Shard::ALL, 1, &AtomicBool::new(false), &write_seed).unwrap();
+        assert_eq!((outcome.done, outcome.set_aside), (3, 0));
     }
 
     #[test]
