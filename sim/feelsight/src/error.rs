@@ -18,7 +18,7 @@ pub enum LogError {
         reason: std::io::Error,
     },
     /// A signal has ended the encoder of a film, as it does when a job is cancelled.
-    #[error("{}: ffmpeg was interrupted before the film was whole; write the log again", path.display())]
+    #[error("{}: ffmpeg was interrupted: the log has no film", path.display())]
     Interrupted {
         /// The film.
         path: PathBuf,

@@ -63,12 +63,25 @@ fn shrink(image: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
 }
 
 /// Writer of `<object>.mp4` through ffmpeg, or of `<object>.gif` if ffmpeg is not installed. A failure is only a
-/// warning: the preview is not part of the data. An interruption of ffmpeg is an error, since another try may succeed, and a log
-/// has the same files whenever it is written.
+/// warning: the preview is not part of the data. An interruption of ffmpeg is an error at the end, since another try may succeed, and
+/// a log that is made twice shall have the same files.
 pub(super) enum Preview {
-    Film { ffmpeg: Child, path: PathBuf },
-    Animation { encoder: gif::Encoder<BufWriter<File>>, rate_hz: f64, frames: usize, path: PathBuf },
-    Failed,
+    Film {
+        ffmpeg: Child,
+        path: PathBuf,
+    },
+    Animation {
+        encoder: gif::Encoder<BufWriter<File>>,
+        rate_hz: f64,
+        frames: usize,
+        path: PathBuf,
+    },
+    /// It takes no more pictures.
+    Ended,
+    /// The same, and a signal has ended ffmpeg.
+    Interrupted {
+        path: PathBuf,
+    },
 }
 
 /// Starts ffmpeg for a film of pictures that come through its standard input.
@@ -93,19 +106,20 @@ fn is_interruption(status: ExitStatus) -> bool {
     status.code().is_none_or(|code| code == 255)
 }
 
-/// Closes the pipe and waits for ffmpeg, which has received all pictures or refused one.
-fn end(ffmpeg: &mut Child, path: &Path, has_all: bool) -> Result<(), LogError> {
+/// Closes the pipe and waits for ffmpeg, which has received all pictures or refused one. A film that is not whole is removed.
+fn end(ffmpeg: &mut Child, path: &Path, has_all: bool) -> Preview {
     drop(ffmpeg.stdin.take());
-    let reason = match ffmpeg.wait() {
-        Ok(status) if status.success() && has_all => return Ok(()),
-        Ok(status) if is_interruption(status) => return Err(LogError::Interrupted { path: path.to_owned() }),
-        Ok(status) => status.to_string(),
-        Err(error) => error.to_string(),
-    };
-    tracing::warn!("no preview: ffmpeg: {reason}");
+    let status = ffmpeg.wait();
+    if has_all && status.as_ref().is_ok_and(ExitStatus::success) {
+        return Preview::Ended;
+    }
     // The folder of the log is removed with it if this fails.
     let _ = fs::remove_file(path);
-    Ok(())
+    match status {
+        Ok(status) if is_interruption(status) => Preview::Interrupted { path: path.to_owned() },
+        Ok(status) => Preview::failed(Path::new("ffmpeg"), &status.to_string()),
+        Err(error) => Preview::failed(Path::new("ffmpeg"), &error.to_string()),
+    }
 }
 
 impl Preview {
@@ -129,26 +143,22 @@ impl Preview {
 
     fn failed(path: &Path, reason: &str) -> Self {
         tracing::warn!("no preview: {}: {reason}", path.display());
-        Self::Failed
+        Self::Ended
     }
 
     /// Appends a picture.
-    ///
-    /// # Errors
-    /// [`LogError::Interrupted`] if a signal has ended ffmpeg.
-    pub fn push(&mut self, tile: &RgbImage) -> Result<(), LogError> {
+    pub fn push(&mut self, tile: &RgbImage) {
         match self {
             Self::Film { ffmpeg, path } => {
                 let written = ffmpeg.stdin.as_mut().map_or(Ok(()), |pipe| pipe.write_all(tile));
                 if written.is_err() {
-                    end(ffmpeg, path, false)?;
-                    *self = Self::Failed;
+                    *self = end(ffmpeg, path, false);
                 }
             }
             Self::Animation { encoder, rate_hz, frames, path } => {
                 *frames += 1;
                 if *frames % GIF_EVERY != 1 {
-                    return Ok(());
+                    return;
                 }
                 let small = imageops::resize(tile, WIDTH / 2, HEIGHT / 2, FilterType::Triangle);
                 let (width, height) = (small.width() as u16, small.height() as u16);
@@ -158,26 +168,28 @@ impl Preview {
                     *self = Self::failed(path, &error.to_string());
                 }
             }
-            Self::Failed => {}
+            Self::Ended | Self::Interrupted { .. } => {}
         }
-        Ok(())
     }
 
     /// Ends the film.
     ///
     /// # Errors
-    /// As [`Preview::push`].
+    /// [`LogError::Interrupted`] if a signal has ended ffmpeg.
     pub fn finish(mut self) -> Result<(), LogError> {
         match &mut self {
-            Self::Film { ffmpeg, path } => end(ffmpeg, path, true)?,
+            Self::Film { ffmpeg, path } => self = end(ffmpeg, path, true),
             Self::Animation { encoder, path, .. } => {
                 if let Err(error) = encoder.get_mut().flush() {
                     tracing::warn!("no preview: {}: {error}", path.display());
                 }
             }
-            Self::Failed => {}
+            Self::Ended | Self::Interrupted { .. } => {}
         }
-        Ok(())
+        match &self {
+            Self::Interrupted { path } => Err(LogError::Interrupted { path: path.clone() }),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -216,14 +228,14 @@ mod tests {
             let mut preview = Preview::Film { ffmpeg: film(ffmpeg, &path, 30.0).unwrap(), path: path.clone() };
             let tile = RgbImage::new(WIDTH, HEIGHT);
             // Pictures fill the pipe until it is closed.
-            let pushed = (0..3).try_for_each(|_| preview.push(&tile));
-            (pushed.and_then(|()| preview.finish()).map_err(|error| error.to_string()), path.exists())
+            (0..3).for_each(|_| preview.push(&tile));
+            (preview.finish().map_err(|error| error.to_string()), path.exists())
         };
         assert_eq!(of("cat >/dev/null"), (Ok(()), true));
         // ffmpeg that received a signal ends so, or it was killed.
         for script in ["exit 255", "cat >/dev/null; exit 255", "kill -KILL $$"] {
-            let (ended, _) = of(script);
-            assert!(ended.clone().unwrap_err().contains("interrupted"), "{script}: {ended:?}");
+            let (ended, is_there) = of(script);
+            assert!(ended.clone().unwrap_err().contains("interrupted") && !is_there, "{script}: {ended:?}");
         }
         // Its own failure costs the preview, and no more.
         for script in ["exit 1", "exit 0", "cat >/dev/null; exit 1"] {

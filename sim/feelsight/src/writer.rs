@@ -90,8 +90,7 @@ impl LogWriter {
     /// Appends a frame.
     ///
     /// # Errors
-    /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written,
-    /// [`LogError::Interrupted`] if a signal has ended ffmpeg, which encodes the preview.
+    /// [`LogError::Frame`] if its time is not later than the last frame's, [`LogError::Io`] if it cannot be written.
     pub fn push(&mut self, frame: &EncodedFrame) -> Result<(), LogError> {
         let EncodedFrame { time_s, .. } = *frame;
         let joints = self.meta.scene.hand.joints().len();
@@ -104,7 +103,7 @@ impl LogWriter {
             return Err(LogError::Frame { time_s, defect });
         };
         frames.push(&frame.images)?;
-        self.preview.push(&frame.preview)?;
+        self.preview.push(&frame.preview);
         self.record.times_s.push(time_s);
         self.record.joints.push(frame.joints.clone());
         self.record.object_poses.push(frame.object_pose);
@@ -117,14 +116,14 @@ impl LogWriter {
     /// process dies.
     ///
     /// # Errors
-    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty,
-    /// [`LogError::Interrupted`] as [`LogWriter::push`], else [`LogError::Io`].
+    /// [`LogError::Defect`] if no frame was pushed, [`LogError::NotEmpty`] if the folder is no longer empty, [`LogError::Interrupted`] if
+    /// the log is in its place without a film, because a signal has ended ffmpeg; else [`LogError::Io`].
     pub fn finish(mut self, end: EpisodeEnd) -> Result<(), LogError> {
         if self.record.times_s.is_empty() {
             return Err(LogError::defect(&self.place, "the episode ended before its first frame"));
         }
         self.frames.take().map_or(Ok(()), FrameWriter::finish)?;
-        std::mem::replace(&mut self.preview, Preview::Failed).finish()?;
+        let film = std::mem::replace(&mut self.preview, Preview::Ended).finish();
         write_synced(&self.partial.join("data.pkl"), &pickle::to_bytes(&self.record.to_value()))?;
         self.meta.scene.end = end;
         let path = self.partial.join(SCENE_FILE);
@@ -132,7 +131,9 @@ impl LogWriter {
             .map_err(|reason| LogError::Json { path: path.clone(), reason })?;
         write_synced(&path, &scene)?;
         sync_folder(&self.partial)?;
-        self.put_in_place()
+        self.put_in_place()?;
+        // The frames are kept: what a robot delivered cannot be written again.
+        film
     }
 
     fn put_in_place(&self) -> Result<(), LogError> {
@@ -159,7 +160,7 @@ impl LogWriter {
 impl Drop for LogWriter {
     fn drop(&mut self) {
         // ffmpeg must close its file first.
-        self.preview = Preview::Failed;
+        self.preview = Preview::Ended;
         let _ = fs::remove_dir_all(&self.partial);
     }
 }
